@@ -1,0 +1,54 @@
+# Two commands do everything, set-up included:  make demo   and   make test
+.DEFAULT_GOAL := build
+.PHONY: setup build demo test asan format bench clean
+
+PACKAGES := g++ cmake ninja-build ccache pkg-config libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev \
+  nlohmann-json3-dev libtomlplusplus-dev librandom123-dev libcli11-dev libembree-dev libopenimageio-dev \
+  libopenexr-dev libtinygltf-dev libopencv-imgproc-dev libceres-dev libboost-dev libboost-filesystem-dev \
+  python3-imath python3-numpy python3-matplotlib python3-jinja2 blender libtorch-dev libopenblas0-pthread \
+  libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format nodejs npm
+
+# Parts of the sources that clang-format owns.
+SOURCES := $(shell git ls-files '*.h' '*.cpp' 2>/dev/null)
+
+export CCACHE_BASEDIR := $(CURDIR)
+export CCACHE_NOHASHDIR := 1
+export CCACHE_SLOPPINESS := pch_defines,time_macros,include_file_mtime,include_file_ctime
+export MIRAGE_KITTI ?= $(CURDIR)/../shared/kitti
+export MIRAGE_GOLDEN ?= $(CURDIR)/../shared/golden/softras.json
+
+# Installs what is missing, and nothing when nothing is. A node that did not come from Debian will do.
+setup:
+	@missing=""; for p in $(PACKAGES); do \
+	  dpkg-query -W -f='$${Status}' $$p 2>/dev/null | grep -q 'install ok installed' && continue; \
+	  case $$p in nodejs) command -v node >/dev/null && continue;; npm) command -v npm >/dev/null && continue;; esac; \
+	  missing="$$missing $$p"; done; \
+	if [ -n "$$missing" ]; then echo "installing:$$missing"; \
+	  apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $$missing; fi
+
+build: setup
+	cmake --preset release
+	cmake --build --preset release
+
+demo: build
+	build/release/mirage demo --out out/demo
+
+test: build
+	@test -d build/node/node_modules/gltf-validator || npm install --silent --no-audit --no-fund --prefix build/node gltf-validator || \
+	  echo "gltf-validator could not be installed: its test will be skipped"
+	ctest --preset release -j2
+
+asan: setup
+	cmake --preset asan
+	cmake --build --preset asan
+	ctest --preset asan -j2
+
+bench: build
+	cmake --build --preset release --target mirage_bench
+	build/release/mirage_bench --benchmark_repetitions=5 --benchmark_report_aggregates_only=true
+
+format:
+	clang-format -i $(SOURCES)
+
+clean:
+	rm -rf build

@@ -1,0 +1,202 @@
+#include "fusion_detector.h"
+
+#include <cmath>
+#include <cstring>
+#include <stdexcept>
+
+#include "augment.h"
+#include "loss.h"
+#include "region.h"
+
+namespace mirage::fusion {
+namespace {
+
+using torch::Tensor;
+
+constexpr const char* kFormat = "mirage fusion detector 1";
+constexpr double kWeightDecay = 0.01, kLargestGradient = 5.0;
+
+/// Own copies: the host may free its memory while the graph lives on.
+SensorTensors copy_input(const MirageSensorInput& input, bool with_image) {
+  SensorTensors tensors;
+  if (with_image && input.image && input.width > 0 && input.height > 0) {
+    tensors.image = torch::empty({input.height, input.width, 3});
+    std::memcpy(tensors.image.data_ptr<float>(), input.image, sizeof(float) * tensors.image.numel());
+  }
+  tensors.points = torch::empty({input.points ? input.point_count : 0, 4});
+  if (tensors.points.numel() > 0)
+    std::memcpy(tensors.points.data_ptr<float>(), input.points, sizeof(float) * tensors.points.numel());
+  std::copy(std::begin(input.pixel_from_velo), std::end(input.pixel_from_velo), tensors.projection.begin());
+  return tensors;
+}
+
+Network make_network(const Options& options) {
+  torch::manual_seed(options.seed);
+  return Network(options.with_image);
+}
+
+}  // namespace
+
+FusionDetector::FusionDetector(const Options& options, const char* weights)
+    : options_(options),
+      network_(make_network(options)),
+      optimiser_(network_->parameters(),
+                 torch::optim::AdamWOptions(1e-3).betas({0.9, 0.99}).weight_decay(kWeightDecay)) {
+  if (options.threads > 0) at::set_num_threads(options.threads);
+  if (weights) load(weights);
+}
+
+void FusionDetector::require_parameter_gradients(bool required) {
+  for (Tensor& parameter : network_->parameters()) parameter.requires_grad_(required);
+}
+
+const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInput& input,
+                                                           float score_threshold, bool keep_graph) {
+  kept_logits_ = Tensor();
+  kept_input_ = copy_input(input, options_.with_image);
+  kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
+  require_parameter_gradients(false);
+  torch::AutoGradMode mode(keep_graph);
+  if (keep_graph) {
+    kept_input_.points.requires_grad_(true);
+    if (kept_input_.image.defined()) kept_input_.image.requires_grad_(true);
+  }
+  const Tensor output = network_->forward(kept_input_);
+  const Tensor logits = output.select(0, kLogit).reshape({-1});
+  if (keep_graph) kept_logits_ = logits;
+
+  const Tensor plain = output.detach().reshape({kOutputs, -1}).contiguous();
+  const float* value = plain.data_ptr<float>();
+  const std::int64_t cells = plain.size(1);
+  proposals_.clear();
+  proposal_cells_.clear();
+  for (std::int64_t k = 0; k < cells; ++k) {
+    const float logit = value[k];
+    if (!(1 / (1 + std::exp(-logit)) > score_threshold)) continue;
+    std::array<float, 6> box{};
+    for (int c = 0; c < 6; ++c) box[c] = value[(kDx + c) * cells + k];
+    proposals_.push_back({decode_box(k, box), logit});
+    proposal_cells_.push_back(k);
+  }
+  return proposals_;
+}
+
+void FusionDetector::backward(std::span<const float> d_logits, float* d_image, float* d_points) {
+  if (!kept_logits_.defined())
+    throw std::runtime_error(
+        "backward needs a forward that kept its graph; call forward with keep_graph first");
+  if (d_logits.size() != proposal_cells_.size())
+    throw std::runtime_error("backward got " + std::to_string(d_logits.size()) + " logit gradients for " +
+                             std::to_string(proposal_cells_.size()) + " proposals; give one for each");
+  Tensor seed = torch::zeros_like(kept_logits_);
+  for (std::size_t i = 0; i < d_logits.size(); ++i) seed.data_ptr<float>()[proposal_cells_[i]] = d_logits[i];
+  std::vector<Tensor> inputs = {kept_input_.points};
+  if (kept_input_.image.defined()) inputs.push_back(kept_input_.image);
+  const auto gradients = torch::autograd::grad({kept_logits_}, inputs, {seed}, true, false, true);
+  const auto copy = [](const Tensor& gradient, const Tensor& like, float* out) {
+    if (!out) return;
+    const auto bytes = sizeof(float) * static_cast<std::size_t>(like.numel());
+    if (bytes == 0) return;
+    if (gradient.defined())
+      std::memcpy(out, gradient.contiguous().data_ptr<float>(), bytes);
+    else
+      std::memset(out, 0, bytes);
+  };
+  copy(gradients[0], kept_input_.points, d_points);
+  if (inputs.size() > 1)
+    copy(gradients[1], kept_input_.image, d_image);
+  else if (d_image)
+    std::fill_n(d_image, kept_image_values_, 0.f);
+}
+
+std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> samples, float learning_rate) {
+  if (samples.empty()) throw std::runtime_error("train_step got no samples; give at least one");
+  kept_logits_ = Tensor();
+  torch::AutoGradMode mode(true);
+  require_parameter_gradients(true);
+  std::vector<Targets> targets;
+  double positives = 0, boxed = 0;
+  for (const MirageSample& sample : samples) {
+    targets.push_back(make_targets({sample.boxes, static_cast<std::size_t>(sample.box_count)},
+                                   {sample.ignore, static_cast<std::size_t>(sample.ignore_count)}));
+    positives += targets.back().positives;
+    boxed += targets.back().boxed;
+  }
+  optimiser_.zero_grad();
+  std::array<float, 3> loss{};
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const SensorTensors plain = copy_input(samples[i].input, options_.with_image);
+    const SensorTensors input = augment(plain, options_.seed, static_cast<std::uint64_t>(samples_seen_++));
+    const LossTerms terms = detection_loss(network_->forward(input), targets[i], positives, boxed);
+    terms.total.backward();
+    loss[0] += terms.total.item<float>();
+    loss[1] += static_cast<float>(terms.score);
+    loss[2] += static_cast<float>(terms.box);
+  }
+  if (!std::isfinite(loss[0]))
+    throw std::runtime_error("the training loss is not finite; lower the learning rate");
+  torch::nn::utils::clip_grad_norm_(network_->parameters(), kLargestGradient);
+  for (auto& group : optimiser_.param_groups())
+    static_cast<torch::optim::AdamWOptions&>(group.options()).lr(learning_rate);
+  optimiser_.step();
+  ++steps_;
+  return loss;
+}
+
+void FusionDetector::save(const std::string& file, bool with_optimiser) {
+  torch::serialize::OutputArchive archive;
+  archive.write("format", c10::IValue(std::string(kFormat)));
+  archive.write("with_image", c10::IValue(options_.with_image));
+  torch::serialize::OutputArchive network;
+  network_->save(network);
+  archive.write("network", network);
+  archive.write("with_optimiser", c10::IValue(with_optimiser));
+  if (with_optimiser) {
+    archive.write("steps", c10::IValue(steps_));
+    archive.write("samples_seen", c10::IValue(samples_seen_));
+    torch::serialize::OutputArchive optimiser;
+    optimiser_.save(optimiser);
+    archive.write("optimiser", optimiser);
+  }
+  archive.save_to(file);
+}
+
+void FusionDetector::load(const std::string& file) {
+  torch::serialize::InputArchive archive;
+  c10::IValue value;
+  try {
+    archive.load_from(file);
+  } catch (const std::exception&) {
+    throw std::runtime_error("not a readable weights file; restore it, or train anew with mirage train");
+  }
+  if (!archive.try_read("format", value) || !value.isString() || value.toStringRef() != kFormat)
+    throw std::runtime_error("weights of another program or version; train anew with mirage train");
+  archive.read("with_image", value);
+  if (value.toBool() != options_.with_image)
+    throw std::runtime_error(std::string("weights of a ") + (value.toBool() ? "fusion" : "lidar") +
+                             " detector; choose that detector or other weights");
+  std::vector<std::vector<std::int64_t>> shapes;
+  for (const Tensor& parameter : network_->parameters()) shapes.push_back(parameter.sizes().vec());
+  torch::serialize::InputArchive network;
+  archive.read("network", network);
+  network_->load(network);
+  const auto parameters = network_->parameters();
+  for (std::size_t i = 0; i < shapes.size(); ++i) {
+    if (parameters[i].sizes().vec() != shapes[i])
+      throw std::runtime_error("weights of another network; train anew with mirage train");
+    if (!torch::isfinite(parameters[i]).all().item<bool>())
+      throw std::runtime_error(
+          "weights that are not finite; restore the file, or train anew with mirage train");
+  }
+  archive.read("with_optimiser", value);
+  if (!value.toBool()) return;
+  archive.read("steps", value);
+  steps_ = value.toInt();
+  archive.read("samples_seen", value);
+  samples_seen_ = value.toInt();
+  torch::serialize::InputArchive optimiser;
+  archive.read("optimiser", optimiser);
+  optimiser_.load(optimiser);
+}
+
+}  // namespace mirage::fusion

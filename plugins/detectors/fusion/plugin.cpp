@@ -1,0 +1,102 @@
+// The C interface of detectors (detection/detector_abi.h). No exception leaves a function of this file.
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "fusion_detector.h"
+#include "region.h"
+
+namespace {
+
+using mirage::fusion::FusionDetector;
+
+void report(const char* what, char* error, size_t error_size) {
+  if (!error || error_size == 0) return;
+  std::snprintf(error, error_size, "%s", what);
+  // One line: LibTorch appends a stack trace to some of its messages.
+  for (char* c = error; *c; ++c)
+    if (*c == '\n') *c = '\0';
+}
+
+template <class Work>
+int guarded(char* error, size_t error_size, const Work& work) noexcept {
+  try {
+    work();
+    return 0;
+  } catch (const c10::Error& problem) {
+    report(problem.what_without_backtrace(), error, error_size);
+  } catch (const std::exception& problem) {
+    report(problem.what(), error, error_size);
+  } catch (...) {
+    report("unknown error in the detector", error, error_size);
+  }
+  return 1;
+}
+
+FusionDetector& instance(void* detector) {
+  return *static_cast<FusionDetector*>(detector);
+}
+
+void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
+  FusionDetector* made = nullptr;
+  guarded(error, error_size, [&] {
+    const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
+    const std::string modality = json.value("modality", "fusion");
+    if (modality != "fusion" && modality != "lidar")
+      throw std::runtime_error("modality: unknown value '" + modality + "'; use fusion or lidar");
+    mirage::fusion::Options options;
+    options.with_image = modality == "fusion";
+    options.seed = json.value("seed", std::uint64_t{0});
+    options.threads = json.value("threads", 0);
+    made = new FusionDetector(options, weights);
+  });
+  return made;
+}
+
+void destroy(void* detector) {
+  delete static_cast<FusionDetector*>(detector);
+}
+
+void region(void*, float out[4]) {
+  out[0] = static_cast<float>(mirage::fusion::kXMin);
+  out[1] = static_cast<float>(mirage::fusion::kXMax);
+  out[2] = static_cast<float>(mirage::fusion::kYMin);
+  out[3] = static_cast<float>(mirage::fusion::kYMax);
+}
+
+int forward(void* detector, const MirageSensorInput* input, float score_threshold, int32_t keep_graph,
+            const MirageProposal** proposals, int64_t* count, char* error, size_t error_size) {
+  return guarded(error, error_size, [&] {
+    const auto& found = instance(detector).forward(*input, score_threshold, keep_graph != 0);
+    *proposals = found.data();
+    *count = static_cast<int64_t>(found.size());
+  });
+}
+
+int backward(void* detector, const float* d_logits, int64_t count, float* d_image, float* d_points,
+             char* error, size_t error_size) {
+  return guarded(error, error_size, [&] {
+    instance(detector).backward({d_logits, static_cast<std::size_t>(count)}, d_image, d_points);
+  });
+}
+
+int train_step(void* detector, const MirageSample* samples, int64_t count, float learning_rate, float loss[3],
+               char* error, size_t error_size) {
+  return guarded(error, error_size, [&] {
+    const auto terms =
+        instance(detector).train_step({samples, static_cast<std::size_t>(count)}, learning_rate);
+    std::copy(terms.begin(), terms.end(), loss);
+  });
+}
+
+int save(void* detector, const char* file, int32_t with_optimiser, char* error, size_t error_size) {
+  return guarded(error, error_size, [&] { instance(detector).save(file, with_optimiser != 0); });
+}
+
+const MirageDetectorApi kApi = {MIRAGE_DETECTOR_ABI, "fusion", create, destroy, region, forward, backward,
+                                train_step,          save};
+
+}  // namespace
+
+extern "C" __attribute__((visibility("default"))) const MirageDetectorApi* mirage_detector_api(void) {
+  return &kApi;
+}

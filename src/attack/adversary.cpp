@@ -1,0 +1,49 @@
+#include "attack/adversary.h"
+
+#include <cmath>
+
+#include "base/random.h"
+#include "geometry/shapes.h"
+
+namespace mirage {
+
+TexturedMesh initial_adversary(const AdversaryLimits& limits, double share) {
+  TexturedMesh adversary;
+  adversary.mesh = icosphere(2);
+  for (Vec3d& v : adversary.mesh.vertices) v = v.cwiseProduct(limits.half) * share;
+  adversary.atlas.texels.assign(adversary.mesh.faces.size() * adversary.atlas.per_face(), Vec3d::Constant(0.5));
+  return adversary;
+}
+
+TexturedMesh random_adversary(std::uint64_t seed, const AdversaryLimits& limits, double amplitude) {
+  TexturedMesh adversary = initial_adversary(limits);
+  RandomStream random(seed, "random adversary");
+  for (Vec3d& v : adversary.mesh.vertices)
+    for (int c = 0; c < 3; ++c) v[c] += random.uniform(-amplitude, amplitude);
+  for (Vec3d& t : adversary.atlas.texels)
+    for (int c = 0; c < 3; ++c) t[c] = random.uniform();
+  project(adversary, limits);
+  return adversary;
+}
+
+void project(TexturedMesh& adversary, const AdversaryLimits& limits) {
+  for (Vec3d& v : adversary.mesh.vertices) v = v.cwiseMax(-limits.half).cwiseMin(limits.half);
+  for (Vec3d& t : adversary.atlas.texels) t = t.cwiseMax(0.0).cwiseMin(1.0);
+}
+
+void Adam::step(std::vector<Vec3d>& values, const std::vector<Vec3d>& gradient) {
+  first.resize(3 * values.size());
+  second.resize(3 * values.size());
+  ++step_count;
+  const double scale1 = 1 - std::pow(beta1, step_count), scale2 = 1 - std::pow(beta2, step_count);
+  for (std::size_t i = 0; i < values.size(); ++i)
+    for (int c = 0; c < 3; ++c) {
+      double &m = first[3 * i + c], &v = second[3 * i + c];
+      const double g = gradient[i][c];
+      m = beta1 * m + (1 - beta1) * g;
+      v = beta2 * v + (1 - beta2) * g * g;
+      values[i][c] -= learning_rate * (m / scale1) / (std::sqrt(v / scale2) + epsilon);
+    }
+}
+
+}  // namespace mirage

@@ -1,0 +1,222 @@
+#include "attack/attack.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "attack/checkpoint.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/logging.h"
+#include "base/progress.h"
+#include "base/random.h"
+#include "exchange/gltf.h"
+#include "geometry/laplacian.h"
+#include "scene/kitti.h"
+
+namespace mirage {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+/// What a checkpoint must agree with. Iterations are not in it: a finished run can be prolonged.
+nlohmann::json identity(const AttackSettings& settings) {
+  return {{"data", std::filesystem::absolute(settings.data).lexically_normal().string()},
+          {"detector", settings.detector.detector},
+          {"weights", settings.detector.weights.string()},
+          {"target", settings.target},
+          {"seed", settings.seed},
+          {"batch", settings.batch},
+          {"vertex_rate", settings.vertex_rate},
+          {"texel_rate", settings.texel_rate},
+          {"min_view", settings.min_view},
+          {"limits", {settings.limits.half.x(), settings.limits.half.y(), settings.limits.half.z()}},
+          {"lambda_fp", settings.objective.lambda_fp},
+          {"lambda_laplacian", settings.objective.lambda_laplacian},
+          {"relevant_score", settings.objective.relevant_score},
+          {"simulation", to_json(settings.simulation)}};
+}
+
+/// The hosts of one iteration: an endless sequence of shuffled passes over all hosts, by seed alone.
+std::vector<std::size_t> batch_of(std::size_t hosts, int batch, long iteration, std::uint64_t seed) {
+  std::vector<std::size_t> chosen;
+  std::vector<std::size_t> order(hosts);
+  long shuffled = -1;
+  for (int k = 0; k < batch; ++k) {
+    const long position = iteration * batch + k, pass = position / static_cast<long>(hosts);
+    if (pass != shuffled) {
+      for (std::size_t i = 0; i < hosts; ++i) order[i] = i;
+      RandomStream random(seed, "host order", static_cast<std::uint64_t>(pass));
+      for (std::size_t i = hosts; i > 1; --i)
+        std::swap(order[i - 1], order[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
+      shuffled = pass;
+    }
+    chosen.push_back(order[static_cast<std::size_t>(position % static_cast<long>(hosts))]);
+  }
+  return chosen;
+}
+
+std::vector<Host> hosts_of(FrameStore& store, const std::vector<std::string>& frames, const Detector& detector,
+                           const AttackSettings& settings) {
+  const BoxRooftopFinder finder;
+  std::vector<Host> hosts;
+  for (const std::string& id : frames) {
+    throw_if_interrupted("nothing was lost: no iteration had begun");
+    const auto found =
+        find_hosts(store.get(id), finder, detector.region(), settings.simulation, settings.min_view);
+    hosts.insert(hosts.end(), found.begin(), found.end());
+  }
+  return hosts;
+}
+
+std::vector<HostId> ids(const std::vector<Host>& hosts) {
+  std::vector<HostId> list;
+  for (const Host& host : hosts) list.push_back(host.id);
+  return list;
+}
+
+void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows) {
+  std::string text = "iteration,loss,hide,false_positive,laplacian\n";
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g}\n", i, rows[i].loss(), rows[i].hide, rows[i].false_positive,
+                        rows[i].laplacian);
+  write_file(file, text);
+}
+
+}  // namespace
+
+AttackTarget parse_target(const std::string& word) {
+  if (word == "both") return AttackTarget::both;
+  if (word == "image") return AttackTarget::image;
+  if (word == "lidar") return AttackTarget::lidar;
+  if (word == "random") return AttackTarget::random;
+  throw InputError("--target", word, "unknown target", "use both, image, lidar or random");
+}
+
+HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
+                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings) {
+  HostStep step;
+  auto start = Clock::now();
+  const Label& label = prepared.frame.labels[static_cast<std::size_t>(host.id.label)];
+  const Simulated simulated = simulate(prepared, label, host.rooftop, adversary, settings.simulation);
+  step.simulation_seconds = seconds_since(start);
+
+  start = Clock::now();
+  const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
+  const auto proposals = detector.forward(view, settings.objective.relevant_score, true);
+  const auto boxes = ground_truth_boxes(prepared.frame);
+  const ObjectiveValue value = objective(proposals, label.box.bev, boxes, settings.objective);
+  step.hide = value.hide;
+  step.false_positive = value.false_positive;
+  step.gradient.vertices.assign(adversary.mesh.vertices.size(), Vec3d::Zero());
+  step.gradient.texels.assign(adversary.atlas.texels.size(), Vec3d::Zero());
+  const bool any = std::any_of(value.d_logits.begin(), value.d_logits.end(), [](double d) { return d != 0; });
+  if (!any) {
+    step.detector_seconds = seconds_since(start);
+    return step;
+  }
+  SensorGradient gradient = detector.backward(value.d_logits);
+  step.detector_seconds = seconds_since(start);
+
+  start = Clock::now();
+  if (target == AttackTarget::lidar) gradient.image = ImageF();
+  if (target == AttackTarget::image) gradient.points.clear();
+  step.gradient = simulate_vjp(simulated, gradient.image, gradient.points);
+  step.simulation_seconds += seconds_since(start);
+  return step;
+}
+
+AttackResult run_attack(const AttackSettings& settings) {
+  const AttackTarget target = parse_target(settings.target);
+  if (settings.batch < 1) throw InputError("--batch", std::to_string(settings.batch), "not positive", "use 1 or more");
+  make_output_folder(settings.out);
+  const auto checkpoint_file = settings.out / "checkpoint.json";
+  const nlohmann::json id = identity(settings);
+
+  auto detector = load_detector(settings.detector);
+  FrameStore store(settings.data, lidar_of(settings.data));
+  std::vector<std::string> train_frames, test_frames;
+  split_frames(list_frames(settings.data), settings.seed, train_frames, test_frames);
+  const auto train = hosts_of(store, train_frames, *detector, settings);
+  const auto test = hosts_of(store, test_frames, *detector, settings);
+  if (train.empty())
+    throw InputError(settings.data.string(), "label_2",
+                     fmt::format("no car in the training frames has {:.0f} % of the adversary in view",
+                                 100 * settings.min_view),
+                     "give more frames or lower --min-view");
+  spdlog::info("{} host vehicles to train on, {} held back", train.size(), test.size());
+
+  AttackState state = fresh_state(settings);
+  if (std::filesystem::exists(checkpoint_file)) {
+    state = read_checkpoint(checkpoint_file, id);
+    spdlog::info("resuming at iteration {}", state.iteration);
+  }
+  nlohmann::json run = id;
+  run["train"] = to_json(ids(train));
+  run["test"] = to_json(ids(test));
+  write_json(settings.out / "run.json", run);
+  write_adversary(settings.out / "random.glb", random_adversary(settings.seed, settings.limits));
+
+  const Laplacian laplacian(state.adversary.mesh);
+  const auto save = [&] {
+    write_checkpoint(checkpoint_file, state, id);
+    write_losses(settings.out / "loss.csv", state.losses);
+  };
+  const long iterations = target == AttackTarget::random ? 0 : settings.iterations;
+  Progress progress("attack", static_cast<std::size_t>(iterations), settings.quiet);
+  const auto start = Clock::now();
+  const long first = state.iteration;
+  while (state.iteration < iterations) {
+    if (interrupted()) {
+      save();
+      throw Interrupted(fmt::format("interrupted after {} iterations; run the same command to go on from {}",
+                                    state.iteration, checkpoint_file.string()));
+    }
+    std::vector<Vec3d> d_vertices(state.adversary.mesh.vertices.size(), Vec3d::Zero());
+    std::vector<Vec3d> d_texels(state.adversary.atlas.texels.size(), Vec3d::Zero());
+    LossRow row;
+    for (std::size_t index : batch_of(train.size(), settings.batch, state.iteration, settings.seed)) {
+      const Host& host = train[index];
+      const HostStep step =
+          attack_host(*detector, store.get(host.id.frame), host, state.adversary, target, settings);
+      row.hide += step.hide / settings.batch;
+      row.false_positive += step.false_positive / settings.batch;
+      for (std::size_t i = 0; i < d_vertices.size(); ++i) d_vertices[i] += step.gradient.vertices[i] / settings.batch;
+      for (std::size_t i = 0; i < d_texels.size(); ++i) d_texels[i] += step.gradient.texels[i] / settings.batch;
+    }
+    const double weight = settings.objective.lambda_laplacian;
+    row.laplacian = weight * laplacian.energy(state.adversary.mesh.vertices, weight, d_vertices);
+    state.vertices.step(state.adversary.mesh.vertices, d_vertices);
+    state.texels.step(state.adversary.atlas.texels, d_texels);
+    project(state.adversary, settings.limits);
+    state.losses.push_back(row);
+    ++state.iteration;
+    progress.update(static_cast<std::size_t>(state.iteration),
+                    fmt::format("loss {:.3f} (hide {:.3f}, false positives {:.3f})", row.loss(), row.hide,
+                                row.false_positive));
+    if (state.iteration % settings.checkpoint_every == 0) save();
+  }
+  const double seconds = seconds_since(start);
+  save();
+  if (target == AttackTarget::random) state.adversary = random_adversary(settings.seed, settings.limits);
+  write_adversary(settings.out / "adversary.glb", state.adversary);
+
+  AttackResult result;
+  result.vehicles_train = static_cast<int>(train.size());
+  result.vehicles_test = static_cast<int>(test.size());
+  result.iterations = static_cast<int>(state.iteration);
+  const std::size_t tail = std::max<std::size_t>(1, state.losses.size() / 10);
+  for (std::size_t i = state.losses.size() - std::min(tail, state.losses.size()); i < state.losses.size(); ++i)
+    result.loss += state.losses[i].loss() / static_cast<double>(tail);
+  if (state.iteration > first) result.seconds_per_iteration = seconds / static_cast<double>(state.iteration - first);
+  return result;
+}
+
+}  // namespace mirage

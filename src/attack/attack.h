@@ -1,0 +1,54 @@
+// Learning one adversary over many host vehicles.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+
+#include "attack/adversary.h"
+#include "attack/hosts.h"
+#include "attack/objective.h"
+
+namespace mirage {
+
+/// Whose gradient reaches the adversary. Both sensors always see it (modality gating).
+enum class AttackTarget { both, image, lidar, random };
+/// InputError for any other word.
+AttackTarget parse_target(const std::string& word);
+
+struct AttackSettings {
+  std::filesystem::path data, out;
+  DetectorOptions detector;
+  std::string target = "both";
+  int iterations = 300;
+  int batch = 2;               ///< hosts an iteration; their losses are averaged
+  std::uint64_t seed = 0;
+  double vertex_rate = 1e-3, texel_rate = 4e-3;
+  double min_view = 0.7;
+  int checkpoint_every = 10;
+  bool quiet = false;
+  AdversaryLimits limits;
+  ObjectiveSettings objective;
+  SimulationSettings simulation;
+};
+
+struct AttackResult {
+  int vehicles_train = 0, vehicles_test = 0, iterations = 0;
+  double loss = 0;  ///< mean of the last tenth of the iterations
+  double seconds_per_iteration = 0;
+};
+
+/// Runs or resumes the attack in settings.out (see attack/run.h for the files). The result is bit-identical
+/// however often it was stopped. InputError when the folder holds a run with other settings.
+AttackResult run_attack(const AttackSettings& settings);
+
+/// Loss and gradient of one host: simulation, detector, objective and their VJPs.
+struct HostStep {
+  double hide = 0, false_positive = 0;
+  AdversaryGradient gradient;
+  double simulation_seconds = 0, detector_seconds = 0;
+};
+HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
+                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings);
+
+}  // namespace mirage

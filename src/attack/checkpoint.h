@@ -1,0 +1,32 @@
+// The attack's state between two iterations, and its file.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "attack/adversary.h"
+#include "attack/attack.h"
+
+namespace mirage {
+
+/// Loss terms of one iteration, means over its hosts.
+struct LossRow {
+  double hide = 0, false_positive = 0, laplacian = 0;
+  double loss() const { return hide + false_positive + laplacian; }
+};
+
+struct AttackState {
+  long iteration = 0;
+  TexturedMesh adversary;
+  Adam vertices, texels;
+  std::vector<LossRow> losses;
+};
+
+AttackState fresh_state(const AttackSettings& settings);
+/// Atomic. Doubles are written so that they read back bit for bit.
+void write_checkpoint(const std::filesystem::path& file, const AttackState& state, const nlohmann::json& identity);
+/// InputError when the file is damaged or belongs to a run with other settings (the differing key is named).
+AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity);
+
+}  // namespace mirage

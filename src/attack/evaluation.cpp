@@ -1,0 +1,138 @@
+#include "attack/evaluation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "base/error.h"
+#include "base/interrupt.h"
+#include "base/progress.h"
+
+namespace mirage {
+namespace {
+
+/// Best IoU with the box, and that detection's score.
+std::pair<double, double> best_match(const std::vector<Proposal>& detections, const BevBox& box) {
+  std::pair<double, double> best{0, 0};
+  for (const Proposal& d : detections)
+    if (const double overlap = iou(d.box, box); overlap > best.first) best = {overlap, d.score()};
+  return best;
+}
+
+}  // namespace
+
+std::vector<Proposal> detections(Detector& detector, const SensorView& view, const EvaluationSettings& settings) {
+  return suppress(detector.forward(view, settings.score_threshold, false));
+}
+
+HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> clean, std::vector<Proposal> attacked,
+                  const EvaluationSettings& settings) {
+  HostOutcome outcome;
+  outcome.id = id;
+  const BevBox host = frame.labels[static_cast<std::size_t>(id.label)].box.bev;
+  outcome.range = std::hypot(host.x, host.y);
+  std::tie(outcome.clean_iou, outcome.clean_score) = best_match(clean, host);
+  std::tie(outcome.attacked_iou, outcome.attacked_score) = best_match(attacked, host);
+  outcome.detected = outcome.clean_iou > settings.detected_iou;
+  outcome.hidden = outcome.detected && outcome.attacked_iou <= settings.detected_iou;
+  const auto truth = ground_truth_boxes(frame);
+  for (const Proposal& box : attacked) {
+    const bool real = std::any_of(truth.begin(), truth.end(), [&](const BevBox& t) {
+      return iou(box.box, t) >= settings.false_positive_iou;
+    });
+    const bool known =
+        std::any_of(clean.begin(), clean.end(), [&](const Proposal& c) { return iou(box.box, c.box) > 0; });
+    if (real || known) continue;
+    outcome.false_positive = true;
+    outcome.false_positive_distance =
+        std::max(outcome.false_positive_distance, std::hypot(box.box.x - host.x, box.box.y - host.y));
+  }
+  outcome.clean = std::move(clean);
+  outcome.attacked = std::move(attacked);
+  return outcome;
+}
+
+Evaluation summarize(std::vector<HostOutcome> hosts) {
+  Evaluation result;
+  int hidden = 0, false_positives = 0, either = 0;
+  for (const HostOutcome& host : hosts) {
+    if (!host.detected) continue;
+    ++result.vehicles;
+    hidden += host.hidden;
+    false_positives += host.false_positive;
+    either += host.hidden || host.false_positive;
+  }
+  if (result.vehicles > 0) {
+    result.fn_asr = double(hidden) / result.vehicles;
+    result.fp_asr = double(false_positives) / result.vehicles;
+    result.asr = double(either) / result.vehicles;
+  }
+  for (int step = 0; step <= 20; ++step) {
+    const double threshold = step * 0.05;
+    double clean = 0, attacked = 0;
+    for (const HostOutcome& host : hosts) {
+      // IoU 0 asks for any overlap at all: a host without one counts as missed.
+      clean += host.clean_iou > 0 && host.clean_iou >= threshold;
+      attacked += host.attacked_iou > 0 && host.attacked_iou >= threshold;
+    }
+    const double n = std::max<double>(1, static_cast<double>(hosts.size()));
+    result.iou.push_back(threshold);
+    result.recall_clean.push_back(clean / n);
+    result.recall_attacked.push_back(attacked / n);
+  }
+  result.hosts = std::move(hosts);
+  return result;
+}
+
+Evaluation evaluate(Detector& detector, FrameStore& store, const std::vector<HostId>& hosts,
+                    const TexturedMesh& adversary, const SimulationSettings& simulation,
+                    const EvaluationSettings& settings) {
+  const BoxRooftopFinder finder;
+  std::map<std::string, std::vector<Proposal>> clean;  // a frame's clean detections serve all its hosts
+  std::vector<HostOutcome> outcomes;
+  Progress progress("evaluate", hosts.size(), settings.quiet);
+  for (const HostId& id : hosts) {
+    throw_if_interrupted("an evaluation writes nothing until it is done; run it again");
+    const PreparedFrame& prepared = store.get(id.frame);
+    if (id.label < 0 || static_cast<std::size_t>(id.label) >= prepared.frame.labels.size())
+      throw InputError("run.json", "test", "host " + id.frame + "/" + std::to_string(id.label) + " is not in the data",
+                       "give the --data folder that the run was made with");
+    const Label& label = prepared.frame.labels[static_cast<std::size_t>(id.label)];
+    const Calibration* calibration = &prepared.frame.calibration;
+    auto [place, added] = clean.try_emplace(id.frame);
+    if (added)
+      place->second = detections(detector, {&prepared.frame.image, prepared.frame.sweep, calibration}, settings);
+    const Simulated simulated =
+        simulate(prepared, label, finder.find(prepared.frame, label), adversary, simulation);
+    outcomes.push_back(judge(id, prepared.frame, place->second,
+                             detections(detector, {&simulated.image, simulated.sweep, calibration}, settings), settings));
+    progress.update(outcomes.size());
+  }
+  return summarize(std::move(outcomes));
+}
+
+nlohmann::json to_json(const Evaluation& evaluation) {
+  auto hosts = nlohmann::json::array();
+  for (const HostOutcome& h : evaluation.hosts)
+    hosts.push_back({{"frame", h.id.frame},
+                     {"label", h.id.label},
+                     {"range", h.range},
+                     {"clean_iou", h.clean_iou},
+                     {"attacked_iou", h.attacked_iou},
+                     {"clean_score", h.clean_score},
+                     {"attacked_score", h.attacked_score},
+                     {"detected", h.detected},
+                     {"hidden", h.hidden},
+                     {"false_positive", h.false_positive},
+                     {"false_positive_distance", h.false_positive_distance}});
+  return {{"vehicles", evaluation.vehicles},
+          {"hosts", evaluation.hosts.size()},
+          {"fn_asr", evaluation.fn_asr},
+          {"fp_asr", evaluation.fp_asr},
+          {"asr", evaluation.asr},
+          {"recall_iou",
+           {{"iou", evaluation.iou}, {"clean", evaluation.recall_clean}, {"attacked", evaluation.recall_attacked}}},
+          {"outcomes", hosts}};
+}
+
+}  // namespace mirage

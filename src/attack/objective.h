@@ -1,0 +1,32 @@
+// The attack's objective on one host vehicle (DESIGN, section 4; Tu et al., CoRL 2021), in logits:
+//     L = Σ_relevant IoU(b, b*) softplus(logit(b)) − λ_fp Σ_fp softplus(logit(b))
+// because −log(1 − sigmoid(x)) = softplus(x). relevant: score > 0.1 and overlapping the host's box b*;
+// fp: score > 0.1 and no overlap with any ground truth. IoU weights are constants: gradients go to the logits.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "detection/detector.h"
+
+namespace mirage {
+
+struct ObjectiveSettings {
+  double relevant_score = 0.1;
+  double lambda_fp = 1.0;
+  double lambda_laplacian = 0.001;
+};
+
+struct ObjectiveValue {
+  double hide = 0, false_positive = 0;  ///< the two sums (the second with its sign and λ_fp)
+  std::vector<double> d_logits;         ///< one a proposal
+};
+
+/// `ground_truth`: every labelled road user of the frame, the host among them.
+ObjectiveValue objective(std::span<const Proposal> proposals, const BevBox& host,
+                         std::span<const BevBox> ground_truth, const ObjectiveSettings& settings);
+
+/// log(1 + exp(x)) without overflow.
+double softplus(double x);
+
+}  // namespace mirage

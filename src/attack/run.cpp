@@ -1,0 +1,63 @@
+#include "attack/run.h"
+
+#include "base/error.h"
+#include "base/files.h"
+#include "exchange/gltf.h"
+
+namespace mirage {
+
+nlohmann::json to_json(const std::vector<HostId>& hosts) {
+  auto list = nlohmann::json::array();
+  for (const HostId& host : hosts) list.push_back({{"frame", host.frame}, {"label", host.label}});
+  return list;
+}
+
+nlohmann::json to_json(const SimulationSettings& settings) {
+  return {{"sigma", settings.raster.sigma},
+          {"gamma", settings.raster.gamma},
+          {"epsilon", settings.raster.epsilon},
+          {"dist_eps", settings.raster.dist_eps},
+          {"lidar_reflectivity", settings.lidar_reflectivity},
+          {"occlusion_margin", settings.occlusion_margin},
+          {"grazing_cosine", settings.grazing_cosine}};
+}
+
+Run read_run(const std::filesystem::path& folder) {
+  const auto file = folder / "run.json";
+  if (!std::filesystem::exists(file))
+    throw InputError(folder.string(), "run.json", "missing, so this is not a run folder",
+                     "give the --out folder of a finished mirage attack");
+  if (!std::filesystem::exists(folder / "adversary.glb"))
+    throw InputError(folder.string(), "adversary.glb", "missing: the attack has not finished",
+                     "run the same mirage attack again; it resumes");
+  const nlohmann::json json = read_json(file);
+  Run run;
+  run.folder = folder;
+  try {
+    run.data = json.at("data").get<std::string>();
+    run.detector = json.at("detector");
+    run.target = json.at("target");
+    const auto read_hosts = [](const nlohmann::json& list) {
+      std::vector<HostId> hosts;
+      for (const auto& host : list) hosts.push_back({host.at("frame"), host.at("label")});
+      return hosts;
+    };
+    run.train = read_hosts(json.at("train"));
+    run.test = read_hosts(json.at("test"));
+    const auto& simulation = json.at("simulation");
+    run.simulation.raster.sigma = simulation.at("sigma");
+    run.simulation.raster.gamma = simulation.at("gamma");
+    run.simulation.raster.epsilon = simulation.at("epsilon");
+    run.simulation.raster.dist_eps = simulation.at("dist_eps");
+    run.simulation.lidar_reflectivity = simulation.at("lidar_reflectivity");
+    run.simulation.occlusion_margin = simulation.at("occlusion_margin");
+    run.simulation.grazing_cosine = simulation.at("grazing_cosine");
+  } catch (const nlohmann::json::exception& error) {
+    throw InputError(file.string(), "", error.what(), "run mirage attack again into an empty folder");
+  }
+  run.adversary = read_adversary(folder / "adversary.glb");
+  run.random = read_adversary(folder / "random.glb");
+  return run;
+}
+
+}  // namespace mirage

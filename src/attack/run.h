@@ -1,0 +1,40 @@
+// A run folder, as `mirage attack` writes it and the other commands read it:
+//     RUN/run.json        settings, data set, hosts of the training and test split
+//     RUN/checkpoint.json adversary, Adam's state, iteration (atomic; resumes bit-identically)
+//     RUN/adversary.glb   the learned adversary (lossless)
+//     RUN/random.glb      a random mesh of the same size: the baseline
+//     RUN/loss.csv        iteration, loss, hide, false_positive, laplacian
+//     RUN/result.json
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "geometry/mesh.h"
+#include "scene/insertion.h"
+
+namespace mirage {
+
+/// One host vehicle: a label of a frame.
+struct HostId {
+  std::string frame;
+  int label = 0;  ///< index into Frame::labels
+};
+
+struct Run {
+  std::filesystem::path folder, data;
+  std::string detector, target;
+  std::vector<HostId> train, test;
+  TexturedMesh adversary, random;
+  SimulationSettings simulation;
+};
+
+/// InputError naming the file and key if the folder is not a finished run.
+Run read_run(const std::filesystem::path& folder);
+
+nlohmann::json to_json(const std::vector<HostId>& hosts);
+nlohmann::json to_json(const SimulationSettings& settings);
+
+}  // namespace mirage

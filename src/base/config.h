@@ -1,0 +1,45 @@
+// TOML files read strictly: every key must be known and present, and errors name file and key.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace mirage {
+
+/// The file as JSON. InputError naming file and line when it is not TOML. Dates are not supported.
+nlohmann::json read_toml(const std::filesystem::path& path);
+
+/// A table of a TOML file. Each getter throws InputError, naming file and key, when the key is missing, of
+/// another type or out of [low, high].
+class ConfigTable {
+ public:
+  static ConfigTable read(const std::filesystem::path& path) { return {path.string(), "", read_toml(path)}; }
+
+  double number(const std::string& key, double low, double high);
+  std::string text(const std::string& key);
+  /// `count` numbers; any count when 0.
+  std::vector<double> numbers(const std::string& key, std::size_t count, double low, double high);
+  /// Rows of `width` numbers.
+  std::vector<std::vector<double>> rows(const std::string& key, std::size_t width, double low, double high);
+  ConfigTable table(const std::string& key);
+  /// Passes over a table or value that somebody else reads.
+  void skip(const std::string& key) { seen_.insert(key); }
+  /// InputError naming the first key that nobody asked for.
+  void check_all_known() const;
+
+ private:
+  ConfigTable(std::string file, std::string prefix, nlohmann::json values)
+      : file_(std::move(file)), prefix_(std::move(prefix)), values_(std::move(values)) {}
+  const nlohmann::json& get(const std::string& key);
+  double checked(const nlohmann::json& value, const std::string& key, double low, double high) const;
+  [[noreturn]] void fail(const std::string& key, const std::string& problem, const std::string& fix) const;
+
+  std::string file_, prefix_;
+  nlohmann::json values_;
+  std::set<std::string> seen_;
+};
+
+}  // namespace mirage

@@ -1,0 +1,31 @@
+// Errors that reach the user. InputError: something the user gave is wrong (exit code 2).
+// Failure: the work could not be done though the input was right (exit code 1).
+// Both carry one line: what (file or option), where in it (field), and how to mend it.
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+namespace mirage {
+
+class InputError : public std::runtime_error {
+ public:
+  /// `where`: file or option; `field`: row, byte, key…; `problem`: what is wrong; `fix`: what to do.
+  InputError(const std::string& where, const std::string& field, const std::string& problem,
+             const std::string& fix)
+      : std::runtime_error(where + ": " + (field.empty() ? "" : field + ": ") + problem + "; " + fix) {}
+};
+
+class Failure : public std::runtime_error {
+ public:
+  Failure(const std::string& where, const std::string& problem, const std::string& fix)
+      : std::runtime_error(where + ": " + problem + "; " + fix) {}
+};
+
+/// Thrown at the next safe point after Ctrl-C, once finished work is on disk. The text says what was kept.
+class Interrupted : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+}  // namespace mirage

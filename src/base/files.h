@@ -1,0 +1,33 @@
+// Files: whole-file reading and atomic writing (write beside, fsync, rename), so that a killed or failing
+// run leaves either the old file or the new one.
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+
+namespace mirage {
+
+/// The whole file. InputError if it can't be read.
+std::string read_file(const std::filesystem::path& path);
+/// Writes atomically; makes the parent folder. Failure on a full disk or a read-only folder.
+void write_file(const std::filesystem::path& path, std::string_view bytes);
+/// Moves a finished temporary file to its place (same folder). Failure if it can't.
+void replace_file(const std::filesystem::path& temporary, const std::filesystem::path& path);
+/// Makes the folder (and parents). Failure, naming the folder, if it can't be made or written to.
+void make_output_folder(const std::filesystem::path& folder);
+
+/// InputError naming file and byte when it is not JSON.
+nlohmann::json read_json(const std::filesystem::path& path);
+/// Two-space indent, atomic.
+void write_json(const std::filesystem::path& path, const nlohmann::json& value);
+
+/// The folder that holds the running executable.
+std::filesystem::path executable_folder();
+/// A file that ships with the program, e.g. "scenes/rigs/kitti64.toml": looked for in MIRAGE_HOME, then in
+/// the executable's folder and its parents. InputError if there is none.
+std::filesystem::path shipped_file(const std::string& relative);
+
+}  // namespace mirage

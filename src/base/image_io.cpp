@@ -1,0 +1,120 @@
+#include "base/image_io.h"
+
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+#include <unistd.h>
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+
+#include "base/color.h"
+#include "base/error.h"
+#include "base/files.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::unique_ptr<OIIO::ImageInput> open_image(const fs::path& path) {
+  if (!fs::exists(path))
+    throw InputError(path.string(), "", "no such image", "check the data set's image folder");
+  auto input = OIIO::ImageInput::open(path.string());
+  if (!input)
+    throw InputError(path.string(), "header", "not a readable image (" + OIIO::geterror() + ")",
+                     "restore the file from its source");
+  return input;
+}
+
+[[noreturn]] void bad_pixels(const fs::path& path, const std::string& why) {
+  throw InputError(path.string(), "pixels", "truncated or damaged (" + why + ")",
+                   "restore the file from its source");
+}
+
+std::vector<std::uint8_t> encode(const ImageF& linear) {
+  std::vector<std::uint8_t> bytes(linear.data.size());
+  for (std::size_t i = 0; i < bytes.size(); ++i)
+    bytes[i] = static_cast<std::uint8_t>(std::lround(255 * srgb_from_linear(linear.data[i])));
+  return bytes;
+}
+
+void write_image(const fs::path& path, const ImageF& shape, OIIO::TypeDesc type, const void* pixels) {
+  // The extension picks the format, so it stays last in the temporary name.
+  const fs::path temporary =
+      path.parent_path() / (std::string(".") + path.stem().string() + "." + std::to_string(getpid()) + path.extension().string());
+  std::error_code ignored;
+  if (path.has_parent_path()) fs::create_directories(path.parent_path(), ignored);
+  auto output = OIIO::ImageOutput::create(temporary.string());
+  const OIIO::ImageSpec spec(shape.width, shape.height, shape.channels, type);
+  const bool written = output && output->open(temporary.string(), spec) && output->write_image(type, pixels) &&
+                       output->close();
+  if (!written) {
+    const std::string why = output ? output->geterror() : OIIO::geterror();
+    output.reset();
+    fs::remove(temporary, ignored);
+    throw Failure(path.string(), "cannot be written (" + why + ")",
+                  "free some space or choose another folder");
+  }
+  replace_file(temporary, path);
+}
+
+}  // namespace
+
+ImageF read_srgb(const fs::path& path) {
+  static const std::array<float, 256> linear = [] {
+    std::array<float, 256> table{};
+    for (int i = 0; i < 256; ++i) table[i] = linear_from_srgb(static_cast<float>(i) / 255);
+    return table;
+  }();
+  auto input = open_image(path);
+  const OIIO::ImageSpec& spec = input->spec();
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(spec.width) * spec.height * spec.nchannels);
+  if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::UINT8, bytes.data()))
+    bad_pixels(path, input->geterror());
+  ImageF image(spec.width, spec.height, 3);
+  const std::size_t pixels = static_cast<std::size_t>(spec.width) * spec.height;
+  for (std::size_t i = 0; i < pixels; ++i)
+    for (int c = 0; c < 3; ++c)
+      image.data[3 * i + c] = linear[bytes[i * spec.nchannels + (spec.nchannels >= 3 ? c : 0)]];
+  return image;
+}
+
+void write_srgb(const fs::path& path, const ImageF& linear) {
+  write_image(path, linear, OIIO::TypeDesc::UINT8, encode(linear).data());
+}
+
+std::string encode_srgb_png(const ImageF& linear) {
+  std::vector<unsigned char> file;
+  OIIO::Filesystem::IOVecOutput proxy(file);
+  auto output = OIIO::ImageOutput::create("memory.png");
+  const OIIO::ImageSpec spec(linear.width, linear.height, linear.channels, OIIO::TypeDesc::UINT8);
+  if (!output) throw Failure("PNG encoder", OIIO::geterror(), "install OpenImageIO with PNG support");
+  output->set_ioproxy(&proxy);
+  if (!output->open("memory.png", spec) ||
+      !output->write_image(OIIO::TypeDesc::UINT8, encode(linear).data()) || !output->close())
+    throw Failure("PNG encoder", output->geterror(), "report this as a bug");
+  return {file.begin(), file.end()};
+}
+
+void read_image_size(const fs::path& path, int& width, int& height) {
+  auto input = open_image(path);
+  width = input->spec().width;
+  height = input->spec().height;
+}
+
+ImageF read_exr(const fs::path& path) {
+  auto input = open_image(path);
+  const OIIO::ImageSpec& spec = input->spec();
+  ImageF image(spec.width, spec.height, spec.nchannels);
+  if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, image.data.data()))
+    bad_pixels(path, input->geterror());
+  return image;
+}
+
+void write_exr(const fs::path& path, const ImageF& image) {
+  write_image(path, image, OIIO::TypeDesc::FLOAT, image.data.data());
+}
+
+}  // namespace mirage

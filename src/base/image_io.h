@@ -1,0 +1,24 @@
+// Image files through OpenImageIO. PNG and JPEG hold 8-bit sRGB (16-bit PNG: depth), EXR scene-linear float.
+#pragma once
+
+#include <filesystem>
+
+#include "base/image.h"
+
+namespace mirage {
+
+/// Reads an 8-bit sRGB picture into scene-linear RGB (H×W×3). InputError naming the file if unreadable.
+ImageF read_srgb(const std::filesystem::path& path);
+/// Writes scene-linear RGB (3 channels; or 1, as grey) as 8-bit sRGB PNG, atomically.
+void write_srgb(const std::filesystem::path& path, const ImageF& linear);
+/// The PNG file's bytes, for embedding.
+std::string encode_srgb_png(const ImageF& linear);
+/// Width and height from the file's header only.
+void read_image_size(const std::filesystem::path& path, int& width, int& height);
+
+/// Reads an EXR as it is: float, all channels of the first part.
+ImageF read_exr(const std::filesystem::path& path);
+/// Writes float channels unchanged (32-bit), atomically.
+void write_exr(const std::filesystem::path& path, const ImageF& image);
+
+}  // namespace mirage

@@ -1,0 +1,26 @@
+// Parallel loops on oneTBB. Bodies write to disjoint places; sums are taken afterwards in index order,
+// so that results do not depend on the number of threads.
+#pragma once
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <cstddef>
+
+namespace mirage {
+
+/// Bounds the threads of every later loop (0: as many as the machine has).
+void set_thread_count(int threads);
+/// The bound in force.
+int thread_count();
+
+/// Calls body(i) for i in [0, n), in any order, on several threads.
+template <class Body>
+void parallel_for(std::size_t n, const Body& body, std::size_t grain = 1) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, n, grain),
+                    [&](const tbb::blocked_range<std::size_t>& range) {
+                      for (std::size_t i = range.begin(); i != range.end(); ++i) body(i);
+                    });
+}
+
+}  // namespace mirage

@@ -1,0 +1,28 @@
+// A progress line with an estimate of the time left, on standard error, only on a terminal.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <string>
+
+namespace mirage {
+
+class Progress {
+ public:
+  /// `what` names the work ("attack"), `total` its units. `quiet` (or no terminal) prints nothing.
+  Progress(std::string what, std::size_t total, bool quiet = false);
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  /// `done` units are finished; `note` is shown after the estimate ("loss 0.31").
+  void update(std::size_t done, const std::string& note = "");
+
+ private:
+  std::string what_;
+  std::size_t total_, first_ = 0;
+  bool shown_, started_ = false;
+  std::chrono::steady_clock::time_point start_, last_;
+};
+
+}  // namespace mirage

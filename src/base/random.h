@@ -1,0 +1,31 @@
+// Counter-based random streams (Philox 4x32-10; Salmon et al., SC 2011), keyed by (seed, purpose, index):
+// a value depends on its key and its place in the stream, never on threads or on other streams.
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+
+namespace mirage {
+
+class RandomStream {
+ public:
+  /// `purpose` names what the numbers are for ("vehicle paint"), `index` which of them (frame 17).
+  RandomStream(std::uint64_t seed, std::string_view purpose, std::uint64_t index = 0);
+
+  std::uint32_t next_u32();
+  /// Uniform in [0, 1), 53 bits.
+  double uniform();
+  double uniform(double low, double high) { return low + (high - low) * uniform(); }
+  /// Uniform in {0, …, n − 1}; n ≥ 1.
+  int below(int n) { return static_cast<int>(uniform() * n); }
+  /// Standard normal (Box–Muller).
+  double normal();
+
+ private:
+  std::uint32_t key_[2];
+  std::uint32_t counter_[4];
+  std::uint32_t block_[4] = {};
+  int used_ = 4;
+};
+
+}  // namespace mirage

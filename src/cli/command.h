@@ -1,0 +1,39 @@
+// A subcommand of `mirage`: its options and what it runs. Commands hold no logic of their own.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace mirage::cli {
+
+/// Options that every command takes.
+struct Common {
+  std::uint64_t seed = 0;
+  int threads = 0;
+  std::filesystem::path out;
+  bool quiet = false;
+};
+
+struct Command {
+  std::string name, help, default_out;
+  /// Adds the command's own options; the referenced variables live as long as the command.
+  std::function<void(CLI::App&)> options;
+  /// Does the work, prints a short table on standard output and returns what result.json shall hold.
+  std::function<nlohmann::json(const Common&)> run;
+};
+
+Command generate_command();
+Command simulate_command();
+Command train_command();
+Command detect_command();
+Command attack_command();
+Command evaluate_command();
+Command export_command();
+Command validate_command();
+Command demo_command();
+
+}  // namespace mirage::cli

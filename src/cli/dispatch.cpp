@@ -1,0 +1,89 @@
+#include "cli/dispatch.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <exception>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/logging.h"
+#include "base/parallel.h"
+#include "cli/command.h"
+#include "cli/config_file.h"
+
+namespace mirage::cli {
+namespace {
+
+std::vector<Command> all_commands() {
+  return {demo_command(),     generate_command(), simulate_command(), train_command(),   detect_command(),
+          attack_command(),   evaluate_command(), export_command(),   validate_command()};
+}
+
+void add_common(CLI::App& app, Common& common, const std::string& default_out) {
+  common.out = default_out;
+  app.add_option("--seed", common.seed, "every random stream starts from it")->capture_default_str();
+  app.add_option("--threads", common.threads, "threads at most; 0: all cores")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--out", common.out, "output folder")->capture_default_str();
+  app.add_flag("--quiet", common.quiet, "no progress, no log lines but warnings");
+  app.add_option("--config", "TOML file whose keys are these options' names; the command line wins");
+}
+
+/// Runs one command line; returns CLI11's own exit code for --help, throws for errors.
+int run(const std::vector<std::string>& arguments) {
+  CLI::App app("Mirage: differentiable multi-sensor simulation for attacks on camera + LiDAR detectors", "mirage");
+  app.require_subcommand(1);
+  std::vector<Command> commands = all_commands();
+  std::vector<Common> commons(commands.size());
+  std::vector<CLI::App*> subcommands;
+  for (std::size_t i = 0; i < commands.size(); ++i) {
+    CLI::App* sub = app.add_subcommand(commands[i].name, commands[i].help);
+    add_common(*sub, commons[i], commands[i].default_out);
+    commands[i].options(*sub);
+    subcommands.push_back(sub);
+  }
+  std::vector<std::string> expanded = arguments;
+  for (const CLI::App* sub : subcommands)
+    if (!arguments.empty() && arguments.front() == sub->get_name()) expanded = apply_config(arguments, *sub);
+  std::reverse(expanded.begin(), expanded.end());  // CLI11 takes them from the back
+  try {
+    app.parse(std::move(expanded));
+  } catch (const CLI::Success& help) {
+    return app.exit(help);
+  } catch (const CLI::ParseError& error) {
+    throw InputError("mirage " + (arguments.empty() ? "" : arguments.front()), "", error.what(),
+                     "see mirage " + (arguments.empty() ? "" : arguments.front() + " ") + "--help");
+  }
+  for (std::size_t i = 0; i < commands.size(); ++i) {
+    if (!subcommands[i]->parsed()) continue;
+    set_thread_count(commons[i].threads);
+    start_logging(commons[i].quiet);
+    make_output_folder(commons[i].out);
+    nlohmann::json result = commands[i].run(commons[i]);
+    write_json(commons[i].out / "result.json", result);
+  }
+  return 0;
+}
+
+}  // namespace
+
+void run_step(std::vector<std::string> arguments) { run(arguments); }
+
+int dispatch(std::vector<std::string> arguments) {
+  const auto complain = [](const char* text) { std::fputs(fmt::format("mirage: {}\n", text).c_str(), stderr); };
+  try {
+    return run(arguments);
+  } catch (const InputError& error) {
+    complain(error.what());
+    return 2;
+  } catch (const std::exception& error) {
+    complain(error.what());
+    return 1;
+  }
+}
+
+}  // namespace mirage::cli

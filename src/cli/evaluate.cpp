@@ -1,0 +1,71 @@
+#include <memory>
+
+#include "attack/adversary.h"
+#include "attack/evaluation.h"
+#include "base/error.h"
+#include "cli/command.h"
+#include "cli/detector_options.h"
+#include "cli/table.h"
+
+namespace mirage::cli {
+namespace {
+
+struct Options {
+  std::filesystem::path run, data;
+  DetectorOptions detector;
+  EvaluationSettings evaluation;
+  std::string hosts = "test";
+};
+
+std::vector<HostId> chosen_hosts(const Run& run, const std::string& which) {
+  if (which == "test") return run.test;
+  if (which == "train") return run.train;
+  if (which != "all") throw InputError("--hosts", which, "unknown choice", "use test, train or all");
+  auto all = run.train;
+  all.insert(all.end(), run.test.begin(), run.test.end());
+  return all;
+}
+
+}  // namespace
+
+Command evaluate_command() {
+  auto options = std::make_shared<Options>();
+  Command command{"evaluate", "attack success of a run against a detector and a data set", "out/evaluate", {}, {}};
+  command.options = [options](CLI::App& app) {
+    app.add_option("--run", options->run, "run folder of mirage attack")->required();
+    app.add_option("--data", options->data, "data set (default: the run's)");
+    add_detector_options(app, options->detector);
+    app.add_option("--hosts", options->hosts, "test, train or all hosts of the run")->capture_default_str();
+    app.add_option("--score", options->evaluation.score_threshold, "score of a detection")->capture_default_str();
+    app.add_option("--iou", options->evaluation.detected_iou, "IoU at which a vehicle counts as detected")
+        ->capture_default_str();
+  };
+  command.run = [options](const Common& common) -> nlohmann::json {
+    const Run run = read_run(options->run);
+    const auto data = options->data.empty() ? run.data : options->data;
+    auto detector = load_detector(with_common(options->detector, common));
+    FrameStore store(data, lidar_of(data));
+    options->evaluation.quiet = common.quiet;
+    const auto hosts = chosen_hosts(run, options->hosts);
+    if (hosts.empty())
+      throw InputError((options->run / "run.json").string(), options->hosts, "has no host vehicles",
+                       "use --hosts all or attack a larger data set");
+    const auto judged = [&](const TexturedMesh& mesh) {
+      return evaluate(*detector, store, hosts, mesh, run.simulation, options->evaluation);
+    };
+    const Evaluation learned = judged(run.adversary), random = judged(run.random);
+    print_table({{"hosts", std::to_string(hosts.size())},
+                 {"vehicles detected without adversary", std::to_string(learned.vehicles)},
+                 {"FN ASR, learned | random mesh", percent(learned.fn_asr) + " | " + percent(random.fn_asr)},
+                 {"FP ASR, learned | random mesh", percent(learned.fp_asr) + " | " + percent(random.fp_asr)},
+                 {"ASR, learned | random mesh", percent(learned.asr) + " | " + percent(random.asr)}});
+    nlohmann::json result = to_json(learned);
+    result["random"] = to_json(random);
+    result["score_threshold"] = options->evaluation.score_threshold;
+    result["detected_iou"] = options->evaluation.detected_iou;
+    return result;
+  };
+  return command;
+}
+
+}  // namespace mirage::cli

@@ -1,0 +1,67 @@
+// mirage export: the adversary and scenes of a run as glTF.
+#include <fmt/format.h>
+
+#include <memory>
+
+#include "attack/hosts.h"
+#include "attack/run.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/progress.h"
+#include "cli/command.h"
+#include "exchange/gltf.h"
+#include "exchange/host_proxy.h"
+#include "validation/validate.h"
+
+namespace mirage::cli {
+namespace {
+
+struct Options {
+  std::filesystem::path run, data;
+  int frames = 1;
+};
+
+nlohmann::json run(const Options& options, const Common& common) {
+  const Run run = read_run(options.run);
+  const auto data = options.data.empty() ? run.data : options.data;
+  make_output_folder(common.out);
+  write_adversary(common.out / "adversary.glb", run.adversary);
+  const std::vector<HostId> hosts = select_hosts(run, options.frames);
+  FrameStore store(data, lidar_of(data));
+  const BoxRooftopFinder finder;
+  Progress progress("export", hosts.size(), common.quiet);
+  auto files = nlohmann::json::array({"adversary.glb"});
+  for (const HostId& id : hosts) {
+    throw_if_interrupted("the files written so far are complete");
+    const PreparedFrame& prepared = store.get(id.frame);
+    const Label& label = label_of(prepared.frame, id);
+    const std::string name = host_name(id);
+    write_scene(
+        common.out / (name + ".glb"),
+        host_scene(prepared.frame, label, place(run.adversary, finder.find(prepared.frame, label)), name));
+    files.push_back(name + ".glb");
+    progress.update(files.size() - 1);
+  }
+  fmt::print("adversary  {} vertices, {} faces, {}×{} texels a face\nscenes     {}\nfolder     {}\n",
+             run.adversary.mesh.vertices.size(), run.adversary.mesh.faces.size(),
+             run.adversary.atlas.resolution, run.adversary.atlas.resolution, hosts.size(),
+             common.out.string());
+  return {{"scenes", hosts.size()}, {"files", files}};
+}
+
+}  // namespace
+
+Command export_command() {
+  auto options = std::make_shared<Options>();
+  return {"export", "write the adversary and scenes of a run as .glb", "out/export",
+          [options](CLI::App& app) {
+            app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
+            app.add_option("--data", options->data, "data set (default: the run's)");
+            app.add_option("--frames", options->frames,
+                           "frames to export, test frames first; 0: all test frames")
+                ->check(CLI::NonNegativeNumber);
+          },
+          [options](const Common& common) { return run(*options, common); }};
+}
+
+}  // namespace mirage::cli

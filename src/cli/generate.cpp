@@ -1,0 +1,65 @@
+// mirage generate: writes synthetic frames in KITTI layout.
+#include <fmt/format.h>
+
+#include <chrono>
+#include <memory>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/progress.h"
+#include "cli/command.h"
+#include "scene/generator.h"
+#include "scene/generator/dataset.h"
+
+namespace mirage::cli {
+
+Command generate_command() {
+  struct Options {
+    std::string rig = "kitti64";
+    int frames = 10, start = 0;
+  };
+  auto options = std::make_shared<Options>();
+  Command command;
+  command.name = "generate";
+  command.help = "Write synthetic frames in KITTI layout";
+  command.default_out = "generated";
+  command.options = [options](CLI::App& app) {
+    app.add_option("--rig", options->rig, "Sensor rig: kitti64, or a rig file (.toml)")
+        ->capture_default_str();
+    app.add_option("--frames", options->frames, "How many frames")
+        ->capture_default_str()
+        ->check(CLI::Range(1, 1000000));
+    app.add_option("--start", options->start, "Index of the first frame")
+        ->capture_default_str()
+        ->check(CLI::Range(0, 999999));
+  };
+  command.run = [options](const Common& common) {
+    const Rig rig =
+        read_rig(options->rig.ends_with(".toml") ? std::filesystem::path(options->rig)
+                                                 : shipped_file("scenes/rigs/" + options->rig + ".toml"));
+    const auto start = std::chrono::steady_clock::now();
+    Progress progress("generate", options->frames, common.quiet);
+    const DatasetSummary sum = generate_dataset(rig, common.seed, options->start, options->frames, common.out,
+                                                [&](std::size_t done) { progress.update(done); });
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    if (!common.quiet) {
+      fmt::print("frames written   {:6}   (kept from before: {})\n", sum.written, sum.kept);
+      fmt::print("cars labelled    {:6}   (other objects: {})\n", sum.cars, sum.others);
+      fmt::print("points a frame   {:6.0f}\n",
+                 sum.written ? static_cast<double>(sum.points) / sum.written : 0.0);
+      fmt::print("seconds          {:6.1f}   ({})\n", seconds, common.out.string());
+    }
+    return nlohmann::json{{"frames", sum.written + sum.kept},
+                          {"written", sum.written},
+                          {"kept", sum.kept},
+                          {"cars", sum.cars},
+                          {"others", sum.others},
+                          {"points", sum.points},
+                          {"rig", rig.name},
+                          {"seconds", seconds}};
+  };
+  return command;
+}
+
+}  // namespace mirage::cli

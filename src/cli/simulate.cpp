@@ -1,0 +1,76 @@
+#include <chrono>
+#include <memory>
+
+#include "attack/hosts.h"
+#include "base/error.h"
+#include "base/image_io.h"
+#include "cli/command.h"
+#include "cli/table.h"
+#include "exchange/gltf.h"
+#include "scene/kitti.h"
+
+namespace mirage::cli {
+namespace {
+
+struct Options {
+  std::filesystem::path data, mesh;
+  std::string frame;
+  int vehicle = 0;
+};
+
+/// A full-size grey picture of a window's channel.
+ImageF mask_picture(const Simulated& simulated, int width, int height) {
+  ImageF mask(width, height, 1);
+  for (int v = simulated.rect.v0; v < simulated.rect.v1; ++v)
+    for (int u = simulated.rect.u0; u < simulated.rect.u1; ++u)
+      mask.at(u, v) = static_cast<float>(simulated.rgba.at(u - simulated.rect.u0, v - simulated.rect.v0, 3));
+  return mask;
+}
+
+}  // namespace
+
+Command simulate_command() {
+  auto options = std::make_shared<Options>();
+  Command command{"simulate", "inserts a mesh on the roof of one vehicle: image, sweep, mask, depth", "out/simulate",
+                  {}, {}};
+  command.options = [options](CLI::App& app) {
+    app.add_option("--data", options->data, "data set in KITTI layout")->required();
+    app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();
+    app.add_option("--vehicle", options->vehicle, "label index of the host, from 0")->capture_default_str();
+    app.add_option("--mesh", options->mesh, "adversary (.glb)")->required();
+  };
+  command.run = [options](const Common& common) -> nlohmann::json {
+    const TexturedMesh adversary = read_adversary(options->mesh);
+    const PreparedFrame prepared = prepare(read_frame(options->data, options->frame), lidar_of(options->data));
+    const auto& labels = prepared.frame.labels;
+    const auto index = static_cast<std::size_t>(options->vehicle);
+    if (options->vehicle < 0 || index >= labels.size() || labels[index].type == "DontCare")
+      throw InputError("--vehicle", std::to_string(options->vehicle),
+                       "frame " + options->frame + " has " + std::to_string(labels.size()) +
+                           " labels and this is not a vehicle among them",
+                       "give the index of a vehicle's row in label_2/" + options->frame + ".txt");
+    const auto start = std::chrono::steady_clock::now();
+    const Simulated simulated =
+        simulate(prepared, labels[index], BoxRooftopFinder().find(prepared.frame, labels[index]), adversary);
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    write_srgb(common.out / "image.png", simulated.image);
+    write_srgb(common.out / "mask.png", mask_picture(simulated, simulated.image.width, simulated.image.height));
+    write_exr(common.out / "depth.exr", prepared.depth);
+    write_sweep(common.out / "sweep.bin", simulated.sweep);
+    print_table({{"pixels on the adversary", std::to_string(simulated.adversary_pixels)},
+                 {"returns on the adversary", std::to_string(simulated.adversary_points)},
+                 {"returns hidden by the scene", std::to_string(simulated.occluded_points)},
+                 {"returns that the adversary hides", std::to_string(simulated.removed_points)},
+                 {"share in view", percent(simulated.visible_share)},
+                 {"picture", (common.out / "image.png").string()}});
+    return {{"adversary_pixels", simulated.adversary_pixels},
+            {"adversary_points", simulated.adversary_points},
+            {"occluded_points", simulated.occluded_points},
+            {"removed_points", simulated.removed_points},
+            {"visible_share", simulated.visible_share},
+            {"seconds", seconds}};
+  };
+  return command;
+}
+
+}  // namespace mirage::cli

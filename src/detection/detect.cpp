@@ -1,0 +1,43 @@
+#include "detection/detect.h"
+
+#include <chrono>
+
+#include "base/interrupt.h"
+#include "detection/points_in_view.h"
+#include "scene/kitti.h"
+
+namespace mirage {
+
+std::vector<Proposal> detect_vehicles(Detector& detector, const ImageF& image, const Sweep& sweep,
+                                      const Calibration& calibration, double score_threshold) {
+  const std::vector<LidarPoint> points = points_in_view(sweep, calibration);
+  return suppress(detector.forward({&image, points, &calibration}, score_threshold, false));
+}
+
+DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit,
+                             const std::function<void(std::size_t, std::size_t)>& progress) {
+  using Clock = std::chrono::steady_clock;
+  DetectionRun run;
+  run.ids = list_frames(data);
+  if (limit > 0 && run.ids.size() > limit) run.ids.resize(limit);
+  double seconds = 0;
+  for (std::size_t i = 0; i < run.ids.size(); ++i) {
+    throw_if_interrupted("no results were written yet");
+    const Frame frame = read_frame(data, run.ids[i]);
+    const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
+    const auto start = Clock::now();
+    ScoredFrame scored;
+    scored.detections =
+        suppress(detector.forward({&frame.image, points, &frame.calibration}, kScoreThresholdForAp, false));
+    seconds += std::chrono::duration<double>(Clock::now() - start).count();
+    scored.truth = ground_truth(frame, points, detector.region());
+    run.frames.push_back(std::move(scored));
+    if (progress) progress(i + 1, run.ids.size());
+  }
+  run.at50 = average_precision(run.frames, 0.5);
+  run.at70 = average_precision(run.frames, 0.7);
+  run.seconds_per_frame = run.ids.empty() ? 0 : seconds / static_cast<double>(run.ids.size());
+  return run;
+}
+
+}  // namespace mirage

@@ -1,0 +1,35 @@
+// Running a detector over a data set and scoring it.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "detection/average_precision.h"
+
+namespace mirage {
+
+/// Detections below this score are not looked at (the paper's "relevant" proposals start here too).
+inline constexpr double kScoreThreshold = 0.1;
+/// For AP the curve's tail matters: detections down to this score.
+inline constexpr double kScoreThresholdForAp = 0.02;
+
+/// Points in view → proposals → suppression. Sorted by falling score.
+std::vector<Proposal> detect_vehicles(Detector& detector, const ImageF& image, const Sweep& sweep,
+                                      const Calibration& calibration,
+                                      double score_threshold = kScoreThreshold);
+
+struct DetectionRun {
+  std::vector<std::string> ids;
+  std::vector<ScoredFrame> frames;
+  PrecisionRecall at50, at70;
+  double seconds_per_frame = 0;  ///< of the detector alone
+};
+
+/// Runs the detector on each frame of `data` (or on the first `limit`). `progress(done, total)` may be empty.
+/// Throws Interrupted between frames.
+DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit = 0,
+                             const std::function<void(std::size_t, std::size_t)>& progress = {});
+
+}  // namespace mirage

@@ -1,0 +1,80 @@
+// A detector as the rest of Mirage sees it: sensor data in, proposals out, gradients back.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/image.h"
+#include "geometry/box.h"
+#include "scene/frame.h"
+
+namespace mirage {
+
+/// One proposal of the network, before non-maximum suppression.
+struct Proposal {
+  BevBox box;
+  double logit = 0;
+  double score() const;  ///< sigmoid(logit)
+};
+
+/// What a detector reads; views, not copies.
+struct SensorView {
+  const ImageF* image = nullptr;  ///< scene-linear RGB
+  std::span<const LidarPoint> points;
+  const Calibration* calibration = nullptr;
+};
+
+/// d loss / d pixel (H×W×3) and d loss / d (x, y, z, reflectance) of each point.
+struct SensorGradient {
+  ImageF image;
+  std::vector<std::array<float, 4>> points;
+};
+
+/// Ground truth for one training sample.
+struct TrainingSample {
+  SensorView input;
+  /// The calibration's pixel_from_velo is applied to data_from_sample · p: augmentation moves points and
+  /// boxes by sample_from_data and leaves the image alone.
+  Eigen::Affine3d data_from_sample = Eigen::Affine3d::Identity();
+  std::vector<BevBox> boxes, ignore;
+};
+
+struct TrainingLoss {
+  double total = 0, score = 0, box = 0;
+};
+
+class Detector {
+ public:
+  virtual ~Detector() = default;
+  virtual std::string name() const = 0;
+  /// Searched region: x_min, x_max, y_min, y_max (m, `velo`).
+  virtual std::array<double, 4> region() const = 0;
+  /// Proposals with score > threshold. keep_graph prepares backward().
+  virtual std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) = 0;
+  /// VJP of the last forward(keep_graph = true); d_logits has one value a proposal.
+  virtual SensorGradient backward(std::span<const double> d_logits) = 0;
+  virtual TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) = 0;
+  virtual void save(const std::filesystem::path& file, bool with_optimiser) = 0;
+};
+
+struct DetectorOptions {
+  std::string detector = "fusion";  ///< "fusion", "lidar", or a path to a plugin (*.so)
+  std::filesystem::path weights;    ///< empty: the shipped weights
+  bool fresh = false;               ///< train from scratch: no weights are read
+  std::uint64_t seed = 0;
+  int threads = 0;  ///< 0: as set by set_thread_count
+};
+
+/// Loads the plugin with dlopen. InputError, naming the file, when it is missing, unreadable, lacks the entry
+/// point, has another ABI version, or its weights are missing or wrong; Failure when it throws or fails
+/// later.
+std::unique_ptr<Detector> load_detector(const DetectorOptions& options);
+
+/// Rotated non-maximum suppression: keeps the best-scored boxes, drops those that overlap a kept one by more
+/// than `max_iou`. Sorted by falling score (ties: input order).
+std::vector<Proposal> suppress(std::vector<Proposal> proposals, double max_iou = 0.1);
+
+}  // namespace mirage

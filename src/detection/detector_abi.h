@@ -1,0 +1,84 @@
+/* The plugin interface of detectors: plain C, plain spans, no exceptions across it.
+ *
+ * A detector is a shared library that exports
+ *     const MirageDetectorApi* mirage_detector_api(void);
+ * The host checks abi_version before it touches anything else. Every function that can fail returns 0 on
+ * success and otherwise writes one line to `error` (error_size bytes, NUL-terminated).
+ * An instance is used by one thread at a time. */
+#ifndef MIRAGE_DETECTION_DETECTOR_ABI_H_
+#define MIRAGE_DETECTION_DETECTOR_ABI_H_
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define MIRAGE_DETECTOR_ABI 1u
+
+/* What the sensors saw. The host keeps the memory alive until the next call of forward or destroy. */
+typedef struct MirageSensorInput {
+  const float* image;    /* height x width x 3, scene-linear RGB in [0, 1], row 0 on top */
+  int32_t width, height; /* pixels */
+  const float* points;   /* point_count x 4: x, y, z (m, velo), reflectance in [0, 1] */
+  int64_t point_count;
+  double pixel_from_velo[12]; /* row-major 3x4: (u w, v w, w) = M (x, y, z, 1) */
+} MirageSensorInput;
+
+/* A box of the bird's-eye view in velo: metres and radians, yaw counter-clockwise from +x. */
+typedef struct MirageBox {
+  float x, y, length, width, yaw;
+} MirageBox;
+
+/* One proposal, before non-maximum suppression. score = sigmoid(logit). */
+typedef struct MirageProposal {
+  MirageBox box;
+  float logit;
+} MirageProposal;
+
+/* One training sample: an input and the ground truth. `ignore` boxes give no loss either way. */
+typedef struct MirageSample {
+  MirageSensorInput input;
+  const MirageBox* boxes;
+  int64_t box_count;
+  const MirageBox* ignore;
+  int64_t ignore_count;
+} MirageSample;
+
+typedef struct MirageDetectorApi {
+  uint32_t abi_version; /* MIRAGE_DETECTOR_ABI */
+  const char* name;     /* "fusion" */
+
+  /* `options_json`: {"modality": "fusion"|"lidar", "seed": N, "threads": N}; `weights`: a file, or NULL for
+   * freshly initialised weights. NULL on failure. */
+  void* (*create)(const char* options_json, const char* weights, char* error, size_t error_size);
+  void (*destroy)(void* detector);
+
+  /* Region of the bird's-eye view that is searched: x_min, x_max, y_min, y_max (m, velo). */
+  void (*region)(void* detector, float out[4]);
+
+  /* Runs the network. Points *proposals at memory of the detector, valid until the next call: every proposal
+   * whose score exceeds score_threshold, in a fixed order. keep_graph != 0 prepares backward. */
+  int (*forward)(void* detector, const MirageSensorInput* input, float score_threshold, int32_t keep_graph,
+                 const MirageProposal** proposals, int64_t* count, char* error, size_t error_size);
+
+  /* Vector-Jacobian product of the last forward(keep_graph): d_logits has one value a proposal. Fills
+   * d_image (height x width x 3) and d_points (point_count x 4); either may be NULL. */
+  int (*backward)(void* detector, const float* d_logits, int64_t count, float* d_image, float* d_points,
+                  char* error, size_t error_size);
+
+  /* One optimiser step on the mean loss of the samples. Writes the loss terms: total, score, box. */
+  int (*train_step)(void* detector, const MirageSample* samples, int64_t count, float learning_rate,
+                    float loss[3], char* error, size_t error_size);
+  /* Saves weights (with_optimiser != 0: and the optimiser's state, for resuming) to `file`. */
+  int (*save)(void* detector, const char* file, int32_t with_optimiser, char* error, size_t error_size);
+} MirageDetectorApi;
+
+typedef const MirageDetectorApi* (*MirageDetectorEntry)(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,250 @@
+#include <dlfcn.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/parallel.h"
+#include "detection/detector.h"
+#include "detection/detector_abi.h"
+#include "detection/points_in_view.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kErrorSize = 1024;
+
+struct Plugin {
+  fs::path file;
+  const MirageDetectorApi* api = nullptr;
+};
+
+/// Runs plugin code: what it throws (it must not) and what it reports become one Failure.
+template <class Work>
+auto call_plugin(const Plugin& plugin, const char* function, const Work& work) {
+  try {
+    return work();
+  } catch (const std::exception& problem) {
+    throw Failure(plugin.file.string(),
+                  std::string(function) + " threw an exception (" + problem.what() + ")",
+                  "report it to the plugin's author");
+  } catch (...) {
+    throw Failure(plugin.file.string(), std::string(function) + " threw an exception",
+                  "report it to the plugin's author");
+  }
+}
+
+fs::path find_plugin(const DetectorOptions& options) {
+  if (fs::path(options.detector).extension() == ".so") {
+    if (!fs::exists(options.detector))
+      throw InputError(options.detector, "", "no such detector plugin", "check --detector");
+    return fs::absolute(options.detector);
+  }
+  if (options.detector != "fusion" && options.detector != "lidar")
+    throw InputError("--detector", options.detector, "unknown detector",
+                     "use fusion, lidar or a plugin (*.so)");
+  const fs::path beside = executable_folder() / "plugins" / "fusion.so";
+  if (fs::exists(beside)) return beside;
+  throw InputError(beside.string(), "", "the detector plugin is missing",
+                   "build it with MIRAGE_DETECTORS=ON (make build)");
+}
+
+Plugin open_plugin(const fs::path& file) {
+  // Never closed again: LibTorch keeps threads and statics that do not survive unloading.
+  void* library = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (!library) {
+    const char* why = dlerror();
+    throw InputError(file.string(), "", std::string("not a loadable plugin (") + (why ? why : "?") + ")",
+                     "rebuild it for this machine");
+  }
+  void* symbol = dlsym(library, "mirage_detector_api");
+  if (!symbol)
+    throw InputError(file.string(), "mirage_detector_api", "the plugin lacks this entry point",
+                     "export it as detection/detector_abi.h says");
+  Plugin plugin{file, nullptr};
+  plugin.api = call_plugin(plugin, "mirage_detector_api",
+                           [&] { return reinterpret_cast<MirageDetectorEntry>(symbol)(); });
+  if (!plugin.api)
+    throw InputError(file.string(), "mirage_detector_api", "the entry point returned nothing",
+                     "rebuild the plugin");
+  if (plugin.api->abi_version != MIRAGE_DETECTOR_ABI)
+    throw InputError(file.string(), "abi_version",
+                     "is " + std::to_string(plugin.api->abi_version) + ", this program speaks " +
+                         std::to_string(MIRAGE_DETECTOR_ABI),
+                     "rebuild the plugin against this version");
+  const MirageDetectorApi& api = *plugin.api;
+  if (!api.create || !api.destroy || !api.region || !api.forward || !api.backward || !api.train_step ||
+      !api.save)
+    throw InputError(file.string(), "mirage_detector_api", "a function is missing", "rebuild the plugin");
+  return plugin;
+}
+
+MirageSensorInput raw_input(const SensorView& view) {
+  static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
+  MirageSensorInput input{};
+  if (view.image && !view.image->empty()) {
+    input.image = view.image->data.data();
+    input.width = view.image->width;
+    input.height = view.image->height;
+  }
+  input.points = reinterpret_cast<const float*>(view.points.data());
+  input.point_count = static_cast<std::int64_t>(view.points.size());
+  if (view.calibration) {
+    const auto matrix = pixel_from_velo(*view.calibration);
+    std::copy(matrix.begin(), matrix.end(), input.pixel_from_velo);
+  }
+  return input;
+}
+
+std::vector<MirageBox> raw_boxes(const std::vector<BevBox>& boxes) {
+  std::vector<MirageBox> raw;
+  for (const BevBox& box : boxes)
+    raw.push_back({static_cast<float>(box.x), static_cast<float>(box.y), static_cast<float>(box.length),
+                   static_cast<float>(box.width), static_cast<float>(box.yaw)});
+  return raw;
+}
+
+class PluginDetector : public Detector {
+ public:
+  PluginDetector(Plugin plugin, std::string name, void* instance)
+      : plugin_(std::move(plugin)), name_(std::move(name)), instance_(instance) {}
+  PluginDetector(const PluginDetector&) = delete;
+  PluginDetector& operator=(const PluginDetector&) = delete;
+  ~PluginDetector() override { plugin_.api->destroy(instance_); }
+
+  std::string name() const override { return name_; }
+
+  std::array<double, 4> region() const override {
+    std::array<float, 4> raw{};
+    call_plugin(plugin_, "region", [&] { plugin_.api->region(instance_, raw.data()); });
+    return {raw[0], raw[1], raw[2], raw[3]};
+  }
+
+  std::vector<Proposal> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
+    const MirageSensorInput input = raw_input(view);
+    const MirageProposal* found = nullptr;
+    std::int64_t count = 0;
+    run("forward", [&](char* error) {
+      return plugin_.api->forward(instance_, &input, static_cast<float>(score_threshold), keep_graph, &found,
+                                  &count, error, kErrorSize);
+    });
+    if (view.image && !view.image->empty())
+      kept_ = ImageF(view.image->width, view.image->height, 3);
+    else
+      kept_ = ImageF();
+    kept_points_ = view.points.size();
+    std::vector<Proposal> proposals;
+    for (std::int64_t i = 0; i < count; ++i) {
+      const MirageBox& b = found[i].box;
+      const Proposal proposal{{b.x, b.y, b.length, b.width, b.yaw}, found[i].logit};
+      if (!std::isfinite(b.x + b.y + b.length + b.width + b.yaw + found[i].logit))
+        throw Failure(plugin_.file.string(), "forward gave a proposal that is not finite",
+                      "check the weights and the input");
+      proposals.push_back(proposal);
+    }
+    return proposals;
+  }
+
+  SensorGradient backward(std::span<const double> d_logits) override {
+    const std::vector<float> raw(d_logits.begin(), d_logits.end());
+    SensorGradient gradient{kept_, {}};
+    gradient.points.resize(kept_points_);
+    float* d_image = gradient.image.empty() ? nullptr : gradient.image.data.data();
+    float* d_points = gradient.points.empty() ? nullptr : gradient.points.data()->data();
+    run("backward", [&](char* error) {
+      return plugin_.api->backward(instance_, raw.data(), static_cast<std::int64_t>(raw.size()), d_image,
+                                   d_points, error, kErrorSize);
+    });
+    return gradient;
+  }
+
+  TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
+    std::vector<MirageSample> raw(samples.size());
+    std::vector<std::vector<MirageBox>> boxes, ignore;
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      const TrainingSample& sample = samples[i];
+      boxes.push_back(raw_boxes(sample.boxes));
+      ignore.push_back(raw_boxes(sample.ignore));
+      raw[i].input = raw_input(sample.input);
+      Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(raw[i].input.pixel_from_velo);
+      matrix = (matrix * sample.data_from_sample.matrix()).eval();
+      raw[i].boxes = boxes.back().data();
+      raw[i].box_count = static_cast<std::int64_t>(boxes.back().size());
+      raw[i].ignore = ignore.back().data();
+      raw[i].ignore_count = static_cast<std::int64_t>(ignore.back().size());
+    }
+    std::array<float, 3> loss{};
+    run("train_step", [&](char* error) {
+      return plugin_.api->train_step(instance_, raw.data(), static_cast<std::int64_t>(raw.size()),
+                                     static_cast<float>(learning_rate), loss.data(), error, kErrorSize);
+    });
+    return {loss[0], loss[1], loss[2]};
+  }
+
+  void save(const fs::path& file, bool with_optimiser) override {
+    const fs::path temporary = file.string() + ".part";
+    if (file.has_parent_path()) make_output_folder(file.parent_path());
+    run("save", [&](char* error) {
+      return plugin_.api->save(instance_, temporary.c_str(), with_optimiser, error, kErrorSize);
+    });
+    replace_file(temporary, file);
+  }
+
+ private:
+  template <class Work>
+  void run(const char* function, const Work& work) {
+    char error[kErrorSize] = "";
+    const int status = call_plugin(plugin_, function, [&] { return work(error); });
+    if (status != 0)
+      throw Failure(plugin_.file.string(),
+                    std::string(function) + " failed (" + (error[0] ? error : "no reason given") + ")",
+                    "check the input, the weights and the free memory");
+  }
+
+  Plugin plugin_;
+  std::string name_;
+  void* instance_;
+  ImageF kept_;  // the last input's shape; its pixels are zero
+  std::size_t kept_points_ = 0;
+};
+
+fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
+  const std::string name = fs::path(options.detector).extension() == ".so"
+                               ? fs::path(options.detector).stem().string()
+                               : options.detector;
+  const fs::path file = options.weights.empty()
+                            ? plugin.parent_path() / "weights" / (name + "-kitti64.weights")
+                            : options.weights;
+  if (fs::is_regular_file(file)) return file;
+  if (options.weights.empty())
+    throw InputError(file.string(), "", "the shipped weights are missing",
+                     "name others with --weights, or train some with mirage train");
+  throw InputError(file.string(), "", "no such weights file", "check --weights");
+}
+
+}  // namespace
+
+std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
+  const Plugin plugin = open_plugin(find_plugin(options));
+  const bool by_path = fs::path(options.detector).extension() == ".so";
+  nlohmann::json settings = {{"seed", options.seed},
+                             {"threads", options.threads > 0 ? options.threads : thread_count()}};
+  if (!by_path) settings["modality"] = options.detector;
+  const fs::path weights = options.fresh ? fs::path() : find_weights(options, plugin.file);
+  char error[kErrorSize] = "";
+  const std::string text = settings.dump();
+  void* instance = call_plugin(plugin, "create", [&] {
+    return plugin.api->create(text.c_str(), options.fresh ? nullptr : weights.c_str(), error, kErrorSize);
+  });
+  if (!instance) {
+    const std::string why = error[0] ? error : "the plugin gave no reason";
+    throw InputError(options.fresh ? plugin.file.string() : weights.string(), "", why,
+                     options.fresh ? "check the detector's options" : "check --weights and --detector");
+  }
+  return std::make_unique<PluginDetector>(plugin, by_path ? plugin.api->name : options.detector, instance);
+}
+
+}  // namespace mirage

@@ -1,0 +1,119 @@
+#include "detection/training_data.h"
+
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+#include "base/color.h"
+#include "base/random.h"
+#include "detection/points_in_view.h"
+#include "scene/kitti.h"
+
+namespace mirage {
+namespace {
+
+constexpr std::size_t kMemory = std::size_t{3} << 30;  // bytes for frames kept between epochs
+
+ImageF linear_picture(const CompactFrame& frame) {
+  static const std::array<float, 256> table = [] {
+    std::array<float, 256> values{};
+    for (int i = 0; i < 256; ++i) values[i] = linear_from_srgb(static_cast<float>(i) / 255);
+    return values;
+  }();
+  ImageF image(frame.width, frame.height, 3);
+  for (std::size_t i = 0; i < frame.srgb.size(); ++i) image.data[i] = table[frame.srgb[i]];
+  return image;
+}
+
+CompactFrame compact(const Frame& frame, const std::array<double, 4>& region) {
+  CompactFrame small;
+  small.width = frame.image.width;
+  small.height = frame.image.height;
+  small.srgb.resize(frame.image.data.size());
+  for (std::size_t i = 0; i < small.srgb.size(); ++i)
+    small.srgb[i] = static_cast<std::uint8_t>(std::lround(255 * srgb_from_linear(frame.image.data[i])));
+  small.points = points_in_view(frame.sweep, frame.calibration);
+  small.calibration = frame.calibration;
+  small.truth = ground_truth(frame, small.points, region);
+  return small;
+}
+
+}  // namespace
+
+TrainingSample PreparedSample::view() const {
+  return {{&image, points, &calibration}, data_from_sample, boxes, ignore};
+}
+
+Eigen::Affine3d random_pose(std::uint64_t seed, std::uint64_t index) {
+  RandomStream random(seed, "training pose", index);
+  const bool flip = random.uniform() < 0.5;
+  const double turn = random.uniform(-10, 10) * std::numbers::pi / 180;
+  const double scale = random.uniform(0.95, 1.05), lift = random.uniform(-0.15, 0.15);
+  Eigen::Affine3d pose = Eigen::Affine3d::Identity();
+  pose.linear() = scale * Eigen::AngleAxisd(turn, Vec3d::UnitZ()).toRotationMatrix() *
+                  Eigen::DiagonalMatrix<double, 3>(1, flip ? -1 : 1, 1);
+  pose.translation().z() = lift;
+  return pose;
+}
+
+BevBox moved(const BevBox& box, const Eigen::Affine3d& sample_from_data) {
+  const Vec3d centre = sample_from_data * Vec3d(box.x, box.y, 0);
+  const Vec3d heading = sample_from_data.linear() * Vec3d(std::cos(box.yaw), std::sin(box.yaw), 0);
+  const double scale = heading.norm();
+  return {centre.x(), centre.y(), box.length * scale, box.width * scale,
+          std::atan2(heading.y(), heading.x())};
+}
+
+TrainingData::TrainingData(const std::filesystem::path& data, std::size_t limit,
+                           const std::array<double, 4>& region, std::uint64_t seed)
+    : data_(data), ids_(list_frames(data)), region_(region), seed_(seed) {
+  if (limit > 0 && ids_.size() > limit) ids_.resize(limit);
+  frames_.resize(ids_.size());
+}
+
+std::size_t TrainingData::frame_of(std::uint64_t index) const {
+  const std::uint64_t count = ids_.size(), epoch = index / count;
+  std::vector<std::size_t> order(count);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  RandomStream random(seed_, "training order", epoch);
+  for (std::size_t i = count; i-- > 1;) std::swap(order[i], order[random.below(static_cast<int>(i) + 1)]);
+  return order[index % count];
+}
+
+const CompactFrame& TrainingData::frame(std::size_t number) {
+  if (!frames_[number].srgb.empty()) return frames_[number];
+  CompactFrame small = compact(read_frame(data_, ids_[number]), region_);
+  const std::size_t bytes = small.srgb.size() + small.points.size() * sizeof(LidarPoint);
+  if (bytes_ + bytes > kMemory) return passing_ = std::move(small);
+  bytes_ += bytes;
+  return frames_[number] = std::move(small);
+}
+
+std::vector<PreparedSample> TrainingData::prepare(std::int64_t step, int batch) {
+  std::vector<PreparedSample> samples;
+  for (int i = 0; i < batch; ++i) {
+    const auto index = static_cast<std::uint64_t>(step) * batch + i;
+    const CompactFrame& small = frame(frame_of(index));
+    const Eigen::Affine3d sample_from_data = random_pose(seed_, index);
+    PreparedSample sample;
+    sample.image = linear_picture(small);
+    sample.calibration = small.calibration;
+    sample.data_from_sample = sample_from_data.inverse();
+    const Eigen::Affine3f move = sample_from_data.cast<float>();
+    for (const LidarPoint& point : small.points) {
+      const Vec3f p = move * point.position();
+      sample.points.push_back({p.x(), p.y(), p.z(), point.reflectance});
+    }
+    for (const BevBox& box : small.truth.boxes) {
+      const BevBox there = moved(box, sample_from_data);
+      const bool inside =
+          there.x >= region_[0] && there.x < region_[1] && there.y >= region_[2] && there.y < region_[3];
+      (inside ? sample.boxes : sample.ignore).push_back(there);
+    }
+    for (const BevBox& box : small.truth.ignore) sample.ignore.push_back(moved(box, sample_from_data));
+    samples.push_back(std::move(sample));
+  }
+  return samples;
+}
+
+}  // namespace mirage

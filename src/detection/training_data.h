@@ -1,0 +1,62 @@
+// Training samples: frames kept small in memory, in an order and with changes that depend on the seed alone.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <future>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "detection/average_precision.h"
+
+namespace mirage {
+
+/// A frame as training keeps it: 8-bit sRGB picture, points in view, boxes.
+struct CompactFrame {
+  int width = 0, height = 0;
+  std::vector<std::uint8_t> srgb;
+  std::vector<LidarPoint> points;
+  Calibration calibration;
+  GroundTruth truth;
+};
+
+/// One augmented sample with the memory it points to.
+struct PreparedSample {
+  ImageF image;
+  std::vector<LidarPoint> points;
+  Calibration calibration;
+  std::vector<BevBox> boxes, ignore;
+  Eigen::Affine3d data_from_sample = Eigen::Affine3d::Identity();
+  TrainingSample view() const;
+};
+
+/// Flip of y (half of the samples), a turn of up to ±10° about z, a scale of 0.95–1.05 and a lift of up to
+/// ±0.15 m: sample_from_data. Depends on (seed, index) alone.
+Eigen::Affine3d random_pose(std::uint64_t seed, std::uint64_t index);
+/// A box of the data after sample_from_data (a similarity that keeps z upright).
+BevBox moved(const BevBox& box, const Eigen::Affine3d& sample_from_data);
+
+class TrainingData {
+ public:
+  TrainingData(const std::filesystem::path& data, std::size_t limit, const std::array<double, 4>& region,
+               std::uint64_t seed);
+  std::size_t size() const { return ids_.size(); }
+  /// The frame of the `index`-th sample: every epoch is a new permutation of all frames.
+  std::size_t frame_of(std::uint64_t index) const;
+  /// The samples of step `step` (batch · step …). Reads what is not in memory yet; safe on a worker thread.
+  std::vector<PreparedSample> prepare(std::int64_t step, int batch);
+
+ private:
+  const CompactFrame& frame(std::size_t number);
+
+  std::filesystem::path data_;
+  std::vector<std::string> ids_;
+  std::array<double, 4> region_;
+  std::uint64_t seed_;
+  std::vector<CompactFrame> frames_;  // empty srgb: not read yet
+  std::size_t bytes_ = 0;
+  CompactFrame passing_;  // used once memory for frames is spent
+};
+
+}  // namespace mirage

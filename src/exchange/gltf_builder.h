@@ -1,0 +1,46 @@
+// Assembles a binary glTF 2.0 file (Khronos, glTF 2.0 specification, section 4.4: GLB).
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "base/types.h"
+
+namespace mirage {
+
+class GltfBuilder {
+ public:
+  GltfBuilder();
+
+  /// Appends bytes (8-aligned) and returns the index of their buffer view. `target`: 0 or the GL target.
+  int add_view(const void* data, std::size_t bytes, int target = 0);
+  template <class T>
+  int add_view(const std::vector<T>& values, int target = 0) {
+    return add_view(values.data(), values.size() * sizeof(T), target);
+  }
+  /// float32 vectors of `components` values a vertex; bounds are written for positions.
+  int add_floats(const std::vector<float>& values, int components, bool with_bounds);
+  /// Appends to json[array] and returns the index.
+  int add(const char* array, nlohmann::json value);
+  /// Appends a node that stands at the scene's root.
+  int add_node(nlohmann::json value);
+
+  nlohmann::json& json() { return json_; }
+  /// The finished file.
+  std::string glb() const;
+
+ private:
+  nlohmann::json json_;
+  std::string binary_;
+};
+
+/// glTF has y up: `velo` (x forward, y left, z up) → (x, z, −y). Blender turns that back into `velo`.
+inline Eigen::Matrix3d gltf_from_velo() {
+  Eigen::Matrix3d m;
+  m << 1, 0, 0, 0, 0, 1, 0, -1, 0;
+  return m;
+}
+
+}  // namespace mirage

@@ -1,0 +1,196 @@
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "base/files.h"
+#include "base/image_io.h"
+#include "exchange/gltf.h"
+#include "exchange/gltf_builder.h"
+#include "exchange/tessellation.h"
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kNearest = 9728, kRepeatless = 33071;  // GL filter and CLAMP_TO_EDGE
+
+json vector_json(const Vec3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+void append_position(std::vector<float>& positions, const Vec3d& p_velo) {
+  const Vec3d p = gltf_from_velo() * p_velo;
+  for (int k = 0; k < 3; ++k) positions.push_back(static_cast<float>(p[k]));
+}
+
+json flat_material(const std::string& name, const Vec3d& color) {
+  return {{"name", name},
+          {"pbrMetallicRoughness",
+           {{"baseColorFactor", {color.x(), color.y(), color.z(), 1.0}},
+            {"metallicFactor", 0.0},
+            {"roughnessFactor", 0.5}}}};
+}
+
+/// The texels as a picture for viewers; its index among the textures.
+int add_texture(GltfBuilder& gltf, const TexelAtlas& atlas, const TextureLayout& layout) {
+  ImageF picture(layout.width, layout.height, 3, 1.0f);
+  for (std::size_t t = 0; t < atlas.texels.size(); ++t)
+    for (int c = 0; c < 3; ++c) picture.data[3 * t + c] = static_cast<float>(atlas.texels[t][c]);
+  const std::string png = encode_srgb_png(picture);
+  const int view = gltf.add_view(png.data(), png.size());
+  const int image = gltf.add("images", {{"name", "texels"}, {"mimeType", "image/png"}, {"bufferView", view}});
+  const int sampler = gltf.add(
+      "samplers",
+      {{"magFilter", kNearest}, {"minFilter", kNearest}, {"wrapS", kRepeatless}, {"wrapT", kRepeatless}});
+  return gltf.add("textures", {{"source", image}, {"sampler", sampler}});
+}
+
+/// What read_adversary needs for a lossless way back: float64 and int32, little endian.
+json add_exact(GltfBuilder& gltf, const TexturedMesh& textured) {
+  const auto& [mesh, atlas] = textured;
+  const auto flat = [](const std::vector<Vec3d>& vectors) {
+    std::vector<double> values;
+    values.reserve(3 * vectors.size());
+    for (const Vec3d& v : vectors) values.insert(values.end(), v.data(), v.data() + 3);
+    return values;
+  };
+  std::vector<std::int32_t> indices;
+  for (const Face& f : mesh.faces) indices.insert(indices.end(), f.begin(), f.end());
+  json exact = {{"version", 1},
+                {"vertices", gltf.add_view(flat(mesh.vertices))},
+                {"faces", gltf.add_view(indices)},
+                {"resolution", atlas.resolution}};
+  if (!atlas.texels.empty()) {
+    const TextureLayout layout(atlas.texels.size());
+    exact["texels"] = gltf.add_view(flat(atlas.texels));
+    exact["texture_size"] = {layout.width, layout.height};
+  }
+  return exact;
+}
+
+/// The adversary as a mesh; its index. Positions are used as they are, so `velo` or the adversary's frame.
+int add_adversary(GltfBuilder& gltf, const TexturedMesh& textured) {
+  const auto& [mesh, atlas] = textured;
+  const bool colored = !atlas.texels.empty();
+  const TextureLayout layout(atlas.texels.size());
+  const auto triangles = atlas_triangles(colored ? atlas.resolution : 1);
+  std::vector<float> positions, uvs;
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    const Vec3d &v0 = mesh.vertices[mesh.faces[f][0]], &v1 = mesh.vertices[mesh.faces[f][1]],
+                &v2 = mesh.vertices[mesh.faces[f][2]];
+    for (const AtlasTriangle& triangle : triangles) {
+      const Vec2d uv = layout.centre(f * atlas.per_face() + triangle.texel);
+      for (const Vec2d& b : triangle.corners) {
+        append_position(positions, b.x() * v0 + b.y() * v1 + (1 - b.x() - b.y()) * v2);
+        if (colored) uvs.insert(uvs.end(), {static_cast<float>(uv.x()), static_cast<float>(uv.y())});
+      }
+    }
+  }
+  const json exact = add_exact(gltf, textured);
+  json material = flat_material("adversary", colored ? Vec3d::Ones() : Vec3d::Constant(0.5));
+  json attributes = {{"POSITION", gltf.add_floats(positions, 3, true)}};
+  if (colored) {
+    attributes["TEXCOORD_0"] = gltf.add_floats(uvs, 2, false);
+    material["pbrMetallicRoughness"]["baseColorTexture"] = {{"index", add_texture(gltf, atlas, layout)}};
+  }
+  material["doubleSided"] = true;
+  json primitive = {{"attributes", attributes}, {"material", gltf.add("materials", material)}};
+  return gltf.add(
+      "meshes",
+      {{"name", "adversary"}, {"primitives", json::array({primitive})}, {"extras", {{"mirage", exact}}}});
+}
+
+void add_proxy(GltfBuilder& gltf, const ExportScene::Proxy& proxy) {
+  std::vector<float> positions;  // one vertex a corner and no NORMAL: flat shading
+  for (const Face& f : proxy.mesh.faces)
+    for (int k : f) append_position(positions, proxy.mesh.vertices[k]);
+  const int material = gltf.add("materials", flat_material(proxy.name, proxy.color));
+  json primitive = {{"attributes", {{"POSITION", gltf.add_floats(positions, 3, true)}}},
+                    {"material", material}};
+  const int mesh = gltf.add("meshes", {{"name", proxy.name}, {"primitives", json::array({primitive})}});
+  gltf.add_node({{"name", proxy.name}, {"mesh", mesh}, {"extras", {{"mirage_role", proxy.name}}}});
+}
+
+json rotation_json(const Eigen::Matrix3d& rotation) {
+  const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
+  return {q.x(), q.y(), q.z(), q.w()};
+}
+
+json add_camera(GltfBuilder& gltf, const Calibration& calibration) {
+  const PinholeCamera& camera = calibration.camera;
+  const Transform velo_from_camera = calibration.camera_from_velo.inverse();
+  json intrinsics = {{"fx", camera.fx}, {"fy", camera.fy},       {"cx", camera.cx},
+                     {"cy", camera.cy}, {"width", camera.width}, {"height", camera.height}};
+  const int index =
+      gltf.add("cameras", {{"name", "camera"},
+                           {"type", "perspective"},
+                           {"perspective",
+                            {{"yfov", 2 * std::atan(camera.height / (2 * camera.fy))},
+                             {"aspectRatio", (camera.width / camera.fx) / (camera.height / camera.fy)},
+                             {"znear", 0.01}}},
+                           {"extras", intrinsics}});
+  // glTF's camera looks along −z with y up; ours along +z with y down.
+  const Eigen::Matrix3d rotation =
+      gltf_from_velo() * velo_from_camera.linear() * Vec3d(1, -1, -1).asDiagonal();
+  gltf.add_node({{"name", "camera"},
+                 {"camera", index},
+                 {"rotation", rotation_json(rotation)},
+                 {"translation", vector_json(gltf_from_velo() * velo_from_camera.translation())},
+                 {"extras", {{"mirage_role", "camera"}}}});
+  json rows = json::array();
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 4; ++c) rows.push_back(velo_from_camera.matrix()(r, c));
+  intrinsics["velo_from_camera"] = rows;
+  return intrinsics;
+}
+
+void add_sun(GltfBuilder& gltf, const Lighting& lighting) {
+  const double strongest = std::max(1e-12, lighting.sun.maxCoeff());
+  // Lighting::sun is irradiance / π; a directional light's intensity is irradiance.
+  json light = {{"name", "sun"},
+                {"type", "directional"},
+                {"color", vector_json((lighting.sun / strongest).cwiseMax(0.0).cwiseMin(1.0))},
+                {"intensity", std::numbers::pi * strongest}};
+  gltf.json()["extensionsUsed"] = {"KHR_lights_punctual"};
+  gltf.json()["extensions"]["KHR_lights_punctual"]["lights"] = json::array({light});
+  const Eigen::Quaterniond q =
+      Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), gltf_from_velo() * lighting.to_sun_velo);
+  gltf.add_node({{"name", "sun"},
+                 {"rotation", rotation_json(q.toRotationMatrix())},
+                 {"extensions", {{"KHR_lights_punctual", {{"light", 0}}}}},
+                 {"extras", {{"mirage_role", "sun"}}}});
+}
+
+}  // namespace
+
+void write_adversary(const std::filesystem::path& file, const TexturedMesh& adversary) {
+  check_mesh(adversary, file.string());
+  GltfBuilder gltf;
+  const int mesh = add_adversary(gltf, adversary);
+  gltf.add_node({{"name", "adversary"}, {"mesh", mesh}, {"extras", {{"mirage_role", "adversary"}}}});
+  write_file(file, gltf.glb());
+}
+
+void write_scene(const std::filesystem::path& file, const ExportScene& scene) {
+  check_mesh(scene.adversary, file.string());
+  GltfBuilder gltf;
+  const int mesh = add_adversary(gltf, scene.adversary);
+  gltf.add_node({{"name", "adversary"}, {"mesh", mesh}, {"extras", {{"mirage_role", "adversary"}}}});
+  for (const ExportScene::Proxy& proxy : scene.proxies) add_proxy(gltf, proxy);
+  const json camera = add_camera(gltf, scene.calibration);
+  add_sun(gltf, scene.lighting);
+  const Lighting& light = scene.lighting;
+  gltf.json()["scenes"][0]["name"] = scene.name;
+  gltf.json()["scenes"][0]["extras"]["mirage"] = {{"camera", camera},
+                                                  {"lighting",
+                                                   {{"to_sun_velo", vector_json(light.to_sun_velo)},
+                                                    {"sun", vector_json(light.sun)},
+                                                    {"ambient", vector_json(light.ambient)},
+                                                    {"hemisphere", vector_json(light.hemisphere)}}}};
+  write_file(file, gltf.glb());
+}
+
+}  // namespace mirage

@@ -1,0 +1,33 @@
+#include "exchange/tessellation.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace mirage {
+
+std::vector<AtlasTriangle> atlas_triangles(int resolution) {
+  const int n = resolution;
+  const auto at = [&](int x, int y) { return Vec2d(static_cast<double>(x) / n, static_cast<double>(y) / n); };
+  std::vector<AtlasTriangle> triangles;
+  triangles.reserve(static_cast<std::size_t>(n) * n);
+  for (int y = 0; y < n; ++y)
+    for (int x = 0; x + y < n; ++x) {
+      triangles.push_back({{at(x, y), at(x + 1, y), at(x, y + 1)}, y * n + x});
+      if (x + y < n - 1)
+        triangles.push_back({{at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)}, (n - 1 - y) * n + (n - 1 - x)});
+    }
+  return triangles;
+}
+
+TextureLayout::TextureLayout(std::size_t texels) {
+  const std::size_t count = std::max<std::size_t>(1, texels);
+  width = static_cast<int>(std::ceil(std::sqrt(static_cast<double>(count))));
+  height = static_cast<int>((count + width - 1) / width);
+}
+
+Vec2d TextureLayout::centre(std::size_t texel) const {
+  return {(static_cast<double>(texel % width) + 0.5) / width,
+          (static_cast<double>(texel / width) + 0.5) / height};
+}
+
+}  // namespace mirage

@@ -1,0 +1,73 @@
+#include "geometry/box.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace mirage {
+namespace {
+
+double cross(const Vec2d& a, const Vec2d& b) { return a.x() * b.y() - a.y() * b.x(); }
+
+}  // namespace
+
+std::array<Vec2d, 4> corners(const BevBox& box) {
+  const Vec2d along(std::cos(box.yaw), std::sin(box.yaw)), left(-along.y(), along.x());
+  const Vec2d centre(box.x, box.y), l = along * box.length / 2, w = left * box.width / 2;
+  return {centre + l + w, centre - l + w, centre - l - w, centre + l - w};
+}
+
+std::array<Vec3d, 8> corners(const Box3& box) {
+  std::array<Vec3d, 8> result;
+  const auto flat = corners(box.bev);
+  for (int i = 0; i < 4; ++i) {
+    result[i] = Vec3d(flat[i].x(), flat[i].y(), box.bottom);
+    result[i + 4] = Vec3d(flat[i].x(), flat[i].y(), box.bottom + box.height);
+  }
+  return result;
+}
+
+double intersection_area(const BevBox& a, const BevBox& b) {
+  const Vec2d centre(a.x, a.y);  // clip near the origin: far boxes would cancel
+  std::vector<Vec2d> polygon;
+  for (const Vec2d& p : corners(a)) polygon.push_back(p - centre);
+  const auto clip = corners(b);
+  for (int i = 0; i < 4 && !polygon.empty(); ++i) {
+    const Vec2d from = clip[i] - centre, edge = clip[(i + 1) % 4] - clip[i];
+    std::vector<Vec2d> kept;
+    for (std::size_t k = 0; k < polygon.size(); ++k) {
+      const Vec2d &p = polygon[k], &q = polygon[(k + 1) % polygon.size()];
+      const double side_p = cross(edge, p - from), side_q = cross(edge, q - from);
+      if (side_p >= 0) kept.push_back(p);
+      if ((side_p > 0 && side_q < 0) || (side_p < 0 && side_q > 0))
+        kept.push_back(p + (q - p) * (side_p / (side_p - side_q)));
+    }
+    polygon = std::move(kept);
+  }
+  double twice = 0;
+  for (std::size_t k = 0; k < polygon.size(); ++k) twice += cross(polygon[k], polygon[(k + 1) % polygon.size()]);
+  return std::max(0.0, twice / 2);
+}
+
+double iou(const BevBox& a, const BevBox& b) {
+  const double area_a = a.length * a.width, area_b = b.length * b.width;
+  if (!(area_a > 0) || !(area_b > 0)) return 0;
+  const double reach = std::hypot(a.length, a.width) + std::hypot(b.length, b.width);
+  if (2 * std::hypot(a.x - b.x, a.y - b.y) > reach) return 0;
+  const double both = intersection_area(a, b);
+  return std::clamp(both / (area_a + area_b - both), 0.0, 1.0);
+}
+
+Transform velo_from_box(const Box3& box) {
+  Transform transform = Transform::Identity();
+  transform.linear() = Eigen::AngleAxisd(box.bev.yaw, Vec3d::UnitZ()).toRotationMatrix();
+  transform.translation() = Vec3d(box.bev.x, box.bev.y, box.bottom);
+  return transform;
+}
+
+bool contains(const Box3& box, const Vec3d& p_velo, double margin) {
+  const Vec3d p = velo_from_box(box).inverse() * p_velo;
+  return std::abs(p.x()) <= box.bev.length / 2 + margin && std::abs(p.y()) <= box.bev.width / 2 + margin &&
+         p.z() >= -margin && p.z() <= box.height + margin;
+}
+
+}  // namespace mirage

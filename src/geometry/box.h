@@ -1,0 +1,35 @@
+// Oriented boxes: BEV rectangles with exact IoU, and upright 3-D boxes.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "base/types.h"
+
+namespace mirage {
+
+/// BEV box in `velo`: centre (x, y) m, length along the heading, width across, yaw counter-clockwise from +x.
+struct BevBox {
+  double x = 0, y = 0, length = 0, width = 0, yaw = 0;
+};
+
+/// Upright 3-D box: a BEV box with the z of its bottom and its height (metres, `velo`).
+struct Box3 {
+  BevBox bev;
+  double bottom = 0, height = 0;
+};
+
+/// Corners counter-clockwise, first = front left.
+std::array<Vec2d, 4> corners(const BevBox& box);
+/// Eight corners: the four bottom ones in `corners` order, then the four top ones.
+std::array<Vec3d, 8> corners(const Box3& box);
+/// Exact area of the intersection of two rectangles (Sutherland–Hodgman clipping of convex polygons).
+double intersection_area(const BevBox& a, const BevBox& b);
+/// Intersection over union in [0, 1]; 0 if either box has no area.
+double iou(const BevBox& a, const BevBox& b);
+/// Whether the point lies inside the box grown by `margin` on every side.
+bool contains(const Box3& box, const Vec3d& p_velo, double margin = 0);
+/// velo_from_box: origin at the centre of the bottom face, x along the heading, z up.
+Transform velo_from_box(const Box3& box);
+
+}  // namespace mirage

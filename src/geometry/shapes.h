@@ -1,0 +1,16 @@
+// Simple meshes: the adversary's start and the building blocks of proxies and generated scenes.
+#pragma once
+
+#include "geometry/mesh.h"
+
+namespace mirage {
+
+/// Unit sphere from an icosahedron whose faces are split `subdivisions` times into four:
+/// 10·4^n + 2 vertices and 20·4^n faces (n = 2: 162 and 320, the adversary's).
+Mesh icosphere(int subdivisions);
+/// Axis-aligned box of the given full sizes, centred at the origin: 8 vertices, 12 faces.
+Mesh box_mesh(const Vec3d& size);
+/// Appends `part`, transformed, to `mesh`.
+void append(Mesh& mesh, const Mesh& part, const Transform& mesh_from_part);
+
+}  // namespace mirage

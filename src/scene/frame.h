@@ -1,0 +1,48 @@
+// One recorded or generated moment: photograph, sweep, calibration and labels.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/image.h"
+#include "geometry/box.h"
+#include "sensors/camera.h"
+#include "sensors/lidar_model.h"
+#include "sensors/lighting.h"
+
+namespace mirage {
+
+/// Calibration of a KITTI frame. `camera` here is the left colour camera (P2) itself: P2's fourth column is
+/// folded into camera_from_velo, so that pixels come from one pinhole and one rigid transform.
+/// The last two fields matter to KITTI files only: labels are kept in the rectified frame of camera 0
+/// (`rect`), 6 cm beside the colour camera. Their defaults are right for a rig without such an offset.
+struct Calibration {
+  PinholeCamera camera;  ///< from P2 and the image's size
+  Transform camera_from_velo = Transform::Identity();
+  Transform camera_from_rect = Transform::Identity();  ///< a translation: K⁻¹ times P2's fourth column
+  Eigen::Matrix3d rect_from_cam0 = Eigen::Matrix3d::Identity();  ///< R0_rect, to write the file again
+
+  Transform rect_from_velo() const { return camera_from_rect.inverse() * camera_from_velo; }
+};
+
+/// A ground-truth object, as labelled, with its box in `velo`.
+struct Label {
+  std::string type;                                 ///< "Car", "Van", …, "DontCare"
+  double truncated = 0;                             ///< 0 … 1
+  int occluded = 0;                                 ///< 0 fully visible … 3 unknown
+  double left = 0, top = 0, right = 0, bottom = 0;  ///< 2-D box, pixels
+  Box3 box;                                         ///< in `velo`; meaningless for DontCare
+};
+
+struct Frame {
+  std::string id;  ///< "000008"
+  ImageF image;    ///< scene-linear RGB
+  Sweep sweep;     ///< `velo`
+  Calibration calibration;
+  std::vector<Label> labels;
+  Lighting lighting;  ///< known for generated frames (lighting/ID.json), a default for recorded ones
+};
+
+}  // namespace mirage

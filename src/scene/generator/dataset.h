@@ -1,0 +1,26 @@
+// A whole generated data set on disk.
+#pragma once
+
+#include <functional>
+
+#include "scene/generator.h"
+
+namespace mirage {
+
+/// Changes whenever the same seed gives other frames.
+inline constexpr int kGeneratorVersion = 1;
+
+/// Counts over the frames written in this run.
+struct DatasetSummary {
+  int written = 0, kept = 0, cars = 0, others = 0;
+  std::size_t points = 0;
+};
+
+/// Writes frames [first, first + count) of (rig, seed) to `out` and dataset.json. Frames that are already
+/// whole are kept; a folder made with another rig, seed or generator version is refused (InputError). Several
+/// frames are made at once. After Ctrl-C the frames in hand are finished and Interrupted is thrown.
+DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
+                                const std::filesystem::path& out,
+                                const std::function<void(std::size_t done)>& tell);
+
+}  // namespace mirage

@@ -1,0 +1,53 @@
+// Meshes and materials that generated scenes are put together from.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "base/random.h"
+#include "geometry/mesh.h"
+#include "sensors/ray_camera.h"
+
+namespace mirage::generator {
+
+/// A thing of the scene in its own frame: x along its heading, y left, z up, origin on the ground under the
+/// centre of its label box.
+struct Actor {
+  std::string type;               ///< KITTI class; empty: clutter without a label
+  std::vector<Surface> surfaces;  ///< in the actor's frame
+  Vec3d size = Vec3d::Zero();     ///< length, width, height of the label box (m)
+};
+
+/// Measures the label box from the surfaces (those with a label, i.e. not mirrors) and moves the origin under
+/// its centre. `ignore` names trailing surfaces that do not count.
+void fit_label_box(Actor& actor, std::size_t ignore = 0);
+/// Stretches the actor to the given label box.
+void stretch(Actor& actor, const Vec3d& size);
+
+/// Closed cylinder along z from 0 to `height`.
+Mesh cylinder(double radius, double height, int segments, double top_radius = -1);
+/// Ellipsoid of the given radii around the origin.
+Mesh ellipsoid(const Vec3d& radii, int subdivisions = 1);
+/// Two-sided rectangle patch of four corners.
+void add_quad(Mesh& mesh, const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
+/// Axis-aligned box from its lowest to its highest corner.
+void add_box(Mesh& mesh, const Vec3d& low, const Vec3d& high);
+/// Leaves: `count` small quads scattered through an ellipsoid, more of them near its surface.
+void add_leaves(Mesh& mesh, const Vec3d& centre, const Vec3d& radii, int count, double size,
+                RandomStream& random);
+
+Transform at(double x, double y, double z, double yaw = 0);
+Surface surface(Mesh mesh, Material material, bool smooth = false);
+Material plain(const Vec3f& albedo, float lidar, float gloss = 0);
+
+Actor make_car(RandomStream& random);
+Actor make_van(RandomStream& random);
+Actor make_truck(RandomStream& random);
+Actor make_pedestrian(RandomStream& random);
+Actor make_cyclist(RandomStream& random);
+/// Unlabelled things, some of them of a car's size: bins, kiosks, containers, hedges, stacks.
+Actor make_clutter(RandomStream& random);
+Actor make_tree(RandomStream& random, double detail);
+Actor make_pole(RandomStream& random);
+
+}  // namespace mirage::generator

@@ -1,0 +1,26 @@
+// Lays out a street around the ego vehicle.
+#pragma once
+
+#include <vector>
+
+#include "geometry/box.h"
+#include "scene/generator/parts.h"
+
+namespace mirage::generator {
+
+/// A labelled thing where it stands.
+struct Placed {
+  std::string type;
+  Box3 box;  ///< `velo`
+};
+
+/// Surfaces in `velo`; a labelled thing's surfaces carry its index in `placed` as object.
+struct Street {
+  std::vector<Surface> surfaces;
+  std::vector<Placed> placed;
+};
+
+/// `height`: of the `velo` origin over the road (m). Deterministic by (seed, index).
+Street make_street(std::uint64_t seed, std::uint64_t index, double height);
+
+}  // namespace mirage::generator

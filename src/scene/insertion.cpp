@@ -1,0 +1,88 @@
+#include "scene/insertion.h"
+
+#include <algorithm>
+
+#include "base/error.h"
+#include "scene/adversary_view.h"
+#include "scene/depth_completion.h"
+
+namespace mirage {
+
+struct Simulated::Tape {
+  TexturedMesh placed;
+  Eigen::Matrix3d velo_from_adversary;
+  std::size_t lowest = 0;  ///< vertex that stands on the roof
+  Calibration calibration;
+  Lighting lighting;
+  SimulationSettings settings;
+  CameraTape camera;
+  LidarTape lidar;
+};
+
+namespace {
+
+std::size_t lowest_vertex(const Mesh& mesh) {
+  const auto lower = [](const Vec3d& a, const Vec3d& b) { return a.z() < b.z(); };
+  return static_cast<std::size_t>(std::min_element(mesh.vertices.begin(), mesh.vertices.end(), lower) -
+                                  mesh.vertices.begin());
+}
+
+}  // namespace
+
+PreparedFrame prepare(Frame frame, const LidarModel& lidar) {
+  PreparedFrame prepared;
+  prepared.depth = complete_depth(sparse_depth(frame.sweep, frame.calibration));
+  prepared.index = SweepIndex(frame.sweep, lidar);
+  prepared.lidar = lidar;
+  prepared.frame = std::move(frame);
+  return prepared;
+}
+
+TexturedMesh place(const TexturedMesh& adversary, const Rooftop& rooftop) {
+  TexturedMesh placed = adversary;
+  if (placed.mesh.vertices.empty()) return placed;
+  const double lowest = adversary.mesh.vertices[lowest_vertex(adversary.mesh)].z();
+  for (Vec3d& v : placed.mesh.vertices) v = rooftop.velo_from_adversary * (v - Vec3d(0, 0, lowest));
+  return placed;
+}
+
+Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooftop& rooftop,
+                   const TexturedMesh& adversary, const SimulationSettings& settings) {
+  check_mesh(adversary, "adversary");
+  if (adversary.mesh.vertices.empty() || adversary.atlas.texels.empty())
+    throw InputError("adversary", "mesh", "has no vertices or no texels", "give a textured mesh");
+  auto tape = std::make_shared<Simulated::Tape>();
+  tape->placed = place(adversary, rooftop);
+  tape->velo_from_adversary = rooftop.velo_from_adversary.linear();
+  tape->lowest = lowest_vertex(adversary.mesh);
+  tape->calibration = prepared.frame.calibration;
+  tape->lighting = prepared.frame.lighting;
+  tape->settings = settings;
+  Simulated result;
+  tape->camera = draw_in_camera(prepared, host, tape->placed, settings, result);
+  tape->lidar = draw_in_lidar(prepared, tape->placed, settings, result);
+  result.tape = std::move(tape);
+  return result;
+}
+
+AdversaryGradient simulate_vjp(const Simulated& simulated, const ImageF& d_image,
+                               const std::vector<std::array<float, 4>>& d_points) {
+  const Simulated::Tape& tape = *simulated.tape;
+  AdversaryGradient gradient;
+  std::vector<Vec3d> d_placed(tape.placed.mesh.vertices.size(), Vec3d::Zero());
+  gradient.texels.assign(tape.placed.atlas.texels.size(), Vec3d::Zero());
+  if (!d_image.empty())
+    draw_in_camera_vjp(tape.camera, tape.placed, tape.calibration, tape.lighting, simulated, d_image, d_placed,
+                       gradient.texels);
+  if (!d_points.empty()) draw_in_lidar_vjp(tape.lidar, tape.placed, tape.settings, d_points, d_placed);
+  // placed = R (v − (0, 0, lowest z)) + t
+  double lifted = 0;
+  for (const Vec3d& d : d_placed) {
+    gradient.vertices.push_back(tape.velo_from_adversary.transpose() * d);
+    lifted += gradient.vertices.back().z();
+  }
+  gradient.vertices[tape.lowest].z() -= lifted;
+  return gradient;
+}
+
+}  // namespace mirage

@@ -1,0 +1,66 @@
+// One adversary on one roof, seen by both sensors, with occlusion both ways, and the VJP of that.
+#pragma once
+
+#include <array>
+#include <memory>
+
+#include "geometry/mesh.h"
+#include "scene/frame.h"
+#include "scene/occlusion.h"
+#include "scene/rooftop.h"
+#include "sensors/soft_rasterizer.h"
+
+namespace mirage {
+
+/// A frame with everything that does not depend on the adversary.
+struct PreparedFrame {
+  Frame frame;
+  ImageF depth;       ///< dense depth of the photograph, m (kFarDepth where unknown)
+  LidarModel lidar;   ///< the unit that recorded the sweep
+  SweepIndex index;   ///< the sweep by beam and azimuth
+};
+
+PreparedFrame prepare(Frame frame, const LidarModel& lidar);
+
+/// Defaults of the simulation, in one place.
+struct SimulationSettings {
+  SoftRasterSettings<double> raster;  ///< near and far are set per object by simulate()
+  double lidar_reflectivity = 0.5;    ///< reflectance of the adversary at normal incidence
+  /// An occluder in the photograph must be nearer than the object and than the host itself by this (m): the
+  /// completed depth smears the host's rear over its roof, and a roof never hides what stands on it.
+  double occlusion_margin = 0.3;
+  /// Incidence below which a LiDAR return keeps its place but its gradient is scaled down: |n·d| / |n|.
+  double grazing_cosine = 0.05;
+};
+
+struct Simulated {
+  ImageF image;  ///< the photograph with the object in it
+  Sweep sweep;   ///< the sweep with the object in it; new returns come last
+  PixelRect rect;        ///< pixels that may have changed
+  Image<double> rgba;    ///< rect-sized: composited colour and silhouette S
+  double visible_share = 0;  ///< visible / total silhouette, counting what falls outside the image as hidden
+  int adversary_pixels = 0;  ///< pixels with S > 0.5
+  int adversary_points = 0;  ///< returns on the object
+  int removed_points = 0;    ///< measured returns that the object hides
+  int occluded_points = 0;   ///< would-be returns on the object hidden by the scene
+  struct Tape;               ///< what the VJP needs
+  std::shared_ptr<const Tape> tape;
+};
+
+/// `adversary` in the adversary frame; its lowest vertex is set on the roof point's height.
+Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooftop& rooftop,
+                   const TexturedMesh& adversary, const SimulationSettings& settings = {});
+
+struct AdversaryGradient {
+  std::vector<Vec3d> vertices, texels;
+};
+
+/// VJP: d loss / d image (H×W×3, whole image) and d loss / d (x, y, z, reflectance) of every point of
+/// simulated.sweep → adversary. Either may be empty (modality gating).
+AdversaryGradient simulate_vjp(const Simulated& simulated, const ImageF& d_image,
+                               const std::vector<std::array<float, 4>>& d_points);
+
+/// The adversary as placed: vertices in `velo`, the lowest on the roof.
+TexturedMesh place(const TexturedMesh& adversary, const Rooftop& rooftop);
+
+}  // namespace mirage

@@ -1,0 +1,47 @@
+// KITTI object-benchmark layout (Geiger et al., CVPR 2012): DIR/training/{image_2,velodyne,calib,label_2}.
+// Generated data sets add training/lighting/ID.json (the Lighting of the frame) and dataset.json.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "scene/frame.h"
+
+namespace mirage {
+
+/// Ids of the frames that have a sweep, sorted. InputError if the folder is missing or holds none.
+std::vector<std::string> list_frames(const std::filesystem::path& data);
+
+/// Reads one frame whole. InputError, naming file, field and fix, for: a missing file; a sweep whose size is
+/// not a multiple of 16 bytes or that holds non-finite values; a missing or short calibration row; an image
+/// whose size contradicts the calibration (principal point outside); a label with too few columns,
+/// non-finite or absurd numbers (|position| > 1 km, size ≤ 0 or > 50 m), or a 2-D box beyond the image.
+Frame read_frame(const std::filesystem::path& data, const std::string& id);
+
+/// Writes the frame's files (atomically, each). Labels' 2-D boxes, truncation and occlusion are written as
+/// they are. The image is encoded to 8-bit sRGB.
+void write_frame(const std::filesystem::path& data, const Frame& frame);
+
+Sweep read_sweep(const std::filesystem::path& file);
+void write_sweep(const std::filesystem::path& file, const Sweep& sweep);
+/// `width`, `height`: the image's.
+///
+/// R0_rect and Tr_velo_to_cam are printed with 7 digits; their product is replaced by the nearest rotation.
+/// InputError if it is further than 1e-3 from one, or if P2 is not K·[I | t] with an upright K.
+Calibration read_calibration(const std::filesystem::path& file, int width, int height);
+void write_calibration(const std::filesystem::path& file, const Calibration& calibration);
+
+/// A label's (x, y, z) is the bottom centre in `rect`; its heading there is (cos ry, 0, −sin ry). The box in
+/// `velo` has the same bottom centre, sizes and the yaw of that heading turned into `velo` and laid flat
+/// (the two frames' verticals differ by about 1°, which upright boxes can't express).
+std::vector<Label> read_labels(const std::filesystem::path& file, const Calibration& calibration);
+/// The exact inverse; alpha = ry − atan2(x, z).
+void write_labels(const std::filesystem::path& file, const std::vector<Label>& labels,
+                  const Calibration& calibration);
+
+/// {"to_sun_velo": [x, y, z], "sun": [r, g, b], "ambient": …, "hemisphere": …}
+Lighting read_lighting(const std::filesystem::path& file);
+void write_lighting(const std::filesystem::path& file, const Lighting& lighting);
+
+}  // namespace mirage

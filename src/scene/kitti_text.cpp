@@ -1,0 +1,230 @@
+// KITTI's text files: calibration and labels.
+#include <fmt/format.h>
+
+#include <Eigen/LU>
+#include <Eigen/SVD>
+#include <charconv>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <string_view>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "scene/kitti.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using Matrix34 = Eigen::Matrix<double, 3, 4>;
+
+std::vector<std::string_view> split(std::string_view text, std::string_view separators) {
+  std::vector<std::string_view> parts;
+  while (true) {
+    const auto begin = text.find_first_not_of(separators);
+    if (begin == std::string_view::npos) return parts;
+    text.remove_prefix(begin);
+    const auto end = std::min(text.find_first_of(separators), text.size());
+    parts.push_back(text.substr(0, end));
+    text.remove_prefix(end);
+  }
+}
+
+double to_number(std::string_view text, const fs::path& file, const std::string& field) {
+  if (text.starts_with('+')) text.remove_prefix(1);
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size())
+    throw InputError(file.string(), field, fmt::format("'{}' is not a number", text), "correct the row");
+  if (!std::isfinite(value))
+    throw InputError(file.string(), field, fmt::format("'{}' is not finite", text), "correct the row");
+  return value;
+}
+
+Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix, const fs::path& file, const char* field) {
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::Matrix3d rotation = svd.matrixU() * svd.matrixV().transpose();
+  if ((rotation - matrix).cwiseAbs().maxCoeff() > 1e-3 || rotation.determinant() < 0)
+    throw InputError(file.string(), field, "is not a rotation",
+                     "restore the calibration from the recording that the frame comes from");
+  return rotation;
+}
+
+/// velo's (x, y) components of a heading (cos ry, 0, −sin ry) in `rect`, as a matrix on (cos ry, sin ry).
+Eigen::Matrix2d flat_heading(const Transform& rect_from_velo) {
+  const Eigen::Matrix3d velo_from_rect = rect_from_velo.linear().transpose();
+  Eigen::Matrix2d matrix;
+  matrix.col(0) = velo_from_rect.col(0).head<2>();
+  matrix.col(1) = -velo_from_rect.col(2).head<2>();
+  return matrix;
+}
+
+double wrap(double angle) {
+  return std::remainder(angle, 2 * std::numbers::pi);
+}
+
+/// A box may pass the image's edge by this much: rounding in labels.
+constexpr double kEdgeTolerance = 1.0;
+
+}  // namespace
+
+Calibration read_calibration(const fs::path& file, int width, int height) {
+  const std::string text = read_file(file);
+  std::map<std::string, std::vector<std::string_view>, std::less<>> rows;
+  for (std::string_view line : split(text, "\n")) {
+    const auto words = split(line, " \t\r");
+    if (words.size() < 2 || !words[0].ends_with(':')) continue;
+    rows[std::string(words[0].substr(0, words[0].size() - 1))] = {words.begin() + 1, words.end()};
+  }
+  const auto numbers = [&](const char* name, std::size_t count) {
+    const auto row = rows.find(name);
+    if (row == rows.end())
+      throw InputError(file.string(), name, "row missing",
+                       "add the row (KITTI's development kit describes it)");
+    if (row->second.size() != count)
+      throw InputError(file.string(), name,
+                       fmt::format("{} numbers where {} belong", row->second.size(), count),
+                       "complete the row");
+    std::vector<double> values;
+    for (std::size_t i = 0; i < count; ++i)
+      values.push_back(to_number(row->second[i], file, fmt::format("{}, number {}", name, i + 1)));
+    return values;
+  };
+  const auto p2_values = numbers("P2", 12), r0_values = numbers("R0_rect", 9),
+             tr_values = numbers("Tr_velo_to_cam", 12);
+  using RowMajor34 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
+  using RowMajor33 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+  const Matrix34 p2 = Eigen::Map<const RowMajor34>(p2_values.data());
+  const Matrix34 tr = Eigen::Map<const RowMajor34>(tr_values.data());
+  const Eigen::Matrix3d k = p2.leftCols<3>();
+  if (!(k(0, 0) > 0) || !(k(1, 1) > 0) || std::abs(k(0, 1)) > 1e-6 || std::abs(k(1, 0)) > 1e-6 ||
+      std::abs(k(2, 0)) > 1e-9 || std::abs(k(2, 1)) > 1e-9 || std::abs(k(2, 2) - 1) > 1e-9)
+    throw InputError(file.string(), "P2", "is not a rectified camera's projection",
+                     "write it as fx 0 cx · 0 fy cy · 0 0 1 · with positive fx and fy");
+  Calibration calibration;
+  calibration.camera = {k(0, 0), k(1, 1), k(0, 2), k(1, 2), width, height};
+  const auto& camera = calibration.camera;
+  if (camera.cx < 0 || camera.cy < 0 || camera.cx > width - 1 || camera.cy > height - 1)
+    throw InputError(file.string(), "P2",
+                     fmt::format("principal point ({:.1f}, {:.1f}) lies outside the {}x{} image", camera.cx,
+                                 camera.cy, width, height),
+                     "use the calibration that belongs to the image");
+  calibration.rect_from_cam0 =
+      nearest_rotation(Eigen::Map<const RowMajor33>(r0_values.data()), file, "R0_rect");
+  Transform rect_from_velo = Transform::Identity();
+  rect_from_velo.linear() =
+      calibration.rect_from_cam0 * nearest_rotation(tr.leftCols<3>(), file, "Tr_velo_to_cam");
+  rect_from_velo.translation() = calibration.rect_from_cam0 * tr.col(3);
+  // p_image ~ K p_rect + P2's last column = K (p_rect + K⁻¹ column)
+  calibration.camera_from_rect.translation() = k.inverse() * p2.col(3);
+  calibration.camera_from_velo = calibration.camera_from_rect * rect_from_velo;
+  if (calibration.camera_from_velo.translation().norm() > 20)
+    throw InputError(file.string(), "Tr_velo_to_cam", "camera and LiDAR are more than 20 m apart",
+                     "write the row in metres");
+  return calibration;
+}
+
+void write_calibration(const fs::path& file, const Calibration& calibration) {
+  const auto& camera = calibration.camera;
+  Eigen::Matrix3d k = Eigen::Matrix3d::Identity();
+  k << camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1;
+  const auto row = [](const char* name, const auto& matrix) {
+    std::string line = std::string(name) + ":";
+    for (Eigen::Index r = 0; r < matrix.rows(); ++r)
+      for (Eigen::Index c = 0; c < matrix.cols(); ++c) line += fmt::format(" {:.12e}", matrix(r, c));
+    return line + "\n";
+  };
+  Matrix34 p0 = Matrix34::Zero(), p2, tr, imu = Matrix34::Identity();
+  p0.leftCols<3>() = p2.leftCols<3>() = k;
+  p2.col(3) = k * calibration.camera_from_rect.translation();
+  const Transform rect_from_velo = calibration.rect_from_velo();
+  tr.leftCols<3>() = calibration.rect_from_cam0.transpose() * rect_from_velo.linear();
+  tr.col(3) = calibration.rect_from_cam0.transpose() * rect_from_velo.translation();
+  // The other cameras and the inertial unit aren't simulated; readers expect their rows.
+  write_file(file, row("P0", p0) + row("P1", p0) + row("P2", p2) + row("P3", p0) +
+                       row("R0_rect", calibration.rect_from_cam0) + row("Tr_velo_to_cam", tr) +
+                       row("Tr_imu_to_velo", imu));
+}
+
+std::vector<Label> read_labels(const fs::path& file, const Calibration& calibration) {
+  static const char* kColumns[] = {"type",  "truncated", "occluded",   "alpha", "left",   "top",
+                                   "right", "bottom",    "height",     "width", "length", "x",
+                                   "y",     "z",         "rotation_y", "score"};
+  const std::string text = read_file(file);
+  const Transform velo_from_rect = calibration.rect_from_velo().inverse();
+  const Eigen::Matrix2d heading = flat_heading(calibration.rect_from_velo());
+  std::vector<Label> labels;
+  int row = 0;
+  std::string_view rest = text;
+  while (!rest.empty()) {
+    ++row;
+    const auto end = std::min(rest.find('\n'), rest.size());
+    const auto words = split(rest.substr(0, end), " \t\r");
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+    if (words.empty()) continue;
+    if (words.size() != 15 && words.size() != 16)
+      throw InputError(file.string(), fmt::format("row {}", row),
+                       fmt::format("{} columns where 15 belong", words.size()), "complete the row");
+    double value[16] = {};
+    const auto field = [&](int column) { return fmt::format("row {}, {}", row, kColumns[column]); };
+    for (std::size_t i = 1; i < words.size(); ++i)
+      value[i] = to_number(words[i], file, field(static_cast<int>(i)));
+    const auto demand = [&](bool good, int column, const std::string& problem) {
+      if (!good)
+        throw InputError(file.string(), field(column), fmt::format("{} {}", words[column], problem),
+                         "correct the label or delete its row");
+    };
+    Label label;
+    label.type = words[0];
+    label.truncated = value[1];
+    label.left = value[4], label.top = value[5], label.right = value[6], label.bottom = value[7];
+    demand(value[1] >= -1 && value[1] <= 1, 1, "is not a share from 0 to 1");
+    demand(value[2] == std::floor(value[2]) && value[2] >= -1 && value[2] <= 3, 2,
+           "is not one of 0, 1, 2, 3");
+    label.occluded = static_cast<int>(value[2]);
+    const auto& camera = calibration.camera;
+    const double limits[] = {camera.width - 1 + kEdgeTolerance, camera.height - 1 + kEdgeTolerance};
+    for (int i = 4; i < 8; ++i)
+      demand(value[i] >= -kEdgeTolerance && value[i] <= limits[i % 2], i,
+             fmt::format("lies beyond the {}x{} image", camera.width, camera.height));
+    demand(label.right >= label.left, 6, "is left of the box's left side");
+    demand(label.bottom >= label.top, 7, "is above the box's top");
+    if (label.type != "DontCare") {
+      for (int i = 8; i < 11; ++i) demand(value[i] > 0 && value[i] <= 50, i, "m is no size of a road user");
+      for (int i = 11; i < 14; ++i) demand(std::abs(value[i]) <= 1000, i, "m is further than 1 km away");
+      demand(std::abs(value[14]) <= 2 * std::numbers::pi, 14, "rad is more than a full turn");
+      const Vec3d bottom = velo_from_rect * Vec3d(value[11], value[12], value[13]);
+      const Vec2d along = heading * Vec2d(std::cos(value[14]), std::sin(value[14]));
+      label.box = {{bottom.x(), bottom.y(), value[10], value[9], std::atan2(along.y(), along.x())},
+                   bottom.z(),
+                   value[8]};
+    }
+    labels.push_back(label);
+  }
+  return labels;
+}
+
+void write_labels(const fs::path& file, const std::vector<Label>& labels, const Calibration& calibration) {
+  const Transform rect_from_velo = calibration.rect_from_velo();
+  const Eigen::Matrix2d heading = flat_heading(rect_from_velo).inverse();
+  std::string text;
+  for (const Label& label : labels) {
+    const std::string box2d =
+        fmt::format("{:.2f} {:.2f} {:.2f} {:.2f}", label.left, label.top, label.right, label.bottom);
+    if (label.type == "DontCare") {
+      text += fmt::format("DontCare -1 -1 -10 {} -1 -1 -1 -1000 -1000 -1000 -10\n", box2d);
+      continue;
+    }
+    const BevBox& bev = label.box.bev;
+    const Vec3d p = rect_from_velo * Vec3d(bev.x, bev.y, label.box.bottom);
+    const Vec2d along = heading * Vec2d(std::cos(bev.yaw), std::sin(bev.yaw));
+    const double ry = std::atan2(along.y(), along.x());
+    text += fmt::format("{} {:.2f} {} {:.2f} {} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}\n",
+                        label.type, label.truncated, label.occluded, wrap(ry - std::atan2(p.x(), p.z())),
+                        box2d, label.box.height, bev.width, bev.length, p.x(), p.y(), p.z(), ry);
+  }
+  write_file(file, text);
+}
+
+}  // namespace mirage

@@ -1,0 +1,29 @@
+// Where the adversary stands: a pose on a vehicle's roof.
+#pragma once
+
+#include "scene/frame.h"
+
+namespace mirage {
+
+struct Rooftop {
+  /// velo_from_adversary with its origin on the roof point, x along the heading, z up.
+  Transform velo_from_adversary = Transform::Identity();
+  bool from_box = true;  ///< true where no shape was fitted and the labelled box was used
+};
+
+/// Finds roof poses. The shape manifold (a later stage) implements the same interface.
+class RooftopFinder {
+ public:
+  virtual ~RooftopFinder() = default;
+  /// `label` is one of frame.labels and a vehicle.
+  virtual Rooftop find(const Frame& frame, const Label& label) const = 0;
+};
+
+/// The labelled box's top face, centred over the cabin: a car's cabin centre lies behind the box's centre
+/// by a share of the length (stated in rooftop.cpp).
+class BoxRooftopFinder : public RooftopFinder {
+ public:
+  Rooftop find(const Frame& frame, const Label& label) const override;
+};
+
+}  // namespace mirage

@@ -1,0 +1,148 @@
+#include "sensors/material.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace mirage {
+namespace {
+
+// Integer lattice hash → [0, 1). A texture, not a random stream: it must be a pure function of position.
+float lattice(int x, int y, int z, std::uint32_t seed) {
+  std::uint32_t h = seed * 0x9e3779b9u + static_cast<std::uint32_t>(x) * 0x85ebca6bu;
+  h = (h ^ (h >> 15)) * 0x2c1b3c6du + static_cast<std::uint32_t>(y) * 0xc2b2ae35u;
+  h = (h ^ (h >> 13)) * 0x297a2d39u + static_cast<std::uint32_t>(z) * 0x27d4eb2fu;
+  h = (h ^ (h >> 16)) * 0x45d9f3bu;
+  return static_cast<float>((h ^ (h >> 16)) >> 8) * 0x1p-24f;
+}
+
+// Tri-linear value noise in [0, 1].
+float noise(const Vec3f& p, std::uint32_t seed) {
+  const float fx = std::floor(p.x()), fy = std::floor(p.y()), fz = std::floor(p.z());
+  const int x = static_cast<int>(fx), y = static_cast<int>(fy), z = static_cast<int>(fz);
+  const auto smooth = [](float t) { return t * t * (3 - 2 * t); };
+  const float u = smooth(p.x() - fx), v = smooth(p.y() - fy), w = smooth(p.z() - fz);
+  const auto row = [&](int dy, int dz) {
+    return std::lerp(lattice(x, y + dy, z + dz, seed), lattice(x + 1, y + dy, z + dz, seed), u);
+  };
+  return std::lerp(std::lerp(row(0, 0), row(1, 0), v), std::lerp(row(0, 1), row(1, 1), v), w);
+}
+
+// Detail of a given size fades once a pixel covers it.
+float keep(float size, float footprint) {
+  return std::clamp(1.5f - footprint / size, 0.f, 1.f);
+}
+
+float wave(const Vec3f& p, float size, std::uint32_t seed, float footprint) {
+  const float k = keep(size, footprint);
+  return k > 0 ? (noise(p / size, seed) - 0.5f) * k : 0.f;
+}
+
+float cell(float x, float period) {
+  return x - period * std::floor(x / period);
+}
+
+Vec3f facade(const Material& m, const Vec3f& p, const Vec3f& n, float footprint) {
+  if (std::abs(n.z()) > 0.5f) return 0.6f * m.albedo;  // roofs and sills
+  const Vec3f side = Vec3f(-n.y(), n.x(), 0).normalized();
+  const float u = p.dot(side), v = p.z() + 1.73f;
+  const float width = 2.2f + 1.4f * lattice(1, 0, 0, m.variant),
+              storey = 2.9f + 0.8f * lattice(2, 0, 0, m.variant);
+  const float glass_w = width * (0.35f + 0.25f * lattice(3, 0, 0, m.variant));
+  const float x = cell(u, width) - 0.5f * width, z = cell(v - 0.9f, storey);
+  const float glass_h = storey * 0.55f;
+  Vec3f wall = m.albedo * (1 + 0.25f * wave(p, 1.5f, m.variant, footprint) +
+                           0.2f * wave(p, 0.2f, m.variant + 7, footprint));
+  if (v < 0.7f) return 0.6f * wall;  // plinth
+  const float dx = std::abs(x) - 0.5f * glass_w, dz = std::max(-z, z - glass_h);
+  const float inside = std::max(dx, dz);
+  if (inside < 0) {
+    if (inside > -0.07f || std::abs(x) < 0.03f) return Vec3f::Constant(0.55f);  // frame
+    const int column = static_cast<int>(std::floor(u / width)),
+              row = static_cast<int>(std::floor((v - 0.9f) / storey));
+    const float curtain = lattice(column, row, 5, m.variant);
+    if (curtain > 0.75f && z > glass_h * (curtain - 0.2f)) return Vec3f::Constant(0.3f);
+    return m.second * (0.5f + curtain);
+  }
+  if (inside < 0.12f) return 0.8f * wall + Vec3f::Constant(0.08f);  // surround
+  if (cell(v, storey) < 0.12f) return 0.75f * wall;
+  return wall;
+}
+
+Vec3f brick(const Material& m, const Vec3f& p, const Vec3f& n, float footprint) {
+  if (std::abs(n.z()) > 0.5f) return m.albedo;
+  const Vec3f side = Vec3f(-n.y(), n.x(), 0).normalized();
+  const float k = keep(0.06f, footprint);
+  const int row = static_cast<int>(std::floor(p.z() / 0.075f));
+  const float u = p.dot(side) + (row & 1 ? 0.12f : 0.f);
+  const int column = static_cast<int>(std::floor(u / 0.24f));
+  const bool joint = cell(p.z(), 0.075f) < 0.012f || cell(u, 0.24f) < 0.012f;
+  const Vec3f mean = 0.75f * m.albedo + 0.25f * m.second;
+  const Vec3f here = joint ? m.second : Vec3f(m.albedo * (0.8f + 0.4f * lattice(column, row, 0, m.variant)));
+  return (mean + k * (here - mean)) * (1 + 0.3f * wave(p, 0.8f, m.variant, footprint));
+}
+
+Vec3f paving(const Material& m, const Vec3f& p, float footprint) {
+  const float size = m.variant % 3 == 0 ? 0.2f : 0.45f;
+  const int row = static_cast<int>(std::floor(p.y() / size));
+  const float u = p.x() + (row & 1 ? 0.5f * size : 0.f);
+  const bool joint = cell(p.y(), size) < 0.02f || cell(u, size) < 0.02f;
+  const float tone = 0.85f + 0.3f * lattice(static_cast<int>(std::floor(u / size)), row, 0, m.variant);
+  const float k = keep(size * 0.5f, footprint);
+  const float pattern = std::lerp(0.97f, joint ? 0.55f : tone, k);
+  return m.albedo * pattern * (1 + 0.4f * wave(p, 2.f, m.variant, footprint));
+}
+
+Vec3f asphalt(const Material& m, const Vec3f& p, float footprint) {
+  float tone =
+      1 + 0.25f * wave(p, 6.f, m.variant, footprint) + 0.2f * wave(p, 1.1f, m.variant + 1, footprint) +
+      0.25f * wave(p, 0.12f, m.variant + 2, footprint) + 0.35f * wave(p, 0.03f, m.variant + 3, footprint);
+  // Repaired patches and tar-sealed cracks.
+  if (lattice(static_cast<int>(std::floor(p.x() / 7)), static_cast<int>(std::floor(p.y() / 1.9f)), 0,
+              m.variant) > 0.9f)
+    tone *= 0.75f;
+  const float crack =
+      std::abs(noise(p * 0.22f, m.variant + 9) - 0.5f + 0.25f * (noise(p * 1.3f, m.variant + 10) - 0.5f));
+  if (m.variant % 3 == 0 && crack < 0.006f * keep(0.1f, 0.5f * footprint)) tone *= 0.55f;
+  return m.albedo * std::max(tone, 0.2f);
+}
+
+}  // namespace
+
+Vec3f surface_albedo(const Material& m, const Vec3f& p, const Vec3f& n, float footprint) {
+  switch (m.pattern) {
+    case Pattern::plain:
+      return m.albedo;
+    case Pattern::asphalt:
+      return asphalt(m, p, footprint);
+    case Pattern::paving:
+      return paving(m, p, footprint);
+    case Pattern::facade:
+      return facade(m, p, n, footprint);
+    case Pattern::brick:
+      return brick(m, p, n, footprint);
+    case Pattern::grass: {
+      const float tone =
+          1 + 0.9f * wave(p, 0.07f, m.variant, footprint) + 0.5f * wave(p, 0.6f, m.variant + 1, footprint);
+      const float dry = std::clamp(0.5f + 1.6f * wave(p, 3.f, m.variant + 2, footprint), 0.f, 1.f);
+      return (m.albedo + dry * (m.second - m.albedo)) * std::max(tone, 0.1f);
+    }
+    case Pattern::foliage: {
+      const float tone =
+          1 + 1.1f * wave(p, 0.12f, m.variant, footprint) + 0.7f * wave(p, 0.7f, m.variant + 1, footprint);
+      const float mix = std::clamp(0.5f + 1.5f * wave(p, 1.6f, m.variant + 2, footprint), 0.f, 1.f);
+      return (m.albedo + mix * (m.second - m.albedo)) * std::max(tone, 0.1f);
+    }
+    case Pattern::bark: {
+      const Vec3f stretched(p.x() * 12, p.y() * 12, p.z() * 2);
+      return m.albedo * (0.6f + 0.8f * noise(stretched, m.variant) * keep(0.1f, footprint) +
+                         0.4f * (1 - keep(0.1f, footprint)));
+    }
+    case Pattern::grille: {
+      const float k = keep(0.03f, footprint);
+      return m.albedo * (1 + k * (cell(p.z(), 0.045f) < 0.012f ? 1.5f : -0.5f));
+    }
+  }
+  return m.albedo;
+}
+
+}  // namespace mirage

@@ -1,0 +1,72 @@
+// A ray-traced camera for generated frames: sun with shadows, sky light with occlusion, glossy paint, glass.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "base/image.h"
+#include "sensors/camera.h"
+#include "sensors/lighting.h"
+#include "sensors/material.h"
+#include "sensors/ray_caster.h"
+
+namespace mirage {
+
+/// One mesh of a scene in `velo`. Meshes of one thing share `object` (≥ 0); −1 is background.
+struct Surface {
+  Mesh mesh;
+  Material material;
+  int object = -1;
+  bool smooth = false;  ///< shade with interpolated vertex normals (car bodies)
+};
+
+/// What the rays meet: geometry and materials, index by index.
+struct RayScene {
+  explicit RayScene(std::span<const Surface> surfaces);
+  RayCaster caster;
+  std::vector<Material> materials;
+  std::vector<int> objects;
+  /// Unit shading normal at a hit, on the side of the face's normal.
+  Vec3f shading_normal(const Hit& hit) const;
+
+ private:
+  struct Smooth {
+    std::vector<Face> faces;
+    std::vector<Vec3f> normals;  // one a vertex, area-weighted
+  };
+  std::vector<Smooth> smooth_;  // empty for flat meshes
+};
+
+/// Sky radiance (scene-linear) by direction: a gradient from horizon to zenith, a glow around the sun.
+struct Sky {
+  Vec3f horizon = Vec3f(0.55f, 0.62f, 0.72f), zenith = Vec3f(0.18f, 0.30f, 0.55f);
+  float glow = 0.6f;  ///< added radiance next to the sun
+  float clouds = 0;   ///< share of the sky that is white
+  std::uint32_t variant = 0;
+  Vec3f radiance(const Vec3f& direction, const Vec3f& to_sun) const;
+};
+
+/// Light of a generated scene. `lighting.sun` is the sun's irradiance / π; the sky stands for hemisphere and
+/// `lighting.ambient` for light bounced by what surrounds a point.
+struct SceneLight {
+  Lighting lighting;
+  Sky sky;
+};
+
+struct RayCameraSettings {
+  int grid = 2;      ///< grid × grid primary rays a pixel
+  int sky_rays = 2;  ///< rays that sample the sky's visibility, per shading point
+  std::uint64_t seed = 0;
+};
+
+struct RayImage {
+  ImageF color;       ///< scene-linear RGB
+  ImageF depth;       ///< planar depth of the ray nearest to the pixel's centre, m; 0 where nothing is hit
+  Image<int> object;  ///< object id of the same ray, −1 background
+};
+
+/// Renders in parallel over rows. Depends on the arguments only, not on the thread count.
+RayImage render(const RayScene& scene, const PinholeCamera& camera, const Transform& camera_from_velo,
+                const SceneLight& light, const RayCameraSettings& settings = {});
+
+}  // namespace mirage

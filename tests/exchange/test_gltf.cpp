@@ -1,0 +1,249 @@
+// glTF: lossless way back, exact colours in every viewer, Khronos' validator, malformed files.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <cstring>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/random.h"
+#include "exchange/gltf.h"
+#include "exchange/gltf_builder.h"
+#include "exchange/host_proxy.h"
+#include "exchange/tessellation.h"
+#include "geometry/shapes.h"
+#include "sensors/soft_rasterizer.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+fs::path scratch(const std::string& name) {
+  const fs::path folder = fs::path(MIRAGE_BUILD) / "test-exchange";
+  fs::create_directories(folder);
+  return folder / name;
+}
+
+/// A noisy adversary in the open: awkward doubles everywhere.
+TexturedMesh noisy_adversary(int resolution = 5) {
+  RandomStream random(7, "noisy adversary");
+  TexturedMesh textured{icosphere(2), {resolution, {}}};
+  for (Vec3d& v : textured.mesh.vertices)
+    v = v.cwiseProduct(Vec3d(0.7, 0.6, 0.4)) * (1 + 0.2 * random.normal() / 3) + Vec3d(1e-17, 1.0 / 3, 0.1);
+  textured.atlas.texels.resize(textured.mesh.faces.size() * textured.atlas.per_face());
+  for (Vec3d& t : textured.atlas.texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
+  return textured;
+}
+
+ExportScene scene() {
+  Frame frame;
+  frame.image = ImageF(1242, 375, 3, 0.2f);
+  frame.calibration.camera = {721.5377, 721.5377, 609.5593, 172.854, 1242, 375};
+  frame.calibration.camera_from_velo.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  frame.calibration.camera_from_velo.translation() = Vec3d(0.06, -0.08, -0.27);
+  Label host;
+  host.left = 500, host.top = 150, host.right = 640, host.bottom = 220;
+  host.box = {{12, 1, 4.1, 1.7, 0.3}, -1.7, 1.5};
+  TexturedMesh placed = noisy_adversary();
+  for (Vec3d& v : placed.mesh.vertices) v += Vec3d(12, 1, 0.2);
+  return host_scene(frame, host, placed, "test scene");
+}
+
+void expect_identical(const TexturedMesh& a, const TexturedMesh& b) {
+  ASSERT_EQ(a.mesh.vertices.size(), b.mesh.vertices.size());
+  ASSERT_EQ(a.atlas.texels.size(), b.atlas.texels.size());
+  EXPECT_EQ(a.atlas.resolution, b.atlas.resolution);
+  EXPECT_EQ(a.mesh.faces, b.mesh.faces);
+  const std::size_t bytes = sizeof(Vec3d);
+  EXPECT_EQ(0, std::memcmp(a.mesh.vertices.data(), b.mesh.vertices.data(), a.mesh.vertices.size() * bytes));
+  EXPECT_EQ(0, std::memcmp(a.atlas.texels.data(), b.atlas.texels.data(), a.atlas.texels.size() * bytes));
+}
+
+TEST(Gltf, AdversaryComesBackBitIdentical) {
+  for (int resolution : {1, 2, 5}) {
+    const TexturedMesh adversary = noisy_adversary(resolution);
+    write_adversary(scratch("adversary.glb"), adversary);
+    expect_identical(adversary, read_adversary(scratch("adversary.glb")));
+  }
+}
+
+TEST(Gltf, MeshWithoutTexelsComesBack) {
+  TexturedMesh plain{icosphere(1), {5, {}}};
+  write_adversary(scratch("plain.glb"), plain);
+  expect_identical(plain, read_adversary(scratch("plain.glb")));
+}
+
+TEST(Gltf, AdversaryOfASceneComesBack) {
+  const ExportScene source = scene();
+  write_scene(scratch("scene.glb"), source);
+  expect_identical(source.adversary, read_adversary(scratch("scene.glb")));
+}
+
+TEST(Gltf, SameSceneGivesTheSameBytes) {
+  write_scene(scratch("once.glb"), scene());
+  write_scene(scratch("twice.glb"), scene());
+  EXPECT_EQ(read_file(scratch("once.glb")), read_file(scratch("twice.glb")));
+}
+
+TEST(Tessellation, CoversTheFaceOnceWithTheRasterisersTexels) {
+  RandomStream random(3, "barycentrics");
+  for (int resolution : {1, 2, 3, 5, 8}) {
+    const auto triangles = atlas_triangles(resolution);
+    ASSERT_EQ(triangles.size(), static_cast<std::size_t>(resolution) * resolution);
+    const auto cross = [](const Vec2d& a, const Vec2d& b) { return a.x() * b.y() - a.y() * b.x(); };
+    for (const AtlasTriangle& t : triangles)  // wound as the face, and congruent
+      EXPECT_NEAR(cross(t.corners[1] - t.corners[0], t.corners[2] - t.corners[0]),
+                  1.0 / (resolution * resolution), 1e-12);
+    for (int i = 0; i < 2000; ++i) {
+      Vec2d b(random.uniform(), random.uniform());
+      if (b.sum() > 1) b = Vec2d::Ones() - b;
+      int found = -1, count = 0;
+      for (const AtlasTriangle& t : triangles) {
+        double least = 1;
+        for (int k = 0; k < 3; ++k)
+          least = std::min(least, cross(t.corners[(k + 1) % 3] - t.corners[k], b - t.corners[k]));
+        if (least > 1e-9) found = t.texel, ++count;
+      }
+      if (count == 0) continue;  // on a border between two
+      EXPECT_EQ(count, 1);
+      EXPECT_EQ(found, texel_index(b.x(), b.y(), resolution))
+          << "at " << b.transpose() << ", C = " << resolution;
+    }
+  }
+}
+
+TEST(HostProxy, IsClosedAndItsRoofIsTheBoxsTop) {
+  const Box3 box{{10, -3, 4.2, 1.8, 0.7}, -1.6, 1.5};
+  const Mesh car = car_proxy(box);
+  EXPECT_TRUE(is_watertight(car));
+  EXPECT_GT(signed_volume(car), 2.0);
+  EXPECT_NEAR(bounds(car).max().z(), -0.1, 1e-12);
+  EXPECT_NEAR(bounds(car).min().z(), -1.6, 1e-12);
+  for (const Vec3d& v : car.vertices) EXPECT_TRUE(contains(box, v, 1e-9));
+  const Mesh ground = ground_proxy(box);
+  for (const Vec3d& n : face_normals(ground)) EXPECT_GT(n.z(), 0);
+}
+
+/// Runs Khronos' validator on the files; skips when node or the package cannot be had.
+TEST(Gltf, ValidatorFindsNothing) {
+  const std::string folder = MIRAGE_BUILD "/gltf-validator";
+  if (!fs::exists(folder + "/node_modules/gltf-validator")) {
+    fs::create_directories(folder);
+    const std::string install = "npm install --silent --no-audit --no-fund --prefix '" + folder +
+                                "' gltf-validator@2.0.0-dev.3.10 >/dev/null 2>&1";
+    if (std::system(install.c_str()) != 0) GTEST_SKIP() << "gltf-validator cannot be installed (npm)";
+  }
+  write_adversary(scratch("validated-adversary.glb"), noisy_adversary());
+  write_scene(scratch("validated-scene.glb"), scene());
+  write_file(folder + "/check.js", R"(
+const fs = require('fs'), validator = require(process.argv[2] + '/node_modules/gltf-validator');
+(async () => {
+  let bad = 0;
+  for (const file of process.argv.slice(3)) {
+    const report = await validator.validateBytes(new Uint8Array(fs.readFileSync(file)));
+    console.log(file, JSON.stringify(report.issues));
+    bad += report.issues.numErrors + report.issues.numWarnings;
+  }
+  process.exit(bad === 0 ? 0 : 1);
+})();
+)");
+  const std::string check = "node '" + folder + "/check.js' '" + folder + "' '" +
+                            scratch("validated-adversary.glb").string() + "' '" +
+                            scratch("validated-scene.glb").string() + "'";
+  EXPECT_EQ(std::system(check.c_str()), 0);
+}
+
+TEST(Gltf, ForeignFileIsReadAsAPlainMesh) {
+  GltfBuilder gltf;
+  const int position = gltf.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}, 3, true);
+  const std::vector<std::uint16_t> indices = {0, 1, 2, 0, 2, 3};
+  const int index = gltf.add("accessors", {{"bufferView", gltf.add_view(indices)},
+                                           {"componentType", 5123},
+                                           {"count", indices.size()},
+                                           {"type", "SCALAR"}});
+  const int material =
+      gltf.add("materials", {{"pbrMetallicRoughness", {{"baseColorFactor", {0.25, 0.5, 0.75, 1.0}}}}});
+  nlohmann::json primitive = {
+      {"attributes", {{"POSITION", position}}}, {"indices", index}, {"material", material}};
+  const int mesh = gltf.add("meshes", {{"primitives", nlohmann::json::array({primitive})}});
+  gltf.add_node({{"mesh", mesh}, {"translation", {1.0, 2.0, 3.0}}, {"scale", {2.0, 2.0, 2.0}}});
+  write_file(scratch("foreign.glb"), gltf.glb());
+  const TexturedMesh read = read_adversary(scratch("foreign.glb"));
+  ASSERT_EQ(read.mesh.vertices.size(), 4u);
+  ASSERT_EQ(read.mesh.faces.size(), 2u);
+  // glTF (x, y, z) is `velo` (x, −z, y).
+  EXPECT_TRUE(read.mesh.vertices[0].isApprox(Vec3d(1, -3, 2)));
+  EXPECT_TRUE(read.mesh.vertices[3].isApprox(Vec3d(1, -5, 2)));
+  EXPECT_EQ(read.atlas.texels.at(0), Vec3d(0.25, 0.5, 0.75));
+}
+
+void expect_input_error(const std::string& bytes, const std::string& field) {
+  const fs::path file = scratch("malformed.glb");
+  write_file(file, bytes);
+  try {
+    read_adversary(file);
+    ADD_FAILURE() << "no error for " << field;
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("malformed.glb"));
+    EXPECT_THAT(error.what(), HasSubstr(field));
+    EXPECT_THAT(error.what(), ::testing::Not(HasSubstr("\n")));
+  }
+}
+
+TEST(Gltf, MalformedFilesNameFileAndField) {
+  write_adversary(scratch("good.glb"), noisy_adversary());
+  const std::string good = read_file(scratch("good.glb"));
+  expect_input_error("", "header");
+  expect_input_error("glTF", "header");
+  expect_input_error("PK\x03\x04" + good.substr(4), "magic");
+  expect_input_error(good.substr(0, good.size() / 2), "length");
+  std::string version = good;
+  version[4] = 1;
+  expect_input_error(version, "version");
+  std::string broken = good;
+  broken[20] = '[';
+  expect_input_error(broken, "JSON");
+  // A file whose length field agrees but whose binary chunk is gone.
+  GltfBuilder gltf;
+  gltf.add("buffers", {{"byteLength", 100}});
+  gltf.add("bufferViews", {{"buffer", 0}, {"byteLength", 100}});
+  expect_input_error(gltf.glb(), "buffers");
+}
+
+TEST(Gltf, BadReferencesNameTheField) {
+  const auto with = [](const nlohmann::json& exact) {
+    GltfBuilder gltf;
+    gltf.add_view(std::vector<double>(9, 0.5));
+    const int position = gltf.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, 3, true);
+    nlohmann::json primitive = {{"attributes", {{"POSITION", position}}}};
+    gltf.add("meshes", {{"primitives", nlohmann::json::array({primitive})}, {"extras", {{"mirage", exact}}}});
+    return gltf.glb();
+  };
+  expect_input_error(with({{"vertices", 0}, {"resolution", 5}}), "extras.mirage.faces");
+  expect_input_error(with({{"vertices", 99}, {"faces", 0}, {"resolution", 5}}), "extras.mirage.vertices");
+  expect_input_error(with({{"vertices", 0}, {"faces", 0}, {"resolution", 0}}), "extras.mirage.resolution");
+  expect_input_error(with({{"vertices", 0}, {"faces", 0}, {"resolution", 5}}), "vertex index");
+}
+
+TEST(Gltf, RandomDamageNeverCrashes) {
+  write_adversary(scratch("good.glb"),
+                  TexturedMesh{icosphere(0), {1, std::vector<Vec3d>(20, Vec3d::Ones())}});
+  const std::string good = read_file(scratch("good.glb"));
+  RandomStream random(1, "damage");
+  for (int i = 0; i < 100; ++i) {
+    std::string bytes = good;
+    for (int k = 0; k < 4; ++k)
+      bytes[random.below(static_cast<int>(bytes.size()))] = static_cast<char>(random.below(256));
+    write_file(scratch("damaged.glb"), bytes);
+    try {
+      read_adversary(scratch("damaged.glb"));
+    } catch (const InputError&) {
+    }
+  }
+}
+
+}  // namespace
+}  // namespace mirage

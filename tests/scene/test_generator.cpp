@@ -1,0 +1,142 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "base/parallel.h"
+#include "scene/generator.h"
+#include "scene/generator/car_body.h"
+#include "scene/generator/parts.h"
+
+namespace mirage {
+namespace {
+
+// A small camera and a coarse LiDAR with KITTI's field of view, for speed.
+Rig small_rig() {
+  Rig rig;
+  rig.name = "small";
+  rig.calibration.camera = {180, 180, 155, 43, 310, 94};
+  Eigen::Matrix3d r;
+  r << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  rig.calibration.camera_from_velo.linear() = r;
+  rig.calibration.camera_from_velo.translation() = Vec3d(0.0, -0.08, -0.27);
+  constexpr double degree = std::numbers::pi / 180;
+  for (int i = 0; i < 64; ++i) rig.lidar.elevations.push_back((2 - 0.4 * i) * degree);
+  rig.lidar.azimuth_step = 0.5 * degree;
+  rig.lidar.azimuth_min = -45 * degree;
+  rig.lidar.azimuth_max = 45 * degree;
+  rig.lidar.range_min = 1;
+  rig.lidar.range_max = 120;
+  rig.lidar.rate = 10;
+  rig.lidar.height = 1.73;
+  return rig;
+}
+
+bool same(const Frame& a, const Frame& b) {
+  if (a.image.data != b.image.data || a.sweep.size() != b.sweep.size() || a.labels.size() != b.labels.size())
+    return false;
+  for (std::size_t i = 0; i < a.sweep.size(); ++i)
+    if (a.sweep[i].position() != b.sweep[i].position() || a.sweep[i].reflectance != b.sweep[i].reflectance)
+      return false;
+  for (std::size_t i = 0; i < a.labels.size(); ++i)
+    if (a.labels[i].type != b.labels[i].type || a.labels[i].left != b.labels[i].left ||
+        a.labels[i].box.bev.x != b.labels[i].box.bev.x)
+      return false;
+  return true;
+}
+
+TEST(Generator, DependsOnSeedAndIndexOnly) {
+  const Rig rig = small_rig();
+  set_thread_count(1);
+  const Frame one = generate_frame(rig, 7, 3);
+  set_thread_count(0);
+  EXPECT_TRUE(same(one, generate_frame(rig, 7, 3)));
+  EXPECT_FALSE(same(one, generate_frame(rig, 7, 4)));
+  EXPECT_FALSE(same(one, generate_frame(rig, 8, 3)));
+}
+
+TEST(Generator, LabelsFitImageAndPoints) {
+  const Rig rig = small_rig();
+  int cars = 0;
+  for (int index = 0; index < 6; ++index) {
+    const Frame frame = generate_frame(rig, 1, index);
+    EXPECT_GT(frame.sweep.size(), 3000u);
+    for (const LidarPoint& p : frame.sweep) {
+      ASSERT_TRUE(p.position().allFinite());
+      ASSERT_GE(p.reflectance, 0);
+      ASSERT_LE(p.reflectance, 1);
+    }
+    for (float value : frame.image.data) ASSERT_TRUE(std::isfinite(value) && value >= 0);
+    for (const Label& label : frame.labels) {
+      EXPECT_GE(label.left, 0);
+      EXPECT_GE(label.top, 0);
+      EXPECT_LE(label.right, frame.image.width - 1);
+      EXPECT_LE(label.bottom, frame.image.height - 1);
+      EXPECT_LT(label.left, label.right);
+      EXPECT_LT(label.top, label.bottom);
+      EXPECT_GE(label.truncated, 0);
+      EXPECT_LE(label.truncated, 1);
+      EXPECT_TRUE(label.occluded >= 0 && label.occluded <= 2);
+      int inside = 0;
+      for (const LidarPoint& p : frame.sweep)
+        inside += contains(label.box, p.position().cast<double>(), 0.05);
+      EXPECT_GE(inside, 1) << label.type;
+      if (label.type != "Car") continue;
+      ++cars;
+      // The 2-D box lies within the projected 3-D box.
+      if (label.truncated > 0) continue;
+      double left = 1e9, right = -1e9;
+      for (const Vec3d& corner : corners(label.box)) {
+        const Vec2d pixel =
+            frame.calibration.camera.project<double>(frame.calibration.camera_from_velo * corner);
+        left = std::min(left, pixel.x());
+        right = std::max(right, pixel.x());
+      }
+      EXPECT_GT(label.left, left - 3);  // mirrors stand out of the labelled box
+      EXPECT_LT(label.right, right + 3);
+    }
+  }
+  EXPECT_GT(cars, 12);
+}
+
+// Points on a car must neither stick out of its box nor leave a side of it bare.
+TEST(Generator, CarsFillTheirBoxes) {
+  RandomStream random(5, "test cars");
+  Vec3d mean = Vec3d::Zero();
+  constexpr int count = 60;
+  for (int i = 0; i < count; ++i) {
+    const generator::Actor car = generator::make_car(random);
+    EXPECT_TRUE(car.size.x() > 3.0 && car.size.x() < 5.2) << car.size.transpose();
+    EXPECT_TRUE(car.size.y() > 1.4 && car.size.y() < 2.0) << car.size.transpose();
+    EXPECT_TRUE(car.size.z() > 1.3 && car.size.z() < 2.0) << car.size.transpose();
+    mean += car.size / count;
+    Eigen::AlignedBox3d box;  // all surfaces but the mirrors, which come last
+    for (std::size_t s = 0; s + 1 < car.surfaces.size(); ++s) box.extend(bounds(car.surfaces[s].mesh));
+    EXPECT_LT((box.sizes() - car.size).cwiseAbs().maxCoeff(), 1e-9);
+    EXPECT_NEAR(box.center().x(), 0, 1e-9);
+    EXPECT_NEAR(box.center().y(), 0, 1e-9);
+    EXPECT_NEAR(box.min().z(), 0, 1e-9);
+  }
+  // KITTI's mean car: 3.88 × 1.63 × 1.53 m.
+  EXPECT_NEAR(mean.x(), 3.9, 0.2);
+  EXPECT_NEAR(mean.y(), 1.63, 0.07);
+  EXPECT_NEAR(mean.z(), 1.53, 0.06);
+}
+
+TEST(Generator, HullsAreClosedAndWoundOutwards) {
+  for (double roof_rear : {0.70, 0.86, 0.92}) {
+    generator::BodyShape shape;
+    shape.roof_rear_u = roof_rear;
+    if (roof_rear < 0.8) shape.window_foot_u = 0.84;
+    const generator::Hull hull = generator::loft(shape);
+    EXPECT_TRUE(is_watertight(hull.all));
+    EXPECT_GT(signed_volume(hull.all), 0.4 * shape.length * shape.width * shape.height);
+    EXPECT_LT(signed_volume(hull.all), 0.9 * shape.length * shape.width * shape.height);
+    EXPECT_EQ(hull.paint.faces.size() + hull.glass.faces.size() + hull.trim.faces.size(),
+              hull.all.faces.size());
+    EXPECT_GT(hull.glass.faces.size(), 50u);
+  }
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,101 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "base/parallel.h"
+#include "base/random.h"
+#include "geometry/shapes.h"
+#include "sensors/ray_caster.h"
+
+namespace mirage {
+namespace {
+
+Mesh triangle() {
+  Mesh mesh;
+  mesh.vertices = {{0, 0, 5}, {2, 0, 5}, {0, 2, 5}};
+  mesh.faces = {{0, 1, 2}};
+  return mesh;
+}
+
+TEST(RayCaster, BarycentricsDistanceAndNormal) {
+  const std::vector<Mesh> meshes = {triangle()};
+  const RayCaster caster(meshes);
+  const Hit hit = caster.intersect({{0.5f, 1.0f, 1.0f}, {0, 0, 2}});
+  ASSERT_TRUE(hit.hit());
+  EXPECT_NEAR(hit.t, 2, 1e-6);  // in lengths of the direction
+  EXPECT_NEAR(hit.b1, 0.25, 1e-6);
+  EXPECT_NEAR(hit.b2, 0.5, 1e-6);
+  EXPECT_EQ(hit.mesh, 0);
+  EXPECT_EQ(hit.face, 0);
+  EXPECT_NEAR((hit.normal - Vec3f(0, 0, 4)).norm(), 0, 1e-6);
+}
+
+TEST(RayCaster, BothSidesCount) {
+  const std::vector<Mesh> meshes = {triangle()};
+  const RayCaster caster(meshes);
+  const Hit hit = caster.intersect({{0.5f, 0.5f, 9.0f}, {0, 0, -1}});
+  ASSERT_TRUE(hit.hit());
+  EXPECT_NEAR(hit.t, 4, 1e-6);
+  EXPECT_GT(hit.normal.z(), 0);  // as wound, not turned to the ray
+}
+
+TEST(RayCaster, RangeLimitsAndOcclusion) {
+  const std::vector<Mesh> meshes = {triangle()};
+  const RayCaster caster(meshes);
+  EXPECT_TRUE(caster.occluded({{0.5f, 0.5f, 0}, {0, 0, 1}}));
+  EXPECT_FALSE(caster.occluded({{0.5f, 0.5f, 0}, {0, 0, 1}, 0, 4.9f}));
+  EXPECT_FALSE(caster.occluded({{0.5f, 0.5f, 0}, {0, 0, 1}, 5.1f, 100}));
+  EXPECT_FALSE(caster.occluded({{3.5f, 0.5f, 0}, {0, 0, 1}}));
+  EXPECT_FALSE(caster.intersect({{3.5f, 0.5f, 0}, {0, 0, 1}}).hit());
+}
+
+TEST(RayCaster, MeshesKeepTheirOrderEvenIfEmpty) {
+  Mesh second = triangle();
+  for (Vec3d& v : second.vertices) v.z() = 3;
+  const std::vector<Mesh> meshes = {triangle(), Mesh(), second};
+  const RayCaster caster(meshes);
+  const Hit hit = caster.intersect({{0.5f, 0.5f, 0}, {0, 0, 1}});
+  EXPECT_EQ(hit.mesh, 2);
+  EXPECT_NEAR(hit.t, 3, 1e-6);
+}
+
+TEST(RayCaster, EmptySceneMisses) {
+  const RayCaster caster(std::span<const Mesh>{});
+  EXPECT_FALSE(caster.intersect({{0, 0, 0}, {0, 0, 1}}).hit());
+}
+
+TEST(RayCaster, BatchEqualsSingleRaysForAnyThreadCount) {
+  const std::vector<Mesh> meshes = {icosphere(3)};
+  const RayCaster caster(meshes);
+  RandomStream random(1, "rays");
+  std::vector<Ray> rays;
+  for (int i = 0; i < 20000; ++i) {
+    const Vec3d from = 3 * Vec3d(random.normal(), random.normal(), random.normal()).normalized();
+    const Vec3d to = 1.2 * Vec3d(random.normal(), random.normal(), random.normal()).normalized();
+    rays.push_back({from.cast<float>(), (to - from).cast<float>()});
+  }
+  int found = 0;
+  for (int threads : {1, 2}) {
+    set_thread_count(threads);
+    std::vector<Hit> hits(rays.size());
+    caster.intersect(rays, hits);
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+      const Hit one = caster.intersect(rays[i]);
+      ASSERT_EQ(hits[i].t, one.t);
+      ASSERT_EQ(hits[i].face, one.face);
+      if (!one.hit()) continue;
+      ++found;
+      // The hit point is the barycentric point, and lies close to the unit sphere.
+      const Face& f = meshes[0].faces[one.face];
+      const auto at = [&](int k) { return Vec3f(meshes[0].vertices[f[k]].cast<float>()); };
+      const Vec3f p = (1 - one.b1 - one.b2) * at(0) + one.b1 * at(1) + one.b2 * at(2);
+      ASSERT_LT((rays[i].origin + one.t * rays[i].direction - p).norm(), 1e-5f);
+      ASSERT_NEAR(p.norm(), 1, 0.02);
+    }
+  }
+  set_thread_count(0);
+  EXPECT_GT(found, 10000);
+}
+
+}  // namespace
+}  // namespace mirage

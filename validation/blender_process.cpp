@@ -1,0 +1,162 @@
+#include "validation/blender_process.h"
+
+#include <OpenImageIO/imageio.h>
+#include <fmt/format.h>
+
+#include <cstring>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/logging.h"
+
+namespace mirage {
+namespace {
+
+constexpr double kRenderTimeout = 900;  // s; a crop takes seconds
+
+/// The named channels of a multilayer EXR ("Combined.R": the layer's name comes before); empty if it has
+/// none.
+ImageF read_channels(const std::filesystem::path& file, const std::vector<std::string>& names) {
+  auto input = OIIO::ImageInput::open(file.string());
+  if (!input) throw Failure(file.string(), "not readable (" + OIIO::geterror() + ")", "look at blender.log");
+  const OIIO::ImageSpec& spec = input->spec();
+  std::vector<float> all(static_cast<std::size_t>(spec.width) * spec.height * spec.nchannels);
+  if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, all.data()))
+    throw Failure(file.string(), "truncated (" + input->geterror() + ")", "free some space and run again");
+  ImageF image(spec.width, spec.height, static_cast<int>(names.size()));
+  for (std::size_t c = 0; c < names.size(); ++c) {
+    int channel = -1;
+    for (int k = 0; k < spec.nchannels; ++k)
+      if (spec.channelnames[k].ends_with("." + names[c])) channel = k;
+    if (channel < 0) return {};
+    for (std::size_t i = 0; i < image.data.size() / names.size(); ++i)
+      image.data[i * names.size() + c] = all[i * spec.nchannels + channel];
+  }
+  return image;
+}
+
+nlohmann::json effects_json(const RenderEffects& effects) {
+  static const char* const kSurroundings[] = {"none", "unseen", "catcher"};
+  return {{"shadows", effects.shadows},
+          {"sky", effects.sky},
+          {"bounces", effects.bounces},
+          {"specular", effects.specular},
+          {"surroundings", kSurroundings[static_cast<int>(effects.surroundings)]}};
+}
+
+}  // namespace
+
+BlenderWorker::BlenderWorker(std::filesystem::path log, std::string program, double start_timeout)
+    : log_(std::move(log)), program_(find_program(program)), start_timeout_(start_timeout) {
+  if (program_.empty())
+    throw InputError(program, "", "not found on PATH", "install it with apt-get install blender");
+  script_ = shipped_file("validation/blender_worker.py");
+  start();
+}
+
+BlenderWorker::~BlenderWorker() {
+  if (child_) child_->stop(interrupted() ? 0 : 2);
+}
+
+void BlenderWorker::start() {
+  // Blender's Python finds its home through the first python3 on PATH, which a pyenv or a virtual environment
+  // turns into one without numpy; user scripts are kept out as well.
+  const std::string nowhere = (log_.parent_path() / "no-user-scripts").string();
+  child_ = std::make_unique<ChildProcess>(
+      std::vector<std::string>{"/usr/bin/env", "-u", "PYTHONHOME", "-u", "PYTHONPATH", "PATH=/usr/bin:/bin",
+                               "BLENDER_USER_SCRIPTS=" + nowhere, "BLENDER_USER_CONFIG=" + nowhere,
+                               program_.string(), "-b", "--factory-startup", "--python-exit-code", "1", "-P",
+                               script_.string(), "--"},
+      log_);
+  nlohmann::json answer;
+  if (!exchange({{"job", "ping"}}, start_timeout_, answer))
+    throw Failure(program_.string(), "does not answer", "look at " + log_.string());
+  version_ = answer.value("version", "");
+}
+
+bool BlenderWorker::exchange(const nlohmann::json& job, double timeout, nlohmann::json& answer) {
+  nlohmann::json message = job;
+  message["id"] = ++next_id_;
+  if (!child_->write_line(message.dump())) return false;
+  for (std::string line;;) {
+    switch (child_->read_line(line, timeout)) {
+      case ChildProcess::Read::line:
+        break;
+      case ChildProcess::Read::interrupted:
+        throw Interrupted(
+            "stopped while Blender was rendering; finished vehicles are kept, run again to go on");
+      default:
+        return false;
+    }
+    answer = nlohmann::json::parse(line, nullptr, false);
+    if (answer.is_object() && answer.value("id", -1L) == next_id_) return true;
+  }
+}
+
+nlohmann::json BlenderWorker::request(nlohmann::json job, double timeout) {
+  nlohmann::json answer;
+  for (int attempt = 0;; ++attempt) {
+    if (child_ && exchange(job, timeout, answer)) break;
+    child_.reset();
+    if (attempt == 1)
+      throw Failure(program_.string(), "was lost twice on one job (" + job.value("job", "") + ")",
+                    "look at " + log_.string());
+    spdlog::warn("Blender was lost or took longer than {:.0f} s; starting it again", timeout);
+    ++restarts_;
+    start();
+  }
+  if (!answer.value("ok", false))
+    throw Failure("blender", answer.value("error", "unknown error"), "look at " + log_.string());
+  return answer;
+}
+
+Rendered render(BlenderWorker& blender, const RenderJob& job) {
+  std::error_code ignored;
+  std::filesystem::remove(job.output, ignored);
+  const auto answer = blender.request({{"job", "render"},
+                                       {"scene", std::filesystem::absolute(job.scene).string()},
+                                       {"output", std::filesystem::absolute(job.output).string()},
+                                       {"rect", {job.rect.u0, job.rect.v0, job.rect.u1, job.rect.v1}},
+                                       {"samples", job.samples},
+                                       {"seed", job.seed},
+                                       {"pixel", job.pixel_centre ? "centre" : "area"},
+                                       {"effects", effects_json(job.effects)}},
+                                      kRenderTimeout);
+  Rendered result;
+  result.seconds = answer.value("seconds", 0.0);
+  result.rgba = read_channels(job.output, {"Combined.R", "Combined.G", "Combined.B", "Combined.A"});
+  if (result.rgba.width != job.rect.width() || result.rgba.height != job.rect.height())
+    throw Failure(job.output.string(),
+                  fmt::format("is {}×{}, not {}×{}", result.rgba.width, result.rgba.height, job.rect.width(),
+                              job.rect.height()),
+                  "use Blender 3.4");
+  if (job.effects.surroundings == RenderEffects::Surroundings::catcher) {
+    result.catcher = read_channels(job.output, {"Shadow Catcher.R", "Shadow Catcher.G", "Shadow Catcher.B"});
+    if (result.catcher.empty())
+      throw Failure(job.output.string(), "has no shadow catcher pass", "use Blender 3.4");
+  }
+  return result;
+}
+
+std::vector<double> raycast(BlenderWorker& blender, const std::filesystem::path& scene,
+                            std::span<const WorldRay> rays, const std::filesystem::path& scratch) {
+  std::vector<double> flat;
+  for (const WorldRay& ray : rays)
+    for (const Vec3d& v : {ray.origin, ray.direction}) flat.insert(flat.end(), v.data(), v.data() + 3);
+  const auto in = scratch / "rays.bin", out = scratch / "ranges.bin";
+  write_file(in, {reinterpret_cast<const char*>(flat.data()), flat.size() * sizeof(double)});
+  blender.request({{"job", "raycast"},
+                   {"scene", std::filesystem::absolute(scene).string()},
+                   {"rays", std::filesystem::absolute(in).string()},
+                   {"output", std::filesystem::absolute(out).string()}},
+                  120);
+  const std::string bytes = read_file(out);
+  std::vector<double> ranges(rays.size());
+  if (bytes.size() != ranges.size() * sizeof(double))
+    throw Failure(out.string(), "has the wrong size", "free some space and run again");
+  if (!ranges.empty()) std::memcpy(ranges.data(), bytes.data(), bytes.size());
+  return ranges;
+}
+
+}  // namespace mirage

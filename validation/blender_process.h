@@ -1,0 +1,85 @@
+// The headless Blender worker (blender_worker.py) from the C++ side: JSON lines over a socket.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/image.h"
+#include "base/types.h"
+#include "validation/process.h"
+
+namespace mirage {
+
+class BlenderWorker {
+ public:
+  /// Starts Blender and waits for its first answer. `log` receives what Blender prints. InputError if
+  /// `program` is not on PATH; Failure if it does not answer within `start_timeout` seconds.
+  explicit BlenderWorker(std::filesystem::path log, std::string program = "blender",
+                         double start_timeout = 120);
+  ~BlenderWorker();
+
+  /// Sends a job and returns its answer. A worker that dies or exceeds `timeout` seconds is started again and
+  /// the job is sent once more; Failure if that fails too or if the job itself is answered with an error.
+  /// Interrupted after Ctrl-C.
+  nlohmann::json request(nlohmann::json job, double timeout);
+
+  pid_t pid() const { return child_ ? child_->pid() : -1; }
+  /// How often the worker was lost and started again.
+  int restarts() const { return restarts_; }
+  const std::string& version() const { return version_; }
+
+ private:
+  void start();
+  bool exchange(const nlohmann::json& job, double timeout, nlohmann::json& answer);
+
+  std::filesystem::path log_, program_, script_;
+  double start_timeout_;
+  std::unique_ptr<ChildProcess> child_;
+  std::string version_;
+  int restarts_ = 0;
+  long next_id_ = 0;
+};
+
+/// What a render adds to matched light (ambient + hemisphere + sun without shadows, Lambert, no bounces).
+struct RenderEffects {
+  bool shadows = false;  ///< sun of 0.53° with shadows
+  bool sky = false;      ///< ambient light from a sky, so that it can be occluded
+  int bounces = 0;
+  bool specular = false;  ///< Principled BSDF, specular 0.5, roughness 0.5
+  enum class Surroundings {
+    none,     ///< the adversary alone
+    unseen,   ///< host and ground shadow, occlude and reflect, but the camera does not see them
+    catcher,  ///< … and catch shadows for compositing
+  } surroundings = Surroundings::none;
+};
+
+struct RenderJob {
+  std::filesystem::path scene, output;  ///< .glb in, multilayer EXR out
+  PixelRect rect;
+  int samples = 1;
+  std::uint64_t seed = 0;
+  bool pixel_centre = false;  ///< sample the pixel's centre alone, as a rasteriser does; else its area
+  RenderEffects effects;
+};
+
+struct Rendered {
+  ImageF rgba;     ///< rect-sized, premultiplied, scene-linear
+  ImageF catcher;  ///< rect-sized RGB: factor by which what lies behind is darkened; empty without catcher
+  double seconds = 0;
+};
+
+/// Renders with Cycles and reads the picture back.
+Rendered render(BlenderWorker& blender, const RenderJob& job);
+
+struct WorldRay {
+  Vec3d origin, direction;  ///< `velo`, unit direction
+};
+/// Distance along each ray to the adversary of the scene by Blender's BVH; −1 where it is missed.
+std::vector<double> raycast(BlenderWorker& blender, const std::filesystem::path& scene,
+                            std::span<const WorldRay> rays, const std::filesystem::path& scratch);
+
+}  // namespace mirage

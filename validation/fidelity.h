@@ -1,0 +1,35 @@
+// How far two pictures are apart. Images of equal size; `mask` (1 channel, > 0.5 counts) may be empty: all
+// pixels.
+#pragma once
+
+#include "base/image.h"
+
+namespace mirage {
+
+/// Mean over pixels and channels of |a − b|. 0 for an empty mask.
+double mean_absolute_error(const ImageF& a, const ImageF& b, const ImageF& mask = {});
+/// Largest |a − b| over pixels and channels.
+double max_absolute_error(const ImageF& a, const ImageF& b, const ImageF& mask = {});
+/// Intersection over union of two 1-channel masks (> 0.5). 1 when both are empty.
+double mask_iou(const ImageF& a, const ImageF& b);
+/// Peak signal-to-noise ratio (dB) for values in [0, 1]. Infinite for equal images.
+double psnr(const ImageF& a, const ImageF& b, const ImageF& mask = {});
+
+/// Structural similarity (Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 2004) of 1-channel images in [0, 1]:
+/// 11×11 Gaussian window with σ = 1.5, K1 = 0.01, K2 = 0.03, population covariance; mean over the mask's
+/// pixels. Windows are mirrored at the border.
+double ssim(const ImageF& a, const ImageF& b, const ImageF& mask = {});
+
+/// FLIP for low dynamic range (Andersson et al., HPG 2020): sRGB-encoded images in [0, 1], 3 channels, as
+/// seen at `pixels_per_degree` (67: 0.7 m before a 0.7 m wide 4K display). Returns the error of each pixel in
+/// [0, 1].
+ImageF flip_map(const ImageF& reference, const ImageF& test, double pixels_per_degree = 67.0206);
+/// Mean of flip_map over the mask's pixels.
+double flip(const ImageF& reference, const ImageF& test, const ImageF& mask = {});
+
+/// Luminance (Rec. 709 weights) of a 3-channel image.
+ImageF grey(const ImageF& rgb);
+/// Scene-linear → sRGB-encoded, clamped to [0, 1].
+ImageF encoded(const ImageF& linear);
+
+}  // namespace mirage

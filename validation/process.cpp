@@ -1,0 +1,146 @@
+#include "validation/process.h"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+
+#include "base/error.h"
+#include "base/interrupt.h"
+
+namespace mirage {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+std::vector<char*> c_arguments(const std::vector<std::string>& arguments) {
+  std::vector<char*> pointers;
+  for (const std::string& argument : arguments) pointers.push_back(const_cast<char*>(argument.c_str()));
+  pointers.push_back(nullptr);
+  return pointers;
+}
+
+}  // namespace
+
+std::filesystem::path find_program(const std::string& name) {
+  if (name.find('/') != std::string::npos) return ::access(name.c_str(), X_OK) == 0 ? name : "";
+  const char* path = std::getenv("PATH");
+  const std::string folders = path ? path : "";
+  for (std::size_t at = 0; at <= folders.size();) {
+    const std::size_t end = std::min(folders.find(':', at), folders.size());
+    const std::filesystem::path file = std::filesystem::path(folders.substr(at, end - at)) / name;
+    if (end > at && ::access(file.c_str(), X_OK) == 0 && !std::filesystem::is_directory(file)) return file;
+    at = end + 1;
+  }
+  return {};
+}
+
+ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std::filesystem::path& log) {
+  int ends[2];
+  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
+    throw Failure(arguments[0], std::strerror(errno), "close other programs");
+  const int errors = ::open(log.c_str(), O_CREAT | O_WRONLY | O_APPEND | O_CLOEXEC, 0644);
+  auto argv = c_arguments(arguments);
+  const pid_t parent = ::getpid();
+  pid_ = ::fork();
+  if (pid_ == 0) {  // only async-signal-safe calls from here to exec
+    ::setpgid(0, 0);
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (::getppid() != parent) ::_exit(127);
+    ::dup2(ends[1], 0);
+    ::dup2(ends[1], 1);
+    if (errors >= 0) ::dup2(errors, 2);
+    ::execv(argv[0], argv.data());
+    ::_exit(127);
+  }
+  const int reason = errno;
+  ::close(ends[1]);
+  if (errors >= 0) ::close(errors);
+  socket_ = ends[0];
+  if (pid_ < 0) {
+    ::close(socket_);
+    throw Failure(arguments[0], std::strerror(reason), "close other programs");
+  }
+}
+
+ChildProcess::~ChildProcess() {
+  stop(0);
+}
+
+bool ChildProcess::write_line(const std::string& line) {
+  const std::string bytes = line + "\n";
+  for (std::size_t sent = 0; sent < bytes.size();) {
+    const ssize_t n = ::send(socket_, bytes.data() + sent, bytes.size() - sent, MSG_NOSIGNAL);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return false;
+    sent += static_cast<std::size_t>(n);
+  }
+  return true;
+}
+
+ChildProcess::Read ChildProcess::read_line(std::string& line, double seconds) {
+  const auto deadline = Clock::now() + std::chrono::duration<double>(seconds);
+  for (;;) {
+    if (const std::size_t end = buffer_.find('\n'); end != std::string::npos) {
+      line = buffer_.substr(0, end);
+      buffer_.erase(0, end + 1);
+      return Read::line;
+    }
+    if (interrupted()) return Read::interrupted;
+    const double left = std::chrono::duration<double>(deadline - Clock::now()).count();
+    if (left <= 0) return Read::timed_out;
+    pollfd wait{socket_, POLLIN, 0};
+    const int ready = ::poll(&wait, 1, static_cast<int>(std::min(left, 0.2) * 1000) + 1);
+    if (ready <= 0) continue;
+    char chunk[4096];
+    const ssize_t n = ::recv(socket_, chunk, sizeof chunk, 0);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return Read::lost;
+    buffer_.append(chunk, static_cast<std::size_t>(n));
+  }
+}
+
+void ChildProcess::stop(double seconds) {
+  if (pid_ <= 0) return;
+  ::shutdown(socket_, SHUT_WR);
+  const auto deadline = Clock::now() + std::chrono::duration<double>(seconds);
+  int status = 0;
+  while (::waitpid(pid_, &status, WNOHANG) == 0) {
+    if (Clock::now() >= deadline) {
+      ::kill(pid_, SIGKILL);
+      ::waitpid(pid_, &status, 0);
+      break;
+    }
+    ::usleep(5000);
+  }
+  ::close(socket_);
+  pid_ = -1;
+  socket_ = -1;
+}
+
+int run_program(const std::vector<std::string>& arguments) {
+  auto argv = c_arguments(arguments);
+  const pid_t pid = ::fork();
+  if (pid == 0) {
+    const int nothing = ::open("/dev/null", O_RDONLY);
+    if (nothing >= 0) ::dup2(nothing, 0);
+    ::dup2(2, 1);
+    ::execv(argv[0], argv.data());
+    ::_exit(127);
+  }
+  if (pid < 0) throw Failure(arguments[0], std::strerror(errno), "close other programs");
+  int status = 0;
+  while (::waitpid(pid, &status, 0) < 0 && errno == EINTR) {
+  }
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+}  // namespace mirage

@@ -1,0 +1,44 @@
+// Child processes: the Blender worker and the report's Python.
+#pragma once
+
+#include <sys/types.h>
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace mirage {
+
+/// The program on PATH, or an empty path. A name with a slash is looked up as it is.
+std::filesystem::path find_program(const std::string& name);
+
+/// A child with its own process group, so that Ctrl-C reaches us first; it dies with us (PR_SET_PDEATHSIG).
+/// Its stdin and stdout are one socket, its stderr goes to `log`.
+class ChildProcess {
+ public:
+  /// Failure if it can't be started.
+  ChildProcess(const std::vector<std::string>& arguments, const std::filesystem::path& log);
+  ~ChildProcess();
+  ChildProcess(const ChildProcess&) = delete;
+  ChildProcess& operator=(const ChildProcess&) = delete;
+
+  pid_t pid() const { return pid_; }
+  /// False when the child no longer listens.
+  bool write_line(const std::string& line);
+  enum class Read { line, lost, timed_out, interrupted };
+  /// Next line, waiting up to `seconds`. Ctrl-C ends the wait.
+  Read read_line(std::string& line, double seconds);
+  /// Closes its input and waits up to `seconds`, then kills it.
+  void stop(double seconds);
+
+ private:
+  pid_t pid_ = -1;
+  int socket_ = -1;
+  std::string buffer_;
+};
+
+/// Runs a program to its end with our stderr and no input; its stdout goes to stderr. Returns the exit
+/// status.
+int run_program(const std::vector<std::string>& arguments);
+
+}  // namespace mirage

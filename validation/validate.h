@@ -1,0 +1,40 @@
+// Validation of a run against Blender Cycles: matched light (a correctness test of rasteriser, exporter and
+// LiDAR), the physically based light (how far the light-weight renderers can be trusted) and the detector on
+// the Cycles pictures. Each vehicle's result is written as it is finished and kept by a later call.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "attack/evaluation.h"
+#include "attack/run.h"
+
+namespace mirage {
+
+struct ValidationSettings {
+  std::filesystem::path run, data, out;  ///< data: empty for the run's
+  DetectorOptions detector = {.detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0};
+  EvaluationSettings evaluation_settings;
+  std::filesystem::path evaluation;  ///< result.json of mirage evaluate, or its folder; for the report only
+  int frames = 0;                    ///< 0: all test frames
+  int samples = 64;                  ///< Cycles samples a pixel
+  int ladder = 4;                    ///< vehicles on which every light effect is rendered alone
+  std::uint64_t seed = 0;
+  bool quiet = false;
+};
+
+/// Runs it and returns result.json (DESIGN, section 5); writes OUT/{hosts,scenes,pictures}/, OUT/report.html.
+nlohmann::json validate(const ValidationSettings& settings);
+
+/// Hosts of the first `frames` frames of the run, test frames first, training frames when those run out;
+/// 0: all test frames.
+std::vector<HostId> select_hosts(const Run& run, int frames);
+/// "000008_0": frame and label.
+std::string host_name(const HostId& id);
+/// The host's label. InputError if the frame has none of that number.
+const Label& label_of(const Frame& frame, const HostId& id);
+
+}  // namespace mirage
