@@ -140,9 +140,9 @@ Rendered render(BlenderWorker& blender, const RenderJob& job) {
 }
 
 std::vector<double> raycast(BlenderWorker& blender, const std::filesystem::path& scene,
-                            std::span<const WorldRay> rays, const std::filesystem::path& scratch) {
+                            std::span<const LidarRay> rays, const std::filesystem::path& scratch) {
   std::vector<double> flat;
-  for (const WorldRay& ray : rays)
+  for (const LidarRay& ray : rays)
     for (const Vec3d& v : {ray.origin, ray.direction}) flat.insert(flat.end(), v.data(), v.data() + 3);
   const auto in = scratch / "rays.bin", out = scratch / "ranges.bin";
   write_file(in, {reinterpret_cast<const char*>(flat.data()), flat.size() * sizeof(double)});

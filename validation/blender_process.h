@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "base/image.h"
-#include "base/types.h"
+#include "sensors/lidar_model.h"
 #include "validation/process.h"
 
 namespace mirage {
@@ -75,11 +75,8 @@ struct Rendered {
 /// Renders with Cycles and reads the picture back.
 Rendered render(BlenderWorker& blender, const RenderJob& job);
 
-struct WorldRay {
-  Vec3d origin, direction;  ///< `velo`, unit direction
-};
 /// Distance along each ray to the adversary of the scene by Blender's BVH; −1 where it is missed.
 std::vector<double> raycast(BlenderWorker& blender, const std::filesystem::path& scene,
-                            std::span<const WorldRay> rays, const std::filesystem::path& scratch);
+                            std::span<const LidarRay> rays, const std::filesystem::path& scratch);
 
 }  // namespace mirage

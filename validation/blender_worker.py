@@ -27,7 +27,7 @@ os.dup2(2, 1)
 
 import numpy  # noqa: E402
 
-if not hasattr(numpy, "bool"):
+if "bool" not in vars(numpy):
     numpy.bool = bool  # Blender 3.4's importer uses the name that numpy 1.24 dropped
 
 import bpy  # noqa: E402

@@ -23,7 +23,7 @@ struct CameraTape {
 /// LiDAR side: the returns on the adversary.
 struct LidarTape {
   struct Return {
-    Vec3d direction;  ///< unit, `velo`
+    LidarRay ray;
     int face = 0;
     FaceReturn<double> hit;
   };

@@ -2,85 +2,151 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <numbers>
 
 namespace mirage {
 namespace {
 
-constexpr double kAssignTolerance = 0.1 * M_PI / 180;  // rad
+constexpr double kPi = std::numbers::pi;
+constexpr double kNear = 0.1 * kPi / 180;
 
-/// Index of the nearest beam (elevations fall).
-int nearest_beam(const std::vector<double>& elevations, double elevation) {
-  const auto below = std::lower_bound(elevations.begin(), elevations.end(), elevation, std::greater<>());
-  const auto place = below - elevations.begin();
-  if (place == 0) return 0;
-  if (below == elevations.end()) return static_cast<int>(place) - 1;
-  return static_cast<int>(elevations[place - 1] - elevation < elevation - elevations[place] ? place - 1 : place);
+/// In [−π, π).
+double wrap(double angle) {
+  return angle - 2 * kPi * std::floor((angle + kPi) / (2 * kPi));
 }
 
-/// Half the distance to the beam's nearest neighbour on the side of `elevation`.
-double half_spacing(const std::vector<double>& elevations, int beam, double elevation) {
-  const int n = static_cast<int>(elevations.size());
-  if (n == 1) return M_PI;
-  const int other = elevation > elevations[static_cast<std::size_t>(beam)] ? beam - 1 : beam + 1;
-  const int neighbour = other < 0 ? 1 : other >= n ? n - 2 : other;
-  return std::abs(elevations[static_cast<std::size_t>(neighbour)] - elevations[static_cast<std::size_t>(beam)]) / 2;
+/// The laser that passes nearest to a point at horizontal distance rho and height z.
+int nearest_beam(const LidarModel& lidar, const std::vector<double>& slopes, double rho, double z) {
+  const auto height_at = [&](std::size_t b) { return lidar.beams[b].height + rho * slopes[b]; };
+  std::size_t low = 0, high = lidar.beams.size() - 1;  // heights fall with the index
+  while (high - low > 1) {
+    const std::size_t middle = (low + high) / 2;
+    (height_at(middle) >= z ? low : high) = middle;
+  }
+  return static_cast<int>(std::abs(height_at(low) - z) <= std::abs(height_at(high) - z) ? low : high);
+}
+
+/// Angle between a return and a ray, seen from the ray's origin.
+double angle_to(const LidarRay& ray, const Vec3d& p) {
+  const Vec3d offset = p - ray.origin;
+  return std::atan2(ray.direction.cross(offset).norm(), ray.direction.dot(offset));
+}
+
+/// Place of the firing nearest to `azimuth`, −1 if it is further than `reach`.
+int nearest_firing(const std::vector<double>& firings, double azimuth, double reach) {
+  if (firings.empty()) return -1;
+  const auto next = std::lower_bound(firings.begin(), firings.end(), azimuth) - firings.begin();
+  const std::size_t count = firings.size(), after = static_cast<std::size_t>(next) % count,
+                    before = (after + count - 1) % count;
+  const double to_after = std::abs(wrap(firings[after] - azimuth)),
+               to_before = std::abs(wrap(firings[before] - azimuth));
+  if (std::min(to_after, to_before) > reach) return -1;
+  return static_cast<int>(to_after <= to_before ? after : before);
 }
 
 }  // namespace
 
-BeamAngles beam_angles(const LidarModel& lidar, const Vec3d& p_velo) {
-  const Vec3d p = lidar.velo_from_lidar.inverse() * p_velo;
-  return {std::atan2(p.y(), p.x()), std::atan2(p.z(), std::hypot(p.x(), p.y())), p.norm()};
+SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lidar) {
+  std::vector<double> slopes;
+  for (const LidarBeam& beam : lidar.beams) slopes.push_back(std::tan(beam.elevation));
+  const Transform lidar_from_velo = lidar.velo_from_lidar.inverse();
+  returns_.reserve(sweep.size());
+  for (const LidarPoint& point : sweep) {
+    const Vec3d p_velo = point.position().cast<double>(), p = lidar_from_velo * p_velo;
+    const double rho = std::max(p.head<2>().norm(), 1e-6);
+    const int beam = nearest_beam(lidar, slopes, rho, p.z());
+    const LidarBeam& b = lidar.beams[static_cast<std::size_t>(beam)];
+    const double sideways = std::asin(std::clamp(b.lateral / rho, -1.0, 1.0));
+    returns_.push_back({p_velo, beam, wrap(std::atan2(p.y(), p.x()) - b.azimuth_offset - sideways)});
+  }
+  find_firings();
+  assign();
 }
 
-SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : columns_(lidar.azimuth_count()) {
-  const int beams = static_cast<int>(lidar.elevations.size());
-  cells_.assign(static_cast<std::size_t>(beams) * columns_, 0.f);
-  std::vector<float> angle_error(cells_.size(), std::numeric_limits<float>::infinity());
-  std::vector<unsigned char> close(cells_.size(), 0);
-  long in_field = 0;
-  entries_.reserve(sweep.size());
-  for (std::size_t i = 0; i < sweep.size(); ++i) {
-    const BeamAngles angles = beam_angles(lidar, sweep[i].position().cast<double>());
-    entries_.push_back({angles.azimuth, angles.elevation, angles.range, static_cast<int>(i)});
-    const long column = std::lround((angles.azimuth - lidar.azimuth_min) / lidar.azimuth_step);
-    if (column < 0 || column >= columns_) continue;
-    ++in_field;
-    const int beam = nearest_beam(lidar.elevations, angles.elevation);
-    const double off_beam = std::abs(angles.elevation - lidar.elevations[static_cast<std::size_t>(beam)]);
-    if (off_beam > half_spacing(lidar.elevations, beam, angles.elevation)) continue;
-    const double off_column =
-        std::abs(angles.azimuth - lidar.azimuth_min - static_cast<double>(column) * lidar.azimuth_step);
-    const std::size_t cell = static_cast<std::size_t>(beam) * columns_ + static_cast<std::size_t>(column);
-    const double error = std::hypot(off_beam, off_column);
-    if (error <= kAssignTolerance && close[cell] < 2) ++close[cell];
-    if (error < angle_error[cell]) {
-      angle_error[cell] = static_cast<float>(error);
-      cells_[cell] = static_cast<float>(angles.range);
+void SweepIndex::find_firings() {
+  if (lidar_.encoder_step > 0) {
+    const auto steps = static_cast<std::size_t>(std::lround(2 * kPi / lidar_.encoder_step));
+    std::vector<int> seen(steps, 0);
+    for (const Return& r : returns_)
+      ++seen[static_cast<std::size_t>(std::lround((r.firing + kPi) / lidar_.encoder_step)) % steps];
+    // Returns that noise carried over to the next step are few at any one step.
+    const int enough = std::max(2, static_cast<int>(lidar_.beams.size()) / 8);
+    for (std::size_t step = 0; step < steps; ++step)
+      if (seen[step] >= enough) firings_.push_back(-kPi + static_cast<double>(step) * lidar_.encoder_step);
+    return;
+  }
+  const int columns = lidar_.azimuth_count();
+  for (int column = 0; column < columns; ++column) {
+    const double azimuth = wrap(lidar_.firing_azimuth(column));
+    // A field of a whole turn ends where it began.
+    if (column == 0 || std::abs(wrap(azimuth - firings_.front())) > lidar_.azimuth_step / 2)
+      firings_.push_back(azimuth);
+  }
+  std::sort(firings_.begin(), firings_.end());
+}
+
+void SweepIndex::assign() {
+  cells_.assign(lidar_.beams.size() * firings_.size(), -1);
+  const double reach = (lidar_.encoder_step > 0 ? lidar_.encoder_step : lidar_.azimuth_step) / 2 + 1e-9;
+  std::vector<double> angles(returns_.size(), kPi);
+  for (std::size_t i = 0; i < returns_.size(); ++i) {
+    const Return& r = returns_[i];
+    int loser = static_cast<int>(i);
+    if (const int firing = nearest_firing(firings_, r.firing, reach); firing >= 0) {
+      const auto f = static_cast<std::size_t>(firing);
+      angles[i] = angle_to(lidar_.ray_at(r.beam, firings_[f]), r.p_velo);
+      int& holder = cells_[static_cast<std::size_t>(r.beam) * firings_.size() + f];
+      if (holder < 0 || angles[i] < angles[static_cast<std::size_t>(holder)]) std::swap(holder, loser);
+    }
+    if (loser >= 0) extra_.push_back(loser);
+  }
+  std::size_t near = 0;
+  for (int point : cells_) near += point >= 0 && angles[static_cast<std::size_t>(point)] <= kNear;
+  assigned_share_ = returns_.empty() ? 0 : static_cast<double>(near) / static_cast<double>(returns_.size());
+}
+
+SweepRay SweepIndex::ray_of(int point) const {
+  const Return& r = returns_[static_cast<std::size_t>(point)];
+  const Vec3d origin = lidar_.ray_at(r.beam, r.firing).origin;
+  const double range = std::max((r.p_velo - origin).norm(), 1e-6);
+  return {{origin, (r.p_velo - origin) / range}, r.beam, point, range};
+}
+
+std::vector<SweepRay> SweepIndex::rays_through(const Vec3d& centre_velo, double radius) const {
+  constexpr double kSlack = 0.01;  // rad: a return's own ray against that of its cell
+  std::vector<SweepRay> rays;
+  const auto add = [&](const SweepRay& candidate) {
+    const Vec3d offset = centre_velo - candidate.ray.origin;
+    if (offset.dot(candidate.ray.direction) > -radius &&
+        candidate.ray.direction.cross(offset).norm() <= radius)
+      rays.push_back(candidate);
+  };
+  const Vec3d centre = lidar_.velo_from_lidar.inverse() * centre_velo;
+  const double rho = centre.head<2>().norm(), azimuth = std::atan2(centre.y(), centre.x());
+  const std::size_t count = firings_.size();
+  for (std::size_t b = 0; b < lidar_.beams.size() && count > 0; ++b) {
+    const LidarBeam& beam = lidar_.beams[b];
+    const double reach = radius + std::abs(beam.lateral);
+    // In the plane of horizontal distance and height a laser is one line and the ball a disc.
+    const double miss =
+        (beam.height - centre.z()) * std::cos(beam.elevation) + rho * std::sin(beam.elevation);
+    if (std::abs(miss) > reach + kSlack * (rho + radius)) continue;
+    const double half = reach < rho ? std::min(kPi, std::asin(reach / rho) + kSlack) : kPi;
+    const double from = wrap(azimuth - beam.azimuth_offset - half);
+    const auto first =
+        static_cast<std::size_t>(std::lower_bound(firings_.begin(), firings_.end(), from) - firings_.begin());
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::size_t f = (first + k) % count;
+      const double turned = firings_[f] - from;
+      if ((turned < 0 ? turned + 2 * kPi : turned) > 2 * half) break;
+      if (const int point = cells_[b * count + f]; point >= 0)
+        add(ray_of(point));
+      else
+        add({lidar_.ray_at(static_cast<int>(b), firings_[f]), static_cast<int>(b), -1, 0});
     }
   }
-  std::stable_sort(entries_.begin(), entries_.end(),
-                   [](const Entry& a, const Entry& b) { return a.azimuth < b.azimuth; });
-  const auto unique = std::count(close.begin(), close.end(), 1);
-  assigned_share_ = in_field > 0 ? static_cast<double>(unique) / static_cast<double>(in_field) : 0;
+  for (int point : extra_) add(ray_of(point));
+  return rays;
 }
-
-std::vector<int> SweepIndex::window(double azimuth_min, double azimuth_max, double elevation_min,
-                                    double elevation_max) const {
-  std::vector<int> found;
-  auto entry = std::lower_bound(entries_.begin(), entries_.end(), azimuth_min,
-                                [](const Entry& e, double azimuth) { return e.azimuth < azimuth; });
-  for (; entry != entries_.end() && entry->azimuth <= azimuth_max; ++entry)
-    if (entry->elevation >= elevation_min && entry->elevation <= elevation_max) found.push_back(entry->point);
-  std::sort(found.begin(), found.end());
-  return found;
-}
-
-double SweepIndex::measured_range(int beam, int column) const {
-  return cells_[static_cast<std::size_t>(beam) * columns_ + static_cast<std::size_t>(column)];
-}
-
-double SweepIndex::assigned_share() const { return assigned_share_; }
 
 }  // namespace mirage

@@ -1,5 +1,10 @@
-// A measured sweep by angle: which returns lie in an angular window, and which rays of the sensor model have a
-// measured return. Angles are taken in the unit's own frame (LidarModel::velo_from_lidar).
+// A measured sweep as rays: which laser fired where, and what came back.
+//
+// A sweep file has no ray index. The unit's geometry (LidarModel) gives it back: at horizontal distance ρ
+// laser b sees z = height_b + ρ tan(elevation_b), and azimuth = firing + offset_b + lateral_b / ρ with the
+// firing on the encoder's grid. A firing is taken as real when several lasers have a return at it; a laser
+// with none at a real firing looked at the sky, or its return was lost: an object put in its way is seen all
+// the same.
 #pragma once
 
 #include <vector>
@@ -8,13 +13,13 @@
 
 namespace mirage {
 
-/// Direction of a point in the unit's frame.
-struct BeamAngles {
-  double azimuth = 0;    ///< rad, counter-clockwise from +x, (−π, π]
-  double elevation = 0;  ///< rad, positive up
-  double range = 0;      ///< m
+/// A ray of the sweep.
+struct SweepRay {
+  LidarRay ray;  ///< `velo`; exactly through the return where there is one
+  int beam = 0;
+  int point = -1;    ///< index of the return in the sweep, −1 where none came back
+  double range = 0;  ///< m from the ray's origin to the return; 0 where none
 };
-BeamAngles beam_angles(const LidarModel& lidar, const Vec3d& p_velo);
 
 /// An index over a sweep; it keeps no reference to it.
 class SweepIndex {
@@ -22,25 +27,31 @@ class SweepIndex {
   SweepIndex() = default;
   SweepIndex(const Sweep& sweep, const LidarModel& lidar);
 
-  /// Indices (rising) of the returns with azimuth and elevation in the closed window.
-  /// azimuth_min ≤ azimuth_max, both in (−π, π].
-  std::vector<int> window(double azimuth_min, double azimuth_max, double elevation_min, double elevation_max) const;
+  /// Every ray of the sweep, with or without a return, that passes through a ball. A return of the sweep
+  /// belongs to exactly one ray. Order: by beam and firing; returns that share both with a better one come
+  /// last.
+  std::vector<SweepRay> rays_through(const Vec3d& centre_velo, double radius) const;
 
-  /// Range of the nearest-in-angle measured return within half a beam spacing and half an azimuth step of model ray
-  /// (beam, column); 0 where there is none.
-  double measured_range(int beam, int column) const;
-
-  /// Share of the returns inside the model's field that are the only one within 0.1° of their model ray.
-  double assigned_share() const;
+  /// Firings found, over the whole turn.
+  int firing_count() const { return static_cast<int>(firings_.size()); }
+  /// Share of the returns that are the only one of their (beam, firing) and within 0.1° of that ray.
+  double assigned_share() const { return assigned_share_; }
 
  private:
-  struct Entry {
-    double azimuth, elevation, range;
-    int point;
+  struct Return {
+    Vec3d p_velo;
+    int beam;
+    double firing;  ///< rad, exact, not rounded to the grid
   };
-  std::vector<Entry> entries_;  ///< by azimuth
-  std::vector<float> cells_;    ///< beams × columns: range, 0 where none
-  int columns_ = 0;
+  void find_firings();
+  void assign();
+  SweepRay ray_of(int point) const;
+
+  LidarModel lidar_;
+  std::vector<Return> returns_;
+  std::vector<double> firings_;  ///< rad, rising, in [−π, π)
+  std::vector<int> cells_;       ///< beams × firings: point, −1 where none
+  std::vector<int> extra_;       ///< returns without a cell of their own
   double assigned_share_ = 0;
 };
 

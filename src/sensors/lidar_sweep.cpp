@@ -27,9 +27,7 @@ float reported(float reflectivity, double signal, const SweepNoise& noise, doubl
 Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
                      const SweepNoise& noise) {
   const int columns = model.azimuth_count();
-  const Eigen::Matrix3f turn = model.velo_from_lidar.linear().cast<float>();
-  const Vec3f origin = model.velo_from_lidar.translation().cast<float>();
-  std::vector<Sweep> beams(model.elevations.size());
+  std::vector<Sweep> beams(model.beams.size());
 
   parallel_for(beams.size(), [&](std::size_t b) {
     RandomStream random(seed, "lidar beam", b);
@@ -40,10 +38,10 @@ Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64
       const double lost = random.uniform(), weak = random.uniform();
       double pane = random.uniform();
 
-      Vec3d d = model.direction(static_cast<int>(b), column);
-      const Vec3d left = Vec3d(-d.y(), d.x(), 0).normalized();
-      d = (d + da * left + de * d.cross(left)).normalized();
-      Ray ray{origin, turn * d.cast<float>(), static_cast<float>(model.range_min),
+      const LidarRay fired = model.ray(static_cast<int>(b), column);
+      const Vec3d left = Vec3d(-fired.direction.y(), fired.direction.x(), 0).normalized();
+      const Vec3d d = (fired.direction + da * left + de * fired.direction.cross(left)).normalized();
+      Ray ray{fired.origin.cast<float>(), d.cast<float>(), static_cast<float>(model.range_min),
               static_cast<float>(model.range_max)};
       Hit hit;
       bool returned = false;

@@ -21,7 +21,7 @@ Rig small_rig() {
   rig.calibration.camera_from_velo.linear() = r;
   rig.calibration.camera_from_velo.translation() = Vec3d(0.0, -0.08, -0.27);
   constexpr double degree = std::numbers::pi / 180;
-  for (int i = 0; i < 64; ++i) rig.lidar.elevations.push_back((2 - 0.4 * i) * degree);
+  for (int i = 0; i < 64; ++i) rig.lidar.beams.push_back({(2 - 0.4 * i) * degree, 0, 0, 0});
   rig.lidar.azimuth_step = 0.5 * degree;
   rig.lidar.azimuth_min = -45 * degree;
   rig.lidar.azimuth_max = 45 * degree;

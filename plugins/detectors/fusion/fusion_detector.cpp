@@ -1,8 +1,11 @@
 #include "fusion_detector.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <exception>
 #include <stdexcept>
+#include <thread>
 
 #include "augment.h"
 #include "loss.h"
@@ -35,6 +38,34 @@ Network make_network(const Options& options) {
   return Network(options.with_image);
 }
 
+struct SampleResult {
+  std::array<float, 3> loss{};
+  std::vector<Tensor> gradients;
+};
+
+/// work(i) for every sample, each on one thread. LibTorch's own threads stay off: they spin while they wait,
+/// which costs a multiple of the work on a busy machine, and they make sums depend on their number.
+template <class Work>
+void for_each_sample(std::size_t count, int threads, const Work& work) {
+  const std::size_t workers = std::min(count, static_cast<std::size_t>(std::max(1, threads)));
+  std::vector<std::exception_ptr> problems(workers);
+  const auto loop = [&](std::size_t first) {
+    try {
+      at::set_num_threads(1);
+      torch::AutoGradMode mode(true);
+      for (std::size_t i = first; i < count; i += workers) work(i);
+    } catch (...) {
+      problems[first] = std::current_exception();
+    }
+  };
+  std::vector<std::jthread> others;
+  for (std::size_t w = 1; w < workers; ++w) others.emplace_back(loop, w);
+  loop(0);
+  others.clear();
+  for (const auto& problem : problems)
+    if (problem) std::rethrow_exception(problem);
+}
+
 }  // namespace
 
 FusionDetector::FusionDetector(const Options& options, const char* weights)
@@ -42,7 +73,6 @@ FusionDetector::FusionDetector(const Options& options, const char* weights)
       network_(make_network(options)),
       optimiser_(network_->parameters(),
                  torch::optim::AdamWOptions(1e-3).betas({0.9, 0.99}).weight_decay(kWeightDecay)) {
-  if (options.threads > 0) at::set_num_threads(options.threads);
   if (weights) load(weights);
 }
 
@@ -55,6 +85,7 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
   kept_logits_ = Tensor();
   kept_input_ = copy_input(input, options_.with_image);
   kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
+  at::set_num_threads(1);
   require_parameter_gradients(false);
   torch::AutoGradMode mode(keep_graph);
   if (keep_graph) {
@@ -88,6 +119,7 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
   if (d_logits.size() != proposal_cells_.size())
     throw std::runtime_error("backward got " + std::to_string(d_logits.size()) + " logit gradients for " +
                              std::to_string(proposal_cells_.size()) + " proposals; give one for each");
+  at::set_num_threads(1);
   Tensor seed = torch::zeros_like(kept_logits_);
   for (std::size_t i = 0; i < d_logits.size(); ++i) seed.data_ptr<float>()[proposal_cells_[i]] = d_logits[i];
   std::vector<Tensor> inputs = {kept_input_.points};
@@ -122,16 +154,26 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
     positives += targets.back().positives;
     boxed += targets.back().boxed;
   }
-  optimiser_.zero_grad();
-  std::array<float, 3> loss{};
-  for (std::size_t i = 0; i < samples.size(); ++i) {
+  const std::vector<Tensor> parameters = network_->parameters();
+  std::vector<SampleResult> results(samples.size());
+  for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
     const SensorTensors plain = copy_input(samples[i].input, options_.with_image);
-    const SensorTensors input = augment(plain, options_.seed, static_cast<std::uint64_t>(samples_seen_++));
+    const SensorTensors input = augment(plain, options_.seed, static_cast<std::uint64_t>(samples_seen_) + i);
     const LossTerms terms = detection_loss(network_->forward(input), targets[i], positives, boxed);
-    terms.total.backward();
-    loss[0] += terms.total.item<float>();
-    loss[1] += static_cast<float>(terms.score);
-    loss[2] += static_cast<float>(terms.box);
+    results[i].loss = {terms.total.item<float>(), static_cast<float>(terms.score),
+                       static_cast<float>(terms.box)};
+    // Without the picture its branch gets no gradient: allow_unused.
+    results[i].gradients = torch::autograd::grad({terms.total}, parameters, {}, {}, false, true);
+  });
+  samples_seen_ += static_cast<std::int64_t>(samples.size());
+  // Summed in the samples' order, so that the number of threads changes nothing.
+  std::array<float, 3> loss{};
+  for (std::size_t k = 0; k < parameters.size(); ++k)
+    parameters[k].mutable_grad() = torch::zeros_like(parameters[k]);
+  for (const SampleResult& result : results) {
+    for (std::size_t t = 0; t < loss.size(); ++t) loss[t] += result.loss[t];
+    for (std::size_t k = 0; k < parameters.size(); ++k)
+      if (result.gradients[k].defined()) parameters[k].mutable_grad().add_(result.gradients[k]);
   }
   if (!std::isfinite(loss[0]))
     throw std::runtime_error("the training loss is not finite; lower the learning rate");

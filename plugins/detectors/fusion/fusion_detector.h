@@ -14,7 +14,7 @@ namespace mirage::fusion {
 struct Options {
   bool with_image = true;
   std::uint64_t seed = 0;
-  int threads = 0;
+  int threads = 1;  ///< samples of a training step at once; a forward pass uses one
 };
 
 /// Errors leave as std::exception; the C interface turns them into one line.

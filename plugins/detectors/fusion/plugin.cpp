@@ -46,7 +46,7 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
     mirage::fusion::Options options;
     options.with_image = modality == "fusion";
     options.seed = json.value("seed", std::uint64_t{0});
-    options.threads = json.value("threads", 0);
+    options.threads = json.value("threads", 1);
     made = new FusionDetector(options, weights);
   });
   return made;

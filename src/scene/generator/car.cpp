@@ -46,7 +46,7 @@ Material paint_of(RandomStream& random) {
     }
   }
   Material m = plain(chosen->color * static_cast<float>(random.uniform(0.8, 1.15)),
-                     0.3f * chosen->lidar * static_cast<float>(std::exp(random.uniform(-0.9, 0.9))), 0.045f);
+                     0.24f * chosen->lidar * static_cast<float>(std::exp(random.uniform(-1.2, 1.2))), 0.045f);
   if (random.uniform() < 0.25) m.gloss = 0.02f;  // dusty
   return m;
 }

@@ -196,8 +196,8 @@ Hull loft(const BodyShape& shape) {
       const int row = i < kHalf - 1 ? i : ring - 1 - i;
       const auto kind = body.kind(0.5 * (us[k] + us[k + 1]), row, 0.5 * (rises[k] + rises[k + 1]));
       auto& list = kind == Loft::Kind::paint ? paint : kind == Loft::Kind::glass ? glass : trim;
-      list.insert(list.end(), {{a, b, c}, {a, c, d}});
-      all.faces.insert(all.faces.end(), {{a, b, c}, {a, c, d}});
+      list.insert(list.end(), {{a, c, b}, {a, d, c}});
+      all.faces.insert(all.faces.end(), {{a, c, b}, {a, d, c}});
     }
   for (int end = 0; end < 2; ++end) {
     const int first = end == 0 ? 0 : (count - 1) * ring;
@@ -207,7 +207,7 @@ Hull loft(const BodyShape& shape) {
                 d = first + (ring - j) % ring;
       const auto add = [&](int p, int q, int r) {
         if (p == q || q == r || p == r) return;
-        const Face f = end == 0 ? Face{p, r, q} : Face{p, q, r};
+        const Face f = end == 0 ? Face{p, q, r} : Face{p, r, q};
         paint.push_back(f);
         all.faces.push_back(f);
       };

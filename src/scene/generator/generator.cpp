@@ -41,18 +41,18 @@ SceneLight make_light(std::uint64_t seed, std::uint64_t index) {
   const double overcast = random.uniform() < 0.25 ? random.uniform(0.6, 1.0) : random.uniform(0.0, 0.2);
   const float exposure = f(0.75, 1.3);
   const float warm = std::clamp(1.2f - static_cast<float>(elevation), 0.f, 1.f);
-  const float strength = 2.1f * (1 - 0.93f * static_cast<float>(overcast)) * exposure;
+  const float strength = 2.3f * (1 - 0.93f * static_cast<float>(overcast)) * exposure;
   const Vec3f sun = strength * Vec3f(1.04f, 0.97f - 0.05f * warm, 0.86f - 0.18f * warm);
   l.sun = sun.cast<double>();
   const float o = static_cast<float>(overcast);
-  const float bright = f(0.7, 1.4) * exposure;
+  const float bright = f(0.5, 1.2) * exposure;
   light.sky.horizon = bright * ((1 - o) * Vec3f(0.80f, 0.92f, 1.05f) + o * Vec3f(0.95f, 0.96f, 1.0f));
-  light.sky.zenith = bright * ((1 - o) * Vec3f(0.16f, 0.27f, 0.48f) + o * Vec3f(0.8f, 0.82f, 0.86f));
+  light.sky.zenith = bright * ((1 - o) * Vec3f(0.11f, 0.21f, 0.43f) + o * Vec3f(0.8f, 0.82f, 0.86f));
   light.sky.glow = (1 - o) * 0.9f * exposure;
   light.sky.clouds = random.uniform() < 0.5 ? f(0.2, 0.7) : 0;
   light.sky.variant = random.next_u32();
   const Vec3f to_sun = l.to_sun_velo.cast<float>(), sky = mean_sky(light.sky, to_sun);
-  // What bounces from ground and walls: a mean albedo of 0.16, a share of them in the sun.
+  // What bounces from ground and walls: a mean albedo of 0.12, a share of them in the sun.
   const Vec3f bounce =
       0.16f * (0.45f * std::max(0.f, to_sun.z()) * sun + 0.6f * sky).cwiseProduct(Vec3f(1.05f, 1, 0.9f));
   l.ambient = bounce.cast<double>();

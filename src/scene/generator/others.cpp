@@ -53,9 +53,9 @@ Material green(RandomStream& random, Pattern pattern) {
   Material m;
   m.pattern = pattern;
   const auto u = [&](double a, double b) { return static_cast<float>(random.uniform(a, b)); };
-  m.albedo = Vec3f(u(0.035, 0.08), u(0.07, 0.13), u(0.012, 0.03));
+  m.albedo = Vec3f(u(0.025, 0.06), u(0.045, 0.10), u(0.01, 0.025));
   m.second = random.uniform() < 0.15 ? Vec3f(u(0.15, 0.25), u(0.09, 0.13), 0.02f)
-                                     : Vec3f(u(0.07, 0.13), u(0.11, 0.17), u(0.02, 0.04));
+                                     : Vec3f(u(0.05, 0.11), u(0.08, 0.14), u(0.015, 0.035));
   m.variant = random.next_u32();
   m.lidar = 0.35f;
   return m;

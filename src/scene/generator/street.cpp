@@ -111,7 +111,7 @@ class Builder {
 
   void lay_ground() {
     for (double& bank : bank_) bank = chance(0.35) ? u(-0.03, 0.12) : 0;
-    Material tar = plain(Vec3f(1, 1, 1.03f) * f(0.085, 0.19), f(0.16, 0.32));
+    Material tar = plain(Vec3f(1, 1, 1.03f) * f(0.065, 0.15), f(0.16, 0.32));
     tar.pattern = Pattern::asphalt, tar.variant = random_.next_u32();
     Mesh road;
     add_strip(road, -half_[0], half_[1], -12, kFar, 2);
@@ -125,10 +125,10 @@ class Builder {
           }
     surfaces_.push_back(surface(road, tar));
 
-    Material stone = plain(Vec3f(1.0f, 0.97f, 0.92f) * f(0.16, 0.32), f(0.25, 0.4));
+    Material stone = plain(Vec3f(1.0f, 0.97f, 0.92f) * f(0.12, 0.28), f(0.25, 0.4));
     stone.pattern = Pattern::paving, stone.variant = random_.next_u32();
-    Material lawn = plain(Vec3f(f(0.04, 0.09), f(0.08, 0.14), 0.025f), 0.4f);
-    lawn.pattern = Pattern::grass, lawn.second = Vec3f(f(0.13, 0.2), f(0.12, 0.17), 0.05f),
+    Material lawn = plain(Vec3f(f(0.03, 0.06), f(0.05, 0.10), 0.018f), 0.4f);
+    lawn.pattern = Pattern::grass, lawn.second = Vec3f(f(0.07, 0.15), f(0.08, 0.13), 0.035f),
     lawn.variant = random_.next_u32();
     Material kerb = plain(Vec3f::Constant(f(0.2, 0.36)), 0.3f);
     Mesh pavement, grass, kerbs;
@@ -323,7 +323,7 @@ void Builder::add_building(double s, double d, double along, double deep, int si
   wall.pattern = chance(0.85) ? Pattern::facade : Pattern::brick;
   const Vec3f tints[6] = {{0.62f, 0.58f, 0.5f}, {0.6f, 0.5f, 0.32f},   {0.5f, 0.5f, 0.5f},
                           {0.4f, 0.16f, 0.1f},  {0.55f, 0.42f, 0.36f}, {0.36f, 0.42f, 0.46f}};
-  wall.albedo = tints[random_.below(6)] * f(0.55, 1.15);
+  wall.albedo = tints[random_.below(6)] * f(0.35, 1.1);
   wall.second = wall.pattern == Pattern::brick ? Vec3f::Constant(0.3f) : Vec3f(0.035f, 0.04f, 0.05f);
   wall.variant = random_.next_u32();
   wall.lidar = 0.35f;
