@@ -45,7 +45,7 @@ asan: setup
 
 bench: build
 	cmake --build --preset release --target mirage_bench
-	build/release/mirage_bench --benchmark_repetitions=5 --benchmark_report_aggregates_only=true
+	build/release/mirage_bench
 
 format:
 	clang-format -i $(SOURCES)

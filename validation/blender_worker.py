@@ -271,11 +271,9 @@ def set_quality(scene, job, effects):
     cycles.caustics_reflective = cycles.caustics_refractive = True
     cycles.blur_glossy = 0.0
     if job.get("pixel", "area") == "centre":
+        # Cycles takes a pixel's first sample at its centre, whatever the filter; a narrow one keeps later ones near.
         cycles.pixel_filter_type = "BLACKMAN_HARRIS"
-        # The property's own minimum is 0.01 px; the stored value may be smaller, and an edge that passes
-        # within 0.005 px of a pixel's centre then falls on the right side.
         cycles.filter_width = 0.01
-        scene["cycles"]["filter_width"] = 1e-6
     else:
         cycles.pixel_filter_type = "BOX"
     render.film_transparent = True
@@ -319,8 +317,9 @@ def render(job):
         raise ValueError(f"rect {job['rect']} does not lie in {width}x{height}")
     border = scene.render
     border.use_border = border.use_crop_to_border = True
-    border.border_min_x, border.border_max_x = u0 / width, u1 / width
-    border.border_min_y, border.border_max_y = 1 - v1 / height, 1 - v0 / height
+    # Blender multiplies by the size again and cuts off: a quarter of a pixel keeps float32 on the right side.
+    border.border_min_x, border.border_max_x = (u0 + 0.25) / width, (u1 + 0.25) / width
+    border.border_min_y, border.border_max_y = (height - v1 + 0.25) / height, (height - v0 + 0.25) / height
     border.filepath = job["output"]
     started = time.time()
     bpy.ops.render.render(write_still=True)

@@ -13,7 +13,8 @@ constexpr double kSameReturn = 0.01;  // m; returns of neighbouring rays lie fur
 
 /// The rasteriser at its hard limit. `occluded`: behind the photograph's depth, as in an attack.
 SimulationSettings hard_limit(SimulationSettings settings, bool occluded) {
-  settings.raster.sigma = 1e-12;
+  settings.raster.sigma =
+      1e-18;  // blends over 1e-6 px; 1e-12 would over 2e-3 px, which is visible in the mean
   settings.raster.gamma = 1e-6;
   if (!occluded) settings.occlusion_margin = 1e9;
   return settings;
@@ -75,27 +76,12 @@ ImageF visible_share(const HostScene& scene, const PixelRect& rect) {
   return share;
 }
 
-/// Every ray that may meet the mesh: those of measured returns and those of the sensor's model.
+/// Every ray of the sweep that may meet the mesh, with or without a measured return.
 std::vector<LidarRay> rays_near(const PreparedFrame& prepared, const Mesh& mesh) {
-  constexpr double kMargin = 0.05;  // rad; a unit's lasers fire from up to 0.2 m off its centre
-  const LidarModel& lidar = prepared.lidar;
-  Eigen::AlignedBox2d window;
-  for (const Vec3d& v : mesh.vertices) {
-    const BeamAngles angles = beam_angles(lidar, v);
-    window.extend(Vec2d(angles.azimuth, angles.elevation));
-  }
-  const Vec2d low = window.min().array() - kMargin, high = window.max().array() + kMargin;
+  const Eigen::AlignedBox3d box = bounds(mesh);
   std::vector<LidarRay> rays;
-  for (const MeasuredRay& measured : prepared.index.window(low.x(), high.x(), low.y(), high.y()))
-    rays.push_back(measured.ray);
-  const Eigen::Matrix3d lidar_from_velo = lidar.velo_from_lidar.linear().transpose();
-  for (int beam = 0; beam < static_cast<int>(lidar.beams.size()); ++beam)
-    for (int column = 0; column < lidar.azimuth_count(); ++column) {
-      const LidarRay ray = lidar.ray(beam, column);
-      const Vec3d d = lidar_from_velo * ray.direction;
-      const Vec2d angles(std::atan2(d.y(), d.x()), std::asin(std::clamp(d.z(), -1.0, 1.0)));
-      if ((angles - low).minCoeff() >= 0 && (high - angles).minCoeff() >= 0) rays.push_back(ray);
-    }
+  for (const SweepRay& sent : prepared.index.rays_through(box.center(), box.diagonal().norm() / 2))
+    rays.push_back(sent.ray);
   return rays;
 }
 
@@ -220,6 +206,7 @@ std::vector<LadderRung> light_ladder(BlenderWorker& blender, const HostScene& sc
   using Surroundings = RenderEffects::Surroundings;
   const auto unseen = Surroundings::unseen;
   const std::vector<std::pair<std::string, RenderEffects>> rungs = {
+      {"+pixel area", {}},  // against the pixels' centres: what point sampling does to small texels and edges
       {"+shadows", {true, false, 0, false, unseen}},
       {"+occlusion", {false, true, 0, false, unseen}},
       {"+shadows+occlusion", {true, true, 0, false, unseen}},
@@ -231,25 +218,31 @@ std::vector<LadderRung> light_ladder(BlenderWorker& blender, const HostScene& sc
   const ImageF& photograph = scene.prepared->frame.image;
   const Simulated hard = simulate_host(scene, hard_limit(scene.simulation, false));
   RenderJob job = job_for(scene, grown(hard.rect, 8, photograph));
-  const Rendered base = render(blender, job);
-  const ImageF mask = alpha_mask(base.rgba);
-  ImageF base_picture = crop(photograph, job.rect);
-  composite(base, {}, base_picture);
-  const double mean = mean_absolute_error(base_picture, ImageF(mask.width, mask.height, 3), mask);
-  const ImageF base_seen = encoded(base_picture);
-  std::vector<LadderRung> ladder;
-  for (const auto& [effect, effects] : rungs) {
-    job.effects = effects;
-    const Rendered rendered = render(blender, job);
+  RenderJob centres = job;
+  centres.samples = 1;
+  centres.pixel_centre = true;
+  const Rendered sharp = render(blender, centres), base = render(blender, job);
+  const auto over_photograph = [&](const Rendered& rendered) {
     ImageF picture = crop(photograph, job.rect);
     composite(rendered, {}, picture);
+    return picture;
+  };
+  const ImageF mask = alpha_mask(base.rgba), sharp_picture = over_photograph(sharp),
+               base_picture = over_photograph(base);
+  const double mean = mean_absolute_error(base_picture, ImageF(mask.width, mask.height, 3), mask);
+  std::vector<LadderRung> ladder;
+  for (const auto& [effect, effects] : rungs) {
+    const bool first = ladder.empty();
+    job.effects = effects;
+    const Rendered rendered = first ? base : render(blender, job);
+    const ImageF picture = over_photograph(rendered), &from = first ? sharp_picture : base_picture;
+    const ImageF seen = encoded(picture), seen_from = encoded(from);
     LadderRung rung;
     rung.effect = effect;
-    rung.mae = mean_absolute_error(base_picture, picture, mask);
+    rung.mae = mean_absolute_error(from, picture, mask);
     rung.relative = mean > 0 ? rung.mae / mean : 0;
-    const ImageF seen = encoded(picture);
-    rung.ssim = ssim(grey(base_seen), grey(seen), mask);
-    rung.flip = flip(base_seen, seen, mask);
+    rung.ssim = ssim(grey(seen_from), grey(seen), mask);
+    rung.flip = flip(seen_from, seen, mask);
     rung.seconds = rendered.seconds;
     ladder.push_back(rung);
   }

@@ -55,7 +55,8 @@ struct FullLight {
 };
 FullLight full_light(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated);
 
-/// One effect of light against matched light, at the same samples, over the object's pixels.
+/// One effect against matched light, over the object's pixels. The first rung is matched light over the
+/// pixels' area against matched light at their centres; the others add light and compare at the same samples.
 struct LadderRung {
   std::string effect;
   double mae = 0, relative = 0;  ///< mean |Δ| of scene-linear radiance; the same over the mean radiance

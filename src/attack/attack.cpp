@@ -134,18 +134,22 @@ HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Ho
 }
 
 AttackResult run_attack(const AttackSettings& settings) {
+  parse_target(settings.target);  // before the detector is loaded
+  return run_attack(settings, *load_detector(settings.detector));
+}
+
+AttackResult run_attack(const AttackSettings& settings, Detector& detector) {
   const AttackTarget target = parse_target(settings.target);
   if (settings.batch < 1) throw InputError("--batch", std::to_string(settings.batch), "not positive", "use 1 or more");
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
   const nlohmann::json id = identity(settings);
 
-  auto detector = load_detector(settings.detector);
   FrameStore store(settings.data, lidar_of(settings.data));
   std::vector<std::string> train_frames, test_frames;
   split_frames(list_frames(settings.data), settings.seed, train_frames, test_frames);
-  const auto train = hosts_of(store, train_frames, *detector, settings);
-  const auto test = hosts_of(store, test_frames, *detector, settings);
+  const auto train = hosts_of(store, train_frames, detector, settings);
+  const auto test = hosts_of(store, test_frames, detector, settings);
   if (train.empty())
     throw InputError(settings.data.string(), "label_2",
                      fmt::format("no car in the training frames has {:.0f} % of the adversary in view",
@@ -185,7 +189,7 @@ AttackResult run_attack(const AttackSettings& settings) {
     for (std::size_t index : batch_of(train.size(), settings.batch, state.iteration, settings.seed)) {
       const Host& host = train[index];
       const HostStep step =
-          attack_host(*detector, store.get(host.id.frame), host, state.adversary, target, settings);
+          attack_host(detector, store.get(host.id.frame), host, state.adversary, target, settings);
       row.hide += step.hide / settings.batch;
       row.false_positive += step.false_positive / settings.batch;
       for (std::size_t i = 0; i < d_vertices.size(); ++i) d_vertices[i] += step.gradient.vertices[i] / settings.batch;

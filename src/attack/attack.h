@@ -41,6 +41,8 @@ struct AttackResult {
 /// Runs or resumes the attack in settings.out (see attack/run.h for the files). The result is bit-identical
 /// however often it was stopped. InputError when the folder holds a run with other settings.
 AttackResult run_attack(const AttackSettings& settings);
+/// The same with a detector at hand.
+AttackResult run_attack(const AttackSettings& settings, Detector& detector);
 
 /// Loss and gradient of one host: simulation, detector, objective and their VJPs.
 struct HostStep {

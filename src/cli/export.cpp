@@ -9,6 +9,7 @@
 #include "base/interrupt.h"
 #include "base/progress.h"
 #include "cli/command.h"
+#include "cli/table.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
 #include "validation/validate.h"
@@ -42,10 +43,11 @@ nlohmann::json run(const Options& options, const Common& common) {
     files.push_back(name + ".glb");
     progress.update(files.size() - 1);
   }
-  fmt::print("adversary  {} vertices, {} faces, {}×{} texels a face\nscenes     {}\nfolder     {}\n",
-             run.adversary.mesh.vertices.size(), run.adversary.mesh.faces.size(),
-             run.adversary.atlas.resolution, run.adversary.atlas.resolution, hosts.size(),
-             common.out.string());
+  const auto& [mesh, atlas] = run.adversary;
+  print_table({{"adversary", fmt::format("{} vertices, {} faces, {}×{} texels a face", mesh.vertices.size(),
+                                         mesh.faces.size(), atlas.resolution, atlas.resolution)},
+               {"scenes", std::to_string(hosts.size())},
+               {"folder", common.out.string()}});
   return {{"scenes", hosts.size()}, {"files", files}};
 }
 

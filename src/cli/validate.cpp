@@ -6,8 +6,42 @@
 #include <memory>
 
 #include "cli/command.h"
+#include "cli/table.h"
 
 namespace mirage::cli {
+namespace {
+
+void print_result(const nlohmann::json& result) {
+  const auto& matched = result.at("matched");
+  const auto& attack = result.at("attack");
+  const auto number = [](const nlohmann::json& from, const char* key) { return from.at(key).get<double>(); };
+  const auto count = [](const nlohmann::json& from, const char* key) { return from.at(key).get<int>(); };
+  Rows rows = {
+      {"vehicles", fmt::format("{} in {} frames", count(result, "vehicles"), count(result, "frames"))},
+      {"matched light",
+       fmt::format("mask IoU {:.6f}, MAE {:.2e}, largest error {:.2e}", number(matched, "mask_iou"),
+                   number(matched, "mae"), number(matched, "max_error"))},
+      {"LiDAR",
+       fmt::format("range error {:.2e} m, {} disagreements in {} rays", number(matched, "range_error_m"),
+                   count(matched, "hit_disagreements"), count(matched, "rays"))}};
+  const auto fidelity = [&](const nlohmann::json& of) {
+    return fmt::format("{:.4f} ({} of radiance), SSIM {:.3f}, FLIP {:.3f}, {:.1f} s", number(of, "mae"),
+                       percent(number(of, "relative")), number(of, "ssim"), number(of, "flip"),
+                       number(of, "seconds"));
+  };
+  for (const auto& rung : result.at("ladder"))
+    rows.push_back({rung.at("effect").get<std::string>(), fidelity(rung)});
+  rows.push_back({"full light", fidelity(result.at("full"))});
+  rows.push_back(
+      {"hidden", fmt::format("raster {}, Cycles {}, of {} found clean", count(attack, "hidden_raster"),
+                             count(attack, "hidden_cycles"), count(attack, "detected_clean"))});
+  rows.push_back({"ASR", fmt::format("raster {}, Cycles {}", percent(number(attack, "asr_raster")),
+                                     percent(number(attack, "asr_cycles")))});
+  rows.push_back({"report", result.at("report").get<std::string>()});
+  print_table(rows);
+}
+
+}  // namespace
 
 Command validate_command() {
   auto options = std::make_shared<ValidationSettings>();
@@ -34,26 +68,7 @@ Command validate_command() {
         settings.quiet = common.quiet;
         settings.detector.seed = common.seed;
         const nlohmann::json result = validate(settings);
-        const auto& matched = result.at("matched");
-        const auto& attack = result.at("attack");
-        fmt::print("vehicles             {} in {} frames\n", result.at("vehicles").get<int>(),
-                   result.at("frames").get<int>());
-        fmt::print("matched light        mask IoU {:.6f}, MAE {:.2e}, largest error {:.2e}\n",
-                   matched.at("mask_iou").get<double>(), matched.at("mae").get<double>(),
-                   matched.at("max_error").get<double>());
-        fmt::print("LiDAR                range error {:.2e} m, {} disagreements in {} rays\n",
-                   matched.at("range_error_m").get<double>(), matched.at("hit_disagreements").get<int>(),
-                   matched.at("rays").get<int>());
-        for (const auto& rung : result.at("ladder"))
-          fmt::print("{:<20} MAE {:.4f} ({:.1f} %), SSIM {:.4f}, {:.1f} s\n",
-                     rung.at("effect").get<std::string>(), rung.at("mae").get<double>(),
-                     100 * rung.at("relative").get<double>(), rung.at("ssim").get<double>(),
-                     rung.at("seconds").get<double>());
-        fmt::print("hidden, of {} found   raster {}, Cycles {} (ASR {:.3f}, {:.3f})\n",
-                   attack.at("detected_clean").get<int>(), attack.at("hidden_raster").get<int>(),
-                   attack.at("hidden_cycles").get<int>(), attack.at("asr_raster").get<double>(),
-                   attack.at("asr_cycles").get<double>());
-        fmt::print("report               {}\n", result.at("report").get<std::string>());
+        print_result(result);
         return result;
       }};
 }

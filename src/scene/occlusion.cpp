@@ -73,7 +73,7 @@ void SweepIndex::find_firings() {
     const int enough = std::max(2, static_cast<int>(lidar_.beams.size()) / 8);
     for (std::size_t step = 0; step < steps; ++step)
       if (seen[step] >= enough) firings_.push_back(-kPi + static_cast<double>(step) * lidar_.encoder_step);
-    return;
+    if (!firings_.empty()) return;  // an empty sweep: as the model fires
   }
   const int columns = lidar_.azimuth_count();
   for (int column = 0; column < columns; ++column) {

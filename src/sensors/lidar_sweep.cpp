@@ -31,6 +31,7 @@ Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64
 
   parallel_for(beams.size(), [&](std::size_t b) {
     RandomStream random(seed, "lidar beam", b);
+    const double bias = random.normal() * noise.beam_bias_sigma;
     for (int column = 0; column < columns; ++column) {
       // Every firing draws the same count of numbers, whatever it meets.
       const double da = random.normal() * noise.angle_sigma, de = random.normal() * noise.angle_sigma;
@@ -72,7 +73,7 @@ Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64
       const double signal = reflectivity * std::pow(cosine, 0.7f) / (hit.t * hit.t);
       const double kept = (1 - std::exp(-signal / noise.signal_floor)) * (m.gloss > 0 ? 1 - kGlossLoss : 1);
       if (weak > kept) continue;
-      const double range = hit.t + dr;
+      const double range = hit.t + bias + dr;
       if (range < model.range_min || range > model.range_max) continue;
       const Vec3f p = ray.origin + static_cast<float>(range) * ray.direction;
       beams[b].push_back({p.x(), p.y(), p.z(), reported(reflectivity, signal, noise, di)});

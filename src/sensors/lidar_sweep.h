@@ -9,8 +9,9 @@
 namespace mirage {
 
 struct SweepNoise {
-  double range_sigma = 0.02;    ///< m
-  double angle_sigma = 2.5e-4;  ///< rad, of azimuth and elevation
+  double range_sigma = 0.012;      ///< m
+  double beam_bias_sigma = 0.008;  ///< m, constant a beam: what calibration leaves
+  double angle_sigma = 2.5e-4;     ///< rad, of azimuth and elevation
   double reflectance_sigma = 0.03;
   double drop_out = 0.015;   ///< share of returns lost without a reason
   double dark_level = 0.06;  ///< reflectance that is reported as 0

@@ -10,10 +10,11 @@
 namespace mirage {
 namespace {
 
-constexpr float kLift = 2e-3f;        // m, secondary rays start this far off the surface
-constexpr float kSkyReach = 12.f;     // m, beyond which nothing blocks the sky's light
-constexpr int kGlassLayers = 4;       // a car has two windows in a row
-constexpr float kGlossyLimit = 0.4f;  // highlights of the sun's disc are wider than the real sun's
+constexpr float kLift = 2e-3f;         // m, secondary rays start this far off the surface
+constexpr float kSkyReach = 12.f;      // m, beyond which nothing blocks the sky's light
+constexpr float kOpenDistance = 1.5f;  // m, from which a neighbouring surface counts as lit
+constexpr int kGlassLayers = 4;        // a car has two windows in a row
+constexpr float kGlossyLimit = 0.4f;   // highlights of the sun's disc are wider than the real sun's
 
 std::vector<Mesh> meshes_of(std::span<const Surface> surfaces) {
   std::vector<Mesh> meshes;
@@ -36,7 +37,7 @@ class Shader {
     bounce_ = light.lighting.ambient.cast<float>();
   }
 
-  Vec3f miss(const Vec3f& direction) const { return sky_.radiance(direction, to_sun_); }
+  Vec3f miss(const Vec3f& direction) const { return sky_.seen * sky_.radiance(direction, to_sun_); }
 
   /// Radiance towards the eye from a hit, less what the sky lights diffusely: that is albedo · sky, returned
   /// apart because its noise is filtered. `footprint`: a pixel's size in rad.
@@ -89,10 +90,12 @@ class Shader {
       const float angle = 2 * std::numbers::pi_v<float> * (turn + 0.618034f * static_cast<float>(k));
       const float r = std::sqrt(r2);
       const Vec3f w = r * std::cos(angle) * side + r * std::sin(angle) * other + std::sqrt(1 - r2) * n;
-      if (w.z() < 0 || scene_.caster.occluded({start, w, 0, kSkyReach}))
-        sum += bounce_;
+      const Hit hit = scene_.caster.intersect({start, w, 0, kSkyReach});
+      // Crevices and the road under a car get next to no bounced light: what is close is in its own shade.
+      if (hit.hit())
+        sum += bounce_ * std::min(1.f, 0.08f + hit.t / kOpenDistance);
       else
-        sum += sky_.radiance(w, to_sun_);
+        sum += w.z() < 0 ? bounce_ : sky_.radiance(w, to_sun_);
     }
     return sum / static_cast<float>(sky_rays_);
   }
@@ -161,15 +164,19 @@ void add_sky_light(RayImage& image, const Layers& layers) {
       float weights = 0;
       for (int y = std::max(0, v - reach); y <= std::min(height - 1, v + reach); ++y)
         for (int x = std::max(0, u - reach); x <= std::min(width - 1, u + reach); ++x) {
+          if (layers.albedo.at(x, y) + layers.albedo.at(x, y, 1) <= 0) continue;  // sky, or a mirror
           const float other = image.depth.at(x, y);
           // Grazing surfaces change depth quickly from row to row; their normals tell them apart.
-          if (std::abs(other - depth) > 0.06f * depth) continue;
+          if (std::abs(other - depth) > 0.06f * depth || (depth == 0 && (x != u || y != v))) continue;
           const float facing = n.dot(Eigen::Map<const Vec3f>(layers.normal.pixel(x, y)));
           if (facing < 0.8f && (x != u || y != v)) continue;
           sum += Eigen::Map<const Vec3f>(layers.sky.pixel(x, y));
           weights += 1;
         }
-      if (weights == 0) continue;
+      if (weights == 0) {  // nothing alike around: the pixel's own samples
+        sum = Eigen::Map<const Vec3f>(layers.sky.pixel(u, v));
+        weights = 1;
+      }
       for (int c = 0; c < 3; ++c) image.color.at(u, v, c) += layers.albedo.at(u, v, c) * sum[c] / weights;
     }
   });
@@ -217,6 +224,18 @@ Vec3f Sky::radiance(const Vec3f& direction, const Vec3f& to_sun) const {
   const float near_sun = std::max(0.f, direction.dot(to_sun));
   const float n4 = near_sun * near_sun * near_sun * near_sun;
   return color + glow * (0.35f * n4 + std::pow(n4, 16.f)) * Vec3f(1, 0.95f, 0.85f);
+}
+
+Vec3f Sky::irradiance(const Vec3f& to_sun) const {
+  constexpr int rings = 8, sectors = 24;
+  Vec3f sum = Vec3f::Zero();
+  for (int i = 0; i < rings; ++i)
+    for (int k = 0; k < sectors; ++k) {
+      const float r2 = (static_cast<float>(i) + 0.5f) / rings, r = std::sqrt(r2);
+      const float a = 2 * std::numbers::pi_v<float> * (static_cast<float>(k) + 0.5f) / sectors;
+      sum += radiance({r * std::cos(a), r * std::sin(a), std::sqrt(1 - r2)}, to_sun);
+    }
+  return sum / (rings * sectors);
 }
 
 RayImage render(const RayScene& scene, const PinholeCamera& camera, const Transform& camera_from_velo,

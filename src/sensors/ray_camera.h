@@ -43,7 +43,12 @@ struct Sky {
   float glow = 0.6f;  ///< added radiance next to the sun
   float clouds = 0;   ///< share of the sky that is white
   std::uint32_t variant = 0;
+  /// What the camera sees of the sky over what lights the scene: hazy skies behind trees and houses are
+  /// overexposed in street pictures while the shadows stay dark.
+  float seen = 1;
   Vec3f radiance(const Vec3f& direction, const Vec3f& to_sun) const;
+  /// Irradiance / π of open, level ground: the cosine-weighted mean of the radiance.
+  Vec3f irradiance(const Vec3f& to_sun) const;
 };
 
 /// Light of a generated scene. `lighting.sun` is the sun's irradiance / π; the sky stands for hemisphere and

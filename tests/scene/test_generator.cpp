@@ -3,10 +3,14 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/error.h"
+#include "base/files.h"
 #include "base/parallel.h"
 #include "scene/generator.h"
 #include "scene/generator/car_body.h"
+#include "scene/generator/dataset.h"
 #include "scene/generator/parts.h"
+#include "scene/kitti.h"
 
 namespace mirage {
 namespace {
@@ -97,6 +101,43 @@ TEST(Generator, LabelsFitImageAndPoints) {
     }
   }
   EXPECT_GT(cars, 12);
+}
+
+TEST(Generator, DatasetGoesOnWhereItStopped) {
+  const std::filesystem::path out = std::filesystem::path(testing::TempDir()) / "mirage_generated";
+  std::filesystem::remove_all(out);
+  const auto silent = [](std::size_t) {};
+  DatasetSummary sum = generate_dataset(small_rig(), 3, 0, 2, out, silent);
+  EXPECT_EQ(sum.written, 2);
+  EXPECT_GT(sum.points, 6000u);
+  std::filesystem::remove(out / "training/label_2/000001.txt");
+  sum = generate_dataset(small_rig(), 3, 0, 3, out, silent);
+  EXPECT_EQ(sum.written, 2);
+  EXPECT_EQ(sum.kept, 1);
+  EXPECT_EQ(list_frames(out).size(), 3u);
+  const Frame frame = read_frame(out, "000002"), made = generate_frame(small_rig(), 3, 2);
+  EXPECT_EQ(frame.sweep.size(), made.sweep.size());
+  EXPECT_EQ(frame.labels.size(), made.labels.size());
+  EXPECT_NEAR((frame.lighting.sun - made.lighting.sun).norm(), 0, 1e-6);
+  EXPECT_THROW(generate_dataset(small_rig(), 4, 0, 1, out, silent), InputError);
+  std::filesystem::remove_all(out);
+}
+
+TEST(Generator, RigFilesAreReadStrictly) {
+  const std::filesystem::path shipped = std::filesystem::path(MIRAGE_SOURCE) / "scenes/rigs/kitti64.toml";
+  const Rig rig = read_rig(shipped);
+  EXPECT_EQ(rig.name, "kitti64");
+  EXPECT_EQ(rig.calibration.camera.width, 1242);
+  EXPECT_EQ(rig.lidar.beams.size(), 64u);
+  EXPECT_NEAR(rig.calibration.camera_from_velo.linear().determinant(), 1, 1e-4);
+  const std::filesystem::path bad = std::filesystem::path(testing::TempDir()) / "bad_rig.toml";
+  std::string text = read_file(shipped);
+  write_file(bad, text.substr(0, text.find("fx =")) + "zoom = 3\n" + text.substr(text.find("fx =")));
+  EXPECT_THROW(read_rig(bad), InputError);
+  const auto at = text.find("-0.999944177");
+  write_file(bad, text.replace(at, 12, "-0.899944177"));
+  EXPECT_THROW(read_rig(bad), InputError);
+  std::filesystem::remove(bad);
 }
 
 // Points on a car must neither stick out of its box nor leave a side of it bare.

@@ -22,7 +22,8 @@ inline std::filesystem::path scratch(const std::string& name) {
 inline TexturedMesh random_mesh(std::uint64_t seed, int resolution = 5) {
   RandomStream random(seed, "validation test mesh");
   TexturedMesh textured{icosphere(2), {resolution, {}}};
-  for (Vec3d& v : textured.mesh.vertices) v = v.cwiseProduct(Vec3d(0.7, 0.6, 0.4)) * random.uniform(0.85, 1.15);
+  for (Vec3d& v : textured.mesh.vertices)
+    v = v.cwiseProduct(Vec3d(0.7, 0.6, 0.4)) * random.uniform(0.85, 1.15);
   textured.atlas.texels.resize(textured.mesh.faces.size() * textured.atlas.per_face());
   for (Vec3d& t : textured.atlas.texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
   return textured;
@@ -61,7 +62,8 @@ inline PreparedFrame made_up_frame(double x = 9, double y = 1.5, double yaw = 0.
 }
 
 /// The scene of the frame's car with the mesh on it, exported to a .glb of that name.
-inline HostScene host_scene_of(const PreparedFrame& prepared, const TexturedMesh& adversary, const std::string& name) {
+inline HostScene host_scene_of(const PreparedFrame& prepared, const TexturedMesh& adversary,
+                               const std::string& name) {
   HostScene scene;
   scene.prepared = &prepared;
   scene.host = &prepared.frame.labels[0];

@@ -8,7 +8,7 @@ namespace mirage::fusion {
 namespace {
 
 constexpr double kMostThinning = 0.4, kMostShaking = 0.02;
-constexpr double kPictureLeftOut = 0.1;
+constexpr double kPictureLeftOut = 0.2;
 
 torch::Tensor thin_and_shake(const torch::Tensor& points, RandomStream& random) {
   const double dropped = random.uniform(0, kMostThinning), shaking = random.uniform(0, kMostShaking);

@@ -60,7 +60,7 @@ Material window(RandomStream& random) {
 const Material kTyre = plain(Vec3f::Constant(0.02f), 0.08f);
 const Material kArch = plain(Vec3f::Constant(0.006f), 0.05f);
 const Material kTrim = plain(Vec3f::Constant(0.018f), 0.12f, 0.01f);
-const Material kPlate = plain(Vec3f(0.75f, 0.75f, 0.72f), 1.6f);
+const Material kPlate = plain(Vec3f(0.6f, 0.6f, 0.58f), 1.6f);
 
 void add_wheel(Actor& car, const Hull& hull, double x, double radius, bool alloy) {
   for (int side : {1, -1}) {
@@ -128,7 +128,8 @@ void add_front(Actor& car, const Hull& hull, const BodyShape& s, RandomStream& r
   const double w = 0.5 * s.width, h = s.height;
   const double inner = w * random.uniform(0.42, 0.58), low = h * (s.nose - random.uniform(0.13, 0.17));
   const double high = h * (s.nose - 0.015), outer = w * 0.90;
-  Material lamp = plain(Vec3f(0.55f, 0.56f, 0.58f), 0.5f, 0.12f);
+  Material lamp =
+      plain(Vec3f(0.30f, 0.31f, 0.33f) * static_cast<float>(random.uniform(0.6, 1.3)), 0.4f, 0.12f);
   if (random.uniform() < 0.12) lamp.emission = Vec3f::Constant(2.5f);
   for (int side : {1, -1}) {
     const double a = side > 0 ? inner : -outer, b = side > 0 ? outer : -inner;
@@ -221,8 +222,7 @@ Actor assemble(const BodyShape& s, const std::string& type, const Vec3d& size, R
   fit_label_box(car);
   Mesh mirrors;
   for (int side : {1, -1}) {
-    const double x = car.surfaces[0].mesh.vertices.empty() ? 0 : x_of(s.cowl_u + 0.06),
-                 y = side * 0.50 * s.width;
+    const double x = x_of(s.cowl_u + 0.06), y = side * 0.50 * s.width;
     const double z = s.height * (s.belt_front + 0.05);
     append(mirrors, ellipsoid({0.07, 0.10, 0.075}), at(x, y + side * 0.06, z));
   }

@@ -7,9 +7,9 @@
 
 namespace mirage::generator {
 
-void fit_label_box(Actor& actor, std::size_t ignore) {
+void fit_label_box(Actor& actor) {
   Eigen::AlignedBox3d box;
-  for (std::size_t i = 0; i + ignore < actor.surfaces.size(); ++i) box.extend(bounds(actor.surfaces[i].mesh));
+  for (const Surface& s : actor.surfaces) box.extend(bounds(s.mesh));
   const Vec3d shift(-box.center().x(), -box.center().y(), -box.min().z());
   for (Surface& s : actor.surfaces)
     for (Vec3d& v : s.mesh.vertices) v += shift;

@@ -18,9 +18,9 @@ struct Actor {
   Vec3d size = Vec3d::Zero();     ///< length, width, height of the label box (m)
 };
 
-/// Measures the label box from the surfaces (those with a label, i.e. not mirrors) and moves the origin under
-/// its centre. `ignore` names trailing surfaces that do not count.
-void fit_label_box(Actor& actor, std::size_t ignore = 0);
+/// Measures the label box from the surfaces so far and moves the origin under its centre. Surfaces added
+/// later (mirrors) don't count.
+void fit_label_box(Actor& actor);
 /// Stretches the actor to the given label box.
 void stretch(Actor& actor, const Vec3d& size);
 

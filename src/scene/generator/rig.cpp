@@ -1,5 +1,6 @@
 // Rig files: [camera] here, [lidar] in sensors/lidar_model.
-#include <cmath>
+#include <Eigen/LU>
+#include <string>
 
 #include "base/config.h"
 #include "base/error.h"
@@ -11,26 +12,23 @@ Rig read_rig(const std::filesystem::path& file) {
   ConfigTable root = ConfigTable::read(file);
   ConfigTable table = root.table("camera");
   root.skip("lidar");
+  root.check_all_known();
   Rig rig;
   rig.name = file.stem().string();
   PinholeCamera& camera = rig.calibration.camera;
-  camera.width = static_cast<int>(std::lround(table.number("width", 1, 16384)));
-  camera.height = static_cast<int>(std::lround(table.number("height", 1, 16384)));
-  camera.fx = table.number("fx", 1, 1e6);
-  camera.fy = table.number("fy", 1, 1e6);
-  camera.cx = table.number("cx", -1e5, 1e5);
-  camera.cy = table.number("cy", -1e5, 1e5);
-  const std::vector<double> pose = table.numbers("camera_from_velo", 12, -1000, 1000);
+  camera.width = static_cast<int>(table.number("width", 1, 16384));
+  camera.height = static_cast<int>(table.number("height", 1, 16384));
+  camera.fx = table.number("fx", 1, 1e5);
+  camera.fy = table.number("fy", 1, 1e5);
+  camera.cx = table.number("cx", 0, camera.width - 1);
+  camera.cy = table.number("cy", 0, camera.height - 1);
+  const auto pose = table.numbers("camera_from_velo", 12, -100, 100);
+  for (int i = 0; i < 12; ++i) rig.calibration.camera_from_velo.matrix()(i / 4, i % 4) = pose[i];
   table.check_all_known();
-  root.check_all_known();
-  Eigen::Matrix3d r;
-  Vec3d t;
-  for (int i = 0; i < 12; ++i) (i % 4 < 3 ? r(i / 4, i % 4) : t(i / 4)) = pose[i];
-  if ((r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > 1e-4 || r.determinant() < 0)
-    throw InputError(file.string(), "camera.camera_from_velo", "its left 3 x 3 part is not a rotation",
-                     "write [R | t] row by row with R orthonormal and right-handed");
-  rig.calibration.camera_from_velo.linear() = r;
-  rig.calibration.camera_from_velo.translation() = t;
+  const Eigen::Matrix3d r = rig.calibration.camera_from_velo.linear();
+  if ((r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > 1e-3 || r.determinant() < 0)
+    throw InputError(file.string(), "camera.camera_from_velo", "its 3x3 part is not a rotation",
+                     "give an orthonormal, right-handed matrix [R | t], row by row");
   rig.lidar = read_lidar_model(file);
   return rig;
 }

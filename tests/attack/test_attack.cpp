@@ -1,0 +1,146 @@
+#include "attack/attack.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "attack/checkpoint.h"
+#include "attack/run.h"
+#include "attack/tiny_world.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "exchange/gltf.h"
+
+namespace mirage {
+namespace {
+
+using test::ScratchFolder;
+using test::StandInDetector;
+
+AttackSettings settings_for(const std::filesystem::path& data, const std::filesystem::path& out, int iterations) {
+  AttackSettings settings;
+  settings.data = data;
+  settings.out = out;
+  settings.iterations = iterations;
+  settings.checkpoint_every = 1;
+  settings.quiet = true;
+  return settings;
+}
+
+TEST(Attack, LowersTheLossAndKeepsTheBox) {
+  ScratchFolder folder;
+  test::write_tiny_data(folder.path / "data", 3);
+  StandInDetector detector;
+  const auto settings = settings_for(folder.path / "data", folder.path / "run", 25);
+  const AttackResult result = run_attack(settings, detector);
+  EXPECT_EQ(result.iterations, 25);
+  EXPECT_EQ(result.vehicles_train + result.vehicles_test, 3);
+  const AttackState state = read_checkpoint(folder.path / "run/checkpoint.json",
+                                            read_json(folder.path / "run/checkpoint.json").at("identity"));
+  ASSERT_EQ(state.losses.size(), 25u);
+  EXPECT_LT(state.losses.back().loss(), state.losses.front().loss());
+  for (const Vec3d& v : state.adversary.mesh.vertices)
+    EXPECT_TRUE((v.cwiseAbs().array() <= settings.limits.half.array() + 1e-12).all());
+  for (const Vec3d& t : state.adversary.atlas.texels) EXPECT_TRUE(t.minCoeff() >= 0 && t.maxCoeff() <= 1);
+  const Run run = read_run(folder.path / "run");
+  for (std::size_t i = 0; i < run.adversary.mesh.vertices.size(); ++i)
+    EXPECT_EQ(run.adversary.mesh.vertices[i], state.adversary.mesh.vertices[i]);
+}
+
+TEST(Attack, ResumesToTheSameBits) {
+  ScratchFolder folder;
+  test::write_tiny_data(folder.path / "data", 3);
+  StandInDetector detector;
+  run_attack(settings_for(folder.path / "data", folder.path / "whole", 7), detector);
+  run_attack(settings_for(folder.path / "data", folder.path / "parts", 3), detector);
+  run_attack(settings_for(folder.path / "data", folder.path / "parts", 7), detector);
+  EXPECT_EQ(read_file(folder.path / "whole/adversary.glb"), read_file(folder.path / "parts/adversary.glb"));
+  EXPECT_EQ(read_file(folder.path / "whole/loss.csv"), read_file(folder.path / "parts/loss.csv"));
+}
+
+TEST(Attack, TargetsGateTheGradientNotTheSensors) {
+  ScratchFolder folder;
+  test::write_tiny_data(folder.path / "data", 2);
+  const auto settings = settings_for(folder.path / "data", folder.path / "run", 1);
+  FrameStore store(settings.data, lidar_of(settings.data));
+  StandInDetector detector;
+  const PreparedFrame& prepared = store.get("000000");
+  const auto hosts = find_hosts(prepared, BoxRooftopFinder(), detector.region(), settings.simulation);
+  ASSERT_EQ(hosts.size(), 1u);
+  const TexturedMesh adversary = initial_adversary();
+  const auto step = [&](AttackTarget target) {
+    return attack_host(detector, prepared, hosts[0], adversary, target, settings);
+  };
+  const HostStep both = step(AttackTarget::both), image = step(AttackTarget::image), lidar = step(AttackTarget::lidar);
+  EXPECT_EQ(both.hide, image.hide);
+  EXPECT_EQ(both.hide, lidar.hide);
+  double lidar_texels = 0, lidar_vertices = 0, image_texels = 0;
+  for (const Vec3d& d : lidar.gradient.texels) lidar_texels += d.norm();
+  for (const Vec3d& d : lidar.gradient.vertices) lidar_vertices += d.norm();
+  for (const Vec3d& d : image.gradient.texels) image_texels += d.norm();
+  EXPECT_EQ(lidar_texels, 0);
+  EXPECT_GT(lidar_vertices, 0);
+  EXPECT_GT(image_texels, 0);
+}
+
+TEST(Attack, RandomTargetIsTheBaselineMesh) {
+  ScratchFolder folder;
+  test::write_tiny_data(folder.path / "data", 2);
+  StandInDetector detector;
+  auto settings = settings_for(folder.path / "data", folder.path / "run", 5);
+  settings.target = "random";
+  run_attack(settings, detector);
+  EXPECT_EQ(read_file(folder.path / "run/adversary.glb"), read_file(folder.path / "run/random.glb"));
+}
+
+std::string error_of(const std::function<void()>& work) {
+  try {
+    work();
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "no InputError";
+}
+
+TEST(AttackInput, ErrorsNameFileAndField) {
+  ScratchFolder folder;
+  StandInDetector detector;
+  test::write_tiny_data(folder.path / "data", 2);
+  auto settings = settings_for(folder.path / "data", folder.path / "run", 1);
+  settings.target = "camera";
+  EXPECT_THAT(error_of([&] { run_attack(settings, detector); }), testing::HasSubstr("--target: camera"));
+  settings.target = "both";
+  run_attack(settings, detector);
+  settings.batch = 3;
+  EXPECT_THAT(error_of([&] { run_attack(settings, detector); }), testing::HasSubstr("batch"));
+  settings.batch = 2;
+  write_file(folder.path / "run/checkpoint.json", "{\"identity\": {");
+  EXPECT_THAT(error_of([&] { run_attack(settings, detector); }), testing::HasSubstr("checkpoint.json: byte"));
+  EXPECT_THAT(error_of([&] { read_run(folder.path); }), testing::HasSubstr("run.json"));
+  EXPECT_THAT(error_of([&] { run_attack(settings_for(folder.path / "none", folder.path / "r", 1), detector); }),
+              testing::HasSubstr("none"));
+}
+
+TEST(AttackSplit, SevenToThreeByFrameAndBySeed) {
+  std::vector<std::string> frames, train, test, train2, test2;
+  for (int i = 0; i < 40; ++i) frames.push_back(std::to_string(100 + i));
+  split_frames(frames, 1, train, test);
+  EXPECT_EQ(train.size(), 28u);
+  EXPECT_EQ(test.size(), 12u);
+  for (const auto& id : test) EXPECT_THAT(train, testing::Not(testing::Contains(id)));
+  split_frames(frames, 1, train2, test2);
+  EXPECT_EQ(train, train2);
+  split_frames(frames, 2, train2, test2);
+  EXPECT_NE(train, train2);
+}
+
+TEST(Adam, FirstStepIsTheLearningRate) {
+  Adam adam;
+  std::vector<Vec3d> x{Vec3d(1, 1, 1)};
+  adam.step(x, {Vec3d(3, -0.2, 0)});
+  EXPECT_NEAR(x[0].x(), 1 - 1e-3, 1e-8);
+  EXPECT_NEAR(x[0].y(), 1 + 1e-3, 1e-8);
+  EXPECT_EQ(x[0].z(), 1);
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,88 @@
+// A data set of a few tiny frames and a differentiable stand-in for a network, so that the attack's loop can be tested
+// without one.
+#pragma once
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+#include "detection/detector.h"
+#include "scene/kitti.h"
+
+namespace mirage::test {
+
+/// Flat ground and one car a frame; a fifth of KITTI's image.
+inline void write_tiny_data(const std::filesystem::path& data, int frames) {
+  setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);  // where scenes/rigs is
+  for (int i = 0; i < frames; ++i) {
+    Frame frame;
+    frame.id = "00000" + std::to_string(i);
+    frame.calibration.camera = {144, 144, 122, 35, 248, 75};
+    Eigen::Matrix3d axes;
+    axes << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+    frame.calibration.camera_from_velo.linear() = axes;
+    frame.calibration.camera_from_velo.translation() = Vec3d(0, -0.08, -0.27);
+    frame.image = ImageF(248, 75, 3, 0.3f);
+    for (double x = 6; x < 40; x += 0.8)
+      for (double y = -6; y <= 6; y += 0.5) frame.sweep.push_back({float(x), float(y), -1.73f, 0.2f});
+    Label car;
+    car.type = "Car";
+    car.box = {{11.0 + i, 0.5 * i - 0.5, 3.9, 1.6, 0.1 * i}, -1.73, 1.5};
+    car.left = 90, car.right = 150, car.top = 20, car.bottom = 60;
+    frame.labels = {car};
+    write_frame(data, frame);
+  }
+}
+
+/// One proposal on the first frame's car. Its logit grows with the image's brightness inside a fixed window and falls
+/// with the number of points near the car's roof, smoothly.
+class StandInDetector : public Detector {
+ public:
+  std::string name() const override { return "stand-in"; }
+  std::array<double, 4> region() const override { return {0, 50, -25, 25}; }
+  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool) override {
+    ++forwards;
+    image_ = *input.image;
+    points_.assign(input.points.begin(), input.points.end());
+    double logit = 1;
+    for (float value : image_.data) logit += kImage * (value - 0.3);
+    for (const LidarPoint& p : points_) logit += kPoints * weight(p);
+    const Proposal proposal{{11.5, 0, 4, 1.7, 0}, logit};
+    if (proposal.score() <= score_threshold) return {};
+    return {proposal};
+  }
+  SensorGradient backward(std::span<const double> d_logits) override {
+    SensorGradient gradient{ImageF(image_.width, image_.height, 3), {}};
+    for (float& d : gradient.image.data) d = static_cast<float>(kImage * d_logits[0]);
+    for (const LidarPoint& p : points_) {
+      const double w = -2 * kPoints * weight(p) * d_logits[0];
+      gradient.points.push_back({float(w * (p.x - 11)), float(w * p.y), float(w * p.z), 0});
+    }
+    return gradient;
+  }
+  TrainingLoss train_step(std::span<const TrainingSample>, double) override { return {}; }
+  void save(const std::filesystem::path&, bool) override {}
+
+  int forwards = 0;
+
+ private:
+  static constexpr double kImage = 1e-2, kPoints = -2e-2;
+  static double weight(const LidarPoint& p) {
+    return std::exp(-(p.x - 11) * (p.x - 11) - p.y * p.y - p.z * p.z);
+  }
+  ImageF image_;
+  std::vector<LidarPoint> points_;
+};
+
+/// A folder that goes away with the object.
+struct ScratchFolder {
+  std::filesystem::path path;
+  ScratchFolder() {
+    std::string name = (std::filesystem::temp_directory_path() / "mirage-test-XXXXXX").string();
+    path = mkdtemp(name.data());
+  }
+  ~ScratchFolder() { std::filesystem::remove_all(path); }
+};
+
+}  // namespace mirage::test

@@ -1,0 +1,113 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+
+#include <csignal>
+#include <fstream>
+
+#include "base/config.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+using test::TemporaryFolder;
+using testing::AllOf;
+using testing::HasSubstr;
+
+std::size_t entries(const std::filesystem::path& folder) {
+  return static_cast<std::size_t>(std::distance(std::filesystem::directory_iterator(folder), {}));
+}
+
+TEST(WriteFile, MakesFoldersAndReplacesWhole) {
+  TemporaryFolder folder;
+  write_file(folder / "a/b/c.bin", std::string("one\0two", 7));
+  EXPECT_EQ(read_file(folder / "a/b/c.bin"), std::string("one\0two", 7));
+  write_file(folder / "a/b/c.bin", "x");
+  EXPECT_EQ(read_file(folder / "a/b/c.bin"), "x");
+  EXPECT_EQ(entries(folder / "a/b"), 1u);
+}
+
+// A file-size limit stands in for a full disk: the old file stays, nothing is left beside it.
+TEST(WriteFile, FailingHalfWayKeepsTheOldFile) {
+  TemporaryFolder folder;
+  write_file(folder / "kept.txt", "old");
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  rlimit small = before;
+  small.rlim_cur = 4096;
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+  const std::string text =
+      error_text<Failure>([&] { write_file(folder / "kept.txt", std::string(100000, 'x')); });
+  setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, handler);
+  EXPECT_THAT(text, AllOf(HasSubstr("kept.txt"), HasSubstr("cannot be written")));
+  EXPECT_EQ(read_file(folder / "kept.txt"), "old");
+  EXPECT_EQ(entries(folder.path()), 1u);
+}
+
+TEST(WriteFile, AFileInThePlaceOfAFolderIsAFailure) {
+  TemporaryFolder folder;
+  write_file(folder / "file", "");
+  EXPECT_THAT(error_text<Failure>([&] { write_file(folder / "file/inside.txt", "x"); }), HasSubstr("file"));
+  EXPECT_THAT(error_text<Failure>([&] { make_output_folder(folder / "file"); }), HasSubstr("--out"));
+  EXPECT_THAT(error_text<Failure>([&] { make_output_folder("/proc/none"); }), HasSubstr("/proc/none"));
+}
+
+TEST(MakeOutputFolder, LeavesNoProbe) {
+  TemporaryFolder folder;
+  make_output_folder(folder / "deep/out");
+  EXPECT_EQ(entries(folder / "deep/out"), 0u);
+}
+
+TEST(ReadFile, MissingFileOrFolderIsAnInputError) {
+  TemporaryFolder folder;
+  EXPECT_THAT(error_text<InputError>([&] { read_file(folder / "none.txt"); }),
+              AllOf(HasSubstr("none.txt"), HasSubstr("No such file")));
+  EXPECT_THAT(error_text<InputError>([&] { read_file(folder.path()); }), HasSubstr("is a folder"));
+}
+
+TEST(ReadJson, NamesFileAndByte) {
+  TemporaryFolder folder;
+  write_file(folder / "bad.json", "{\"a\": 1,,}");
+  EXPECT_THAT(error_text<InputError>([&] { read_json(folder / "bad.json"); }),
+              AllOf(HasSubstr("bad.json"), HasSubstr("byte 9")));
+  write_json(folder / "good.json", {{"a", 0.1}, {"b", {1, 2}}});
+  EXPECT_EQ(read_json(folder / "good.json")["a"], 0.1);
+}
+
+TEST(ShippedFile, UnknownNameSaysHowToFindIt) {
+  EXPECT_THAT(error_text<InputError>([] { shipped_file("scenes/none.toml"); }),
+              AllOf(HasSubstr("scenes/none.toml"), HasSubstr("MIRAGE_HOME")));
+}
+
+TEST(ConfigTable, StrictAboutKeysTypesAndRanges) {
+  TemporaryFolder folder;
+  write_file(folder / "c.toml",
+             "number = 3\ntext = \"a\"\nlist = [1, 2.5]\n[table]\nrows = [[1, 2], [3, 4]]\n");
+  ConfigTable table = ConfigTable::read(folder / "c.toml");
+  EXPECT_EQ(table.number("number", 0, 10), 3);
+  EXPECT_EQ(table.text("text"), "a");
+  EXPECT_EQ(table.numbers("list", 2, 0, 10), (std::vector<double>{1, 2.5}));
+  EXPECT_THAT(error_text<InputError>([&] { table.check_all_known(); }), HasSubstr("table: unknown key"));
+  ConfigTable inner = table.table("table");
+  table.check_all_known();
+  EXPECT_EQ(inner.rows("rows", 2, 0, 10)[1][0], 3);
+  EXPECT_THAT(error_text<InputError>([&] { inner.rows("rows", 3, 0, 10); }), HasSubstr("table.rows[0]"));
+  EXPECT_THAT(error_text<InputError>([&] { inner.rows("rows", 2, 0, 3); }), HasSubstr("table.rows[1][1]"));
+  EXPECT_THAT(error_text<InputError>([&] { table.number("none", 0, 1); }), HasSubstr("none: missing key"));
+  EXPECT_THAT(error_text<InputError>([&] { table.number("text", 0, 1); }), HasSubstr("text: not a number"));
+  EXPECT_THAT(error_text<InputError>([&] { table.number("number", 0, 1); }),
+              HasSubstr("number: 3 is out of range"));
+  EXPECT_THAT(error_text<InputError>([&] { table.text("number"); }), HasSubstr("number: not a text"));
+  write_file(folder / "c.toml", "a = 1\nb = = 2\n");
+  EXPECT_THAT(error_text<InputError>([&] { ConfigTable::read(folder / "c.toml"); }),
+              AllOf(HasSubstr("c.toml"), HasSubstr("line 2")));
+}
+
+}  // namespace
+}  // namespace mirage

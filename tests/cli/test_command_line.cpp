@@ -1,0 +1,176 @@
+// The program as a user meets it: exit codes, one-line errors, and what survives when something goes wrong.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/mount.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <thread>
+
+#include "base/files.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+const std::string kProgram = std::string(MIRAGE_BUILD) + "/mirage";
+
+struct Scratch {
+  fs::path path;
+  Scratch() {
+    std::string name = (fs::temp_directory_path() / "mirage-cli-XXXXXX").string();
+    path = mkdtemp(name.data());
+  }
+  ~Scratch() { fs::remove_all(path); }
+};
+
+struct Outcome {
+  int code = -1;
+  std::string out, err;
+};
+
+/// Starts the program with its output in files under `folder`.
+pid_t start(const Scratch& folder, const std::vector<std::string>& arguments,
+            const std::vector<std::pair<std::string, std::string>>& environment = {}) {
+  const pid_t child = fork();
+  if (child != 0) return child;
+  for (const auto& [name, value] : environment) setenv(name.c_str(), value.c_str(), 1);
+  if (!freopen((folder.path / "out.txt").c_str(), "w", stdout)) _exit(99);
+  if (!freopen((folder.path / "err.txt").c_str(), "w", stderr)) _exit(99);
+  std::vector<char*> argv{const_cast<char*>(kProgram.c_str())};
+  for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));
+  argv.push_back(nullptr);
+  execv(kProgram.c_str(), argv.data());
+  _exit(98);
+}
+
+Outcome finish(const Scratch& folder, pid_t child) {
+  int status = 0;
+  waitpid(child, &status, 0);
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), read_file(folder.path / "out.txt"),
+          read_file(folder.path / "err.txt")};
+}
+
+Outcome run(const Scratch& folder, const std::vector<std::string>& arguments,
+            const std::vector<std::pair<std::string, std::string>>& environment = {}) {
+  return finish(folder, start(folder, arguments, environment));
+}
+
+/// One line on standard error that starts with "mirage: ".
+void expect_one_line(const std::string& err) {
+  EXPECT_THAT(err, testing::StartsWith("mirage: "));
+  EXPECT_EQ(std::count(err.begin(), err.end(), '\n'), 1) << err;
+}
+
+TEST(CommandLine, HelpNamesEveryCommand) {
+  Scratch folder;
+  const Outcome outcome = run(folder, {"--help"});
+  EXPECT_EQ(outcome.code, 0);
+  for (const char* command : {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate", "export",
+                              "validate"})
+    EXPECT_THAT(outcome.out, HasSubstr(command));
+}
+
+TEST(CommandLine, WrongArgumentsExitWithTwo) {
+  Scratch folder;
+  for (const auto& arguments : std::vector<std::vector<std::string>>{{"fly"},
+                                                                    {},
+                                                                    {"attack"},
+                                                                    {"generate", "--frames", "many"},
+                                                                    {"generate", "--no-such-option"}}) {
+    const Outcome outcome = run(folder, arguments);
+    EXPECT_EQ(outcome.code, 2);
+    expect_one_line(outcome.err);
+  }
+}
+
+TEST(CommandLine, AConfigSetsOptionsAndAnUnknownKeyIsAnError) {
+  Scratch folder;
+  const fs::path config = folder.path / "run.toml";
+  std::ofstream(config) << "frames = 1\nrig = \"no-such-rig\"\n";
+  Outcome outcome = run(folder, {"generate", "--config", config, "--out", folder.path / "d"});
+  EXPECT_EQ(outcome.code, 2);
+  EXPECT_THAT(outcome.err, HasSubstr("no-such-rig"));
+  std::ofstream(config) << "frames = 1\nfarmes = 2\n";
+  outcome = run(folder, {"generate", "--config", config, "--out", folder.path / "d"});
+  EXPECT_EQ(outcome.code, 2);
+  expect_one_line(outcome.err);
+  EXPECT_THAT(outcome.err, HasSubstr("run.toml: farmes"));
+}
+
+TEST(CommandLine, MissingAndEmptyDataSets) {
+  Scratch folder;
+  fs::create_directories(folder.path / "empty/training/velodyne");
+  for (const char* data : {"none", "empty"})
+    for (const char* command : {"attack", "detect"}) {
+      const Outcome outcome = run(folder, {command, "--data", folder.path / data, "--out", folder.path / "o"});
+      EXPECT_EQ(outcome.code, 2) << command << ' ' << data << ' ' << outcome.err;
+      expect_one_line(outcome.err);
+      EXPECT_THAT(outcome.err, HasSubstr(data));
+    }
+}
+
+TEST(CommandLine, AMissingPluginIsNamed) {
+  Scratch folder;
+  const Outcome outcome = run(folder, {"detect", "--data", folder.path, "--detector", "/no/such/plugin.so", "--out",
+                                       folder.path / "o"});
+  EXPECT_EQ(outcome.code, 2);
+  expect_one_line(outcome.err);
+  EXPECT_THAT(outcome.err, HasSubstr("/no/such/plugin.so"));
+}
+
+TEST(CommandLine, AnOutputFolderThatCannotBeWritten) {
+  Scratch folder;
+  const Outcome outcome = run(folder, {"generate", "--frames", "1", "--out", "/proc/nowhere"});
+  EXPECT_EQ(outcome.code, 1);
+  expect_one_line(outcome.err);
+  EXPECT_THAT(outcome.err, HasSubstr("/proc/nowhere"));
+}
+
+TEST(CommandLine, AFullDiskKeepsWhatWasFinished) {
+  Scratch folder;
+  const fs::path disk = folder.path / "disk";
+  fs::create_directories(disk);
+  if (mount("tmpfs", disk.c_str(), "tmpfs", 0, "size=2500k") != 0)
+    GTEST_SKIP() << "a small file system cannot be mounted here (root is needed)";
+  const Outcome outcome = run(folder, {"generate", "--frames", "20", "--out", disk, "--quiet"});
+  EXPECT_EQ(outcome.code, 1);
+  expect_one_line(outcome.err);
+  EXPECT_THAT(outcome.err, HasSubstr(disk.string()));
+  int whole = 0;
+  for (const auto& file : fs::recursive_directory_iterator(disk)) whole += file.path().extension() == ".bin";
+  EXPECT_GE(whole, 1);
+  for (const auto& file : fs::recursive_directory_iterator(disk))
+    EXPECT_THAT(file.path().string(), testing::Not(HasSubstr(".tmp"))) << "a half-written file was left";
+  umount(disk.c_str());
+}
+
+TEST(CommandLine, CtrlCKeepsFinishedFramesAndTheNextRunGoesOn) {
+  Scratch folder;
+  const std::vector<std::string> arguments{"generate", "--frames", "3", "--seed", "4", "--out", folder.path / "d",
+                                           "--quiet"};
+  const pid_t child = start(folder, arguments);
+  const fs::path first = folder.path / "d/training/velodyne/000000.bin";
+  for (int i = 0; i < 1200 && !fs::exists(first); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  ASSERT_TRUE(fs::exists(first));
+  kill(child, SIGINT);
+  const Outcome stopped = finish(folder, child);
+  EXPECT_EQ(stopped.code, 1);
+  expect_one_line(stopped.err);
+  EXPECT_THAT(stopped.err, HasSubstr("interrupted"));
+  const std::string before = read_file(first);
+  const Outcome outcome = run(folder, arguments);
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_EQ(read_file(first), before);
+  EXPECT_TRUE(fs::exists(folder.path / "d/training/label_2/000002.txt"));
+  EXPECT_TRUE(fs::exists(folder.path / "d/result.json"));
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,16 @@
+# Tiny plugins, each wrong in one way, for the loader's tests.
+set(number 0)
+foreach(kind works wrong_abi refuses throws_in_create throws_in_forward fails_in_forward not_finite no_entry)
+  add_library(fake_${kind} MODULE ${CMAKE_CURRENT_LIST_DIR}/plugins/fake_plugin.cpp)
+  target_compile_definitions(fake_${kind} PRIVATE FAKE=${number})
+  target_include_directories(fake_${kind} PRIVATE ${PROJECT_SOURCE_DIR}/src)
+  target_link_libraries(fake_${kind} PRIVATE mirage_options)
+  set_target_properties(fake_${kind} PROPERTIES PREFIX "" LIBRARY_OUTPUT_DIRECTORY
+                                                         ${CMAKE_BINARY_DIR}/test_plugins)
+  add_dependencies(test_detection fake_${kind})
+  math(EXPR number "${number} + 1")
+endforeach()
+if(TARGET mirage_fusion)
+  target_compile_definitions(test_detection PRIVATE MIRAGE_HAS_FUSION)
+  add_dependencies(test_detection mirage_fusion)
+endif()

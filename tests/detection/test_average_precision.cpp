@@ -1,0 +1,110 @@
+// AP, suppression and the rule for which labels count, against cases worked out by hand.
+#include <gtest/gtest.h>
+
+#include <numbers>
+
+#include "detection/average_precision.h"
+
+namespace mirage {
+namespace {
+
+BevBox car(double x, double y = 0) {
+  return {x, y, 4, 2, 0};
+}
+Proposal found(const BevBox& box, double logit) {
+  return {box, logit};
+}
+
+TEST(Suppress, KeepsTheBestOfOverlappingBoxesAndAllOthers) {
+  const auto kept =
+      suppress({found(car(10), 1), found(car(10.5), 3), found(car(20), 2), found(car(13.9), 0)}, 0.1);
+  ASSERT_EQ(kept.size(), 3u);
+  EXPECT_EQ(kept[0].logit, 3);
+  EXPECT_EQ(kept[1].logit, 2);
+  EXPECT_EQ(kept[2].box.x, 13.9);  // overlaps 10.5 by 0.6 m of 4: IoU 0.081
+}
+
+TEST(Suppress, BreaksTiesByInputOrder) {
+  const auto kept = suppress({found(car(10), 1), found(car(10.5), 1)}, 0.1);
+  ASSERT_EQ(kept.size(), 1u);
+  EXPECT_EQ(kept[0].box.x, 10);
+}
+
+TEST(AveragePrecision, PerfectDetectionsScoreOne) {
+  const std::vector<ScoredFrame> frames = {
+      {{found(car(10), 2), found(car(20), 1)}, {{car(10), car(20)}, {}, {}}}};
+  const auto result = average_precision(frames, 0.7);
+  EXPECT_DOUBLE_EQ(result.average_precision, 1);
+  EXPECT_DOUBLE_EQ(result.recall, 1);
+  EXPECT_EQ(result.boxes, 2);
+}
+
+TEST(AveragePrecision, AFalseAlarmAboveAHitLowersThePrecisionFromThere) {
+  // By score: hit (P 1, R 1/2), alarm (P 1/2), hit (P 2/3, R 1). 20 recalls at 1 and 20 at 2/3.
+  const std::vector<ScoredFrame> frames = {
+      {{found(car(10), 3), found(car(40), 2), found(car(20), 1)}, {{car(10), car(20)}, {}, {}}}};
+  EXPECT_NEAR(average_precision(frames, 0.5).average_precision, 0.5 + 0.5 * 2 / 3, 1e-12);
+}
+
+TEST(AveragePrecision, MissedBoxesLimitTheRecall) {
+  const std::vector<ScoredFrame> frames = {
+      {{found(car(10), 3)}, {{car(10), car(20), car(30), car(40)}, {}, {}}}};
+  const auto result = average_precision(frames, 0.5);
+  EXPECT_NEAR(result.average_precision, 0.25, 1e-12);
+  EXPECT_NEAR(result.recall, 0.25, 1e-12);
+}
+
+TEST(AveragePrecision, ASecondDetectionOfOneBoxIsAFalseAlarm) {
+  const std::vector<ScoredFrame> frames = {
+      {{found(car(10), 3), found(car(10.1), 2), found(car(20), 1)}, {{car(10), car(20)}, {}, {}}}};
+  EXPECT_NEAR(average_precision(frames, 0.5).average_precision, 0.5 + 0.5 * 2 / 3, 1e-12);
+}
+
+TEST(AveragePrecision, DetectionsOfIgnoredBoxesCountNeitherWay) {
+  const std::vector<ScoredFrame> frames = {
+      {{found(car(40), 3), found(car(10), 2)}, {{car(10)}, {car(40)}, {}}}};
+  EXPECT_DOUBLE_EQ(average_precision(frames, 0.7).average_precision, 1);
+}
+
+TEST(AveragePrecision, TheOverlapDecides) {
+  // Shifted by 1 m of 4: IoU = 3 / 5.
+  const std::vector<ScoredFrame> frames = {{{found(car(11), 1)}, {{car(10)}, {}, {}}}};
+  EXPECT_DOUBLE_EQ(average_precision(frames, 0.5).average_precision, 1);
+  EXPECT_DOUBLE_EQ(average_precision(frames, 0.7).average_precision, 0);
+}
+
+TEST(AveragePrecision, ScoresAreComparedAcrossFrames) {
+  // The other frame's alarm scores highest: P 0, then 1/2 at R 1.
+  const std::vector<ScoredFrame> frames = {{{found(car(10), 1)}, {{car(10)}, {}, {}}},
+                                           {{found(car(30), 2)}, {}}};
+  EXPECT_NEAR(average_precision(frames, 0.5).average_precision, 0.5, 1e-12);
+}
+
+TEST(AveragePrecision, NothingToFindScoresZero) {
+  EXPECT_EQ(average_precision({}, 0.5).average_precision, 0);
+}
+
+TEST(GroundTruth, AppliesItsRules) {
+  Label good;
+  good.type = "Car";
+  good.top = 100;
+  good.bottom = 150;
+  good.box = {car(10), -1.7, 1.5};
+  Frame frame;
+  frame.labels.assign(8, good);
+  frame.labels[1].type = "Van";
+  frame.labels[2].type = "Pedestrian";
+  frame.labels[3].truncated = 0.6;
+  frame.labels[4].occluded = 3;
+  frame.labels[5].bottom = 120;
+  frame.labels[6].box.bev = car(60);
+  frame.labels[7].box.bev = car(30);  // no points
+  const std::vector<LidarPoint> points(3, LidarPoint{10, 0.5, -1, 0});
+  const GroundTruth truth = ground_truth(frame, points, {0, 50, -25, 25});
+  EXPECT_EQ(truth.labels, std::vector<std::size_t>{0});
+  EXPECT_EQ(truth.boxes.size(), 1u);
+  EXPECT_EQ(truth.ignore.size(), 6u);
+}
+
+}  // namespace
+}  // namespace mirage

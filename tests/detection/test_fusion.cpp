@@ -1,0 +1,271 @@
+// The fusion plugin: exact gradients through both sensors, robustness, learning.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <fstream>
+#include <functional>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/random.h"
+#include "detection/detector.h"
+
+#ifdef MIRAGE_HAS_FUSION
+namespace mirage {
+namespace {
+
+/// A ground plane and one car in front of a small camera.
+struct Street {
+  ImageF image{320, 96, 3};
+  std::vector<LidarPoint> points;
+  Calibration calibration;
+  BevBox box{14, 1, 4, 1.7, 0.2};
+
+  Street() {
+    calibration.camera = {180, 180, 160, 45, 320, 96};
+    calibration.camera_from_velo.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+    RandomStream random(3, "street");
+    for (float& value : image.data) value = static_cast<float>(random.uniform(0.05, 0.9));
+    for (int i = 0; i < 1500; ++i)
+      points.push_back({static_cast<float>(random.uniform(5, 45)), static_cast<float>(random.uniform(-4, 4)),
+                        static_cast<float>(random.uniform(-1.78, -1.62)), 0});
+    for (int i = 0; i < 300; ++i) {
+      const double along = random.uniform(-2, 2), up = random.uniform(0.2, 1.5);
+      points.push_back({static_cast<float>(box.x + along * std::cos(box.yaw) + 0.85 * std::sin(box.yaw)),
+                        static_cast<float>(box.y + along * std::sin(box.yaw) - 0.85 * std::cos(box.yaw)),
+                        static_cast<float>(up - 1.7), 0.3f});
+    }
+  }
+  SensorView view() const { return {&image, points, &calibration}; }
+  TrainingSample sample() const {
+    TrainingSample made;
+    made.input = view();
+    made.boxes = {box};
+    return made;
+  }
+};
+
+std::unique_ptr<Detector> fresh(const std::string& name = "fusion", std::uint64_t seed = 1, int threads = 1) {
+  DetectorOptions options;
+  options.detector = name;
+  options.fresh = true;
+  options.seed = seed;
+  options.threads = threads;
+  return load_detector(options);
+}
+
+/// A few steps: at birth the head's weights are tiny and gradients with them.
+std::unique_ptr<Detector> trained(const Street& street, const std::string& name = "fusion") {
+  auto detector = fresh(name);
+  const std::vector<TrainingSample> samples = {street.sample()};
+  for (int i = 0; i < 8; ++i) detector->train_step(samples, 2e-3);
+  return detector;
+}
+
+/// Weights of a scalar objective over all proposals (threshold 0 keeps every cell, in a fixed order).
+std::vector<double> weights_near(const std::vector<Proposal>& proposals, const BevBox& box) {
+  std::vector<double> weights;
+  for (std::size_t i = 0; i < proposals.size(); ++i) {
+    const double row = std::floor(static_cast<double>(i) / 128), column = static_cast<double>(i % 128);
+    const double x = 0.4 * (row + 0.5), y = -25.6 + 0.4 * (column + 0.5);
+    weights.push_back(std::hypot(x - box.x, y - box.y) < 2 ? 1 : 0);
+  }
+  return weights;
+}
+
+double objective(Detector& detector, const Street& street, const std::vector<double>& weights) {
+  const auto proposals = detector.forward(street.view(), -1, false);
+  double sum = 0;
+  for (std::size_t i = 0; i < proposals.size(); ++i) sum += weights[i] * proposals[i].logit;
+  return sum;
+}
+
+SensorGradient gradient_of(Detector& detector, const Street& street, std::vector<double>& weights) {
+  const auto proposals = detector.forward(street.view(), -1, true);
+  EXPECT_EQ(proposals.size(), 128u * 128u);
+  weights = weights_near(proposals, street.box);
+  return detector.backward(weights);
+}
+
+/// Central difference along the gradient itself, where the signal is largest against float rounding.
+void check_along(Detector& detector, const Street& street, const std::vector<double>& weights,
+                 const std::function<void(Street&, double)>& move, double expected, double step) {
+  Street above = street, below = street;
+  move(above, step);
+  move(below, -step);
+  const double numeric =
+      (objective(detector, above, weights) - objective(detector, below, weights)) / (2 * step);
+  EXPECT_NEAR(numeric / expected, 1, 0.05) << "analytic " << expected << ", numeric " << numeric;
+}
+
+TEST(Fusion, PointGradientMatchesDifferencesWithTheImageFixed) {
+  for (const char* name : {"fusion", "lidar"}) {
+    const Street street;
+    const auto detector = trained(street, name);
+    std::vector<double> weights;
+    const SensorGradient gradient = gradient_of(*detector, street, weights);
+    double square = 0;
+    for (const auto& d : gradient.points) {
+      for (int a = 0; a < 3; ++a) square += d[a] * d[a];
+      EXPECT_EQ(d[3], 0);  // reflectance is not read
+    }
+    const double norm = std::sqrt(square);
+    ASSERT_TRUE(std::isfinite(norm));
+    ASSERT_GT(norm, 1e-3) << name;
+    check_along(
+        *detector, street, weights,
+        [&](Street& moved, double step) {
+          for (std::size_t i = 0; i < moved.points.size(); ++i) {
+            moved.points[i].x += static_cast<float>(step * gradient.points[i][0] / norm);
+            moved.points[i].y += static_cast<float>(step * gradient.points[i][1] / norm);
+            moved.points[i].z += static_cast<float>(step * gradient.points[i][2] / norm);
+          }
+        },
+        norm, 2e-3);
+  }
+}
+
+TEST(Fusion, ImageGradientMatchesDifferencesWithThePointsFixed) {
+  const Street street;
+  const auto detector = trained(street);
+  std::vector<double> weights;
+  const SensorGradient gradient = gradient_of(*detector, street, weights);
+  double square = 0;
+  for (float d : gradient.image.data) square += static_cast<double>(d) * d;
+  const double norm = std::sqrt(square);
+  ASSERT_TRUE(std::isfinite(norm));
+  ASSERT_GT(norm, 1e-3);
+  check_along(
+      *detector, street, weights,
+      [&](Street& moved, double step) {
+        for (std::size_t i = 0; i < moved.image.data.size(); ++i)
+          moved.image.data[i] += static_cast<float>(step * gradient.image.data[i] / norm);
+      },
+      norm, 1e-2);
+}
+
+TEST(Fusion, PointsAlsoMoveTheirImageFeatures) {
+  // The same network and points: without the picture's contribution the gradient differs.
+  const Street street;
+  Street grey = street;
+  for (float& value : grey.image.data) value = 0.4f;
+  const auto detector = trained(street);
+  std::vector<double> weights;
+  const SensorGradient textured = gradient_of(*detector, street, weights);
+  const SensorGradient plain = gradient_of(*detector, grey, weights);
+  double difference = 0;
+  for (std::size_t i = 0; i < textured.points.size(); ++i)
+    for (int a = 0; a < 3; ++a) difference += std::abs(textured.points[i][a] - plain.points[i][a]);
+  EXPECT_GT(difference, 1e-3);
+}
+
+TEST(Fusion, LidarDetectorHasNoImageGradient) {
+  const Street street;
+  const auto detector = trained(street, "lidar");
+  std::vector<double> weights;
+  for (float d : gradient_of(*detector, street, weights).image.data) ASSERT_EQ(d, 0);
+}
+
+TEST(Fusion, TheSameInputGivesTheSameOutput) {
+  const Street street;
+  const auto detector = trained(street);
+  const auto first = detector->forward(street.view(), -1, false),
+             second = detector->forward(street.view(), -1, true);
+  ASSERT_EQ(first.size(), second.size());
+  for (std::size_t i = 0; i < first.size(); ++i) ASSERT_EQ(first[i].logit, second[i].logit);
+}
+
+TEST(Fusion, OddInputsGiveFiniteGradients) {
+  const auto detector = fresh();
+  Street empty, outside, tiny, stacked;
+  empty.points.clear();
+  outside.points = {{-5, 0, 0, 0}, {500, 0, 0, 0}, {10, 0, 40, 0}, {0.001f, 0, 0, 0}, {10, -25.6f, 0, 0}};
+  outside.points.push_back({std::nanf(""), 1, 1, 0});
+  tiny.image = ImageF(3, 2, 3);
+  stacked.points.assign(500, LidarPoint{12, 0, -1, 0});
+  Street black;
+  for (float& value : black.image.data) value = 0;
+  for (const Street* street : {&empty, &outside, &tiny, &stacked, &black}) {
+    std::vector<double> weights;
+    const SensorGradient gradient = gradient_of(*detector, *street, weights);
+    EXPECT_EQ(gradient.points.size(), street->points.size());
+    for (float d : gradient.image.data) ASSERT_TRUE(std::isfinite(d));
+    for (const auto& d : gradient.points)
+      for (float value : d) ASSERT_TRUE(std::isfinite(value));
+  }
+}
+
+TEST(Fusion, OverfitsOneFrameAndFindsItsCar) {
+  const Street street;
+  const auto detector = fresh();
+  const std::vector<TrainingSample> samples = {street.sample()};
+  double first = 0, last = 0;
+  constexpr int steps = 45;
+  for (int i = 0; i < steps; ++i) {
+    const TrainingLoss loss = detector->train_step(samples, 3e-3);
+    (i < 3 ? first : last) += i < 3 ? loss.total / 3 : i >= steps - 5 ? loss.total / 5 : 0;
+  }
+  EXPECT_LT(last, first / 3);
+  const auto found = suppress(detector->forward(street.view(), 0.1, false));
+  ASSERT_FALSE(found.empty());
+  EXPECT_GT(iou(found[0].box, street.box), 0.5);
+}
+
+TEST(Fusion, ThreadsChangeNothing) {
+  const Street street;
+  Street other;
+  other.box.y += 0.5;
+  const std::vector<TrainingSample> samples = {street.sample(), other.sample()};
+  const auto one = fresh("fusion", 4, 1), two = fresh("fusion", 4, 2);
+  for (int i = 0; i < 3; ++i)
+    EXPECT_EQ(one->train_step(samples, 1e-3).total, two->train_step(samples, 1e-3).total) << i;
+}
+
+TEST(Fusion, SavingAndLoadingGoesOnWhereItStopped) {
+  const Street street;
+  const std::vector<TrainingSample> samples = {street.sample()};
+  const std::filesystem::path file =
+      ::testing::TempDir() + "mirage_fusion_" + std::to_string(getpid()) + ".weights";
+  const auto detector = trained(street);
+  detector->save(file, true);
+  DetectorOptions options;
+  options.weights = file;
+  options.seed = 1;
+  const auto again = load_detector(options);
+  for (int i = 0; i < 3; ++i)
+    EXPECT_EQ(detector->train_step(samples, 1e-3).total, again->train_step(samples, 1e-3).total) << i;
+
+  options.detector = "lidar";
+  try {
+    load_detector(options);
+    ADD_FAILURE() << "fusion weights were taken for lidar";
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("weights of a fusion detector"));
+  }
+  options.detector = "fusion";
+  const std::string bytes = read_file(file);
+  for (const std::string& damaged : {bytes.substr(0, bytes.size() / 2), std::string("not weights at all")}) {
+    write_file(file, damaged);
+    try {
+      load_detector(options);
+      ADD_FAILURE() << "damaged weights were taken";
+    } catch (const InputError& error) {
+      EXPECT_THAT(error.what(), ::testing::HasSubstr("not a readable weights file"));
+      EXPECT_THAT(error.what(), ::testing::HasSubstr(file.string()));
+    }
+  }
+  std::filesystem::remove(file);
+}
+
+TEST(Fusion, BackwardNeedsAGraph) {
+  const Street street;
+  const auto detector = fresh();
+  detector->forward(street.view(), 0.1, false);
+  EXPECT_THROW(detector->backward({}), Failure);
+}
+
+}  // namespace
+}  // namespace mirage
+#endif

@@ -1,0 +1,120 @@
+// Every way a plugin can be wrong gives one clear line.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <fstream>
+
+#include "base/error.h"
+#include "detection/detector.h"
+
+namespace mirage {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+DetectorOptions fake(const std::string& kind) {
+  DetectorOptions options;
+  options.detector = std::string(MIRAGE_BUILD) + "/test_plugins/fake_" + kind + ".so";
+  options.fresh = true;
+  return options;
+}
+
+template <class Error, class Work>
+std::string message_of(const Work& work) {
+  try {
+    work();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), Not(HasSubstr("\n")));
+    return error.what();
+  } catch (const std::exception& error) {
+    ADD_FAILURE() << "another kind of error: " << error.what();
+  }
+  return "";
+}
+
+std::string load_error(const DetectorOptions& options) {
+  return message_of<InputError>([&] { load_detector(options); });
+}
+
+struct Scene {
+  ImageF image{8, 4, 3};
+  std::vector<LidarPoint> points{{1, 0, 0, 0}};
+  Calibration calibration;
+  SensorView view() { return {&image, points, &calibration}; }
+};
+
+TEST(Loader, RunsAPluginThatWorks) {
+  const auto detector = load_detector(fake("works"));
+  Scene scene;
+  EXPECT_EQ(detector->region()[1], 50);
+  const auto proposals = detector->forward(scene.view(), 0.1, true);
+  ASSERT_EQ(proposals.size(), 1u);
+  EXPECT_EQ(proposals[0].logit, 3);
+  const std::vector<double> d = {0.5};
+  const SensorGradient gradient = detector->backward(d);
+  EXPECT_EQ(gradient.image.data[0], 0.5f);
+  EXPECT_EQ(gradient.points[0][0], 1.0f);
+}
+
+TEST(Loader, MissingPlugin) {
+  DetectorOptions options;
+  options.detector = "/nowhere/plugin.so";
+  EXPECT_THAT(load_error(options), HasSubstr("/nowhere/plugin.so: no such detector plugin"));
+}
+
+TEST(Loader, UnknownName) {
+  DetectorOptions options;
+  options.detector = "pointpillars";
+  EXPECT_THAT(load_error(options), HasSubstr("unknown detector"));
+}
+
+TEST(Loader, NotALibrary) {
+  const std::string path = ::testing::TempDir() + "mirage_text_" + std::to_string(getpid()) + ".so";
+  std::ofstream(path) << "this is text";
+  DetectorOptions options;
+  options.detector = path;
+  options.fresh = true;
+  EXPECT_THAT(load_error(options), HasSubstr("not a loadable plugin"));
+  std::remove(path.c_str());
+}
+
+TEST(Loader, NoEntryPoint) {
+  EXPECT_THAT(load_error(fake("no_entry")), HasSubstr("lacks this entry point"));
+}
+
+TEST(Loader, WrongAbi) {
+  EXPECT_THAT(load_error(fake("wrong_abi")), HasSubstr("abi_version: is 999, this program speaks 1"));
+}
+
+TEST(Loader, PluginThatRefuses) {
+  EXPECT_THAT(load_error(fake("refuses")), HasSubstr("these weights are for another network"));
+}
+
+TEST(Loader, PluginThatThrowsInCreate) {
+  EXPECT_THAT(message_of<Failure>([] { load_detector(fake("throws_in_create")); }),
+              HasSubstr("create threw an exception (thrown on purpose)"));
+}
+
+TEST(Loader, PluginThatThrowsOrFailsLater) {
+  Scene scene;
+  const auto run = [&](const char* kind) {
+    const auto detector = load_detector(fake(kind));
+    return message_of<Failure>([&] { detector->forward(scene.view(), 0.1, false); });
+  };
+  EXPECT_THAT(run("throws_in_forward"), HasSubstr("forward threw an exception (thrown on purpose)"));
+  EXPECT_THAT(run("fails_in_forward"), HasSubstr("forward failed (out of luck)"));
+  EXPECT_THAT(run("not_finite"), HasSubstr("not finite"));
+}
+
+TEST(Loader, MissingWeights) {
+  DetectorOptions options = fake("works");
+  options.fresh = false;
+  EXPECT_THAT(load_error(options), HasSubstr("shipped weights are missing"));
+  options.weights = "/nowhere/my.weights";
+  EXPECT_THAT(load_error(options), HasSubstr("/nowhere/my.weights: no such weights file"));
+}
+
+}  // namespace
+}  // namespace mirage

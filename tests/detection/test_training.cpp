@@ -1,0 +1,116 @@
+// The host's side of training: augmentation, order, schedule, and going on after a stop.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <set>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "detection/points_in_view.h"
+#include "detection/training.h"
+#include "detection/training_data.h"
+
+namespace mirage {
+namespace {
+
+std::filesystem::path kitti() {
+  const char* set = std::getenv("MIRAGE_KITTI");
+  return set ? std::filesystem::path(set) : std::filesystem::path(MIRAGE_SOURCE) / "../shared/kitti";
+}
+
+TEST(Training, APoseMovesBoxesWithTheirPoints) {
+  const BevBox box{15, -3, 4.2, 1.8, 0.7};
+  for (std::uint64_t i = 0; i < 50; ++i) {
+    const Eigen::Affine3d pose = random_pose(7, i);
+    const BevBox there = moved(box, pose);
+    // A mirrored box has its corners in another order: compare as sets.
+    for (const Vec2d& corner : corners(box)) {
+      const Vec3d p = pose * Vec3d(corner.x(), corner.y(), 0);
+      double nearest = 1e9;
+      for (const Vec2d& other : corners(there)) nearest = std::min(nearest, (other - p.head<2>()).norm());
+      EXPECT_LT(nearest, 1e-9);
+    }
+    EXPECT_GE(there.length / box.length, 0.949);
+    EXPECT_LE(there.length / box.length, 1.051);
+  }
+}
+
+TEST(Training, TheScheduleRisesAndFalls) {
+  EXPECT_LT(one_cycle(1, 0), 0.1);
+  EXPECT_DOUBLE_EQ(one_cycle(1, 0.05), 1);
+  EXPECT_GT(one_cycle(1, 0.3), one_cycle(1, 0.6));
+  EXPECT_NEAR(one_cycle(1, 1), 0.01, 1e-12);
+}
+
+TEST(Training, EveryEpochSeesEveryFrameOnce) {
+  if (!std::filesystem::exists(kitti() / "training")) GTEST_SKIP() << "no real frames at " << kitti();
+  const TrainingData data(kitti(), 6, {0, 51.2, -25.6, 25.6}, 3);
+  std::vector<std::size_t> first, second;
+  for (std::uint64_t i = 0; i < 6; ++i)
+    first.push_back(data.frame_of(i)), second.push_back(data.frame_of(6 + i));
+  EXPECT_EQ(std::set<std::size_t>(first.begin(), first.end()).size(), 6u);
+  EXPECT_EQ(std::set<std::size_t>(second.begin(), second.end()).size(), 6u);
+  EXPECT_NE(first, second);
+}
+
+TEST(PointsInView, AreThoseThatTheMatrixPutsIntoTheImage) {
+  Calibration calibration;
+  calibration.camera = {100, 100, 50, 20, 100, 40};
+  calibration.camera_from_velo.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  const Sweep sweep = {{10, 0, 0, 0}, {-10, 0, 0, 0}, {10, 4.9f, 0, 0}, {10, 5.2f, 0, 0}, {10, 0, 3, 0}};
+  const auto seen = points_in_view(sweep, calibration);
+  ASSERT_EQ(seen.size(), 2u);
+  const auto m = pixel_from_velo(calibration);
+  const LidarPoint& p = seen[1];
+  const double w = m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11];
+  EXPECT_NEAR((m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3]) / w, 1, 1e-5);
+}
+
+#ifdef MIRAGE_HAS_FUSION
+TEST(Training, AStoppedRunGoesOnToTheSameWeights) {
+  if (!std::filesystem::exists(kitti() / "training")) GTEST_SKIP() << "no real frames at " << kitti();
+  const std::filesystem::path base = ::testing::TempDir() + "mirage_training_" + std::to_string(getpid());
+  TrainingOptions options;
+  options.data = kitti();
+  options.detector = "lidar";
+  options.frames = 2;
+  options.steps = 4;
+  options.batch = 1;
+  options.quiet = true;
+  options.checkpoint_every = 2;
+  options.out = base / "whole";
+  const TrainingResult whole = train_detector(options);
+
+  // The run as it was after two steps: its state and its checkpoint, copied before it went on.
+  options.out = base / "parts";
+  options.steps = 4;
+  make_output_folder(options.out);
+  {
+    DetectorOptions load{"lidar", {}, true, options.seed, 1};
+    const auto detector = load_detector(load);
+    TrainingData data(options.data, options.frames, detector->region(), options.seed);
+    for (std::int64_t step = 0; step < 2; ++step) {
+      const auto samples = data.prepare(step, 1);
+      const std::vector<TrainingSample> views = {samples[0].view()};
+      detector->train_step(views, one_cycle(options.learning_rate, static_cast<double>(step) / 4));
+    }
+    detector->save(options.out / "checkpoint-2.weights", true);
+    auto state = read_json(base / "whole" / "training.json");
+    state["step"] = 2;
+    state["weights"] = "checkpoint-2.weights";
+    write_json(options.out / "training.json", state);
+  }
+  const TrainingResult parts = train_detector(options);
+  EXPECT_EQ(parts.steps, 4);
+  EXPECT_EQ(read_file(whole.weights), read_file(parts.weights));
+
+  options.learning_rate = 1e-4;
+  EXPECT_THROW(train_detector(options), InputError);
+  std::filesystem::remove_all(base);
+}
+#endif
+
+}  // namespace
+}  // namespace mirage

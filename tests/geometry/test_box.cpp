@@ -1,0 +1,90 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "base/random.h"
+#include "geometry/box.h"
+
+namespace mirage {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+BevBox random_box(RandomStream& random, double spread = 4) {
+  return {random.uniform(-spread, spread), random.uniform(-spread, spread), random.uniform(0.5, 6),
+          random.uniform(0.5, 3), random.uniform(-2 * kPi, 2 * kPi)};
+}
+
+bool inside(const BevBox& box, double x, double y) {
+  const double c = std::cos(box.yaw), s = std::sin(box.yaw), dx = x - box.x, dy = y - box.y;
+  return std::abs(c * dx + s * dy) <= box.length / 2 && std::abs(c * dy - s * dx) <= box.width / 2;
+}
+
+TEST(BoxIou, ByHand) {
+  EXPECT_DOUBLE_EQ(iou({0, 0, 4, 2, 0}, {0, 0, 4, 2, 0}), 1);
+  EXPECT_NEAR(iou({0, 0, 4, 2, 0}, {2, 0, 4, 2, 0}), 1.0 / 3, 1e-12);
+  EXPECT_NEAR(iou({0, 0, 2, 2, 0}, {0, 0, 2, 2, kPi / 4}), 0.7071067811865476, 1e-12);  // octagon
+  EXPECT_EQ(iou({0, 0, 4, 2, 0}, {10, 0, 4, 2, 0}), 0);
+  EXPECT_NEAR(iou({0, 0, 4, 2, 0}, {4, 0, 4, 2, 0}), 0, 1e-12);  // edge to edge
+  EXPECT_NEAR(iou({0, 0, 6, 6, 0.3}, {0, 0, 2, 3, 1.1}), 6.0 / 36, 1e-12);
+  EXPECT_EQ(iou({0, 0, 0, 2, 0}, {0, 0, 4, 2, 0}), 0);
+}
+
+TEST(BoxIou, SymmetricBoundedAndBlindToRigidMotionAndHalfTurns) {
+  RandomStream random(1, "box iou");
+  for (int i = 0; i < 3000; ++i) {
+    const BevBox a = random_box(random), b = random_box(random);
+    const double value = iou(a, b);
+    EXPECT_GE(value, 0);
+    EXPECT_LE(value, 1);
+    EXPECT_NEAR(value, iou(b, a), 1e-11);
+    EXPECT_NEAR(iou(a, a), 1, 1e-11);
+    BevBox turned = b;
+    turned.yaw += kPi;
+    EXPECT_NEAR(value, iou(a, turned), 1e-10);
+    const double angle = random.uniform(-kPi, kPi), dx = random.uniform(-900, 900),
+                 dy = random.uniform(-900, 900);
+    const auto moved = [&](const BevBox& box) {
+      return BevBox{std::cos(angle) * box.x - std::sin(angle) * box.y + dx,
+                    std::sin(angle) * box.x + std::cos(angle) * box.y + dy, box.length, box.width,
+                    box.yaw + angle};
+    };
+    EXPECT_NEAR(value, iou(moved(a), moved(b)), 1e-9);
+    EXPECT_LE(intersection_area(a, b), std::min(a.length * a.width, b.length * b.width) + 1e-9);
+  }
+}
+
+TEST(BoxIou, AgreesWithMonteCarlo) {
+  RandomStream random(2, "box monte carlo");
+  for (int i = 0; i < 40; ++i) {
+    const BevBox a = random_box(random, 1.5), b = random_box(random, 1.5);
+    constexpr int n = 20000;
+    int hits = 0;
+    for (int k = 0; k < n; ++k) {
+      const double s = random.uniform(-0.5, 0.5) * a.length, t = random.uniform(-0.5, 0.5) * a.width;
+      hits += inside(b, a.x + std::cos(a.yaw) * s - std::sin(a.yaw) * t,
+                     a.y + std::sin(a.yaw) * s + std::cos(a.yaw) * t);
+    }
+    const double area = a.length * a.width;
+    EXPECT_NEAR(intersection_area(a, b), area * hits / n, 5 * area * 0.5 / std::sqrt(n));
+  }
+}
+
+TEST(Box3, CornersAndContainment) {
+  const Box3 box{{10, 2, 4, 2, kPi / 2}, -1.5, 1.4};
+  const auto c = corners(box);
+  EXPECT_TRUE(c[0].isApprox(Vec3d(9, 4, -1.5), 1e-12)) << c[0];  // front left
+  EXPECT_TRUE(c[4].isApprox(Vec3d(9, 4, -0.1), 1e-12));
+  double twice = 0;
+  for (int i = 0; i < 4; ++i) twice += c[i].x() * c[(i + 1) % 4].y() - c[i].y() * c[(i + 1) % 4].x();
+  EXPECT_NEAR(twice / 2, 8, 1e-12);  // counter-clockwise
+  EXPECT_TRUE(contains(box, Vec3d(10.9, 3.9, -0.2)));
+  EXPECT_FALSE(contains(box, Vec3d(10.9, 3.9, 0)));
+  EXPECT_TRUE(contains(box, Vec3d(10.9, 3.9, 0), 0.2));
+  EXPECT_FALSE(contains(box, Vec3d(11.1, 3.9, -0.2)));
+  EXPECT_TRUE((velo_from_box(box) * Vec3d(2, 1, 0)).isApprox(c[0], 1e-12));
+}
+
+}  // namespace
+}  // namespace mirage

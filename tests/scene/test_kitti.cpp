@@ -1,0 +1,315 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/random.h"
+#include "scene/kitti.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+using test::TemporaryFolder;
+using testing::AllOf;
+using testing::HasSubstr;
+
+// A frame with every offset that KITTI has: a tilted rectification and a colour camera beside camera 0.
+Frame small_frame() {
+  Frame frame;
+  frame.id = "000042";
+  frame.image = ImageF(124, 38, 3, 0.25f);
+  frame.image.at(3, 2, 1) = 1;
+  auto& c = frame.calibration;
+  c.camera = {72.15377, 72.15377, 60.95593, 17.2854, 124, 38};
+  c.camera_from_rect.translation() = Vec3d(0.06, -0.0003, 0.0027);
+  c.rect_from_cam0 =
+      (Eigen::AngleAxisd(0.01, Vec3d::UnitY()) * Eigen::AngleAxisd(-0.007, Vec3d::UnitX())).matrix();
+  Transform cam0_from_velo = Transform::Identity();
+  Eigen::Matrix3d axes;
+  axes << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  cam0_from_velo.linear() = Eigen::AngleAxisd(0.015, Vec3d(1, 2, 3).normalized()).matrix() * axes;
+  cam0_from_velo.translation() = Vec3d(-0.004, -0.076, -0.27);
+  Transform rect = Transform::Identity();
+  rect.linear() = c.rect_from_cam0;
+  c.camera_from_velo = c.camera_from_rect * rect * cam0_from_velo;
+  RandomStream random(1, "kitti test");
+  for (int i = 0; i < 50; ++i)
+    frame.sweep.push_back({static_cast<float>(random.uniform(2, 70)),
+                           static_cast<float>(random.uniform(-20, 20)),
+                           static_cast<float>(random.uniform(-2, 1)), static_cast<float>(random.uniform())});
+  for (int i = 0; i < 12; ++i) {
+    Label label;
+    label.type = i % 3 ? "Car" : "Van";
+    label.truncated = 0.25;
+    label.occluded = i % 4;
+    label.left = 10, label.top = 5, label.right = 60.5, label.bottom = 36.25;
+    label.box = {{random.uniform(5, 60), random.uniform(-15, 15), random.uniform(3, 6),
+                  random.uniform(1.4, 2), random.uniform(-std::numbers::pi, std::numbers::pi)},
+                 random.uniform(-2, -1),
+                 random.uniform(1.3, 2)};
+    frame.labels.push_back(label);
+  }
+  Label ignored;
+  ignored.type = "DontCare";
+  ignored.right = ignored.bottom = 20;
+  frame.labels.push_back(ignored);
+  frame.lighting.to_sun_velo = Vec3d(0.1, -0.7, 0.6).normalized();
+  frame.lighting.sun = Vec3d(0.9, 0.8, 0.7);
+  return frame;
+}
+
+class Kitti : public testing::Test {
+ protected:
+  void SetUp() override { write_frame(folder_.path(), small_frame()); }
+  std::filesystem::path file(const std::string& name) const { return folder_.path() / "training" / name; }
+  void replace(const std::string& name, const std::string& from, const std::string& to) const {
+    std::string text = read_file(file(name));
+    const auto place = text.find(from);
+    ASSERT_NE(place, std::string::npos) << from;
+    write_file(file(name), text.replace(place, from.size(), to));
+  }
+  std::string reading_fails() const {
+    return error_text<InputError>([&] { read_frame(folder_.path(), "000042"); });
+  }
+  TemporaryFolder folder_;
+};
+
+TEST_F(Kitti, FrameSurvivesWritingAndReading) {
+  const Frame before = small_frame(), after = read_frame(folder_.path(), "000042");
+  EXPECT_EQ(list_frames(folder_.path()), std::vector<std::string>{"000042"});
+  ASSERT_EQ(after.sweep.size(), before.sweep.size());
+  for (std::size_t i = 0; i < before.sweep.size(); ++i) {
+    EXPECT_EQ(after.sweep[i].position(), before.sweep[i].position());
+    EXPECT_EQ(after.sweep[i].reflectance, before.sweep[i].reflectance);
+  }
+  EXPECT_EQ(after.image.width, 124);
+  EXPECT_NEAR(after.image.at(3, 2, 0), 0.25, 0.005);
+  EXPECT_EQ(after.image.at(3, 2, 1), 1);
+  EXPECT_TRUE(after.calibration.camera_from_velo.isApprox(before.calibration.camera_from_velo, 1e-9));
+  EXPECT_TRUE(after.calibration.camera_from_rect.isApprox(before.calibration.camera_from_rect, 1e-9));
+  EXPECT_NEAR(after.calibration.camera.fx, before.calibration.camera.fx, 1e-9);
+  EXPECT_TRUE(after.lighting.to_sun_velo.isApprox(before.lighting.to_sun_velo, 1e-12));
+  EXPECT_EQ(after.lighting.sun, before.lighting.sun);
+  ASSERT_EQ(after.labels.size(), before.labels.size());
+  for (std::size_t i = 0; i < before.labels.size(); ++i) {
+    const Label &a = after.labels[i], &b = before.labels[i];
+    EXPECT_EQ(a.type, b.type);
+    EXPECT_NEAR(a.right, b.right, 0.005);
+    if (b.type == "DontCare") continue;
+    EXPECT_EQ(a.occluded, b.occluded);
+    EXPECT_NEAR(a.box.bev.x, b.box.bev.x, 3e-6);
+    EXPECT_NEAR(a.box.bev.y, b.box.bev.y, 3e-6);
+    EXPECT_NEAR(a.box.bottom, b.box.bottom, 3e-6);
+    EXPECT_NEAR(a.box.bev.length, b.box.bev.length, 1e-6);
+    EXPECT_NEAR(a.box.bev.width, b.box.bev.width, 1e-6);
+    EXPECT_NEAR(a.box.height, b.box.height, 1e-6);
+    EXPECT_NEAR(std::remainder(a.box.bev.yaw - b.box.bev.yaw, 2 * std::numbers::pi), 0, 3e-6);
+  }
+}
+
+TEST_F(Kitti, WithoutLightingTheDefaultIsUsed) {
+  std::filesystem::remove(file("lighting/000042.json"));
+  EXPECT_EQ(read_frame(folder_.path(), "000042").lighting.sun, Lighting().sun);
+}
+
+// With aligned axes ry and yaw are related by hand: KITTI's ry = 0 looks along +x of the camera, which is −y
+// of velo.
+TEST(KittiLabels, HeadingsByHand) {
+  TemporaryFolder folder;
+  Calibration calibration;
+  calibration.camera = {700, 700, 600, 180, 1242, 375};
+  calibration.camera_from_velo.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  calibration.camera_from_velo.translation() = Vec3d(0.06, -0.08, -0.27);
+  calibration.camera_from_rect.translation() = Vec3d(0.06, 0, 0);
+  write_file(folder / "l.txt",
+             "Car 0.00 0 0 100 100 200 200 1.5 1.6 3.9 2 1.7 20 0\n"
+             "Car 0.00 0 0 100 100 200 200 1.5 1.6 3.9 2 1.7 20 -1.5707963267948966\n"
+             "Car 0.00 0 0 100 100 200 200 1.5 1.6 3.9 2 1.7 20 0.3\n");
+  const auto labels = read_labels(folder / "l.txt", calibration);
+  ASSERT_EQ(labels.size(), 3u);
+  EXPECT_NEAR(labels[0].box.bev.yaw, -std::numbers::pi / 2, 1e-12);
+  EXPECT_NEAR(labels[1].box.bev.yaw, 0, 1e-12);
+  EXPECT_NEAR(labels[2].box.bev.yaw, -std::numbers::pi / 2 - 0.3, 1e-12);
+  // rect (2, 1.7, 20) → velo (z, −x, −y) less the translation between rect and velo.
+  EXPECT_NEAR(labels[0].box.bev.x, 20.27, 1e-12);
+  EXPECT_NEAR(labels[0].box.bev.y, -2, 1e-12);
+  EXPECT_NEAR(labels[0].box.bottom, -1.78, 1e-12);
+}
+
+TEST(KittiCalibration, FoldsP2sFourthColumnIntoThePose) {
+  TemporaryFolder folder;
+  write_file(folder / "c.txt",
+             "P2: 700 0 600 45 0 710 180 0.2 0 0 1 0.003\n"
+             "R0_rect: 0.9999500004 -0.0099998333 0 0.0099998333 0.9999500004 0 0 0 1\n"
+             "Tr_velo_to_cam: 0 -1 0 -0.004 0 0 -1 -0.076 1 0 0 -0.27\n");
+  const Calibration c = read_calibration(folder / "c.txt", 1242, 375);
+  Eigen::Matrix<double, 3, 4> p2;
+  p2 << 700, 0, 600, 45, 0, 710, 180, 0.2, 0, 0, 1, 0.003;
+  Eigen::Matrix4d r0 = Eigen::Matrix4d::Identity(), tr = Eigen::Matrix4d::Identity();
+  r0.topLeftCorner<3, 3>() << 0.9999500004, -0.0099998333, 0, 0.0099998333, 0.9999500004, 0, 0, 0, 1;
+  tr.topRows<3>() << 0, -1, 0, -0.004, 0, 0, -1, -0.076, 1, 0, 0, -0.27;
+  for (const Vec3d& p : {Vec3d(10, 1, -1), Vec3d(40, -12, 0.5)}) {
+    const Vec3d projected = p2 * (r0 * tr * p.homogeneous());
+    const Vec2d pixel = c.camera.project<double>(c.camera_from_velo * p);
+    EXPECT_NEAR(pixel.x(), projected.x() / projected.z(), 1e-5);
+    EXPECT_NEAR(pixel.y(), projected.y() / projected.z(), 1e-5);
+  }
+}
+
+TEST_F(Kitti, MissingFolderAndEmptyFolder) {
+  TemporaryFolder empty;
+  EXPECT_THAT(error_text<InputError>([&] { list_frames(empty.path()); }), HasSubstr("training/velodyne"));
+  std::filesystem::create_directories(empty.path() / "training" / "velodyne");
+  EXPECT_THAT(error_text<InputError>([&] { list_frames(empty.path()); }), HasSubstr("no .bin"));
+}
+
+TEST_F(Kitti, EachMissingFileIsNamed) {
+  for (const char* name :
+       {"velodyne/000042.bin", "image_2/000042.png", "calib/000042.txt", "label_2/000042.txt"}) {
+    const std::string kept = read_file(file(name));
+    std::filesystem::remove(file(name));
+    EXPECT_THAT(reading_fails(), AllOf(HasSubstr(name), HasSubstr("missing")));
+    write_file(file(name), kept);
+  }
+}
+
+TEST_F(Kitti, BrokenSweeps) {
+  const std::string good = read_file(file("velodyne/000042.bin"));
+  write_file(file("velodyne/000042.bin"), good.substr(0, good.size() - 5));
+  EXPECT_THAT(reading_fails(), AllOf(HasSubstr("000042.bin"), HasSubstr("byte 784"), HasSubstr("truncated")));
+  write_file(file("velodyne/000042.bin"), "");
+  EXPECT_THAT(reading_fails(), AllOf(HasSubstr("000042.bin"), HasSubstr("empty")));
+  for (float bad : {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(), 2e3f}) {
+    Sweep sweep = small_frame().sweep;
+    sweep[7].y = bad;
+    write_sweep(file("velodyne/000042.bin"), sweep);
+    EXPECT_THAT(reading_fails(), AllOf(HasSubstr("000042.bin"), HasSubstr("point 7 (byte 112)")));
+  }
+}
+
+TEST_F(Kitti, BrokenCalibration) {
+  const std::string good = read_file(file("calib/000042.txt"));
+  const auto with = [&](const std::string& row, const std::string& text) {
+    std::string changed;
+    std::size_t from = 0;
+    for (std::size_t end; (end = good.find('\n', from)) != std::string::npos; from = end + 1)
+      if (const std::string line = good.substr(from, end - from); line.starts_with(row + ":"))
+        changed += text;
+      else
+        changed += line + "\n";
+    write_file(file("calib/000042.txt"), changed);
+    return reading_fails();
+  };
+  for (const char* row : {"P2", "R0_rect", "Tr_velo_to_cam"}) {
+    EXPECT_THAT(with(row, ""),
+                AllOf(HasSubstr("calib/000042.txt"), HasSubstr(row), HasSubstr("row missing")));
+    EXPECT_THAT(with(row, std::string(row) + ": 1 2 3\n"),
+                AllOf(HasSubstr(row), HasSubstr("3 numbers where")));
+  }
+  EXPECT_THAT(with("P2", "P2: 72 0 x 0 0 72 17 0 0 0 1 0\n"), HasSubstr("P2, number 3: 'x' is not a number"));
+  EXPECT_THAT(with("P2", "P2: 72 0 nan 0 0 72 17 0 0 0 1 0\n"), HasSubstr("not finite"));
+  EXPECT_THAT(with("P2", "P2: 72 0 600 0 0 72 17 0 0 0 1 0\n"), HasSubstr("outside the 124x38 image"));
+  EXPECT_THAT(with("P2", "P2: -72 0 60 0 0 72 17 0 0 0 1 0\n"), HasSubstr("P2"));
+  EXPECT_THAT(with("R0_rect", "R0_rect: 1 0 0 0 1 0 0 0 -1\n"), HasSubstr("R0_rect: is not a rotation"));
+  EXPECT_THAT(with("Tr_velo_to_cam", "Tr_velo_to_cam: 0 -1 0 500 0 0 -1 0 1 0 0 0\n"), HasSubstr("metres"));
+}
+
+TEST_F(Kitti, BrokenLabels) {
+  const auto with = [&](const std::string& row) {
+    write_file(file("label_2/000042.txt"), "Car 0 0 0 1 1 9 9 1.5 1.6 3.9 2 1.7 20 0.1\n" + row + "\n");
+    return reading_fails();
+  };
+  const std::string where = "label_2/000042.txt: row 2";
+  EXPECT_THAT(with("Car 0 0 0 1 1 9 9 1.5 1.6"), AllOf(HasSubstr(where), HasSubstr("10 columns")));
+  EXPECT_THAT(with("Car 0 0 0 1 1 9 9 1.5 nan 3.9 2 1.7 20 0"), AllOf(HasSubstr(where), HasSubstr("width")));
+  EXPECT_THAT(with("Car 0 0 0 1 1 9 9 1.5 1.6 3.9 2 1.7 inf 0"), AllOf(HasSubstr(where), HasSubstr("z: ")));
+  EXPECT_THAT(with("Car 0 0 0 1 1 9 9 1.5 1.6 3.9 2 1.7 20m 0"), HasSubstr("'20m' is not a number"));
+  EXPECT_THAT(with("Car 0 0 0 1 1 9 9 1.5 1.6 3.9 5000 1.7 20 0"),
+              AllOf(HasSubstr("x: "), HasSubstr("1 km")));
+  EXPECT_THAT(with("Car 0 0 0 1 1 9 9 0 1.6 3.9 2 1.7 20 0"), HasSubstr("height: 0"));
+  EXPECT_THAT(with("Car 0 0 0 1 1 9 9 1.5 1.6 99 2 1.7 20 0"), HasSubstr("length: 99"));
+  EXPECT_THAT(with("Car 0 0 0 1 1 200 9 1.5 1.6 3.9 2 1.7 20 0"),
+              HasSubstr("right: 200 lies beyond the 124x38"));
+  EXPECT_THAT(with("Car 0 0 0 -9 1 9 9 1.5 1.6 3.9 2 1.7 20 0"), HasSubstr("left: -9"));
+  EXPECT_THAT(with("Car 0 0 0 9 1 2 9 1.5 1.6 3.9 2 1.7 20 0"), HasSubstr("right: 2 is left of"));
+  EXPECT_THAT(with("Car 0 7 0 1 1 9 9 1.5 1.6 3.9 2 1.7 20 0"), HasSubstr("occluded: 7"));
+  EXPECT_THAT(with("Car 3 0 0 1 1 9 9 1.5 1.6 3.9 2 1.7 20 0"), HasSubstr("truncated: 3"));
+  EXPECT_THAT(with("Car 0 0 0 1 1 9 9 1.5 1.6 3.9 2 1.7 20 90"), HasSubstr("rotation_y: 90"));
+}
+
+TEST_F(Kitti, BrokenLightingAndImage) {
+  const std::string name = "lighting/000042.json";
+  write_file(file(name), "{\"sun\": [1, 1");
+  EXPECT_THAT(reading_fails(), AllOf(HasSubstr(name), HasSubstr("byte")));
+  write_file(file(name),
+             R"({"to_sun_velo": [0, 0, 1], "sun": [1, 1], "ambient": [0, 0, 0], "hemisphere": [0, 0, 0]})");
+  EXPECT_THAT(reading_fails(), AllOf(HasSubstr(name), HasSubstr("sun: not a list of three")));
+  write_file(file(name), R"({"to_sun_velo": [0, 0, 0], "sun": [1, 1, 1]})");
+  EXPECT_THAT(reading_fails(), AllOf(HasSubstr(name), HasSubstr("to_sun_velo")));
+  const std::string picture = read_file(file("image_2/000042.png"));
+  write_file(file("image_2/000042.png"), picture.substr(0, 20));
+  EXPECT_THAT(reading_fails(), HasSubstr("image_2/000042.png"));
+}
+
+double overlap_with_2d_label(const Frame& frame, const Label& label) {
+  double u0 = 1e9, u1 = -1e9, v0 = 1e9, v1 = -1e9;
+  for (const Vec3d& p : corners(label.box)) {
+    const Vec2d pixel = frame.calibration.camera.project<double>(frame.calibration.camera_from_velo * p);
+    u0 = std::min(u0, pixel.x()), u1 = std::max(u1, pixel.x());
+    v0 = std::min(v0, pixel.y()), v1 = std::max(v1, pixel.y());
+  }
+  u0 = std::max(u0, 0.0), v0 = std::max(v0, 0.0);
+  u1 = std::min(u1, frame.image.width - 1.0), v1 = std::min(v1, frame.image.height - 1.0);
+  const double both = std::max(0.0, std::min(u1, label.right) - std::max(u0, label.left)) *
+                      std::max(0.0, std::min(v1, label.bottom) - std::max(v0, label.top));
+  return both / ((u1 - u0) * (v1 - v0) + (label.right - label.left) * (label.bottom - label.top) - both);
+}
+
+TEST(KittiRealFrames, AllReadAndTheirBoxesProjectOntoTheir2dLabels) {
+  MIRAGE_NEED_REAL_FRAMES();
+  std::vector<double> overlaps;
+  for (const std::string& id : list_frames(test::real_frames())) {
+    const Frame frame = read_frame(test::real_frames(), id);
+    EXPECT_GT(frame.sweep.size(), 50000u) << id;
+    for (const Label& label : frame.labels)
+      if (label.type != "DontCare" && label.truncated == 0)
+        overlaps.push_back(overlap_with_2d_label(frame, label));
+  }
+  ASSERT_GT(overlaps.size(), 50u);
+  std::sort(overlaps.begin(), overlaps.end());
+  // The benchmark's own 2-D boxes are projections of its 3-D boxes: only rounding and clipping differ.
+  EXPECT_GT(overlaps[overlaps.size() / 2], 0.985);
+  EXPECT_GT(overlaps[overlaps.size() / 20], 0.95);
+}
+
+TEST(KittiRealFrames, LabelsAndCalibrationSurviveRewriting) {
+  MIRAGE_NEED_REAL_FRAMES();
+  TemporaryFolder folder;
+  const std::string id = list_frames(test::real_frames()).back();
+  const auto source = test::real_frames() / "training";
+  const Calibration calibration = read_calibration(source / "calib" / (id + ".txt"), 1242, 375);
+  const auto labels = read_labels(source / "label_2" / (id + ".txt"), calibration);
+  write_calibration(folder / "c.txt", calibration);
+  write_labels(folder / "l.txt", labels, calibration);
+  const Calibration calibration2 = read_calibration(folder / "c.txt", 1242, 375);
+  const auto labels2 = read_labels(folder / "l.txt", calibration2);
+  EXPECT_TRUE(calibration2.camera_from_velo.isApprox(calibration.camera_from_velo, 1e-9));
+  ASSERT_EQ(labels2.size(), labels.size());
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    if (labels[i].type == "DontCare") continue;
+    EXPECT_NEAR(labels2[i].box.bev.x, labels[i].box.bev.x, 3e-6);
+    EXPECT_NEAR(std::remainder(labels2[i].box.bev.yaw - labels[i].box.bev.yaw, 2 * std::numbers::pi), 0,
+                3e-6);
+  }
+}
+
+}  // namespace
+}  // namespace mirage
