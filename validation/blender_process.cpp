@@ -78,6 +78,7 @@ void BlenderWorker::start() {
 bool BlenderWorker::exchange(const nlohmann::json& job, double timeout, nlohmann::json& answer) {
   nlohmann::json message = job;
   message["id"] = ++next_id_;
+  lost_ = "ended unexpectedly";
   if (!child_->write_line(message.dump())) return false;
   for (std::string line;;) {
     switch (child_->read_line(line, timeout)) {
@@ -100,9 +101,9 @@ nlohmann::json BlenderWorker::request(nlohmann::json job, double timeout) {
     if (child_ && exchange(job, timeout, answer)) break;
     child_.reset();
     if (attempt == 1)
-      throw Failure(program_.string(), "was lost twice on one job (" + job.value("job", "") + ")",
+      throw Failure(program_.string(), fmt::format("{}, twice on one job ({})", lost_, job.value("job", "")),
                     "look at " + log_.string());
-    spdlog::warn("Blender was lost or took longer than {:.0f} s; starting it again", timeout);
+    spdlog::warn("Blender {}; starting it again", lost_);
     ++restarts_;
     start();
   }

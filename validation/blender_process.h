@@ -39,7 +39,7 @@ class BlenderWorker {
   std::filesystem::path log_, program_, script_;
   double start_timeout_;
   std::unique_ptr<ChildProcess> child_;
-  std::string version_;
+  std::string version_, lost_;  ///< lost_: how the worker was lost last
   int restarts_ = 0;
   long next_id_ = 0;
 };

@@ -138,6 +138,13 @@ MatchedLight matched_light(BlenderWorker& blender, const HostScene& scene) {
   result.mask_iou = mask_iou(result.raster_mask, result.cycles_mask);
   result.mae = mean_absolute_error(result.raster, result.cycles, either);
   result.max_error = max_absolute_error(result.raster, result.cycles, either);
+  for (int v = 0; v < either.height; ++v)
+    for (int u = 0; u < either.width; ++u) {
+      float worst = 0;
+      for (int c = 0; c < 3; ++c)
+        worst = std::max(worst, std::abs(result.raster.at(u, v, c) - result.cycles.at(u, v, c)));
+      result.pixels_off += either.at(u, v) > 0.5f && worst > 1e-3f;
+    }
   return result;
 }
 

@@ -32,6 +32,9 @@ struct MatchedLight {
   ImageF raster_mask, cycles_mask;              ///< 1 channel, 0 or 1
   double mask_iou = 1, mae = 0, max_error = 0;  ///< errors over the union of the masks, scene-linear
   int mask_both = 0, mask_either = 0;           ///< pixels
+  /// Pixels that are off by more than 1e-3: their centre lies within float32 of a border between texels or
+  /// faces.
+  int pixels_off = 0;
 };
 MatchedLight matched_light(BlenderWorker& blender, const HostScene& scene);
 

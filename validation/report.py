@@ -183,7 +183,7 @@ def headline(result, evaluation):
         ("Matched light: mask IoU", f"{matched['mask_iou']:.6f}",
          f"over {matched['pixels']:,.0f} pixels; worst vehicle {matched['mask_iou_worst']:.6f}"),
         ("Matched light: mean error", f"{matched['mae']:.1e}",
-         f"scene-linear; largest {matched['max_error']:.1e}"),
+         f"scene-linear; {matched['pixels_off']} pixels off by more than 1e-3"),
         ("LiDAR against Blender's rays", f"{1e6 * matched['range_error_m']:.1f} µm",
          f"largest range error; {matched['hit_disagreements']} disagreements in {matched['rays']:,} rays"),
         ("Full light against rasteriser", percent(full["relative"]),

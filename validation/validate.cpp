@@ -24,7 +24,8 @@ namespace {
 using nlohmann::json;
 namespace fs = std::filesystem;
 
-constexpr double kBevReach = 16;  // m around the host that the report's bird's-eye view shows
+constexpr int kStoredVersion = 2;  // of hosts/*.json; raise it when their content changes
+constexpr double kBevReach = 16;   // m around the host that the report's bird's-eye view shows
 
 json box_json(const BevBox& b) {
   return {b.x, b.y, b.length, b.width, b.yaw};
@@ -123,7 +124,8 @@ json validate_host(Context& context, const HostId& id, bool with_ladder) {
                        {"range_error_m", lidar.range_error},
                        {"rays", lidar.rays},
                        {"returns", lidar.returns},
-                       {"hit_disagreements", lidar.disagreements}};
+                       {"hit_disagreements", lidar.disagreements},
+                       {"pixels_off", matched.pixels_off}};
   const ImageF seen_raster = encoded(full.raster), seen_cycles = encoded(full.cycles);
   result["full"] = {
       {"mae", mean_absolute_error(full.raster, full.cycles, full.mask)},
@@ -182,8 +184,8 @@ json validate_host(Context& context, const HostId& id, bool with_ladder) {
 std::string key_of(const ValidationSettings& settings, const Run& run, const fs::path& data) {
   std::string bytes = read_file(settings.run / "adversary.glb") + to_json(run.simulation).dump();
   const auto& d = settings.detector;
-  bytes += fmt::format("|{}|{}|{}|{}|{}|{}", d.detector, d.weights.string(), data.string(), settings.samples,
-                       settings.seed, settings.evaluation_settings.score_threshold);
+  bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, d.detector, d.weights.string(), data.string(),
+                       settings.samples, settings.seed, settings.evaluation_settings.score_threshold);
   if (!d.weights.empty()) bytes += read_file(d.weights);
   std::uint64_t hash = 14695981039346656037ull;  // FNV-1a
   for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
@@ -194,7 +196,7 @@ json summary(const std::vector<json>& hosts, const Run& run) {
   std::set<std::string> frames, test_frames;
   for (const HostId& id : run.test) test_frames.insert(id.frame);
   double both = 0, either = 0, error = 0, largest = 0, range_error = 0, worst_iou = 1;
-  int rays = 0, returns = 0, disagreements = 0, vehicles = 0;
+  int rays = 0, pixels_off = 0, returns = 0, disagreements = 0, vehicles = 0;
   int detected = 0, hidden_raster = 0, hidden_cycles = 0, hidden_both = 0, fooled_raster = 0,
       fooled_cycles = 0;
   double full_mae = 0, full_mean = 0, full_ssim = 0, full_flip = 0, full_seconds = 0;
@@ -212,6 +214,7 @@ json summary(const std::vector<json>& hosts, const Run& run) {
     worst_iou = std::min(worst_iou, m.at("mask_iou").get<double>());
     range_error = std::max(range_error, m.at("range_error_m").get<double>());
     rays += m.at("rays").get<int>();
+    pixels_off += m.at("pixels_off").get<int>();
     returns += m.at("returns").get<int>();
     disagreements += m.at("hit_disagreements").get<int>();
     const json& full = host.at("full");
@@ -261,6 +264,7 @@ json summary(const std::vector<json>& hosts, const Run& run) {
             {"mae", either > 0 ? error / either : 0},
             {"max_error", largest},
             {"pixels", either},
+            {"pixels_off", pixels_off},
             {"range_error_m", range_error},
             {"hit_disagreements", disagreements},
             {"rays", rays},
@@ -291,12 +295,8 @@ void write_report(const ValidationSettings& settings) {
   std::vector<std::string> arguments = {python,         shipped_file("validation/report.py").string(),
                                         "--validation", settings.out.string(),
                                         "--run",        settings.run.string()};
-  if (!settings.evaluation.empty()) {
-    const fs::path file =
-        fs::is_directory(settings.evaluation) ? settings.evaluation / "result.json" : settings.evaluation;
-    read_json(file);  // a clear error before the report's
-    arguments.insert(arguments.end(), {"--evaluation", file.string()});
-  }
+  if (!settings.evaluation.empty())
+    arguments.insert(arguments.end(), {"--evaluation", settings.evaluation.string()});
   if (const int status = run_program(arguments); status != 0)
     throw Failure("report.py", fmt::format("ended with status {}", status),
                   "install python3-matplotlib and python3-jinja2; finished vehicles are kept");
@@ -332,6 +332,10 @@ const Label& label_of(const Frame& frame, const HostId& id) {
 json validate(const ValidationSettings& given) {
   ValidationSettings settings = given;
   const Run run = read_run(settings.run);
+  if (!settings.evaluation.empty()) {  // the report needs it in the end: complain now
+    if (fs::is_directory(settings.evaluation)) settings.evaluation /= "result.json";
+    read_json(settings.evaluation);
+  }
   if (settings.data.empty()) settings.data = run.data;
   if (settings.detector.detector.empty()) settings.detector.detector = run.detector;
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);
@@ -352,8 +356,9 @@ json validate(const ValidationSettings& given) {
     const fs::path file = settings.out / "hosts" / (host_name(hosts[i]) + ".json");
     const bool with_ladder = static_cast<int>(i) < settings.ladder;
     if (fs::exists(file)) {
-      json stored = read_json(file);
-      if (stored.value("key", "") == key && (!with_ladder || stored.contains("ladder"))) {
+      json stored = json::parse(read_file(file), nullptr, false);  // a damaged one is made again
+      if (stored.is_object() && stored.value("key", "") == key &&
+          (!with_ladder || stored.contains("ladder"))) {
         if (!with_ladder) stored.erase("ladder");
         results.push_back(std::move(stored));
         progress.update(i + 1);

@@ -135,10 +135,10 @@ HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Ho
 
 AttackResult run_attack(const AttackSettings& settings) {
   parse_target(settings.target);  // before the detector is loaded
-  return run_attack(settings, *load_detector(settings.detector));
+  return run_attack(settings, load_detector_pool(settings.detector, settings.batch));
 }
 
-AttackResult run_attack(const AttackSettings& settings, Detector& detector) {
+AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors) {
   const AttackTarget target = parse_target(settings.target);
   if (settings.batch < 1) throw InputError("--batch", std::to_string(settings.batch), "not positive", "use 1 or more");
   make_output_folder(settings.out);
@@ -148,8 +148,8 @@ AttackResult run_attack(const AttackSettings& settings, Detector& detector) {
   FrameStore store(settings.data, lidar_of(settings.data));
   std::vector<std::string> train_frames, test_frames;
   split_frames(list_frames(settings.data), settings.seed, train_frames, test_frames);
-  const auto train = hosts_of(store, train_frames, detector, settings);
-  const auto test = hosts_of(store, test_frames, detector, settings);
+  const auto train = hosts_of(store, train_frames, *detectors.front(), settings);
+  const auto test = hosts_of(store, test_frames, *detectors.front(), settings);
   if (train.empty())
     throw InputError(settings.data.string(), "label_2",
                      fmt::format("no car in the training frames has {:.0f} % of the adversary in view",
@@ -186,10 +186,13 @@ AttackResult run_attack(const AttackSettings& settings, Detector& detector) {
     std::vector<Vec3d> d_vertices(state.adversary.mesh.vertices.size(), Vec3d::Zero());
     std::vector<Vec3d> d_texels(state.adversary.atlas.texels.size(), Vec3d::Zero());
     LossRow row;
-    for (std::size_t index : batch_of(train.size(), settings.batch, state.iteration, settings.seed)) {
-      const Host& host = train[index];
-      const HostStep step =
-          attack_host(detector, store.get(host.id.frame), host, state.adversary, target, settings);
+    const auto chosen = batch_of(train.size(), settings.batch, state.iteration, settings.seed);
+    std::vector<HostStep> steps(chosen.size());
+    for_each_with_detector(detectors, chosen.size(), [&](Detector& detector, std::size_t k) {
+      const Host& host = train[chosen[k]];
+      steps[k] = attack_host(detector, store.get(host.id.frame), host, state.adversary, target, settings);
+    });
+    for (const HostStep& step : steps) {
       row.hide += step.hide / settings.batch;
       row.false_positive += step.false_positive / settings.batch;
       for (std::size_t i = 0; i < d_vertices.size(); ++i) d_vertices[i] += step.gradient.vertices[i] / settings.batch;

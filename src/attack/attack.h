@@ -6,6 +6,7 @@
 #include <string>
 
 #include "attack/adversary.h"
+#include "attack/detector_pool.h"
 #include "attack/hosts.h"
 #include "attack/objective.h"
 
@@ -41,8 +42,8 @@ struct AttackResult {
 /// Runs or resumes the attack in settings.out (see attack/run.h for the files). The result is bit-identical
 /// however often it was stopped. InputError when the folder holds a run with other settings.
 AttackResult run_attack(const AttackSettings& settings);
-/// The same with a detector at hand.
-AttackResult run_attack(const AttackSettings& settings, Detector& detector);
+/// The same with detectors at hand.
+AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors);
 
 /// Loss and gradient of one host: simulation, detector, objective and their VJPs.
 struct HostStep {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <mutex>
 
 #include "base/error.h"
 #include "base/interrupt.h"
@@ -84,30 +85,39 @@ Evaluation summarize(std::vector<HostOutcome> hosts) {
   return result;
 }
 
-Evaluation evaluate(Detector& detector, FrameStore& store, const std::vector<HostId>& hosts,
+Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                     const TexturedMesh& adversary, const SimulationSettings& simulation,
                     const EvaluationSettings& settings) {
   const BoxRooftopFinder finder;
   std::map<std::string, std::vector<Proposal>> clean;  // a frame's clean detections serve all its hosts
-  std::vector<HostOutcome> outcomes;
-  Progress progress("evaluate", hosts.size(), settings.quiet);
-  for (const HostId& id : hosts) {
+  for (const HostId& id : hosts) clean[id.frame];
+  std::vector<std::string> frames;
+  for (const auto& [id, none] : clean) frames.push_back(id);
+  for_each_with_detector(detectors, frames.size(), [&](Detector& detector, std::size_t i) {
     throw_if_interrupted("an evaluation writes nothing until it is done; run it again");
+    const Frame& frame = store.get(frames[i]).frame;
+    clean.at(frames[i]) = detections(detector, {&frame.image, frame.sweep, &frame.calibration}, settings);
+  });
+
+  std::vector<HostOutcome> outcomes(hosts.size());
+  Progress progress("evaluate", hosts.size(), settings.quiet);
+  std::mutex mutex;
+  std::size_t done = 0;
+  for_each_with_detector(detectors, hosts.size(), [&](Detector& detector, std::size_t i) {
+    throw_if_interrupted("an evaluation writes nothing until it is done; run it again");
+    const HostId& id = hosts[i];
     const PreparedFrame& prepared = store.get(id.frame);
     if (id.label < 0 || static_cast<std::size_t>(id.label) >= prepared.frame.labels.size())
       throw InputError("run.json", "test", "host " + id.frame + "/" + std::to_string(id.label) + " is not in the data",
                        "give the --data folder that the run was made with");
     const Label& label = prepared.frame.labels[static_cast<std::size_t>(id.label)];
-    const Calibration* calibration = &prepared.frame.calibration;
-    auto [place, added] = clean.try_emplace(id.frame);
-    if (added)
-      place->second = detections(detector, {&prepared.frame.image, prepared.frame.sweep, calibration}, settings);
     const Simulated simulated =
         simulate(prepared, label, finder.find(prepared.frame, label), adversary, simulation);
-    outcomes.push_back(judge(id, prepared.frame, place->second,
-                             detections(detector, {&simulated.image, simulated.sweep, calibration}, settings), settings));
-    progress.update(outcomes.size());
-  }
+    const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
+    outcomes[i] = judge(id, prepared.frame, clean.at(id.frame), detections(detector, view, settings), settings);
+    const std::lock_guard lock(mutex);
+    progress.update(++done);
+  });
   return summarize(std::move(outcomes));
 }
 

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "attack/detector_pool.h"
 #include "attack/hosts.h"
 
 namespace mirage {
@@ -52,7 +53,7 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> cl
 Evaluation summarize(std::vector<HostOutcome> hosts);
 
 /// Runs the detector on every host, clean and with the adversary.
-Evaluation evaluate(Detector& detector, FrameStore& store, const std::vector<HostId>& hosts,
+Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                     const TexturedMesh& adversary, const SimulationSettings& simulation,
                     const EvaluationSettings& settings);
 

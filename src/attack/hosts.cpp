@@ -5,6 +5,7 @@
 
 #include "attack/adversary.h"
 #include "base/files.h"
+#include "base/parallel.h"
 #include "base/random.h"
 #include "scene/kitti.h"
 #include "detection/points_in_view.h"
@@ -12,11 +13,12 @@
 namespace mirage {
 
 const PreparedFrame& FrameStore::get(const std::string& id) {
+  const std::lock_guard lock(mutex_);
   auto& slot = frames_[id];
   if (!slot) {
     Frame frame = read_frame(data_, id);
     frame.sweep = points_in_view(frame.sweep, frame.calibration);
-    slot = std::make_unique<PreparedFrame>(prepare(std::move(frame), lidar_));
+    isolated([&] { slot = std::make_unique<PreparedFrame>(prepare(std::move(frame), lidar_)); });
   }
   return *slot;
 }

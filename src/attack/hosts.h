@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -20,7 +21,7 @@ struct Host {
   Rooftop rooftop;
 };
 
-/// The frames of a data set, read and prepared once, by id.
+/// The frames of a data set, read and prepared once, by id. Several threads may ask at once.
 class FrameStore {
  public:
   FrameStore(std::filesystem::path data, const LidarModel& lidar) : data_(std::move(data)), lidar_(lidar) {}
@@ -31,6 +32,7 @@ class FrameStore {
  private:
   std::filesystem::path data_;
   LidarModel lidar_;
+  std::mutex mutex_;
   std::map<std::string, std::unique_ptr<PreparedFrame>> frames_;
 };
 

@@ -4,6 +4,7 @@
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <cstddef>
 
@@ -21,6 +22,12 @@ void parallel_for(std::size_t n, const Body& body, std::size_t grain = 1) {
                     [&](const tbb::blocked_range<std::size_t>& range) {
                       for (std::size_t i = range.begin(); i != range.end(); ++i) body(i);
                     });
+}
+
+/// Runs work() so that parallel loops inside it never pick up tasks from outside: needed wherever a lock is held.
+template <class Work>
+void isolated(const Work& work) {
+  tbb::this_task_arena::isolate(work);
 }
 
 }  // namespace mirage

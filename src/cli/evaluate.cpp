@@ -43,15 +43,16 @@ Command evaluate_command() {
   command.run = [options](const Common& common) -> nlohmann::json {
     const Run run = read_run(options->run);
     const auto data = options->data.empty() ? run.data : options->data;
-    auto detector = load_detector(with_common(options->detector, common));
     FrameStore store(data, lidar_of(data));
     options->evaluation.quiet = common.quiet;
     const auto hosts = chosen_hosts(run, options->hosts);
     if (hosts.empty())
       throw InputError((options->run / "run.json").string(), options->hosts, "has no host vehicles",
                        "use --hosts all or attack a larger data set");
+    const DetectorPool detectors =
+        load_detector_pool(with_common(options->detector, common), static_cast<int>(hosts.size()));
     const auto judged = [&](const TexturedMesh& mesh) {
-      return evaluate(*detector, store, hosts, mesh, run.simulation, options->evaluation);
+      return evaluate(detectors, store, hosts, mesh, run.simulation, options->evaluation);
     };
     const Evaluation learned = judged(run.adversary), random = judged(run.random);
     print_table({{"hosts", std::to_string(hosts.size())},

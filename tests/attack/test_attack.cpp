@@ -26,12 +26,18 @@ AttackSettings settings_for(const std::filesystem::path& data, const std::filesy
   return settings;
 }
 
+DetectorPool stand_ins() {
+  DetectorPool pool;
+  for (int i = 0; i < 2; ++i) pool.push_back(std::make_unique<StandInDetector>());
+  return pool;
+}
+
 TEST(Attack, LowersTheLossAndKeepsTheBox) {
   ScratchFolder folder;
   test::write_tiny_data(folder.path / "data", 3);
-  StandInDetector detector;
+  const DetectorPool detectors = stand_ins();
   const auto settings = settings_for(folder.path / "data", folder.path / "run", 25);
-  const AttackResult result = run_attack(settings, detector);
+  const AttackResult result = run_attack(settings, detectors);
   EXPECT_EQ(result.iterations, 25);
   EXPECT_EQ(result.vehicles_train + result.vehicles_test, 3);
   const AttackState state = read_checkpoint(folder.path / "run/checkpoint.json",
@@ -41,7 +47,7 @@ TEST(Attack, LowersTheLossAndKeepsTheBox) {
   for (const Vec3d& v : state.adversary.mesh.vertices)
     EXPECT_TRUE((v.cwiseAbs().array() <= settings.limits.half.array() + 1e-12).all());
   for (const Vec3d& t : state.adversary.atlas.texels) EXPECT_TRUE(t.minCoeff() >= 0 && t.maxCoeff() <= 1);
-  const Run run = read_run(folder.path / "run");
+  const mirage::Run run = read_run(folder.path / "run");
   for (std::size_t i = 0; i < run.adversary.mesh.vertices.size(); ++i)
     EXPECT_EQ(run.adversary.mesh.vertices[i], state.adversary.mesh.vertices[i]);
 }
@@ -49,10 +55,10 @@ TEST(Attack, LowersTheLossAndKeepsTheBox) {
 TEST(Attack, ResumesToTheSameBits) {
   ScratchFolder folder;
   test::write_tiny_data(folder.path / "data", 3);
-  StandInDetector detector;
-  run_attack(settings_for(folder.path / "data", folder.path / "whole", 7), detector);
-  run_attack(settings_for(folder.path / "data", folder.path / "parts", 3), detector);
-  run_attack(settings_for(folder.path / "data", folder.path / "parts", 7), detector);
+  const DetectorPool detectors = stand_ins();
+  run_attack(settings_for(folder.path / "data", folder.path / "whole", 7), detectors);
+  run_attack(settings_for(folder.path / "data", folder.path / "parts", 3), detectors);
+  run_attack(settings_for(folder.path / "data", folder.path / "parts", 7), detectors);
   EXPECT_EQ(read_file(folder.path / "whole/adversary.glb"), read_file(folder.path / "parts/adversary.glb"));
   EXPECT_EQ(read_file(folder.path / "whole/loss.csv"), read_file(folder.path / "parts/loss.csv"));
 }
@@ -62,13 +68,13 @@ TEST(Attack, TargetsGateTheGradientNotTheSensors) {
   test::write_tiny_data(folder.path / "data", 2);
   const auto settings = settings_for(folder.path / "data", folder.path / "run", 1);
   FrameStore store(settings.data, lidar_of(settings.data));
-  StandInDetector detector;
+  const DetectorPool detectors = stand_ins();
   const PreparedFrame& prepared = store.get("000000");
-  const auto hosts = find_hosts(prepared, BoxRooftopFinder(), detector.region(), settings.simulation);
+  const auto hosts = find_hosts(prepared, BoxRooftopFinder(), detectors[0]->region(), settings.simulation);
   ASSERT_EQ(hosts.size(), 1u);
   const TexturedMesh adversary = initial_adversary();
   const auto step = [&](AttackTarget target) {
-    return attack_host(detector, prepared, hosts[0], adversary, target, settings);
+    return attack_host(*detectors[0], prepared, hosts[0], adversary, target, settings);
   };
   const HostStep both = step(AttackTarget::both), image = step(AttackTarget::image), lidar = step(AttackTarget::lidar);
   EXPECT_EQ(both.hide, image.hide);
@@ -85,10 +91,10 @@ TEST(Attack, TargetsGateTheGradientNotTheSensors) {
 TEST(Attack, RandomTargetIsTheBaselineMesh) {
   ScratchFolder folder;
   test::write_tiny_data(folder.path / "data", 2);
-  StandInDetector detector;
+  const DetectorPool detectors = stand_ins();
   auto settings = settings_for(folder.path / "data", folder.path / "run", 5);
   settings.target = "random";
-  run_attack(settings, detector);
+  run_attack(settings, detectors);
   EXPECT_EQ(read_file(folder.path / "run/adversary.glb"), read_file(folder.path / "run/random.glb"));
 }
 
@@ -103,20 +109,20 @@ std::string error_of(const std::function<void()>& work) {
 
 TEST(AttackInput, ErrorsNameFileAndField) {
   ScratchFolder folder;
-  StandInDetector detector;
+  const DetectorPool detectors = stand_ins();
   test::write_tiny_data(folder.path / "data", 2);
   auto settings = settings_for(folder.path / "data", folder.path / "run", 1);
   settings.target = "camera";
-  EXPECT_THAT(error_of([&] { run_attack(settings, detector); }), testing::HasSubstr("--target: camera"));
+  EXPECT_THAT(error_of([&] { run_attack(settings, detectors); }), testing::HasSubstr("--target: camera"));
   settings.target = "both";
-  run_attack(settings, detector);
+  run_attack(settings, detectors);
   settings.batch = 3;
-  EXPECT_THAT(error_of([&] { run_attack(settings, detector); }), testing::HasSubstr("batch"));
+  EXPECT_THAT(error_of([&] { run_attack(settings, detectors); }), testing::HasSubstr("batch"));
   settings.batch = 2;
   write_file(folder.path / "run/checkpoint.json", "{\"identity\": {");
-  EXPECT_THAT(error_of([&] { run_attack(settings, detector); }), testing::HasSubstr("checkpoint.json: byte"));
+  EXPECT_THAT(error_of([&] { run_attack(settings, detectors); }), testing::HasSubstr("checkpoint.json: byte"));
   EXPECT_THAT(error_of([&] { read_run(folder.path); }), testing::HasSubstr("run.json"));
-  EXPECT_THAT(error_of([&] { run_attack(settings_for(folder.path / "none", folder.path / "r", 1), detector); }),
+  EXPECT_THAT(error_of([&] { run_attack(settings_for(folder.path / "none", folder.path / "r", 1), detectors); }),
               testing::HasSubstr("none"));
 }
 

@@ -42,7 +42,6 @@ class StandInDetector : public Detector {
   std::string name() const override { return "stand-in"; }
   std::array<double, 4> region() const override { return {0, 50, -25, 25}; }
   std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool) override {
-    ++forwards;
     image_ = *input.image;
     points_.assign(input.points.begin(), input.points.end());
     double logit = 1;
@@ -63,8 +62,6 @@ class StandInDetector : public Detector {
   }
   TrainingLoss train_step(std::span<const TrainingSample>, double) override { return {}; }
   void save(const std::filesystem::path&, bool) override {}
-
-  int forwards = 0;
 
  private:
   static constexpr double kImage = 1e-2, kPoints = -2e-2;

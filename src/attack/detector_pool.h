@@ -1,0 +1,25 @@
+// Several instances of one detector: an instance serves one thread at a time, and all give the same answers.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "base/parallel.h"
+#include "detection/detector.h"
+
+namespace mirage {
+
+using DetectorPool = std::vector<std::unique_ptr<Detector>>;
+
+/// One instance a thread, but no more than `most`.
+DetectorPool load_detector_pool(const DetectorOptions& options, int most);
+
+/// Calls body(detector, i) for i in [0, n) on as many threads as there are instances. Bodies write to disjoint places.
+template <class Body>
+void for_each_with_detector(const DetectorPool& pool, std::size_t n, const Body& body) {
+  parallel_for(pool.size(), [&](std::size_t worker) {
+    for (std::size_t i = worker; i < n; i += pool.size()) body(*pool[worker], i);
+  });
+}
+
+}  // namespace mirage

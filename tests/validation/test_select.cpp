@@ -1,0 +1,35 @@
+// Which vehicles a validation takes.
+#include <gtest/gtest.h>
+
+#include "base/error.h"
+#include "validation/validate.h"
+
+namespace mirage {
+namespace {
+
+std::vector<std::string> names(const std::vector<HostId>& hosts) {
+  std::vector<std::string> result;
+  for (const HostId& id : hosts) result.push_back(host_name(id));
+  return result;
+}
+
+TEST(SelectHosts, TestFramesComeFirstAndWhole) {
+  ::mirage::Run run;  // the fixture has a Run of its own
+  run.train = {{"000001", 0}, {"000002", 3}};
+  run.test = {{"000005", 0}, {"000005", 2}, {"000009", 1}};
+  using Names = std::vector<std::string>;
+  EXPECT_EQ(names(select_hosts(run, 0)), (Names{"000005_0", "000005_2", "000009_1"}));
+  EXPECT_EQ(names(select_hosts(run, 1)), (Names{"000005_0", "000005_2"}));
+  EXPECT_EQ(names(select_hosts(run, 3)), (Names{"000005_0", "000005_2", "000009_1", "000001_0"}));
+  EXPECT_EQ(select_hosts(run, 99).size(), 5u);
+}
+
+TEST(SelectHosts, AHostThatTheDataDoesNotHoldIsAnInputError) {
+  Frame frame;
+  frame.labels.resize(2);
+  EXPECT_NO_THROW(label_of(frame, {"000001", 1}));
+  EXPECT_THROW(label_of(frame, {"000001", 2}), InputError);
+}
+
+}  // namespace
+}  // namespace mirage
