@@ -16,6 +16,7 @@ SimulationSettings hard_limit(SimulationSettings settings, bool occluded) {
   settings.raster.sigma =
       1e-18;  // blends over 1e-6 px; 1e-12 would over 2e-3 px, which is visible in the mean
   settings.raster.gamma = 1e-6;
+  settings.supersampling = 1;  // Cycles' matched render samples pixel centres
   if (!occluded) settings.occlusion_margin = 1e9;
   return settings;
 }

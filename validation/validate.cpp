@@ -338,6 +338,7 @@ json validate(const ValidationSettings& given) {
   }
   if (settings.data.empty()) settings.data = run.data;
   if (settings.detector.detector.empty()) settings.detector.detector = run.detector;
+  if (settings.detector.weights.empty()) settings.detector.weights = run.weights;
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);
   if (hosts.empty())
     throw InputError((settings.run / "run.json").string(), "test", "no vehicles to validate",

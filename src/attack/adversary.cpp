@@ -11,7 +11,8 @@ TexturedMesh initial_adversary(const AdversaryLimits& limits, double share) {
   TexturedMesh adversary;
   adversary.mesh = icosphere(2);
   for (Vec3d& v : adversary.mesh.vertices) v = v.cwiseProduct(limits.half) * share;
-  adversary.atlas.texels.assign(adversary.mesh.faces.size() * adversary.atlas.per_face(), Vec3d::Constant(0.5));
+  adversary.atlas.texels.assign(adversary.mesh.faces.size() * adversary.atlas.per_face(),
+                                Vec3d::Constant(0.5));
   return adversary;
 }
 

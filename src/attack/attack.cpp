@@ -28,9 +28,10 @@ double seconds_since(Clock::time_point start) {
 
 /// What a checkpoint must agree with. Iterations are not in it: a finished run can be prolonged.
 nlohmann::json identity(const AttackSettings& settings) {
+  const auto& weights = settings.detector.weights;
   return {{"data", std::filesystem::absolute(settings.data).lexically_normal().string()},
           {"detector", settings.detector.detector},
-          {"weights", settings.detector.weights.string()},
+          {"weights", weights.empty() ? "" : std::filesystem::absolute(weights).lexically_normal().string()},
           {"target", settings.target},
           {"seed", settings.seed},
           {"batch", settings.batch},
@@ -63,8 +64,8 @@ std::vector<std::size_t> batch_of(std::size_t hosts, int batch, long iteration, 
   return chosen;
 }
 
-std::vector<Host> hosts_of(FrameStore& store, const std::vector<std::string>& frames, const Detector& detector,
-                           const AttackSettings& settings) {
+std::vector<Host> hosts_of(FrameStore& store, const std::vector<std::string>& frames,
+                           const Detector& detector, const AttackSettings& settings) {
   const BoxRooftopFinder finder;
   std::vector<Host> hosts;
   for (const std::string& id : frames) {
@@ -85,8 +86,8 @@ std::vector<HostId> ids(const std::vector<Host>& hosts) {
 void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows) {
   std::string text = "iteration,loss,hide,false_positive,laplacian\n";
   for (std::size_t i = 0; i < rows.size(); ++i)
-    text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g}\n", i, rows[i].loss(), rows[i].hide, rows[i].false_positive,
-                        rows[i].laplacian);
+    text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g}\n", i, rows[i].loss(), rows[i].hide,
+                        rows[i].false_positive, rows[i].laplacian);
   write_file(file, text);
 }
 
@@ -140,7 +141,8 @@ AttackResult run_attack(const AttackSettings& settings) {
 
 AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors) {
   const AttackTarget target = parse_target(settings.target);
-  if (settings.batch < 1) throw InputError("--batch", std::to_string(settings.batch), "not positive", "use 1 or more");
+  if (settings.batch < 1)
+    throw InputError("--batch", std::to_string(settings.batch), "not positive", "use 1 or more");
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
   const nlohmann::json id = identity(settings);
@@ -195,8 +197,10 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
     for (const HostStep& step : steps) {
       row.hide += step.hide / settings.batch;
       row.false_positive += step.false_positive / settings.batch;
-      for (std::size_t i = 0; i < d_vertices.size(); ++i) d_vertices[i] += step.gradient.vertices[i] / settings.batch;
-      for (std::size_t i = 0; i < d_texels.size(); ++i) d_texels[i] += step.gradient.texels[i] / settings.batch;
+      for (std::size_t i = 0; i < d_vertices.size(); ++i)
+        d_vertices[i] += step.gradient.vertices[i] / settings.batch;
+      for (std::size_t i = 0; i < d_texels.size(); ++i)
+        d_texels[i] += step.gradient.texels[i] / settings.batch;
     }
     const double weight = settings.objective.lambda_laplacian;
     row.laplacian = weight * laplacian.energy(state.adversary.mesh.vertices, weight, d_vertices);
@@ -220,9 +224,11 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   result.vehicles_test = static_cast<int>(test.size());
   result.iterations = static_cast<int>(state.iteration);
   const std::size_t tail = std::max<std::size_t>(1, state.losses.size() / 10);
-  for (std::size_t i = state.losses.size() - std::min(tail, state.losses.size()); i < state.losses.size(); ++i)
+  for (std::size_t i = state.losses.size() - std::min(tail, state.losses.size()); i < state.losses.size();
+       ++i)
     result.loss += state.losses[i].loss() / static_cast<double>(tail);
-  if (state.iteration > first) result.seconds_per_iteration = seconds / static_cast<double>(state.iteration - first);
+  if (state.iteration > first)
+    result.seconds_per_iteration = seconds / static_cast<double>(state.iteration - first);
   return result;
 }
 

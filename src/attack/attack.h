@@ -22,7 +22,7 @@ struct AttackSettings {
   DetectorOptions detector;
   std::string target = "both";
   int iterations = 300;
-  int batch = 2;               ///< hosts an iteration; their losses are averaged
+  int batch = 2;  ///< hosts an iteration; their losses are averaged
   std::uint64_t seed = 0;
   double vertex_rate = 1e-3, texel_rate = 4e-3;
   double min_view = 0.7;

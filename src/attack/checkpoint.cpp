@@ -16,7 +16,8 @@ std::vector<Vec3d> points_from(const nlohmann::json& json, std::size_t expected)
   const auto values = json.get<std::vector<double>>();
   if (values.size() != 3 * expected) throw std::invalid_argument("a list has the wrong length");
   std::vector<Vec3d> points(expected);
-  for (std::size_t i = 0; i < expected; ++i) points[i] = Vec3d(values[3 * i], values[3 * i + 1], values[3 * i + 2]);
+  for (std::size_t i = 0; i < expected; ++i)
+    points[i] = Vec3d(values[3 * i], values[3 * i + 1], values[3 * i + 2]);
   return points;
 }
 
@@ -40,7 +41,8 @@ AttackState fresh_state(const AttackSettings& settings) {
   return state;
 }
 
-void write_checkpoint(const std::filesystem::path& file, const AttackState& state, const nlohmann::json& identity) {
+void write_checkpoint(const std::filesystem::path& file, const AttackState& state,
+                      const nlohmann::json& identity) {
   std::vector<double> losses;
   for (const LossRow& row : state.losses)
     losses.insert(losses.end(), {row.hide, row.false_positive, row.laplacian});

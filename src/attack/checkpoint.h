@@ -25,7 +25,8 @@ struct AttackState {
 
 AttackState fresh_state(const AttackSettings& settings);
 /// Atomic. Doubles are written so that they read back bit for bit.
-void write_checkpoint(const std::filesystem::path& file, const AttackState& state, const nlohmann::json& identity);
+void write_checkpoint(const std::filesystem::path& file, const AttackState& state,
+                      const nlohmann::json& identity);
 /// InputError when the file is damaged or belongs to a run with other settings (the differing key is named).
 AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity);
 

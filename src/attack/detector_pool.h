@@ -14,7 +14,8 @@ using DetectorPool = std::vector<std::unique_ptr<Detector>>;
 /// One instance a thread, but no more than `most`.
 DetectorPool load_detector_pool(const DetectorOptions& options, int most);
 
-/// Calls body(detector, i) for i in [0, n) on as many threads as there are instances. Bodies write to disjoint places.
+/// Calls body(detector, i) for i in [0, n) on as many threads as there are instances. Bodies write to
+/// disjoint places.
 template <class Body>
 void for_each_with_detector(const DetectorPool& pool, std::size_t n, const Body& body) {
   parallel_for(pool.size(), [&](std::size_t worker) {

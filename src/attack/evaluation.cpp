@@ -22,12 +22,13 @@ std::pair<double, double> best_match(const std::vector<Proposal>& detections, co
 
 }  // namespace
 
-std::vector<Proposal> detections(Detector& detector, const SensorView& view, const EvaluationSettings& settings) {
+std::vector<Proposal> detections(Detector& detector, const SensorView& view,
+                                 const EvaluationSettings& settings) {
   return suppress(detector.forward(view, settings.score_threshold, false));
 }
 
-HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> clean, std::vector<Proposal> attacked,
-                  const EvaluationSettings& settings) {
+HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> clean,
+                  std::vector<Proposal> attacked, const EvaluationSettings& settings) {
   HostOutcome outcome;
   outcome.id = id;
   const BevBox host = frame.labels[static_cast<std::size_t>(id.label)].box.bev;
@@ -108,13 +109,15 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
     const HostId& id = hosts[i];
     const PreparedFrame& prepared = store.get(id.frame);
     if (id.label < 0 || static_cast<std::size_t>(id.label) >= prepared.frame.labels.size())
-      throw InputError("run.json", "test", "host " + id.frame + "/" + std::to_string(id.label) + " is not in the data",
+      throw InputError("run.json", "test",
+                       "host " + id.frame + "/" + std::to_string(id.label) + " is not in the data",
                        "give the --data folder that the run was made with");
     const Label& label = prepared.frame.labels[static_cast<std::size_t>(id.label)];
     const Simulated simulated =
         simulate(prepared, label, finder.find(prepared.frame, label), adversary, simulation);
     const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
-    outcomes[i] = judge(id, prepared.frame, clean.at(id.frame), detections(detector, view, settings), settings);
+    outcomes[i] =
+        judge(id, prepared.frame, clean.at(id.frame), detections(detector, view, settings), settings);
     const std::lock_guard lock(mutex);
     progress.update(++done);
   });
@@ -141,7 +144,9 @@ nlohmann::json to_json(const Evaluation& evaluation) {
           {"fp_asr", evaluation.fp_asr},
           {"asr", evaluation.asr},
           {"recall_iou",
-           {{"iou", evaluation.iou}, {"clean", evaluation.recall_clean}, {"attacked", evaluation.recall_attacked}}},
+           {{"iou", evaluation.iou},
+            {"clean", evaluation.recall_clean},
+            {"attacked", evaluation.recall_attacked}}},
           {"outcomes", hosts}};
 }
 

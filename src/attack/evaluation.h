@@ -27,12 +27,12 @@ struct EvaluationSettings {
 /// What the detector says about one host, clean and attacked.
 struct HostOutcome {
   HostId id;
-  double range = 0;                       ///< m, host's box centre from the `velo` origin
-  double clean_iou = 0, attacked_iou = 0;  ///< best IoU of a detection with the host's box
+  double range = 0;                            ///< m, host's box centre from the `velo` origin
+  double clean_iou = 0, attacked_iou = 0;      ///< best IoU of a detection with the host's box
   double clean_score = 0, attacked_score = 0;  ///< score of that detection
   bool detected = false, hidden = false, false_positive = false;
-  double false_positive_distance = 0;  ///< m from the host to the farthest new box, if any
-  std::vector<Proposal> clean, attacked;   ///< detections after suppression
+  double false_positive_distance = 0;     ///< m from the host to the farthest new box, if any
+  std::vector<Proposal> clean, attacked;  ///< detections after suppression
 };
 
 struct Evaluation {
@@ -43,11 +43,12 @@ struct Evaluation {
 };
 
 /// Detections of one view: proposals over the threshold after suppression.
-std::vector<Proposal> detections(Detector& detector, const SensorView& view, const EvaluationSettings& settings);
+std::vector<Proposal> detections(Detector& detector, const SensorView& view,
+                                 const EvaluationSettings& settings);
 
 /// Judges one host, given its clean and attacked detections.
-HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> clean, std::vector<Proposal> attacked,
-                  const EvaluationSettings& settings);
+HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> clean,
+                  std::vector<Proposal> attacked, const EvaluationSettings& settings);
 
 /// Shares and curves over outcomes.
 Evaluation summarize(std::vector<HostOutcome> hosts);

@@ -7,8 +7,8 @@
 #include "base/files.h"
 #include "base/parallel.h"
 #include "base/random.h"
-#include "scene/kitti.h"
 #include "detection/points_in_view.h"
+#include "scene/kitti.h"
 
 namespace mirage {
 
@@ -46,7 +46,8 @@ std::vector<Host> find_hosts(const PreparedFrame& prepared, const RooftopFinder&
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const Label& label = labels[i];
     const BevBox& box = label.box.bev;
-    if (label.type != "Car" || box.x < region[0] || box.x > region[1] || box.y < region[2] || box.y > region[3])
+    if (label.type != "Car" || box.x < region[0] || box.x > region[1] || box.y < region[2] ||
+        box.y > region[3])
       continue;
     const Host host{{prepared.frame.id, static_cast<int>(i)}, finder.find(prepared.frame, label)};
     if (simulate(prepared, label, host.rooftop, reference, simulation).visible_share >= min_view)

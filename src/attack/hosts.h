@@ -25,8 +25,8 @@ struct Host {
 class FrameStore {
  public:
   FrameStore(std::filesystem::path data, const LidarModel& lidar) : data_(std::move(data)), lidar_(lidar) {}
-  /// Reads and prepares the frame at first use; only measured points inside the photograph are kept, as KITTI's
-  /// detectors do.
+  /// Reads and prepares the frame at first use; only measured points inside the photograph are kept, as
+  /// KITTI's detectors do.
   const PreparedFrame& get(const std::string& id);
 
  private:
@@ -36,7 +36,8 @@ class FrameStore {
   std::map<std::string, std::unique_ptr<PreparedFrame>> frames_;
 };
 
-/// The LiDAR that recorded a data set: the rig that dataset.json names, or KITTI's HDL-64E when there is none.
+/// The LiDAR that recorded a data set: the rig that dataset.json names, or KITTI's HDL-64E when there is
+/// none.
 LidarModel lidar_of(const std::filesystem::path& data);
 
 /// Cars of the frame that can be hosts: labelled "Car", box centre inside the detector's region, and at least
@@ -45,7 +46,8 @@ std::vector<Host> find_hosts(const PreparedFrame& prepared, const RooftopFinder&
                              const std::array<double, 4>& region, const SimulationSettings& simulation,
                              double min_view = 0.7);
 
-/// Splits frames (not hosts) train : test = 7 : 3 at random by seed. At least one frame each when there are two.
+/// Splits frames (not hosts) train : test = 7 : 3 at random by seed. At least one frame each when there are
+/// two.
 void split_frames(std::vector<std::string> frames, std::uint64_t seed, std::vector<std::string>& train,
                   std::vector<std::string>& test);
 

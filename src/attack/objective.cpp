@@ -5,7 +5,9 @@
 
 namespace mirage {
 
-double softplus(double x) { return std::max(x, 0.0) + std::log1p(std::exp(-std::abs(x))); }
+double softplus(double x) {
+  return std::max(x, 0.0) + std::log1p(std::exp(-std::abs(x)));
+}
 
 ObjectiveValue objective(std::span<const Proposal> proposals, const BevBox& host,
                          std::span<const BevBox> ground_truth, const ObjectiveSettings& settings) {

@@ -1,7 +1,8 @@
 // The attack's objective on one host vehicle (DESIGN, section 4; Tu et al., CoRL 2021), in logits:
 //     L = Σ_relevant IoU(b, b*) softplus(logit(b)) − λ_fp Σ_fp softplus(logit(b))
 // because −log(1 − sigmoid(x)) = softplus(x). relevant: score > 0.1 and overlapping the host's box b*;
-// fp: score > 0.1 and no overlap with any ground truth. IoU weights are constants: gradients go to the logits.
+// fp: score > 0.1 and no overlap with any ground truth. IoU weights are constants: gradients go to the
+// logits.
 #pragma once
 
 #include <span>

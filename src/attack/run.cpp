@@ -17,6 +17,7 @@ nlohmann::json to_json(const SimulationSettings& settings) {
           {"gamma", settings.raster.gamma},
           {"epsilon", settings.raster.epsilon},
           {"dist_eps", settings.raster.dist_eps},
+          {"supersampling", settings.supersampling},
           {"lidar_reflectivity", settings.lidar_reflectivity},
           {"occlusion_margin", settings.occlusion_margin},
           {"grazing_cosine", settings.grazing_cosine}};
@@ -36,6 +37,7 @@ Run read_run(const std::filesystem::path& folder) {
   try {
     run.data = json.at("data").get<std::string>();
     run.detector = json.at("detector");
+    run.weights = json.at("weights").get<std::string>();
     run.target = json.at("target");
     const auto read_hosts = [](const nlohmann::json& list) {
       std::vector<HostId> hosts;
@@ -49,6 +51,7 @@ Run read_run(const std::filesystem::path& folder) {
     run.simulation.raster.gamma = simulation.at("gamma");
     run.simulation.raster.epsilon = simulation.at("epsilon");
     run.simulation.raster.dist_eps = simulation.at("dist_eps");
+    run.simulation.supersampling = simulation.at("supersampling");
     run.simulation.lidar_reflectivity = simulation.at("lidar_reflectivity");
     run.simulation.occlusion_margin = simulation.at("occlusion_margin");
     run.simulation.grazing_cosine = simulation.at("grazing_cosine");

@@ -24,7 +24,7 @@ struct HostId {
 };
 
 struct Run {
-  std::filesystem::path folder, data;
+  std::filesystem::path folder, data, weights;  ///< weights: empty for the shipped ones
   std::string detector, target;
   std::vector<HostId> train, test;
   TexturedMesh adversary, random;

@@ -77,9 +77,13 @@ nlohmann::json read_json(const fs::path& path) {
   }
 }
 
-void write_json(const fs::path& path, const nlohmann::json& value) { write_file(path, value.dump(2) + "\n"); }
+void write_json(const fs::path& path, const nlohmann::json& value) {
+  write_file(path, value.dump(2) + "\n");
+}
 
-fs::path executable_folder() { return fs::read_symlink("/proc/self/exe").parent_path(); }
+fs::path executable_folder() {
+  return fs::read_symlink("/proc/self/exe").parent_path();
+}
 
 fs::path shipped_file(const std::string& relative) {
   if (const char* home = std::getenv("MIRAGE_HOME"); home && fs::exists(fs::path(home) / relative))

@@ -42,14 +42,14 @@ std::vector<std::uint8_t> encode(const ImageF& linear) {
 
 void write_image(const fs::path& path, const ImageF& shape, OIIO::TypeDesc type, const void* pixels) {
   // The extension picks the format, so it stays last in the temporary name.
-  const fs::path temporary =
-      path.parent_path() / (std::string(".") + path.stem().string() + "." + std::to_string(getpid()) + path.extension().string());
+  const fs::path temporary = path.parent_path() / (std::string(".") + path.stem().string() + "." +
+                                                   std::to_string(getpid()) + path.extension().string());
   std::error_code ignored;
   if (path.has_parent_path()) fs::create_directories(path.parent_path(), ignored);
   auto output = OIIO::ImageOutput::create(temporary.string());
   const OIIO::ImageSpec spec(shape.width, shape.height, shape.channels, type);
-  const bool written = output && output->open(temporary.string(), spec) && output->write_image(type, pixels) &&
-                       output->close();
+  const bool written = output && output->open(temporary.string(), spec) &&
+                       output->write_image(type, pixels) && output->close();
   if (!written) {
     const std::string why = output ? output->geterror() : OIIO::geterror();
     output.reset();

@@ -25,7 +25,9 @@ void watch_for_interrupt() {
   std::signal(SIGTERM, on_signal);
 }
 
-bool interrupted() { return signals_seen != 0; }
+bool interrupted() {
+  return signals_seen != 0;
+}
 
 void throw_if_interrupted(const char* kept) {
   if (interrupted()) throw Interrupted(std::string("interrupted; ") + kept);

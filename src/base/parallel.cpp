@@ -19,6 +19,8 @@ void set_thread_count(int threads) {
                                                     static_cast<std::size_t>(threads));
 }
 
-int thread_count() { return count > 0 ? count : tbb::info::default_concurrency(); }
+int thread_count() {
+  return count > 0 ? count : tbb::info::default_concurrency();
+}
 
 }  // namespace mirage

@@ -24,7 +24,8 @@ void parallel_for(std::size_t n, const Body& body, std::size_t grain = 1) {
                     });
 }
 
-/// Runs work() so that parallel loops inside it never pick up tasks from outside: needed wherever a lock is held.
+/// Runs work() so that parallel loops inside it never pick up tasks from outside: needed wherever a lock is
+/// held.
 template <class Work>
 void isolated(const Work& work) {
   tbb::this_task_arena::isolate(work);

@@ -10,22 +10,31 @@ namespace mirage::cli {
 
 Command attack_command() {
   auto settings = std::make_shared<AttackSettings>();
-  Command command{"attack", "learns the universal adversary; resumes from its checkpoint", "out/attack", {}, {}};
+  Command command{
+      "attack", "learns the universal adversary; resumes from its checkpoint", "out/attack", {}, {}};
   command.options = [settings](CLI::App& app) {
     app.add_option("--data", settings->data, "data set in KITTI layout")->required();
     add_detector_options(app, settings->detector);
     app.add_option("--target", settings->target, "both, image, lidar or random")->capture_default_str();
     app.add_option("--iterations", settings->iterations, "Adam steps")->capture_default_str();
     app.add_option("--batch", settings->batch, "host vehicles a step")->capture_default_str();
-    app.add_option("--vertex-rate", settings->vertex_rate, "Adam's rate for vertices, m")->capture_default_str();
+    app.add_option("--vertex-rate", settings->vertex_rate, "Adam's rate for vertices, m")
+        ->capture_default_str();
     app.add_option("--texel-rate", settings->texel_rate, "Adam's rate for texels")->capture_default_str();
     app.add_option("--min-view", settings->min_view, "share of the adversary in view that a host needs")
         ->capture_default_str();
-    app.add_option("--lambda-fp", settings->objective.lambda_fp, "weight of false positives")->capture_default_str();
+    app.add_option("--lambda-fp", settings->objective.lambda_fp, "weight of false positives")
+        ->capture_default_str();
     app.add_option("--lambda-lap", settings->objective.lambda_laplacian, "weight of smoothness")
         ->capture_default_str();
-    app.add_option("--sigma", settings->simulation.raster.sigma, "soft rasteriser's σ")->capture_default_str();
-    app.add_option("--gamma", settings->simulation.raster.gamma, "soft rasteriser's γ")->capture_default_str();
+    app.add_option("--sigma", settings->simulation.raster.sigma, "soft rasteriser's σ")
+        ->capture_default_str();
+    app.add_option("--supersampling", settings->simulation.supersampling,
+                   "camera samples along a pixel's side")
+        ->check(CLI::Range(1, 8))
+        ->capture_default_str();
+    app.add_option("--gamma", settings->simulation.raster.gamma, "soft rasteriser's γ")
+        ->capture_default_str();
   };
   command.run = [settings](const Common& common) -> nlohmann::json {
     settings->out = common.out;

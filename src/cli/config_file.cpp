@@ -36,8 +36,8 @@ std::vector<std::string> apply_config(const std::vector<std::string>& arguments,
   try {
     table = toml::parse(read_file(file), file);
   } catch (const toml::parse_error& error) {
-    throw InputError(file, "line " + std::to_string(error.source().begin.line), std::string(error.description()),
-                     "mend the TOML syntax");
+    throw InputError(file, "line " + std::to_string(error.source().begin.line),
+                     std::string(error.description()), "mend the TOML syntax");
   }
   std::vector<std::string> result = arguments;
   for (const auto& [key, node] : table) {
@@ -48,7 +48,8 @@ std::vector<std::string> apply_config(const std::vector<std::string>& arguments,
                        "see mirage " + command.get_name() + " --help for the options that a config can set");
     if (node.is_table() || node.is_array())
       throw InputError(file, std::string(key.str()), "must be a single value", "write key = value");
-    if (std::find(given.begin(), given.end(), option) == given.end()) result.push_back(option + "=" + text_of(node));
+    if (std::find(given.begin(), given.end(), option) == given.end())
+      result.push_back(option + "=" + text_of(node));
   }
   return result;
 }

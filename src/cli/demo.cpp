@@ -15,8 +15,11 @@ struct Options {
 
 Command demo_command() {
   auto options = std::make_shared<Options>();
-  Command command{"demo", "the whole chain on the embedded default: attack → export → validate → report", "out/demo",
-                  {}, {}};
+  Command command{"demo",
+                  "the whole chain on the embedded default: attack → export → validate → report",
+                  "out/demo",
+                  {},
+                  {}};
   command.options = [options](CLI::App& app) {
     app.add_option("--frames", options->frames, "generated frames")->capture_default_str();
     app.add_option("--iterations", options->iterations, "attack steps")->capture_default_str();
@@ -33,17 +36,18 @@ Command demo_command() {
       if (common.quiet) arguments.push_back("--quiet");
       run_step(std::move(arguments));
     };
-    step("1/5 generate frames", {"generate", "--rig", "kitti64", "--frames", std::to_string(options->frames), "--seed",
-                                 seed, "--out", data});
-    step("2/5 learn the adversary", {"attack", "--data", data, "--iterations", std::to_string(options->iterations),
-                                     "--seed", std::to_string(common.seed), "--out", run});
+    step("1/5 generate frames", {"generate", "--rig", "kitti64", "--frames", std::to_string(options->frames),
+                                 "--seed", seed, "--out", data});
+    step("2/5 learn the adversary",
+         {"attack", "--data", data, "--iterations", std::to_string(options->iterations), "--seed",
+          std::to_string(common.seed), "--out", run});
     step("3/5 evaluate on held-back vehicles",
          {"evaluate", "--run", run, "--data", data, "--out", path("evaluate")});
-    step("4/5 export as glTF", {"export", "--run", run, "--data", data, "--frames", std::to_string(options->validated),
-                                "--out", path("export")});
+    step("4/5 export as glTF", {"export", "--run", run, "--data", data, "--frames",
+                                std::to_string(options->validated), "--out", path("export")});
     step("5/5 validate in Blender Cycles",
-         {"validate", "--run", run, "--data", data, "--frames", std::to_string(options->validated), "--evaluation",
-          path("evaluate"), "--out", path("validate")});
+         {"validate", "--run", run, "--data", data, "--frames", std::to_string(options->validated),
+          "--evaluation", path("evaluate"), "--out", path("validate")});
     std::fputs("\n", stdout);
     print_table({{"adversary", path("run/adversary.glb")}, {"report", path("validate/report.html")}});
     return {{"report", path("validate/report.html")}, {"adversary", path("run/adversary.glb")}};

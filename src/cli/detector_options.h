@@ -9,7 +9,8 @@
 namespace mirage::cli {
 
 inline void add_detector_options(CLI::App& app, DetectorOptions& options) {
-  app.add_option("--detector", options.detector, "fusion, lidar, or a plugin's path (*.so)")->capture_default_str();
+  app.add_option("--detector", options.detector, "fusion, lidar, or a plugin's path (*.so)")
+      ->capture_default_str();
   app.add_option("--weights", options.weights, "weights file (default: the shipped ones)");
 }
 

@@ -18,8 +18,8 @@ namespace mirage::cli {
 namespace {
 
 std::vector<Command> all_commands() {
-  return {demo_command(),     generate_command(), simulate_command(), train_command(),   detect_command(),
-          attack_command(),   evaluate_command(), export_command(),   validate_command()};
+  return {demo_command(),   generate_command(), simulate_command(), train_command(),   detect_command(),
+          attack_command(), evaluate_command(), export_command(),   validate_command()};
 }
 
 void add_common(CLI::App& app, Common& common, const std::string& default_out) {
@@ -35,7 +35,8 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
 
 /// Runs one command line; returns CLI11's own exit code for --help, throws for errors.
 int run(const std::vector<std::string>& arguments) {
-  CLI::App app("Mirage: differentiable multi-sensor simulation for attacks on camera + LiDAR detectors", "mirage");
+  CLI::App app("Mirage: differentiable multi-sensor simulation for attacks on camera + LiDAR detectors",
+               "mirage");
   app.require_subcommand(1);
   std::vector<Command> commands = all_commands();
   std::vector<Common> commons(commands.size());
@@ -71,10 +72,14 @@ int run(const std::vector<std::string>& arguments) {
 
 }  // namespace
 
-void run_step(std::vector<std::string> arguments) { run(arguments); }
+void run_step(std::vector<std::string> arguments) {
+  run(arguments);
+}
 
 int dispatch(std::vector<std::string> arguments) {
-  const auto complain = [](const char* text) { std::fputs(fmt::format("mirage: {}\n", text).c_str(), stderr); };
+  const auto complain = [](const char* text) {
+    std::fputs(fmt::format("mirage: {}\n", text).c_str(), stderr);
+  };
   try {
     return run(arguments);
   } catch (const InputError& error) {

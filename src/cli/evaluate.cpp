@@ -30,18 +30,22 @@ std::vector<HostId> chosen_hosts(const Run& run, const std::string& which) {
 
 Command evaluate_command() {
   auto options = std::make_shared<Options>();
-  Command command{"evaluate", "attack success of a run against a detector and a data set", "out/evaluate", {}, {}};
+  Command command{
+      "evaluate", "attack success of a run against a detector and a data set", "out/evaluate", {}, {}};
   command.options = [options](CLI::App& app) {
     app.add_option("--run", options->run, "run folder of mirage attack")->required();
     app.add_option("--data", options->data, "data set (default: the run's)");
     add_detector_options(app, options->detector);
     app.add_option("--hosts", options->hosts, "test, train or all hosts of the run")->capture_default_str();
-    app.add_option("--score", options->evaluation.score_threshold, "score of a detection")->capture_default_str();
+    app.add_option("--score", options->evaluation.score_threshold, "score of a detection")
+        ->capture_default_str();
     app.add_option("--iou", options->evaluation.detected_iou, "IoU at which a vehicle counts as detected")
         ->capture_default_str();
   };
   command.run = [options](const Common& common) -> nlohmann::json {
     const Run run = read_run(options->run);
+    if (options->detector.weights.empty() && options->detector.detector == run.detector)
+      options->detector.weights = run.weights;
     const auto data = options->data.empty() ? run.data : options->data;
     FrameStore store(data, lidar_of(data));
     options->evaluation.quiet = common.quiet;

@@ -31,8 +31,11 @@ ImageF mask_picture(const Simulated& simulated, int width, int height) {
 
 Command simulate_command() {
   auto options = std::make_shared<Options>();
-  Command command{"simulate", "inserts a mesh on the roof of one vehicle: image, sweep, mask, depth", "out/simulate",
-                  {}, {}};
+  Command command{"simulate",
+                  "inserts a mesh on the roof of one vehicle: image, sweep, mask, depth",
+                  "out/simulate",
+                  {},
+                  {}};
   command.options = [options](CLI::App& app) {
     app.add_option("--data", options->data, "data set in KITTI layout")->required();
     app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();
@@ -41,7 +44,8 @@ Command simulate_command() {
   };
   command.run = [options](const Common& common) -> nlohmann::json {
     const TexturedMesh adversary = read_adversary(options->mesh);
-    const PreparedFrame prepared = prepare(read_frame(options->data, options->frame), lidar_of(options->data));
+    const PreparedFrame prepared =
+        prepare(read_frame(options->data, options->frame), lidar_of(options->data));
     const auto& labels = prepared.frame.labels;
     const auto index = static_cast<std::size_t>(options->vehicle);
     if (options->vehicle < 0 || index >= labels.size() || labels[index].type == "DontCare")
@@ -54,7 +58,8 @@ Command simulate_command() {
         simulate(prepared, labels[index], BoxRooftopFinder().find(prepared.frame, labels[index]), adversary);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     write_srgb(common.out / "image.png", simulated.image);
-    write_srgb(common.out / "mask.png", mask_picture(simulated, simulated.image.width, simulated.image.height));
+    write_srgb(common.out / "mask.png",
+               mask_picture(simulated, simulated.image.width, simulated.image.height));
     write_exr(common.out / "depth.exr", prepared.depth);
     write_sweep(common.out / "sweep.bin", simulated.sweep);
     print_table({{"pixels on the adversary", std::to_string(simulated.adversary_pixels)},
@@ -63,12 +68,10 @@ Command simulate_command() {
                  {"returns that the adversary hides", std::to_string(simulated.removed_points)},
                  {"share in view", percent(simulated.visible_share)},
                  {"picture", (common.out / "image.png").string()}});
-    return {{"adversary_pixels", simulated.adversary_pixels},
-            {"adversary_points", simulated.adversary_points},
-            {"occluded_points", simulated.occluded_points},
-            {"removed_points", simulated.removed_points},
-            {"visible_share", simulated.visible_share},
-            {"seconds", seconds}};
+    return {
+        {"adversary_pixels", simulated.adversary_pixels}, {"adversary_points", simulated.adversary_points},
+        {"occluded_points", simulated.occluded_points},   {"removed_points", simulated.removed_points},
+        {"visible_share", simulated.visible_share},       {"seconds", seconds}};
   };
   return command;
 }

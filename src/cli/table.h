@@ -16,10 +16,13 @@ using Rows = std::vector<std::pair<std::string, std::string>>;
 inline void print_table(const Rows& rows) {
   std::size_t widest = 0;
   for (const auto& [name, value] : rows) widest = std::max(widest, name.size());
-  for (const auto& [name, value] : rows) std::fputs(fmt::format("{:<{}}  {}\n", name, widest, value).c_str(), stdout);
+  for (const auto& [name, value] : rows)
+    std::fputs(fmt::format("{:<{}}  {}\n", name, widest, value).c_str(), stdout);
   std::fflush(stdout);
 }
 
-inline std::string percent(double share) { return fmt::format("{:.1f} %", 100 * share); }
+inline std::string percent(double share) {
+  return fmt::format("{:.1f} %", 100 * share);
+}
 
 }  // namespace mirage::cli

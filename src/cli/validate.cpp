@@ -51,7 +51,7 @@ Command validate_command() {
         app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
         app.add_option("--data", options->data, "data set (default: the run's)");
         app.add_option("--detector", options->detector.detector, "detector (default: the run's)");
-        app.add_option("--weights", options->detector.weights, "the detector's weights (default: shipped)");
+        app.add_option("--weights", options->detector.weights, "the detector's weights (default: the run's)");
         app.add_option("--frames", options->frames,
                        "frames to validate, test frames first; 0: all test frames")
             ->check(CLI::NonNegativeNumber);

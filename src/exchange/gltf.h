@@ -1,6 +1,6 @@
 // glTF 2.0 out and in (binary .glb). Axes and units are converted here and nowhere else: `velo`/adversary
-// (x forward, y left, z up) ↔ glTF (y up). Colours: texture as 8-bit sRGB PNG for viewers; exact values travel in
-// extras.
+// (x forward, y left, z up) ↔ glTF (y up). Colours: texture as 8-bit sRGB PNG for viewers; exact values
+// travel in extras.
 #pragma once
 
 #include <filesystem>
@@ -13,21 +13,21 @@
 
 namespace mirage {
 
-/// Writes the adversary: each face tessellated into its C² congruent triangles with all UVs at one texel's centre,
-/// so that every viewer shows SoftRas's atlas exactly; and the original vertices, faces and texels (binary, float64)
-/// for a lossless way back.
+/// Writes the adversary: each face tessellated into its C² congruent triangles with all UVs at one texel's
+/// centre, so that every viewer shows SoftRas's atlas exactly; and the original vertices, faces and texels
+/// (binary, float64) for a lossless way back.
 void write_adversary(const std::filesystem::path& file, const TexturedMesh& adversary);
-/// Reads what write_adversary wrote: the identical mesh and texels. A foreign .glb is read as a plain mesh with
-/// its base colour. InputError naming file and field.
+/// Reads what write_adversary wrote: the identical mesh and texels. A foreign .glb is read as a plain mesh
+/// with its base colour. InputError naming file and field.
 TexturedMesh read_adversary(const std::filesystem::path& file);
 
 /// A whole scene for Blender and for viewers.
 struct ExportScene {
   std::string name;
-  TexturedMesh adversary;      ///< in `velo`, placed
+  TexturedMesh adversary;  ///< in `velo`, placed
   struct Proxy {
     std::string name;
-    Mesh mesh;                 ///< in `velo`
+    Mesh mesh;                           ///< in `velo`
     Vec3d color = Vec3d(0.3, 0.3, 0.3);  ///< linear albedo
   };
   std::vector<Proxy> proxies;  ///< host vehicle, ground, …

@@ -6,7 +6,9 @@
 namespace mirage {
 namespace {
 
-double cross(const Vec2d& a, const Vec2d& b) { return a.x() * b.y() - a.y() * b.x(); }
+double cross(const Vec2d& a, const Vec2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
 
 }  // namespace
 
@@ -44,7 +46,8 @@ double intersection_area(const BevBox& a, const BevBox& b) {
     polygon = std::move(kept);
   }
   double twice = 0;
-  for (std::size_t k = 0; k < polygon.size(); ++k) twice += cross(polygon[k], polygon[(k + 1) % polygon.size()]);
+  for (std::size_t k = 0; k < polygon.size(); ++k)
+    twice += cross(polygon[k], polygon[(k + 1) % polygon.size()]);
   return std::max(0.0, twice / 2);
 }
 

@@ -16,7 +16,8 @@ Laplacian::Laplacian(const Mesh& mesh) : neighbours_(mesh.vertices.size()) {
   }
 }
 
-double Laplacian::energy(const std::vector<Vec3d>& vertices, double weight, std::vector<Vec3d>& gradient) const {
+double Laplacian::energy(const std::vector<Vec3d>& vertices, double weight,
+                         std::vector<Vec3d>& gradient) const {
   double energy = 0;
   for (std::size_t i = 0; i < neighbours_.size(); ++i) {
     const auto& around = neighbours_[i];

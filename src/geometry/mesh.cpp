@@ -34,8 +34,8 @@ std::vector<Vec3d> face_normals(const Mesh& mesh) {
   std::vector<Vec3d> normals;
   normals.reserve(mesh.faces.size());
   for (const Face& f : mesh.faces)
-    normals.push_back((mesh.vertices[f[1]] - mesh.vertices[f[0]])
-                          .cross(mesh.vertices[f[2]] - mesh.vertices[f[0]]));
+    normals.push_back(
+        (mesh.vertices[f[1]] - mesh.vertices[f[0]]).cross(mesh.vertices[f[2]] - mesh.vertices[f[0]]));
   return normals;
 }
 

@@ -24,7 +24,8 @@ void set_depth_range(const std::vector<Vec3d>& p_camera, SoftRasterSettings<doub
   settings.far = middle + radius;
 }
 
-ScreenMesh<double> to_screen(const Mesh& mesh, const std::vector<Vec3d>& p_camera, const PinholeCamera& camera) {
+ScreenMesh<double> to_screen(const Mesh& mesh, const std::vector<Vec3d>& p_camera,
+                             const PinholeCamera& camera) {
   ScreenMesh<double> screen;
   screen.faces.reserve(mesh.faces.size());
   for (const Face& face : mesh.faces) {
@@ -58,12 +59,21 @@ int count_opaque(const Image<double>& rgba) {
   return count;
 }
 
+/// Mean of each s × s block of samples.
+Image<double> averaged(const Image<double>& samples, int s) {
+  Image<double> pixels(samples.width / s, samples.height / s, samples.channels);
+  for (int v = 0; v < samples.height; ++v)
+    for (int u = 0; u < samples.width; ++u)
+      for (int c = 0; c < samples.channels; ++c) pixels.at(u / s, v / s, c) += samples.at(u, v, c) / (s * s);
+  return pixels;
+}
+
 /// Pixels that the object would have with nothing in front of it and no image border.
-int unobstructed_pixels(const CameraTape& tape) {
-  const PixelRect wide{-tape.target.width, -tape.target.height, 2 * tape.target.width, 2 * tape.target.height};
+int unobstructed_pixels(const CameraTape& tape, const PinholeCamera& camera) {
+  const PixelRect wide{-camera.width, -camera.height, 2 * camera.width, 2 * camera.height};
   RasterTarget<double> target;
-  target.width = tape.target.width;
-  target.height = tape.target.height;
+  target.width = camera.width;
+  target.height = camera.height;
   target.rect = touched_pixels(tape.screen, tape.settings, target.width, target.height, wide);
   target.background = Image<double>(target.rect.width(), target.rect.height(), 3);
   return count_opaque(rasterize(tape.screen, tape.settings, target));
@@ -91,27 +101,33 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
     }
   }
 
-  auto& [width, height, rect, background, limit] = tape.target;
-  width = camera.width;
-  height = camera.height;
-  rect = touched_pixels(tape.screen, tape.settings, width, height, {0, 0, width, height});
+  const int samples = tape.supersampling = settings.supersampling;
+  const PixelRect rect = touched_pixels(tape.screen, tape.settings, camera.width, camera.height,
+                                        {0, 0, camera.width, camera.height});
   result.image = prepared.frame.image;
   result.rect = rect;
   result.rgba = Image<double>(rect.width(), rect.height(), 4);
-  const int total = unobstructed_pixels(tape);
+  const int total = unobstructed_pixels(tape, camera);
   if (rect.empty() || total == 0) return tape;
 
-  background = Image<double>(rect.width(), rect.height(), 3);
-  limit = Image<double>(rect.width(), rect.height(), 1, std::numeric_limits<double>::infinity());
+  // NDC does not change with the resolution: a finer grid over the same window is the same picture.
+  RasterTarget<double>& target = tape.target;
+  target.width = samples * camera.width;
+  target.height = samples * camera.height;
+  target.rect = {samples * rect.u0, samples * rect.v0, samples * rect.u1, samples * rect.v1};
+  target.background = Image<double>(target.rect.width(), target.rect.height(), 3);
+  target.depth_limit =
+      Image<double>(target.rect.width(), target.rect.height(), 1, std::numeric_limits<double>::infinity());
   const double occluder_depth = host_near_depth(host, prepared.frame.calibration) - settings.occlusion_margin;
-  for (int v = rect.v0; v < rect.v1; ++v)
-    for (int u = rect.u0; u < rect.u1; ++u) {
+  for (int v = 0; v < target.rect.height(); ++v)
+    for (int u = 0; u < target.rect.width(); ++u) {
+      const int pixel_u = rect.u0 + u / samples, pixel_v = rect.v0 + v / samples;
       for (int c = 0; c < 3; ++c)
-        background.at(u - rect.u0, v - rect.v0, c) = prepared.frame.image.at(u, v, c);
-      const double depth = prepared.depth.at(u, v);
-      if (depth < occluder_depth) limit.at(u - rect.u0, v - rect.v0) = depth + settings.occlusion_margin;
+        target.background.at(u, v, c) = prepared.frame.image.at(pixel_u, pixel_v, c);
+      const double depth = prepared.depth.at(pixel_u, pixel_v);
+      if (depth < occluder_depth) target.depth_limit.at(u, v) = depth + settings.occlusion_margin;
     }
-  result.rgba = rasterize(tape.screen, tape.settings, tape.target);
+  result.rgba = averaged(rasterize(tape.screen, tape.settings, target), samples);
   for (int v = rect.v0; v < rect.v1; ++v)
     for (int u = rect.u0; u < rect.u1; ++u)
       for (int c = 0; c < 3; ++c)  // the photograph saturates at 1, and so does what is drawn into it
@@ -125,15 +141,17 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
 void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
                         const Lighting& lighting, const Simulated& result, const ImageF& d_image,
                         std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels) {
-  const PixelRect& rect = tape.target.rect;
-  if (rect.empty() || tape.target.background.empty()) return;
-  Image<double> d_rgba(rect.width(), rect.height(), 4);
-  for (int v = rect.v0; v < rect.v1; ++v)
-    for (int u = rect.u0; u < rect.u1; ++u)
+  if (tape.target.background.empty()) return;
+  const int samples = tape.supersampling;
+  const PixelRect& rect = result.rect;
+  Image<double> d_rgba(tape.target.rect.width(), tape.target.rect.height(), 4);
+  for (int v = 0; v < d_rgba.height; ++v)
+    for (int u = 0; u < d_rgba.width; ++u)
       for (int c = 0; c < 3; ++c) {
-        const double value = result.rgba.at(u - rect.u0, v - rect.v0, c);
+        const double value = result.rgba.at(u / samples, v / samples, c);
         const bool saturated = value > 1 || value < 0;
-        d_rgba.at(u - rect.u0, v - rect.v0, c) = saturated ? 0 : d_image.at(u, v, c);
+        d_rgba.at(u, v, c) =
+            saturated ? 0 : d_image.at(rect.u0 + u / samples, rect.v0 + v / samples, c) / (samples * samples);
       }
   const auto gradient = rasterize_vjp(tape.screen, tape.settings, tape.target, d_rgba);
 

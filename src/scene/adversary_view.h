@@ -12,12 +12,13 @@ namespace mirage {
 
 /// Camera side: what was rasterised, and what its VJP needs.
 struct CameraTape {
-  std::vector<Vec3d> p_camera;   ///< vertices
-  std::vector<Vec3d> normals;    ///< unnormalised face normals, `velo`
-  std::vector<Vec3d> light;      ///< light factor of each face
+  std::vector<Vec3d> p_camera;  ///< vertices
+  std::vector<Vec3d> normals;   ///< unnormalised face normals, `velo`
+  std::vector<Vec3d> light;     ///< light factor of each face
   ScreenMesh<double> screen;
   SoftRasterSettings<double> settings;
-  RasterTarget<double> target;
+  RasterTarget<double> target;  ///< on the supersampled grid
+  int supersampling = 1;
 };
 
 /// LiDAR side: the returns on the adversary.
@@ -31,8 +32,8 @@ struct LidarTape {
   std::size_t first = 0;  ///< index of the first new return in the simulated sweep
 };
 
-/// Projects, shades and rasterises `placed` (in `velo`) into the photograph; fills image, rect, rgba, visible_share
-/// and adversary_pixels.
+/// Projects, shades and rasterises `placed` (in `velo`) into the photograph; fills image, rect, rgba,
+/// visible_share and adversary_pixels.
 CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, const TexturedMesh& placed,
                           const SimulationSettings& settings, Simulated& result);
 /// Adds d loss / d placed vertices (`velo`) and d loss / d texels.

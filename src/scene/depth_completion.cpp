@@ -7,14 +7,17 @@ namespace mirage {
 namespace {
 
 // IP-Basic's constants (Ku et al., CRV 2018, section III).
-constexpr float kMaxDepth = 100;   // depths are inverted about it, so that dilation prefers near surfaces
-constexpr float kEmpty = 0.1f;     // inverted values below this are holes
+constexpr float kMaxDepth = 100;  // depths are inverted about it, so that dilation prefers near surfaces
+constexpr float kEmpty = 0.1f;    // inverted values below this are holes
 
 cv::Mat diamond5() {
-  return (cv::Mat_<unsigned char>(5, 5) << 0, 0, 1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 1, 1, 1, 0, 1, 1, 1, 0, 0, 0, 1, 0, 0);
+  return (cv::Mat_<unsigned char>(5, 5) << 0, 0, 1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 1, 1, 1, 0, 1, 1, 1, 0, 0, 0,
+          1, 0, 0);
 }
 
-cv::Mat square(int size) { return cv::Mat::ones(size, size, CV_8U); }
+cv::Mat square(int size) {
+  return cv::Mat::ones(size, size, CV_8U);
+}
 
 /// Fills holes below the topmost filled pixel of each column with the dilation's values.
 void fill_holes(cv::Mat& depth, int size) {

@@ -72,8 +72,8 @@ AdversaryGradient simulate_vjp(const Simulated& simulated, const ImageF& d_image
   std::vector<Vec3d> d_placed(tape.placed.mesh.vertices.size(), Vec3d::Zero());
   gradient.texels.assign(tape.placed.atlas.texels.size(), Vec3d::Zero());
   if (!d_image.empty())
-    draw_in_camera_vjp(tape.camera, tape.placed, tape.calibration, tape.lighting, simulated, d_image, d_placed,
-                       gradient.texels);
+    draw_in_camera_vjp(tape.camera, tape.placed, tape.calibration, tape.lighting, simulated, d_image,
+                       d_placed, gradient.texels);
   if (!d_points.empty()) draw_in_lidar_vjp(tape.lidar, tape.placed, tape.settings, d_points, d_placed);
   // placed = R (v − (0, 0, lowest z)) + t
   double lifted = 0;

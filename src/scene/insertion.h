@@ -15,9 +15,9 @@ namespace mirage {
 /// A frame with everything that does not depend on the adversary.
 struct PreparedFrame {
   Frame frame;
-  ImageF depth;       ///< dense depth of the photograph, m (kFarDepth where unknown)
-  LidarModel lidar;   ///< the unit that recorded the sweep
-  SweepIndex index;   ///< the sweep by beam and azimuth
+  ImageF depth;      ///< dense depth of the photograph, m (kFarDepth where unknown)
+  LidarModel lidar;  ///< the unit that recorded the sweep
+  SweepIndex index;  ///< the sweep by beam and azimuth
 };
 
 PreparedFrame prepare(Frame frame, const LidarModel& lidar);
@@ -25,7 +25,10 @@ PreparedFrame prepare(Frame frame, const LidarModel& lidar);
 /// Defaults of the simulation, in one place.
 struct SimulationSettings {
   SoftRasterSettings<double> raster;  ///< near and far are set per object by simulate()
-  double lidar_reflectivity = 0.5;    ///< reflectance of the adversary at normal incidence
+  /// Samples a pixel along each side, averaged: a 5×5 atlas has texels smaller than a pixel at most ranges,
+  /// and an attack on point samples learns aliasing that no real camera shows.
+  int supersampling = 2;
+  double lidar_reflectivity = 0.5;  ///< reflectance of the adversary at normal incidence
   /// An occluder in the photograph must be nearer than the object and than the host itself by this (m): the
   /// completed depth smears the host's rear over its roof, and a roof never hides what stands on it.
   double occlusion_margin = 0.3;
@@ -34,10 +37,10 @@ struct SimulationSettings {
 };
 
 struct Simulated {
-  ImageF image;  ///< the photograph with the object in it
-  Sweep sweep;   ///< the sweep with the object in it; new returns come last
-  PixelRect rect;        ///< pixels that may have changed
-  Image<double> rgba;    ///< rect-sized: composited colour and silhouette S
+  ImageF image;              ///< the photograph with the object in it
+  Sweep sweep;               ///< the sweep with the object in it; new returns come last
+  PixelRect rect;            ///< pixels that may have changed
+  Image<double> rgba;        ///< rect-sized: composited colour and silhouette S
   double visible_share = 0;  ///< visible / total silhouette, counting what falls outside the image as hidden
   int adversary_pixels = 0;  ///< pixels with S > 0.5
   int adversary_points = 0;  ///< returns on the object

@@ -3,8 +3,8 @@
 namespace mirage {
 namespace {
 
-/// How far behind the box's centre a car's cabin is centred, as a share of its length: bonnets are longer than boots
-/// (typical hatchbacks and saloons: 4–8 %).
+/// How far behind the box's centre a car's cabin is centred, as a share of its length: bonnets are longer
+/// than boots (typical hatchbacks and saloons: 4–8 %).
 constexpr double kCabinShift = 0.06;
 
 }  // namespace

@@ -16,13 +16,14 @@ namespace mirage {
 template <class S>
 struct FaceReturn {
   bool valid = false;
-  S range = 0;             ///< t, metres
+  S range = 0;  ///< t, metres
   Vec3<S> barycentric = Vec3<S>::Zero();
   S reflectance = 0;
 };
 
-/// Where the ray meets the face's plane, with barycentrics (Möller & Trumbore 1997). Not valid when the ray lies
-/// in the plane or the face has no area. The caller knows (from Embree) that the face is the one that is hit.
+/// Where the ray meets the face's plane, with barycentrics (Möller & Trumbore 1997). Not valid when the ray
+/// lies in the plane or the face has no area. The caller knows (from Embree) that the face is the one that is
+/// hit.
 template <class S>
 FaceReturn<S> intersect_face(const Vec3<S>& origin, const Vec3<S>& direction,
                              const std::array<Vec3<S>, 3>& face, S reflectivity) {
@@ -42,9 +43,9 @@ FaceReturn<S> intersect_face(const Vec3<S>& origin, const Vec3<S>& direction,
   return result;
 }
 
-/// d loss / d (x, y, z, reflectance) of the return → the face's vertices. The gradient of the position grows as
-/// 1 / cos θ with the incidence angle; below cos θ = grazing_cosine it is scaled by (cos θ / grazing_cosine), so
-/// that |∂p/∂v_k| ≤ |b_k| / grazing_cosine always.
+/// d loss / d (x, y, z, reflectance) of the return → the face's vertices. The gradient of the position grows
+/// as 1 / cos θ with the incidence angle; below cos θ = grazing_cosine it is scaled by (cos θ /
+/// grazing_cosine), so that |∂p/∂v_k| ≤ |b_k| / grazing_cosine always.
 template <class S>
 std::array<Vec3<S>, 3> intersect_face_vjp(const Vec3<S>& direction, const std::array<Vec3<S>, 3>& face,
                                           const FaceReturn<S>& hit, S reflectivity, S grazing_cosine,

@@ -22,17 +22,17 @@ struct FaceSetup {
 template <class S>
 struct Fragment {
   int face = -1;
-  S sign = 1;              ///< δ
-  Vec2<S> offset;      ///< p − nearest boundary point
-  int edge = 0;            ///< boundary edge (from vertex edge to edge + 1)
-  S along = 0;             ///< position on it, [0, 1]
-  S coverage = 0;          ///< D
-  Vec3<S> clipped;     ///< clipped and normalised barycentrics
-  Vec3<S> raw;         ///< barycentrics before clipping
-  S z = 0, normalized_z = 0;   ///< z and z̄
-  bool colored = false;        ///< near ≤ z ≤ far
-  int texel = 0;           ///< index into texels
-  S weight = 0;            ///< w (paper) or share among faces (silhouette)
+  S sign = 1;                 ///< δ
+  Vec2<S> offset;             ///< p − nearest boundary point
+  int edge = 0;               ///< boundary edge (from vertex edge to edge + 1)
+  S along = 0;                ///< position on it, [0, 1]
+  S coverage = 0;             ///< D
+  Vec3<S> clipped;            ///< clipped and normalised barycentrics
+  Vec3<S> raw;                ///< barycentrics before clipping
+  S z = 0, normalized_z = 0;  ///< z and z̄
+  bool colored = false;       ///< near ≤ z ≤ far
+  int texel = 0;              ///< index into texels
+  S weight = 0;               ///< w (paper) or share among faces (silhouette)
 };
 
 template <class S>
@@ -48,12 +48,11 @@ FaceSetup<S> set_up(const std::array<Vec3<S>, 3>& face, const SoftRasterSettings
     setup.v[k] = face[k].template head<2>();
     setup.z[k] = face[k].z();
   }
-  const Vec2<S>*v = setup.v;
-  const S twice_area =
-      (v[1] - v[0]).x() * (v[2] - v[0]).y() - (v[1] - v[0]).y() * (v[2] - v[0]).x();
+  const Vec2<S>* v = setup.v;
+  const S twice_area = (v[1] - v[0]).x() * (v[2] - v[0]).y() - (v[1] - v[0]).y() * (v[2] - v[0]).x();
   if (!settings.double_sided && twice_area <= 0) return setup;
-  const S longest = std::sqrt(std::max({(v[1] - v[0]).squaredNorm(), (v[2] - v[1]).squaredNorm(),
-                                        (v[0] - v[2]).squaredNorm()}));
+  const S longest = std::sqrt(
+      std::max({(v[1] - v[0]).squaredNorm(), (v[2] - v[1]).squaredNorm(), (v[0] - v[2]).squaredNorm()}));
   setup.altitude = longest > 0 ? std::abs(twice_area) / longest : 0;
   // A face without area on screen covers nothing and has no barycentrics.
   if (!(setup.altitude > std::numeric_limits<S>::epsilon() * S(16))) return setup;
@@ -80,7 +79,8 @@ S sigmoid(S x) {
 template <class S>
 bool make_fragment(const FaceSetup<S>& setup, int face, const Vec2<S>& p, S limit, const ScreenMesh<S>& mesh,
                    const SoftRasterSettings<S>& settings, Fragment<S>& fragment) {
-  if (p.x() < setup.low_x || p.x() > setup.high_x || p.y() < setup.low_y || p.y() > setup.high_y) return false;
+  if (p.x() < setup.low_x || p.x() > setup.high_x || p.y() < setup.low_y || p.y() > setup.high_y)
+    return false;
   S nearest = std::numeric_limits<S>::infinity();
   for (int k = 0; k < 3; ++k) {
     const Vec2<S>& a = setup.v[k];
@@ -110,8 +110,8 @@ bool make_fragment(const FaceSetup<S>& setup, int face, const Vec2<S>& p, S limi
   fragment.normalized_z = (settings.far - fragment.z) / (settings.far - settings.near);
   fragment.colored = fragment.z >= settings.near && fragment.z <= settings.far;
   const Vec3<S> lookup = settings.perspective_texture ? Vec3<S>(over_z * fragment.z) : clipped;
-  fragment.texel = face * mesh.resolution * mesh.resolution +
-                   texel_index(lookup[0], lookup[1], mesh.resolution);
+  fragment.texel =
+      face * mesh.resolution * mesh.resolution + texel_index(lookup[0], lookup[1], mesh.resolution);
   return true;
 }
 
@@ -120,10 +120,10 @@ template <class S>
 struct Blend {
   S background_weight = 1;  ///< of the background (paper) or 1 − S (silhouette)
   S silhouette = 0;
-  Vec3<S> color = Vec3<S>::Zero();  ///< I
+  Vec3<S> color = Vec3<S>::Zero();        ///< I
   Vec3<S> among_faces = Vec3<S>::Zero();  ///< colour among faces (silhouette mode)
-  S sum = 0;                 ///< normaliser, relative to exp(top)
-  S top = 0;                 ///< running maximum of the logits
+  S sum = 0;                              ///< normaliser, relative to exp(top)
+  S top = 0;                              ///< running maximum of the logits
 };
 
 template <class S>
@@ -171,7 +171,8 @@ Blend<S> blend(std::vector<Fragment<S>>& fragments, const ScreenMesh<S>& mesh,
 /// Calls visit(u, v, fragments) for every pixel of the window that meets a face, fragments in face order.
 template <class S, class Visit>
 void for_each_pixel(const ScreenMesh<S>& mesh, const std::vector<FaceSetup<S>>& setups,
-                    const SoftRasterSettings<S>& settings, const RasterTarget<S>& target, const Visit& visit) {
+                    const SoftRasterSettings<S>& settings, const RasterTarget<S>& target,
+                    const Visit& visit) {
   const PixelRect& rect = target.rect;
   const S half_longer = S(std::max(target.width, target.height)) / 2;
   // Faces by row, so that a pixel looks only at faces whose rows include it.
@@ -180,7 +181,7 @@ void for_each_pixel(const ScreenMesh<S>& mesh, const std::vector<FaceSetup<S>>& 
     if (!setups[j].usable) continue;
     const S v_low = (S(target.height) - 1) / 2 - setups[j].high_y * half_longer;
     const S v_high = (S(target.height) - 1) / 2 - setups[j].low_y * half_longer;
-    const int from = static_cast<int>(std::floor(std::clamp(v_low, S(rect.v0), S(rect.v1)))) ;
+    const int from = static_cast<int>(std::floor(std::clamp(v_low, S(rect.v0), S(rect.v1))));
     const int to = static_cast<int>(std::ceil(std::clamp(v_high, S(rect.v0) - 1, S(rect.v1) - 1)));
     for (int v = std::max(from, rect.v0); v <= std::min(to, rect.v1 - 1); ++v)
       rows[v - rect.v0].push_back(static_cast<int>(j));
@@ -213,10 +214,11 @@ Vec3<S> background_at(const RasterTarget<S>& target, int u, int v) {
   return {pixel[0], pixel[1], pixel[2]};
 }
 
-/// d loss / d coverage of each fragment through the silhouette: d_silhouette · Π_{k ≠ j} (1 − D_k), by prefix and
-/// suffix products so that D = 1 is no division by zero.
+/// d loss / d coverage of each fragment through the silhouette: d_silhouette · Π_{k ≠ j} (1 − D_k), by prefix
+/// and suffix products so that D = 1 is no division by zero.
 template <class S>
-void add_silhouette_gradient(const std::vector<Fragment<S>>& fragments, S d_silhouette, std::vector<S>& d_coverage) {
+void add_silhouette_gradient(const std::vector<Fragment<S>>& fragments, S d_silhouette,
+                             std::vector<S>& d_coverage) {
   const std::size_t n = fragments.size();
   std::vector<S> after(n + 1, S(1));
   for (std::size_t j = n; j-- > 0;) after[j] = after[j + 1] * (1 - fragments[j].coverage);
@@ -231,8 +233,8 @@ void add_silhouette_gradient(const std::vector<Fragment<S>>& fragments, S d_silh
 template <class S>
 void fragment_vjp(const Fragment<S>& f, const FaceSetup<S>& setup, const SoftRasterSettings<S>& settings,
                   S d_coverage, S d_normalized_z, std::array<Vec3<S>, 3>& d_face) {
-  // Distance: d² = |p − q|² with q the nearest boundary point; by the envelope theorem q's place on the edge is
-  // constant.
+  // Distance: d² = |p − q|² with q the nearest boundary point; by the envelope theorem q's place on the edge
+  // is constant.
   const S d_distance2 = d_coverage * f.coverage * (1 - f.coverage) * f.sign / settings.sigma;
   if (d_distance2 != 0) {
     const Vec2<S> push = -2 * d_distance2 * f.offset;
@@ -259,8 +261,7 @@ void fragment_vjp(const Fragment<S>& f, const FaceSetup<S>& setup, const SoftRas
   d_raw *= std::min(S(1), setup.altitude / settings.edge_on_altitude);
   // raw solves Σ raw_k v_k = p, Σ raw_k = 1, so d raw_k / d v_m = −raw_m ∇raw_k.
   Vec2<S> slope = Vec2<S>::Zero();
-  for (int k = 0; k < 3; ++k)
-    slope += d_raw[k] * Vec2<S>(setup.barycentric(k, 0), setup.barycentric(k, 1));
+  for (int k = 0; k < 3; ++k) slope += d_raw[k] * Vec2<S>(setup.barycentric(k, 0), setup.barycentric(k, 1));
   for (int m = 0; m < 3; ++m) d_face[m].template head<2>() -= f.raw[m] * slope;
 }
 
@@ -278,8 +279,8 @@ int texel_index(S b0, S b1, int resolution) {
 }
 
 template <class S>
-PixelRect touched_pixels(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings, int width, int height,
-                         const PixelRect& clip) {
+PixelRect touched_pixels(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings, int width,
+                         int height, const PixelRect& clip) {
   const S half_longer = S(std::max(width, height)) / 2;
   S low_u = S(clip.u1), high_u = S(clip.u0) - 1, low_v = S(clip.v1), high_v = S(clip.v0) - 1;
   for (const auto& face : mesh.faces) {
@@ -299,7 +300,8 @@ PixelRect touched_pixels(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>&
 }
 
 template <class S>
-Image<S> rasterize(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings, const RasterTarget<S>& target) {
+Image<S> rasterize(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings,
+                   const RasterTarget<S>& target) {
   const PixelRect& rect = target.rect;
   Image<S> rgba(rect.width(), rect.height(), 4);
   for (int v = 0; v < rect.height(); ++v)
@@ -346,8 +348,7 @@ ScreenGradient<S> rasterize_vjp(const ScreenMesh<S>& mesh, const SoftRasterSetti
         gradient.texels[f.texel] += f.weight * d_color;
         const S advantage = d_color.dot(mesh.texels[f.texel]) - mean_gain;
         // w / D without dividing: D may underflow where the weight does not.
-        d_coverage[j] +=
-            std::exp(f.normalized_z / settings.gamma - result.top) / result.sum * advantage;
+        d_coverage[j] += std::exp(f.normalized_z / settings.gamma - result.top) / result.sum * advantage;
         d_normalized_z = f.weight * advantage / settings.gamma;
       }
       fragment_vjp(f, setups[f.face], settings, d_coverage[j], d_normalized_z, gradient.faces[f.face]);
@@ -356,12 +357,13 @@ ScreenGradient<S> rasterize_vjp(const ScreenMesh<S>& mesh, const SoftRasterSetti
   return gradient;
 }
 
-#define MIRAGE_INSTANTIATE(S)                                                                             \
-  template int texel_index<S>(S, S, int);                                                                 \
-  template PixelRect touched_pixels<S>(const ScreenMesh<S>&, const SoftRasterSettings<S>&, int, int,      \
-                                       const PixelRect&);                                                 \
-  template Image<S> rasterize<S>(const ScreenMesh<S>&, const SoftRasterSettings<S>&, const RasterTarget<S>&); \
-  template ScreenGradient<S> rasterize_vjp<S>(const ScreenMesh<S>&, const SoftRasterSettings<S>&,         \
+#define MIRAGE_INSTANTIATE(S)                                                                        \
+  template int texel_index<S>(S, S, int);                                                            \
+  template PixelRect touched_pixels<S>(const ScreenMesh<S>&, const SoftRasterSettings<S>&, int, int, \
+                                       const PixelRect&);                                            \
+  template Image<S> rasterize<S>(const ScreenMesh<S>&, const SoftRasterSettings<S>&,                 \
+                                 const RasterTarget<S>&);                                            \
+  template ScreenGradient<S> rasterize_vjp<S>(const ScreenMesh<S>&, const SoftRasterSettings<S>&,    \
                                               const RasterTarget<S>&, const Image<S>&);
 MIRAGE_INSTANTIATE(float)
 MIRAGE_INSTANTIATE(double)

@@ -7,8 +7,8 @@
 //     w_ij = D_ij exp(z̄_ij / γ) / (Σ_k D_ik exp(z̄_ik / γ) + exp(ε / γ))               (eq. 3)
 //     I_i  = Σ_j w_ij C_ij + w_i,background C_background,i                              (eq. 2)
 //     S_i  = 1 − Π_j (1 − D_ij)                                      silhouette         (eq. 4)
-// Faces outside which d² ≥ T = σ log(1/dist_eps − 1), and pixels outside the face's bounding box grown by √T, are
-// skipped. The silhouette counts every face; colour only fragments with near ≤ z ≤ far.
+// Faces outside which d² ≥ T = σ log(1/dist_eps − 1), and pixels outside the face's bounding box grown by √T,
+// are skipped. The silhouette counts every face; colour only fragments with near ≤ z ≤ far.
 #pragma once
 
 #include <array>
@@ -21,20 +21,20 @@ namespace mirage {
 
 /// How the photograph behind the object enters.
 enum class Background {
-  paper_logit,    ///< the paper's: background logit ε. Dilates the object to where D exp(z̄/γ) ≈ exp(ε/γ), that
-                  ///< is by √T, because γ is small
+  paper_logit,  ///< the paper's: background logit ε. Dilates the object to where D exp(z̄/γ) ≈ exp(ε/γ), that
+                ///< is by √T, because γ is small
   authors_logit,  ///< as the authors' code: logit 2ε (golden values only)
   silhouette,     ///< I = S · (colour among faces) + (1 − S) · background: edges stay where they are
 };
 
 template <class S>
 struct SoftRasterSettings {
-  S sigma = S(5e-7);       ///< edge softness in NDC²; 1 px of a 1242 px image is 2.6e-6
-  S gamma = S(1e-2);       ///< softness of depth ordering, in units of (far − near)
-  S epsilon = S(1e-3);     ///< ε of the background logit
-  S dist_eps = S(1e-4);    ///< coverage below which a face is skipped
-  S near = S(1), far = S(100);  ///< depth range, m; set it per object (DESIGN, section 4)
-  bool double_sided = true;     ///< false keeps only faces that turn their front to the camera
+  S sigma = S(5e-7);                 ///< edge softness in NDC²; 1 px of a 1242 px image is 2.6e-6
+  S gamma = S(1e-2);                 ///< softness of depth ordering, in units of (far − near)
+  S epsilon = S(1e-3);               ///< ε of the background logit
+  S dist_eps = S(1e-4);              ///< coverage below which a face is skipped
+  S near = S(1), far = S(100);       ///< depth range, m; set it per object (DESIGN, section 4)
+  bool double_sided = true;          ///< false keeps only faces that turn their front to the camera
   bool perspective_texture = true;   ///< texels by perspective-correct barycentrics (false: screen-space)
   bool frozen_barycentrics = false;  ///< the authors' gradient: barycentrics held constant in z
   /// Faces whose smallest altitude on screen is below this (NDC) have their barycentric slope scaled by
@@ -85,11 +85,11 @@ Vec2<S> ndc_from_pixel(S u, S v, int width, int height) {
   return {(2 * u + 1 - S(width)) / longer, (S(height) - 1 - 2 * v) / longer};
 }
 
-/// Pixels that the mesh can touch in an image of width × height: its faces' bounding boxes grown by √T, clipped to
-/// `clip` (which may reach beyond the image).
+/// Pixels that the mesh can touch in an image of width × height: its faces' bounding boxes grown by √T,
+/// clipped to `clip` (which may reach beyond the image).
 template <class S>
-PixelRect touched_pixels(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings, int width, int height,
-                         const PixelRect& clip);
+PixelRect touched_pixels(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings, int width,
+                         int height, const PixelRect& clip);
 
 /// Index within a face of the texel at barycentrics (b0, b1) (see TexelAtlas).
 template <class S>

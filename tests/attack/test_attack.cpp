@@ -1,8 +1,7 @@
-#include "attack/attack.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "attack/attack.h"
 #include "attack/checkpoint.h"
 #include "attack/run.h"
 #include "attack/tiny_world.h"
@@ -16,7 +15,8 @@ namespace {
 using test::ScratchFolder;
 using test::StandInDetector;
 
-AttackSettings settings_for(const std::filesystem::path& data, const std::filesystem::path& out, int iterations) {
+AttackSettings settings_for(const std::filesystem::path& data, const std::filesystem::path& out,
+                            int iterations) {
   AttackSettings settings;
   settings.data = data;
   settings.out = out;
@@ -76,7 +76,8 @@ TEST(Attack, TargetsGateTheGradientNotTheSensors) {
   const auto step = [&](AttackTarget target) {
     return attack_host(*detectors[0], prepared, hosts[0], adversary, target, settings);
   };
-  const HostStep both = step(AttackTarget::both), image = step(AttackTarget::image), lidar = step(AttackTarget::lidar);
+  const HostStep both = step(AttackTarget::both), image = step(AttackTarget::image),
+                 lidar = step(AttackTarget::lidar);
   EXPECT_EQ(both.hide, image.hide);
   EXPECT_EQ(both.hide, lidar.hide);
   double lidar_texels = 0, lidar_vertices = 0, image_texels = 0;
@@ -120,10 +121,12 @@ TEST(AttackInput, ErrorsNameFileAndField) {
   EXPECT_THAT(error_of([&] { run_attack(settings, detectors); }), testing::HasSubstr("batch"));
   settings.batch = 2;
   write_file(folder.path / "run/checkpoint.json", "{\"identity\": {");
-  EXPECT_THAT(error_of([&] { run_attack(settings, detectors); }), testing::HasSubstr("checkpoint.json: byte"));
+  EXPECT_THAT(error_of([&] { run_attack(settings, detectors); }),
+              testing::HasSubstr("checkpoint.json: byte"));
   EXPECT_THAT(error_of([&] { read_run(folder.path); }), testing::HasSubstr("run.json"));
-  EXPECT_THAT(error_of([&] { run_attack(settings_for(folder.path / "none", folder.path / "r", 1), detectors); }),
-              testing::HasSubstr("none"));
+  EXPECT_THAT(
+      error_of([&] { run_attack(settings_for(folder.path / "none", folder.path / "r", 1), detectors); }),
+      testing::HasSubstr("none"));
 }
 
 TEST(AttackSplit, SevenToThreeByFrameAndBySeed) {

@@ -1,5 +1,5 @@
-// A data set of a few tiny frames and a differentiable stand-in for a network, so that the attack's loop can be tested
-// without one.
+// A data set of a few tiny frames and a differentiable stand-in for a network, so that the attack's loop can
+// be tested without one.
 #pragma once
 
 #include <cmath>
@@ -35,8 +35,8 @@ inline void write_tiny_data(const std::filesystem::path& data, int frames) {
   }
 }
 
-/// One proposal on the first frame's car. Its logit grows with the image's brightness inside a fixed window and falls
-/// with the number of points near the car's roof, smoothly.
+/// One proposal on the first frame's car. Its logit grows with the image's brightness inside a fixed window
+/// and falls with the number of points near the car's roof, smoothly.
 class StandInDetector : public Detector {
  public:
   std::string name() const override { return "stand-in"; }

@@ -53,8 +53,8 @@ pid_t start(const Scratch& folder, const std::vector<std::string>& arguments,
 Outcome finish(const Scratch& folder, pid_t child) {
   int status = 0;
   waitpid(child, &status, 0);
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), read_file(folder.path / "out.txt"),
-          read_file(folder.path / "err.txt")};
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status),
+          read_file(folder.path / "out.txt"), read_file(folder.path / "err.txt")};
 }
 
 Outcome run(const Scratch& folder, const std::vector<std::string>& arguments,
@@ -72,18 +72,15 @@ TEST(CommandLine, HelpNamesEveryCommand) {
   Scratch folder;
   const Outcome outcome = run(folder, {"--help"});
   EXPECT_EQ(outcome.code, 0);
-  for (const char* command : {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate", "export",
-                              "validate"})
+  for (const char* command :
+       {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate", "export", "validate"})
     EXPECT_THAT(outcome.out, HasSubstr(command));
 }
 
 TEST(CommandLine, WrongArgumentsExitWithTwo) {
   Scratch folder;
-  for (const auto& arguments : std::vector<std::vector<std::string>>{{"fly"},
-                                                                    {},
-                                                                    {"attack"},
-                                                                    {"generate", "--frames", "many"},
-                                                                    {"generate", "--no-such-option"}}) {
+  for (const auto& arguments : std::vector<std::vector<std::string>>{
+           {"fly"}, {}, {"attack"}, {"generate", "--frames", "many"}, {"generate", "--no-such-option"}}) {
     const Outcome outcome = run(folder, arguments);
     EXPECT_EQ(outcome.code, 2);
     expect_one_line(outcome.err);
@@ -109,7 +106,8 @@ TEST(CommandLine, MissingAndEmptyDataSets) {
   fs::create_directories(folder.path / "empty/training/velodyne");
   for (const char* data : {"none", "empty"})
     for (const char* command : {"attack", "detect"}) {
-      const Outcome outcome = run(folder, {command, "--data", folder.path / data, "--out", folder.path / "o"});
+      const Outcome outcome =
+          run(folder, {command, "--data", folder.path / data, "--out", folder.path / "o"});
       EXPECT_EQ(outcome.code, 2) << command << ' ' << data << ' ' << outcome.err;
       expect_one_line(outcome.err);
       EXPECT_THAT(outcome.err, HasSubstr(data));
@@ -118,8 +116,8 @@ TEST(CommandLine, MissingAndEmptyDataSets) {
 
 TEST(CommandLine, AMissingPluginIsNamed) {
   Scratch folder;
-  const Outcome outcome = run(folder, {"detect", "--data", folder.path, "--detector", "/no/such/plugin.so", "--out",
-                                       folder.path / "o"});
+  const Outcome outcome = run(folder, {"detect", "--data", folder.path, "--detector", "/no/such/plugin.so",
+                                       "--out", folder.path / "o"});
   EXPECT_EQ(outcome.code, 2);
   expect_one_line(outcome.err);
   EXPECT_THAT(outcome.err, HasSubstr("/no/such/plugin.so"));
@@ -153,11 +151,12 @@ TEST(CommandLine, AFullDiskKeepsWhatWasFinished) {
 
 TEST(CommandLine, CtrlCKeepsFinishedFramesAndTheNextRunGoesOn) {
   Scratch folder;
-  const std::vector<std::string> arguments{"generate", "--frames", "3", "--seed", "4", "--out", folder.path / "d",
-                                           "--quiet"};
+  const std::vector<std::string> arguments{"generate", "--frames",        "3",      "--seed", "4",
+                                           "--out",    folder.path / "d", "--quiet"};
   const pid_t child = start(folder, arguments);
   const fs::path first = folder.path / "d/training/velodyne/000000.bin";
-  for (int i = 0; i < 1200 && !fs::exists(first); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  for (int i = 0; i < 1200 && !fs::exists(first); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
   ASSERT_TRUE(fs::exists(first));
   kill(child, SIGINT);
   const Outcome stopped = finish(folder, child);

@@ -1,8 +1,7 @@
-#include "geometry/laplacian.h"
-
 #include <gtest/gtest.h>
 
 #include "base/random.h"
+#include "geometry/laplacian.h"
 #include "geometry/shapes.h"
 #include "support/gradient_check.h"
 
@@ -31,7 +30,8 @@ TEST(Laplacian, GradientAgainstCentralDifferences) {
 TEST(Laplacian, AFlatRegularPatchCostsNothing) {
   Mesh fan;  // a centre and six neighbours
   fan.vertices.push_back(Vec3d::Zero());
-  for (int k = 0; k < 6; ++k) fan.vertices.push_back(Vec3d(std::cos(k * M_PI / 3), std::sin(k * M_PI / 3), 0));
+  for (int k = 0; k < 6; ++k)
+    fan.vertices.push_back(Vec3d(std::cos(k * M_PI / 3), std::sin(k * M_PI / 3), 0));
   for (int k = 0; k < 6; ++k) fan.faces.push_back({0, k + 1, (k + 1) % 6 + 1});
   std::vector<Vec3d> gradient(7, Vec3d::Zero());
   const double rim = Laplacian(fan).energy(fan.vertices, 1, gradient);

@@ -1,5 +1,3 @@
-#include "scene/insertion.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,6 +6,7 @@
 #include "geometry/shapes.h"
 #include "scene/adversary_view.h"
 #include "scene/depth_completion.h"
+#include "scene/insertion.h"
 #include "support/gradient_check.h"
 
 namespace mirage {
@@ -54,7 +53,8 @@ World make_world(std::uint64_t seed, const Sweep& sweep = {}) {
   auto& [mesh, atlas] = world.adversary;
   mesh = icosphere(1);
   for (Vec3d& v : mesh.vertices)
-    v = v.cwiseProduct(Vec3d(.7, .7, .45)) + Vec3d(random.uniform(-.04, .04), random.uniform(-.04, .04), random.uniform(-.04, .04));
+    v = v.cwiseProduct(Vec3d(.7, .7, .45)) +
+        Vec3d(random.uniform(-.04, .04), random.uniform(-.04, .04), random.uniform(-.04, .04));
   atlas.resolution = 1;  // texel borders are jumps of the forward, not slopes
   for (std::size_t f = 0; f < mesh.faces.size(); ++f)
     atlas.texels.push_back(Vec3d(random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)));
@@ -69,7 +69,8 @@ std::vector<double> vertices_of(const TexturedMesh& mesh) {
 
 TexturedMesh with_vertices(const TexturedMesh& like, const std::vector<double>& x) {
   TexturedMesh mesh = like;
-  for (std::size_t i = 0; i < mesh.mesh.vertices.size(); ++i) mesh.mesh.vertices[i] = Vec3d(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
+  for (std::size_t i = 0; i < mesh.mesh.vertices.size(); ++i)
+    mesh.mesh.vertices[i] = Vec3d(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
   return mesh;
 }
 
@@ -102,9 +103,11 @@ TEST(InsertionGradient, VerticesAndTexelsThroughTheCamera) {
   const AdversaryGradient gradient = simulate_vjp(at, d_image, {});
   std::vector<double> d_vertices;
   for (const Vec3d& d : gradient.vertices) d_vertices.insert(d_vertices.end(), d.data(), d.data() + 3);
-  const auto on_vertices = check_gradient([&](const auto& x) { return loss(with_vertices(world.adversary, x)); },
-                                          vertices_of(world.adversary), d_vertices, 1e-7, 1e-4, 1.0);
-  std::printf("camera, vertices: %d components, worst relative error %.2e\n", on_vertices.checked, on_vertices.worst);
+  const auto on_vertices =
+      check_gradient([&](const auto& x) { return loss(with_vertices(world.adversary, x)); },
+                     vertices_of(world.adversary), d_vertices, 1e-7, 1e-4, 1.0);
+  std::printf("camera, vertices: %d components, worst relative error %.2e\n", on_vertices.checked,
+              on_vertices.worst);
 
   std::vector<double> texels, d_texels;
   for (const Vec3d& t : world.adversary.atlas.texels) texels.insert(texels.end(), t.data(), t.data() + 3);
@@ -117,7 +120,8 @@ TEST(InsertionGradient, VerticesAndTexelsThroughTheCamera) {
         return loss(mesh);
       },
       texels, d_texels, 1e-4, 1e-6, 1e-2);
-  std::printf("camera, texels: %d components, worst relative error %.2e\n", on_texels.checked, on_texels.worst);
+  std::printf("camera, texels: %d components, worst relative error %.2e\n", on_texels.checked,
+              on_texels.worst);
 }
 
 TEST(InsertionGradient, VerticesThroughTheLidar) {
@@ -167,8 +171,8 @@ TEST(InsertionGradient, VerticesThroughTheLidar) {
     return ok;
   };
   const auto result = check_gradient(loss, x0, d_vertices, 1e-7, 1e-4, 1e-1, smooth);
-  std::printf("LiDAR, vertices: %d components, worst relative error %.2e, %d at a face change\n", result.checked,
-              result.worst, jumps);
+  std::printf("LiDAR, vertices: %d components, worst relative error %.2e, %d at a face change\n",
+              result.checked, result.worst, jumps);
   EXPECT_GT(result.checked, 100);
 }
 
@@ -189,8 +193,9 @@ TEST(Insertion, MeasuredReturnsBehindItGoAndThoseInFrontStay) {
                      static_cast<float>(range * std::cos(elevation) * std::sin(azimuth)),
                      static_cast<float>(range * std::sin(elevation)), 0.3f});
   };
-  const double azimuth = std::atan2(centre.y(), centre.x()), elevation = std::atan2(centre.z(), centre.head<2>().norm());
-  for (int i = -3; i <= 3; ++i) at_range(azimuth + 0.0035 * i, elevation, 30);  // behind
+  const double azimuth = std::atan2(centre.y(), centre.x()),
+               elevation = std::atan2(centre.z(), centre.head<2>().norm());
+  for (int i = -3; i <= 3; ++i) at_range(azimuth + 0.0035 * i, elevation, 30);         // behind
   for (int i = -3; i <= 3; ++i) at_range(azimuth + 0.0035 * i, elevation - 0.014, 6);  // in front
   at_range(azimuth + 0.5, elevation, 20);                                              // elsewhere
   const World world = make_world(6, sweep);
@@ -217,7 +222,8 @@ TEST(Insertion, AnOccluderInThePhotographHidesItAndSkyDoesNot) {
   EXPECT_EQ(hidden.visible_share, 0);
   EXPECT_EQ(hidden.image.data, world.prepared.frame.image.data);
   for (float& depth : world.prepared.depth.data) depth = 14;  // behind the object
-  EXPECT_EQ(simulate(world.prepared, world.host, world.rooftop, world.adversary).adversary_pixels, open.adversary_pixels);
+  EXPECT_EQ(simulate(world.prepared, world.host, world.rooftop, world.adversary).adversary_pixels,
+            open.adversary_pixels);
 }
 
 TEST(Insertion, ModalityGatingLeavesTheOtherSensorOut) {
@@ -229,7 +235,8 @@ TEST(Insertion, ModalityGatingLeavesTheOtherSensorOut) {
              both = simulate_vjp(s, d_image, d_points);
   double lidar_texels = 0, lidar_vertices = 0, image_texels = 0;
   for (std::size_t i = 0; i < both.vertices.size(); ++i) {
-    EXPECT_LT((both.vertices[i] - image.vertices[i] - lidar.vertices[i]).norm(), 1e-9 * (1 + both.vertices[i].norm()));
+    EXPECT_LT((both.vertices[i] - image.vertices[i] - lidar.vertices[i]).norm(),
+              1e-9 * (1 + both.vertices[i].norm()));
     lidar_vertices += lidar.vertices[i].norm();
   }
   for (std::size_t i = 0; i < both.texels.size(); ++i) {

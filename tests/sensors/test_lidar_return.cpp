@@ -1,8 +1,7 @@
-#include "sensors/lidar_return.h"
-
 #include <gtest/gtest.h>
 
 #include "base/random.h"
+#include "sensors/lidar_return.h"
 #include "support/gradient_check.h"
 
 namespace mirage {
@@ -59,7 +58,8 @@ TEST(LidarReturn, GradientAgainstCentralDifferences) {
       return d_point.dot(p.origin + hit.range * p.direction) + d_reflectance * hit.reflectance;
     };
     const auto hit = intersect_face<double>(p.origin, p.direction, p.face, 0.5);
-    const auto gradient = intersect_face_vjp<double>(p.direction, p.face, hit, 0.5, 1e-6, d_point, d_reflectance);
+    const auto gradient =
+        intersect_face_vjp<double>(p.direction, p.face, hit, 0.5, 1e-6, d_point, d_reflectance);
     worst = std::max(worst, test::check_gradient(loss, flat(p.face), flat(gradient), 1e-6, 1e-6, 1e-2).worst);
   }
   std::printf("worst relative error %.2e\n", worst);
@@ -70,7 +70,8 @@ TEST(LidarReturn, GrazingHitsKeepTheReturnAndBoundTheGradient) {
     const Problem p = random_problem(3, tilt);
     const auto hit = intersect_face<double>(p.origin, p.direction, p.face, 0.5);
     ASSERT_TRUE(hit.valid) << tilt;
-    const auto gradient = intersect_face_vjp<double>(p.direction, p.face, hit, 0.5, 0.05, Vec3d(1, 1, 1), 0.0);
+    const auto gradient =
+        intersect_face_vjp<double>(p.direction, p.face, hit, 0.5, 0.05, Vec3d(1, 1, 1), 0.0);
     for (int k = 0; k < 3; ++k)
       EXPECT_LE(gradient[k].norm(), std::abs(hit.barycentric[k]) * std::sqrt(3) / 0.05 * (1 + 1e-9));
   }

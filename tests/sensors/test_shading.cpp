@@ -1,8 +1,7 @@
-#include "sensors/shading.h"
-
 #include <gtest/gtest.h>
 
 #include "base/random.h"
+#include "sensors/shading.h"
 #include "support/gradient_check.h"
 
 namespace mirage {

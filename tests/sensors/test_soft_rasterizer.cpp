@@ -1,5 +1,3 @@
-#include "sensors/soft_rasterizer.h"
-
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -8,6 +6,7 @@
 
 #include "base/files.h"
 #include "base/random.h"
+#include "sensors/soft_rasterizer.h"
 #include "support/gradient_check.h"
 
 namespace mirage {
@@ -68,7 +67,8 @@ Problem random_problem(std::uint64_t seed, int faces, double sigma, double gamma
       v = Vec3d(centre.x() + random.uniform(-.35, .35), centre.y() + random.uniform(-.25, .25),
                 random.uniform(4, 7));
     mesh.faces.push_back(face);
-    for (int t = 0; t < 9; ++t) mesh.texels.push_back(Vec3d(random.uniform(), random.uniform(), random.uniform()));
+    for (int t = 0; t < 9; ++t)
+      mesh.texels.push_back(Vec3d(random.uniform(), random.uniform(), random.uniform()));
   }
   settings.sigma = sigma;
   settings.gamma = gamma;
@@ -121,9 +121,11 @@ TEST(SoftRasterizerGradient, TexelsAreExact) {
   const auto f = [&](const std::vector<double>& x) {
     return dot(rasterize(unflatten(x, problem.mesh), problem.settings, problem.target), problem.upstream);
   };
-  const auto gradient = flatten(rasterize_vjp(problem.mesh, problem.settings, problem.target, problem.upstream));
+  const auto gradient =
+      flatten(rasterize_vjp(problem.mesh, problem.settings, problem.target, problem.upstream));
   const std::size_t first = problem.mesh.faces.size() * 9;
-  check_gradient(f, flatten(problem.mesh), gradient, 1e-5, 1e-6, 1e-3, [&](std::size_t i) { return i >= first; });
+  check_gradient(f, flatten(problem.mesh), gradient, 1e-5, 1e-6, 1e-3,
+                 [&](std::size_t i) { return i >= first; });
 }
 
 TEST(SoftRasterizerGradient, FiniteOnDegenerateFaces) {
@@ -131,10 +133,11 @@ TEST(SoftRasterizerGradient, FiniteOnDegenerateFaces) {
     for (double gamma : {1e-6, 1e-2}) {
       Problem problem = random_problem(11, 3, sigma, gamma);
       auto& faces = problem.mesh.faces;
-      faces[0][2] = (faces[0][0] + faces[0][1]) / 2;                                 // edge-on
-      faces[1][0] = faces[1][1] = faces[1][2];                                       // a point
+      faces[0][2] = (faces[0][0] + faces[0][1]) / 2;                                     // edge-on
+      faces[1][0] = faces[1][1] = faces[1][2];                                           // a point
       faces[2][2] = faces[2][0] + (faces[2][1] - faces[2][0]) * .5 + Vec3d(0, 1e-9, 0);  // nearly edge-on
-      for (double value : flatten(rasterize_vjp(problem.mesh, problem.settings, problem.target, problem.upstream)))
+      for (double value :
+           flatten(rasterize_vjp(problem.mesh, problem.settings, problem.target, problem.upstream)))
         EXPECT_TRUE(std::isfinite(value));
       for (double value : rasterize(problem.mesh, problem.settings, problem.target).data)
         EXPECT_TRUE(std::isfinite(value));
@@ -165,7 +168,8 @@ TEST(SoftRasterizer, NearLimitCoversExactlyThePixelsWhoseCentreIsInside) {
     for (int u = 0; u < rgba.width; ++u) {
       const Vec2d p = ndc_from_pixel<double>(u + problem.target.rect.u0, v + problem.target.rect.v0,
                                              problem.target.width, problem.target.height);
-      const double a = side(face[0], face[1], p), b = side(face[1], face[2], p), c = side(face[2], face[0], p);
+      const double a = side(face[0], face[1], p), b = side(face[1], face[2], p),
+                   c = side(face[2], face[0], p);
       const bool inside = (a > 0) == (b > 0) && (b > 0) == (c > 0);
       EXPECT_NEAR(rgba.at(u, v, 3), inside ? 1 : 0, 1e-6) << u << ", " << v;
       covered += inside;
@@ -219,8 +223,9 @@ std::vector<GoldenCase> golden_cases() {
       for (int u = 0; u < n; ++u) {
         for (int c = 0; c < 3; ++c) target.background.at(u, v, c) = s.at("background_color").at(c);
         for (int c = 0; c < 4; ++c)
-          upstream.at(u, v, c) =
-              c < 3 && json.at("rgb_mask").at(v).at(u) == 0 ? 0. : json.at("upstream").at(c).at(v).at(u).get<double>();
+          upstream.at(u, v, c) = c < 3 && json.at("rgb_mask").at(v).at(u) == 0
+                                     ? 0.
+                                     : json.at("upstream").at(c).at(v).at(u).get<double>();
       }
     cases.push_back(std::move(golden));
   }
@@ -241,7 +246,8 @@ TEST(SoftRasterizerGolden, ImagesAndGradients) {
         for (int v = 0; v < n; ++v)
           for (int u = 0; u < n; ++u)
             if (c == 3 || json.at("rgb_mask").at(v).at(u) != 0)
-              worst = std::max(worst, std::abs(rgba.at(u, v, c) - json.at(key).at(c).at(v).at(u).get<double>()));
+              worst =
+                  std::max(worst, std::abs(rgba.at(u, v, c) - json.at(key).at(c).at(v).at(u).get<double>()));
       EXPECT_LE(worst, 1e-6) << key;
     }
     problem.settings.background = Background::authors_logit;

@@ -32,7 +32,8 @@ inline GradientCheck check_gradient(const std::function<double(const std::vector
     x[i] = at;
     const double numeric = (above - below) / (2 * step);
     const double error = std::abs(numeric - gradient[i]) / std::max(scale, std::abs(numeric));
-    EXPECT_LE(error, tolerance) << "component " << i << ": analytic " << gradient[i] << ", numeric " << numeric;
+    EXPECT_LE(error, tolerance) << "component " << i << ": analytic " << gradient[i] << ", numeric "
+                                << numeric;
     result.worst = std::max(result.worst, error);
     ++result.checked;
   }

@@ -1,5 +1,5 @@
-// Figures of the simulator on this machine: medians of repeated runs, printed and written as one flat JSON object
-// (bench.json beside the program). Compare only within one run: shared machines are noisy.
+// Figures of the simulator on this machine: medians of repeated runs, printed and written as one flat JSON
+// object (bench.json beside the program). Compare only within one run: shared machines are noisy.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -76,8 +76,9 @@ class Collector : public benchmark::ConsoleReporter {
 int main(int argc, char** argv) {
   using namespace mirage;
   set_thread_count(1);
-  for (const auto& [name, sigma] : {std::pair{"insertion_ms", 5e-7}, std::pair{"insertion_ms_10m_sigma_1e-5", 1e-5},
-                                    std::pair{"insertion_ms_10m_sigma_1e-4", 1e-4}})
+  for (const auto& [name, sigma] :
+       {std::pair{"insertion_ms", 5e-7}, std::pair{"insertion_ms_10m_sigma_1e-5", 1e-5},
+        std::pair{"insertion_ms_10m_sigma_1e-4", 1e-4}})
     benchmark::RegisterBenchmark(name, [sigma = sigma](benchmark::State& state) { insertion(state, sigma); })
         ->Unit(benchmark::kMillisecond)
         ->Repetitions(9)
