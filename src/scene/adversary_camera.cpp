@@ -68,15 +68,21 @@ Image<double> averaged(const Image<double>& samples, int s) {
   return pixels;
 }
 
-/// Pixels that the object would have with nothing in front of it and no image border.
-int unobstructed_pixels(const CameraTape& tape, const PinholeCamera& camera) {
+double silhouette_area(const Image<double>& rgba) {
+  double area = 0;
+  for (std::size_t i = 3; i < rgba.data.size(); i += 4) area += rgba.data[i];
+  return area;
+}
+
+/// Pixels that the object would cover with nothing in front of it and no image border.
+double unobstructed_area(const CameraTape& tape, const PinholeCamera& camera) {
   const PixelRect wide{-camera.width, -camera.height, 2 * camera.width, 2 * camera.height};
   RasterTarget<double> target;
   target.width = camera.width;
   target.height = camera.height;
   target.rect = touched_pixels(tape.screen, tape.settings, target.width, target.height, wide);
   target.background = Image<double>(target.rect.width(), target.rect.height(), 3);
-  return count_opaque(rasterize(tape.screen, tape.settings, target));
+  return silhouette_area(rasterize(tape.screen, tape.settings, target));
 }
 
 }  // namespace
@@ -107,8 +113,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   result.image = prepared.frame.image;
   result.rect = rect;
   result.rgba = Image<double>(rect.width(), rect.height(), 4);
-  const int total = unobstructed_pixels(tape, camera);
-  if (rect.empty() || total == 0) return tape;
+  if (rect.empty()) return tape;
 
   // NDC does not change with the resolution: a finer grid over the same window is the same picture.
   RasterTarget<double>& target = tape.target;
@@ -118,6 +123,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   target.background = Image<double>(target.rect.width(), target.rect.height(), 3);
   target.depth_limit =
       Image<double>(target.rect.width(), target.rect.height(), 1, std::numeric_limits<double>::infinity());
+  bool obstructed = rect.u0 == 0 || rect.v0 == 0 || rect.u1 == camera.width || rect.v1 == camera.height;
   const double occluder_depth = host_near_depth(host, prepared.frame.calibration) - settings.occlusion_margin;
   for (int v = 0; v < target.rect.height(); ++v)
     for (int u = 0; u < target.rect.width(); ++u) {
@@ -125,7 +131,9 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
       for (int c = 0; c < 3; ++c)
         target.background.at(u, v, c) = prepared.frame.image.at(pixel_u, pixel_v, c);
       const double depth = prepared.depth.at(pixel_u, pixel_v);
-      if (depth < occluder_depth) target.depth_limit.at(u, v) = depth + settings.occlusion_margin;
+      if (depth >= occluder_depth) continue;
+      target.depth_limit.at(u, v) = depth + settings.occlusion_margin;
+      obstructed = true;
     }
   result.rgba = averaged(rasterize(tape.screen, tape.settings, target), samples);
   for (int v = rect.v0; v < rect.v1; ++v)
@@ -134,7 +142,11 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
         result.image.at(u, v, c) =
             static_cast<float>(std::clamp(result.rgba.at(u - rect.u0, v - rect.v0, c), 0.0, 1.0));
   result.adversary_pixels = count_opaque(result.rgba);
-  result.visible_share = std::min(1.0, double(result.adversary_pixels) / total);
+  result.visible_share = 1;
+  if (obstructed) {
+    const double whole = unobstructed_area(tape, camera);
+    result.visible_share = whole > 0 ? std::min(1.0, silhouette_area(result.rgba) / whole) : 0;
+  }
   return tape;
 }
 

@@ -27,7 +27,7 @@ World make_world(std::uint64_t seed, const Sweep& sweep = {}) {
   Frame frame;
   PinholeCamera& camera = frame.calibration.camera;
   Transform& camera_from_velo = frame.calibration.camera_from_velo;
-  camera = {180.4, 180.4, 152.4, 43.2, 310, 94};  // KITTI at a quarter
+  camera = {120.3, 120.3, 101.6, 28.8, 207, 63};  // KITTI at a sixth
   Eigen::Matrix3d axes;
   axes << 0, -1, 0, 0, 0, -1, 1, 0, 0;
   camera_from_velo.linear() = axes;
@@ -86,7 +86,7 @@ TEST(InsertionGradient, VerticesAndTexelsThroughTheCamera) {
   const World world = make_world(1);
   const SimulationSettings settings = smooth_settings();
   const Simulated at = simulate(world.prepared, world.host, world.rooftop, world.adversary, settings);
-  ASSERT_GT(at.adversary_pixels, 100);
+  ASSERT_GT(at.adversary_pixels, 50);
   RandomStream random(2, "upstream");
   ImageF d_image(at.image.width, at.image.height, 3);
   for (float& value : d_image.data) value = static_cast<float>(random.uniform(-1, 1));
@@ -215,7 +215,7 @@ TEST(Insertion, MeasuredReturnsBehindItGoAndThoseInFrontStay) {
 TEST(Insertion, AnOccluderInThePhotographHidesItAndSkyDoesNot) {
   World world = make_world(7);
   const Simulated open = simulate(world.prepared, world.host, world.rooftop, world.adversary);
-  EXPECT_NEAR(open.visible_share, 1, 1e-9);
+  EXPECT_EQ(open.visible_share, 1);
   for (float& depth : world.prepared.depth.data) depth = 5;  // something everywhere, nearer than the host
   const Simulated hidden = simulate(world.prepared, world.host, world.rooftop, world.adversary);
   EXPECT_EQ(hidden.adversary_pixels, 0);
