@@ -18,8 +18,6 @@ mirage_package(spdlog libspdlog-dev)
 mirage_package(nlohmann_json nlohmann-json3-dev)
 mirage_package(CLI11 libcli11-dev)
 mirage_package(embree libembree-dev 3)
-mirage_package(Ceres libceres-dev)
-mirage_package(Boost libboost-filesystem-dev 1.74 COMPONENTS filesystem)
 
 # Found by hand: OpenCV's CMake package comes only with all of OpenCV, and OpenImageIO's asks for a PyImath
 # library, its command-line tools and OpenCV, which nobody needs (DESIGN, section 7).
