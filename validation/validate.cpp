@@ -186,19 +186,49 @@ std::string key_of(const ValidationSettings& settings, const Run& run, const fs:
   const auto& d = settings.detector;
   bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, d.detector, d.weights.string(), data.string(),
                        settings.samples, settings.seed, settings.evaluation_settings.score_threshold);
-  if (!d.weights.empty()) bytes += read_file(d.weights);
-  std::uint64_t hash = 14695981039346656037ull;  // FNV-1a
-  for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
-  return fmt::format("{:016x}", hash);
+  return content_hash(bytes + read_file(weights_file(d)));
 }
+
+/// Whether the pictures that a stored result names are still there: the report embeds them.
+bool pictures_exist(const fs::path& out, const json& stored) {
+  for (const auto& [name, file] : stored.value("pictures", json::object()).items())
+    if (!file.is_string() || !fs::exists(out / file.get<std::string>())) return false;
+  return true;
+}
+
+/// How many vehicles the adversary fools, seen by the rasteriser and by Cycles.
+struct Fooled {
+  int detected = 0, hidden_raster = 0, hidden_cycles = 0, hidden_both = 0, raster = 0, cycles = 0;
+
+  void add(const json& host) {
+    if (!host.at("detected").get<bool>()) return;
+    ++detected;
+    const bool in_raster = host.at("raster").at("hidden"), in_cycles = host.at("cycles").at("hidden");
+    hidden_raster += in_raster;
+    hidden_cycles += in_cycles;
+    hidden_both += in_raster && in_cycles;
+    raster += in_raster || host.at("raster").at("false_positive").get<bool>();
+    cycles += in_cycles || host.at("cycles").at("false_positive").get<bool>();
+  }
+  json to_json() const {
+    const double base = std::max(1, detected);
+    return {{"detected_clean", detected},
+            {"hidden_raster", hidden_raster},
+            {"hidden_cycles", hidden_cycles},
+            {"hidden_both", hidden_both},
+            {"fn_asr_raster", hidden_raster / base},
+            {"fn_asr_cycles", hidden_cycles / base},
+            {"asr_raster", raster / base},
+            {"asr_cycles", cycles / base}};
+  }
+};
 
 json summary(const std::vector<json>& hosts, const Run& run) {
   std::set<std::string> frames, test_frames;
   for (const HostId& id : run.test) test_frames.insert(id.frame);
   double both = 0, either = 0, error = 0, largest = 0, range_error = 0, worst_iou = 1;
   int rays = 0, pixels_off = 0, returns = 0, disagreements = 0, vehicles = 0;
-  int detected = 0, hidden_raster = 0, hidden_cycles = 0, hidden_both = 0, fooled_raster = 0,
-      fooled_cycles = 0;
+  Fooled held_back, trained_on;  // an attack is judged on vehicles that it never saw
   double full_mae = 0, full_mean = 0, full_ssim = 0, full_flip = 0, full_seconds = 0;
   std::map<std::string, std::pair<int, std::array<double, 5>>> rungs;
   std::vector<std::string> order;
@@ -232,16 +262,9 @@ json summary(const std::vector<json>& hosts, const Run& run) {
       for (const char* key : {"mae", "relative", "ssim", "flip", "seconds"})
         place->second.second[k++] += rung.at(key).get<double>();
     }
-    if (!host.at("detected").get<bool>()) continue;
-    ++detected;
-    const bool in_raster = host.at("raster").at("hidden"), in_cycles = host.at("cycles").at("hidden");
-    hidden_raster += in_raster;
-    hidden_cycles += in_cycles;
-    hidden_both += in_raster && in_cycles;
-    fooled_raster += in_raster || host.at("raster").at("false_positive").get<bool>();
-    fooled_cycles += in_cycles || host.at("cycles").at("false_positive").get<bool>();
+    (test_frames.count(host.at("frame").get<std::string>()) ? held_back : trained_on).add(host);
   }
-  const double n = std::max(1, vehicles), base = std::max(1, detected);
+  const double n = std::max(1, vehicles);
   auto ladder = json::array();
   for (const std::string& effect : order) {
     const auto& [count, sums] = rungs.at(effect);
@@ -276,15 +299,8 @@ json summary(const std::vector<json>& hosts, const Run& run) {
             {"flip", full_flip / n},
             {"seconds", full_seconds / n}}},
           {"ladder", ladder},
-          {"attack",
-           {{"detected_clean", detected},
-            {"hidden_raster", hidden_raster},
-            {"hidden_cycles", hidden_cycles},
-            {"hidden_both", hidden_both},
-            {"fn_asr_raster", hidden_raster / base},
-            {"fn_asr_cycles", hidden_cycles / base},
-            {"asr_raster", fooled_raster / base},
-            {"asr_cycles", fooled_cycles / base}}}};
+          {"attack", held_back.to_json()},
+          {"attack_train", trained_on.to_json()}};
 }
 
 void write_report(const ValidationSettings& settings) {
@@ -337,8 +353,8 @@ json validate(const ValidationSettings& given) {
     read_json(settings.evaluation);
   }
   if (settings.data.empty()) settings.data = run.data;
-  if (settings.detector.detector.empty()) settings.detector.detector = run.detector;
-  if (settings.detector.weights.empty()) settings.detector.weights = run.weights;
+  require_own_data(run, settings.data);
+  use_detector_of(run, settings.detector);
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);
   if (hosts.empty())
     throw InputError((settings.run / "run.json").string(), "test", "no vehicles to validate",
@@ -358,7 +374,7 @@ json validate(const ValidationSettings& given) {
     const bool with_ladder = static_cast<int>(i) < settings.ladder;
     if (fs::exists(file)) {
       json stored = json::parse(read_file(file), nullptr, false);  // a damaged one is made again
-      if (stored.is_object() && stored.value("key", "") == key &&
+      if (stored.is_object() && stored.value("key", "") == key && pictures_exist(settings.out, stored) &&
           (!with_ladder || stored.contains("ladder"))) {
         if (!with_ladder) stored.erase("ladder");
         results.push_back(std::move(stored));

@@ -32,6 +32,7 @@ nlohmann::json identity(const AttackSettings& settings) {
   return {{"data", std::filesystem::absolute(settings.data).lexically_normal().string()},
           {"detector", settings.detector.detector},
           {"weights", weights.empty() ? "" : std::filesystem::absolute(weights).lexically_normal().string()},
+          {"weights_hash", settings.weights_hash},
           {"target", settings.target},
           {"seed", settings.seed},
           {"batch", settings.batch},
@@ -64,19 +65,6 @@ std::vector<std::size_t> batch_of(std::size_t hosts, int batch, long iteration, 
   return chosen;
 }
 
-std::vector<Host> hosts_of(FrameStore& store, const std::vector<std::string>& frames,
-                           const Detector& detector, const AttackSettings& settings) {
-  const BoxRooftopFinder finder;
-  std::vector<Host> hosts;
-  for (const std::string& id : frames) {
-    throw_if_interrupted("nothing was lost: no iteration had begun");
-    const auto found =
-        find_hosts(store.get(id), finder, detector.region(), settings.simulation, settings.min_view);
-    hosts.insert(hosts.end(), found.begin(), found.end());
-  }
-  return hosts;
-}
-
 std::vector<HostId> ids(const std::vector<Host>& hosts) {
   std::vector<HostId> list;
   for (const Host& host : hosts) list.push_back(host.id);
@@ -89,6 +77,39 @@ void write_losses(const std::filesystem::path& file, const std::vector<LossRow>&
     text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g}\n", i, rows[i].loss(), rows[i].hide,
                         rows[i].false_positive, rows[i].laplacian);
   write_file(file, text);
+}
+
+/// InputError for numbers that no run can use.
+void check_settings(const AttackSettings& settings) {
+  const auto demand = [](bool good, const char* option, double value, const char* fix) {
+    if (!good) throw InputError(option, fmt::format("{}", value), "out of range", fix);
+  };
+  const auto& raster = settings.simulation.raster;
+  const auto positive = [](double value) { return std::isfinite(value) && value > 0; };
+  demand(settings.batch >= 1, "--batch", settings.batch, "use 1 or more");
+  demand(settings.iterations >= 0, "--iterations", settings.iterations, "use 0 or more");
+  demand(positive(raster.sigma), "--sigma", raster.sigma, "use a positive number");
+  demand(positive(raster.gamma), "--gamma", raster.gamma, "use a positive number");
+  demand(positive(settings.vertex_rate), "--vertex-rate", settings.vertex_rate, "use a positive number");
+  demand(positive(settings.texel_rate), "--texel-rate", settings.texel_rate, "use a positive number");
+  demand(settings.min_view >= 0 && settings.min_view <= 1, "--min-view", settings.min_view,
+         "use a share in [0, 1]");
+  demand(std::isfinite(settings.objective.lambda_fp), "--lambda-fp", settings.objective.lambda_fp,
+         "use a number");
+  demand(std::isfinite(settings.objective.lambda_laplacian), "--lambda-lap",
+         settings.objective.lambda_laplacian, "use a number");
+}
+
+/// A gradient that is not finite would poison the optimiser's state and, with it, the checkpoint.
+void check_finite(const HostStep& step, const HostId& host, long iteration) {
+  bool finite = std::isfinite(step.hide) && std::isfinite(step.false_positive);
+  for (const Vec3d& d : step.gradient.vertices) finite = finite && d.allFinite();
+  for (const Vec3d& d : step.gradient.texels) finite = finite && d.allFinite();
+  if (!finite)
+    throw Failure("attack",
+                  fmt::format("gradient of host {}/{} is not finite in iteration {}", host.frame, host.label,
+                              iteration),
+                  "check the detector; the last checkpoint is good");
 }
 
 }  // namespace
@@ -136,22 +157,25 @@ HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Ho
 
 AttackResult run_attack(const AttackSettings& settings) {
   parse_target(settings.target);  // before the detector is loaded
-  return run_attack(settings, load_detector_pool(settings.detector, settings.batch));
+  check_settings(settings);
+  AttackSettings known = settings;
+  if (!settings.detector.fresh) known.weights_hash = content_hash(read_file(weights_file(settings.detector)));
+  return run_attack(known, load_detector_pool(settings.detector, settings.batch));
 }
 
 AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors) {
   const AttackTarget target = parse_target(settings.target);
-  if (settings.batch < 1)
-    throw InputError("--batch", std::to_string(settings.batch), "not positive", "use 1 or more");
+  check_settings(settings);
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
-  const nlohmann::json id = identity(settings);
 
   FrameStore store(settings.data, lidar_of(settings.data));
   std::vector<std::string> train_frames, test_frames;
   split_frames(list_frames(settings.data), settings.seed, train_frames, test_frames);
-  const auto train = hosts_of(store, train_frames, *detectors.front(), settings);
-  const auto test = hosts_of(store, test_frames, *detectors.front(), settings);
+  const auto train = find_all_hosts(store, train_frames, detectors.front()->region(), settings.simulation,
+                                    settings.min_view);
+  const auto test =
+      find_all_hosts(store, test_frames, detectors.front()->region(), settings.simulation, settings.min_view);
   if (train.empty())
     throw InputError(settings.data.string(), "label_2",
                      fmt::format("no car in the training frames has {:.0f} % of the adversary in view",
@@ -159,15 +183,17 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
                      "give more frames or lower --min-view");
   spdlog::info("{} host vehicles to train on, {} held back", train.size(), test.size());
 
+  // The hosts belong to a run's identity: with other frames or labels the split would be another one, and a
+  // resumed run would be tested on what it was trained on.
+  nlohmann::json id = identity(settings);
+  id["train"] = to_json(ids(train));
+  id["test"] = to_json(ids(test));
   AttackState state = fresh_state(settings);
   if (std::filesystem::exists(checkpoint_file)) {
     state = read_checkpoint(checkpoint_file, id);
     spdlog::info("resuming at iteration {}", state.iteration);
   }
-  nlohmann::json run = id;
-  run["train"] = to_json(ids(train));
-  run["test"] = to_json(ids(test));
-  write_json(settings.out / "run.json", run);
+  write_json(settings.out / "run.json", id);
   write_adversary(settings.out / "random.glb", random_adversary(settings.seed, settings.limits));
 
   const Laplacian laplacian(state.adversary.mesh);
@@ -176,6 +202,8 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
     write_losses(settings.out / "loss.csv", state.losses);
   };
   const long iterations = target == AttackTarget::random ? 0 : settings.iterations;
+  if (state.iteration < iterations)  // what an earlier, shorter run left is no longer this run's result
+    for (const char* name : {"adversary.glb", "result.json"}) std::filesystem::remove(settings.out / name);
   Progress progress("attack", static_cast<std::size_t>(iterations), settings.quiet);
   const auto start = Clock::now();
   const long first = state.iteration;
@@ -194,6 +222,8 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
       const Host& host = train[chosen[k]];
       steps[k] = attack_host(detector, store.get(host.id.frame), host, state.adversary, target, settings);
     });
+    for (std::size_t k = 0; k < steps.size(); ++k)
+      check_finite(steps[k], train[chosen[k]].id, state.iteration);
     for (const HostStep& step : steps) {
       row.hide += step.hide / settings.batch;
       row.false_positive += step.false_positive / settings.batch;

@@ -4,7 +4,9 @@
 #include <cmath>
 
 #include "attack/adversary.h"
+#include "base/error.h"
 #include "base/files.h"
+#include "base/interrupt.h"
 #include "base/parallel.h"
 #include "base/random.h"
 #include "detection/points_in_view.h"
@@ -24,9 +26,15 @@ const PreparedFrame& FrameStore::get(const std::string& id) {
 }
 
 LidarModel lidar_of(const std::filesystem::path& data) {
+  if (const auto own = data / "rig.toml"; std::filesystem::exists(own)) return read_lidar_model(own);
   std::string rig = "kitti64";
-  if (const auto file = data / "dataset.json"; std::filesystem::exists(file))
-    rig = read_json(file).value("rig", rig);
+  if (const auto file = data / "dataset.json"; std::filesystem::exists(file)) {
+    const nlohmann::json about = read_json(file);
+    if (!about.is_object() || !about.contains("rig") || !about.at("rig").is_string())
+      throw InputError(file.string(), "rig", "missing or not a text",
+                       "name the rig, for example \"kitti64\"");
+    rig = about.at("rig");
+  }
   return read_lidar_model(shipped_file("scenes/rigs/" + rig + ".toml"));
 }
 
@@ -52,6 +60,19 @@ std::vector<Host> find_hosts(const PreparedFrame& prepared, const RooftopFinder&
     const Host host{{prepared.frame.id, static_cast<int>(i)}, finder.find(prepared.frame, label)};
     if (simulate(prepared, label, host.rooftop, reference, simulation).visible_share >= min_view)
       hosts.push_back(host);
+  }
+  return hosts;
+}
+
+std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::string>& frames,
+                                 const std::array<double, 4>& region, const SimulationSettings& simulation,
+                                 double min_view) {
+  const BoxRooftopFinder finder;
+  std::vector<Host> hosts;
+  for (const std::string& id : frames) {
+    throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
+    const auto found = find_hosts(store.get(id), finder, region, simulation, min_view);
+    hosts.insert(hosts.end(), found.begin(), found.end());
   }
   return hosts;
 }

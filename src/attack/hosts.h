@@ -36,8 +36,8 @@ class FrameStore {
   std::map<std::string, std::unique_ptr<PreparedFrame>> frames_;
 };
 
-/// The LiDAR that recorded a data set: the rig that dataset.json names, or KITTI's HDL-64E when there is
-/// none.
+/// The LiDAR that recorded a data set: the set's own rig.toml (generated ones have it), else the rig that
+/// dataset.json names, else KITTI's HDL-64E.
 LidarModel lidar_of(const std::filesystem::path& data);
 
 /// Cars of the frame that can be hosts: labelled "Car", box centre inside the detector's region, and at least
@@ -45,6 +45,11 @@ LidarModel lidar_of(const std::filesystem::path& data);
 std::vector<Host> find_hosts(const PreparedFrame& prepared, const RooftopFinder& finder,
                              const std::array<double, 4>& region, const SimulationSettings& simulation,
                              double min_view = 0.7);
+
+/// Hosts of every frame of a data set.
+std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::string>& frames,
+                                 const std::array<double, 4>& region, const SimulationSettings& simulation,
+                                 double min_view);
 
 /// Splits frames (not hosts) train : test = 7 : 3 at random by seed. At least one frame each when there are
 /// two.

@@ -23,6 +23,21 @@ nlohmann::json to_json(const SimulationSettings& settings) {
           {"grazing_cosine", settings.grazing_cosine}};
 }
 
+bool is_other_data(const Run& run, const std::filesystem::path& data) {
+  return std::filesystem::weakly_canonical(data) != std::filesystem::weakly_canonical(run.data);
+}
+
+void require_own_data(const Run& run, const std::filesystem::path& data) {
+  if (is_other_data(run, data))
+    throw InputError("--data", data.string(), "is not the data set of the run",
+                     "leave --data out, or attack that data set");
+}
+
+void use_detector_of(const Run& run, DetectorOptions& options) {
+  if (options.detector.empty()) options.detector = run.detector;
+  if (options.weights.empty() && options.detector == run.detector) options.weights = run.weights;
+}
+
 Run read_run(const std::filesystem::path& folder) {
   const auto file = folder / "run.json";
   if (!std::filesystem::exists(file))
@@ -46,6 +61,7 @@ Run read_run(const std::filesystem::path& folder) {
     };
     run.train = read_hosts(json.at("train"));
     run.test = read_hosts(json.at("test"));
+    run.min_view = json.at("min_view");
     const auto& simulation = json.at("simulation");
     run.simulation.raster.sigma = simulation.at("sigma");
     run.simulation.raster.gamma = simulation.at("gamma");

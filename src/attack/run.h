@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "detection/detector.h"
 #include "geometry/mesh.h"
 #include "scene/insertion.h"
 
@@ -29,7 +30,16 @@ struct Run {
   std::vector<HostId> train, test;
   TexturedMesh adversary, random;
   SimulationSettings simulation;
+  double min_view = 0.7;
 };
+
+/// Whether `data` is another folder than the run's: its labels are not the run's hosts.
+bool is_other_data(const Run& run, const std::filesystem::path& data);
+/// InputError if it is.
+void require_own_data(const Run& run, const std::filesystem::path& data);
+
+/// Fills in what `options` leaves open: the run's detector, and its weights if it is that detector.
+void use_detector_of(const Run& run, DetectorOptions& options);
 
 /// InputError naming the file and key if the folder is not a finished run.
 Run read_run(const std::filesystem::path& folder);

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -24,6 +25,12 @@ std::string read_file(const fs::path& path) {
   std::ostringstream out;
   out << in.rdbuf();
   return std::move(out).str();
+}
+
+std::string content_hash(std::string_view bytes) {
+  std::uint64_t value = 14695981039346656037ull;
+  for (const unsigned char c : bytes) value = (value ^ c) * 1099511628211ull;
+  return fmt::format("{:016x}", value);
 }
 
 void make_output_folder(const fs::path& folder) {

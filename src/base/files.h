@@ -14,6 +14,8 @@ namespace mirage {
 std::string read_file(const std::filesystem::path& path);
 /// Writes atomically; makes the parent folder. Failure on a full disk or a read-only folder.
 void write_file(const std::filesystem::path& path, std::string_view bytes);
+/// 64-bit FNV-1a of the bytes, 16 hexadecimal digits: tells whether content changed, nothing more.
+std::string content_hash(std::string_view bytes);
 /// Moves a finished temporary file to its place (same folder). Failure if it can't.
 void replace_file(const std::filesystem::path& temporary, const std::filesystem::path& path);
 /// Makes the folder (and parents). Failure, naming the folder, if it can't be made or written to.

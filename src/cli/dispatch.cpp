@@ -77,7 +77,8 @@ void run_step(std::vector<std::string> arguments) {
 }
 
 int dispatch(std::vector<std::string> arguments) {
-  const auto complain = [](const char* text) {
+  const auto complain = [](std::string text) {
+    std::replace(text.begin(), text.end(), '\n', ' ');  // one line, whatever a library put into its message
     std::fputs(fmt::format("mirage: {}\n", text).c_str(), stderr);
   };
   try {

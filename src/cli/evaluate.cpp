@@ -6,6 +6,7 @@
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/table.h"
+#include "scene/kitti.h"
 
 namespace mirage::cli {
 namespace {
@@ -15,6 +16,8 @@ struct Options {
   DetectorOptions detector;
   EvaluationSettings evaluation;
   std::string hosts = "test";
+
+  Options() { detector.detector.clear(); }  // empty: the run's
 };
 
 std::vector<HostId> chosen_hosts(const Run& run, const std::string& which) {
@@ -44,15 +47,23 @@ Command evaluate_command() {
   };
   command.run = [options](const Common& common) -> nlohmann::json {
     const Run run = read_run(options->run);
-    if (options->detector.weights.empty() && options->detector.detector == run.detector)
-      options->detector.weights = run.weights;
+    use_detector_of(run, options->detector);
     const auto data = options->data.empty() ? run.data : options->data;
     FrameStore store(data, lidar_of(data));
     options->evaluation.quiet = common.quiet;
-    const auto hosts = chosen_hosts(run, options->hosts);
+    const auto list = [&] {
+      if (!is_other_data(run, data)) return chosen_hosts(run, options->hosts);
+      // Another data set than the run's: all its usable vehicles are unseen ones.
+      const auto region = load_detector(with_common(options->detector, common))->region();
+      std::vector<HostId> found;
+      for (const Host& host : find_all_hosts(store, list_frames(data), region, run.simulation, run.min_view))
+        found.push_back(host.id);
+      return found;
+    };
+    const std::vector<HostId> hosts = list();
     if (hosts.empty())
       throw InputError((options->run / "run.json").string(), options->hosts, "has no host vehicles",
-                       "use --hosts all or attack a larger data set");
+                       "use --hosts all or a larger data set");
     const DetectorPool detectors =
         load_detector_pool(with_common(options->detector, common), static_cast<int>(hosts.size()));
     const auto judged = [&](const TexturedMesh& mesh) {

@@ -25,7 +25,7 @@ struct Options {
 nlohmann::json run(const Options& options, const Common& common) {
   const Run run = read_run(options.run);
   const auto data = options.data.empty() ? run.data : options.data;
-  make_output_folder(common.out);
+  require_own_data(run, data);
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = select_hosts(run, options.frames);
   FrameStore store(data, lidar_of(data));

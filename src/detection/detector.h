@@ -68,6 +68,9 @@ struct DetectorOptions {
   int threads = 0;  ///< 0: as set by set_thread_count
 };
 
+/// The weights file that load_detector would read (empty for fresh ones). Errors as load_detector's.
+std::filesystem::path weights_file(const DetectorOptions& options);
+
 /// Loads the plugin with dlopen. InputError, naming the file, when it is missing, unreadable, lacks the entry
 /// point, has another ABI version, or its weights are missing or wrong; Failure when it throws or fails
 /// later.

@@ -227,13 +227,17 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
 
 }  // namespace
 
+fs::path weights_file(const DetectorOptions& options) {
+  return options.fresh ? fs::path() : find_weights(options, find_plugin(options));
+}
+
 std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
   const Plugin plugin = open_plugin(find_plugin(options));
   const bool by_path = fs::path(options.detector).extension() == ".so";
   nlohmann::json settings = {{"seed", options.seed},
                              {"threads", options.threads > 0 ? options.threads : thread_count()}};
   if (!by_path) settings["modality"] = options.detector;
-  const fs::path weights = options.fresh ? fs::path() : find_weights(options, plugin.file);
+  const fs::path weights = weights_file(options);
   char error[kErrorSize] = "";
   const std::string text = settings.dump();
   void* instance = call_plugin(plugin, "create", [&] {

@@ -26,6 +26,7 @@ double seconds_since(Clock::time_point start) {
 /// What must agree for a run to go on.
 nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
   return {{"detector", options.detector},
+          {"data", fs::absolute(options.data).lexically_normal().string()},
           {"steps", options.steps},
           {"batch", options.batch},
           {"learning_rate", options.learning_rate},

@@ -14,6 +14,7 @@ struct Rig {
   std::string name;
   Calibration calibration;
   LidarModel lidar;
+  std::string text;  ///< the file itself
 };
 Rig read_rig(const std::filesystem::path& file);
 

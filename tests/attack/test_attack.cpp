@@ -129,6 +129,65 @@ TEST(AttackInput, ErrorsNameFileAndField) {
       testing::HasSubstr("none"));
 }
 
+TEST(AttackInput, OptionsThatNoRunCanUse) {
+  ScratchFolder folder;
+  test::write_tiny_data(folder.path / "data", 2);
+  const DetectorPool detectors = stand_ins();
+  const auto with = [&](const std::function<void(AttackSettings&)>& change) {
+    auto settings = settings_for(folder.path / "data", folder.path / "run", 1);
+    change(settings);
+    return error_of([&] { run_attack(settings, detectors); });
+  };
+  EXPECT_THAT(with([](auto& s) { s.simulation.raster.sigma = 0; }), testing::HasSubstr("--sigma"));
+  EXPECT_THAT(with([](auto& s) { s.simulation.raster.gamma = -1; }), testing::HasSubstr("--gamma"));
+  EXPECT_THAT(with([](auto& s) { s.vertex_rate = std::nan(""); }), testing::HasSubstr("--vertex-rate"));
+  EXPECT_THAT(with([](auto& s) { s.min_view = 2; }), testing::HasSubstr("--min-view"));
+  EXPECT_THAT(with([](auto& s) { s.iterations = -5; }), testing::HasSubstr("--iterations"));
+}
+
+/// A detector whose backward is not a number.
+class BrokenDetector : public StandInDetector {
+ public:
+  SensorGradient backward(std::span<const double> d_logits) override {
+    SensorGradient gradient = StandInDetector::backward(d_logits);
+    for (float& d : gradient.image.data) d = std::nanf("");
+    return gradient;
+  }
+};
+
+TEST(AttackInput, AGradientThatIsNotFiniteLeavesTheCheckpointGood) {
+  ScratchFolder folder;
+  test::write_tiny_data(folder.path / "data", 2);
+  run_attack(settings_for(folder.path / "data", folder.path / "run", 2), stand_ins());
+  const std::string before = read_file(folder.path / "run/checkpoint.json");
+  DetectorPool broken;
+  broken.push_back(std::make_unique<BrokenDetector>());
+  EXPECT_THROW(run_attack(settings_for(folder.path / "data", folder.path / "run", 4), broken), Failure);
+  EXPECT_EQ(read_file(folder.path / "run/checkpoint.json"), before);
+  EXPECT_FALSE(std::filesystem::exists(folder.path / "run/adversary.glb"));  // not this run's result
+}
+
+TEST(AttackInput, MoreFramesAreAnotherRun) {
+  ScratchFolder folder;
+  const DetectorPool detectors = stand_ins();
+  test::write_tiny_data(folder.path / "data", 2);
+  run_attack(settings_for(folder.path / "data", folder.path / "run", 1), detectors);
+  test::write_tiny_data(folder.path / "data", 4);  // the split is another one now
+  EXPECT_THAT(
+      error_of([&] { run_attack(settings_for(folder.path / "data", folder.path / "run", 2), detectors); }),
+      testing::HasSubstr("checkpoint.json: t"));
+}
+
+TEST(AttackThreads, OneAndTwoDetectorsGiveTheSameBits) {
+  ScratchFolder folder;
+  test::write_tiny_data(folder.path / "data", 3);
+  DetectorPool one;
+  one.push_back(std::make_unique<StandInDetector>());
+  run_attack(settings_for(folder.path / "data", folder.path / "one", 5), one);
+  run_attack(settings_for(folder.path / "data", folder.path / "two", 5), stand_ins());
+  EXPECT_EQ(read_file(folder.path / "one/adversary.glb"), read_file(folder.path / "two/adversary.glb"));
+}
+
 TEST(AttackSplit, SevenToThreeByFrameAndBySeed) {
   std::vector<std::string> frames, train, test, train2, test2;
   for (int i = 0; i < 40; ++i) frames.push_back(std::to_string(100 + i));

@@ -4,10 +4,12 @@
 #include <cmath>
 #include <cstring>
 #include <exception>
+#include <sstream>
 #include <stdexcept>
 #include <thread>
 
 #include "augment.h"
+#include "base/files.h"
 #include "loss.h"
 #include "region.h"
 
@@ -200,7 +202,10 @@ void FusionDetector::save(const std::string& file, bool with_optimiser) {
     optimiser_.save(optimiser);
     archive.write("optimiser", optimiser);
   }
-  archive.save_to(file);
+  // Through memory: LibTorch's file writer aborts the process when its destructor meets a full disk.
+  std::ostringstream bytes;
+  archive.save_to(bytes);
+  write_file(file, bytes.str());
 }
 
 void FusionDetector::load(const std::string& file) {

@@ -39,6 +39,7 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
             "choose another --out folder");
   }
   write_json(file, about);
+  write_file(out / "rig.toml", rig.text);  // other commands need the very LiDAR, not its name
 
   DatasetSummary sum;
   std::mutex mutex;

@@ -4,6 +4,7 @@
 
 #include "base/config.h"
 #include "base/error.h"
+#include "base/files.h"
 #include "scene/generator.h"
 
 namespace mirage {
@@ -30,6 +31,7 @@ Rig read_rig(const std::filesystem::path& file) {
     throw InputError(file.string(), "camera.camera_from_velo", "its 3x3 part is not a rotation",
                      "give an orthonormal, right-handed matrix [R | t], row by row");
   rig.lidar = read_lidar_model(file);
+  rig.text = read_file(file);
   return rig;
 }
 
