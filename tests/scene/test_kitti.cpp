@@ -216,7 +216,10 @@ TEST_F(Kitti, BrokenCalibration) {
   }
   EXPECT_THAT(with("P2", "P2: 72 0 x 0 0 72 17 0 0 0 1 0\n"), HasSubstr("P2, number 3: 'x' is not a number"));
   EXPECT_THAT(with("P2", "P2: 72 0 nan 0 0 72 17 0 0 0 1 0\n"), HasSubstr("not finite"));
-  EXPECT_THAT(with("P2", "P2: 72 0 600 0 0 72 17 0 0 0 1 0\n"), HasSubstr("outside the 124x38 image"));
+  EXPECT_THAT(with("P2", "P2: 72 0 600 0 0 72 17 0 0 0 1 0\n"),
+              HasSubstr("far from the middle of the 124x38 image"));
+  // A picture at half the size that its calibration was made for.
+  EXPECT_THAT(with("P2", "P2: 144 0 120 0 0 144 34 0 0 0 1 0\n"), HasSubstr("far from the middle"));
   EXPECT_THAT(with("P2", "P2: -72 0 60 0 0 72 17 0 0 0 1 0\n"), HasSubstr("P2"));
   EXPECT_THAT(with("R0_rect", "R0_rect: 1 0 0 0 1 0 0 0 -1\n"), HasSubstr("R0_rect: is not a rotation"));
   EXPECT_THAT(with("Tr_velo_to_cam", "Tr_velo_to_cam: 0 -1 0 500 0 0 -1 0 1 0 0 0\n"), HasSubstr("metres"));
