@@ -322,8 +322,9 @@ def main():
     evaluation = read_json(options.evaluation) if options.evaluation else None
     hosts = [read_json(os.path.join(folder, "hosts", name + ".json")) for name in result["hosts"]]
     hosts = [host for host in hosts if "matched" in host]
-    # Pictures of those that the detector found, the nearest first, then of the others.
-    shown = sorted(hosts, key=lambda host: (not host["detected"], host["range"]))[:PICTURED_HOSTS]
+    # Pictures of those that stay hidden under Cycles first, then of those that the detector found, the nearest first.
+    shown = sorted(hosts, key=lambda host: (not host["cycles"]["hidden"], not host["raster"]["hidden"],
+                                             not host["detected"], host["range"]))[:PICTURED_HOSTS]
     page = jinja2.Environment(autoescape=True).from_string(TEMPLATE).render(
         result=result, cards=headline(result, evaluation), loss=loss_curve(os.path.join(options.run, "loss.csv")),
         recall=recall_curve(evaluation), pictured=[host_view(folder, host, True) for host in shown],
