@@ -171,5 +171,47 @@ TEST(CommandLine, CtrlCKeepsFinishedFramesAndTheNextRunGoesOn) {
   EXPECT_TRUE(fs::exists(folder.path / "d/result.json"));
 }
 
+/// The chain up to Blender, with the shipped detector, and an attack that is stopped in the middle.
+TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
+  if (!fs::exists(fs::path(MIRAGE_BUILD) / "plugins/fusion.so"))
+    GTEST_SKIP() << "the fusion plugin was not built (MIRAGE_DETECTORS)";
+  Scratch folder;
+  const std::string data = folder.path / "data", attacked = folder.path / "run";
+  ASSERT_EQ(run(folder, {"generate", "--frames", "2", "--seed", "5", "--out", data, "--quiet"}).code, 0);
+  const auto attack = [&](const char* iterations) {
+    return std::vector<std::string>{"attack",   "--data", data,     "--iterations",
+                                    iterations, "--out",  attacked, "--quiet"};
+  };
+  const pid_t child = start(folder, attack("2000"));
+  const fs::path checkpoint = folder.path / "run/checkpoint.json";
+  for (int i = 0; i < 2400 && !fs::exists(checkpoint); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  ASSERT_TRUE(fs::exists(checkpoint));
+  kill(child, SIGINT);
+  const Outcome stopped = finish(folder, child);
+  EXPECT_EQ(stopped.code, 1);
+  EXPECT_THAT(stopped.err, HasSubstr("interrupted after"));
+  const int reached = read_json(checkpoint).at("iteration");
+  EXPECT_GE(reached, 10);
+
+  Outcome outcome = run(folder, {"evaluate", "--run", attacked, "--out", folder.path / "e"});
+  EXPECT_EQ(outcome.code, 2) << "an unfinished run was evaluated";
+  expect_one_line(outcome.err);
+  ASSERT_EQ(run(folder, attack(std::to_string(reached + 1).c_str())).code, 0);
+  EXPECT_EQ(read_json(folder.path / "run/result.json").at("iterations"), reached + 1);
+
+  outcome =
+      run(folder, {"evaluate", "--run", attacked, "--hosts", "all", "--out", folder.path / "e", "--quiet"});
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  const auto result = read_json(folder.path / "e/result.json");
+  for (const char* key : {"vehicles", "fn_asr", "fp_asr", "asr", "recall_iou"})
+    EXPECT_TRUE(result.contains(key)) << key;
+  ASSERT_EQ(
+      run(folder, {"export", "--run", attacked, "--frames", "1", "--out", folder.path / "g", "--quiet"}).code,
+      0);
+  EXPECT_TRUE(fs::exists(folder.path / "g/adversary.glb"));
+  EXPECT_EQ(read_file(folder.path / "g/adversary.glb"), read_file(folder.path / "run/adversary.glb"));
+}
+
 }  // namespace
 }  // namespace mirage
