@@ -191,7 +191,8 @@ std::string key_of(const ValidationSettings& settings, const Run& run, const fs:
 
 /// Whether the pictures that a stored result names are still there: the report embeds them.
 bool pictures_exist(const fs::path& out, const json& stored) {
-  for (const auto& [name, file] : stored.value("pictures", json::object()).items())
+  const json pictures = stored.value("pictures", json::object());
+  for (const auto& [name, file] : pictures.items())
     if (!file.is_string() || !fs::exists(out / file.get<std::string>())) return false;
   return true;
 }

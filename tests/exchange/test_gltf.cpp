@@ -57,9 +57,11 @@ void expect_identical(const TexturedMesh& a, const TexturedMesh& b) {
   ASSERT_EQ(a.atlas.texels.size(), b.atlas.texels.size());
   EXPECT_EQ(a.atlas.resolution, b.atlas.resolution);
   EXPECT_EQ(a.mesh.faces, b.mesh.faces);
-  const std::size_t bytes = sizeof(Vec3d);
-  EXPECT_EQ(0, std::memcmp(a.mesh.vertices.data(), b.mesh.vertices.data(), a.mesh.vertices.size() * bytes));
-  EXPECT_EQ(0, std::memcmp(a.atlas.texels.data(), b.atlas.texels.data(), a.atlas.texels.size() * bytes));
+  const auto same_bits = [](const std::vector<Vec3d>& x, const std::vector<Vec3d>& y) {
+    return x.empty() || std::memcmp(x.data(), y.data(), x.size() * sizeof(Vec3d)) == 0;
+  };
+  EXPECT_TRUE(same_bits(a.mesh.vertices, b.mesh.vertices));
+  EXPECT_TRUE(same_bits(a.atlas.texels, b.atlas.texels));
 }
 
 TEST(Gltf, AdversaryComesBackBitIdentical) {

@@ -191,7 +191,8 @@ struct GoldenCase {
 
 std::vector<GoldenCase> golden_cases() {
   std::vector<GoldenCase> cases;
-  for (const auto& json : read_json(golden_file()).at("cases")) {
+  const nlohmann::json file = read_json(golden_file());
+  for (const auto& json : file.at("cases")) {
     GoldenCase golden;
     golden.json = json;
     auto& [mesh, settings, target, upstream] = golden.problem;
