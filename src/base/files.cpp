@@ -5,13 +5,13 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <sstream>
 
 #include "base/error.h"
+#include "base/hash.h"
 
 namespace mirage {
 
@@ -28,9 +28,7 @@ std::string read_file(const fs::path& path) {
 }
 
 std::string content_hash(std::string_view bytes) {
-  std::uint64_t value = 14695981039346656037ull;
-  for (const unsigned char c : bytes) value = (value ^ c) * 1099511628211ull;
-  return fmt::format("{:016x}", value);
+  return fmt::format("{:016x}", fnv1a(bytes));
 }
 
 void make_output_folder(const fs::path& folder) {

@@ -1,5 +1,7 @@
 #include "base/random.h"
 
+#include "base/hash.h"
+
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wpedantic"
 #include <Random123/philox.h>
@@ -9,19 +11,9 @@
 #include <numbers>
 
 namespace mirage {
-namespace {
-
-// FNV-1a: stable across platforms, unlike std::hash.
-std::uint64_t hash(std::string_view text) {
-  std::uint64_t value = 14695981039346656037ull;
-  for (unsigned char c : text) value = (value ^ c) * 1099511628211ull;
-  return value;
-}
-
-}  // namespace
 
 RandomStream::RandomStream(std::uint64_t seed, std::string_view purpose, std::uint64_t index) {
-  const std::uint64_t key = seed ^ hash(purpose);
+  const std::uint64_t key = seed ^ fnv1a(purpose);
   key_[0] = static_cast<std::uint32_t>(key);
   key_[1] = static_cast<std::uint32_t>(key >> 32);
   counter_[0] = counter_[1] = 0;

@@ -8,12 +8,14 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "exchange/gltf.h"
+#include "support/files.h"
 
 namespace mirage {
 namespace {
 
-using test::ScratchFolder;
+using test::error_text;
 using test::StandInDetector;
+using test::TemporaryFolder;
 
 AttackSettings settings_for(const std::filesystem::path& data, const std::filesystem::path& out,
                             int iterations) {
@@ -33,40 +35,40 @@ DetectorPool stand_ins() {
 }
 
 TEST(Attack, LowersTheLossAndKeepsTheBox) {
-  ScratchFolder folder;
-  test::write_tiny_data(folder.path / "data", 3);
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
   const DetectorPool detectors = stand_ins();
-  const auto settings = settings_for(folder.path / "data", folder.path / "run", 25);
+  const auto settings = settings_for(folder / "data", folder / "run", 25);
   const AttackResult result = run_attack(settings, detectors);
   EXPECT_EQ(result.iterations, 25);
   EXPECT_EQ(result.vehicles_train + result.vehicles_test, 3);
-  const AttackState state = read_checkpoint(folder.path / "run/checkpoint.json",
-                                            read_json(folder.path / "run/checkpoint.json").at("identity"));
+  const AttackState state = read_checkpoint(folder / "run/checkpoint.json",
+                                            read_json(folder / "run/checkpoint.json").at("identity"));
   ASSERT_EQ(state.losses.size(), 25u);
   EXPECT_LT(state.losses.back().loss(), state.losses.front().loss());
   for (const Vec3d& v : state.adversary.mesh.vertices)
     EXPECT_TRUE((v.cwiseAbs().array() <= settings.limits.half.array() + 1e-12).all());
   for (const Vec3d& t : state.adversary.atlas.texels) EXPECT_TRUE(t.minCoeff() >= 0 && t.maxCoeff() <= 1);
-  const mirage::Run run = read_run(folder.path / "run");
+  const mirage::Run run = read_run(folder / "run");
   for (std::size_t i = 0; i < run.adversary.mesh.vertices.size(); ++i)
     EXPECT_EQ(run.adversary.mesh.vertices[i], state.adversary.mesh.vertices[i]);
 }
 
 TEST(Attack, ResumesToTheSameBits) {
-  ScratchFolder folder;
-  test::write_tiny_data(folder.path / "data", 3);
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
   const DetectorPool detectors = stand_ins();
-  run_attack(settings_for(folder.path / "data", folder.path / "whole", 7), detectors);
-  run_attack(settings_for(folder.path / "data", folder.path / "parts", 3), detectors);
-  run_attack(settings_for(folder.path / "data", folder.path / "parts", 7), detectors);
-  EXPECT_EQ(read_file(folder.path / "whole/adversary.glb"), read_file(folder.path / "parts/adversary.glb"));
-  EXPECT_EQ(read_file(folder.path / "whole/loss.csv"), read_file(folder.path / "parts/loss.csv"));
+  run_attack(settings_for(folder / "data", folder / "whole", 7), detectors);
+  run_attack(settings_for(folder / "data", folder / "parts", 3), detectors);
+  run_attack(settings_for(folder / "data", folder / "parts", 7), detectors);
+  EXPECT_EQ(read_file(folder / "whole/adversary.glb"), read_file(folder / "parts/adversary.glb"));
+  EXPECT_EQ(read_file(folder / "whole/loss.csv"), read_file(folder / "parts/loss.csv"));
 }
 
 TEST(Attack, TargetsGateTheGradientNotTheSensors) {
-  ScratchFolder folder;
-  test::write_tiny_data(folder.path / "data", 2);
-  const auto settings = settings_for(folder.path / "data", folder.path / "run", 1);
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 2);
+  const auto settings = settings_for(folder / "data", folder / "run", 1);
   FrameStore store(settings.data, lidar_of(settings.data));
   const DetectorPool detectors = stand_ins();
   const PreparedFrame& prepared = store.get("000000");
@@ -90,53 +92,45 @@ TEST(Attack, TargetsGateTheGradientNotTheSensors) {
 }
 
 TEST(Attack, RandomTargetIsTheBaselineMesh) {
-  ScratchFolder folder;
-  test::write_tiny_data(folder.path / "data", 2);
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 2);
   const DetectorPool detectors = stand_ins();
-  auto settings = settings_for(folder.path / "data", folder.path / "run", 5);
+  auto settings = settings_for(folder / "data", folder / "run", 5);
   settings.target = "random";
   run_attack(settings, detectors);
-  EXPECT_EQ(read_file(folder.path / "run/adversary.glb"), read_file(folder.path / "run/random.glb"));
-}
-
-std::string error_of(const std::function<void()>& work) {
-  try {
-    work();
-  } catch (const InputError& error) {
-    return error.what();
-  }
-  return "no InputError";
+  EXPECT_EQ(read_file(folder / "run/adversary.glb"), read_file(folder / "run/random.glb"));
 }
 
 TEST(AttackInput, ErrorsNameFileAndField) {
-  ScratchFolder folder;
+  TemporaryFolder folder;
   const DetectorPool detectors = stand_ins();
-  test::write_tiny_data(folder.path / "data", 2);
-  auto settings = settings_for(folder.path / "data", folder.path / "run", 1);
+  test::write_tiny_data(folder / "data", 2);
+  auto settings = settings_for(folder / "data", folder / "run", 1);
   settings.target = "camera";
-  EXPECT_THAT(error_of([&] { run_attack(settings, detectors); }), testing::HasSubstr("--target: camera"));
+  EXPECT_THAT(error_text<InputError>([&] { run_attack(settings, detectors); }),
+              testing::HasSubstr("--target: camera"));
   settings.target = "both";
   run_attack(settings, detectors);
   settings.batch = 3;
-  EXPECT_THAT(error_of([&] { run_attack(settings, detectors); }), testing::HasSubstr("batch"));
+  EXPECT_THAT(error_text<InputError>([&] { run_attack(settings, detectors); }), testing::HasSubstr("batch"));
   settings.batch = 2;
-  write_file(folder.path / "run/checkpoint.json", "{\"identity\": {");
-  EXPECT_THAT(error_of([&] { run_attack(settings, detectors); }),
+  write_file(folder / "run/checkpoint.json", "{\"identity\": {");
+  EXPECT_THAT(error_text<InputError>([&] { run_attack(settings, detectors); }),
               testing::HasSubstr("checkpoint.json: byte"));
-  EXPECT_THAT(error_of([&] { read_run(folder.path); }), testing::HasSubstr("run.json"));
+  EXPECT_THAT(error_text<InputError>([&] { read_run(folder.path()); }), testing::HasSubstr("run.json"));
   EXPECT_THAT(
-      error_of([&] { run_attack(settings_for(folder.path / "none", folder.path / "r", 1), detectors); }),
+      error_text<InputError>([&] { run_attack(settings_for(folder / "none", folder / "r", 1), detectors); }),
       testing::HasSubstr("none"));
 }
 
 TEST(AttackInput, OptionsThatNoRunCanUse) {
-  ScratchFolder folder;
-  test::write_tiny_data(folder.path / "data", 2);
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 2);
   const DetectorPool detectors = stand_ins();
   const auto with = [&](const std::function<void(AttackSettings&)>& change) {
-    auto settings = settings_for(folder.path / "data", folder.path / "run", 1);
+    auto settings = settings_for(folder / "data", folder / "run", 1);
     change(settings);
-    return error_of([&] { run_attack(settings, detectors); });
+    return error_text<InputError>([&] { run_attack(settings, detectors); });
   };
   EXPECT_THAT(with([](auto& s) { s.simulation.raster.sigma = 0; }), testing::HasSubstr("--sigma"));
   EXPECT_THAT(with([](auto& s) { s.simulation.raster.gamma = -1; }), testing::HasSubstr("--gamma"));
@@ -156,36 +150,36 @@ class BrokenDetector : public StandInDetector {
 };
 
 TEST(AttackInput, AGradientThatIsNotFiniteLeavesTheCheckpointGood) {
-  ScratchFolder folder;
-  test::write_tiny_data(folder.path / "data", 2);
-  run_attack(settings_for(folder.path / "data", folder.path / "run", 2), stand_ins());
-  const std::string before = read_file(folder.path / "run/checkpoint.json");
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 2);
+  run_attack(settings_for(folder / "data", folder / "run", 2), stand_ins());
+  const std::string before = read_file(folder / "run/checkpoint.json");
   DetectorPool broken;
   broken.push_back(std::make_unique<BrokenDetector>());
-  EXPECT_THROW(run_attack(settings_for(folder.path / "data", folder.path / "run", 4), broken), Failure);
-  EXPECT_EQ(read_file(folder.path / "run/checkpoint.json"), before);
-  EXPECT_FALSE(std::filesystem::exists(folder.path / "run/adversary.glb"));  // not this run's result
+  EXPECT_THROW(run_attack(settings_for(folder / "data", folder / "run", 4), broken), Failure);
+  EXPECT_EQ(read_file(folder / "run/checkpoint.json"), before);
+  EXPECT_FALSE(std::filesystem::exists(folder / "run/adversary.glb"));  // not this run's result
 }
 
 TEST(AttackInput, MoreFramesAreAnotherRun) {
-  ScratchFolder folder;
+  TemporaryFolder folder;
   const DetectorPool detectors = stand_ins();
-  test::write_tiny_data(folder.path / "data", 2);
-  run_attack(settings_for(folder.path / "data", folder.path / "run", 1), detectors);
-  test::write_tiny_data(folder.path / "data", 4);  // the split is another one now
-  EXPECT_THAT(
-      error_of([&] { run_attack(settings_for(folder.path / "data", folder.path / "run", 2), detectors); }),
-      testing::HasSubstr("checkpoint.json: t"));
+  test::write_tiny_data(folder / "data", 2);
+  run_attack(settings_for(folder / "data", folder / "run", 1), detectors);
+  test::write_tiny_data(folder / "data", 4);  // the split is another one now
+  EXPECT_THAT(error_text<InputError>(
+                  [&] { run_attack(settings_for(folder / "data", folder / "run", 2), detectors); }),
+              testing::HasSubstr("checkpoint.json: t"));
 }
 
 TEST(AttackThreads, OneAndTwoDetectorsGiveTheSameBits) {
-  ScratchFolder folder;
-  test::write_tiny_data(folder.path / "data", 3);
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
   DetectorPool one;
   one.push_back(std::make_unique<StandInDetector>());
-  run_attack(settings_for(folder.path / "data", folder.path / "one", 5), one);
-  run_attack(settings_for(folder.path / "data", folder.path / "two", 5), stand_ins());
-  EXPECT_EQ(read_file(folder.path / "one/adversary.glb"), read_file(folder.path / "two/adversary.glb"));
+  run_attack(settings_for(folder / "data", folder / "one", 5), one);
+  run_attack(settings_for(folder / "data", folder / "two", 5), stand_ins());
+  EXPECT_EQ(read_file(folder / "one/adversary.glb"), read_file(folder / "two/adversary.glb"));
 }
 
 TEST(AttackSplit, SevenToThreeByFrameAndBySeed) {

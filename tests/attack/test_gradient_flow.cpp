@@ -1,4 +1,5 @@
-// No stop-gradient anywhere: from a proposal's logit of the real detector to the adversary, one sensor at a time.
+// No stop-gradient anywhere: from a proposal's logit of the real detector to the adversary, one sensor at a
+// time.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -50,7 +51,8 @@ TEST(GradientFlow, FromALogitToTheAdversaryThroughEachSensorAlone) {
   host.box = {{12, 0.5, 4, 1.7, 0.1}, -1.73, 1.5};
   frame.labels = {host};
   const PreparedFrame prepared = prepare(frame, rig.lidar);
-  const Simulated simulated = simulate(prepared, host, BoxRooftopFinder().find(frame, host), random_adversary(1));
+  const Simulated simulated =
+      simulate(prepared, host, BoxRooftopFinder().find(frame, host), random_adversary(1));
   ASSERT_GT(simulated.adversary_pixels, 500);
   ASSERT_GT(simulated.adversary_points, 20);
 
@@ -67,8 +69,8 @@ TEST(GradientFlow, FromALogitToTheAdversaryThroughEachSensorAlone) {
 
   const Norms lidar = norms(simulate_vjp(simulated, ImageF(), gradient.points));
   const Norms image = norms(simulate_vjp(simulated, gradient.image, {}));
-  std::printf("|d logit / d vertices| LiDAR %.2e, image %.2e; |d logit / d texels| image %.2e\n", lidar.vertices,
-              image.vertices, image.texels);
+  std::printf("|d logit / d vertices| LiDAR %.2e, image %.2e; |d logit / d texels| image %.2e\n",
+              lidar.vertices, image.vertices, image.texels);
   EXPECT_GT(lidar.vertices, 0);
   EXPECT_EQ(lidar.texels, 0);  // reflectivity belongs to the material
   EXPECT_GT(image.vertices, 0);

@@ -72,14 +72,4 @@ class StandInDetector : public Detector {
   std::vector<LidarPoint> points_;
 };
 
-/// A folder that goes away with the object.
-struct ScratchFolder {
-  std::filesystem::path path;
-  ScratchFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "mirage-test-XXXXXX").string();
-    path = mkdtemp(name.data());
-  }
-  ~ScratchFolder() { std::filesystem::remove_all(path); }
-};
-
 }  // namespace mirage::test

@@ -12,23 +12,16 @@
 #include <thread>
 
 #include "base/files.h"
+#include "support/files.h"
 
 namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
+using test::TemporaryFolder;
 using testing::HasSubstr;
 
 const std::string kProgram = std::string(MIRAGE_BUILD) + "/mirage";
-
-struct Scratch {
-  fs::path path;
-  Scratch() {
-    std::string name = (fs::temp_directory_path() / "mirage-cli-XXXXXX").string();
-    path = mkdtemp(name.data());
-  }
-  ~Scratch() { fs::remove_all(path); }
-};
 
 struct Outcome {
   int code = -1;
@@ -36,13 +29,13 @@ struct Outcome {
 };
 
 /// Starts the program with its output in files under `folder`.
-pid_t start(const Scratch& folder, const std::vector<std::string>& arguments,
+pid_t start(const TemporaryFolder& folder, const std::vector<std::string>& arguments,
             const std::vector<std::pair<std::string, std::string>>& environment = {}) {
   const pid_t child = fork();
   if (child != 0) return child;
   for (const auto& [name, value] : environment) setenv(name.c_str(), value.c_str(), 1);
-  if (!freopen((folder.path / "out.txt").c_str(), "w", stdout)) _exit(99);
-  if (!freopen((folder.path / "err.txt").c_str(), "w", stderr)) _exit(99);
+  if (!freopen((folder / "out.txt").c_str(), "w", stdout)) _exit(99);
+  if (!freopen((folder / "err.txt").c_str(), "w", stderr)) _exit(99);
   std::vector<char*> argv{const_cast<char*>(kProgram.c_str())};
   for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));
   argv.push_back(nullptr);
@@ -50,14 +43,14 @@ pid_t start(const Scratch& folder, const std::vector<std::string>& arguments,
   _exit(98);
 }
 
-Outcome finish(const Scratch& folder, pid_t child) {
+Outcome finish(const TemporaryFolder& folder, pid_t child) {
   int status = 0;
   waitpid(child, &status, 0);
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status),
-          read_file(folder.path / "out.txt"), read_file(folder.path / "err.txt")};
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), read_file(folder / "out.txt"),
+          read_file(folder / "err.txt")};
 }
 
-Outcome run(const Scratch& folder, const std::vector<std::string>& arguments,
+Outcome run(const TemporaryFolder& folder, const std::vector<std::string>& arguments,
             const std::vector<std::pair<std::string, std::string>>& environment = {}) {
   return finish(folder, start(folder, arguments, environment));
 }
@@ -69,7 +62,7 @@ void expect_one_line(const std::string& err) {
 }
 
 TEST(CommandLine, HelpNamesEveryCommand) {
-  Scratch folder;
+  TemporaryFolder folder;
   const Outcome outcome = run(folder, {"--help"});
   EXPECT_EQ(outcome.code, 0);
   for (const char* command :
@@ -78,7 +71,7 @@ TEST(CommandLine, HelpNamesEveryCommand) {
 }
 
 TEST(CommandLine, WrongArgumentsExitWithTwo) {
-  Scratch folder;
+  TemporaryFolder folder;
   for (const auto& arguments : std::vector<std::vector<std::string>>{
            {"fly"}, {}, {"attack"}, {"generate", "--frames", "many"}, {"generate", "--no-such-option"}}) {
     const Outcome outcome = run(folder, arguments);
@@ -88,26 +81,25 @@ TEST(CommandLine, WrongArgumentsExitWithTwo) {
 }
 
 TEST(CommandLine, AConfigSetsOptionsAndAnUnknownKeyIsAnError) {
-  Scratch folder;
-  const fs::path config = folder.path / "run.toml";
+  TemporaryFolder folder;
+  const fs::path config = folder / "run.toml";
   std::ofstream(config) << "frames = 1\nrig = \"no-such-rig\"\n";
-  Outcome outcome = run(folder, {"generate", "--config", config, "--out", folder.path / "d"});
+  Outcome outcome = run(folder, {"generate", "--config", config, "--out", folder / "d"});
   EXPECT_EQ(outcome.code, 2);
   EXPECT_THAT(outcome.err, HasSubstr("no-such-rig"));
   std::ofstream(config) << "frames = 1\nfarmes = 2\n";
-  outcome = run(folder, {"generate", "--config", config, "--out", folder.path / "d"});
+  outcome = run(folder, {"generate", "--config", config, "--out", folder / "d"});
   EXPECT_EQ(outcome.code, 2);
   expect_one_line(outcome.err);
   EXPECT_THAT(outcome.err, HasSubstr("run.toml: farmes"));
 }
 
 TEST(CommandLine, MissingAndEmptyDataSets) {
-  Scratch folder;
-  fs::create_directories(folder.path / "empty/training/velodyne");
+  TemporaryFolder folder;
+  fs::create_directories(folder / "empty/training/velodyne");
   for (const char* data : {"none", "empty"})
     for (const char* command : {"attack", "detect"}) {
-      const Outcome outcome =
-          run(folder, {command, "--data", folder.path / data, "--out", folder.path / "o"});
+      const Outcome outcome = run(folder, {command, "--data", folder / data, "--out", folder / "o"});
       EXPECT_EQ(outcome.code, 2) << command << ' ' << data << ' ' << outcome.err;
       expect_one_line(outcome.err);
       EXPECT_THAT(outcome.err, HasSubstr(data));
@@ -115,16 +107,16 @@ TEST(CommandLine, MissingAndEmptyDataSets) {
 }
 
 TEST(CommandLine, AMissingPluginIsNamed) {
-  Scratch folder;
-  const Outcome outcome = run(folder, {"detect", "--data", folder.path, "--detector", "/no/such/plugin.so",
-                                       "--out", folder.path / "o"});
+  TemporaryFolder folder;
+  const Outcome outcome = run(
+      folder, {"detect", "--data", folder.path(), "--detector", "/no/such/plugin.so", "--out", folder / "o"});
   EXPECT_EQ(outcome.code, 2);
   expect_one_line(outcome.err);
   EXPECT_THAT(outcome.err, HasSubstr("/no/such/plugin.so"));
 }
 
 TEST(CommandLine, AnOutputFolderThatCannotBeWritten) {
-  Scratch folder;
+  TemporaryFolder folder;
   const Outcome outcome = run(folder, {"generate", "--frames", "1", "--out", "/proc/nowhere"});
   EXPECT_EQ(outcome.code, 1);
   expect_one_line(outcome.err);
@@ -132,8 +124,8 @@ TEST(CommandLine, AnOutputFolderThatCannotBeWritten) {
 }
 
 TEST(CommandLine, AFullDiskKeepsWhatWasFinished) {
-  Scratch folder;
-  const fs::path disk = folder.path / "disk";
+  TemporaryFolder folder;
+  const fs::path disk = folder / "disk";
   fs::create_directories(disk);
   if (mount("tmpfs", disk.c_str(), "tmpfs", 0, "size=2500k") != 0)
     GTEST_SKIP() << "a small file system cannot be mounted here (root is needed)";
@@ -150,11 +142,11 @@ TEST(CommandLine, AFullDiskKeepsWhatWasFinished) {
 }
 
 TEST(CommandLine, CtrlCKeepsFinishedFramesAndTheNextRunGoesOn) {
-  Scratch folder;
-  const std::vector<std::string> arguments{"generate", "--frames",        "3",      "--seed", "4",
-                                           "--out",    folder.path / "d", "--quiet"};
+  TemporaryFolder folder;
+  const std::vector<std::string> arguments{"generate", "--frames", "3",          "--seed",
+                                           "4",        "--out",    folder / "d", "--quiet"};
   const pid_t child = start(folder, arguments);
-  const fs::path first = folder.path / "d/training/velodyne/000000.bin";
+  const fs::path first = folder / "d/training/velodyne/000000.bin";
   for (int i = 0; i < 1200 && !fs::exists(first); ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
   ASSERT_TRUE(fs::exists(first));
@@ -167,23 +159,23 @@ TEST(CommandLine, CtrlCKeepsFinishedFramesAndTheNextRunGoesOn) {
   const Outcome outcome = run(folder, arguments);
   EXPECT_EQ(outcome.code, 0) << outcome.err;
   EXPECT_EQ(read_file(first), before);
-  EXPECT_TRUE(fs::exists(folder.path / "d/training/label_2/000002.txt"));
-  EXPECT_TRUE(fs::exists(folder.path / "d/result.json"));
+  EXPECT_TRUE(fs::exists(folder / "d/training/label_2/000002.txt"));
+  EXPECT_TRUE(fs::exists(folder / "d/result.json"));
 }
 
 /// The chain up to Blender, with the shipped detector, and an attack that is stopped in the middle.
 TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   if (!fs::exists(fs::path(MIRAGE_BUILD) / "plugins/fusion.so"))
     GTEST_SKIP() << "the fusion plugin was not built (MIRAGE_DETECTORS)";
-  Scratch folder;
-  const std::string data = folder.path / "data", attacked = folder.path / "run";
+  TemporaryFolder folder;
+  const std::string data = folder / "data", attacked = folder / "run";
   ASSERT_EQ(run(folder, {"generate", "--frames", "2", "--seed", "5", "--out", data, "--quiet"}).code, 0);
   const auto attack = [&](const char* iterations) {
     return std::vector<std::string>{"attack",   "--data", data,     "--iterations",
                                     iterations, "--out",  attacked, "--quiet"};
   };
   const pid_t child = start(folder, attack("2000"));
-  const fs::path checkpoint = folder.path / "run/checkpoint.json";
+  const fs::path checkpoint = folder / "run/checkpoint.json";
   for (int i = 0; i < 2400 && !fs::exists(checkpoint); ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
   ASSERT_TRUE(fs::exists(checkpoint));
@@ -194,23 +186,21 @@ TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   const int reached = read_json(checkpoint).at("iteration");
   EXPECT_GE(reached, 10);
 
-  Outcome outcome = run(folder, {"evaluate", "--run", attacked, "--out", folder.path / "e"});
+  Outcome outcome = run(folder, {"evaluate", "--run", attacked, "--out", folder / "e"});
   EXPECT_EQ(outcome.code, 2) << "an unfinished run was evaluated";
   expect_one_line(outcome.err);
   ASSERT_EQ(run(folder, attack(std::to_string(reached + 1).c_str())).code, 0);
-  EXPECT_EQ(read_json(folder.path / "run/result.json").at("iterations"), reached + 1);
+  EXPECT_EQ(read_json(folder / "run/result.json").at("iterations"), reached + 1);
 
-  outcome =
-      run(folder, {"evaluate", "--run", attacked, "--hosts", "all", "--out", folder.path / "e", "--quiet"});
+  outcome = run(folder, {"evaluate", "--run", attacked, "--hosts", "all", "--out", folder / "e", "--quiet"});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
-  const auto result = read_json(folder.path / "e/result.json");
+  const auto result = read_json(folder / "e/result.json");
   for (const char* key : {"vehicles", "fn_asr", "fp_asr", "asr", "recall_iou"})
     EXPECT_TRUE(result.contains(key)) << key;
   ASSERT_EQ(
-      run(folder, {"export", "--run", attacked, "--frames", "1", "--out", folder.path / "g", "--quiet"}).code,
-      0);
-  EXPECT_TRUE(fs::exists(folder.path / "g/adversary.glb"));
-  EXPECT_EQ(read_file(folder.path / "g/adversary.glb"), read_file(folder.path / "run/adversary.glb"));
+      run(folder, {"export", "--run", attacked, "--frames", "1", "--out", folder / "g", "--quiet"}).code, 0);
+  EXPECT_TRUE(fs::exists(folder / "g/adversary.glb"));
+  EXPECT_EQ(read_file(folder / "g/adversary.glb"), read_file(folder / "run/adversary.glb"));
 }
 
 }  // namespace
