@@ -18,6 +18,8 @@ mirage_package(spdlog libspdlog-dev)
 mirage_package(nlohmann_json nlohmann-json3-dev)
 mirage_package(CLI11 libcli11-dev)
 mirage_package(embree libembree-dev 3)
+mirage_package(Ceres libceres-dev 2)
+mirage_package(assimp libassimp-dev 5)
 
 # Found by hand: OpenCV's CMake package comes only with all of OpenCV, and OpenImageIO's asks for a PyImath
 # library, its command-line tools and OpenCV, which nobody needs (DESIGN, section 7).
@@ -32,12 +34,15 @@ find_path(TOMLPLUSPLUS_INCLUDE toml++/toml.h)
 find_library(TOMLPLUSPLUS_LIBRARY tomlplusplus)
 find_path(RANDOM123_INCLUDE Random123/philox.h)
 find_path(TINYGLTF_INCLUDE tiny_gltf.h)
+find_path(HIGHWAY_INCLUDE hwy/highway.h)
+find_library(HIGHWAY_LIBRARY hwy)
 find_library(TINYGLTF_LIBRARY tinygltf)
 foreach(package "OPENIMAGEIO_INCLUDE libopenimageio-dev" "OPENIMAGEIO_LIBRARY libopenimageio-dev"
                 "OPENIMAGEIO_UTIL libopenimageio-dev" "IMATH_INCLUDE libimath-dev"
                 "OPENCV_INCLUDE libopencv-imgproc-dev" "OPENCV_CORE libopencv-core-dev"
                 "OPENCV_IMGPROC libopencv-imgproc-dev" "TOMLPLUSPLUS_INCLUDE libtomlplusplus-dev"
-                "RANDOM123_INCLUDE librandom123-dev" "TINYGLTF_INCLUDE libtinygltf-dev")
+                "RANDOM123_INCLUDE librandom123-dev" "TINYGLTF_INCLUDE libtinygltf-dev"
+                "HIGHWAY_INCLUDE libhwy-dev" "HIGHWAY_LIBRARY libhwy-dev")
   separate_arguments(package)
   list(GET package 0 variable)
   list(GET package 1 debian)
@@ -59,3 +64,6 @@ target_include_directories(mirage_gltf SYSTEM INTERFACE ${TINYGLTF_INCLUDE})
 if(TINYGLTF_LIBRARY)
   target_link_libraries(mirage_gltf INTERFACE ${TINYGLTF_LIBRARY})
 endif()
+add_library(mirage_simd INTERFACE)
+target_include_directories(mirage_simd SYSTEM INTERFACE ${HIGHWAY_INCLUDE})
+target_link_libraries(mirage_simd INTERFACE ${HIGHWAY_LIBRARY})

@@ -364,7 +364,7 @@ json validate(const ValidationSettings& given) {
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
   BlenderWorker blender(settings.out / "blender.log");
   const auto detector = load_detector(settings.detector);
-  FrameStore store(settings.data, lidar_of(settings.data));
+  FrameStore store(settings.data, lidar_of(settings.data), load_depth_completion({run.depth}));
   Context context{settings, run, store, *detector, blender, {}};
   const std::string key = key_of(settings, run, settings.data);
   Progress progress("validate", hosts.size(), settings.quiet);

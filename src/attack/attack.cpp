@@ -29,21 +29,25 @@ double seconds_since(Clock::time_point start) {
 /// What a checkpoint must agree with. Iterations are not in it: a finished run can be prolonged.
 nlohmann::json identity(const AttackSettings& settings) {
   const auto& weights = settings.detector.weights;
-  return {{"data", std::filesystem::absolute(settings.data).lexically_normal().string()},
-          {"detector", settings.detector.detector},
-          {"weights", weights.empty() ? "" : std::filesystem::absolute(weights).lexically_normal().string()},
-          {"weights_hash", settings.weights_hash},
-          {"target", settings.target},
-          {"seed", settings.seed},
-          {"batch", settings.batch},
-          {"vertex_rate", settings.vertex_rate},
-          {"texel_rate", settings.texel_rate},
-          {"min_view", settings.min_view},
-          {"limits", {settings.limits.half.x(), settings.limits.half.y(), settings.limits.half.z()}},
-          {"lambda_fp", settings.objective.lambda_fp},
-          {"lambda_laplacian", settings.objective.lambda_laplacian},
-          {"relevant_score", settings.objective.relevant_score},
-          {"simulation", to_json(settings.simulation)}};
+  nlohmann::json id = {
+      {"data", std::filesystem::absolute(settings.data).lexically_normal().string()},
+      {"detector", settings.detector.detector},
+      {"weights", weights.empty() ? "" : std::filesystem::absolute(weights).lexically_normal().string()},
+      {"weights_hash", settings.weights_hash},
+      {"target", settings.target},
+      {"seed", settings.seed},
+      {"batch", settings.batch},
+      {"vertex_rate", settings.vertex_rate},
+      {"texel_rate", settings.texel_rate},
+      {"min_view", settings.min_view},
+      {"limits", {settings.limits.half.x(), settings.limits.half.y(), settings.limits.half.z()}},
+      {"lambda_fp", settings.objective.lambda_fp},
+      {"lambda_laplacian", settings.objective.lambda_laplacian},
+      {"relevant_score", settings.objective.relevant_score},
+      {"simulation", to_json(settings.simulation)}};
+  // Only where it differs, so that runs of before the choice go on.
+  if (settings.depth != AttackSettings().depth) id["depth"] = settings.depth;
+  return id;
 }
 
 /// The hosts of one iteration: an endless sequence of shuffled passes over all hosts, by seed alone.
@@ -169,7 +173,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 
-  FrameStore store(settings.data, lidar_of(settings.data));
+  FrameStore store(settings.data, lidar_of(settings.data), load_depth_completion({settings.depth}));
   std::vector<std::string> train_frames, test_frames;
   split_frames(list_frames(settings.data), settings.seed, train_frames, test_frames);
   const auto train = find_all_hosts(store, train_frames, detectors.front()->region(), settings.simulation,

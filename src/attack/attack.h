@@ -20,7 +20,8 @@ AttackTarget parse_target(const std::string& word);
 struct AttackSettings {
   std::filesystem::path data, out;
   DetectorOptions detector;
-  std::string weights_hash;  ///< content_hash of the weights; run_attack(settings) fills it in
+  std::string weights_hash;        ///< content_hash of the weights; run_attack(settings) fills it in
+  std::string depth = "ip-basic";  ///< depth completion of the photographs (scene/depth/learned_depth.h)
   std::string target = "both";
   int iterations = 300;
   int batch = 2;  ///< hosts an iteration; their losses are averaged

@@ -20,7 +20,7 @@ const PreparedFrame& FrameStore::get(const std::string& id) {
   if (!slot) {
     Frame frame = read_frame(data_, id);
     frame.sweep = points_in_view(frame.sweep, frame.calibration);
-    isolated([&] { slot = std::make_unique<PreparedFrame>(prepare(std::move(frame), lidar_)); });
+    isolated([&] { slot = std::make_unique<PreparedFrame>(prepare(std::move(frame), lidar_, depth_.get())); });
   }
   return *slot;
 }

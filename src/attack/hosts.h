@@ -11,6 +11,7 @@
 
 #include "attack/run.h"
 #include "detection/detector.h"
+#include "scene/depth/learned_depth.h"
 #include "scene/insertion.h"
 
 namespace mirage {
@@ -24,7 +25,10 @@ struct Host {
 /// The frames of a data set, read and prepared once, by id. Several threads may ask at once.
 class FrameStore {
  public:
-  FrameStore(std::filesystem::path data, const LidarModel& lidar) : data_(std::move(data)), lidar_(lidar) {}
+  /// `depth` completes the photographs' depth; without one, IpBasic.
+  FrameStore(std::filesystem::path data, const LidarModel& lidar,
+             std::shared_ptr<const DepthCompletion> depth = nullptr)
+      : data_(std::move(data)), lidar_(lidar), depth_(std::move(depth)) {}
   /// Reads and prepares the frame at first use; only measured points inside the photograph are kept, as
   /// KITTI's detectors do.
   const PreparedFrame& get(const std::string& id);
@@ -32,6 +36,7 @@ class FrameStore {
  private:
   std::filesystem::path data_;
   LidarModel lidar_;
+  std::shared_ptr<const DepthCompletion> depth_;
   std::mutex mutex_;
   std::map<std::string, std::unique_ptr<PreparedFrame>> frames_;
 };

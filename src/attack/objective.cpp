@@ -11,6 +11,7 @@ double softplus(double x) {
 
 ObjectiveValue objective(std::span<const Proposal> proposals, const BevBox& host,
                          std::span<const BevBox> ground_truth, const ObjectiveSettings& settings) {
+  check_proposals(proposals);
   ObjectiveValue value;
   value.d_logits.assign(proposals.size(), 0.0);
   for (std::size_t i = 0; i < proposals.size(); ++i) {

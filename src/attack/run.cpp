@@ -54,6 +54,7 @@ Run read_run(const std::filesystem::path& folder) {
     run.detector = json.at("detector");
     run.weights = json.at("weights").get<std::string>();
     run.target = json.at("target");
+    run.depth = json.value("depth", run.depth);
     const auto read_hosts = [](const nlohmann::json& list) {
       std::vector<HostId> hosts;
       for (const auto& host : list) hosts.push_back({host.at("frame"), host.at("label")});

@@ -4,6 +4,7 @@
 #include <toml++/toml.h>
 
 #include <cmath>
+#include <sstream>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -29,13 +30,50 @@ nlohmann::json to_json(const toml::node& node) {
   return nullptr;
 }
 
+toml::table to_table(const nlohmann::json& object);
+toml::array to_array(const nlohmann::json& list);
+
+/// Adds a JSON value through `add`, which takes any TOML value.
+template <class Add>
+void add_value(const nlohmann::json& value, const Add& add) {
+  if (value.is_object()) return add(to_table(value));
+  if (value.is_array()) return add(to_array(value));
+  if (value.is_string()) return add(value.get<std::string>());
+  if (value.is_boolean()) return add(value.get<bool>());
+  if (value.is_number_integer()) return add(value.get<std::int64_t>());
+  add(value.get<double>());
+}
+
+toml::table to_table(const nlohmann::json& object) {
+  toml::table table;
+  for (const auto& [key, value] : object.items())
+    add_value(value, [&, name = key](auto&& v) { table.insert_or_assign(name, v); });
+  return table;
+}
+
+toml::array to_array(const nlohmann::json& list) {
+  toml::array array;
+  for (const auto& value : list) add_value(value, [&](auto&& v) { array.push_back(v); });
+  return array;
+}
+
 }  // namespace
 
+std::string toml_text(const nlohmann::json& object) {
+  std::ostringstream out;
+  out << to_table(object) << '\n';
+  return out.str();
+}
+
 nlohmann::json read_toml(const std::filesystem::path& path) {
+  return parse_toml(read_file(path), path.string());
+}
+
+nlohmann::json parse_toml(const std::string& text, const std::string& name) {
   try {
-    return to_json(toml::parse(read_file(path), path.string()));
+    return to_json(toml::parse(text, name));
   } catch (const toml::parse_error& error) {
-    throw InputError(path.string(), fmt::format("line {}", error.source().begin.line),
+    throw InputError(name, fmt::format("line {}", error.source().begin.line),
                      std::string(error.description()), "mend the TOML syntax");
   }
 }

@@ -11,6 +11,10 @@ namespace mirage {
 
 /// The file as JSON. InputError naming file and line when it is not TOML. Dates are not supported.
 nlohmann::json read_toml(const std::filesystem::path& path);
+/// The same from a text; `name` stands for the file in errors.
+nlohmann::json parse_toml(const std::string& text, const std::string& name);
+/// An object of tables, lists, texts, numbers and booleans as TOML; read_toml gives it back, bit by bit.
+std::string toml_text(const nlohmann::json& object);
 
 /// A table of a TOML file. Each getter throws InputError, naming file and key, when the key is missing, of
 /// another type or out of [low, high].
@@ -18,6 +22,9 @@ class ConfigTable {
  public:
   static ConfigTable read(const std::filesystem::path& path) { return {path.string(), "", read_toml(path)}; }
 
+  /// Whether an optional key is there.
+  bool has(const std::string& key) const { return values_.contains(key); }
+  bool is_text(const std::string& key) const { return has(key) && values_.at(key).is_string(); }
   double number(const std::string& key, double low, double high);
   std::string text(const std::string& key);
   /// `count` numbers; any count when 0.

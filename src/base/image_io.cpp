@@ -4,6 +4,7 @@
 #include <OpenImageIO/imageio.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -102,6 +103,28 @@ void read_image_size(const fs::path& path, int& width, int& height) {
   auto input = open_image(path);
   width = input->spec().width;
   height = input->spec().height;
+}
+
+void write_depth_png(const fs::path& path, const ImageF& depth) {
+  std::vector<std::uint16_t> words(depth.data.size());
+  for (std::size_t i = 0; i < words.size(); ++i)
+    if (const float z = depth.data[i]; z > 0)
+      words[i] = static_cast<std::uint16_t>(std::clamp(std::round(256 * std::min(z, 1e3f)), 1.f, 65535.f));
+  write_image(path, depth, OIIO::TypeDesc::UINT16, words.data());
+}
+
+ImageF read_depth_png(const fs::path& path) {
+  auto input = open_image(path);
+  const OIIO::ImageSpec& spec = input->spec();
+  if (spec.nchannels != 1 || spec.format != OIIO::TypeDesc::UINT16)
+    throw InputError(path.string(), "header", "not a 16-bit grey picture",
+                     "store depth as KITTI does: 16-bit PNG of 256 times the metres");
+  std::vector<std::uint16_t> words(static_cast<std::size_t>(spec.width) * spec.height);
+  if (!input->read_image(0, 0, 0, 1, OIIO::TypeDesc::UINT16, words.data()))
+    bad_pixels(path, input->geterror());
+  ImageF depth(spec.width, spec.height, 1);
+  for (std::size_t i = 0; i < words.size(); ++i) depth.data[i] = static_cast<float>(words[i]) / 256;
+  return depth;
 }
 
 ImageF read_exr(const fs::path& path) {

@@ -16,6 +16,12 @@ std::string encode_srgb_png(const ImageF& linear);
 /// Width and height from the file's header only.
 void read_image_size(const std::filesystem::path& path, int& width, int& height);
 
+/// Depth (m, one channel) as KITTI's depth benchmark stores it: 16-bit PNG of round(256 · depth), 0 where
+/// there is none. Quantised to 1/256 m; depths beyond 255.99 m are stored as that. Written atomically.
+void write_depth_png(const std::filesystem::path& path, const ImageF& depth);
+/// InputError if it is not a 16-bit grey PNG.
+ImageF read_depth_png(const std::filesystem::path& path);
+
 /// Reads an EXR as it is: float, all channels of the first part.
 ImageF read_exr(const std::filesystem::path& path);
 /// Writes float channels unchanged (32-bit), atomically.

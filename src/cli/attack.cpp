@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "cli/command.h"
+#include "cli/depth_options.h"
 #include "cli/detector_options.h"
 #include "cli/table.h"
 
@@ -15,6 +16,7 @@ Command attack_command() {
   command.options = [settings](CLI::App& app) {
     app.add_option("--data", settings->data, "data set in KITTI layout")->required();
     add_detector_options(app, settings->detector);
+    add_depth_option(app, settings->depth);
     app.add_option("--target", settings->target, "both, image, lidar or random")->capture_default_str();
     app.add_option("--iterations", settings->iterations, "Adam steps")->capture_default_str();
     app.add_option("--batch", settings->batch, "host vehicles a step")->capture_default_str();

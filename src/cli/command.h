@@ -28,6 +28,7 @@ struct Command {
 
 Command generate_command();
 Command simulate_command();
+Command fit_command();
 Command train_command();
 Command detect_command();
 Command attack_command();
@@ -35,5 +36,6 @@ Command evaluate_command();
 Command export_command();
 Command validate_command();
 Command demo_command();
+Command depth_command();
 
 }  // namespace mirage::cli

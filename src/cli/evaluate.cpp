@@ -15,7 +15,7 @@ struct Options {
   std::filesystem::path run, data;
   DetectorOptions detector;
   EvaluationSettings evaluation;
-  std::string hosts = "test";
+  std::string hosts = "test", depth;
 
   Options() { detector.detector.clear(); }  // empty: the run's
 };
@@ -39,6 +39,7 @@ Command evaluate_command() {
     app.add_option("--run", options->run, "run folder of mirage attack")->required();
     app.add_option("--data", options->data, "data set (default: the run's)");
     add_detector_options(app, options->detector);
+    app.add_option("--depth", options->depth, "ip-basic, guided or a plugin (*.so); default: the run's");
     app.add_option("--hosts", options->hosts, "test, train or all hosts of the run")->capture_default_str();
     app.add_option("--score", options->evaluation.score_threshold, "score of a detection")
         ->capture_default_str();
@@ -49,7 +50,8 @@ Command evaluate_command() {
     const Run run = read_run(options->run);
     use_detector_of(run, options->detector);
     const auto data = options->data.empty() ? run.data : options->data;
-    FrameStore store(data, lidar_of(data));
+    FrameStore store(data, lidar_of(data),
+                     load_depth_completion({options->depth.empty() ? run.depth : options->depth}));
     options->evaluation.quiet = common.quiet;
     const auto list = [&] {
       if (!is_other_data(run, data)) return chosen_hosts(run, options->hosts);

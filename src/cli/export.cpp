@@ -28,7 +28,7 @@ nlohmann::json run(const Options& options, const Common& common) {
   require_own_data(run, data);
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = select_hosts(run, options.frames);
-  FrameStore store(data, lidar_of(data));
+  FrameStore store(data, lidar_of(data), load_depth_completion({run.depth}));
   const BoxRooftopFinder finder;
   Progress progress("export", hosts.size(), common.quiet);
   auto files = nlohmann::json::array({"adversary.glb"});

@@ -16,8 +16,9 @@ namespace mirage::cli {
 
 Command generate_command() {
   struct Options {
-    std::string rig = "kitti64";
+    std::string rig = "kitti64", lidar;
     int frames = 10, start = 0;
+    bool depth = false;
   };
   auto options = std::make_shared<Options>();
   Command command;
@@ -27,21 +28,28 @@ Command generate_command() {
   command.options = [options](CLI::App& app) {
     app.add_option("--rig", options->rig, "Sensor rig: kitti64, or a rig file (.toml)")
         ->capture_default_str();
+    app.add_option("--lidar", options->lidar,
+                   "Another unit than the rig's own: hdl32e, vlp16, vls128, or a file (.toml)");
     app.add_option("--frames", options->frames, "How many frames")
         ->capture_default_str()
         ->check(CLI::Range(1, 1000000));
     app.add_option("--start", options->start, "Index of the first frame")
         ->capture_default_str()
         ->check(CLI::Range(0, 999999));
+    app.add_flag(
+        "--depth", options->depth,
+        "Write each frame's true depth too (training/depth/ID.png, KITTI's 16-bit format; sky is 0)");
   };
   command.run = [options](const Common& common) {
-    const Rig rig =
+    Rig rig =
         read_rig(options->rig.ends_with(".toml") ? std::filesystem::path(options->rig)
                                                  : shipped_file("scenes/rigs/" + options->rig + ".toml"));
+    if (!options->lidar.empty()) rig = with_lidar(rig, options->lidar);
     const auto start = std::chrono::steady_clock::now();
     Progress progress("generate", options->frames, common.quiet);
-    const DatasetSummary sum = generate_dataset(rig, common.seed, options->start, options->frames, common.out,
-                                                [&](std::size_t done) { progress.update(done); });
+    const DatasetSummary sum = generate_dataset(
+        rig, common.seed, options->start, options->frames, common.out,
+        [&](std::size_t done) { progress.update(done); }, options->depth);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     if (!common.quiet) {
       fmt::print("frames written   {:6}   (kept from before: {})\n", sum.written, sum.kept);

@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include <chrono>
 #include <memory>
 
@@ -5,6 +7,7 @@
 #include "base/error.h"
 #include "base/image_io.h"
 #include "cli/command.h"
+#include "cli/depth_options.h"
 #include "cli/table.h"
 #include "exchange/gltf.h"
 #include "scene/kitti.h"
@@ -14,7 +17,7 @@ namespace {
 
 struct Options {
   std::filesystem::path data, mesh;
-  std::string frame;
+  std::string frame, depth = "ip-basic";
   int vehicle = 0;
 };
 
@@ -40,12 +43,14 @@ Command simulate_command() {
     app.add_option("--data", options->data, "data set in KITTI layout")->required();
     app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();
     app.add_option("--vehicle", options->vehicle, "label index of the host, from 0")->capture_default_str();
+    add_depth_option(app, options->depth);
     app.add_option("--mesh", options->mesh, "adversary (.glb)")->required();
   };
   command.run = [options](const Common& common) -> nlohmann::json {
     const TexturedMesh adversary = read_adversary(options->mesh);
+    const auto depth = load_depth_completion({options->depth});
     const PreparedFrame prepared =
-        prepare(read_frame(options->data, options->frame), lidar_of(options->data));
+        prepare(read_frame(options->data, options->frame), lidar_of(options->data), depth.get());
     const auto& labels = prepared.frame.labels;
     const auto index = static_cast<std::size_t>(options->vehicle);
     if (options->vehicle < 0 || index >= labels.size() || labels[index].type == "DontCare")
@@ -67,11 +72,19 @@ Command simulate_command() {
                  {"returns hidden by the scene", std::to_string(simulated.occluded_points)},
                  {"returns that the adversary hides", std::to_string(simulated.removed_points)},
                  {"share in view", percent(simulated.visible_share)},
+                 {"measured returns with a ray of their own",
+                  fmt::format("{:.2f} %", 100 * prepared.index.assigned_share())},
                  {"picture", (common.out / "image.png").string()}});
-    return {
-        {"adversary_pixels", simulated.adversary_pixels}, {"adversary_points", simulated.adversary_points},
-        {"occluded_points", simulated.occluded_points},   {"removed_points", simulated.removed_points},
-        {"visible_share", simulated.visible_share},       {"seconds", seconds}};
+    return {{"adversary_pixels", simulated.adversary_pixels},
+            {"adversary_points", simulated.adversary_points},
+            {"occluded_points", simulated.occluded_points},
+            {"removed_points", simulated.removed_points},
+            {"visible_share", simulated.visible_share},
+            {"lost_points", simulated.lost_points},
+            {"sweep_points", prepared.frame.sweep.size()},
+            {"sweep_rays_assigned", prepared.index.assigned_share()},
+            {"sweep_firings", prepared.index.firing_count()},
+            {"seconds", seconds}};
   };
   return command;
 }

@@ -1,21 +1,80 @@
-// mirage train: trains a detector on a data set in KITTI layout.
+// mirage train: trains a detector, or learned depth completion, on a data set in KITTI layout.
 #include <cstdio>
 #include <memory>
 
+#include "base/error.h"
 #include "cli/command.h"
 #include "detection/training.h"
+#include "scene/depth/depth_training.h"
 
 namespace mirage::cli {
+namespace {
+
+struct Options : TrainingOptions {
+  std::string what = "detector", backend = "guided";
+  int crop = DepthTrainingOptions().crop;
+  std::filesystem::path start;
+  DepthAugmentation augmentation;
+};
+
+nlohmann::json train_depth_command(const Options& chosen, const Common& common) {
+  if (!chosen.validation.empty())
+    throw InputError("--validation", "", "is for detectors", "score the result with mirage depth --weights");
+  DepthTrainingOptions options;
+  options.data = chosen.data;
+  options.out = common.out;
+  options.backend = chosen.backend;
+  options.steps = chosen.steps;
+  options.batch = chosen.batch;
+  options.crop = chosen.crop;
+  options.start = chosen.start;
+  options.augmentation = chosen.augmentation;
+  options.learning_rate = chosen.learning_rate;
+  options.minutes = chosen.minutes;
+  options.checkpoint_every = chosen.checkpoint_every;
+  options.frames = chosen.frames;
+  options.seed = common.seed;
+  options.threads = common.threads;
+  options.quiet = common.quiet;
+  const DepthTrainingResult result = train_depth(options);
+  if (!common.quiet)
+    std::printf("steps %lld   %.3f s a step   loss %.4f (depth %.4f, presence %.4f)   weights %s\n",
+                static_cast<long long>(result.steps), result.seconds_per_step, result.loss[0], result.loss[1],
+                result.loss[2], result.weights.c_str());
+  return {{"backend", options.backend},      {"steps", result.steps},
+          {"seconds", result.seconds},       {"seconds_per_step", result.seconds_per_step},
+          {"loss", result.loss[0]},          {"depth_loss", result.loss[1]},
+          {"presence_loss", result.loss[2]}, {"weights", result.weights.string()}};
+}
+
+}  // namespace
 
 Command train_command() {
-  const auto chosen = std::make_shared<TrainingOptions>();
+  const auto chosen = std::make_shared<Options>();
   Command command;
   command.name = "train";
-  command.help = "Trains a detector; goes on from its checkpoint when the output folder holds one";
+  command.help =
+      "Trains a detector or depth completion; goes on from its checkpoint when the output folder holds one";
   command.default_out = "out/train";
   command.options = [chosen](CLI::App& app) {
+    app.add_option("what", chosen->what, "detector, or depth: learned depth completion")
+        ->check(CLI::IsMember({"detector", "depth"}))
+        ->capture_default_str();
     app.add_option("--data", chosen->data, "Training set in KITTI layout")->required();
     app.add_option("--detector", chosen->detector, "fusion or lidar")->capture_default_str();
+    app.add_option("--depth", chosen->backend, "depth: guided, or a plugin's path (*.so)")
+        ->capture_default_str();
+    app.add_option("--crop", chosen->crop, "depth: width of a sample, pixels")->capture_default_str();
+    app.add_option("--start", chosen->start, "depth: weights to start from (default: fresh ones)");
+    app.add_option("--without-picture", chosen->augmentation.without_picture,
+                   "depth: share of samples whose picture is one grey")
+        ->capture_default_str();
+    app.add_option("--scatter", chosen->augmentation.scatter,
+                   "depth: largest share of a sample's returns that stray from their place")
+        ->capture_default_str();
+    app.add_option("--shift", chosen->augmentation.shift,
+                   "depth: pixels by which returns may be off the picture together")
+        ->capture_default_str();
     app.add_option("--validation", chosen->validation, "Data set to score the result on");
     app.add_option("--steps", chosen->steps, "Optimiser steps")->capture_default_str();
     app.add_option("--batch", chosen->batch, "Frames a step")->capture_default_str();
@@ -30,6 +89,7 @@ Command train_command() {
         ->capture_default_str();
   };
   command.run = [chosen](const Common& common) -> nlohmann::json {
+    if (chosen->what == "depth") return train_depth_command(*chosen, common);
     chosen->out = common.out;
     chosen->seed = common.seed;
     chosen->threads = common.threads;

@@ -76,8 +76,11 @@ std::filesystem::path weights_file(const DetectorOptions& options);
 /// later.
 std::unique_ptr<Detector> load_detector(const DetectorOptions& options);
 
+/// InputError, naming the first of them, if a box or a logit is not finite.
+void check_proposals(std::span<const Proposal> proposals);
+
 /// Rotated non-maximum suppression: keeps the best-scored boxes, drops those that overlap a kept one by more
-/// than `max_iou`. Sorted by falling score (ties: input order).
+/// than `max_iou`. Sorted by falling score (ties: input order). Checks them.
 std::vector<Proposal> suppress(std::vector<Proposal> proposals, double max_iou = 0.1);
 
 }  // namespace mirage

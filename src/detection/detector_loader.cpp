@@ -1,11 +1,10 @@
-#include <dlfcn.h>
-
 #include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "base/error.h"
 #include "base/files.h"
 #include "base/parallel.h"
+#include "base/shared_library.h"
 #include "detection/detector.h"
 #include "detection/detector_abi.h"
 #include "detection/points_in_view.h"
@@ -15,27 +14,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kErrorSize = 1024;
-
 struct Plugin {
   fs::path file;
   const MirageDetectorApi* api = nullptr;
 };
-
-/// Runs plugin code: what it throws (it must not) and what it reports become one Failure.
-template <class Work>
-auto call_plugin(const Plugin& plugin, const char* function, const Work& work) {
-  try {
-    return work();
-  } catch (const std::exception& problem) {
-    throw Failure(plugin.file.string(),
-                  std::string(function) + " threw an exception (" + problem.what() + ")",
-                  "report it to the plugin's author");
-  } catch (...) {
-    throw Failure(plugin.file.string(), std::string(function) + " threw an exception",
-                  "report it to the plugin's author");
-  }
-}
 
 fs::path find_plugin(const DetectorOptions& options) {
   if (fs::path(options.detector).extension() == ".so") {
@@ -52,34 +34,13 @@ fs::path find_plugin(const DetectorOptions& options) {
                    "build it with MIRAGE_DETECTORS=ON (make build)");
 }
 
-Plugin open_plugin(const fs::path& file) {
-  // Never closed again: LibTorch keeps threads and statics that do not survive unloading.
-  void* library = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
-  if (!library) {
-    const char* why = dlerror();
-    throw InputError(file.string(), "", std::string("not a loadable plugin (") + (why ? why : "?") + ")",
-                     "rebuild it for this machine");
-  }
-  void* symbol = dlsym(library, "mirage_detector_api");
-  if (!symbol)
-    throw InputError(file.string(), "mirage_detector_api", "the plugin lacks this entry point",
-                     "export it as detection/detector_abi.h says");
-  Plugin plugin{file, nullptr};
-  plugin.api = call_plugin(plugin, "mirage_detector_api",
-                           [&] { return reinterpret_cast<MirageDetectorEntry>(symbol)(); });
-  if (!plugin.api)
-    throw InputError(file.string(), "mirage_detector_api", "the entry point returned nothing",
-                     "rebuild the plugin");
-  if (plugin.api->abi_version != MIRAGE_DETECTOR_ABI)
-    throw InputError(file.string(), "abi_version",
-                     "is " + std::to_string(plugin.api->abi_version) + ", this program speaks " +
-                         std::to_string(MIRAGE_DETECTOR_ABI),
-                     "rebuild the plugin against this version");
-  const MirageDetectorApi& api = *plugin.api;
-  if (!api.create || !api.destroy || !api.region || !api.forward || !api.backward || !api.train_step ||
-      !api.save)
+Plugin open_detector(const fs::path& file) {
+  const auto* api = open_plugin<MirageDetectorApi>(file, "mirage_detector_api", "detection/detector_abi.h",
+                                                   MIRAGE_DETECTOR_ABI);
+  if (!api->create || !api->destroy || !api->region || !api->forward || !api->backward || !api->train_step ||
+      !api->save)
     throw InputError(file.string(), "mirage_detector_api", "a function is missing", "rebuild the plugin");
-  return plugin;
+  return {file, api};
 }
 
 MirageSensorInput raw_input(const SensorView& view) {
@@ -119,7 +80,7 @@ class PluginDetector : public Detector {
 
   std::array<double, 4> region() const override {
     std::array<float, 4> raw{};
-    call_plugin(plugin_, "region", [&] { plugin_.api->region(instance_, raw.data()); });
+    call_plugin(plugin_.file, "region", [&] { plugin_.api->region(instance_, raw.data()); });
     return {raw[0], raw[1], raw[2], raw[3]};
   }
 
@@ -129,7 +90,7 @@ class PluginDetector : public Detector {
     std::int64_t count = 0;
     run("forward", [&](char* error) {
       return plugin_.api->forward(instance_, &input, static_cast<float>(score_threshold), keep_graph, &found,
-                                  &count, error, kErrorSize);
+                                  &count, error, kPluginErrorSize);
     });
     if (view.image && !view.image->empty())
       kept_ = ImageF(view.image->width, view.image->height, 3);
@@ -156,7 +117,7 @@ class PluginDetector : public Detector {
     float* d_points = gradient.points.empty() ? nullptr : gradient.points.data()->data();
     run("backward", [&](char* error) {
       return plugin_.api->backward(instance_, raw.data(), static_cast<std::int64_t>(raw.size()), d_image,
-                                   d_points, error, kErrorSize);
+                                   d_points, error, kPluginErrorSize);
     });
     return gradient;
   }
@@ -179,7 +140,7 @@ class PluginDetector : public Detector {
     std::array<float, 3> loss{};
     run("train_step", [&](char* error) {
       return plugin_.api->train_step(instance_, raw.data(), static_cast<std::int64_t>(raw.size()),
-                                     static_cast<float>(learning_rate), loss.data(), error, kErrorSize);
+                                     static_cast<float>(learning_rate), loss.data(), error, kPluginErrorSize);
     });
     return {loss[0], loss[1], loss[2]};
   }
@@ -188,7 +149,7 @@ class PluginDetector : public Detector {
     const fs::path temporary = file.string() + ".part";
     if (file.has_parent_path()) make_output_folder(file.parent_path());
     run("save", [&](char* error) {
-      return plugin_.api->save(instance_, temporary.c_str(), with_optimiser, error, kErrorSize);
+      return plugin_.api->save(instance_, temporary.c_str(), with_optimiser, error, kPluginErrorSize);
     });
     replace_file(temporary, file);
   }
@@ -196,12 +157,7 @@ class PluginDetector : public Detector {
  private:
   template <class Work>
   void run(const char* function, const Work& work) {
-    char error[kErrorSize] = "";
-    const int status = call_plugin(plugin_, function, [&] { return work(error); });
-    if (status != 0)
-      throw Failure(plugin_.file.string(),
-                    std::string(function) + " failed (" + (error[0] ? error : "no reason given") + ")",
-                    "check the input, the weights and the free memory");
+    run_plugin(plugin_.file, function, work);
   }
 
   Plugin plugin_;
@@ -232,16 +188,17 @@ fs::path weights_file(const DetectorOptions& options) {
 }
 
 std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
-  const Plugin plugin = open_plugin(find_plugin(options));
+  const Plugin plugin = open_detector(find_plugin(options));
   const bool by_path = fs::path(options.detector).extension() == ".so";
   nlohmann::json settings = {{"seed", options.seed},
                              {"threads", options.threads > 0 ? options.threads : thread_count()}};
   if (!by_path) settings["modality"] = options.detector;
   const fs::path weights = weights_file(options);
-  char error[kErrorSize] = "";
+  char error[kPluginErrorSize] = "";
   const std::string text = settings.dump();
-  void* instance = call_plugin(plugin, "create", [&] {
-    return plugin.api->create(text.c_str(), options.fresh ? nullptr : weights.c_str(), error, kErrorSize);
+  void* instance = call_plugin(plugin.file, "create", [&] {
+    return plugin.api->create(text.c_str(), options.fresh ? nullptr : weights.c_str(), error,
+                              kPluginErrorSize);
   });
   if (!instance) {
     const std::string why = error[0] ? error : "the plugin gave no reason";

@@ -1,6 +1,9 @@
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
+#include "base/error.h"
 #include "detection/detector.h"
 
 namespace mirage {
@@ -9,7 +12,18 @@ double Proposal::score() const {
   return logit >= 0 ? 1 / (1 + std::exp(-logit)) : std::exp(logit) / (1 + std::exp(logit));
 }
 
+void check_proposals(std::span<const Proposal> proposals) {
+  for (std::size_t i = 0; i < proposals.size(); ++i) {
+    const auto& [box, logit] = proposals[i];
+    for (double value : {box.x, box.y, box.length, box.width, box.yaw, logit})
+      if (!std::isfinite(value))
+        throw InputError("detector", fmt::format("proposal {}", i), "its box or logit is not finite",
+                         "check the detector's weights");
+  }
+}
+
 std::vector<Proposal> suppress(std::vector<Proposal> proposals, double max_iou) {
+  check_proposals(proposals);  // a NaN has no place in an order
   std::stable_sort(proposals.begin(), proposals.end(),
                    [](const Proposal& a, const Proposal& b) { return a.logit > b.logit; });
   std::vector<Proposal> kept;

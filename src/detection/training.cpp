@@ -2,15 +2,14 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <future>
-#include <numbers>
 
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
 #include "base/progress.h"
+#include "base/schedule.h"
 #include "detection/training_data.h"
 
 namespace mirage {
@@ -92,14 +91,6 @@ void follow(TrainingLoss& mean, const TrainingLoss& now, std::int64_t step) {
 }
 
 }  // namespace
-
-double one_cycle(double peak, double progress) {
-  constexpr double rise = 0.05, floor = 0.01;
-  progress = std::clamp(progress, 0.0, 1.0);
-  if (progress < rise) return peak * (0.05 + 0.95 * progress / rise);
-  const double along = (progress - rise) / (1 - rise);
-  return peak * (floor + (1 - floor) * 0.5 * (1 + std::cos(std::numbers::pi * along)));
-}
 
 TrainingResult train_detector(const TrainingOptions& options) {
   if (options.steps < 1) throw InputError("--steps", "", "must be at least 1", "give a positive number");

@@ -38,8 +38,4 @@ struct TrainingResult {
 /// checkpoint is written every checkpoint_every steps and on Ctrl-C (then Interrupted is thrown).
 TrainingResult train_detector(const TrainingOptions& options);
 
-/// Learning rate at `progress` in [0, 1]: a linear rise over the first 5 %, then half a cosine down to 1 % of
-/// the peak.
-double one_cycle(double peak, double progress);
-
 }  // namespace mirage

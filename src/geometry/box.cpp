@@ -29,12 +29,12 @@ std::array<Vec3d, 8> corners(const Box3& box) {
 }
 
 double intersection_area(const BevBox& a, const BevBox& b) {
-  const Vec2d centre(a.x, a.y);  // clip near the origin: far boxes would cancel
-  std::vector<Vec2d> polygon;
-  for (const Vec2d& p : corners(a)) polygon.push_back(p - centre);
-  const auto clip = corners(b);
+  // In a's place: the corners of far boxes would have lost their digits.
+  const auto subject = corners(BevBox{0, 0, a.length, a.width, a.yaw}),
+             clip = corners(BevBox{b.x - a.x, b.y - a.y, b.length, b.width, b.yaw});
+  std::vector<Vec2d> polygon(subject.begin(), subject.end());
   for (int i = 0; i < 4 && !polygon.empty(); ++i) {
-    const Vec2d from = clip[i] - centre, edge = clip[(i + 1) % 4] - clip[i];
+    const Vec2d from = clip[i], edge = clip[(i + 1) % 4] - clip[i];
     std::vector<Vec2d> kept;
     for (std::size_t k = 0; k < polygon.size(); ++k) {
       const Vec2d &p = polygon[k], &q = polygon[(k + 1) % polygon.size()];

@@ -5,8 +5,10 @@
 #include <vector>
 
 #include "geometry/mesh.h"
+#include "scene/adversary_lidar.h"
 #include "scene/insertion.h"
-#include "sensors/lidar_return.h"
+#include "sensors/projection.h"
+#include "sensors/raster_batch.h"
 
 namespace mirage {
 
@@ -15,21 +17,11 @@ struct CameraTape {
   std::vector<Vec3d> p_camera;  ///< vertices
   std::vector<Vec3d> normals;   ///< unnormalised face normals, `velo`
   std::vector<Vec3d> light;     ///< light factor of each face
-  ScreenMesh<double> screen;
+  ProjectedMesh projected;
   SoftRasterSettings<double> settings;
-  RasterTarget<double> target;  ///< on the supersampled grid
-  int supersampling = 1;
-};
-
-/// LiDAR side: the returns on the adversary.
-struct LidarTape {
-  struct Return {
-    LidarRay ray;
-    int face = 0;
-    FaceReturn<double> hit;
-  };
-  std::vector<Return> returns;
-  std::size_t first = 0;  ///< index of the first new return in the simulated sweep
+  RasterTarget<float> target;
+  bool reference = false;
+  mutable RasterTape raster;  ///< its VJP needs working memory
 };
 
 /// Projects, shades and rasterises `placed` (in `velo`) into the photograph; fills image, rect, rgba,
@@ -40,12 +32,5 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
 void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
                         const Lighting& lighting, const Simulated& result, const ImageF& d_image,
                         std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels);
-
-/// Traces the rays that can hit `placed` and merges the returns; fills sweep and the point counts.
-LidarTape draw_in_lidar(const PreparedFrame& prepared, const TexturedMesh& placed,
-                        const SimulationSettings& settings, Simulated& result);
-/// Adds d loss / d placed vertices (`velo`).
-void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const SimulationSettings& settings,
-                       const std::vector<std::array<float, 4>>& d_points, std::vector<Vec3d>& d_vertices);
 
 }  // namespace mirage

@@ -2,37 +2,117 @@
 
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <vector>
 
 namespace mirage {
 namespace {
 
-// IP-Basic's constants (Ku et al., CRV 2018, section III).
+// IP-Basic's constants (Ku et al., CRV 2018, section III, and the authors' code for the multi-scale variant).
 constexpr float kMaxDepth = 100;  // depths are inverted about it, so that dilation prefers near surfaces
 constexpr float kEmpty = 0.1f;    // inverted values below this are holes
+constexpr float kNearLimit = 15, kMiddleLimit = 30;  // m
+
+cv::Mat square(int size) {
+  return cv::Mat::ones(size, size, CV_8U);
+}
+
+cv::Mat cross(int size) {
+  return cv::getStructuringElement(cv::MORPH_CROSS, cv::Size(size, size));
+}
 
 cv::Mat diamond5() {
   return (cv::Mat_<unsigned char>(5, 5) << 0, 0, 1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 1, 1, 1, 0, 1, 1, 1, 0, 0, 0,
           1, 0, 0);
 }
 
-cv::Mat square(int size) {
-  return cv::Mat::ones(size, size, CV_8U);
+/// First filled row of each column; the number of rows where there is none.
+std::vector<int> top_rows(const cv::Mat& depth) {
+  std::vector<int> tops(static_cast<std::size_t>(depth.cols), depth.rows);
+  for (int v = depth.rows; v-- > 0;)
+    for (int u = 0; u < depth.cols; ++u)
+      if (depth.at<float>(v, u) > kEmpty) tops[static_cast<std::size_t>(u)] = v;
+  return tops;
 }
 
-/// Fills holes below the topmost filled pixel of each column with the dilation's values.
-void fill_holes(cv::Mat& depth, int size) {
+/// Holes on or below `tops` take the values of a dilation with a square of `size`.
+void fill_holes(cv::Mat& depth, const std::vector<int>& tops, int size) {
   cv::Mat dilated;
   cv::dilate(depth, dilated, square(size));
-  for (int u = 0; u < depth.cols; ++u) {
-    bool below_top = false;
-    for (int v = 0; v < depth.rows; ++v) {
-      float& value = depth.at<float>(v, u);
-      if (value > kEmpty)
-        below_top = true;
-      else if (below_top)
+  for (int v = 0; v < depth.rows; ++v)
+    for (int u = 0; u < depth.cols; ++u)
+      if (float& value = depth.at<float>(v, u); !(value > kEmpty) && v >= tops[static_cast<std::size_t>(u)])
         value = dilated.at<float>(v, u);
-    }
+}
+
+/// Repeats the topmost value of each column upwards.
+void extrapolate_upwards(cv::Mat& depth, std::vector<int>& tops) {
+  for (int u = 0; u < depth.cols; ++u) {
+    int& top = tops[static_cast<std::size_t>(u)];
+    if (top == depth.rows) continue;
+    for (int v = 0; v < top; ++v) depth.at<float>(v, u) = depth.at<float>(top, u);
+    top = 0;
   }
+}
+
+/// Replaces filled pixels by their blurred values.
+void blur_filled(cv::Mat& depth, IpBasicOptions::Blur blur, double depth_sigma) {
+  cv::Mat blurred;
+  if (blur == IpBasicOptions::Blur::gaussian)
+    cv::GaussianBlur(depth, blurred, cv::Size(5, 5), 0);
+  else
+    cv::bilateralFilter(depth, blurred, 5, depth_sigma, 2.0);
+  blurred.copyTo(depth, depth > kEmpty);
+}
+
+cv::Mat inverted(const ImageF& sparse, float from, float to) {
+  cv::Mat depth(sparse.height, sparse.width, CV_32F, cv::Scalar(0));
+  for (int v = 0; v < sparse.height; ++v)
+    for (int u = 0; u < sparse.width; ++u)
+      if (const float value = sparse.at(u, v); value > from && value <= to && value < kMaxDepth)
+        depth.at<float>(v, u) = kMaxDepth - value;
+  return depth;
+}
+
+cv::Mat single_scale(const ImageF& sparse, const IpBasicOptions& options) {
+  cv::Mat depth = inverted(sparse, 0, kMaxDepth);
+  cv::dilate(depth, depth, diamond5());
+  cv::morphologyEx(depth, depth, cv::MORPH_CLOSE, square(5));
+  cv::Mat dilated;
+  cv::dilate(depth, dilated, square(7));
+  dilated.copyTo(depth, depth < kEmpty);
+  std::vector<int> tops = top_rows(depth);
+  if (options.extrapolate) extrapolate_upwards(depth, tops);
+  fill_holes(depth, tops, 31);
+  cv::Mat smooth;
+  cv::medianBlur(depth, smooth, 5);
+  blur_filled(smooth, options.blur, 1.5);
+  return smooth;
+}
+
+cv::Mat multi_scale(const ImageF& sparse, const IpBasicOptions& options) {
+  // Near values overwrite far ones where their dilations meet.
+  cv::Mat depth(sparse.height, sparse.width, CV_32F, cv::Scalar(0));
+  const struct {
+    float from, to;
+    int kernel;
+  } bins[] = {{kMiddleLimit, kMaxDepth, 3}, {kNearLimit, kMiddleLimit, 5}, {0, kNearLimit, 7}};
+  for (const auto& bin : bins) {
+    cv::Mat dilated = inverted(sparse, bin.from, bin.to);
+    cv::dilate(dilated, dilated, cross(bin.kernel));
+    dilated.copyTo(depth, dilated > kEmpty);
+  }
+  cv::morphologyEx(depth, depth, cv::MORPH_CLOSE, square(5));
+  cv::Mat median;
+  cv::medianBlur(depth, median, 5);
+  median.copyTo(depth, depth > kEmpty);
+  fill_holes(depth, top_rows(depth), 9);
+  std::vector<int> tops = top_rows(depth);
+  if (options.extrapolate) extrapolate_upwards(depth, tops);
+  for (int i = 0; i < 6; ++i) fill_holes(depth, tops, 5);
+  cv::medianBlur(depth, median, 5);
+  median.copyTo(depth, depth > kEmpty);
+  blur_filled(depth, options.blur, 0.5);
+  return depth;
 }
 
 }  // namespace
@@ -42,8 +122,9 @@ ImageF sparse_depth(const Sweep& sweep, const Calibration& calibration) {
   ImageF depth(camera.width, camera.height, 1);
   for (const LidarPoint& point : sweep) {
     const Vec3d p = calibration.camera_from_velo * point.position().cast<double>();
-    if (!(p.z() > 0.1)) continue;
+    if (!p.allFinite() || !(p.z() > 0.1)) continue;
     const Vec2d pixel = camera.project(p);
+    if (!(pixel.cwiseAbs().maxCoeff() < 1e6)) continue;
     const long u = std::lround(pixel.x()), v = std::lround(pixel.y());
     if (u < 0 || v < 0 || u >= camera.width || v >= camera.height) continue;
     float& value = depth.at(static_cast<int>(u), static_cast<int>(v));
@@ -52,29 +133,24 @@ ImageF sparse_depth(const Sweep& sweep, const Calibration& calibration) {
   return depth;
 }
 
-ImageF complete_depth(const ImageF& sparse) {
-  cv::Mat depth(sparse.height, sparse.width, CV_32F, cv::Scalar(0));
-  for (int v = 0; v < sparse.height; ++v)
-    for (int u = 0; u < sparse.width; ++u)
-      if (const float value = sparse.at(u, v); value > 0 && value < kMaxDepth)
-        depth.at<float>(v, u) = kMaxDepth - value;
-  cv::dilate(depth, depth, diamond5());
-  cv::morphologyEx(depth, depth, cv::MORPH_CLOSE, square(5));
-  cv::Mat dilated;
-  cv::dilate(depth, dilated, square(7));
-  dilated.copyTo(depth, depth < kEmpty);
-  fill_holes(depth, 31);
-  cv::Mat smooth;
-  cv::medianBlur(depth, smooth, 5);
-  cv::Mat blurred;
-  cv::GaussianBlur(smooth, blurred, cv::Size(5, 5), 0);
-  blurred.copyTo(smooth, smooth > kEmpty);
+std::string IpBasic::name() const {
+  return std::string("ip-basic") + (options_.multi_scale ? "-multiscale" : "") +
+         (options_.blur == IpBasicOptions::Blur::bilateral ? "-bilateral" : "") +
+         (options_.extrapolate ? "-extrapolated" : "");
+}
 
+ImageF IpBasic::complete(const ImageF&, const ImageF& sparse) const {
   ImageF dense(sparse.width, sparse.height, 1, kFarDepth);
+  if (sparse.empty()) return dense;
+  const cv::Mat depth = options_.multi_scale ? multi_scale(sparse, options_) : single_scale(sparse, options_);
   for (int v = 0; v < sparse.height; ++v)
     for (int u = 0; u < sparse.width; ++u)
-      if (const float value = smooth.at<float>(v, u); value > kEmpty) dense.at(u, v) = kMaxDepth - value;
+      if (const float value = depth.at<float>(v, u); value > kEmpty) dense.at(u, v) = kMaxDepth - value;
   return dense;
+}
+
+ImageF complete_depth(const ImageF& sparse) {
+  return IpBasic().complete({}, sparse);
 }
 
 }  // namespace mirage

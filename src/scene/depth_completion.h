@@ -1,5 +1,8 @@
-// Dense depth from a sparse sweep.
+// Dense depth of the photograph from a sparse sweep: one interface, several back-ends.
 #pragma once
+
+#include <memory>
+#include <string>
 
 #include "scene/frame.h"
 
@@ -9,11 +12,44 @@ namespace mirage {
 inline constexpr float kFarDepth = 1e6f;
 
 /// Projects the sweep into the image: planar depth (camera z, m) of the nearest return a pixel, 0 where none.
+/// Returns that are not finite or nearer than 0.1 m are skipped.
 ImageF sparse_depth(const Sweep& sweep, const Calibration& calibration);
 
-/// IP-Basic (Ku, Harakeh, Waslander, CRV 2018), "fast" variant without extrapolation to the image's top:
-/// inverted depth, diamond dilation, small and large hole closing, median and Gaussian blur.
-/// Unfilled pixels are kFarDepth.
+/// A back-end. The same input gives the same output, and several threads may call one object at once.
+class DepthCompletion {
+ public:
+  virtual ~DepthCompletion() = default;
+  virtual std::string name() const = 0;
+  /// `image`: H×W×3 scene-linear RGB (back-ends that do not look at it take an empty one); `sparse`: H×W
+  /// planar depth, m; what is not a positive finite number is no return. Gives H×W planar depth, m; kFarDepth
+  /// where there is none. Never NaN or Inf.
+  virtual ImageF complete(const ImageF& image, const ImageF& sparse) const = 0;
+};
+
+/// IP-Basic's choices (Ku, Harakeh, Waslander, "In Defense of Classical Image Processing", CRV 2018).
+struct IpBasicOptions {
+  /// False: the paper's method. True: the authors' later variant, which dilates near, middle and far returns
+  /// (limits 15 and 30 m) with kernels of 7, 5 and 3 pixels.
+  bool multi_scale = false;
+  enum class Blur { gaussian, bilateral } blur = Blur::gaussian;
+  /// Repeats each column's topmost value up to the image's upper border, sky or not.
+  bool extrapolate = false;
+};
+
+/// Inverted depth, dilation, closing of small and large holes, median and a last blur. Returns beyond 100 m
+/// are left out. Looks at the sweep only.
+class IpBasic : public DepthCompletion {
+ public:
+  explicit IpBasic(const IpBasicOptions& options = {}) : options_(options) {}
+  /// "ip-basic", and "-multiscale", "-bilateral", "-extrapolated" for what differs from the default.
+  std::string name() const override;
+  ImageF complete(const ImageF& image, const ImageF& sparse) const override;
+
+ private:
+  IpBasicOptions options_;
+};
+
+/// IpBasic with its defaults.
 ImageF complete_depth(const ImageF& sparse);
 
 }  // namespace mirage

@@ -3,7 +3,9 @@
 #include <algorithm>
 
 #include "base/error.h"
+#include "base/parallel.h"
 #include "scene/adversary_view.h"
+#include "scene/check_inputs.h"
 #include "scene/depth_completion.h"
 
 namespace mirage {
@@ -29,9 +31,12 @@ std::size_t lowest_vertex(const Mesh& mesh) {
 
 }  // namespace
 
-PreparedFrame prepare(Frame frame, const LidarModel& lidar) {
+PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletion* depth) {
+  check_frame(frame);
+  check_lidar(lidar);
   PreparedFrame prepared;
-  prepared.depth = complete_depth(sparse_depth(frame.sweep, frame.calibration));
+  const ImageF sparse = sparse_depth(frame.sweep, frame.calibration);
+  prepared.depth = depth ? depth->complete(frame.image, sparse) : complete_depth(sparse);
   prepared.index = SweepIndex(frame.sweep, lidar);
   prepared.lidar = lidar;
   prepared.frame = std::move(frame);
@@ -51,6 +56,8 @@ Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooft
   check_mesh(adversary, "adversary");
   if (adversary.mesh.vertices.empty() || adversary.atlas.texels.empty())
     throw InputError("adversary", "mesh", "has no vertices or no texels", "give a textured mesh");
+  check_placement(host, rooftop);
+  check_settings(settings);
   auto tape = std::make_shared<Simulated::Tape>();
   tape->placed = place(adversary, rooftop);
   tape->velo_from_adversary = rooftop.velo_from_adversary.linear();
@@ -65,8 +72,19 @@ Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooft
   return result;
 }
 
+std::vector<Simulated> simulate_batch(std::span<const InsertionJob> insertions,
+                                      const SimulationSettings& settings) {
+  std::vector<Simulated> results(insertions.size());
+  parallel_for(insertions.size(), [&](std::size_t i) {
+    const InsertionJob& one = insertions[i];
+    results[i] = simulate(*one.prepared, *one.host, *one.rooftop, *one.adversary, settings);
+  });
+  return results;
+}
+
 AdversaryGradient simulate_vjp(const Simulated& simulated, const ImageF& d_image,
                                const std::vector<std::array<float, 4>>& d_points) {
+  check_upstream(simulated, d_image, d_points);
   const Simulated::Tape& tape = *simulated.tape;
   AdversaryGradient gradient;
   std::vector<Vec3d> d_placed(tape.placed.mesh.vertices.size(), Vec3d::Zero());
@@ -74,7 +92,8 @@ AdversaryGradient simulate_vjp(const Simulated& simulated, const ImageF& d_image
   if (!d_image.empty())
     draw_in_camera_vjp(tape.camera, tape.placed, tape.calibration, tape.lighting, simulated, d_image,
                        d_placed, gradient.texels);
-  if (!d_points.empty()) draw_in_lidar_vjp(tape.lidar, tape.placed, tape.settings, d_points, d_placed);
+  if (!d_points.empty())
+    draw_in_lidar_vjp(tape.lidar, tape.placed, tape.settings, d_points, d_placed, gradient.texels);
   // placed = R (v − (0, 0, lowest z)) + t
   double lifted = 0;
   for (const Vec3d& d : d_placed) {

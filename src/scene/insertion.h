@@ -3,14 +3,19 @@
 
 #include <array>
 #include <memory>
+#include <span>
+#include <vector>
 
 #include "geometry/mesh.h"
 #include "scene/frame.h"
 #include "scene/occlusion.h"
 #include "scene/rooftop.h"
+#include "sensors/lidar_effects.h"
 #include "sensors/soft_rasterizer.h"
 
 namespace mirage {
+
+class DepthCompletion;
 
 /// A frame with everything that does not depend on the adversary.
 struct PreparedFrame {
@@ -20,7 +25,9 @@ struct PreparedFrame {
   SweepIndex index;  ///< the sweep by beam and azimuth
 };
 
-PreparedFrame prepare(Frame frame, const LidarModel& lidar);
+/// InputError, naming it, for a number in the frame or the model that is not finite, and for an image that is
+/// not of the calibration's size. The photograph's depth comes from `depth`; without one, from IpBasic.
+PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletion* depth = nullptr);
 
 /// Defaults of the simulation, in one place.
 struct SimulationSettings {
@@ -28,12 +35,16 @@ struct SimulationSettings {
   /// Samples a pixel along each side, averaged: a 5×5 atlas has texels smaller than a pixel at most ranges,
   /// and an attack on point samples learns aliasing that no real camera shows.
   int supersampling = 2;
+  /// Draw with the plain loop in double instead of the fast rasteriser: hundreds of times slower, and what
+  /// derivatives are checked with.
+  bool reference = false;
   double lidar_reflectivity = 0.5;  ///< reflectance of the adversary at normal incidence
   /// An occluder in the photograph must be nearer than the object and than the host itself by this (m): the
   /// completed depth smears the host's rear over its roof, and a roof never hides what stands on it.
   double occlusion_margin = 0.3;
   /// Incidence below which a LiDAR return keeps its place but its gradient is scaled down: |n·d| / |n|.
   double grazing_cosine = 0.05;
+  LidarEffects lidar_effects;  ///< all off
 };
 
 struct Simulated {
@@ -45,21 +56,37 @@ struct Simulated {
   int adversary_pixels = 0;  ///< pixels with S > 0.5
   int adversary_points = 0;  ///< returns on the object
   int removed_points = 0;    ///< measured returns that the object hides
+  int lost_points = 0;       ///< would-be returns on the object that drop out (LidarEffects)
   int occluded_points = 0;   ///< would-be returns on the object hidden by the scene
   struct Tape;               ///< what the VJP needs
   std::shared_ptr<const Tape> tape;
 };
 
-/// `adversary` in the adversary frame; its lowest vertex is set on the roof point's height.
+/// `adversary` in the adversary frame; its lowest vertex is set on the roof point's height. Faces that
+/// cross the camera's near plane are clipped. InputError, naming it, for a number that is not finite in any
+/// input.
 Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooftop& rooftop,
                    const TexturedMesh& adversary, const SimulationSettings& settings = {});
+
+/// One of a batch: the arguments of simulate().
+struct InsertionJob {
+  const PreparedFrame* prepared = nullptr;
+  const Label* host = nullptr;
+  const Rooftop* rooftop = nullptr;
+  const TexturedMesh* adversary = nullptr;
+};
+
+/// Many hosts of one frame, and many frames, on all threads: each as simulate() alone, to the same bits.
+std::vector<Simulated> simulate_batch(std::span<const InsertionJob> insertions,
+                                      const SimulationSettings& settings = {});
 
 struct AdversaryGradient {
   std::vector<Vec3d> vertices, texels;
 };
 
 /// VJP: d loss / d image (H×W×3, whole image) and d loss / d (x, y, z, reflectance) of every point of
-/// simulated.sweep → adversary. Either may be empty (modality gating).
+/// simulated.sweep → adversary. Either may be empty (modality gating). InputError if what is
+/// read of them is not finite.
 AdversaryGradient simulate_vjp(const Simulated& simulated, const ImageF& d_image,
                                const std::vector<std::array<float, 4>>& d_points);
 

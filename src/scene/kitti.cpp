@@ -105,6 +105,10 @@ void write_lighting(const fs::path& file, const Lighting& lighting) {
                     {"hemisphere", list(lighting.hemisphere)}});
 }
 
+fs::path true_depth_file(const fs::path& data, const std::string& id) {
+  return part(data, "depth", id, ".png");
+}
+
 Frame read_frame(const fs::path& data, const std::string& id) {
   const fs::path image = part(data, "image_2", id, ".png"), sweep = part(data, "velodyne", id, ".bin"),
                  calibration = part(data, "calib", id, ".txt"), labels = part(data, "label_2", id, ".txt"),

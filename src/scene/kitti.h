@@ -40,6 +40,9 @@ std::vector<Label> read_labels(const std::filesystem::path& file, const Calibrat
 void write_labels(const std::filesystem::path& file, const std::vector<Label>& labels,
                   const Calibration& calibration);
 
+/// Where generated sets keep a frame's true depth: DIR/training/depth/ID.png (write_depth_png; sky is 0).
+std::filesystem::path true_depth_file(const std::filesystem::path& data, const std::string& id);
+
 /// {"to_sun_velo": [x, y, z], "sun": [r, g, b], "ambient": …, "hemisphere": …}
 Lighting read_lighting(const std::filesystem::path& file);
 void write_lighting(const std::filesystem::path& file, const Lighting& lighting);

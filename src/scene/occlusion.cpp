@@ -53,6 +53,11 @@ SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lid
   returns_.reserve(sweep.size());
   for (const LidarPoint& point : sweep) {
     const Vec3d p_velo = point.position().cast<double>(), p = lidar_from_velo * p_velo;
+    if (!p_velo.allFinite() || lidar.beams.empty()) {
+      returns_.push_back({p_velo, -1, 0});
+      ++skipped_;
+      continue;
+    }
     const double rho = std::max(p.head<2>().norm(), 1e-6);
     const int beam = nearest_beam(lidar, slopes, rho, p.z());
     const LidarBeam& b = lidar.beams[static_cast<std::size_t>(beam)];
@@ -60,7 +65,23 @@ SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lid
     returns_.push_back({p_velo, beam, wrap(std::atan2(p.y(), p.x()) - b.azimuth_offset - sideways)});
   }
   find_firings();
+  for (const LidarBeam& b : lidar.beams) {
+    elevations_.push_back({std::cos(b.elevation), std::sin(b.elevation)});
+    offsets_.push_back({std::cos(b.azimuth_offset), std::sin(b.azimuth_offset)});
+  }
+  for (double azimuth : firings_) turns_.push_back({std::cos(azimuth), std::sin(azimuth)});
   assign();
+}
+
+/// LidarModel::ray_at from tables of cosines and sines.
+LidarRay SweepIndex::ray_of_cell(std::size_t beam, std::size_t firing) const {
+  const LidarBeam& b = lidar_.beams[beam];
+  const Turn &elevation = elevations_[beam], &offset = offsets_[beam], &turn = turns_[firing];
+  const double ca = turn.cosine * offset.cosine - turn.sine * offset.sine,
+               sa = turn.sine * offset.cosine + turn.cosine * offset.sine;
+  return {
+      lidar_.velo_from_lidar * Vec3d(-b.lateral * sa, b.lateral * ca, b.height),
+      lidar_.velo_from_lidar.linear() * Vec3d(elevation.cosine * ca, elevation.cosine * sa, elevation.sine)};
 }
 
 void SweepIndex::find_firings() {
@@ -68,7 +89,8 @@ void SweepIndex::find_firings() {
     const auto steps = static_cast<std::size_t>(std::lround(2 * kPi / lidar_.encoder_step));
     std::vector<int> seen(steps, 0);
     for (const Return& r : returns_)
-      ++seen[static_cast<std::size_t>(std::lround((r.firing + kPi) / lidar_.encoder_step)) % steps];
+      if (r.beam >= 0)
+        ++seen[static_cast<std::size_t>(std::lround((r.firing + kPi) / lidar_.encoder_step)) % steps];
     // Returns that noise carried over to the next step are few at any one step.
     const int enough = std::max(2, static_cast<int>(lidar_.beams.size()) / 8);
     for (std::size_t step = 0; step < steps; ++step)
@@ -91,10 +113,11 @@ void SweepIndex::assign() {
   std::vector<double> angles(returns_.size(), kPi);
   for (std::size_t i = 0; i < returns_.size(); ++i) {
     const Return& r = returns_[i];
+    if (r.beam < 0) continue;
     int loser = static_cast<int>(i);
     if (const int firing = nearest_firing(firings_, r.firing, reach); firing >= 0) {
       const auto f = static_cast<std::size_t>(firing);
-      angles[i] = angle_to(lidar_.ray_at(r.beam, firings_[f]), r.p_velo);
+      angles[i] = angle_to(ray_of_cell(static_cast<std::size_t>(r.beam), f), r.p_velo);
       int& holder = cells_[static_cast<std::size_t>(r.beam) * firings_.size() + f];
       if (holder < 0 || angles[i] < angles[static_cast<std::size_t>(holder)]) std::swap(holder, loser);
     }
@@ -105,11 +128,14 @@ void SweepIndex::assign() {
   assigned_share_ = returns_.empty() ? 0 : static_cast<double>(near) / static_cast<double>(returns_.size());
 }
 
-SweepRay SweepIndex::ray_of(int point) const {
+SweepRay SweepIndex::ray_of(int point, int firing) const {
   const Return& r = returns_[static_cast<std::size_t>(point)];
-  const Vec3d origin = lidar_.ray_at(r.beam, r.firing).origin;
+  const LidarBeam& b = lidar_.beams[static_cast<std::size_t>(r.beam)];
+  const double azimuth = r.firing + b.azimuth_offset;
+  const Vec3d origin =
+      lidar_.velo_from_lidar * Vec3d(-b.lateral * std::sin(azimuth), b.lateral * std::cos(azimuth), b.height);
   const double range = std::max((r.p_velo - origin).norm(), 1e-6);
-  return {{origin, (r.p_velo - origin) / range}, r.beam, point, range};
+  return {{origin, (r.p_velo - origin) / range}, r.beam, firing, r.firing, point, range};
 }
 
 std::vector<SweepRay> SweepIndex::rays_through(const Vec3d& centre_velo, double radius) const {
@@ -140,12 +166,12 @@ std::vector<SweepRay> SweepIndex::rays_through(const Vec3d& centre_velo, double 
       const double turned = firings_[f] - from;
       if ((turned < 0 ? turned + 2 * kPi : turned) > 2 * half) break;
       if (const int point = cells_[b * count + f]; point >= 0)
-        add(ray_of(point));
+        add(ray_of(point, static_cast<int>(f)));
       else
-        add({lidar_.ray_at(static_cast<int>(b), firings_[f]), static_cast<int>(b), -1, 0});
+        add({ray_of_cell(b, f), static_cast<int>(b), static_cast<int>(f), firings_[f], -1, 0});
     }
   }
-  for (int point : extra_) add(ray_of(point));
+  for (int point : extra_) add(ray_of(point, -1));
   return rays;
 }
 

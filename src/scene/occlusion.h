@@ -17,8 +17,10 @@ namespace mirage {
 struct SweepRay {
   LidarRay ray;  ///< `velo`; exactly through the return where there is one
   int beam = 0;
-  int point = -1;    ///< index of the return in the sweep, −1 where none came back
-  double range = 0;  ///< m from the ray's origin to the return; 0 where none
+  int firing = -1;  ///< index of the firing, −1 for a return that shares (beam, firing) with a better one
+  double azimuth = 0;  ///< rad, of the firing, in the unit's frame
+  int point = -1;      ///< index of the return in the sweep, −1 where none came back
+  double range = 0;    ///< m from the ray's origin to the return; 0 where none
 };
 
 /// An index over a sweep; it keeps no reference to it.
@@ -34,6 +36,8 @@ class SweepIndex {
 
   /// Firings found, over the whole turn.
   int firing_count() const { return static_cast<int>(firings_.size()); }
+  /// Points that are not finite: they are no returns, and no ray goes through them.
+  int skipped() const { return skipped_; }
   /// Share of the returns that are the only one of their (beam, firing) and within 0.1° of that ray.
   double assigned_share() const { return assigned_share_; }
 
@@ -45,14 +49,21 @@ class SweepIndex {
   };
   void find_firings();
   void assign();
-  SweepRay ray_of(int point) const;
+  SweepRay ray_of(int point, int firing) const;
+  LidarRay ray_of_cell(std::size_t beam, std::size_t firing) const;
+
+  struct Turn {
+    double cosine, sine;
+  };
 
   LidarModel lidar_;
-  std::vector<Return> returns_;
-  std::vector<double> firings_;  ///< rad, rising, in [−π, π)
-  std::vector<int> cells_;       ///< beams × firings: point, −1 where none
-  std::vector<int> extra_;       ///< returns without a cell of their own
+  std::vector<Return> returns_;                     ///< beam −1: not finite, skipped
+  std::vector<double> firings_;                     ///< rad, rising, in [−π, π)
+  std::vector<Turn> elevations_, offsets_, turns_;  ///< of the beams, their azimuth offsets, the firings
+  std::vector<int> cells_;                          ///< beams × firings: point, −1 where none
+  std::vector<int> extra_;                          ///< returns without a cell of their own
   double assigned_share_ = 0;
+  int skipped_ = 0;
 };
 
 }  // namespace mirage

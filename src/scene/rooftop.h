@@ -11,7 +11,7 @@ struct Rooftop {
   bool from_box = true;  ///< true where no shape was fitted and the labelled box was used
 };
 
-/// Finds roof poses. The shape manifold (a later stage) implements the same interface.
+/// Finds roof poses: BoxRooftopFinder here, ShapeRooftopFinder in scene/shape/shape_rooftop.h.
 class RooftopFinder {
  public:
   virtual ~RooftopFinder() = default;

@@ -1,10 +1,12 @@
 #include "sensors/lidar_model.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
 #include "base/config.h"
 #include "base/error.h"
+#include "base/files.h"
 
 namespace mirage {
 namespace {
@@ -22,6 +24,11 @@ double LidarModel::firing_azimuth(int column) const {
   return encoder_step > 0 ? std::round(azimuth / encoder_step) * encoder_step : azimuth;
 }
 
+double LidarModel::firing_time(int beam, double firing_azimuth_) const {
+  const double turn = std::remainder(firing_azimuth_, 2 * std::numbers::pi) / (2 * std::numbers::pi);
+  return (rate > 0 ? rotation * turn / rate : 0) + beams[static_cast<std::size_t>(beam)].time;
+}
+
 LidarRay LidarModel::ray_at(int beam, double firing_azimuth_) const {
   const LidarBeam& b = beams[static_cast<std::size_t>(beam)];
   const double a = firing_azimuth_ + b.azimuth_offset, ca = std::cos(a), sa = std::sin(a);
@@ -30,9 +37,34 @@ LidarRay LidarModel::ray_at(int beam, double firing_azimuth_) const {
           velo_from_lidar.linear() * Vec3d(ce * ca, ce * sa, se)};
 }
 
-LidarModel read_lidar_model(const std::filesystem::path& rig) {
-  ConfigTable file = ConfigTable::read(rig);
+RayTable ray_table(const LidarModel& lidar) {
+  const int columns = lidar.azimuth_count();
+  RayTable table(lidar.beams.size(), static_cast<std::size_t>(columns));
+  for (std::size_t b = 0; b < lidar.beams.size(); ++b)
+    for (int column = 0; column < columns; ++column) {
+      const LidarRay ray = lidar.ray(static_cast<int>(b), column);
+      table.set(b, static_cast<std::size_t>(column), ray.origin.cast<float>(), ray.direction.cast<float>());
+    }
+  return table;
+}
+
+std::filesystem::path lidar_file(const std::string& name) {
+  return name.ends_with(".toml") ? std::filesystem::path(name)
+                                 : shipped_file("scenes/lidars/" + name + ".toml");
+}
+
+LidarModel read_lidar_model(const std::filesystem::path& path) {
+  ConfigTable file = ConfigTable::read(path);
+  if (file.is_text("lidar")) {
+    const std::filesystem::path unit = lidar_file(file.text("lidar"));
+    if (ConfigTable::read(unit).is_text("lidar"))
+      throw InputError(unit.string(), "lidar", "names another unit", "write the unit's [lidar] table");
+    return read_lidar_model(unit);
+  }
   ConfigTable table = file.table("lidar");
+  const auto demand = [&](bool good, const char* key, const char* problem, const char* fix) {
+    if (!good) throw InputError(path.string(), std::string("lidar.") + key, problem, fix);
+  };
   LidarModel model;
   model.name = table.text("name");
   for (const auto& row : table.rows("beams", 4, -180, 180))
@@ -43,6 +75,23 @@ LidarModel read_lidar_model(const std::filesystem::path& rig) {
   model.azimuth_min = azimuth[0] * kDegree, model.azimuth_max = azimuth[1] * kDegree;
   model.range_min = range[0], model.range_max = range[1];
   model.rate = table.number("rate", 0.1, 100);
+  if (table.has("rotation")) {
+    const std::string rotation = table.text("rotation");
+    demand(rotation == "clockwise" || rotation == "counter-clockwise", "rotation", "not a sense of rotation",
+           "write \"clockwise\" or \"counter-clockwise\"");
+    model.rotation = rotation == "clockwise" ? -1 : 1;
+  }
+  if (table.has("firing_time")) {
+    const auto times = table.numbers("firing_time", model.beams.size(), 0, 1e5);
+    for (std::size_t b = 0; b < times.size(); ++b) {
+      model.beams[b].time = times[b] * 1e-6;
+      model.beams[b].azimuth_offset += model.rotation * 2 * std::numbers::pi * model.rate * times[b] * 1e-6;
+    }
+  }
+  if (table.has("divergence")) {
+    const auto full = table.numbers("divergence", 2, 0, 100);
+    model.divergence = Vec2d(full[0], full[1]) * 1e-3;
+  }
   const auto mount = table.numbers("velo_from_lidar", 6, -180, 180);
   model.velo_from_lidar.translation() = Vec3d(mount[0], mount[1], mount[2]);
   model.velo_from_lidar.linear() = (Eigen::AngleAxisd(mount[5] * kDegree, Vec3d::UnitZ()) *
@@ -51,9 +100,6 @@ LidarModel read_lidar_model(const std::filesystem::path& rig) {
                                        .toRotationMatrix();
   model.height = table.number("height", 0, 10);
   table.check_all_known();
-  const auto demand = [&](bool good, const char* key, const char* problem, const char* fix) {
-    if (!good) throw InputError(rig.string(), std::string("lidar.") + key, problem, fix);
-  };
   demand(model.azimuth_max > model.azimuth_min, "azimuth", "the field is empty", "write [smallest, largest]");
   demand(model.range_max > model.range_min, "range", "the limits are out of order",
          "write [smallest, largest]");
@@ -63,10 +109,14 @@ LidarModel read_lidar_model(const std::filesystem::path& rig) {
     const LidarBeam& beam = model.beams[i];
     demand(std::abs(beam.elevation) < 89 * kDegree, "beams", "an elevation is not between -89 and 89 degrees",
            "write [elevation, height, lateral, azimuth offset]");
-    // Looked up by bisection: at no distance may a lower beam pass above a higher one.
-    demand(
-        i == 0 || (beam.elevation < model.beams[i - 1].elevation && beam.height <= model.beams[i - 1].height),
-        "beams", "not sorted from the top beam down", "sort the rows by elevation, highest first");
+    if (i == 0) continue;
+    // Looked up by bisection over their heights: from the smallest range on, a lower beam never passes above
+    // a higher one.
+    const LidarBeam& above = model.beams[i - 1];
+    const double nearest = model.range_min * std::min(std::cos(above.elevation), std::cos(beam.elevation));
+    const double rise = std::tan(above.elevation) - std::tan(beam.elevation);
+    demand(rise > 0 && above.height - beam.height + nearest * rise >= 0, "beams",
+           "not sorted from the top beam down", "sort the rows by elevation, highest first");
   }
   return model;
 }

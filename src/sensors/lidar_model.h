@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/types.h"
+#include "sensors/ray_caster.h"
 
 namespace mirage {
 
@@ -25,7 +26,8 @@ struct LidarBeam {
   double elevation = 0;       ///< rad, positive up
   double height = 0;          ///< m
   double lateral = 0;         ///< m
-  double azimuth_offset = 0;  ///< rad
+  double azimuth_offset = 0;  ///< rad; the unit's turn until `time` is in it
+  double time = 0;            ///< s, after the first laser of its firing sequence
 };
 
 /// A ray in `velo`; `direction` is a unit vector.
@@ -40,9 +42,11 @@ struct LidarModel {
   /// rad; firings happen on the encoder's grid: at the multiple of this nearest to column · azimuth_step. 0:
   /// no grid.
   double encoder_step = 0;
-  double azimuth_min = 0, azimuth_max = 0;            ///< rad, firings kept (KITTI labels cover the front)
-  double range_min = 0, range_max = 0;                ///< m
-  double rate = 0;                                    ///< revolutions per second
+  double azimuth_min = 0, azimuth_max = 0;  ///< rad, firings kept (KITTI labels cover the front)
+  double range_min = 0, range_max = 0;      ///< m
+  double rate = 0;                          ///< revolutions per second
+  int rotation = 1;                         ///< +1 counter-clockwise seen from above, −1 clockwise
+  Vec2d divergence = Vec2d::Zero();         ///< rad, horizontal and vertical, full angle; 0: unknown
   Transform velo_from_lidar = Transform::Identity();  ///< mount pose of the unit in `velo`
   double height = 0;                                  ///< m of the `velo` origin over the ground
 
@@ -53,10 +57,19 @@ struct LidarModel {
   /// The ray of a beam (index) fired at an azimuth (rad, unit's frame).
   LidarRay ray_at(int beam, double firing_azimuth) const;
   LidarRay ray(int beam, int column) const { return ray_at(beam, firing_azimuth(column)); }
+  /// When a beam fires (s): 0 is the moment at which the unit looks along its +x, the camera's moment in
+  /// KITTI's recordings (Geiger et al., IJRR 2013), and firings behind it are up to half a turn away.
+  double firing_time(int beam, double firing_azimuth) const;
 };
 
-/// Reads the [lidar] table of a rig file (scenes/rigs/*.toml says what each key means). InputError naming
-/// file and key: missing, unknown, out of range, beams not from the top down.
-LidarModel read_lidar_model(const std::filesystem::path& rig);
+/// Every ray of the model, a row a beam, a column a firing, in `velo`: to be made once and traced often.
+RayTable ray_table(const LidarModel& lidar);
+
+/// Reads the [lidar] table of a file (scenes/rigs/kitti64.toml says what each key means). A rig may name a
+/// unit instead: lidar = "vlp16" at its head. InputError naming file and key: missing, unknown, out of range,
+/// beams not from the top down.
+LidarModel read_lidar_model(const std::filesystem::path& file);
+/// The file of a unit: scenes/lidars/NAME.toml, or the file itself if the name ends in .toml.
+std::filesystem::path lidar_file(const std::string& name);
 
 }  // namespace mirage

@@ -13,6 +13,9 @@
 
 namespace mirage {
 
+/// Smallest height of a face (m) over which its reflectance may change at the full rate.
+inline constexpr double kThinFace = 1e-3;
+
 template <class S>
 struct FaceReturn {
   bool valid = false;
@@ -45,7 +48,8 @@ FaceReturn<S> intersect_face(const Vec3<S>& origin, const Vec3<S>& direction,
 
 /// d loss / d (x, y, z, reflectance) of the return → the face's vertices. The gradient of the position grows
 /// as 1 / cos θ with the incidence angle; below cos θ = grazing_cosine it is scaled by (cos θ /
-/// grazing_cosine), so that |∂p/∂v_k| ≤ |b_k| / grazing_cosine always.
+/// grazing_cosine), so that |∂p/∂v_k| ≤ |b_k| / grazing_cosine always. The gradient of the reflectance grows
+/// as 1 / height of the face; below kThinFace it is scaled down, so that |∂r/∂v_k| ≤ 2 ρ / kThinFace always.
 template <class S>
 std::array<Vec3<S>, 3> intersect_face_vjp(const Vec3<S>& direction, const std::array<Vec3<S>, 3>& face,
                                           const FaceReturn<S>& hit, S reflectivity, S grazing_cosine,
@@ -53,14 +57,18 @@ std::array<Vec3<S>, 3> intersect_face_vjp(const Vec3<S>& direction, const std::a
   std::array<Vec3<S>, 3> d_face{Vec3<S>::Zero(), Vec3<S>::Zero(), Vec3<S>::Zero()};
   if (!hit.valid) return d_face;
   const Vec3<S> e1 = face[1] - face[0], e2 = face[2] - face[0], n = e1.cross(e2);
-  const S facing = n.dot(direction), length = n.norm(), cosine = std::abs(facing) / length;
-  const S bound = std::min(S(1), cosine / grazing_cosine);
-  const Vec3<S> along_normal = n * (bound * d_point.dot(direction) / facing);
+  const S facing = n.dot(direction), length = n.norm();
+  if (!(length > 0)) return d_face;
+  const S sign = facing >= 0 ? S(1) : S(-1);
+  const Vec3<S> unit = n / length;
+  const S cosine = std::max(std::abs(facing) / length, grazing_cosine);
+  const Vec3<S> along_normal = unit * (sign * d_point.dot(direction) / cosine);
   for (int k = 0; k < 3; ++k) d_face[k] += hit.barycentric[k] * along_normal;
   // Reflectance: ρ |n·d| / |n|.
-  const S sign = facing >= 0 ? S(1) : S(-1);
+  const S longest = std::sqrt(std::max({e1.squaredNorm(), e2.squaredNorm(), (e2 - e1).squaredNorm()}));
+  const S bound = std::min(S(1), length / longest / S(kThinFace));
   const Vec3<S> d_n =
-      d_reflectance * reflectivity * sign * (direction / length - n * (facing / (length * length * length)));
+      d_reflectance * reflectivity * sign * bound / length * (direction - unit * unit.dot(direction));
   const Vec3<S> d_e1 = e2.cross(d_n), d_e2 = d_n.cross(e1);
   d_face[0] -= d_e1 + d_e2;
   d_face[1] += d_e1;

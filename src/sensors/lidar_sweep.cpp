@@ -14,73 +14,215 @@ constexpr float kGlassEcho = 0.25f;  // of the light that a pane does not pass, 
 
 constexpr double kGlossLoss = 0.15;  // share that a clear coat or a polished surface throws elsewhere
 
-// Reflectance as an HDL-64E reports it, in hundredths: weak signals fade to 0, as recorded sweeps show for
-// dark paint at any range and for the road beyond 30 m.
-float reported(float reflectivity, double signal, const SweepNoise& noise, double deviation) {
-  const double fade = 1 - std::exp(-signal / (2 * noise.signal_floor));
-  const double value = std::min(1.f, reflectivity) * fade - noise.dark_level + deviation;
-  return static_cast<float>(std::round(100 * std::clamp(value, 0.0, 0.99)) / 100);
+/// What one firing draws, whatever it meets.
+struct Draw {
+  double range, reflectance, lost, weak, pane;
+};
+
+/// Reflectance as a unit reports it: weak signals fade to 0, as recorded sweeps show for dark paint at any
+/// range and for the road beyond 30 m.
+float reported(float reflectivity, double signal, const LidarEffects& effects, double deviation) {
+  const double fade = effects.signal_floor > 0 ? 1 - std::exp(-signal / (2 * effects.signal_floor)) : 1;
+  const double value = std::min(1.f, reflectivity) * fade - effects.dark_level + deviation;
+  if (effects.reflectance_step > 0) {
+    const double steps = std::round(1 / effects.reflectance_step);
+    return static_cast<float>(std::round(steps * std::clamp(value, 0.0, 1 - effects.reflectance_step)) /
+                              steps);
+  }
+  return static_cast<float>(std::clamp(value, 0.0, 1.0));
 }
 
-}  // namespace
+/// What a ray brought back before the sensor's own noise.
+struct Return {
+  float range = 0;
+  float reflectivity = 0;
+  double signal = 0;  ///< reflectivity · cos^0.7 / range²
+  bool glossy = false;
+};
 
-Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
-                     const SweepNoise& noise) {
-  const int columns = model.azimuth_count();
-  std::vector<Sweep> beams(model.beams.size());
+class SweepSimulator {
+ public:
+  SweepSimulator(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
+                 const LidarEffects& effects)
+      : scene_(scene),
+        model_(model),
+        seed_(seed),
+        effects_(effects),
+        pattern_(beam_pattern(effects)),
+        columns_(static_cast<std::size_t>(model.azimuth_count())),
+        rays_(model.beams.size() * pattern_.size(), columns_),
+        axis_(model.beams.size(), columns_),
+        draws_(model.beams.size() * columns_),
+        bias_(model.beams.size()) {}
 
-  parallel_for(beams.size(), [&](std::size_t b) {
-    RandomStream random(seed, "lidar beam", b);
-    const double bias = random.normal() * noise.beam_bias_sigma;
-    for (int column = 0; column < columns; ++column) {
-      // Every firing draws the same count of numbers, whatever it meets.
-      const double da = random.normal() * noise.angle_sigma, de = random.normal() * noise.angle_sigma;
-      const double dr = random.normal() * noise.range_sigma, di = random.normal() * noise.reflectance_sigma;
-      const double lost = random.uniform(), weak = random.uniform();
-      double pane = random.uniform();
+  Firings run() {
+    parallel_for(model_.beams.size(), [&](std::size_t beam) { fire(beam); });
+    scene_.caster.intersect(rays_, static_cast<float>(model_.range_min), static_cast<float>(model_.range_max),
+                            hits_);
+    firings_.points.resize(model_.beams.size() * columns_);
+    firings_.ranges.assign(firings_.points.size(), 0);
+    parallel_for(model_.beams.size(), [&](std::size_t beam) { receive(beam); });
+    return std::move(firings_);
+  }
 
-      const LidarRay fired = model.ray(static_cast<int>(b), column);
-      const Vec3d left = Vec3d(-fired.direction.y(), fired.direction.x(), 0).normalized();
-      const Vec3d d = (fired.direction + da * left + de * fired.direction.cross(left)).normalized();
-      Ray ray{fired.origin.cast<float>(), d.cast<float>(), static_cast<float>(model.range_min),
-              static_cast<float>(model.range_max)};
-      Hit hit;
-      bool returned = false;
-      for (int layer = 0; layer < kGlassLayers; ++layer) {
-        hit = scene.caster.intersect(ray);
-        if (!hit.hit()) break;
-        const float through = scene.materials[hit.mesh].transparency;
-        if (pane >= through) {
-          returned = through == 0 || (pane - through) < (1 - through) * kGlassEcho;
-          break;
-        }
-        // The same number, stretched back to [0, 1), decides at the next pane.
-        if (through > 0) pane /= through;
-        ray.t_min = hit.t + 1e-3f;
+ private:
+  void fire(std::size_t beam) {
+    RandomStream random(seed_, "lidar beam", beam);
+    bias_[beam] = random.normal() * effects_.beam_bias_sigma;
+    for (std::size_t column = 0; column < columns_; ++column) {
+      Draw& draw = draws_[beam * columns_ + column];
+      const double da = random.normal() * effects_.angle_sigma, de = random.normal() * effects_.angle_sigma;
+      draw.range = random.normal() * effects_.range_sigma;
+      draw.reflectance = random.normal() * effects_.reflectance_sigma;
+      draw.lost = random.uniform(), draw.weak = random.uniform();
+      draw.pane = random.uniform();
+      const double azimuth = model_.firing_azimuth(static_cast<int>(column));
+      const LidarRay fired = model_.ray_at(static_cast<int>(beam), azimuth);
+      const Vec3d d = turned(fired.direction, Vec2d(da, de));
+      axis_.set(beam, column, fired.origin.cast<float>(), d.cast<float>());
+      Transform pose = Transform::Identity();
+      if (effects_.moving())
+        pose = start_from_moment(effects_, model_.firing_time(static_cast<int>(beam), azimuth));
+      for (std::size_t k = 0; k < pattern_.size(); ++k) {
+        const Vec3d sub = k == 0 ? d : turned(d, pattern_[k].angle);
+        rays_.set(beam * pattern_.size() + k, column, (pose * fired.origin).cast<float>(),
+                  (pose.linear() * sub).cast<float>());
       }
-      if (!returned || lost < noise.drop_out) continue;
-      const float cosine = std::abs(hit.normal.normalized().dot(ray.direction));
-      const Vec3f p0 = ray.origin + hit.t * ray.direction;
-      Vec3f n = hit.normal.normalized();
-      const Material& m = scene.materials[hit.mesh];
+    }
+  }
+
+  /// Follows a ray through glass to what returns its light; false if nothing does.
+  bool follow(std::size_t row, std::size_t column, double pane, Return& result) const {
+    const std::size_t i = rays_.index(row, column);
+    Ray ray{rays_.origin_at(i), rays_.direction_at(i), 0, static_cast<float>(model_.range_max)};
+    int mesh = hits_.mesh[i], face = hits_.face[i];
+    float t = hits_.t[i];
+    bool returned = false;
+    for (int layer = 0; layer < kGlassLayers && mesh >= 0; ++layer) {
+      const float through = scene_.materials[static_cast<std::size_t>(mesh)].transparency;
+      if (pane >= through) {
+        returned = through == 0 || (pane - through) < (1 - through) * kGlassEcho;
+        break;
+      }
+      // The same number, stretched back to [0, 1), decides at the next pane.
+      if (through > 0) pane /= through;
+      ray.t_min = t + 1e-3f;
+      const Hit next = scene_.caster.intersect(ray);
+      mesh = next.mesh, face = next.face, t = next.t;
+    }
+    if (!returned) return false;
+    const Vec3f n = scene_.caster.normal(mesh, face).normalized();
+    const float cosine = std::abs(n.dot(ray.direction));
+    const Vec3f p0 = ray.origin + t * ray.direction;
+    const Material& m = scene_.materials[static_cast<std::size_t>(mesh)];
+    result.range = t;
+    result.glossy = m.gloss > 0;
+    if (effects_.albedo) {
+      result.reflectivity = std::min(1.f, surface_albedo(m, p0, n, 0.02f * t / 10).mean());
+    } else {
       // Near-infrared reflectivity follows the pattern's contrast, not its colour.
-      float reflectivity = m.lidar;
+      result.reflectivity = m.lidar;
       if (m.pattern != Pattern::plain) {
         const float mean = m.albedo.mean();
         if (mean > 0)
-          reflectivity *= std::clamp(surface_albedo(m, p0, n, 0.02f * hit.t / 10).mean() / mean, 0.3f, 1.8f);
+          result.reflectivity *=
+              std::clamp(surface_albedo(m, p0, n, 0.02f * t / 10).mean() / mean, 0.3f, 1.8f);
       }
-      const double signal = reflectivity * std::pow(cosine, 0.7f) / (hit.t * hit.t);
-      const double kept = (1 - std::exp(-signal / noise.signal_floor)) * (m.gloss > 0 ? 1 - kGlossLoss : 1);
-      if (weak > kept) continue;
-      const double range = hit.t + bias + dr;
-      if (range < model.range_min || range > model.range_max) continue;
-      const Vec3f p = ray.origin + static_cast<float>(range) * ray.direction;
-      beams[b].push_back({p.x(), p.y(), p.z(), reported(reflectivity, signal, noise, di)});
     }
-  });
+    result.signal = result.reflectivity * std::pow(cosine, 0.7f) / (t * t);
+    if (effects_.albedo) result.reflectivity *= cosine;
+    return true;
+  }
+
+  /// What the beam brings back: its one ray, or the strongest echo of its cone.
+  bool gather(std::size_t beam, std::size_t column, double pane, Return& result) const {
+    const std::size_t count = pattern_.size();
+    if (count == 1) return follow(beam, column, pane, result);
+    std::vector<Return> parts;
+    std::vector<Reflection> reflections;
+    std::vector<double> weights;
+    for (std::size_t k = 0; k < count; ++k) {
+      Return part;
+      if (!follow(beam * count + k, column, pane, part)) continue;
+      parts.push_back(part);
+      weights.push_back(pattern_[k].weight);
+      reflections.push_back({part.range, pattern_[k].weight * part.signal});
+    }
+    Echo echo;
+    strongest_echo(reflections, effects_.pulse_length, echo);
+    if (echo.strongest < 0) return false;
+    result = parts[static_cast<std::size_t>(echo.strongest)];
+    result.signal = 0;
+    float reflectivity = 0;
+    for (int i : echo.members) {
+      const auto at = static_cast<std::size_t>(i);
+      reflectivity += static_cast<float>(weights[at]) * parts[at].reflectivity;
+      result.signal += reflections[at].strength;
+    }
+    result.reflectivity = reflectivity;
+    return true;
+  }
+
+  void receive(std::size_t beam) {
+    for (std::size_t column = 0; column < columns_; ++column) {
+      const std::size_t place = beam * columns_ + column;
+      const Draw& draw = draws_[place];
+      Return back;
+      if (!gather(beam, column, draw.pane, back) || draw.lost < effects_.drop_out) continue;
+      double kept = effects_.signal_floor > 0 ? 1 - std::exp(-back.signal / effects_.signal_floor) : 1;
+      if (effects_.signal_floor > 0 && back.glossy) kept *= 1 - kGlossLoss;
+      if (draw.weak > kept) continue;
+      const double range = back.range + bias_[beam] + draw.range;
+      if (range < model_.range_min || range > model_.range_max) continue;
+      const std::size_t i = axis_.index(beam, column);
+      const Vec3f p = axis_.origin_at(i) + static_cast<float>(range) * axis_.direction_at(i);
+      firings_.points[place] = {p.x(), p.y(), p.z(),
+                                reported(back.reflectivity, back.signal, effects_, draw.reflectance)};
+      firings_.ranges[place] = range;
+    }
+  }
+
+  const RayScene& scene_;
+  const LidarModel& model_;
+  std::uint64_t seed_;
+  const LidarEffects& effects_;
+  std::vector<SubRay> pattern_;
+  std::size_t columns_;
+  RayTable rays_;  ///< a row a ray of the cone, as traced
+  RayTable axis_;  ///< a row a beam, as the unit believes
+  HitTable hits_;
+  std::vector<Draw> draws_;
+  std::vector<double> bias_;
+  Firings firings_;
+};
+
+}  // namespace
+
+LidarEffects generated_sweep_effects() {
+  LidarEffects effects;
+  effects.range_sigma = 0.012;
+  effects.beam_bias_sigma = 0.008;
+  effects.angle_sigma = 2.5e-4;
+  effects.reflectance_sigma = 0.03;
+  effects.drop_out = 0.015;
+  effects.dark_level = 0.06;
+  effects.signal_floor = 3e-5;
+  effects.reflectance_step = 0.01;
+  return effects;
+}
+
+Firings simulate_firings(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
+                         const LidarEffects& effects) {
+  check_effects(effects);
+  return SweepSimulator(scene, model, seed, effects).run();
+}
+
+Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
+                     const LidarEffects& effects) {
+  const Firings firings = simulate_firings(scene, model, seed, effects);
   Sweep sweep;
-  for (const Sweep& beam : beams) sweep.insert(sweep.end(), beam.begin(), beam.end());
+  for (std::size_t i = 0; i < firings.points.size(); ++i)
+    if (firings.ranges[i] > 0) sweep.push_back(firings.points[i]);
   return sweep;
 }
 

@@ -3,26 +3,29 @@
 
 #include <cstdint>
 
+#include "sensors/lidar_effects.h"
 #include "sensors/lidar_model.h"
 #include "sensors/ray_camera.h"
 
 namespace mirage {
 
-struct SweepNoise {
-  double range_sigma = 0.012;      ///< m
-  double beam_bias_sigma = 0.008;  ///< m, constant a beam: what calibration leaves
-  double angle_sigma = 2.5e-4;     ///< rad, of azimuth and elevation
-  double reflectance_sigma = 0.03;
-  double drop_out = 0.015;   ///< share of returns lost without a reason
-  double dark_level = 0.06;  ///< reflectance that is reported as 0
-  /// Signal (reflectivity · cos^0.7(incidence) / range², 1/m²) that returns with probability 1 − 1/e. Chosen
-  /// so that road and cars keep KITTI's counts of points over the range.
-  double signal_floor = 3e-5;
+/// The imperfections of generated sweeps, chosen so that they look like KITTI's: road and cars keep their
+/// counts of points over the range.
+LidarEffects generated_sweep_effects();
+
+/// What came back of each firing: beams × columns, beam by beam.
+struct Firings {
+  std::vector<LidarPoint> points;  ///< `velo`; meaningless where nothing returned
+  std::vector<double> ranges;      ///< m, as reported; 0 where nothing returned
 };
 
-/// Traces every (beam, column) of the model and returns the points in `velo`, beam by beam. Glass lets most
-/// rays pass. Random numbers are keyed by (seed, beam): the result does not depend on the thread count.
+/// Traces every (beam, column) of the model. Glass lets most rays pass. Random numbers are keyed by (seed,
+/// beam): the result does not depend on the thread count.
+Firings simulate_firings(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
+                         const LidarEffects& effects = generated_sweep_effects());
+
+/// The returns alone, beam by beam.
 Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
-                     const SweepNoise& noise = {});
+                     const LidarEffects& effects = generated_sweep_effects());
 
 }  // namespace mirage

@@ -1,9 +1,14 @@
 #include "sensors/ray_caster.h"
 
 #include <embree3/rtcore.h>
+#include <tbb/task_arena.h>
 
+#include <algorithm>
+#include <cmath>
+#include <cstring>
 #include <limits>
 #include <string>
+#include <type_traits>
 #include <utility>
 
 #include "base/error.h"
@@ -21,6 +26,27 @@ void fail(const std::string& problem) {
 void check(RTCDevice device) {
   const RTCError code = rtcGetDeviceError(device);
   if (code != RTC_ERROR_NONE) fail("Embree error " + std::to_string(static_cast<int>(code)));
+}
+
+/// One device for the process, never released: making one costs more than a small scene. It must not be told
+/// its number of threads: Embree's oneTBB build would bound every parallel loop of the process by it.
+RTCDevice shared_device() {
+  static const RTCDevice device = rtcNewDevice("set_affinity=0");
+  if (!device) fail("Embree device not made (error " + std::to_string(rtcGetDeviceError(nullptr)) + ")");
+  return device;
+}
+
+void check_geometry(const Mesh& mesh, std::size_t index) {
+  const auto refuse = [&](const std::string& field, const std::string& problem) {
+    throw InputError("mesh " + std::to_string(index), field, problem, "mend the mesh before it is traced");
+  };
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
+    if (!mesh.vertices[v].allFinite()) refuse("vertex " + std::to_string(v), "is not finite");
+  const int count = static_cast<int>(mesh.vertices.size());
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+    for (int corner : mesh.faces[f])
+      if (corner < 0 || corner >= count)
+        refuse("face " + std::to_string(f), "names a vertex that does not exist");
 }
 
 RTCRay embree_ray(const Ray& ray) {
@@ -48,8 +74,8 @@ struct Geometry {
 }  // namespace
 
 struct RayCaster::State {
-  RTCDevice device = nullptr;
   RTCScene scene = nullptr;
+  int width = 1;  ///< widest packet that the processor traces natively
   std::vector<Geometry> geometries;
 
   State() = default;
@@ -57,35 +83,36 @@ struct RayCaster::State {
   State& operator=(const State&) = delete;
   ~State() {
     if (scene) rtcReleaseScene(scene);
-    if (device) rtcReleaseDevice(device);
   }
 };
 
-RayCaster::RayCaster(std::span<const Mesh> meshes) : state_(std::make_unique<State>()) {
-  // One build thread a device: scenes here are small, and callers already work in parallel.
-  state_->device = rtcNewDevice("threads=1,set_affinity=0");
-  if (!state_->device)
-    fail("Embree device not made (error " + std::to_string(rtcGetDeviceError(nullptr)) + ")");
-  state_->scene = rtcNewScene(state_->device);
-  if (!state_->scene) check(state_->device);
+RayCaster::RayCaster(std::span<const Mesh> meshes, const Vec3d& origin) : state_(std::make_unique<State>()) {
+  const RTCDevice device = shared_device();
+  state_->width = rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED)  ? 16
+                  : rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) ? 8
+                  : rtcGetDeviceProperty(device, RTC_DEVICE_PROPERTY_NATIVE_RAY4_SUPPORTED) ? 4
+                                                                                            : 1;
+  state_->scene = rtcNewScene(device);
+  if (!state_->scene) check(device);
   rtcSetSceneFlags(state_->scene, RTC_SCENE_FLAG_ROBUST);
   state_->geometries.resize(meshes.size());
   for (std::size_t m = 0; m < meshes.size(); ++m) {
     const Mesh& mesh = meshes[m];
+    check_geometry(mesh, m);
     if (mesh.faces.empty()) continue;
-    const RTCGeometry geometry = rtcNewGeometry(state_->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    if (!geometry) check(state_->device);
+    const RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    if (!geometry) check(device);
     auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(
         geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()));
     auto* faces = static_cast<unsigned*>(rtcSetNewGeometryBuffer(
         geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), mesh.faces.size()));
     if (!vertices || !faces) {
       rtcReleaseGeometry(geometry);
-      check(state_->device);
+      check(device);
       fail("no room for " + std::to_string(mesh.faces.size()) + " faces");
     }
     for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
-      for (int c = 0; c < 3; ++c) vertices[3 * v + c] = static_cast<float>(mesh.vertices[v][c]);
+      for (int c = 0; c < 3; ++c) vertices[3 * v + c] = static_cast<float>(mesh.vertices[v][c] - origin[c]);
     for (std::size_t f = 0; f < mesh.faces.size(); ++f)
       for (int c = 0; c < 3; ++c) faces[3 * f + c] = static_cast<unsigned>(mesh.faces[f][c]);
     state_->geometries[m] = {vertices, faces};
@@ -93,8 +120,11 @@ RayCaster::RayCaster(std::span<const Mesh> meshes) : state_(std::make_unique<Sta
     rtcAttachGeometryByID(state_->scene, geometry, static_cast<unsigned>(m));
     rtcReleaseGeometry(geometry);
   }
-  rtcCommitScene(state_->scene);
-  check(state_->device);
+  // Built by one thread: the tree, and with it which of two faces a ray through their common edge meets, must
+  // not depend on the thread count.
+  tbb::task_arena alone(1);
+  alone.execute([&] { rtcCommitScene(state_->scene); });
+  check(device);
 }
 
 RayCaster::~RayCaster() = default;
@@ -102,6 +132,7 @@ RayCaster::RayCaster(RayCaster&&) noexcept = default;
 RayCaster& RayCaster::operator=(RayCaster&&) noexcept = default;
 
 Hit RayCaster::intersect(const Ray& ray) const {
+  if (!ray.origin.allFinite() || !ray.direction.allFinite()) return {};
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   RTCRayHit query;
@@ -116,12 +147,16 @@ Hit RayCaster::intersect(const Ray& ray) const {
   hit.face = static_cast<int>(query.hit.primID);
   hit.b1 = query.hit.u;
   hit.b2 = query.hit.v;
-  // From the vertices: Embree's own Ng has changed its sign between major versions.
-  const Geometry& g = state_->geometries[hit.mesh];
-  const unsigned* f = g.faces + 3 * static_cast<std::size_t>(hit.face);
-  const Eigen::Map<const Vec3f> a(g.vertices + 3 * f[0]), b(g.vertices + 3 * f[1]), c(g.vertices + 3 * f[2]);
-  hit.normal = (b - a).cross(c - a);
+  hit.normal = normal(hit.mesh, hit.face);
   return hit;
+}
+
+Vec3f RayCaster::normal(int mesh, int face) const {
+  // From the vertices: Embree's own Ng has changed its sign between major versions.
+  const Geometry& g = state_->geometries[static_cast<std::size_t>(mesh)];
+  const unsigned* f = g.faces + 3 * static_cast<std::size_t>(face);
+  const Eigen::Map<const Vec3f> a(g.vertices + 3 * f[0]), b(g.vertices + 3 * f[1]), c(g.vertices + 3 * f[2]);
+  return (b - a).cross(c - a);
 }
 
 void RayCaster::intersect(std::span<const Ray> rays, std::span<Hit> hits) const {
@@ -130,7 +165,94 @@ void RayCaster::intersect(std::span<const Ray> rays, std::span<Hit> hits) const 
       rays.size(), [&](std::size_t i) { hits[i] = intersect(rays[i]); }, kGrain);
 }
 
+RayTable::RayTable(std::size_t rows_, std::size_t columns_)
+    : rows(rows_), columns(columns_), stride((columns_ + kPacket - 1) / kPacket * kPacket) {
+  for (auto& component : origin) component.resize(rows * stride);
+  for (auto& component : direction) component.resize(rows * stride);
+}
+
+namespace {
+
+template <int N>
+using RayHitN = std::conditional_t<N == 16, RTCRayHit16, std::conditional_t<N == 8, RTCRayHit8, RTCRayHit4>>;
+
+/// One row of a table in packets of N consecutive rays.
+template <int N>
+void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_min, float t_max,
+               HitTable& hits) {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  alignas(64) RayHitN<N> packet;
+  alignas(64) int valid[N];
+  for (int i = 0; i < N; ++i) {
+    packet.ray.tnear[i] = t_min;
+    packet.ray.time[i] = 0;
+    packet.ray.mask[i] = ~0u;
+    packet.ray.id[i] = 0;
+    packet.ray.flags[i] = 0;
+  }
+  for (std::size_t column = 0; column < rays.columns; column += N) {
+    const std::size_t at = rays.index(row, column);
+    constexpr std::size_t bytes = N * sizeof(float);
+    std::memcpy(packet.ray.org_x, &rays.origin[0][at], bytes);
+    std::memcpy(packet.ray.org_y, &rays.origin[1][at], bytes);
+    std::memcpy(packet.ray.org_z, &rays.origin[2][at], bytes);
+    std::memcpy(packet.ray.dir_x, &rays.direction[0][at], bytes);
+    std::memcpy(packet.ray.dir_y, &rays.direction[1][at], bytes);
+    std::memcpy(packet.ray.dir_z, &rays.direction[2][at], bytes);
+    for (int i = 0; i < N; ++i) {
+      packet.ray.tfar[i] = t_max;
+      packet.hit.geomID[i] = packet.hit.primID[i] = RTC_INVALID_GEOMETRY_ID;
+      packet.hit.u[i] = packet.hit.v[i] = 0;
+    }
+    // One ray that is not finite would spoil the common bounds of its packet: x · 0 is 0 only where x is
+    // finite.
+    for (int i = 0; i < N; ++i) {
+      const auto& r = packet.ray;
+      const float zero =
+          (r.org_x[i] + r.org_y[i] + r.org_z[i]) * 0 + (r.dir_x[i] + r.dir_y[i] + r.dir_z[i]) * 0;
+      valid[i] = zero == 0 ? -1 : 0;
+    }
+    if (column + N > rays.columns)
+      for (int i = 0; i < N; ++i)
+        if (column + static_cast<std::size_t>(i) >= rays.columns) valid[i] = 0;
+    if constexpr (N == 16) rtcIntersect16(valid, scene, &context, &packet);
+    if constexpr (N == 8) rtcIntersect8(valid, scene, &context, &packet);
+    if constexpr (N == 4) rtcIntersect4(valid, scene, &context, &packet);
+    for (int i = 0; i < N; ++i)
+      if (packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) packet.ray.tfar[i] = -1;
+    static_assert(RTC_INVALID_GEOMETRY_ID == ~0u);  // −1 as int
+    std::memcpy(&hits.t[at], packet.ray.tfar, bytes);
+    std::memcpy(&hits.b1[at], packet.hit.u, bytes);
+    std::memcpy(&hits.b2[at], packet.hit.v, bytes);
+    std::memcpy(&hits.mesh[at], packet.hit.geomID, bytes);
+    std::memcpy(&hits.face[at], packet.hit.primID, bytes);
+  }
+}
+
+}  // namespace
+
+void RayCaster::intersect(const RayTable& rays, float t_min, float t_max, HitTable& hits, int width) const {
+  const std::size_t count = rays.rows * rays.stride;
+  for (auto* values : {&hits.t, &hits.b1, &hits.b2}) values->resize(count);
+  for (auto* values : {&hits.mesh, &hits.face}) values->resize(count);
+  if (width == 0) width = state_->width;
+  parallel_for(rays.rows, [&](std::size_t row) {
+    if (width == 16) return trace_row<16>(state_->scene, rays, row, t_min, t_max, hits);
+    if (width == 8) return trace_row<8>(state_->scene, rays, row, t_min, t_max, hits);
+    if (width == 4) return trace_row<4>(state_->scene, rays, row, t_min, t_max, hits);
+    for (std::size_t column = 0; column < rays.columns; ++column) {
+      const std::size_t at = rays.index(row, column);
+      const Hit hit = intersect({rays.origin_at(at), rays.direction_at(at), t_min, t_max});
+      hits.t[at] = hit.t, hits.b1[at] = hit.b1, hits.b2[at] = hit.b2;
+      hits.mesh[at] = hit.mesh, hits.face[at] = hit.face;
+    }
+  });
+}
+
 bool RayCaster::occluded(const Ray& ray) const {
+  if (!ray.origin.allFinite() || !ray.direction.allFinite()) return false;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   RTCRay query = embree_ray(ray);

@@ -4,268 +4,202 @@
 #include <cmath>
 #include <limits>
 
+#include "sensors/raster/plain_fragment.h"
+#include "sensors/raster/setup.h"
+
 namespace mirage {
 namespace {
 
-/// Screen-space geometry of one face that does not depend on the pixel.
-template <class S>
-struct FaceSetup {
-  bool usable = false;
-  Vec2<S> v[3];
-  S z[3];
-  Eigen::Matrix<S, 3, 3> barycentric;  ///< rows (x, y, 1) coefficients: b = barycentric · (x, y, 1)
-  S altitude = 0;                      ///< smallest altitude on screen, NDC
-  S low_x, high_x, low_y, high_y;      ///< bounding box grown by √T
-};
+using plain_raster::FaceSetup;
+using plain_raster::Fragment;
 
-/// One (pixel, face) pair that counts.
-template <class S>
-struct Fragment {
-  int face = -1;
-  S sign = 1;                 ///< δ
-  Vec2<S> offset;             ///< p − nearest boundary point
-  int edge = 0;               ///< boundary edge (from vertex edge to edge + 1)
-  S along = 0;                ///< position on it, [0, 1]
-  S coverage = 0;             ///< D
-  Vec3<S> clipped;            ///< clipped and normalised barycentrics
-  Vec3<S> raw;                ///< barycentrics before clipping
-  S z = 0, normalized_z = 0;  ///< z and z̄
-  bool colored = false;       ///< near ≤ z ≤ far
-  int texel = 0;              ///< index into texels
-  S weight = 0;               ///< w (paper) or share among faces (silhouette)
-};
-
-template <class S>
-S cutoff(const SoftRasterSettings<S>& settings) {
-  return settings.sigma * std::log(1 / settings.dist_eps - 1);
-}
-
-template <class S>
-FaceSetup<S> set_up(const std::array<Vec3<S>, 3>& face, const SoftRasterSettings<S>& settings) {
-  FaceSetup<S> setup;
-  for (int k = 0; k < 3; ++k) {
-    if (!face[k].allFinite() || !(face[k].z() > 0)) return setup;
-    setup.v[k] = face[k].template head<2>();
-    setup.z[k] = face[k].z();
-  }
-  const Vec2<S>* v = setup.v;
-  const S twice_area = (v[1] - v[0]).x() * (v[2] - v[0]).y() - (v[1] - v[0]).y() * (v[2] - v[0]).x();
-  if (!settings.double_sided && twice_area <= 0) return setup;
-  const S longest = std::sqrt(
-      std::max({(v[1] - v[0]).squaredNorm(), (v[2] - v[1]).squaredNorm(), (v[0] - v[2]).squaredNorm()}));
-  setup.altitude = longest > 0 ? std::abs(twice_area) / longest : 0;
-  // A face without area on screen covers nothing and has no barycentrics.
-  if (!(setup.altitude > std::numeric_limits<S>::epsilon() * S(16))) return setup;
-  for (int k = 0; k < 3; ++k) {
-    const Vec2<S>&a = v[(k + 1) % 3], &b = v[(k + 2) % 3];
-    setup.barycentric.row(k) << (a.y() - b.y()) / twice_area, (b.x() - a.x()) / twice_area,
-        (a.x() * b.y() - a.y() * b.x()) / twice_area;
-  }
-  const S reach = std::sqrt(cutoff(settings));
-  setup.low_x = std::min({v[0].x(), v[1].x(), v[2].x()}) - reach;
-  setup.high_x = std::max({v[0].x(), v[1].x(), v[2].x()}) + reach;
-  setup.low_y = std::min({v[0].y(), v[1].y(), v[2].y()}) - reach;
-  setup.high_y = std::max({v[0].y(), v[1].y(), v[2].y()}) + reach;
-  setup.usable = true;
-  return setup;
-}
-
-template <class S>
-S sigmoid(S x) {
-  return x >= 0 ? 1 / (1 + std::exp(-x)) : std::exp(x) / (1 + std::exp(x));
-}
-
-/// The fragment of `face` at pixel centre p, or false when it is skipped.
-template <class S>
-bool make_fragment(const FaceSetup<S>& setup, int face, const Vec2<S>& p, S limit, const ScreenMesh<S>& mesh,
-                   const SoftRasterSettings<S>& settings, Fragment<S>& fragment) {
-  if (p.x() < setup.low_x || p.x() > setup.high_x || p.y() < setup.low_y || p.y() > setup.high_y)
-    return false;
-  S nearest = std::numeric_limits<S>::infinity();
-  for (int k = 0; k < 3; ++k) {
-    const Vec2<S>& a = setup.v[k];
-    const Vec2<S> edge = setup.v[(k + 1) % 3] - a;
-    const S t = std::clamp((p - a).dot(edge) / edge.squaredNorm(), S(0), S(1));
-    const Vec2<S> offset = p - (a + t * edge);
-    if (offset.squaredNorm() < nearest) {
-      nearest = offset.squaredNorm();
-      fragment.edge = k;
-      fragment.along = t;
-      fragment.offset = offset;
-    }
-  }
-  fragment.raw = setup.barycentric * Vec3<S>(p.x(), p.y(), 1);
-  const bool inside = fragment.raw.minCoeff() >= 0;
-  if (!inside && nearest >= cutoff(settings)) return false;
-  fragment.face = face;
-  fragment.sign = inside ? S(1) : S(-1);
-  fragment.coverage = sigmoid(fragment.sign * nearest / settings.sigma);
-
-  Vec3<S> clipped = fragment.raw.cwiseMax(S(0)).cwiseMin(S(1));
-  clipped /= std::max(clipped.sum(), S(1e-5));
-  fragment.clipped = clipped;
-  const Vec3<S> over_z(clipped[0] / setup.z[0], clipped[1] / setup.z[1], clipped[2] / setup.z[2]);
-  fragment.z = 1 / over_z.sum();
-  if (fragment.z > limit) return false;
-  fragment.normalized_z = (settings.far - fragment.z) / (settings.far - settings.near);
-  fragment.colored = fragment.z >= settings.near && fragment.z <= settings.far;
-  const Vec3<S> lookup = settings.perspective_texture ? Vec3<S>(over_z * fragment.z) : clipped;
-  fragment.texel =
-      face * mesh.resolution * mesh.resolution + texel_index(lookup[0], lookup[1], mesh.resolution);
-  return true;
-}
-
-/// The soft blend at one pixel. Fills the fragments' weights.
+/// The blend at one sample. Fills the fragments' weights.
 template <class S>
 struct Blend {
-  S background_weight = 1;  ///< of the background (paper) or 1 − S (silhouette)
-  S silhouette = 0;
+  S silhouette = 0, unseen = 1;           ///< S and 1 − S
+  S transparent = 1;                      ///< Π(1 − D)
+  bool any_color = false;                 ///< some fragment gives colour
   Vec3<S> color = Vec3<S>::Zero();        ///< I
-  Vec3<S> among_faces = Vec3<S>::Zero();  ///< colour among faces (silhouette mode)
-  S sum = 0;                              ///< normaliser, relative to exp(top)
-  S top = 0;                              ///< running maximum of the logits
+  Vec3<S> among_faces = Vec3<S>::Zero();  ///< Σ w C, without the background
 };
 
 template <class S>
-Blend<S> blend(std::vector<Fragment<S>>& fragments, const ScreenMesh<S>& mesh,
-               const SoftRasterSettings<S>& settings, const Vec3<S>& background) {
-  Blend<S> result;
-  S transparent = 1;
-  for (const auto& f : fragments) transparent *= 1 - f.coverage;
-  result.silhouette = 1 - transparent;
+void blend_silhouette(const std::vector<Fragment<S>>& fragments, std::size_t faces, SilhouetteBlend how,
+                      Blend<S>& result) {
+  S sum = 0;
+  bool opaque = false;
+  for (const auto& f : fragments) {
+    result.transparent *= f.uncovered;
+    sum += f.coverage;
+    opaque = opaque || f.inside;  // D > 1/2, also where D rounds to it
+  }
+  switch (how) {
+    case SilhouetteBlend::product:
+      result.silhouette = 1 - result.transparent;
+      result.unseen = result.transparent;
+      return;
+    case SilhouetteBlend::sum:
+      result.silhouette = sum / S(faces);
+      break;
+    case SilhouetteBlend::hard:
+      result.silhouette = opaque ? 1 : 0;
+      break;
+  }
+  result.unseen = 1 - result.silhouette;
+}
 
-  const bool logit_mode = settings.background != Background::silhouette;
-  const S background_logit =
-      (settings.background == Background::authors_logit ? 2 : 1) * settings.epsilon / settings.gamma;
-  result.top = logit_mode ? background_logit : -std::numeric_limits<S>::infinity();
+/// Weights of the fragments among each other and the background; returns the background's.
+template <class S>
+S softmax_weights(std::vector<Fragment<S>>& fragments, const SoftRasterSettings<S>& settings) {
+  const bool logit = settings.background != Background::silhouette;
+  const S background = (settings.background == Background::authors_logit ? 2 : 1) * settings.epsilon;
+  S top = logit ? background : -std::numeric_limits<S>::infinity();
   for (const auto& f : fragments)
-    if (f.colored) result.top = std::max(result.top, f.normalized_z / settings.gamma);
-  S sum = logit_mode ? std::exp(background_logit - result.top) : S(0);
-  const S background_mass = sum;
+    if (f.colored) top = std::max(top, f.normalized_z);
+  // Differences before the division: z̄ / γ itself has no digits left after the point when γ is small.
+  const S background_mass = logit ? std::exp((background - top) / settings.gamma) : S(0);
+  S sum = background_mass;
   for (auto& f : fragments) {
-    f.weight = f.colored ? f.coverage * std::exp(f.normalized_z / settings.gamma - result.top) : S(0);
+    f.weight = f.colored ? f.coverage * std::exp((f.normalized_z - top) / settings.gamma) : S(0);
     sum += f.weight;
   }
-  result.sum = sum;
-  if (!(sum > 0)) {  // silhouette mode with no coloured fragment
-    result.color = background;
-    result.background_weight = 1;
-    return result;
-  }
-  Vec3<S> color = Vec3<S>::Zero();
+  if (!(sum > 0)) return 0;
+  for (auto& f : fragments) f.weight /= sum;
+  return background_mass / sum;
+}
+
+/// Weight 1 for the nearest face that contains the sample; returns the background's weight.
+template <class S>
+S hard_weights(std::vector<Fragment<S>>& fragments, const SoftRasterSettings<S>& settings) {
+  Fragment<S>* nearest = nullptr;
   for (auto& f : fragments) {
-    f.weight /= sum;
-    if (f.weight > 0) color += f.weight * mesh.texels[f.texel];
+    f.weight = 0;
+    if (f.colored && f.inside && (!nearest || f.z < nearest->z)) nearest = &f;
   }
-  if (logit_mode) {
-    result.background_weight = background_mass / sum;
-    result.color = color + result.background_weight * background;
-  } else {
-    result.among_faces = color;
-    result.background_weight = transparent;
-    result.color = result.silhouette * color + transparent * background;
-  }
+  if (nearest) nearest->weight = 1;
+  return settings.background != Background::silhouette && !nearest ? 1 : 0;
+}
+
+template <class S>
+Blend<S> blend(std::vector<Fragment<S>>& fragments, std::size_t faces, const SoftRasterSettings<S>& settings,
+               const Vec3<S>& background) {
+  Blend<S> result;
+  blend_silhouette(fragments, faces, settings.silhouette, result);
+  const S background_weight = settings.color == ColorBlend::softmax ? softmax_weights(fragments, settings)
+                                                                    : hard_weights(fragments, settings);
+  for (const auto& f : fragments)
+    if (f.weight > 0) {
+      result.any_color = true;
+      result.among_faces += f.weight * f.color;
+    }
+  if (!result.any_color)
+    result.color = background;
+  else if (settings.background == Background::silhouette)
+    result.color = result.silhouette * result.among_faces + result.unseen * background;
+  else
+    result.color = result.among_faces + background_weight * background;
   return result;
 }
 
-/// Calls visit(u, v, fragments) for every pixel of the window that meets a face, fragments in face order.
-template <class S, class Visit>
-void for_each_pixel(const ScreenMesh<S>& mesh, const std::vector<FaceSetup<S>>& setups,
-                    const SoftRasterSettings<S>& settings, const RasterTarget<S>& target,
-                    const Visit& visit) {
-  const PixelRect& rect = target.rect;
-  const S half_longer = S(std::max(target.width, target.height)) / 2;
-  // Faces by row, so that a pixel looks only at faces whose rows include it.
-  std::vector<std::vector<int>> rows(rect.height());
-  for (std::size_t j = 0; j < setups.size(); ++j) {
-    if (!setups[j].usable) continue;
-    const S v_low = (S(target.height) - 1) / 2 - setups[j].high_y * half_longer;
-    const S v_high = (S(target.height) - 1) / 2 - setups[j].low_y * half_longer;
-    const int from = static_cast<int>(std::floor(std::clamp(v_low, S(rect.v0), S(rect.v1))));
-    const int to = static_cast<int>(std::ceil(std::clamp(v_high, S(rect.v0) - 1, S(rect.v1) - 1)));
-    for (int v = std::max(from, rect.v0); v <= std::min(to, rect.v1 - 1); ++v)
-      rows[v - rect.v0].push_back(static_cast<int>(j));
-  }
-  std::vector<Fragment<S>> fragments;
-  for (int v = rect.v0; v < rect.v1; ++v)
-    for (int u = rect.u0; u < rect.u1; ++u) {
-      fragments.clear();
-      const Vec2<S> p = ndc_from_pixel(S(u), S(v), target.width, target.height);
-      const S limit = target.depth_limit.empty() ? std::numeric_limits<S>::infinity()
-                                                 : target.depth_limit.at(u - rect.u0, v - rect.v0);
-      Fragment<S> fragment;
-      for (int j : rows[v - rect.v0])
-        if (make_fragment(setups[j], j, p, limit, mesh, settings, fragment)) fragments.push_back(fragment);
-      if (!fragments.empty()) visit(u - rect.u0, v - rect.v0, fragments);
-    }
+/// Throws InputError for settings that have no meaning.
+template <class S>
+void check(const SoftRasterSettings<S>& settings) {
+  SoftRasterSettings<double> s;
+  s.sigma = settings.sigma;
+  s.gamma = settings.gamma;
+  s.epsilon = settings.epsilon;
+  s.dist_eps = settings.dist_eps;
+  s.near = settings.near;
+  s.far = settings.far;
+  s.edge_on_altitude = settings.edge_on_altitude;
+  raster::check_settings(s);
 }
 
 template <class S>
 std::vector<FaceSetup<S>> set_up_all(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings) {
+  check(settings);
   std::vector<FaceSetup<S>> setups;
   setups.reserve(mesh.faces.size());
-  for (const auto& face : mesh.faces) setups.push_back(set_up(face, settings));
+  for (const auto& face : mesh.faces) setups.push_back(plain_raster::set_up(face, settings));
   return setups;
 }
 
-template <class S>
-Vec3<S> background_at(const RasterTarget<S>& target, int u, int v) {
-  const S* pixel = target.background.pixel(u, v);
-  return {pixel[0], pixel[1], pixel[2]};
+/// Calls visit(u, v, background, fragments) for every sample of window pixel (u, v) that meets a face;
+/// fragments come in face order.
+template <class S, class Visit>
+void for_each_sample(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings,
+                     const RasterTarget<S>& target, const std::vector<FaceSetup<S>>& setups,
+                     const Visit& visit) {
+  const int s = target.supersampling;
+  std::vector<Fragment<S>> fragments;
+  Fragment<S> fragment;
+  for (int v = 0; v < target.rect.height(); ++v)
+    for (int u = 0; u < target.rect.width(); ++u) {
+      const S limit =
+          target.depth_limit.empty() ? std::numeric_limits<S>::infinity() : target.depth_limit.at(u, v);
+      const S* pixel = target.background.pixel(u, v);
+      for (int j = 0; j < s; ++j)
+        for (int i = 0; i < s; ++i) {
+          const Vec2<S> p = ndc_from_pixel(S(target.rect.u0 + u) + (S(i) + S(0.5)) / S(s) - S(0.5),
+                                           S(target.rect.v0 + v) + (S(j) + S(0.5)) / S(s) - S(0.5),
+                                           target.width, target.height);
+          fragments.clear();
+          for (std::size_t f = 0; f < setups.size(); ++f)
+            if (setups[f].usable && plain_raster::make_fragment(setups[f], static_cast<int>(f), p, limit,
+                                                                mesh, settings, fragment))
+              fragments.push_back(fragment);
+          if (!fragments.empty()) visit(u, v, Vec3<S>(pixel[0], pixel[1], pixel[2]), fragments);
+        }
+    }
 }
 
-/// d loss / d coverage of each fragment through the silhouette: d_silhouette · Π_{k ≠ j} (1 − D_k), by prefix
-/// and suffix products so that D = 1 is no division by zero.
+/// Derivative of the blend: d loss / d (I, S) of one sample → texels and faces.
 template <class S>
-void add_silhouette_gradient(const std::vector<Fragment<S>>& fragments, S d_silhouette,
-                             std::vector<S>& d_coverage) {
-  const std::size_t n = fragments.size();
-  std::vector<S> after(n + 1, S(1));
-  for (std::size_t j = n; j-- > 0;) after[j] = after[j + 1] * (1 - fragments[j].coverage);
-  S before = 1;
-  for (std::size_t j = 0; j < n; ++j) {
-    d_coverage[j] += d_silhouette * before * after[j + 1];
-    before *= 1 - fragments[j].coverage;
+void sample_vjp(const std::vector<Fragment<S>>& fragments, const Blend<S>& result,
+                const std::vector<FaceSetup<S>>& setups, const ScreenMesh<S>& mesh,
+                const SoftRasterSettings<S>& settings, const Vec3<S>& background, Vec3<S> d_color,
+                S d_silhouette, ScreenGradient<S>& gradient) {
+  // What the weights are shared among: faces and background, or faces alone.
+  Vec3<S> mean = result.color;
+  if (settings.background == Background::silhouette && result.any_color) {
+    d_silhouette += d_color.dot(result.among_faces - background);
+    d_color *= result.silhouette;
+    mean = result.among_faces;
   }
-}
-
-/// d loss / d D and d loss / d z̄ of one fragment → its face's vertices.
-template <class S>
-void fragment_vjp(const Fragment<S>& f, const FaceSetup<S>& setup, const SoftRasterSettings<S>& settings,
-                  S d_coverage, S d_normalized_z, std::array<Vec3<S>, 3>& d_face) {
-  // Distance: d² = |p − q|² with q the nearest boundary point; by the envelope theorem q's place on the edge
-  // is constant.
-  const S d_distance2 = d_coverage * f.coverage * (1 - f.coverage) * f.sign / settings.sigma;
-  if (d_distance2 != 0) {
-    const Vec2<S> push = -2 * d_distance2 * f.offset;
-    d_face[f.edge].template head<2>() += (1 - f.along) * push;
-    d_face[(f.edge + 1) % 3].template head<2>() += f.along * push;
+  for (const auto& f : fragments) {
+    plain_raster::FragmentGradient<S> d;
+    // d D / d x = D (1 − D), multiplied out so that nothing is divided by 1 − D or by D.
+    if (settings.coverage != Coverage::hard) {
+      if (settings.silhouette == SilhouetteBlend::product)
+        d.x = d_silhouette * result.transparent * f.coverage;
+      else if (settings.silhouette == SilhouetteBlend::sum)
+        d.x = d_silhouette * f.coverage * f.uncovered / S(mesh.faces.size());
+    }
+    if (f.weight > 0) {
+      const Vec3<S> d_fragment = f.weight * d_color;
+      if (mesh.texture == Texture::vertex)
+        for (int k = 0; k < 3; ++k) {
+          gradient.texels[f.texel + k] += f.lookup[k] * d_fragment;
+          d.lookup[k] = d_fragment.dot(mesh.texels[f.texel + k]);
+        }
+      else
+        gradient.texels[f.texel] += d_fragment;
+      if (settings.color == ColorBlend::softmax) {
+        const S advantage = d_fragment.dot(f.color - mean);
+        if (settings.coverage != Coverage::hard) d.x += f.uncovered * advantage;
+        d.normalized_z = advantage / settings.gamma;
+      }
+    }
+    plain_raster::fragment_vjp(f, setups[f.face], settings, d, gradient.faces[f.face]);
   }
-  if (d_normalized_z == 0) return;
-  // Depth: z = 1 / Σ b_k / z_k.
-  const S d_z = -d_normalized_z / (settings.far - settings.near);
-  const S z2 = f.z * f.z;
-  Vec3<S> d_clipped;
-  for (int k = 0; k < 3; ++k) {
-    d_face[k].z() += d_z * z2 * f.clipped[k] / (setup.z[k] * setup.z[k]);
-    d_clipped[k] = -d_z * z2 / setup.z[k];
-  }
-  if (settings.frozen_barycentrics) return;
-  // clipped = c / max(Σ c, 1e-5), c = clamp(raw).
-  const Vec3<S> c = f.raw.cwiseMax(S(0)).cwiseMin(S(1));
-  const S total = std::max(c.sum(), S(1e-5));
-  const S common = c.sum() > S(1e-5) ? d_clipped.dot(f.clipped) : S(0);
-  Vec3<S> d_raw;
-  for (int k = 0; k < 3; ++k)
-    d_raw[k] = f.raw[k] > 0 && f.raw[k] < 1 ? (d_clipped[k] - common) / total : S(0);
-  d_raw *= std::min(S(1), setup.altitude / settings.edge_on_altitude);
-  // raw solves Σ raw_k v_k = p, Σ raw_k = 1, so d raw_k / d v_m = −raw_m ∇raw_k.
-  Vec2<S> slope = Vec2<S>::Zero();
-  for (int k = 0; k < 3; ++k) slope += d_raw[k] * Vec2<S>(setup.barycentric(k, 0), setup.barycentric(k, 1));
-  for (int m = 0; m < 3; ++m) d_face[m].template head<2>() -= f.raw[m] * slope;
 }
 
 }  // namespace
+
+template <class S>
+S cut_off(const SoftRasterSettings<S>& settings) {
+  return settings.sigma * std::log(1 / settings.dist_eps - 1);
+}
 
 template <class S>
 int texel_index(S b0, S b1, int resolution) {
@@ -284,7 +218,7 @@ PixelRect touched_pixels(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>&
   const S half_longer = S(std::max(width, height)) / 2;
   S low_u = S(clip.u1), high_u = S(clip.u0) - 1, low_v = S(clip.v1), high_v = S(clip.v0) - 1;
   for (const auto& face : mesh.faces) {
-    const FaceSetup<S> setup = set_up(face, settings);
+    const FaceSetup<S> setup = plain_raster::set_up(face, settings);
     if (!setup.usable) continue;
     low_u = std::min(low_u, setup.low_x * half_longer + (S(width) - 1) / 2);
     high_u = std::max(high_u, setup.high_x * half_longer + (S(width) - 1) / 2);
@@ -307,12 +241,14 @@ Image<S> rasterize(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& setti
   for (int v = 0; v < rect.height(); ++v)
     for (int u = 0; u < rect.width(); ++u)
       for (int c = 0; c < 3; ++c) rgba.at(u, v, c) = target.background.at(u, v, c);
-  const auto setups = set_up_all(mesh, settings);
-  for_each_pixel(mesh, setups, settings, target, [&](int u, int v, std::vector<Fragment<S>>& fragments) {
-    const Blend<S> result = blend(fragments, mesh, settings, background_at(target, u, v));
-    for (int c = 0; c < 3; ++c) rgba.at(u, v, c) = result.color[c];
-    rgba.at(u, v, 3) = result.silhouette;
-  });
+  const S share = 1 / S(target.supersampling * target.supersampling);
+  const auto add = [&](int u, int v, const Vec3<S>& background, std::vector<Fragment<S>>& fragments) {
+    const Blend<S> result = blend(fragments, mesh.faces.size(), settings, background);
+    // As a difference from the background, which the other samples show.
+    for (int c = 0; c < 3; ++c) rgba.at(u, v, c) += share * (result.color[c] - background[c]);
+    rgba.at(u, v, 3) += share * result.silhouette;
+  };
+  for_each_sample(mesh, settings, target, set_up_all(mesh, settings), add);
   return rgba;
 }
 
@@ -323,41 +259,19 @@ ScreenGradient<S> rasterize_vjp(const ScreenMesh<S>& mesh, const SoftRasterSetti
   gradient.faces.assign(mesh.faces.size(), {Vec3<S>::Zero(), Vec3<S>::Zero(), Vec3<S>::Zero()});
   gradient.texels.assign(mesh.texels.size(), Vec3<S>::Zero());
   const auto setups = set_up_all(mesh, settings);
-  std::vector<S> d_coverage;
-  for_each_pixel(mesh, setups, settings, target, [&](int u, int v, std::vector<Fragment<S>>& fragments) {
-    const Vec3<S> background = background_at(target, u, v);
-    const Blend<S> result = blend(fragments, mesh, settings, background);
-    Vec3<S> d_color(d_rgba.at(u, v, 0), d_rgba.at(u, v, 1), d_rgba.at(u, v, 2));
-    S d_silhouette = d_rgba.at(u, v, 3);
-    const bool logit_mode = settings.background != Background::silhouette;
-    // Among what the weights are shared: faces and background (paper) or faces alone (silhouette mode).
-    Vec3<S> mean = result.color;
-    const bool any_color = result.sum > 0;
-    if (!logit_mode && any_color) {
-      d_silhouette += d_color.dot(result.among_faces - background);
-      d_color *= result.silhouette;
-      mean = result.among_faces;
-    }
-    d_coverage.assign(fragments.size(), S(0));
-    if (d_silhouette != 0) add_silhouette_gradient(fragments, d_silhouette, d_coverage);
-    const S mean_gain = d_color.dot(mean);
-    for (std::size_t j = 0; j < fragments.size(); ++j) {
-      const Fragment<S>& f = fragments[j];
-      S d_normalized_z = 0;
-      if (any_color && f.colored) {
-        gradient.texels[f.texel] += f.weight * d_color;
-        const S advantage = d_color.dot(mesh.texels[f.texel]) - mean_gain;
-        // w / D without dividing: D may underflow where the weight does not.
-        d_coverage[j] += std::exp(f.normalized_z / settings.gamma - result.top) / result.sum * advantage;
-        d_normalized_z = f.weight * advantage / settings.gamma;
-      }
-      fragment_vjp(f, setups[f.face], settings, d_coverage[j], d_normalized_z, gradient.faces[f.face]);
-    }
-  });
+  const S share = 1 / S(target.supersampling * target.supersampling);
+  const auto add = [&](int u, int v, const Vec3<S>& background, std::vector<Fragment<S>>& fragments) {
+    const Blend<S> result = blend(fragments, mesh.faces.size(), settings, background);
+    const S* d = d_rgba.pixel(u, v);
+    sample_vjp(fragments, result, setups, mesh, settings, background,
+               Vec3<S>(share * Vec3<S>(d[0], d[1], d[2])), share * d[3], gradient);
+  };
+  for_each_sample(mesh, settings, target, setups, add);
   return gradient;
 }
 
 #define MIRAGE_INSTANTIATE(S)                                                                        \
+  template S cut_off<S>(const SoftRasterSettings<S>&);                                               \
   template int texel_index<S>(S, S, int);                                                            \
   template PixelRect touched_pixels<S>(const ScreenMesh<S>&, const SoftRasterSettings<S>&, int, int, \
                                        const PixelRect&);                                            \

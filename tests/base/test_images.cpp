@@ -105,5 +105,21 @@ TEST(ParallelFor, VisitsEveryIndexOnceWithAnyThreadCount) {
   set_thread_count(before);
 }
 
+TEST(DepthPng, KeepsKittisFormat) {
+  TemporaryFolder folder;
+  ImageF depth(3, 2, 1);
+  depth.data = {0, 1, 80.5f, 300, 0.0001f, -4};
+  write_depth_png(folder / "d.png", depth);
+  const ImageF back = read_depth_png(folder / "d.png");
+  const std::vector<float> expected = {0, 1, 80.5f, 65535.f / 256, 1.f / 256, 0};
+  EXPECT_EQ(back.data, expected);
+  depth.data[2] = std::nanf("");
+  write_depth_png(folder / "d.png", depth);
+  EXPECT_EQ(read_depth_png(folder / "d.png").data[2], 0);
+  write_srgb(folder / "c.png", noise(4, 4, 3));
+  EXPECT_THAT(error_text<InputError>([&] { read_depth_png(folder / "c.png"); }),
+              AllOf(HasSubstr("c.png"), HasSubstr("16-bit")));
+}
+
 }  // namespace
 }  // namespace mirage

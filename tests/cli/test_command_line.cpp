@@ -65,8 +65,8 @@ TEST(CommandLine, HelpNamesEveryCommand) {
   TemporaryFolder folder;
   const Outcome outcome = run(folder, {"--help"});
   EXPECT_EQ(outcome.code, 0);
-  for (const char* command :
-       {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate", "export", "validate"})
+  for (const char* command : {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate",
+                              "export", "validate", "depth"})
     EXPECT_THAT(outcome.out, HasSubstr(command));
 }
 
@@ -113,6 +113,33 @@ TEST(CommandLine, AMissingPluginIsNamed) {
   EXPECT_EQ(outcome.code, 2);
   expect_one_line(outcome.err);
   EXPECT_THAT(outcome.err, HasSubstr("/no/such/plugin.so"));
+}
+
+TEST(CommandLine, DepthIsGeneratedScoredAndAskedForByTraining) {
+  TemporaryFolder folder;
+  const std::string data = folder / "data";
+  ASSERT_EQ(run(folder, {"generate", "--frames", "1", "--out", data, "--quiet"}).code, 0);
+  const Outcome untold = run(
+      folder, {"train", "depth", "--data", data, "--depth", MIRAGE_BUILD "/none.so", "--out", folder / "t"});
+  EXPECT_EQ(untold.code, 2);
+  expect_one_line(untold.err);
+  ASSERT_EQ(run(folder, {"generate", "--frames", "1", "--depth", "--out", data, "--quiet"}).code, 0);
+  const Outcome scored = run(
+      folder, {"depth", "--data", data, "--backends", "ip-basic,ip-basic-bilateral", "--out", folder / "d"});
+  EXPECT_EQ(scored.code, 0) << scored.err;
+  const auto result = read_json(folder / "d/result.json");
+  ASSERT_EQ(result.at("backends").size(), 2u);
+  EXPECT_GT(result.at("backends")[0].at("common").at("rmse_mm"), 100);
+  EXPECT_GT(result.at("backends")[0].at("roof").at("pixels"), 0);
+  const Outcome hidden = run(
+      folder, {"depth", "--data", data, "--hide", "0.2", "--backends", "ip-basic", "--out", folder / "h"});
+  EXPECT_EQ(hidden.code, 0) << hidden.err;
+  EXPECT_EQ(read_json(folder / "h/result.json").at("hidden"), 0.2);
+  const Outcome unknown =
+      run(folder, {"depth", "--data", data, "--backends", "magic", "--out", folder / "u"});
+  EXPECT_EQ(unknown.code, 2);
+  expect_one_line(unknown.err);
+  EXPECT_THAT(unknown.err, HasSubstr("magic"));
 }
 
 TEST(CommandLine, AnOutputFolderThatCannotBeWritten) {

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/schedule.h"
 #include "detection/points_in_view.h"
 #include "detection/training.h"
 #include "detection/training_data.h"

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "base/random.h"
 #include "scene/depth_completion.h"
@@ -56,6 +57,93 @@ TEST(CompleteDepth, LargeHolesCloseBelowTheTop) {
       if (!(u > 50 && u < 70 && v > 35 && v < 55)) sparse.at(u, v) = 15;
   const ImageF dense = complete_depth(sparse);
   EXPECT_NEAR(dense.at(60, 45), 15, 0.5);
+}
+
+TEST(SparseDepth, SkipsReturnsThatAreNotFinite) {
+  const float nan = std::nanf(""), inf = HUGE_VALF;
+  const Sweep sweep = {{nan, 0, 0, 0}, {10, nan, 0, 0}, {10, 0, inf, 0}, {inf, 0, 0, 0}, {12, 0, 0, nan}};
+  const ImageF depth = sparse_depth(sweep, looking_along_x());
+  EXPECT_FLOAT_EQ(depth.at(50, 30), 12);
+  EXPECT_EQ(std::count(depth.data.begin(), depth.data.end(), 0.f), 101 * 61 - 1);
+}
+
+std::vector<IpBasic> every_mode() {
+  std::vector<IpBasic> modes;
+  for (const bool multi_scale : {false, true})
+    for (const auto blur : {IpBasicOptions::Blur::gaussian, IpBasicOptions::Blur::bilateral})
+      for (const bool extrapolate : {false, true})
+        modes.emplace_back(IpBasicOptions{multi_scale, blur, extrapolate});
+  return modes;
+}
+
+/// A wall of 40 m behind a box of 8 m.
+ImageF box_before_wall() {
+  ImageF sparse(120, 80, 1);
+  for (int v = 20; v < 80; v += 3)
+    for (int u = 0; u < 120; u += 3) sparse.at(u, v) = u >= 45 && u < 75 ? 8.f : 40.f;
+  return sparse;
+}
+
+TEST(IpBasicModes, AreNamedForWhatDiffers) {
+  EXPECT_EQ(IpBasic().name(), "ip-basic");
+  EXPECT_EQ(IpBasic({true, IpBasicOptions::Blur::bilateral, true}).name(),
+            "ip-basic-multiscale-bilateral-extrapolated");
+}
+
+TEST(IpBasicModes, AConstantDepthIsFilledWithItself) {
+  ImageF sparse(120, 80, 1);
+  for (int v = 30; v < 80; v += 4)
+    for (int u = 0; u < 120; u += 3) sparse.at(u, v) = 20;
+  for (const IpBasic& mode : every_mode()) {
+    const ImageF dense = mode.complete({}, sparse);
+    for (int v = 34; v < 78; ++v)
+      for (int u = 4; u < 116; ++u) EXPECT_NEAR(dense.at(u, v), 20, 1e-3) << mode.name();
+    const bool up = mode.name().ends_with("-extrapolated");
+    for (int u = 4; u < 116; ++u)
+      EXPECT_NEAR(dense.at(u, 3), up ? 20 : kFarDepth, up ? 1e-3 : 0) << mode.name();
+  }
+}
+
+TEST(IpBasicModes, TheBilateralBlurMixesNoSurfaces) {
+  const ImageF sparse = box_before_wall();
+  const auto mixed = [&](const IpBasicOptions& options) {
+    const ImageF dense = IpBasic(options).complete({}, sparse);
+    int count = 0;  // pixels that lie on neither surface
+    for (int v = 30; v < 70; ++v)
+      for (int u = 10; u < 110; ++u) count += dense.at(u, v) > 9 && dense.at(u, v) < 39;
+    return count;
+  };
+  for (const bool multi_scale : {false, true}) {
+    EXPECT_EQ(mixed({multi_scale, IpBasicOptions::Blur::bilateral, false}), 0);
+    EXPECT_GT(mixed({multi_scale, IpBasicOptions::Blur::gaussian, false}), 50);
+  }
+}
+
+TEST(IpBasicModes, WhatIsNoDepthIsNoReturn) {
+  const ImageF clean = box_before_wall();
+  ImageF dirty = clean;
+  const float bad[] = {std::nanf(""), HUGE_VALF, -HUGE_VALF, -3, 1e9f};
+  for (int i = 0; i < 5; ++i) dirty.at(10 + 20 * i, 41) = bad[i];
+  for (const IpBasic& mode : every_mode())
+    EXPECT_EQ(mode.complete({}, dirty).data, mode.complete({}, clean).data) << mode.name();
+}
+
+TEST(IpBasicModes, AllReturnsInOnePixel) {
+  ImageF sparse(64, 48, 1);
+  sparse.at(30, 20) = 12;
+  for (const IpBasic& mode : every_mode()) {
+    const ImageF dense = mode.complete({}, sparse);
+    const bool bilateral = mode.name().find("bilateral") != std::string::npos;
+    // The multi-scale variant takes a lonely return for an outlier.
+    if (mode.name().find("multiscale") == std::string::npos) {
+      EXPECT_NEAR(dense.at(30, 20), 12, 1e-3) << mode.name();
+    }
+    for (float depth : dense.data) {
+      if (depth == kFarDepth) continue;
+      EXPECT_GT(depth, 12 - 1e-3) << mode.name();
+      EXPECT_LT(depth, bilateral ? 12 + 1e-3 : 100) << mode.name();  // Gaussian: mixed with the holes around
+    }
+  }
 }
 
 TEST(CompleteDepth, NothingIsFar) {

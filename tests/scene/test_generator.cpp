@@ -1,11 +1,14 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/image_io.h"
 #include "base/parallel.h"
+#include "scene/depth_completion.h"
 #include "scene/generator.h"
 #include "scene/generator/car_body.h"
 #include "scene/generator/dataset.h"
@@ -120,6 +123,42 @@ TEST(Generator, DatasetGoesOnWhereItStopped) {
   EXPECT_EQ(frame.labels.size(), made.labels.size());
   EXPECT_NEAR((frame.lighting.sun - made.lighting.sun).norm(), 0, 1e-6);
   EXPECT_THROW(generate_dataset(small_rig(), 4, 0, 1, out, silent), InputError);
+  std::filesystem::remove_all(out);
+}
+
+TEST(Generator, TrueDepthChangesNothingElseAndMeetsTheSweep) {
+  const Rig rig = small_rig();
+  ImageF depth;
+  const Frame with = generate_frame(rig, 7, 3, &depth);
+  EXPECT_TRUE(same(with, generate_frame(rig, 7, 3)));
+  const ImageF sparse = sparse_depth(with.sweep, with.calibration);
+  ASSERT_EQ(depth.data.size(), sparse.data.size());
+  std::size_t returns = 0, close = 0;
+  for (std::size_t i = 0; i < depth.data.size(); ++i) {
+    if (!(sparse.data[i] > 0)) continue;
+    ++returns;
+    close += std::abs(depth.data[i] - sparse.data[i]) < 0.05f * sparse.data[i] + 0.1f;
+  }
+  ASSERT_GT(returns, 2000u);
+  EXPECT_GT(static_cast<double>(close), 0.8 * static_cast<double>(returns));  // the rest sees past edges
+  EXPECT_GT(std::count(depth.data.begin(), depth.data.end(), 0.f), 500);      // sky
+}
+
+TEST(Generator, ADatasetCanBeGivenItsTrueDepthLater) {
+  const std::filesystem::path out = std::filesystem::path(testing::TempDir()) / "mirage_generated_depth";
+  std::filesystem::remove_all(out);
+  const auto silent = [](std::size_t) {};
+  generate_dataset(small_rig(), 3, 0, 1, out, silent);
+  const std::string picture = read_file(out / "training/image_2/000000.png");
+  EXPECT_FALSE(std::filesystem::exists(true_depth_file(out, "000000")));
+  EXPECT_EQ(generate_dataset(small_rig(), 3, 0, 1, out, silent, true).written, 1);
+  EXPECT_EQ(generate_dataset(small_rig(), 3, 0, 1, out, silent, true).kept, 1);
+  EXPECT_EQ(read_file(out / "training/image_2/000000.png"), picture);
+  ImageF depth;
+  generate_frame(small_rig(), 3, 0, &depth);
+  const ImageF stored = read_depth_png(true_depth_file(out, "000000"));
+  for (std::size_t i = 0; i < depth.data.size(); ++i)
+    ASSERT_NEAR(stored.data[i], std::min(depth.data[i], 65535.f / 256), 1.f / 511);
   std::filesystem::remove_all(out);
 }
 

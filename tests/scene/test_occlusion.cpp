@@ -108,12 +108,20 @@ TEST(SweepIndexRealFrames, NearlyEveryReturnHasItsOwnRay) {
   MIRAGE_NEED_REAL_FRAMES();
   const LidarModel lidar = shipped();
   const auto ids = list_frames(test::real_frames());
-  for (std::size_t i = 0; i < ids.size(); i += 8) {
+  double sum = 0, least = 1;
+  int frames = 0;
+  for (std::size_t i = 0; i < ids.size(); i += 4) {
     const SweepIndex index(read_sweep(test::real_frames() / "training" / "velodyne" / (ids[i] + ".bin")),
                            lidar);
     EXPECT_GT(index.assigned_share(), 0.998) << ids[i];
     EXPECT_NEAR(index.firing_count(), 2154, 40) << ids[i];
+    EXPECT_EQ(index.skipped(), 0);
+    sum += index.assigned_share();
+    least = std::min(least, index.assigned_share());
+    ++frames;
   }
+  std::printf("%d frames: %.3f %% of the returns assigned, %.3f %% in the worst\n", frames,
+              100 * sum / frames, 100 * least);
 }
 
 }  // namespace

@@ -59,6 +59,48 @@ TEST(RayCaster, MeshesKeepTheirOrderEvenIfEmpty) {
   EXPECT_NEAR(hit.t, 3, 1e-6);
 }
 
+TEST(RayCaster, PacketsOfAnyWidthMeetWhatSingleRaysMeet) {
+  const std::vector<Mesh> meshes = {icosphere(4)};
+  const RayCaster caster(meshes);
+  RayTable rays(33, 101);  // 101: the last packet of a row is not full
+  EXPECT_EQ(rays.stride, 112u);
+  for (std::size_t row = 0; row < rays.rows; ++row)
+    for (std::size_t column = 0; column < rays.columns; ++column) {
+      const double elevation = 0.02 * (static_cast<double>(row) - 16),
+                   azimuth = 0.01 * (static_cast<double>(column) - 50);
+      rays.set(row, column, Vec3f(-4, 0.01f, 0),
+               Vec3d(std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth),
+                     std::sin(elevation))
+                   .cast<float>());
+    }
+  rays.direction[1][rays.index(3, 40)] = std::nanf("");  // meets nothing, and spoils no neighbour
+  rays.origin[0][rays.index(4, 41)] = INFINITY;
+  HitTable single;
+  caster.intersect(rays, 0.5f, 10, single, 1);
+  for (int width : {0, 4, 8, 16}) {
+    HitTable hits;
+    caster.intersect(rays, 0.5f, 10, hits, width);
+    int met = 0, other_face = 0, other_bits = 0;
+    for (std::size_t row = 0; row < rays.rows; ++row)
+      for (std::size_t column = 0; column < rays.columns; ++column) {
+        const std::size_t i = rays.index(row, column);
+        ASSERT_EQ(hits.mesh[i] < 0, single.mesh[i] < 0);
+        ASSERT_EQ(hits.mesh[i] < 0, hits.face[i] < 0);
+        ASSERT_EQ(hits.mesh[i] < 0, hits.t[i] < 0);
+        ASSERT_NEAR(hits.t[i], single.t[i], 2e-6);
+        met += hits.face[i] >= 0;
+        other_face += hits.face[i] != single.face[i];
+        other_bits += hits.t[i] != single.t[i] || hits.b1[i] != single.b1[i];
+      }
+    EXPECT_GT(met, 500);
+    EXPECT_LE(other_face, met / 100) << width;  // rays through an edge may take either face
+    std::printf("width %d: %d hits, %d on another face, %d with other bits\n", width, met, other_face,
+                other_bits);
+  }
+  EXPECT_EQ(single.mesh[rays.index(3, 40)], -1);
+  EXPECT_EQ(single.mesh[rays.index(4, 41)], -1);
+}
+
 TEST(RayCaster, EmptySceneMisses) {
   const RayCaster caster(std::span<const Mesh>{});
   EXPECT_FALSE(caster.intersect({{0, 0, 0}, {0, 0, 1}}).hit());

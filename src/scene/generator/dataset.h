@@ -17,10 +17,12 @@ struct DatasetSummary {
 };
 
 /// Writes frames [first, first + count) of (rig, seed) to `out` and dataset.json. Frames that are already
-/// whole are kept; a folder made with another rig, seed or generator version is refused (InputError). Several
-/// frames are made at once. After Ctrl-C the frames in hand are finished and Interrupted is thrown.
+/// whole are kept; with_depth adds true_depth_file() of each (a set made without can be given them later: the
+/// other files come out the same); a folder made with another rig, seed or generator version is refused
+/// (InputError). Several frames are made at once. After Ctrl-C the frames in hand are finished and
+/// Interrupted is thrown.
 DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
                                 const std::filesystem::path& out,
-                                const std::function<void(std::size_t done)>& tell);
+                                const std::function<void(std::size_t done)>& tell, bool with_depth = false);
 
 }  // namespace mirage

@@ -90,7 +90,7 @@ void add_sensor_noise(ImageF& image, std::uint64_t seed, std::uint64_t index) {
 
 }  // namespace
 
-Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index) {
+Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, ImageF* true_depth) {
   const generator::Street street = generator::make_street(seed, index, rig.lidar.height);
   const SceneLight light = make_light(seed, index);
   const RayScene scene(street.surfaces);
@@ -108,6 +108,7 @@ Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index) {
   frame.calibration = rig.calibration;
   frame.labels = generator::label_street(street, rig.calibration, picture.object, frame.sweep);
   frame.lighting = light.lighting;
+  if (true_depth) *true_depth = picture.depth;
   return frame;
 }
 

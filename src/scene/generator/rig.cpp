@@ -1,4 +1,6 @@
 // Rig files: [camera] here, [lidar] in sensors/lidar_model.
+#include <fmt/format.h>
+
 #include <Eigen/LU>
 #include <string>
 
@@ -8,6 +10,13 @@
 #include "scene/generator.h"
 
 namespace mirage {
+namespace {
+
+nlohmann::json unit_table(const std::filesystem::path& file) {
+  return read_toml(file).at("lidar");
+}
+
+}  // namespace
 
 Rig read_rig(const std::filesystem::path& file) {
   ConfigTable root = ConfigTable::read(file);
@@ -32,6 +41,24 @@ Rig read_rig(const std::filesystem::path& file) {
                      "give an orthonormal, right-handed matrix [R | t], row by row");
   rig.lidar = read_lidar_model(file);
   rig.text = read_file(file);
+  if (root.is_text("lidar")) {
+    nlohmann::json whole = read_toml(file);
+    whole["lidar"] = unit_table(lidar_file(root.text("lidar")));
+    rig.text = toml_text(whole);
+  }
+  return rig;
+}
+
+Rig with_lidar(Rig rig, const std::string& unit) {
+  const std::filesystem::path file = lidar_file(unit);
+  const double height = rig.lidar.height;
+  rig.lidar = read_lidar_model(file);
+  rig.lidar.height = height;
+  rig.name = fmt::format("{}+{}", rig.name, file.stem().string());
+  nlohmann::json whole = parse_toml(rig.text, rig.name);
+  whole["lidar"] = unit_table(file);
+  whole["lidar"]["height"] = height;
+  rig.text = toml_text(whole);
   return rig;
 }
 

@@ -1,0 +1,176 @@
+#include "guided_completion.h"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <sstream>
+#include <stdexcept>
+#include <thread>
+
+#include "base/files.h"
+#include "loss.h"
+
+namespace mirage::guided {
+namespace {
+
+using torch::Tensor;
+
+constexpr const char* kFormat = "mirage guided depth completion 1";
+constexpr double kWeightDecay = 1e-3, kLargestGradient = 2.0;
+constexpr float kFarthest = 200;  // m; the network's depth is bounded by its formula, this guards the file
+
+constexpr double kSpanMargin = 0.02;
+
+void check_shape(const MirageDepthInput& input) {
+  if (!input.image || !input.sparse || input.width < 1 || input.height < 1)
+    throw std::runtime_error("no picture or no sparse depth; give both, of the same size");
+}
+
+Network make_network(const Options& options) {
+  torch::manual_seed(options.seed);
+  return Network();
+}
+
+struct SampleResult {
+  std::array<float, 3> loss{};
+  std::vector<Tensor> gradients;
+};
+
+/// work(i) for every sample, each on one thread: LibTorch's own threads make sums depend on their number.
+template <class Work>
+void for_each_sample(std::size_t count, int threads, const Work& work) {
+  const std::size_t workers = std::min(count, static_cast<std::size_t>(std::max(1, threads)));
+  std::vector<std::exception_ptr> problems(workers);
+  const auto loop = [&](std::size_t first) {
+    try {
+      at::set_num_threads(1);
+      torch::AutoGradMode mode(true);
+      for (std::size_t i = first; i < count; i += workers) work(i);
+    } catch (...) {
+      problems[first] = std::current_exception();
+    }
+  };
+  std::vector<std::jthread> others;
+  for (std::size_t w = 1; w < workers; ++w) others.emplace_back(loop, w);
+  loop(0);
+  others.clear();
+  for (const auto& problem : problems)
+    if (problem) std::rethrow_exception(problem);
+}
+
+std::string key_of(std::string name) {
+  std::replace(name.begin(), name.end(), '.', '_');
+  return name;
+}
+
+}  // namespace
+
+GuidedCompletion::GuidedCompletion(const Options& options, const char* weights)
+    : options_(options),
+      network_(make_network(options)),
+      optimiser_(network_->parameters(),
+                 torch::optim::AdamWOptions(1e-3).betas({0.9, 0.99}).weight_decay(kWeightDecay)) {
+  if (weights) load(weights);
+}
+
+void GuidedCompletion::complete(const MirageDepthInput& input, float* dense) {
+  check_shape(input);
+  at::set_num_threads(1);
+  torch::InferenceMode mode;
+  const Features features = make_features(input);
+  const Prediction prediction = network_->forward(features);
+  // Between two close returns, depth lies within what they and IP-Basic span: there the network only chooses.
+  // It keeps pictures unlike the training's from talking it out of what was measured.
+  const Tensor& inverse = features.candidates;
+  const Tensor nearest = (1 - kSpanMargin) / inverse.amax(0).clamp_min(1e-6);
+  const Tensor farthest = (1 + kSpanMargin) / torch::where(inverse > 0, inverse, 1e6).amin(0).clamp_min(1e-6);
+  const Tensor within = torch::minimum(torch::maximum(prediction.depth, nearest), farthest);
+  const Tensor depth = torch::where(features.enclosed, within, prediction.depth).contiguous();
+  const Tensor present = torch::logical_or(prediction.presence > 0, features.enclosed).contiguous();
+  const float* z = depth.data_ptr<float>();
+  const bool* here = present.data_ptr<bool>();
+  for (std::int64_t i = 0; i < depth.numel(); ++i) dense[i] = here[i] ? std::min(z[i], kFarthest) : 0;
+}
+
+std::array<float, 3> GuidedCompletion::train_step(std::span<const MirageDepthSample> samples,
+                                                  float learning_rate) {
+  if (samples.empty()) throw std::runtime_error("train_step got no samples; give at least one");
+  for (const MirageDepthSample& sample : samples) check_shape(sample.input);
+  const std::vector<Tensor> parameters = network_->parameters();
+  std::vector<SampleResult> results(samples.size());
+  for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
+    const MirageDepthInput& input = samples[i].input;
+    const Tensor truth = torch::empty({input.height, input.width});
+    std::copy_n(samples[i].truth, truth.numel(), truth.data_ptr<float>());
+    const Features features = make_features(input);
+    const LossTerms terms = completion_loss(network_->forward(features), features, truth);
+    results[i].loss = {terms.total.item<float>(), static_cast<float>(terms.depth),
+                       static_cast<float>(terms.presence)};
+    results[i].gradients = torch::autograd::grad({terms.total}, parameters);
+  });
+  // Summed in the samples' order, so that the number of threads changes nothing.
+  std::array<float, 3> loss{};
+  const auto count = static_cast<float>(samples.size());
+  for (std::size_t k = 0; k < parameters.size(); ++k)
+    parameters[k].mutable_grad() = torch::zeros_like(parameters[k]);
+  for (const SampleResult& result : results) {
+    for (std::size_t t = 0; t < loss.size(); ++t) loss[t] += result.loss[t] / count;
+    for (std::size_t k = 0; k < parameters.size(); ++k)
+      parameters[k].mutable_grad().add_(result.gradients[k], 1 / count);
+  }
+  if (!std::isfinite(loss[0]))
+    throw std::runtime_error("the training loss is not finite; lower the learning rate");
+  torch::nn::utils::clip_grad_norm_(network_->parameters(), kLargestGradient);
+  for (auto& group : optimiser_.param_groups())
+    static_cast<torch::optim::AdamWOptions&>(group.options()).lr(learning_rate);
+  optimiser_.step();
+  return loss;
+}
+
+void GuidedCompletion::save(const std::string& file, bool with_optimiser) {
+  torch::serialize::OutputArchive archive;
+  archive.write("format", c10::IValue(std::string(kFormat)));
+  for (const auto& parameter : network_->named_parameters())
+    archive.write(key_of(parameter.key()),
+                  parameter.value().detach().contiguous().to(with_optimiser ? torch::kFloat : torch::kHalf));
+  archive.write("with_optimiser", c10::IValue(with_optimiser));
+  if (with_optimiser) {
+    torch::serialize::OutputArchive optimiser;
+    optimiser_.save(optimiser);
+    archive.write("optimiser", optimiser);
+  }
+  // Through memory: LibTorch's file writer aborts the process when its destructor meets a full disk.
+  std::ostringstream bytes;
+  archive.save_to(bytes);
+  write_file(file, bytes.str());
+}
+
+void GuidedCompletion::load(const std::string& file) {
+  torch::serialize::InputArchive archive;
+  c10::IValue value;
+  try {
+    archive.load_from(file);
+  } catch (const std::exception&) {
+    throw std::runtime_error(
+        "not a readable weights file; restore it, or train anew with mirage train depth");
+  }
+  if (!archive.try_read("format", value) || !value.isString() || value.toStringRef() != kFormat)
+    throw std::runtime_error("weights of another program or version; train anew with mirage train depth");
+  torch::NoGradGuard guard;
+  for (auto& parameter : network_->named_parameters()) {
+    Tensor stored;
+    if (!archive.try_read(key_of(parameter.key()), stored) || stored.sizes() != parameter.value().sizes())
+      throw std::runtime_error("weights of another network; train anew with mirage train depth");
+    if (!torch::isfinite(stored).all().item<bool>())
+      throw std::runtime_error(
+          "weights that are not finite; restore the file, or train anew with mirage train depth");
+    parameter.value().copy_(stored);
+  }
+  archive.read("with_optimiser", value);
+  if (!value.toBool()) return;
+  torch::serialize::InputArchive optimiser;
+  archive.read("optimiser", optimiser);
+  optimiser_.load(optimiser);
+}
+
+}  // namespace mirage::guided

@@ -1,0 +1,77 @@
+// The C interface of depth completion (scene/depth/depth_abi.h). No exception leaves a function of this file.
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "guided_completion.h"
+
+namespace {
+
+using mirage::guided::GuidedCompletion;
+
+void report(const char* what, char* error, size_t error_size) {
+  if (!error || error_size == 0) return;
+  std::snprintf(error, error_size, "%s", what);
+  // One line: LibTorch appends a stack trace to some of its messages.
+  for (char* c = error; *c; ++c)
+    if (*c == '\n') *c = '\0';
+}
+
+template <class Work>
+int guarded(char* error, size_t error_size, const Work& work) noexcept {
+  try {
+    work();
+    return 0;
+  } catch (const c10::Error& problem) {
+    report(problem.what_without_backtrace(), error, error_size);
+  } catch (const std::exception& problem) {
+    report(problem.what(), error, error_size);
+  } catch (...) {
+    report("unknown error in depth completion", error, error_size);
+  }
+  return 1;
+}
+
+GuidedCompletion& instance(void* completion) {
+  return *static_cast<GuidedCompletion*>(completion);
+}
+
+void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
+  GuidedCompletion* made = nullptr;
+  guarded(error, error_size, [&] {
+    const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
+    mirage::guided::Options options;
+    options.seed = json.value("seed", std::uint64_t{0});
+    options.threads = json.value("threads", 1);
+    made = new GuidedCompletion(options, weights);
+  });
+  return made;
+}
+
+void destroy(void* completion) {
+  delete static_cast<GuidedCompletion*>(completion);
+}
+
+int complete(void* completion, const MirageDepthInput* input, float* dense, char* error, size_t error_size) {
+  return guarded(error, error_size, [&] { instance(completion).complete(*input, dense); });
+}
+
+int train_step(void* completion, const MirageDepthSample* samples, int64_t count, float learning_rate,
+               float loss[3], char* error, size_t error_size) {
+  return guarded(error, error_size, [&] {
+    const auto terms =
+        instance(completion).train_step({samples, static_cast<std::size_t>(count)}, learning_rate);
+    std::copy(terms.begin(), terms.end(), loss);
+  });
+}
+
+int save(void* completion, const char* file, int32_t with_optimiser, char* error, size_t error_size) {
+  return guarded(error, error_size, [&] { instance(completion).save(file, with_optimiser != 0); });
+}
+
+const MirageDepthApi kApi = {MIRAGE_DEPTH_ABI, "guided", create, destroy, complete, train_step, save};
+
+}  // namespace
+
+extern "C" __attribute__((visibility("default"))) const MirageDepthApi* mirage_depth_api(void) {
+  return &kApi;
+}

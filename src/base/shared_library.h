@@ -1,0 +1,62 @@
+// Plugins: shared libraries that export one entry function, which returns a table of C functions. Everything
+// that can go wrong with somebody else's library becomes one clear line.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <exception>
+#include <filesystem>
+#include <string>
+#include <type_traits>
+
+#include "base/error.h"
+
+namespace mirage {
+
+/// Bytes that a plugin's function may write its reason to.
+inline constexpr std::size_t kPluginErrorSize = 1024;
+
+/// Runs plugin code: an exception that it lets out (it must not) becomes a Failure.
+template <class Work>
+auto call_plugin(const std::filesystem::path& file, const std::string& function, const Work& work) {
+  try {
+    return work();
+  } catch (const std::exception& problem) {
+    throw Failure(file.string(), function + " threw an exception (" + problem.what() + ")",
+                  "report it to the plugin's author");
+  } catch (...) {
+    throw Failure(file.string(), function + " threw an exception", "report it to the plugin's author");
+  }
+}
+
+/// Runs work(error), which returns 0 or writes its reason to error: Failure naming file and function.
+template <class Work>
+void run_plugin(const std::filesystem::path& file, const std::string& function, const Work& work) {
+  char error[kPluginErrorSize] = "";
+  const int status = call_plugin(file, function, [&] { return work(error); });
+  if (status != 0)
+    throw Failure(file.string(), function + " failed (" + (error[0] ? error : "no reason given") + ")",
+                  "check the input, the weights and the free memory");
+}
+
+/// The address of `entry` in the library. `contract` is the header that says what to export. InputError where
+/// the file is no library for this machine, or lacks the entry. Never unloaded: LibTorch keeps threads and
+/// statics that do not survive that.
+void* plugin_symbol(const std::filesystem::path& file, const std::string& entry, const std::string& contract);
+
+/// Opens a plugin whose entry returns a `const Api*` with an abi_version. InputError for a wrong version.
+template <class Api>
+const Api* open_plugin(const std::filesystem::path& file, const std::string& entry,
+                       const std::string& contract, std::uint32_t abi) {
+  void* symbol = plugin_symbol(file, entry, contract);
+  const Api* api = call_plugin(file, entry, [&] { return reinterpret_cast<const Api* (*)()>(symbol)(); });
+  if (!api) throw InputError(file.string(), entry, "the entry point returned nothing", "rebuild the plugin");
+  if (api->abi_version != abi)
+    throw InputError(
+        file.string(), "abi_version",
+        "is " + std::to_string(api->abi_version) + ", this program speaks " + std::to_string(abi),
+        "rebuild the plugin against this version");
+  return api;
+}
+
+}  // namespace mirage

@@ -1,0 +1,135 @@
+// mirage depth: scores depth completion back-ends side by side.
+#include <memory>
+#include <sstream>
+
+#include "attack/adversary.h"
+#include "base/error.h"
+#include "base/progress.h"
+#include "cli/command.h"
+#include "cli/table.h"
+#include "scene/depth/depth_score.h"
+#include "scene/depth/learned_depth.h"
+#include "scene/kitti.h"
+
+namespace mirage::cli {
+namespace {
+
+struct Options {
+  DepthScoreOptions score;
+  std::string backends =
+      "ip-basic,ip-basic-bilateral,ip-basic-multiscale,ip-basic-multiscale-bilateral,ip-basic-extrapolated,"
+      "guided";
+  std::filesystem::path weights;
+  double hide = -1;
+};
+
+nlohmann::json to_json(const DepthErrors& e) {
+  return {{"rmse_mm", e.rmse},
+          {"mae_mm", e.mae},
+          {"irmse_per_km", e.irmse},
+          {"imae_per_km", e.imae},
+          {"pixels", e.pixels}};
+}
+
+nlohmann::json to_json(const RoofPixels& r) {
+  const double n = static_cast<double>(std::max<std::size_t>(1, r.pixels));
+  return {{"pixels", r.pixels},
+          {"wrongly_kept", static_cast<double>(r.wrongly_kept) / n},
+          {"wrongly_dropped", static_cast<double>(r.wrongly_dropped) / n}};
+}
+
+std::string shares(const RoofPixels& r) {
+  if (r.pixels == 0) return "-";
+  const double n = static_cast<double>(r.pixels) / 100;
+  return fmt::format("{:.2f} | {:.2f}", static_cast<double>(r.wrongly_kept) / n,
+                     static_cast<double>(r.wrongly_dropped) / n);
+}
+
+void print_scores(const std::vector<DepthScore>& scores, bool by_returns) {
+  const auto row = [](const auto&... cells) {
+    fmt::print("{:<30} {:>7} {:>7} {:>7}  {:>6} {:>6} {:>6} {:>6}  {:>6} {:>6}  {:>13} {:>13} {:>13}\n",
+               cells...);
+  };
+  row("", "cover %", "sky %", "s/frame", "RMSE", "MAE", "iRMSE", "iMAE", "RMSE", "MAE",
+      by_returns ? "RMSE | MAE" : "roof k|d %", by_returns ? "" : "sky k|d %",
+      by_returns ? "" : "border k|d %");
+  for (const DepthScore& s : scores)
+    row(s.name, fmt::format("{:.1f}", 100 * s.coverage),
+        by_returns ? std::string("-") : fmt::format("{:.1f}", 100 * s.sky_filled),
+        fmt::format("{:.3f}", s.seconds), fmt::format("{:.0f}", s.common.rmse),
+        fmt::format("{:.0f}", s.common.mae), fmt::format("{:.2f}", s.common.irmse),
+        fmt::format("{:.2f}", s.common.imae), fmt::format("{:.0f}", s.filled.rmse),
+        fmt::format("{:.0f}", s.filled.mae),
+        by_returns ? fmt::format("{:.0f} | {:.0f}", s.consistent.rmse, s.consistent.mae) : shares(s.roof),
+        by_returns ? std::string() : shares(s.sky), by_returns ? std::string() : shares(s.border));
+  fmt::print(
+      "RMSE, MAE in mm, iRMSE, iMAE in 1/km: first where every back-end has a value, then on all pixels with "
+      "gaps filled as KITTI's benchmark does.\n{}",
+      by_returns
+          ? "Last: without held-back returns that a nearer kept one within 3 pixels contradicts.\n"
+          : "k|d: shares of an object's pixels on car roofs wrongly kept | dropped: all, over the sky, and "
+            "at the skyline.\n");
+}
+
+}  // namespace
+
+Command depth_command() {
+  auto options = std::make_shared<Options>();
+  Command command{
+      "depth", "scores depth completion: against true depth, or on returns held back", "out/depth", {}, {}};
+  command.options = [options](CLI::App& app) {
+    app.add_option("--data", options->score.data,
+                   "data set; with training/depth (mirage generate --depth) or real")
+        ->required();
+    app.add_option("--backends", options->backends, "separated by commas")->capture_default_str();
+    app.add_option("--weights", options->weights, "of the learned one (default: the shipped ones)");
+    app.add_option(
+        "--hide", options->hide,
+        "score on this share of the returns, held back (default: 0.2 where there is no true depth)");
+    app.add_option("--farthest", options->score.farthest, "score up to this true depth, m")
+        ->capture_default_str();
+    app.add_option("--frames", options->score.frames, "only the first N frames (0: all)")
+        ->capture_default_str();
+  };
+  command.run = [options](const Common& common) -> nlohmann::json {
+    DepthScoreOptions& score = options->score;
+    score.seed = common.seed;
+    const bool has_truth =
+        std::filesystem::exists(true_depth_file(score.data, list_frames(score.data).front()));
+    score.hidden = options->hide >= 0 ? options->hide : has_truth ? 0 : 0.2;
+    std::vector<std::unique_ptr<DepthCompletion>> backends;
+    std::istringstream names(options->backends);
+    for (std::string name; std::getline(names, name, ',');)
+      backends.push_back(load_depth_completion({name, options->weights, false, common.seed, common.threads}));
+    if (backends.empty()) throw InputError("--backends", "", "names none", "try ip-basic,guided");
+    std::unique_ptr<Progress> progress;
+    const auto scores =
+        score_depth(score, backends, initial_adversary(), [&](std::size_t done, std::size_t total) {
+          if (!progress) progress = std::make_unique<Progress>("depth", total, common.quiet);
+          progress->update(done);
+        });
+    progress.reset();
+    if (!common.quiet) print_scores(scores, score.hidden > 0);
+    nlohmann::json list = nlohmann::json::array();
+    for (const DepthScore& s : scores) {
+      nlohmann::json entry = {{"name", s.name},
+                              {"seconds_per_frame", s.seconds},
+                              {"coverage", s.coverage},
+                              {"common", to_json(s.common)},
+                              {"filled", to_json(s.filled)}};
+      if (score.hidden > 0) {
+        entry["consistent"] = to_json(s.consistent);
+      } else {
+        entry["sky_filled"] = s.sky_filled;
+        entry["roof"] = to_json(s.roof);
+        entry["sky"] = to_json(s.sky);
+        entry["border"] = to_json(s.border);
+      }
+      list.push_back(std::move(entry));
+    }
+    return {{"hidden", score.hidden}, {"farthest_m", score.farthest}, {"backends", list}};
+  };
+  return command;
+}
+
+}  // namespace mirage::cli

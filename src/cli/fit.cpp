@@ -1,0 +1,188 @@
+// mirage fit: fits the shape manifold to the vehicles of a data set, or learns the manifold.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <memory>
+#include <mutex>
+
+#include "attack/hosts.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/parallel.h"
+#include "base/progress.h"
+#include "cli/command.h"
+#include "cli/table.h"
+#include "exchange/mesh_files.h"
+#include "scene/kitti.h"
+#include "scene/shape/fit_dataset.h"
+
+namespace mirage::cli {
+namespace {
+
+struct Options {
+  std::filesystem::path data, model, build_model, meshes;
+  std::string forward, up, format = "ply";
+  int frames = 0, each = 80, dimension = 16, min_points = ShapeFitSettings().min_points;
+  FitFrameSettings frame;
+};
+
+nlohmann::json build_model(const Options& options, const Common& common) {
+  std::vector<ShapeSample> samples = family_samples(options.each, common.seed);
+  if (!options.meshes.empty()) {
+    std::optional<MeshAxes> axes;
+    if (options.forward.empty() != options.up.empty())
+      throw InputError("--mesh-forward, --mesh-up", "", "one of them is missing", "give both or neither");
+    if (!options.forward.empty()) axes = MeshAxes{options.forward, options.up};
+    for (ShapeSample& sample : read_vehicle_meshes(options.meshes, axes))
+      samples.push_back(std::move(sample));
+  }
+  ShapeModelSettings settings;
+  settings.dimension = options.dimension;
+  Progress progress("shape model", samples.size(), common.quiet);
+  const ShapeModel model =
+      build_shape_model(samples, settings, [&](std::size_t done) { progress.update(done); });
+  write_shape_model(options.build_model, model);
+  nlohmann::json sources = model.sources;
+  print_table({{"vehicles", fmt::format("{}", model.vehicles)},
+               {"dimensions", fmt::format("{}", model.dimension)},
+               {"variance explained", percent(model.explained.back())},
+               {"grid", fmt::format("{} × {} × {}", model.layout.count[0], model.layout.count[1],
+                                    model.layout.count[2])},
+               {"model", options.build_model.string()}});
+  return {{"vehicles", model.vehicles},
+          {"dimension", model.dimension},
+          {"explained", model.explained},
+          {"sources", sources},
+          {"model", options.build_model.string()}};
+}
+
+std::string centimetres(const nlohmann::json& spread) {
+  return fmt::format("{:5.1f} {:6.1f}", 100 * spread.at("median").get<double>(),
+                     100 * spread.at("p95").get<double>());
+}
+
+void print_summary(const nlohmann::json& summary) {
+  fmt::print("{:<10} {:>8} {:>7} {:>9} {:>8}", "range", "vehicles", "fitted", "residual", "ms");
+  const bool truth = summary.at("all").contains("error");
+  if (truth) fmt::print("   roof error (cm, median and 95 %): {:<14}{:<14}{:<14}", "x", "y", "z");
+  fmt::print("\n");
+  const auto row = [&](const std::string& name, const nlohmann::json& s) {
+    fmt::print("{:<10} {:>8} {:>7} {:>6.1f} mm {:>8.1f}", name, s.at("vehicles").get<int>(),
+               s.at("fitted").get<int>(), 1000 * s.at("residual_m").at("median").get<double>(),
+               1000 * s.at("seconds").at("median").get<double>());
+    if (s.contains("error")) {
+      const auto& e = s.at("error");
+      fmt::print("{:37}{:<14}{:<14}{:<14}", "", centimetres(e.at("roof_x_m")), centimetres(e.at("roof_y_m")),
+                 centimetres(e.at("roof_z_m")));
+    }
+    fmt::print("\n");
+  };
+  for (const auto& s : summary.at("by_range")) {
+    const auto& r = s.at("range_m");
+    row(r[1].is_null() ? fmt::format("{:.0f}+ m", r[0].get<double>())
+                       : fmt::format("{:.0f}–{:.0f} m", r[0].get<double>(), r[1].get<double>()),
+        s);
+  }
+  row("all", summary.at("all"));
+  std::fflush(stdout);
+}
+
+nlohmann::json fit_data_set(const Options& options, const Common& common) {
+  const auto model_file = options.model.empty() ? shipped_file("scenes/shapes/cars.shape") : options.model;
+  const LidarModel lidar = lidar_of(options.data);
+  ShapeFitSettings settings;
+  settings.min_points = options.min_points;
+  const ShapeRooftopFinder finder(read_shape_model(model_file), lidar, settings);
+  std::vector<std::string> ids = list_frames(options.data);
+  if (options.frames > 0 && ids.size() > static_cast<std::size_t>(options.frames))
+    ids.resize(static_cast<std::size_t>(options.frames));
+  const auto seed = generator::seed_of(options.data);
+  FitFrameSettings frame_settings = options.frame;
+  frame_settings.seed = common.seed;
+
+  std::vector<std::vector<FittedVehicle>> found(ids.size());
+  Progress progress("fit", ids.size(), common.quiet);
+  std::mutex mutex;
+  std::size_t done = 0;
+  parallel_for(ids.size(), [&](std::size_t i) {
+    if (interrupted()) return;
+    const Frame frame = read_frame(options.data, ids[i]);
+    std::vector<generator::TrueVehicle> truth;
+    if (seed) truth = generator::true_vehicles(*seed, std::stoull(ids[i]), lidar.height);
+    found[i] = fit_frame(finder, frame, lidar, frame_settings, seed ? &truth : nullptr);
+    if (options.format != "none")
+      for (const FittedVehicle& v : found[i])
+        if (v.fit.fitted)
+          write_mesh(common.out / "meshes" / fmt::format("{}_{}.{}", v.frame, v.label, options.format),
+                     v.fit.mesh);
+    const std::scoped_lock lock(mutex);
+    progress.update(++done);
+  });
+  throw_if_interrupted("meshes written so far are kept");
+  std::vector<FittedVehicle> all;
+  for (auto& frame : found)
+    all.insert(all.end(), std::make_move_iterator(frame.begin()), std::make_move_iterator(frame.end()));
+  nlohmann::json vehicles = nlohmann::json::array();
+  for (const FittedVehicle& v : all) vehicles.push_back(to_json(v));
+  write_json(common.out / "vehicles.json", {{"vehicles", vehicles}});
+  nlohmann::json summary = summarise_fits(all);
+  print_summary(summary);
+  summary["frames"] = ids.size();
+  summary["vehicles"] = all.size();
+  summary["fitted"] = summary.at("all").at("fitted");
+  summary["from_box"] = summary.at("all").at("from_box");
+  summary["model"] = model_file.string();
+  summary["truth_known"] = seed.has_value();
+  summary["label_noise"] = frame_settings.label_noise;
+  return summary;
+}
+
+}  // namespace
+
+Command fit_command() {
+  auto options = std::make_shared<Options>();
+  Command command{
+      "fit", "Fits the vehicle shape manifold: meshes, rooftops, fitting error", "out/fit", {}, {}};
+  command.options = [options](CLI::App& app) {
+    auto* data = app.add_option("--data", options->data, "Data set in KITTI layout");
+    auto* build = app.add_option("--build-model", options->build_model,
+                                 "Learn the manifold and write it here (*.shape)");
+    data->excludes(build);
+    app.add_option("--model", options->model, "Shape model (default: the shipped one)");
+    app.add_option("--frames", options->frames, "Only the first N frames (0: all)")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    app.add_option("--types", options->frame.types, "Labels to fit: Car, Van")->capture_default_str();
+    app.add_option("--label-noise", options->frame.label_noise,
+                   "Disturb the labels first: times 7 cm, 7 cm, 5 cm, 0.02 rad, 3 % of the size")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    app.add_option("--min-points", options->min_points, "Fewer returns on a vehicle: its box is used")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    app.add_option("--mesh-format", options->format, "Meshes written: ply, glb or none")
+        ->check(CLI::IsMember({"ply", "glb", "none"}))
+        ->capture_default_str();
+    app.add_option("--each", options->each, "With --build-model: cars of each of the seven body styles")
+        ->check(CLI::Range(0, 10000))
+        ->capture_default_str();
+    app.add_option("--dimension", options->dimension, "With --build-model: components")
+        ->check(CLI::Range(1, 200))
+        ->capture_default_str();
+    app.add_option("--meshes", options->meshes,
+                   "With --build-model: folder of your own vehicles (glb, gltf, obj, ply)")
+        ->needs(build);
+    app.add_option("--mesh-forward", options->forward, "Axis of those files that points forward, e.g. -z");
+    app.add_option("--mesh-up", options->up, "Axis of those files that points up, e.g. +y");
+  };
+  command.run = [options](const Common& common) -> nlohmann::json {
+    if (!options->build_model.empty()) return build_model(*options, common);
+    if (options->data.empty())
+      throw InputError("mirage fit", "--data", "missing", "give a data set, or --build-model FILE");
+    return fit_data_set(*options, common);
+  };
+  return command;
+}
+
+}  // namespace mirage::cli

@@ -1,0 +1,206 @@
+#include "scene/depth/depth_training.h"
+
+#include <chrono>
+#include <future>
+#include <numeric>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/logging.h"
+#include "base/progress.h"
+#include "base/random.h"
+#include "base/schedule.h"
+#include "scene/kitti.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes for frames kept between epochs
+
+class DepthData {
+ public:
+  explicit DepthData(const DepthTrainingOptions& options)
+      : options_(options), ids_(list_frames(options.data)) {
+    if (options.frames > 0 && ids_.size() > options.frames) ids_.resize(options.frames);
+    frames_.resize(ids_.size());
+  }
+  std::size_t size() const { return ids_.size(); }
+
+  std::vector<DepthSample> prepare(std::int64_t step) {
+    std::vector<DepthSample> samples;
+    for (int i = 0; i < options_.batch; ++i) {
+      const auto index = static_cast<std::uint64_t>(step) * options_.batch + i;
+      samples.push_back(
+          augmented_crop(frame(frame_of(index)), options_.crop, options_.seed, index, options_.augmentation));
+    }
+    return samples;
+  }
+
+ private:
+  /// Every frame once an epoch, in an order of the epoch's own.
+  std::size_t frame_of(std::uint64_t index) const {
+    const std::uint64_t count = ids_.size();
+    std::vector<std::size_t> order(count);
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    RandomStream random(options_.seed, "depth training order", index / count);
+    for (std::size_t i = count; i-- > 1;) std::swap(order[i], order[random.below(static_cast<int>(i) + 1)]);
+    return order[index % count];
+  }
+
+  const DepthFrame& frame(std::size_t number) {
+    if (!frames_[number].image.empty()) return frames_[number];
+    DepthFrame read = read_depth_frame(options_.data, ids_[number]);
+    const std::size_t bytes = 5 * sizeof(float) * read.sparse.data.size();
+    if (bytes_ + bytes > kMemory) return passing_ = std::move(read);
+    bytes_ += bytes;
+    return frames_[number] = std::move(read);
+  }
+
+  DepthTrainingOptions options_;
+  std::vector<std::string> ids_;
+  std::vector<DepthFrame> frames_;
+  DepthFrame passing_;  // where memory is full
+  std::size_t bytes_ = 0;
+};
+
+/// What must agree for a run to go on.
+nlohmann::json identity(const DepthTrainingOptions& options, std::size_t frames) {
+  return {{"backend", options.backend},
+          {"data", fs::absolute(options.data).lexically_normal().string()},
+          {"steps", options.steps},
+          {"batch", options.batch},
+          {"crop", options.crop},
+          {"learning_rate", options.learning_rate},
+          {"minutes", options.minutes},
+          {"seed", options.seed},
+          {"without_picture", options.augmentation.without_picture},
+          {"shift", options.augmentation.shift},
+          {"scatter", options.augmentation.scatter},
+          {"start", options.start.empty() ? "" : content_hash(read_file(options.start))},
+          {"frames", frames}};
+}
+
+struct State {
+  std::int64_t step = 0;
+  double seconds = 0;  // spent in earlier runs too
+  std::array<double, 3> loss{};
+  fs::path weights;  // of the checkpoint
+};
+
+State read_state(const DepthTrainingOptions& options, const nlohmann::json& wanted) {
+  State state;
+  const fs::path file = options.out / "training.json";
+  if (!fs::exists(file)) return state;
+  const nlohmann::json json = read_json(file);
+  try {
+    if (json.at("options") != wanted)
+      throw InputError(file.string(), "options", "this folder holds a run with other options",
+                       "use the same options to go on, or another --out");
+    state.step = json.at("step");
+    state.seconds = json.at("seconds");
+    state.loss = json.at("loss");
+    state.weights = options.out / json.at("weights").get<std::string>();
+  } catch (const nlohmann::json::exception& problem) {
+    throw InputError(file.string(), "", std::string("not a training state (") + problem.what() + ")",
+                     "use another --out");
+  }
+  return state;
+}
+
+/// The weights first, then the state that names them, then the old weights go: a kill at any point leaves a
+/// pair.
+void write_checkpoint(LearnedDepth& model, const DepthTrainingOptions& options, const nlohmann::json& wanted,
+                      State& state) {
+  const fs::path weights = options.out / ("checkpoint-" + std::to_string(state.step) + ".weights");
+  model.save(weights, true);
+  write_json(options.out / "training.json", {{"options", wanted},
+                                             {"step", state.step},
+                                             {"seconds", state.seconds},
+                                             {"loss", state.loss},
+                                             {"weights", weights.filename().string()}});
+  std::error_code ignored;
+  if (!state.weights.empty() && state.weights != weights) fs::remove(state.weights, ignored);
+  state.weights = weights;
+}
+
+}  // namespace
+
+DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
+  if (options.steps < 1) throw InputError("--steps", "", "must be at least 1", "give a positive number");
+  if (options.batch < 1) throw InputError("--batch", "", "must be at least 1", "give a positive number");
+  if (options.crop < 64) throw InputError("--crop", "", "must be at least 64", "try 416");
+  const DepthAugmentation& augmentation = options.augmentation;
+  if (!(augmentation.without_picture >= 0 && augmentation.without_picture <= 1))
+    throw InputError("--without-picture", "", "must be a share in [0, 1]", "try 0.3");
+  if (!(augmentation.scatter >= 0 && augmentation.scatter <= 1))
+    throw InputError("--scatter", "", "must be a share in [0, 1]", "try 0.3");
+  if (augmentation.shift < 0 || augmentation.shift > 10)
+    throw InputError("--shift", "", "must be 0 to 10 pixels", "try 1");
+  if (!(options.learning_rate > 0)) throw InputError("--learning-rate", "", "must be positive", "try 0.002");
+  make_output_folder(options.out);
+  DepthOptions load{options.backend, {}, true, options.seed, options.threads};
+  DepthData data(options);
+  if (!options.start.empty()) {
+    load.fresh = false;
+    load.weights = options.start;
+  }
+  const nlohmann::json wanted = identity(options, data.size());
+  State state = read_state(options, wanted);
+  if (!state.weights.empty()) {
+    load.fresh = false;
+    load.weights = state.weights;
+    spdlog::info("going on from step {} of {}", state.step, options.steps);
+  }
+  const auto model = load_learned_depth(load);
+
+  const double seconds_before = state.seconds;
+  const std::int64_t first_step = state.step;
+  const auto start = Clock::now();
+  const auto elapsed = [&] { return std::chrono::duration<double>(Clock::now() - start).count(); };
+  const auto progress_now = [&] {
+    const double by_steps = static_cast<double>(state.step) / static_cast<double>(options.steps);
+    return options.minutes > 0 ? std::max(by_steps, state.seconds / (60 * options.minutes)) : by_steps;
+  };
+  {
+    const auto prepare = [&](std::int64_t step) {
+      return std::async(std::launch::async, [&data, step] { return data.prepare(step); });
+    };
+    auto next = prepare(state.step);
+    Progress progress("train depth", static_cast<std::size_t>(options.steps), options.quiet);
+    while (progress_now() < 1) {
+      const std::vector<DepthSample> samples = next.get();
+      next = prepare(state.step + 1);
+      const double rate = one_cycle(options.learning_rate, progress_now());
+      const auto loss = model->train_step(samples, rate);
+      const double share = std::max(0.01, 1.0 / static_cast<double>(state.step + 1));
+      for (std::size_t t = 0; t < loss.size(); ++t) state.loss[t] += share * (loss[t] - state.loss[t]);
+      ++state.step;
+      state.seconds = seconds_before + elapsed();
+      progress.update(static_cast<std::size_t>(state.step), fmt::format("loss {:.3f}", state.loss[0]));
+      if (state.step % 100 == 0)
+        spdlog::info("step {} rate {:.2e} loss {:.4f} depth {:.4f} presence {:.4f} {:.0f} s", state.step,
+                     rate, state.loss[0], state.loss[1], state.loss[2], state.seconds);
+      const bool stop = interrupted();
+      if (stop || state.step % options.checkpoint_every == 0)
+        write_checkpoint(*model, options, wanted, state);
+      if (stop) throw Interrupted("interrupted; the checkpoint is kept, the same command goes on from it");
+    }
+  }
+
+  DepthTrainingResult result;
+  result.steps = state.step;
+  result.seconds = state.seconds;
+  result.seconds_per_step =
+      state.step > first_step ? elapsed() / static_cast<double>(state.step - first_step) : 0;
+  result.loss = state.loss;
+  result.weights = options.out / (fs::path(options.backend).stem().string() + "-depth.weights");
+  write_checkpoint(*model, options, wanted, state);
+  model->save(result.weights, false);
+  return result;
+}
+
+}  // namespace mirage

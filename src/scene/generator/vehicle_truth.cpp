@@ -1,0 +1,47 @@
+#include "scene/generator/vehicle_truth.h"
+
+#include "base/error.h"
+#include "base/files.h"
+#include "geometry/shapes.h"
+#include "scene/generator/dataset.h"
+#include "scene/generator/street.h"
+
+namespace mirage::generator {
+
+std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, double height) {
+  const Street street = make_street(seed, index, height);
+  std::vector<TrueVehicle> vehicles;
+  for (const Placed& placed : street.placed) vehicles.push_back({placed.type, placed.box, {}});
+  for (const Surface& surface : street.surfaces)
+    if (surface.object >= 0)
+      append(vehicles[static_cast<std::size_t>(surface.object)].mesh, surface.mesh, Transform::Identity());
+  return vehicles;
+}
+
+std::optional<std::uint64_t> seed_of(const std::filesystem::path& data) {
+  const auto file = data / "dataset.json";
+  if (!std::filesystem::exists(file)) return std::nullopt;
+  const nlohmann::json about = read_json(file);
+  if (!about.is_object() || !about.contains("seed") || !about.at("seed").is_number_unsigned() ||
+      !about.contains("generator"))
+    throw InputError(file.string(), "seed", "missing or not a whole number",
+                     "make the data set again with: mirage generate");
+  if (about.at("generator") != kGeneratorVersion) return std::nullopt;
+  return about.at("seed").get<std::uint64_t>();
+}
+
+const TrueVehicle* find_vehicle(const std::vector<TrueVehicle>& vehicles, const std::string& type,
+                                const Box3& box) {
+  const TrueVehicle* best = nullptr;
+  double nearest = 0.1;
+  for (const TrueVehicle& v : vehicles) {
+    const double d =
+        Vec3d(v.box.bev.x - box.bev.x, v.box.bev.y - box.bev.y, v.box.bottom - box.bottom).norm();
+    if (v.type != type || d >= nearest) continue;
+    nearest = d;
+    best = &v;
+  }
+  return best;
+}
+
+}  // namespace mirage::generator

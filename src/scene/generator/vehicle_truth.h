@@ -1,0 +1,34 @@
+// The true shapes of a generated frame's vehicles: what a fit to the frame's sweep should find.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "geometry/box.h"
+#include "geometry/mesh.h"
+
+namespace mirage::generator {
+
+struct TrueVehicle {
+  std::string type;
+  Box3 box;   ///< `velo`
+  Mesh mesh;  ///< `velo`; every surface of it, seats and lamps included
+};
+
+/// The labelled things of frame `index` of a seed, laid out again (nothing is rendered). `height`: of the
+/// rig's LiDAR over the ground, as in make_street.
+std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, double height);
+
+/// A data set's seed, if this generator's version made it (dataset.json), so that true_vehicles gives what
+/// was rendered; nothing for recorded sets and for those of other versions. InputError for a broken
+/// dataset.json.
+std::optional<std::uint64_t> seed_of(const std::filesystem::path& data);
+
+/// The one of `vehicles` that a label of the data set means: same type, centre nearest and within 0.1 m.
+const TrueVehicle* find_vehicle(const std::vector<TrueVehicle>& vehicles, const std::string& type,
+                                const Box3& box);
+
+}  // namespace mirage::generator

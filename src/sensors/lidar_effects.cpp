@@ -1,0 +1,84 @@
+#include "sensors/lidar_effects.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <numeric>
+
+#include "base/error.h"
+
+namespace mirage {
+
+void check_effects(const LidarEffects& effects) {
+  const auto demand = [](bool good, const char* field, const char* fix) {
+    if (!good) throw InputError("LiDAR effects", field, "out of range or not finite", fix);
+  };
+  const auto within = [](double value, double low, double high) { return value >= low && value <= high; };
+  demand(within(effects.range_sigma, 0, 10), "range_sigma", "give metres from 0 to 10");
+  demand(within(effects.drop_out, 0, 1), "drop_out", "give a share from 0 to 1");
+  demand(within(effects.signal_floor, 0, 1e3), "signal_floor", "give 1/m² from 0 to 1000");
+  demand(within(effects.divergence.x(), 0, 0.2) && within(effects.divergence.y(), 0, 0.2), "divergence",
+         "give radians from 0 to 0.2");
+  demand(within(effects.pulse_length, 0, 100), "pulse_length", "give metres from 0 to 100");
+  demand(effects.velocity.allFinite() && effects.velocity.norm() <= 200, "velocity", "give up to 200 m/s");
+  demand(within(effects.yaw_rate, -20, 20), "yaw_rate", "give rad/s from -20 to 20");
+  demand(within(effects.beam_bias_sigma, 0, 10), "beam_bias_sigma", "give metres from 0 to 10");
+  demand(within(effects.angle_sigma, 0, 0.2), "angle_sigma", "give radians from 0 to 0.2");
+  demand(within(effects.reflectance_sigma, 0, 10), "reflectance_sigma", "give a number from 0 to 10");
+  demand(within(effects.dark_level, 0, 1), "dark_level", "give a reflectance from 0 to 1");
+  demand(within(effects.reflectance_step, 0, 1), "reflectance_step", "give a reflectance from 0 to 1");
+}
+
+std::vector<SubRay> beam_pattern(const LidarEffects& effects) {
+  std::vector<SubRay> pattern(1);
+  if (!effects.diverging()) return pattern;
+  double total = 1;
+  for (int ring = 1; ring <= 2; ++ring)
+    for (int i = 0; i < 6 * ring; ++i) {
+      const double radius = ring / 2.0, turn = 2 * std::numbers::pi * i / (6 * ring);
+      const double weight = std::exp(-2 * radius * radius);
+      pattern.push_back(
+          {Vec2d(std::cos(turn), std::sin(turn)).cwiseProduct(effects.divergence) * (radius / 2), weight});
+      total += weight;
+    }
+  for (SubRay& sub : pattern) sub.weight /= total;
+  return pattern;
+}
+
+Vec3d turned(const Vec3d& direction, const Vec2d& angle) {
+  const Vec3d left = Vec3d(-direction.y(), direction.x(), 0).normalized();
+  return (direction + angle.x() * left + angle.y() * direction.cross(left)).normalized();
+}
+
+Transform start_from_moment(const LidarEffects& effects, double time) {
+  Transform pose = Transform::Identity();
+  pose.linear() = Eigen::AngleAxisd(effects.yaw_rate * time, Vec3d::UnitZ()).toRotationMatrix();
+  pose.translation() = effects.velocity * time;
+  return pose;
+}
+
+void strongest_echo(std::span<const Reflection> reflections, double pulse_length, Echo& echo) {
+  echo.strongest = -1;
+  echo.members.clear();
+  std::vector<int> order(reflections.size());
+  std::iota(order.begin(), order.end(), 0);
+  const auto at = [&](int i) -> const Reflection& { return reflections[static_cast<std::size_t>(i)]; };
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return at(a).range < at(b).range; });
+  double best = 0;
+  for (std::size_t first = 0, end = 0; first < order.size(); first = end) {
+    double sum = 0;
+    for (end = first; end < order.size(); ++end) {
+      if (end > first && at(order[end]).range - at(order[end - 1]).range > pulse_length) break;
+      sum += at(order[end]).strength;
+    }
+    if (!(sum > best)) continue;
+    best = sum;
+    echo.members.assign(order.begin() + static_cast<std::ptrdiff_t>(first),
+                        order.begin() + static_cast<std::ptrdiff_t>(end));
+  }
+  for (int i : echo.members)
+    if (echo.strongest < 0 || at(i).strength > at(echo.strongest).strength) echo.strongest = i;
+}
+
+}  // namespace mirage

@@ -1,0 +1,91 @@
+// What a spinning LiDAR does beyond one thin, noiseless ray a firing. Every effect is off at its default; the
+// same settings serve whole generated sweeps (sensors/lidar_sweep.h) and returns on an inserted object
+// (scene/insertion.h).
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/types.h"
+
+namespace mirage {
+
+struct LidarEffects {
+  /// Range noise (m).
+  double range_sigma = 0;
+
+  /// Share of the returns that are lost without a reason.
+  double drop_out = 0;
+  /// Drop-out with range and incidence: a return of signal s = reflectivity · cos^0.7(incidence) / range²
+  /// (1/m²) arrives with probability 1 − exp(−s / signal_floor). 0: all arrive.
+  double signal_floor = 0;
+
+  /// Full angle of the beam (rad; horizontal, vertical) at which a Gaussian profile has fallen to 1/e². The
+  /// cone is sampled by 19 rays; those whose ranges follow each other within `pulse_length` (m) make one
+  /// echo, the echo with the largest sum of weight · reflectance / range² is the return: at the range of its
+  /// strongest ray, in the direction of the beam's axis, with the weighted sum of its rays' reflectances. 0:
+  /// one ray.
+  Vec2d divergence = Vec2d::Zero();
+  double pulse_length = 0.6;  ///< half of c · 4 ns, the HDL-64E's pulse
+
+  /// Reflectance from the surface's colour: mean of the three channels of the texel (or albedo) that is met,
+  /// times the cosine of the incidence, in place of a constant reflectivity.
+  bool albedo = false;
+
+  /// Motion during the sweep: velocity (m/s, in `velo`) and yaw rate (rad/s, about the velo origin) of the
+  /// vehicle against what it sees. A firing at time t (LidarModel::firing_time) leaves from where the unit is
+  /// by then; its return is written in the unit's frame of that moment, as an uncompensated recording has it.
+  Vec3d velocity = Vec3d::Zero();
+  double yaw_rate = 0;
+
+  // Whole sweeps only: a recorded sweep has them already, and rays through its returns follow them.
+  double beam_bias_sigma = 0;    ///< m, constant a beam: what calibration leaves
+  double angle_sigma = 0;        ///< rad, of azimuth and elevation
+  double reflectance_sigma = 0;  ///< of the reported reflectance
+  double dark_level = 0;         ///< reflectance that is reported as 0
+  double reflectance_step = 0;   ///< reported reflectances are multiples of this; 0: any
+
+  /// Key of the random streams of an inserted object's returns (whole sweeps are given theirs).
+  std::uint64_t seed = 0;
+
+  bool moving() const { return yaw_rate != 0 || !velocity.isZero(0); }
+  bool diverging() const { return !divergence.isZero(0); }
+};
+
+/// InputError naming the field: a value that is not finite, a negative spread, a share beyond [0, 1], a beam
+/// wider than 0.2 rad, a speed beyond 200 m/s or 20 rad/s.
+void check_effects(const LidarEffects& effects);
+
+/// A ray of a beam's cone: turned by `angle` (rad; to the left, down) from the axis, with its share of the
+/// light.
+struct SubRay {
+  Vec2d angle = Vec2d::Zero();
+  double weight = 1;
+};
+
+/// The axis alone without divergence; else the axis and rings of 6 and 12 at a half and the whole of the half
+/// angle. Weights sum to 1.
+std::vector<SubRay> beam_pattern(const LidarEffects& effects);
+
+/// `direction` (unit, `velo`) turned by a small angle to its left (horizontal) and downwards.
+Vec3d turned(const Vec3d& direction, const Vec2d& angle);
+
+/// Where the vehicle is at time t, in the frame that it has at time 0.
+Transform start_from_moment(const LidarEffects& effects, double time);
+
+/// A contribution to the received light.
+struct Reflection {
+  double range = 0;     ///< m
+  double strength = 0;  ///< weight · reflectance / range²
+};
+
+/// The strongest echo of a firing: which reflections make it, and which of them is the strongest. Ties go to
+/// the nearer one.
+struct Echo {
+  int strongest = -1;        ///< index; −1: nothing came back
+  std::vector<int> members;  ///< indices, by range
+};
+void strongest_echo(std::span<const Reflection> reflections, double pulse_length, Echo& echo);
+
+}  // namespace mirage

@@ -1,0 +1,155 @@
+// Forward pass over a tile.
+// Compiled once for each instruction set (hence the guard that toggles).
+#if defined(MIRAGE_SENSORS_RASTER_DRAW_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef MIRAGE_SENSORS_RASTER_DRAW_INL_H_
+#undef MIRAGE_SENSORS_RASTER_DRAW_INL_H_
+#else
+#define MIRAGE_SENSORS_RASTER_DRAW_INL_H_
+#endif
+
+#include "sensors/raster/tile-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace mirage::raster::HWY_NAMESPACE {
+
+template <bool kPlain>
+void DrawFaces(const TileJob& job) {
+  const D d;
+  const Constants& k = *job.constants;
+  TileTape& tape = *job.tape;
+  const bool may_close =
+      kPlain || (k.silhouette == SilhouetteBlend::product && k.color == ColorBlend::softmax);
+  V lane_x, lane_y;
+  LanePlaces(lane_x, lane_y);
+  for (int i = 0; i < job.count; ++i) {
+    const FaceSetup& face = job.setup->faces[job.faces[i]];
+    const LocalFace local = Localise(job, face);
+    ForEachBlock(
+        job, local, lane_x, lane_y, [&](int first, V px, V py) HWY_ATTR __attribute__((always_inline)) {
+          V clear = hn::Load(d, tape.clear + first), top = hn::Load(d, tape.top + first),
+            sum = hn::Load(d, tape.sum + first);
+          const bool behind = may_close && hn::AllTrue(d, Behind(k, face, top, sum, kFarBehind));
+          if (behind && hn::AllTrue(d, hn::Lt(clear, Set(kClosed)))) return;
+          Fragment f;
+          if (!Cover<kPlain>(local, k, px, py, f)) return;
+          if (!behind || job.limit || !kPlain)
+            Place<kPlain>(local, k, f);
+          else
+            PlaceNowhere(f);
+          if (!kPlain && k.coverage == Coverage::barycentric) {
+            const M box = InBox(job, face, px, py);
+            f.keep = hn::And(f.keep, box);
+            f.colored = hn::And(f.colored, box);
+          }
+          if (job.limit) {
+            const VI pixel = hn::LoadU(DI(), job.pixel_of + first);
+            const M near = hn::Ge(f.key, hn::GatherIndex(d, job.limit, pixel));
+            f.keep = hn::And(f.keep, near);
+            f.colored = hn::And(f.colored, near);
+          }
+          if (kPlain || k.silhouette == SilhouetteBlend::product)
+            clear = hn::IfThenElse(f.keep, hn::Mul(clear, f.open), clear);
+          else if (k.silhouette == SilhouetteBlend::sum)
+            clear = hn::IfThenElse(f.keep, hn::Add(clear, f.coverage), clear);
+          else
+            clear = hn::IfThenElse(hn::And(f.keep, f.inside), Set(1), clear);
+          hn::Store(clear, d, tape.clear + first);
+          if (behind || !face.colored || hn::AllFalse(d, f.colored)) return;
+
+          const Color color = !kPlain && k.vertex_texture
+                                  ? VertexColor(local, k, f)
+                                  : TexelColor(local, k, TexelIndex<kPlain>(local, k, f));
+          if (!kPlain && k.color == ColorBlend::hard) {
+            // sum holds the key of the nearest so far, top the number of its face.
+            const M nearer = hn::And(hn::And(f.colored, f.inside), hn::Gt(f.key, sum));
+            hn::Store(hn::IfThenElse(nearer, f.key, sum), d, tape.sum + first);
+            hn::Store(hn::IfThenElse(nearer, Set(static_cast<float>(job.faces[i])), top), d,
+                      tape.top + first);
+            for (int c = 0; c < 3; ++c)
+              hn::Store(hn::IfThenElse(nearer, color.c[c], hn::Load(d, tape.color[c] + first)), d,
+                        tape.color[c] + first);
+            return;
+          }
+          Color mixed;
+          for (int c = 0; c < 3; ++c) mixed.c[c] = hn::Load(d, tape.color[c] + first);
+          const M higher = hn::And(f.colored, hn::Gt(f.key, top));
+          if (!hn::AllFalse(d, higher)) {
+            const V raised = hn::IfThenElse(higher, f.key, top);
+            const V fade = Exp2(hn::Mul(hn::Sub(top, raised), Set(k.inv_gamma * kLog2E)));
+            sum = hn::Mul(sum, fade);
+            for (int c = 0; c < 3; ++c) mixed.c[c] = hn::Mul(mixed.c[c], fade);
+            top = raised;
+            hn::Store(top, d, tape.top + first);
+          }
+          const V depth = Exp2(hn::Min(Zero(), hn::Mul(hn::Sub(f.key, top), Set(k.inv_gamma * kLog2E))));
+          const V weight = hn::IfThenElseZero(f.colored, hn::Mul(f.coverage, depth));
+          hn::Store(hn::Add(sum, weight), d, tape.sum + first);
+          for (int c = 0; c < 3; ++c)
+            hn::Store(hn::MulAdd(weight, color.c[c], mixed.c[c]), d, tape.color[c] + first);
+        });
+  }
+}
+
+/// Starts the samples' state.
+void Begin(const TileJob& job) {
+  const D d;
+  const Constants& k = *job.constants;
+  TileTape& tape = *job.tape;
+  const bool product = k.silhouette == SilhouetteBlend::product, hard = k.color == ColorBlend::hard;
+  for (int i = 0; i < kSamples; i += kLanes) {
+    const bool background = k.logit_background;
+    const VI pixel = hn::LoadU(DI(), job.pixel_of + i);
+    hn::Store(Set(hard ? -1 : background ? k.background_key : kNoKey), d, tape.top + i);
+    hn::Store(Set(hard ? kNoKey : background ? 1 : 0), d, tape.sum + i);
+    hn::Store(Set(product ? 1 : 0), d, tape.clear + i);
+    for (int c = 0; c < 3; ++c)
+      hn::Store(background ? hn::GatherIndex(d, job.background[c], pixel) : Zero(), d, tape.color[c] + i);
+  }
+}
+
+/// Normalises the colours and sums the samples of each pixel.
+void End(const TileJob& job) {
+  const D d;
+  const Constants& k = *job.constants;
+  TileTape& tape = *job.tape;
+  alignas(64) float out[4][kLanes];
+  for (int i = 0; i < kSamples; i += kLanes) {
+    const V silhouette = Silhouette(k, hn::Load(d, tape.clear + i));
+    V scale = Set(1);
+    if (k.color == ColorBlend::softmax) {
+      const V sum = hn::Load(d, tape.sum + i);
+      scale = hn::IfThenElseZero(hn::Gt(sum, Zero()), hn::Div(Set(1), sum));
+    }
+    // Where no face gives colour the photograph stays, whatever S says.
+    const V none = hn::Load(d, k.color == ColorBlend::softmax ? tape.sum + i : tape.top + i);
+    const M any = k.color == ColorBlend::softmax ? hn::Gt(none, Zero()) : hn::Ge(none, Zero());
+    const V share = k.logit_background ? Set(1) : hn::IfThenElseZero(any, silhouette);
+    for (int c = 0; c < 3; ++c) {
+      const V color = hn::Mul(hn::Load(d, tape.color[c] + i), scale);
+      hn::Store(color, d, tape.color[c] + i);
+      hn::Store(hn::Mul(share, color), d, out[c]);
+    }
+    hn::Store(silhouette, d, out[3]);
+    alignas(64) float shares[kLanes];
+    hn::Store(share, d, shares);
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const int pixel = job.pixel_of[i + lane];
+      for (int c = 0; c < 4; ++c) job.out[c][pixel] += out[c][lane];
+      job.out[4][pixel] += shares[lane];
+    }
+  }
+}
+
+void DrawTile(const TileJob& job) {
+  Begin(job);
+  if (job.constants->plain())
+    DrawFaces<true>(job);
+  else
+    DrawFaces<false>(job);
+  End(job);
+}
+
+}  // namespace mirage::raster::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif  // guard

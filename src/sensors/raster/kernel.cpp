@@ -1,0 +1,58 @@
+// Vectorised over samples: a vector holds a block of neighbouring samples, 4 × (lanes / 4). For each face in
+// turn, its blocks: the face's constants stay in registers, the samples' state in the first-level cache.
+#include "sensors/raster/kernel.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+// The state of a sample is kept in arrays of vectors, which types without a fixed size do not allow.
+#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
+// With the emulated target too, which every machine can run and tests compare with.
+#define HWY_COMPILE_ALL_ATTAINABLE
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "sensors/raster/kernel.cpp"
+// clang-format off
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpedantic"
+#pragma GCC diagnostic ignored "-Wshadow"
+#include <hwy/foreach_target.h>  // this file again for each set: it must come first
+#include <hwy/highway.h>
+#pragma GCC diagnostic pop
+
+// What a setting leaves out is not computed, and not read for the same setting: the compiler does not see
+// that.
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#include "sensors/raster/draw-inl.h"
+#include "sensors/raster/vjp-inl.h"
+// clang-format on
+
+#if HWY_ONCE
+namespace mirage::raster {
+
+HWY_EXPORT(SampleOrder);
+HWY_EXPORT(DrawTile);
+HWY_EXPORT(DrawTileVjp);
+HWY_EXPORT(InstructionSet);
+
+bool Constants::plain() const {
+  return coverage == Coverage::euclidean && color == ColorBlend::softmax &&
+         silhouette == SilhouetteBlend::product && perspective_texture && !frozen_barycentrics &&
+         !vertex_texture && mesh->corner_barycentrics.empty();
+}
+
+void sample_order(int supersampling, int tile_pixels, std::int32_t* pixel_of) {
+  HWY_DYNAMIC_DISPATCH(SampleOrder)(supersampling, tile_pixels, pixel_of);
+}
+void draw_tile(const TileJob& job) {
+  HWY_DYNAMIC_DISPATCH(DrawTile)(job);
+}
+void draw_tile_vjp(const TileJob& job) {
+  HWY_DYNAMIC_DISPATCH(DrawTileVjp)(job);
+}
+const char* instruction_set() {
+  return HWY_DYNAMIC_DISPATCH(InstructionSet)();
+}
+
+}  // namespace mirage::raster
+#endif

@@ -1,0 +1,78 @@
+// One tile of the fast soft rasteriser: the part that is vectorised.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "sensors/raster/setup.h"
+
+namespace mirage::raster {
+
+inline constexpr int kSamples = kTile * kTile;
+inline constexpr int kTableTexels = 32;
+
+/// A job's settings as the kernel reads them.
+struct Constants {
+  Coverage coverage = Coverage::euclidean;
+  ColorBlend color = ColorBlend::softmax;
+  SilhouetteBlend silhouette = SilhouetteBlend::product;
+  bool logit_background = false, perspective_texture = true, frozen_barycentrics = false;
+  bool vertex_texture = false;
+  float distance_scale = 1;  ///< 1 / σ in sample units (barycentric coverage: 1 / σ)
+  float cut = 0;             ///< T in the same units as the distance
+  float inv_gamma = 1;
+  float key_scale = 1;              ///< middle / (far − near)
+  float key_low = 0, key_high = 1;  ///< keys of far and near
+  float background_key = 0;         ///< logit modes: where the background stands
+  float inv_faces = 1;              ///< SilhouetteBlend::sum
+  int resolution = 1;
+  /// By face, three planes (r, g, b) of texel_stride values: kTableTexels if the face's texels fit in there.
+  const float* texels = nullptr;
+  int texel_stride = 0;
+  const ScreenMesh<double>* mesh = nullptr;
+  /// Euclidean, softmax, product, whole faces with atlas, perspective look-up: what every insertion uses.
+  bool plain() const;
+};
+
+/// What the forward pass keeps of a tile, sample by sample in the kernel's own order.
+struct TileTape {
+  alignas(64) float top[kSamples];    ///< largest key of a coloured fragment (hard colour: its face's index)
+  alignas(64) float sum[kSamples];    ///< Σ D exp((key − top) / γ)
+  alignas(64) float clear[kSamples];  ///< Π (1 − D); sum: Σ D; hard: 1 where S = 1
+  alignas(64) float color[3][kSamples];  ///< colour among faces; logit modes: I
+};
+
+struct TexelGradient {
+  int texel = 0;
+  float r = 0, g = 0, b = 0;
+};
+
+/// Pixel arrays have tile_pixels² values, row by row, and one more that takes what lies outside.
+struct TileJob {
+  const Setup* setup = nullptr;
+  const Constants* constants = nullptr;
+  const std::uint32_t* faces = nullptr;  ///< into setup->faces, the nearest first
+  int count = 0;
+  double x0 = 0, y0 = 0;                   ///< sample coordinates of the tile's first sample
+  int width = 0, height = 0;               ///< samples in the window
+  const std::int32_t* pixel_of = nullptr;  ///< pixel of each sample, in the kernel's order
+  TileTape* tape = nullptr;
+
+  const float* background[3] = {};
+  const float* limit = nullptr;  ///< keys below which fragments are dropped, or null
+  /// Forward, sums over samples: colour that the object gives (S · C, or I), S, and the share of the
+  /// photograph that is covered.
+  float* out[5] = {};
+
+  const float* d_out[4] = {};  ///< backward: d loss / d (I, S) of one sample
+  FaceSums* sums = nullptr;    ///< backward: one for each of `faces`
+  std::vector<TexelGradient>* texel_gradients = nullptr;
+};
+
+/// Fills kSamples pixel indices for `supersampling`, in the order of the instruction set in use.
+void sample_order(int supersampling, int tile_pixels, std::int32_t* pixel_of);
+void draw_tile(const TileJob& job);
+void draw_tile_vjp(const TileJob& job);
+const char* instruction_set();
+
+}  // namespace mirage::raster

@@ -1,0 +1,94 @@
+// A tile's samples: their order, the blocks that a face may touch, and what forward and backward both ask.
+// Compiled once for each instruction set (hence the guard that toggles).
+#if defined(MIRAGE_SENSORS_RASTER_TILE_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef MIRAGE_SENSORS_RASTER_TILE_INL_H_
+#undef MIRAGE_SENSORS_RASTER_TILE_INL_H_
+#else
+#define MIRAGE_SENSORS_RASTER_TILE_INL_H_
+#endif
+
+#include "sensors/raster/fragment-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace mirage::raster::HWY_NAMESPACE {
+
+void SampleOrder(int supersampling, int tile_pixels, std::int32_t* pixel_of) {
+  for (int y = 0; y < kTile; ++y)
+    for (int x = 0; x < kTile; ++x) {
+      const int block = (y / kBlockHeight) * kBlockColumns + x / kBlockWidth;
+      const int lane = (y % kBlockHeight) * kBlockWidth + x % kBlockWidth;
+      const int u = x / supersampling, v = y / supersampling;
+      const bool in_tile = u < tile_pixels && v < tile_pixels;
+      pixel_of[block * kLanes + lane] = in_tile ? v * tile_pixels + u : tile_pixels * tile_pixels;
+    }
+}
+
+const char* InstructionSet() {
+  return hwy::TargetName(HWY_TARGET);
+}
+
+/// Calls visit(first sample of the block, px, py) for each block of the tile that the face may touch.
+template <class Visit>
+HWY_INLINE void ForEachBlock(const TileJob& job, const LocalFace& local, V lane_x, V lane_y,
+                             const Visit& visit) {
+  const FaceSetup& face = *local.face;
+  const int last_column = (job.width - 1) / kBlockWidth, last_row = (job.height - 1) / kBlockHeight;
+  const auto place = [](double at, int size, int last) {
+    return static_cast<int>(std::clamp(std::floor(at / size), -1.0, last + 1.0));
+  };
+  const int c0 = std::max(0, place(face.low_x - job.x0, kBlockWidth, last_column)),
+            c1 = std::min(last_column, place(face.high_x - job.x0, kBlockWidth, last_column)),
+            r0 = std::max(0, place(face.low_y - job.y0, kBlockHeight, last_row)),
+            r1 = std::min(last_row, place(face.high_y - job.y0, kBlockHeight, last_row));
+  constexpr float kMidX = (kBlockWidth - 1) / 2.f, kMidY = (kBlockHeight - 1) / 2.f;
+  // A block whose middle is further outside an edge's line than this holds no sample of the face.
+  const float radius =
+      job.constants->coverage == Coverage::barycentric
+          ? std::numeric_limits<float>::infinity()
+          : static_cast<float>(job.setup->reach) + 1e-3f + std::sqrt(kMidX * kMidX + kMidY * kMidY);
+  for (int r = r0; r <= r1; ++r)
+    for (int c = c0; c <= c1; ++c) {
+      const float x = static_cast<float>(c * kBlockWidth), y = static_cast<float>(r * kBlockHeight);
+      float outside = std::numeric_limits<float>::infinity();
+      for (int e = 0; e < 3; ++e)
+        outside = std::min(outside, local.nx[e] * (x + kMidX) + local.ny[e] * (y + kMidY) + local.c[e]);
+      if (outside < -radius) continue;
+      visit((r * kBlockColumns + c) * kLanes, hn::Add(lane_x, Set(x)), hn::Add(lane_y, Set(y)));
+    }
+}
+
+/// Barycentric coverage reaches by barycentrics; the definition cuts it at the grown bounding box.
+HWY_INLINE M InBox(const TileJob& job, const FaceSetup& face, V px, V py) {
+  const auto local = [](double at, double origin) {
+    return Set(static_cast<float>(std::clamp(at - origin, -1e6, 1e6)));
+  };
+  return hn::And(hn::And(hn::Ge(px, local(face.low_x, job.x0)), hn::Le(px, local(face.high_x, job.x0))),
+                 hn::And(hn::Ge(py, local(face.low_y, job.y0)), hn::Le(py, local(face.high_y, job.y0))));
+}
+
+HWY_INLINE void LanePlaces(V& lane_x, V& lane_y) {
+  alignas(64) float x[kLanes], y[kLanes];
+  for (int i = 0; i < kLanes; ++i) {
+    x[i] = static_cast<float>(i % kBlockWidth);
+    y[i] = static_cast<float>(i / kBlockWidth);
+  }
+  lane_x = hn::Load(D(), x);
+  lane_y = hn::Load(D(), y);
+}
+
+/// Samples behind whose fragments all of the face lies by more than `distance` (in units of γ).
+HWY_INLINE M Behind(const Constants& k, const FaceSetup& face, V top, V sum, float distance) {
+  const V behind = hn::Mul(hn::Sub(top, Set(face.front)), Set(k.inv_gamma));
+  return hn::And(hn::Gt(sum, Set(kEnough)), hn::Gt(behind, Set(distance)));
+}
+
+HWY_INLINE V Silhouette(const Constants& k, V clear) {
+  if (k.silhouette == SilhouetteBlend::product) return hn::Sub(Set(1), clear);
+  if (k.silhouette == SilhouetteBlend::sum) return hn::Mul(clear, Set(k.inv_faces));
+  return clear;
+}
+
+}  // namespace mirage::raster::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif  // guard

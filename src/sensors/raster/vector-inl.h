@@ -1,0 +1,76 @@
+// Vectors of samples, and the arithmetic that the library has not or has slower.
+// Compiled once for each instruction set (hence the guard that toggles).
+#if defined(MIRAGE_SENSORS_RASTER_VECTOR_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef MIRAGE_SENSORS_RASTER_VECTOR_INL_H_
+#undef MIRAGE_SENSORS_RASTER_VECTOR_INL_H_
+#else
+#define MIRAGE_SENSORS_RASTER_VECTOR_INL_H_
+#endif
+
+HWY_BEFORE_NAMESPACE();
+namespace mirage::raster::HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using D = hn::CappedTag<float, 16>;
+using DI = hn::RebindToSigned<D>;
+using V = hn::Vec<D>;
+using VI = hn::Vec<DI>;
+using M = hn::Mask<D>;
+
+inline constexpr int kLanes = static_cast<int>(HWY_LANES(float) < 16 ? HWY_LANES(float) : 16);
+inline constexpr int kBlockWidth = kLanes < 4 ? kLanes : 4;
+inline constexpr int kBlockHeight = kLanes / kBlockWidth;
+inline constexpr int kBlockColumns = kTile / kBlockWidth;
+
+// What lies further behind a sample's fragments than kFarBehind changes its colour by a share below
+// e^-18.4 / 0.1 = 1e-7, and where Π(1 − D) is below kClosed its S by less than that. What lies further behind
+// than kNoWeightBehind has less weight than kNoWeight.
+inline constexpr float kEnough = 0.1f, kFarBehind = 18.4f, kNoWeightBehind = 16.1f, kClosed = 1e-8f;
+inline constexpr float kNoKey = -1e30f, kLog2E = 1.44269504f;
+// Fragments of less weight give no gradient through colour and depth.
+inline constexpr float kNoWeight = 1e-6f;
+// Fragments whose d loss / d x is a smaller share of the tile's largest do not push their edges.
+inline constexpr float kNoPush = 1e-7f;
+
+HWY_INLINE V Zero() {
+  return hn::Zero(D());
+}
+HWY_INLINE V Set(float x) {
+  return hn::Set(D(), x);
+}
+
+inline constexpr float kExp2[6] = {
+    1, 6.931469776e-1f, 2.402224209e-1f, 5.550733744e-2f, 9.671512654e-3f, 1.326472711e-3f};
+
+/// 2^x for x ≤ 0, to 2e-7 of itself (below 2^-125: 2^-125). Cheaper than a general exponential, and with two
+/// calls a fragment it is a fifth of the work.
+HWY_INLINE V Exp2(V x) {
+  const D d;
+  const DI di;
+  // Adding 1.5 · 2^23 rounds to a whole number, which then stands in the lowest bits.
+  const V shifted = hn::Add(hn::Max(x, Set(-125)), Set(12582912));
+  const V f = hn::Sub(hn::Max(x, Set(-125)), hn::Sub(shifted, Set(12582912)));
+  // Minimax on [-1/2, 1/2] with 2^0 = 1.
+  V p = hn::MulAdd(f, Set(kExp2[5]), Set(kExp2[4]));
+  p = hn::MulAdd(f, p, Set(kExp2[3]));
+  p = hn::MulAdd(f, p, Set(kExp2[2]));
+  p = hn::MulAdd(f, p, Set(kExp2[1]));
+  p = hn::MulAdd(f, p, Set(1));
+  const VI exponent = hn::ShiftLeft<23>(hn::BitCast(di, shifted));
+  return hn::BitCast(d, hn::Add(hn::BitCast(di, p), exponent));
+}
+
+/// 1 / x to 2 units in the last place: an estimate and one step of Newton's.
+HWY_INLINE V Reciprocal(V x) {
+  const V r = hn::ApproximateReciprocal(x);
+  return hn::MulAdd(r, hn::NegMulAdd(x, r, Set(1)), r);
+}
+
+HWY_INLINE V Clamp01(V x) {
+  return hn::Min(hn::Max(x, Zero()), Set(1));
+}
+
+}  // namespace mirage::raster::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif  // guard

@@ -1,0 +1,336 @@
+// Backward pass over a tile.
+// Compiled once for each instruction set (hence the guard that toggles).
+#if defined(MIRAGE_SENSORS_RASTER_VJP_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef MIRAGE_SENSORS_RASTER_VJP_INL_H_
+#undef MIRAGE_SENSORS_RASTER_VJP_INL_H_
+#else
+#define MIRAGE_SENSORS_RASTER_VJP_INL_H_
+#endif
+
+#include "sensors/raster/tile-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace mirage::raster::HWY_NAMESPACE {
+
+/// d loss / d what the fragments of a sample share.
+struct SampleGradients {
+  alignas(64) float color[3][kSamples];  ///< d loss / d colour among faces (logit modes: d I)
+  alignas(64) float mean[kSamples];      ///< … times that colour
+  alignas(64) float clear[kSamples];     ///< product: d loss / d S · Π(1 − D); sum: / number of faces
+  alignas(64) float inv_sum[kSamples];
+};
+
+/// Returns the largest gradient.
+float BeginVjp(const TileJob& job, SampleGradients& g) {
+  const D d;
+  const Constants& k = *job.constants;
+  const TileTape& tape = *job.tape;
+  V largest = Zero();
+  for (int i = 0; i < kSamples; i += kLanes) {
+    const VI pixel = hn::LoadU(DI(), job.pixel_of + i);
+    const V clear = hn::Load(d, tape.clear + i), silhouette = Silhouette(k, clear);
+    const V sum = hn::Load(d, tape.sum + i);
+    const M any =
+        k.color == ColorBlend::softmax ? hn::Gt(sum, Zero()) : hn::Ge(hn::Load(d, tape.top + i), Zero());
+    V d_silhouette = hn::GatherIndex(d, job.d_out[3], pixel), mean = Zero(), background = Zero();
+    const V share = k.logit_background ? Set(1) : hn::IfThenElseZero(any, silhouette);
+    for (int c = 0; c < 3; ++c) {
+      const V d_image = hn::GatherIndex(d, job.d_out[c], pixel), color = hn::Load(d, tape.color[c] + i);
+      if (!k.logit_background) {
+        const V step = hn::Sub(color, hn::GatherIndex(d, job.background[c], pixel));
+        background = hn::MulAdd(d_image, step, background);
+      }
+      const V d_color = hn::Mul(d_image, share);
+      largest = hn::Max(largest, hn::Abs(d_color));
+      hn::Store(d_color, d, g.color[c] + i);
+      mean = hn::MulAdd(d_color, color, mean);
+    }
+    d_silhouette = hn::Add(d_silhouette, hn::IfThenElseZero(any, background));
+    largest = hn::Max(largest, hn::Abs(d_silhouette));
+    hn::Store(mean, d, g.mean + i);
+    if (k.silhouette == SilhouetteBlend::product)
+      hn::Store(hn::Mul(d_silhouette, clear), d, g.clear + i);
+    else if (k.silhouette == SilhouetteBlend::sum)
+      hn::Store(hn::Mul(d_silhouette, Set(k.inv_faces)), d, g.clear + i);
+    else
+      hn::Store(Zero(), d, g.clear + i);
+    hn::Store(hn::IfThenElseZero(hn::Gt(sum, Zero()), hn::Div(Set(1), sum)), d, g.inv_sum + i);
+  }
+  return hn::GetLane(hn::MaxOfLanes(d, largest));
+}
+
+/// Texel gradients of one face in one tile, gathered densely and handed on as a list. Neighbouring lanes hit
+/// the same texel: they add to different banks, so that no addition waits for the one before.
+class TexelSums {
+ public:
+  void Begin(int texels) {
+    const std::size_t size = 4 * kBanks * static_cast<std::size_t>(texels);
+    if (sums_.size() < size) sums_.assign(size, 0);
+  }
+  /// Lanes without weight add nothing, which is quicker than to pass over them.
+  HWY_INLINE void Add(VI index, V weight, const V (&d_color)[3]) {
+    const D d;
+    const hn::CappedTag<float, 4> quad;
+    alignas(64) std::int32_t places[kLanes];
+    alignas(64) float values[4 * kLanes];
+    hn::Store(hn::ShiftLeft<4>(index), DI(), places);
+    hn::StoreInterleaved4(hn::Mul(weight, d_color[0]), hn::Mul(weight, d_color[1]),
+                          hn::Mul(weight, d_color[2]), Zero(), d, values);
+    float* const sums = sums_.data();
+    for (int lane = 0; lane < kLanes; ++lane) {
+      float* sum = sums + places[lane] + 4 * (lane % kBanks);
+      if constexpr (kLanes >= 4) {
+        hn::StoreU(hn::Add(hn::LoadU(quad, sum), hn::Load(quad, values + 4 * lane)), quad, sum);
+      } else {
+        for (int c = 0; c < 3; ++c) sum[c] += values[4 * lane + c];
+      }
+    }
+  }
+  void End(int texels, int first, std::vector<TexelGradient>& list) {
+    for (int texel = 0; texel < texels; ++texel) {
+      float* s = sums_.data() + 4 * kBanks * texel;
+      TexelGradient total{first + texel, 0, 0, 0};
+      for (int bank = 0; bank < kBanks; ++bank)
+        total.r += s[4 * bank], total.g += s[4 * bank + 1], total.b += s[4 * bank + 2];
+      if (total.r == 0 && total.g == 0 && total.b == 0) continue;
+      std::fill(s, s + 4 * kBanks, 0.f);
+      list.push_back(total);
+    }
+  }
+
+ private:
+  static constexpr int kBanks = 4;
+  std::vector<float> sums_;  // texels × banks × (r, g, b, 0)
+};
+
+struct Scratch {
+  SampleGradients samples;
+  TexelSums texels;
+};
+
+/// Not inlined: in a shared library each access to a thread's variable would be a call.
+HWY_NOINLINE Scratch& ThreadScratch() {
+  static thread_local Scratch scratch;
+  return scratch;
+}
+
+/// Running sums of a face, a vector each.
+struct Sums {
+  V x[3], y[3], delta[3], color[3][3];
+};
+
+/// Colours interpolated from the vertices move with the looked-up barycentrics y_k / Σ y, y_k = c_k
+/// (1 + delta_k), or c_k / Σ c on screen.
+HWY_INLINE void VertexLookupVjp(const LocalFace& local, const Constants& k, const Fragment& f, V weight,
+                                const V (&d_color)[3], V (&d_bary)[3], V (&d_delta)[3]) {
+  V d_lookup[3], mean = Zero();
+  for (int e = 0; e < 3; ++e) {
+    d_lookup[e] = Zero();
+    for (int c = 0; c < 3; ++c)
+      d_lookup[e] = hn::MulAdd(d_color[c], Set(local.texels[k.texel_stride * c + e]), d_lookup[e]);
+    d_lookup[e] = hn::Mul(weight, d_lookup[e]);
+    mean = hn::MulAdd(d_lookup[e], f.lookup[e], mean);
+  }
+  V scale = f.rcp;
+  if (!k.perspective_texture)
+    scale = hn::Div(Set(1), hn::Max(hn::Add(f.clipped[0], hn::Add(f.clipped[1], f.clipped[2])), Set(1e-5f)));
+  for (int e = 0; e < 3; ++e) {
+    const V d_y = hn::Mul(hn::Sub(d_lookup[e], mean), scale);
+    if (k.perspective_texture) {
+      d_bary[e] = hn::MulAdd(d_y, Set(1 + local.face->delta[e]), d_bary[e]);
+      d_delta[e] = hn::MulAdd(d_y, f.clipped[e], d_delta[e]);
+    } else {
+      d_bary[e] = hn::Add(d_bary[e], d_y);
+    }
+  }
+}
+
+HWY_INLINE float Total(V v) {
+  return hn::GetLane(hn::SumOfLanes(D(), v));
+}
+
+template <bool kPlain>
+void DrawFacesVjp(const TileJob& job) {
+  const D d;
+  const Constants& k = *job.constants;
+  const TileTape& tape = *job.tape;
+  Scratch& scratch = ThreadScratch();
+  SampleGradients& samples = scratch.samples;
+  TexelSums& texel_sums = scratch.texels;
+  const float little = kNoPush * BeginVjp(job, samples);
+  const int per_face = k.vertex_texture ? 3 : k.resolution * k.resolution;
+  texel_sums.Begin(per_face);
+  const bool may_close =
+      kPlain || (k.silhouette == SilhouetteBlend::product && k.color == ColorBlend::softmax);
+  V lane_x, lane_y;
+  LanePlaces(lane_x, lane_y);
+  for (int i = 0; i < job.count; ++i) {
+    const FaceSetup& face = job.setup->faces[job.faces[i]];
+    const LocalFace local = Localise(job, face);
+    const float turn = local.nx[0] * local.ey[0] > local.ny[0] * local.ex[0] ? -1.f : 1.f;
+    // ∇b_e, bounded for faces seen edge-on.
+    float slope_x[3], slope_y[3];
+    for (int e = 0; e < 3; ++e) {
+      const float steep = face.inv_altitude[e] * static_cast<float>(face.slope_bound);
+      slope_x[e] = steep * local.nx[(e + 1) % 3];
+      slope_y[e] = steep * local.ny[(e + 1) % 3];
+    }
+    Sums sums;
+    for (int e = 0; e < 3; ++e) {
+      sums.x[e] = sums.y[e] = sums.delta[e] = Zero();
+      for (int n = 0; n < 3; ++n) sums.color[e][n] = Zero();
+    }
+    ForEachBlock(
+        job, local, lane_x, lane_y, [&](int first, V px, V py) HWY_ATTR __attribute__((always_inline)) {
+          const V top = hn::Load(d, tape.top + first);
+          const bool behind = may_close && hn::AllTrue(d, Behind(k, face, top, hn::Load(d, tape.sum + first),
+                                                                 kNoWeightBehind));
+          if (behind && hn::AllTrue(d, hn::Lt(hn::Load(d, tape.clear + first), Set(kClosed)))) return;
+          Fragment f;
+          if (!Cover<kPlain>(local, k, px, py, f)) return;
+          if (!behind || job.limit || !kPlain)
+            Place<kPlain>(local, k, f);
+          else
+            PlaceNowhere(f);
+          if (!kPlain && k.coverage == Coverage::barycentric) {
+            const M box = InBox(job, face, px, py);
+            f.keep = hn::And(f.keep, box);
+            f.colored = hn::And(f.colored, box);
+          }
+          if (job.limit) {
+            const VI pixel = hn::LoadU(DI(), job.pixel_of + first);
+            const M near = hn::Ge(f.key, hn::GatherIndex(d, job.limit, pixel));
+            f.keep = hn::And(f.keep, near);
+            f.colored = hn::And(f.colored, near);
+          }
+          // x = δ d² / σ: d D / d x = D (1 − D), and through the product d S / d x_j = D_j Π(1 − D).
+          V d_x = hn::Mul(hn::Load(d, samples.clear + first), f.coverage);
+          if (!kPlain && k.silhouette != SilhouetteBlend::product) d_x = hn::Mul(d_x, f.open);
+          d_x = hn::IfThenElseZero(f.keep, d_x);
+
+          V d_bary[3];
+          bool to_bary = false;
+          if (!behind && face.colored) {
+            const bool hard = !kPlain && k.color == ColorBlend::hard;
+            V weight;
+            if (hard) {
+              weight = hn::IfThenElseZero(hn::Eq(top, Set(static_cast<float>(job.faces[i]))), Set(1));
+              weight = hn::IfThenElseZero(f.colored, weight);
+            } else {
+              const V depth = Exp2(hn::Min(Zero(), hn::Mul(hn::Sub(f.key, top), Set(k.inv_gamma * kLog2E))));
+              weight = hn::IfThenElseZero(
+                  f.colored, hn::Mul(hn::Mul(f.coverage, depth), hn::Load(d, samples.inv_sum + first)));
+            }
+            const M some = hn::Gt(weight, Set(kNoWeight));
+            if (!hn::AllFalse(d, some)) {
+              V d_color[3];
+              for (int c = 0; c < 3; ++c) d_color[c] = hn::Load(d, samples.color[c] + first);
+              Color color;
+              if (!kPlain && k.vertex_texture) {
+                color = VertexColor(local, k, f);
+                for (int e = 0; e < 3; ++e)
+                  for (int c = 0; c < 3; ++c)
+                    sums.color[e][c] = hn::MulAdd(hn::Mul(weight, f.lookup[e]), d_color[c], sums.color[e][c]);
+              } else {
+                const VI index = TexelIndex<kPlain>(local, k, f);
+                color = TexelColor(local, k, index);
+                texel_sums.Add(index, weight, d_color);
+              }
+              for (int e = 0; e < 3; ++e) d_bary[e] = Zero();
+              if (!hard) {
+                V advantage = hn::Neg(hn::Load(d, samples.mean + first));
+                for (int c = 0; c < 3; ++c) advantage = hn::MulAdd(d_color[c], color.c[c], advantage);
+                const V gain = hn::Mul(weight, advantage);
+                d_x = hn::MulAdd(gain, f.open, d_x);
+                // Depth: φ = Σ c_k delta_k / Σ c_k (1 + delta_k), c the clamped barycentrics.
+                const V d_phi = hn::Mul(gain, Set(k.key_scale * k.inv_gamma));
+                const V u = hn::Mul(d_phi, f.rcp), by_phi = hn::Mul(u, f.phi), rest = hn::Sub(u, by_phi);
+                for (int e = 0; e < 3; ++e) {
+                  sums.delta[e] = hn::MulAdd(rest, f.clipped[e], sums.delta[e]);
+                  d_bary[e] = hn::MulSub(rest, Set(face.delta[e]), by_phi);
+                }
+              }
+              if (!kPlain && k.vertex_texture && !k.frozen_barycentrics)
+                VertexLookupVjp(local, k, f, weight, d_color, d_bary, sums.delta);
+              for (int e = 0; e < 3; ++e) {
+                const M free = hn::And(hn::Gt(f.b[e], Zero()), hn::Lt(f.b[e], Set(1)));
+                d_bary[e] = hn::IfThenElseZero(free, d_bary[e]);
+                if (!kPlain && k.frozen_barycentrics) d_bary[e] = Zero();
+              }
+              to_bary = true;
+            }
+          }
+
+          if ((kPlain || k.coverage == Coverage::euclidean) &&
+              !hn::AllTrue(d, hn::Lt(hn::Abs(d_x), Set(little)))) {
+            // d² = |p − q|² with q = (1 − a) v_e + a v_{e+1} on the nearest edge e; a is constant by the
+            // envelope theorem, so d d² / d v_e = −2 (1 − a) (p − q), p − q = s n + h e.
+            const V f2 = hn::Mul(hn::IfThenElse(f.inside, hn::Neg(d_x), d_x), Set(2 * k.distance_scale));
+            const M first_edge = hn::Eq(f.q[0], f.d2), second_edge = hn::Eq(f.q[1], f.d2);
+            const auto choose = [&](V a, V b, V c) HWY_ATTR {
+              return hn::IfThenElse(first_edge, a, hn::IfThenElse(second_edge, b, c));
+            };
+            const auto choose_constant = [&](const float(&c)[3])
+                                             HWY_ATTR { return choose(Set(c[0]), Set(c[1]), Set(c[2])); };
+            const V fs = hn::Mul(f2, choose(f.s[0], f.s[1], f.s[2])),
+                    fh = hn::Mul(f2, choose(f.h[0], f.h[1], f.h[2]));
+            const V a = Clamp01(hn::Mul(choose(f.r[0], f.r[1], f.r[2]), choose_constant(face.inv_length)));
+            // e is n turned by a right angle, to the side that the face's winding says.
+            const V nx = choose_constant(local.nx), ny = choose_constant(local.ny),
+                    turned = hn::Mul(fh, Set(turn));
+            const V push_x = hn::MulAdd(fs, nx, hn::Mul(turned, ny));
+            const V push_y = hn::NegMulAdd(turned, nx, hn::Mul(fs, ny));
+            const V rest = hn::Sub(Set(1), a);
+            const V share[3] = {choose(rest, Zero(), a), choose(a, rest, Zero()), choose(Zero(), a, rest)};
+            for (int e = 0; e < 3; ++e) {
+              sums.x[e] = hn::MulAdd(share[e], push_x, sums.x[e]);
+              sums.y[e] = hn::MulAdd(share[e], push_y, sums.y[e]);
+            }
+          } else if (!kPlain && k.coverage == Coverage::barycentric) {
+            const V smallest = hn::Min(f.b[0], hn::Min(f.b[1], f.b[2]));
+            const V f2 = hn::Mul(hn::Mul(d_x, hn::Abs(smallest)), Set(2 * k.distance_scale));
+            M taken = hn::Lt(Zero(), Zero());
+            for (int e = 0; e < 3; ++e) {
+              const M mine = hn::AndNot(taken, hn::Eq(f.b[e], smallest));
+              taken = hn::Or(taken, mine);
+              const V d_smallest = hn::IfThenElseZero(mine, f2);
+              d_bary[e] = to_bary ? hn::Add(d_bary[e], d_smallest) : d_smallest;
+            }
+            to_bary = true;
+          }
+          if (to_bary) {
+            // The barycentrics solve Σ b_m v_m = p, Σ b_m = 1, so that d b_e / d v_m = −b_m ∇b_e.
+            V x = Zero(), y = Zero();
+            for (int e = 0; e < 3; ++e) {
+              x = hn::MulAdd(d_bary[e], Set(slope_x[e]), x);
+              y = hn::MulAdd(d_bary[e], Set(slope_y[e]), y);
+            }
+            for (int m = 0; m < 3; ++m) {
+              sums.x[m] = hn::NegMulAdd(x, f.b[m], sums.x[m]);
+              sums.y[m] = hn::NegMulAdd(y, f.b[m], sums.y[m]);
+            }
+          }
+        });
+    FaceSums& out = job.sums[i];
+    for (int e = 0; e < 3; ++e) {
+      out.x[e] = Total(sums.x[e]);
+      out.y[e] = Total(sums.y[e]);
+      out.delta[e] = Total(sums.delta[e]);
+      for (int n = 0; n < 3; ++n) out.color[e][n] = !kPlain && k.vertex_texture ? Total(sums.color[e][n]) : 0;
+    }
+    if (kPlain || !k.vertex_texture)
+      texel_sums.End(per_face, local.texel_face * per_face, *job.texel_gradients);
+  }
+}
+
+void DrawTileVjp(const TileJob& job) {
+  if (job.constants->plain())
+    DrawFacesVjp<true>(job);
+  else
+    DrawFacesVjp<false>(job);
+}
+
+}  // namespace mirage::raster::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif  // guard

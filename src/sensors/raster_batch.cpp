@@ -1,0 +1,301 @@
+#include "sensors/raster_batch.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "base/parallel.h"
+#include "sensors/raster/kernel.h"
+
+namespace mirage {
+namespace {
+
+using raster::kSamples;
+using raster::kTile;
+
+/// Room for a tile's pixels (one sample a pixel at least) and one more.
+inline constexpr int kPixels = kTile * kTile + 1;
+
+/// A touched tile of a job.
+struct TouchedTile {
+  int job = 0, tile = 0;
+};
+
+}  // namespace
+
+struct RasterTape::State {
+  raster::Setup setup;
+  raster::Constants constants;
+  std::vector<float> texels;            ///< see Constants
+  std::vector<std::int32_t> pixel_of;   ///< the kernel's order of samples
+  std::vector<int> tape_of;             ///< tile → its tape, −1 where no face is
+  std::vector<raster::TileTape> tapes;  ///< touched tiles, row by row
+  std::vector<raster::FaceSums> sums;   ///< as setup.binned
+  std::vector<std::vector<raster::TexelGradient>> texel_gradients;  ///< by tape
+  std::vector<TouchedTile> work;  ///< tiles of all jobs; in the first job's tape
+
+  void prepare(const RasterJob& job);
+};
+
+RasterTape::RasterTape() : state(std::make_unique<State>()) {}
+RasterTape::~RasterTape() = default;
+RasterTape::RasterTape(RasterTape&&) noexcept = default;
+RasterTape& RasterTape::operator=(RasterTape&&) noexcept = default;
+
+namespace {
+
+std::size_t mesh_texels_per_face(const ScreenMesh<double>& mesh) {
+  return mesh.texture == Texture::vertex ? 3 : static_cast<std::size_t>(mesh.resolution) * mesh.resolution;
+}
+
+std::size_t texel_stride(std::size_t per_face) {
+  return std::max(per_face, static_cast<std::size_t>(raster::kTableTexels));
+}
+
+raster::Constants constants_of(const RasterJob& job, const raster::Setup& setup) {
+  const auto& settings = *job.settings;
+  const auto& mesh = *job.mesh;
+  raster::Constants k;
+  k.coverage = settings.coverage;
+  k.color = settings.color;
+  k.silhouette = settings.silhouette;
+  k.logit_background = settings.background != Background::silhouette;
+  k.perspective_texture = settings.perspective_texture;
+  k.frozen_barycentrics = settings.frozen_barycentrics;
+  k.vertex_texture = mesh.texture == Texture::vertex;
+  // Beyond float's range nothing changes: coverage is 0 or 1 long before.
+  const auto bounded = [](double value) { return static_cast<float>(std::clamp(value, -1e30, 1e30)); };
+  const double units = setup.samples_per_ndc * setup.samples_per_ndc, cut = cut_off(settings);
+  const bool barycentric = settings.coverage == Coverage::barycentric;
+  k.distance_scale = bounded(1 / (settings.sigma * (barycentric ? 1 : units)));
+  k.cut = bounded(cut * (barycentric ? 1 : units));
+  k.inv_gamma = bounded(1 / settings.gamma);
+  k.key_scale = bounded(setup.middle / setup.depth_range);
+  // Keys are rounded: a face exactly at near or far is still drawn.
+  constexpr double kSlack = 1e-6;
+  k.key_low = bounded((setup.middle - settings.far) / setup.depth_range - kSlack);
+  k.key_high = bounded((setup.middle - settings.near) / setup.depth_range + kSlack);
+  const double logits = settings.background == Background::authors_logit ? 2 : 1;
+  k.background_key = bounded(logits * settings.epsilon - (settings.far - setup.middle) / setup.depth_range);
+  k.inv_faces = mesh.faces.empty() ? 0 : 1 / static_cast<float>(mesh.faces.size());
+  k.resolution = mesh.resolution;
+  k.mesh = &mesh;
+  return k;
+}
+
+/// Pixels of the window that a tile has.
+PixelRect pixels_of(const raster::Setup& setup, const RasterTarget<float>& target, int tile) {
+  const int size = setup.tile_pixels, u = tile % setup.columns * size, v = tile / setup.columns * size;
+  return {u, v, std::min(u + size, target.rect.width()), std::min(v + size, target.rect.height())};
+}
+
+struct TilePixels {
+  float background[3][kPixels], limit[kPixels], values[5][kPixels];
+};
+
+/// What draw_tile and draw_tile_vjp share.
+raster::TileJob tile_job(const RasterJob& job, RasterTape::State& state, int tile, TilePixels& pixels) {
+  const raster::Setup& setup = state.setup;
+  const RasterTarget<float>& target = *job.target;
+  const PixelRect part = pixels_of(setup, target, tile);
+  const int size = setup.tile_pixels, s = target.supersampling;
+  raster::TileJob out;
+  out.setup = &setup;
+  out.constants = &state.constants;
+  out.faces = setup.binned.data() + setup.first[tile];
+  out.count = setup.first[tile + 1] - setup.first[tile];
+  out.x0 = double(s) * (target.rect.u0 + part.u0);
+  out.y0 = double(s) * (target.rect.v0 + part.v0);
+  out.width = s * part.width();
+  out.height = s * part.height();
+  out.pixel_of = state.pixel_of.data();
+  out.tape = &state.tapes[static_cast<std::size_t>(state.tape_of[tile])];
+  for (auto& channel : pixels.background) std::fill(channel, channel + size * size + 1, 0.f);
+  for (int v = part.v0; v < part.v1; ++v)
+    for (int u = part.u0; u < part.u1; ++u)
+      for (int c = 0; c < 3; ++c)
+        pixels.background[c][(v - part.v0) * size + u - part.u0] = target.background.at(u, v, c);
+  for (int c = 0; c < 3; ++c) out.background[c] = pixels.background[c];
+  if (!target.depth_limit.empty()) {
+    std::fill(pixels.limit, pixels.limit + size * size + 1, -1e30f);
+    for (int v = part.v0; v < part.v1; ++v)
+      for (int u = part.u0; u < part.u1; ++u) {
+        const double key = (setup.middle - double(target.depth_limit.at(u, v))) / setup.depth_range;
+        pixels.limit[(v - part.v0) * size + u - part.u0] = static_cast<float>(std::max(key, -1e30));
+      }
+    out.limit = pixels.limit;
+  }
+  return out;
+}
+
+void draw(const RasterJob& job, RasterTape& tape, int tile) {
+  static thread_local TilePixels pixels;
+  RasterTape::State& state = *tape.state;
+  const int size = state.setup.tile_pixels, s = job.target->supersampling;
+  raster::TileJob work = tile_job(job, state, tile, pixels);
+  for (int c = 0; c < 5; ++c) {
+    std::fill(pixels.values[c], pixels.values[c] + size * size + 1, 0.f);
+    work.out[c] = pixels.values[c];
+  }
+  raster::draw_tile(work);
+  const PixelRect part = pixels_of(state.setup, *job.target, tile);
+  const float mean = 1 / static_cast<float>(s * s);
+  const bool logit = state.constants.logit_background;
+  for (int v = part.v0; v < part.v1; ++v)
+    for (int u = part.u0; u < part.u1; ++u) {
+      const int i = (v - part.v0) * size + u - part.u0;
+      float* rgba = tape.rgba.pixel(u, v);
+      const float photograph = logit ? 0 : 1 - mean * pixels.values[4][i];
+      for (int c = 0; c < 3; ++c) rgba[c] = mean * pixels.values[c][i] + photograph * pixels.background[c][i];
+      rgba[3] = mean * pixels.values[3][i];
+    }
+}
+
+void draw_vjp(const RasterJob& job, const ImageF& d_rgba, RasterTape& tape, int tile) {
+  static thread_local TilePixels pixels;
+  RasterTape::State& state = *tape.state;
+  const int size = state.setup.tile_pixels, s = job.target->supersampling;
+  raster::TileJob work = tile_job(job, state, tile, pixels);
+  const PixelRect part = pixels_of(state.setup, *job.target, tile);
+  const float mean = 1 / static_cast<float>(s * s);
+  for (int c = 0; c < 4; ++c) {
+    std::fill(pixels.values[c], pixels.values[c] + size * size + 1, 0.f);
+    for (int v = part.v0; v < part.v1; ++v)
+      for (int u = part.u0; u < part.u1; ++u)
+        pixels.values[c][(v - part.v0) * size + u - part.u0] = mean * d_rgba.at(u, v, c);
+    work.d_out[c] = pixels.values[c];
+  }
+  work.sums = state.sums.data() + state.setup.first[tile];
+  auto& list = state.texel_gradients[static_cast<std::size_t>(state.tape_of[tile])];
+  list.clear();
+  work.texel_gradients = &list;
+  raster::draw_tile_vjp(work);
+}
+
+/// Touched tiles of all jobs, those with most faces first, so that threads end together.
+const std::vector<TouchedTile>& touched_tiles(std::span<RasterTape> tapes) {
+  std::vector<TouchedTile>& list = tapes[0].state->work;
+  list.clear();
+  const auto faces = [&](const TouchedTile& t) {
+    const auto& first = tapes[static_cast<std::size_t>(t.job)].state->setup.first;
+    return first[static_cast<std::size_t>(t.tile) + 1] - first[static_cast<std::size_t>(t.tile)];
+  };
+  for (std::size_t j = 0; j < tapes.size(); ++j) {
+    const auto& of = tapes[j].state->tape_of;
+    for (std::size_t t = 0; t < of.size(); ++t)
+      if (of[t] >= 0) list.push_back({static_cast<int>(j), static_cast<int>(t)});
+  }
+  std::sort(list.begin(), list.end(), [&](const TouchedTile& a, const TouchedTile& b) {
+    const int fa = faces(a), fb = faces(b);
+    return fa != fb ? fa > fb : a.job != b.job ? a.job < b.job : a.tile < b.tile;
+  });
+  return list;
+}
+
+void sum_gradient(const RasterJob& job, const RasterTape::State& state, ScreenGradient<double>& gradient) {
+  const auto& mesh = *job.mesh;
+  gradient.faces.assign(mesh.faces.size(),
+                        {Vec3<double>::Zero(), Vec3<double>::Zero(), Vec3<double>::Zero()});
+  gradient.texels.assign(mesh.texels.size(), Vec3<double>::Zero());
+  const auto& setup = state.setup;
+  for (std::size_t tile = 0; tile < state.tape_of.size(); ++tile) {
+    if (state.tape_of[tile] < 0) continue;
+    for (int i = setup.first[tile]; i < setup.first[tile + 1]; ++i) {
+      const raster::FaceSetup& face = setup.faces[setup.binned[static_cast<std::size_t>(i)]];
+      const raster::FaceSums& sums = state.sums[static_cast<std::size_t>(i)];
+      const auto f = static_cast<std::size_t>(face.face);
+      raster::add_face_gradient(setup, face, sums, gradient.faces[f]);
+      if (mesh.texture == Texture::vertex)
+        for (std::size_t k = 0; k < 3; ++k)
+          gradient.texels[3 * f + k] += Vec3<double>(sums.color[k][0], sums.color[k][1], sums.color[k][2]);
+    }
+    for (const auto& t : state.texel_gradients[static_cast<std::size_t>(state.tape_of[tile])])
+      gradient.texels[static_cast<std::size_t>(t.texel)] += Vec3<double>(t.r, t.g, t.b);
+  }
+}
+
+}  // namespace
+
+void RasterTape::State::prepare(const RasterJob& job) {
+  raster::set_up(*job.mesh, *job.settings, *job.target, setup);
+  constants = constants_of(job, setup);
+  const auto per_face = mesh_texels_per_face(*job.mesh), stride = texel_stride(per_face);
+  const std::size_t textured = job.mesh->texels.size() / per_face;
+  texels.assign(3 * stride * textured, 0);
+  for (std::size_t f = 0; f < textured; ++f)
+    for (std::size_t t = 0; t < per_face; ++t)
+      for (std::size_t c = 0; c < 3; ++c)
+        texels[(3 * f + c) * stride + t] =
+            static_cast<float>(job.mesh->texels[f * per_face + t][static_cast<int>(c)]);
+  constants.texel_stride = static_cast<int>(stride);
+  constants.texels = texels.data();
+  pixel_of.resize(kSamples);
+  raster::sample_order(job.target->supersampling, setup.tile_pixels, pixel_of.data());
+  const auto tiles = setup.first.size() - 1;
+  tape_of.assign(tiles, -1);
+  int touched = 0;
+  for (std::size_t t = 0; t < tiles; ++t)
+    if (setup.first[t + 1] > setup.first[t]) tape_of[t] = touched++;
+  if (tapes.size() < static_cast<std::size_t>(touched)) {
+    tapes.resize(static_cast<std::size_t>(touched));
+    texel_gradients.resize(static_cast<std::size_t>(touched));
+  }
+  sums.resize(setup.binned.size());
+}
+
+void rasterize_batch(std::span<const RasterJob> jobs, std::span<RasterTape> tapes) {
+  parallel_for(jobs.size(), [&](std::size_t j) {
+    tapes[j].state->prepare(jobs[j]);
+    const RasterTarget<float>& target = *jobs[j].target;
+    ImageF& rgba = tapes[j].rgba;
+    rgba.width = target.rect.width();
+    rgba.height = target.rect.height();
+    rgba.channels = 4;
+    rgba.data.resize(static_cast<std::size_t>(rgba.width) * rgba.height * 4);
+    for (int v = 0; v < rgba.height; ++v)
+      for (int u = 0; u < rgba.width; ++u) {
+        for (int c = 0; c < 3; ++c) rgba.at(u, v, c) = target.background.at(u, v, c);
+        rgba.at(u, v, 3) = 0;
+      }
+  });
+  if (jobs.empty()) return;
+  const auto& tiles = touched_tiles(tapes);
+  parallel_for(tiles.size(), [&](std::size_t i) {
+    const auto j = static_cast<std::size_t>(tiles[i].job);
+    draw(jobs[j], tapes[j], tiles[i].tile);
+  });
+}
+
+void rasterize_batch_vjp(std::span<const RasterJob> jobs, std::span<const ImageF> d_rgba,
+                         std::span<RasterTape> tapes, std::span<ScreenGradient<double>> gradients) {
+  if (jobs.empty()) return;
+  // The caller may have moved what the jobs point to.
+  for (std::size_t j = 0; j < jobs.size(); ++j) tapes[j].state->constants.mesh = jobs[j].mesh;
+  const auto& tiles = touched_tiles(tapes);
+  parallel_for(tiles.size(), [&](std::size_t i) {
+    const auto j = static_cast<std::size_t>(tiles[i].job);
+    draw_vjp(jobs[j], d_rgba[j], tapes[j], tiles[i].tile);
+  });
+  parallel_for(jobs.size(), [&](std::size_t j) { sum_gradient(jobs[j], *tapes[j].state, gradients[j]); });
+}
+
+Image<double> to_double(const ImageF& image) {
+  Image<double> out(image.width, image.height, image.channels);
+  std::copy(image.data.begin(), image.data.end(), out.data.begin());
+  return out;
+}
+
+RasterTarget<double> to_double(const RasterTarget<float>& target) {
+  return {target.width,
+          target.height,
+          target.rect,
+          target.supersampling,
+          to_double(target.background),
+          to_double(target.depth_limit)};
+}
+
+const char* raster_instruction_set() {
+  return raster::instruction_set();
+}
+
+}  // namespace mirage

@@ -1,0 +1,56 @@
+// The fast soft rasteriser: the definition of soft_rasterizer.h in float, vectorised (Highway, instruction
+// set chosen at run time), in tiles, for many objects at once.
+//
+// Faces are set up in double and binned into tiles of 32 × 32 samples; within a tile they are drawn from
+// front to back, and a block of samples that nothing behind can change any more is left (its error is below
+// 1e-7 of the colour). Tiles of all jobs are shared out over threads; sums are taken in tile order, so that
+// image and gradient are the same bits for any number of threads and from run to run.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "sensors/soft_rasterizer.h"
+
+namespace mirage {
+
+/// One object in one window. What is pointed to stays the caller's; the VJP is given the same again, which may
+/// have moved.
+struct RasterJob {
+  const ScreenMesh<double>* mesh = nullptr;
+  const SoftRasterSettings<double>* settings = nullptr;
+  const RasterTarget<float>* target = nullptr;
+};
+
+/// What a forward pass leaves for its VJP. Give the same object to many calls: its memory is kept, and it is
+/// proportional to the samples in the touched tiles.
+class RasterTape {
+ public:
+  RasterTape();
+  ~RasterTape();
+  RasterTape(RasterTape&&) noexcept;
+  RasterTape& operator=(RasterTape&&) noexcept;
+
+  ImageF rgba;  ///< window-sized: I and S
+
+  struct State;
+  std::unique_ptr<State> state;
+};
+
+/// Draws every job; tapes.size() == jobs.size().
+void rasterize_batch(std::span<const RasterJob> jobs, std::span<RasterTape> tapes);
+
+/// VJP of the last rasterize_batch into these tapes, one at a time for each tape. d_rgba[i] is window-sized
+/// RGBA.
+void rasterize_batch_vjp(std::span<const RasterJob> jobs, std::span<const ImageF> d_rgba,
+                         std::span<RasterTape> tapes, std::span<ScreenGradient<double>> gradients);
+
+/// The same, for the plain loop in double.
+Image<double> to_double(const ImageF& image);
+RasterTarget<double> to_double(const RasterTarget<float>& target);
+
+/// Name of the instruction set in use ("AVX3", "AVX2", …, "EMU128"/"SCALAR").
+const char* raster_instruction_set();
+
+}  // namespace mirage

@@ -1,0 +1,140 @@
+// Extremes of a whole insertion, both sensors with occlusion and VJP: where the object is, and how large the
+// photograph and the coordinates are.
+#include <gtest/gtest.h>
+
+#include "support/insertion_world.h"
+
+namespace mirage {
+namespace {
+
+using test::make_world;
+using test::World;
+
+/// Simulates, checks that nothing but numbers comes out of it and of its VJP, and returns it.
+Simulated expect_finite(const World& world) {
+  const Simulated s = simulate(world.prepared, world.host, world.rooftop, world.adversary);
+  for (float value : s.image.data) {
+    if (!(value >= 0 && value <= 1)) ADD_FAILURE() << "image value " << value;
+  }
+  for (const LidarPoint& p : s.sweep) EXPECT_TRUE(p.position().allFinite() && std::isfinite(p.reflectance));
+  EXPECT_TRUE(s.visible_share >= 0 && s.visible_share <= 1) << s.visible_share;
+  const ImageF d_image(s.image.width, s.image.height, 3, 1.f);
+  const std::vector<std::array<float, 4>> d_points(s.sweep.size(), {1, 1, 1, 1});
+  const AdversaryGradient gradient = simulate_vjp(s, d_image, d_points);
+  for (const auto* list : {&gradient.vertices, &gradient.texels})
+    for (const Vec3d& d : *list)
+      if (!d.allFinite()) ADD_FAILURE() << "gradient " << d.transpose();
+  return s;
+}
+
+/// The world with its host's roof point at `at` (`velo`).
+World moved_to(const Vec3d& at) {
+  World world = make_world(1);
+  world.rooftop.velo_from_adversary.translation() = at;
+  world.host.box.bev.x = at.x();
+  world.host.box.bev.y = at.y();
+  return world;
+}
+
+TEST(InsertionExtremes, ObjectFrom30CentimetresTo500Metres) {
+  for (double distance : {.3, 1., 2., 5., 20., 60., 150., 500.}) {
+    SCOPED_TRACE(distance);
+    const Simulated s = expect_finite(moved_to({distance + .7, 0, -.4}));
+    EXPECT_GT(s.rect.width() * s.rect.height(), 0);
+  }
+}
+
+TEST(InsertionExtremes, PartlyBehindTheCameraIsDrawn) {
+  const Simulated s = expect_finite(moved_to({.6, -.55, -.5}));  // its far side reaches 1.3 m ahead
+  EXPECT_GT(s.adversary_pixels, 20);
+}
+
+TEST(InsertionExtremes, CameraInsideTheMesh) {
+  const Simulated s = expect_finite(moved_to({.27, 0, -.5}));
+  EXPECT_EQ(s.adversary_pixels, s.image.width * s.image.height);
+}
+
+TEST(InsertionExtremes, WhollyBehindTheCameraChangesNothing) {
+  const World world = moved_to({-8, 0, -.2});
+  const Simulated s = expect_finite(world);
+  EXPECT_TRUE(s.rect.empty());
+  EXPECT_EQ(s.image.data, world.prepared.frame.image.data);
+}
+
+TEST(InsertionExtremes, CoordinatesOffsetBy1e5Metres) {
+  const Vec3d offset(1e5, -1e5, 0);
+  const World here = make_world(1);
+  World there = here;
+  Frame frame = here.prepared.frame;
+  frame.calibration.camera_from_velo = frame.calibration.camera_from_velo * Eigen::Translation3d(-offset);
+  LidarModel lidar = here.prepared.lidar;
+  lidar.velo_from_lidar = Eigen::Translation3d(offset) * lidar.velo_from_lidar;
+  there.rooftop.velo_from_adversary = Eigen::Translation3d(offset) * there.rooftop.velo_from_adversary;
+  there.host.box.bev.x += offset.x();
+  there.host.box.bev.y += offset.y();
+  frame.labels = {there.host};
+  there.prepared = prepare(frame, lidar);
+  const Simulated a = expect_finite(here), b = expect_finite(there);
+  ASSERT_EQ(a.rect.width(), b.rect.width());
+  double worst = 0;
+  for (std::size_t i = 0; i < a.image.data.size(); ++i)
+    worst = std::max(worst, static_cast<double>(std::abs(a.image.data[i] - b.image.data[i])));
+  EXPECT_LE(worst, 1e-4);
+  // The sweep's coordinates are floats: 8 mm apart there.
+  EXPECT_NEAR(b.adversary_points, a.adversary_points, 0.05 * a.adversary_points);
+  std::printf("offset of 1e5 m: image moves by %.1e, returns %d and %d\n", worst, a.adversary_points,
+              b.adversary_points);
+}
+
+World with_camera(const PinholeCamera& camera) {
+  World world = make_world(1);
+  Frame frame = world.prepared.frame;
+  frame.calibration.camera = camera;
+  frame.image = ImageF(camera.width, camera.height, 3, 0.4f);
+  world.prepared = prepare(frame, world.prepared.lidar);
+  return world;
+}
+
+TEST(InsertionExtremes, PhotographOfOnePixel) {
+  const Simulated s = expect_finite(with_camera({.5, .5, 0, 0, 1, 1}));
+  EXPECT_EQ(s.image.data.size(), 3u);
+}
+
+TEST(InsertionExtremes, PhotographOf8192By4096) {
+  const Simulated s = expect_finite(with_camera({4800, 4800, 4090, 2040, 8192, 4096}));
+  EXPECT_LT(s.rect.width(), 1000);
+  EXPECT_GT(s.adversary_pixels, 50000);
+}
+
+TEST(InsertionExtremes, AnEmptySweep) {
+  World world = make_world(1);
+  world.prepared = prepare(world.prepared.frame, world.prepared.lidar);  // as it is: no returns
+  EXPECT_GT(expect_finite(world).adversary_points, 0);
+}
+
+TEST(InsertionExtremes, DegenerateAdversaries) {
+  for (int kind = 0; kind < 5; ++kind) {
+    SCOPED_TRACE(kind);
+    World world = make_world(1);
+    auto& mesh = world.adversary.mesh;
+    for (Vec3d& v : mesh.vertices) {
+      if (kind == 0) v.setZero();                                    // a point
+      if (kind == 1) v = Vec3d(v.x(), 0, 0);                         // a line
+      if (kind == 2) v.z() = 0;                                      // flat, both sides in one plane
+      if (kind == 3) v = Vec3d(v.x() * 1e-6, v.y(), v.z());          // 1e6 : 1
+      if (kind == 4) v = Vec3d(-v.x(), v.y(), std::abs(v.z()) / 2);  // inside out and folded
+    }
+    expect_finite(world);
+  }
+}
+
+TEST(InsertionExtremes, TexelsZeroOrOne) {
+  for (double value : {0., 1.}) {
+    World world = make_world(1);
+    for (Vec3d& texel : world.adversary.atlas.texels) texel.setConstant(value);
+    expect_finite(world);
+  }
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,16 @@
+# Tiny depth completion plugins, each wrong in one way, for the loader's tests.
+set(number 0)
+foreach(kind works wrong_abi refuses throws_in_create throws_in_complete fails_in_complete not_finite no_entry)
+  add_library(fake_depth_${kind} MODULE ${CMAKE_CURRENT_LIST_DIR}/plugins/fake_depth.cpp)
+  target_compile_definitions(fake_depth_${kind} PRIVATE FAKE=${number})
+  target_include_directories(fake_depth_${kind} PRIVATE ${PROJECT_SOURCE_DIR}/src)
+  target_link_libraries(fake_depth_${kind} PRIVATE mirage_options)
+  set_target_properties(fake_depth_${kind} PROPERTIES PREFIX "" LIBRARY_OUTPUT_DIRECTORY
+                                                               ${CMAKE_BINARY_DIR}/test_plugins)
+  add_dependencies(test_scene fake_depth_${kind})
+  math(EXPR number "${number} + 1")
+endforeach()
+if(TARGET mirage_guided)
+  target_compile_definitions(test_scene PRIVATE MIRAGE_HAS_GUIDED)
+  add_dependencies(test_scene mirage_guided)
+endif()

@@ -1,0 +1,18 @@
+// A small shape model, learnt once for all tests of an executable.
+#pragma once
+
+#include "scene/shape/shape_model.h"
+
+namespace mirage::test {
+
+inline const ShapeModel& small_shape_model() {
+  static const ShapeModel model = [] {
+    ShapeModelSettings settings;
+    settings.dimension = 8;
+    settings.spacing = 0.14;
+    return build_shape_model(family_samples(5, 1), settings);
+  }();
+  return model;
+}
+
+}  // namespace mirage::test

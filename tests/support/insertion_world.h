@@ -1,0 +1,59 @@
+// One car in an otherwise empty world, and an adversary for its roof.
+#pragma once
+
+#include <cmath>
+
+#include "base/random.h"
+#include "geometry/shapes.h"
+#include "scene/insertion.h"
+
+namespace mirage::test {
+
+/// A KITTI-like rig over an empty world with one car 12 m ahead, a bit to the left.
+struct World {
+  PreparedFrame prepared;
+  Label host;
+  Rooftop rooftop;
+  TexturedMesh adversary;
+};
+
+inline World make_world(std::uint64_t seed, const Sweep& sweep = {}) {
+  World world;
+  Frame frame;
+  PinholeCamera& camera = frame.calibration.camera;
+  Transform& camera_from_velo = frame.calibration.camera_from_velo;
+  camera = {120.3, 120.3, 101.6, 28.8, 207, 63};  // KITTI at a sixth
+  Eigen::Matrix3d axes;
+  axes << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  camera_from_velo.linear() = axes;
+  camera_from_velo.translation() = Vec3d(0, -0.08, -0.27);
+  RandomStream random(seed, "insertion test");
+  frame.image = ImageF(camera.width, camera.height, 3, 0.4f);
+  frame.sweep = sweep;
+  frame.lighting.to_sun_velo = Vec3d(-0.6, 0.3, 0.74).normalized();
+  world.host.type = "Car";
+  world.host.box = {{12, 1.5, 4, 1.7, 0.2}, -1.7, 1.5};
+  frame.labels = {world.host};
+
+  LidarModel lidar;
+  for (int beam = 0; beam < 32; ++beam) lidar.beams.push_back({(2 - 0.4 * beam) * M_PI / 180});
+  lidar.azimuth_step = 0.2 * M_PI / 180;
+  lidar.azimuth_min = -0.8;
+  lidar.azimuth_max = 0.8;
+  lidar.range_min = 1;
+  lidar.range_max = 100;
+  world.prepared = prepare(frame, lidar);
+  world.rooftop = BoxRooftopFinder().find(frame, world.host);
+
+  auto& [mesh, atlas] = world.adversary;
+  mesh = icosphere(1);
+  for (Vec3d& v : mesh.vertices)
+    v = v.cwiseProduct(Vec3d(.7, .7, .45)) +
+        Vec3d(random.uniform(-.04, .04), random.uniform(-.04, .04), random.uniform(-.04, .04));
+  atlas.resolution = 1;  // texel borders are jumps of the forward, not slopes
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+    atlas.texels.push_back(Vec3d(random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)));
+  return world;
+}
+
+}  // namespace mirage::test
