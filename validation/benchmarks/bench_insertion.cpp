@@ -1,0 +1,150 @@
+// One insertion (both sensors, occlusion, VJP) 10 m ahead of KITTI's rig: as a whole, by stage, in a batch.
+#include <benchmark/benchmark.h>
+
+#include "attack/adversary.h"
+#include "base/files.h"
+#include "base/parallel.h"
+#include "bench.h"
+#include "scene/adversary_view.h"
+#include "scene/depth_completion.h"
+#include "scene/generator.h"
+
+namespace mirage {
+namespace {
+
+constexpr int kRounds = 31;
+
+/// The adversary's start on a car 10 m ahead of KITTI's rig, in an empty world.
+struct Stage {
+  PreparedFrame prepared;
+  Label host;
+  Rooftop rooftop;
+  TexturedMesh adversary = random_adversary(1);
+
+  Stage() {
+    const Rig rig = read_rig(shipped_file("scenes/rigs/kitti64.toml"));
+    Frame frame;
+    frame.calibration = rig.calibration;
+    frame.image = ImageF(rig.calibration.camera.width, rig.calibration.camera.height, 3, 0.3f);
+    host.type = "Car";
+    host.box = {{10, 0, 4, 1.7, 0}, -1.73, 1.5};
+    frame.labels = {host};
+    for (std::size_t beam = 0; beam < rig.lidar.beams.size(); ++beam)  // a wall 25 m ahead behind everything
+      for (int column = 0; column < rig.lidar.azimuth_count(); ++column) {
+        const LidarRay ray = rig.lidar.ray(static_cast<int>(beam), column);
+        const Vec3d p = ray.origin + (25 - ray.origin.x()) / ray.direction.x() * ray.direction;
+        frame.sweep.push_back({float(p.x()), float(p.y()), float(p.z()), 0.3f});
+      }
+    prepared = prepare(frame, rig.lidar);
+    rooftop = BoxRooftopFinder().find(frame, host);
+  }
+};
+
+const Stage& stage() {
+  static const Stage one;
+  return one;
+}
+
+void insertion(benchmark::State& state, double sigma, int supersampling) {
+  SimulationSettings settings;
+  settings.raster.sigma = sigma;
+  settings.supersampling = supersampling;
+  const auto& s = stage();
+  const ImageF d_image(s.prepared.frame.image.width, s.prepared.frame.image.height, 3, 1.f);
+  std::vector<std::array<float, 4>> d_points(s.prepared.frame.sweep.size() + 4096, {1, 1, 1, 1});
+  for (auto _ : state) {
+    const Simulated simulated = simulate(s.prepared, s.host, s.rooftop, s.adversary, settings);
+    d_points.resize(simulated.sweep.size(), {1, 1, 1, 1});
+    benchmark::DoNotOptimize(simulate_vjp(simulated, d_image, d_points));
+  }
+}
+
+/// Medians of the stages, taken in alternation: what is copied, each sensor forward, each sensor's VJP.
+void stages(benchmark::State& state) {
+  const auto& s = stage();
+  const SimulationSettings settings;
+  const TexturedMesh placed = place(s.adversary, s.rooftop);
+  const ImageF& photograph = s.prepared.frame.image;
+  const ImageF d_image(photograph.width, photograph.height, 3, 1.f);
+  std::vector<double> copy_image, copy_sweep, camera, lidar, camera_vjp, lidar_vjp;
+  for (auto _ : state)
+    for (int round = 0; round < kRounds; ++round) {
+      Simulated result;
+      CameraTape camera_tape;
+      LidarTape lidar_tape;
+      copy_image.push_back(milliseconds([&] { benchmark::DoNotOptimize(result.image = photograph); }));
+      copy_sweep.push_back(milliseconds([&] {
+        Sweep copy = s.prepared.frame.sweep;
+        benchmark::DoNotOptimize(copy.data());
+      }));
+      Simulated drawn;
+      camera.push_back(
+          milliseconds([&] { camera_tape = draw_in_camera(s.prepared, s.host, placed, settings, drawn); }));
+      lidar.push_back(milliseconds([&] { lidar_tape = draw_in_lidar(s.prepared, placed, settings, drawn); }));
+      std::vector<Vec3d> d_vertices(placed.mesh.vertices.size(), Vec3d::Zero()),
+          d_texels(placed.atlas.texels.size(), Vec3d::Zero());
+      const std::vector<std::array<float, 4>> d_points(drawn.sweep.size(), {1, 1, 1, 1});
+      camera_vjp.push_back(milliseconds([&] {
+        draw_in_camera_vjp(camera_tape, placed, s.prepared.frame.calibration, s.prepared.frame.lighting,
+                           drawn, d_image, d_vertices, d_texels);
+      }));
+      lidar_vjp.push_back(milliseconds(
+          [&] { draw_in_lidar_vjp(lidar_tape, placed, settings, d_points, d_vertices, d_texels); }));
+    }
+  nlohmann::json& figures = extra_figures();
+  figures["insertion_copy_image_ms"] = median(copy_image);
+  figures["insertion_copy_sweep_ms"] = median(copy_sweep);
+  figures["insertion_camera_ms"] = median(camera);
+  figures["insertion_lidar_ms"] = median(lidar);
+  figures["insertion_camera_vjp_ms"] = median(camera_vjp);
+  figures["insertion_lidar_vjp_total_ms"] = median(lidar_vjp);
+  std::printf(
+      "  stages: copy image %.3f, copy sweep %.3f, camera %.3f (copy included), LiDAR %.3f (copy included), "
+      "camera VJP %.3f, LiDAR VJP %.3f ms\n",
+      median(copy_image), median(copy_sweep), median(camera), median(lidar), median(camera_vjp),
+      median(lidar_vjp));
+}
+
+/// Sixteen insertions in one call on one thread and on two, in alternation.
+void batch(benchmark::State& state) {
+  const auto& s = stage();
+  const std::vector<InsertionJob> insertions(16, {&s.prepared, &s.host, &s.rooftop, &s.adversary});
+  std::vector<double> times[2];
+  for (auto _ : state)
+    for (int round = 0; round < kRounds; ++round)
+      for (int threads : {1, 2}) {
+        set_thread_count(threads);
+        times[threads - 1].push_back(
+            milliseconds([&] { benchmark::DoNotOptimize(simulate_batch(insertions)); }));
+      }
+  set_thread_count(1);
+  extra_figures()["insertion_batch16_ms"] = median(times[0]);
+  extra_figures()["insertion_batch16_two_threads_speedup"] = median(times[0]) / median(times[1]);
+  std::printf("  16 insertions: %.2f ms on one thread, %.2f on two: %.2f times faster\n", median(times[0]),
+              median(times[1]), median(times[0]) / median(times[1]));
+}
+
+void completion(benchmark::State& state) {
+  const auto& frame = stage().prepared.frame;
+  const ImageF sparse = sparse_depth(frame.sweep, frame.calibration);
+  for (auto _ : state) benchmark::DoNotOptimize(complete_depth(sparse));
+}
+
+}  // namespace
+
+void register_insertion_benchmarks() {
+  const auto median_of_nine = [](auto* b) { b->Repetitions(9)->ReportAggregatesOnly(true); };
+  for (const auto& [name, sigma, supersampling] :
+       {std::tuple{"insertion_ms", 5e-7, 2}, std::tuple{"insertion_ms_10m_sigma_1e-5", 1e-5, 1},
+        std::tuple{"insertion_ms_10m_sigma_1e-4", 1e-4, 1}})
+    median_of_nine(benchmark::RegisterBenchmark(name, [sigma = sigma, supersampling = supersampling](
+                                                          benchmark::State& state) {
+                     insertion(state, sigma, supersampling);
+                   })->Unit(benchmark::kMillisecond));
+  median_of_nine(
+      benchmark::RegisterBenchmark("depth_ip_basic_ms", completion)->Unit(benchmark::kMillisecond));
+  benchmark::RegisterBenchmark("insertion_stages", stages)->Unit(benchmark::kMillisecond)->Iterations(1);
+  benchmark::RegisterBenchmark("insertion_batch", batch)->Unit(benchmark::kMillisecond)->Iterations(1);
+}
+
+}  // namespace mirage
