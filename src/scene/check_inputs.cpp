@@ -143,7 +143,8 @@ void check_upstream(const Simulated& simulated, const ImageF& d_image,
       const float *from = d_image.pixel(rect.u0, v), *to = from + 3 * static_cast<std::size_t>(rect.width());
       const float* bad = std::find_if_not(from, to, [](float value) { return std::isfinite(value); });
       if (bad != to)
-        throw Failure(where, fmt::format("d_image pixel ({}, {}) is {}", rect.u0 + (bad - from) / 3, v, kNotFinite),
+        throw Failure(where,
+                      fmt::format("d_image pixel ({}, {}) is {}", rect.u0 + (bad - from) / 3, v, kNotFinite),
                       fix);
     }
   }

@@ -56,11 +56,13 @@ void DrawFaces(const TileJob& job) {
           hn::Store(clear, d, tape.clear + first);
           if (behind || !face.colored || hn::AllFalse(d, f.colored)) return;
 
-          const Color color = !kPlain && k.vertex_texture
-                                  ? VertexColor(local, k, f)
-                                  : TexelColor(local, k, TexelIndex<kPlain>(local, k, f));
+          const auto color_here = [&]() HWY_ATTR __attribute__((always_inline)) {
+            return !kPlain && k.vertex_texture ? VertexColor(local, k, f)
+                                               : TexelColor(local, k, TexelIndex<kPlain>(local, k, f));
+          };
           if (!kPlain && k.color == ColorBlend::hard) {
             // sum holds the key of the nearest so far, top the number of its face.
+            const Color color = color_here();
             const M nearer = hn::And(hn::And(f.colored, f.inside), hn::Gt(f.key, sum));
             hn::Store(hn::IfThenElse(nearer, f.key, sum), d, tape.sum + first);
             hn::Store(hn::IfThenElse(nearer, Set(static_cast<float>(job.faces[i])), top), d,
@@ -70,22 +72,26 @@ void DrawFaces(const TileJob& job) {
                         tape.color[c] + first);
             return;
           }
-          Color mixed;
-          for (int c = 0; c < 3; ++c) mixed.c[c] = hn::Load(d, tape.color[c] + first);
           const M higher = hn::And(f.colored, hn::Gt(f.key, top));
-          if (!hn::AllFalse(d, higher)) {
+          if (!hn::AllFalse(d, higher)) {  // seldom: faces come from front to back
             const V raised = hn::IfThenElse(higher, f.key, top);
             const V fade = Exp2(hn::Mul(hn::Sub(top, raised), Set(k.inv_gamma * kLog2E)));
             sum = hn::Mul(sum, fade);
-            for (int c = 0; c < 3; ++c) mixed.c[c] = hn::Mul(mixed.c[c], fade);
+            for (int c = 0; c < 3; ++c)
+              hn::Store(hn::Mul(hn::Load(d, tape.color[c] + first), fade), d, tape.color[c] + first);
             top = raised;
             hn::Store(top, d, tape.top + first);
+            hn::Store(sum, d, tape.sum + first);
           }
           const V depth = Exp2(hn::Min(Zero(), hn::Mul(hn::Sub(f.key, top), Set(k.inv_gamma * kLog2E))));
           const V weight = hn::IfThenElseZero(f.colored, hn::Mul(f.coverage, depth));
+          // Too little to change any sample's colour in float.
+          if (hn::AllTrue(d, hn::Le(weight, hn::Mul(sum, Set(kClosed))))) return;
+          const Color color = color_here();
           hn::Store(hn::Add(sum, weight), d, tape.sum + first);
           for (int c = 0; c < 3; ++c)
-            hn::Store(hn::MulAdd(weight, color.c[c], mixed.c[c]), d, tape.color[c] + first);
+            hn::Store(hn::MulAdd(weight, color.c[c], hn::Load(d, tape.color[c] + first)), d,
+                      tape.color[c] + first);
         });
   }
 }
