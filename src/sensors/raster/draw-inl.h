@@ -31,22 +31,7 @@ void DrawFaces(const TileJob& job) {
           const bool behind = may_close && hn::AllTrue(d, Behind(k, face, top, sum, kFarBehind));
           if (behind && hn::AllTrue(d, hn::Lt(clear, Set(kClosed)))) return;
           Fragment f;
-          if (!Cover<kPlain>(local, k, px, py, f)) return;
-          if (!behind || job.limit || !kPlain)
-            Place<kPlain>(local, k, f);
-          else
-            PlaceNowhere(f);
-          if (!kPlain && k.coverage == Coverage::barycentric) {
-            const M box = InBox(job, face, px, py);
-            f.keep = hn::And(f.keep, box);
-            f.colored = hn::And(f.colored, box);
-          }
-          if (job.limit) {
-            const VI pixel = hn::LoadU(DI(), job.pixel_of + first);
-            const M near = hn::Ge(f.key, hn::GatherIndex(d, job.limit, pixel));
-            f.keep = hn::And(f.keep, near);
-            f.colored = hn::And(f.colored, near);
-          }
+          if (!Meet<kPlain>(job, local, first, px, py, behind, f)) return;
           if (kPlain || k.silhouette == SilhouetteBlend::product)
             clear = hn::IfThenElse(f.keep, hn::Mul(clear, f.open), clear);
           else if (k.silhouette == SilhouetteBlend::sum)

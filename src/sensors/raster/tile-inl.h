@@ -82,6 +82,31 @@ HWY_INLINE M Behind(const Constants& k, const FaceSetup& face, V top, V sum, flo
   return hn::And(hn::Gt(sum, Set(kEnough)), hn::Gt(behind, Set(distance)));
 }
 
+/// The fragment of a face at a block, with all that drops samples of it. `behind`: depth and colour do not
+/// matter. False where none is left by distance.
+template <bool kPlain>
+HWY_INLINE bool Meet(const TileJob& job, const LocalFace& local, int first, V px, V py, bool behind,
+                     Fragment& f) {
+  const Constants& k = *job.constants;
+  if (!Cover<kPlain>(local, k, px, py, f)) return false;
+  if (!behind || job.limit || !kPlain)
+    Place<kPlain>(local, k, f);
+  else
+    PlaceNowhere(f);
+  if (!kPlain && k.coverage == Coverage::barycentric) {
+    const M box = InBox(job, *local.face, px, py);
+    f.keep = hn::And(f.keep, box);
+    f.colored = hn::And(f.colored, box);
+  }
+  if (job.limit) {
+    const VI pixel = hn::LoadU(DI(), job.pixel_of + first);
+    const M near = hn::Ge(f.key, hn::GatherIndex(D(), job.limit, pixel));
+    f.keep = hn::And(f.keep, near);
+    f.colored = hn::And(f.colored, near);
+  }
+  return true;
+}
+
 HWY_INLINE V Silhouette(const Constants& k, V clear) {
   if (k.silhouette == SilhouetteBlend::product) return hn::Sub(Set(1), clear);
   if (k.silhouette == SilhouetteBlend::sum) return hn::Mul(clear, Set(k.inv_faces));

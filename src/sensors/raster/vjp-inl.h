@@ -187,22 +187,7 @@ void DrawFacesVjp(const TileJob& job) {
                                                                  kNoWeightBehind));
           if (behind && hn::AllTrue(d, hn::Lt(hn::Load(d, tape.clear + first), Set(kClosed)))) return;
           Fragment f;
-          if (!Cover<kPlain>(local, k, px, py, f)) return;
-          if (!behind || job.limit || !kPlain)
-            Place<kPlain>(local, k, f);
-          else
-            PlaceNowhere(f);
-          if (!kPlain && k.coverage == Coverage::barycentric) {
-            const M box = InBox(job, face, px, py);
-            f.keep = hn::And(f.keep, box);
-            f.colored = hn::And(f.colored, box);
-          }
-          if (job.limit) {
-            const VI pixel = hn::LoadU(DI(), job.pixel_of + first);
-            const M near = hn::Ge(f.key, hn::GatherIndex(d, job.limit, pixel));
-            f.keep = hn::And(f.keep, near);
-            f.colored = hn::And(f.colored, near);
-          }
+          if (!Meet<kPlain>(job, local, first, px, py, behind, f)) return;
           // x = δ d² / σ: d D / d x = D (1 − D), and through the product d S / d x_j = D_j Π(1 − D).
           V d_x = hn::Mul(hn::Load(d, samples.clear + first), f.coverage);
           if (!kPlain && k.silhouette != SilhouetteBlend::product) d_x = hn::Mul(d_x, f.open);
