@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "../../for_each_sample.h"
 #include "base/files.h"
 #include "loss.h"
 
@@ -29,33 +30,6 @@ void check_shape(const MirageDepthInput& input) {
 Network make_network(const Options& options) {
   torch::manual_seed(options.seed);
   return Network();
-}
-
-struct SampleResult {
-  std::array<float, 3> loss{};
-  std::vector<Tensor> gradients;
-};
-
-/// work(i) for every sample, each on one thread: LibTorch's own threads make sums depend on their number.
-template <class Work>
-void for_each_sample(std::size_t count, int threads, const Work& work) {
-  const std::size_t workers = std::min(count, static_cast<std::size_t>(std::max(1, threads)));
-  std::vector<std::exception_ptr> problems(workers);
-  const auto loop = [&](std::size_t first) {
-    try {
-      at::set_num_threads(1);
-      torch::AutoGradMode mode(true);
-      for (std::size_t i = first; i < count; i += workers) work(i);
-    } catch (...) {
-      problems[first] = std::current_exception();
-    }
-  };
-  std::vector<std::jthread> others;
-  for (std::size_t w = 1; w < workers; ++w) others.emplace_back(loop, w);
-  loop(0);
-  others.clear();
-  for (const auto& problem : problems)
-    if (problem) std::rethrow_exception(problem);
 }
 
 std::string key_of(std::string name) {

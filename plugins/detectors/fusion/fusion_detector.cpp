@@ -3,11 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <exception>
 #include <sstream>
 #include <stdexcept>
-#include <thread>
 
+#include "../../for_each_sample.h"
 #include "augment.h"
 #include "base/files.h"
 #include "loss.h"
@@ -38,34 +37,6 @@ SensorTensors copy_input(const MirageSensorInput& input, bool with_image) {
 Network make_network(const Options& options) {
   torch::manual_seed(options.seed);
   return Network(options.with_image);
-}
-
-struct SampleResult {
-  std::array<float, 3> loss{};
-  std::vector<Tensor> gradients;
-};
-
-/// work(i) for every sample, each on one thread. LibTorch's own threads stay off: they spin while they wait,
-/// which costs a multiple of the work on a busy machine, and they make sums depend on their number.
-template <class Work>
-void for_each_sample(std::size_t count, int threads, const Work& work) {
-  const std::size_t workers = std::min(count, static_cast<std::size_t>(std::max(1, threads)));
-  std::vector<std::exception_ptr> problems(workers);
-  const auto loop = [&](std::size_t first) {
-    try {
-      at::set_num_threads(1);
-      torch::AutoGradMode mode(true);
-      for (std::size_t i = first; i < count; i += workers) work(i);
-    } catch (...) {
-      problems[first] = std::current_exception();
-    }
-  };
-  std::vector<std::jthread> others;
-  for (std::size_t w = 1; w < workers; ++w) others.emplace_back(loop, w);
-  loop(0);
-  others.clear();
-  for (const auto& problem : problems)
-    if (problem) std::rethrow_exception(problem);
 }
 
 }  // namespace

@@ -101,6 +101,11 @@ HWY_INLINE bool Cover(const LocalFace& local, const Constants& k, V px, V py, Fr
   return true;
 }
 
+/// What turns clamped barycentrics into weights on screen: 1 / their sum.
+HWY_INLINE V ScreenScale(const Fragment& f) {
+  return hn::Div(Set(1), hn::Max(hn::Add(f.clipped[0], hn::Add(f.clipped[1], f.clipped[2])), Set(1e-5f)));
+}
+
 /// Depth and place in the texture.
 template <bool kPlain>
 HWY_INLINE void Place(const LocalFace& local, const Constants& k, Fragment& f) {
@@ -118,8 +123,7 @@ HWY_INLINE void Place(const LocalFace& local, const Constants& k, Fragment& f) {
   if (kPlain || k.perspective_texture) {
     for (int e = 0; e < 3; ++e) f.lookup[e] = hn::Mul(y[e], f.rcp);
   } else {
-    const V scale =
-        hn::Div(Set(1), hn::Max(hn::Add(f.clipped[0], hn::Add(f.clipped[1], f.clipped[2])), Set(1e-5f)));
+    const V scale = ScreenScale(f);
     for (int e = 0; e < 3; ++e) f.lookup[e] = hn::Mul(f.clipped[e], scale);
   }
   f.colored = hn::And(f.keep, hn::And(hn::Ge(f.key, Set(k.key_low)), hn::Le(f.key, Set(k.key_high))));

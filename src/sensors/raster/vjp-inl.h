@@ -132,8 +132,7 @@ HWY_INLINE void VertexLookupVjp(const LocalFace& local, const Constants& k, cons
     mean = hn::MulAdd(d_lookup[e], f.lookup[e], mean);
   }
   V scale = f.rcp;
-  if (!k.perspective_texture)
-    scale = hn::Div(Set(1), hn::Max(hn::Add(f.clipped[0], hn::Add(f.clipped[1], f.clipped[2])), Set(1e-5f)));
+  if (!k.perspective_texture) scale = ScreenScale(f);
   for (int e = 0; e < 3; ++e) {
     const V d_y = hn::Mul(hn::Sub(d_lookup[e], mean), scale);
     if (k.perspective_texture) {
