@@ -1,11 +1,11 @@
 # Two commands do everything, set-up included:  make demo   and   make test
 .DEFAULT_GOAL := build
-.PHONY: setup build demo test asan format bench clean
+.PHONY: setup build addon demo test asan format bench clean
 
 PACKAGES := g++ cmake ninja-build ccache pkg-config libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev \
   nlohmann-json3-dev libtomlplusplus-dev librandom123-dev libcli11-dev libembree-dev libopenimageio-dev \
   libceres-dev libassimp-dev libopenexr-dev libtinygltf-dev libopencv-imgproc-dev libhwy-dev \
-  python3-imath python3-numpy python3-matplotlib python3-jinja2 python3-pil blender libtorch-dev libopenblas0-pthread \
+  python3-imath python3-numpy python3-matplotlib python3-jinja2 python3-pil blender xvfb xauth libgl1-mesa-dri libtorch-dev libopenblas0-pthread \
   libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format nodejs npm
 
 # Parts of the sources that clang-format owns.
@@ -29,6 +29,10 @@ setup:
 build: setup
 	cmake --preset release
 	cmake --build --preset release
+
+# The Blender add-on as a zip for Edit > Preferences > Add-ons > Install.
+addon:
+	python3 plugins/blender/pack.py build/mirage_blender.zip
 
 demo: build
 	build/release/mirage demo --out out/demo

@@ -43,6 +43,11 @@ std::filesystem::path find_program(const std::string& name) {
   return {};
 }
 
+std::filesystem::path plotting_python() {
+  const std::filesystem::path system = find_program("/usr/bin/python3");
+  return system.empty() ? find_program("python3") : system;
+}
+
 ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std::filesystem::path& log) {
   int ends[2];
   if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)

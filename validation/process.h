@@ -12,6 +12,10 @@ namespace mirage {
 /// The program on PATH, or an empty path. A name with a slash is looked up as it is.
 std::filesystem::path find_program(const std::string& name);
 
+/// Python for reports and plots: the system's, since a pyenv's python3 on PATH may lack the packages; else
+/// the one on PATH; empty if there is none.
+std::filesystem::path plotting_python();
+
 /// A child with its own process group, so that Ctrl-C reaches us first; it dies with us (PR_SET_PDEATHSIG).
 /// Its stdin and stdout are one socket, its stderr goes to `log`.
 class ChildProcess {

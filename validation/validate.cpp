@@ -14,6 +14,8 @@
 #include "base/progress.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
+#include "scene/data_rig.h"
+#include "scene/shape/shape_rooftop.h"
 #include "validation/blender_process.h"
 #include "validation/fidelity.h"
 #include "validation/host_validation.h"
@@ -24,7 +26,7 @@ namespace {
 using nlohmann::json;
 namespace fs = std::filesystem;
 
-constexpr int kStoredVersion = 2;  // of hosts/*.json; raise it when their content changes
+constexpr int kStoredVersion = 3;  // of hosts/*.json; raise it when their content changes
 constexpr double kBevReach = 16;   // m around the host that the report's bird's-eye view shows
 
 json box_json(const BevBox& b) {
@@ -94,7 +96,7 @@ json validate_host(Context& context, const HostId& id, bool with_ladder) {
   HostScene scene;
   scene.prepared = &prepared;
   scene.host = &label_of(frame, id);
-  scene.rooftop = BoxRooftopFinder().find(frame, *scene.host);
+  scene.rooftop = context.store.rooftop(id);
   scene.adversary = context.run.adversary;
   scene.placed = place(scene.adversary, scene.rooftop);
   scene.simulation = context.run.simulation;
@@ -103,13 +105,14 @@ json validate_host(Context& context, const HostId& id, bool with_ladder) {
   scene.glb = out / "scenes" / (name + ".glb");
   scene.scratch = out / "scratch";
   fs::create_directories(scene.scratch);
-  write_scene(scene.glb, host_scene(frame, *scene.host, scene.placed, name));
+  write_scene(scene.glb, host_scene(frame, *scene.host, scene.rooftop, scene.adversary, name));
 
   const Simulated simulated =
       simulate(prepared, *scene.host, scene.rooftop, scene.adversary, scene.simulation);
   json result = {{"frame", id.frame},
                  {"label", id.label},
                  {"name", name},
+                 {"from_box", scene.rooftop.from_box},
                  {"visible_share", simulated.visible_share},
                  {"adversary_points", simulated.adversary_points}};
   if (simulated.rect.empty()) return result;
@@ -184,8 +187,9 @@ json validate_host(Context& context, const HostId& id, bool with_ladder) {
 std::string key_of(const ValidationSettings& settings, const Run& run, const fs::path& data) {
   std::string bytes = read_file(settings.run / "adversary.glb") + to_json(run.simulation).dump();
   const auto& d = settings.detector;
-  bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, d.detector, d.weights.string(), data.string(),
-                       settings.samples, settings.seed, settings.evaluation_settings.score_threshold);
+  bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, d.detector, d.weights.string(),
+                       data.string(), settings.samples, settings.seed,
+                       settings.evaluation_settings.score_threshold, rooftop_model_hash(settings.rooftop));
   return content_hash(bytes + read_file(weights_file(d)));
 }
 
@@ -228,6 +232,7 @@ json summary(const std::vector<json>& hosts, const Run& run) {
   std::set<std::string> frames, test_frames;
   for (const HostId& id : run.test) test_frames.insert(id.frame);
   double both = 0, either = 0, error = 0, largest = 0, range_error = 0, worst_iou = 1;
+  RooftopCount rooftops;
   int rays = 0, pixels_off = 0, returns = 0, disagreements = 0, vehicles = 0;
   Fooled held_back, trained_on;  // an attack is judged on vehicles that it never saw
   double full_mae = 0, full_mean = 0, full_ssim = 0, full_flip = 0, full_seconds = 0;
@@ -236,6 +241,7 @@ json summary(const std::vector<json>& hosts, const Run& run) {
   for (const json& host : hosts) {
     if (!host.contains("matched")) continue;
     ++vehicles;
+    ++(host.at("from_box").get<bool>() ? rooftops.from_box : rooftops.fitted);
     frames.insert(host.at("frame").get<std::string>());
     const json& m = host.at("matched");
     both += m.at("mask_both").get<double>();
@@ -282,6 +288,7 @@ json summary(const std::vector<json>& hosts, const Run& run) {
   return {{"frames", frames.size()},
           {"test_frames", tested},
           {"vehicles", vehicles},
+          {"rooftops", to_json(rooftops)},
           {"matched",
            {{"mask_iou", either > 0 ? both / either : 1},
             {"mask_iou_worst", worst_iou},
@@ -305,8 +312,7 @@ json summary(const std::vector<json>& hosts, const Run& run) {
 }
 
 void write_report(const ValidationSettings& settings) {
-  std::string python = "/usr/bin/python3";  // a pyenv's python3 on PATH may lack the packages
-  if (!fs::exists(python)) python = find_program("python3").string();
+  const std::string python = plotting_python().string();
   if (python.empty())
     throw InputError("python3", "", "not found on PATH", "install it with apt-get install python3-jinja2");
   std::vector<std::string> arguments = {python,         shipped_file("validation/report.py").string(),
@@ -335,17 +341,6 @@ std::vector<HostId> select_hosts(const Run& run, int frames) {
   return chosen;
 }
 
-std::string host_name(const HostId& id) {
-  return fmt::format("{}_{}", id.frame, id.label);
-}
-
-const Label& label_of(const Frame& frame, const HostId& id) {
-  if (id.label < 0 || static_cast<std::size_t>(id.label) >= frame.labels.size())
-    throw InputError("run.json", "host " + host_name(id), "is not in the data set",
-                     "give the --data folder that the run was made with");
-  return frame.labels[static_cast<std::size_t>(id.label)];
-}
-
 json validate(const ValidationSettings& given) {
   ValidationSettings settings = given;
   const Run run = read_run(settings.run);
@@ -356,6 +351,7 @@ json validate(const ValidationSettings& given) {
   if (settings.data.empty()) settings.data = run.data;
   require_own_data(run, settings.data);
   use_detector_of(run, settings.detector);
+  if (settings.rooftop.empty()) settings.rooftop = run.rooftop;
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);
   if (hosts.empty())
     throw InputError((settings.run / "run.json").string(), "test", "no vehicles to validate",
@@ -363,8 +359,9 @@ json validate(const ValidationSettings& given) {
   make_output_folder(settings.out);
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
   BlenderWorker blender(settings.out / "blender.log");
+  settings.detector.rig = data_rig(settings.data);
   const auto detector = load_detector(settings.detector);
-  FrameStore store(settings.data, lidar_of(settings.data), load_depth_completion({run.depth}));
+  FrameStore store(settings.data, run.depth, settings.rooftop);
   Context context{settings, run, store, *detector, blender, {}};
   const std::string key = key_of(settings, run, settings.data);
   Progress progress("validate", hosts.size(), settings.quiet);

@@ -18,6 +18,7 @@ struct ValidationSettings {
   std::filesystem::path run, data, out;  ///< data: empty for the run's
   DetectorOptions detector = {.detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0};
   EvaluationSettings evaluation_settings;
+  std::string rooftop;               ///< what finds the roofs (scene/shape/shape_rooftop.h); empty: the run's
   std::filesystem::path evaluation;  ///< result.json of mirage evaluate, or its folder; for the report only
   int frames = 0;                    ///< 0: all test frames
   int samples = 64;                  ///< Cycles samples a pixel
@@ -32,9 +33,5 @@ nlohmann::json validate(const ValidationSettings& settings);
 /// Hosts of the first `frames` frames of the run, test frames first, training frames when those run out;
 /// 0: all test frames.
 std::vector<HostId> select_hosts(const Run& run, int frames);
-/// "000008_0": frame and label.
-std::string host_name(const HostId& id);
-/// The host's label. InputError if the frame has none of that number.
-const Label& label_of(const Frame& frame, const HostId& id);
 
 }  // namespace mirage

@@ -45,8 +45,12 @@ nlohmann::json identity(const AttackSettings& settings) {
       {"lambda_laplacian", settings.objective.lambda_laplacian},
       {"relevant_score", settings.objective.relevant_score},
       {"simulation", to_json(settings.simulation)}};
-  // Only where it differs, so that runs of before the choice go on.
+  // Only where it differs, so that runs of before the choice go on: those stood on boxes.
   if (settings.depth != AttackSettings().depth) id["depth"] = settings.depth;
+  if (settings.rooftop != "box") {
+    id["rooftop"] = settings.rooftop;
+    id["rooftop_model_hash"] = rooftop_model_hash(settings.rooftop);
+  }
   return id;
 }
 
@@ -173,7 +177,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 
-  FrameStore store(settings.data, lidar_of(settings.data), load_depth_completion({settings.depth}));
+  FrameStore store(settings.data, settings.depth, settings.rooftop);
   std::vector<std::string> train_frames, test_frames;
   split_frames(list_frames(settings.data), settings.seed, train_frames, test_frames);
   const auto train = find_all_hosts(store, train_frames, detectors.front()->region(), settings.simulation,
@@ -256,6 +260,8 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   AttackResult result;
   result.vehicles_train = static_cast<int>(train.size());
   result.vehicles_test = static_cast<int>(test.size());
+  for (const auto* hosts : {&train, &test})
+    for (const Host& host : *hosts) result.rooftops.add(host.rooftop);
   result.iterations = static_cast<int>(state.iteration);
   const std::size_t tail = std::max<std::size_t>(1, state.losses.size() / 10);
   for (std::size_t i = state.losses.size() - std::min(tail, state.losses.size()); i < state.losses.size();

@@ -9,6 +9,7 @@
 #include "attack/detector_pool.h"
 #include "attack/hosts.h"
 #include "attack/objective.h"
+#include "scene/shape/shape_rooftop.h"
 
 namespace mirage {
 
@@ -22,6 +23,7 @@ struct AttackSettings {
   DetectorOptions detector;
   std::string weights_hash;        ///< content_hash of the weights; run_attack(settings) fills it in
   std::string depth = "ip-basic";  ///< depth completion of the photographs (scene/depth/learned_depth.h)
+  std::string rooftop = kDefaultRooftop;  ///< what finds the roofs (scene/shape/shape_rooftop.h)
   std::string target = "both";
   int iterations = 300;
   int batch = 2;  ///< hosts an iteration; their losses are averaged
@@ -39,6 +41,7 @@ struct AttackResult {
   int vehicles_train = 0, vehicles_test = 0, iterations = 0;
   double loss = 0;  ///< mean of the last tenth of the iterations
   double seconds_per_iteration = 0;
+  RooftopCount rooftops;  ///< of the vehicles of both splits
 };
 
 /// Runs or resumes the attack in settings.out (see attack/run.h for the files). The result is bit-identical

@@ -61,10 +61,14 @@ AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::j
   AttackState state;
   try {
     const auto& saved = json.at("identity");
-    for (const auto& [key, value] : identity.items())
-      if (!saved.contains(key) || saved.at(key) != value)
-        throw InputError(file.string(), key, "the folder holds a run with another value",
-                         "use another --out folder or the run's own settings");
+    const auto compare = [&](const nlohmann::json& all) {  // a key that only one of them has differs as well
+      for (const auto& [key, value] : all.items())
+        if (saved.value(key, nlohmann::json()) != identity.value(key, nlohmann::json()))
+          throw InputError(file.string(), key, "the folder holds a run with another value",
+                           "use another --out folder or the run's own settings");
+    };
+    compare(identity);
+    compare(saved);
     state.iteration = json.at("iteration");
     Vec3d half;
     for (int c = 0; c < 3; ++c) half[c] = identity.at("limits").at(static_cast<std::size_t>(c));

@@ -58,6 +58,7 @@ Evaluation summarize(std::vector<HostOutcome> hosts) {
   Evaluation result;
   int hidden = 0, false_positives = 0, either = 0;
   for (const HostOutcome& host : hosts) {
+    ++(host.from_box ? result.rooftops.from_box : result.rooftops.fitted);
     if (!host.detected) continue;
     ++result.vehicles;
     hidden += host.hidden;
@@ -89,7 +90,6 @@ Evaluation summarize(std::vector<HostOutcome> hosts) {
 Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                     const TexturedMesh& adversary, const SimulationSettings& simulation,
                     const EvaluationSettings& settings) {
-  const BoxRooftopFinder finder;
   std::map<std::string, std::vector<Proposal>> clean;  // a frame's clean detections serve all its hosts
   for (const HostId& id : hosts) clean[id.frame];
   std::vector<std::string> frames;
@@ -108,16 +108,13 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
     throw_if_interrupted("an evaluation writes nothing until it is done; run it again");
     const HostId& id = hosts[i];
     const PreparedFrame& prepared = store.get(id.frame);
-    if (id.label < 0 || static_cast<std::size_t>(id.label) >= prepared.frame.labels.size())
-      throw InputError("run.json", "test",
-                       "host " + id.frame + "/" + std::to_string(id.label) + " is not in the data",
-                       "give the --data folder that the run was made with");
-    const Label& label = prepared.frame.labels[static_cast<std::size_t>(id.label)];
+    const Rooftop& rooftop = store.rooftop(id);
     const Simulated simulated =
-        simulate(prepared, label, finder.find(prepared.frame, label), adversary, simulation);
+        simulate(prepared, label_of(prepared.frame, id), rooftop, adversary, simulation);
     const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
     outcomes[i] =
         judge(id, prepared.frame, clean.at(id.frame), detections(detector, view, settings), settings);
+    outcomes[i].from_box = rooftop.from_box;
     const std::lock_guard lock(mutex);
     progress.update(++done);
   });
@@ -129,6 +126,7 @@ nlohmann::json to_json(const Evaluation& evaluation) {
   for (const HostOutcome& h : evaluation.hosts)
     hosts.push_back({{"frame", h.id.frame},
                      {"label", h.id.label},
+                     {"from_box", h.from_box},
                      {"range", h.range},
                      {"clean_iou", h.clean_iou},
                      {"attacked_iou", h.attacked_iou},
@@ -140,6 +138,7 @@ nlohmann::json to_json(const Evaluation& evaluation) {
                      {"false_positive_distance", h.false_positive_distance}});
   return {{"vehicles", evaluation.vehicles},
           {"hosts", evaluation.hosts.size()},
+          {"rooftops", to_json(evaluation.rooftops)},
           {"fn_asr", evaluation.fn_asr},
           {"fp_asr", evaluation.fp_asr},
           {"asr", evaluation.asr},

@@ -27,6 +27,7 @@ struct EvaluationSettings {
 /// What the detector says about one host, clean and attacked.
 struct HostOutcome {
   HostId id;
+  bool from_box = true;                        ///< the roof's pose is the labelled box's (Rooftop)
   double range = 0;                            ///< m, host's box centre from the `velo` origin
   double clean_iou = 0, attacked_iou = 0;      ///< best IoU of a detection with the host's box
   double clean_score = 0, attacked_score = 0;  ///< score of that detection
@@ -40,6 +41,7 @@ struct Evaluation {
   int vehicles = 0;  ///< hosts detected clean: the denominator
   double fn_asr = 0, fp_asr = 0, asr = 0;
   std::vector<double> iou, recall_clean, recall_attacked;
+  RooftopCount rooftops;  ///< of all hosts
 };
 
 /// Detections of one view: proposals over the threshold after suppression.

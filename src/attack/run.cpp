@@ -55,6 +55,7 @@ Run read_run(const std::filesystem::path& folder) {
     run.weights = json.at("weights").get<std::string>();
     run.target = json.at("target");
     run.depth = json.value("depth", run.depth);
+    run.rooftop = json.value("rooftop", run.rooftop);
     const auto read_hosts = [](const nlohmann::json& list) {
       std::vector<HostId> hosts;
       for (const auto& host : list) hosts.push_back({host.at("frame"), host.at("label")});

@@ -26,7 +26,7 @@ struct HostId {
 
 struct Run {
   std::filesystem::path folder, data, weights;  ///< weights: empty for the shipped ones
-  std::string detector, target, depth = "ip-basic";
+  std::string detector, target, depth = "ip-basic", rooftop = "box";
   std::vector<HostId> train, test;
   TexturedMesh adversary, random;
   SimulationSettings simulation;

@@ -34,6 +34,26 @@ std::unique_ptr<OIIO::ImageInput> open_image(const fs::path& path) {
                    "restore the file from its source");
 }
 
+/// 8-bit sRGB pixels of an opened picture as scene-linear RGB.
+ImageF read_linear(OIIO::ImageInput& input, const std::string& where, const std::string& field) {
+  static const std::array<float, 256> linear = [] {
+    std::array<float, 256> table{};
+    for (int i = 0; i < 256; ++i) table[i] = linear_from_srgb(static_cast<float>(i) / 255);
+    return table;
+  }();
+  const OIIO::ImageSpec& spec = input.spec();
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(spec.width) * spec.height * spec.nchannels);
+  if (!input.read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::UINT8, bytes.data()))
+    throw InputError(where, field, "truncated or damaged (" + input.geterror() + ")",
+                     "restore the file from its source");
+  ImageF image(spec.width, spec.height, 3);
+  const std::size_t pixels = static_cast<std::size_t>(spec.width) * spec.height;
+  for (std::size_t i = 0; i < pixels; ++i)
+    for (int c = 0; c < 3; ++c)
+      image.data[3 * i + c] = linear[bytes[i * spec.nchannels + (spec.nchannels >= 3 ? c : 0)]];
+  return image;
+}
+
 std::vector<std::uint8_t> encode(const ImageF& linear) {
   std::vector<std::uint8_t> bytes(linear.data.size());
   for (std::size_t i = 0; i < bytes.size(); ++i)
@@ -41,7 +61,8 @@ std::vector<std::uint8_t> encode(const ImageF& linear) {
   return bytes;
 }
 
-void write_image(const fs::path& path, const ImageF& shape, OIIO::TypeDesc type, const void* pixels) {
+template <class T>
+void write_image(const fs::path& path, const Image<T>& shape, OIIO::TypeDesc type, const void* pixels) {
   // The extension picks the format, so it stays last in the temporary name.
   const fs::path temporary = path.parent_path() / (std::string(".") + path.stem().string() + "." +
                                                    std::to_string(getpid()) + path.extension().string());
@@ -64,22 +85,17 @@ void write_image(const fs::path& path, const ImageF& shape, OIIO::TypeDesc type,
 }  // namespace
 
 ImageF read_srgb(const fs::path& path) {
-  static const std::array<float, 256> linear = [] {
-    std::array<float, 256> table{};
-    for (int i = 0; i < 256; ++i) table[i] = linear_from_srgb(static_cast<float>(i) / 255);
-    return table;
-  }();
-  auto input = open_image(path);
-  const OIIO::ImageSpec& spec = input->spec();
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(spec.width) * spec.height * spec.nchannels);
-  if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::UINT8, bytes.data()))
-    bad_pixels(path, input->geterror());
-  ImageF image(spec.width, spec.height, 3);
-  const std::size_t pixels = static_cast<std::size_t>(spec.width) * spec.height;
-  for (std::size_t i = 0; i < pixels; ++i)
-    for (int c = 0; c < 3; ++c)
-      image.data[3 * i + c] = linear[bytes[i * spec.nchannels + (spec.nchannels >= 3 ? c : 0)]];
-  return image;
+  return read_linear(*open_image(path), path.string(), "pixels");
+}
+
+ImageF decode_srgb(std::string_view bytes, const std::string& where, const std::string& field) {
+  OIIO::Filesystem::IOMemReader proxy(const_cast<char*>(bytes.data()), bytes.size());
+  const char* name = bytes.starts_with("\xff\xd8") ? "memory.jpg" : "memory.png";
+  auto input = OIIO::ImageInput::open(name, nullptr, &proxy);
+  if (!input)
+    throw InputError(where, field, "not a readable image (" + OIIO::geterror() + ")",
+                     "give a PNG or JPEG picture");
+  return read_linear(*input, where, field);
 }
 
 void write_srgb(const fs::path& path, const ImageF& linear) {
@@ -125,6 +141,22 @@ ImageF read_depth_png(const fs::path& path) {
   ImageF depth(spec.width, spec.height, 1);
   for (std::size_t i = 0; i < words.size(); ++i) depth.data[i] = static_cast<float>(words[i]) / 256;
   return depth;
+}
+
+void write_index_png(const fs::path& path, const Image<std::uint16_t>& indices) {
+  write_image(path, indices, OIIO::TypeDesc::UINT16, indices.data.data());
+}
+
+Image<std::uint16_t> read_index_png(const fs::path& path) {
+  auto input = open_image(path);
+  const OIIO::ImageSpec& spec = input->spec();
+  if (spec.nchannels != 1 || spec.format != OIIO::TypeDesc::UINT16)
+    throw InputError(path.string(), "header", "not a 16-bit grey picture",
+                     "store one 16-bit number a pixel, as mirage generate --truth does");
+  Image<std::uint16_t> indices(spec.width, spec.height, 1);
+  if (!input->read_image(0, 0, 0, 1, OIIO::TypeDesc::UINT16, indices.data.data()))
+    bad_pixels(path, input->geterror());
+  return indices;
 }
 
 ImageF read_exr(const fs::path& path) {

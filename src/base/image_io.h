@@ -1,7 +1,10 @@
 // Image files through OpenImageIO. PNG and JPEG hold 8-bit sRGB (16-bit PNG: depth), EXR scene-linear float.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <string>
+#include <string_view>
 
 #include "base/image.h"
 
@@ -13,6 +16,9 @@ ImageF read_srgb(const std::filesystem::path& path);
 void write_srgb(const std::filesystem::path& path, const ImageF& linear);
 /// The PNG file's bytes, for embedding.
 std::string encode_srgb_png(const ImageF& linear);
+/// The reverse of encode_srgb_png, for any picture in memory (PNG, JPEG): scene-linear RGB. InputError with
+/// `where` as the file and `field`.
+ImageF decode_srgb(std::string_view bytes, const std::string& where, const std::string& field);
 /// Width and height from the file's header only.
 void read_image_size(const std::filesystem::path& path, int& width, int& height);
 
@@ -21,6 +27,11 @@ void read_image_size(const std::filesystem::path& path, int& width, int& height)
 void write_depth_png(const std::filesystem::path& path, const ImageF& depth);
 /// InputError if it is not a 16-bit grey PNG.
 ImageF read_depth_png(const std::filesystem::path& path);
+
+/// Whole numbers (one channel, 0 … 65535) as 16-bit grey PNG, atomically: which object each pixel shows.
+void write_index_png(const std::filesystem::path& path, const Image<std::uint16_t>& indices);
+/// InputError if it is not a 16-bit grey PNG.
+Image<std::uint16_t> read_index_png(const std::filesystem::path& path);
 
 /// Reads an EXR as it is: float, all channels of the first part.
 ImageF read_exr(const std::filesystem::path& path);

@@ -29,11 +29,15 @@ auto call_plugin(const std::filesystem::path& file, const std::string& function,
   }
 }
 
-/// Runs work(error), which returns 0 or writes its reason to error: Failure naming file and function.
+/// Runs work(error), which returns 0 or writes its reason to error: Failure naming file and function, or
+/// InputError naming `given` when it returns 2: the file that the user gave to the plugin is to blame.
 template <class Work>
-void run_plugin(const std::filesystem::path& file, const std::string& function, const Work& work) {
+void run_plugin(const std::filesystem::path& file, const std::string& function, const Work& work,
+                const std::filesystem::path& given = {}) {
   char error[kPluginErrorSize] = "";
   const int status = call_plugin(file, function, [&] { return work(error); });
+  if (status == 2 && !given.empty())
+    throw InputError(given.string(), "", error[0] ? error : "no reason given", "check --weights");
   if (status != 0)
     throw Failure(file.string(), function + " failed (" + (error[0] ? error : "no reason given") + ")",
                   "check the input, the weights and the free memory");

@@ -3,8 +3,8 @@
 #include <memory>
 
 #include "cli/command.h"
-#include "cli/depth_options.h"
 #include "cli/detector_options.h"
+#include "cli/frame_options.h"
 #include "cli/table.h"
 
 namespace mirage::cli {
@@ -17,6 +17,7 @@ Command attack_command() {
     app.add_option("--data", settings->data, "data set in KITTI layout")->required();
     add_detector_options(app, settings->detector);
     add_depth_option(app, settings->depth);
+    add_rooftop_option(app, settings->rooftop);
     app.add_option("--target", settings->target, "both, image, lidar or random")->capture_default_str();
     app.add_option("--iterations", settings->iterations, "Adam steps")->capture_default_str();
     app.add_option("--batch", settings->batch, "host vehicles a step")->capture_default_str();
@@ -42,16 +43,18 @@ Command attack_command() {
     settings->out = common.out;
     settings->seed = common.seed;
     settings->quiet = common.quiet;
-    settings->detector = with_common(settings->detector, common);
+    settings->detector = with_common(settings->detector, common, settings->data);
     const AttackResult result = run_attack(*settings);
     print_table({{"vehicles to train on", std::to_string(result.vehicles_train)},
                  {"vehicles held back", std::to_string(result.vehicles_test)},
+                 {"roofs", roofs(result.rooftops.fitted, result.rooftops.from_box)},
                  {"iterations", std::to_string(result.iterations)},
                  {"loss (mean of the last tenth)", fmt::format("{:.4f}", result.loss)},
                  {"seconds an iteration", fmt::format("{:.2f}", result.seconds_per_iteration)},
                  {"adversary", (common.out / "adversary.glb").string()}});
     return {{"vehicles_train", result.vehicles_train},
             {"vehicles_test", result.vehicles_test},
+            {"rooftops", to_json(result.rooftops)},
             {"iterations", result.iterations},
             {"loss", result.loss},
             {"seconds_per_iteration", result.seconds_per_iteration}};

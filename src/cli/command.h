@@ -37,5 +37,6 @@ Command export_command();
 Command validate_command();
 Command demo_command();
 Command depth_command();
+Command render_command();
 
 }  // namespace mirage::cli

@@ -1,11 +1,14 @@
 // mirage detect: runs a detector over a data set and scores it.
 #include "detection/detect.h"
 
+#include <algorithm>
+#include <cstdio>
 #include <memory>
 
 #include "base/files.h"
 #include "base/progress.h"
-#include "cli/command.h"
+#include "cli/detector_options.h"
+#include "validation/detection_plot.h"
 
 namespace mirage::cli {
 namespace {
@@ -35,6 +38,27 @@ nlohmann::json detections_json(const DetectionRun& run) {
   return {{"frames", frames}};
 }
 
+nlohmann::json scores_json(const ScoredStratum& part) {
+  return {{"vehicles", part.at50.boxes},
+          {"ap50", part.at50.average_precision},
+          {"ap70", part.at70.average_precision},
+          {"recall50", part.at50.recall},
+          {"recall70", part.at70.recall}};
+}
+
+std::string key(std::string name) {
+  std::replace(name.begin(), name.end(), ' ', '_');
+  std::replace(name.begin(), name.end(), '-', '_');
+  return name;
+}
+
+void print_scores(const std::vector<ScoredStratum>& parts) {
+  std::printf("%-10s %9s %8s %8s %10s %10s\n", "", "vehicles", "AP50", "AP70", "recall50", "recall70");
+  for (const auto& [stratum, at50, at70] : parts)
+    std::printf("%-10s %9d %8.3f %8.3f %10.3f %10.3f\n", stratum.name.c_str(), at50.boxes,
+                at50.average_precision, at70.average_precision, at50.recall, at70.recall);
+}
+
 }  // namespace
 
 Command detect_command() {
@@ -45,16 +69,12 @@ Command detect_command() {
   command.default_out = "out/detect";
   command.options = [chosen](CLI::App& app) {
     app.add_option("--data", chosen->data, "Data set in KITTI layout")->required();
-    app.add_option("--detector", chosen->detector.detector, "fusion, lidar or a plugin (*.so)")
-        ->capture_default_str();
-    app.add_option("--weights", chosen->detector.weights, "Weights file (default: the shipped one)");
+    add_detector_options(app, chosen->detector);
     app.add_option("--frames", chosen->frames, "Only the first N frames (0: all)")->capture_default_str();
   };
   command.run = [chosen](const Common& common) -> nlohmann::json {
     make_output_folder(common.out);
-    chosen->detector.seed = common.seed;
-    chosen->detector.threads = common.threads;
-    const auto detector = load_detector(chosen->detector);
+    const auto detector = load_detector(with_common(chosen->detector, common, chosen->data));
     std::unique_ptr<Progress> progress;
     const DetectionRun run =
         detect_data_set(*detector, chosen->data, chosen->frames, [&](std::size_t done, std::size_t total) {
@@ -63,14 +83,22 @@ Command detect_command() {
         });
     progress.reset();
     write_json(common.out / "detections.json", detections_json(run));
-    if (!common.quiet)
-      std::printf("frames %zu   vehicles %d   AP50 %.3f   AP70 %.3f   recall50 %.3f   %.3f s a frame\n",
-                  run.ids.size(), run.at50.boxes, run.at50.average_precision, run.at70.average_precision,
-                  run.at50.recall, run.seconds_per_frame);
-    return {{"frames", run.ids.size()},           {"vehicles", run.at50.boxes},
-            {"ap50", run.at50.average_precision}, {"ap70", run.at70.average_precision},
-            {"recall50", run.at50.recall},        {"recall70", run.at70.recall},
-            {"detector", detector->name()},       {"seconds_per_frame", run.seconds_per_frame}};
+    std::vector<ScoredStratum> parts(1);
+    parts[0].stratum.name = "all";
+    parts[0].at50 = run.at50;
+    parts[0].at70 = run.at70;
+    parts.insert(parts.end(), run.strata.begin(), run.strata.end());
+    if (!common.quiet) {
+      std::printf("frames %zu   %.3f s a frame\n", run.ids.size(), run.seconds_per_frame);
+      print_scores(parts);
+    }
+    nlohmann::json result = scores_json(parts[0]);
+    result["frames"] = run.ids.size();
+    result["detector"] = detector->name();
+    result["seconds_per_frame"] = run.seconds_per_frame;
+    for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);
+    result["plots"] = plot_precision_recall(parts, detector->name(), common.out);
+    return result;
   };
   return command;
 }

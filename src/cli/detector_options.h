@@ -5,16 +5,21 @@
 
 #include "cli/command.h"
 #include "detection/detector.h"
+#include "scene/data_rig.h"
 
 namespace mirage::cli {
 
 inline void add_detector_options(CLI::App& app, DetectorOptions& options) {
-  app.add_option("--detector", options.detector, "fusion, lidar, or a plugin's path (*.so)")
+  app.add_option("--detector", options.detector, "fusion, lidar, torchscript or a plugin (*.so)")
       ->capture_default_str();
-  app.add_option("--weights", options.weights, "weights file (default: the shipped ones)");
+  app.add_option("--weights", options.weights,
+                 "weights file (default: the shipped ones for the data set's rig)");
 }
 
-inline DetectorOptions with_common(DetectorOptions options, const Common& common) {
+/// `data`: the data set that the detector is to see; its rig chooses the shipped weights.
+inline DetectorOptions with_common(DetectorOptions options, const Common& common,
+                                   const std::filesystem::path& data) {
+  options.rig = data_rig(data);
   options.seed = common.seed;
   options.threads = common.threads;
   return options;

@@ -5,6 +5,7 @@
 #include "base/error.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
+#include "cli/frame_options.h"
 #include "cli/table.h"
 #include "scene/kitti.h"
 
@@ -15,7 +16,7 @@ struct Options {
   std::filesystem::path run, data;
   DetectorOptions detector;
   EvaluationSettings evaluation;
-  std::string hosts = "test", depth;
+  std::string hosts = "test", depth, rooftop;
 
   Options() { detector.detector.clear(); }  // empty: the run's
 };
@@ -40,6 +41,7 @@ Command evaluate_command() {
     app.add_option("--data", options->data, "data set (default: the run's)");
     add_detector_options(app, options->detector);
     app.add_option("--depth", options->depth, "ip-basic, guided or a plugin (*.so); default: the run's");
+    add_rooftop_option_of_run(app, options->rooftop);
     app.add_option("--hosts", options->hosts, "test, train or all hosts of the run")->capture_default_str();
     app.add_option("--score", options->evaluation.score_threshold, "score of a detection")
         ->capture_default_str();
@@ -50,13 +52,13 @@ Command evaluate_command() {
     const Run run = read_run(options->run);
     use_detector_of(run, options->detector);
     const auto data = options->data.empty() ? run.data : options->data;
-    FrameStore store(data, lidar_of(data),
-                     load_depth_completion({options->depth.empty() ? run.depth : options->depth}));
+    FrameStore store(data, options->depth.empty() ? run.depth : options->depth,
+                     options->rooftop.empty() ? run.rooftop : options->rooftop);
     options->evaluation.quiet = common.quiet;
     const auto list = [&] {
       if (!is_other_data(run, data)) return chosen_hosts(run, options->hosts);
       // Another data set than the run's: all its usable vehicles are unseen ones.
-      const auto region = load_detector(with_common(options->detector, common))->region();
+      const auto region = load_detector(with_common(options->detector, common, data))->region();
       std::vector<HostId> found;
       for (const Host& host : find_all_hosts(store, list_frames(data), region, run.simulation, run.min_view))
         found.push_back(host.id);
@@ -67,12 +69,13 @@ Command evaluate_command() {
       throw InputError((options->run / "run.json").string(), options->hosts, "has no host vehicles",
                        "use --hosts all or a larger data set");
     const DetectorPool detectors =
-        load_detector_pool(with_common(options->detector, common), static_cast<int>(hosts.size()));
+        load_detector_pool(with_common(options->detector, common, data), static_cast<int>(hosts.size()));
     const auto judged = [&](const TexturedMesh& mesh) {
       return evaluate(detectors, store, hosts, mesh, run.simulation, options->evaluation);
     };
     const Evaluation learned = judged(run.adversary), random = judged(run.random);
     print_table({{"hosts", std::to_string(hosts.size())},
+                 {"roofs", roofs(learned.rooftops.fitted, learned.rooftops.from_box)},
                  {"vehicles detected without adversary", std::to_string(learned.vehicles)},
                  {"FN ASR, learned | random mesh", percent(learned.fn_asr) + " | " + percent(random.fn_asr)},
                  {"FP ASR, learned | random mesh", percent(learned.fp_asr) + " | " + percent(random.fp_asr)},

@@ -9,6 +9,7 @@
 #include "base/interrupt.h"
 #include "base/progress.h"
 #include "cli/command.h"
+#include "cli/frame_options.h"
 #include "cli/table.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
@@ -19,6 +20,7 @@ namespace {
 
 struct Options {
   std::filesystem::path run, data;
+  std::string rooftop;
   int frames = 1;
 };
 
@@ -28,18 +30,18 @@ nlohmann::json run(const Options& options, const Common& common) {
   require_own_data(run, data);
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = select_hosts(run, options.frames);
-  FrameStore store(data, lidar_of(data), load_depth_completion({run.depth}));
-  const BoxRooftopFinder finder;
+  FrameStore store(data, run.depth, options.rooftop.empty() ? run.rooftop : options.rooftop);
+  RooftopCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);
   auto files = nlohmann::json::array({"adversary.glb"});
   for (const HostId& id : hosts) {
     throw_if_interrupted("the files written so far are complete");
     const PreparedFrame& prepared = store.get(id.frame);
-    const Label& label = label_of(prepared.frame, id);
+    const Rooftop& rooftop = store.rooftop(id);
+    rooftops.add(rooftop);
     const std::string name = host_name(id);
-    write_scene(
-        common.out / (name + ".glb"),
-        host_scene(prepared.frame, label, place(run.adversary, finder.find(prepared.frame, label)), name));
+    write_scene(common.out / (name + ".glb"),
+                host_scene(prepared.frame, label_of(prepared.frame, id), rooftop, run.adversary, name));
     files.push_back(name + ".glb");
     progress.update(files.size() - 1);
   }
@@ -47,8 +49,9 @@ nlohmann::json run(const Options& options, const Common& common) {
   print_table({{"adversary", fmt::format("{} vertices, {} faces, {}×{} texels a face", mesh.vertices.size(),
                                          mesh.faces.size(), atlas.resolution, atlas.resolution)},
                {"scenes", std::to_string(hosts.size())},
+               {"roofs", roofs(rooftops.fitted, rooftops.from_box)},
                {"folder", common.out.string()}});
-  return {{"scenes", hosts.size()}, {"files", files}};
+  return {{"scenes", hosts.size()}, {"rooftops", to_json(rooftops)}, {"files", files}};
 }
 
 }  // namespace
@@ -59,6 +62,7 @@ Command export_command() {
           [options](CLI::App& app) {
             app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
             app.add_option("--data", options->data, "data set (default: the run's)");
+            add_rooftop_option_of_run(app, options->rooftop);
             app.add_option("--frames", options->frames,
                            "frames to export, test frames first; 0: all test frames")
                 ->check(CLI::NonNegativeNumber);

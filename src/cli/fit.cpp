@@ -97,7 +97,7 @@ nlohmann::json fit_data_set(const Options& options, const Common& common) {
   std::vector<std::string> ids = list_frames(options.data);
   if (options.frames > 0 && ids.size() > static_cast<std::size_t>(options.frames))
     ids.resize(static_cast<std::size_t>(options.frames));
-  const auto seed = generator::seed_of(options.data);
+  const auto source = generator::source_of(options.data);
   FitFrameSettings frame_settings = options.frame;
   frame_settings.seed = common.seed;
 
@@ -109,8 +109,9 @@ nlohmann::json fit_data_set(const Options& options, const Common& common) {
     if (interrupted()) return;
     const Frame frame = read_frame(options.data, ids[i]);
     std::vector<generator::TrueVehicle> truth;
-    if (seed) truth = generator::true_vehicles(*seed, std::stoull(ids[i]), lidar.height);
-    found[i] = fit_frame(finder, frame, lidar, frame_settings, seed ? &truth : nullptr);
+    if (source)
+      truth = generator::true_vehicles(source->seed, std::stoull(ids[i]), lidar.height, source->look);
+    found[i] = fit_frame(finder, frame, lidar, frame_settings, source ? &truth : nullptr);
     if (options.format != "none")
       for (const FittedVehicle& v : found[i])
         if (v.fit.fitted)
@@ -133,7 +134,7 @@ nlohmann::json fit_data_set(const Options& options, const Common& common) {
   summary["fitted"] = summary.at("all").at("fitted");
   summary["from_box"] = summary.at("all").at("from_box");
   summary["model"] = model_file.string();
-  summary["truth_known"] = seed.has_value();
+  summary["truth_known"] = source.has_value();
   summary["label_noise"] = frame_settings.label_noise;
   return summary;
 }

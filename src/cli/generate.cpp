@@ -16,9 +16,9 @@ namespace mirage::cli {
 
 Command generate_command() {
   struct Options {
-    std::string rig = "kitti64", lidar;
+    std::string rig = "kitti64", lidar, look;
     int frames = 10, start = 0;
-    bool depth = false;
+    bool depth = false, truth = false;
   };
   auto options = std::make_shared<Options>();
   Command command;
@@ -26,10 +26,11 @@ Command generate_command() {
   command.help = "Write synthetic frames in KITTI layout";
   command.default_out = "generated";
   command.options = [options](CLI::App& app) {
-    app.add_option("--rig", options->rig, "Sensor rig: kitti64, or a rig file (.toml)")
+    app.add_option("--rig", options->rig, "Sensor rig: kitti64, xenith, or a rig file (.toml)")
         ->capture_default_str();
     app.add_option("--lidar", options->lidar,
                    "Another unit than the rig's own: hdl32e, vlp16, vls128, or a file (.toml)");
+    app.add_option("--look", options->look, "Another look than the rig's own: european, american");
     app.add_option("--frames", options->frames, "How many frames")
         ->capture_default_str()
         ->check(CLI::Range(1, 1000000));
@@ -39,17 +40,25 @@ Command generate_command() {
     app.add_flag(
         "--depth", options->depth,
         "Write each frame's true depth too (training/depth/ID.png, KITTI's 16-bit format; sky is 0)");
+    app.add_flag(
+        "--truth", options->truth,
+        "Write depth and which object each pixel and point belongs to (training/instance_2/ID.png: "
+        "k + 1 for line k of the labels; training/instance_velodyne/ID.label: SemanticKITTI's layout)");
   };
   command.run = [options](const Common& common) {
     Rig rig =
         read_rig(options->rig.ends_with(".toml") ? std::filesystem::path(options->rig)
                                                  : shipped_file("scenes/rigs/" + options->rig + ".toml"));
     if (!options->lidar.empty()) rig = with_lidar(rig, options->lidar);
+    if (!options->look.empty()) rig = with_look(rig, parse_look(options->look, "generate", "--look"));
     const auto start = std::chrono::steady_clock::now();
     Progress progress("generate", options->frames, common.quiet);
     const DatasetSummary sum = generate_dataset(
         rig, common.seed, options->start, options->frames, common.out,
-        [&](std::size_t done) { progress.update(done); }, options->depth);
+        [&](std::size_t done) { progress.update(done); },
+        options->truth   ? Truth::all
+        : options->depth ? Truth::depth
+                         : Truth::none);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     if (!common.quiet) {
       fmt::print("frames written   {:6}   (kept from before: {})\n", sum.written, sum.kept);
@@ -65,6 +74,7 @@ Command generate_command() {
                           {"others", sum.others},
                           {"points", sum.points},
                           {"rig", rig.name},
+                          {"look", name_of(rig.look)},
                           {"seconds", seconds}};
   };
   return command;

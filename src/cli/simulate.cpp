@@ -1,23 +1,25 @@
 #include <fmt/format.h>
 
 #include <chrono>
+#include <cmath>
 #include <memory>
 
 #include "attack/hosts.h"
 #include "base/error.h"
 #include "base/image_io.h"
 #include "cli/command.h"
-#include "cli/depth_options.h"
+#include "cli/frame_options.h"
 #include "cli/table.h"
 #include "exchange/gltf.h"
 #include "scene/kitti.h"
+#include "scene/shape/shape_rooftop.h"
 
 namespace mirage::cli {
 namespace {
 
 struct Options {
   std::filesystem::path data, mesh;
-  std::string frame, depth = "ip-basic";
+  std::string frame, depth = "ip-basic", rooftop = kDefaultRooftop;
   int vehicle = 0;
 };
 
@@ -44,13 +46,15 @@ Command simulate_command() {
     app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();
     app.add_option("--vehicle", options->vehicle, "label index of the host, from 0")->capture_default_str();
     add_depth_option(app, options->depth);
+    add_rooftop_option(app, options->rooftop);
     app.add_option("--mesh", options->mesh, "adversary (.glb)")->required();
   };
   command.run = [options](const Common& common) -> nlohmann::json {
     const TexturedMesh adversary = read_adversary(options->mesh);
+    const LidarModel lidar = lidar_of(options->data);
     const auto depth = load_depth_completion({options->depth});
-    const PreparedFrame prepared =
-        prepare(read_frame(options->data, options->frame), lidar_of(options->data), depth.get());
+    const auto finder = make_rooftop_finder(options->rooftop, lidar);
+    const PreparedFrame prepared = prepare(read_frame(options->data, options->frame), lidar, depth.get());
     const auto& labels = prepared.frame.labels;
     const auto index = static_cast<std::size_t>(options->vehicle);
     if (options->vehicle < 0 || index >= labels.size() || labels[index].type == "DontCare")
@@ -58,16 +62,22 @@ Command simulate_command() {
                        "frame " + options->frame + " has " + std::to_string(labels.size()) +
                            " labels and this is not a vehicle among them",
                        "give the index of a vehicle's row in label_2/" + options->frame + ".txt");
+    const Box3& box = labels[index].box;
+    const Rooftop rooftop = finder->find(prepared.frame, labels[index]);
+    const Transform& roof = rooftop.velo_from_adversary;
+    const double over_box = roof.translation().z() - box.bottom - box.height;
     const auto start = std::chrono::steady_clock::now();
-    const Simulated simulated =
-        simulate(prepared, labels[index], BoxRooftopFinder().find(prepared.frame, labels[index]), adversary);
+    const Simulated simulated = simulate(prepared, labels[index], rooftop, adversary);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     write_srgb(common.out / "image.png", simulated.image);
     write_srgb(common.out / "mask.png",
                mask_picture(simulated, simulated.image.width, simulated.image.height));
     write_exr(common.out / "depth.exr", prepared.depth);
     write_sweep(common.out / "sweep.bin", simulated.sweep);
-    print_table({{"pixels on the adversary", std::to_string(simulated.adversary_pixels)},
+    print_table({{"roof", rooftop.from_box
+                              ? "the labelled box's" + (rooftop.reason.empty() ? "" : ": " + rooftop.reason)
+                              : fmt::format("fitted, {:+.3f} m over the labelled box", over_box)},
+                 {"pixels on the adversary", std::to_string(simulated.adversary_pixels)},
                  {"returns on the adversary", std::to_string(simulated.adversary_points)},
                  {"returns hidden by the scene", std::to_string(simulated.occluded_points)},
                  {"returns that the adversary hides", std::to_string(simulated.removed_points)},
@@ -80,6 +90,12 @@ Command simulate_command() {
             {"occluded_points", simulated.occluded_points},
             {"removed_points", simulated.removed_points},
             {"visible_share", simulated.visible_share},
+            {"rooftop",
+             {{"from_box", rooftop.from_box},
+              {"reason", rooftop.reason},
+              {"velo", {roof(0, 3), roof(1, 3), roof(2, 3)}},
+              {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
+              {"over_box_m", over_box}}},
             {"lost_points", simulated.lost_points},
             {"sweep_points", prepared.frame.sweep.size()},
             {"sweep_rays_assigned", prepared.index.assigned_share()},

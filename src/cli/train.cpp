@@ -13,7 +13,6 @@ namespace {
 struct Options : TrainingOptions {
   std::string what = "detector", backend = "guided";
   int crop = DepthTrainingOptions().crop;
-  std::filesystem::path start;
   DepthAugmentation augmentation;
 };
 
@@ -65,7 +64,10 @@ Command train_command() {
     app.add_option("--depth", chosen->backend, "depth: guided, or a plugin's path (*.so)")
         ->capture_default_str();
     app.add_option("--crop", chosen->crop, "depth: width of a sample, pixels")->capture_default_str();
-    app.add_option("--start", chosen->start, "depth: weights to start from (default: fresh ones)");
+    app.add_option("--start", chosen->start,
+                   "Weights to start from (default: fresh ones); fusion may start from lidar weights");
+    app.add_flag("--bfloat16", chosen->bfloat16,
+                 "detector: convolutions in bfloat16; quicker where the processor has it, slower elsewhere");
     app.add_option("--without-picture", chosen->augmentation.without_picture,
                    "depth: share of samples whose picture is one grey")
         ->capture_default_str();
@@ -85,6 +87,14 @@ Command train_command() {
         ->check(CLI::PositiveNumber)
         ->capture_default_str();
     app.add_option("--frames", chosen->frames, "Only the first N frames (0: all)")->capture_default_str();
+    app.add_option("--ground-truth-sampling", chosen->ground_truth_sampling,
+                   "detector: mean number of other frames' vehicles pasted into a sample; fusion needs a set "
+                   "made with --truth")
+        ->capture_default_str();
+    app.add_option("--validate-every", chosen->validate_every,
+                   "detector: steps between validations (0: at the end only)")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
     app.add_option("--validation-frames", chosen->validation_frames, "Only the first N (0: all)")
         ->capture_default_str();
   };

@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "cli/command.h"
+#include "cli/frame_options.h"
 #include "cli/table.h"
 
 namespace mirage::cli {
@@ -18,6 +19,7 @@ void print_result(const nlohmann::json& result) {
   const auto count = [](const nlohmann::json& from, const char* key) { return from.at(key).get<int>(); };
   Rows rows = {
       {"vehicles", fmt::format("{} in {} frames", count(result, "vehicles"), count(result, "frames"))},
+      {"roofs", roofs(result.at("rooftops").at("fitted"), result.at("rooftops").at("from_box"))},
       {"matched light",
        fmt::format("mask IoU {:.6f}, MAE {:.2e}, largest error {:.2e}", number(matched, "mask_iou"),
                    number(matched, "mae"), number(matched, "max_error"))},
@@ -52,6 +54,7 @@ Command validate_command() {
         app.add_option("--data", options->data, "data set (default: the run's)");
         app.add_option("--detector", options->detector.detector, "detector (default: the run's)");
         app.add_option("--weights", options->detector.weights, "the detector's weights (default: the run's)");
+        add_rooftop_option_of_run(app, options->rooftop);
         app.add_option("--frames", options->frames,
                        "frames to validate, test frames first; 0: all test frames")
             ->check(CLI::NonNegativeNumber);

@@ -1,20 +1,35 @@
 #include "detection/average_precision.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace mirage {
 namespace {
 
-constexpr double kMostTruncated = 0.5, kLeastHeight = 25;
-constexpr int kMostOccluded = 2, kLeastPoints = 3;
-constexpr double kGrown = 0.1;  // m: returns scatter around a surface
+constexpr int kLeastPoints = 3;
+constexpr double kGrown = 0.1;       // m: returns scatter around a surface
+constexpr double kCarHeight = 1.53;  // m, KITTI's mean
+
+/// Geiger et al., CVPR 2012; the benchmark's development kit.
+struct Level {
+  double least_height;  // pixels
+  int most_occluded;
+  double most_truncated;
+};
+constexpr Level kLevels[] = {{40, 0, 0.15}, {25, 1, 0.3}, {25, 2, 0.5}};
+
+const Level& level(Difficulty difficulty) {
+  return kLevels[static_cast<int>(difficulty)];
+}
+
+bool meets(const Label& label, const Level& limits) {
+  return label.bottom - label.top >= limits.least_height && label.occluded <= limits.most_occluded &&
+         label.truncated <= limits.most_truncated;
+}
 
 bool counts(const Label& label, std::span<const LidarPoint> points, const std::array<double, 4>& region) {
-  if (label.type != "Car" || label.truncated > kMostTruncated || label.occluded > kMostOccluded ||
-      label.bottom - label.top < kLeastHeight)
-    return false;
+  if (!counts_by_label(label, region)) return false;
   const BevBox& box = label.box.bev;
-  if (!(box.x >= region[0] && box.x <= region[1] && box.y >= region[2] && box.y <= region[3])) return false;
   const Transform box_from_velo = velo_from_box(label.box).inverse();
   int inside = 0;
   for (const LidarPoint& point : points) {
@@ -32,6 +47,18 @@ struct Detection {
 
 }  // namespace
 
+bool counts_by_label(const Label& label, const std::array<double, 4>& region) {
+  const BevBox& box = label.box.bev;
+  return label.type == "Car" && meets(label, level(Difficulty::hard)) && box.x >= region[0] &&
+         box.x <= region[1] && box.y >= region[2] && box.y <= region[3];
+}
+
+Difficulty easiest_level(const Label& label) {
+  for (const Difficulty one : {Difficulty::easy, Difficulty::moderate})
+    if (meets(label, level(one))) return one;
+  return Difficulty::hard;
+}
+
 GroundTruth ground_truth(const Frame& frame, std::span<const LidarPoint> points,
                          const std::array<double, 4>& region) {
   GroundTruth truth;
@@ -41,6 +68,7 @@ GroundTruth ground_truth(const Frame& frame, std::span<const LidarPoint> points,
     if (counts(label, points, region)) {
       truth.boxes.push_back(label.box.bev);
       truth.labels.push_back(i);
+      truth.difficulty.push_back(easiest_level(label));
     } else {
       truth.ignore.push_back(label.box.bev);
     }
@@ -62,7 +90,6 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
   std::stable_sort(detections.begin(), detections.end(),
                    [](const Detection& a, const Detection& b) { return a.logit > b.logit; });
 
-  std::vector<double> precision, recall;
   int hits = 0, alarms = 0;
   for (const Detection& detection : detections) {
     const ScoredFrame& frame = frames[detection.frame];
@@ -86,18 +113,56 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
       if (std::any_of(frame.truth.ignore.begin(), frame.truth.ignore.end(), covers)) continue;
       ++alarms;
     }
-    precision.push_back(static_cast<double>(hits) / (hits + alarms));
-    recall.push_back(static_cast<double>(hits) / result.boxes);
+    result.curve.push_back(
+        {static_cast<double>(hits) / result.boxes, static_cast<double>(hits) / (hits + alarms)});
   }
   result.recall = static_cast<double>(hits) / result.boxes;
-  for (std::size_t i = precision.size(); i-- > 1;)
-    precision[i - 1] = std::max(precision[i - 1], precision[i]);
+  auto& curve = result.curve;
+  for (std::size_t i = curve.size(); i-- > 1;) curve[i - 1][1] = std::max(curve[i - 1][1], curve[i][1]);
   std::size_t at = 0;
   for (int step = 1; step <= 40; ++step) {
-    while (at < recall.size() && recall[at] < step / 40.0 - 1e-9) ++at;
-    if (at < recall.size()) result.average_precision += precision[at] / 40;
+    while (at < curve.size() && curve[at][0] < step / 40.0 - 1e-9) ++at;
+    if (at < curve.size()) result.average_precision += curve[at][1] / 40;
   }
   return result;
+}
+
+std::vector<Stratum> standard_strata() {
+  return {{"0-20 m", 0, 20},
+          {"20-40 m", 20, 40},
+          {"40-70 m", 40, 70},
+          {"0-40 m", 0, 40},
+          {"easy", 0, 1e9, Difficulty::easy},
+          {"moderate", 0, 1e9, Difficulty::moderate},
+          {"hard", 0, 1e9, Difficulty::hard}};
+}
+
+PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou,
+                                  const Stratum& stratum) {
+  std::vector<ScoredFrame> kept;
+  for (const ScoredFrame& frame : frames) {
+    ScoredFrame part;
+    part.truth.ignore = frame.truth.ignore;
+    const auto in_range = [&](const BevBox& box) {
+      const double distance = std::hypot(box.x, box.y);
+      return distance >= stratum.nearest && distance < stratum.farthest;
+    };
+    for (std::size_t i = 0; i < frame.truth.boxes.size(); ++i) {
+      const BevBox& box = frame.truth.boxes[i];
+      const bool inside = in_range(box) && frame.truth.difficulty[i] <= stratum.hardest;
+      (inside ? part.truth.boxes : part.truth.ignore).push_back(box);
+    }
+    for (const Proposal& proposal : frame.detections) {
+      const double height = frame.focal_length * kCarHeight / std::max(proposal.box.x, 1.0);
+      const bool high = frame.focal_length == 0 || height >= level(stratum.hardest).least_height;
+      const auto found = [&](const BevBox& box) { return iou(proposal.box, box) >= min_iou; };
+      if ((high && in_range(proposal.box)) ||
+          std::any_of(part.truth.boxes.begin(), part.truth.boxes.end(), found))
+        part.detections.push_back(proposal);
+    }
+    kept.push_back(std::move(part));
+  }
+  return average_precision(kept, min_iou);
 }
 
 }  // namespace mirage

@@ -1,19 +1,33 @@
 // How good a detector is: which labels count, and average precision over them.
 #pragma once
 
+#include <array>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "detection/detector.h"
 
 namespace mirage {
 
+/// KITTI's levels. Cars of a level: easy at least 40 pixels high, occluded 0, truncated ≤ 0.15; moderate at
+/// least 25, ≤ 1, ≤ 0.3; hard at least 25, ≤ 2, ≤ 0.5. A harder level includes the easier ones.
+enum class Difficulty { easy, moderate, hard };
+/// The easiest level whose limits the label meets; hard if it meets none.
+Difficulty easiest_level(const Label& label);
+
 /// The labels of one frame as detection sees them.
 struct GroundTruth {
-  std::vector<BevBox> boxes;        ///< must be found
-  std::vector<BevBox> ignore;       ///< may be found: neither right nor wrong
-  std::vector<std::size_t> labels;  ///< index into frame.labels of each of `boxes`
+  std::vector<BevBox> boxes;                ///< must be found
+  std::vector<BevBox> ignore;               ///< may be found: neither right nor wrong
+  std::vector<std::size_t> labels;          ///< index into frame.labels of each of `boxes`
+  std::vector<Difficulty> difficulty = {};  ///< the easiest level of each of `boxes`
+  /// In `labels`: a vehicle that ground-truth sampling pasted.
+  static constexpr std::size_t kPasted = static_cast<std::size_t>(-1);
 };
+
+/// The part of ground_truth's rule that needs no points.
+bool counts_by_label(const Label& label, const std::array<double, 4>& region);
 
 /// KITTI's "hard" cars that can be seen at all. A label must be found if it is a Car, truncated ≤ 0.5,
 /// occluded ≤ 2, at least 25 pixels high in the image, with its centre inside `region` and at least 3 of
@@ -26,12 +40,16 @@ GroundTruth ground_truth(const Frame& frame, std::span<const LidarPoint> points,
 struct ScoredFrame {
   std::vector<Proposal> detections;
   GroundTruth truth;
+  double focal_length = 0;  ///< pixels (fy); 0: unknown
 };
 
 struct PrecisionRecall {
   double average_precision = 0;  ///< in [0, 1]
   double recall = 0;             ///< share of the boxes found by any detection
   int boxes = 0;
+  /// (recall, precision) after each detection that counts, by falling score; precision is the best at that
+  /// recall or above.
+  std::vector<std::array<double, 2>> curve;
 };
 
 /// Detections of all frames are taken by falling score (ties: frame, then place in the frame). Each claims
@@ -40,5 +58,22 @@ struct PrecisionRecall {
 /// and is a false alarm when not. AP is the mean over recalls 1/40 … 40/40 of the best precision at that
 /// recall or above (Simonelli et al., ICCV 2019; KITTI since 2019). Without boxes AP and recall are 0.
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou);
+
+/// Part of the boxes: those whose centre is at a distance in [nearest, farthest) of the sensor, of a level or
+/// an easier one.
+struct Stratum {
+  std::string name;
+  double nearest = 0, farthest = 1e9;  ///< m
+  Difficulty hardest = Difficulty::hard;
+};
+/// "0-20 m", "20-40 m", "40-70 m", "0-40 m", "easy", "moderate", "hard".
+std::vector<Stratum> standard_strata();
+
+/// AP over a stratum. Boxes outside of it are ignored, not missed. A detection that overlaps none of its
+/// boxes by `min_iou` counts neither way when it is itself outside: by its distance, or, as in KITTI's
+/// benchmark, when it is less than the level's number of pixels high in the image (of a car 1.53 m high,
+/// KITTI's mean, at its distance ahead).
+PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou,
+                                  const Stratum& stratum);
 
 }  // namespace mirage

@@ -1,8 +1,10 @@
 #include "detection/detect.h"
 
 #include <chrono>
+#include <future>
 
 #include "base/interrupt.h"
+#include "base/parallel.h"
 #include "detection/points_in_view.h"
 #include "scene/kitti.h"
 
@@ -21,9 +23,16 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
   run.ids = list_frames(data);
   if (limit > 0 && run.ids.size() > limit) run.ids.resize(limit);
   double seconds = 0;
+  const auto policy = thread_count() > 1 ? std::launch::async : std::launch::deferred;
+  const auto read = [&](std::size_t i) {
+    return std::async(policy, [&data, id = run.ids[i]] { return read_frame(data, id); });
+  };
+  std::future<Frame> next;
+  if (!run.ids.empty()) next = read(0);
   for (std::size_t i = 0; i < run.ids.size(); ++i) {
     throw_if_interrupted("no results were written yet");
-    const Frame frame = read_frame(data, run.ids[i]);
+    const Frame frame = next.get();
+    if (i + 1 < run.ids.size()) next = read(i + 1);
     const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
     const auto start = Clock::now();
     ScoredFrame scored;
@@ -31,11 +40,15 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
         suppress(detector.forward({&frame.image, points, &frame.calibration}, kScoreThresholdForAp, false));
     seconds += std::chrono::duration<double>(Clock::now() - start).count();
     scored.truth = ground_truth(frame, points, detector.region());
+    scored.focal_length = frame.calibration.camera.fy;
     run.frames.push_back(std::move(scored));
     if (progress) progress(i + 1, run.ids.size());
   }
   run.at50 = average_precision(run.frames, 0.5);
   run.at70 = average_precision(run.frames, 0.7);
+  for (const Stratum& stratum : standard_strata())
+    run.strata.push_back(
+        {stratum, average_precision(run.frames, 0.5, stratum), average_precision(run.frames, 0.7, stratum)});
   run.seconds_per_frame = run.ids.empty() ? 0 : seconds / static_cast<double>(run.ids.size());
   return run;
 }

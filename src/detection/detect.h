@@ -20,15 +20,21 @@ std::vector<Proposal> detect_vehicles(Detector& detector, const ImageF& image, c
                                       const Calibration& calibration,
                                       double score_threshold = kScoreThreshold);
 
+struct ScoredStratum {
+  Stratum stratum;
+  PrecisionRecall at50, at70;
+};
+
 struct DetectionRun {
   std::vector<std::string> ids;
   std::vector<ScoredFrame> frames;
   PrecisionRecall at50, at70;
-  double seconds_per_frame = 0;  ///< of the detector alone
+  std::vector<ScoredStratum> strata;  ///< standard_strata()
+  double seconds_per_frame = 0;       ///< of the detector alone
 };
 
-/// Runs the detector on each frame of `data` (or on the first `limit`). `progress(done, total)` may be empty.
-/// Throws Interrupted between frames.
+/// Runs the detector on each frame of `data` (or on the first `limit`); the next frame is read meanwhile when
+/// there is more than one thread. `progress(done, total)` may be empty. Throws Interrupted between frames.
 DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit = 0,
                              const std::function<void(std::size_t, std::size_t)>& progress = {});
 

@@ -62,10 +62,15 @@ class Detector {
 
 struct DetectorOptions {
   std::string detector = "fusion";  ///< "fusion", "lidar", or a path to a plugin (*.so)
-  std::filesystem::path weights;    ///< empty: the shipped weights
+  std::filesystem::path weights;    ///< empty: the shipped ones, DETECTOR-RIG.weights
   bool fresh = false;               ///< train from scratch: no weights are read
   std::uint64_t seed = 0;
   int threads = 0;  ///< 0: as set by set_thread_count
+  /// `weights` are where a new training starts: its optimiser is fresh, and `fusion` may start from weights
+  /// of `lidar` (the same network without its image branch, which then adds nothing at first).
+  bool start = false;
+  std::string rig = "kitti64";  ///< of the data the detector is to see (data_rig): chooses shipped weights
+  bool bfloat16 = false;        ///< training passes in bfloat16, where the plugin can
 };
 
 /// The weights file that load_detector would read (empty for fresh ones). Errors as load_detector's.

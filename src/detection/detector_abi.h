@@ -3,8 +3,9 @@
  * A detector is a shared library that exports
  *     const MirageDetectorApi* mirage_detector_api(void);
  * The host checks abi_version before it touches anything else. Every function that can fail returns 0 on
- * success and otherwise writes one line to `error` (error_size bytes, NUL-terminated).
- * An instance is used by one thread at a time. */
+ * success and otherwise writes one line to `error` (error_size bytes, NUL-terminated): 2 says that the
+ * weights file, which the user gave, is to blame, any other number that something failed. An instance is used
+ * by one thread at a time. */
 #ifndef MIRAGE_DETECTION_DETECTOR_ABI_H_
 #define MIRAGE_DETECTION_DETECTOR_ABI_H_
 
@@ -50,8 +51,10 @@ typedef struct MirageDetectorApi {
   uint32_t abi_version; /* MIRAGE_DETECTOR_ABI */
   const char* name;     /* "fusion" */
 
-  /* `options_json`: {"modality": "fusion"|"lidar", "seed": N, "threads": N}; `weights`: a file, or NULL for
-   * freshly initialised weights. NULL on failure. */
+  /* `options_json`: {"modality": "fusion"|"lidar", "seed": N, "threads": N, "start": bool, "bfloat16": bool};
+   * `weights`: a file, or NULL for freshly initialised weights. start: the weights begin a new training
+   * (fresh optimiser; a fusion detector may begin with a lidar detector's). bfloat16: for training passes.
+   * NULL on failure. */
   void* (*create)(const char* options_json, const char* weights, char* error, size_t error_size);
   void (*destroy)(void* detector);
 

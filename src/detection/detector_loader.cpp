@@ -25,10 +25,11 @@ fs::path find_plugin(const DetectorOptions& options) {
       throw InputError(options.detector, "", "no such detector plugin", "check --detector");
     return fs::absolute(options.detector);
   }
-  if (options.detector != "fusion" && options.detector != "lidar")
+  const bool own = options.detector == "fusion" || options.detector == "lidar";
+  if (!own && options.detector != "torchscript")
     throw InputError("--detector", options.detector, "unknown detector",
-                     "use fusion, lidar or a plugin (*.so)");
-  const fs::path beside = executable_folder() / "plugins" / "fusion.so";
+                     "use fusion, lidar, torchscript or a plugin (*.so)");
+  const fs::path beside = executable_folder() / "plugins" / (own ? "fusion.so" : "torchscript.so");
   if (fs::exists(beside)) return beside;
   throw InputError(beside.string(), "", "the detector plugin is missing",
                    "build it with MIRAGE_DETECTORS=ON (make build)");
@@ -70,8 +71,9 @@ std::vector<MirageBox> raw_boxes(const std::vector<BevBox>& boxes) {
 
 class PluginDetector : public Detector {
  public:
-  PluginDetector(Plugin plugin, std::string name, void* instance)
-      : plugin_(std::move(plugin)), name_(std::move(name)), instance_(instance) {}
+  /// `given`: the weights file, empty for fresh weights.
+  PluginDetector(Plugin plugin, std::string name, void* instance, fs::path given)
+      : plugin_(std::move(plugin)), name_(std::move(name)), instance_(instance), given_(std::move(given)) {}
   PluginDetector(const PluginDetector&) = delete;
   PluginDetector& operator=(const PluginDetector&) = delete;
   ~PluginDetector() override { plugin_.api->destroy(instance_); }
@@ -157,12 +159,13 @@ class PluginDetector : public Detector {
  private:
   template <class Work>
   void run(const char* function, const Work& work) {
-    run_plugin(plugin_.file, function, work);
+    run_plugin(plugin_.file, function, work, given_);
   }
 
   Plugin plugin_;
   std::string name_;
   void* instance_;
+  fs::path given_;
   ImageF kept_;  // the last input's shape; its pixels are zero
   std::size_t kept_points_ = 0;
 };
@@ -172,12 +175,17 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
                                ? fs::path(options.detector).stem().string()
                                : options.detector;
   const fs::path file = options.weights.empty()
-                            ? plugin.parent_path() / "weights" / (name + "-kitti64.weights")
+                            ? plugin.parent_path() / "weights" / (name + "-" + options.rig + ".weights")
                             : options.weights;
   if (fs::is_regular_file(file)) return file;
+  if (options.weights.empty() && options.detector == "torchscript")
+    throw InputError("--weights", "", "a torchscript detector has no shipped weights",
+                     "name the model that you exported: --weights MODEL.pt");
   if (options.weights.empty())
-    throw InputError(file.string(), "", "the shipped weights are missing",
-                     "name others with --weights, or train some with mirage train");
+    throw InputError(file.string(), "",
+                     "there are no shipped weights of " + name + " for the rig " + options.rig,
+                     "name a weights file with --weights (one of another rig may do), or train one with "
+                     "mirage train");
   throw InputError(file.string(), "", "no such weights file", "check --weights");
 }
 
@@ -191,6 +199,8 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
   const Plugin plugin = open_detector(find_plugin(options));
   const bool by_path = fs::path(options.detector).extension() == ".so";
   nlohmann::json settings = {{"seed", options.seed},
+                             {"start", options.start},
+                             {"bfloat16", options.bfloat16},
                              {"threads", options.threads > 0 ? options.threads : thread_count()}};
   if (!by_path) settings["modality"] = options.detector;
   const fs::path weights = weights_file(options);
@@ -205,7 +215,8 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
     throw InputError(options.fresh ? plugin.file.string() : weights.string(), "", why,
                      options.fresh ? "check the detector's options" : "check --weights and --detector");
   }
-  return std::make_unique<PluginDetector>(plugin, by_path ? plugin.api->name : options.detector, instance);
+  return std::make_unique<PluginDetector>(plugin, by_path ? plugin.api->name : options.detector, instance,
+                                          weights);
 }
 
 }  // namespace mirage

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <future>
+#include <sstream>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -10,6 +11,7 @@
 #include "base/logging.h"
 #include "base/progress.h"
 #include "base/schedule.h"
+#include "base/training_state.h"
 #include "detection/training_data.h"
 
 namespace mirage {
@@ -18,76 +20,53 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
+constexpr std::int64_t kLogEvery = 50;  // steps
+
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
 /// What must agree for a run to go on.
 nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
-  return {{"detector", options.detector},
-          {"data", fs::absolute(options.data).lexically_normal().string()},
-          {"steps", options.steps},
-          {"batch", options.batch},
-          {"learning_rate", options.learning_rate},
-          {"minutes", options.minutes},
-          {"seed", options.seed},
-          {"frames", frames}};
+  nlohmann::json json = {{"detector", options.detector},
+                         {"data", fs::absolute(options.data).lexically_normal().string()},
+                         {"steps", options.steps},
+                         {"batch", options.batch},
+                         {"learning_rate", options.learning_rate},
+                         {"minutes", options.minutes},
+                         {"seed", options.seed},
+                         {"start", options.start.empty() ? "" : content_hash(read_file(options.start))},
+                         {"bfloat16", options.bfloat16},
+                         {"frames", frames}};
+  if (options.ground_truth_sampling > 0) json["ground_truth_sampling"] = options.ground_truth_sampling;
+  return json;
 }
 
-struct State {
-  std::int64_t step = 0;
-  double seconds = 0;  // spent in earlier runs too
-  TrainingLoss loss;   // running mean
-  fs::path weights;    // of the checkpoint
+/// OUT/training.jsonl: one JSON object a line. A run that goes on drops the lines past its checkpoint.
+class Log {
+ public:
+  Log(const fs::path& out, std::int64_t step) : file_(out / "training.jsonl") {
+    if (step == 0 || !fs::exists(file_)) return;
+    std::istringstream lines(read_file(file_));
+    for (std::string line; std::getline(lines, line);) {
+      const auto json = nlohmann::json::parse(line, nullptr, false);
+      if (json.is_object() && json.value("step", step + 1) <= step) text_ += line + "\n";
+    }
+  }
+  void add(const nlohmann::json& line) {
+    text_ += line.dump() + "\n";
+    write_file(file_, text_);
+  }
+
+ private:
+  fs::path file_;
+  std::string text_;
 };
 
-fs::path state_file(const TrainingOptions& options) {
-  return options.out / "training.json";
-}
-
-State read_state(const TrainingOptions& options, const nlohmann::json& wanted) {
-  State state;
-  const fs::path file = state_file(options);
-  if (!fs::exists(file)) return state;
-  const nlohmann::json json = read_json(file);
-  try {
-    if (json.at("options") != wanted)
-      throw InputError(file.string(), "options", "this folder holds a run with other options",
-                       "use the same options to go on, or another --out");
-    state.step = json.at("step");
-    state.seconds = json.at("seconds");
-    state.loss = {json.at("loss"), json.at("score_loss"), json.at("box_loss")};
-    state.weights = options.out / json.at("weights").get<std::string>();
-  } catch (const nlohmann::json::exception& problem) {
-    throw InputError(file.string(), "", std::string("not a training state (") + problem.what() + ")",
-                     "use another --out");
-  }
-  return state;
-}
-
-/// The weights first, then the state that names them, then the old weights go: a kill at any point leaves a
-/// pair.
-void write_checkpoint(Detector& detector, const TrainingOptions& options, const nlohmann::json& wanted,
-                      State& state) {
-  const fs::path weights = options.out / ("checkpoint-" + std::to_string(state.step) + ".weights");
-  detector.save(weights, true);
-  write_json(state_file(options), {{"options", wanted},
-                                   {"step", state.step},
-                                   {"seconds", state.seconds},
-                                   {"loss", state.loss.total},
-                                   {"score_loss", state.loss.score},
-                                   {"box_loss", state.loss.box},
-                                   {"weights", weights.filename().string()}});
-  std::error_code ignored;
-  if (!state.weights.empty() && state.weights != weights) fs::remove(state.weights, ignored);
-  state.weights = weights;
-}
-
-void follow(TrainingLoss& mean, const TrainingLoss& now, std::int64_t step) {
-  const double share = std::max(0.02, 1.0 / static_cast<double>(step + 1));
-  mean.total += share * (now.total - mean.total);
-  mean.score += share * (now.score - mean.score);
-  mean.box += share * (now.box - mean.box);
+nlohmann::json scores(const DetectionRun& run) {
+  return {{"ap50", run.at50.average_precision},
+          {"ap70", run.at70.average_precision},
+          {"recall50", run.at50.recall}};
 }
 
 }  // namespace
@@ -96,16 +75,21 @@ TrainingResult train_detector(const TrainingOptions& options) {
   if (options.steps < 1) throw InputError("--steps", "", "must be at least 1", "give a positive number");
   if (options.batch < 1) throw InputError("--batch", "", "must be at least 1", "give a positive number");
   if (!(options.learning_rate > 0)) throw InputError("--learning-rate", "", "must be positive", "try 0.002");
+  if (options.validate_every > 0 && options.validation.empty())
+    throw InputError("--validate-every", "", "needs a data set to validate on", "name it with --validation");
   make_output_folder(options.out);
-  std::array<double, 4> region{};
-  DetectorOptions load{options.detector, {}, true, options.seed, options.threads};
+  DetectorOptions load{options.detector, options.start, options.start.empty(), options.seed, options.threads};
+  load.start = !options.start.empty();
+  load.bfloat16 = options.bfloat16;
   auto detector = load_detector(load);
-  region = detector->region();
-  TrainingData data(options.data, options.frames, region, options.seed);
+  if (!(options.ground_truth_sampling >= 0 && options.ground_truth_sampling <= 20))
+    throw InputError("--ground-truth-sampling", "", "must be from 0 to 20", "try 2");
+  TrainingData data(options.data, options.frames, detector->region(), options.seed,
+                    options.ground_truth_sampling, options.detector != "lidar");
   const nlohmann::json wanted = identity(options, data.size());
-  State state = read_state(options, wanted);
+  TrainingState state = read_training_state(options.out, wanted);
   if (!state.weights.empty()) {
-    load.fresh = false;
+    load.fresh = load.start = false;
     load.weights = state.weights;
     detector = load_detector(load);
     spdlog::info("going on from step {} of {}", state.step, options.steps);
@@ -114,6 +98,21 @@ TrainingResult train_detector(const TrainingOptions& options) {
   const auto progress_now = [&] {
     const double by_steps = static_cast<double>(state.step) / static_cast<double>(options.steps);
     return options.minutes > 0 ? std::max(by_steps, state.seconds / (60 * options.minutes)) : by_steps;
+  };
+  const auto checkpoint = [&] {
+    write_training_state(options.out, wanted, state,
+                         [&](const fs::path& file) { detector->save(file, true); });
+  };
+  Log log(options.out, state.step);
+  const auto validate = [&] {
+    DetectionRun run = detect_data_set(*detector, options.validation, options.validation_frames);
+    nlohmann::json line = scores(run);
+    line["step"] = state.step;
+    line["seconds"] = state.seconds;
+    log.add(line);
+    spdlog::info("step {} validation AP50 {:.3f} AP70 {:.3f} recall50 {:.3f}", state.step,
+                 run.at50.average_precision, run.at70.average_precision, run.at50.recall);
+    return run;
   };
   const double seconds_before = state.seconds;
   const std::int64_t first_step = state.step;
@@ -129,19 +128,29 @@ TrainingResult train_detector(const TrainingOptions& options) {
       std::vector<TrainingSample> views;
       for (const PreparedSample& sample : samples) views.push_back(sample.view());
       const double rate = one_cycle(options.learning_rate, progress_now());
-      follow(state.loss, detector->train_step(views, rate), state.step);
+      const TrainingLoss loss = detector->train_step(views, rate);
+      follow_losses(state, {loss.total, loss.score, loss.box}, 0.02);
       ++state.step;
       state.seconds = seconds_before + seconds_since(start);
       progress.update(static_cast<std::size_t>(state.step),
-                      fmt::format("loss {:.3f} (score {:.3f}, box {:.3f})", state.loss.total,
-                                  state.loss.score, state.loss.box));
-      if (state.step % 100 == 0)
+                      fmt::format("loss {:.3f} (score {:.3f}, box {:.3f})", state.losses[0], state.losses[1],
+                                  state.losses[2]));
+      if (state.step % kLogEvery == 0) {
+        log.add({{"step", state.step},
+                 {"seconds", state.seconds},
+                 {"rate", rate},
+                 {"loss", state.losses[0]},
+                 {"score_loss", state.losses[1]},
+                 {"box_loss", state.losses[2]}});
         spdlog::info("step {} rate {:.2e} loss {:.4f} score {:.4f} box {:.4f} {:.0f} s", state.step, rate,
-                     state.loss.total, state.loss.score, state.loss.box, state.seconds);
+                     state.losses[0], state.losses[1], state.losses[2], state.seconds);
+      }
       const bool stop = interrupted();
-      if (stop || state.step % options.checkpoint_every == 0)
-        write_checkpoint(*detector, options, wanted, state);
+      const bool check = options.validate_every > 0 && state.step % options.validate_every == 0 &&
+                         state.step < options.steps;
+      if (stop || check || state.step % options.checkpoint_every == 0) checkpoint();
       if (stop) throw Interrupted("interrupted; the checkpoint is kept, the same command goes on from it");
+      if (check) validate();
     }
   }
   next.wait();
@@ -151,12 +160,12 @@ TrainingResult train_detector(const TrainingOptions& options) {
   result.seconds = state.seconds;
   result.seconds_per_step =
       state.step > first_step ? seconds_since(start) / static_cast<double>(state.step - first_step) : 0;
-  result.loss = state.loss;
+  result.loss = {state.losses[0], state.losses[1], state.losses[2]};
   result.weights = options.out / (options.detector + ".weights");
-  write_checkpoint(*detector, options, wanted, state);
+  checkpoint();
   detector->save(result.weights, false);
   if (!options.validation.empty()) {
-    const DetectionRun run = detect_data_set(*detector, options.validation, options.validation_frames);
+    const DetectionRun run = validate();
     result.validated = true;
     result.at50 = run.at50;
     result.at70 = run.at70;

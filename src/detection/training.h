@@ -11,14 +11,19 @@ namespace mirage {
 
 struct TrainingOptions {
   std::filesystem::path data, validation, out;  ///< `validation` may be empty
+  /// Weights to start from; empty: fresh ones. `fusion` may start from a `lidar` detector's.
+  std::filesystem::path start = {};
   std::string detector = "fusion";
   std::int64_t steps = 4000;
   int batch = 2;
   double learning_rate = 2e-3;  ///< peak of the one-cycle schedule
   double minutes = 0;  ///< 0: no limit. Otherwise the schedule ends at steps or minutes, which is first
   std::int64_t checkpoint_every = 250;
+  double ground_truth_sampling = 0;   ///< mean number of vehicles pasted into a sample (GroundTruthSampler)
   std::size_t frames = 0;             ///< only the first N frames (0: all)
   std::size_t validation_frames = 0;  ///< only the first N (0: all)
+  std::int64_t validate_every = 0;    ///< steps between validations (0: at the end only)
+  bool bfloat16 = false;              ///< convolutions in bfloat16: quick only where the processor has it
   std::uint64_t seed = 0;
   int threads = 0;
   bool quiet = false;
@@ -33,9 +38,11 @@ struct TrainingResult {
   PrecisionRecall at50, at70;  ///< on `validation`
 };
 
-/// Trains from scratch, or goes on from the newest checkpoint in `out` (which must be of the same options, or
-/// InputError). What step s sees depends on (seed, s) alone: not on threads, nor on interruptions. A
-/// checkpoint is written every checkpoint_every steps and on Ctrl-C (then Interrupted is thrown).
+/// Trains from scratch or from `start`, or goes on from the newest checkpoint in `out` (which must be of the
+/// same options, or InputError). What step s sees depends on (seed, s) alone: not on threads, nor on
+/// interruptions. A checkpoint is written every checkpoint_every steps, before each validation and on Ctrl-C
+/// (then Interrupted is thrown). out/training.jsonl has a line every 50 steps {step, seconds, rate, loss,
+/// score_loss, box_loss: running means} and one for each validation {step, seconds, ap50, ap70, recall50}.
 TrainingResult train_detector(const TrainingOptions& options);
 
 }  // namespace mirage

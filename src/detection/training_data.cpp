@@ -65,10 +65,13 @@ BevBox moved(const BevBox& box, const Eigen::Affine3d& sample_from_data) {
 }
 
 TrainingData::TrainingData(const std::filesystem::path& data, std::size_t limit,
-                           const std::array<double, 4>& region, std::uint64_t seed)
+                           const std::array<double, 4>& region, std::uint64_t seed, double pasted,
+                           bool with_picture)
     : data_(data), ids_(list_frames(data)), region_(region), seed_(seed) {
   if (limit > 0 && ids_.size() > limit) ids_.resize(limit);
   frames_.resize(ids_.size());
+  if (pasted > 0)
+    sampler_ = std::make_unique<GroundTruthSampler>(data_, ids_, region_, seed_, pasted, with_picture);
 }
 
 std::size_t TrainingData::frame_of(std::uint64_t index) const {
@@ -93,7 +96,13 @@ std::vector<PreparedSample> TrainingData::prepare(std::int64_t step, int batch) 
   std::vector<PreparedSample> samples;
   for (int i = 0; i < batch; ++i) {
     const auto index = static_cast<std::uint64_t>(step) * batch + i;
-    const CompactFrame& small = frame(frame_of(index));
+    const CompactFrame& kept = frame(frame_of(index));
+    CompactFrame changed;  // a copy: the frame in memory stays as it was
+    if (sampler_) {
+      changed = kept;
+      sampler_->augment(changed, index);
+    }
+    const CompactFrame& small = sampler_ ? changed : kept;
     const Eigen::Affine3d sample_from_data = random_pose(seed_, index);
     PreparedSample sample;
     sample.image = linear_picture(small);

@@ -3,12 +3,12 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <future>
-#include <mutex>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "detection/average_precision.h"
+#include "detection/ground_truth_sampling.h"
 
 namespace mirage {
 
@@ -39,8 +39,9 @@ BevBox moved(const BevBox& box, const Eigen::Affine3d& sample_from_data);
 
 class TrainingData {
  public:
+  /// `pasted`: mean number of vehicles of other frames pasted into a sample (see GroundTruthSampler).
   TrainingData(const std::filesystem::path& data, std::size_t limit, const std::array<double, 4>& region,
-               std::uint64_t seed);
+               std::uint64_t seed, double pasted = 0, bool with_picture = true);
   std::size_t size() const { return ids_.size(); }
   /// The frame of the `index`-th sample: every epoch is a new permutation of all frames.
   std::size_t frame_of(std::uint64_t index) const;
@@ -57,6 +58,7 @@ class TrainingData {
   std::vector<CompactFrame> frames_;  // empty srgb: not read yet
   std::size_t bytes_ = 0;
   CompactFrame passing_;  // used once memory for frames is spent
+  std::unique_ptr<GroundTruthSampler> sampler_;
 };
 
 }  // namespace mirage

@@ -10,6 +10,7 @@
 
 #include "geometry/mesh.h"
 #include "scene/frame.h"
+#include "scene/render_scene.h"
 
 namespace mirage {
 
@@ -26,14 +27,24 @@ struct ExportScene {
   std::string name;
   TexturedMesh adversary;  ///< in `velo`, placed
   struct Proxy {
-    std::string name;
-    Mesh mesh;                           ///< in `velo`
+    std::string name;   ///< also the role in extras
+    std::string shape;  ///< extras' mirage_shape: "fitted" or "box" for the host; may be empty
+    Mesh mesh;          ///< in `velo`
     Vec3d color = Vec3d(0.3, 0.3, 0.3);  ///< linear albedo
   };
   std::vector<Proxy> proxies;  ///< host vehicle, ground, …
   Calibration calibration;     ///< camera node; fx, fy, cx, cy, width, height in extras
   Lighting lighting;           ///< sun as KHR_lights_punctual directional; all of it in extras
+  ImageF photograph;           ///< scene-linear RGB, of the camera's size; embedded as PNG. May be empty
 };
 void write_scene(const std::filesystem::path& file, const ExportScene& scene);
+
+/// Reads a scene to draw it: all meshes of the default scene in `velo`, exact where the file has Mirage's
+/// extras, else with their base colour (textures of foreign files are left out, with a warning); camera,
+/// light and photograph from the scene's extras. Without those, the first camera node with intrinsics in
+/// extras is taken, or one with a field of view and the image size `width` × `height`, and the first
+/// directional light. InputError naming file and field, also when there is no camera or a vertex is not
+/// finite.
+RenderScene read_scene(const std::filesystem::path& file, int width = 0, int height = 0);
 
 }  // namespace mirage

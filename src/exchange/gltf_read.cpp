@@ -1,10 +1,14 @@
 #include <fmt/format.h>
 
+#include <cmath>
 #include <cstring>
 #include <limits>
+#include <numbers>
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/image_io.h"
+#include "base/logging.h"
 #include "exchange/gltf.h"
 #include "exchange/gltf_builder.h"
 #include "exchange/tessellation.h"
@@ -24,6 +28,43 @@ class Reader {
         return exact(extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", m));
     }
     return foreign();
+  }
+
+  RenderScene read_scene(int width, int height) const {
+    RenderScene scene;
+    for_each_root([&](int root) {
+      walk(root, Eigen::Affine3d::Identity(), 0,
+           [&](const auto& node, const auto& field, const auto& placed) {
+             if (node.mesh >= 0) scene.things.push_back(thing(node, field, placed));
+           });
+    });
+    const tinygltf::Value* extras = scene_extras();
+    if (extras && extras->Has("camera"))
+      read_camera(extras->Get("camera"), "scenes[].extras.mirage.camera", scene);
+    else if (!find_camera(scene, width, height))
+      fail("cameras", "the scene has no camera", "add a camera, or export the scene with mirage export");
+    if (extras && extras->Has("lighting")) {
+      const tinygltf::Value& light = extras->Get("lighting");
+      const std::string field = "scenes[].extras.mirage.lighting";
+      scene.lighting.to_sun_velo = triple(light, "to_sun_velo", field).normalized();
+      scene.lighting.sun = triple(light, "sun", field);
+      scene.lighting.ambient = triple(light, "ambient", field);
+      scene.lighting.hemisphere = triple(light, "hemisphere", field);
+    } else {
+      find_sun(scene.lighting);
+    }
+    if (extras && extras->Has("photograph")) {
+      const std::string field = "scenes[].extras.mirage.photograph";
+      const int image = extras->Get("photograph").GetNumberAsInt();
+      if (image < 0 || static_cast<std::size_t>(image) >= model_.images.size())
+        fail(field, fmt::format("image {} of {}", image, model_.images.size()));
+      const auto [data, size] = view(model_.images[image].bufferView, field);
+      scene.photograph = decode_srgb({reinterpret_cast<const char*>(data), size}, file_.string(), field);
+      if (scene.photograph.width != scene.camera.width || scene.photograph.height != scene.camera.height)
+        fail(field, fmt::format("is {}×{}, the camera {}×{}", scene.photograph.width, scene.photograph.height,
+                                scene.camera.width, scene.camera.height));
+    }
+    return scene;
   }
 
  private:
@@ -179,20 +220,33 @@ class Reader {
     return result;
   }
 
-  void visit(int index, const Eigen::Affine3d& parent, int depth, TexturedMesh& out) const {
+  template <class Visit>
+  void for_each_root(const Visit& at_root) const {
+    const std::size_t scene = model_.defaultScene >= 0 ? model_.defaultScene : 0;
+    if (scene < model_.scenes.size())
+      for (int node : model_.scenes[scene].nodes) at_root(node);
+  }
+
+  /// Calls enter(node, field, gltf_from_node) for a node and all below it.
+  template <class Enter>
+  void walk(int index, const Eigen::Affine3d& parent, int depth, const Enter& enter) const {
     const std::string field = fmt::format("nodes[{}]", index);
     if (index < 0 || static_cast<std::size_t>(index) >= model_.nodes.size()) fail(field, "missing");
     if (depth > 64) fail(field, "the node tree is too deep or has a cycle");
     const tinygltf::Node& node = model_.nodes[index];
     const Eigen::Affine3d gltf_from_node = parent * transform(node);
-    if (node.mesh >= 0) {
-      if (static_cast<std::size_t>(node.mesh) >= model_.meshes.size()) fail(field + ".mesh", "missing");
-      const auto& primitives = model_.meshes[node.mesh].primitives;
-      for (std::size_t p = 0; p < primitives.size(); ++p)
-        append_primitive(primitives[p], fmt::format("meshes[{}].primitives[{}]", node.mesh, p),
-                         gltf_from_node, out);
-    }
-    for (int child : node.children) visit(child, gltf_from_node, depth + 1, out);
+    enter(node, field, gltf_from_node);
+    for (int child : node.children) walk(child, gltf_from_node, depth + 1, enter);
+  }
+
+  void append_mesh(const tinygltf::Node& node, const std::string& field,
+                   const Eigen::Affine3d& gltf_from_node, TexturedMesh& out) const {
+    if (node.mesh < 0) return;
+    if (static_cast<std::size_t>(node.mesh) >= model_.meshes.size()) fail(field + ".mesh", "missing");
+    const auto& primitives = model_.meshes[node.mesh].primitives;
+    for (std::size_t p = 0; p < primitives.size(); ++p)
+      append_primitive(primitives[p], fmt::format("meshes[{}].primitives[{}]", node.mesh, p), gltf_from_node,
+                       out);
   }
 
   void append_primitive(const tinygltf::Primitive& primitive, const std::string& field,
@@ -231,12 +285,154 @@ class Reader {
   TexturedMesh foreign() const {
     TexturedMesh textured;
     textured.atlas.resolution = 1;
-    const std::size_t scene = model_.defaultScene >= 0 ? model_.defaultScene : 0;
-    if (scene < model_.scenes.size())
-      for (int node : model_.scenes[scene].nodes) visit(node, Eigen::Affine3d::Identity(), 0, textured);
+    for_each_root([&](int root) {
+      walk(root, Eigen::Affine3d::Identity(), 0,
+           [&](const auto& node, const auto& field, const auto& placed) {
+             append_mesh(node, field, placed, textured);
+           });
+    });
     if (textured.mesh.faces.empty()) fail("meshes", "no triangles", "give a .glb with a triangle mesh");
     check_mesh(textured, file_.string());
     return textured;
+  }
+
+  // The rest is for read_scene.
+
+  RenderScene::Thing thing(const tinygltf::Node& node, const std::string& field,
+                           const Eigen::Affine3d& gltf_from_node) const {
+    RenderScene::Thing result{node.name, "", {}};
+    if (node.extras.IsObject() && node.extras.Has("mirage_role") && node.extras.Get("mirage_role").IsString())
+      result.role = node.extras.Get("mirage_role").Get<std::string>();
+    if (static_cast<std::size_t>(node.mesh) >= model_.meshes.size()) fail(field + ".mesh", "missing");
+    const tinygltf::Mesh& mesh = model_.meshes[node.mesh];
+    if (mesh.extras.IsObject() && mesh.extras.Has("mirage")) {
+      result.textured = exact(mesh.extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", node.mesh));
+      const Eigen::Affine3d turn(gltf_from_velo());
+      const Eigen::Affine3d velo_from_mesh = turn.inverse() * gltf_from_node * turn;
+      if (!velo_from_mesh.isApprox(Eigen::Affine3d::Identity(), 0)) {
+        for (Vec3d& v : result.textured.mesh.vertices) v = velo_from_mesh * v;
+        if (velo_from_mesh.linear().determinant() < 0)
+          fail(field, "mirrors a mesh with exact texels", "apply the node's scale before exporting");
+      }
+      return result;
+    }
+    result.textured.atlas.resolution = 1;
+    append_mesh(node, field, gltf_from_node, result.textured);
+    for (const tinygltf::Primitive& primitive : mesh.primitives)
+      if (primitive.material >= 0 && static_cast<std::size_t>(primitive.material) < model_.materials.size() &&
+          model_.materials[primitive.material].pbrMetallicRoughness.baseColorTexture.index >= 0) {
+        spdlog::warn("{}: {}: its texture is left out: only Mirage's own texels are read", file_.string(),
+                     field);
+        break;
+      }
+    check_mesh(result.textured, fmt::format("{}: {}", file_.string(), field));
+    return result;
+  }
+
+  const tinygltf::Value* scene_extras() const {
+    const std::size_t scene = model_.defaultScene >= 0 ? model_.defaultScene : 0;
+    if (scene >= model_.scenes.size()) return nullptr;
+    const tinygltf::Value& extras = model_.scenes[scene].extras;
+    if (!extras.IsObject() || !extras.Has("mirage") || !extras.Get("mirage").IsObject()) return nullptr;
+    return &extras.Get("mirage");
+  }
+
+  double number(const tinygltf::Value& parent, const char* key, const std::string& field) const {
+    if (!parent.IsObject() || !parent.Has(key) || !parent.Get(key).IsNumber())
+      fail(field + "." + key, "is not a number");
+    return parent.Get(key).GetNumberAsDouble();
+  }
+
+  std::vector<double> numbers(const tinygltf::Value& parent, const char* key, std::size_t count,
+                              const std::string& field) const {
+    const std::string name = field + "." + key;
+    if (!parent.IsObject() || !parent.Has(key) || !parent.Get(key).IsArray() ||
+        parent.Get(key).ArrayLen() != count)
+      fail(name, fmt::format("is not a list of {} numbers", count));
+    std::vector<double> result;
+    for (std::size_t i = 0; i < count; ++i) {
+      const tinygltf::Value& value = parent.Get(key).Get(static_cast<int>(i));
+      if (!value.IsNumber()) fail(name, "holds something that is not a number");
+      result.push_back(value.GetNumberAsDouble());
+    }
+    return result;
+  }
+
+  Vec3d triple(const tinygltf::Value& parent, const char* key, const std::string& field) const {
+    return Vec3d(numbers(parent, key, 3, field).data());
+  }
+
+  void read_intrinsics(const tinygltf::Value& from, const std::string& field, PinholeCamera& camera) const {
+    camera = {number(from, "fx", field),
+              number(from, "fy", field),
+              number(from, "cx", field),
+              number(from, "cy", field),
+              0,
+              0};
+    const double width = number(from, "width", field), height = number(from, "height", field);
+    if (!(width >= 1 && width <= 32768 && height >= 1 && height <= 32768 && camera.fx > 0 && camera.fy > 0))
+      fail(field, "needs fx, fy > 0 and a width and height of 1 to 32768");
+    camera.width = static_cast<int>(width);
+    camera.height = static_cast<int>(height);
+  }
+
+  void read_camera(const tinygltf::Value& from, const std::string& field, RenderScene& scene) const {
+    read_intrinsics(from, field, scene.camera);
+    const auto rows = numbers(from, "velo_from_camera", 12, field);
+    Transform velo_from_camera = Transform::Identity();
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c < 4; ++c) velo_from_camera.matrix()(r, c) = rows[4 * r + c];
+    scene.camera_from_velo = velo_from_camera.inverse();
+  }
+
+  /// The first camera node; false without one.
+  bool find_camera(RenderScene& scene, int width, int height) const {
+    bool found = false;
+    const auto enter = [&](const tinygltf::Node& node, const std::string& field,
+                           const Eigen::Affine3d& placed) {
+      if (found || node.camera < 0) return;
+      if (static_cast<std::size_t>(node.camera) >= model_.cameras.size()) fail(field + ".camera", "missing");
+      const tinygltf::Camera& camera = model_.cameras[node.camera];
+      const std::string name = fmt::format("cameras[{}]", node.camera);
+      if (camera.type != "perspective") fail(name + ".type", camera.type, "give a perspective camera");
+      if (camera.extras.IsObject() && camera.extras.Has("fx")) {
+        read_intrinsics(camera.extras, name + ".extras", scene.camera);
+      } else {
+        if (width < 1 || height < 1) fail(name, "has no intrinsics in extras", "give --size WIDTHxHEIGHT");
+        const double f = height / (2 * std::tan(camera.perspective.yfov / 2));
+        if (!(f > 0) || !std::isfinite(f)) fail(name + ".perspective.yfov", "is no field of view");
+        scene.camera = {f, f, (width - 1) / 2.0, (height - 1) / 2.0, width, height};
+      }
+      // glTF's camera looks along −z with y up; ours along +z with y down. A node's scale does not count.
+      Eigen::Matrix3d turn = gltf_from_velo().transpose() * placed.linear();
+      for (int k = 0; k < 3; ++k) turn.col(k).normalize();
+      Transform velo_from_camera = Transform::Identity();
+      velo_from_camera.linear() = turn * Vec3d(1, -1, -1).asDiagonal();
+      velo_from_camera.translation() = gltf_from_velo().transpose() * placed.translation();
+      scene.camera_from_velo = velo_from_camera.inverse();
+      found = true;
+    };
+    for_each_root([&](int root) { walk(root, Eigen::Affine3d::Identity(), 0, enter); });
+    return found;
+  }
+
+  /// The first directional light; without one the default stays.
+  void find_sun(Lighting& lighting) const {
+    bool found = false;
+    const auto enter = [&](const tinygltf::Node& node, const std::string&, const Eigen::Affine3d& placed) {
+      const auto extension = node.extensions.find("KHR_lights_punctual");
+      if (found || extension == node.extensions.end() || !extension->second.Has("light")) return;
+      const int index = extension->second.Get("light").GetNumberAsInt();
+      if (index < 0 || static_cast<std::size_t>(index) >= model_.lights.size()) return;
+      const tinygltf::Light& light = model_.lights[index];
+      if (light.type != "directional") return;
+      const Vec3d color =
+          light.color.size() == 3 ? Vec3d(light.color[0], light.color[1], light.color[2]) : Vec3d::Ones();
+      lighting.sun = color * light.intensity / std::numbers::pi;
+      lighting.to_sun_velo = (gltf_from_velo().transpose() * placed.linear() * Vec3d::UnitZ()).normalized();
+      found = true;
+    };
+    for_each_root([&](int root) { walk(root, Eigen::Affine3d::Identity(), 0, enter); });
   }
 
   std::filesystem::path file_;
@@ -247,6 +443,10 @@ class Reader {
 
 TexturedMesh read_adversary(const std::filesystem::path& file) {
   return Reader(file).read();
+}
+
+RenderScene read_scene(const std::filesystem::path& file, int width, int height) {
+  return Reader(file).read_scene(width, height);
 }
 
 }  // namespace mirage

@@ -15,7 +15,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr int kNearest = 9728, kRepeatless = 33071;  // GL filter and CLAMP_TO_EDGE
+constexpr int kNearest = 9728, kRepeatless = 33071;        // GL filter and CLAMP_TO_EDGE
+constexpr int kElementArray = 34963, kUnsignedInt = 5125;  // GL buffer target and component type
 
 json vector_json(const Vec3d& v) {
   return {v.x(), v.y(), v.z()};
@@ -34,14 +35,19 @@ json flat_material(const std::string& name, const Vec3d& color) {
             {"roughnessFactor", 0.5}}}};
 }
 
+/// A picture inside the file; its index among the images.
+int add_picture(GltfBuilder& gltf, const std::string& name, const ImageF& linear) {
+  const std::string png = encode_srgb_png(linear);
+  const int view = gltf.add_view(png.data(), png.size());
+  return gltf.add("images", {{"name", name}, {"mimeType", "image/png"}, {"bufferView", view}});
+}
+
 /// The texels as a picture for viewers; its index among the textures.
 int add_texture(GltfBuilder& gltf, const TexelAtlas& atlas, const TextureLayout& layout) {
   ImageF picture(layout.width, layout.height, 3, 1.0f);
   for (std::size_t t = 0; t < atlas.texels.size(); ++t)
     for (int c = 0; c < 3; ++c) picture.data[3 * t + c] = static_cast<float>(atlas.texels[t][c]);
-  const std::string png = encode_srgb_png(picture);
-  const int view = gltf.add_view(png.data(), png.size());
-  const int image = gltf.add("images", {{"name", "texels"}, {"mimeType", "image/png"}, {"bufferView", view}});
+  const int image = add_picture(gltf, "texels", picture);
   const int sampler = gltf.add(
       "samplers",
       {{"magFilter", kNearest}, {"minFilter", kNearest}, {"wrapS", kRepeatless}, {"wrapT", kRepeatless}});
@@ -104,14 +110,22 @@ int add_adversary(GltfBuilder& gltf, const TexturedMesh& textured) {
 }
 
 void add_proxy(GltfBuilder& gltf, const ExportScene::Proxy& proxy) {
-  std::vector<float> positions;  // one vertex a corner and no NORMAL: flat shading
-  for (const Face& f : proxy.mesh.faces)
-    for (int k : f) append_position(positions, proxy.mesh.vertices[k]);
+  std::vector<float> positions;  // no NORMAL: flat shading
+  for (const Vec3d& v : proxy.mesh.vertices) append_position(positions, v);
+  std::vector<std::uint32_t> corners;
+  for (const Face& f : proxy.mesh.faces) corners.insert(corners.end(), f.begin(), f.end());
+  const int indices = gltf.add("accessors", {{"bufferView", gltf.add_view(corners, kElementArray)},
+                                             {"componentType", kUnsignedInt},
+                                             {"count", corners.size()},
+                                             {"type", "SCALAR"}});
   const int material = gltf.add("materials", flat_material(proxy.name, proxy.color));
   json primitive = {{"attributes", {{"POSITION", gltf.add_floats(positions, 3, true)}}},
+                    {"indices", indices},
                     {"material", material}};
   const int mesh = gltf.add("meshes", {{"name", proxy.name}, {"primitives", json::array({primitive})}});
-  gltf.add_node({{"name", proxy.name}, {"mesh", mesh}, {"extras", {{"mirage_role", proxy.name}}}});
+  json extras = {{"mirage_role", proxy.name}};
+  if (!proxy.shape.empty()) extras["mirage_shape"] = proxy.shape;
+  gltf.add_node({{"name", proxy.name}, {"mesh", mesh}, {"extras", extras}});
 }
 
 json rotation_json(const Eigen::Matrix3d& rotation) {
@@ -190,6 +204,9 @@ void write_scene(const std::filesystem::path& file, const ExportScene& scene) {
                                                     {"sun", vector_json(light.sun)},
                                                     {"ambient", vector_json(light.ambient)},
                                                     {"hemisphere", vector_json(light.hemisphere)}}}};
+  if (!scene.photograph.empty())
+    gltf.json()["scenes"][0]["extras"]["mirage"]["photograph"] =
+        add_picture(gltf, "photograph", scene.photograph);
   write_file(file, gltf.glb());
 }
 

@@ -98,24 +98,28 @@ Mesh car_proxy(const Box3& box) {
   return car;
 }
 
-Mesh ground_proxy(const Box3& box, double reach) {
+Mesh ground_proxy(const Vec3d& centre, double reach) {
   Mesh ground;
   for (const Vec2d& corner :
        {Vec2d(reach, reach), Vec2d(-reach, reach), Vec2d(-reach, -reach), Vec2d(reach, -reach)})
-    ground.vertices.emplace_back(box.bev.x + corner.x(), box.bev.y + corner.y(), box.bottom);
+    ground.vertices.push_back(centre + Vec3d(corner.x(), corner.y(), 0));
   ground.faces = {{0, 1, 2}, {0, 2, 3}};
   return ground;
 }
 
-ExportScene host_scene(const Frame& frame, const Label& host, const TexturedMesh& placed,
-                       const std::string& name) {
+ExportScene host_scene(const Frame& frame, const Label& host, const Rooftop& rooftop,
+                       const TexturedMesh& adversary, const std::string& name) {
   ExportScene scene;
   scene.name = name;
-  scene.adversary = placed;
-  scene.proxies.push_back({"host", car_proxy(host.box), paint(frame, host)});
-  scene.proxies.push_back({"ground", ground_proxy(host.box), Vec3d::Constant(0.18)});
+  scene.adversary = place(adversary, rooftop);
+  const Mesh vehicle = rooftop.vehicle ? *rooftop.vehicle : car_proxy(host.box);
+  const double ground = bounds(vehicle).min().z();
+  scene.proxies.push_back({"host", rooftop.vehicle ? "fitted" : "box", vehicle, paint(frame, host)});
+  scene.proxies.push_back(
+      {"ground", "", ground_proxy({host.box.bev.x, host.box.bev.y, ground}), Vec3d::Constant(0.18)});
   scene.calibration = frame.calibration;
   scene.lighting = frame.lighting;
+  scene.photograph = frame.image;
   return scene;
 }
 

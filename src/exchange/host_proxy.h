@@ -1,4 +1,5 @@
-// A stand-in for the vehicle under the adversary and for the road: they catch its shadow and bounce light.
+// The vehicle under the adversary and the road, for Blender and viewers: they catch its shadow and bounce
+// light.
 #pragma once
 
 #include "exchange/gltf.h"
@@ -11,11 +12,13 @@ namespace mirage {
 /// it.
 Mesh car_proxy(const Box3& box);
 
-/// A square of the road at the box's bottom, `reach` metres to every side, facing up.
-Mesh ground_proxy(const Box3& box, double reach = 40);
+/// A square of level road around a point of it, `reach` metres to every side, facing up.
+Mesh ground_proxy(const Vec3d& centre, double reach = 40);
 
-/// Everything of one frame with one adversary on one host: `placed` in `velo`.
-ExportScene host_scene(const Frame& frame, const Label& host, const TexturedMesh& placed,
-                       const std::string& name);
+/// Everything of one frame with the adversary on one host. The host is the fitted vehicle where the rooftop
+/// has one, with the road where its wheels stand, else car_proxy of the labelled box; its paint is taken from
+/// the photograph.
+ExportScene host_scene(const Frame& frame, const Label& host, const Rooftop& rooftop,
+                       const TexturedMesh& adversary, const std::string& name);
 
 }  // namespace mirage

@@ -1,6 +1,10 @@
 // Where the adversary stands: a pose on a vehicle's roof.
 #pragma once
 
+#include <memory>
+#include <string>
+
+#include "geometry/mesh.h"
 #include "scene/frame.h"
 
 namespace mirage {
@@ -8,10 +12,14 @@ namespace mirage {
 struct Rooftop {
   /// velo_from_adversary with its origin on the roof point, x along the heading, z up.
   Transform velo_from_adversary = Transform::Identity();
-  bool from_box = true;  ///< true where no shape was fitted and the labelled box was used
+  bool from_box = true;     ///< true where no shape was fitted and the labelled box was used
+  std::string reason = {};  ///< why a finder of shapes fell back to the box
+  /// The fitted vehicle (`velo`, watertight, wound outward); null where from_box.
+  std::shared_ptr<const Mesh> vehicle = {};
 };
 
-/// Finds roof poses: BoxRooftopFinder here, ShapeRooftopFinder in scene/shape/shape_rooftop.h.
+/// Finds roof poses: BoxRooftopFinder here, ShapeRooftopFinder in scene/shape/shape_rooftop.h. Several
+/// threads may ask at once.
 class RooftopFinder {
  public:
   virtual ~RooftopFinder() = default;

@@ -38,6 +38,7 @@ struct Return {
   float reflectivity = 0;
   double signal = 0;  ///< reflectivity · cos^0.7 / range²
   bool glossy = false;
+  int object = -1;
 };
 
 class SweepSimulator {
@@ -61,6 +62,7 @@ class SweepSimulator {
                             hits_);
     firings_.points.resize(model_.beams.size() * columns_);
     firings_.ranges.assign(firings_.points.size(), 0);
+    firings_.objects.assign(firings_.points.size(), -1);
     parallel_for(model_.beams.size(), [&](std::size_t beam) { receive(beam); });
     return std::move(firings_);
   }
@@ -116,6 +118,7 @@ class SweepSimulator {
     const Vec3f p0 = ray.origin + t * ray.direction;
     const Material& m = scene_.materials[static_cast<std::size_t>(mesh)];
     result.range = t;
+    result.object = scene_.objects[static_cast<std::size_t>(mesh)];
     result.glossy = m.gloss > 0;
     if (effects_.albedo) {
       result.reflectivity = std::min(1.f, surface_albedo(m, p0, n, 0.02f * t / 10).mean());
@@ -179,6 +182,7 @@ class SweepSimulator {
       firings_.points[place] = {p.x(), p.y(), p.z(),
                                 reported(back.reflectivity, back.signal, effects_, draw.reflectance)};
       firings_.ranges[place] = range;
+      firings_.objects[place] = back.object;
     }
   }
 
@@ -218,11 +222,15 @@ Firings simulate_firings(const RayScene& scene, const LidarModel& model, std::ui
 }
 
 Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
-                     const LidarEffects& effects) {
+                     const LidarEffects& effects, std::vector<int>* objects) {
   const Firings firings = simulate_firings(scene, model, seed, effects);
   Sweep sweep;
-  for (std::size_t i = 0; i < firings.points.size(); ++i)
-    if (firings.ranges[i] > 0) sweep.push_back(firings.points[i]);
+  if (objects) objects->clear();
+  for (std::size_t i = 0; i < firings.points.size(); ++i) {
+    if (!(firings.ranges[i] > 0)) continue;
+    sweep.push_back(firings.points[i]);
+    if (objects) objects->push_back(firings.objects[i]);
+  }
   return sweep;
 }
 

@@ -17,6 +17,7 @@ LidarEffects generated_sweep_effects();
 struct Firings {
   std::vector<LidarPoint> points;  ///< `velo`; meaningless where nothing returned
   std::vector<double> ranges;      ///< m, as reported; 0 where nothing returned
+  std::vector<int> objects;  ///< Surface::object of what returned; −1: background, or nothing returned
 };
 
 /// Traces every (beam, column) of the model. Glass lets most rays pass. Random numbers are keyed by (seed,
@@ -24,8 +25,9 @@ struct Firings {
 Firings simulate_firings(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
                          const LidarEffects& effects = generated_sweep_effects());
 
-/// The returns alone, beam by beam.
+/// The returns alone, beam by beam. `objects`, if given: each return's, as in Firings.
 Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
-                     const LidarEffects& effects = generated_sweep_effects());
+                     const LidarEffects& effects = generated_sweep_effects(),
+                     std::vector<int>* objects = nullptr);
 
 }  // namespace mirage

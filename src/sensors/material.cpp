@@ -41,30 +41,56 @@ float cell(float x, float period) {
   return x - period * std::floor(x / period);
 }
 
+// Where a point of a facade lies: which window, and how far from the pane's edge.
+struct FacadePlace {
+  float v;        // height over the ground (m)
+  float x, z;     // from the window's middle, from its sill (m)
+  float w, h;     // the pane's size (m)
+  float outside;  // distance to the pane: below 0 within
+  int column, row;
+  float storey;
+};
+
+FacadePlace facade_place(const Material& m, const Vec3f& p, const Vec3f& n) {
+  FacadePlace a;
+  const Vec3f side = Vec3f(-n.y(), n.x(), 0).normalized();
+  const float u = p.dot(side), width = 2.2f + 1.4f * lattice(1, 0, 0, m.variant);
+  a.v = p.z() - m.foot;
+  a.storey = 2.9f + 0.8f * lattice(2, 0, 0, m.variant);
+  a.w = width * (0.35f + 0.25f * lattice(3, 0, 0, m.variant)), a.h = a.storey * 0.55f;
+  a.x = cell(u, width) - 0.5f * width, a.z = cell(a.v - 0.9f, a.storey);
+  a.outside = std::max(std::abs(a.x) - 0.5f * a.w, std::max(-a.z, a.z - a.h));
+  a.column = static_cast<int>(std::floor(u / width));
+  a.row = static_cast<int>(std::floor((a.v - 0.9f) / a.storey));
+  return a;
+}
+
+constexpr float kFrame = 0.07f, kReveal = 0.13f;  // m
+
 Vec3f facade(const Material& m, const Vec3f& p, const Vec3f& n, float footprint) {
   if (std::abs(n.z()) > 0.5f) return 0.6f * m.albedo;  // roofs and sills
-  const Vec3f side = Vec3f(-n.y(), n.x(), 0).normalized();
-  const float u = p.dot(side), v = p.z() + 1.73f;
-  const float width = 2.2f + 1.4f * lattice(1, 0, 0, m.variant),
-              storey = 2.9f + 0.8f * lattice(2, 0, 0, m.variant);
-  const float glass_w = width * (0.35f + 0.25f * lattice(3, 0, 0, m.variant));
-  const float x = cell(u, width) - 0.5f * width, z = cell(v - 0.9f, storey);
-  const float glass_h = storey * 0.55f;
+  const FacadePlace a = facade_place(m, p, n);
   Vec3f wall = m.albedo * (1 + 0.25f * wave(p, 1.5f, m.variant, footprint) +
                            0.2f * wave(p, 0.2f, m.variant + 7, footprint));
-  if (v < 0.7f) return 0.6f * wall;  // plinth
-  const float dx = std::abs(x) - 0.5f * glass_w, dz = std::max(-z, z - glass_h);
-  const float inside = std::max(dx, dz);
-  if (inside < 0) {
-    if (inside > -0.07f || std::abs(x) < 0.03f) return Vec3f::Constant(0.55f);  // frame
-    const int column = static_cast<int>(std::floor(u / width)),
-              row = static_cast<int>(std::floor((v - 0.9f) / storey));
-    const float curtain = lattice(column, row, 5, m.variant);
-    if (curtain > 0.75f && z > glass_h * (curtain - 0.2f)) return Vec3f::Constant(0.3f);
-    return m.second * (0.5f + curtain);
+  // Now and then a door instead of the ground floor's window.
+  if (a.v < 2.25f && lattice(a.column, 0, 9, m.variant) > 0.82f && std::abs(a.x) < 0.55f) {
+    if (std::abs(a.x) > 0.45f || a.v > 2.15f) return Vec3f::Constant(0.4f);
+    const float tone = 0.06f + 0.2f * lattice(a.column, 1, 9, m.variant);
+    const bool panel = std::abs(a.x) < 0.3f && cell(a.v - 0.2f, 0.9f) < 0.65f;
+    return (panel ? 0.7f : 1.f) * Vec3f(tone, 0.7f * tone, 0.5f * tone);
   }
-  if (inside < 0.12f) return 0.8f * wall + Vec3f::Constant(0.08f);  // surround
-  if (cell(v, storey) < 0.12f) return 0.75f * wall;
+  if (a.v < 0.7f) return 0.6f * wall;  // plinth
+  if (a.outside < 0) {
+    // The pane lies back in the wall: lintel and reveal shade its upper edge.
+    const float shade = a.z > a.h - kReveal ? 0.35f : 1.f;
+    if (a.outside > -kFrame || std::abs(a.x) < 0.03f) return Vec3f::Constant(0.55f * shade);  // frame
+    const float curtain = lattice(a.column, a.row, 5, m.variant);
+    if (curtain > 0.75f && a.z > a.h * (curtain - 0.2f)) return Vec3f::Constant(0.3f * shade);
+    return m.second * (0.5f + curtain) * shade;
+  }
+  if (a.z > a.storey - 0.07f && std::abs(a.x) < 0.5f * a.w + 0.1f) return Vec3f::Constant(0.4f);  // sill
+  if (a.outside < 0.12f) return 0.8f * wall + Vec3f::Constant(0.08f);                             // surround
+  if (cell(a.v, a.storey) < 0.12f) return 0.75f * wall;
   return wall;
 }
 
@@ -107,6 +133,13 @@ Vec3f asphalt(const Material& m, const Vec3f& p, float footprint) {
 }
 
 }  // namespace
+
+float surface_gloss(const Material& m, const Vec3f& p, const Vec3f& n) {
+  if (m.pattern != Pattern::facade || std::abs(n.z()) > 0.5f) return m.gloss;
+  const FacadePlace a = facade_place(m, p, n);
+  const bool pane = a.outside < -kFrame && a.v > 0.7f && std::abs(a.x) > 0.03f;
+  return pane ? 0.07f : m.gloss;
+}
 
 Vec3f surface_albedo(const Material& m, const Vec3f& p, const Vec3f& n, float footprint) {
   switch (m.pattern) {

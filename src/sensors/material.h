@@ -15,6 +15,7 @@ struct Material {
   Vec3f second = Vec3f::Constant(0.1f);  ///< the pattern's other colour: windows, joints
   Pattern pattern = Pattern::plain;
   std::uint32_t variant = 0;  ///< seeds the pattern
+  float foot = -1.73f;        ///< facades: z of the ground before the wall (`velo`, m)
   float gloss = 0;            ///< mirror reflectance at normal incidence (Schlick); 0.04: clear coat, glass
   float transparency = 0;     ///< share of light that passes (glass); 0: opaque
   Vec3f emission = Vec3f::Zero();
@@ -24,5 +25,8 @@ struct Material {
 /// Albedo at a point. `p` in `velo`, `n` unit; `footprint` is the pixel's size on the surface (m), beyond
 /// which detail fades to its mean.
 Vec3f surface_albedo(const Material& material, const Vec3f& p, const Vec3f& n, float footprint);
+
+/// Mirror reflectance at normal incidence at a point: the material's, or the panes' of a facade.
+float surface_gloss(const Material& material, const Vec3f& p, const Vec3f& n);
 
 }  // namespace mirage

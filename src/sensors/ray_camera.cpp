@@ -6,6 +6,7 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "sensors/soft_rasterizer.h"
 
 namespace mirage {
 namespace {
@@ -53,10 +54,10 @@ class Shader {
     const float distance = hit.t * ray.direction.norm(), cosine = std::max(0.05f, -n.dot(d));
     Shade out;
     out.color = m.emission;
-    const float mirror = m.gloss > 0 ? schlick(m.gloss, cosine) : 0.f;
+    const float gloss = surface_gloss(m, p, n), mirror = gloss > 0 ? schlick(gloss, cosine) : 0.f;
     const float through = m.transparency * (1 - mirror);
     if (through < 1) {
-      const Vec3f albedo = surface_albedo(m, p, n, footprint * distance / std::sqrt(cosine));
+      const Vec3f albedo = scene_.albedo(hit, p, n, footprint * distance / std::sqrt(cosine));
       out.albedo = (1 - mirror - through) * albedo;
       out.color += out.albedo.cwiseProduct(sun_at(p, n));
       out.sky = sky_at(p, n, random);
@@ -115,7 +116,7 @@ class Shader {
     Vec3f face = hit.normal.normalized();
     if (face.dot(r) > 0) face = -face;
     const Vec3f q = ray.origin + hit.t * r;
-    const Vec3f albedo = surface_albedo(m, q, face, 0.02f * hit.t) * (1 - m.transparency);
+    const Vec3f albedo = scene_.albedo(hit, q, face, 0.02f * hit.t) * (1 - m.transparency);
     return albedo.cwiseProduct(bounce_ + 0.5f * sky_.zenith + 0.6f * std::max(0.f, face.dot(to_sun_)) * sun_);
   }
 
@@ -135,7 +136,7 @@ class Shader {
       if (n.dot(d) > 0) n = -n;
       const Vec3f q = ray.origin + hit.t * d;
       return left *
-             surface_albedo(m, q, n, footprint * hit.t).cwiseProduct(sun_at(q, n) + sky_at(q, n, random));
+             scene_.albedo(hit, q, n, footprint * hit.t).cwiseProduct(sun_at(q, n) + sky_at(q, n, random));
     }
     return Vec3f::Zero();
   }
@@ -188,6 +189,7 @@ RayScene::RayScene(std::span<const Surface> surfaces) : caster(meshes_of(surface
   for (const Surface& s : surfaces) {
     materials.push_back(s.material);
     objects.push_back(s.object);
+    atlases_.push_back(s.atlas);
     Smooth& smooth = smooth_.emplace_back();
     if (!s.smooth) continue;
     smooth.faces = s.mesh.faces;
@@ -196,6 +198,22 @@ RayScene::RayScene(std::span<const Surface> surfaces) : caster(meshes_of(surface
     for (std::size_t f = 0; f < flat.size(); ++f)
       for (int v : s.mesh.faces[f]) smooth.normals[v] += flat[f].cast<float>();
   }
+}
+
+std::size_t RayScene::texel(const Hit& hit) const {
+  const TexelAtlas& atlas = atlases_[hit.mesh];
+  return static_cast<std::size_t>(hit.face) * atlas.per_face() +
+         static_cast<std::size_t>(texel_index(1 - hit.b1 - hit.b2, hit.b1, atlas.resolution));
+}
+
+Vec3f RayScene::albedo(const Hit& hit, const Vec3f& p, const Vec3f& n, float footprint) const {
+  const TexelAtlas& atlas = atlases_[hit.mesh];
+  if (atlas.texels.empty()) return surface_albedo(materials[hit.mesh], p, n, footprint);
+  return atlas.texels[texel(hit)].cast<float>();
+}
+
+bool RayScene::same_texel(const Hit& a, const Hit& b) const {
+  return atlases_[a.mesh].texels.empty() || texel(a) == texel(b);
 }
 
 Vec3f RayScene::shading_normal(const Hit& hit) const {
@@ -241,7 +259,7 @@ Vec3f Sky::irradiance(const Vec3f& to_sun) const {
 RayImage render(const RayScene& scene, const PinholeCamera& camera, const Transform& camera_from_velo,
                 const SceneLight& light, const RayCameraSettings& settings) {
   RayImage out{ImageF(camera.width, camera.height, 3), ImageF(camera.width, camera.height, 1),
-               Image<int>(camera.width, camera.height, 1, -1)};
+               Image<int>(camera.width, camera.height, 1, -1), ImageF(camera.width, camera.height, 1)};
   const Transform velo_from_camera = camera_from_velo.inverse();
   const Eigen::Matrix3f turn = velo_from_camera.linear().cast<float>();
   const Vec3f eye = velo_from_camera.translation().cast<float>();
@@ -282,7 +300,7 @@ RayImage render(const RayScene& scene, const PinholeCamera& camera, const Transf
         const Vec3f n = hits[s].normal.normalized();
         for (int other = s + 1; other < std::min(samples, 32); ++other)
           if (!(done >> other & 1) && hits[other].mesh == hits[s].mesh &&
-              n.dot(hits[other].normal.normalized()) > 0.98f) {
+              scene.same_texel(hits[other], hits[s]) && n.dot(hits[other].normal.normalized()) > 0.98f) {
             done |= 1u << other;
             weight += 1;
           }
@@ -293,6 +311,7 @@ RayImage render(const RayScene& scene, const PinholeCamera& camera, const Transf
         lit += weight;
       }
       const float inverse = 1 / static_cast<float>(samples);
+      out.coverage.at(u, v) = lit * inverse;
       for (int c = 0; c < 3; ++c) {
         out.color.at(u, v, c) = sum[c] * inverse;
         layers.albedo.at(u, v, c) = albedo[c] * inverse;

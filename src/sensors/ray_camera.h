@@ -17,7 +17,8 @@ struct Surface {
   Mesh mesh;
   Material material;
   int object = -1;
-  bool smooth = false;  ///< shade with interpolated vertex normals (car bodies)
+  bool smooth = false;      ///< shade with interpolated vertex normals (car bodies)
+  TexelAtlas atlas{1, {}};  ///< with texels: their colours in place of the material's albedo and pattern
 };
 
 /// What the rays meet: geometry and materials, index by index.
@@ -28,13 +29,20 @@ struct RayScene {
   std::vector<int> objects;
   /// Unit shading normal at a hit, on the side of the face's normal.
   Vec3f shading_normal(const Hit& hit) const;
+  /// Albedo at a hit; p, n and footprint as surface_albedo has them.
+  Vec3f albedo(const Hit& hit, const Vec3f& p, const Vec3f& n, float footprint) const;
+  /// Whether two hits of one mesh lie on one texel, or the mesh has none.
+  bool same_texel(const Hit& a, const Hit& b) const;
 
  private:
+  /// Index into the texels of the hit's mesh.
+  std::size_t texel(const Hit& hit) const;
   struct Smooth {
     std::vector<Face> faces;
     std::vector<Vec3f> normals;  // one a vertex, area-weighted
   };
-  std::vector<Smooth> smooth_;  // empty for flat meshes
+  std::vector<Smooth> smooth_;       // empty for flat meshes
+  std::vector<TexelAtlas> atlases_;  // without texels for plain meshes
 };
 
 /// Sky radiance (scene-linear) by direction: a gradient from horizon to zenith, a glow around the sun.
@@ -68,6 +76,7 @@ struct RayImage {
   ImageF color;       ///< scene-linear RGB
   ImageF depth;       ///< planar depth of the ray nearest to the pixel's centre, m; 0 where nothing is hit
   Image<int> object;  ///< object id of the same ray, −1 background
+  ImageF coverage;    ///< share of the pixel's rays that hit anything
 };
 
 /// Renders in parallel over rows. Depends on the arguments only, not on the thread count.

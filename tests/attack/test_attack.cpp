@@ -3,6 +3,7 @@
 
 #include "attack/attack.h"
 #include "attack/checkpoint.h"
+#include "attack/evaluation.h"
 #include "attack/run.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
@@ -72,7 +73,7 @@ TEST(Attack, TargetsGateTheGradientNotTheSensors) {
   FrameStore store(settings.data, lidar_of(settings.data));
   const DetectorPool detectors = stand_ins();
   const PreparedFrame& prepared = store.get("000000");
-  const auto hosts = find_hosts(prepared, BoxRooftopFinder(), detectors[0]->region(), settings.simulation);
+  const auto hosts = find_hosts(store, "000000", detectors[0]->region(), settings.simulation);
   ASSERT_EQ(hosts.size(), 1u);
   const TexturedMesh adversary = initial_adversary();
   const auto step = [&](AttackTarget target) {
@@ -172,9 +173,59 @@ TEST(AttackInput, MoreFramesAreAnotherRun) {
               testing::HasSubstr("checkpoint.json: t"));
 }
 
+TEST(AttackRooftop, CarsWithReturnsAreFittedAndTheOthersFlagged) {
+  TemporaryFolder folder;
+  const DetectorPool detectors = stand_ins();
+  test::write_tiny_data(folder / "seen", 3, true);
+  test::write_tiny_data(folder / "unseen", 3);
+  const auto counted = [&](const char* data, const char* out, const std::string& rooftop) {
+    auto settings = settings_for(folder / data, folder / out, 2);
+    settings.rooftop = rooftop;
+    const AttackResult result = run_attack(settings, detectors);
+    const mirage::Run run = read_run(folder / out);
+    EXPECT_EQ(run.rooftop, rooftop);
+    std::vector<HostId> hosts = run.train;
+    hosts.insert(hosts.end(), run.test.begin(), run.test.end());
+    FrameStore store(run.data, run.depth, run.rooftop);
+    EvaluationSettings quiet;
+    quiet.quiet = true;
+    const Evaluation evaluation = evaluate(detectors, store, hosts, run.adversary, run.simulation, quiet);
+    EXPECT_EQ(evaluation.rooftops.fitted, result.rooftops.fitted);
+    EXPECT_EQ(to_json(evaluation).at("rooftops"), to_json(result.rooftops));
+    EXPECT_EQ(to_json(evaluation).at("outcomes").at(0).at("from_box"), result.rooftops.from_box > 0);
+    return std::pair(result.rooftops.fitted, result.rooftops.from_box);
+  };
+  EXPECT_EQ(counted("seen", "shape", "shape"), std::pair(3, 0));
+  EXPECT_EQ(counted("seen", "box", "box"), std::pair(0, 3));
+  EXPECT_EQ(counted("unseen", "few", "shape"), std::pair(0, 3));
+  EXPECT_NE(read_file(folder / "shape/adversary.glb"), read_file(folder / "box/adversary.glb"));
+  FrameStore store(folder / "unseen", "ip-basic", "shape");
+  EXPECT_THAT(store.rooftop({"000000", 0}).reason, testing::HasSubstr("fewer than"));
+  EXPECT_THAT(error_text<InputError>([&] { store.rooftop({"000000", 7}); }), testing::HasSubstr("000000_7"));
+}
+
+TEST(AttackRooftop, AFolderHoldsOneFindersRun) {
+  TemporaryFolder folder;
+  const DetectorPool detectors = stand_ins();
+  test::write_tiny_data(folder / "data", 2, true);
+  const auto run = [&](const char* out, const std::string& rooftop) {
+    auto settings = settings_for(folder / "data", folder / out, 1);
+    settings.rooftop = rooftop;
+    run_attack(settings, detectors);
+  };
+  run("shape", "shape");
+  run("box", "box");
+  EXPECT_THAT(error_text<InputError>([&] { run("shape", "box"); }), testing::HasSubstr("rooftop"));
+  EXPECT_THAT(error_text<InputError>([&] { run("box", "shape"); }), testing::HasSubstr("rooftop"));
+  EXPECT_THAT(error_text<InputError>([&] { run("new", "cone"); }), testing::HasSubstr("--rooftop: cone"));
+  // A run of before the choice stood on boxes, and goes on so.
+  EXPECT_FALSE(read_json(folder / "box/run.json").contains("rooftop"));
+  run("box", "box");
+}
+
 TEST(AttackThreads, OneAndTwoDetectorsGiveTheSameBits) {
   TemporaryFolder folder;
-  test::write_tiny_data(folder / "data", 3);
+  test::write_tiny_data(folder / "data", 3, true);
   DetectorPool one;
   one.push_back(std::make_unique<StandInDetector>());
   run_attack(settings_for(folder / "data", folder / "one", 5), one);

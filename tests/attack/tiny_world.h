@@ -7,13 +7,36 @@
 #include <filesystem>
 #include <string>
 
+#include "base/files.h"
 #include "detection/detector.h"
 #include "scene/kitti.h"
+#include "scene/shape/car_family.h"
+#include "sensors/ray_caster.h"
 
 namespace mirage::test {
 
-/// Flat ground and one car a frame; a fifth of KITTI's image.
-inline void write_tiny_data(const std::filesystem::path& data, int frames) {
+/// What KITTI's LiDAR sees of a car of the family that fills the box.
+inline void add_returns(Sweep& sweep, const Box3& box) {
+  const LidarModel lidar = read_lidar_model(shipped_file("scenes/rigs/kitti64.toml"));
+  RandomStream random(1, "tiny world");
+  Mesh car = car_mesh(draw_body(BodyStyle::hatchback, random));
+  const Vec3d size = bounds(car).sizes();
+  for (Vec3d& v : car.vertices)
+    v = velo_from_box(box) *
+        v.cwiseProduct(Vec3d(box.bev.length, box.bev.width, box.height).cwiseQuotient(size));
+  const RayCaster caster({&car, 1});
+  for (std::size_t beam = 0; beam < lidar.beams.size(); ++beam)
+    for (int column = 0; column < lidar.azimuth_count(); ++column) {
+      const LidarRay ray = lidar.ray(static_cast<int>(beam), column);
+      const Hit hit = caster.intersect({ray.origin.cast<float>(), ray.direction.cast<float>()});
+      if (!hit.hit()) continue;
+      const Vec3f p = (ray.origin + hit.t * ray.direction).cast<float>();
+      sweep.push_back({p.x(), p.y(), p.z(), 0.3f});
+    }
+}
+
+/// Flat ground and one car a frame, with or without LiDAR returns on it; a fifth of KITTI's image.
+inline void write_tiny_data(const std::filesystem::path& data, int frames, bool returns = false) {
   setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);  // where scenes/rigs is
   for (int i = 0; i < frames; ++i) {
     Frame frame;
@@ -31,6 +54,7 @@ inline void write_tiny_data(const std::filesystem::path& data, int frames) {
     car.box = {{11.0 + i, 0.5 * i - 0.5, 3.9, 1.6, 0.1 * i}, -1.73, 1.5};
     car.left = 90, car.right = 150, car.top = 20, car.bottom = 60;
     frame.labels = {car};
+    if (returns) add_returns(frame.sweep, car.box);
     write_frame(data, frame);
   }
 }

@@ -72,8 +72,13 @@ TEST(CommandLine, HelpNamesEveryCommand) {
 
 TEST(CommandLine, WrongArgumentsExitWithTwo) {
   TemporaryFolder folder;
-  for (const auto& arguments : std::vector<std::vector<std::string>>{
-           {"fly"}, {}, {"attack"}, {"generate", "--frames", "many"}, {"generate", "--no-such-option"}}) {
+  for (const auto& arguments :
+       std::vector<std::vector<std::string>>{{"fly"},
+                                             {},
+                                             {"attack"},
+                                             {"generate", "--frames", "many"},
+                                             {"generate", "--no-such-option"},
+                                             {"generate", "--look", "lunar", "--out", folder / "d"}}) {
     const Outcome outcome = run(folder, arguments);
     EXPECT_EQ(outcome.code, 2);
     expect_one_line(outcome.err);
@@ -140,6 +145,46 @@ TEST(CommandLine, DepthIsGeneratedScoredAndAskedForByTraining) {
   EXPECT_EQ(unknown.code, 2);
   expect_one_line(unknown.err);
   EXPECT_THAT(unknown.err, HasSubstr("magic"));
+}
+
+TEST(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
+  TemporaryFolder folder;
+  const std::string data = folder / "data";
+  ASSERT_EQ(run(folder, {"generate", "--frames", "1", "--out", data, "--quiet"}).code, 0);
+  ASSERT_EQ(run(folder, {"fit", "--data", data, "--mesh-format", "glb", "--out", folder / "f"}).code, 0);
+  const auto fits = read_json(folder / "f/result.json");
+  // Any mesh will do for the object: a fitted car.
+  std::string mesh;
+  for (const auto& file : fs::recursive_directory_iterator(folder / "f"))
+    if (file.path().extension() == ".glb") mesh = file.path();
+  ASSERT_NE(mesh, "");
+  const int vehicle = std::stoi(mesh.substr(mesh.rfind('_') + 1));
+  const auto simulated = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {
+        "simulate", "--data", data,    "--frame",   "000000", "--vehicle", std::to_string(vehicle),
+        "--mesh",   mesh,     "--out", folder / "s"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const Outcome outcome = run(folder, arguments);
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    auto result = read_json(folder / "s/result.json");
+    return std::pair(result.at("rooftop"),
+                     read_file(folder / "s/image.png") + read_file(folder / "s/sweep.bin"));
+  };
+  const auto [fitted, one] = simulated({"--threads", "1"});
+  EXPECT_EQ(fitted.at("from_box"), false);
+  EXPECT_NE(fitted.at("over_box_m"), 0);
+  const auto [again, two] = simulated({"--threads", "2", "--rooftop", "shape"});
+  EXPECT_EQ(fitted, again);
+  EXPECT_EQ(one, two);
+  const auto by_box = simulated({"--rooftop", "box"}).first;
+  EXPECT_EQ(by_box.at("from_box"), true);
+  EXPECT_NEAR(by_box.at("over_box_m").get<double>(), 0, 1e-9);
+  EXPECT_NE(by_box.at("velo"), fitted.at("velo"));
+  const Outcome unknown = run(folder, {"simulate", "--data", data, "--frame", "000000", "--mesh", mesh,
+                                       "--rooftop", "cone", "--out", folder / "s"});
+  EXPECT_EQ(unknown.code, 2);
+  expect_one_line(unknown.err);
+  EXPECT_THAT(unknown.err, HasSubstr("--rooftop: cone"));
 }
 
 TEST(CommandLine, AnOutputFolderThatCannotBeWritten) {
@@ -219,16 +264,60 @@ TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   ASSERT_EQ(run(folder, attack(std::to_string(reached + 1).c_str())).code, 0);
   EXPECT_EQ(read_json(folder / "run/result.json").at("iterations"), reached + 1);
 
+  auto by_box = attack(std::to_string(reached + 2).c_str());
+  by_box.insert(by_box.end(), {"--rooftop", "box"});
+  outcome = run(folder, by_box);
+  EXPECT_EQ(outcome.code, 2) << "a run on fitted roofs went on with boxes";
+  expect_one_line(outcome.err);
+  EXPECT_THAT(outcome.err, HasSubstr("rooftop"));
+
   outcome = run(folder, {"evaluate", "--run", attacked, "--hosts", "all", "--out", folder / "e", "--quiet"});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
   const auto result = read_json(folder / "e/result.json");
+  EXPECT_EQ(result.at("rooftops"), read_json(folder / "run/result.json").at("rooftops"));
+  EXPECT_GT(result.at("rooftops").at("fitted"), 0);
   for (const char* key : {"vehicles", "fn_asr", "fp_asr", "asr", "recall_iou"})
     EXPECT_TRUE(result.contains(key)) << key;
   ASSERT_EQ(
       run(folder, {"export", "--run", attacked, "--frames", "1", "--out", folder / "g", "--quiet"}).code, 0);
   EXPECT_TRUE(fs::exists(folder / "g/adversary.glb"));
+  const auto exported = read_json(folder / "g/result.json");
+  EXPECT_EQ(
+      exported.at("rooftops").at("fitted").get<int>() + exported.at("rooftops").at("from_box").get<int>(),
+      exported.at("scenes"));
   EXPECT_EQ(read_file(folder / "g/adversary.glb"), read_file(folder / "run/adversary.glb"));
 }
+
+#ifdef MIRAGE_HAS_TORCHSCRIPT
+TEST(CommandLine, AModelFromPyTorchIsRunAndScored) {
+  TemporaryFolder folder;
+  ASSERT_EQ(std::system((MIRAGE_BUILD "/test_plugins/torchscript_models " + folder.path().string()).c_str()),
+            0);
+  const std::string data = folder / "data";
+  ASSERT_EQ(run(folder, {"generate", "--frames", "1", "--out", data, "--quiet"}).code, 0);
+  const auto detect = [&](const std::string& model) {
+    return run(folder, {"detect", "--data", data, "--detector", "torchscript", "--weights", folder / model,
+                        "--out", folder / "o"});
+  };
+  const Outcome outcome = detect("works.pt");
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_THAT(outcome.out, HasSubstr("moderate"));
+  const auto result = read_json(folder / "o/result.json");
+  EXPECT_EQ(result.at("detector"), "torchscript");
+  for (const char* key : {"frames", "vehicles", "ap50", "ap70", "recall50"})
+    EXPECT_TRUE(result.at(key).is_number()) << key;
+  for (const char* key : {"0_20_m", "20_40_m", "40_70_m", "0_40_m", "easy", "moderate", "hard"})
+    EXPECT_TRUE(result.at("strata").at(key).at("ap70").is_number()) << key;
+  EXPECT_TRUE(fs::exists(folder / "o/precision_recall.json"));
+  for (const auto& plot : result.at("plots")) EXPECT_TRUE(fs::exists(folder / "o" / plot.get<std::string>()));
+  for (const char* model : {"one_tensor.pt", "not_finite.pt", "detached.pt", "missing.pt"}) {
+    const Outcome wrong = detect(model);
+    EXPECT_EQ(wrong.code, 2) << model;
+    expect_one_line(wrong.err);
+    EXPECT_THAT(wrong.err, HasSubstr(model));
+  }
+}
+#endif
 
 }  // namespace
 }  // namespace mirage

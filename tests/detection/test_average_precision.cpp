@@ -106,5 +106,67 @@ TEST(GroundTruth, AppliesItsRules) {
   EXPECT_EQ(truth.ignore.size(), 6u);
 }
 
+Label seen(double height, int occluded, double truncated) {
+  Label label;
+  label.type = "Car";
+  label.top = 100;
+  label.bottom = 100 + height;
+  label.occluded = occluded;
+  label.truncated = truncated;
+  return label;
+}
+
+TEST(Difficulty, FollowsKittisLimits) {
+  EXPECT_EQ(easiest_level(seen(40, 0, 0.15)), Difficulty::easy);
+  EXPECT_EQ(easiest_level(seen(39, 0, 0)), Difficulty::moderate);
+  EXPECT_EQ(easiest_level(seen(60, 1, 0)), Difficulty::moderate);
+  EXPECT_EQ(easiest_level(seen(60, 0, 0.3)), Difficulty::moderate);
+  EXPECT_EQ(easiest_level(seen(60, 2, 0)), Difficulty::hard);
+  EXPECT_EQ(easiest_level(seen(60, 0, 0.5)), Difficulty::hard);
+}
+
+/// Three cars, one a level, at 10, 30 and 50 m.
+std::vector<ScoredFrame> three_levels(std::vector<Proposal> detections) {
+  GroundTruth truth{{car(10), car(30), car(50)}, {}, {}};
+  truth.difficulty = {Difficulty::easy, Difficulty::moderate, Difficulty::hard};
+  return {{std::move(detections), truth, 700}};
+}
+
+TEST(Strata, HarderCarsAreIgnoredNotMissed) {
+  const auto frames = three_levels({found(car(10), 3), found(car(50), 2)});
+  const Stratum easy{"easy", 0, 1e9, Difficulty::easy}, moderate{"moderate", 0, 1e9, Difficulty::moderate};
+  EXPECT_EQ(average_precision(frames, 0.7, easy).boxes, 1);
+  EXPECT_DOUBLE_EQ(average_precision(frames, 0.7, easy).average_precision, 1);
+  EXPECT_EQ(average_precision(frames, 0.7, moderate).boxes, 2);
+  EXPECT_NEAR(average_precision(frames, 0.7, moderate).average_precision, 0.5, 1e-12);
+  EXPECT_NEAR(average_precision(frames, 0.7, moderate).recall, 0.5, 1e-12);
+}
+
+TEST(Strata, RangesSplitBoxesAndFalseAlarms) {
+  // The alarm at 41 m scores highest: it counts where it stands and nowhere else.
+  const auto frames =
+      three_levels({found(car(41), 9), found(car(10), 3), found(car(30), 3), found(car(50), 2)});
+  EXPECT_DOUBLE_EQ(average_precision(frames, 0.7, {"", 0, 20}).average_precision, 1);
+  EXPECT_DOUBLE_EQ(average_precision(frames, 0.7, {"", 20, 40}).average_precision, 1);
+  EXPECT_NEAR(average_precision(frames, 0.7, {"", 40, 70}).average_precision, 0.5, 1e-12);
+  EXPECT_EQ(average_precision(frames, 0.7, {"", 0, 40}).boxes, 2);
+}
+
+TEST(Strata, ADetectionAcrossTheEdgeStillFindsItsCar) {
+  const std::vector<ScoredFrame> frames = {
+      {{found(car(20.1), 1)}, {{car(19.9)}, {}, {}, {Difficulty::easy}}}};
+  EXPECT_DOUBLE_EQ(average_precision(frames, 0.7, {"", 0, 20}).average_precision, 1);
+}
+
+TEST(Strata, AlarmsTooLowForTheLevelCountNeitherWay) {
+  // 700 · 1.53 / 60 m = 18 pixels: below every level's limit. 36 pixels at 30 m: below easy's 40.
+  const auto far_alarm = three_levels({found(car(60), 9), found(car(10), 3)});
+  const auto near_alarm = three_levels({found({30, 20, 4, 2, 0}, 9), found(car(10), 3)});
+  const Stratum easy{"easy", 0, 1e9, Difficulty::easy}, hard{"hard"};
+  EXPECT_DOUBLE_EQ(average_precision(far_alarm, 0.7, easy).average_precision, 1);
+  EXPECT_DOUBLE_EQ(average_precision(near_alarm, 0.7, easy).average_precision, 1);
+  EXPECT_LT(average_precision(near_alarm, 0.7, hard).average_precision, 0.3);
+}
+
 }  // namespace
 }  // namespace mirage

@@ -16,6 +16,10 @@
 namespace mirage {
 namespace {
 
+/// The detector's proposals: one a cell of 0.5 m, 0…70 m × ±40 m.
+constexpr std::size_t kRows = 140, kColumns = 160;
+constexpr double kCell = 0.5;
+
 /// A ground plane and one car in front of a small camera.
 struct Street {
   ImageF image{320, 96, 3};
@@ -68,8 +72,8 @@ std::unique_ptr<Detector> trained(const Street& street, const std::string& name 
 std::vector<double> weights_near(const std::vector<Proposal>& proposals, const BevBox& box) {
   std::vector<double> weights;
   for (std::size_t i = 0; i < proposals.size(); ++i) {
-    const double row = std::floor(static_cast<double>(i) / 128), column = static_cast<double>(i % 128);
-    const double x = 0.4 * (row + 0.5), y = -25.6 + 0.4 * (column + 0.5);
+    const double row = std::floor(static_cast<double>(i) / kColumns);
+    const double x = kCell * (row + 0.5), y = -40 + kCell * (static_cast<double>(i % kColumns) + 0.5);
     weights.push_back(std::hypot(x - box.x, y - box.y) < 2 ? 1 : 0);
   }
   return weights;
@@ -84,7 +88,7 @@ double objective(Detector& detector, const Street& street, const std::vector<dou
 
 SensorGradient gradient_of(Detector& detector, const Street& street, std::vector<double>& weights) {
   const auto proposals = detector.forward(street.view(), -1, true);
-  EXPECT_EQ(proposals.size(), 128u * 128u);
+  EXPECT_EQ(proposals.size(), kRows * kColumns);
   weights = weights_near(proposals, street.box);
   return detector.backward(weights);
 }
@@ -181,7 +185,7 @@ TEST(Fusion, OddInputsGiveFiniteGradients) {
   const auto detector = fresh();
   Street empty, outside, tiny, stacked;
   empty.points.clear();
-  outside.points = {{-5, 0, 0, 0}, {500, 0, 0, 0}, {10, 0, 40, 0}, {0.001f, 0, 0, 0}, {10, -25.6f, 0, 0}};
+  outside.points = {{-5, 0, 0, 0}, {500, 0, 0, 0}, {10, 0, 40, 0}, {0.001f, 0, 0, 0}, {10, -40, 0, 0}};
   outside.points.push_back({std::nanf(""), 1, 1, 0});
   tiny.image = ImageF(3, 2, 3);
   stacked.points.assign(500, LidarPoint{12, 0, -1, 0});
@@ -257,6 +261,62 @@ TEST(Fusion, SavingAndLoadingGoesOnWhereItStopped) {
     }
   }
   std::filesystem::remove(file);
+}
+
+TEST(Fusion, StartsFromALidarDetectorAsThatDetector) {
+  const Street street;
+  const std::filesystem::path file =
+      ::testing::TempDir() + "mirage_start_" + std::to_string(getpid()) + ".weights";
+  const auto lidar = trained(street, "lidar");
+  lidar->save(file, true);
+  DetectorOptions options{"fusion", file, false, 1, 1};
+  options.start = true;
+  const auto fusion = load_detector(options);
+  const auto expected = lidar->forward(street.view(), -1, false);
+  const auto compare = [&] {
+    double difference = 0;
+    const auto found = fusion->forward(street.view(), -1, false);
+    for (std::size_t i = 0; i < found.size(); ++i)
+      difference = std::max(difference, std::abs(found[i].logit - expected[i].logit));
+    return difference;
+  };
+  EXPECT_EQ(compare(), 0);
+  const std::vector<TrainingSample> samples = {street.sample()};
+  for (int i = 0; i < 3; ++i) fusion->train_step(samples, 1e-3);
+  EXPECT_GT(compare(), 1e-3);
+  std::vector<double> weights;
+  double pixels = 0;
+  for (float d : gradient_of(*fusion, street, weights).image.data) pixels += std::abs(d);
+  EXPECT_GT(pixels, 1e-4);  // the picture has a say by now
+
+  // A new training starts the optimiser anew; going on does not.
+  options = {"lidar", file, false, 1, 1};
+  const auto going_on = load_detector(options);
+  options.start = true;
+  const auto anew = load_detector(options);
+  EXPECT_EQ(lidar->train_step(samples, 1e-3).total, going_on->train_step(samples, 1e-3).total);
+  anew->train_step(samples, 1e-3);
+  EXPECT_EQ(lidar->train_step(samples, 1e-3).total, going_on->train_step(samples, 1e-3).total);
+  EXPECT_NE(lidar->train_step(samples, 1e-3).total, anew->train_step(samples, 1e-3).total);
+
+  // A lidar detector has no use for a fusion detector's weights.
+  fusion->save(file, false);
+  EXPECT_THROW(load_detector(options), InputError);
+  std::filesystem::remove(file);
+}
+
+TEST(Fusion, LearnsInBfloat16WithWeightsInFloat) {
+  const Street street;
+  DetectorOptions options{"fusion", {}, true, 1, 1};
+  const auto exact = load_detector(options);
+  options.bfloat16 = true;
+  const auto rounded = load_detector(options);
+  const std::vector<TrainingSample> samples = {street.sample()};
+  for (int i = 0; i < 3; ++i) {
+    const double a = exact->train_step(samples, 1e-3).total, b = rounded->train_step(samples, 1e-3).total;
+    EXPECT_NEAR(a, b, 0.05 * a) << i;
+    EXPECT_NE(a, b);
+  }
 }
 
 TEST(Fusion, BackwardNeedsAGraph) {

@@ -103,15 +103,18 @@ TEST(Loader, PluginThatThrowsOrFailsLater) {
     const auto detector = load_detector(fake(kind));
     return message_of<Failure>([&] { detector->forward(scene.view(), 0.1, false); });
   };
-  EXPECT_THAT(run("throws_in_forward"), HasSubstr("forward threw an exception (thrown on purpose)"));
-  EXPECT_THAT(run("fails_in_forward"), HasSubstr("forward failed (out of luck)"));
+  EXPECT_THAT(run("throws_in_run"), HasSubstr("forward threw an exception (thrown on purpose)"));
+  EXPECT_THAT(run("fails_in_run"), HasSubstr("forward failed (out of luck)"));
   EXPECT_THAT(run("not_finite"), HasSubstr("not finite"));
 }
 
 TEST(Loader, MissingWeights) {
   DetectorOptions options = fake("works");
   options.fresh = false;
-  EXPECT_THAT(load_error(options), HasSubstr("shipped weights are missing"));
+  EXPECT_THAT(load_error(options), HasSubstr("no shipped weights of fake_works for the rig kitti64"));
+  options.rig = "xenith";
+  EXPECT_THAT(load_error(options), HasSubstr("fake_works-xenith.weights"));
+  EXPECT_THAT(load_error(options), HasSubstr("--weights"));
   options.weights = "/nowhere/my.weights";
   EXPECT_THAT(load_error(options), HasSubstr("/nowhere/my.weights: no such weights file"));
 }

@@ -81,6 +81,9 @@ TEST(Training, AStoppedRunGoesOnToTheSameWeights) {
   options.batch = 1;
   options.quiet = true;
   options.checkpoint_every = 2;
+  options.validation = kitti();
+  options.validation_frames = 1;
+  options.validate_every = 2;
   options.out = base / "whole";
   const TrainingResult whole = train_detector(options);
 
@@ -100,15 +103,25 @@ TEST(Training, AStoppedRunGoesOnToTheSameWeights) {
     detector->save(options.out / "checkpoint-2.weights", true);
     auto state = read_json(base / "whole" / "training.json");
     state["step"] = 2;
+    write_file(options.out / "training.jsonl", read_file(base / "whole" / "training.jsonl"));
     state["weights"] = "checkpoint-2.weights";
     write_json(options.out / "training.json", state);
   }
   const TrainingResult parts = train_detector(options);
   EXPECT_EQ(parts.steps, 4);
   EXPECT_EQ(read_file(whole.weights), read_file(parts.weights));
+  // Each step in the log once, although steps 3 and 4 were there before the stop.
+  const std::string log = read_file(options.out / "training.jsonl");
+  EXPECT_EQ(log.find("\"step\":2"), log.rfind("\"step\":2"));
+  EXPECT_NE(log.find("\"ap50\""), std::string::npos);
 
-  options.learning_rate = 1e-4;
-  EXPECT_THROW(train_detector(options), InputError);
+  for (auto change :
+       {+[](TrainingOptions& o) { o.learning_rate = 1e-4; }, +[](TrainingOptions& o) { o.bfloat16 = true; },
+        +[](TrainingOptions& o) { o.start = o.out / "checkpoint-4.weights"; }}) {
+    TrainingOptions other = options;
+    change(other);
+    EXPECT_THROW(train_detector(other), InputError);
+  }
   std::filesystem::remove_all(base);
 }
 #endif

@@ -38,7 +38,9 @@ TexturedMesh noisy_adversary(int resolution = 5) {
   return textured;
 }
 
-ExportScene scene() {
+/// The host as its labelled box, or as a fitted vehicle.
+ExportScene scene(bool fitted = false) {
+  const Vec3d half(2.0, 0.8, 0.7);
   Frame frame;
   frame.image = ImageF(1242, 375, 3, 0.2f);
   frame.calibration.camera = {721.5377, 721.5377, 609.5593, 172.854, 1242, 375};
@@ -47,9 +49,30 @@ ExportScene scene() {
   Label host;
   host.left = 500, host.top = 150, host.right = 640, host.bottom = 220;
   host.box = {{12, 1, 4.1, 1.7, 0.3}, -1.7, 1.5};
-  TexturedMesh placed = noisy_adversary();
-  for (Vec3d& v : placed.mesh.vertices) v += Vec3d(12, 1, 0.2);
-  return host_scene(frame, host, placed, "test scene");
+  Rooftop rooftop = BoxRooftopFinder().find(frame, host);
+  if (fitted) {
+    Mesh vehicle = icosphere(3);
+    for (Vec3d& v : vehicle.vertices) v = velo_from_box(host.box) * (v.cwiseProduct(half) + Vec3d(0, 0, 0.7));
+    rooftop.from_box = false;
+    rooftop.vehicle = std::make_shared<const Mesh>(vehicle);
+  }
+  return host_scene(frame, host, rooftop, noisy_adversary(), "test scene");
+}
+
+/// The node of a role in a scene's JSON, and its mesh's first primitive.
+struct Part {
+  nlohmann::json node, primitive, accessors;
+};
+Part part_of(const fs::path& file, const std::string& role) {
+  const std::string bytes = read_file(file);
+  std::uint32_t length = 0;
+  std::memcpy(&length, bytes.data() + 12, sizeof(length));
+  const auto json = nlohmann::json::parse(bytes.substr(20, length));
+  for (const auto& node : json.at("nodes"))
+    if (node.at("extras").at("mirage_role") == role)
+      return {node, json.at("meshes").at(node.at("mesh").get<std::size_t>()).at("primitives").at(0),
+              json.at("accessors")};
+  return {};
 }
 
 void expect_identical(const TexturedMesh& a, const TexturedMesh& b) {
@@ -125,8 +148,29 @@ TEST(HostProxy, IsClosedAndItsRoofIsTheBoxsTop) {
   EXPECT_NEAR(bounds(car).max().z(), -0.1, 1e-12);
   EXPECT_NEAR(bounds(car).min().z(), -1.6, 1e-12);
   for (const Vec3d& v : car.vertices) EXPECT_TRUE(contains(box, v, 1e-9));
-  const Mesh ground = ground_proxy(box);
+  const Mesh ground = ground_proxy({10, -3, -1.6});
   for (const Vec3d& n : face_normals(ground)) EXPECT_GT(n.z(), 0);
+}
+
+TEST(HostScene, HoldsTheFittedVehicleAndSaysSo) {
+  const ExportScene fitted = scene(true), by_box = scene();
+  const Mesh& vehicle = fitted.proxies.at(0).mesh;
+  EXPECT_EQ(vehicle.faces.size(), icosphere(3).faces.size());
+  EXPECT_EQ(by_box.proxies.at(0).mesh.faces.size(), car_proxy({}).faces.size());
+  EXPECT_NEAR(bounds(fitted.proxies.at(1).mesh).max().z(), bounds(vehicle).min().z(), 1e-12);
+  EXPECT_NEAR(bounds(by_box.proxies.at(1).mesh).max().z(), -1.7, 1e-12);
+  for (const auto& [source, shape] : {std::pair(fitted, "fitted"), std::pair(by_box, "box")}) {
+    write_scene(scratch("host.glb"), source);
+    const Part host = part_of(scratch("host.glb"), "host");
+    EXPECT_EQ(host.node.at("extras").at("mirage_shape"), shape);
+    // Shared corners: what was watertight stays so.
+    const auto count = [&](const nlohmann::json& accessor) {
+      return host.accessors.at(accessor.get<std::size_t>()).at("count").get<std::size_t>();
+    };
+    const Mesh& mesh = source.proxies.at(0).mesh;
+    EXPECT_EQ(count(host.primitive.at("indices")), 3 * mesh.faces.size());
+    EXPECT_EQ(count(host.primitive.at("attributes").at("POSITION")), mesh.vertices.size());
+  }
 }
 
 /// Runs Khronos' validator on the files; skips when node or the package cannot be had.
@@ -140,6 +184,7 @@ TEST(Gltf, ValidatorFindsNothing) {
   }
   write_adversary(scratch("validated-adversary.glb"), noisy_adversary());
   write_scene(scratch("validated-scene.glb"), scene());
+  write_scene(scratch("validated-fitted.glb"), scene(true));
   write_file(folder + "/check.js", R"(
 const fs = require('fs'), validator = require(process.argv[2] + '/node_modules/gltf-validator');
 (async () => {
@@ -154,7 +199,8 @@ const fs = require('fs'), validator = require(process.argv[2] + '/node_modules/g
 )");
   const std::string check = "node '" + folder + "/check.js' '" + folder + "' '" +
                             scratch("validated-adversary.glb").string() + "' '" +
-                            scratch("validated-scene.glb").string() + "'";
+                            scratch("validated-scene.glb").string() + "' '" +
+                            scratch("validated-fitted.glb").string() + "'";
   EXPECT_EQ(std::system(check.c_str()), 0);
 }
 

@@ -57,8 +57,9 @@ bool finite(const ImageF& image) {
 
 TEST(GuidedDepth, ShippedWeightsBeatIpBasicOnAFreshFrame) {
   const Rig rig = read_rig(std::filesystem::path(MIRAGE_SOURCE) / "scenes/rigs/kitti64.toml");
-  ImageF truth;
-  const Frame frame = generate_frame(rig, 987, 5, &truth);
+  FrameTruth made;
+  const Frame frame = generate_frame(rig, 987, 5, &made);
+  const ImageF& truth = made.depth;
   const ImageF sparse = sparse_depth(frame.sweep, frame.calibration);
   const auto guided = load_depth_completion({"guided"});
   const ImageF learned = guided->complete(frame.image, sparse), classical = complete_depth(sparse);

@@ -78,8 +78,8 @@ TEST(DepthBackEnds, PluginsThatFailLater) {
     const auto completion = load_depth_completion(fake(kind));
     return error_text<Failure>([&] { completion->complete(picture.image, picture.sparse); });
   };
-  EXPECT_THAT(run("throws_in_complete"), HasSubstr("complete threw an exception (thrown on purpose)"));
-  EXPECT_THAT(run("fails_in_complete"), HasSubstr("complete failed (out of luck)"));
+  EXPECT_THAT(run("throws_in_run"), HasSubstr("complete threw an exception (thrown on purpose)"));
+  EXPECT_THAT(run("fails_in_run"), HasSubstr("complete failed (out of luck)"));
   EXPECT_THAT(run("not_finite"), HasSubstr("not finite"));
 }
 

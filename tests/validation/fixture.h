@@ -74,7 +74,7 @@ inline HostScene host_scene_of(const PreparedFrame& prepared, const TexturedMesh
   scene.scratch = scratch(name);
   std::filesystem::create_directories(scene.scratch);
   scene.samples = 16;
-  write_scene(scene.glb, host_scene(prepared.frame, *scene.host, scene.placed, name));
+  write_scene(scene.glb, host_scene(prepared.frame, *scene.host, scene.rooftop, adversary, name));
   return scene;
 }
 

@@ -55,6 +55,8 @@ int main(int argc, char** argv) {
   register_lidar_benchmarks();
   register_lidar_effect_benchmarks();
   register_fit_benchmarks();
+  register_generator_benchmarks();
+  register_detector_benchmarks();
   benchmark::Initialize(&argc, argv);
   Collector collector;
   benchmark::RunSpecifiedBenchmarks(&collector);

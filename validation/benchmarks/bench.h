@@ -25,5 +25,9 @@ void register_lidar_benchmarks();
 void register_lidar_effect_benchmarks();
 /// The vehicle fit by stage.
 void register_fit_benchmarks();
+/// The street generator: frames a second and the share of each stage, for both rigs.
+void register_generator_benchmarks();
+/// Detectors: passes and training steps, by stage.
+void register_detector_benchmarks();
 
 }  // namespace mirage

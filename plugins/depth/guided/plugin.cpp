@@ -1,35 +1,13 @@
 // The C interface of depth completion (scene/depth/depth_abi.h). No exception leaves a function of this file.
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "../../c_interface.h"
 #include "guided_completion.h"
 
 namespace {
 
+using mirage::guarded;
 using mirage::guided::GuidedCompletion;
-
-void report(const char* what, char* error, size_t error_size) {
-  if (!error || error_size == 0) return;
-  std::snprintf(error, error_size, "%s", what);
-  // One line: LibTorch appends a stack trace to some of its messages.
-  for (char* c = error; *c; ++c)
-    if (*c == '\n') *c = '\0';
-}
-
-template <class Work>
-int guarded(char* error, size_t error_size, const Work& work) noexcept {
-  try {
-    work();
-    return 0;
-  } catch (const c10::Error& problem) {
-    report(problem.what_without_backtrace(), error, error_size);
-  } catch (const std::exception& problem) {
-    report(problem.what(), error, error_size);
-  } catch (...) {
-    report("unknown error in depth completion", error, error_size);
-  }
-  return 1;
-}
 
 GuidedCompletion& instance(void* completion) {
   return *static_cast<GuidedCompletion*>(completion);

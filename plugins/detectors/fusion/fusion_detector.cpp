@@ -1,8 +1,11 @@
 #include "fusion_detector.h"
 
+#include <ATen/autocast_mode.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <sstream>
 #include <stdexcept>
 
@@ -17,7 +20,7 @@ namespace {
 
 using torch::Tensor;
 
-constexpr const char* kFormat = "mirage fusion detector 1";
+constexpr const char* kFormat = "mirage fusion detector 2";
 constexpr double kWeightDecay = 0.01, kLargestGradient = 5.0;
 
 /// Own copies: the host may free its memory while the graph lives on.
@@ -34,16 +37,30 @@ SensorTensors copy_input(const MirageSensorInput& input, bool with_image) {
   return tensors;
 }
 
-Network make_network(const Options& options) {
+/// The convolutions and linear layers in bfloat16 where asked; everything else, and all weights, stay float.
+Tensor training_pass(NetworkImpl& network, const SensorTensors& input, bool bfloat16) {
+  if (!bfloat16) return network.forward(input);
+  at::autocast::set_autocast_cpu_dtype(at::kBFloat16);
+  at::autocast::set_cpu_enabled(true);
+  Tensor output = network.forward(input).to(torch::kFloat);
+  at::autocast::clear_cache();  // its copies of the weights, which the optimiser is about to change
+  at::autocast::set_cpu_enabled(false);
+  return output;
+}
+
+Network make_network(const Options& options, const torch::Device& device) {
   torch::manual_seed(options.seed);
-  return Network(options.with_image);
+  Network network(options.with_image);
+  network->to(device);
+  return network;
 }
 
 }  // namespace
 
 FusionDetector::FusionDetector(const Options& options, const char* weights)
     : options_(options),
-      network_(make_network(options)),
+      device_(torch::cuda::is_available() ? torch::kCUDA : torch::kCPU),
+      network_(make_network(options, device_)),
       optimiser_(network_->parameters(),
                  torch::optim::AdamWOptions(1e-3).betas({0.9, 0.99}).weight_decay(kWeightDecay)) {
   if (weights) load(weights);
@@ -132,7 +149,8 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
   for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
     const SensorTensors plain = copy_input(samples[i].input, options_.with_image);
     const SensorTensors input = augment(plain, options_.seed, static_cast<std::uint64_t>(samples_seen_) + i);
-    const LossTerms terms = detection_loss(network_->forward(input), targets[i], positives, boxed);
+    const LossTerms terms =
+        detection_loss(training_pass(*network_, input, options_.bfloat16), targets[i], positives, boxed);
     results[i].loss = {terms.total.item<float>(), static_cast<float>(terms.score),
                        static_cast<float>(terms.box)};
     // Without the picture its branch gets no gradient: allow_unused.
@@ -183,29 +201,21 @@ void FusionDetector::load(const std::string& file) {
   torch::serialize::InputArchive archive;
   c10::IValue value;
   try {
-    archive.load_from(file);
+    archive.load_from(file, device_);
   } catch (const std::exception&) {
     throw std::runtime_error("not a readable weights file; restore it, or train anew with mirage train");
   }
   if (!archive.try_read("format", value) || !value.isString() || value.toStringRef() != kFormat)
     throw std::runtime_error("weights of another program or version; train anew with mirage train");
   archive.read("with_image", value);
-  if (value.toBool() != options_.with_image)
-    throw std::runtime_error(std::string("weights of a ") + (value.toBool() ? "fusion" : "lidar") +
+  const bool with_image = value.toBool();
+  if (with_image != options_.with_image && (with_image || !options_.start))
+    throw std::runtime_error(std::string("weights of a ") + (with_image ? "fusion" : "lidar") +
                              " detector; choose that detector or other weights");
-  std::vector<std::vector<std::int64_t>> shapes;
-  for (const Tensor& parameter : network_->parameters()) shapes.push_back(parameter.sizes().vec());
   torch::serialize::InputArchive network;
   archive.read("network", network);
-  network_->load(network);
-  const auto parameters = network_->parameters();
-  for (std::size_t i = 0; i < shapes.size(); ++i) {
-    if (parameters[i].sizes().vec() != shapes[i])
-      throw std::runtime_error("weights of another network; train anew with mirage train");
-    if (!torch::isfinite(parameters[i]).all().item<bool>())
-      throw std::runtime_error(
-          "weights that are not finite; restore the file, or train anew with mirage train");
-  }
+  load_network(network, with_image);
+  if (options_.start) return;
   archive.read("with_optimiser", value);
   if (!value.toBool()) return;
   archive.read("steps", value);
@@ -215,6 +225,26 @@ void FusionDetector::load(const std::string& file) {
   torch::serialize::InputArchive optimiser;
   archive.read("optimiser", optimiser);
   optimiser_.load(optimiser);
+}
+
+void FusionDetector::load_network(torch::serialize::InputArchive& archive, bool with_image) {
+  Network read(with_image);
+  read->to(device_);
+  std::map<std::string, std::vector<std::int64_t>> shapes;
+  for (const auto& item : read->named_parameters()) shapes[item.key()] = item.value().sizes().vec();
+  read->load(archive);
+  if (options_.with_image && !with_image)
+    for (ContinuousFusion& fuse : network_->fuse) fuse->silence();
+  const torch::NoGradGuard guard;
+  auto ours = network_->named_parameters();
+  for (const auto& item : read->named_parameters()) {
+    if (item.value().sizes().vec() != shapes[item.key()])
+      throw std::runtime_error("weights of another network; train anew with mirage train");
+    if (!torch::isfinite(item.value()).all().item<bool>())
+      throw std::runtime_error(
+          "weights that are not finite; restore the file, or train anew with mirage train");
+    ours[item.key()].copy_(item.value());
+  }
 }
 
 }  // namespace mirage::fusion

@@ -1,4 +1,6 @@
 // The detector's state: network, optimiser, and the graph of the last forward pass.
+// The network lives on the GPU where LibTorch has one (CUDA), otherwise on the CPU; voxels, nearest points
+// and the look-up in the picture's features are made on the CPU either way. No GPU was there to test it on.
 #pragma once
 
 #include <cstdint>
@@ -13,8 +15,12 @@ namespace mirage::fusion {
 
 struct Options {
   bool with_image = true;
+  /// The weights are where a new training starts: the optimiser is fresh, and a detector with a picture may
+  /// start from the weights of one without (the image branch then comes from the seed and adds nothing yet).
+  bool start = false;
   std::uint64_t seed = 0;
-  int threads = 1;  ///< samples of a training step at once; a forward pass uses one
+  bool bfloat16 = false;  ///< convolutions of training passes in bfloat16
+  int threads = 1;        ///< samples of a training step at once; a forward pass uses one
 };
 
 /// Errors leave as std::exception; the C interface turns them into one line.
@@ -32,9 +38,11 @@ class FusionDetector {
 
  private:
   void load(const std::string& file);
+  void load_network(torch::serialize::InputArchive& archive, bool with_image);
   void require_parameter_gradients(bool required);
 
   Options options_;
+  torch::Device device_;
   Network network_{nullptr};
   torch::optim::AdamW optimiser_;
   std::int64_t steps_ = 0, samples_seen_ = 0;

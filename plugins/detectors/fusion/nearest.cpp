@@ -1,13 +1,11 @@
 #include "nearest.h"
 
+#include <algorithm>
 #include <cmath>
-
-#include "region.h"
 
 namespace mirage::fusion {
 namespace {
 
-constexpr double kReach = 2.4;         // m
 constexpr double kNearestDepth = 0.5;  // m; also keeps the division by depth tame
 
 bool seen(const float* p, const Projection& m, int width, int height) {
@@ -18,79 +16,54 @@ bool seen(const float* p, const Projection& m, int width, int height) {
   return u >= -0.5 && u < width - 0.5 && v >= -0.5 && v < height - 0.5;
 }
 
-class Field {
- public:
-  Field(std::span<const float> points, std::int64_t rows, std::int64_t columns, double cell)
-      : points_(points), rows_(rows), columns_(columns), cell_(cell), best_(rows * columns, -1) {
-    distance_.assign(best_.size(), kReach * kReach);
-  }
-
-  void offer(std::int64_t row, std::int64_t column, std::int64_t point) {
-    if (point < 0 || row < 0 || row >= rows_ || column < 0 || column >= columns_) return;
-    const double dx = points_[4 * point] - cell_x(row, cell_),
-                 dy = points_[4 * point + 1] - cell_y(column, cell_);
-    const double distance = dx * dx + dy * dy;
-    const std::int64_t at = row * columns_ + column;
-    // The last returns of a sweep may sit on top of each other: the lower index wins a tie, always.
-    if (distance > distance_[at] || (distance == distance_[at] && (best_[at] < 0 || point >= best_[at])))
-      return;
-    distance_[at] = distance;
-    best_[at] = point;
-  }
-
-  void spread() {
-    for (int pass = 0; pass < 4; ++pass) {
-      const std::int64_t down = pass % 2 == 0 ? 1 : -1;
-      for (std::int64_t r = 0; r < rows_; ++r) {
-        const std::int64_t row = down > 0 ? r : rows_ - 1 - r;
-        for (std::int64_t c = 0; c < columns_; ++c) pull(row, c, row - down);
-        for (std::int64_t c = 1; c < columns_; ++c) offer(row, c, best_[row * columns_ + c - 1]);
-        for (std::int64_t c = columns_ - 2; c >= 0; --c) offer(row, c, best_[row * columns_ + c + 1]);
+/// Offers each point to every cell whose centre it reaches; a cell keeps the nearest.
+NearestPoints nearest_on(const Grid& grid, std::span<const float> points,
+                         std::span<const std::int64_t> visible) {
+  std::vector<std::int64_t> best(static_cast<std::size_t>(grid.rows * grid.columns), -1);
+  std::vector<double> distance(best.size(), grid.reach * grid.reach);
+  const auto first = [&](double at) {
+    return std::max<std::int64_t>(0, std::llround(std::floor((at - grid.reach) / grid.cell)));
+  };
+  const auto last = [&](double at, std::int64_t count) {
+    return std::min<std::int64_t>(count - 1, std::llround(std::floor((at + grid.reach) / grid.cell)));
+  };
+  for (const std::int64_t i : visible) {
+    const double x = points[4 * i], y = points[4 * i + 1];
+    for (std::int64_t row = first(x - kXMin); row <= last(x - kXMin, grid.rows); ++row) {
+      const double dx = x - cell_x(row, grid.cell);
+      for (std::int64_t column = first(y - kYMin); column <= last(y - kYMin, grid.columns); ++column) {
+        const double dy = y - cell_y(column, grid.cell), squared = dx * dx + dy * dy;
+        const std::size_t at = row * grid.columns + column;
+        // Points are offered in their order: of two at the same distance the first one stays.
+        if (squared > distance[at] || (squared == distance[at] && best[at] >= 0)) continue;
+        distance[at] = squared;
+        best[at] = i;
       }
     }
   }
-
-  NearestPoints result() const {
-    NearestPoints nearest;
-    for (std::size_t i = 0; i < best_.size(); ++i) {
-      if (best_[i] < 0) continue;
-      nearest.cells.push_back(static_cast<std::int64_t>(i));
-      nearest.points.push_back(best_[i]);
-    }
-    return nearest;
+  NearestPoints nearest;
+  for (std::size_t cell = 0; cell < best.size(); ++cell) {
+    if (best[cell] < 0) continue;
+    nearest.cells.push_back(static_cast<std::int64_t>(cell));
+    nearest.points.push_back(best[cell]);
   }
-
- private:
-  void pull(std::int64_t row, std::int64_t column, std::int64_t from) {
-    if (from < 0 || from >= rows_) return;
-    for (std::int64_t k = -1; k <= 1; ++k)
-      if (column + k >= 0 && column + k < columns_) offer(row, column, best_[from * columns_ + column + k]);
-  }
-
-  std::span<const float> points_;
-  std::int64_t rows_, columns_;
-  double cell_;
-  std::vector<std::int64_t> best_;
-  std::vector<double> distance_;
-};
+  return nearest;
+}
 
 }  // namespace
 
-NearestPoints nearest_points(std::span<const float> points, const Projection& projection, int width,
-                             int height, std::int64_t rows, std::int64_t columns, double cell) {
-  Field field(points, rows, columns, cell);
+std::array<NearestPoints, kGrids.size()> nearest_points(std::span<const float> points,
+                                                        const Projection& projection, int width, int height) {
+  std::vector<std::int64_t> visible;
   for (std::size_t i = 0; i < points.size() / 4; ++i) {
     const float* p = points.data() + 4 * i;
-    const double row = (p[0] - kXMin) / cell, column = (p[1] - kYMin) / cell;
-    if (!(row >= 0 && row < static_cast<double>(rows) && column >= 0 &&
-          column < static_cast<double>(columns)))
-      continue;
-    if (!std::isfinite(p[2]) || !seen(p, projection, width, height)) continue;
-    field.offer(static_cast<std::int64_t>(row), static_cast<std::int64_t>(column),
-                static_cast<std::int64_t>(i));
+    if (!(p[0] >= kXMin && p[0] < kXMax && p[1] >= kYMin && p[1] < kYMax && std::isfinite(p[2]))) continue;
+    if (seen(p, projection, width, height)) visible.push_back(static_cast<std::int64_t>(i));
   }
-  field.spread();
-  return field.result();
+  std::array<NearestPoints, kGrids.size()> nearest;
+  for (std::size_t level = 0; level < kGrids.size(); ++level)
+    nearest[level] = nearest_on(kGrids[level], points, visible);
+  return nearest;
 }
 
 }  // namespace mirage::fusion

@@ -6,6 +6,8 @@
 #include <span>
 #include <vector>
 
+#include "region.h"
+
 namespace mirage::fusion {
 
 /// Row-major 3 × 4 projection: (u w, v w, w) = M (x, y, z, 1).
@@ -16,11 +18,11 @@ struct NearestPoints {
   std::vector<std::int64_t> cells, points;
 };
 
-/// For each cell the point nearest to its centre in the ground plane, within 2.4 m, among the points that
-/// the camera sees (in front of it and inside width × height). `points`: N × 4 floats. Each cell offers
-/// its best point to its neighbours in four raster passes, so a nearer point may be missed by a fraction of a
-/// cell; the selection is discrete and carries no gradient, everything after it does.
-NearestPoints nearest_points(std::span<const float> points, const Projection& projection, int width,
-                             int height, std::int64_t rows, std::int64_t columns, double cell);
+/// For each cell of each grid the point nearest to its centre in the ground plane, within the grid's reach,
+/// among the points that the camera sees (in front of it and inside width × height). `points`: N × 4 floats.
+/// Of points at the same distance the first one counts. The selection is discrete and carries no gradient,
+/// everything after it does.
+std::array<NearestPoints, kGrids.size()> nearest_points(std::span<const float> points,
+                                                        const Projection& projection, int width, int height);
 
 }  // namespace mirage::fusion

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "bilinear.h"
 #include "region.h"
 #include "voxels.h"
 
@@ -12,20 +13,23 @@ namespace nn = torch::nn;
 namespace fn = torch::nn::functional;
 using torch::Tensor;
 
-constexpr int kImageFeatures = 32;
-constexpr int kFine = 32, kCoarse = 64, kDeep = 96, kPyramid = 48;
-constexpr int kSmallestImage = 32;  // pixels a side; smaller ones vanish on the way to an eighth
+constexpr int kImageFeatures = 32, kImageStride = 8, kDeepestImageStride = 32;
+constexpr int kHidden = 48;  // of the fusion's MLP
+constexpr std::array<int, kGrids.size()> kWidths = {32, 64, 96, 128};
+constexpr int kPyramid = 64;
 
-Tensor upsample(const Tensor& x, const Tensor& like) {
-  return fn::interpolate(x, fn::InterpolateFuncOptions()
-                                .size(std::vector<std::int64_t>{like.size(2), like.size(3)})
-                                .mode(torch::kNearest));
+Tensor upsample(const Tensor& x) {
+  return fn::interpolate(
+      x, fn::InterpolateFuncOptions().scale_factor(std::vector<double>{2, 2}).mode(torch::kNearest));
+}
+
+Tensor to_multiple(const Tensor& x, std::int64_t of) {
+  const std::int64_t down = (of - x.size(2) % of) % of, right = (of - x.size(3) % of) % of;
+  return down + right == 0 ? x : fn::pad(x, fn::PadFuncOptions({0, right, 0, down}));
 }
 
 }  // namespace
 
-// Strided kernels are even (4 × 4, padding 1): the centre of output i lies at 2 i + 1/2, the middle of the
-// two cells it replaces, so that grids of all strides share their edges.
 ConvNormImpl::ConvNormImpl(int in, int out, int kernel, int stride, bool relu) : relu_(relu) {
   conv = register_module(
       "conv",
@@ -35,7 +39,9 @@ ConvNormImpl::ConvNormImpl(int in, int out, int kernel, int stride, bool relu) :
 }
 
 Tensor ConvNormImpl::forward(const Tensor& x) {
-  const Tensor y = norm(conv(x));
+  Tensor y = conv(x);
+  if (y.scalar_type() == torch::kBFloat16) y = y.to(torch::kFloat);
+  y = norm(y);
   return relu_ ? torch::relu(y) : y;
 }
 
@@ -50,13 +56,18 @@ Tensor ResidualImpl::forward(const Tensor& x) {
 
 ImageBranchImpl::ImageBranchImpl() {
   stem = register_module("stem", ConvNorm(3, 16, 4, 2));
-  block2 = register_module("block2", Residual(16));
-  down4 = register_module("down4", ConvNorm(16, 32, 4, 2));
-  block4 = register_module("block4", Residual(32));
-  down8 = register_module("down8", ConvNorm(32, 64, 4, 2));
-  block8 = register_module("block8", Residual(64));
-  lateral4 = register_module("lateral4", ConvNorm(32, kImageFeatures, 1, 1, false));
-  lateral8 = register_module("lateral8", ConvNorm(64, kImageFeatures, 1, 1, false));
+  group4 = register_module("group4", Residual(16));
+  down8 = register_module("down8", ConvNorm(16, 32, 2, 2));
+  group8 = register_module("group8", Residual(32));
+  down16 = register_module("down16", ConvNorm(32, 64, 2, 2));
+  group16 = register_module("group16", Residual(64));
+  down32 = register_module("down32", ConvNorm(64, 64, 2, 2));
+  group32 = register_module("group32", Residual(64));
+  // The finest scale comes down to the map's stride; the coarser ones go up to it.
+  lateral4 = register_module("lateral4", ConvNorm(16, kImageFeatures, 2, 2, false));
+  lateral8 = register_module("lateral8", ConvNorm(32, kImageFeatures, 1, 1, false));
+  lateral16 = register_module("lateral16", ConvNorm(64, kImageFeatures, 1, 1, false));
+  lateral32 = register_module("lateral32", ConvNorm(64, kImageFeatures, 1, 1, false));
   smooth = register_module("smooth", ConvNorm(kImageFeatures, kImageFeatures, 3, 1));
 }
 
@@ -64,101 +75,126 @@ Tensor ImageBranchImpl::forward(const Tensor& picture) {
   // A square root spreads the shadows much as sRGB does; the small term bounds its slope at black.
   const Tensor tone = torch::sqrt(picture.clamp_min(0) + 1e-3);
   const Tensor full = ((tone - 0.45) / 0.28).permute({2, 0, 1}).unsqueeze(0);
-  const Tensor half = torch::avg_pool2d(full, 2);
-  const Tensor x2 = block2(stem(half));
-  const Tensor x4 = block4(down4(x2));
-  const Tensor x8 = block8(down8(x4));
-  return smooth(torch::relu(lateral4(x4) + upsample(lateral8(x8), x4)));
+  const Tensor half = torch::avg_pool2d(to_multiple(full, kDeepestImageStride), 2);
+  const Tensor x4 = group4(stem(half));
+  const Tensor x8 = group8(down8(x4));
+  const Tensor x16 = group16(down16(x8));
+  const Tensor x32 = group32(down32(x16));
+  const Tensor p16 = torch::relu(lateral16(x16) + upsample(lateral32(x32)));
+  return smooth(torch::relu(lateral8(x8) + lateral4(x4) + upsample(p16)));
 }
 
-ContinuousFusionImpl::ContinuousFusionImpl(int out, std::int64_t rows, std::int64_t columns, double cell)
-    : out_(out), rows_(rows), columns_(columns), cell_(cell) {
-  hidden = register_module("hidden", nn::Linear(kImageFeatures + 3, 64));
-  hidden2 = register_module("hidden2", nn::Linear(64, 64));
-  last = register_module("last", nn::Linear(64, out));
+ContinuousFusionImpl::ContinuousFusionImpl(int out) : out_(out) {
+  hidden = register_module("hidden", nn::Linear(kImageFeatures + 3, kHidden));
+  hidden2 = register_module("hidden2", nn::Linear(kHidden, kHidden));
+  last = register_module("last", nn::Linear(kHidden, out));
 }
 
-Tensor ContinuousFusionImpl::forward(const Tensor& features, const SensorTensors& input) {
-  const Tensor rows = input.points.detach().contiguous();  // for the discrete choice of points only
-  const int width = static_cast<int>(input.image.size(1)), height = static_cast<int>(input.image.size(0));
-  const NearestPoints nearest =
-      nearest_points({rows.data_ptr<float>(), static_cast<std::size_t>(rows.numel())}, input.projection,
-                     width, height, rows_, columns_, cell_);
-  const auto count = static_cast<std::int64_t>(nearest.cells.size());
-  if (count == 0) return {};
-  const Tensor cells = torch::tensor(nearest.cells), chosen = torch::tensor(nearest.points);
-  Tensor centres = torch::empty({count, 3});
-  for (std::int64_t k = 0; k < count; ++k) {
-    float* centre = centres.data_ptr<float>() + 3 * k;
-    centre[0] = static_cast<float>(cell_x(nearest.cells[k] / columns_, cell_));
-    centre[1] = static_cast<float>(cell_y(nearest.cells[k] % columns_, cell_));
-    centre[2] = -1;  // halfway up a car
-  }
-  const Tensor points = input.points.narrow(1, 0, 3).index_select(0, chosen);
+void ContinuousFusionImpl::silence() {
+  const torch::NoGradGuard guard;
+  nn::init::zeros_(last->weight);
+  nn::init::zeros_(last->bias);
+}
 
-  std::vector<double> m(input.projection.begin(), input.projection.end());
-  const Tensor matrix = torch::tensor(m, torch::kFloat).view({3, 4});
-  const Tensor uvw = torch::matmul(points, matrix.narrow(1, 0, 3).t()) + matrix.select(1, 3);
-  const Tensor uv = uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
-  // Pixel centres are whole numbers: edges lie at −1/2 and width − 1/2, which grid_sample calls −1 and 1.
-  const Tensor size =
-      torch::tensor({static_cast<float>(features.size(3) * 8), static_cast<float>(features.size(2) * 8)});
-  const Tensor grid = (2 * (uv + 0.5) / size - 1).view({1, 1, count, 2});
-  const Tensor sampled = fn::grid_sample(
-      features, grid,
-      fn::GridSampleFuncOptions().mode(torch::kBilinear).padding_mode(torch::kBorder).align_corners(false));
-  const Tensor read = sampled.view({kImageFeatures, count}).t();
-
-  const Tensor joined = torch::cat({read, points - centres}, 1);
-  const Tensor y = last(torch::relu(hidden2(torch::relu(hidden(joined)))));
-  const Tensor dense = torch::zeros({rows_ * columns_, out_}).index_copy(0, cells, y);
-  return dense.view({1, rows_, columns_, out_}).permute({0, 3, 1, 2});
+Tensor ContinuousFusionImpl::forward(const Tensor& read, const Tensor& offset, const Tensor& cells,
+                                     const Grid& grid) {
+  // In float even where convolutions run in bfloat16: rows of 48 gain nothing from it.
+  const c10::impl::ExcludeDispatchKeyGuard in_float(c10::DispatchKey::AutocastCPU);
+  const Tensor y = last(torch::relu(hidden2(torch::relu(hidden(torch::cat({read, offset}, 1))))));
+  const Tensor dense = torch::zeros({grid.rows * grid.columns, out_}, y.options()).index_copy(0, cells, y);
+  return dense.view({1, grid.rows, grid.columns, out_}).permute({0, 3, 1, 2});
 }
 
 NetworkImpl::NetworkImpl(bool with_image) {
-  stem = register_module("stem", ConvNorm(static_cast<int>(kVoxelsZ), kFine, 4, 2));
-  block1 = register_module("block1", Residual(kFine));
-  down2 = register_module("down2", ConvNorm(kFine, kCoarse, 4, 2));
-  block2a = register_module("block2a", Residual(kCoarse));
-  block2b = register_module("block2b", Residual(kCoarse));
-  down4 = register_module("down4", ConvNorm(kCoarse, kDeep, 4, 2));
-  block4a = register_module("block4a", Residual(kDeep));
-  block4b = register_module("block4b", Residual(kDeep));
-  lateral4 = register_module("lateral4", ConvNorm(kDeep, kPyramid, 1, 1, false));
-  lateral2 = register_module("lateral2", ConvNorm(kCoarse, kPyramid, 1, 1, false));
-  reduce = register_module("reduce", ConvNorm(kPyramid, kFine, 3, 1, false));
-  lateral1 = register_module("lateral1", ConvNorm(kFine, kFine, 1, 1, false));
-  smooth = register_module("smooth", ConvNorm(kFine, kFine, 3, 1));
-  head = register_module("head", nn::Conv2d(nn::Conv2dOptions(kFine, kOutputs, 1)));
+  stem = register_module("stem", ConvNorm(static_cast<int>(kVoxelsZ), kWidths[0], 4, 2));
+  group1 = register_module("group1", Residual(kWidths[0]));
+  down2 = register_module("down2", ConvNorm(kWidths[0], kWidths[1], 2, 2));
+  group2a = register_module("group2a", Residual(kWidths[1]));
+  group2b = register_module("group2b", Residual(kWidths[1]));
+  down4 = register_module("down4", ConvNorm(kWidths[1], kWidths[2], 2, 2));
+  group4a = register_module("group4a", Residual(kWidths[2]));
+  group4b = register_module("group4b", Residual(kWidths[2]));
+  down8 = register_module("down8", ConvNorm(kWidths[2], kWidths[3], 2, 2));
+  group8 = register_module("group8", Residual(kWidths[3]));
+  lateral8 = register_module("lateral8", ConvNorm(kWidths[3], kPyramid, 1, 1, false));
+  lateral4 = register_module("lateral4", ConvNorm(kWidths[2], kPyramid, 1, 1, false));
+  lateral2 = register_module("lateral2", ConvNorm(kWidths[1], kPyramid, 1, 1, false));
+  reduce = register_module("reduce", ConvNorm(kPyramid, kWidths[0], 3, 1, false));
+  lateral1 = register_module("lateral1", ConvNorm(kWidths[0], kWidths[0], 1, 1, false));
+  smooth = register_module("smooth", ConvNorm(kWidths[0], kWidths[0], 3, 1));
+  head = register_module("head", nn::Conv2d(nn::Conv2dOptions(kWidths[0], kOutputs, 1)));
   if (with_image) {
     image = register_module("image", ImageBranch());
-    fuse_fine = register_module("fuse_fine", ContinuousFusion(kFine, kCellsX, kCellsY, kCell));
-    fuse_coarse = register_module("fuse_coarse", ContinuousFusion(kCoarse, kCoarseX, kCoarseY, kCoarseCell));
+    for (std::size_t level = 0; level < kGrids.size(); ++level)
+      fuse[level] = register_module("fuse" + std::to_string(1 << level), ContinuousFusion(kWidths[level]));
   }
   torch::NoGradGuard guard;
   nn::init::normal_(head->weight, 0, 0.01);
   nn::init::zeros_(head->bias);
   head->bias[kLogit] = -4.0;  // a prior of 2 %: most cells hold no car (Lin et al., ICCV 2017)
+  for (Tensor& parameter : parameters())
+    if (parameter.dim() == 4) parameter.set_data(parameter.contiguous(torch::MemoryFormat::ChannelsLast));
+}
+
+std::array<Tensor, kGrids.size()> NetworkImpl::fused(const SensorTensors& input) {
+  std::array<Tensor, kGrids.size()> added;
+  const int width = static_cast<int>(input.image.size(1)), height = static_cast<int>(input.image.size(0));
+  const Tensor rows =  // for the discrete choice of points only
+      input.points.detach().to(torch::kFloat).contiguous();
+  const auto nearest = nearest_points({rows.data_ptr<float>(), static_cast<std::size_t>(rows.numel())},
+                                      input.projection, width, height);
+  // All scales read the same map: one look-up for all of them.
+  std::vector<std::int64_t> chosen;
+  for (const NearestPoints& level : nearest)
+    chosen.insert(chosen.end(), level.points.begin(), level.points.end());
+  if (chosen.empty()) return added;
+  const Tensor points = input.points.narrow(1, 0, 3).index_select(0, torch::tensor(chosen));
+  const std::vector<double> m(input.projection.begin(), input.projection.end());
+  const Tensor matrix = torch::tensor(m, points.dtype()).view({3, 4});
+  const Tensor uvw = torch::matmul(points, matrix.narrow(1, 0, 3).t()) + matrix.select(1, 3);
+  const Tensor uv = uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
+
+  const torch::Device device = head->weight.device();
+  const Tensor map = image(input.image.to(device)).to(torch::kCPU);
+  // Pixel centres are whole numbers, and so are those of the map's cells: both edges lie at −1/2.
+  const Tensor read = bilinear(map, (uv + 0.5) / kImageStride - 0.5);
+
+  std::int64_t from = 0;
+  for (std::size_t level = 0; level < kGrids.size(); ++level) {
+    const Grid& grid = kGrids[level];
+    const std::vector<std::int64_t>& cells = nearest[level].cells;
+    const auto count = static_cast<std::int64_t>(cells.size());
+    if (count == 0) continue;
+    Tensor centres = torch::empty({count, 3});
+    float* centre = centres.data_ptr<float>();
+    for (std::int64_t k = 0; k < count; ++k, centre += 3) {
+      centre[0] = static_cast<float>(cell_x(cells[k] / grid.columns, grid.cell));
+      centre[1] = static_cast<float>(cell_y(cells[k] % grid.columns, grid.cell));
+      centre[2] = -1;  // halfway up a car
+    }
+    const Tensor offset = points.narrow(0, from, count) - centres.to(points.dtype());
+    added[level] = fuse[level](read.narrow(0, from, count).to(device), offset.to(device),
+                               torch::tensor(cells).to(device), grid);
+    from += count;
+  }
+  return added;
 }
 
 Tensor NetworkImpl::forward(const SensorTensors& input) {
-  Tensor fine_image, coarse_image;
-  if (!image.is_empty() && input.image.defined() && input.image.size(0) >= kSmallestImage &&
-      input.image.size(1) >= kSmallestImage) {
-    const Tensor features = image(input.image);
-    fine_image = fuse_fine(features, input);
-    coarse_image = fuse_coarse(features, input);
-  }
-  Tensor x1 = stem(soft_voxels(input.points));
-  if (fine_image.defined()) x1 = x1 + fine_image;
-  x1 = block1(x1);
-  Tensor x2 = down2(x1);
-  if (coarse_image.defined()) x2 = x2 + coarse_image;
-  x2 = block2b(block2a(x2));
-  const Tensor x4 = block4b(block4a(down4(x2)));
-  const Tensor p2 = torch::relu(lateral2(x2) + upsample(lateral4(x4), x2));
-  const Tensor p1 = torch::relu(lateral1(x1) + upsample(reduce(p2), x1));
-  return head(smooth(p1)).squeeze(0);
+  std::array<Tensor, kGrids.size()> added;
+  if (!image.is_empty() && input.image.defined() && input.image.numel() > 0) added = fused(input);
+  const auto with = [&](std::size_t level, const Tensor& x) {
+    return added[level].defined() ? x + added[level] : x;
+  };
+  const Tensor x1 = group1(with(0, stem(soft_voxels(input.points).to(head->weight.device()))));
+  const Tensor x2 = group2b(group2a(with(1, down2(x1))));
+  const Tensor x4 = group4b(group4a(with(2, down4(x2))));
+  const Tensor x8 = group8(with(3, down8(to_multiple(x4, 2))));
+  const Tensor up8 = upsample(lateral8(x8)).narrow(2, 0, x4.size(2));
+  const Tensor p4 = torch::relu(lateral4(x4) + up8);
+  const Tensor p2 = torch::relu(lateral2(x2) + upsample(p4));
+  const Tensor p1 = torch::relu(lateral1(x1) + upsample(reduce(p2)));
+  return head(smooth(p1)).squeeze(0).to(torch::kCPU);
 }
 
 }  // namespace mirage::fusion

@@ -12,13 +12,15 @@ namespace mirage::fusion {
 /// Channels of the output, one proposal a cell.
 enum Output { kLogit, kDx, kDy, kLogLength, kLogWidth, kSin2Yaw, kCos2Yaw, kOutputs };
 
+/// On the CPU, whatever device the network is on.
 struct SensorTensors {
   torch::Tensor image;   ///< H × W × 3 scene-linear, or undefined: LiDAR alone
   torch::Tensor points;  ///< N × 4
   Projection projection{};
 };
 
-/// Convolution (no bias), group norm, optional ReLU.
+/// Convolution (no bias), group norm, optional ReLU. Output i of stride 2 is centred on the two cells that it
+/// replaces (kernels of 2 and of 4 with padding 1), so that grids of all strides share their edges.
 struct ConvNormImpl : torch::nn::Module {
   ConvNormImpl(int in, int out, int kernel, int stride, bool relu = true);
   torch::Tensor forward(const torch::Tensor& x);
@@ -36,39 +38,47 @@ struct ResidualImpl : torch::nn::Module {
 };
 TORCH_MODULE(Residual);
 
-/// Half-size picture to 32 features at an eighth of the full size.
+/// Half-size picture through residual groups at strides 4, 8, 16 and 32 of the full one, merged top down into
+/// one map of 32 features at stride 8.
 struct ImageBranchImpl : torch::nn::Module {
   ImageBranchImpl();
-  torch::Tensor forward(const torch::Tensor& image);
-  ConvNorm stem{nullptr}, down4{nullptr}, down8{nullptr}, lateral4{nullptr}, lateral8{nullptr},
-      smooth{nullptr};
-  Residual block2{nullptr}, block4{nullptr}, block8{nullptr};
+  /// picture: H × W × 3. The map covers it from its upper left corner; to the right and below it may go on.
+  torch::Tensor forward(const torch::Tensor& picture);
+  ConvNorm stem{nullptr}, down8{nullptr}, down16{nullptr}, down32{nullptr};
+  Residual group4{nullptr}, group8{nullptr}, group16{nullptr}, group32{nullptr};
+  ConvNorm lateral4{nullptr}, lateral8{nullptr}, lateral16{nullptr}, lateral32{nullptr}, smooth{nullptr};
 };
 TORCH_MODULE(ImageBranch);
 
-/// Image features at the projections of the nearest points, with the offset from cell to point, through an
-/// MLP.
+/// The image feature read at a cell's point, with the offset from cell to point, through an MLP of three
+/// layers.
 struct ContinuousFusionImpl : torch::nn::Module {
-  ContinuousFusionImpl(int out, std::int64_t rows, std::int64_t columns, double cell);
-  /// 1 × out × rows × columns, zero where no point is near; undefined when no cell has one.
-  torch::Tensor forward(const torch::Tensor& features, const SensorTensors& input);
+  explicit ContinuousFusionImpl(int out);
+  /// read: n × 32, offset: n × 3 (m), for the n `cells` of the grid. 1 × out × rows × columns, zero
+  /// elsewhere.
+  torch::Tensor forward(const torch::Tensor& read, const torch::Tensor& offset, const torch::Tensor& cells,
+                        const Grid& grid);
+  void silence();  ///< the last layer to zero: until it has learned, the fusion adds nothing
   torch::nn::Linear hidden{nullptr}, hidden2{nullptr}, last{nullptr};
   int out_;
-  std::int64_t rows_, columns_;
-  double cell_;
 };
 TORCH_MODULE(ContinuousFusion);
 
 struct NetworkImpl : torch::nn::Module {
   explicit NetworkImpl(bool with_image);
-  /// kOutputs × 128 × 128.
+  /// kOutputs × 140 × 160, on the CPU.
   torch::Tensor forward(const SensorTensors& input);
+  /// What the picture adds to each scale of the backbone; undefined where it adds nothing.
+  std::array<torch::Tensor, kGrids.size()> fused(const SensorTensors& input);
 
   ImageBranch image{nullptr};
-  ContinuousFusion fuse_fine{nullptr}, fuse_coarse{nullptr};
-  ConvNorm stem{nullptr}, down2{nullptr}, down4{nullptr};
-  Residual block1{nullptr}, block2a{nullptr}, block2b{nullptr}, block4a{nullptr}, block4b{nullptr};
-  ConvNorm lateral1{nullptr}, lateral2{nullptr}, lateral4{nullptr}, reduce{nullptr}, smooth{nullptr};
+  std::array<ContinuousFusion, kGrids.size()> fuse{nullptr, nullptr, nullptr, nullptr};
+  // The number is the stride in proposal cells: 0.5, 1, 2 and 4 m.
+  ConvNorm stem{nullptr}, down2{nullptr}, down4{nullptr}, down8{nullptr};
+  Residual group1{nullptr}, group2a{nullptr}, group2b{nullptr}, group4a{nullptr}, group4b{nullptr},
+      group8{nullptr};
+  ConvNorm lateral1{nullptr}, lateral2{nullptr}, lateral4{nullptr}, lateral8{nullptr}, reduce{nullptr},
+      smooth{nullptr};
   torch::nn::Conv2d head{nullptr};
 };
 TORCH_MODULE(Network);

@@ -1,36 +1,14 @@
 // The C interface of detectors (detection/detector_abi.h). No exception leaves a function of this file.
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "../../c_interface.h"
 #include "fusion_detector.h"
 #include "region.h"
 
 namespace {
 
+using mirage::guarded;
 using mirage::fusion::FusionDetector;
-
-void report(const char* what, char* error, size_t error_size) {
-  if (!error || error_size == 0) return;
-  std::snprintf(error, error_size, "%s", what);
-  // One line: LibTorch appends a stack trace to some of its messages.
-  for (char* c = error; *c; ++c)
-    if (*c == '\n') *c = '\0';
-}
-
-template <class Work>
-int guarded(char* error, size_t error_size, const Work& work) noexcept {
-  try {
-    work();
-    return 0;
-  } catch (const c10::Error& problem) {
-    report(problem.what_without_backtrace(), error, error_size);
-  } catch (const std::exception& problem) {
-    report(problem.what(), error, error_size);
-  } catch (...) {
-    report("unknown error in the detector", error, error_size);
-  }
-  return 1;
-}
 
 FusionDetector& instance(void* detector) {
   return *static_cast<FusionDetector*>(detector);
@@ -47,6 +25,8 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
     options.with_image = modality == "fusion";
     options.seed = json.value("seed", std::uint64_t{0});
     options.threads = json.value("threads", 1);
+    options.start = json.value("start", false);
+    options.bfloat16 = json.value("bfloat16", false);
     made = new FusionDetector(options, weights);
   });
   return made;

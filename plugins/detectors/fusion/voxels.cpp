@@ -1,5 +1,7 @@
 #include "voxels.h"
 
+#include <ATen/Dispatch.h>
+
 #include <array>
 #include <cmath>
 
@@ -13,78 +15,94 @@ using torch::autograd::AutogradContext;
 using torch::autograd::variable_list;
 
 /// The lower corner of the 8 voxels around a point and its fractions towards the upper one.
+template <class T>
 struct Corner {
   std::array<std::int64_t, 3> low{};
-  std::array<float, 3> fraction{};
+  std::array<T, 3> fraction{};
   bool inside = false;
 };
 
 constexpr std::array<std::int64_t, 3> kSize = {kVoxelsX, kVoxelsY, kVoxelsZ};
+constexpr std::array<double, 3> kPitch = {kVoxel, kVoxel, kLayer};
 
-Corner corner_of(const float* point) {
+template <class T>
+Corner<T> corner_of(const T* point) {
   constexpr std::array<double, 3> origin = {kXMin, kYMin, kZMin};
-  Corner corner;
+  Corner<T> corner;
   for (int a = 0; a < 3; ++a) {
-    const double at = (point[a] - origin[a]) / kVoxel - 0.5;
+    const double at = (point[a] - origin[a]) / kPitch[a] - 0.5;
     if (!(at > -1 && at < static_cast<double>(kSize[a]))) return corner;
     const double low = std::floor(at);
     corner.low[a] = static_cast<std::int64_t>(low);
-    corner.fraction[a] = static_cast<float>(at - low);
+    corner.fraction[a] = static_cast<T>(at - low);
   }
   corner.inside = true;
   return corner;
 }
 
 /// Calls visit(voxel index, weights per axis, signs of their slopes) for the corners inside the grid.
-template <class Visit>
-void for_each_corner(const Corner& corner, const Visit& visit) {
+template <class T, class Visit>
+void for_each_corner(const Corner<T>& corner, const Visit& visit) {
   for (int k = 0; k < 8; ++k) {
     std::array<std::int64_t, 3> at{};
-    std::array<float, 3> weight{}, slope{};
+    std::array<T, 3> weight{}, slope{};
     bool inside = true;
     for (int a = 0; a < 3; ++a) {
       const int upper = (k >> a) & 1;
       at[a] = corner.low[a] + upper;
       inside = inside && at[a] >= 0 && at[a] < kSize[a];
       weight[a] = upper ? corner.fraction[a] : 1 - corner.fraction[a];
-      slope[a] = upper ? 1.f : -1.f;
+      slope[a] = upper ? T(1) : T(-1);
     }
     if (inside) visit((at[0] * kVoxelsY + at[1]) * kVoxelsZ + at[2], weight, slope);
   }
 }
 
-struct TrilinearMass : torch::autograd::Function<TrilinearMass> {
+template <class T>
+void spread(const Tensor& points, Tensor& occupancy) {
+  T* out = occupancy.data_ptr<T>();
+  for (std::int64_t i = 0; i < points.size(0); ++i) {
+    const Corner<T> corner = corner_of(points.data_ptr<T>() + i * points.size(1));
+    if (!corner.inside) continue;
+    for_each_corner(
+        corner, [&](std::int64_t voxel, const auto& w, const auto&) { out[voxel] += w[0] * w[1] * w[2]; });
+  }
+  for (std::int64_t k = 0; k < occupancy.numel(); ++k) out[k] /= 1 + out[k];
+}
+
+template <class T>
+void gather(const Tensor& points, const Tensor& occupancy, const Tensor& d_occupancy, Tensor& d_points) {
+  const T* d = d_occupancy.data_ptr<T>();
+  const T* occupied = occupancy.data_ptr<T>();
+  for (std::int64_t i = 0; i < points.size(0); ++i) {
+    const Corner<T> corner = corner_of(points.data_ptr<T>() + i * points.size(1));
+    if (!corner.inside) continue;
+    T* out = d_points.data_ptr<T>() + i * points.size(1);
+    for_each_corner(corner, [&](std::int64_t voxel, const auto& w, const auto& s) {
+      // d (m / (1 + m)) / d m = 1 / (1 + m)² = (1 − occupancy)²
+      const T empty = 1 - occupied[voxel], scaled = d[voxel] * empty * empty;
+      out[0] += scaled * s[0] * w[1] * w[2] / static_cast<T>(kPitch[0]);
+      out[1] += scaled * w[0] * s[1] * w[2] / static_cast<T>(kPitch[1]);
+      out[2] += scaled * w[0] * w[1] * s[2] / static_cast<T>(kPitch[2]);
+    });
+  }
+}
+
+struct SoftOccupancy : torch::autograd::Function<SoftOccupancy> {
   static Tensor forward(AutogradContext* context, const Tensor& points) {
-    context->save_for_backward({points});
     const Tensor rows = points.contiguous();
-    Tensor mass = torch::zeros({kVoxelsX, kVoxelsY, kVoxelsZ}, rows.options());
-    float* out = mass.data_ptr<float>();
-    for (std::int64_t i = 0; i < rows.size(0); ++i) {
-      const Corner corner = corner_of(rows.data_ptr<float>() + i * rows.size(1));
-      if (!corner.inside) continue;
-      for_each_corner(
-          corner, [&](std::int64_t voxel, const auto& w, const auto&) { out[voxel] += w[0] * w[1] * w[2]; });
-    }
-    return mass;
+    Tensor occupancy = torch::zeros({kVoxelsX, kVoxelsY, kVoxelsZ}, rows.options());
+    AT_DISPATCH_FLOATING_TYPES(rows.scalar_type(), "soft_voxels", [&] { spread<scalar_t>(rows, occupancy); });
+    context->save_for_backward({rows, occupancy});
+    return occupancy;
   }
 
   static variable_list backward(AutogradContext* context, const variable_list& gradients) {
-    const Tensor rows = context->get_saved_variables()[0].contiguous();
-    const Tensor d_mass = gradients[0].contiguous();
-    Tensor d_points = torch::zeros_like(rows);
-    const float* d = d_mass.data_ptr<float>();
-    const std::int64_t columns = rows.size(1);
-    for (std::int64_t i = 0; i < rows.size(0); ++i) {
-      const Corner corner = corner_of(rows.data_ptr<float>() + i * columns);
-      if (!corner.inside) continue;
-      float* out = d_points.data_ptr<float>() + i * columns;
-      for_each_corner(corner, [&](std::int64_t voxel, const auto& w, const auto& s) {
-        const float scaled = d[voxel] / static_cast<float>(kVoxel);
-        out[0] += scaled * s[0] * w[1] * w[2];
-        out[1] += scaled * w[0] * s[1] * w[2];
-        out[2] += scaled * w[0] * w[1] * s[2];
-      });
-    }
+    const variable_list saved = context->get_saved_variables();
+    Tensor d_points = torch::zeros_like(saved[0]);
+    AT_DISPATCH_FLOATING_TYPES(saved[0].scalar_type(), "soft_voxels", [&] {
+      gather<scalar_t>(saved[0], saved[1], gradients[0].contiguous(), d_points);
+    });
     return {d_points};
   }
 };
@@ -92,8 +110,7 @@ struct TrilinearMass : torch::autograd::Function<TrilinearMass> {
 }  // namespace
 
 Tensor soft_voxels(const Tensor& points) {
-  const Tensor mass = TrilinearMass::apply(points);
-  return (mass / (1 + mass)).permute({2, 0, 1}).unsqueeze(0);
+  return SoftOccupancy::apply(points).permute({2, 0, 1}).unsqueeze(0);
 }
 
 }  // namespace mirage::fusion

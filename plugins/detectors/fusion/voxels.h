@@ -5,11 +5,12 @@
 
 namespace mirage::fusion {
 
-/// points: N × (x, y, z, …) float, `velo`. Each point spreads a unit of mass over the 8 voxels whose centres
-/// surround it, with tri-linear weights; what falls outside the grid is dropped, and so are points that are
-/// not finite. Result: 1 × 18 × 256 × 256 (layers as channels; rows along x, columns along y), channels-last.
-/// The mass is differentiable in x, y and z; reflectance is not read, because sensors and generated sweeps
-/// disagree about it. Bounded to [0, 1) by m / (1 + m), so that near, dense cars look like far, thin ones.
+/// points: N × (x, y, z, …) float or double, `velo`, on the CPU. Each point spreads a unit of mass over the 8
+/// voxels whose centres surround it, with tri-linear weights; what falls outside the grid is dropped, and so
+/// are points that are not finite. Result: 1 × 18 × 280 × 320 (layers as channels; rows along x, columns
+/// along y), channels-last. Differentiable in x, y and z; reflectance is not read, because sensors and
+/// generated sweeps disagree about it. Bounded to [0, 1) by m / (1 + m), so that near, dense cars look like
+/// far, thin ones.
 torch::Tensor soft_voxels(const torch::Tensor& points);
 
 }  // namespace mirage::fusion

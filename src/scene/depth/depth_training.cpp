@@ -11,6 +11,7 @@
 #include "base/progress.h"
 #include "base/random.h"
 #include "base/schedule.h"
+#include "base/training_state.h"
 #include "scene/kitti.h"
 
 namespace mirage {
@@ -84,49 +85,6 @@ nlohmann::json identity(const DepthTrainingOptions& options, std::size_t frames)
           {"frames", frames}};
 }
 
-struct State {
-  std::int64_t step = 0;
-  double seconds = 0;  // spent in earlier runs too
-  std::array<double, 3> loss{};
-  fs::path weights;  // of the checkpoint
-};
-
-State read_state(const DepthTrainingOptions& options, const nlohmann::json& wanted) {
-  State state;
-  const fs::path file = options.out / "training.json";
-  if (!fs::exists(file)) return state;
-  const nlohmann::json json = read_json(file);
-  try {
-    if (json.at("options") != wanted)
-      throw InputError(file.string(), "options", "this folder holds a run with other options",
-                       "use the same options to go on, or another --out");
-    state.step = json.at("step");
-    state.seconds = json.at("seconds");
-    state.loss = json.at("loss");
-    state.weights = options.out / json.at("weights").get<std::string>();
-  } catch (const nlohmann::json::exception& problem) {
-    throw InputError(file.string(), "", std::string("not a training state (") + problem.what() + ")",
-                     "use another --out");
-  }
-  return state;
-}
-
-/// The weights first, then the state that names them, then the old weights go: a kill at any point leaves a
-/// pair.
-void write_checkpoint(LearnedDepth& model, const DepthTrainingOptions& options, const nlohmann::json& wanted,
-                      State& state) {
-  const fs::path weights = options.out / ("checkpoint-" + std::to_string(state.step) + ".weights");
-  model.save(weights, true);
-  write_json(options.out / "training.json", {{"options", wanted},
-                                             {"step", state.step},
-                                             {"seconds", state.seconds},
-                                             {"loss", state.loss},
-                                             {"weights", weights.filename().string()}});
-  std::error_code ignored;
-  if (!state.weights.empty() && state.weights != weights) fs::remove(state.weights, ignored);
-  state.weights = weights;
-}
-
 }  // namespace
 
 DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
@@ -149,7 +107,7 @@ DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
     load.weights = options.start;
   }
   const nlohmann::json wanted = identity(options, data.size());
-  State state = read_state(options, wanted);
+  TrainingState state = read_training_state(options.out, wanted);
   if (!state.weights.empty()) {
     load.fresh = false;
     load.weights = state.weights;
@@ -157,6 +115,9 @@ DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
   }
   const auto model = load_learned_depth(load);
 
+  const auto checkpoint = [&] {
+    write_training_state(options.out, wanted, state, [&](const fs::path& file) { model->save(file, true); });
+  };
   const double seconds_before = state.seconds;
   const std::int64_t first_step = state.step;
   const auto start = Clock::now();
@@ -176,17 +137,15 @@ DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
       next = prepare(state.step + 1);
       const double rate = one_cycle(options.learning_rate, progress_now());
       const auto loss = model->train_step(samples, rate);
-      const double share = std::max(0.01, 1.0 / static_cast<double>(state.step + 1));
-      for (std::size_t t = 0; t < loss.size(); ++t) state.loss[t] += share * (loss[t] - state.loss[t]);
+      follow_losses(state, {loss[0], loss[1], loss[2]}, 0.01);
       ++state.step;
       state.seconds = seconds_before + elapsed();
-      progress.update(static_cast<std::size_t>(state.step), fmt::format("loss {:.3f}", state.loss[0]));
+      progress.update(static_cast<std::size_t>(state.step), fmt::format("loss {:.3f}", state.losses[0]));
       if (state.step % 100 == 0)
         spdlog::info("step {} rate {:.2e} loss {:.4f} depth {:.4f} presence {:.4f} {:.0f} s", state.step,
-                     rate, state.loss[0], state.loss[1], state.loss[2], state.seconds);
+                     rate, state.losses[0], state.losses[1], state.losses[2], state.seconds);
       const bool stop = interrupted();
-      if (stop || state.step % options.checkpoint_every == 0)
-        write_checkpoint(*model, options, wanted, state);
+      if (stop || state.step % options.checkpoint_every == 0) checkpoint();
       if (stop) throw Interrupted("interrupted; the checkpoint is kept, the same command goes on from it");
     }
   }
@@ -196,9 +155,9 @@ DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
   result.seconds = state.seconds;
   result.seconds_per_step =
       state.step > first_step ? elapsed() / static_cast<double>(state.step - first_step) : 0;
-  result.loss = state.loss;
+  result.loss = state.losses;
   result.weights = options.out / (fs::path(options.backend).stem().string() + "-depth.weights");
-  write_checkpoint(*model, options, wanted, state);
+  checkpoint();
   model->save(result.weights, false);
   return result;
 }

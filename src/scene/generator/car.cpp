@@ -1,11 +1,11 @@
-// Cars, vans and trucks: a lofted body with wheels, lamps, plates, seats and mirrors.
+// A lofted body with wheels, lamps, plates, wipers, rails, seats and mirrors.
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
 
 #include "geometry/shapes.h"
-#include "scene/generator/car_body.h"
+#include "scene/generator/car_assembly.h"
 
 namespace mirage::generator {
 namespace {
@@ -34,23 +34,6 @@ const std::array<Paint, 14> kPaints = {{
     {{0.18f, 0.30f, 0.38f}, 0.38f, 0.03},     // light blue
 }};
 
-Material paint_of(RandomStream& random) {
-  double sum = 0, pick = random.uniform();
-  for (const Paint& p : kPaints) sum += p.share;
-  pick *= sum;
-  const Paint* chosen = &kPaints.back();
-  for (const Paint& p : kPaints) {
-    if ((pick -= p.share) < 0) {
-      chosen = &p;
-      break;
-    }
-  }
-  Material m = plain(chosen->color * static_cast<float>(random.uniform(0.8, 1.15)),
-                     0.24f * chosen->lidar * static_cast<float>(std::exp(random.uniform(-1.2, 1.2))), 0.045f);
-  if (random.uniform() < 0.25) m.gloss = 0.02f;  // dusty
-  return m;
-}
-
 Material window(RandomStream& random) {
   Material m = plain(Vec3f::Constant(0.01f), 0.25f, 0.05f);
   m.transparency = static_cast<float>(random.uniform(0.3, 0.65));
@@ -61,6 +44,9 @@ const Material kTyre = plain(Vec3f::Constant(0.02f), 0.08f);
 const Material kArch = plain(Vec3f::Constant(0.006f), 0.05f);
 const Material kTrim = plain(Vec3f::Constant(0.018f), 0.12f, 0.01f);
 const Material kPlate = plain(Vec3f(0.6f, 0.6f, 0.58f), 1.6f);
+const Material kPlateBand = plain(Vec3f(0.01f, 0.05f, 0.35f), 1.2f);
+const Material kAmber = plain(Vec3f(0.50f, 0.16f, 0.01f), 0.9f, 0.06f);
+const Material kClear = plain(Vec3f(0.5f, 0.48f, 0.46f), 0.6f, 0.06f);
 
 void add_wheel(Actor& car, const Hull& hull, double x, double radius, bool alloy) {
   for (int side : {1, -1}) {
@@ -124,7 +110,35 @@ void add_patch(Actor& car, const Hull& hull, int axis, int side, Vec2d low, Vec2
   if (!mesh.faces.empty()) car.surfaces.push_back(surface(std::move(mesh), material));
 }
 
-void add_front(Actor& car, const Hull& hull, const BodyShape& s, RandomStream& random) {
+// A number plate: the white board, a blue band at its left edge, and seven dark characters with a gap.
+// `side`: +1 on the front, −1 on the rear.
+void add_plate(Actor& car, const Hull& hull, int side, double z, double half_height, bool american) {
+  const double half_width = american ? 0.155 : 0.26;
+  if (american) half_height = 0.078;
+  Mesh board =
+      patch(hull.all, 0, side, {-half_width, z - half_height}, {half_width, z + half_height}, 0.012, 1, 1);
+  if (board.faces.empty()) return;
+  // add_quad's corners: low right, low left, high left, high right of +y.
+  const Vec3d lift(0.003 * side, 0, 0), a = board.vertices[0] + lift, b = board.vertices[1] + lift,
+                                        c = board.vertices[2] + lift, d = board.vertices[3] + lift;
+  const auto on = [&](double s, double t) -> Vec3d {
+    const double along = side < 0 ? s : 1 - s;  // as read from outside, left to right… the band comes first
+    return (1 - t) * ((1 - along) * b + along * a) + t * ((1 - along) * c + along * d);
+  };
+  Mesh band, letters;
+  add_quad(band, on(0, 0), on(0.085, 0), on(0.085, 1), on(0, 1));
+  for (int i = 0; i < 8; ++i) {
+    if (i == 3) continue;
+    const double s = 0.13 + 0.105 * i;
+    add_quad(letters, on(s, 0.2), on(s + 0.065, 0.2), on(s + 0.065, 0.8), on(s, 0.8));
+  }
+  car.surfaces.push_back(surface(std::move(board), kPlate));
+  if (!american) car.surfaces.push_back(surface(band, kPlateBand));
+  car.surfaces.push_back(surface(letters, plain(Vec3f::Constant(0.02f), 0.3f)));
+}
+
+void add_front(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& extras,
+               RandomStream& random) {
   const double w = 0.5 * s.width, h = s.height;
   const double inner = w * random.uniform(0.42, 0.58), low = h * (s.nose - random.uniform(0.13, 0.17));
   const double high = h * (s.nose - 0.015), outer = w * 0.90;
@@ -142,10 +156,19 @@ void add_front(Actor& car, const Hull& hull, const BodyShape& s, RandomStream& r
   const double intake = w * random.uniform(0.45, 0.75), z = h * (s.clearance + 0.07);
   add_patch(car, hull, 0, 1, {-intake, z}, {intake, z + h * random.uniform(0.05, 0.11)}, 0.006, grille);
   const double plate = h * (s.nose - random.uniform(0.19, 0.22));
-  add_patch(car, hull, 0, 1, {-0.26, plate - 0.055}, {0.26, plate + 0.055}, 0.012, kPlate, 2, 1);
+  add_plate(car, hull, 1, plate, 0.055, extras.american);
+  // Inside each lamp a dark reflector's edge and an amber indicator at the outer end.
+  for (int side : {1, -1}) {
+    const double a = inner + 0.30 * (outer - inner), b = inner + 0.38 * (outer - inner);
+    const double c = inner + 0.92 * (outer - inner);
+    add_patch(car, hull, 0, 1, {std::min(side * a, side * b), low}, {std::max(side * a, side * b), high},
+              0.011, kTrim, 1, 2);
+    add_patch(car, hull, 0, 1, {std::min(side * c, side * outer), low},
+              {std::max(side * c, side * outer), high}, 0.011, kAmber, 1, 2);
+  }
 }
 
-void add_rear(Actor& car, const Hull& hull, const BodyShape& s, RandomStream& random) {
+void add_rear(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& extras, RandomStream& random) {
   const double w = 0.5 * s.width, h = s.height;
   Material lamp = plain(Vec3f(0.42f, 0.012f, 0.012f), 1.2f, 0.06f);
   if (random.uniform() < 0.15) lamp.emission = Vec3f(1.6f, 0.06f, 0.04f);
@@ -158,7 +181,20 @@ void add_rear(Actor& car, const Hull& hull, const BodyShape& s, RandomStream& ra
   }
   const bool high_plate = random.uniform() < 0.6;
   const double plate = high_plate ? h * (s.tail - random.uniform(0.13, 0.17)) : h * (s.clearance + 0.17);
-  add_patch(car, hull, 0, -1, {-0.26, plate - 0.06}, {0.26, plate + 0.06}, 0.012, kPlate, 2, 1);
+  add_plate(car, hull, -1, plate, 0.06, extras.american);
+  // Indicator and reversing lamp: two bands of the rear lamp.
+  for (int side : {1, -1}) {
+    const double a = std::min(side * inner, side * 0.92 * w), b = std::max(side * inner, side * 0.92 * w);
+    const double cut = std::lerp(low, top, 0.36), middle = std::lerp(low, top, 0.58);
+    if (upright || extras.split_lamps) {
+      add_patch(car, hull, 0, -1, {a, cut}, {b, middle}, 0.011, upright && !extras.american ? kAmber : kClear,
+                2, 1);
+    } else {
+      const double m = side > 0 ? inner + 0.3 * (0.92 * w - inner) : -inner;
+      const double n = side > 0 ? inner : -(inner + 0.3 * (0.92 * w - inner));
+      add_patch(car, hull, 0, -1, {n, low}, {m, middle}, 0.011, kClear, 2, 1);
+    }
+  }
   add_patch(car, hull, 0, -1, {-0.34, plate + 0.07}, {0.34, plate + 0.10}, 0.01, kTrim, 2, 1);
   const double z = h * (s.clearance + 0.065);
   add_patch(car, hull, 0, -1, {-0.78 * w, z}, {0.78 * w, z + 0.06 * h}, 0.006, kTrim);
@@ -184,6 +220,52 @@ void add_sides(Actor& car, const Hull& hull, const BodyShape& s, RandomStream& r
   }
 }
 
+// Roof rails, wipers, an aerial, a pick-up's bed.
+void add_top(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& extras) {
+  const auto x_of = [&](double u) { return s.length * (0.5 - u); };
+  // The roof's height at a place: the highest vertex near it.
+  const auto top = [&](double x, double y) {
+    double z = 0;
+    for (const Vec3d& v : hull.all.vertices)
+      if (std::abs(v.x() - x) < 0.06 && std::abs(v.y() - y) < 0.14) z = std::max(z, v.z());
+    return z;
+  };
+  if (extras.rails) {
+    Mesh rails;
+    const double y = 0.5 * s.width * (1 - s.tumblehome) * 0.88;
+    const double a = s.roof_front_u + 0.06, b = s.roof_rear_u - 0.01;
+    for (int side : {1, -1})
+      for (int i = 0; i < 6; ++i) {
+        const double x0 = x_of(std::lerp(a, b, i / 6.0)), x1 = x_of(std::lerp(a, b, (i + 1) / 6.0));
+        const double z = std::min(0.5 * (top(x0, side * y) + top(x1, side * y)), s.height - 0.02);
+        add_box(rails, {x1, side * y - 0.018, i % 5 == 0 ? z - 0.03 : z - 0.01},
+                {x0, side * y + 0.018, z + 0.018});
+      }
+    car.surfaces.push_back(
+        surface(rails, extras.bright_rails ? plain(Vec3f::Constant(0.4f), 0.5f, 0.1f) : kTrim));
+  }
+  Mesh wipers;
+  const double u = s.cowl_u + 0.02, v = std::lerp(s.cowl_u, s.roof_front_u, 0.55), w = 0.5 * s.width;
+  for (double y : {-0.62 * w, -0.02 * w}) {
+    const double x0 = x_of(u), x1 = x_of(v), z0 = top(x0, y) + 0.012, z1 = top(x1, y + 0.5 * w) + 0.012;
+    add_quad(wipers, {x0, y - 0.012, z0}, {x0, y + 0.012, z0},
+             {std::lerp(x0, x1, 0.5), y + 0.5 * w + 0.012, std::lerp(z0, z1, 0.5) + 0.01},
+             {std::lerp(x0, x1, 0.5), y + 0.5 * w - 0.012, std::lerp(z0, z1, 0.5) + 0.01});
+  }
+  car.surfaces.push_back(surface(wipers, kTrim));
+  if (extras.bed) {  // seen from above and behind: the bed's dark cover between its walls
+    Mesh cover;
+    const double front = s.window_foot_u + 0.02;
+    for (int i = 0; i < 6; ++i) {
+      const double x0 = x_of(std::lerp(front, 0.97, i / 6.0)),
+                   x1 = x_of(std::lerp(front, 0.97, (i + 1) / 6.0)), y = 0.36 * s.width;
+      const double z0 = top(x0, 0) + 0.006, z1 = top(x1, 0) + 0.006;
+      add_quad(cover, {x1, -y, z1}, {x0, -y, z0}, {x0, y, z0}, {x1, y, z1});
+    }
+    car.surfaces.push_back(surface(cover, kTrim));
+  }
+}
+
 void add_seats(Actor& car, const BodyShape& s) {
   Mesh seats;
   const double w = 0.5 * s.width, h = s.height;
@@ -203,7 +285,35 @@ void add_seats(Actor& car, const BodyShape& s) {
   car.surfaces.push_back(surface(seats, plain(Vec3f::Constant(0.03f), 0.15f)));
 }
 
-Actor assemble(const BodyShape& s, const std::string& type, const Vec3d& size, RandomStream& random) {
+}  // namespace
+
+Material paint_of(RandomStream& random) {
+  double sum = 0, pick = random.uniform();
+  for (const Paint& p : kPaints) sum += p.share;
+  pick *= sum;
+  const Paint* chosen = &kPaints.back();
+  for (const Paint& p : kPaints) {
+    if ((pick -= p.share) < 0) {
+      chosen = &p;
+      break;
+    }
+  }
+  Material m = plain(chosen->color * static_cast<float>(random.uniform(0.8, 1.15)),
+                     0.24f * chosen->lidar * static_cast<float>(std::exp(random.uniform(-1.2, 1.2))), 0.045f);
+  if (random.uniform() < 0.25) m.gloss = 0.02f;  // dusty
+  return m;
+}
+
+Material tyre_rubber() {
+  return kTyre;
+}
+
+Material dark_plastic() {
+  return kTrim;
+}
+
+Actor assemble(const BodyShape& s, const std::string& type, const Vec3d& size, const CarTrim& extras,
+               RandomStream& random) {
   Actor car;
   car.type = type;
   const Hull hull = loft(s);
@@ -215,10 +325,11 @@ Actor assemble(const BodyShape& s, const std::string& type, const Vec3d& size, R
   const bool alloy = random.uniform() < 0.6;
   add_wheel(car, hull, x_of(s.front_axle_u), s.wheel_radius, alloy);
   add_wheel(car, hull, x_of(s.rear_axle_u), s.wheel_radius, alloy);
-  add_front(car, hull, s, random);
-  add_rear(car, hull, s, random);
+  add_front(car, hull, s, extras, random);
+  add_rear(car, hull, s, extras, random);
   add_sides(car, hull, s, random);
   add_seats(car, s);
+  add_top(car, hull, s, extras);
   fit_label_box(car);
   Mesh mirrors;
   for (int side : {1, -1}) {
@@ -229,106 +340,6 @@ Actor assemble(const BodyShape& s, const std::string& type, const Vec3d& size, R
   car.surfaces.push_back(surface(mirrors, random.uniform() < 0.5 ? kTrim : paint));
   stretch(car, size);
   return car;
-}
-
-}  // namespace
-
-Actor make_car(RandomStream& random) {
-  BodyShape s;
-  Vec3d size;  // KITTI's labels: mean 3.88 × 1.63 × 1.53 m
-  const double style = random.uniform();
-  const auto vary = [&](double mean, double sigma) {
-    return mean + sigma * std::clamp(random.normal(), -2.0, 2.0);
-  };
-  if (style < 0.22) {  // small car
-    size = {vary(3.55, 0.14), vary(1.58, 0.04), vary(1.48, 0.05)};
-    s.cowl_u = vary(0.215, 0.015), s.roof_front_u = vary(0.40, 0.015), s.roof_rear_u = vary(0.89, 0.015);
-    s.window_foot_u = 0.978, s.window_foot = 0.63, s.tail = 0.60, s.front_axle_u = 0.175,
-    s.rear_axle_u = 0.845;
-    s.side_glass_end_u = 0.90, s.wheel_radius = 0.285;
-  } else if (style < 0.55) {  // compact hatchback
-    size = {vary(4.0, 0.16), vary(1.66, 0.05), vary(1.48, 0.05)};
-    s.cowl_u = vary(0.25, 0.012), s.roof_front_u = vary(0.42, 0.015), s.roof_rear_u = vary(0.865, 0.02);
-    s.window_foot_u = 0.968, s.window_foot = 0.645, s.tail = 0.62, s.front_axle_u = 0.19,
-    s.rear_axle_u = 0.82;
-    s.side_glass_end_u = 0.895;
-  } else if (style < 0.72) {  // saloon
-    size = {vary(4.45, 0.22), vary(1.71, 0.05), vary(1.44, 0.04)};
-    s.cowl_u = vary(0.265, 0.012), s.roof_front_u = vary(0.415, 0.012), s.roof_peak_u = 0.53,
-    s.roof_rear_u = vary(0.70, 0.02);
-    s.roof_rear = 0.955, s.window_foot_u = vary(0.84, 0.015), s.window_foot = 0.685, s.tail = 0.655,
-    s.tail_round = 0.20;
-    s.front_axle_u = 0.185, s.rear_axle_u = 0.785, s.side_glass_end_u = 0.80, s.belt_rear = 0.655,
-    s.wheel_radius = 0.32;
-  } else if (style < 0.86) {  // estate
-    size = {vary(4.45, 0.18), vary(1.70, 0.05), vary(1.49, 0.05)};
-    s.cowl_u = vary(0.255, 0.012), s.roof_front_u = vary(0.41, 0.012), s.roof_rear_u = vary(0.915, 0.015),
-    s.roof_rear = 0.94;
-    s.window_foot_u = 0.978, s.window_foot = 0.65, s.tail = 0.62, s.front_axle_u = 0.18,
-    s.rear_axle_u = 0.785;
-    s.side_glass_end_u = 0.935, s.wheel_radius = 0.32;
-  } else if (style < 0.94) {  // compact people carrier
-    size = {vary(4.15, 0.2), vary(1.70, 0.05), vary(1.64, 0.05)};
-    s.nose = 0.45, s.bonnet = 0.51, s.cowl_u = vary(0.205, 0.012), s.cowl = 0.62,
-    s.roof_front_u = vary(0.385, 0.012);
-    s.roof_rear_u = vary(0.90, 0.015), s.window_foot_u = 0.972, s.window_foot = 0.58, s.tail = 0.56;
-    s.belt_front = 0.565, s.belt_rear = 0.60, s.side_glass_end_u = 0.915, s.rear_axle_u = 0.815;
-  } else {  // off-road style
-    size = {vary(4.4, 0.2), vary(1.80, 0.05), vary(1.72, 0.06)};
-    s.nose = 0.54, s.bonnet = 0.575, s.cowl_u = vary(0.25, 0.012), s.cowl = 0.66,
-    s.roof_front_u = vary(0.39, 0.012);
-    s.roof_rear_u = vary(0.925, 0.015), s.window_foot_u = 0.975, s.window_foot = 0.64, s.tail = 0.62,
-    s.clearance = 0.16;
-    s.belt_front = 0.625, s.belt_rear = 0.65, s.side_glass_end_u = 0.93, s.wheel_radius = 0.37,
-    s.tumblehome = 0.13;
-  }
-  s.nose_round = vary(0.28, 0.05), s.tail_round = std::max(0.06, s.tail_round + 0.04 * random.normal());
-  s.tumblehome += 0.015 * random.normal();
-  // The styles above are makers' figures; KITTI's boxes are drawn around the points, a little smaller.
-  size = size.cwiseProduct(Vec3d(0.955, 0.98, 1.005));
-  s.length = size.x(), s.width = size.y(), s.height = size.z();
-  return assemble(s, "Car", size, random);
-}
-
-Actor make_van(RandomStream& random) {
-  BodyShape s;
-  const bool large = random.uniform() < 0.5;
-  const Vec3d size(large ? random.uniform(4.8, 5.8) : random.uniform(4.2, 4.8), random.uniform(1.75, 2.0),
-                   large ? random.uniform(2.0, 2.5) : random.uniform(1.8, 2.0));
-  s.nose = 0.40, s.bonnet = 0.46, s.cowl_u = random.uniform(0.13, 0.18), s.cowl = 0.55,
-  s.roof_front_u = random.uniform(0.27, 0.31);
-  s.roof_peak_u = 0.5, s.roof_rear_u = 0.965, s.roof_rear = 0.98, s.window_foot_u = 0.985,
-  s.window_foot = 0.55, s.tail = 0.52;
-  s.clearance = 0.10, s.belt_front = 0.51, s.belt_rear = 0.54, s.front_axle_u = 0.17, s.rear_axle_u = 0.80;
-  s.tumblehome = 0.09, s.nose_round = 0.22, s.tail_round = 0.05, s.wheel_radius = 0.33;
-  s.side_glass_end_u = random.uniform() < 0.5 ? 0.42 : 0.92, s.rear_glass = random.uniform() < 0.7;
-  s.length = size.x(), s.width = size.y(), s.height = size.z();
-  return assemble(s, "Van", size, random);
-}
-
-Actor make_truck(RandomStream& random) {
-  Actor truck;
-  truck.type = "Truck";
-  const double l = random.uniform(6.5, 10), w = random.uniform(2.3, 2.55), h = random.uniform(3.0, 3.8);
-  const double cab = 2.0;
-  Mesh cargo, cabin, glass, dark, wheels;
-  add_box(cargo, {-0.5 * l, -0.5 * w, 1.0}, {0.5 * l - cab - 0.15, 0.5 * w, h});
-  add_box(cabin, {0.5 * l - cab, -0.48 * w, 0.55}, {0.5 * l, 0.48 * w, 0.82 * h});
-  add_quad(glass, {0.5 * l + 0.01, -0.42 * w, 0.48 * h}, {0.5 * l + 0.01, 0.42 * w, 0.48 * h},
-           {0.5 * l + 0.01, 0.42 * w, 0.74 * h}, {0.5 * l + 0.01, -0.42 * w, 0.74 * h});
-  add_box(dark, {-0.5 * l, -0.4 * w, 0.6}, {0.5 * l - 0.1, 0.4 * w, 1.0});
-  for (double x : {-0.3 * l, -0.3 * l + 1.1, 0.5 * l - 1.2})
-    for (int side : {1, -1})
-      append(wheels, cylinder(0.48, 0.28, 18),
-             Transform(Eigen::Translation3d(x, side * 0.48 * w, 0.48) *
-                       Eigen::AngleAxisd(side * 0.5 * std::numbers::pi, Vec3d::UnitX())));
-  const Material white = plain(Vec3f::Constant(static_cast<float>(random.uniform(0.3, 0.75))), 0.5f, 0.01f);
-  truck.surfaces = {surface(cargo, random.uniform() < 0.6 ? white : paint_of(random)),
-                    surface(cabin, paint_of(random)),
-                    surface(glass, plain(Vec3f::Constant(0.02f), 0.1f, 0.08f)), surface(dark, kTrim),
-                    surface(wheels, kTyre)};
-  fit_label_box(truck);
-  return truck;
 }
 
 }  // namespace mirage::generator

@@ -224,31 +224,36 @@ Hull loft(const BodyShape& shape) {
 Mesh patch(const Mesh& hull, int axis, int side, const Vec2d& low, const Vec2d& high, double lift,
            int columns, int rows) {
   const int across = 1 - axis;
-  std::vector<double> depth((columns + 1) * (rows + 1), std::numeric_limits<double>::quiet_NaN());
-  std::vector<Vec3d> points(depth.size());
+  const int count = (columns + 1) * (rows + 1);
+  std::vector<double> depth(static_cast<std::size_t>(count), -1e9);
+  std::vector<Vec2d> grid;
   for (int r = 0; r <= rows; ++r)
-    for (int c = 0; c <= columns; ++c) {
-      const double s = std::lerp(low.x(), high.x(), static_cast<double>(c) / columns);
-      const double z = std::lerp(low.y(), high.y(), static_cast<double>(r) / rows);
-      double best = -1e9;
-      for (const Face& f : hull.faces) {
-        // Point (s, z) in the triangle projected along the axis?
-        const Vec3d &a = hull.vertices[f[0]], &b = hull.vertices[f[1]], &d = hull.vertices[f[2]];
-        const Vec2d pa(a[across], a.z()), pb(b[across], b.z()), pd(d[across], d.z()), p(s, z);
-        const auto cross = [](const Vec2d& m, const Vec2d& n) { return m.x() * n.y() - m.y() * n.x(); };
-        const double area = cross(pb - pa, pd - pa);
-        if (std::abs(area) < 1e-12) continue;
-        const double b1 = cross(p - pa, pd - pa) / area, b2 = cross(pb - pa, p - pa) / area;
-        if (b1 < -1e-9 || b2 < -1e-9 || b1 + b2 > 1 + 1e-9) continue;
-        best = std::max(best, side * ((1 - b1 - b2) * a[axis] + b1 * b[axis] + b2 * d[axis]));
-      }
-      if (best < -1e8) continue;
-      const std::size_t i = static_cast<std::size_t>(r) * (columns + 1) + c;
-      depth[i] = best;
-      points[i][axis] = side * (best + lift);
-      points[i][across] = s;
-      points[i].z() = z;
+    for (int c = 0; c <= columns; ++c)
+      grid.push_back({std::lerp(low.x(), high.x(), static_cast<double>(c) / columns),
+                      std::lerp(low.y(), high.y(), static_cast<double>(r) / rows)});
+  for (const Face& f : hull.faces) {
+    const Vec3d &a = hull.vertices[f[0]], &b = hull.vertices[f[1]], &d = hull.vertices[f[2]];
+    const Vec2d pa(a[across], a.z()), pb(b[across], b.z()), pd(d[across], d.z());
+    const Vec2d least = pa.cwiseMin(pb).cwiseMin(pd), most = pa.cwiseMax(pb).cwiseMax(pd);
+    if ((least.array() > high.array() + 1e-9).any() || (most.array() < low.array() - 1e-9).any()) continue;
+    const auto cross = [](const Vec2d& m, const Vec2d& n) { return m.x() * n.y() - m.y() * n.x(); };
+    const double area = cross(pb - pa, pd - pa);
+    if (std::abs(area) < 1e-12) continue;
+    for (int i = 0; i < count; ++i) {  // grid points in the triangle projected along the axis
+      const Vec2d& p = grid[static_cast<std::size_t>(i)];
+      const double b1 = cross(p - pa, pd - pa) / area, b2 = cross(pb - pa, p - pa) / area;
+      if (b1 < -1e-9 || b2 < -1e-9 || b1 + b2 > 1 + 1e-9) continue;
+      double& best = depth[static_cast<std::size_t>(i)];
+      best = std::max(best, side * ((1 - b1 - b2) * a[axis] + b1 * b[axis] + b2 * d[axis]));
     }
+  }
+  std::vector<Vec3d> points(depth.size());
+  for (std::size_t i = 0; i < depth.size(); ++i) {
+    if (depth[i] < -1e8) depth[i] = std::numeric_limits<double>::quiet_NaN();
+    points[i][axis] = side * (depth[i] + lift);
+    points[i][across] = grid[i].x();
+    points[i].z() = grid[i].y();
+  }
   Mesh mesh;
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < columns; ++c) {

@@ -14,22 +14,53 @@
 namespace mirage {
 namespace {
 
-bool complete(const std::filesystem::path& out, const std::string& id, bool with_depth) {
+bool complete(const std::filesystem::path& out, const std::string& id, Truth truth) {
   // write_frame's files; each is written atomically, so that one that exists is whole.
   for (const char* file :
        {"image_2/{}.png", "velodyne/{}.bin", "calib/{}.txt", "label_2/{}.txt", "lighting/{}.json"})
     if (!std::filesystem::exists(out / "training" / fmt::format(fmt::runtime(file), id))) return false;
-  return !with_depth || std::filesystem::exists(true_depth_file(out, id));
+  if (truth != Truth::none && !std::filesystem::exists(true_depth_file(out, id))) return false;
+  return truth != Truth::all || (std::filesystem::exists(instance_file(out, id)) &&
+                                 std::filesystem::exists(point_label_file(out, id)));
 }
 
 }  // namespace
 
+std::filesystem::path instance_file(const std::filesystem::path& data, const std::string& id) {
+  return data / "training/instance_2" / (id + ".png");
+}
+
+std::filesystem::path point_label_file(const std::filesystem::path& data, const std::string& id) {
+  return data / "training/instance_velodyne" / (id + ".label");
+}
+
+void write_point_labels(const std::filesystem::path& file, const std::vector<std::uint32_t>& labels) {
+  std::string bytes;
+  bytes.reserve(4 * labels.size());
+  for (std::uint32_t word : labels)
+    for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>(word >> shift & 0xff));
+  write_file(file, bytes);
+}
+
+std::vector<std::uint32_t> read_point_labels(const std::filesystem::path& file, std::size_t points) {
+  const std::string bytes = read_file(file);
+  if (bytes.size() != 4 * points)
+    throw InputError(
+        file.string(), "size", fmt::format("{} bytes for {} points", bytes.size(), points),
+        "4 bytes a point of the sweep are needed; make the set again with mirage generate --truth");
+  std::vector<std::uint32_t> labels(points);
+  for (std::size_t i = 0; i < bytes.size(); ++i)
+    labels[i / 4] |= static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[i])) << 8 * (i % 4);
+  return labels;
+}
+
 DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
                                 const std::filesystem::path& out,
-                                const std::function<void(std::size_t)>& tell, bool with_depth) {
+                                const std::function<void(std::size_t)>& tell, Truth truth) {
   make_output_folder(out);
   const std::filesystem::path file = out / "dataset.json";
-  nlohmann::json about = {{"rig", rig.name}, {"seed", seed}, {"generator", kGeneratorVersion}};
+  nlohmann::json about = {
+      {"rig", rig.name}, {"seed", seed}, {"look", name_of(rig.look)}, {"generator", kGeneratorVersion}};
   if (std::filesystem::exists(file)) {
     const nlohmann::json before = read_json(file);
     for (const auto& [key, value] : about.items())
@@ -48,13 +79,17 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
   parallel_for(static_cast<std::size_t>(count), [&](std::size_t i) {
     if (interrupted()) return;
     const std::uint64_t index = first + i;
-    const bool keep = complete(out, fmt::format("{:06}", index), with_depth);
+    const bool keep = complete(out, fmt::format("{:06}", index), truth);
     Frame frame;
     if (!keep) {
-      ImageF depth;
-      frame = generate_frame(rig, seed, index, with_depth ? &depth : nullptr);
-      // Before the frame: its sweep comes last, so that a listed frame has its depth.
-      if (with_depth) write_depth_png(true_depth_file(out, frame.id), depth);
+      FrameTruth known;
+      frame = generate_frame(rig, seed, index, truth == Truth::none ? nullptr : &known);
+      // Before the frame: its sweep comes last, so that a listed frame has its truth.
+      if (truth != Truth::none) write_depth_png(true_depth_file(out, frame.id), known.depth);
+      if (truth == Truth::all) {
+        write_index_png(instance_file(out, frame.id), known.instance);
+        write_point_labels(point_label_file(out, frame.id), known.returns);
+      }
       write_frame(out, frame);
     }
     const std::scoped_lock lock(mutex);

@@ -22,8 +22,8 @@ struct Extent {
 
 }  // namespace
 
-std::vector<Label> label_street(const Street& street, const Calibration& calibration,
-                                const Image<int>& object, const Sweep& sweep) {
+StreetLabels label_street(const Street& street, const Calibration& calibration, const Image<int>& object,
+                          const Sweep& sweep) {
   const PinholeCamera& camera = calibration.camera;
   const Transform velo_from_camera = calibration.camera_from_velo.inverse();
   const std::size_t count = street.placed.size();
@@ -77,8 +77,12 @@ std::vector<Label> label_street(const Street& street, const Calibration& calibra
     label.occluded = share > 0.8 ? 0 : share > 0.35 ? 1 : 2;
     label.left = seen.left, label.top = seen.top, label.right = seen.right, label.bottom = seen.bottom;
   });
-  std::erase_if(labels, [](const Label& label) { return label.type.empty(); });
-  return labels;
+  StreetLabels out;
+  for (Label& label : labels) {
+    out.line.push_back(label.type.empty() ? -1 : static_cast<int>(out.labels.size()));
+    if (!label.type.empty()) out.labels.push_back(std::move(label));
+  }
+  return out;
 }
 
 }  // namespace mirage::generator

@@ -136,11 +136,11 @@ Actor make_clutter(RandomStream& random) {
     case 4: {  // clipped hedge or shrub block
       const double l = u(2, 7), w = u(0.6, 1.8), h = u(0.7, 1.9);
       add_box(a, {-0.46 * l, -0.42 * w, 0}, {0.46 * l, 0.42 * w, 0.93 * h});
-      for (int i = 0; i < static_cast<int>(l * 110); ++i) {
+      for (int i = 0; i < static_cast<int>(l * 200); ++i) {
         const Vec3d p(u(-0.5, 0.5) * l, (random.uniform() < 0.5 ? 0.5 : -0.5) * w * u(0.8, 1.05),
                       u(0.02, 1) * h);
         const Vec3d q = random.uniform() < 0.3 ? Vec3d(p.x(), u(-0.5, 0.5) * w, h * u(0.92, 1.04)) : p;
-        add_leaves(b, q, {0.05, 0.05, 0.05}, 1, 0.11, random);
+        add_leaves(b, q, {0.05, 0.05, 0.05}, 1, 0.08, random);
       }
       const Material m = green(random, Pattern::foliage);
       Material core = m;
@@ -150,7 +150,7 @@ Actor make_clutter(RandomStream& random) {
     }
     case 5: {  // bush
       const Vec3d r(u(0.5, 1.6), u(0.5, 1.6), u(0.5, 1.2));
-      add_leaves(b, {0, 0, 0.8 * r.z()}, r, static_cast<int>(500 * r.x() * r.y() + 200), 0.14, random);
+      add_leaves(b, {0, 0, 0.8 * r.z()}, r, static_cast<int>(900 * r.x() * r.y() + 400), 0.09, random);
       actor.surfaces = {surface(b, green(random, Pattern::foliage))};
       break;
     }
@@ -196,51 +196,29 @@ Actor make_clutter(RandomStream& random) {
 Actor make_tree(RandomStream& random, double detail) {
   Actor tree;
   const double h = random.uniform(5, 13), trunk = random.uniform(1.6, 3.2), r = random.uniform(0.1, 0.28);
-  Mesh wood, leaves;
+  Mesh wood, leaves, cores;
   append(wood, cylinder(r, trunk + 0.4 * (h - trunk), 10, 0.5 * r), Transform::Identity());
   const int clusters = 5 + random.below(5);
   const double reach = random.uniform(0.25, 0.38) * h;
-  const int count = static_cast<int>(detail * random.uniform(160, 260));
+  const int count = static_cast<int>(2.5 * detail * random.uniform(160, 260));
   for (int i = 0; i < clusters; ++i) {
     const double a = random.uniform(0, 2 * std::numbers::pi), d = reach * random.uniform(0, 0.75);
     const Vec3d c(d * std::cos(a), d * std::sin(a), random.uniform(trunk + 0.18 * (h - trunk), 0.88 * h));
     append(wood, cylinder(0.35 * r, (c - Vec3d(0, 0, trunk * 0.9)).norm(), 5, 0.02),
            Transform(Eigen::Translation3d(0, 0, trunk * 0.9) *
                      Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), c - Vec3d(0, 0, trunk * 0.9))));
-    add_leaves(leaves, c, Vec3d(0.55 * reach, 0.55 * reach, 0.2 * (h - trunk) + 0.3), count,
-               0.32 / std::sqrt(std::max(0.3, detail)), random);
+    const Vec3d radii(0.55 * reach, 0.55 * reach, 0.2 * (h - trunk) + 0.3);
+    add_leaves(leaves, c, radii, count, 0.18 / std::sqrt(std::max(0.3, detail)), random);
+    append(cores, ellipsoid(0.55 * radii), at(c.x(), c.y(), c.z()));
   }
   Material bark = plain(Vec3f(0.09f, 0.075f, 0.06f) * static_cast<float>(random.uniform(0.6, 1.6)), 0.3f);
   bark.pattern = Pattern::bark, bark.variant = random.next_u32();
-  tree.surfaces = {surface(wood, bark), surface(leaves, green(random, Pattern::foliage))};
+  const Material leaf = green(random, Pattern::foliage);
+  // The shade inside the crown: little of the sky shows through a broad-leaved tree.
+  Material shade = leaf;
+  shade.albedo *= 0.35f, shade.second *= 0.35f;
+  tree.surfaces = {surface(wood, bark), surface(leaves, leaf), surface(cores, shade)};
   return tree;
-}
-
-Actor make_pole(RandomStream& random) {
-  Actor pole;
-  Mesh post, board;
-  const double h = random.uniform(2.4, 8), r = random.uniform(0.03, 0.09);
-  append(post, cylinder(r, h, 10), Transform::Identity());
-  Material sign = plain(Vec3f(0.6f, 0.6f, 0.6f), 2.f, 0.01f);
-  if (h < 4) {
-    const double z = h - 0.35, s = random.uniform(0.25, 0.42);
-    const int kind = random.below(4);
-    Mesh disc = cylinder(s, 0.02, kind == 0 ? 3 : kind == 1 ? 4 : 20);
-    append(board, disc,
-           Transform(Eigen::Translation3d(-r - 0.02, 0, z) *
-                     Eigen::AngleAxisd(-0.5 * std::numbers::pi, Vec3d::UnitY())));
-    const std::array<Vec3f, 4> colors = {Vec3f(0.5f, 0.02f, 0.02f), Vec3f(0.6f, 0.45f, 0.02f),
-                                         Vec3f(0.02f, 0.1f, 0.45f), Vec3f(0.65f, 0.65f, 0.65f)};
-    sign.albedo = colors[random.below(4)];
-  } else if (random.uniform() < 0.6) {
-    add_box(post, {-0.05, -0.04, h - 0.1}, {1.3, 0.04, h});  // street lamp's arm
-    add_box(board, {0.8, -0.12, h - 0.05}, {1.5, 0.12, h + 0.08});
-    sign.lidar = 0.3f;
-  }
-  pole.surfaces.push_back(
-      surface(post, plain(Vec3f::Constant(static_cast<float>(random.uniform(0.08, 0.4))), 0.35f, 0.02f)));
-  if (!board.faces.empty()) pole.surfaces.push_back(surface(board, sign));
-  return pole;
 }
 
 }  // namespace mirage::generator

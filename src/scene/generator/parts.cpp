@@ -65,8 +65,10 @@ void add_leaves(Mesh& mesh, const Vec3d& centre, const Vec3d& radii, int count, 
       return Vec3d(random.normal(), random.normal(), random.normal()).normalized();
     };
     const double r = std::cbrt(random.uniform(0.25, 1.0));
-    const Vec3d p = centre + r * direction().cwiseProduct(radii);
-    const Vec3d n = direction(), a = n.unitOrthogonal() * size * random.uniform(0.5, 1.2);
+    const Vec3d out = direction(), p = centre + r * out.cwiseProduct(radii);
+    // Leaves face outwards more or less, so that a crown has a light and a dark side.
+    const Vec3d n = (out + 0.9 * direction()).normalized(),
+                a = n.unitOrthogonal() * size * random.uniform(0.5, 1.2);
     const Vec3d b = n.cross(a) * random.uniform(0.5, 1.0);
     add_quad(mesh, p - a, p - b, p + a, p + b);
   }

@@ -49,5 +49,7 @@ Actor make_cyclist(RandomStream& random);
 Actor make_clutter(RandomStream& random);
 Actor make_tree(RandomStream& random, double detail);
 Actor make_pole(RandomStream& random);
+/// Faces −x. `lit`: 0 red, 1 amber, 2 green.
+Actor make_traffic_light(RandomStream& random, int lit);
 
 }  // namespace mirage::generator

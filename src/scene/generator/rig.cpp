@@ -22,8 +22,9 @@ Rig read_rig(const std::filesystem::path& file) {
   ConfigTable root = ConfigTable::read(file);
   ConfigTable table = root.table("camera");
   root.skip("lidar");
-  root.check_all_known();
   Rig rig;
+  if (root.has("look")) rig.look = parse_look(root.text("look"), file.string(), "look");
+  root.check_all_known();
   rig.name = file.stem().string();
   PinholeCamera& camera = rig.calibration.camera;
   camera.width = static_cast<int>(table.number("width", 1, 16384));
@@ -46,6 +47,15 @@ Rig read_rig(const std::filesystem::path& file) {
     whole["lidar"] = unit_table(lidar_file(root.text("lidar")));
     rig.text = toml_text(whole);
   }
+  return rig;
+}
+
+Rig with_look(Rig rig, Look look) {
+  if (rig.look == look) return rig;
+  rig.look = look;
+  nlohmann::json whole = parse_toml(rig.text, rig.name);
+  whole["look"] = name_of(look);
+  rig.text = toml_text(whole);
   return rig;
 }
 

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "geometry/box.h"
+#include "scene/generator/look.h"
 #include "scene/generator/parts.h"
 
 namespace mirage::generator {
@@ -20,7 +21,7 @@ struct Street {
   std::vector<Placed> placed;
 };
 
-/// `height`: of the `velo` origin over the road (m). Deterministic by (seed, index).
-Street make_street(std::uint64_t seed, std::uint64_t index, double height);
+/// `height`: of the `velo` origin over the road (m). Deterministic by (seed, index, look).
+Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look look = Look::european);
 
 }  // namespace mirage::generator

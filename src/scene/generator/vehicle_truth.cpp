@@ -8,8 +8,8 @@
 
 namespace mirage::generator {
 
-std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, double height) {
-  const Street street = make_street(seed, index, height);
+std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, double height, Look look) {
+  const Street street = make_street(seed, index, height, look);
   std::vector<TrueVehicle> vehicles;
   for (const Placed& placed : street.placed) vehicles.push_back({placed.type, placed.box, {}});
   for (const Surface& surface : street.surfaces)
@@ -18,7 +18,7 @@ std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, 
   return vehicles;
 }
 
-std::optional<std::uint64_t> seed_of(const std::filesystem::path& data) {
+std::optional<StreetSource> source_of(const std::filesystem::path& data) {
   const auto file = data / "dataset.json";
   if (!std::filesystem::exists(file)) return std::nullopt;
   const nlohmann::json about = read_json(file);
@@ -27,7 +27,8 @@ std::optional<std::uint64_t> seed_of(const std::filesystem::path& data) {
     throw InputError(file.string(), "seed", "missing or not a whole number",
                      "make the data set again with: mirage generate");
   if (about.at("generator") != kGeneratorVersion) return std::nullopt;
-  return about.at("seed").get<std::uint64_t>();
+  const std::string look = about.value("look", name_of(Look::european));
+  return StreetSource{about.at("seed").get<std::uint64_t>(), parse_look(look, file.string(), "look")};
 }
 
 const TrueVehicle* find_vehicle(const std::vector<TrueVehicle>& vehicles, const std::string& type,

@@ -9,6 +9,7 @@
 
 #include "geometry/box.h"
 #include "geometry/mesh.h"
+#include "scene/generator/look.h"
 
 namespace mirage::generator {
 
@@ -20,12 +21,18 @@ struct TrueVehicle {
 
 /// The labelled things of frame `index` of a seed, laid out again (nothing is rendered). `height`: of the
 /// rig's LiDAR over the ground, as in make_street.
-std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, double height);
+std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, double height,
+                                       Look look = Look::european);
 
-/// A data set's seed, if this generator's version made it (dataset.json), so that true_vehicles gives what
+/// What a data set's streets come from.
+struct StreetSource {
+  std::uint64_t seed = 0;
+  Look look = Look::european;
+};
+/// A data set's source, if this generator's version made it (dataset.json), so that true_vehicles gives what
 /// was rendered; nothing for recorded sets and for those of other versions. InputError for a broken
 /// dataset.json.
-std::optional<std::uint64_t> seed_of(const std::filesystem::path& data);
+std::optional<StreetSource> source_of(const std::filesystem::path& data);
 
 /// The one of `vehicles` that a label of the data set means: same type, centre nearest and within 0.1 m.
 const TrueVehicle* find_vehicle(const std::vector<TrueVehicle>& vehicles, const std::string& type,

@@ -1,6 +1,10 @@
 #include "scene/shape/shape_rooftop.h"
 
 #include <algorithm>
+#include <filesystem>
+
+#include "base/error.h"
+#include "base/files.h"
 
 namespace mirage {
 namespace {
@@ -9,6 +13,14 @@ bool same(const Sweep& a, const Sweep& b) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const LidarPoint& p, const LidarPoint& q) {
     return p.x == q.x && p.y == q.y && p.z == q.z;
   });
+}
+
+/// The file of the manifold; empty for "box".
+std::filesystem::path model_file(const std::string& rooftop) {
+  if (rooftop == "box") return {};
+  if (rooftop == "shape") return shipped_file("scenes/shapes/cars.shape");
+  if (std::filesystem::path(rooftop).extension() == ".shape") return rooftop;
+  throw InputError("--rooftop", rooftop, "unknown choice", "use shape, box or a shape model (*.shape)");
 }
 
 }  // namespace
@@ -35,9 +47,23 @@ Rooftop ShapeRooftopFinder::find(const Frame& frame, const Label& label) const {
     }
     index = index_;
   }
-  const ShapeFit found = fit(*index, label);
-  if (!found.fitted) return BoxRooftopFinder().find(frame, label);
-  return {found.velo_from_roof, false};
+  ShapeFit found = fit(*index, label);
+  if (found.fitted)
+    return {found.velo_from_roof, false, {}, std::make_shared<const Mesh>(std::move(found.mesh))};
+  Rooftop rooftop = BoxRooftopFinder().find(frame, label);
+  rooftop.reason = found.reason;
+  return rooftop;
+}
+
+std::unique_ptr<RooftopFinder> make_rooftop_finder(const std::string& rooftop, const LidarModel& lidar) {
+  const std::filesystem::path file = model_file(rooftop);
+  if (file.empty()) return std::make_unique<BoxRooftopFinder>();
+  return std::make_unique<ShapeRooftopFinder>(read_shape_model(file), lidar);
+}
+
+std::string rooftop_model_hash(const std::string& rooftop) {
+  const std::filesystem::path file = model_file(rooftop);
+  return file.empty() ? "" : content_hash(read_file(file));
 }
 
 }  // namespace mirage

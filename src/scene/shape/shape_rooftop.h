@@ -4,6 +4,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <string>
 
 #include "scene/rooftop.h"
 #include "scene/shape/shape_fit.h"
@@ -11,8 +12,7 @@
 namespace mirage {
 
 /// Fits the shape manifold to cars and vans; the adversary stands on the fitted roof. A vehicle that can't be
-/// fitted (too few returns, another type) gets BoxRooftopFinder's pose, with from_box set. Several threads
-/// may ask at once.
+/// fitted (too few returns, another type) gets BoxRooftopFinder's pose, with from_box set and the reason.
 class ShapeRooftopFinder : public RooftopFinder {
  public:
   /// `lidar`: the one that recorded the frames' sweeps.
@@ -30,5 +30,13 @@ class ShapeRooftopFinder : public RooftopFinder {
   mutable Sweep sweep_;
   mutable std::shared_ptr<const SweepIndex> index_;
 };
+
+/// What finds the roofs, as --rooftop names it: "shape" (the shipped manifold), "box", or a manifold of the
+/// user's own (*.shape, `mirage fit --build-model`).
+inline constexpr const char* kDefaultRooftop = "shape";
+/// `lidar`: the one that recorded the frames' sweeps. InputError for another word.
+std::unique_ptr<RooftopFinder> make_rooftop_finder(const std::string& rooftop, const LidarModel& lidar);
+/// content_hash of the manifold that `rooftop` names; empty for "box". InputError for another word.
+std::string rooftop_model_hash(const std::string& rooftop);
 
 }  // namespace mirage

@@ -1,10 +1,11 @@
-// Lays out one street; its parts are spread over street.cpp (road and traffic) and street_edges.cpp (what
-// stands beside it).
+// The ground that every look of a street is laid on: its course, its heights, and the placing of things. The
+// looks (looks/european.h, looks/american.h) say what stands where.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <string>
 
 #include "scene/generator/street.h"
 
@@ -14,20 +15,15 @@ inline constexpr double kPi = std::numbers::pi;
 inline constexpr double kFar = 110;    // m of street that is built
 inline constexpr double kKerb = 0.11;  // m
 
-enum class StreetKind { residential, avenue, rural, crossing, square };
-
 // Street coordinates: s along the centre line (0 at the ego vehicle), d to its left.
-class StreetBuilder {
- public:
-  StreetBuilder(std::uint64_t seed, std::uint64_t index, double height)
-      : random_(seed, "street", index), actors_(seed, "street actors", index), height_(height) {}
+class StreetSite {
+ protected:
+  /// Streams "PURPOSE" (the layout) and "PURPOSE actors" (what things look like) of (seed, index). `height`:
+  /// of the `velo` origin over the road.
+  StreetSite(std::uint64_t seed, const std::string& purpose, std::uint64_t index, double height)
+      : random_(seed, purpose, index), actors_(seed, purpose + " actors", index), height_(height) {}
 
-  Street build() {
-    choose();
-    lay_ground();
-    place_vehicles();
-    place_edges();
-    place_people();
+  Street finish() {
     Street out;
     for (Surface& s : surfaces_)
       if (!s.mesh.faces.empty()) out.surfaces.push_back(std::move(s));
@@ -35,12 +31,9 @@ class StreetBuilder {
     return out;
   }
 
- private:
   double u(double a, double b) { return random_.uniform(a, b); }
   bool chance(double p) { return random_.uniform() < p; }
   float f(double a, double b) { return static_cast<float>(random_.uniform(a, b)); }
-
-  void choose();
 
   Vec2d xy(double s, double d) const {
     // A shallow arc: heading θ0 + κ s.
@@ -59,7 +52,7 @@ class StreetBuilder {
     const double edge = half_[d > 0];
     double z = road_z(s, std::clamp(d, -half_[0], half_[1]));
     if (std::abs(d) > edge + 0.05 && !in_cross(s)) {
-      z += kind_ == StreetKind::rural ? 0.04 : kKerb;
+      z += kerb_;
       const double out = std::abs(d) - edge - pavement_[d > 0];
       if (out > 0)
         z += std::min(out, 25.0) * bank_[d > 0] + 0.06 * std::sin(0.7 * s + d) * std::min(1.0, out);
@@ -78,8 +71,6 @@ class StreetBuilder {
                on_ground(s, d1, lift));
     }
   }
-
-  void lay_ground();
 
   // Stands an actor at (s, d), heading `turn` from the street's; false where it would overlap another.
   bool put(Actor actor, double s, double d, double turn, double margin = 0.25) {
@@ -110,23 +101,28 @@ class StreetBuilder {
     }
   }
 
-  Actor vehicle() {
-    const double pick = actors_.uniform();
-    return pick < 0.93 ? make_car(actors_) : pick < 0.985 ? make_van(actors_) : make_truck(actors_);
+  /// Nothing that was put stands in the way of the box.
+  bool free(const BevBox& box) const {
+    return std::none_of(taken_.begin(), taken_.end(),
+                        [&](const BevBox& b) { return intersection_area(b, box) > 0; });
   }
 
-  void place_vehicles();
+  /// Stands something without a label at (s, d), heading `turn` from the street's, and keeps nothing free.
+  void stand(Actor actor, double s, double d, double turn = 0) {
+    const Vec2d p = xy(s, d);
+    add_surfaces(actor, at(p.x(), p.y(), ground_z(s, d), yaw(s) + turn), -1);
+  }
 
-  void place_people();
-
-  void place_edges();
-  void add_building(double s, double d, double along, double deep, int side);
+  // Plants and fences (site_plants.cpp).
   void add_fence(double s0, double s1, double d);
   void add_woods(int side, double from);
+  /// What the earth under kerbs and side roads looks like, so that no sky shows between them.
+  void add_earth();
+  void add_manhole_covers(int count);
 
   RandomStream random_, actors_;
   double height_;
-  StreetKind kind_ = StreetKind::residential;
+  double kerb_ = kKerb;  ///< height of what lies beside the road (m)
   double lane_ = 3, half_[2] = {4, 4}, strip_[2] = {}, pavement_[2] = {}, front_[2] = {}, bank_[2] = {};
   int lanes_left_ = 1, lanes_right_ = 1;
   double heading_ = 0, curvature_ = 0, ego_d_ = 0, slope_ = 0, wave_ = 0, wave_length_ = 50, wave_phase_ = 0;

@@ -1,0 +1,75 @@
+"""What colours a Blender material: one linear colour or one image, as the light-weight light model wants it."""
+
+from typing import NamedTuple
+
+import numpy
+
+
+class Paint(NamedTuple):
+    color: tuple = (0.8, 0.8, 0.8)  # scene-linear; Cycles' own grey of a mesh without material
+    image: object = None  # bpy.types.Image, in place of the colour
+    extension: str = "EXTEND"  # beyond the image's edge: EXTEND, REPEAT or CLIP
+    note: str = ""  # what is not followed, for the user
+
+
+def surface_node(material):
+    """The BSDF at the output; the first of a mix or a sum."""
+    outputs = [n for n in material.node_tree.nodes if n.type == "OUTPUT_MATERIAL" and n.is_active_output]
+    links = outputs[0].inputs["Surface"].links if outputs else ()
+    node = links[0].from_node if links else None
+    for _ in range(32):
+        if node is None or node.type not in ("MIX_SHADER", "ADD_SHADER"):
+            break
+        shaders = [s for s in node.inputs if s.type == "SHADER" and s.links]
+        node = shaders[0].links[0].from_node if shaders else None
+    return node
+
+
+def paint_of(material):
+    if material is None:
+        return Paint()
+    shown = tuple(material.diffuse_color[:3])
+    if not material.use_nodes or material.node_tree is None:
+        return Paint(shown)
+    node = surface_node(material)
+    socket = node and (node.inputs.get("Base Color") or node.inputs.get("Color"))
+    if socket is None:
+        return Paint(shown, note=f"{material.name}: no base colour; its viewport colour is used")
+    if not socket.links:
+        return Paint(tuple(socket.default_value[:3]))
+    source = socket.links[0].from_node
+    if source.type == "RGB":
+        return Paint(tuple(source.outputs[0].default_value[:3]))
+    if source.type == "TEX_IMAGE" and source.image is not None:
+        mapped = source.inputs["Vector"].links and source.inputs["Vector"].links[0].from_node.type != "UVMAP"
+        note = f"{material.name}: its texture mapping is ignored" if mapped else ""
+        return Paint(shown, source.image, source.extension, note)
+    return Paint(shown, note=f"{material.name}: base colour comes from {source.name}; its viewport colour is used")
+
+
+def linear_pixels(image):
+    """height x width x 3 float64, scene-linear, row 0 at the bottom as Blender has it."""
+    width, height = image.size
+    if width == 0 or height == 0:
+        return None
+    flat = numpy.empty(width * height * image.channels, numpy.float32)
+    image.pixels.foreach_get(flat)
+    pixels = flat.reshape(height, width, image.channels)[:, :, :3].astype(numpy.float64)
+    if pixels.shape[2] < 3:
+        pixels = numpy.repeat(pixels[:, :, :1], 3, axis=2)
+    if not image.is_float and image.colorspace_settings.name == "sRGB":
+        pixels = numpy.where(pixels <= 0.04045, pixels / 12.92, ((pixels + 0.055) / 1.055) ** 2.4)
+    return pixels
+
+
+def look_up(pixels, uv, extension):
+    """Nearest texels at n x 2 coordinates (origin bottom left)."""
+    height, width = pixels.shape[:2]
+    x = numpy.floor(uv[:, 0] * width).astype(numpy.int64)
+    y = numpy.floor(uv[:, 1] * height).astype(numpy.int64)
+    if extension == "REPEAT":
+        return pixels[y % height, x % width]
+    found = pixels[numpy.clip(y, 0, height - 1), numpy.clip(x, 0, width - 1)]
+    if extension == "CLIP":
+        found = numpy.where(((x >= 0) & (x < width) & (y >= 0) & (y < height))[:, None], found, 0)
+    return found

@@ -1,0 +1,159 @@
+"""A Mirage scene (.glb) into Blender. The geometry comes in through Blender's own importer: nodes and UVs are
+what any viewer gets. What glTF cannot say (principal point, the whole light model, texels beyond 8 bits, the
+photograph) is read from the file's extras. Blender's world is Mirage's `velo`: glTF's axes (y up) turn into
+Blender's (z up) on import."""
+
+import os
+import tempfile
+
+import numpy
+
+if "bool" not in vars(numpy):
+    numpy.bool = bool  # Blender 3.4's importer uses the name that numpy 1.24 dropped
+
+import bpy  # noqa: E402
+
+from . import camera, cycles_light  # noqa: E402
+from .glb import Glb  # noqa: E402
+from .paint import Paint  # noqa: E402
+
+ROLES = ("adversary", "camera", "sun")
+
+
+class Loaded:
+    """What came in: `info` (the scene's extras), `roles` {role: [objects]}, `texels` (image or None)."""
+
+    def __init__(self, glb, objects, path):
+        self.glb, self.objects, self.info = glb, objects, glb.scene_info()
+        self.roles = {}
+        for thing in objects:
+            role = thing.get("mirage_role")
+            if role:
+                self.roles.setdefault(role, []).append(thing)
+        for key in ("camera", "lighting"):
+            if key not in self.info:
+                raise ValueError(f"{path}: no {key} in the scene's extras; export it with mirage export")
+        for role in ROLES:
+            if role not in self.roles:
+                raise ValueError(f"{path}: no object with role '{role}'")
+        self.texels = exact_texels(glb)
+
+
+def load(path):
+    """Runs the importer into the current scene."""
+    glb = Glb(path)
+    before, scene = set(bpy.data.objects), bpy.context.scene
+    engine = scene.render.engine
+    bpy.ops.import_scene.gltf(filepath=path, import_shading="FLAT", convert_lighting_mode="RAW")
+    scene.render.engine = engine  # the importer knows Cycles and Eevee only, and takes others for Eevee
+    return Loaded(glb, [thing for thing in bpy.data.objects if thing not in before], path)
+
+
+def exact_mesh(glb):
+    """Extras of the mesh with Mirage's exact vertices, faces and texels; {} without one."""
+    for mesh in glb.json.get("meshes", []):
+        if mesh.get("extras", {}).get("mirage"):
+            return mesh["extras"]["mirage"]
+    return {}
+
+
+def exact_texels(glb):
+    """A float image of the adversary's texels in the place of the 8-bit texture; None without texels."""
+    exact = exact_mesh(glb)
+    if "texels" not in exact or "texture_size" not in exact:
+        return None
+    width, height = exact["texture_size"]
+    pixels = numpy.ones((height * width, 4), dtype=numpy.float32)
+    texels = glb.array(exact["texels"], "<f8", 3)
+    pixels[:len(texels), :3] = texels
+    image = bpy.data.images.new("exact texels", width, height, float_buffer=True)
+    image.colorspace_settings.name = "Non-Color"
+    image.pixels.foreach_set(pixels.reshape(height, width, 4)[::-1].ravel())
+    image.update()
+    return image
+
+
+def plain_material(name, paint):
+    """The paint on a rough dielectric, its texels unfiltered."""
+    material = bpy.data.materials.new(name)
+    material.use_nodes = True
+    nodes = cycles_light.Nodes(material.node_tree)
+    output = nodes.add("ShaderNodeOutputMaterial")
+    shader = nodes.add("ShaderNodeBsdfPrincipled")
+    shader.inputs["Roughness"].default_value = 0.5
+    nodes.put(nodes.color(paint), shader.inputs["Base Color"])
+    nodes.put(shader.outputs[0], output.inputs["Surface"])
+    return material
+
+
+def photograph_image(glb, info):
+    """The embedded photograph as a packed image; None without one."""
+    if "photograph" not in info:
+        return None
+    spec = glb.json["images"][info["photograph"]]
+    handle, path = tempfile.mkstemp(suffix=".jpg" if spec["mimeType"] == "image/jpeg" else ".png")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(glb.bytes(spec["bufferView"]))
+        image = bpy.data.images.load(path)
+        image.pack()
+    finally:
+        os.unlink(path)
+    image.name = "photograph"
+    image.filepath_raw = "//photograph.png"  # where it would be unpacked to
+    return image
+
+
+def show_behind(view, image):
+    """The picture fills the camera's frame, behind everything."""
+    data = view.data
+    data.background_images.clear()
+    background = data.background_images.new()
+    background.image = image
+    background.alpha = 1.0
+    background.display_depth = "BACK"
+    background.frame_method = "STRETCH"
+    data.show_background_images = True
+    data.passepartout_alpha = 1.0
+
+
+def import_scene(scene, path):
+    """Everything: objects, camera, sun, sky, photograph, materials and colour management. Returns Loaded."""
+    loaded = load(path)
+    info, light = loaded.info, loaded.info["lighting"]
+    view = loaded.roles["camera"][0]
+    camera.set_camera(scene, view, info["camera"])
+    cycles_light.set_sun(loaded.roles["sun"][0], light, shadows=True)
+    cycles_light.set_sky(scene, light, on=True)
+    adversary = loaded.roles["adversary"][0]
+    if loaded.texels is not None:
+        loaded.texels.pack()  # else a saved .blend would lose it
+        adversary.data.materials.clear()
+        adversary.data.materials.append(plain_material("adversary", Paint(image=loaded.texels)))
+    adversary.data["mirage_resolution"] = int(exact_mesh(loaded.glb).get("resolution", 1))
+    for role in ("host", "ground"):  # they stand in for what the photograph shows
+        for thing in loaded.roles.get(role, []):
+            thing.is_shadow_catcher = True
+            thing.display_type = "WIRE"
+    photograph = photograph_image(loaded.glb, info)
+    if photograph:
+        show_behind(view, photograph)
+    scene["mirage_photograph"] = photograph.name if photograph else ""
+    scene["mirage_source"] = os.path.abspath(path)
+    scene.view_settings.view_transform = "Standard"
+    scene.view_settings.look = "None"
+    scene.render.film_transparent = True
+    scene.cycles.use_denoising = False  # Debian's build has no denoiser and fails
+    settings = getattr(scene, "mirage", None)  # absent where the add-on is not registered
+    if settings:
+        settings.light = "GIVEN"
+        settings.ambient, settings.hemisphere = light["ambient"], light["hemisphere"]
+        settings.background = "PHOTOGRAPH" if photograph else "FILM"
+    return loaded
+
+
+def describe(loaded):
+    """One line about what came in."""
+    info = loaded.info["camera"]
+    return (f"{len(loaded.objects)} objects, camera {info['width']}x{info['height']}, "
+            f"photograph: {'yes' if 'photograph' in loaded.info else 'no'}")

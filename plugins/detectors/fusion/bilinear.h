@@ -1,0 +1,13 @@
+// Features of a map at scattered places, with the exact derivative.
+#pragma once
+
+#include "torch_headers.h"
+
+namespace mirage::fusion {
+
+/// map: 1 × C × H × W; at: N × 2, (column, row) with (0, 0) the centre of the first cell; both on the CPU,
+/// float or double. Result: N × C, bilinear, the border's values outside (and no slope there). Differentiable
+/// in both.
+torch::Tensor bilinear(const torch::Tensor& map, const torch::Tensor& at);
+
+}  // namespace mirage::fusion

@@ -1,0 +1,33 @@
+// The state of a training run on disk: OUT/training.json and the weights it names,
+// OUT/checkpoint-STEP.weights.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <nlohmann/json.hpp>
+
+namespace mirage {
+
+struct TrainingState {
+  std::int64_t step = 0;
+  double seconds = 0;              ///< spent in earlier runs too
+  std::array<double, 3> losses{};  ///< running means of the loss terms
+  std::filesystem::path weights;   ///< of the checkpoint; empty: none yet
+};
+
+/// The run in `out` (a fresh state when there is none). InputError if it is of other options than `wanted`,
+/// or unreadable.
+TrainingState read_training_state(const std::filesystem::path& out, const nlohmann::json& wanted);
+
+/// Moves the running means towards `now`, by `share` or, at the start, by 1 / (steps so far + 1).
+void follow_losses(TrainingState& state, const std::array<double, 3>& now, double share);
+
+/// save(file) writes the weights, then the state that names them is written, then the old weights go: a kill
+/// at any point leaves a pair.
+void write_training_state(const std::filesystem::path& out, const nlohmann::json& wanted,
+                          TrainingState& state,
+                          const std::function<void(const std::filesystem::path&)>& save);
+
+}  // namespace mirage

@@ -1,0 +1,164 @@
+// mirage render: the meshes of a scene file, by the soft rasteriser or the ray-traced camera.
+#include <fmt/format.h>
+
+#include <charconv>
+#include <chrono>
+#include <memory>
+
+#include "base/error.h"
+#include "base/image_io.h"
+#include "cli/command.h"
+#include "cli/table.h"
+#include "exchange/gltf.h"
+
+namespace mirage::cli {
+namespace {
+
+struct Options {
+  std::filesystem::path scene;
+  std::string renderer = "soft", size, background, parts, window;
+  double sigma = SoftRasterSettings<double>().sigma, gamma = 0;
+  std::vector<double> color = {0, 0, 0};
+  int samples = 2;
+};
+
+/// "1242x375" or "0,0,64,32" as whole numbers.
+std::vector<int> whole_numbers(const std::string& option, const std::string& text, char separator,
+                               std::size_t count, const std::string& fix) {
+  std::vector<int> numbers;
+  const char *at = text.data(), *end = text.data() + text.size();
+  while (at < end && numbers.size() < count) {
+    int value = 0;
+    const auto [next, error] = std::from_chars(at, end, value);
+    if (error != std::errc() || (next < end && *next != separator)) break;
+    numbers.push_back(value);
+    at = next < end ? next + 1 : next;
+  }
+  if (at != end || numbers.size() != count || text.back() == separator)
+    throw InputError(option, text, "is not understood", fix);
+  return numbers;
+}
+
+/// What lies behind the things.
+ImageF background_of(const RenderScene& scene, const Options& options, bool photograph) {
+  if (photograph) {
+    if (scene.photograph.empty())
+      throw InputError(options.scene.string(), "photograph", "the scene has none", "give --background plain");
+    if (scene.photograph.width != scene.camera.width || scene.photograph.height != scene.camera.height)
+      throw InputError("--size", options.size,
+                       fmt::format("the photograph behind the scene is {}×{}", scene.photograph.width,
+                                   scene.photograph.height),
+                       "leave --size away or give --background plain");
+    return scene.photograph;
+  }
+  ImageF plain(scene.camera.width, scene.camera.height, 3);
+  for (std::size_t i = 0; i < plain.data.size(); ++i)
+    plain.data[i] = static_cast<float>(options.color[i % 3]);
+  return plain;
+}
+
+nlohmann::json run(const Options& options, const Common& common) {
+  const auto started = std::chrono::steady_clock::now();
+  const auto seconds_since = [](std::chrono::steady_clock::time_point start) {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  };
+  int width = 0, height = 0;
+  if (!options.size.empty()) {
+    const auto size = whole_numbers("--size", options.size, 'x', 2, "give WIDTHxHEIGHT, e.g. 1242x375");
+    width = size[0];
+    height = size[1];
+    if (width < 1 || height < 1 || width > 32768 || height > 32768)
+      throw InputError("--size", options.size, "is no image size", "give 1 to 32768 pixels a side");
+  }
+  RenderScene scene = read_scene(options.scene, width, height);
+  if (width > 0) scene.camera = resized(scene.camera, width, height);
+  const bool photograph = options.background.empty() ? !scene.photograph.empty() && width == 0
+                                                     : options.background == "photograph";
+  const ImageF background = background_of(scene, options, photograph);
+  // Host and ground stand in for what the photograph already shows.
+  const std::string parts = options.parts.empty() ? (photograph ? "adversary" : "all") : options.parts;
+  if (parts == "adversary")
+    std::erase_if(scene.things,
+                  [](const auto& thing) { return thing.role == "host" || thing.role == "ground"; });
+  SceneRenderSettings settings;
+  settings.renderer = options.renderer == "soft" ? SceneRenderer::soft : SceneRenderer::traced;
+  settings.raster.sigma = options.sigma;
+  if (options.gamma != 0) settings.gamma = options.gamma;
+  settings.samples = options.samples;
+  settings.seed = common.seed;
+  if (!options.window.empty()) {
+    const auto edges = whole_numbers("--window", options.window, ',', 4, "give u0,v0,u1,v1 in pixels");
+    settings.rect = {edges[0], edges[1], edges[2], edges[3]};
+    if (settings.rect.empty())
+      throw InputError("--window", options.window, "holds no pixels",
+                       "give u0,v0,u1,v1 with u0 < u1 and v0 < v1");
+  }
+  const auto drawing = std::chrono::steady_clock::now();
+  const SceneImage image = render_scene(scene, background, settings);
+  const double seconds = seconds_since(drawing);
+  ImageF color(image.rgba.width, image.rgba.height, 3);
+  for (std::size_t i = 0; i < image.depth.data.size(); ++i)
+    std::copy_n(image.rgba.data.data() + 4 * i, 3, color.data.data() + 3 * i);
+  write_exr(common.out / "image.exr", image.rgba);
+  write_srgb(common.out / "image.png", color);
+  write_exr(common.out / "depth.exr", image.depth);
+  print_table({{"meshes", fmt::format("{} with {} faces", scene.things.size(), image.faces)},
+               {"pixels covered", std::to_string(image.covered)},
+               {"seconds", fmt::format("{:.3f}", seconds)},
+               {"picture", (common.out / "image.png").string()}});
+  nlohmann::json result = {{"renderer", options.renderer},
+                           {"width", scene.camera.width},
+                           {"height", scene.camera.height},
+                           {"window", {image.rect.u0, image.rect.v0, image.rect.u1, image.rect.v1}},
+                           {"meshes", scene.things.size()},
+                           {"faces", image.faces},
+                           {"pixels_covered", image.covered},
+                           {"samples", options.samples},
+                           {"background", photograph ? "photograph" : "plain"},
+                           {"parts", parts},
+                           {"seconds", seconds},
+                           {"seconds_total", seconds_since(started)}};
+  if (settings.renderer == SceneRenderer::soft)
+    result.update(
+        {{"sigma", options.sigma}, {"gamma", image.gamma}, {"near", image.near}, {"far", image.far}});
+  return result;
+}
+
+}  // namespace
+
+Command render_command() {
+  auto options = std::make_shared<Options>();
+  return {"render", "draw the meshes of a scene (.glb): picture and depth", "out/render",
+          [options](CLI::App& app) {
+            app.add_option("--scene", options->scene, "scene as mirage export writes it (.glb)")->required();
+            app.add_option("--renderer", options->renderer,
+                           "soft: soft rasteriser; traced: ray-traced camera")
+                ->check(CLI::IsMember({"soft", "traced"}))
+                ->capture_default_str();
+            app.add_option("--sigma", options->sigma, "softness of edges, NDC² of the longer side")
+                ->check(CLI::PositiveNumber)
+                ->capture_default_str();
+            app.add_option("--gamma", options->gamma,
+                           "softness of depth, share of the scene's depth range (default: 3 cm of it)")
+                ->check(CLI::PositiveNumber);
+            app.add_option("--samples", options->samples, "samples a pixel along each side")
+                ->check(CLI::Range(1, 32))
+                ->capture_default_str();
+            app.add_option("--size", options->size, "WIDTHxHEIGHT (default: the scene's)");
+            app.add_option("--window", options->window, "draw pixels u0,v0,u1,v1 only");
+            app.add_option("--background", options->background,
+                           "photograph or plain (default: the photograph if there is one)")
+                ->check(CLI::IsMember({"photograph", "plain"}));
+            app.add_option("--color", options->color, "plain background, scene-linear R,G,B")
+                ->delimiter(',')
+                ->expected(3)
+                ->capture_default_str();
+            app.add_option("--parts", options->parts,
+                           "all, or adversary: without the stand-ins for host and ground (default over a "
+                           "photograph)")
+                ->check(CLI::IsMember({"all", "adversary"}));
+          },
+          [options](const Common& common) { return run(*options, common); }};
+}
+
+}  // namespace mirage::cli

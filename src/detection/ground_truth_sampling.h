@@ -1,0 +1,69 @@
+// Ground-truth sampling: vehicles of the training set pasted into other frames of it (Yan et al., SECOND,
+// Sensors 2018), with their pixels where the set says which are theirs (as in Wang et al., PointAugmenting,
+// CVPR 2021).
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "detection/cut_out.h"
+
+namespace mirage {
+
+struct CompactFrame;
+
+/// What of the LiDAR unit decides which returns hide which.
+struct SamplingUnit {
+  Vec3d origin = Vec3d::Zero();  ///< m, `velo`: mean of where the beams start
+  double azimuth_step = 0;       ///< rad
+  double beam_gap = 0;           ///< rad, median between neighbouring beams
+};
+SamplingUnit sampling_unit(const LidarModel& lidar);
+/// Of the set's own rig (DIR/rig.toml), or of kitti64 when there is none.
+SamplingUnit sampling_unit(const std::filesystem::path& data);
+
+/// Pastes the car at its own pose: range, direction and pixels stay true. It is lifted (points, and pixels by
+/// whole rows) to the ground there if that differs by 0.05–0.2 m. False, and the frame is untouched, when
+/// - the ground differs by more, or the camera is another one;
+/// - its box comes within 0.3 m of a present box, or more than 2 points stand in it;
+/// - nearer returns hide more than 30 % of its points, or leave fewer than 5;
+/// - it would leave a present box fewer than half of its points, or fewer than 3.
+/// Hidden points and pixels are not pasted. Returns behind the car, in directions that its own returns span
+/// in their azimuth column, are removed. The car casts no shadow on its new ground.
+bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit);
+
+class GroundTruthSampler {
+ public:
+  /// `mean`: vehicles wanted in a sample (their number is Poisson's). With `with_picture`, a set without
+  /// training/instance_2 gives nothing to paste, and a warning.
+  GroundTruthSampler(const std::filesystem::path& data, const std::vector<std::string>& ids,
+                     const std::array<double, 4>& region, std::uint64_t seed, double mean, bool with_picture);
+  /// Pastes vehicles into the frame, in up to 8 attempts for each that is wanted; which ones depends on
+  /// (seed, index) alone. Returns how many. Not for two threads at once.
+  int augment(CompactFrame& frame, std::uint64_t index);
+  /// Vehicles to choose from, before their points are counted.
+  std::size_t size() const { return candidates_.size(); }
+
+ private:
+  struct Donor {
+    bool read = false;
+    std::vector<CutOut> cars;
+  };
+  const std::vector<CutOut>& cars_of(std::size_t frame);
+
+  std::filesystem::path data_;
+  std::vector<std::string> ids_;
+  std::array<double, 4> region_;
+  std::uint64_t seed_;
+  double mean_;
+  bool with_picture_;
+  SamplingUnit unit_;
+  std::vector<std::size_t> candidates_;  // frame of each labelled car that may do
+  std::vector<Donor> donors_;            // one a frame, read when first wanted
+  std::size_t bytes_ = 0;
+  Donor passing_;  // used once memory for donors is spent
+};
+
+}  // namespace mirage

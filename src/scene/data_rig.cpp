@@ -1,0 +1,17 @@
+#include "scene/data_rig.h"
+
+#include "base/error.h"
+#include "base/files.h"
+
+namespace mirage {
+
+std::string data_rig(const std::filesystem::path& data) {
+  const auto file = data / "dataset.json";
+  if (!std::filesystem::exists(file)) return "kitti64";
+  const nlohmann::json about = read_json(file);
+  if (!about.is_object() || !about.contains("rig") || !about.at("rig").is_string())
+    throw InputError(file.string(), "rig", "missing or not a text", "name the rig, for example \"kitti64\"");
+  return about.at("rig");
+}
+
+}  // namespace mirage

@@ -1,0 +1,26 @@
+// What kind of place the generated streets show.
+#pragma once
+
+#include <string>
+
+#include "base/error.h"
+
+namespace mirage {
+
+enum class Look {
+  european,  ///< streets of a middle-sized German town and the roads around it
+  american   ///< North American avenues, suburbs and office blocks
+};
+
+inline std::string name_of(Look look) {
+  return look == Look::american ? "american" : "european";
+}
+
+/// InputError naming `where` and `field` if there is no such look.
+inline Look parse_look(const std::string& name, const std::string& where, const std::string& field) {
+  if (name == "european") return Look::european;
+  if (name == "american") return Look::american;
+  throw InputError(where, field, "\"" + name + "\" is not a look", "choose european or american");
+}
+
+}  // namespace mirage

@@ -1,0 +1,68 @@
+// A scene of textured meshes drawn whole, by the soft rasteriser or by the ray-traced camera.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/image.h"
+#include "geometry/mesh.h"
+#include "sensors/camera.h"
+#include "sensors/lighting.h"
+#include "sensors/soft_rasterizer.h"
+
+namespace mirage {
+
+/// What a scene file holds. World is `velo`.
+struct RenderScene {
+  struct Thing {
+    std::string name, role;  ///< role: "adversary", "host", "ground" or whatever the file says; may be empty
+    TexturedMesh textured;   ///< in `velo`; without texels it is grey (0.5)
+  };
+  std::vector<Thing> things;
+  PinholeCamera camera;
+  Transform camera_from_velo = Transform::Identity();
+  Lighting lighting;
+  ImageF photograph;  ///< scene-linear RGB behind the things; empty if the file has none
+};
+
+enum class SceneRenderer { soft, traced };
+
+struct SceneRenderSettings {
+  SceneRenderer renderer = SceneRenderer::soft;
+  SoftRasterSettings<double> raster;  ///< of the soft rasteriser; near, far and gamma are set by render_scene
+  /// γ in units of (far − near). Default: 3 cm of depth, what the simulator's 1e-2 is for an object on a
+  /// roof.
+  std::optional<double> gamma;
+  int samples = 2;  ///< samples a pixel along each side
+  PixelRect rect;   ///< the window to draw; empty: the whole image
+  std::uint64_t seed = 0;
+};
+
+/// Pictures are window-sized.
+struct SceneImage {
+  PixelRect rect;
+  ImageF rgba;      ///< scene-linear colour over the background; coverage
+  ImageF depth;     ///< planar depth of the surface at the pixel's centre, m; 0 where there is none
+  int covered = 0;  ///< pixels with coverage > 0.5
+  std::size_t faces = 0;
+  double near = 0, far = 0, gamma = 0;  ///< as used by the soft rasteriser
+};
+
+/// Draws every thing of the scene over `background` (camera-sized, scene-linear RGB).
+///
+/// soft: the light model of sensors/lighting.h, one light a face, no shadows. Things of different atlas
+/// resolutions are brought to one that all of them divide, which changes no colour. Faces are clipped 0.1 m
+/// in front of the camera. traced: the sun casts shadows and the sky, of the light model's ambient +
+/// hemisphere radiance, is occluded; noise depends on the seed only.
+///
+/// InputError for a camera or a light with a number that is not finite, for an empty scene, a window
+/// outside the image, a background of another size, or texels that would fill more than 4 GB.
+SceneImage render_scene(const RenderScene& scene, const ImageF& background,
+                        const SceneRenderSettings& settings = {});
+
+/// The same view in an image of another size: the field of view is kept along each side.
+PinholeCamera resized(const PinholeCamera& camera, int width, int height);
+
+}  // namespace mirage

@@ -1,0 +1,193 @@
+// The fusion detector's own kernels, in double against central differences, and its four scales one by one.
+#include <gtest/gtest.h>
+#include <torch/torch.h>
+
+#include <cmath>
+#include <numeric>
+
+#include "base/random.h"
+#include "bilinear.h"
+#include "network.h"
+#include "support/gradient_check.h"
+#include "voxels.h"
+
+namespace mirage::fusion {
+namespace {
+
+using torch::Tensor;
+
+std::vector<double> values_of(const Tensor& tensor) {
+  const Tensor flat = tensor.detach().to(torch::kDouble).contiguous().view({-1});
+  return {flat.data_ptr<double>(), flat.data_ptr<double>() + flat.numel()};
+}
+
+Tensor tensor_of(const std::vector<double>& values, torch::IntArrayRef shape) {
+  return torch::tensor(values, torch::kDouble).view(shape);
+}
+
+/// d (Σ weights · f(x)) / dx by autograd against central differences, for components with pick(i).
+void check(const Tensor& x, const std::function<Tensor(const Tensor&)>& scalar, double step = 1e-6,
+           double tolerance = 1e-6, const std::function<bool(std::size_t)>& pick = {}) {
+  const Tensor leaf = x.detach().clone().requires_grad_(true);
+  const Tensor gradient = torch::autograd::grad({scalar(leaf)}, {leaf})[0];
+  const torch::NoGradGuard guard;
+  test::check_gradient(
+      [&](const std::vector<double>& values) { return scalar(tensor_of(values, x.sizes())).item<double>(); },
+      values_of(x), values_of(gradient), step, tolerance, 1e-3, pick);
+}
+
+TEST(FusionKernels, VoxelsMoveWithTheirPoints) {
+  RandomStream random(1, "voxel test");
+  std::vector<double> points;
+  for (int i = 0; i < 8; ++i)
+    for (double value : {random.uniform(1, 69), random.uniform(-39, 39), random.uniform(-2.5, 0.9), 0.0})
+      points.push_back(value);
+  // Three returns in one place, some at the edges of the grid, some outside it.
+  for (int i = 0; i < 3; ++i) points.insert(points.end(), {20.03, 3.07, -1.01, 0});
+  points.insert(points.end(), {0.05, -39.95, -2.55, 0, 69.93, 39.98, 0.97, 0, -3, 0, 0, 0, 30, 0, 7, 0});
+  const Tensor x = tensor_of(points, {-1, 4});
+  torch::manual_seed(1);
+  const Tensor weights = torch::randn({1, kVoxelsZ, kVoxelsX, kVoxelsY}, torch::kDouble);
+  check(x, [&](const Tensor& p) { return (soft_voxels(p) * weights).sum(); });
+  EXPECT_EQ(soft_voxels(x).sizes(), weights.sizes());
+  // A point alone in a grid's corner cell keeps only the share inside; one that is not finite gives nothing.
+  EXPECT_EQ(soft_voxels(tensor_of({NAN, 1, 1, 0}, {1, 4})).sum().item<double>(), 0);
+}
+
+TEST(FusionKernels, ReadingTheMapMovesWithMapAndPlace) {
+  torch::manual_seed(2);
+  const Tensor map = torch::randn({1, 5, 4, 6}, torch::kDouble),
+               weights = torch::randn({9, 5}, torch::kDouble);
+  // Inside, beyond each edge, and in a corner cell.
+  const Tensor at =
+      tensor_of({1.3, 2.2, 4.7, 0.4, 0.1, 2.9, -2, 1.5, 9, 1.2, 2.6, -3, 2.1, 8, -1, -1, 4.99, 2.99}, {9, 2});
+  check(map, [&](const Tensor& m) { return (bilinear(m, at) * weights).sum(); });
+  check(at, [&](const Tensor& a) { return (bilinear(map, a) * weights).sum(); });
+  const Tensor one = bilinear(map, tensor_of({3, 2, NAN, 1}, {2, 2}));
+  EXPECT_TRUE(torch::equal(one[0], map[0].select(1, 2).select(1, 3)));
+  EXPECT_TRUE(torch::isfinite(one).all().item<bool>());
+}
+
+/// A few returns and a small picture.
+struct Street {
+  std::vector<float> points;
+  SensorTensors input;
+  Street(int width = 80, int height = 48) {
+    RandomStream random(4, "street of tensors");
+    for (int i = 0; i < 60; ++i)
+      for (double value : {random.uniform(6, 60), random.uniform(-8, 8), random.uniform(-1.7, 0.3), 0.2})
+        points.push_back(static_cast<float>(value));
+    const double f = 40, u = width / 2.0, v = height / 2.0;
+    input.projection = {u, -f, 0, 0, v, 0, -f, 0, 1, 0, 0, 0};
+    const std::vector<double> exact(points.begin(), points.end());
+    input.points = tensor_of(exact, {-1, 4});
+    torch::manual_seed(5);
+    input.image = torch::rand({height, width, 3}, torch::kDouble);
+  }
+};
+
+TEST(FusionKernels, EachCellTakesTheNearestPointThatTheCameraSees) {
+  const Street street;
+  const auto nearest = nearest_points(street.points, street.input.projection, 80, 48);
+  const auto visible = [&](std::int64_t i) {
+    const float* p = street.points.data() + 4 * i;
+    const double u = 40 - 40 * p[1] / p[0], v = 24 - 40 * p[2] / p[0];
+    return p[0] > 0.5 && u >= -0.5 && u < 79.5 && v >= -0.5 && v < 47.5;
+  };
+  for (std::size_t level = 0; level < kGrids.size(); ++level) {
+    const Grid& grid = kGrids[level];
+    std::vector<std::int64_t> taken(grid.rows * grid.columns, -1);
+    for (std::size_t k = 0; k < nearest[level].cells.size(); ++k)
+      taken[nearest[level].cells[k]] = nearest[level].points[k];
+    for (std::int64_t cell = 0; cell < grid.rows * grid.columns; ++cell) {
+      const auto distance = [&](std::int64_t i) {
+        return std::hypot(street.points[4 * i] - cell_x(cell / grid.columns, grid.cell),
+                          street.points[4 * i + 1] - cell_y(cell % grid.columns, grid.cell));
+      };
+      double best = 1e9;
+      for (std::int64_t i = 0; i < static_cast<std::int64_t>(street.points.size() / 4); ++i)
+        if (visible(i)) best = std::min(best, distance(i));
+      if (taken[cell] < 0) {
+        EXPECT_GT(best, grid.reach) << "level " << level << ", cell " << cell;
+        continue;
+      }
+      EXPECT_TRUE(visible(taken[cell]));
+      EXPECT_LE(best, grid.reach);
+      EXPECT_DOUBLE_EQ(distance(taken[cell]), best) << "level " << level << ", cell " << cell;
+    }
+  }
+}
+
+TEST(FusionNetwork, AllFourScalesCarryTheGradientOfPixelsAndPoints) {
+  const Street street;
+  torch::manual_seed(6);
+  Network network(true);
+  network->to(torch::kDouble);
+  for (std::size_t level = 0; level < kGrids.size(); ++level) {
+    const auto scalar = [&](const Tensor& image, const Tensor& points) {
+      SensorTensors input = street.input;
+      input.image = image;
+      input.points = points;
+      const Tensor added = network->fused(input)[level];
+      // Weights that differ from cell to cell and channel to channel.
+      const Tensor weights = torch::cos(torch::arange(added.numel(), torch::kDouble)).view(added.sizes());
+      return (added * weights).sum();
+    };
+    ASSERT_TRUE(network->fused(street.input)[level].defined()) << level;
+    const auto some = [](std::size_t i) { return i % 397 == 0; };
+    check(
+        street.input.image, [&](const Tensor& image) { return scalar(image, street.input.points); }, 1e-6,
+        1e-4, some);
+    // The step must not change which point is a cell's nearest: the choice itself has no gradient.
+    check(
+        street.input.points, [&](const Tensor& points) { return scalar(street.input.image, points); }, 1e-8,
+        1e-3, [](std::size_t i) { return i % 13 == 0; });
+    const Tensor image = street.input.image.clone().requires_grad_(true);
+    const Tensor points = street.input.points.clone().requires_grad_(true);
+    const auto gradients = torch::autograd::grad({scalar(image, points)}, {image, points});
+    EXPECT_GT(gradients[0].norm().item<double>(), 1e-3) << "scale " << level;
+    EXPECT_GT(gradients[1].norm().item<double>(), 1e-3) << "scale " << level;
+  }
+}
+
+TEST(FusionNetwork, ASilencedFusionAddsNothingAndStillLearns) {
+  const Street street;
+  Network network(true);
+  network->to(torch::kDouble);
+  for (ContinuousFusion& fuse : network->fuse) fuse->silence();
+  Tensor sum = torch::zeros({}, torch::kDouble);
+  for (const Tensor& added : network->fused(street.input)) {
+    EXPECT_EQ(added.abs().max().item<double>(), 0);
+    sum = sum + added.sum();
+  }
+  for (ContinuousFusion& fuse : network->fuse) {
+    const auto gradient = torch::autograd::grad({sum}, {fuse->last->weight}, {}, true);
+    EXPECT_GT(gradient[0].norm().item<double>(), 0);
+  }
+}
+
+TEST(FusionNetwork, TakesPicturesOfAnySize) {
+  Network network(true);
+  const torch::NoGradGuard guard;
+  for (const auto& [width, height] : {std::pair{1, 1}, {3, 2}, {33, 31}, {320, 95}}) {
+    SensorTensors input = Street(width, height).input;
+    input.image = input.image.to(torch::kFloat);
+    input.points = input.points.to(torch::kFloat);
+    const Tensor output = network->forward(input);
+    EXPECT_EQ(output.sizes(), (std::vector<std::int64_t>{kOutputs, kCellsX, kCellsY}));
+    EXPECT_TRUE(torch::isfinite(output).all().item<bool>()) << width << " × " << height;
+  }
+}
+
+TEST(FusionNetwork, IsSmallEnoughToShip) {
+  const auto count = [](bool with_image) {
+    std::int64_t sum = 0;
+    for (const Tensor& parameter : Network(with_image)->parameters()) sum += parameter.numel();
+    return sum;
+  };
+  EXPECT_LT(4 * count(true), 10'000'000) << "bytes";
+  EXPECT_LT(count(false), count(true));
+}
+
+}  // namespace
+}  // namespace mirage::fusion

@@ -1,0 +1,36 @@
+// A detector plugin that is wrong in one way. The loader's tests open it.
+#include "detection/detector_abi.h"
+#include "support/fake_plugin.h"
+
+namespace {
+
+using namespace mirage::test;
+
+MirageProposal proposal = {{10, 1, 4, 2, 0}, 3};
+
+void region(void*, float out[4]) {
+  const float values[] = {0, 50, -25, 25};
+  for (int i = 0; i < 4; ++i) out[i] = values[i];
+}
+int forward(void*, const MirageSensorInput*, float, int32_t, const MirageProposal** proposals, int64_t* count,
+            char* error, size_t error_size) {
+  if (const int status = begin_run(error, error_size)) return status;
+  if (kFake == Fake::not_finite) proposal.logit = __builtin_nanf("");
+  *proposals = &proposal;
+  *count = 1;
+  return 0;
+}
+int backward(void*, const float* d_logits, int64_t, float* d_image, float* d_points, char*, size_t) {
+  if (d_image) d_image[0] = d_logits[0];
+  if (d_points) d_points[0] = 2 * d_logits[0];
+  return 0;
+}
+
+const MirageDetectorApi api = {abi(MIRAGE_DETECTOR_ABI), "fake", create, destroy, region, forward, backward,
+                               train_step<MirageSample>, save};
+
+}  // namespace
+
+extern "C" const MirageDetectorApi* MIRAGE_FAKE_ENTRY(mirage_detector_api)() {
+  return &api;
+}

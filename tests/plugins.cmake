@@ -1,0 +1,47 @@
+# Plugins for the tests of loaders: tiny ones, each wrong in one way (support/fake_plugin.h), and the real ones.
+function(mirage_fake_plugins layer prefix source)
+  set(number 0)
+  foreach(kind works wrong_abi refuses throws_in_create throws_in_run fails_in_run not_finite no_entry)
+    set(target ${prefix}_${kind})
+    add_library(${target} MODULE ${CMAKE_CURRENT_SOURCE_DIR}/${layer}/plugins/${source})
+    target_compile_definitions(${target} PRIVATE FAKE=${number})
+    target_include_directories(${target} PRIVATE ${PROJECT_SOURCE_DIR}/src ${CMAKE_CURRENT_SOURCE_DIR})
+    target_link_libraries(${target} PRIVATE mirage_options)
+    set_target_properties(${target} PROPERTIES PREFIX "" LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/test_plugins)
+    add_dependencies(test_${layer} ${target})
+    math(EXPR number "${number} + 1")
+  endforeach()
+endfunction()
+
+# The tests of `layer` see MIRAGE_HAS_PLUGIN if the plugin is built.
+function(mirage_tested_plugin layer plugin)
+  if(TARGET mirage_${plugin})
+    string(TOUPPER ${plugin} name)
+    target_compile_definitions(test_${layer} PRIVATE MIRAGE_HAS_${name})
+    add_dependencies(test_${layer} mirage_${plugin})
+  endif()
+endfunction()
+
+mirage_fake_plugins(detection fake fake_detector.cpp)
+mirage_tested_plugin(detection fusion)
+mirage_tested_plugin(detection torchscript)
+mirage_fake_plugins(scene fake_depth fake_depth.cpp)
+mirage_tested_plugin(scene guided)
+
+if(TARGET mirage_torchscript)
+  add_executable(torchscript_models ${CMAKE_CURRENT_SOURCE_DIR}/detection/plugins/torchscript_models.cpp)
+  target_link_libraries(torchscript_models PRIVATE mirage_torch mirage_options)
+  set_target_properties(torchscript_models PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/test_plugins)
+  add_dependencies(test_detection torchscript_models)
+  mirage_tested_plugin(cli torchscript)
+  add_dependencies(test_cli torchscript_models)
+endif()
+
+# The fusion plugin's kernels from inside: LibTorch, and none of the host.
+if(TARGET mirage_fusion_objects)
+  add_executable(test_fusion_network ${CMAKE_CURRENT_SOURCE_DIR}/detection/network/test_fusion_network.cpp)
+  target_include_directories(test_fusion_network PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}
+                                                         ${PROJECT_SOURCE_DIR}/plugins/detectors/fusion)
+  target_link_libraries(test_fusion_network PRIVATE mirage_fusion_objects GTest::gtest_main mirage_options)
+  gtest_discover_tests(test_fusion_network DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 600)
+endif()

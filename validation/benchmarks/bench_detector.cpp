@@ -1,0 +1,169 @@
+// Detectors: a pass forward, forward and backward, and a training step, split by what the interface lets us
+// vary: with and without the picture's branch (fusion against lidar), with and without points, one sample
+// against two. Fresh weights, frames made here, one thread.
+#include <benchmark/benchmark.h>
+
+#include <array>
+#include <filesystem>
+#include <map>
+#include <memory>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "bench.h"
+#include "detection/points_in_view.h"
+#include "detection/training_data.h"
+#include "scene/generator.h"
+#include "scene/generator/dataset.h"
+
+namespace mirage {
+namespace {
+
+constexpr int kFrames = 2, kRounds = 7;
+constexpr const char* kDetectors[] = {"lidar", "fusion"};
+
+struct Input {
+  Frame frame;
+  std::vector<LidarPoint> points;
+  SensorView view() const { return {&frame.image, points, &frame.calibration}; }
+};
+
+std::vector<Input> inputs_of(const Rig& rig) {
+  std::vector<Input> inputs(kFrames);
+  for (int i = 0; i < kFrames; ++i) {
+    inputs[i].frame = generate_frame(rig, 21, static_cast<std::uint64_t>(i));
+    inputs[i].points = points_in_view(inputs[i].frame.sweep, inputs[i].frame.calibration);
+  }
+  return inputs;
+}
+
+std::unique_ptr<Detector> fresh(const std::string& name) {
+  DetectorOptions options;
+  options.detector = name;
+  options.fresh = true;
+  options.threads = 1;
+  return load_detector(options);
+}
+
+/// Milliseconds by name, one entry a round: what is compared is taken in alternation.
+class Rounds {
+ public:
+  void time(const std::string& name, const std::function<void()>& work) {
+    values_[name].push_back(milliseconds(work));
+  }
+  double operator[](const std::string& name) const { return median(values_.at(name)); }
+  /// Median over the rounds of a − b.
+  double difference(const std::string& a, const std::string& b) const {
+    std::vector<double> values;
+    for (std::size_t i = 0; i < values_.at(a).size(); ++i)
+      values.push_back(values_.at(a)[i] - values_.at(b)[i]);
+    return median(values);
+  }
+
+ private:
+  std::map<std::string, std::vector<double>> values_;
+};
+
+void passes(benchmark::State& state, const std::string& rig_name) {
+  const std::string suffix = rig_name == "kitti64" ? "" : "_" + rig_name;
+  std::map<std::string, std::unique_ptr<Detector>> detectors;
+  std::vector<Input> inputs;
+  try {
+    for (const char* name : kDetectors) detectors[name] = fresh(name);
+    inputs = inputs_of(read_rig(shipped_file("scenes/rigs/" + rig_name + ".toml")));
+  } catch (const InputError& error) {
+    state.SkipWithError(error.what());
+    return;
+  }
+  Rounds rounds;
+  const auto pass = [&](Detector& detector, const SensorView& view, bool back) {
+    // Threshold −1: every proposal, so that the same gradient arrives everywhere.
+    const auto found = detector.forward(view, -1, back);
+    if (back) benchmark::DoNotOptimize(detector.backward(std::vector<double>(found.size(), 1)));
+  };
+  for (auto _ : state)
+    for (int round = -1; round < kRounds; ++round) {  // the first warms up
+      Rounds warm;
+      Rounds& into = round < 0 ? warm : rounds;
+      const Input& input = inputs[static_cast<std::size_t>(round + 1) % inputs.size()];
+      SensorView blind = input.view();
+      blind.points = {};
+      for (const char* name : kDetectors) {
+        Detector& detector = *detectors[name];
+        into.time(std::string("forward ") + name, [&] { pass(detector, input.view(), false); });
+        into.time(std::string("both ") + name, [&] { pass(detector, input.view(), true); });
+        into.time(std::string("no points ") + name, [&] { pass(detector, blind, false); });
+      }
+    }
+  auto& figures = extra_figures();
+  for (const std::string name : kDetectors) {
+    figures["detector_forward_ms_" + name + suffix] = rounds["forward " + name];
+    figures["detector_forward_backward_ms_" + name + suffix] = rounds["both " + name];
+    figures["detector_backward_ms_" + name + suffix] = rounds.difference("both " + name, "forward " + name);
+  }
+  // The lidar network without points is the bird's-eye network and its head alone.
+  figures["detector_forward_bev_head_ms" + suffix] = rounds["no points lidar"];
+  figures["detector_forward_points_ms" + suffix] = rounds.difference("forward lidar", "no points lidar");
+  figures["detector_forward_image_and_fusion_ms" + suffix] =
+      rounds.difference("forward fusion", "forward lidar");
+  figures["detector_forward_fusion_of_points_ms" + suffix] =
+      rounds.difference("forward fusion", "no points fusion") -
+      rounds.difference("forward lidar", "no points lidar");
+}
+
+void training(benchmark::State& state) {
+  const auto folder = std::filesystem::temp_directory_path() / "mirage-bench-detector";
+  std::map<std::string, std::unique_ptr<Detector>> detectors;
+  try {
+    for (const char* name : kDetectors) detectors[name] = fresh(name);
+  } catch (const InputError& error) {
+    state.SkipWithError(error.what());
+    return;
+  }
+  generate_dataset(
+      read_rig(shipped_file("scenes/rigs/kitti64.toml")), 22, 0, kFrames, folder, [](std::size_t) {},
+      Truth::all);
+  const auto region = detectors["fusion"]->region();
+  TrainingData plain(folder, 0, region, 1), pasting(folder, 0, region, 1, 2);
+  Rounds rounds;
+  for (auto _ : state)
+    for (int round = -1; round < kRounds; ++round) {
+      Rounds warm;  // the first round reads the files
+      Rounds& into = round < 0 ? warm : rounds;
+      std::vector<PreparedSample> samples;
+      into.time("data", [&] { samples = plain.prepare(round + 1, 2); });
+      into.time("data pasting", [&] { benchmark::DoNotOptimize(pasting.prepare(round + 1, 2)); });
+      const std::array<TrainingSample, 2> views = {samples[0].view(), samples[1].view()};
+      for (const char* name : kDetectors) {
+        Detector& detector = *detectors[name];
+        into.time(std::string("two ") + name, [&] { detector.train_step(views, 1e-3); });
+        into.time(std::string("one ") + name, [&] { detector.train_step({views.data(), 1}, 1e-3); });
+        into.time(std::string("other ") + name, [&] { detector.train_step({views.data() + 1, 1}, 1e-3); });
+      }
+    }
+  std::filesystem::remove_all(folder);
+  auto& figures = extra_figures();
+  for (const std::string name : kDetectors) {
+    figures["training_step_ms_" + name] = rounds["two " + name];
+    // Two steps of one sample hold one optimiser step more than one step of both.
+    const double optimiser = rounds["one " + name] + rounds["other " + name] - rounds["two " + name];
+    figures["training_optimiser_ms_" + name] = optimiser;
+    figures["training_sample_ms_" + name] = (rounds["two " + name] - optimiser) / 2;
+  }
+  figures["training_steps_per_s"] = 1000 / rounds["two fusion"];
+  figures["training_image_and_fusion_ms"] = rounds.difference("two fusion", "two lidar");
+  figures["training_data_ms"] = rounds["data"];  // read ahead on another thread
+  figures["training_ground_truth_sampling_ms"] = rounds.difference("data pasting", "data");
+}
+
+}  // namespace
+
+void register_detector_benchmarks() {
+  for (const char* rig : {"kitti64", "xenith"})
+    benchmark::RegisterBenchmark((std::string("detector_passes_") + rig).c_str(), passes, std::string(rig))
+        ->Iterations(1)
+        ->Unit(benchmark::kMillisecond);
+  benchmark::RegisterBenchmark("detector_training", training)->Iterations(1)->Unit(benchmark::kMillisecond);
+}
+
+}  // namespace mirage

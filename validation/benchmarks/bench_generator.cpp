@@ -1,0 +1,89 @@
+// The street generator: frames a second with two threads, files included, and the share of each stage with
+// one.
+#include <benchmark/benchmark.h>
+
+#include <filesystem>
+#include <map>
+#include <string>
+
+#include "base/files.h"
+#include "base/parallel.h"
+#include "bench.h"
+#include "scene/generator/appearance.h"
+#include "scene/generator/dataset.h"
+#include "scene/generator/labels.h"
+#include "scene/generator/street.h"
+#include "scene/kitti.h"
+#include "sensors/lidar_sweep.h"
+
+namespace mirage {
+namespace {
+
+constexpr std::uint64_t kSeed = 2024;
+constexpr int kStageFrames = 4, kFrames = 8;
+
+/// Seconds by stage over a few frames, as generate_frame and generate_dataset go through them.
+std::map<std::string, double> stage_seconds(const Rig& rig, const std::filesystem::path& out) {
+  std::map<std::string, double> seconds;
+  for (std::uint64_t index = 0; index < kStageFrames; ++index) {
+    const auto time = [&](const char* stage, const std::function<void()>& work) {
+      seconds[stage] += 1e-3 * milliseconds(work);
+    };
+    generator::Street street;
+    time("layout", [&] { street = generator::make_street(kSeed, index, rig.lidar.height, rig.look); });
+    std::unique_ptr<RayScene> scene;
+    time("embree_build", [&] { scene = std::make_unique<RayScene>(street.surfaces); });
+    RayImage picture;
+    const Calibration& calibration = rig.calibration;
+    Frame frame;
+    time("camera", [&] {
+      picture = render(*scene, calibration.camera, calibration.camera_from_velo,
+                       generator::make_light(kSeed, index));
+    });
+    time("exposure", [&] {
+      frame.image = picture.color;
+      generator::expose(frame.image, kSeed, index);
+    });
+    time("lidar", [&] { frame.sweep = simulate_sweep(*scene, rig.lidar, 1); });
+    time("labels", [&] {
+      frame.labels = generator::label_street(street, calibration, picture.object, frame.sweep).labels;
+    });
+    frame.id = "00000" + std::to_string(index);
+    frame.calibration = calibration;
+    time("files", [&] { write_frame(out, frame); });
+  }
+  return seconds;
+}
+
+void generator_frames(benchmark::State& state, const std::string& name) {
+  const Rig rig = read_rig(shipped_file("scenes/rigs/" + name + ".toml"));
+  const std::filesystem::path out =
+      std::filesystem::temp_directory_path() / ("mirage-bench-generator-" + name);
+  auto& figures = extra_figures();
+  for (auto _ : state) {
+    std::filesystem::remove_all(out);
+    set_thread_count(1);
+    const auto seconds = stage_seconds(rig, out / "stages");
+    double all = 0;
+    for (const auto& [stage, s] : seconds) all += s;
+    for (const auto& [stage, s] : seconds) figures["generator_share_" + stage + "_" + name] = s / all;
+    figures["generator_frames_per_s_1_thread_" + name] = kStageFrames / all;
+    set_thread_count(2);
+    const double ms =
+        milliseconds([&] { generate_dataset(rig, kSeed, 0, kFrames, out / "set", [](std::size_t) {}); });
+    set_thread_count(1);
+    figures["generator_frames_per_s_" + name] = 1e3 * kFrames / ms;
+    std::filesystem::remove_all(out);
+  }
+}
+
+}  // namespace
+
+void register_generator_benchmarks() {
+  for (const std::string name : {"kitti64", "xenith"})
+    benchmark::RegisterBenchmark(("generator_" + name).c_str(), generator_frames, name)
+        ->Iterations(1)
+        ->Unit(benchmark::kMillisecond);
+}
+
+}  // namespace mirage
