@@ -42,6 +42,8 @@ nlohmann::json effects_json(const RenderEffects& effects) {
           {"sky", effects.sky},
           {"bounces", effects.bounces},
           {"specular", effects.specular},
+          {"paint", effects.paint},
+          {"clear_sky", effects.clear_sky},
           {"surroundings", kSurroundings[static_cast<int>(effects.surroundings)]}};
 }
 
@@ -66,8 +68,8 @@ void BlenderWorker::start() {
   child_ = std::make_unique<ChildProcess>(
       std::vector<std::string>{"/usr/bin/env", "-u", "PYTHONHOME", "-u", "PYTHONPATH", "PATH=/usr/bin:/bin",
                                "BLENDER_USER_SCRIPTS=" + nowhere, "BLENDER_USER_CONFIG=" + nowhere,
-                               program_.string(), "-b", "--factory-startup", "--python-exit-code", "1", "-P",
-                               script_.string(), "--"},
+                               program_.string(), "-b", "--factory-startup", "--disable-autoexec",
+                               "--python-exit-code", "1", "-P", script_.string(), "--"},
       log_);
   nlohmann::json answer;
   if (!exchange({{"job", "ping"}}, start_timeout_, answer))
@@ -87,6 +89,9 @@ bool BlenderWorker::exchange(const nlohmann::json& job, double timeout, nlohmann
       case ChildProcess::Read::interrupted:
         throw Interrupted(
             "stopped while Blender was rendering; finished vehicles are kept, run again to go on");
+      case ChildProcess::Read::timed_out:
+        lost_ = fmt::format("gave no answer in {:g} s", timeout);
+        return false;
       default:
         return false;
     }
@@ -97,15 +102,18 @@ bool BlenderWorker::exchange(const nlohmann::json& job, double timeout, nlohmann
 
 nlohmann::json BlenderWorker::request(nlohmann::json job, double timeout) {
   nlohmann::json answer;
-  for (int attempt = 0;; ++attempt) {
+  for (int attempt = 1;; ++attempt) {
     if (child_ && exchange(job, timeout, answer)) break;
+    losses_.push_back({job.value("job", ""), lost_, attempt});
     child_.reset();
-    if (attempt == 1)
-      throw Failure(program_.string(), fmt::format("{}, twice on one job ({})", lost_, job.value("job", "")),
-                    "look at " + log_.string());
-    spdlog::warn("Blender {}; starting it again", lost_);
+    if (attempt < kAttempts) spdlog::warn("Blender {}; starting it again", lost_);
     ++restarts_;
     start();
+    if (attempt == kAttempts)
+      throw BlenderLost(
+          program_.string(),
+          fmt::format("{}, {} times on one job ({})", losses_.back().how, kAttempts, losses_.back().job),
+          "look at " + log_.string());
   }
   if (!answer.value("ok", false))
     throw Failure("blender", answer.value("error", "unknown error"), "look at " + log_.string());
@@ -122,6 +130,7 @@ Rendered render(BlenderWorker& blender, const RenderJob& job) {
                                        {"samples", job.samples},
                                        {"seed", job.seed},
                                        {"pixel", job.pixel_centre ? "centre" : "area"},
+                                       {"filter_width", job.filter_width},
                                        {"effects", effects_json(job.effects)}},
                                       kRenderTimeout);
   Rendered result;

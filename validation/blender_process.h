@@ -8,14 +8,29 @@
 #include <string>
 #include <vector>
 
+#include "base/error.h"
 #include "base/image.h"
 #include "sensors/lidar_model.h"
 #include "validation/process.h"
 
 namespace mirage {
 
+/// Blender was lost on one job as often as it is tried.
+class BlenderLost : public Failure {
+ public:
+  using Failure::Failure;
+};
+
 class BlenderWorker {
  public:
+  /// How often a job is sent before it is given up.
+  static constexpr int kAttempts = 3;
+  /// A worker that was lost on a job.
+  struct Loss {
+    std::string job, how;  ///< how: "ended unexpectedly" or "gave no answer in 900 s"
+    int attempt = 1;       ///< at the job, from 1
+  };
+
   /// Starts Blender and waits for its first answer. `log` receives what Blender prints. InputError if
   /// `program` is not on PATH; Failure if it does not answer within `start_timeout` seconds.
   explicit BlenderWorker(std::filesystem::path log, std::string program = "blender",
@@ -23,13 +38,15 @@ class BlenderWorker {
   ~BlenderWorker();
 
   /// Sends a job and returns its answer. A worker that dies or exceeds `timeout` seconds is started again and
-  /// the job is sent once more; Failure if that fails too or if the job itself is answered with an error.
-  /// Interrupted after Ctrl-C.
+  /// the job is sent once more, kAttempts times in all: then BlenderLost. Failure if the job itself is
+  /// answered with an error. Interrupted after Ctrl-C.
   nlohmann::json request(nlohmann::json job, double timeout);
 
   pid_t pid() const { return child_ ? child_->pid() : -1; }
-  /// How often the worker was lost and started again.
+  /// How often the worker was started again.
   int restarts() const { return restarts_; }
+  /// Every loss since the start, in order.
+  const std::vector<Loss>& losses() const { return losses_; }
   const std::string& version() const { return version_; }
 
  private:
@@ -41,6 +58,7 @@ class BlenderWorker {
   std::unique_ptr<ChildProcess> child_;
   std::string version_, lost_;  ///< lost_: how the worker was lost last
   int restarts_ = 0;
+  std::vector<Loss> losses_;
   long next_id_ = 0;
 };
 
@@ -50,6 +68,10 @@ struct RenderEffects {
   bool sky = false;      ///< ambient light from a sky, so that it can be occluded
   int bounces = 0;
   bool specular = false;  ///< Principled BSDF, specular 0.5, roughness 0.5
+  bool paint = false;  ///< the host's car paint: a clear coat over its colour, which mirrors onto the object
+  /// With `sky`: Nishita's clear sky for the sun's elevation (without its disc), its gain matched so that a
+  /// face that looks straight up receives as much light (luminance) as from the light model.
+  bool clear_sky = false;
   enum class Surroundings {
     none,     ///< the adversary alone
     unseen,   ///< host and ground shadow, occlude and reflect, but the camera does not see them
@@ -63,6 +85,7 @@ struct RenderJob {
   int samples = 1;
   std::uint64_t seed = 0;
   bool pixel_centre = false;  ///< sample the pixel's centre alone, as a rasteriser does; else its area
+  double filter_width = 0;  ///< px, of a Blackman–Harris pixel filter in place of the pixel's area; 0: area
   RenderEffects effects;
 };
 

@@ -5,13 +5,16 @@
 Jobs (one object a line, each answered by one line {"id", "ok": true, ...} or {"id", "ok": false, "error"}):
     {"job": "ping"}
     {"job": "render", "scene": GLB, "rect": [u0, v0, u1, v1], "output": EXR, "samples": N, "seed": S,
-     "pixel": "centre" | "area", "effects": {"shadows", "sky", "bounces", "specular", "surroundings": "none" | "unseen" | "catcher"}}
+     "pixel": "centre" | "area", "filter_width": PIXELS, "effects": {"shadows", "sky", "clear_sky", "bounces", "specular",
+     "paint", "surroundings": "none" | "unseen" | "catcher"}}
     {"job": "raycast", "scene": GLB, "rays": FILE, "output": FILE}
     {"job": "quit"}
 
 The .glb comes in through Blender's own importer: geometry, nodes and UVs are what any viewer gets. What glTF
 cannot say (principal point, the whole light model, texels beyond 8 bits) is read from the file's extras.
-glTF's axes (y up) turn into Blender's (z up) on import, so Blender's world is Mirage's `velo`.
+glTF's axes (y up) turn into Blender's (z up) on import, so Blender's world is Mirage's `velo`. Nothing in a file is
+ever run: glTF holds no scripts, its extras come in as plain properties, and auto-execution (drivers, registered
+texts) is off.
 """
 
 import json
@@ -30,10 +33,13 @@ from mathutils.bvhtree import BVHTree  # noqa: E402
 
 # What import, camera and light are is said once, in the add-on's package.
 sys.dont_write_bytecode = True
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "plugins", "blender"))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "plugins", "blender")]
 from mirage_blender import camera as camera_model  # noqa: E402
 from mirage_blender import cycles_light, scene_import  # noqa: E402
 from mirage_blender.paint import Paint  # noqa: E402
+
+import physical_light  # noqa: E402
 
 
 class LoadedScene:
@@ -68,6 +74,15 @@ def render(job):
                              job.get("pixel", "area"), effects, job.get("threads", 0))
     cycles_light.set_sun(SCENE.roles["sun"][0], light, effects["shadows"])
     cycles_light.set_sky(scene, light, effects["sky"])
+    if effects["sky"]:
+        # Blender's own choice of importance map takes 0.8 s a render; the sky varies slowly.
+        scene.world.cycles.sampling_method = "MANUAL"
+        scene.world.cycles.sample_map_resolution = 128
+    if effects["sky"] and effects.get("clear_sky"):
+        physical_light.set_clear_sky(scene, light)
+    if job.get("filter_width", 0) > 0:
+        scene.cycles.pixel_filter_type = "BLACKMAN_HARRIS"
+        scene.cycles.filter_width = job["filter_width"]
     adversary = SCENE.roles["adversary"][0]
     adversary.data.materials.clear()
     material = cycles_light.make_lambert(bpy.data.materials.new("adversary"), Paint(GREY, SCENE.texels), light,
@@ -81,6 +96,8 @@ def render(job):
             thing.hide_render = surroundings == "none"
             thing.visible_camera = surroundings != "unseen"
             thing.is_shadow_catcher = surroundings == "catcher"
+            if role == "host":
+                physical_light.set_paint(thing, effects.get("paint", False))
     camera_model.set_border(scene.render, job["rect"], width, height)
     scene.render.filepath = job["output"]
     started = time.time()
@@ -112,7 +129,12 @@ def raycast(job):
     return {"seconds": time.time() - started, "rays": len(rays)}
 
 
-JOBS = {"ping": lambda job: {"version": bpy.app.version_string}, "render": render, "raycast": raycast}
+def ping(job):
+    return {"version": bpy.app.version_string,
+            "runs_scripts": bool(bpy.context.preferences.filepaths.use_scripts_auto_execute)}
+
+
+JOBS = {"ping": ping, "render": render, "raycast": raycast}
 
 
 def main():

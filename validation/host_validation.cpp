@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "scene/render_scene.h"
 #include "sensors/ray_caster.h"
 #include "validation/fidelity.h"
 
@@ -10,72 +11,6 @@ namespace mirage {
 namespace {
 
 constexpr double kSameReturn = 0.01;  // m; returns of neighbouring rays lie further apart
-
-/// The rasteriser at its hard limit. `occluded`: behind the photograph's depth, as in an attack.
-SimulationSettings hard_limit(SimulationSettings settings, bool occluded) {
-  settings.raster.sigma =
-      1e-18;  // blends over 1e-6 px; 1e-12 would over 2e-3 px, which is visible in the mean
-  settings.raster.gamma = 1e-6;
-  settings.supersampling = 1;  // Cycles' matched render samples pixel centres
-  if (!occluded) settings.occlusion_margin = 1e9;
-  return settings;
-}
-
-Simulated simulate_host(const HostScene& scene, const SimulationSettings& settings) {
-  return simulate(*scene.prepared, *scene.host, scene.rooftop, scene.adversary, settings);
-}
-
-/// Value of a channel of `simulated` at a pixel of the photograph; 0 outside its window.
-double rgba_at(const Simulated& simulated, int u, int v, int c) {
-  const PixelRect& r = simulated.rect;
-  if (u < r.u0 || u >= r.u1 || v < r.v0 || v >= r.v1) return 0;
-  return simulated.rgba.at(u - r.u0, v - r.v0, c);
-}
-
-/// foreground + (1 − α) background · shadow, in linear light. `visible` scales the object; where it is hidden
-/// (something of the photograph is in front) there is no shadow either.
-void composite(const Rendered& render, const ImageF& visible, ImageF& picture) {
-  for (int v = 0; v < picture.height; ++v)
-    for (int u = 0; u < picture.width; ++u) {
-      const float shown = visible.empty() ? 1 : visible.at(u, v);
-      const float alpha = std::clamp(render.rgba.at(u, v, 3), 0.0f, 1.0f);
-      for (int c = 0; c < 3; ++c) {
-        const float shadow = render.catcher.empty() ? 1 : 1 + shown * (render.catcher.at(u, v, c) - 1);
-        picture.at(u, v, c) =
-            shown * render.rgba.at(u, v, c) + (1 - shown * alpha) * picture.at(u, v, c) * shadow;
-      }
-    }
-}
-
-ImageF alpha_mask(const ImageF& rgba, const ImageF& visible = {}) {
-  ImageF mask(rgba.width, rgba.height, 1);
-  for (int v = 0; v < rgba.height; ++v)
-    for (int u = 0; u < rgba.width; ++u)
-      mask.at(u, v) = rgba.at(u, v, 3) * (visible.empty() ? 1 : visible.at(u, v)) > 0.5f ? 1.0f : 0.0f;
-  return mask;
-}
-
-/// Share of the object that the photograph's depth lets through at each pixel of the window. Pixels that the
-/// object covers in part only, and so not at their centre, take their neighbours' share.
-ImageF visible_share(const HostScene& scene, const PixelRect& rect) {
-  const Simulated all = simulate_host(scene, hard_limit(scene.simulation, false));
-  const Simulated seen = simulate_host(scene, hard_limit(scene.simulation, true));
-  ImageF share(rect.width(), rect.height(), 1, 1.0f);
-  for (int v = rect.v0; v < rect.v1; ++v)
-    for (int u = rect.u0; u < rect.u1; ++u)
-      for (int reach = 0; reach <= 1; ++reach) {
-        double whole = 0, left = 0;
-        for (int dv = -reach; dv <= reach; ++dv)
-          for (int du = -reach; du <= reach; ++du) {
-            whole += rgba_at(all, u + du, v + dv, 3);
-            left += rgba_at(seen, u + du, v + dv, 3);
-          }
-        if (whole < 0.5) continue;
-        share.at(u - rect.u0, v - rect.v0) = static_cast<float>(std::clamp(left / whole, 0.0, 1.0));
-        break;
-      }
-  return share;
-}
 
 /// Every ray of the sweep that may meet the mesh, with or without a measured return.
 std::vector<LidarRay> rays_near(const PreparedFrame& prepared, const Mesh& mesh) {
@@ -86,30 +21,47 @@ std::vector<LidarRay> rays_near(const PreparedFrame& prepared, const Mesh& mesh)
   return rays;
 }
 
-RenderJob job_for(const HostScene& scene, const PixelRect& rect) {
-  RenderJob job;
-  job.scene = scene.glb;
-  job.output = scene.scratch / "render.exr";
-  job.rect = rect;
-  job.samples = scene.samples;
-  job.seed = scene.seed;
-  return job;
+PixelRect full_rect(const Simulated& simulated, const ImageF& photograph) {
+  const PixelRect& touched = simulated.rect;
+  // The object's shadow falls on the roof around it.
+  return grown(touched, std::max(8, std::max(touched.width(), touched.height()) / 4), photograph);
+}
+
+/// Rasteriser's depth at the pixels' centres against Blender's rays through them.
+void check_depth(BlenderWorker& blender, const HostScene& scene, const MatchedLight& of, double& worst,
+                 double& mean) {
+  const Calibration& calibration = scene.prepared->frame.calibration;
+  RenderScene drawn;
+  drawn.things.push_back({"adversary", "adversary", scene.placed});
+  drawn.camera = calibration.camera;
+  drawn.camera_from_velo = calibration.camera_from_velo;
+  SceneRenderSettings settings;
+  settings.samples = 1;
+  settings.rect = of.rect;
+  const ImageF depth =
+      render_scene(drawn, ImageF(drawn.camera.width, drawn.camera.height, 3), settings).depth;
+  const Transform velo_from_camera = calibration.camera_from_velo.inverse();
+  std::vector<LidarRay> rays;
+  std::vector<std::pair<double, double>> expected;  // depth, and depth per distance
+  for (int v = 0; v < depth.height; ++v)
+    for (int u = 0; u < depth.width; ++u) {
+      if (of.raster_mask.at(u, v) < 0.5f || of.cycles_mask.at(u, v) < 0.5f || !(depth.at(u, v) > 0)) continue;
+      const Vec3d towards((u + of.rect.u0 - drawn.camera.cx) / drawn.camera.fx,
+                          (v + of.rect.v0 - drawn.camera.cy) / drawn.camera.fy, 1);
+      rays.push_back({velo_from_camera.translation(), velo_from_camera.linear() * towards.normalized()});
+      expected.emplace_back(depth.at(u, v), 1 / towards.norm());
+    }
+  const std::vector<double> found = raycast(blender, scene.glb, rays, scene.scratch);
+  worst = mean = 0;
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    if (found[i] < 0) continue;  // the pixel's centre lies on the silhouette; the mask IoU has it
+    const double off = std::abs(found[i] * expected[i].second - expected[i].first);
+    worst = std::max(worst, off);
+    mean += off / static_cast<double>(found.size());
+  }
 }
 
 }  // namespace
-
-ImageF crop(const ImageF& image, const PixelRect& rect) {
-  ImageF out(rect.width(), rect.height(), image.channels);
-  for (int v = 0; v < out.height; ++v)
-    std::copy_n(image.pixel(rect.u0, rect.v0 + v), static_cast<std::size_t>(out.width) * image.channels,
-                out.pixel(0, v));
-  return out;
-}
-
-PixelRect grown(const PixelRect& rect, int by, const ImageF& image) {
-  return {std::max(0, rect.u0 - by), std::max(0, rect.v0 - by), std::min(image.width, rect.u1 + by),
-          std::min(image.height, rect.v1 + by)};
-}
 
 MatchedLight matched_light(BlenderWorker& blender, const HostScene& scene) {
   const ImageF& photograph = scene.prepared->frame.image;
@@ -146,6 +98,7 @@ MatchedLight matched_light(BlenderWorker& blender, const HostScene& scene) {
         worst = std::max(worst, std::abs(result.raster.at(u, v, c) - result.cycles.at(u, v, c)));
       result.pixels_off += either.at(u, v) > 0.5f && worst > 1e-3f;
     }
+  check_depth(blender, scene, result, result.depth_error, result.depth_error_mean);
   return result;
 }
 
@@ -182,79 +135,48 @@ LidarCheck check_lidar(BlenderWorker& blender, const HostScene& scene, const Sim
   return result;
 }
 
+Noise measure_noise(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated) {
+  Noise noise;
+  RenderJob job = job_for(scene, full_rect(simulated, scene.prepared->frame.image));
+  job.effects = full_effects();
+  job.samples = noise.samples;
+  ImageF pictures[2];
+  ImageF mask;
+  for (std::uint64_t i = 0; i < 2; ++i) {
+    job.seed = scene.seed + 2 + i;  // neither the full render's nor the ladder's
+    Rendered rendered = render(blender, job);
+    mask = alpha_mask(rendered.rgba);
+    ImageF& picture = pictures[i] = ImageF(mask.width, mask.height, 3);
+    composite(rendered, {}, picture);
+  }
+  const double mean = mean_absolute_error(pictures[0], ImageF(mask.width, mask.height, 3), mask);
+  // Two independent renders differ by √2 times what one is off.
+  if (mean > 0) noise.relative = mean_absolute_error(pictures[0], pictures[1], mask) / std::sqrt(2.0) / mean;
+  return noise;
+}
+
+int samples_for(const Noise& noise, double target) {
+  const double wanted = std::ceil(noise.samples * std::pow(noise.relative / target, 2));
+  return static_cast<int>(std::clamp<double>(wanted, 4, 4096));
+}
+
 FullLight full_light(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated) {
   const ImageF& photograph = scene.prepared->frame.image;
   FullLight result;
-  const PixelRect& touched = simulated.rect;
-  // The object's shadow falls on the roof around it.
-  result.rect = grown(touched, std::max(8, std::max(touched.width(), touched.height()) / 4), photograph);
+  result.rect = full_rect(simulated, photograph);
   RenderJob job = job_for(scene, result.rect);
-  job.effects = {.shadows = true,
-                 .sky = true,
-                 .bounces = 4,
-                 .specular = true,
-                 .surroundings = RenderEffects::Surroundings::catcher};
+  job.effects = full_effects();
   const Rendered rendered = render(blender, job);
-  const ImageF visible = visible_share(scene, result.rect);
+  result.visible = visible_share(scene, result.rect);
+  const ImageF& visible = result.visible;
   result.cycles = crop(photograph, result.rect);
   composite(rendered, visible, result.cycles);
-  for (float& value : result.cycles.data)
-    value = std::clamp(value, 0.0f, 1.0f);  // as the photograph saturates
+  saturate(result.cycles);
   result.raster = crop(simulated.image, result.rect);
   result.mask = alpha_mask(rendered.rgba, visible);
-  result.image = photograph;
-  for (int v = 0; v < result.cycles.height; ++v)
-    std::copy_n(result.cycles.pixel(0, v), static_cast<std::size_t>(result.cycles.width) * 3,
-                result.image.pixel(result.rect.u0, result.rect.v0 + v));
+  result.image = with_window(photograph, result.cycles, result.rect);
   result.seconds = rendered.seconds;
   return result;
-}
-
-std::vector<LadderRung> light_ladder(BlenderWorker& blender, const HostScene& scene) {
-  using Surroundings = RenderEffects::Surroundings;
-  const auto unseen = Surroundings::unseen;
-  const std::vector<std::pair<std::string, RenderEffects>> rungs = {
-      {"+pixel area", {}},  // against the pixels' centres: what point sampling does to small texels and edges
-      {"+shadows", {true, false, 0, false, unseen}},
-      {"+occlusion", {false, true, 0, false, unseen}},
-      {"+shadows+occlusion", {true, true, 0, false, unseen}},
-      {"+bounces1", {true, true, 1, false, unseen}},
-      {"+bounces4", {true, true, 4, false, unseen}},
-      {"+specular", {false, false, 0, true, Surroundings::none}},
-      {"all", {true, true, 4, true, unseen}},
-  };
-  const ImageF& photograph = scene.prepared->frame.image;
-  const Simulated hard = simulate_host(scene, hard_limit(scene.simulation, false));
-  RenderJob job = job_for(scene, grown(hard.rect, 8, photograph));
-  RenderJob centres = job;
-  centres.samples = 1;
-  centres.pixel_centre = true;
-  const Rendered sharp = render(blender, centres), base = render(blender, job);
-  const auto over_photograph = [&](const Rendered& rendered) {
-    ImageF picture = crop(photograph, job.rect);
-    composite(rendered, {}, picture);
-    return picture;
-  };
-  const ImageF mask = alpha_mask(base.rgba), sharp_picture = over_photograph(sharp),
-               base_picture = over_photograph(base);
-  const double mean = mean_absolute_error(base_picture, ImageF(mask.width, mask.height, 3), mask);
-  std::vector<LadderRung> ladder;
-  for (const auto& [effect, effects] : rungs) {
-    const bool first = ladder.empty();
-    job.effects = effects;
-    const Rendered rendered = first ? base : render(blender, job);
-    const ImageF picture = over_photograph(rendered), &from = first ? sharp_picture : base_picture;
-    const ImageF seen = encoded(picture), seen_from = encoded(from);
-    LadderRung rung;
-    rung.effect = effect;
-    rung.mae = mean_absolute_error(from, picture, mask);
-    rung.relative = mean > 0 ? rung.mae / mean : 0;
-    rung.ssim = ssim(grey(seen_from), grey(seen), mask);
-    rung.flip = flip(seen_from, seen, mask);
-    rung.seconds = rendered.seconds;
-    ladder.push_back(rung);
-  }
-  return ladder;
 }
 
 }  // namespace mirage

@@ -11,6 +11,7 @@
 
 #include "attack/evaluation.h"
 #include "attack/run.h"
+#include "validation/budget.h"
 
 namespace mirage {
 
@@ -20,9 +21,15 @@ struct ValidationSettings {
   EvaluationSettings evaluation_settings;
   std::string rooftop;               ///< what finds the roofs (scene/shape/shape_rooftop.h); empty: the run's
   std::filesystem::path evaluation;  ///< result.json of mirage evaluate, or its folder; for the report only
+  std::filesystem::path tradeoff;    ///< the same of mirage tradeoff
   int frames = 0;                    ///< 0: all test frames
+  std::string quality;               ///< draft, default or exact (scene/quality.h); empty: the run's
+  std::string light;                 ///< plain or visible (sensors/visible_light.h); empty: the run's
   int samples = 64;                  ///< Cycles samples a pixel
-  int ladder = 4;                    ///< vehicles on which every light effect is rendered alone
+  double noise = 0;                  ///< > 0: samples are chosen for this noise (share of the mean radiance)
+  int ladder = -1;    ///< vehicles with all rungs of the ladders; −1: 4, or all with a budget
+  double budget = 0;  ///< > 0: choose the cheapest rung within this error (budget.h); ladder on all
+  BudgetOf budget_of = BudgetOf::radiance;
   std::uint64_t seed = 0;
   bool quiet = false;
 };
@@ -33,5 +40,9 @@ nlohmann::json validate(const ValidationSettings& settings);
 /// Hosts of the first `frames` frames of the run, test frames first, training frames when those run out;
 /// 0: all test frames.
 std::vector<HostId> select_hosts(const Run& run, int frames);
+
+/// Which of the hosts get the ladders: the first of each frame in the hosts' order, then the second of each,
+/// …, `count` in all (−1: every one).
+std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count);
 
 }  // namespace mirage

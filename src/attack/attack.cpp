@@ -5,14 +5,17 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <optional>
 
 #include "attack/checkpoint.h"
+#include "attack/rank_steps.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
 #include "base/progress.h"
 #include "base/random.h"
+#include "base/ranks.h"
 #include "exchange/gltf.h"
 #include "geometry/laplacian.h"
 #include "scene/kitti.h"
@@ -51,6 +54,11 @@ nlohmann::json identity(const AttackSettings& settings) {
     id["rooftop"] = settings.rooftop;
     id["rooftop_model_hash"] = rooftop_model_hash(settings.rooftop);
   }
+  if (settings.parts != "both") id["parts"] = settings.parts;
+  if (const Expectation& e = settings.expectation; e.any())
+    id["expectation"] = {e.roof_shift, e.roof_yaw, e.sun, e.light, e.exposure, e.image_noise, e.range_noise};
+  if (const BuildableSettings& b = settings.buildable; b.on)
+    id["buildable"] = {b.min_thickness, b.base, b.black, b.white};
   return id;
 }
 
@@ -102,6 +110,7 @@ void check_settings(const AttackSettings& settings) {
   demand(positive(settings.texel_rate), "--texel-rate", settings.texel_rate, "use a positive number");
   demand(settings.min_view >= 0 && settings.min_view <= 1, "--min-view", settings.min_view,
          "use a share in [0, 1]");
+  if (settings.buildable.on) check_buildable(settings.buildable, settings.limits);
   demand(std::isfinite(settings.objective.lambda_fp), "--lambda-fp", settings.objective.lambda_fp,
          "use a number");
   demand(std::isfinite(settings.objective.lambda_laplacian), "--lambda-lap",
@@ -120,6 +129,14 @@ void check_finite(const HostStep& step, const HostId& host, long iteration) {
                   "check the detector; the last checkpoint is good");
 }
 
+/// The random mesh that the learned one is compared with, under the same rules.
+TexturedMesh baseline(const AttackSettings& settings) {
+  TexturedMesh random = random_adversary(settings.seed, settings.limits);
+  if (settings.buildable.on)
+    keep_buildable(random, fresh_state(settings).adversary, settings.buildable, settings.limits);
+  return random;
+}
+
 }  // namespace
 
 AttackTarget parse_target(const std::string& word) {
@@ -130,12 +147,27 @@ AttackTarget parse_target(const std::string& word) {
   throw InputError("--target", word, "unknown target", "use both, image, lidar or random");
 }
 
-HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
-                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings) {
+AttackParts parse_parts(const std::string& word) {
+  if (word == "both") return AttackParts::both;
+  if (word == "shape") return AttackParts::shape;
+  if (word == "texture") return AttackParts::texture;
+  throw InputError("--parts", word, "unknown", "use both, shape or texture");
+}
+
+HostStep attack_host(Detector& detector, const PreparedFrame& known, const Host& host,
+                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
+                     const WorldDraw* draw) {
   HostStep step;
   auto start = Clock::now();
+  std::optional<PreparedFrame> drawn;
+  if (draw != nullptr && settings.expectation.any_in_frame()) drawn = draw->frame(known);
+  const PreparedFrame& prepared = drawn ? *drawn : known;
   const Label& label = prepared.frame.labels[static_cast<std::size_t>(host.id.label)];
-  const Simulated simulated = simulate(prepared, label, host.rooftop, adversary, settings.simulation);
+  Simulated simulated = draw == nullptr
+                            ? simulate(prepared, label, host.rooftop, adversary, settings.simulation)
+                            : simulate(prepared, label, draw->rooftop(host.rooftop), adversary,
+                                       draw->simulation(settings.simulation));
+  if (draw != nullptr) draw->add_noise(simulated.image);
   step.simulation_seconds = seconds_since(start);
 
   start = Clock::now();
@@ -165,6 +197,7 @@ HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Ho
 
 AttackResult run_attack(const AttackSettings& settings) {
   parse_target(settings.target);  // before the detector is loaded
+  parse_parts(settings.parts);
   check_settings(settings);
   AttackSettings known = settings;
   if (!settings.detector.fresh) known.weights_hash = content_hash(read_file(weights_file(settings.detector)));
@@ -173,6 +206,7 @@ AttackResult run_attack(const AttackSettings& settings) {
 
 AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors) {
   const AttackTarget target = parse_target(settings.target);
+  const AttackParts parts = parse_parts(settings.parts);
   check_settings(settings);
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
@@ -201,22 +235,31 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
     state = read_checkpoint(checkpoint_file, id);
     spdlog::info("resuming at iteration {}", state.iteration);
   }
-  write_json(settings.out / "run.json", id);
-  write_adversary(settings.out / "random.glb", random_adversary(settings.seed, settings.limits));
+  if (any_rank(state.iteration != first_rank_value(state.iteration)))
+    throw Failure(checkpoint_file.string(), "processes see different checkpoints",
+                  "give --out a folder that all machines share");
+  const TexturedMesh random = baseline(settings);
+  if (rank() == 0) {
+    write_json(settings.out / "run.json", id);
+    write_adversary(settings.out / "random.glb", random);
+  }
 
   const Laplacian laplacian(state.adversary.mesh);
   const auto save = [&] {
+    if (rank() > 0) return;
     write_checkpoint(checkpoint_file, state, id);
     write_losses(settings.out / "loss.csv", state.losses);
   };
   const long iterations = target == AttackTarget::random ? 0 : settings.iterations;
-  if (state.iteration < iterations)  // what an earlier, shorter run left is no longer this run's result
+  if (rank() == 0 &&
+      state.iteration < iterations)  // what an earlier, shorter run left is no longer this run's result
     for (const char* name : {"adversary.glb", "result.json"}) std::filesystem::remove(settings.out / name);
   Progress progress("attack", static_cast<std::size_t>(iterations), settings.quiet);
   const auto start = Clock::now();
   const long first = state.iteration;
-  while (state.iteration < iterations) {
-    if (interrupted()) {
+  while (state.iteration < iterations &&
+         !(settings.seconds > 0 && any_rank(seconds_since(start) >= settings.seconds))) {
+    if (any_rank(interrupted())) {
       save();
       throw Interrupted(fmt::format("interrupted after {} iterations; run the same command to go on from {}",
                                     state.iteration, checkpoint_file.string()));
@@ -226,12 +269,17 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
     LossRow row;
     const auto chosen = batch_of(train.size(), settings.batch, state.iteration, settings.seed);
     std::vector<HostStep> steps(chosen.size());
-    for_each_with_detector(detectors, chosen.size(), [&](Detector& detector, std::size_t k) {
+    const std::vector<std::size_t> mine = own_hosts(chosen.size());
+    for_each_with_detector(detectors, mine.size(), [&](Detector& detector, std::size_t i) {
+      const std::size_t k = mine[i];
       const Host& host = train[chosen[k]];
-      steps[k] = attack_host(detector, store.get(host.id.frame), host, state.adversary, target, settings);
+      const WorldDraw draw(settings.expectation, settings.seed,
+                           static_cast<std::uint64_t>(state.iteration * settings.batch) + k);
+      steps[k] = attack_host(detector, store.get(host.id.frame), host, state.adversary, target, settings,
+                             settings.expectation.any() ? &draw : nullptr);
     });
-    for (std::size_t k = 0; k < steps.size(); ++k)
-      check_finite(steps[k], train[chosen[k]].id, state.iteration);
+    for (const std::size_t k : mine) check_finite(steps[k], train[chosen[k]].id, state.iteration);
+    share_steps(steps, state.adversary);
     for (const HostStep& step : steps) {
       row.hide += step.hide / settings.batch;
       row.false_positive += step.false_positive / settings.batch;
@@ -242,9 +290,11 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
     }
     const double weight = settings.objective.lambda_laplacian;
     row.laplacian = weight * laplacian.energy(state.adversary.mesh.vertices, weight, d_vertices);
-    state.vertices.step(state.adversary.mesh.vertices, d_vertices);
-    state.texels.step(state.adversary.atlas.texels, d_texels);
+    const TexturedMesh before = state.adversary;
+    if (parts != AttackParts::texture) state.vertices.step(state.adversary.mesh.vertices, d_vertices);
+    if (parts != AttackParts::shape) state.texels.step(state.adversary.atlas.texels, d_texels);
     project(state.adversary, settings.limits);
+    if (settings.buildable.on) keep_buildable(state.adversary, before, settings.buildable, settings.limits);
     state.losses.push_back(row);
     ++state.iteration;
     progress.update(static_cast<std::size_t>(state.iteration),
@@ -254,14 +304,15 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   }
   const double seconds = seconds_since(start);
   save();
-  if (target == AttackTarget::random) state.adversary = random_adversary(settings.seed, settings.limits);
-  write_adversary(settings.out / "adversary.glb", state.adversary);
+  if (target == AttackTarget::random) state.adversary = random;
+  if (rank() == 0) write_adversary(settings.out / "adversary.glb", state.adversary);
 
   AttackResult result;
   result.vehicles_train = static_cast<int>(train.size());
   result.vehicles_test = static_cast<int>(test.size());
   for (const auto* hosts : {&train, &test})
     for (const Host& host : *hosts) result.rooftops.add(host.rooftop);
+  result.buildable = buildable_report(state.adversary, settings.buildable);
   result.iterations = static_cast<int>(state.iteration);
   const std::size_t tail = std::max<std::size_t>(1, state.losses.size() / 10);
   for (std::size_t i = state.losses.size() - std::min(tail, state.losses.size()); i < state.losses.size();

@@ -6,7 +6,9 @@
 #include <string>
 
 #include "attack/adversary.h"
+#include "attack/buildable.h"
 #include "attack/detector_pool.h"
+#include "attack/expectation.h"
 #include "attack/hosts.h"
 #include "attack/objective.h"
 #include "scene/shape/shape_rooftop.h"
@@ -18,14 +20,23 @@ enum class AttackTarget { both, image, lidar, random };
 /// InputError for any other word.
 AttackTarget parse_target(const std::string& word);
 
+/// What of the adversary is learned; the rest stays as it starts.
+enum class AttackParts { both, shape, texture };
+/// InputError for any other word.
+AttackParts parse_parts(const std::string& word);
+
 struct AttackSettings {
   std::filesystem::path data, out;
   DetectorOptions detector;
   std::string weights_hash;        ///< content_hash of the weights; run_attack(settings) fills it in
   std::string depth = "ip-basic";  ///< depth completion of the photographs (scene/depth/learned_depth.h)
   std::string rooftop = kDefaultRooftop;  ///< what finds the roofs (scene/shape/shape_rooftop.h)
-  std::string target = "both";
+  std::string target = "both", parts = "both";
+  Expectation expectation;
+  BuildableSettings buildable;
   int iterations = 300;
+  /// > 0: iterations end after so many seconds, which makes the result depend on the machine.
+  double seconds = 0;
   int batch = 2;  ///< hosts an iteration; their losses are averaged
   std::uint64_t seed = 0;
   double vertex_rate = 1e-3, texel_rate = 4e-3;
@@ -41,7 +52,8 @@ struct AttackResult {
   int vehicles_train = 0, vehicles_test = 0, iterations = 0;
   double loss = 0;  ///< mean of the last tenth of the iterations
   double seconds_per_iteration = 0;
-  RooftopCount rooftops;  ///< of the vehicles of both splits
+  RooftopCount rooftops;     ///< of the vehicles of both splits
+  nlohmann::json buildable;  ///< buildable_report of the adversary
 };
 
 /// Runs or resumes the attack in settings.out (see attack/run.h for the files). The result is bit-identical
@@ -50,13 +62,15 @@ AttackResult run_attack(const AttackSettings& settings);
 /// The same with detectors at hand.
 AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors);
 
-/// Loss and gradient of one host: simulation, detector, objective and their VJPs.
+/// Loss and gradient of one host: simulation, detector, objective and their VJPs. With a draw, of the host in
+/// that world.
 struct HostStep {
   double hide = 0, false_positive = 0;
   AdversaryGradient gradient;
   double simulation_seconds = 0, detector_seconds = 0;
 };
 HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
-                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings);
+                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
+                     const WorldDraw* draw = nullptr);
 
 }  // namespace mirage

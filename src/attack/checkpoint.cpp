@@ -36,6 +36,7 @@ void read_adam(const nlohmann::json& json, Adam& adam) {
 AttackState fresh_state(const AttackSettings& settings) {
   AttackState state;
   state.adversary = initial_adversary(settings.limits);
+  if (settings.buildable.on) make_buildable(state.adversary, settings.buildable, settings.limits);
   state.vertices.learning_rate = settings.vertex_rate;
   state.texels.learning_rate = settings.texel_rate;
   return state;

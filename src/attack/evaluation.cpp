@@ -57,10 +57,22 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> cl
 Evaluation summarize(std::vector<HostOutcome> hosts) {
   Evaluation result;
   int hidden = 0, false_positives = 0, either = 0;
+  struct FrameSums {
+    ClusterSums hidden, false_positives, either;
+  };
+  std::map<std::string, FrameSums> frames;
+  const auto count = [](ClusterSums& sums, bool yes) {
+    sums.numerator += yes;
+    sums.denominator += 1;
+  };
   for (const HostOutcome& host : hosts) {
     ++(host.from_box ? result.rooftops.from_box : result.rooftops.fitted);
     if (!host.detected) continue;
     ++result.vehicles;
+    FrameSums& frame = frames[host.id.frame];
+    count(frame.hidden, host.hidden);
+    count(frame.false_positives, host.false_positive);
+    count(frame.either, host.hidden || host.false_positive);
     hidden += host.hidden;
     false_positives += host.false_positive;
     either += host.hidden || host.false_positive;
@@ -70,6 +82,14 @@ Evaluation summarize(std::vector<HostOutcome> hosts) {
     result.fp_asr = double(false_positives) / result.vehicles;
     result.asr = double(either) / result.vehicles;
   }
+  const auto interval = [&](ClusterSums FrameSums::*part) {
+    std::vector<ClusterSums> clusters;
+    for (const auto& [frame, sums] : frames) clusters.push_back(sums.*part);
+    return bootstrap_interval(clusters);
+  };
+  result.fn_interval = interval(&FrameSums::hidden);
+  result.fp_interval = interval(&FrameSums::false_positives);
+  result.asr_interval = interval(&FrameSums::either);
   for (int step = 0; step <= 20; ++step) {
     const double threshold = step * 0.05;
     double clean = 0, attacked = 0;
@@ -142,6 +162,11 @@ nlohmann::json to_json(const Evaluation& evaluation) {
           {"fn_asr", evaluation.fn_asr},
           {"fp_asr", evaluation.fp_asr},
           {"asr", evaluation.asr},
+          {"intervals",
+           {{"confidence", BootstrapSettings().confidence},
+            {"fn_asr", to_json(evaluation.fn_interval)},
+            {"fp_asr", to_json(evaluation.fp_interval)},
+            {"asr", to_json(evaluation.asr_interval)}}},
           {"recall_iou",
            {{"iou", evaluation.iou},
             {"clean", evaluation.recall_clean},

@@ -14,6 +14,7 @@
 
 #include "attack/detector_pool.h"
 #include "attack/hosts.h"
+#include "base/bootstrap.h"
 
 namespace mirage {
 
@@ -40,6 +41,7 @@ struct Evaluation {
   std::vector<HostOutcome> hosts;
   int vehicles = 0;  ///< hosts detected clean: the denominator
   double fn_asr = 0, fp_asr = 0, asr = 0;
+  Interval fn_interval, fp_interval, asr_interval;  ///< 95 %, bootstrap over frames
   std::vector<double> iou, recall_clean, recall_attacked;
   RooftopCount rooftops;  ///< of all hosts
 };

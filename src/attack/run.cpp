@@ -13,14 +13,17 @@ nlohmann::json to_json(const std::vector<HostId>& hosts) {
 }
 
 nlohmann::json to_json(const SimulationSettings& settings) {
-  return {{"sigma", settings.raster.sigma},
-          {"gamma", settings.raster.gamma},
-          {"epsilon", settings.raster.epsilon},
-          {"dist_eps", settings.raster.dist_eps},
-          {"supersampling", settings.supersampling},
-          {"lidar_reflectivity", settings.lidar_reflectivity},
-          {"occlusion_margin", settings.occlusion_margin},
-          {"grazing_cosine", settings.grazing_cosine}};
+  nlohmann::json json = {{"sigma", settings.raster.sigma},
+                         {"gamma", settings.raster.gamma},
+                         {"epsilon", settings.raster.epsilon},
+                         {"dist_eps", settings.raster.dist_eps},
+                         {"supersampling", settings.supersampling},
+                         {"lidar_reflectivity", settings.lidar_reflectivity},
+                         {"occlusion_margin", settings.occlusion_margin},
+                         {"grazing_cosine", settings.grazing_cosine}};
+  if (settings.reference) json["double"] = true;  // only then: runs of before the choice go on
+  if (settings.light != LightModel::plain) json["light"] = to_string(settings.light);
+  return json;
 }
 
 bool is_other_data(const Run& run, const std::filesystem::path& data) {
@@ -73,6 +76,8 @@ Run read_run(const std::filesystem::path& folder) {
     run.simulation.lidar_reflectivity = simulation.at("lidar_reflectivity");
     run.simulation.occlusion_margin = simulation.at("occlusion_margin");
     run.simulation.grazing_cosine = simulation.at("grazing_cosine");
+    run.simulation.reference = simulation.value("double", false);
+    run.simulation.light = parse_light_model(simulation.value("light", "plain"));
   } catch (const nlohmann::json::exception& error) {
     throw InputError(file.string(), "", error.what(), "run mirage attack again into an empty folder");
   }

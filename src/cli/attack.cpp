@@ -8,17 +8,42 @@
 #include "cli/table.h"
 
 namespace mirage::cli {
+namespace {
+
+/// What holds of the mesh, in a line.
+std::string buildable_words(const nlohmann::json& report) {
+  return fmt::format(
+      "{} pairs of faces intersect, thinnest wall {:.1f} mm, base {:.0f} cm², {:.0f} % printable",
+      report.at("intersecting_pairs").get<int>(), 1e3 * report.at("min_thickness_m").get<double>(),
+      1e4 * report.at("base_area_m2").get<double>(), 100 * report.at("texels_in_print_range").get<double>());
+}
+
+}  // namespace
 
 Command attack_command() {
   auto settings = std::make_shared<AttackSettings>();
+  auto expect = std::make_shared<std::string>("none");
+  auto quality = std::make_shared<QualityOption>(QualityOption{"default"});
+  auto light = std::make_shared<LightOption>();
   Command command{
       "attack", "learns the universal adversary; resumes from its checkpoint", "out/attack", {}, {}};
-  command.options = [settings](CLI::App& app) {
+  command.options = [settings, quality, light, expect](CLI::App& app) {
     app.add_option("--data", settings->data, "data set in KITTI layout")->required();
     add_detector_options(app, settings->detector);
     add_depth_option(app, settings->depth);
     add_rooftop_option(app, settings->rooftop);
     app.add_option("--target", settings->target, "both, image, lidar or random")->capture_default_str();
+    app.add_option("--parts", settings->parts, "what is learned: both, shape or texture")
+        ->capture_default_str();
+    app.add_option("--expect", *expect,
+                   "what is drawn anew for each host and step: none, all, or some of roof,sun,light,exposure,"
+                   "noise")
+        ->capture_default_str();
+    app.add_flag("--buildable", settings->buildable.on,
+                 "keep the mesh free of self-intersection, its walls thick, its base flat and its texels "
+                 "printable");
+    app.add_option("--min-thickness", settings->buildable.min_thickness, "with --buildable: wall, m")
+        ->capture_default_str();
     app.add_option("--iterations", settings->iterations, "Adam steps")->capture_default_str();
     app.add_option("--batch", settings->batch, "host vehicles a step")->capture_default_str();
     app.add_option("--vertex-rate", settings->vertex_rate, "Adam's rate for vertices, m")
@@ -30,20 +55,18 @@ Command attack_command() {
         ->capture_default_str();
     app.add_option("--lambda-lap", settings->objective.lambda_laplacian, "weight of smoothness")
         ->capture_default_str();
-    app.add_option("--sigma", settings->simulation.raster.sigma, "soft rasteriser's σ")
-        ->capture_default_str();
-    app.add_option("--supersampling", settings->simulation.supersampling,
-                   "camera samples along a pixel's side")
-        ->check(CLI::Range(1, 8))
-        ->capture_default_str();
-    app.add_option("--gamma", settings->simulation.raster.gamma, "soft rasteriser's γ")
-        ->capture_default_str();
+    quality->add(app);
+    add_camera_options(app, settings->simulation);
+    light->add(app, "plain");
   };
-  command.run = [settings](const Common& common) -> nlohmann::json {
+  command.run = [settings, quality, light, expect](const Common& common) -> nlohmann::json {
+    quality->apply(settings->simulation);
+    light->apply(settings->simulation);
     settings->out = common.out;
     settings->seed = common.seed;
     settings->quiet = common.quiet;
     settings->detector = with_common(settings->detector, common, settings->data);
+    settings->expectation = parse_expectation(*expect);
     const AttackResult result = run_attack(*settings);
     print_table({{"vehicles to train on", std::to_string(result.vehicles_train)},
                  {"vehicles held back", std::to_string(result.vehicles_test)},
@@ -51,14 +74,17 @@ Command attack_command() {
                  {"iterations", std::to_string(result.iterations)},
                  {"loss (mean of the last tenth)", fmt::format("{:.4f}", result.loss)},
                  {"seconds an iteration", fmt::format("{:.2f}", result.seconds_per_iteration)},
+                 {"buildable", buildable_words(result.buildable)},
                  {"adversary", (common.out / "adversary.glb").string()}});
     return {{"vehicles_train", result.vehicles_train},
             {"vehicles_test", result.vehicles_test},
             {"rooftops", to_json(result.rooftops)},
             {"iterations", result.iterations},
             {"loss", result.loss},
-            {"seconds_per_iteration", result.seconds_per_iteration}};
+            {"seconds_per_iteration", result.seconds_per_iteration},
+            {"buildable", result.buildable}};
   };
+  command.many_ranks = true;
   return command;
 }
 

@@ -24,6 +24,7 @@ struct Command {
   std::function<void(CLI::App&)> options;
   /// Does the work, prints a short table on standard output and returns what result.json shall hold.
   std::function<nlohmann::json(const Common&)> run;
+  bool many_ranks = false;  ///< may run under mpirun (base/ranks.h)
 };
 
 Command generate_command();
@@ -35,6 +36,7 @@ Command attack_command();
 Command evaluate_command();
 Command export_command();
 Command validate_command();
+Command tradeoff_command();
 Command demo_command();
 Command depth_command();
 Command render_command();

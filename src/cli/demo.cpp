@@ -11,6 +11,7 @@ namespace {
 struct Options {
   int frames = 20, iterations = 250, validated = 5;
   std::string rooftop = kDefaultRooftop;
+  QualityOption quality{"default"};
 };
 
 }  // namespace
@@ -26,6 +27,7 @@ Command demo_command() {
     app.add_option("--frames", options->frames, "generated frames")->capture_default_str();
     app.add_option("--iterations", options->iterations, "attack steps")->capture_default_str();
     add_rooftop_option(app, options->rooftop);
+    options->quality.add(app);
     app.add_option("--validated", options->validated, "frames rendered in Blender")->capture_default_str();
   };
   command.run = [options](const Common& common) -> nlohmann::json {
@@ -41,11 +43,12 @@ Command demo_command() {
     };
     step("1/5 generate frames", {"generate", "--rig", "kitti64", "--frames", std::to_string(options->frames),
                                  "--seed", seed, "--out", data});
-    step("2/5 learn the adversary", {"attack", "--data", data, "--rooftop", options->rooftop, "--iterations",
-                                     std::to_string(options->iterations),
-                                     // Five times the paper's rates: hundreds of steps instead of thousands.
-                                     "--vertex-rate", "5e-3", "--texel-rate", "2e-2", "--seed",
-                                     std::to_string(common.seed), "--out", run});
+    step("2/5 learn the adversary",
+         {"attack", "--data", data, "--rooftop", options->rooftop, "--quality", options->quality.name,
+          "--iterations", std::to_string(options->iterations),
+          // Five times the paper's rates: hundreds of steps instead of thousands.
+          "--vertex-rate", "5e-3", "--texel-rate", "2e-2", "--seed", std::to_string(common.seed), "--out",
+          run});
     step("3/5 evaluate on held-back vehicles",
          {"evaluate", "--run", run, "--data", data, "--out", path("evaluate")});
     step("4/5 export as glTF", {"export", "--run", run, "--data", data, "--frames",

@@ -11,6 +11,7 @@
 #include "base/interrupt.h"
 #include "base/logging.h"
 #include "base/parallel.h"
+#include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/config_file.h"
 
@@ -18,9 +19,9 @@ namespace mirage::cli {
 namespace {
 
 std::vector<Command> all_commands() {
-  return {demo_command(),   generate_command(), simulate_command(), fit_command(),
-          train_command(),  detect_command(),   attack_command(),   evaluate_command(),
-          export_command(), validate_command(), render_command(),   depth_command()};
+  return {demo_command(),     generate_command(), simulate_command(), fit_command(),    train_command(),
+          detect_command(),   attack_command(),   evaluate_command(), export_command(), validate_command(),
+          tradeoff_command(), render_command(),   depth_command()};
 }
 
 void add_common(CLI::App& app, Common& common, const std::string& default_out) {
@@ -62,11 +63,15 @@ int run(const std::vector<std::string>& arguments) {
   }
   for (std::size_t i = 0; i < commands.size(); ++i) {
     if (!subcommands[i]->parsed()) continue;
+    if (rank_count() > 1 && !commands[i].many_ranks)
+      throw InputError("mirage " + commands[i].name, "mpirun", "this command runs in one process",
+                       "start it without mpirun");
+    commons[i].quiet = commons[i].quiet || rank() > 0;
     set_thread_count(commons[i].threads);
     start_logging(commons[i].quiet);
     make_output_folder(commons[i].out);
     nlohmann::json result = commands[i].run(commons[i]);
-    write_json(commons[i].out / "result.json", result);
+    if (rank() == 0) write_json(commons[i].out / "result.json", result);
   }
   return 0;
 }

@@ -17,6 +17,8 @@ struct Options {
   DetectorOptions detector;
   EvaluationSettings evaluation;
   std::string hosts = "test", depth, rooftop;
+  QualityOption quality;
+  LightOption light;
 
   Options() { detector.detector.clear(); }  // empty: the run's
 };
@@ -42,6 +44,8 @@ Command evaluate_command() {
     add_detector_options(app, options->detector);
     app.add_option("--depth", options->depth, "ip-basic, guided or a plugin (*.so); default: the run's");
     add_rooftop_option_of_run(app, options->rooftop);
+    options->quality.add(app, "the run's settings");
+    options->light.add(app, "the run's");
     app.add_option("--hosts", options->hosts, "test, train or all hosts of the run")->capture_default_str();
     app.add_option("--score", options->evaluation.score_threshold, "score of a detection")
         ->capture_default_str();
@@ -49,7 +53,9 @@ Command evaluate_command() {
         ->capture_default_str();
   };
   command.run = [options](const Common& common) -> nlohmann::json {
-    const Run run = read_run(options->run);
+    Run run = read_run(options->run);
+    options->quality.apply(run.simulation);
+    options->light.apply(run.simulation);
     use_detector_of(run, options->detector);
     const auto data = options->data.empty() ? run.data : options->data;
     FrameStore store(data, options->depth.empty() ? run.depth : options->depth,
@@ -74,14 +80,19 @@ Command evaluate_command() {
       return evaluate(detectors, store, hosts, mesh, run.simulation, options->evaluation);
     };
     const Evaluation learned = judged(run.adversary), random = judged(run.random);
+    const auto shares = [&](Interval Evaluation::*of) {
+      const Interval &a = learned.*of, &b = random.*of;
+      return percent(a.value, a.low, a.high) + " | " + percent(b.value, b.low, b.high);
+    };
     print_table({{"hosts", std::to_string(hosts.size())},
                  {"roofs", roofs(learned.rooftops.fitted, learned.rooftops.from_box)},
                  {"vehicles detected without adversary", std::to_string(learned.vehicles)},
-                 {"FN ASR, learned | random mesh", percent(learned.fn_asr) + " | " + percent(random.fn_asr)},
-                 {"FP ASR, learned | random mesh", percent(learned.fp_asr) + " | " + percent(random.fp_asr)},
-                 {"ASR, learned | random mesh", percent(learned.asr) + " | " + percent(random.asr)}});
+                 {"FN ASR, learned | random mesh (95 %)", shares(&Evaluation::fn_interval)},
+                 {"FP ASR, learned | random mesh (95 %)", shares(&Evaluation::fp_interval)},
+                 {"ASR, learned | random mesh (95 %)", shares(&Evaluation::asr_interval)}});
     nlohmann::json result = to_json(learned);
     result["random"] = to_json(random);
+    result["simulation"] = to_json(run.simulation);
     result["score_threshold"] = options->evaluation.score_threshold;
     result["detected_iou"] = options->evaluation.detected_iou;
     return result;

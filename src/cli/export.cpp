@@ -21,6 +21,7 @@ namespace {
 struct Options {
   std::filesystem::path run, data;
   std::string rooftop;
+  QualityOption quality;
   int frames = 1;
 };
 
@@ -63,6 +64,7 @@ Command export_command() {
             app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
             app.add_option("--data", options->data, "data set (default: the run's)");
             add_rooftop_option_of_run(app, options->rooftop);
+            options->quality.add(app, "none: a scene file holds the mesh itself, at any quality");
             app.add_option("--frames", options->frames,
                            "frames to export, test frames first; 0: all test frames")
                 ->check(CLI::NonNegativeNumber);

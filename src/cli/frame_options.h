@@ -5,7 +5,9 @@
 
 #include <CLI/CLI.hpp>
 #include <string>
+#include <vector>
 
+#include "scene/quality.h"
 #include "scene/shape/shape_rooftop.h"
 
 namespace mirage::cli {
@@ -28,6 +30,56 @@ inline void add_rooftop_option(CLI::App& app, std::string& rooftop) {
 inline void add_rooftop_option_of_run(CLI::App& app, std::string& rooftop) {
   app.add_option("--rooftop", rooftop, std::string(kRooftopHelp) + "; default: the run's");
 }
+
+/// --quality beside the options that it stands in for.
+struct QualityOption {
+  std::string name;               ///< empty: none was asked for
+  const CLI::App* app = nullptr;  ///< knows which options were given, on the command line or in a config file
+
+  /// `name` as it stands is the default. `otherwise` says what holds without one ("the run's").
+  void add(CLI::App& command, const std::string& otherwise = "") {
+    app = &command;
+    auto* option = command.add_option(
+        "--quality", name,
+        "draft, default or exact: σ, γ, cut-off and samples of the camera (options of their own win)" +
+            (otherwise.empty() ? "" : "; default: " + otherwise));
+    std::vector<std::string> names;
+    for (const Quality& quality : qualities()) names.push_back(quality.name);
+    option->check(CLI::IsMember(names));
+    if (otherwise.empty()) option->capture_default_str();
+  }
+  void apply(SimulationSettings& settings) const {
+    apply_quality(name, settings, [this](const char* option) {
+      const auto* known = app->get_option_no_throw(option);
+      return known && known->count() > 0;
+    });
+  }
+};
+
+/// The camera's σ, γ and samples, for commands that simulate by settings of their own.
+inline void add_camera_options(CLI::App& app, SimulationSettings& settings) {
+  app.add_option("--sigma", settings.raster.sigma, "soft rasteriser's σ")->capture_default_str();
+  app.add_option("--gamma", settings.raster.gamma, "soft rasteriser's γ")->capture_default_str();
+  app.add_option("--supersampling", settings.supersampling, "camera samples along a pixel's side")
+      ->check(CLI::Range(1, 8))
+      ->capture_default_str();
+}
+
+/// --light: the camera's light model.
+struct LightOption {
+  std::string model;  ///< empty: none was asked for
+
+  /// `otherwise` says what holds without one ("the run's").
+  void add(CLI::App& command, const std::string& otherwise) {
+    command.add_option("--light", model,
+                       "light on the object: plain (nothing shadows or reflects) or visible (sun and sky by "
+                       "ray, light from roof and road and within the object); default: " +
+                           otherwise);
+  }
+  void apply(SimulationSettings& settings) const {
+    if (!model.empty()) settings.light = parse_light_model(model);
+  }
+};
 
 /// How many roofs were fitted, for the commands' tables.
 inline std::string roofs(int fitted, int from_box) {

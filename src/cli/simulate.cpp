@@ -21,6 +21,9 @@ struct Options {
   std::filesystem::path data, mesh;
   std::string frame, depth = "ip-basic", rooftop = kDefaultRooftop;
   int vehicle = 0;
+  QualityOption quality{"default"};
+  LightOption light;
+  SimulationSettings simulation;
 };
 
 /// A full-size grey picture of a window's channel.
@@ -48,8 +51,13 @@ Command simulate_command() {
     add_depth_option(app, options->depth);
     add_rooftop_option(app, options->rooftop);
     app.add_option("--mesh", options->mesh, "adversary (.glb)")->required();
+    options->quality.add(app);
+    add_camera_options(app, options->simulation);
+    options->light.add(app, "plain");
   };
   command.run = [options](const Common& common) -> nlohmann::json {
+    options->quality.apply(options->simulation);
+    options->light.apply(options->simulation);
     const TexturedMesh adversary = read_adversary(options->mesh);
     const LidarModel lidar = lidar_of(options->data);
     const auto depth = load_depth_completion({options->depth});
@@ -67,7 +75,7 @@ Command simulate_command() {
     const Transform& roof = rooftop.velo_from_adversary;
     const double over_box = roof.translation().z() - box.bottom - box.height;
     const auto start = std::chrono::steady_clock::now();
-    const Simulated simulated = simulate(prepared, labels[index], rooftop, adversary);
+    const Simulated simulated = simulate(prepared, labels[index], rooftop, adversary, options->simulation);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     write_srgb(common.out / "image.png", simulated.image);
     write_srgb(common.out / "mask.png",
@@ -100,6 +108,7 @@ Command simulate_command() {
             {"sweep_points", prepared.frame.sweep.size()},
             {"sweep_rays_assigned", prepared.index.assigned_share()},
             {"sweep_firings", prepared.index.firing_count()},
+            {"simulation", to_json(options->simulation)},
             {"seconds", seconds}};
   };
   return command;

@@ -25,4 +25,9 @@ inline std::string percent(double share) {
   return fmt::format("{:.1f} %", 100 * share);
 }
 
+/// "20.8 % (8.3–37.5)"
+inline std::string percent(double share, double low, double high) {
+  return fmt::format("{} ({:.1f}–{:.1f})", percent(share), 100 * low, 100 * high);
+}
+
 }  // namespace mirage::cli

@@ -39,6 +39,27 @@ void print_result(const nlohmann::json& result) {
                              count(attack, "hidden_cycles"), count(attack, "detected_clean"))});
   rows.push_back({"ASR", fmt::format("raster {}, Cycles {}", percent(number(attack, "asr_raster")),
                                      percent(number(attack, "asr_cycles")))});
+  const auto share = [&](const nlohmann::json& of) {
+    return percent(number(of, "value"), number(of, "low"), number(of, "high"));
+  };
+  for (const auto& [group, title] : {std::pair("held_back", "held back"), std::pair("all", "all")})
+    for (const auto& variant : result.at("verdict").at(group).at("variants")) {
+      const auto name = variant.at("name").get<std::string>();
+      if (name == "soft" || name == "hard" || name == "cycles")
+        rows.push_back({fmt::format("FN | ASR, {}, {} (95 %)", title, name),
+                        fmt::format("{} | {} of {}", share(variant.at("fn_asr")), share(variant.at("asr")),
+                                    count(variant, "vehicles"))});
+    }
+  rows.push_back({"outcome flips", fmt::format("{} vehicles", result.at("verdict").at("flips").size())});
+  if (result.contains("budget") && result.at("budget").contains("test")) {
+    const auto& test = result.at("budget").at("test");
+    rows.push_back(
+        {"budget, test frames",
+         fmt::format("{} within {}, time saved {}", share(test.at("within")),
+                     percent(number(result.at("budget"), "budget")), percent(number(test, "saved")))});
+  }
+  if (!result.at("failed").empty())
+    rows.push_back({"given up", fmt::format("{} vehicles (Blender was lost)", result.at("failed").size())});
   rows.push_back({"report", result.at("report").get<std::string>()});
   print_table(rows);
 }
@@ -47,9 +68,12 @@ void print_result(const nlohmann::json& result) {
 
 Command validate_command() {
   auto options = std::make_shared<ValidationSettings>();
+  auto quality = std::make_shared<QualityOption>();
+  auto light = std::make_shared<LightOption>();
+  auto budget_of = std::make_shared<std::string>("radiance");
   return {
       "validate", "re-render in Blender, compare, write the fidelity report", "out/validate",
-      [options](CLI::App& app) {
+      [options, budget_of, quality, light](CLI::App& app) {
         app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
         app.add_option("--data", options->data, "data set (default: the run's)");
         app.add_option("--detector", options->detector.detector, "detector (default: the run's)");
@@ -59,13 +83,31 @@ Command validate_command() {
                        "frames to validate, test frames first; 0: all test frames")
             ->check(CLI::NonNegativeNumber);
         app.add_option("--samples", options->samples, "Cycles samples a pixel")->check(CLI::Range(1, 65536));
-        app.add_option("--ladder", options->ladder, "vehicles on which each light effect is rendered alone")
+        app.add_option(
+               "--ladder", options->ladder,
+               "vehicles on which each effect is rendered alone, spread over the frames (default: 4, or all "
+               "with --budget)")
             ->check(CLI::NonNegativeNumber);
+        app.add_option("--noise", options->noise,
+                       "choose the samples of each vehicle for this noise, a share of its mean radiance")
+            ->check(CLI::Range(1e-4, 1.0));
+        app.add_option("--budget", options->budget,
+                       "choose for each scene the cheapest rung whose error stays within this share")
+            ->check(CLI::Range(1e-4, 1.0));
+        app.add_option("--budget-of", *budget_of, "radiance or score: what the budget is a share of")
+            ->capture_default_str();
+        quality->add(app, "the run's");
+        light->add(app, "the run's");
         app.add_option("--evaluation", options->evaluation,
                        "result.json (or folder) of mirage evaluate, for the report");
+        app.add_option("--tradeoff", options->tradeoff,
+                       "result.json (or folder) of mirage tradeoff, for the report");
       },
-      [options](const Common& common) {
+      [options, budget_of, quality, light](const Common& common) {
         ValidationSettings settings = *options;
+        settings.quality = quality->name;
+        settings.light = light->model;
+        settings.budget_of = parse_budget_of(*budget_of);
         settings.out = common.out;
         settings.seed = common.seed;
         settings.quiet = common.quiet;

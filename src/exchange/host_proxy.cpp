@@ -6,15 +6,16 @@
 #include <vector>
 
 #include "geometry/shapes.h"
+#include "scene/light_surroundings.h"
 
 namespace mirage {
 namespace {
 
 // Shares of the labelled box, of an ordinary saloon.
-constexpr double kClearance = 0.14, kWaist = 0.58;                 // of the height
+using saloon::kRoofFront, saloon::kRoofRear, saloon::kRoofWidth, saloon::kWaist;
+constexpr double kClearance = 0.14;                                // of the height
 constexpr double kCabinRear = -0.44, kCabinFront = 0.24;           // of the length, at the waist
-constexpr double kRoofRear = -0.32, kRoofFront = 0.08;             // of the length, at the top
-constexpr double kWaistWidth = 0.98, kRoofWidth = 0.76;            // of the width
+constexpr double kWaistWidth = 0.98;                               // of the width
 constexpr double kAxle = 0.30, kWheelRadius = 0.22, kTyre = 0.12;  // of length, height, width
 
 /// A closed hexahedron between two upright rectangles [x0, x1] × [−half, half] at two heights.
@@ -52,28 +53,6 @@ Mesh wheel(double radius, double width) {
   if (signed_volume(mesh) < 0)
     for (Face& f : mesh.faces) std::swap(f[1], f[2]);
   return mesh;
-}
-
-/// Paint (linear albedo) from the photograph: the median of the label's 2-D box away from roof and road,
-/// divided by the light on an upright face.
-Vec3d paint(const Frame& frame, const Label& host) {
-  const int u0 = std::max(0, static_cast<int>(host.left)),
-            u1 = std::min(frame.image.width, static_cast<int>(host.right));
-  const int v0 = std::max(0, static_cast<int>(host.top + 0.4 * (host.bottom - host.top)));
-  const int v1 = std::min(frame.image.height, static_cast<int>(host.top + 0.8 * (host.bottom - host.top)));
-  Vec3d albedo = Vec3d::Constant(0.3);
-  if (u1 <= u0 || v1 <= v0) return albedo;
-  const Lighting& light = frame.lighting;
-  for (int c = 0; c < 3; ++c) {
-    std::vector<float> values;
-    for (int v = v0; v < v1; ++v)
-      for (int u = u0; u < u1; ++u) values.push_back(frame.image.at(u, v, c));
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end());
-    const double received = light.ambient[c] + light.hemisphere[c] / 2 + light.sun[c] / 3;
-    albedo[c] = std::clamp(*middle / std::max(received, 1e-3), 0.02, 0.85);
-  }
-  return albedo;
 }
 
 }  // namespace
@@ -114,9 +93,9 @@ ExportScene host_scene(const Frame& frame, const Label& host, const Rooftop& roo
   scene.adversary = place(adversary, rooftop);
   const Mesh vehicle = rooftop.vehicle ? *rooftop.vehicle : car_proxy(host.box);
   const double ground = bounds(vehicle).min().z();
-  scene.proxies.push_back({"host", rooftop.vehicle ? "fitted" : "box", vehicle, paint(frame, host)});
+  scene.proxies.push_back({"host", rooftop.vehicle ? "fitted" : "box", vehicle, vehicle_paint(frame, host)});
   scene.proxies.push_back(
-      {"ground", "", ground_proxy({host.box.bev.x, host.box.bev.y, ground}), Vec3d::Constant(0.18)});
+      {"ground", "", ground_proxy({host.box.bev.x, host.box.bev.y, ground}), Vec3d::Constant(kRoadAlbedo)});
   scene.calibration = frame.calibration;
   scene.lighting = frame.lighting;
   scene.photograph = frame.image;

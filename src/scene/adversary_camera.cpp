@@ -5,6 +5,7 @@
 #include "scene/adversary_view.h"
 #include "scene/check_inputs.h"
 #include "scene/depth_completion.h"
+#include "scene/light_surroundings.h"
 #include "sensors/shading.h"
 
 namespace mirage {
@@ -61,10 +62,63 @@ double unobstructed_area(const CameraTape& tape, const PinholeCamera& camera) {
   return silhouette_area(raster.rgba);
 }
 
+/// Texels times their light.
+std::vector<Vec3d> lit_texels(const PreparedFrame& prepared, const Label& host, const Rooftop* rooftop,
+                              const TexturedMesh& placed, const SimulationSettings& settings,
+                              CameraTape& tape) {
+  const Lighting& lighting = prepared.frame.lighting;
+  std::vector<Vec3d> lit = placed.atlas.texels;
+  if (settings.light == LightModel::visible) {
+    const Vec3d eye = prepared.frame.calibration.camera_from_velo.inverse().translation();
+    LightSurroundings around;
+    if (rooftop) around = light_surroundings(prepared.frame, host, *rooftop);
+    tape.visibility =
+        find_visibility(placed, lighting, rooftop ? &around : nullptr, &eye, settings.visible_light);
+    tape.visible = visible_light(tape.normals, placed.atlas.texels, lighting, tape.visibility,
+                                 settings.visible_light.bounces);
+    tape.gloss = settings.visible_light.gloss;
+    for (std::size_t t = 0; t < lit.size(); ++t)
+      lit[t] = (lit[t] + Vec3d::Constant(tape.gloss)).cwiseProduct(tape.visible.factor[t]);
+    return lit;
+  }
+  for (std::size_t f = 0; f < tape.normals.size(); ++f) {
+    tape.light.push_back(shade<double>(tape.normals[f], lighting));
+    for (std::size_t t = f * placed.atlas.per_face(); t < (f + 1) * placed.atlas.per_face(); ++t)
+      lit[t] = lit[t].cwiseProduct(tape.light.back());
+  }
+  return lit;
+}
+
+/// d loss / d texels and face normals, given d loss / d lit texels.
+void lit_texels_vjp(const CameraTape& tape, const TexturedMesh& placed, const Lighting& lighting,
+                    const std::vector<Vec3d>& d_lit, std::vector<Vec3d>& d_normals,
+                    std::vector<Vec3d>& d_texels) {
+  const std::vector<Vec3d>& texels = placed.atlas.texels;
+  if (tape.light.empty()) {
+    std::vector<Vec3d> d_factor(d_lit.size());
+    for (std::size_t t = 0; t < d_lit.size(); ++t) {
+      d_texels[t] += d_lit[t].cwiseProduct(tape.visible.factor[t]);
+      d_factor[t] = d_lit[t].cwiseProduct(texels[t] + Vec3d::Constant(tape.gloss));
+    }
+    visible_light_vjp(tape.normals, texels, lighting, tape.visibility, tape.visible, d_factor, d_normals,
+                      d_texels);
+    return;
+  }
+  const std::size_t per_face = placed.atlas.per_face();
+  for (std::size_t f = 0; f < d_normals.size(); ++f) {
+    Vec3d d_light = Vec3d::Zero();
+    for (std::size_t t = f * per_face; t < (f + 1) * per_face; ++t) {
+      d_texels[t] += d_lit[t].cwiseProduct(tape.light[f]);
+      d_light += d_lit[t].cwiseProduct(texels[t]);
+    }
+    d_normals[f] += shade_vjp<double>(tape.normals[f], lighting, d_light);
+  }
+}
+
 }  // namespace
 
 CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, const TexturedMesh& placed,
-                          const SimulationSettings& settings, Simulated& result) {
+                          const SimulationSettings& settings, Simulated& result, const Rooftop* rooftop) {
   const PinholeCamera& camera = prepared.frame.calibration.camera;
   const Transform& camera_from_velo = prepared.frame.calibration.camera_from_velo;
   CameraTape tape;
@@ -72,14 +126,9 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   tape.settings = settings.raster;
   set_depth_range(tape.p_camera, tape.settings);
   tape.normals = face_normals(placed.mesh);
-  std::vector<Vec3d> lit = placed.atlas.texels;
-  for (std::size_t f = 0; f < tape.normals.size(); ++f) {
-    tape.light.push_back(shade<double>(tape.normals[f], prepared.frame.lighting));
-    for (std::size_t t = f * placed.atlas.per_face(); t < (f + 1) * placed.atlas.per_face(); ++t)
-      lit[t] = lit[t].cwiseProduct(tape.light.back());
-  }
-  tape.projected = project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearestVertex, Texture::atlas,
-                                placed.atlas.resolution, std::move(lit));
+  tape.projected =
+      project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearestVertex, Texture::atlas,
+                   placed.atlas.resolution, lit_texels(prepared, host, rooftop, placed, settings, tape));
 
   const PixelRect rect = touched_pixels(tape.projected.screen, tape.settings, camera.width, camera.height,
                                         {0, 0, camera.width, camera.height});
@@ -159,15 +208,11 @@ void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, cons
                    d_lit);
   const Eigen::Matrix3d velo_from_camera = calibration.camera_from_velo.linear().transpose();
   for (std::size_t i = 0; i < d_p_camera.size(); ++i) d_vertices[i] += velo_from_camera * d_p_camera[i];
-  const std::size_t per_face = placed.atlas.per_face();
+  std::vector<Vec3d> d_normals(placed.mesh.faces.size(), Vec3d::Zero());
+  lit_texels_vjp(tape, placed, lighting, d_lit, d_normals, d_texels);
   for (std::size_t f = 0; f < placed.mesh.faces.size(); ++f) {
     const Face& face = placed.mesh.faces[f];
-    Vec3d d_light = Vec3d::Zero();
-    for (std::size_t t = f * per_face; t < (f + 1) * per_face; ++t) {
-      d_texels[t] += d_lit[t].cwiseProduct(tape.light[f]);
-      d_light += d_lit[t].cwiseProduct(placed.atlas.texels[t]);
-    }
-    const Vec3d d_normal = shade_vjp<double>(tape.normals[f], lighting, d_light);
+    const Vec3d& d_normal = d_normals[f];
     const Vec3d e1 = placed.mesh.vertices[face[1]] - placed.mesh.vertices[face[0]];
     const Vec3d e2 = placed.mesh.vertices[face[2]] - placed.mesh.vertices[face[0]];
     const Vec3d d_e1 = e2.cross(d_normal), d_e2 = d_normal.cross(e1);

@@ -16,7 +16,10 @@ namespace mirage {
 struct CameraTape {
   std::vector<Vec3d> p_camera;  ///< vertices
   std::vector<Vec3d> normals;   ///< unnormalised face normals, `velo`
-  std::vector<Vec3d> light;     ///< light factor of each face
+  std::vector<Vec3d> light;     ///< plain: light factor of each face
+  LightVisibility visibility;   ///< visible: what stands in the light's way, and the light of each texel
+  VisibleLight<double> visible;
+  double gloss = 0;  ///< of the visible light
   ProjectedMesh projected;
   SoftRasterSettings<double> settings;
   RasterTarget<float> target;
@@ -26,8 +29,10 @@ struct CameraTape {
 
 /// Projects, shades and rasterises `placed` (in `velo`) into the photograph; fills image, rect, rgba,
 /// visible_share and adversary_pixels.
+/// `rooftop`: what the visible light's surroundings come from; null for an object in free space.
 CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, const TexturedMesh& placed,
-                          const SimulationSettings& settings, Simulated& result);
+                          const SimulationSettings& settings, Simulated& result,
+                          const Rooftop* rooftop = nullptr);
 /// Adds d loss / d placed vertices (`velo`) and d loss / d texels.
 void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
                         const Lighting& lighting, const Simulated& result, const ImageF& d_image,

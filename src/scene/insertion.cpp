@@ -66,7 +66,7 @@ Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooft
   tape->lighting = prepared.frame.lighting;
   tape->settings = settings;
   Simulated result;
-  tape->camera = draw_in_camera(prepared, host, tape->placed, settings, result);
+  tape->camera = draw_in_camera(prepared, host, tape->placed, settings, result, &rooftop);
   tape->lidar = draw_in_lidar(prepared, tape->placed, settings, result);
   result.tape = std::move(tape);
   return result;

@@ -12,6 +12,7 @@
 #include "scene/rooftop.h"
 #include "sensors/lidar_effects.h"
 #include "sensors/soft_rasterizer.h"
+#include "sensors/visible_light.h"
 
 namespace mirage {
 
@@ -45,6 +46,8 @@ struct SimulationSettings {
   /// Incidence below which a LiDAR return keeps its place but its gradient is scaled down: |n·d| / |n|.
   double grazing_cosine = 0.05;
   LidarEffects lidar_effects;  ///< all off
+  LightModel light = LightModel::plain;
+  VisibleLightSettings visible_light;  ///< of LightModel::visible
 };
 
 struct Simulated {

@@ -102,6 +102,53 @@ TEST(Attack, RandomTargetIsTheBaselineMesh) {
   EXPECT_EQ(read_file(folder / "run/adversary.glb"), read_file(folder / "run/random.glb"));
 }
 
+TEST(Attack, PartsLeaveTheOtherAsItStarts) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 2);
+  const DetectorPool detectors = stand_ins();
+  const TexturedMesh start = initial_adversary();
+  const auto learned = [&](const char* parts) {
+    auto settings = settings_for(folder / "data", folder / parts, 3);
+    settings.parts = parts;
+    run_attack(settings, detectors);
+    return read_run(folder / parts).adversary;
+  };
+  const TexturedMesh shape = learned("shape"), texture = learned("texture");
+  EXPECT_NE(shape.mesh.vertices, start.mesh.vertices);
+  EXPECT_EQ(shape.atlas.texels, start.atlas.texels);
+  EXPECT_EQ(texture.mesh.vertices, start.mesh.vertices);
+  EXPECT_NE(texture.atlas.texels, start.atlas.texels);
+  EXPECT_THAT(error_text<InputError>([&] { learned("colour"); }), testing::HasSubstr("--parts: colour"));
+}
+
+TEST(Attack, ExpectedWorldsAndBuildableMeshesResumeToTheSameBits) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
+  const DetectorPool detectors = stand_ins();
+  const auto settings = [&](const char* out, int iterations) {
+    auto wanted = settings_for(folder / "data", folder / out, iterations);
+    wanted.expectation = parse_expectation("all");
+    wanted.buildable.on = true;
+    wanted.vertex_rate = 0.02;
+    return wanted;
+  };
+  const AttackResult whole = run_attack(settings("whole", 6), detectors);
+  run_attack(settings("parts", 2), detectors);
+  run_attack(settings("parts", 6), detectors);
+  EXPECT_EQ(read_file(folder / "whole/adversary.glb"), read_file(folder / "parts/adversary.glb"));
+  EXPECT_EQ(whole.buildable.at("intersecting_pairs"), 0);
+  EXPECT_EQ(whole.buildable.at("texels_in_print_range"), 1.0);
+  EXPECT_GE(whole.buildable.at("min_thickness_m").get<double>(), 0.01);
+  // The random mesh obeys the same rules.
+  BuildableSettings rules;
+  EXPECT_EQ(buildable_report(read_run(folder / "whole").random, rules).at("intersecting_pairs"), 0);
+  // Other worlds, another run.
+  auto other = settings("whole", 7);
+  other.expectation = parse_expectation("sun");
+  EXPECT_THAT(error_text<InputError>([&] { run_attack(other, detectors); }),
+              testing::HasSubstr("expectation"));
+}
+
 TEST(AttackInput, ErrorsNameFileAndField) {
   TemporaryFolder folder;
   const DetectorPool detectors = stand_ins();

@@ -2,7 +2,7 @@
 add_executable(make_addon_scene blender/make_scene.cpp)
 target_link_libraries(make_addon_scene PRIVATE mirage::exchange mirage_options)
 find_program(MIRAGE_TEST_PYTHON NAMES /usr/bin/python3 python3)
-foreach(suite headless)
+foreach(suite headless window)
   add_test(NAME addon.${suite} COMMAND ${MIRAGE_TEST_PYTHON} ${CMAKE_CURRENT_SOURCE_DIR}/blender/run.py ${suite}
                                        ${PROJECT_SOURCE_DIR} ${CMAKE_BINARY_DIR})
   set_tests_properties(addon.${suite} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)

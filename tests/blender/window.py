@@ -10,7 +10,7 @@ import tempfile
 import zlib
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-SIZE = (1280, 800)
+SIZE = (1440, 900)
 COLORS = 200  # a window that drew nothing has a handful
 
 
@@ -81,7 +81,8 @@ def picture(blender, source, folder, env, scene, out):
     log = os.path.join(folder, "window.log")
     try:
         with open(log, "wb") as file:
-            subprocess.run([blender, "--factory-startup", "--no-window-focus", "--window-geometry", "0", "0", str(SIZE[0]), str(SIZE[1]),
+            subprocess.run([blender, "--factory-startup", "--enable-event-simulate", "--no-window-focus",
+                            "--window-geometry", "0", "0", str(SIZE[0]), str(SIZE[1]),
                             "-P", os.path.join(HERE, "window_session.py"), "--", folder, scene, out],
                            env={**env, "DISPLAY": display, "LIBGL_ALWAYS_SOFTWARE": "1"}, stdin=subprocess.DEVNULL,
                            stdout=file, stderr=subprocess.STDOUT, timeout=300)

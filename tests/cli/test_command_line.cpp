@@ -66,7 +66,7 @@ TEST(CommandLine, HelpNamesEveryCommand) {
   const Outcome outcome = run(folder, {"--help"});
   EXPECT_EQ(outcome.code, 0);
   for (const char* command : {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate",
-                              "export", "validate", "depth"})
+                              "export", "validate", "tradeoff", "depth"})
     EXPECT_THAT(outcome.out, HasSubstr(command));
 }
 
@@ -97,6 +97,44 @@ TEST(CommandLine, AConfigSetsOptionsAndAnUnknownKeyIsAnError) {
   EXPECT_EQ(outcome.code, 2);
   expect_one_line(outcome.err);
   EXPECT_THAT(outcome.err, HasSubstr("run.toml: farmes"));
+}
+
+TEST(CommandLine, AQualityIsOneOfThree) {
+  TemporaryFolder folder;
+  std::ofstream(folder / "run.toml") << "quality = \"best\"\n";
+  for (const auto& arguments : std::vector<std::vector<std::string>>{
+           {"attack", "--data", folder.path(), "--quality", "best"},
+           {"attack", "--data", folder.path(), "--config", folder / "run.toml"},
+           {"simulate", "--data", folder.path(), "--frame", "0", "--mesh", "m.glb", "--quality", "best"},
+           {"evaluate", "--run", folder.path(), "--quality", "best"},
+           {"export", "--run", folder.path(), "--quality", "best"},
+           {"validate", "--run", folder.path(), "--quality", "best"},
+           {"demo", "--quality", "best"}}) {
+    const Outcome outcome = run(folder, arguments);
+    EXPECT_EQ(outcome.code, 2) << arguments[0];
+    expect_one_line(outcome.err);
+    for (const char* word : {"--quality", "best", "draft", "default", "exact"})
+      EXPECT_THAT(outcome.err, HasSubstr(word)) << arguments[0];
+  }
+}
+
+TEST(CommandLine, ATradeoffThatCannotBeMadeIsOneLine) {
+  TemporaryFolder folder;
+  for (const auto& [arguments, word] : std::vector<std::pair<std::vector<std::string>, std::string>>{
+           {{}, "--data"},
+           {{"--data", folder / "none"}, "none"},
+           {{"--run", folder / "none"}, "run.json"},
+           {{"--data", folder.path(), "--hosts", "0"}, "--hosts"},
+           {{"--data", folder.path(), "--repeats", "-1"}, "--repeats"},
+           {{"--data", folder.path(), "--reference-samples", "99"}, "--reference-samples"},
+           {{"--data", folder.path(), "--rooftop", "thatched"}, "thatched"}}) {
+    std::vector<std::string> all{"tradeoff", "--out", folder / "o"};
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    const Outcome outcome = run(folder, all);
+    EXPECT_EQ(outcome.code, 2) << word;
+    expect_one_line(outcome.err);
+    EXPECT_THAT(outcome.err, HasSubstr(word));
+  }
 }
 
 TEST(CommandLine, MissingAndEmptyDataSets) {
@@ -286,6 +324,17 @@ TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
       exported.at("rooftops").at("fitted").get<int>() + exported.at("rooftops").at("from_box").get<int>(),
       exported.at("scenes"));
   EXPECT_EQ(read_file(folder / "g/adversary.glb"), read_file(folder / "run/adversary.glb"));
+
+  // The quality's values, but for what a config file or the command line gives.
+  std::ofstream(folder / "quality.toml") << "quality = \"exact\"\ngamma = 0.02\n";
+  outcome = run(folder, {"simulate", "--data", data, "--frame", "000000", "--mesh",
+                         folder / "run/adversary.glb", "--rooftop", "box", "--config",
+                         folder / "quality.toml", "--supersampling", "3", "--out", folder / "s"});
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  const auto simulated = read_json(folder / "s/result.json").at("simulation");
+  EXPECT_EQ(simulated.at("gamma"), 0.02);
+  EXPECT_EQ(simulated.at("supersampling"), 3);
+  EXPECT_NE(simulated.at("sigma"), result.at("simulation").at("sigma"));
 }
 
 #ifdef MIRAGE_HAS_TORCHSCRIPT

@@ -79,6 +79,39 @@ TEST(InsertionGradient, VerticesAndTexelsThroughTheCamera) {
               on_texels.worst);
 }
 
+TEST(InsertionGradient, TexelsThroughTheVisibleLight) {
+  const World world = make_world(5);
+  SimulationSettings settings = smooth_settings();
+  settings.light = LightModel::visible;  // rays do not depend on texels: nothing need be held
+  const auto draw = [&](const TexturedMesh& adversary) {
+    return simulate(world.prepared, world.host, world.rooftop, adversary, settings);
+  };
+  const Simulated at = draw(world.adversary);
+  RandomStream random(6, "upstream");
+  ImageF d_image(at.image.width, at.image.height, 3);
+  for (float& value : d_image.data) value = static_cast<float>(random.uniform(-1, 1));
+  std::vector<double> texels, d_texels;
+  for (const Vec3d& t : world.adversary.atlas.texels) texels.insert(texels.end(), t.data(), t.data() + 3);
+  const AdversaryGradient gradient = simulate_vjp(at, d_image, {});
+  for (const Vec3d& t : gradient.texels) d_texels.insert(d_texels.end(), t.data(), t.data() + 3);
+  const auto check = check_gradient(
+      [&](const auto& x) {
+        TexturedMesh mesh = world.adversary;
+        for (std::size_t i = 0; i < mesh.atlas.texels.size(); ++i)
+          mesh.atlas.texels[i] = Vec3d(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
+        const Simulated s = draw(mesh);
+        double sum = 0;
+        for (int v = s.rect.v0; v < s.rect.v1; ++v)
+          for (int u = s.rect.u0; u < s.rect.u1; ++u)
+            for (int c = 0; c < 3; ++c)
+              sum += d_image.at(u, v, c) * s.rgba.at(u - s.rect.u0, v - s.rect.v0, c);
+        return sum;
+      },
+      texels, d_texels, 1e-4, 1e-6, 1e-2);
+  std::printf("visible light, texels: %d components, worst relative error %.2e\n", check.checked,
+              check.worst);
+}
+
 TEST(InsertionGradient, VerticesThroughTheLidar) {
   const World world = make_world(3);
   const SimulationSettings settings;

@@ -3,12 +3,16 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <cmath>
 #include <cstdlib>
+#include <map>
 
 #include "base/error.h"
 #include "base/image_io.h"
 #include "fixture.h"
 #include "validation/fidelity.h"
+#include "validation/lidar_ladder.h"
+#include "validation/light_ladder.h"
 
 namespace mirage {
 namespace {
@@ -53,6 +57,8 @@ TEST_F(Blender, MatchedLightEqualsTheHardRasteriser) {
     write_srgb(scene.scratch / "cycles.png", matched.cycles);
     EXPECT_GE(matched.mask_iou, 0.9999) << "x = " << c.x;
     EXPECT_GT(matched.mask_both, 500);
+    EXPECT_LE(matched.depth_error, 1e-3) << "x = " << c.x;
+    EXPECT_LE(matched.depth_error_mean, 1e-4) << "x = " << c.x;
     error += matched.mae * matched.mask_either;
     pixels += matched.mask_either;
     std::printf("x = %g: mask IoU %.6f, MAE %.3g, max %.3g, %d pixels\n", c.x, matched.mask_iou, matched.mae,
@@ -121,6 +127,63 @@ TEST_F(Blender, FullLightDarkensTheRoofAndKeepsThePhotographElsewhere) {
       changed += !same;
     }
   EXPECT_GT(changed, simulated.adversary_pixels / 2);
+}
+
+TEST_F(Blender, TheLadderComesCloserToTheFullRender) {
+  const PreparedFrame prepared = test::made_up_frame();
+  const auto scene = test::host_scene_of(prepared, test::random_mesh(2), "ladder");
+  const Simulated simulated = simulate(prepared, *scene.host, scene.rooftop, scene.adversary);
+  const FullLight full = full_light(*worker_, scene, simulated);
+  const LightLadder ladder = light_ladder(*worker_, scene, full);
+  std::map<std::string, const LadderRung*> rungs;
+  for (const LadderRung& rung : ladder.rungs) {
+    rungs[rung.effect] = &rung;
+    EXPECT_TRUE(rungs.contains(rung.base) || rung.base == "centres" || rung.base == "reference") << rung.base;
+    EXPECT_TRUE(std::isfinite(rung.change.relative) && std::isfinite(rung.to_full.flip)) << rung.effect;
+    EXPECT_EQ(rung.picture.width, full.rect.width());
+  }
+  const auto off = [&](const char* effect) { return rungs.at(effect)->to_full.relative; };
+  EXPECT_LT(off("all"), off("+shadows+occlusion"));
+  EXPECT_LT(off("+bounces4"), off("+pixel area"));
+  EXPECT_LT(off("full"), off("full, 4 samples"));
+  EXPECT_EQ(rungs.at("hard")->change.mae, 0);
+  EXPECT_GT(rungs.at("soft")->change.mae, 0);
+  EXPECT_GT(rungs.at("sRGB shading")->change.relative, 0.02);
+  // The shadow that the object casts lies beside it, not on it.
+  EXPECT_GT(rungs.at("+cast shadow")->crop.mae, 0);
+  EXPECT_LT(rungs.at("+cast shadow")->change.mae, 0.02);
+  EXPECT_GT(rungs.at("+clear sky")->change.relative, 0.01);
+  EXPECT_LT(rungs.at("+clear sky")->change.relative, 0.6);
+  EXPECT_GT(rungs.at("+car paint")->change.mae, 0);
+}
+
+TEST_F(Blender, NoiseFallsWithTheSamplesAsked) {
+  const PreparedFrame prepared = test::made_up_frame();
+  const auto scene = test::host_scene_of(prepared, test::random_mesh(2), "noise");
+  const Noise noise =
+      measure_noise(*worker_, scene, simulate(prepared, *scene.host, scene.rooftop, scene.adversary));
+  EXPECT_GT(noise.relative, 0.005);
+  EXPECT_LT(noise.relative, 0.5);
+  EXPECT_EQ(samples_for(noise, noise.relative / 2), 4 * noise.samples);
+  EXPECT_EQ(samples_for(noise, 1), 4);
+  EXPECT_EQ(samples_for(noise, 1e-9), 4096);
+}
+
+TEST(LidarLadder, IdealChangesNothingAndEachEffectDoesWhatItSays) {
+  setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
+  const PreparedFrame prepared = test::made_up_frame();
+  const auto scene = test::host_scene_of(prepared, test::random_mesh(2), "lidar-ladder");
+  std::map<std::string, LidarRung> rungs;
+  for (LidarRung& rung : lidar_ladder(scene)) rungs[rung.effect] = rung;
+  const int count = rungs.at("ideal").returns;
+  ASSERT_GT(count, 50);
+  EXPECT_EQ(rungs.at("ideal").changed, 0);
+  EXPECT_EQ(rungs.at("noise").returns, count);
+  EXPECT_GT(rungs.at("noise").changed, 0.9);  // 2 cm of noise stay below 1 mm once in twenty-five
+  EXPECT_NEAR(rungs.at("drop-out").changed, 0.1, 4 * std::sqrt(0.09 / count));
+  EXPECT_NEAR(rungs.at("drop-out").changed, -rungs.at("drop-out").returns_change, 1e-12);
+  EXPECT_GT(rungs.at("divergence").changed, 0);
+  EXPECT_EQ(rungs.at("all").sweep.size() > 0, true);
 }
 
 TEST_F(Blender, AKilledWorkerIsStartedAgain) {

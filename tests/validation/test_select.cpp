@@ -24,6 +24,16 @@ TEST(SelectHosts, TestFramesComeFirstAndWhole) {
   EXPECT_EQ(select_hosts(run, 99).size(), 5u);
 }
 
+TEST(SelectHosts, TheLadderIsSpreadOverTheFrames) {
+  const std::vector<HostId> hosts{{"a", 0}, {"a", 1}, {"a", 4}, {"b", 2}, {"c", 0}, {"c", 1}};
+  using Chosen = std::vector<bool>;
+  EXPECT_EQ(ladder_hosts(hosts, 0), (Chosen{0, 0, 0, 0, 0, 0}));
+  EXPECT_EQ(ladder_hosts(hosts, 2), (Chosen{1, 0, 0, 1, 0, 0}));
+  EXPECT_EQ(ladder_hosts(hosts, 4), (Chosen{1, 1, 0, 1, 1, 0}));
+  EXPECT_EQ(ladder_hosts(hosts, 99), (Chosen{1, 1, 1, 1, 1, 1}));
+  EXPECT_EQ(ladder_hosts(hosts, -1), (Chosen{1, 1, 1, 1, 1, 1}));
+}
+
 TEST(SelectHosts, AHostThatTheDataDoesNotHoldIsAnInputError) {
   Frame frame;
   frame.labels.resize(2);

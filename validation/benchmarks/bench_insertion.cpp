@@ -8,6 +8,7 @@
 #include "scene/adversary_view.h"
 #include "scene/depth_completion.h"
 #include "scene/generator.h"
+#include "scene/light_surroundings.h"
 
 namespace mirage {
 namespace {
@@ -124,6 +125,57 @@ void batch(benchmark::State& state) {
               median(times[1]), median(times[0]) / median(times[1]));
 }
 
+/// Forward + VJP under the plain light and under the one with visibility, in alternation, and what the latter
+/// does, by stage; CPU time of one thread.
+void light_models(benchmark::State& state) {
+  const auto& s = stage();
+  const ImageF d_image(s.prepared.frame.image.width, s.prepared.frame.image.height, 3, 1.f);
+  const TexturedMesh placed = place(s.adversary, s.rooftop);
+  const std::vector<Vec3d> normals = face_normals(placed.mesh),
+                           ones(placed.atlas.texels.size(), Vec3d::Ones());
+  const Lighting& lighting = s.prepared.frame.lighting;
+  const Vec3d eye = s.prepared.frame.calibration.camera_from_velo.inverse().translation();
+  std::vector<double> plain, visible, surroundings, rays, gather, vjp;
+  std::size_t count = 0;
+  for (auto _ : state)
+    for (int round = 0; round < kRounds; ++round) {
+      for (LightModel model : {LightModel::plain, LightModel::visible}) {
+        SimulationSettings settings;
+        settings.light = model;
+        (model == LightModel::plain ? plain : visible).push_back(cpu_milliseconds([&] {
+          const Simulated simulated = simulate(s.prepared, s.host, s.rooftop, s.adversary, settings);
+          const std::vector<std::array<float, 4>> d_points(simulated.sweep.size(), {1, 1, 1, 1});
+          benchmark::DoNotOptimize(simulate_vjp(simulated, d_image, d_points));
+        }));
+      }
+      LightSurroundings around;
+      LightVisibility visibility;
+      VisibleLight<double> lit;
+      surroundings.push_back(
+          cpu_milliseconds([&] { around = light_surroundings(s.prepared.frame, s.host, s.rooftop); }));
+      rays.push_back(
+          cpu_milliseconds([&] { visibility = find_visibility(placed, lighting, &around, &eye); }));
+      gather.push_back(cpu_milliseconds([&] {
+        lit =
+            visible_light(normals, placed.atlas.texels, lighting, visibility, VisibleLightSettings().bounces);
+      }));
+      std::vector<Vec3d> d_normals(normals.size(), Vec3d::Zero()), d_texels(ones.size(), Vec3d::Zero());
+      vjp.push_back(cpu_milliseconds([&] {
+        visible_light_vjp(normals, placed.atlas.texels, lighting, visibility, lit, ones, d_normals, d_texels);
+      }));
+      count = visibility.rays;
+    }
+  extra_figures()["light_plain_insertion_ms"] = median(plain);
+  extra_figures()["light_visible_insertion_ms"] = median(visible);
+  extra_figures()["light_visible_over_plain"] = median(visible) / median(plain);
+  std::printf(
+      "  plain %.3f ms, visible %.3f ms: %.2f times; surroundings %.3f, %zu rays %.3f, gathering %.3f, its "
+      "VJP "
+      "%.3f ms\n",
+      median(plain), median(visible), median(visible) / median(plain), median(surroundings), count,
+      median(rays), median(gather), median(vjp));
+}
+
 void completion(benchmark::State& state) {
   const auto& frame = stage().prepared.frame;
   const ImageF sparse = sparse_depth(frame.sweep, frame.calibration);
@@ -144,6 +196,7 @@ void register_insertion_benchmarks() {
   median_of_nine(
       benchmark::RegisterBenchmark("depth_ip_basic_ms", completion)->Unit(benchmark::kMillisecond));
   benchmark::RegisterBenchmark("insertion_stages", stages)->Unit(benchmark::kMillisecond)->Iterations(1);
+  benchmark::RegisterBenchmark("light_models", light_models)->Unit(benchmark::kMillisecond)->Iterations(1);
   benchmark::RegisterBenchmark("insertion_batch", batch)->Unit(benchmark::kMillisecond)->Iterations(1);
 }
 

@@ -42,6 +42,16 @@ class ImportMirageScene(bpy.types.Operator, ImportHelper):
         return {"FINISHED"}
 
 
+def save_copy(path):
+    """Saves a copy without a thumbnail: drawing one takes seconds, and on a software OpenGL it may never end."""
+    paths = bpy.context.preferences.filepaths
+    kept, paths.file_preview_type = paths.file_preview_type, "NONE"
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=path, copy=True, check_existing=False)
+    finally:
+        paths.file_preview_type = kept
+
+
 class Validation:
     """The validation of one scene in a Blender of its own, so that this one stays free."""
 
@@ -50,7 +60,7 @@ class Validation:
         self.folder = tempfile.mkdtemp(prefix="mirage-validate-")
         self.log = os.path.join(self.folder, "blender.log")
         copy = os.path.join(self.folder, "scene.blend")
-        bpy.ops.wm.save_as_mainfile(filepath=copy, copy=True, check_existing=False)
+        save_copy(copy)
         script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "matched.py")
         environment = {**os.environ, "MIRAGE_BINARY": program.find()}
         with open(self.log, "wb") as log:

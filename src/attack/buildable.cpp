@@ -1,0 +1,113 @@
+#include "attack/buildable.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/error.h"
+#include "geometry/self_intersection.h"
+
+namespace mirage {
+namespace {
+
+double base_height(const BuildableSettings& settings, const AdversaryLimits& limits) {
+  return -settings.base * limits.half.z();
+}
+
+void print(TexturedMesh& adversary, const BuildableSettings& settings) {
+  for (Vec3d& t : adversary.atlas.texels) t = t.cwiseMax(settings.black).cwiseMin(settings.white);
+}
+
+/// Vertices of the faces that break a rule.
+std::vector<int> offenders(const Mesh& mesh, double min_thickness) {
+  std::vector<int> vertices;
+  const auto add = [&](int face) {
+    const Face& f = mesh.faces[static_cast<std::size_t>(face)];
+    vertices.insert(vertices.end(), {f[0], f[1], f[2]});
+  };
+  for (const auto& pair : intersecting_faces(mesh)) {
+    add(pair[0]);
+    add(pair[1]);
+  }
+  const std::vector<Wall> found = walls(mesh);
+  for (std::size_t f = 0; f < found.size(); ++f)
+    if (found[f].thickness < min_thickness) {
+      add(static_cast<int>(f));
+      add(found[f].opposite);
+    }
+  std::sort(vertices.begin(), vertices.end());
+  vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
+  return vertices;
+}
+
+}  // namespace
+
+void check_buildable(const BuildableSettings& settings, const AdversaryLimits& limits) {
+  const auto demand = [](bool good, const char* option, double value, const std::string& fix) {
+    if (!good) throw InputError(option, fmt::format("{}", value), "out of range", fix);
+  };
+  // The start is 0.75 of the box: what is thinner than its walls can hold.
+  const double most = 0.5 * limits.half.minCoeff();
+  demand(settings.min_thickness >= 0 && settings.min_thickness <= most, "--min-thickness",
+         settings.min_thickness, fmt::format("use 0 to {:.3g} m", most));
+}
+
+void make_buildable(TexturedMesh& adversary, const BuildableSettings& settings,
+                    const AdversaryLimits& limits) {
+  const double base = base_height(settings, limits);
+  for (Vec3d& v : adversary.mesh.vertices) v.z() = std::max(v.z(), base);
+  print(adversary, settings);
+  if (!offenders(adversary.mesh, settings.min_thickness).empty())
+    throw InputError("--min-thickness", fmt::format("{}", settings.min_thickness),
+                     "the start is thinner than that", "use a smaller one");
+}
+
+void keep_buildable(TexturedMesh& adversary, const TexturedMesh& before, const BuildableSettings& settings,
+                    const AdversaryLimits& limits) {
+  print(adversary, settings);
+  const double base = base_height(settings, limits);
+  auto& vertices = adversary.mesh.vertices;
+  const auto& old = before.mesh.vertices;
+  // The base's own height, exactly: vertices that started on it never leave it.
+  for (std::size_t i = 0; i < vertices.size(); ++i)
+    vertices[i].z() = old[i].z() <= base ? base : std::max(vertices[i].z(), std::nextafter(base, 1.0));
+  std::vector<int> returned(vertices.size(), 0);
+  for (;;) {
+    bool moved = false;
+    for (const int i : offenders(adversary.mesh, settings.min_thickness)) {
+      const auto k = static_cast<std::size_t>(i);
+      if (returned[k] >= 2) continue;
+      vertices[k] = returned[k]++ == 0 ? Vec3d((vertices[k] + old[k]) / 2) : old[k];
+      moved = true;
+    }
+    if (!moved) return;  // none left: faces all of whose vertices are back are as good as they were before
+  }
+}
+
+nlohmann::json buildable_report(const TexturedMesh& adversary, const BuildableSettings& settings) {
+  const Mesh& mesh = adversary.mesh;
+  double thinnest = 1e9, lowest = 1e9, area = 0;
+  for (const Wall& wall : walls(mesh)) thinnest = std::min(thinnest, wall.thickness);
+  for (const Vec3d& v : mesh.vertices) lowest = std::min(lowest, v.z());
+  const auto on_base = [&](int v) { return mesh.vertices[static_cast<std::size_t>(v)].z() <= lowest; };
+  const std::vector<Vec3d> normals = face_normals(mesh);
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    const Face& face = mesh.faces[f];
+    if (on_base(face[0]) && on_base(face[1]) && on_base(face[2])) area += normals[f].norm() / 2;
+  }
+  long within = 0;
+  for (const Vec3d& t : adversary.atlas.texels)
+    within += t.minCoeff() >= settings.black && t.maxCoeff() <= settings.white;
+  long base_vertices = 0;
+  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) base_vertices += on_base(static_cast<int>(i));
+  return {{"intersecting_pairs", intersecting_faces(mesh).size()},
+          {"min_thickness_m", thinnest},
+          {"base_vertices", base_vertices},
+          {"base_area_m2", area},
+          {"watertight", is_watertight(mesh)},
+          {"texels_in_print_range", static_cast<double>(within) / static_cast<double>(std::max<std::size_t>(
+                                                                      1, adversary.atlas.texels.size()))}};
+}
+
+}  // namespace mirage

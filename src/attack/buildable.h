@@ -1,0 +1,39 @@
+// What makes an adversary an object that can be built and printed: no face passes through another, walls of
+// some thickness, a flat base for the roof, colours that ink on paper has.
+#pragma once
+
+#include <nlohmann/json.hpp>
+
+#include "attack/adversary.h"
+#include "geometry/mesh.h"
+
+namespace mirage {
+
+struct BuildableSettings {
+  bool on = false;
+  double min_thickness = 0.01;  ///< m, of the walls as geometry/self_intersection.h measures them
+  /// Height of the flat base below the adversary's origin, as a share of the box's half height.
+  double base = 0.5;
+  /// Reflectance of a print's black and white: texels stay between (scene-linear, each channel). A box around
+  /// an offset print's gamut on matt paper; the true gamut is smaller for saturated colours.
+  double black = 0.03, white = 0.85;
+};
+
+/// InputError naming the option for a value that no mesh can meet.
+void check_buildable(const BuildableSettings& settings, const AdversaryLimits& limits);
+
+/// The start, made buildable: what lies below the base is moved up onto it, texels into the print's range.
+void make_buildable(TexturedMesh& adversary, const BuildableSettings& settings,
+                    const AdversaryLimits& limits);
+
+/// After an optimiser's step from `before`, which is buildable: base vertices (those that `before` has on the
+/// base) return to it, the others stay above it, and the vertices of faces that pass through another or whose
+/// wall is too thin go back towards `before`, first half the way and then all of it, until none is left.
+void keep_buildable(TexturedMesh& adversary, const TexturedMesh& before, const BuildableSettings& settings,
+                    const AdversaryLimits& limits);
+
+/// What holds of a mesh, measured: intersecting_pairs, min_thickness_m, base_vertices (on the lowest height),
+/// base_area_m2 (of faces that lie on it), watertight, and the share of texels within the print's range.
+nlohmann::json buildable_report(const TexturedMesh& adversary, const BuildableSettings& settings);
+
+}  // namespace mirage

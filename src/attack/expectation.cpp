@@ -1,0 +1,106 @@
+#include "attack/expectation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <sstream>
+
+#include "base/error.h"
+
+namespace mirage {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+constexpr double kLowestSun = 3 * kDegree;
+
+/// `sun` turned by `angle` about a random axis square to it.
+Vec3d turned_sun(const Vec3d& sun, double angle, double side) {
+  const Vec3d across = sun.unitOrthogonal(), axis = Eigen::AngleAxisd(side, sun) * across;
+  Vec3d turned = Eigen::AngleAxisd(angle, axis) * sun;
+  const double lowest = std::sin(kLowestSun);
+  if (turned.z() < lowest) {
+    const double flat = std::hypot(turned.x(), turned.y()), wanted = std::cos(kLowestSun);
+    turned = flat > 0 ? Vec3d(turned.x() / flat * wanted, turned.y() / flat * wanted, lowest) : sun;
+  }
+  return turned.normalized();
+}
+
+}  // namespace
+
+bool Expectation::any() const {
+  return any_in_frame() || roof_shift > 0 || roof_yaw > 0 || image_noise > 0 || range_noise > 0;
+}
+
+Expectation parse_expectation(const std::string& words) {
+  Expectation e;
+  std::stringstream list(words);
+  std::string word;
+  while (std::getline(list, word, ',')) {
+    const bool all = word == "all";
+    bool known = all || word == "none";
+    const auto named = [&](const char* name) {
+      known = known || word == name;
+      return all || word == name;
+    };
+    if (named("roof")) {
+      e.roof_shift = 0.05;
+      e.roof_yaw = 2 * kDegree;
+    }
+    if (named("sun")) e.sun = 20 * kDegree;
+    if (named("light")) e.light = 0.3;
+    if (named("exposure")) e.exposure = 0.2;
+    if (named("noise")) {
+      e.image_noise = 0.01;
+      e.range_noise = 0.02;
+    }
+    if (!known)
+      throw InputError("--expect", word, "unknown", "use roof, sun, light, exposure, noise, all or none");
+  }
+  return e;
+}
+
+WorldDraw::WorldDraw(const Expectation& expectation, std::uint64_t seed, std::uint64_t draw)
+    : expectation_(expectation), seed_(seed), draw_(draw) {}
+
+Rooftop WorldDraw::rooftop(const Rooftop& known) const {
+  RandomStream random(seed_, "expected roof", draw_);
+  const double s = expectation_.roof_shift;
+  const Vec3d shift(random.normal() * s, random.normal() * s, random.normal() * s / 5);
+  Rooftop varied = known;
+  varied.velo_from_adversary = known.velo_from_adversary * Eigen::Translation3d(shift) *
+                               Eigen::AngleAxisd(random.normal() * expectation_.roof_yaw, Vec3d::UnitZ());
+  return varied;
+}
+
+PreparedFrame WorldDraw::frame(const PreparedFrame& known) const {
+  RandomStream random(seed_, "expected light", draw_);
+  PreparedFrame varied = known;
+  Lighting& light = varied.frame.lighting;
+  const double angle = random.normal() * expectation_.sun, side = random.uniform(0, 2 * std::numbers::pi),
+               sun = std::exp(random.normal() * expectation_.light),
+               sky = std::exp(random.normal() * expectation_.light),
+               exposure = std::exp(random.normal() * expectation_.exposure);
+  if (expectation_.sun > 0) light.to_sun_velo = turned_sun(light.to_sun_velo, angle, side);
+  light.sun *= sun * exposure;
+  light.ambient *= sky * exposure;
+  light.hemisphere *= sky * exposure;
+  if (expectation_.exposure > 0)
+    for (float& value : varied.frame.image.data) value = std::min(1.0f, value * static_cast<float>(exposure));
+  return varied;
+}
+
+SimulationSettings WorldDraw::simulation(const SimulationSettings& known) const {
+  SimulationSettings varied = known;
+  varied.lidar_effects.range_sigma = std::hypot(known.lidar_effects.range_sigma, expectation_.range_noise);
+  varied.lidar_effects.seed = RandomStream(seed_, "expected returns", draw_).next_u32();
+  return varied;
+}
+
+void WorldDraw::add_noise(ImageF& image) const {
+  if (!(expectation_.image_noise > 0)) return;
+  RandomStream random(seed_, "expected camera noise", draw_);
+  for (float& value : image.data)
+    value = std::clamp(value + static_cast<float>(random.normal() * expectation_.image_noise), 0.0f, 1.0f);
+}
+
+}  // namespace mirage

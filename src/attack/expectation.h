@@ -1,0 +1,48 @@
+// Expectation over what is uncertain in the world (Athalye et al., Synthesizing Robust Adversarial Examples,
+// ICML 2018): each simulated host of an attack is drawn anew, so that the mesh is made for all of them.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "base/random.h"
+#include "scene/insertion.h"
+
+namespace mirage {
+
+/// What varies, each with its spread (standard deviations of normal draws; 0: as it is).
+struct Expectation {
+  double roof_shift = 0;   ///< m, along and across the roof; height a fifth of it
+  double roof_yaw = 0;     ///< rad
+  double sun = 0;          ///< rad, how far the sun turns away, to any side (never below 3° of altitude)
+  double light = 0;        ///< of the logarithms of sun and of ambient and hemisphere together
+  double exposure = 0;     ///< of the logarithm of the photograph's exposure, object included; white clips
+  double image_noise = 0;  ///< of each channel of each pixel (scene-linear)
+  double range_noise = 0;  ///< m, of the object's returns
+
+  bool any() const;
+  bool any_in_frame() const { return sun > 0 || light > 0 || exposure > 0; }
+};
+
+/// "none", or words of roof, sun, light, exposure, noise separated by commas, or "all": the named ones at 5
+/// cm and 2°, 20°, 0.3, 0.2, 0.01 and 2 cm. InputError for any other word.
+Expectation parse_expectation(const std::string& words);
+
+/// One draw of the world around a host, from the random stream of (seed, draw).
+class WorldDraw {
+ public:
+  WorldDraw(const Expectation& expectation, std::uint64_t seed, std::uint64_t draw);
+
+  Rooftop rooftop(const Rooftop& known) const;
+  /// The frame under another light and exposure.
+  PreparedFrame frame(const PreparedFrame& known) const;
+  SimulationSettings simulation(const SimulationSettings& known) const;
+  /// The camera's noise, on the picture that has the object in it; its VJP is the identity.
+  void add_noise(ImageF& image) const;
+
+ private:
+  Expectation expectation_;
+  std::uint64_t seed_, draw_;
+};
+
+}  // namespace mirage

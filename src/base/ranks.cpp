@@ -1,0 +1,71 @@
+#include "base/ranks.h"
+
+// Without MPI's former C++ interface, whose library is not linked.
+#define OMPI_SKIP_MPICXX 1
+#define MPICH_SKIP_MPICXX 1
+#include <mpi.h>
+
+#include <cstdio>
+#include <cstdlib>
+
+namespace mirage {
+namespace {
+
+int own_rank = 0, ranks = 1;
+bool joined = false;
+
+/// What Open MPI, and PMI-based launchers (MPICH, Slurm), tell the processes that they start.
+bool launched() {
+  for (const char* name : {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMI_RANK", "PMIX_RANK"})
+    if (std::getenv(name) != nullptr) return true;
+  return false;
+}
+
+}  // namespace
+
+void join_ranks(int& argc, char**& argv) {
+  if (!launched()) return;
+  int provided = 0;
+  MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
+  MPI_Comm_rank(MPI_COMM_WORLD, &own_rank);
+  MPI_Comm_size(MPI_COMM_WORLD, &ranks);
+  joined = true;
+  if (own_rank > 0 && std::freopen("/dev/null", "w", stdout) == nullptr) std::perror("/dev/null");
+}
+
+int leave_ranks(int code) {
+  if (!joined) return code;
+  if (code != 0 && ranks > 1) MPI_Abort(MPI_COMM_WORLD, code);
+  MPI_Finalize();
+  joined = false;
+  return code;
+}
+
+int rank() {
+  return own_rank;
+}
+
+int rank_count() {
+  return ranks;
+}
+
+bool any_rank(bool value) {
+  if (ranks == 1) return value;
+  int mine = value ? 1 : 0, all = 0;
+  MPI_Allreduce(&mine, &all, 1, MPI_INT, MPI_LOR, MPI_COMM_WORLD);
+  return all != 0;
+}
+
+void share_blocks(std::vector<std::vector<double>>& blocks) {
+  if (ranks == 1) return;
+  for (std::size_t k = 0; k < blocks.size(); ++k)
+    MPI_Bcast(blocks[k].data(), static_cast<int>(blocks[k].size()), MPI_DOUBLE,
+              static_cast<int>(k % static_cast<std::size_t>(ranks)), MPI_COMM_WORLD);
+}
+
+long first_rank_value(long value) {
+  if (ranks > 1) MPI_Bcast(&value, 1, MPI_LONG, 0, MPI_COMM_WORLD);
+  return value;
+}
+
+}  // namespace mirage

@@ -1,0 +1,30 @@
+// The processes of one run under `mpirun -n N mirage …` (MPI). Without a launcher there is one, and MPI is
+// not even started. What ranks exchange is put together in a fixed order, never summed on the way, so that N
+// processes compute what one does, to the bit.
+#pragma once
+
+#include <vector>
+
+namespace mirage {
+
+/// Starts MPI if a launcher started this process; once, at the head of main. Ranks but the first write
+/// nothing to standard output.
+void join_ranks(int& argc, char**& argv);
+/// Ends it, at the end of main. A code other than 0 ends the other ranks too: one that waits for a failed
+/// rank would wait for ever. Returns the code.
+int leave_ranks(int code);
+
+/// 0 for the first (or only) process, which alone writes files.
+int rank();
+/// How many processes there are.
+int rank_count();
+
+/// True on every rank if it is on one. A call of all ranks.
+bool any_rank(bool value);
+/// block k is rank k % rank_count()'s; afterwards every rank holds all. All blocks are of one size, which
+/// every rank gives them beforehand. A call of all ranks.
+void share_blocks(std::vector<std::vector<double>>& blocks);
+/// The first rank's value, on all. A call of all ranks.
+long first_rank_value(long value);
+
+}  // namespace mirage

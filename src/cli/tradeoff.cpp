@@ -1,0 +1,95 @@
+// mirage tradeoff: the speed–accuracy study.
+#include "validation/tradeoff.h"
+
+#include <fmt/format.h>
+
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/detector_options.h"
+#include "cli/frame_options.h"
+#include "cli/table.h"
+
+namespace mirage::cli {
+namespace {
+
+std::string in_words(const nlohmann::json& figures) {
+  const auto& settings = figures.at("settings");
+  const auto& errors = figures.at("errors");
+  const auto number = [](const nlohmann::json& from, const char* key) { return from.at(key).get<double>(); };
+  return fmt::format(
+      "σ {:g}, γ {:g}, cut-off {:g}, {} samples a side: {:.2f} × default's time, image {:.2f}/255, "
+      "gradient cosine {:.3f}",
+      number(settings, "sigma"), number(settings, "gamma"), number(settings, "dist_eps"),
+      settings.at("supersampling").get<int>(), number(figures, "ratio"), number(errors, "image_levels"),
+      number(errors, "gradient_cosine"));
+}
+
+void print_result(const nlohmann::json& result, const std::filesystem::path& out) {
+  Rows rows = {{"vehicles", fmt::format("{} in {} frames", result.at("vehicles").get<int>(),
+                                        result.at("frames").get<int>())},
+               {"points", std::to_string(result.at("points").size())}};
+  for (const auto& one : result.at("recommended")) {
+    const auto name = one.at("name").get<std::string>();
+    rows.push_back({name + ", shipped", in_words(one.at("shipped"))});
+    if (name != "default")
+      rows.push_back({name + ", by these points",
+                      one.contains("settings") ? in_words(one) : "no point satisfies the rule"});
+  }
+  for (const auto& one : result.at("attack"))
+    rows.push_back({"attack at " + one.at("quality").get<std::string>(),
+                    fmt::format("{} iterations, ASR {} of {} vehicles", one.at("iterations").get<int>(),
+                                percent(one.at("asr").get<double>()), one.at("vehicles").get<int>())});
+  rows.push_back({"page", result.value("page", (out / "tradeoff.json").string())});
+  print_table(rows);
+}
+
+}  // namespace
+
+Command tradeoff_command() {
+  auto options = std::make_shared<TradeoffSettings>();
+  return {"tradeoff", "the speed–accuracy study: fronts and recommended settings", "out/tradeoff",
+          [options](CLI::App& app) {
+            app.add_option("--data", options->data, "data set in KITTI layout (default: the run's)");
+            app.add_option("--run", options->run,
+                           "finished mirage attack, for its adversary and hosts (default: a random mesh)");
+            add_rooftop_option(app, options->rooftop);
+            app.add_option("--hosts", options->hosts, "vehicles at most, evenly over their distances")
+                ->capture_default_str();
+            app.add_option("--frames", options->frames, "frames looked at for hosts; 0: all")
+                ->capture_default_str();
+            app.add_option("--repeats", options->repeats, "repeats of each timing")->capture_default_str();
+            app.add_option("--reference-samples", options->reference_samples,
+                           "samples along a pixel's side of the reference")
+                ->capture_default_str();
+            app.add_option("--directions", options->directions,
+                           "directions of the finite differences of the hard render")
+                ->capture_default_str();
+            app.add_option("--depth-frames", options->depth_frames,
+                           "frames on which depth completion is scored; 0: none")
+                ->check(CLI::NonNegativeNumber)
+                ->capture_default_str();
+            app.add_flag("--cycles", options->cycles, "light effects and samples of Blender Cycles as well");
+            app.add_option("--cycles-hosts", options->cycles_hosts, "vehicles rendered in Cycles")
+                ->capture_default_str();
+            app.add_option("--cycles-samples", options->cycles_samples, "samples of Cycles' reference")
+                ->capture_default_str();
+            app.add_option("--attack-seconds", options->attack_seconds,
+                           "length of an attack at each quality, and its success; 0: none")
+                ->capture_default_str();
+            add_detector_options(app, options->detector);
+          },
+          [options](const Common& common) {
+            TradeoffSettings settings = *options;
+            settings.out = common.out;
+            settings.seed = common.seed;
+            settings.quiet = common.quiet;
+            settings.detector.seed = common.seed;
+            settings.detector.threads = common.threads;
+            const nlohmann::json result = tradeoff(settings);
+            print_result(result, common.out);
+            return result;
+          }};
+}
+
+}  // namespace mirage::cli

@@ -1,0 +1,38 @@
+#include "scene/quality.h"
+
+#include <array>
+
+#include "base/error.h"
+
+namespace mirage {
+
+std::span<const Quality> qualities() {
+  static const SimulationSettings own;
+  static const std::array<Quality, 3> all = {
+      Quality{"draft", 1e-7, 3e-3, 1e-4, 1, false},
+      Quality{"default", own.raster.sigma, own.raster.gamma, own.raster.dist_eps, own.supersampling,
+              own.reference},
+      Quality{"exact", 1e-8, 1e-3, 1e-4, 8, false},
+  };
+  return all;
+}
+
+const Quality& quality_of(const std::string& name) {
+  for (const Quality& quality : qualities())
+    if (name == quality.name) return quality;
+  throw InputError("--quality", name, "is no quality", "use draft, default or exact");
+}
+
+void apply_quality(const std::string& name, SimulationSettings& settings,
+                   const std::function<bool(const char* option)>& given) {
+  if (name.empty()) return;
+  const Quality& quality = quality_of(name);
+  const auto free = [&](const char* option) { return !given || !given(option); };
+  if (free("--sigma")) settings.raster.sigma = quality.sigma;
+  if (free("--gamma")) settings.raster.gamma = quality.gamma;
+  if (free("--supersampling")) settings.supersampling = quality.supersampling;
+  settings.raster.dist_eps = quality.dist_eps;
+  settings.reference = quality.reference;
+}
+
+}  // namespace mirage

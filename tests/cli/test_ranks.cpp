@@ -1,0 +1,89 @@
+// `mpirun -n N mirage attack`: the same bits for any number of processes, and what is left when one dies.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <filesystem>
+#include <thread>
+
+#include "base/files.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+/// Runs a shell command with its output in folder/said; returns its exit code.
+int shell(const test::TemporaryFolder& folder, const std::string& command) {
+  const int status = std::system((command + " > " + (folder / "said").string() + " 2>&1").c_str());
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128;
+}
+
+std::string on_ranks(int ranks, const std::string& arguments) {
+  // Open MPI refuses root and more processes than cores unless told otherwise.
+  return "OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 mpirun --oversubscribe -n " +
+         std::to_string(ranks) + " " MIRAGE_BUILD "/mirage " + arguments;
+}
+
+class Ranks : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!fs::exists(fs::path(MIRAGE_BUILD) / "plugins/fusion.so"))
+      GTEST_SKIP() << "the fusion plugin was not built (MIRAGE_DETECTORS)";
+    if (shell(folder_, "mpirun --version") != 0) GTEST_SKIP() << "mpirun is not installed (openmpi-bin)";
+    ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage generate --frames 3 --seed 5 --quiet --out " +
+                                 (folder_ / "data").string()),
+              0);
+  }
+  std::string attack(const std::string& out, int iterations) const {
+    return "attack --batch 4 --expect all --threads 1 --data " + (folder_ / "data").string() +
+           " --iterations " + std::to_string(iterations) + " --out " + (folder_ / out).string();
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(Ranks, OneTwoAndFourProcessesLearnTheSameBits) {
+  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("one", 3)), 0) << read_file(folder_ / "said");
+  for (const int ranks : {2, 4}) {
+    const std::string out = "on" + std::to_string(ranks);
+    ASSERT_EQ(shell(folder_, on_ranks(ranks, attack(out, 3))), 0) << read_file(folder_ / "said");
+    EXPECT_EQ(read_file(folder_ / out / "adversary.glb"), read_file(folder_ / "one" / "adversary.glb"));
+    EXPECT_EQ(read_file(folder_ / out / "loss.csv"), read_file(folder_ / "one" / "loss.csv"));
+    // The first rank alone speaks and writes.
+    const std::string said = read_file(folder_ / "said"), row = "vehicles to train on  ";
+    EXPECT_NE(said.find(row), std::string::npos) << said;
+    EXPECT_EQ(said.find(row, said.find(row) + 1), std::string::npos) << said;
+  }
+}
+
+TEST_F(Ranks, ADeadRankEndsTheRunAndTheCheckpointGoesOn) {
+  const auto checkpoint = folder_ / "run" / "checkpoint.json";
+  std::thread killer([&] {
+    for (int i = 0; i < 2400 && !fs::exists(checkpoint); ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    // The youngest is one of the ranks; the brackets keep the pattern from matching this shell itself.
+    shell(folder_, "pkill -9 -n -f '[m]irage attack.*" + (folder_ / "run").string() + "'");
+  });
+  const int code = std::system((on_ranks(2, attack("run", 5000)) + " > /dev/null 2>&1").c_str());
+  killer.join();
+  EXPECT_NE(code, 0);
+  ASSERT_TRUE(fs::exists(checkpoint));
+  const int reached = read_json(checkpoint).at("iteration");
+  EXPECT_GE(reached, 10);
+  EXPECT_LT(reached, 5000);
+  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("run", reached + 1)), 0)
+      << read_file(folder_ / "said");
+  EXPECT_EQ(read_json(folder_ / "run" / "result.json").at("iterations"), reached + 1);
+}
+
+TEST_F(Ranks, OtherCommandsRunInOneProcess) {
+  EXPECT_EQ(shell(folder_, on_ranks(2, "generate --frames 1 --out " + (folder_ / "x").string())), 2);
+  EXPECT_THAT(read_file(folder_ / "said"), HasSubstr("start it without mpirun"));
+}
+
+}  // namespace
+}  // namespace mirage

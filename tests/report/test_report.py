@@ -1,0 +1,172 @@
+"""The page of `mirage validate` in headless Chromium: test_report.py SOURCE BUILD. Exit code 77: skipped, with why.
+
+Opens without console errors and without asking for anything but itself, the model loads, the sliders move by mouse
+and by key, every figure stands in result.json, and both themes draw."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+from PIL import Image
+
+import browser
+import fixture
+
+SOURCE, BUILD = (os.path.abspath(path) for path in sys.argv[1:3])
+VIEWER = os.path.join(BUILD, "report", "model-viewer.min.js")
+
+
+def write_report(folder, viewer):
+    validation, run = fixture.make(folder)
+    arguments = [sys.executable, os.path.join(SOURCE, "validation", "report.py"), "--validation", validation, "--run", run,
+                 "--evaluation", os.path.join(folder, "evaluation.json"), "--tradeoff",
+                 os.path.join(folder, "tradeoff.json")]
+    if viewer:
+        arguments += ["--viewer", viewer]
+    subprocess.run(arguments, check=True)
+    return os.path.join(validation, "report.html")
+
+
+def at(tree, place):
+    for part in place.split("."):
+        tree = tree[int(part)] if isinstance(tree, list) else tree[part]
+    return tree
+
+
+class Page(unittest.TestCase):
+    """The page with all its parts."""
+
+    viewer = VIEWER if os.path.isfile(VIEWER) else None
+
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory(prefix="mirage-report-")
+        cls.path = write_report(cls.folder.name, cls.viewer)
+        cls.browser = browser.Browser()
+        cls.addClassCleanup(cls.folder.cleanup)
+        cls.addClassCleanup(cls.browser.__exit__)
+        cls.browser.open(cls.path)
+
+    def tearDown(self):
+        self.assertEqual(self.browser.errors, [])
+
+    def test_asks_for_nothing_but_itself(self):
+        outside = [url for url in self.browser.requests if not url.startswith(("data:", "blob:"))]
+        self.assertEqual([url for url in outside if not url.endswith("report.html")], [])
+
+    def test_model_loads(self):
+        if not self.viewer:
+            self.skipTest("model-viewer is not in the build folder (npm registry out of reach)")
+        self.browser.wait_for("document.querySelector('model-viewer').loaded")
+        self.assertGreater(self.browser.run("document.querySelector('model-viewer').getDimensions().x"), 0)
+        # It draws only while it is in view; a drag turns it.
+        self.browser.run("document.getElementById('model').scrollIntoView({block: 'center'})")
+        x, y = self.browser.run("(() => { const r = document.getElementById('model').getBoundingClientRect();"
+                                "return [r.x + r.width / 2, r.y + r.height / 2]})()")
+        angle = "document.getElementById('model').getCameraOrbit().theta"
+        before = self.browser.run(angle)
+        turned = f"Math.abs({angle} - {before}) > 0.2"
+        for _ in range(40):  # before its first frame it takes no drag
+            self.browser.drag((x, y), (x + 120, y))
+            time.sleep(0.5)
+            if self.browser.run(turned):
+                break
+        self.assertTrue(self.browser.run(turned))
+
+    def rect(self, index):
+        """Of the first vehicle's bar, in the window."""
+        self.browser.run("document.querySelector('.swipe.wide').scrollIntoView({block: 'center'})")
+        return self.browser.run("(() => { const bar = document.querySelectorAll('.swipe.wide input')[%d],"
+                                "r = bar.getBoundingClientRect(), w = 26;"
+                                "return [r.x + w / 2 + bar.value / 1000 * (r.width - w), r.y + r.height / 2, r.width]})()" % index)
+
+    def values(self):
+        return self.browser.run("[...document.querySelector('.swipe.wide').querySelectorAll('input')].map(i => +i.value)")
+
+    def cuts(self):
+        return self.browser.run("['--at1', '--at2'].map(n => parseFloat(document.querySelector('.swipe.wide').style"
+                                ".getPropertyValue(n)))")
+
+    def test_sliders_move(self):
+        first, cut = self.values(), self.cuts()
+        x, y, width = self.rect(1)
+        self.browser.drag((x, y), (x + 0.1 * width, y))
+        moved = self.values()
+        self.assertEqual(moved[0], first[0])
+        self.assertGreater(moved[1], first[1] + 50)
+        self.assertGreater(self.cuts()[1], cut[1] + 5)
+        self.browser.press("ArrowLeft", 37)  # the bar that was dragged has the focus
+        self.assertEqual(self.values()[1], moved[1] - 5)
+
+    def test_zz_bar_does_not_pass_its_neighbour(self):
+        x, y, width = self.rect(0)
+        self.browser.drag((x, y), (x + width, y))
+        self.assertLessEqual(*self.values())
+
+    def test_swipe_shows_three_pictures(self):
+        self.browser.call("Page.bringToFront")
+        x, y, width, height = self.browser.run("(() => { const r = document.querySelector('.swipe.wide')"
+                                               ".getBoundingClientRect(); return [r.x + scrollX, r.y + scrollY, r.width, "
+                                               "r.height]})()")
+        path, cuts = os.path.join(self.folder.name, "swipe.png"), [cut / 100 for cut in self.cuts()]
+        self.browser.screenshot(path, (x, y, width, height))
+        with Image.open(path) as image:
+            for share, kind in ((cuts[0] / 2, "clean"), (sum(cuts) / 2, "attacked"), ((1 + cuts[1]) / 2, "cycles")):
+                pixel = image.convert("RGB").getpixel((int(share * image.width), int(0.8 * image.height)))
+                self.assertLess(max(abs(a - b) for a, b in zip(pixel, fixture.COLORS[kind])), 8, kind)
+
+    def test_every_figure_is_in_the_result(self):
+        with open(os.path.join(os.path.dirname(self.path), "result.json"), encoding="utf-8") as file:
+            result = json.load(file)
+        shown = self.browser.run("[...document.querySelectorAll('data')].map(d => [d.dataset.at, d.value, d.textContent])")
+        self.assertGreater(len(shown), 100)
+        for place, value, text in shown:
+            self.assertEqual(str(at(result, place)), value, place)
+            self.assertTrue(text)
+        # Table cells with digits hold figures, not text of their own.
+        loose = self.browser.run("[...document.querySelectorAll('td:not(.quiet)')].filter(c => /\\d/.test(c.textContent) && "
+                                 "!c.querySelector('data')).map(c => c.textContent)")
+        self.assertEqual(loose, [])
+
+    def test_parts_are_there(self):
+        sections = self.browser.run("[...document.querySelectorAll('section')].map(s => s.id)")
+        self.assertEqual(sections, ["verdict", "adversary", "attack", "ladder", "budget", "tradeoff", "vehicles", "all",
+                                    "method"])
+        self.assertGreaterEqual(self.browser.run("document.querySelectorAll('svg.plot').length"), 8)
+        self.assertEqual(self.browser.run("document.querySelectorAll('svg.bev').length"), 6)
+        self.assertEqual(self.browser.run("[...document.images].filter(i => !i.naturalWidth).length"), 0)
+
+    def test_nothing_sticks_out(self):
+        for width in (1280, 420):
+            self.browser.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1,
+                              mobile=False)
+            self.assertLessEqual(self.browser.run("document.documentElement.scrollWidth"), width)
+        self.browser.call("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
+
+    def test_themes(self):
+        paper = []
+        for theme in ("light", "dark"):
+            self.browser.theme(theme)
+            paper.append(self.browser.run("getComputedStyle(document.body).backgroundColor"))
+        self.browser.theme("light")
+        self.assertNotEqual(*paper)
+
+
+class WithoutViewer(unittest.TestCase):
+    def test_opens_and_says_so(self):
+        with tempfile.TemporaryDirectory(prefix="mirage-report-") as folder, browser.Browser() as chromium:
+            chromium.open(write_report(folder, None))
+            self.assertIn("3-D view is missing", chromium.run("document.getElementById('no-viewer').textContent"))
+            self.assertEqual(chromium.run("document.querySelectorAll('model-viewer').length"), 0)
+            self.assertEqual(chromium.errors, [])
+
+
+if __name__ == "__main__":
+    if not browser.find():
+        print("skipped: chromium is not installed (package chromium)")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1], verbosity=2)

@@ -1,0 +1,4 @@
+# The report of mirage validate in headless Chromium; skipped with a message where Chromium is missing.
+add_test(NAME report.page COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/report/test_report.py
+                                  ${PROJECT_SOURCE_DIR} ${CMAKE_BINARY_DIR})
+set_tests_properties(report.page PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)

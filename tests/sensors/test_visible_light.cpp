@@ -1,0 +1,209 @@
+// The light model with visibility: known values, gradients with the visibility held fixed, odd meshes.
+#include <gtest/gtest.h>
+
+#include "base/error.h"
+#include "base/parallel.h"
+#include "base/random.h"
+#include "geometry/shapes.h"
+#include "sensors/shading.h"
+#include "sensors/visible_light.h"
+#include "support/gradient_check.h"
+
+namespace mirage {
+namespace {
+
+/// A crumpled ball of half a metre over the origin, with random texels.
+TexturedMesh ball(std::uint64_t seed, double crumpled, int subdivisions = 1, int resolution = 2) {
+  TexturedMesh textured{icosphere(subdivisions), {resolution, {}}};
+  RandomStream random(seed, "ball");
+  for (Vec3d& v : textured.mesh.vertices) v = v * (0.5 + crumpled * random.uniform(-1, 1)) + Vec3d(0, 0, 0.6);
+  textured.atlas.texels.resize(textured.mesh.faces.size() * textured.atlas.per_face());
+  for (Vec3d& t : textured.atlas.texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
+  return textured;
+}
+
+VisibleLight<double> light_of(const TexturedMesh& mesh, const Lighting& light,
+                              const LightSurroundings* around, const VisibleLightSettings& settings = {}) {
+  return visible_light(face_normals(mesh.mesh), mesh.atlas.texels, light,
+                       find_visibility(mesh, light, around, nullptr, settings), settings.bounces);
+}
+
+double largest_difference(const std::vector<Vec3d>& a, const std::vector<Vec3d>& b) {
+  EXPECT_EQ(a.size(), b.size());
+  double worst = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) worst = std::max(worst, (a[i] - b[i]).cwiseAbs().maxCoeff());
+  return worst;
+}
+
+TEST(VisibleLight, AConvexObjectInFreeSpaceHasThePlainLight) {
+  const TexturedMesh convex = ball(1, 0, 2, 5);
+  const Lighting light;
+  const auto lit = light_of(convex, light, nullptr);
+  const auto normals = face_normals(convex.mesh);
+  for (std::size_t t = 0; t < lit.factor.size(); ++t)
+    ASSERT_LT((lit.factor[t] - shade<double>(normals[t / 25], light)).norm(), 1e-6) << t;
+}
+
+/// Two parallel plates: the lower one sees the sky past the upper one, and the sun not at all.
+TEST(VisibleLight, APlateOverAnotherHidesSkyAndSunByItsFormFactor) {
+  const auto plate = [](double z, double half, bool up) {
+    Mesh mesh;
+    mesh.vertices = {{-half, -half, z}, {half, -half, z}, {half, half, z}, {-half, half, z}};
+    mesh.faces = {{0, 1, 2}, {0, 2, 3}};
+    if (!up) mesh.faces = {{0, 2, 1}, {0, 3, 2}};
+    return mesh;
+  };
+  TexturedMesh plates{plate(0, 0.01, true), {1, {}}};
+  append(plates.mesh, plate(0.5, 0.5, false), Transform::Identity());
+  plates.atlas.texels.assign(4, Vec3d::Zero());
+  Lighting light;
+  light.to_sun_velo = Vec3d::UnitZ();
+  light.ambient = Vec3d::Ones();
+  light.hemisphere = Vec3d::Zero();
+  VisibleLightSettings settings;
+  settings.directions = 16384;
+  // Form factor from a small plate to a parallel square of side 2a at distance a over its middle (Howell's
+  // catalogue, B-3): 4 quarters with X = Y = 1.
+  const double quarter = 2 / std::sqrt(2.0) * std::atan(1 / std::sqrt(2.0)) / (2 * M_PI);
+  EXPECT_NEAR(light_of(plates, light, nullptr, settings).factor[0].x(), 1 - 4 * quarter, 2e-3);
+  // An upper plate of albedo ρ under no light of its own sends back ρ times what reaches it.
+  plates.atlas.texels.assign(4, Vec3d::Constant(0.5));
+  const double lit_from_below = light_of(plates, light, nullptr, settings).factor[2].x();
+  EXPECT_NEAR(light_of(plates, light, nullptr, settings).factor[0].x(),
+              1 - 4 * quarter + 4 * quarter * 0.5 * lit_from_below, 3e-3);
+  settings.directions = VisibleLightSettings().directions;
+  EXPECT_NEAR(light_of(plates, light, nullptr, settings).factor[0].x(),
+              1 - 4 * quarter + 4 * quarter * 0.5 * lit_from_below, 0.04);
+}
+
+TEST(VisibleLight, RoofAndRoadLightAFaceFromBelow) {
+  // A small plate facing down over the middle of a wide roof: the roof's radiance, whole.
+  TexturedMesh plate;
+  plate.mesh.vertices = {{-0.01, -0.01, 0.3}, {0.01, 0, 0.3}, {0, 0.01, 0.3}};
+  plate.mesh.faces = {{0, 2, 1}};
+  plate.atlas = {1, {Vec3d::Zero()}};
+  Lighting light;
+  LightSurroundings around;
+  around.roof = {Vec2d(-30, -30), Vec2d(30, 30)};
+  around.paint = Vec3d(0.6, 0.3, 0.1);
+  VisibleLightSettings settings;
+  settings.directions = 4096;
+  const Vec3d open = light.ambient + light.hemisphere + light.to_sun_velo.z() * light.sun;
+  EXPECT_LT((light_of(plate, light, &around, settings).factor[0] - around.paint.cwiseProduct(open)).norm(),
+            5e-3);
+  around.roof = {Vec2d(-1e-3, -1e-3), Vec2d(1e-3, 1e-3)};  // no roof, no deck: the road
+  around.deck = around.roof;
+  EXPECT_LT((light_of(plate, light, &around, settings).factor[0] - around.road.cwiseProduct(open)).norm(),
+            5e-3);
+}
+
+TEST(VisibleLight, GradientAgainstCentralDifferencesWithVisibilityFixed) {
+  Lighting light;
+  light.to_sun_velo = Vec3d(-0.5, 0.2, 0.6).normalized();
+  const LightSurroundings around;
+  double worst = 0;
+  int checked = 0;
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    const TexturedMesh at = ball(seed, seed == 1 ? 0 : 0.25);
+    const LightVisibility visibility = find_visibility(at, light, seed == 2 ? nullptr : &around);
+    ASSERT_GT(visibility.reflections.size(), 0u + (seed == 1 ? 0 : 100));
+    const std::size_t texels = at.atlas.texels.size();
+    RandomStream random(seed, "upstream");
+    std::vector<Vec3d> d_factor(texels);
+    for (Vec3d& d : d_factor) d = Vec3d(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
+    const auto loss = [&](const std::vector<double>& x) {
+      std::vector<Vec3d> normals, albedo;
+      for (std::size_t i = 0; 3 * i < x.size(); ++i)
+        (i < visibility.faces ? normals : albedo).emplace_back(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
+      const auto lit = visible_light(normals, albedo, light, visibility, 3);
+      double sum = 0;
+      for (std::size_t t = 0; t < texels; ++t) sum += d_factor[t].dot(lit.factor[t]);
+      return sum;
+    };
+    const std::vector<Vec3d> normals = face_normals(at.mesh);
+    std::vector<double> x, gradient;
+    for (const auto* list : {&normals, &at.atlas.texels})
+      for (const Vec3d& v : *list) x.insert(x.end(), v.data(), v.data() + 3);
+    std::vector<Vec3d> d_normals(normals.size(), Vec3d::Zero()), d_texels(texels, Vec3d::Zero());
+    visible_light_vjp(normals, at.atlas.texels, light, visibility,
+                      visible_light(normals, at.atlas.texels, light, visibility, 3), d_factor, d_normals,
+                      d_texels);
+    for (const auto* list : {&d_normals, &d_texels})
+      for (const Vec3d& v : *list) gradient.insert(gradient.end(), v.data(), v.data() + 3);
+    const auto check = test::check_gradient(loss, x, gradient, 1e-7, 1e-5, 0.1);
+    worst = std::max(worst, check.worst);
+    checked += check.checked;
+  }
+  std::printf("visible light: %d components, worst relative error %.2e\n", checked, worst);
+}
+
+TEST(VisibleLight, DegenerateMeshesGiveNumbers) {
+  const Lighting light;
+  const LightSurroundings around;
+  for (int kind = 0; kind < 5; ++kind) {
+    TexturedMesh mesh = ball(7, 0.2);
+    for (Vec3d& v : mesh.mesh.vertices) {
+      if (kind == 0) v = Vec3d(1, 2, 3);          // a point
+      if (kind == 1) v = Vec3d(v.x(), 0, 0);      // a line
+      if (kind == 2) v = Vec3d(v.x(), v.y(), 0);  // flat, on the roof itself
+      if (kind == 3) v.z() *= 1e-7;               // needles
+    }
+    if (kind == 4)
+      for (Face& f : mesh.mesh.faces) std::swap(f[1], f[2]);  // inside out
+    const auto normals = face_normals(mesh.mesh);
+    const auto visibility = find_visibility(mesh, light, &around);
+    const auto lit = visible_light(normals, mesh.atlas.texels, light, visibility, 3);
+    std::vector<Vec3d> d_normals(normals.size(), Vec3d::Zero()),
+        d_texels(mesh.atlas.texels.size(), Vec3d::Zero());
+    visible_light_vjp(normals, mesh.atlas.texels, light, visibility, lit,
+                      std::vector<Vec3d>(lit.factor.size(), Vec3d::Ones()), d_normals, d_texels);
+    for (const std::vector<Vec3d>* list : {&lit.factor, &std::as_const(d_normals), &std::as_const(d_texels)})
+      for (const Vec3d& v : *list) ASSERT_TRUE(v.allFinite()) << "kind " << kind;
+    for (const Vec3d& v : lit.factor) ASSERT_GE(v.minCoeff(), 0);
+    for (const Vec3d& v : lit.factor) {
+      ASSERT_TRUE(kind >= 2 || (v - light.ambient).norm() < 1e-12) << "kind " << kind;
+    }
+  }
+}
+
+TEST(VisibleLight, DoesNotDependOnTheThreadCount) {
+  const TexturedMesh mesh = ball(3, 0.3, 2, 5);
+  const LightSurroundings around;
+  const int before = thread_count();
+  set_thread_count(1);
+  const auto one = light_of(mesh, Lighting(), &around);
+  set_thread_count(3);
+  const auto three = light_of(mesh, Lighting(), &around);
+  set_thread_count(before);
+  EXPECT_EQ(largest_difference(one.factor, three.factor), 0);
+}
+
+TEST(VisibleLight, FewerDirectionsStayNearMany) {
+  const TexturedMesh mesh = ball(5, 0.2, 2, 5);
+  const LightSurroundings around;
+  VisibleLightSettings many;
+  many.directions = 8192;
+  many.rough_directions = 2048;
+  const auto reference = light_of(mesh, Lighting(), &around, many);
+  for (int directions : {32, 64, 128, 256}) {
+    VisibleLightSettings few;
+    few.directions = directions;
+    const auto lit = light_of(mesh, Lighting(), &around, few);
+    double error = 0, mean = 0;
+    for (std::size_t t = 0; t < lit.factor.size(); ++t) {
+      error += (lit.factor[t] - reference.factor[t]).cwiseAbs().sum();
+      mean += reference.factor[t].sum();
+    }
+    std::printf("%d directions: mean error %.2f %% of the mean light\n", directions, 100 * error / mean);
+    EXPECT_LT(error / mean, 1.0 / std::sqrt(directions));
+  }
+}
+
+TEST(VisibleLight, UnknownWordsAreRefused) {
+  EXPECT_EQ(parse_light_model("plain"), LightModel::plain);
+  EXPECT_EQ(parse_light_model(to_string(LightModel::visible)), LightModel::visible);
+  EXPECT_THROW(parse_light_model("radiosity"), InputError);
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,89 @@
+// A validation that was stopped goes on where it was, to the same result. Skipped where Blender is missing.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+
+#include "attack/tiny_world.h"
+#include "base/error.h"
+#include "exchange/gltf.h"
+#include "fixture.h"
+#include "support/files.h"
+#include "validation/validate.h"
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+/// A finished run of a random mesh on the tiny frames, for a detector that always finds the same box.
+ValidationSettings tiny_validation(const test::TemporaryFolder& folder) {
+  test::write_tiny_data(folder / "data", 2);
+  const TexturedMesh mesh = test::random_mesh(3);
+  write_adversary(folder / "run/adversary.glb", mesh);
+  write_adversary(folder / "run/random.glb", mesh);
+  write_file(folder / "weights", "none");
+  write_json(folder / "run/run.json", {{"data", (folder / "data").string()},
+                                       {"detector", MIRAGE_BUILD "/test_plugins/fake_works.so"},
+                                       {"weights", (folder / "weights").string()},
+                                       {"target", "random"},
+                                       {"min_view", 0.7},
+                                       {"train", to_json(std::vector<HostId>{{"000000", 0}})},
+                                       {"test", to_json(std::vector<HostId>{{"000001", 0}})},
+                                       {"simulation", to_json(SimulationSettings())}});
+  ValidationSettings settings;
+  settings.run = folder / "run";
+  settings.out = folder / "out";
+  settings.frames = 2;
+  settings.samples = 2;
+  settings.ladder = 1;
+  settings.quiet = true;
+  return settings;
+}
+
+/// Without what a clock says.
+json timeless(json value) {
+  if (value.is_object()) {
+    for (const char* key : {"seconds", "report"}) value.erase(key);
+    for (auto& [key, part] : value.items()) part = timeless(part);
+  } else if (value.is_array()) {
+    for (json& part : value) part = timeless(part);
+  }
+  return value;
+}
+
+TEST(Resume, AStoppedValidationEndsAtTheSameResult) {
+  if (find_program("blender").empty()) GTEST_SKIP() << "blender is not installed";
+  const test::TemporaryFolder folder;
+  const ValidationSettings settings = tiny_validation(folder);
+  const json whole = validate(settings);
+  ASSERT_EQ(whole.at("vehicles"), 2);
+  EXPECT_EQ(whole.at("blender_losses"), json::array());
+  EXPECT_EQ(whole.at("failed"), json::array());
+  EXPECT_FALSE(whole.at("ladder").empty());
+  EXPECT_TRUE(fs::exists(settings.out / "result.json"));
+
+  // What a stop after the first vehicle leaves: no result, and a temporary file at most.
+  const fs::path first = settings.out / "hosts/000001_0.json", second = settings.out / "hosts/000000_0.json";
+  fs::remove(settings.out / "result.json");
+  fs::remove(second);
+  const std::string kept = read_file(first);
+  const auto time = fs::last_write_time(first);
+  const json resumed = validate(settings);
+  EXPECT_EQ(timeless(resumed), timeless(whole));
+  EXPECT_EQ(read_file(first), kept);
+  EXPECT_EQ(fs::last_write_time(first), time) << "a finished vehicle was made again";
+
+  // A damaged file and one of other settings are made again.
+  write_file(first, kept.substr(0, kept.size() / 2));
+  EXPECT_EQ(timeless(validate(settings)), timeless(whole));
+  EXPECT_EQ(timeless(json::parse(read_file(first))), timeless(json::parse(kept)));
+  ValidationSettings more = settings;
+  more.samples = 3;
+  validate(more);
+  EXPECT_NE(json::parse(read_file(first)).at("key"), json::parse(kept).at("key"));
+}
+
+}  // namespace
+}  // namespace mirage

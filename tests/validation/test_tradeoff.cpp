@@ -1,0 +1,182 @@
+// The speed–accuracy study: fronts and the rule on made-up points, and a whole study of a tiny scene.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "attack/tiny_world.h"
+#include "base/error.h"
+#include "scene/quality.h"
+#include "support/files.h"
+#include "validation/tradeoff.h"
+#include "validation/tradeoff_points.h"
+
+namespace mirage {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+TradeoffPoint point(const std::string& label, double ms, double image, double cosine) {
+  TradeoffPoint p;
+  p.group = "camera", p.axis = "grid", p.label = label;
+  p.ms = ms;
+  p.errors = {{"image_levels", image}, {"gradient_cosine", cosine}, {"gradient", 1 - cosine}};
+  return p;
+}
+
+TEST(TradeoffPoints, TheFrontHoldsWhatNothingBeatsInBoth) {
+  std::vector<TradeoffPoint> points = {point("fast", 1, 9, 0.9),   point("beaten", 2, 9.5, 0.9),
+                                       point("middle", 3, 4, 0.9), point("equal", 3, 4, 0.9),
+                                       point("slower", 4, 4, 0.9), point("best", 5, 1, 0.9)};
+  points.push_back(point("other group", 0.1, 0, 1));
+  points.back().group = "lidar";
+  points.push_back(point("without the error", 0.1, 0, 1));
+  points.back().errors.erase("image_levels");
+  mark_front(points, "camera", "image_levels");
+  std::vector<std::string> front;
+  for (const TradeoffPoint& p : points)
+    if (!p.front.empty()) front.push_back(p.label);
+  EXPECT_THAT(front, ElementsAre("fast", "middle", "equal", "best"));
+}
+
+TEST(TradeoffPoints, TheRuleForDraftAndExact) {
+  const TradeoffPoint standard = point("default", 2, 4, 0.8);
+  const double slowest = 2 * kExactTime;
+  const std::vector<TradeoffPoint> points = {
+      point("image too far off", 0.1, 4 * kDraftImage + 0.1, 0.9),
+      point("gradient too far off", 0.2, 4, 0.8 - kDraftGradient - 0.01),
+      point("as fast as draft", 0.5, 4, 0.8 - kDraftGradient + 1e-9),
+      point("draft", 0.5 * kSameTime, 4 * kDraftImage, 0.79),
+      point("slower than draft", 0.5 * kSameTime + 0.01, 4, 0.9),
+      standard,
+      point("least error", 5, 1, 0.7),
+      point("exact", slowest, kExactImage, 0.85),
+      point("coarser", 3, kExactImage + 0.1, 0.95),
+      point("too slow", slowest + 1, 0.5, 0.99)};
+  const auto advice = recommend(points, standard);
+  ASSERT_EQ(advice.size(), 3u);
+  EXPECT_EQ(advice[0].point->label, "draft");
+  EXPECT_EQ(advice[1].point, &standard);
+  EXPECT_EQ(advice[2].point->label, "exact");
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_EQ(advice[i].name, qualities()[i].name);
+    EXPECT_FALSE(advice[i].rule.empty());
+  }
+}
+
+TEST(TradeoffPoints, AMedianOfAnyCount) {
+  EXPECT_EQ(median_of({}), 0);
+  EXPECT_EQ(median_of({3}), 3);
+  EXPECT_EQ(median_of({9, 1, 2}), 2);
+  EXPECT_EQ(median_of({4, 1, 2, 9}), 3);
+}
+
+TradeoffSettings tiny(const std::filesystem::path& data, const std::filesystem::path& out) {
+  TradeoffSettings settings;
+  settings.data = data;
+  settings.out = out;
+  settings.rooftop = "box";
+  settings.hosts = 1;
+  settings.frames = 1;
+  settings.repeats = 1;
+  settings.reference_samples = 8;
+  settings.sharp_samples = 2;
+  settings.directions = 4;
+  settings.depth_frames = 1;
+  settings.quiet = true;
+  return settings;
+}
+
+TEST(Tradeoff, AStudyOfATinyScene) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1, true);
+  const auto result = tradeoff(tiny(folder / "data", folder / "out"));
+  EXPECT_EQ(result.at("vehicles"), 1);
+  EXPECT_EQ(read_json(folder / "out/tradeoff.json").at("points"), result.at("points"));
+
+  const auto find = [&](const std::string& group, const std::string& axis, const std::string& label) {
+    for (const auto& p : result.at("points"))
+      if (p.at("group") == group && p.at("axis") == axis && p.at("label") == label) return p;
+    ADD_FAILURE() << "no point " << group << ", " << axis << ", " << label;
+    return nlohmann::json();
+  };
+  const auto error = [](const nlohmann::json& p, const char* name) {
+    return p.at("errors").at(name).get<double>();
+  };
+  for (const auto& p : result.at("points")) {
+    EXPECT_GT(p.at("ms").get<double>(), 0) << p.at("label");
+    EXPECT_GT(p.at("ratio").get<double>(), 0) << p.at("label");
+    for (const auto& [name, value] : p.at("errors").items())
+      EXPECT_TRUE(value.is_number() && std::isfinite(value.get<double>())) << p.at("label") << ' ' << name;
+  }
+  const auto draft = find("camera", "quality", "draft"), standard = find("camera", "quality", "default"),
+             exact = find("camera", "quality", "exact");
+  EXPECT_LE(error(exact, "image_levels"), error(standard, "image_levels"));
+  EXPECT_LE(error(standard, "image_levels"), error(draft, "image_levels"));
+  EXPECT_LE(error(find("camera", "samples", "8×8 samples"), "image_levels"),
+            error(find("camera", "samples", "1×1 samples"), "image_levels"));
+  EXPECT_LE(error(find("camera", "sigma", "σ 5e-07"), "image_levels"),
+            error(find("camera", "sigma", "σ 0.0001"), "image_levels"));
+  EXPECT_LE(error(standard, "image_levels"),
+            error(find("camera", "image_scale", "1/4 size"), "image_levels"));
+  // The same definition in two arithmetics.
+  const auto in_float = find("camera", "arithmetic", "float, vectorised"),
+             in_double = find("camera", "arithmetic", "double, plain loop");
+  EXPECT_NEAR(error(in_float, "image_mae"), error(in_double, "image_mae"), 1e-4);
+  EXPECT_NEAR(error(in_float, "double_cosine"), error(in_double, "double_cosine"), 1e-3);
+  // Soft edges have a gradient that the hard ones lack.
+  EXPECT_GT(error(standard, "gradient_cosine"),
+            error(find("camera", "edges", "hard, 2×2 samples"), "gradient_cosine"));
+
+  EXPECT_LE(error(find("lidar", "arithmetic", "Embree's face, range in double"), "range_error_m"), 1e-6);
+  EXPECT_EQ(error(find("lidar", "rays", "every ray"), "disagreements"), 0);
+  EXPECT_LE(error(find("lidar", "rays", "every ray"), "range_error_m"),
+            error(find("lidar", "rays", "every 8th ray"), "range_error_m"));
+
+  // Along a front error falls as time grows.
+  for (const char* name : {"image_levels", "gradient"}) {
+    std::vector<std::pair<double, double>> front;
+    for (const auto& p : result.at("points"))
+      for (const auto& on : p.at("front"))
+        if (p.at("group") == "camera" && on == name)
+          front.push_back({p.at("ms").get<double>(), error(p, name)});
+    ASSERT_FALSE(front.empty());
+    std::sort(front.begin(), front.end());
+    for (std::size_t i = 1; i < front.size(); ++i) EXPECT_LE(front[i].second, front[i - 1].second);
+  }
+  ASSERT_EQ(result.at("recommended").size(), 3u);
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto& one = result.at("recommended")[i];
+    EXPECT_EQ(one.at("name"), qualities()[i].name);
+    EXPECT_EQ(one.at("shipped").at("settings").at("supersampling"), qualities()[i].supersampling);
+  }
+  for (const auto& plot : result.at("plots"))
+    EXPECT_TRUE(std::filesystem::exists(folder / "out" / plot.get<std::string>()));
+  if (result.contains("page")) {
+    const std::string page = read_file(result.at("page").get<std::string>());
+    EXPECT_THAT(page, HasSubstr("<svg"));
+    EXPECT_THAT(page, HasSubstr("--quality exact"));
+  }
+}
+
+TEST(Tradeoff, NumbersOutOfRangeAreNamed) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1);
+  const auto complaint = [&](const auto& change) {
+    TradeoffSettings settings = tiny(folder / "data", folder / "out");
+    change(settings);
+    return test::error_text<InputError>([&] { tradeoff(settings); });
+  };
+  EXPECT_THAT(complaint([](auto& s) { s.hosts = 0; }), HasSubstr("--hosts"));
+  EXPECT_THAT(complaint([](auto& s) { s.repeats = 0; }), HasSubstr("--repeats"));
+  EXPECT_THAT(complaint([](auto& s) { s.reference_samples = 64; }), HasSubstr("--reference-samples"));
+  EXPECT_THAT(complaint([](auto& s) { s.directions = 1; }), HasSubstr("--directions"));
+  EXPECT_THAT(complaint([](auto& s) { s.attack_seconds = -1; }), HasSubstr("--attack-seconds"));
+  EXPECT_THAT(complaint([](auto& s) { s.attack_seconds = std::nan(""); }), HasSubstr("--attack-seconds"));
+  EXPECT_THAT(complaint([](auto& s) { s.data.clear(); }), HasSubstr("--data"));
+  EXPECT_THAT(complaint([&](auto& s) { s.data = folder / "none"; }), HasSubstr("none"));
+}
+
+}  // namespace
+}  // namespace mirage

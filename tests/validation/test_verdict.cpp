@@ -1,0 +1,152 @@
+// Verdict, summary and budget over made-up results of vehicles.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "base/error.h"
+#include "base/random.h"
+#include "validation/budget.h"
+#include "validation/summary.h"
+#include "validation/verdict.h"
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+
+json outcome(double score, bool hidden, bool false_positive = false) {
+  return {
+      {"score", score}, {"iou", hidden ? 0.2 : 0.9}, {"hidden", hidden}, {"false_positive", false_positive}};
+}
+
+json vehicle(const std::string& frame, int label, bool detected, const json& soft, const json& cycles) {
+  return {{"frame", frame},       {"name", frame + "_" + std::to_string(label)},
+          {"label", label},       {"range", 12.5},
+          {"detected", detected}, {"clean", {{"score", 0.9}, {"iou", 0.9}}},
+          {"raster", soft},       {"hard", soft},
+          {"cycles", cycles}};
+}
+
+const json* variant(const json& group, const std::string& name) {
+  for (const json& v : group.at("variants"))
+    if (v.at("name") == name) return &v;
+  return nullptr;
+}
+
+TEST(Verdict, CountsSharesFlipsAndSplits) {
+  const auto hidden = outcome(0.1, true), found = outcome(0.8, false), false_box = outcome(0.7, false, true);
+  std::vector<json> vehicles = {
+      vehicle("a", 0, true, hidden, hidden),   vehicle("a", 1, true, hidden, found),
+      vehicle("b", 0, true, found, false_box), vehicle("b", 1, false, found, hidden),
+      vehicle("c", 0, true, found, found),     json{{"frame", "c"}, {"name", "c_1"}}};
+  vehicles[0]["ladder"] = json::array({hidden});
+  vehicles[0]["ladder"][0]["effect"] = "+shadows";
+  const json result = verdict(vehicles, {"a", "b"});
+  const json &held_back = result.at("held_back"), &all = result.at("all");
+  EXPECT_EQ(held_back.at("vehicles"), 3);
+  EXPECT_EQ(all.at("vehicles"), 4);
+  EXPECT_NEAR(variant(held_back, "soft")->at("fn_asr").at("value").get<double>(), 2 / 3.0, 1e-12);
+  EXPECT_NEAR(variant(held_back, "cycles")->at("fn_asr").at("value").get<double>(), 1 / 3.0, 1e-12);
+  EXPECT_NEAR(variant(held_back, "cycles")->at("asr").at("value").get<double>(), 2 / 3.0, 1e-12);
+  EXPECT_NEAR(variant(all, "cycles")->at("fp_asr").at("value").get<double>(), 0.25, 1e-12);
+  EXPECT_EQ(variant(all, "+shadows")->at("vehicles"), 1);
+  EXPECT_NEAR(all.at("difference").at("fn_asr").at("value").get<double>(), 0.25, 1e-12);
+  EXPECT_NEAR(all.at("difference").at("asr").at("value").get<double>(), 0, 1e-12);
+  EXPECT_LE(all.at("difference").at("asr").at("low").get<double>(), 0);
+  EXPECT_NEAR(all.at("agree").get<double>(), 0.5, 1e-12);
+  EXPECT_EQ(result.at("pairs").size(), 5u);
+  ASSERT_EQ(result.at("flips").size(), 1u);  // a vehicle not found clean has no outcome to flip
+  EXPECT_EQ(result.at("flips")[0].at("name"), "a_1");
+  EXPECT_EQ(result.at("flips")[0].at("from"), "hidden");
+  EXPECT_EQ(result.at("flips")[0].at("to"), "found");
+}
+
+TEST(Verdict, NoVehiclesAtAll) {
+  const json result = verdict({}, {});
+  EXPECT_EQ(result.at("all").at("vehicles"), 0);
+  EXPECT_TRUE(result.at("all").at("score_correlation").is_null());
+  EXPECT_EQ(summarize_vehicles({}, {}).at("vehicles"), 0);
+}
+
+/// Scenes whose errors follow a feature: rung 0 is free and good where x is small, rung 1 costs 1 and is good
+/// everywhere but where y is large.
+std::vector<BudgetScene> scenes_of(int frames, std::uint64_t seed, double noise) {
+  std::vector<BudgetScene> scenes;
+  RandomStream random(seed, "budget test");
+  for (int f = 0; f < frames; ++f)
+    for (int k = 0; k < 3; ++k) {
+      BudgetScene scene;
+      scene.frame = std::to_string(f);
+      scene.name = scene.frame + "_" + std::to_string(k);
+      const double x = random.normal(), y = random.normal();
+      scene.features = {x, y, 7};  // the third says nothing
+      scene.errors = {0.05 * std::exp(x + noise * random.normal()),
+                      0.02 * std::exp(0.5 * y + noise * random.normal())};
+      scene.seconds = {0, 1};
+      scene.seconds_full = 10;
+      scenes.push_back(scene);
+    }
+  return scenes;
+}
+
+TEST(Budget, KeepsTheRiskOnFramesItNeverSaw) {
+  int beyond = 0, total = 0, cheap = 0;
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    const BudgetRule rule(scenes_of(30, seed, 0.3), 0.05, 0.9);
+    for (const BudgetScene& scene : scenes_of(30, seed + 1000, 0.3)) {
+      const int rung = rule.choose(scene.features);
+      ++total;
+      beyond += rung >= 0 && scene.errors[static_cast<std::size_t>(rung)] > 0.05;
+      cheap += rung >= 0;
+    }
+  }
+  EXPECT_LE(beyond, 0.1 * total);
+  EXPECT_GE(cheap, 0.7 * total);  // and it is not safe by always taking the dearest
+}
+
+TEST(Budget, ChoosesByTheFeatureThatMatters) {
+  const BudgetRule rule(scenes_of(40, 3, 0.01), 0.05, 0.9);
+  EXPECT_EQ(rule.choose({-1.5, 0, 7}), 0);
+  EXPECT_EQ(rule.choose({1.5, 0, 7}), 1);
+  EXPECT_EQ(rule.choose({1.5, 4, 7}), -1);
+}
+
+TEST(Budget, TooFewFramesTrustNothing) {
+  // (0 + 1) / (8 + 1) > 0.1: no choice can be backed.
+  const BudgetRule rule(scenes_of(8, 3, 0.01), 0.05, 0.9);
+  EXPECT_EQ(rule.choose({-3, -3, 7}), -1);
+  EXPECT_TRUE(rule.numbers().at("lambda").is_null());
+  EXPECT_EQ(BudgetRule(scenes_of(1, 3, 0.01), 0.05, 0.9).choose({-3, -3, 7}), -1);
+}
+
+TEST(Budget, CalibratesAndTestsOnDifferentFrames) {
+  std::vector<json> vehicles;
+  for (const BudgetScene& scene : scenes_of(40, 5, 0.1)) {
+    json v = {
+        {"frame", scene.frame}, {"name", scene.name}, {"detected", true}, {"reference", {{"seconds", 10}}}};
+    v["features"] = {{"x", scene.features[0]}, {"y", scene.features[1]}};
+    for (const auto& [effect, k] : {std::pair("hard", 0), std::pair("full", 1)})
+      v["ladder"].push_back({{"effect", effect},
+                             {"group", k == 0 ? "raster" : "samples"},
+                             {"seconds", k == 0 ? 0.01 : 1.0},
+                             {"to_full", {{"relative", scene.errors[static_cast<std::size_t>(k)]}}}});
+    vehicles.push_back(v);
+  }
+  const json result = choose_rungs(vehicles, {.budget = 0.05});
+  EXPECT_EQ(result.at("calibration").at("frames"), 20);
+  EXPECT_EQ(result.at("test").at("frames"), 20);
+  EXPECT_EQ(result.at("features"), (json{"x", "y"}));
+  EXPECT_GT(result.at("test").at("within").at("value"), 0.85);
+  EXPECT_GT(result.at("test").at("saved"), 0.5);
+  EXPECT_LT(result.at("test").at("saved"), 1);
+  std::set<std::string> calibration, test;
+  for (const json& scene : result.at("scenes"))
+    (scene.at("split") == "test" ? test : calibration).insert(scene.at("frame").get<std::string>());
+  for (const std::string& frame : test) EXPECT_FALSE(calibration.contains(frame));
+  EXPECT_EQ(choose_rungs(vehicles, {.budget = 0.05}), result);
+  EXPECT_TRUE(choose_rungs({}, {}).contains("problem"));
+  EXPECT_THROW(parse_budget_of("colour"), InputError);
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,48 @@
+// What each effect of light and of the camera changes on one attacked vehicle, one at a time and together,
+// and how far each light-weight picture is from the full one.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "base/image.h"
+#include "validation/host_scene.h"
+#include "validation/host_validation.h"
+
+namespace mirage {
+
+/// How far two pictures are apart: mean |Δ| of scene-linear radiance, the same over the mean radiance, PSNR
+/// of scene-linear values (infinite where equal), SSIM and FLIP of the sRGB-encoded ones.
+struct Change {
+  double mae = 0, relative = 0, psnr = 0, ssim = 1, flip = 0;
+};
+/// `from` is the reference, whose mean radiance `relative` divides by. `mask` may be empty: all pixels.
+Change change(const ImageF& from, const ImageF& to, const ImageF& mask);
+
+struct LadderRung {
+  std::string effect;
+  std::string group;  ///< "raster": ours; "cycles": effects in Cycles; "samples": the full render with fewer
+  std::string base;   ///< the rung (or "centres", "reference") that `change` is against
+  Change change;      ///< over the object's visible pixels
+  Change crop;        ///< over the whole window: the shadow that the object casts shows here
+  Change to_full;     ///< error against full Cycles over the object's visible pixels
+  double seconds = 0;
+  ImageF picture;  ///< full.rect-sized composite over the photograph
+};
+
+struct LightLadder {
+  std::vector<LadderRung> rungs;
+  int reference_samples = 0;  ///< of the full render that `to_full` is against
+  double reference_seconds = 0;
+};
+
+/// Raster rungs: the picture as attacked ("soft"), with hard edges ("hard"), and that with the lighting done
+/// on sRGB numbers ("sRGB shading"), with the hemisphere's light spread evenly ("uniform ambient"), with the
+/// light model with visibility ("visible light").
+/// Cycles rungs: matched light over the pixels' area, then that with each effect alone and with several.
+/// Samples: the full render (`full`) and that with fewer samples.
+/// The Cycles rungs share one seed, so that Monte Carlo noise cancels in `change`; the reference has another
+/// and four times the samples, so that it does not in `to_full`.
+LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const FullLight& full);
+
+}  // namespace mirage

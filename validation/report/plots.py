@@ -1,0 +1,127 @@
+"""The page's plots, each from result.json; None where the data are missing."""
+
+import charts
+
+SHOWN = {"soft": "soft rasteriser", "hard": "hard rasteriser", "cycles": "full Cycles"}
+KINDS = {"soft": "raster", "hard": "raster", "cycles": "cycles"}
+
+
+def percent(value):
+    return f"{100 * value:.1f} %"
+
+
+def interval_text(share):
+    return f"{percent(share['value'])} ({percent(share['low'])}–{percent(share['high'])})"
+
+
+def success(group):
+    """Attack success of every variant of a verdict's group, with its interval."""
+    if not group or not group.get("variants"):
+        return None
+    rows = []
+    for variant in group["variants"]:
+        share, name = variant["asr"], variant["name"]
+        rows.append((SHOWN.get(name, name), KINDS.get(name, "rung"), share["value"], share["low"], share["high"],
+                     f"{SHOWN.get(name, name)}: ASR {interval_text(share)}, {variant['vehicles']} vehicles"))
+    high = min(1.0, max(0.1, max(row[4] for row in rows) * 1.1))
+    return charts.intervals("Attack success by renderer", rows, "attack success rate (95 % interval)", high)
+
+
+def scores(verdict):
+    """Detector score under the rasteriser against the score under Cycles."""
+    pairs = (verdict or {}).get("pairs")
+    if not pairs:
+        return None
+    flipped = {flip["name"] for flip in verdict.get("flips", [])}
+    points = [("bad" if pair["name"] in flipped else "held" if pair["split"] == "test" else "rung", pair["soft"],
+               pair["cycles"], f"{pair['name']}: rasteriser {pair['soft']:.3f}, Cycles {pair['cycles']:.3f}")
+              for pair in pairs if pair.get("detected", True)]
+    points.sort(key=lambda point: ("rung", "held", "bad").index(point[0]))
+    if not points:
+        return None
+    return charts.scatter("Score under the rasteriser against score under Cycles", points,
+                          "score, soft rasteriser", "score, full Cycles", (-0.02, 1.02), (-0.02, 1.02), diagonal=True)
+
+
+def ladder(result):
+    rungs = [rung for rung in result.get("ladder", []) if "relative" in rung and rung["effect"] != rung.get("base")]
+    if not rungs:
+        return None
+    rows = [(rung["effect"], rung.get("group", "cycles"), rung["relative"],
+             f"{rung['effect']}: {percent(rung['relative'])} of radiance, SSIM {rung['ssim']:.3f}, "
+             f"FLIP {rung['flip']:.3f}, {rung['seconds']:.2f} s, {rung['vehicles']} vehicles") for rung in rungs]
+    return charts.bars("What each effect changes", rows, "mean change, share of the object's radiance", charts.percent)
+
+
+def ladder_cost(result):
+    """Remaining error against cost."""
+    rungs = [rung for rung in result.get("ladder", []) if rung.get("to_full") and rung["seconds"] > 0]
+    rungs = [rung for rung in rungs if rung["to_full"]["relative"] > 0]
+    if len(rungs) < 3:
+        return None
+    costs, errors = [r["seconds"] for r in rungs], [r["to_full"]["relative"] for r in rungs]
+    points = [(r.get("group", "cycles"), r["seconds"], r["to_full"]["relative"],
+               f"{r['effect']}: {percent(r['to_full']['relative'])} from full Cycles at {r['seconds']:.3g} s")
+              for r in rungs]
+    return charts.scatter("Error against full Cycles over cost", points, "time a vehicle, s",
+                          "error against full Cycles, share of radiance", (*charts.around(costs, True), "log"),
+                          (0, max(errors) * 1.08), front=front(list(zip(costs, errors))), size=(560, 340))
+
+
+def front(points):
+    """The points that no other beats in both, by cost; a stair for the eye."""
+    kept = []
+    for cost, error in sorted(points):
+        if not kept or error < kept[-1][1]:
+            kept.append((cost, error))
+    stairs = kept[:1]
+    for (_, before), (cost, error) in zip(kept, kept[1:]):
+        stairs += [(cost, before), (cost, error)]
+    return stairs
+
+
+def recall(evaluation):
+    curve = (evaluation or {}).get("recall_iou")
+    if not curve:
+        return None
+    series = [("clean", "as recorded", curve["iou"], curve["clean"]),
+              ("raster", "attacked", curve["iou"], curve["attacked"])]
+    random = (evaluation.get("random") or {}).get("recall_iou")
+    if random:
+        series.insert(1, ("rung", "random mesh", random["iou"], random["attacked"]))
+    return charts.curves("Recall over IoU", series, "IoU asked for", "share of vehicles found", (0, 1), (0, 1.02),
+                         rule=0.7)
+
+
+def loss(curve):
+    if not curve:
+        return None
+    return charts.curves("Loss over iterations", [("raster", f"mean of {curve['window']}", curve["iteration"],
+                                                   curve["loss"])], "iteration", "loss")
+
+
+SENSORS = {"camera": "Camera", "lidar": "LiDAR", "depth": "Depth completion", "cycles": "Cycles"}
+PARETO = [("camera", "image_levels", "mean image error, 8-bit levels"),
+          ("camera", "gradient", "1 − cosine to finite differences"),
+          ("lidar", "range_error_m", "mean range error, m"), ("depth", "rmse_mm", "depth RMSE, mm"),
+          ("cycles", "image_levels", "mean image error, 8-bit levels")]
+
+
+def pareto(tradeoff):
+    """[(title, SVG)]: error against time for each group of settings, with the front."""
+    plots = []
+    for group, key, label in PARETO:
+        points = [point for point in (tradeoff or {}).get("points", []) if point["group"] == group and
+                  (point.get("errors", {}).get(key) or 0) > 0 and point.get("ms", 0) > 0]
+        if len(points) < 3:
+            continue
+        times, errors = [p["ms"] for p in points], [p["errors"][key] for p in points]
+        dots = [("front" if key in p.get("front", ()) else "rung", p["ms"], p["errors"][key],
+                 f"{p['axis']}, {p['label']}: {p['ms']:.3g} ms, {p['errors'][key]:.3g}") for p in points]
+        dots.sort(key=lambda dot: dot[0] == "front")
+        line = sorted((p["ms"], p["errors"][key]) for p in points if key in p.get("front", ()))
+        plots.append((f"{SENSORS.get(group, group)}: {label}",
+                      charts.scatter(f"{group}: {label} over time", dots, "time, ms", label,
+                                     (*charts.around(times, True), "log"), (*charts.around(errors, True), "log"),
+                                     front=line, size=(560, 320))))
+    return plots

@@ -1,0 +1,39 @@
+// The speed–accuracy study: every setting that trades the one for the other, measured on the same hosts in
+// the same run, with the fronts and the settings that follow from them (`mirage tradeoff`).
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "detection/detector.h"
+#include "scene/shape/shape_rooftop.h"
+
+namespace mirage {
+
+struct TradeoffSettings {
+  std::filesystem::path data, run, out;  ///< run: whose adversary and hosts; empty: a random mesh on any car
+  std::string rooftop = kDefaultRooftop;
+  int hosts = 8;               ///< at most, evenly over the range of distances
+  int frames = 12;             ///< looked at for hosts, evenly over the set; 0: all
+  int repeats = 5;             ///< of each timing
+  int reference_samples = 16;  ///< along a pixel's side (CameraStudySettings)
+  int sharp_samples = 8;
+  int directions = 24;
+  bool grid = true;      ///< the joint grid of σ, γ, cut-off and samples: recommendations need it
+  int depth_frames = 6;  ///< on which depth completion is scored; 0: leave that out
+  bool cycles = false;   ///< light effects and samples of Blender Cycles as well
+  int cycles_hosts = 2, cycles_samples = 256;  ///< samples: of the reference
+  double attack_seconds = 0;                   ///< > 0: an attack of so long at each quality, and its success
+  DetectorOptions detector;                    ///< of these attacks
+  std::uint64_t seed = 0;
+  bool quiet = false;
+};
+
+/// Runs it, writes OUT/tradeoff.json, and with matplotlib OUT/tradeoff.{png,svg} and tradeoff.html; returns
+/// result.json (the same as tradeoff.json). InputError for numbers out of range, and if no vehicle can be
+/// used.
+nlohmann::json tradeoff(const TradeoffSettings& settings);
+
+}  // namespace mirage

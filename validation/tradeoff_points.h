@@ -1,0 +1,52 @@
+// The points of the speed–accuracy study, which of them lie on a front, and the rule that recommends
+// settings.
+#pragma once
+
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "scene/insertion.h"
+
+namespace mirage {
+
+/// One setting, measured over all hosts.
+struct TradeoffPoint {
+  std::string group, axis, label;
+  nlohmann::json settings;
+  double ms = 0;           ///< ratio · baseline's: what it costs a host
+  double baseline_ms = 0;  ///< of the group's baseline, timed beside it
+  double ratio = 1;        ///< geometric mean over hosts of the median over repeats of own / baseline
+  std::map<std::string, double> errors;
+  std::vector<std::string> front;  ///< errors on whose front the point lies
+};
+
+/// A point of (ms, error) is on the front of its group if no other is as good in both and better in one.
+/// Points without that error do not count.
+void mark_front(std::vector<TradeoffPoint>& points, const std::string& group, const std::string& error);
+
+nlohmann::json to_json(const TradeoffPoint& point);
+
+/// What --quality NAME would be by the measured points.
+struct Recommendation {
+  std::string name, rule;
+  const TradeoffPoint* point = nullptr;  ///< null where no point satisfies the rule
+};
+
+/// The rule, over the camera's points that an attack could use (axis "grid"; `standard` is today's default):
+///   draft    among those whose image error is at most kDraftImage times the default's and whose gradient's
+///            cosine with finite differences is at most kDraftGradient below the default's, and of these
+///            among the ones within kSameTime of the least ms: the best such cosine;
+///   default  today's settings, whatever was measured;
+///   exact    the best such cosine among those that take at most kExactTime times the default's ms and whose
+///            image error is at most kExactImage times the least of them.
+inline constexpr double kDraftImage = 1.5, kDraftGradient = 0.05, kSameTime = 1.15, kExactTime = 4,
+                        kExactImage = 1.25;
+std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
+                                      const TradeoffPoint& standard);
+
+/// Median; the mean of the middle two for an even count. 0 of nothing.
+double median_of(std::vector<double> values);
+
+}  // namespace mirage

@@ -1,0 +1,179 @@
+#include "validation/verdict.h"
+
+#include <cmath>
+#include <map>
+
+#include "base/bootstrap.h"
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+
+bool is_fooled(const json& outcome) {
+  return outcome.at("hidden").get<bool>() || outcome.at("false_positive").get<bool>();
+}
+
+/// A share's numerators and denominators by frame.
+class Share {
+ public:
+  void add(const std::string& frame, double value) {
+    ClusterSums& sums = frames_[frame];
+    sums.numerator += value;
+    sums.denominator += 1;
+  }
+  Interval interval() const {
+    std::vector<ClusterSums> clusters;
+    for (const auto& [frame, sums] : frames_) clusters.push_back(sums);
+    return bootstrap_interval(clusters);
+  }
+  /// Of a difference of shares: without any it may go either way.
+  Interval signed_interval() const {
+    Interval result = interval();
+    if (result.value == 0 && result.low == 0) result.low = -result.high;
+    return result;
+  }
+
+ private:
+  std::map<std::string, ClusterSums> frames_;
+};
+
+struct Variant {
+  int vehicles = 0;
+  double score = 0;
+  Share hidden, false_positive, fooled;
+
+  void add(const std::string& frame, const json& outcome) {
+    ++vehicles;
+    score += outcome.at("score").get<double>();
+    hidden.add(frame, outcome.at("hidden").get<bool>());
+    false_positive.add(frame, outcome.at("false_positive").get<bool>());
+    fooled.add(frame, is_fooled(outcome));
+  }
+  json result(const std::string& name) const {
+    return {{"name", name},
+            {"vehicles", vehicles},
+            {"fn_asr", to_json(hidden.interval())},
+            {"fp_asr", to_json(false_positive.interval())},
+            {"asr", to_json(fooled.interval())},
+            {"mean_score", score / std::max(1, vehicles)}};
+  }
+};
+
+/// Pearson's; null where one of the two does not vary.
+json correlation(const std::vector<std::pair<double, double>>& pairs) {
+  double mx = 0, my = 0, xx = 0, yy = 0, xy = 0;
+  for (const auto& [x, y] : pairs) mx += x, my += y;
+  const auto n = static_cast<double>(pairs.size());
+  mx /= n, my /= n;
+  for (const auto& [x, y] : pairs) {
+    xx += (x - mx) * (x - mx);
+    yy += (y - my) * (y - my);
+    xy += (x - mx) * (y - my);
+  }
+  if (pairs.size() < 2 || !(xx > 0) || !(yy > 0)) return nullptr;
+  return xy / std::sqrt(xx * yy);
+}
+
+json group(const std::vector<const json*>& vehicles) {
+  std::vector<std::string> order{"soft", "hard"};
+  std::map<std::string, Variant> variants;
+  std::set<std::string> frames;
+  std::vector<std::pair<double, double>> scores;
+  Share hidden, false_positive, fooled;
+  int agree = 0;
+  for (const json* vehicle : vehicles) {
+    const auto frame = vehicle->at("frame").get<std::string>();
+    frames.insert(frame);
+    const json &soft = vehicle->at("raster"), &cycles = vehicle->at("cycles");
+    variants["soft"].add(frame, soft);
+    if (vehicle->contains("hard")) variants["hard"].add(frame, vehicle->at("hard"));
+    for (const json& rung : vehicle->value("ladder", json::array())) {
+      const auto effect = rung.at("effect").get<std::string>();
+      if (!rung.contains("score") || effect == "soft" || effect == "hard" || effect == "full") continue;
+      if (!variants.contains(effect)) order.push_back(effect);
+      variants[effect].add(frame, rung);
+    }
+    variants["cycles"].add(frame, cycles);
+    const auto difference = [&](const char* key) {
+      return double(soft.at(key).get<bool>()) - double(cycles.at(key).get<bool>());
+    };
+    hidden.add(frame, difference("hidden"));
+    false_positive.add(frame, difference("false_positive"));
+    fooled.add(frame, double(is_fooled(soft)) - double(is_fooled(cycles)));
+    agree +=
+        soft.at("hidden") == cycles.at("hidden") && soft.at("false_positive") == cycles.at("false_positive");
+    scores.emplace_back(soft.at("score").get<double>(), cycles.at("score").get<double>());
+  }
+  order.push_back("cycles");
+  json result = {{"frames", frames.size()}, {"vehicles", vehicles.size()}, {"variants", json::array()}};
+  for (const std::string& name : order)
+    if (const auto found = variants.find(name); found != variants.end())
+      result["variants"].push_back(found->second.result(name));
+  const double n = std::max<double>(1, static_cast<double>(vehicles.size()));
+  double score_difference = 0;
+  for (const auto& [soft, cycles] : scores) score_difference += std::abs(soft - cycles);
+  result["difference"] = {{"fn_asr", to_json(hidden.signed_interval())},
+                          {"fp_asr", to_json(false_positive.signed_interval())},
+                          {"asr", to_json(fooled.signed_interval())}};
+  result["agree"] = agree / n;
+  result["score_correlation"] = correlation(scores);
+  result["score_mean_difference"] = score_difference / n;
+  return result;
+}
+
+json flip_of(const json& vehicle, const std::string& split) {
+  const auto word = [](const json& outcome) { return outcome.at("hidden").get<bool>() ? "hidden" : "found"; };
+  const json &soft = vehicle.at("raster"), &cycles = vehicle.at("cycles");
+  json pictures = json::object();
+  for (const char* name : {"attacked", "cycles", "raster_crop", "cycles_crop", "difference"})
+    if (vehicle.value("pictures", json::object()).contains(name))
+      pictures[name] = vehicle.at("pictures").at(name);
+  return {{"name", vehicle.at("name")},
+          {"frame", vehicle.at("frame")},
+          {"split", split},
+          {"range", vehicle.at("range")},
+          {"from", word(soft)},
+          {"to", word(cycles)},
+          {"soft_iou", soft.at("iou")},
+          {"soft_score", soft.at("score")},
+          {"cycles_iou", cycles.at("iou")},
+          {"cycles_score", cycles.at("score")},
+          {"pictures", pictures}};
+}
+
+}  // namespace
+
+json verdict(const std::vector<json>& vehicles, const std::set<std::string>& test_frames) {
+  std::vector<const json*> held_back, all;
+  auto pairs = json::array(), flips = json::array();
+  for (const json& vehicle : vehicles) {
+    if (!vehicle.contains("cycles")) continue;
+    const bool tested = test_frames.contains(vehicle.at("frame").get<std::string>());
+    const std::string split = tested ? "test" : "train";
+    const bool detected = vehicle.at("detected");
+    const auto score = [&](const char* key) {
+      return vehicle.contains(key) ? vehicle.at(key).at("score") : json();
+    };
+    pairs.push_back({{"name", vehicle.at("name")},
+                     {"frame", vehicle.at("frame")},
+                     {"split", split},
+                     {"detected", detected},
+                     {"clean", score("clean")},
+                     {"soft", score("raster")},
+                     {"hard", score("hard")},
+                     {"cycles", score("cycles")}});
+    if (!detected) continue;
+    all.push_back(&vehicle);
+    if (tested) held_back.push_back(&vehicle);
+    if (vehicle.at("raster").at("hidden") != vehicle.at("cycles").at("hidden"))
+      flips.push_back(flip_of(vehicle, split));
+  }
+  return {{"confidence", BootstrapSettings().confidence},
+          {"held_back", group(held_back)},
+          {"all", group(all)},
+          {"pairs", pairs},
+          {"flips", flips}};
+}
+
+}  // namespace mirage
