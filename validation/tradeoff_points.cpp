@@ -37,11 +37,17 @@ std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
   const auto image = [](const TradeoffPoint* p) { return p->errors.at("image_levels"); };
   const auto cosine = [](const TradeoffPoint* p) { return p->errors.at("gradient_cosine"); };
 
-  const TradeoffPoint* draft = nullptr;
+  std::vector<const TradeoffPoint*> rough;
+  double shortest = std::numeric_limits<double>::infinity();
   for (const TradeoffPoint* point : usable)
     if (image(point) <= kDraftImage * image(&standard) &&
-        cosine(point) >= cosine(&standard) - kDraftGradient && (!draft || point->ms < draft->ms))
-      draft = point;
+        cosine(point) >= cosine(&standard) - kDraftGradient) {
+      rough.push_back(point);
+      shortest = std::min(shortest, point->ms);
+    }
+  const TradeoffPoint* draft = nullptr;
+  for (const TradeoffPoint* point : rough)
+    if (point->ms <= kSameTime * shortest && (!draft || cosine(point) > cosine(draft))) draft = point;
 
   double least = std::numeric_limits<double>::infinity();
   for (const TradeoffPoint* point : affordable) least = std::min(least, image(point));
@@ -51,9 +57,9 @@ std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
 
   return {
       {"draft",
-       fmt::format("fastest with an image error of at most {} times the default's and a gradient cosine at "
-                   "most {} below the default's",
-                   kDraftImage, kDraftGradient),
+       fmt::format("best gradient cosine within {} times the least time, with an image error of at most {} "
+                   "times the default's and a cosine at most {} below the default's",
+                   kSameTime, kDraftImage, kDraftGradient),
        draft},
       {"default", "the program's standing settings", &standard},
       {"exact",
