@@ -75,14 +75,6 @@ RenderJob job_for(const HostScene& scene, const PixelRect& rect) {
   return job;
 }
 
-ImageF crop(const ImageF& image, const PixelRect& rect) {
-  ImageF out(rect.width(), rect.height(), image.channels);
-  for (int v = 0; v < out.height; ++v)
-    std::copy_n(image.pixel(rect.u0, rect.v0 + v), static_cast<std::size_t>(out.width) * image.channels,
-                out.pixel(0, v));
-  return out;
-}
-
 PixelRect grown(const PixelRect& rect, int by, const ImageF& image) {
   return {std::max(0, rect.u0 - by), std::max(0, rect.v0 - by), std::min(image.width, rect.u1 + by),
           std::min(image.height, rect.v1 + by)};

@@ -6,6 +6,7 @@
 
 #include "base/image.h"
 #include "scene/insertion.h"
+#include "scene/render_scene.h"
 #include "validation/blender_process.h"
 
 namespace mirage {
@@ -46,8 +47,6 @@ void composite(const Rendered& render, const ImageF& visible, ImageF& picture);
 /// Pixels of which the object covers more than half.
 ImageF alpha_mask(const ImageF& rgba, const ImageF& visible = {});
 
-/// Window of an image.
-ImageF crop(const ImageF& image, const PixelRect& rect);
 /// The image with the window laid over it.
 ImageF with_window(const ImageF& image, const ImageF& window, const PixelRect& rect);
 /// Values into [0, 1], as the photograph saturates.

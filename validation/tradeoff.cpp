@@ -344,7 +344,8 @@ json tradeoff(const TradeoffSettings& given) {
   if (settings.data.empty())
     throw InputError("--data", "", "no data set", "give --data, or --run of a finished mirage attack");
   make_output_folder(settings.out);
-  FrameStore store(settings.data, run ? run->depth : "ip-basic", settings.rooftop);
+  FrameStore store(settings.data, run ? run->depth : "ip-basic", settings.rooftop,
+                   run ? run->sun : kDefaultSun);
   const Subjects subjects = choose(settings, run.get(), store);
   SensorPoints measured = sensors(settings, subjects, store);
   std::vector<TradeoffPoint> points = std::move(measured.camera);

@@ -36,6 +36,7 @@ std::string key_of(const ValidationSettings& settings, const Run& run, const fs:
   bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, blender, settings.noise, d.detector,
                        d.weights.string(), data.string(), settings.samples, settings.seed,
                        settings.evaluation_settings.score_threshold, rooftop_model_hash(settings.rooftop));
+  if (settings.sun != kDefaultSun) bytes += "|" + settings.sun;
   for (const char* script : {"validation/blender_worker.py", "validation/physical_light.py"})
     bytes += read_file(shipped_file(script));
   return content_hash(bytes + read_file(weights_file(d)));
@@ -122,6 +123,8 @@ json validate(const ValidationSettings& given) {
   require_own_data(run, settings.data);
   use_detector_of(run, settings.detector);
   if (settings.rooftop.empty()) settings.rooftop = run.rooftop;
+  if (settings.sun.empty()) settings.sun = run.sun;
+  parse_sun(settings.sun);  // complain now
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);
   if (hosts.empty())
     throw InputError((settings.run / "run.json").string(), "test", "no vehicles to validate",
@@ -131,7 +134,7 @@ json validate(const ValidationSettings& given) {
   BlenderWorker blender(settings.out / "blender.log");
   settings.detector.rig = data_rig(settings.data);
   const auto detector = load_detector(settings.detector);
-  FrameStore store(settings.data, run.depth, settings.rooftop);
+  FrameStore store(settings.data, run.depth, settings.rooftop, settings.sun);
   ValidationContext context{settings, run, store, *detector, blender, {}};
   const std::string key = key_of(settings, run, settings.data, blender.version());
   const std::vector<bool> has_ladder =

@@ -25,6 +25,7 @@ struct ValidationSettings {
   int frames = 0;                    ///< 0: all test frames
   std::string quality;               ///< draft, default or exact (scene/quality.h); empty: the run's
   std::string light;                 ///< plain or visible (sensors/visible_light.h); empty: the run's
+  std::string sun;                   ///< where the sun stands (scene/sun.h); empty: the run's
   int samples = 64;                  ///< Cycles samples a pixel
   double noise = 0;                  ///< > 0: samples are chosen for this noise (share of the mean radiance)
   int ladder = -1;    ///< vehicles with all rungs of the ladders; −1: 4, or all with a budget

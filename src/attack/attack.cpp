@@ -54,6 +54,7 @@ nlohmann::json identity(const AttackSettings& settings) {
     id["rooftop"] = settings.rooftop;
     id["rooftop_model_hash"] = rooftop_model_hash(settings.rooftop);
   }
+  if (settings.sun != kDefaultSun) id["sun"] = settings.sun;
   if (settings.parts != "both") id["parts"] = settings.parts;
   if (const Expectation& e = settings.expectation; e.any())
     id["expectation"] = {e.roof_shift, e.roof_yaw, e.sun, e.light, e.exposure, e.image_noise, e.range_noise};
@@ -211,7 +212,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 
-  FrameStore store(settings.data, settings.depth, settings.rooftop);
+  FrameStore store(settings.data, settings.depth, settings.rooftop, settings.sun);
   std::vector<std::string> train_frames, test_frames;
   split_frames(list_frames(settings.data), settings.seed, train_frames, test_frames);
   const auto train = find_all_hosts(store, train_frames, detectors.front()->region(), settings.simulation,

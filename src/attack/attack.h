@@ -31,6 +31,7 @@ struct AttackSettings {
   std::string weights_hash;        ///< content_hash of the weights; run_attack(settings) fills it in
   std::string depth = "ip-basic";  ///< depth completion of the photographs (scene/depth/learned_depth.h)
   std::string rooftop = kDefaultRooftop;  ///< what finds the roofs (scene/shape/shape_rooftop.h)
+  std::string sun = kDefaultSun;          ///< where the sun stands (scene/sun.h)
   std::string target = "both", parts = "both";
   Expectation expectation;
   BuildableSettings buildable;

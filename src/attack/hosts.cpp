@@ -26,9 +26,10 @@ FrameStore::FrameStore(std::filesystem::path data, const LidarModel& lidar,
 }
 
 FrameStore::FrameStore(const std::filesystem::path& data, const std::string& depth,
-                       const std::string& rooftop)
+                       const std::string& rooftop, const std::string& sun)
     : FrameStore(data, lidar_of(data), load_depth_completion({depth})) {
   finder_ = make_rooftop_finder(rooftop, lidar_);
+  sun_ = parse_sun(sun);
 }
 
 const FrameStore::Entry& FrameStore::at(const std::string& id) {
@@ -36,6 +37,7 @@ const FrameStore::Entry& FrameStore::at(const std::string& id) {
   auto& slot = frames_[id];
   if (!slot) {
     Frame frame = read_frame(data_, id);
+    frame.lighting = with_sun(frame, sun_);
     auto entry = std::make_unique<Entry>();
     isolated([&] {
       entry->rooftops.resize(frame.labels.size());

@@ -13,6 +13,7 @@
 #include "detection/detector.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/insertion.h"
+#include "scene/sun.h"
 
 namespace mirage {
 
@@ -31,8 +32,9 @@ class FrameStore {
   FrameStore(std::filesystem::path data, const LidarModel& lidar,
              std::shared_ptr<const DepthCompletion> depth = nullptr,
              std::shared_ptr<const RooftopFinder> finder = nullptr);
-  /// As the commands name them: `--depth` and `--rooftop`, and the LiDAR of the data set.
-  FrameStore(const std::filesystem::path& data, const std::string& depth, const std::string& rooftop);
+  /// As the commands name them: `--depth`, `--rooftop` and `--sun`, and the LiDAR of the data set.
+  FrameStore(const std::filesystem::path& data, const std::string& depth, const std::string& rooftop,
+             const std::string& sun = kDefaultSun);
   /// Reads and prepares the frame at first use; only measured points inside the photograph are kept, as
   /// KITTI's detectors do.
   const PreparedFrame& get(const std::string& id) { return at(id).prepared; }
@@ -51,6 +53,7 @@ class FrameStore {
   LidarModel lidar_;
   std::shared_ptr<const DepthCompletion> depth_;
   std::shared_ptr<const RooftopFinder> finder_;
+  SunChoice sun_;
   std::mutex mutex_;
   std::map<std::string, std::unique_ptr<Entry>> frames_;
 };

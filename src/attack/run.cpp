@@ -59,6 +59,7 @@ Run read_run(const std::filesystem::path& folder) {
     run.target = json.at("target");
     run.depth = json.value("depth", run.depth);
     run.rooftop = json.value("rooftop", run.rooftop);
+    run.sun = json.value("sun", run.sun);
     const auto read_hosts = [](const nlohmann::json& list) {
       std::vector<HostId> hosts;
       for (const auto& host : list) hosts.push_back({host.at("frame"), host.at("label")});

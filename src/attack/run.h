@@ -15,6 +15,7 @@
 #include "detection/detector.h"
 #include "geometry/mesh.h"
 #include "scene/insertion.h"
+#include "scene/sun.h"
 
 namespace mirage {
 
@@ -26,7 +27,7 @@ struct HostId {
 
 struct Run {
   std::filesystem::path folder, data, weights;  ///< weights: empty for the shipped ones
-  std::string detector, target, depth = "ip-basic", rooftop = "box";
+  std::string detector, target, depth = "ip-basic", rooftop = "box", sun = kDefaultSun;
   std::vector<HostId> train, test;
   TexturedMesh adversary, random;
   SimulationSettings simulation;

@@ -58,10 +58,12 @@ Command attack_command() {
     quality->add(app);
     add_camera_options(app, settings->simulation);
     light->add(app, "plain");
+    add_sun_option(app, settings->sun);
   };
   command.run = [settings, quality, light, expect](const Common& common) -> nlohmann::json {
     quality->apply(settings->simulation);
     light->apply(settings->simulation);
+    parse_sun(settings->sun);  // complain before a detector is loaded
     settings->out = common.out;
     settings->seed = common.seed;
     settings->quiet = common.quiet;

@@ -16,7 +16,7 @@ struct Options {
   std::filesystem::path run, data;
   DetectorOptions detector;
   EvaluationSettings evaluation;
-  std::string hosts = "test", depth, rooftop;
+  std::string hosts = "test", depth, rooftop, sun;
   QualityOption quality;
   LightOption light;
 
@@ -46,6 +46,7 @@ Command evaluate_command() {
     add_rooftop_option_of_run(app, options->rooftop);
     options->quality.add(app, "the run's settings");
     options->light.add(app, "the run's");
+    add_sun_option_of_run(app, options->sun);
     app.add_option("--hosts", options->hosts, "test, train or all hosts of the run")->capture_default_str();
     app.add_option("--score", options->evaluation.score_threshold, "score of a detection")
         ->capture_default_str();
@@ -56,10 +57,11 @@ Command evaluate_command() {
     Run run = read_run(options->run);
     options->quality.apply(run.simulation);
     options->light.apply(run.simulation);
+    const std::string sun = options->sun.empty() ? run.sun : options->sun;
     use_detector_of(run, options->detector);
     const auto data = options->data.empty() ? run.data : options->data;
     FrameStore store(data, options->depth.empty() ? run.depth : options->depth,
-                     options->rooftop.empty() ? run.rooftop : options->rooftop);
+                     options->rooftop.empty() ? run.rooftop : options->rooftop, sun);
     options->evaluation.quiet = common.quiet;
     const auto list = [&] {
       if (!is_other_data(run, data)) return chosen_hosts(run, options->hosts);
@@ -93,6 +95,7 @@ Command evaluate_command() {
     nlohmann::json result = to_json(learned);
     result["random"] = to_json(random);
     result["simulation"] = to_json(run.simulation);
+    result["sun"] = sun;
     result["score_threshold"] = options->evaluation.score_threshold;
     result["detected_iou"] = options->evaluation.detected_iou;
     return result;

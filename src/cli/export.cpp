@@ -31,7 +31,7 @@ nlohmann::json run(const Options& options, const Common& common) {
   require_own_data(run, data);
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = select_hosts(run, options.frames);
-  FrameStore store(data, run.depth, options.rooftop.empty() ? run.rooftop : options.rooftop);
+  FrameStore store(data, run.depth, options.rooftop.empty() ? run.rooftop : options.rooftop, run.sun);
   RooftopCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);
   auto files = nlohmann::json::array({"adversary.glb"});

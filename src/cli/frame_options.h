@@ -9,6 +9,7 @@
 
 #include "scene/quality.h"
 #include "scene/shape/shape_rooftop.h"
+#include "scene/sun.h"
 
 namespace mirage::cli {
 
@@ -80,6 +81,20 @@ struct LightOption {
     if (!model.empty()) settings.light = parse_light_model(model);
   }
 };
+
+inline constexpr const char* kSunHelp =
+    "where the sun stands: frame (the frame's own lighting), photo (from its shadows), AZIMUTH,ELEVATION "
+    "(degrees; azimuth counter-clockwise from forward) or LAT,LON,YYYY-MM-DDTHH:MM:SSZ,HEADING (degrees; "
+    "heading counter-clockwise from east)";
+
+inline void add_sun_option(CLI::App& app, std::string& sun) {
+  app.add_option("--sun", sun, kSunHelp)->capture_default_str();
+}
+
+/// For the commands that read a run; empty stands for the run's.
+inline void add_sun_option_of_run(CLI::App& app, std::string& sun) {
+  app.add_option("--sun", sun, std::string(kSunHelp) + "; default: the run's");
+}
 
 /// How many roofs were fitted, for the commands' tables.
 inline std::string roofs(int fitted, int from_box) {

@@ -13,13 +13,14 @@
 #include "exchange/gltf.h"
 #include "scene/kitti.h"
 #include "scene/shape/shape_rooftop.h"
+#include "scene/sun.h"
 
 namespace mirage::cli {
 namespace {
 
 struct Options {
   std::filesystem::path data, mesh;
-  std::string frame, depth = "ip-basic", rooftop = kDefaultRooftop;
+  std::string frame, depth = "ip-basic", rooftop = kDefaultRooftop, sun = kDefaultSun;
   int vehicle = 0;
   QualityOption quality{"default"};
   LightOption light;
@@ -54,15 +55,19 @@ Command simulate_command() {
     options->quality.add(app);
     add_camera_options(app, options->simulation);
     options->light.add(app, "plain");
+    add_sun_option(app, options->sun);
   };
   command.run = [options](const Common& common) -> nlohmann::json {
     options->quality.apply(options->simulation);
     options->light.apply(options->simulation);
+    const SunChoice sun = parse_sun(options->sun);
     const TexturedMesh adversary = read_adversary(options->mesh);
     const LidarModel lidar = lidar_of(options->data);
     const auto depth = load_depth_completion({options->depth});
     const auto finder = make_rooftop_finder(options->rooftop, lidar);
-    const PreparedFrame prepared = prepare(read_frame(options->data, options->frame), lidar, depth.get());
+    Frame frame = read_frame(options->data, options->frame);
+    frame.lighting = with_sun(frame, sun);
+    const PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
     const auto& labels = prepared.frame.labels;
     const auto index = static_cast<std::size_t>(options->vehicle);
     if (options->vehicle < 0 || index >= labels.size() || labels[index].type == "DontCare")
@@ -73,6 +78,7 @@ Command simulate_command() {
     const Box3& box = labels[index].box;
     const Rooftop rooftop = finder->find(prepared.frame, labels[index]);
     const Transform& roof = rooftop.velo_from_adversary;
+    const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
     const double over_box = roof.translation().z() - box.bottom - box.height;
     const auto start = std::chrono::steady_clock::now();
     const Simulated simulated = simulate(prepared, labels[index], rooftop, adversary, options->simulation);
@@ -108,6 +114,7 @@ Command simulate_command() {
             {"sweep_points", prepared.frame.sweep.size()},
             {"sweep_rays_assigned", prepared.index.assigned_share()},
             {"sweep_firings", prepared.index.firing_count()},
+            {"sun", {{"choice", sun.word}, {"to_sun_velo", {to_sun.x(), to_sun.y(), to_sun.z()}}}},
             {"simulation", to_json(options->simulation)},
             {"seconds", seconds}};
   };

@@ -98,6 +98,7 @@ Command validate_command() {
             ->capture_default_str();
         quality->add(app, "the run's");
         light->add(app, "the run's");
+        add_sun_option_of_run(app, options->sun);
         app.add_option("--evaluation", options->evaluation,
                        "result.json (or folder) of mirage evaluate, for the report");
         app.add_option("--tradeoff", options->tradeoff,

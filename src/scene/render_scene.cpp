@@ -122,14 +122,6 @@ ImageF depth_at_centres(const std::vector<Vec3d>& p_camera, const std::vector<Fa
   return depth;
 }
 
-ImageF window(const ImageF& image, const PixelRect& rect) {
-  ImageF out(rect.width(), rect.height(), image.channels);
-  for (int v = 0; v < out.height; ++v)
-    std::copy_n(image.pixel(rect.u0, rect.v0 + v), static_cast<std::size_t>(out.width) * image.channels,
-                out.pixel(0, v));
-  return out;
-}
-
 void render_soft(const RenderScene& scene, const SceneRenderSettings& settings, const ImageF& background,
                  SceneImage& out) {
   const TexturedMesh all = joined(scene);
@@ -216,6 +208,14 @@ PinholeCamera resized(const PinholeCamera& camera, int width, int height) {
           width,          height};
 }
 
+ImageF crop(const ImageF& image, const PixelRect& rect) {
+  ImageF out(rect.width(), rect.height(), image.channels);
+  for (int v = 0; v < out.height; ++v)
+    std::copy_n(image.pixel(rect.u0, rect.v0 + v), static_cast<std::size_t>(out.width) * image.channels,
+                out.pixel(0, v));
+  return out;
+}
+
 SceneImage render_scene(const RenderScene& scene, const ImageF& background,
                         const SceneRenderSettings& settings) {
   check(scene, background);
@@ -228,7 +228,7 @@ SceneImage render_scene(const RenderScene& scene, const ImageF& background,
                                  out.rect.v1, camera.width, camera.height),
                      "give u0,v0,u1,v1 inside the image");
   for (const auto& thing : scene.things) out.faces += thing.textured.mesh.faces.size();
-  const ImageF behind = window(background, out.rect);
+  const ImageF behind = crop(background, out.rect);
   if (settings.renderer == SceneRenderer::soft)
     render_soft(scene, settings, behind, out);
   else

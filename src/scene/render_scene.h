@@ -62,6 +62,9 @@ struct SceneImage {
 SceneImage render_scene(const RenderScene& scene, const ImageF& background,
                         const SceneRenderSettings& settings = {});
 
+/// The part of an image that a rectangle inside it covers.
+ImageF crop(const ImageF& image, const PixelRect& rect);
+
 /// The same view in an image of another size: the field of view is kept along each side.
 PinholeCamera resized(const PinholeCamera& camera, int width, int height);
 

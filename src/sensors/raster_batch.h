@@ -15,8 +15,8 @@
 
 namespace mirage {
 
-/// One object in one window. What is pointed to stays the caller's; the VJP is given the same again, which may
-/// have moved.
+/// One object in one window. What is pointed to stays the caller's; the VJP is given the same again, which
+/// may have moved.
 struct RasterJob {
   const ScreenMesh<double>* mesh = nullptr;
   const SoftRasterSettings<double>* settings = nullptr;

@@ -251,6 +251,29 @@ TEST(AttackRooftop, CarsWithReturnsAreFittedAndTheOthersFlagged) {
   EXPECT_THAT(error_text<InputError>([&] { store.rooftop({"000000", 7}); }), testing::HasSubstr("000000_7"));
 }
 
+TEST(AttackSun, AFolderHoldsARunUnderOneSun) {
+  TemporaryFolder folder;
+  const DetectorPool detectors = stand_ins();
+  test::write_tiny_data(folder / "data", 2, true);
+  const auto run = [&](const char* out, const std::string& sun) {
+    auto settings = settings_for(folder / "data", folder / out, 1);
+    settings.sun = sun;
+    run_attack(settings, detectors);
+  };
+  run("own", "frame");
+  run("left", "90,30");
+  EXPECT_FALSE(read_json(folder / "own/run.json").contains("sun"));
+  EXPECT_EQ(read_run(folder / "own").sun, "frame");
+  EXPECT_EQ(read_run(folder / "left").sun, "90,30");
+  for (const char* other : {"frame", "photo", "90,31"})
+    EXPECT_THAT(error_text<InputError>([&] { run("left", other); }), testing::HasSubstr("sun")) << other;
+  EXPECT_THAT(error_text<InputError>([&] { run("own", "90,30"); }), testing::HasSubstr("sun"));
+  FrameStore store(folder / "data", "ip-basic", "box", "90,30"), own(folder / "data", "ip-basic", "box");
+  const Lighting lit = store.get("000000").frame.lighting, before = own.get("000000").frame.lighting;
+  EXPECT_NEAR((lit.to_sun_velo - Vec3d(0, std::sqrt(0.75), 0.5)).norm(), 0, 1e-12);
+  EXPECT_EQ(lit.sun, before.sun);
+}
+
 TEST(AttackRooftop, AFolderHoldsOneFindersRun) {
   TemporaryFolder folder;
   const DetectorPool detectors = stand_ins();

@@ -1,5 +1,5 @@
-// Writes the scene of the add-on's tests: make_scene OUT.glb. A noisy adversary on a car, seen by a camera with
-// an off-centre principal point and pixels that are not square, over a made-up photograph.
+// Writes the scene of the add-on's tests: make_scene OUT.glb. A noisy adversary on a car, seen by a camera
+// with an off-centre principal point and pixels that are not square, over a made-up photograph.
 #include <cstdio>
 
 #include "base/random.h"

@@ -118,6 +118,22 @@ TEST(CommandLine, AQualityIsOneOfThree) {
   }
 }
 
+TEST(CommandLine, ASunThatIsNoneIsOneLine) {
+  TemporaryFolder folder;
+  ASSERT_EQ(run(folder, {"generate", "--frames", "1", "--out", folder / "data", "--quiet"}).code, 0);
+  for (const char* sun : {"noon", "30,120", "49,8.4,2011-09-26T23:30:00Z,0"})
+    for (const auto& command : std::vector<std::vector<std::string>>{
+             {"simulate", "--data", folder / "data", "--frame", "000000", "--mesh", "m.glb"},
+             {"attack", "--data", folder / "data", "--out", folder / "run"}}) {
+      auto arguments = command;
+      arguments.insert(arguments.end(), {"--sun", sun});
+      const Outcome outcome = run(folder, arguments);
+      EXPECT_EQ(outcome.code, 2) << arguments[0];
+      expect_one_line(outcome.err);
+      for (const char* word : {"--sun", sun}) EXPECT_THAT(outcome.err, HasSubstr(word)) << arguments[0];
+    }
+}
+
 TEST(CommandLine, ATradeoffThatCannotBeMadeIsOneLine) {
   TemporaryFolder folder;
   for (const auto& [arguments, word] : std::vector<std::pair<std::vector<std::string>, std::string>>{
@@ -218,6 +234,14 @@ TEST(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   EXPECT_EQ(by_box.at("from_box"), true);
   EXPECT_NEAR(by_box.at("over_box_m").get<double>(), 0, 1e-9);
   EXPECT_NE(by_box.at("velo"), fitted.at("velo"));
+  // The frame's own sun, and one of another direction.
+  const auto to_sun = [&] { return read_json(folder / "s/result.json").at("sun").at("to_sun_velo"); };
+  const auto frames_sun = simulated({"--sun", "frame"}).second;
+  EXPECT_EQ(frames_sun, one);
+  EXPECT_EQ(to_sun(), read_json(folder / "data/training/lighting/000000.json").at("to_sun_velo"));
+  simulated({"--sun", "photo"});
+  EXPECT_NE(simulated({"--sun", "-120,30"}).second, one);
+  EXPECT_NEAR(to_sun().at(2).get<double>(), 0.5, 1e-9);
   const Outcome unknown = run(folder, {"simulate", "--data", data, "--frame", "000000", "--mesh", mesh,
                                        "--rooftop", "cone", "--out", folder / "s"});
   EXPECT_EQ(unknown.code, 2);
@@ -309,11 +333,20 @@ TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   expect_one_line(outcome.err);
   EXPECT_THAT(outcome.err, HasSubstr("rooftop"));
 
+  auto other_sun = attack(std::to_string(reached + 2).c_str());
+  other_sun.insert(other_sun.end(), {"--sun", "90,30"});
+  outcome = run(folder, other_sun);
+  EXPECT_EQ(outcome.code, 2) << "a run under the frames' sun went on under another";
+  expect_one_line(outcome.err);
+  EXPECT_THAT(outcome.err, HasSubstr("sun"));
+
   outcome = run(folder, {"evaluate", "--run", attacked, "--hosts", "all", "--out", folder / "e", "--quiet"});
   ASSERT_EQ(outcome.code, 0) << outcome.err;
   const auto result = read_json(folder / "e/result.json");
   EXPECT_EQ(result.at("rooftops"), read_json(folder / "run/result.json").at("rooftops"));
   EXPECT_GT(result.at("rooftops").at("fitted"), 0);
+  EXPECT_EQ(result.at("sun"), "frame");
+  EXPECT_FALSE(read_json(folder / "run/run.json").contains("sun"));
   for (const char* key : {"vehicles", "fn_asr", "fp_asr", "asr", "recall_iou"})
     EXPECT_TRUE(result.contains(key)) << key;
   ASSERT_EQ(

@@ -13,8 +13,6 @@ nlohmann::json& extra_figures();
 
 /// Wall-clock time of work().
 double milliseconds(const std::function<void()>& work);
-/// CPU time of work() on the calling thread: it varies less on a busy machine.
-double cpu_milliseconds(const std::function<void()>& work);
 double median(std::vector<double> values);
 
 /// The soft rasteriser: distance, faces, pixels, threads; against the plain loop and the machine's peak.

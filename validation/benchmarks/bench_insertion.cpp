@@ -9,6 +9,7 @@
 #include "scene/depth_completion.h"
 #include "scene/generator.h"
 #include "scene/light_surroundings.h"
+#include "validation/thread_clock.h"
 
 namespace mirage {
 namespace {
@@ -142,7 +143,7 @@ void light_models(benchmark::State& state) {
       for (LightModel model : {LightModel::plain, LightModel::visible}) {
         SimulationSettings settings;
         settings.light = model;
-        (model == LightModel::plain ? plain : visible).push_back(cpu_milliseconds([&] {
+        (model == LightModel::plain ? plain : visible).push_back(cpu_ms([&] {
           const Simulated simulated = simulate(s.prepared, s.host, s.rooftop, s.adversary, settings);
           const std::vector<std::array<float, 4>> d_points(simulated.sweep.size(), {1, 1, 1, 1});
           benchmark::DoNotOptimize(simulate_vjp(simulated, d_image, d_points));
@@ -152,15 +153,14 @@ void light_models(benchmark::State& state) {
       LightVisibility visibility;
       VisibleLight<double> lit;
       surroundings.push_back(
-          cpu_milliseconds([&] { around = light_surroundings(s.prepared.frame, s.host, s.rooftop); }));
-      rays.push_back(
-          cpu_milliseconds([&] { visibility = find_visibility(placed, lighting, &around, &eye); }));
-      gather.push_back(cpu_milliseconds([&] {
+          cpu_ms([&] { around = light_surroundings(s.prepared.frame, s.host, s.rooftop); }));
+      rays.push_back(cpu_ms([&] { visibility = find_visibility(placed, lighting, &around, &eye); }));
+      gather.push_back(cpu_ms([&] {
         lit =
             visible_light(normals, placed.atlas.texels, lighting, visibility, VisibleLightSettings().bounces);
       }));
       std::vector<Vec3d> d_normals(normals.size(), Vec3d::Zero()), d_texels(ones.size(), Vec3d::Zero());
-      vjp.push_back(cpu_milliseconds([&] {
+      vjp.push_back(cpu_ms([&] {
         visible_light_vjp(normals, placed.atlas.texels, lighting, visibility, lit, ones, d_normals, d_texels);
       }));
       count = visibility.rays;
