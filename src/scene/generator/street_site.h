@@ -71,6 +71,17 @@ class StreetSite {
                on_ground(s, d1, lift));
     }
   }
+  /// The crossing road's surface beside the street's own, out to `reach` m from its middle; none without one.
+  void add_cross_road(Mesh& road, double reach) {
+    if (!(cross_s_ < kFar)) return;
+    for (int side : {-1, 1})
+      for (double s = cross_s_ - cross_half_; s < cross_s_ + cross_half_ - 0.1; s += cross_half_ / 3)
+        for (double d = half_[side > 0]; d < reach; d += 6) {
+          const double e = std::min(s + cross_half_ / 3, cross_s_ + cross_half_);
+          add_quad(road, on_ground(s, side * d), on_ground(e, side * d), on_ground(e, side * (d + 6)),
+                   on_ground(s, side * (d + 6)));
+        }
+  }
 
   // Stands an actor at (s, d), heading `turn` from the street's; false where it would overlap another.
   bool put(Actor actor, double s, double d, double turn, double margin = 0.25) {

@@ -40,14 +40,7 @@ void AmericanStreet::lay_ground() {
   tar.pattern = Pattern::asphalt, tar.variant = random_.next_u32();
   Mesh road;
   add_strip(road, -half_[0], half_[1], -12, kFar, 2);
-  if (cross_s_ < kFar)
-    for (int side : {-1, 1})
-      for (double s = cross_s_ - cross_half_; s < cross_s_ + cross_half_ - 0.1; s += cross_half_ / 3)
-        for (double d = half_[side > 0]; d < 70; d += 6) {
-          const double e = std::min(s + cross_half_ / 3, cross_s_ + cross_half_);
-          add_quad(road, on_ground(s, side * d), on_ground(e, side * d), on_ground(e, side * (d + 6)),
-                   on_ground(s, side * (d + 6)));
-        }
+  add_cross_road(road, 70);
   surfaces_.push_back(surface(road, tar));
   add_earth();
   add_manhole_covers(random_.below(3));
