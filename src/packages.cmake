@@ -40,13 +40,16 @@ find_library(HIGHWAY_LIBRARY hwy)
 find_library(TINYGLTF_LIBRARY tinygltf)
 find_path(NOVA_INCLUDE libnova/solar.h)
 find_library(NOVA_LIBRARY nova)
+find_path(TURBOJPEG_INCLUDE turbojpeg.h)
+find_library(TURBOJPEG_LIBRARY turbojpeg)
 foreach(package "OPENIMAGEIO_INCLUDE libopenimageio-dev" "OPENIMAGEIO_LIBRARY libopenimageio-dev"
                 "OPENIMAGEIO_UTIL libopenimageio-dev" "IMATH_INCLUDE libimath-dev"
                 "OPENCV_INCLUDE libopencv-imgproc-dev" "OPENCV_CORE libopencv-core-dev"
                 "OPENCV_IMGPROC libopencv-imgproc-dev" "TOMLPLUSPLUS_INCLUDE libtomlplusplus-dev"
                 "RANDOM123_INCLUDE librandom123-dev" "TINYGLTF_INCLUDE libtinygltf-dev"
                 "HIGHWAY_INCLUDE libhwy-dev" "HIGHWAY_LIBRARY libhwy-dev"
-                "NOVA_INCLUDE libnova-dev" "NOVA_LIBRARY libnova-dev")
+                "NOVA_INCLUDE libnova-dev" "NOVA_LIBRARY libnova-dev"
+                "TURBOJPEG_INCLUDE libturbojpeg0-dev" "TURBOJPEG_LIBRARY libturbojpeg0-dev")
   separate_arguments(package)
   list(GET package 0 variable)
   list(GET package 1 debian)
@@ -71,6 +74,9 @@ endif()
 add_library(mirage_simd INTERFACE)
 target_include_directories(mirage_simd SYSTEM INTERFACE ${HIGHWAY_INCLUDE})
 target_link_libraries(mirage_simd INTERFACE ${HIGHWAY_LIBRARY})
+add_library(mirage_turbojpeg INTERFACE)
+target_include_directories(mirage_turbojpeg SYSTEM INTERFACE ${TURBOJPEG_INCLUDE})
+target_link_libraries(mirage_turbojpeg INTERFACE ${TURBOJPEG_LIBRARY})
 add_library(mirage_nova INTERFACE)
 target_include_directories(mirage_nova SYSTEM INTERFACE ${NOVA_INCLUDE})
 target_link_libraries(mirage_nova INTERFACE ${NOVA_LIBRARY})

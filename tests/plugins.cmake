@@ -25,6 +25,7 @@ endfunction()
 mirage_fake_plugins(detection fake fake_detector.cpp)
 mirage_tested_plugin(detection fusion)
 mirage_tested_plugin(detection torchscript)
+mirage_tested_plugin(defense fusion)
 mirage_fake_plugins(scene fake_depth fake_depth.cpp)
 mirage_tested_plugin(scene guided)
 
@@ -39,7 +40,8 @@ endif()
 
 # The fusion plugin's kernels from inside: LibTorch, and none of the host.
 if(TARGET mirage_fusion_objects)
-  add_executable(test_fusion_network ${CMAKE_CURRENT_SOURCE_DIR}/detection/network/test_fusion_network.cpp)
+  file(GLOB network_sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/detection/network/*.cpp)
+  add_executable(test_fusion_network ${network_sources})
   target_include_directories(test_fusion_network PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}
                                                          ${PROJECT_SOURCE_DIR}/plugins/detectors/fusion)
   target_link_libraries(test_fusion_network PRIVATE mirage_fusion_objects GTest::gtest_main mirage_options)
@@ -48,3 +50,4 @@ endif()
 if(TARGET test_validation)
   add_dependencies(test_validation fake_works)
 endif()
+add_dependencies(test_attack fake_works)

@@ -95,7 +95,8 @@ Subjects choose(const TradeoffSettings& settings, const Run* run, FrameStore& st
         fmt::format("no car with {:.0f} % of the object in view in the frames looked at", 100 * kInView),
         "give --frames 0 or another data set");
   const auto distance = [&](const HostId& id) {
-    const BevBox& box = label_of(store.get(id.frame).frame, id).box.bev;
+    const auto held = store.get(id.frame);
+    const BevBox& box = label_of(held->frame, id).box.bev;
     return std::hypot(box.x, box.y);
   };
   std::stable_sort(all.begin(), all.end(),
@@ -190,7 +191,8 @@ SensorPoints sensors(const TradeoffSettings& settings, const Subjects& subjects,
   Progress progress("trade-off", subjects.hosts.size() * (variants.size() + 2), settings.quiet);
   std::size_t done = 0;
   for (const HostId& id : subjects.hosts) {
-    const PreparedFrame& prepared = store.get(id.frame);
+    const auto held = store.get(id.frame);
+    const PreparedFrame& prepared = *held;
     const TexturedMesh placed = place(subjects.adversary, store.rooftop(id));
     const Label& host = label_of(prepared.frame, id);
     const CameraStudy study(prepared, host, placed, how), plain(prepared, host, in_plain_faces(placed), how);
@@ -279,9 +281,11 @@ std::vector<TradeoffPoint> depth_points(const TradeoffSettings& settings, const 
 std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const Subjects& subjects,
                                          FrameStore& store) {
   BlenderWorker blender(settings.out / "blender.log");
+  std::vector<std::shared_ptr<const PreparedFrame>> held;
   std::vector<CyclesHost> hosts;
   for (const HostId& id : evenly(subjects.hosts, static_cast<std::size_t>(settings.cycles_hosts))) {
-    const PreparedFrame& prepared = store.get(id.frame);
+    held.push_back(store.get(id.frame));
+    const PreparedFrame& prepared = *held.back();
     hosts.push_back(
         {&prepared, &label_of(prepared.frame, id), store.rooftop(id), subjects.adversary, host_name(id)});
   }

@@ -17,7 +17,8 @@ namespace mirage {
 
 struct ValidationSettings {
   std::filesystem::path run, data, out;  ///< data: empty for the run's
-  DetectorOptions detector = {.detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0};
+  DetectorOptions detector = {
+      .detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0, .defense = ""};
   EvaluationSettings evaluation_settings;
   std::string rooftop;               ///< what finds the roofs (scene/shape/shape_rooftop.h); empty: the run's
   std::filesystem::path evaluation;  ///< result.json of mirage evaluate, or its folder; for the report only

@@ -119,7 +119,8 @@ void add_ladders(BlenderWorker& blender, const HostScene& scene, const Simulated
 }  // namespace
 
 json validate_vehicle(ValidationContext& context, const HostId& id, bool with_ladder) {
-  const PreparedFrame& prepared = context.store.get(id.frame);
+  const auto held = context.store.get(id.frame);
+  const PreparedFrame& prepared = *held;
   const Frame& frame = prepared.frame;
   const fs::path& out = context.settings.out;
   const std::string name = host_name(id);

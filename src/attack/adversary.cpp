@@ -7,6 +7,12 @@
 
 namespace mirage {
 
+AdversaryLimits limits_of_size(double size) {
+  AdversaryLimits limits;
+  limits.half *= size / limits.half.x();
+  return limits;
+}
+
 TexturedMesh initial_adversary(const AdversaryLimits& limits, double share) {
   TexturedMesh adversary;
   adversary.mesh = icosphere(2);

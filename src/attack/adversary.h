@@ -13,6 +13,9 @@ struct AdversaryLimits {
   Vec3d half = Vec3d(0.8, 0.8, 0.5);
 };
 
+/// The box of the paper's proportions (0.8 : 0.8 : 0.5) whose half length is `size` m.
+AdversaryLimits limits_of_size(double size);
+
 /// Icosphere (162 vertices, 320 faces) stretched to `share` of the box, 5×5 mid-grey texels a face.
 TexturedMesh initial_adversary(const AdversaryLimits& limits = {}, double share = 0.75);
 /// The baseline: the same start with every vertex moved by up to `amplitude` m (projected) and random texels.

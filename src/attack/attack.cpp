@@ -7,8 +7,8 @@
 #include <cmath>
 #include <optional>
 
+#include "attack/attack_step.h"
 #include "attack/checkpoint.h"
-#include "attack/rank_steps.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
@@ -17,7 +17,6 @@
 #include "base/random.h"
 #include "base/ranks.h"
 #include "exchange/gltf.h"
-#include "geometry/laplacian.h"
 #include "scene/kitti.h"
 
 namespace mirage {
@@ -49,6 +48,7 @@ nlohmann::json identity(const AttackSettings& settings) {
       {"relevant_score", settings.objective.relevant_score},
       {"simulation", to_json(settings.simulation)}};
   // Only where it differs, so that runs of before the choice go on: those stood on boxes.
+  if (settings.detector.defense != "none") id["defense"] = settings.detector.defense;
   if (settings.depth != AttackSettings().depth) id["depth"] = settings.depth;
   if (settings.rooftop != "box") {
     id["rooftop"] = settings.rooftop;
@@ -63,25 +63,6 @@ nlohmann::json identity(const AttackSettings& settings) {
   return id;
 }
 
-/// The hosts of one iteration: an endless sequence of shuffled passes over all hosts, by seed alone.
-std::vector<std::size_t> batch_of(std::size_t hosts, int batch, long iteration, std::uint64_t seed) {
-  std::vector<std::size_t> chosen;
-  std::vector<std::size_t> order(hosts);
-  long shuffled = -1;
-  for (int k = 0; k < batch; ++k) {
-    const long position = iteration * batch + k, pass = position / static_cast<long>(hosts);
-    if (pass != shuffled) {
-      for (std::size_t i = 0; i < hosts; ++i) order[i] = i;
-      RandomStream random(seed, "host order", static_cast<std::uint64_t>(pass));
-      for (std::size_t i = hosts; i > 1; --i)
-        std::swap(order[i - 1], order[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
-      shuffled = pass;
-    }
-    chosen.push_back(order[static_cast<std::size_t>(position % static_cast<long>(hosts))]);
-  }
-  return chosen;
-}
-
 std::vector<HostId> ids(const std::vector<Host>& hosts) {
   std::vector<HostId> list;
   for (const Host& host : hosts) list.push_back(host.id);
@@ -89,11 +70,24 @@ std::vector<HostId> ids(const std::vector<Host>& hosts) {
 }
 
 void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows) {
-  std::string text = "iteration,loss,hide,false_positive,laplacian\n";
+  std::string text = "iteration,loss,hide,false_positive,laplacian,hidden\n";
   for (std::size_t i = 0; i < rows.size(); ++i)
-    text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g}\n", i, rows[i].loss(), rows[i].hide,
-                        rows[i].false_positive, rows[i].laplacian);
+    text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{}\n", i, rows[i].loss(), rows[i].hide,
+                        rows[i].false_positive, rows[i].laplacian,
+                        rows[i].hidden < 0 ? "" : std::to_string(rows[i].hidden));
   write_file(file, text);
+}
+
+/// Loss terms of the last iteration, and how many of the hosts attacked last are hidden.
+std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, int batch) {
+  constexpr int kHosts = 50;
+  int hosts = 0, hidden = 0;
+  for (auto past = rows.rbegin(); past != rows.rend() && past->hidden >= 0 && hosts < kHosts; ++past) {
+    hosts += batch;
+    hidden += past->hidden;
+  }
+  return fmt::format("loss {:.3f} (hide {:.3f}, false positives {:.3f}, smoothness {:.3f})  hidden {} of {}",
+                     row.loss(), row.hide, row.false_positive, row.laplacian, hidden, hosts);
 }
 
 /// InputError for numbers that no run can use.
@@ -109,6 +103,8 @@ void check_settings(const AttackSettings& settings) {
   demand(positive(raster.gamma), "--gamma", raster.gamma, "use a positive number");
   demand(positive(settings.vertex_rate), "--vertex-rate", settings.vertex_rate, "use a positive number");
   demand(positive(settings.texel_rate), "--texel-rate", settings.texel_rate, "use a positive number");
+  demand(positive(settings.limits.half.minCoeff()), "--size", settings.limits.half.x(),
+         "use a positive length");
   demand(settings.min_view >= 0 && settings.min_view <= 1, "--min-view", settings.min_view,
          "use a share in [0, 1]");
   if (settings.buildable.on) check_buildable(settings.buildable, settings.limits);
@@ -116,26 +112,6 @@ void check_settings(const AttackSettings& settings) {
          "use a number");
   demand(std::isfinite(settings.objective.lambda_laplacian), "--lambda-lap",
          settings.objective.lambda_laplacian, "use a number");
-}
-
-/// A gradient that is not finite would poison the optimiser's state and, with it, the checkpoint.
-void check_finite(const HostStep& step, const HostId& host, long iteration) {
-  bool finite = std::isfinite(step.hide) && std::isfinite(step.false_positive);
-  for (const Vec3d& d : step.gradient.vertices) finite = finite && d.allFinite();
-  for (const Vec3d& d : step.gradient.texels) finite = finite && d.allFinite();
-  if (!finite)
-    throw Failure("attack",
-                  fmt::format("gradient of host {}/{} is not finite in iteration {}", host.frame, host.label,
-                              iteration),
-                  "check the detector; the last checkpoint is good");
-}
-
-/// The random mesh that the learned one is compared with, under the same rules.
-TexturedMesh baseline(const AttackSettings& settings) {
-  TexturedMesh random = random_adversary(settings.seed, settings.limits);
-  if (settings.buildable.on)
-    keep_buildable(random, fresh_state(settings).adversary, settings.buildable, settings.limits);
-  return random;
 }
 
 }  // namespace
@@ -155,47 +131,6 @@ AttackParts parse_parts(const std::string& word) {
   throw InputError("--parts", word, "unknown", "use both, shape or texture");
 }
 
-HostStep attack_host(Detector& detector, const PreparedFrame& known, const Host& host,
-                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
-                     const WorldDraw* draw) {
-  HostStep step;
-  auto start = Clock::now();
-  std::optional<PreparedFrame> drawn;
-  if (draw != nullptr && settings.expectation.any_in_frame()) drawn = draw->frame(known);
-  const PreparedFrame& prepared = drawn ? *drawn : known;
-  const Label& label = prepared.frame.labels[static_cast<std::size_t>(host.id.label)];
-  Simulated simulated = draw == nullptr
-                            ? simulate(prepared, label, host.rooftop, adversary, settings.simulation)
-                            : simulate(prepared, label, draw->rooftop(host.rooftop), adversary,
-                                       draw->simulation(settings.simulation));
-  if (draw != nullptr) draw->add_noise(simulated.image);
-  step.simulation_seconds = seconds_since(start);
-
-  start = Clock::now();
-  const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
-  const auto proposals = detector.forward(view, settings.objective.relevant_score, true);
-  const auto boxes = ground_truth_boxes(prepared.frame);
-  const ObjectiveValue value = objective(proposals, label.box.bev, boxes, settings.objective);
-  step.hide = value.hide;
-  step.false_positive = value.false_positive;
-  step.gradient.vertices.assign(adversary.mesh.vertices.size(), Vec3d::Zero());
-  step.gradient.texels.assign(adversary.atlas.texels.size(), Vec3d::Zero());
-  const bool any = std::any_of(value.d_logits.begin(), value.d_logits.end(), [](double d) { return d != 0; });
-  if (!any) {
-    step.detector_seconds = seconds_since(start);
-    return step;
-  }
-  SensorGradient gradient = detector.backward(value.d_logits);
-  step.detector_seconds = seconds_since(start);
-
-  start = Clock::now();
-  if (target == AttackTarget::lidar) gradient.image = ImageF();
-  if (target == AttackTarget::image) gradient.points.clear();
-  step.gradient = simulate_vjp(simulated, gradient.image, gradient.points);
-  step.simulation_seconds += seconds_since(start);
-  return step;
-}
-
 AttackResult run_attack(const AttackSettings& settings) {
   parse_target(settings.target);  // before the detector is loaded
   parse_parts(settings.parts);
@@ -207,7 +142,7 @@ AttackResult run_attack(const AttackSettings& settings) {
 
 AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors) {
   const AttackTarget target = parse_target(settings.target);
-  const AttackParts parts = parse_parts(settings.parts);
+  parse_parts(settings.parts);
   check_settings(settings);
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
@@ -216,9 +151,9 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   std::vector<std::string> train_frames, test_frames;
   split_frames(list_frames(settings.data), settings.seed, train_frames, test_frames);
   const auto train = find_all_hosts(store, train_frames, detectors.front()->region(), settings.simulation,
-                                    settings.min_view);
-  const auto test =
-      find_all_hosts(store, test_frames, detectors.front()->region(), settings.simulation, settings.min_view);
+                                    settings.min_view, settings.quiet);
+  const auto test = find_all_hosts(store, test_frames, detectors.front()->region(), settings.simulation,
+                                   settings.min_view, settings.quiet);
   if (train.empty())
     throw InputError(settings.data.string(), "label_2",
                      fmt::format("no car in the training frames has {:.0f} % of the adversary in view",
@@ -239,13 +174,13 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   if (any_rank(state.iteration != first_rank_value(state.iteration)))
     throw Failure(checkpoint_file.string(), "processes see different checkpoints",
                   "give --out a folder that all machines share");
-  const TexturedMesh random = baseline(settings);
+  const TexturedMesh random = random_baseline(settings.seed, settings.limits, settings.buildable);
   if (rank() == 0) {
     write_json(settings.out / "run.json", id);
     write_adversary(settings.out / "random.glb", random);
   }
 
-  const Laplacian laplacian(state.adversary.mesh);
+  const AttackStepper stepper(settings, detectors, store, train, state.adversary.mesh);
   const auto save = [&] {
     if (rank() > 0) return;
     write_checkpoint(checkpoint_file, state, id);
@@ -256,6 +191,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
       state.iteration < iterations)  // what an earlier, shorter run left is no longer this run's result
     for (const char* name : {"adversary.glb", "result.json"}) std::filesystem::remove(settings.out / name);
   Progress progress("attack", static_cast<std::size_t>(iterations), settings.quiet);
+  StageSeconds stages;
   const auto start = Clock::now();
   const long first = state.iteration;
   while (state.iteration < iterations &&
@@ -265,43 +201,12 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
       throw Interrupted(fmt::format("interrupted after {} iterations; run the same command to go on from {}",
                                     state.iteration, checkpoint_file.string()));
     }
-    std::vector<Vec3d> d_vertices(state.adversary.mesh.vertices.size(), Vec3d::Zero());
-    std::vector<Vec3d> d_texels(state.adversary.atlas.texels.size(), Vec3d::Zero());
-    LossRow row;
-    const auto chosen = batch_of(train.size(), settings.batch, state.iteration, settings.seed);
-    std::vector<HostStep> steps(chosen.size());
-    const std::vector<std::size_t> mine = own_hosts(chosen.size());
-    for_each_with_detector(detectors, mine.size(), [&](Detector& detector, std::size_t i) {
-      const std::size_t k = mine[i];
-      const Host& host = train[chosen[k]];
-      const WorldDraw draw(settings.expectation, settings.seed,
-                           static_cast<std::uint64_t>(state.iteration * settings.batch) + k);
-      steps[k] = attack_host(detector, store.get(host.id.frame), host, state.adversary, target, settings,
-                             settings.expectation.any() ? &draw : nullptr);
-    });
-    for (const std::size_t k : mine) check_finite(steps[k], train[chosen[k]].id, state.iteration);
-    share_steps(steps, state.adversary);
-    for (const HostStep& step : steps) {
-      row.hide += step.hide / settings.batch;
-      row.false_positive += step.false_positive / settings.batch;
-      for (std::size_t i = 0; i < d_vertices.size(); ++i)
-        d_vertices[i] += step.gradient.vertices[i] / settings.batch;
-      for (std::size_t i = 0; i < d_texels.size(); ++i)
-        d_texels[i] += step.gradient.texels[i] / settings.batch;
-    }
-    const double weight = settings.objective.lambda_laplacian;
-    row.laplacian = weight * laplacian.energy(state.adversary.mesh.vertices, weight, d_vertices);
-    const TexturedMesh before = state.adversary;
-    if (parts != AttackParts::texture) state.vertices.step(state.adversary.mesh.vertices, d_vertices);
-    if (parts != AttackParts::shape) state.texels.step(state.adversary.atlas.texels, d_texels);
-    project(state.adversary, settings.limits);
-    if (settings.buildable.on) keep_buildable(state.adversary, before, settings.buildable, settings.limits);
-    state.losses.push_back(row);
-    ++state.iteration;
+    const LossRow row = stepper.step(state, &stages);
     progress.update(static_cast<std::size_t>(state.iteration),
-                    fmt::format("loss {:.3f} (hide {:.3f}, false positives {:.3f})", row.loss(), row.hide,
-                                row.false_positive));
+                    progress_note(row, state.losses, settings.batch));
+    Stopwatch clock;
     if (state.iteration % settings.checkpoint_every == 0) save();
+    stages.files += clock.lap();
   }
   const double seconds = seconds_since(start);
   save();
@@ -321,6 +226,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
     result.loss += state.losses[i].loss() / static_cast<double>(tail);
   if (state.iteration > first)
     result.seconds_per_iteration = seconds / static_cast<double>(state.iteration - first);
+  result.stages = to_json(stages, seconds, state.iteration - first, detectors.size());
   return result;
 }
 

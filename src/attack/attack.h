@@ -55,6 +55,7 @@ struct AttackResult {
   double seconds_per_iteration = 0;
   RooftopCount rooftops;     ///< of the vehicles of both splits
   nlohmann::json buildable;  ///< buildable_report of the adversary
+  nlohmann::json stages;     ///< where this process's time went (attack/stages.h)
 };
 
 /// Runs or resumes the attack in settings.out (see attack/run.h for the files). The result is bit-identical
@@ -62,16 +63,5 @@ struct AttackResult {
 AttackResult run_attack(const AttackSettings& settings);
 /// The same with detectors at hand.
 AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors);
-
-/// Loss and gradient of one host: simulation, detector, objective and their VJPs. With a draw, of the host in
-/// that world.
-struct HostStep {
-  double hide = 0, false_positive = 0;
-  AdversaryGradient gradient;
-  double simulation_seconds = 0, detector_seconds = 0;
-};
-HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
-                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
-                     const WorldDraw* draw = nullptr);
 
 }  // namespace mirage

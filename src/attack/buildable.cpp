@@ -85,6 +85,16 @@ void keep_buildable(TexturedMesh& adversary, const TexturedMesh& before, const B
   }
 }
 
+TexturedMesh random_baseline(std::uint64_t seed, const AdversaryLimits& limits,
+                             const BuildableSettings& settings) {
+  TexturedMesh random = random_adversary(seed, limits);
+  if (!settings.on) return random;
+  TexturedMesh start = initial_adversary(limits);
+  make_buildable(start, settings, limits);
+  keep_buildable(random, start, settings, limits);
+  return random;
+}
+
 nlohmann::json buildable_report(const TexturedMesh& adversary, const BuildableSettings& settings) {
   const Mesh& mesh = adversary.mesh;
   double thinnest = 1e9, lowest = 1e9, area = 0;

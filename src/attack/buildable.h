@@ -2,6 +2,7 @@
 // some thickness, a flat base for the roof, colours that ink on paper has.
 #pragma once
 
+#include <cstdint>
 #include <nlohmann/json.hpp>
 
 #include "attack/adversary.h"
@@ -31,6 +32,10 @@ void make_buildable(TexturedMesh& adversary, const BuildableSettings& settings,
 /// wall is too thin go back towards `before`, first half the way and then all of it, until none is left.
 void keep_buildable(TexturedMesh& adversary, const TexturedMesh& before, const BuildableSettings& settings,
                     const AdversaryLimits& limits);
+
+/// The random mesh that a learned one is compared with (random_adversary), under the same rules.
+TexturedMesh random_baseline(std::uint64_t seed, const AdversaryLimits& limits,
+                             const BuildableSettings& settings);
 
 /// What holds of a mesh, measured: intersecting_pairs, min_thickness_m, base_vertices (on the lowest height),
 /// base_area_m2 (of faces that lie on it), watertight, and the share of texels within the print's range.

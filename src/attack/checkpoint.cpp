@@ -1,5 +1,7 @@
 #include "attack/checkpoint.h"
 
+#include <algorithm>
+
 #include "base/error.h"
 #include "base/files.h"
 
@@ -45,15 +47,17 @@ AttackState fresh_state(const AttackSettings& settings) {
 void write_checkpoint(const std::filesystem::path& file, const AttackState& state,
                       const nlohmann::json& identity) {
   std::vector<double> losses;
+  std::vector<int> hidden;
   for (const LossRow& row : state.losses)
-    losses.insert(losses.end(), {row.hide, row.false_positive, row.laplacian});
+    losses.insert(losses.end(), {row.hide, row.false_positive, row.laplacian}), hidden.push_back(row.hidden);
   const nlohmann::json json = {{"identity", identity},
                                {"iteration", state.iteration},
                                {"vertices", flat(state.adversary.mesh.vertices)},
                                {"texels", flat(state.adversary.atlas.texels)},
                                {"adam_vertices", to_json(state.vertices)},
                                {"adam_texels", to_json(state.texels)},
-                               {"losses", losses}};
+                               {"losses", losses},
+                               {"hidden", hidden}};
   write_file(file, json.dump());
 }
 
@@ -83,6 +87,9 @@ AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::j
     const auto losses = json.at("losses").get<std::vector<double>>();
     for (std::size_t i = 0; i + 2 < losses.size(); i += 3)
       state.losses.push_back({losses[i], losses[i + 1], losses[i + 2]});
+    const auto hidden = json.value("hidden", std::vector<int>());  // checkpoints of before have none
+    for (std::size_t i = 0; i < std::min(hidden.size(), state.losses.size()); ++i)
+      state.losses[i].hidden = hidden[i];
   } catch (const InputError&) {
     throw;
   } catch (const std::exception& error) {

@@ -13,6 +13,7 @@ namespace mirage {
 /// Loss terms of one iteration, means over its hosts.
 struct LossRow {
   double hide = 0, false_positive = 0, laplacian = 0;
+  int hidden = -1;  ///< hosts that no proposal found (HostStep); −1 where an older checkpoint did not say
   double loss() const { return hide + false_positive + laplacian; }
 };
 

@@ -8,7 +8,11 @@ DetectorPool load_detector_pool(const DetectorOptions& options, int most) {
   DetectorPool pool;
   DetectorOptions each = options;
   each.threads = 1;
-  for (int i = 0; i < std::max(1, std::min(most, thread_count())); ++i) pool.push_back(load_detector(each));
+  pool.push_back(load_detector(each));
+  while (pool.size() < static_cast<std::size_t>(std::min(most, thread_count()))) {
+    auto other = pool.front()->share();
+    pool.push_back(other ? std::move(other) : load_detector(each));
+  }
   return pool;
 }
 

@@ -11,7 +11,7 @@ namespace mirage {
 
 using DetectorPool = std::vector<std::unique_ptr<Detector>>;
 
-/// One instance a thread, but no more than `most`.
+/// One instance a thread, but no more than `most`; they share their weights where the plugin lets them.
 DetectorPool load_detector_pool(const DetectorOptions& options, int most);
 
 /// Calls body(detector, i) for i in [0, n) on as many threads as there are instances. Bodies write to

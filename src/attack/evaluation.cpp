@@ -5,6 +5,9 @@
 #include <map>
 #include <mutex>
 
+#include "attack/evaluation_strata.h"
+#include "attack/false_positives.h"
+#include "attack/frame_cache.h"
 #include "base/error.h"
 #include "base/interrupt.h"
 #include "base/progress.h"
@@ -20,6 +23,34 @@ std::pair<double, double> best_match(const std::vector<Proposal>& detections, co
   return best;
 }
 
+constexpr const char* kStopped = "an evaluation writes nothing until it is done; run it again";
+
+/// Sums of several shares by frame, and their intervals from the same draws.
+class FrameShares {
+ public:
+  explicit FrameShares(std::size_t shares) : shares_(shares) {}
+  /// Counts `host` once; returns its frame's sums.
+  std::vector<double>& count(const HostOutcome& host) {
+    auto& [hosts, sums] = frames_[host.id.frame];
+    hosts += 1;
+    sums.resize(shares_);
+    return sums;
+  }
+  std::vector<Interval> intervals() const {
+    std::vector<double> denominators;
+    std::vector<std::vector<double>> numerators(shares_);
+    for (const auto& [frame, counted] : frames_) {
+      denominators.push_back(counted.first);
+      for (std::size_t k = 0; k < shares_; ++k) numerators[k].push_back(counted.second[k]);
+    }
+    return bootstrap_intervals(denominators, numerators);
+  }
+
+ private:
+  std::size_t shares_;
+  std::map<std::string, std::pair<double, std::vector<double>>> frames_;
+};
+
 }  // namespace
 
 std::vector<Proposal> detections(Detector& detector, const SensorView& view,
@@ -31,7 +62,12 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> cl
                   std::vector<Proposal> attacked, const EvaluationSettings& settings) {
   HostOutcome outcome;
   outcome.id = id;
-  const BevBox host = frame.labels[static_cast<std::size_t>(id.label)].box.bev;
+  const Label& label = frame.labels[static_cast<std::size_t>(id.label)];
+  const BevBox host = label.box.bev;
+  const auto kind = settings.kinds.find(host_name(id));
+  outcome.kind = kind == settings.kinds.end() ? label.type : kind->second;
+  outcome.occluded = label.occluded;
+  outcome.truncated = label.truncated;
   outcome.range = std::hypot(host.x, host.y);
   std::tie(outcome.clean_iou, outcome.clean_score) = best_match(clean, host);
   std::tie(outcome.attacked_iou, outcome.attacked_score) = best_match(attacked, host);
@@ -45,109 +81,127 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> cl
     const bool known =
         std::any_of(clean.begin(), clean.end(), [&](const Proposal& c) { return iou(box.box, c.box) > 0; });
     if (real || known) continue;
+    const double distance = std::hypot(box.box.x - host.x, box.box.y - host.y);
+    outcome.new_boxes.push_back({box.box, box.score(), distance, std::hypot(box.box.x, box.box.y)});
     outcome.false_positive = true;
-    outcome.false_positive_distance =
-        std::max(outcome.false_positive_distance, std::hypot(box.box.x - host.x, box.box.y - host.y));
+    outcome.false_positive_distance = std::max(outcome.false_positive_distance, distance);
   }
   outcome.clean = std::move(clean);
   outcome.attacked = std::move(attacked);
   return outcome;
 }
 
-Evaluation summarize(std::vector<HostOutcome> hosts) {
+SuccessRates success_rates(std::span<const HostOutcome* const> hosts) {
+  FrameShares shares(3);
+  for (const HostOutcome* host : hosts) {
+    if (!host->detected) continue;
+    auto& sums = shares.count(*host);
+    sums[0] += host->hidden;
+    sums[1] += host->false_positive;
+    sums[2] += host->fooled();
+  }
+  const std::vector<Interval> rates = shares.intervals();
+  return {rates[0], rates[1], rates[2]};
+}
+
+Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {
   Evaluation result;
-  int hidden = 0, false_positives = 0, either = 0;
-  struct FrameSums {
-    ClusterSums hidden, false_positives, either;
-  };
-  std::map<std::string, FrameSums> frames;
-  const auto count = [](ClusterSums& sums, bool yes) {
-    sums.numerator += yes;
-    sums.denominator += 1;
-  };
+  result.meshes = meshes;
+  std::vector<const HostOutcome*> all;
   for (const HostOutcome& host : hosts) {
+    all.push_back(&host);
+    if (host.mesh != hosts.front().mesh) continue;  // the vehicles are every mesh's
     ++(host.from_box ? result.rooftops.from_box : result.rooftops.fitted);
-    if (!host.detected) continue;
-    ++result.vehicles;
-    FrameSums& frame = frames[host.id.frame];
-    count(frame.hidden, host.hidden);
-    count(frame.false_positives, host.false_positive);
-    count(frame.either, host.hidden || host.false_positive);
-    hidden += host.hidden;
-    false_positives += host.false_positive;
-    either += host.hidden || host.false_positive;
+    result.vehicles += host.detected;
   }
-  if (result.vehicles > 0) {
-    result.fn_asr = double(hidden) / result.vehicles;
-    result.fp_asr = double(false_positives) / result.vehicles;
-    result.asr = double(either) / result.vehicles;
-  }
-  const auto interval = [&](ClusterSums FrameSums::*part) {
-    std::vector<ClusterSums> clusters;
-    for (const auto& [frame, sums] : frames) clusters.push_back(sums.*part);
-    return bootstrap_interval(clusters);
-  };
-  result.fn_interval = interval(&FrameSums::hidden);
-  result.fp_interval = interval(&FrameSums::false_positives);
-  result.asr_interval = interval(&FrameSums::either);
-  for (int step = 0; step <= 20; ++step) {
-    const double threshold = step * 0.05;
-    double clean = 0, attacked = 0;
-    for (const HostOutcome& host : hosts) {
+  const SuccessRates rates = success_rates(all);
+  result.fn_interval = rates.fn_asr;
+  result.fp_interval = rates.fp_asr;
+  result.asr_interval = rates.asr;
+  result.fn_asr = rates.fn_asr.value;
+  result.fp_asr = rates.fp_asr.value;
+  result.asr = rates.asr.value;
+
+  constexpr std::size_t kSteps = 21;
+  for (std::size_t step = 0; step < kSteps; ++step) result.iou.push_back(static_cast<double>(step) * 0.05);
+  FrameShares recall(2 * kSteps);
+  for (const HostOutcome& host : hosts) {
+    auto& sums = recall.count(host);
+    for (std::size_t step = 0; step < kSteps; ++step) {
       // IoU 0 asks for any overlap at all: a host without one counts as missed.
-      clean += host.clean_iou > 0 && host.clean_iou >= threshold;
-      attacked += host.attacked_iou > 0 && host.attacked_iou >= threshold;
+      sums[step] += host.clean_iou > 0 && host.clean_iou >= result.iou[step];
+      sums[kSteps + step] += host.attacked_iou > 0 && host.attacked_iou >= result.iou[step];
     }
-    const double n = std::max<double>(1, static_cast<double>(hosts.size()));
-    result.iou.push_back(threshold);
-    result.recall_clean.push_back(clean / n);
-    result.recall_attacked.push_back(attacked / n);
   }
+  const std::vector<Interval> curves = recall.intervals();
+  result.recall_clean.assign(curves.begin(), curves.begin() + kSteps);
+  result.recall_attacked.assign(curves.begin() + kSteps, curves.end());
+  result.strata = strata(hosts, meshes);
   result.hosts = std::move(hosts);
   return result;
+}
+
+CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& store,
+                                 const std::vector<HostId>& hosts, const EvaluationSettings& settings) {
+  CleanDetections clean;  // a frame's clean detections serve all its hosts
+  for (const HostId& id : hosts) clean[id.frame];
+  std::vector<std::string> frames;
+  for (const auto& [id, none] : clean) frames.push_back(id);
+  for_each_with_detector(detectors, frames.size(), [&](Detector& detector, std::size_t i) {
+    throw_if_interrupted(kStopped);
+    clean.at(frames[i]) = cached_detections(
+        store, frames[i], settings.detector_identity, settings.score_threshold, [&](const Frame& frame) {
+          return detections(detector, {&frame.image, frame.sweep, &frame.calibration}, settings);
+        });
+  });
+  return clean;
+}
+
+Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
+                    const CleanDetections& clean, std::span<const TexturedMesh> adversaries,
+                    const SimulationSettings& simulation, const EvaluationSettings& settings) {
+  const std::size_t count = hosts.size() * adversaries.size();
+  std::vector<HostOutcome> outcomes(count);
+  Progress progress("evaluate", count, settings.quiet);
+  std::mutex mutex;
+  std::size_t done = 0;
+  for_each_with_detector(detectors, count, [&](Detector& detector, std::size_t i) {
+    throw_if_interrupted(kStopped);
+    const HostId& id = hosts[i / adversaries.size()];  // a frame's work lies together
+    const std::size_t mesh = i % adversaries.size();
+    const auto held = store.get(id.frame);
+    const PreparedFrame& prepared = *held;
+    const Rooftop rooftop = store.rooftop(id);
+    const Simulated simulated =
+        simulate(prepared, label_of(prepared.frame, id), rooftop, adversaries[mesh], simulation);
+    const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
+    HostOutcome& outcome = outcomes[mesh * hosts.size() + i / adversaries.size()];
+    outcome = judge(id, prepared.frame, clean.at(id.frame), detections(detector, view, settings), settings);
+    outcome.mesh = static_cast<int>(mesh);
+    outcome.from_box = rooftop.from_box;
+    const std::lock_guard lock(mutex);
+    progress.update(++done);
+  });
+  return summarize(std::move(outcomes), static_cast<int>(adversaries.size()));
 }
 
 Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                     const TexturedMesh& adversary, const SimulationSettings& simulation,
                     const EvaluationSettings& settings) {
-  std::map<std::string, std::vector<Proposal>> clean;  // a frame's clean detections serve all its hosts
-  for (const HostId& id : hosts) clean[id.frame];
-  std::vector<std::string> frames;
-  for (const auto& [id, none] : clean) frames.push_back(id);
-  for_each_with_detector(detectors, frames.size(), [&](Detector& detector, std::size_t i) {
-    throw_if_interrupted("an evaluation writes nothing until it is done; run it again");
-    const Frame& frame = store.get(frames[i]).frame;
-    clean.at(frames[i]) = detections(detector, {&frame.image, frame.sweep, &frame.calibration}, settings);
-  });
-
-  std::vector<HostOutcome> outcomes(hosts.size());
-  Progress progress("evaluate", hosts.size(), settings.quiet);
-  std::mutex mutex;
-  std::size_t done = 0;
-  for_each_with_detector(detectors, hosts.size(), [&](Detector& detector, std::size_t i) {
-    throw_if_interrupted("an evaluation writes nothing until it is done; run it again");
-    const HostId& id = hosts[i];
-    const PreparedFrame& prepared = store.get(id.frame);
-    const Rooftop& rooftop = store.rooftop(id);
-    const Simulated simulated =
-        simulate(prepared, label_of(prepared.frame, id), rooftop, adversary, simulation);
-    const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
-    outcomes[i] =
-        judge(id, prepared.frame, clean.at(id.frame), detections(detector, view, settings), settings);
-    outcomes[i].from_box = rooftop.from_box;
-    const std::lock_guard lock(mutex);
-    progress.update(++done);
-  });
-  return summarize(std::move(outcomes));
+  const CleanDetections clean = clean_detections(detectors, store, hosts, settings);
+  return evaluate(detectors, store, hosts, clean, {&adversary, 1}, simulation, settings);
 }
 
 nlohmann::json to_json(const Evaluation& evaluation) {
   auto hosts = nlohmann::json::array();
-  for (const HostOutcome& h : evaluation.hosts)
+  for (const HostOutcome& h : evaluation.hosts) {
     hosts.push_back({{"frame", h.id.frame},
                      {"label", h.id.label},
                      {"from_box", h.from_box},
                      {"range", h.range},
+                     {"occluded", h.occluded},
+                     {"truncated", h.truncated},
+                     {"kind", h.kind},
                      {"clean_iou", h.clean_iou},
                      {"attacked_iou", h.attacked_iou},
                      {"clean_score", h.clean_score},
@@ -156,8 +210,20 @@ nlohmann::json to_json(const Evaluation& evaluation) {
                      {"hidden", h.hidden},
                      {"false_positive", h.false_positive},
                      {"false_positive_distance", h.false_positive_distance}});
+    if (evaluation.meshes > 1) hosts.back()["mesh"] = h.mesh;
+  }
+  nlohmann::json recall = {{"iou", evaluation.iou}};
+  const auto add_curve = [&](const std::string& name, const std::vector<Interval>& curve) {
+    for (const Interval& at : curve) {
+      recall[name].push_back(at.value);
+      recall[name + "_low"].push_back(at.low);
+      recall[name + "_high"].push_back(at.high);
+    }
+  };
+  add_curve("clean", evaluation.recall_clean);
+  add_curve("attacked", evaluation.recall_attacked);
   return {{"vehicles", evaluation.vehicles},
-          {"hosts", evaluation.hosts.size()},
+          {"hosts", evaluation.hosts.size() / static_cast<std::size_t>(std::max(1, evaluation.meshes))},
           {"rooftops", to_json(evaluation.rooftops)},
           {"fn_asr", evaluation.fn_asr},
           {"fp_asr", evaluation.fp_asr},
@@ -167,10 +233,9 @@ nlohmann::json to_json(const Evaluation& evaluation) {
             {"fn_asr", to_json(evaluation.fn_interval)},
             {"fp_asr", to_json(evaluation.fp_interval)},
             {"asr", to_json(evaluation.asr_interval)}}},
-          {"recall_iou",
-           {{"iou", evaluation.iou},
-            {"clean", evaluation.recall_clean},
-            {"attacked", evaluation.recall_attacked}}},
+          {"recall_iou", recall},
+          {"strata", to_json(evaluation.strata)},
+          {"false_positives", false_positives_json(evaluation.hosts)},
           {"outcomes", hosts}};
 }
 

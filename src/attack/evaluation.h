@@ -5,10 +5,13 @@
 //   FN: the host is detected at IoU > 0.7 clean and not attacked.
 //   FP: an attacked box that has IoU < 0.3 with every ground truth and no overlap with any clean detection.
 // FN ASR, FP ASR and ASR (FN or FP) are shares of the vehicles that were detected clean
-// (Tu et al., CoRL 2021, section 4). Recall–IoU runs over all hosts.
+// (Tu et al., CoRL 2021, section 4). Recall–IoU runs over all hosts. Several meshes are judged as one: shares
+// are means over meshes × hosts, and the intervals' clusters stay the frames.
 #pragma once
 
 #include <filesystem>
+#include <map>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -23,26 +26,64 @@ struct EvaluationSettings {
   double detected_iou = 0.7;
   double false_positive_iou = 0.3;
   bool quiet = false;
+  /// Of the pool's options (attack/frame_cache.h); empty: clean detections are not cached.
+  std::string detector_identity = {};
+  /// What kind of vehicle a host is, by host_name; the label's type where it is not in here.
+  std::map<std::string, std::string> kinds = {};
+};
+
+/// A false positive: a detection that the adversary made.
+struct NewBox {
+  BevBox box;
+  double score = 0;
+  double distance = 0;  ///< m, from the host's centre to the box's
+  double range = 0;     ///< m, from the `velo` origin
 };
 
 /// What the detector says about one host, clean and attacked.
 struct HostOutcome {
   HostId id;
+  int mesh = 0;                                ///< which of the judged meshes
   bool from_box = true;                        ///< the roof's pose is the labelled box's (Rooftop)
   double range = 0;                            ///< m, host's box centre from the `velo` origin
+  int occluded = 0;                            ///< the label's
+  double truncated = 0;                        ///< the label's
+  std::string kind;                            ///< EvaluationSettings::kinds
   double clean_iou = 0, attacked_iou = 0;      ///< best IoU of a detection with the host's box
   double clean_score = 0, attacked_score = 0;  ///< score of that detection
   bool detected = false, hidden = false, false_positive = false;
   double false_positive_distance = 0;     ///< m from the host to the farthest new box, if any
+  std::vector<NewBox> new_boxes;          ///< in the order of `attacked`
   std::vector<Proposal> clean, attacked;  ///< detections after suppression
+
+  bool fooled() const { return hidden || false_positive; }
+};
+
+/// Shares of the vehicles that were detected clean, with 95 % intervals (bootstrap over frames).
+struct SuccessRates {
+  Interval fn_asr, fp_asr, asr;
+};
+/// Over those outcomes that count: `hosts` whose detection was clean.
+SuccessRates success_rates(std::span<const HostOutcome* const> hosts);
+
+/// One part of the hosts (evaluation_strata.h).
+struct StratumSuccess {
+  std::string by;    ///< "range", "occlusion", "truncation" or "kind"
+  std::string name;  ///< "15-30 m", "partly occluded", …
+  int hosts = 0;     ///< of one mesh
+  int vehicles = 0;  ///< of these: detected clean
+  SuccessRates rates;
 };
 
 struct Evaluation {
-  std::vector<HostOutcome> hosts;
-  int vehicles = 0;  ///< hosts detected clean: the denominator
+  std::vector<HostOutcome> hosts;  ///< meshes × hosts, a mesh after the other
+  int meshes = 1;
+  int vehicles = 0;  ///< hosts detected clean: the denominator of one mesh
   double fn_asr = 0, fp_asr = 0, asr = 0;
-  Interval fn_interval, fp_interval, asr_interval;  ///< 95 %, bootstrap over frames
-  std::vector<double> iou, recall_clean, recall_attacked;
+  Interval fn_interval, fp_interval, asr_interval;      ///< 95 %, bootstrap over frames
+  std::vector<double> iou;                              ///< 0 … 1
+  std::vector<Interval> recall_clean, recall_attacked;  ///< of all hosts, at each of `iou`
+  std::vector<StratumSuccess> strata;
   RooftopCount rooftops;  ///< of all hosts
 };
 
@@ -54,14 +95,25 @@ std::vector<Proposal> detections(Detector& detector, const SensorView& view,
 HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> clean,
                   std::vector<Proposal> attacked, const EvaluationSettings& settings);
 
-/// Shares and curves over outcomes.
-Evaluation summarize(std::vector<HostOutcome> hosts);
+/// Shares and curves over outcomes; with several meshes each host has as many outcomes.
+Evaluation summarize(std::vector<HostOutcome> hosts, int meshes = 1);
 
-/// Runs the detector on every host, clean and with the adversary.
+/// By frame.
+using CleanDetections = std::map<std::string, std::vector<Proposal>>;
+/// What the detector sees in the hosts' frames as they were recorded.
+CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& store,
+                                 const std::vector<HostId>& hosts, const EvaluationSettings& settings);
+
+/// Runs the detector on every host with each of the adversaries on its roof.
+Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
+                    const CleanDetections& clean, std::span<const TexturedMesh> adversaries,
+                    const SimulationSettings& simulation, const EvaluationSettings& settings);
+/// The same of one adversary; clean frames are looked at first.
 Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                     const TexturedMesh& adversary, const SimulationSettings& simulation,
                     const EvaluationSettings& settings);
 
+/// With the strata (evaluation_strata.h) and the false positives (false_positives.h).
 nlohmann::json to_json(const Evaluation& evaluation);
 
 }  // namespace mirage

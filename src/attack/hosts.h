@@ -2,18 +2,13 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
-#include <map>
-#include <memory>
-#include <mutex>
 #include <string>
 #include <vector>
 
+#include "attack/frame_store.h"
 #include "attack/run.h"
 #include "detection/detector.h"
-#include "scene/depth/learned_depth.h"
 #include "scene/insertion.h"
-#include "scene/sun.h"
 
 namespace mirage {
 
@@ -23,54 +18,16 @@ struct Host {
   Rooftop rooftop;
 };
 
-/// The frames of a data set with the roofs of their vehicles, read and prepared once, by id. Several threads
-/// may ask at once.
-class FrameStore {
- public:
-  /// `depth` completes the photographs' depth; without one, IpBasic. `finder` finds the roofs; without one,
-  /// BoxRooftopFinder.
-  FrameStore(std::filesystem::path data, const LidarModel& lidar,
-             std::shared_ptr<const DepthCompletion> depth = nullptr,
-             std::shared_ptr<const RooftopFinder> finder = nullptr);
-  /// As the commands name them: `--depth`, `--rooftop` and `--sun`, and the LiDAR of the data set.
-  FrameStore(const std::filesystem::path& data, const std::string& depth, const std::string& rooftop,
-             const std::string& sun = kDefaultSun);
-  /// Reads and prepares the frame at first use; only measured points inside the photograph are kept, as
-  /// KITTI's detectors do.
-  const PreparedFrame& get(const std::string& id) { return at(id).prepared; }
-  /// The roof of a vehicle. It is found in the whole sweep: one that the photograph cuts off is seen whole.
-  /// InputError if the frame has no such label.
-  const Rooftop& rooftop(const HostId& host);
-
- private:
-  struct Entry {
-    PreparedFrame prepared;
-    std::vector<Rooftop> rooftops;  ///< of the labels, in their order
-  };
-  const Entry& at(const std::string& id);
-
-  std::filesystem::path data_;
-  LidarModel lidar_;
-  std::shared_ptr<const DepthCompletion> depth_;
-  std::shared_ptr<const RooftopFinder> finder_;
-  SunChoice sun_;
-  std::mutex mutex_;
-  std::map<std::string, std::unique_ptr<Entry>> frames_;
-};
-
-/// The LiDAR that recorded a data set: the set's own rig.toml (generated ones have it), else the rig that
-/// dataset.json names, else KITTI's HDL-64E.
-LidarModel lidar_of(const std::filesystem::path& data);
-
 /// Cars of the frame that can be hosts: labelled "Car", box centre inside the detector's region, and at least
 /// `min_view` of the reference adversary in view after occlusion.
 std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const std::array<double, 4>& region,
                              const SimulationSettings& simulation, double min_view = 0.7);
 
-/// Hosts of every frame of a data set.
+/// Hosts of every frame of a data set. Their rooftops come without the fitted vehicle's mesh, which would
+/// fill the memory: FrameStore::rooftop has it. Shows progress unless `quiet`.
 std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::string>& frames,
                                  const std::array<double, 4>& region, const SimulationSettings& simulation,
-                                 double min_view);
+                                 double min_view, bool quiet = true);
 
 /// On what the hosts of a run stand.
 struct RooftopCount {

@@ -14,7 +14,7 @@ std::vector<std::size_t> own_hosts(std::size_t n) {
 void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary) {
   if (rank_count() == 1) return;
   const std::size_t vertices = adversary.mesh.vertices.size(), texels = adversary.atlas.texels.size();
-  std::vector<std::vector<double>> blocks(steps.size(), std::vector<double>(2 + 3 * (vertices + texels)));
+  std::vector<std::vector<double>> blocks(steps.size(), std::vector<double>(3 + 3 * (vertices + texels)));
   const auto pack = [](std::vector<Vec3d>& points, double* into, bool out) {
     for (std::size_t i = 0; i < points.size(); ++i)
       for (int c = 0; c < 3; ++c)
@@ -30,11 +30,11 @@ void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary) {
       step.gradient.vertices.resize(vertices, Vec3d::Zero());
       step.gradient.texels.resize(texels, Vec3d::Zero());
       if (out)
-        block[0] = step.hide, block[1] = step.false_positive;
+        block[0] = step.hide, block[1] = step.false_positive, block[2] = step.hidden;
       else
-        step.hide = block[0], step.false_positive = block[1];
-      pack(step.gradient.vertices, block + 2, out);
-      pack(step.gradient.texels, block + 2 + 3 * vertices, out);
+        step.hide = block[0], step.false_positive = block[1], step.hidden = block[2] != 0;
+      pack(step.gradient.vertices, block + 3, out);
+      pack(step.gradient.texels, block + 3 + 3 * vertices, out);
     }
   };
   move(true);

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "attack/attack.h"
+#include "attack/attack_step.h"
 
 namespace mirage {
 

@@ -38,7 +38,11 @@ void require_own_data(const Run& run, const std::filesystem::path& data) {
 
 void use_detector_of(const Run& run, DetectorOptions& options) {
   if (options.detector.empty()) options.detector = run.detector;
-  if (options.weights.empty() && options.detector == run.detector) options.weights = run.weights;
+  const bool same = options.detector == run.detector;
+  if (options.defense.empty())
+    options.defense =
+        same && (options.weights.empty() || run.defense.starts_with("jpeg:")) ? run.defense : "none";
+  if (options.weights.empty() && same && options.defense == run.defense) options.weights = run.weights;
 }
 
 Run read_run(const std::filesystem::path& folder) {
@@ -56,6 +60,7 @@ Run read_run(const std::filesystem::path& folder) {
     run.data = json.at("data").get<std::string>();
     run.detector = json.at("detector");
     run.weights = json.at("weights").get<std::string>();
+    run.defense = json.value("defense", run.defense);
     run.target = json.at("target");
     run.depth = json.value("depth", run.depth);
     run.rooftop = json.value("rooftop", run.rooftop);
@@ -68,6 +73,13 @@ Run read_run(const std::filesystem::path& folder) {
     run.train = read_hosts(json.at("train"));
     run.test = read_hosts(json.at("test"));
     run.min_view = json.at("min_view");
+    run.seed = json.value("seed", run.seed);
+    if (json.contains("limits"))
+      for (int c = 0; c < 3; ++c) run.limits.half[c] = json.at("limits").at(static_cast<std::size_t>(c));
+    if (json.contains("buildable")) {
+      const auto& rules = json.at("buildable");
+      run.buildable = {true, rules.at(0), rules.at(1), rules.at(2), rules.at(3)};
+    }
     const auto& simulation = json.at("simulation");
     run.simulation.raster.sigma = simulation.at("sigma");
     run.simulation.raster.gamma = simulation.at("gamma");

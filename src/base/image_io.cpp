@@ -10,9 +10,9 @@
 #include <cstdint>
 #include <memory>
 
-#include "base/color.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/srgb_bytes.h"
 
 namespace mirage {
 namespace {
@@ -36,11 +36,6 @@ std::unique_ptr<OIIO::ImageInput> open_image(const fs::path& path) {
 
 /// 8-bit sRGB pixels of an opened picture as scene-linear RGB.
 ImageF read_linear(OIIO::ImageInput& input, const std::string& where, const std::string& field) {
-  static const std::array<float, 256> linear = [] {
-    std::array<float, 256> table{};
-    for (int i = 0; i < 256; ++i) table[i] = linear_from_srgb(static_cast<float>(i) / 255);
-    return table;
-  }();
   const OIIO::ImageSpec& spec = input.spec();
   std::vector<std::uint8_t> bytes(static_cast<std::size_t>(spec.width) * spec.height * spec.nchannels);
   if (!input.read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::UINT8, bytes.data()))
@@ -50,15 +45,8 @@ ImageF read_linear(OIIO::ImageInput& input, const std::string& where, const std:
   const std::size_t pixels = static_cast<std::size_t>(spec.width) * spec.height;
   for (std::size_t i = 0; i < pixels; ++i)
     for (int c = 0; c < 3; ++c)
-      image.data[3 * i + c] = linear[bytes[i * spec.nchannels + (spec.nchannels >= 3 ? c : 0)]];
+      image.data[3 * i + c] = linear_level(bytes[i * spec.nchannels + (spec.nchannels >= 3 ? c : 0)]);
   return image;
-}
-
-std::vector<std::uint8_t> encode(const ImageF& linear) {
-  std::vector<std::uint8_t> bytes(linear.data.size());
-  for (std::size_t i = 0; i < bytes.size(); ++i)
-    bytes[i] = static_cast<std::uint8_t>(std::lround(255 * srgb_from_linear(linear.data[i])));
-  return bytes;
 }
 
 template <class T>
@@ -99,7 +87,7 @@ ImageF decode_srgb(std::string_view bytes, const std::string& where, const std::
 }
 
 void write_srgb(const fs::path& path, const ImageF& linear) {
-  write_image(path, linear, OIIO::TypeDesc::UINT8, encode(linear).data());
+  write_image(path, linear, OIIO::TypeDesc::UINT8, srgb_bytes(linear).data());
 }
 
 std::string encode_srgb_png(const ImageF& linear) {
@@ -110,7 +98,7 @@ std::string encode_srgb_png(const ImageF& linear) {
   if (!output) throw Failure("PNG encoder", OIIO::geterror(), "install OpenImageIO with PNG support");
   output->set_ioproxy(&proxy);
   if (!output->open("memory.png", spec) ||
-      !output->write_image(OIIO::TypeDesc::UINT8, encode(linear).data()) || !output->close())
+      !output->write_image(OIIO::TypeDesc::UINT8, srgb_bytes(linear).data()) || !output->close())
     throw Failure("PNG encoder", output->geterror(), "report this as a bug");
   return {file.begin(), file.end()};
 }

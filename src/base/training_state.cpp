@@ -1,6 +1,7 @@
 #include "base/training_state.h"
 
 #include <algorithm>
+#include <sstream>
 #include <string>
 
 #include "base/error.h"
@@ -54,6 +55,20 @@ void write_training_state(const fs::path& out, const nlohmann::json& wanted, Tra
   std::error_code ignored;
   if (!state.weights.empty() && state.weights != weights) fs::remove(state.weights, ignored);
   state.weights = weights;
+}
+
+TrainingLog::TrainingLog(const fs::path& out, std::int64_t step) : file_(out / "training.jsonl") {
+  if (step == 0 || !fs::exists(file_)) return;
+  std::istringstream lines(read_file(file_));
+  for (std::string line; std::getline(lines, line);) {
+    const auto json = nlohmann::json::parse(line, nullptr, false);
+    if (json.is_object() && json.value("step", step + 1) <= step) text_ += line + "\n";
+  }
+}
+
+void TrainingLog::add(const nlohmann::json& line) {
+  text_ += line.dump() + "\n";
+  write_file(file_, text_);
 }
 
 }  // namespace mirage

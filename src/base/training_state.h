@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <string>
 
 namespace mirage {
 
@@ -29,5 +30,17 @@ void follow_losses(TrainingState& state, const std::array<double, 3>& now, doubl
 void write_training_state(const std::filesystem::path& out, const nlohmann::json& wanted,
                           TrainingState& state,
                           const std::function<void(const std::filesystem::path&)>& save);
+
+/// OUT/training.jsonl: one JSON object a line, each with its "step". A run that goes on drops the lines past
+/// its checkpoint.
+class TrainingLog {
+ public:
+  TrainingLog(const std::filesystem::path& out, std::int64_t step);
+  void add(const nlohmann::json& line);
+
+ private:
+  std::filesystem::path file_;
+  std::string text_;
+};
 
 }  // namespace mirage

@@ -23,17 +23,21 @@ std::string buildable_words(const nlohmann::json& report) {
 Command attack_command() {
   auto settings = std::make_shared<AttackSettings>();
   auto expect = std::make_shared<std::string>("none");
+  auto size = std::make_shared<double>(AdversaryLimits().half.x());
   auto quality = std::make_shared<QualityOption>(QualityOption{"default"});
   auto light = std::make_shared<LightOption>();
   Command command{
       "attack", "learns the universal adversary; resumes from its checkpoint", "out/attack", {}, {}};
-  command.options = [settings, quality, light, expect](CLI::App& app) {
+  command.options = [settings, quality, light, expect, size](CLI::App& app) {
     app.add_option("--data", settings->data, "data set in KITTI layout")->required();
     add_detector_options(app, settings->detector);
     add_depth_option(app, settings->depth);
     add_rooftop_option(app, settings->rooftop);
     app.add_option("--target", settings->target, "both, image, lidar or random")->capture_default_str();
     app.add_option("--parts", settings->parts, "what is learned: both, shape or texture")
+        ->capture_default_str();
+    app.add_option("--size", *size,
+                   "L: the mesh stays within ±L along and across the roof and ±5/8 L in height, m")
         ->capture_default_str();
     app.add_option("--expect", *expect,
                    "what is drawn anew for each host and step: none, all, or some of roof,sun,light,exposure,"
@@ -59,8 +63,9 @@ Command attack_command() {
     add_camera_options(app, settings->simulation);
     light->add(app, "plain");
     add_sun_option(app, settings->sun);
+    tell_of_cache(app);
   };
-  command.run = [settings, quality, light, expect](const Common& common) -> nlohmann::json {
+  command.run = [settings, quality, light, expect, size](const Common& common) -> nlohmann::json {
     quality->apply(settings->simulation);
     light->apply(settings->simulation);
     parse_sun(settings->sun);  // complain before a detector is loaded
@@ -69,6 +74,7 @@ Command attack_command() {
     settings->quiet = common.quiet;
     settings->detector = with_common(settings->detector, common, settings->data);
     settings->expectation = parse_expectation(*expect);
+    settings->limits = limits_of_size(*size);
     const AttackResult result = run_attack(*settings);
     print_table({{"vehicles to train on", std::to_string(result.vehicles_train)},
                  {"vehicles held back", std::to_string(result.vehicles_test)},
@@ -84,6 +90,7 @@ Command attack_command() {
             {"iterations", result.iterations},
             {"loss", result.loss},
             {"seconds_per_iteration", result.seconds_per_iteration},
+            {"stages", result.stages},
             {"buildable", result.buildable}};
   };
   command.many_ranks = true;

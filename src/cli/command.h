@@ -37,8 +37,10 @@ Command evaluate_command();
 Command export_command();
 Command validate_command();
 Command tradeoff_command();
+Command defend_command();
 Command demo_command();
 Command depth_command();
 Command render_command();
+Command reproduce_command();
 
 }  // namespace mirage::cli

@@ -94,6 +94,8 @@ Command detect_command() {
     }
     nlohmann::json result = scores_json(parts[0]);
     result["frames"] = run.ids.size();
+    result["ap50_interval"] = to_json(average_precision_interval(run.frames, 0.5));
+    result["ap70_interval"] = to_json(average_precision_interval(run.frames, 0.7));
     result["detector"] = detector->name();
     result["seconds_per_frame"] = run.seconds_per_frame;
     for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);

@@ -14,6 +14,10 @@ inline void add_detector_options(CLI::App& app, DetectorOptions& options) {
       ->capture_default_str();
   app.add_option("--weights", options.weights,
                  "weights file (default: the shipped ones for the data set's rig)");
+  app.add_option("--defense", options.defense,
+                 "what the detector is defended by: none, jpeg:QUALITY, or shipped weights of mirage defend "
+                 "(adversarial, denoising, depth-gate, adversarial-depth-gate)")
+      ->capture_default_str();
 }
 
 /// `data`: the data set that the detector is to see; its rig chooses the shipped weights.

@@ -1,35 +1,65 @@
+#include <cstdio>
 #include <memory>
 
-#include "attack/adversary.h"
-#include "attack/evaluation.h"
-#include "base/error.h"
+#include "attack/evaluate_run.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
 #include "cli/table.h"
-#include "scene/kitti.h"
+#include "validation/evaluation_pictures.h"
 
 namespace mirage::cli {
 namespace {
 
 struct Options {
-  std::filesystem::path run, data;
-  DetectorOptions detector;
-  EvaluationSettings evaluation;
-  std::string hosts = "test", depth, rooftop, sun;
+  EvaluationRequest request;
   QualityOption quality;
   LightOption light;
+  int pictures = 0;
 
-  Options() { detector.detector.clear(); }  // empty: the run's
+  Options() { request.detector.detector.clear(), request.detector.defense.clear(); }  // empty: the run's
 };
 
-std::vector<HostId> chosen_hosts(const Run& run, const std::string& which) {
-  if (which == "test") return run.test;
-  if (which == "train") return run.train;
-  if (which != "all") throw InputError("--hosts", which, "unknown choice", "use test, train or all");
-  auto all = run.train;
-  all.insert(all.end(), run.test.begin(), run.test.end());
-  return all;
+std::string with_interval(const Interval& share) {
+  return percent(share.value, share.low, share.high);
+}
+
+void print_shares(const RunEvaluation& evaluation) {
+  const Evaluation& learned = evaluation.learned;
+  const auto shares = [&](Interval Evaluation::*of) {
+    return with_interval(learned.*of) +
+           (evaluation.random ? " | " + with_interval((*evaluation.random).*of) : "");
+  };
+  const std::string meshes = evaluation.random && evaluation.random->meshes > 1
+                                 ? fmt::format("{} random meshes", evaluation.random->meshes)
+                                 : "random mesh";
+  const std::string of = (evaluation.random ? ", learned | " + meshes : std::string()) + " (95 %)";
+  print_table({{"hosts", std::to_string(evaluation.hosts.size())},
+               {"roofs", roofs(learned.rooftops.fitted, learned.rooftops.from_box)},
+               {"vehicles detected without adversary", std::to_string(learned.vehicles)},
+               {"FN ASR" + of, shares(&Evaluation::fn_interval)},
+               {"FP ASR" + of, shares(&Evaluation::fp_interval)},
+               {"ASR" + of, shares(&Evaluation::asr_interval)}});
+}
+
+/// Only the parts that hold vehicles.
+void print_strata(const RunEvaluation& evaluation) {
+  const auto row = [](const std::string& part, const std::string& vehicles, const std::string& fn,
+                      const std::string& fp, const std::string& asr, const std::string& random) {
+    const std::string last = random.empty() ? asr : fmt::format("{:<22} {}", asr, random);
+    std::fputs(fmt::format("{:<28} {:>8} {:>8} {:>8}  {}\n", part, vehicles, fn, fp, last).c_str(), stdout);
+  };
+  std::fputs("\n", stdout);
+  row("part", "vehicles", "FN ASR", "FP ASR", "ASR (95 %)", evaluation.random ? "random mesh's ASR" : "");
+  const auto& parts = evaluation.learned.strata;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const auto& [by, name, hosts, vehicles, rates] = parts[i];
+    if (vehicles == 0) continue;
+    row(by + " " + name, std::to_string(vehicles), percent(rates.fn_asr.value), percent(rates.fp_asr.value),
+        with_interval(rates.asr),
+        evaluation.random ? with_interval(evaluation.random->strata[i].rates.asr) : "");
+  }
+  std::fflush(stdout);
 }
 
 }  // namespace
@@ -39,65 +69,49 @@ Command evaluate_command() {
   Command command{
       "evaluate", "attack success of a run against a detector and a data set", "out/evaluate", {}, {}};
   command.options = [options](CLI::App& app) {
-    app.add_option("--run", options->run, "run folder of mirage attack")->required();
-    app.add_option("--data", options->data, "data set (default: the run's)");
-    add_detector_options(app, options->detector);
-    app.add_option("--depth", options->depth, "ip-basic, guided or a plugin (*.so); default: the run's");
-    add_rooftop_option_of_run(app, options->rooftop);
+    EvaluationRequest& request = options->request;
+    app.add_option("--run", request.run, "run folder of mirage attack: whose adversary is judged")
+        ->required();
+    app.add_option("--hosts-of", request.hosts_of,
+                   "another run folder: judge on exactly its test hosts, with its data set and, unless asked "
+                   "otherwise, its detector (black-box transfer)");
+    app.add_option("--data", request.data, "data set (default: the run's)");
+    add_detector_options(app, request.detector);
+    app.add_option("--depth", request.depth, "ip-basic, guided or a plugin (*.so); default: the run's");
+    add_rooftop_option_of_run(app, request.rooftop);
     options->quality.add(app, "the run's settings");
     options->light.add(app, "the run's");
-    add_sun_option_of_run(app, options->sun);
-    app.add_option("--hosts", options->hosts, "test, train or all hosts of the run")->capture_default_str();
-    app.add_option("--score", options->evaluation.score_threshold, "score of a detection")
+    add_sun_option_of_run(app, request.sun);
+    tell_of_cache(app);
+    app.add_option("--hosts", request.hosts, "test, train or all hosts of the run; default: test");
+    app.add_option("--random-meshes", request.random_meshes,
+                   "random meshes of the seeds run-seed, run-seed + 1, …, pooled; 0: none")
         ->capture_default_str();
-    app.add_option("--iou", options->evaluation.detected_iou, "IoU at which a vehicle counts as detected")
+    app.add_option("--pictures", options->pictures,
+                   "draw up to so many hidden vehicles and as many with false positives, with the image "
+                   "features, into OUT/pictures")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    app.add_option("--score", request.settings.score_threshold, "score of a detection")
+        ->capture_default_str();
+    app.add_option("--iou", request.settings.detected_iou, "IoU at which a vehicle counts as detected")
         ->capture_default_str();
   };
   command.run = [options](const Common& common) -> nlohmann::json {
-    Run run = read_run(options->run);
-    options->quality.apply(run.simulation);
-    options->light.apply(run.simulation);
-    const std::string sun = options->sun.empty() ? run.sun : options->sun;
-    use_detector_of(run, options->detector);
-    const auto data = options->data.empty() ? run.data : options->data;
-    FrameStore store(data, options->depth.empty() ? run.depth : options->depth,
-                     options->rooftop.empty() ? run.rooftop : options->rooftop, sun);
-    options->evaluation.quiet = common.quiet;
-    const auto list = [&] {
-      if (!is_other_data(run, data)) return chosen_hosts(run, options->hosts);
-      // Another data set than the run's: all its usable vehicles are unseen ones.
-      const auto region = load_detector(with_common(options->detector, common, data))->region();
-      std::vector<HostId> found;
-      for (const Host& host : find_all_hosts(store, list_frames(data), region, run.simulation, run.min_view))
-        found.push_back(host.id);
-      return found;
+    EvaluationRequest& request = options->request;
+    request.detector.seed = common.seed;
+    request.detector.threads = common.threads;
+    request.settings.quiet = common.quiet;
+    request.adjust = [options](SimulationSettings& simulation) {
+      options->quality.apply(simulation);
+      options->light.apply(simulation);
     };
-    const std::vector<HostId> hosts = list();
-    if (hosts.empty())
-      throw InputError((options->run / "run.json").string(), options->hosts, "has no host vehicles",
-                       "use --hosts all or a larger data set");
-    const DetectorPool detectors =
-        load_detector_pool(with_common(options->detector, common, data), static_cast<int>(hosts.size()));
-    const auto judged = [&](const TexturedMesh& mesh) {
-      return evaluate(detectors, store, hosts, mesh, run.simulation, options->evaluation);
-    };
-    const Evaluation learned = judged(run.adversary), random = judged(run.random);
-    const auto shares = [&](Interval Evaluation::*of) {
-      const Interval &a = learned.*of, &b = random.*of;
-      return percent(a.value, a.low, a.high) + " | " + percent(b.value, b.low, b.high);
-    };
-    print_table({{"hosts", std::to_string(hosts.size())},
-                 {"roofs", roofs(learned.rooftops.fitted, learned.rooftops.from_box)},
-                 {"vehicles detected without adversary", std::to_string(learned.vehicles)},
-                 {"FN ASR, learned | random mesh (95 %)", shares(&Evaluation::fn_interval)},
-                 {"FP ASR, learned | random mesh (95 %)", shares(&Evaluation::fp_interval)},
-                 {"ASR, learned | random mesh (95 %)", shares(&Evaluation::asr_interval)}});
-    nlohmann::json result = to_json(learned);
-    result["random"] = to_json(random);
-    result["simulation"] = to_json(run.simulation);
-    result["sun"] = sun;
-    result["score_threshold"] = options->evaluation.score_threshold;
-    result["detected_iou"] = options->evaluation.detected_iou;
+    const RunEvaluation evaluation = evaluate_run(request);
+    print_shares(evaluation);
+    print_strata(evaluation);
+    nlohmann::json result = to_json(evaluation);
+    if (options->pictures > 0)
+      result["pictures"] = draw_evaluation_pictures(evaluation, options->pictures, common.out / "pictures");
     return result;
   };
   return command;

@@ -37,8 +37,9 @@ nlohmann::json run(const Options& options, const Common& common) {
   auto files = nlohmann::json::array({"adversary.glb"});
   for (const HostId& id : hosts) {
     throw_if_interrupted("the files written so far are complete");
-    const PreparedFrame& prepared = store.get(id.frame);
-    const Rooftop& rooftop = store.rooftop(id);
+    const auto held = store.get(id.frame);
+    const PreparedFrame& prepared = *held;
+    const Rooftop rooftop = store.rooftop(id);
     rooftops.add(rooftop);
     const std::string name = host_name(id);
     write_scene(common.out / (name + ".glb"),

@@ -96,6 +96,15 @@ inline void add_sun_option_of_run(CLI::App& app, std::string& sun) {
   app.add_option("--sun", sun, std::string(kSunHelp) + "; default: the run's");
 }
 
+/// For the commands that keep what frames cost to prepare (attack/frame_cache.h).
+inline void tell_of_cache(CLI::App& app) {
+  app.footer(
+      "Completed depth, fitted roofs, hosts in view and clean detections are kept on disk by content, in "
+      "the\n"
+      "folder that the environment variable MIRAGE_CACHE names (default: $XDG_CACHE_HOME/mirage or\n"
+      "~/.cache/mirage; off: nowhere). Results are the same with and without.");
+}
+
 /// How many roofs were fitted, for the commands' tables.
 inline std::string roofs(int fitted, int from_box) {
   return fmt::format("{} fitted, {} from the labelled box", fitted, from_box);

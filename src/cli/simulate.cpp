@@ -11,6 +11,7 @@
 #include "cli/frame_options.h"
 #include "cli/table.h"
 #include "exchange/gltf.h"
+#include "scene/depth/learned_depth.h"
 #include "scene/kitti.h"
 #include "scene/shape/shape_rooftop.h"
 #include "scene/sun.h"

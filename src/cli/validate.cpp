@@ -78,6 +78,7 @@ Command validate_command() {
         app.add_option("--data", options->data, "data set (default: the run's)");
         app.add_option("--detector", options->detector.detector, "detector (default: the run's)");
         app.add_option("--weights", options->detector.weights, "the detector's weights (default: the run's)");
+        app.add_option("--defense", options->detector.defense, "the detector's defence (default: the run's)");
         add_rooftop_option_of_run(app, options->rooftop);
         app.add_option("--frames", options->frames,
                        "frames to validate, test frames first; 0: all test frames")

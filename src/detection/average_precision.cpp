@@ -45,6 +45,62 @@ struct Detection {
   std::size_t frame, place;
 };
 
+/// A detection that counts: a hit or a false alarm.
+struct Judged {
+  std::size_t frame;
+  bool hit;
+};
+
+/// By falling score.
+std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) {
+  std::vector<Detection> detections;
+  std::vector<std::vector<char>> claimed;
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    for (std::size_t k = 0; k < frames[f].detections.size(); ++k)
+      detections.push_back({frames[f].detections[k].logit, f, k});
+    claimed.emplace_back(frames[f].truth.boxes.size(), 0);
+  }
+  std::stable_sort(detections.begin(), detections.end(),
+                   [](const Detection& a, const Detection& b) { return a.logit > b.logit; });
+  std::vector<Judged> result;
+  for (const Detection& detection : detections) {
+    const ScoredFrame& frame = frames[detection.frame];
+    const BevBox& box = frame.detections[detection.place].box;
+    double best = min_iou;
+    std::size_t found = frame.truth.boxes.size();
+    for (std::size_t i = 0; i < frame.truth.boxes.size(); ++i) {
+      const double overlap = claimed[detection.frame][i] ? 0 : iou(box, frame.truth.boxes[i]);
+      if (overlap >= best && (overlap > best || found == frame.truth.boxes.size())) {
+        best = overlap;
+        found = i;
+      }
+    }
+    if (found < frame.truth.boxes.size()) {
+      claimed[detection.frame][found] = 1;
+      result.push_back({detection.frame, true});
+      continue;
+    }
+    const auto covers = [&](const BevBox& other) {
+      return iou(box, other) >= min_iou || intersection_area(box, other) >= box.length * box.width / 2;
+    };
+    if (std::none_of(frame.truth.ignore.begin(), frame.truth.ignore.end(), covers))
+      result.push_back({detection.frame, false});
+  }
+  return result;
+}
+
+/// Makes precision the best at that recall or above, and takes the mean over 40 recalls.
+double area(std::vector<std::array<double, 2>>& curve) {
+  for (std::size_t i = curve.size(); i-- > 1;) curve[i - 1][1] = std::max(curve[i - 1][1], curve[i][1]);
+  double sum = 0;
+  std::size_t at = 0;
+  for (int step = 1; step <= 40; ++step) {
+    while (at < curve.size() && curve[at][0] < step / 40.0 - 1e-9) ++at;
+    if (at < curve.size()) sum += curve[at][1] / 40;
+  }
+  return sum;
+}
+
 }  // namespace
 
 bool counts_by_label(const Label& label, const std::array<double, 4>& region) {
@@ -78,53 +134,37 @@ GroundTruth ground_truth(const Frame& frame, std::span<const LidarPoint> points,
 
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou) {
   PrecisionRecall result;
-  std::vector<Detection> detections;
-  std::vector<std::vector<char>> claimed;
-  for (std::size_t f = 0; f < frames.size(); ++f) {
-    for (std::size_t k = 0; k < frames[f].detections.size(); ++k)
-      detections.push_back({frames[f].detections[k].logit, f, k});
-    claimed.emplace_back(frames[f].truth.boxes.size(), 0);
-    result.boxes += static_cast<int>(frames[f].truth.boxes.size());
-  }
+  for (const ScoredFrame& frame : frames) result.boxes += static_cast<int>(frame.truth.boxes.size());
   if (result.boxes == 0) return result;
-  std::stable_sort(detections.begin(), detections.end(),
-                   [](const Detection& a, const Detection& b) { return a.logit > b.logit; });
-
   int hits = 0, alarms = 0;
-  for (const Detection& detection : detections) {
-    const ScoredFrame& frame = frames[detection.frame];
-    const BevBox& box = frame.detections[detection.place].box;
-    double best = min_iou;
-    std::size_t found = frame.truth.boxes.size();
-    for (std::size_t i = 0; i < frame.truth.boxes.size(); ++i) {
-      const double overlap = claimed[detection.frame][i] ? 0 : iou(box, frame.truth.boxes[i]);
-      if (overlap >= best && (overlap > best || found == frame.truth.boxes.size())) {
-        best = overlap;
-        found = i;
-      }
-    }
-    if (found < frame.truth.boxes.size()) {
-      claimed[detection.frame][found] = 1;
-      ++hits;
-    } else {
-      const auto covers = [&](const BevBox& other) {
-        return iou(box, other) >= min_iou || intersection_area(box, other) >= box.length * box.width / 2;
-      };
-      if (std::any_of(frame.truth.ignore.begin(), frame.truth.ignore.end(), covers)) continue;
-      ++alarms;
-    }
+  for (const Judged& detection : judged(frames, min_iou)) {
+    ++(detection.hit ? hits : alarms);
     result.curve.push_back(
         {static_cast<double>(hits) / result.boxes, static_cast<double>(hits) / (hits + alarms)});
   }
   result.recall = static_cast<double>(hits) / result.boxes;
-  auto& curve = result.curve;
-  for (std::size_t i = curve.size(); i-- > 1;) curve[i - 1][1] = std::max(curve[i - 1][1], curve[i][1]);
-  std::size_t at = 0;
-  for (int step = 1; step <= 40; ++step) {
-    while (at < curve.size() && curve[at][0] < step / 40.0 - 1e-9) ++at;
-    if (at < curve.size()) result.average_precision += curve[at][1] / 40;
-  }
+  result.average_precision = area(result.curve);
   return result;
+}
+
+Interval average_precision_interval(std::span<const ScoredFrame> frames, double min_iou) {
+  const std::vector<Judged> all = judged(frames, min_iou);
+  if (std::all_of(frames.begin(), frames.end(), [](const ScoredFrame& f) { return f.truth.boxes.empty(); }))
+    return {0, 0, 1};
+  std::vector<std::array<double, 2>> curve;
+  return bootstrap_statistic(frames.size(), [&](std::span<const int> drawn) {
+    int boxes = 0, hits = 0, alarms = 0;
+    for (std::size_t f = 0; f < frames.size(); ++f)
+      boxes += drawn[f] * static_cast<int>(frames[f].truth.boxes.size());
+    if (boxes == 0) return std::nan("");
+    curve.clear();
+    for (const Judged& detection : all) {
+      if (drawn[detection.frame] == 0) continue;
+      (detection.hit ? hits : alarms) += drawn[detection.frame];
+      curve.push_back({static_cast<double>(hits) / boxes, static_cast<double>(hits) / (hits + alarms)});
+    }
+    return area(curve);
+  });
 }
 
 std::vector<Stratum> standard_strata() {

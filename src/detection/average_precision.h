@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "base/bootstrap.h"
 #include "detection/detector.h"
 
 namespace mirage {
@@ -58,6 +59,9 @@ struct PrecisionRecall {
 /// and is a false alarm when not. AP is the mean over recalls 1/40 … 40/40 of the best precision at that
 /// recall or above (Simonelli et al., ICCV 2019; KITTI since 2019). Without boxes AP and recall are 0.
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou);
+
+/// average_precision's AP with its 95 % interval, by bootstrap over frames. {0, 0, 1} without boxes.
+Interval average_precision_interval(std::span<const ScoredFrame> frames, double min_iou);
 
 /// Part of the boxes: those whose centre is at a distance in [nearest, farthest) of the sensor, of a level or
 /// an easier one.

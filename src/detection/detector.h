@@ -46,6 +46,16 @@ struct TrainingLoss {
   double total = 0, score = 0, box = 0;
 };
 
+/// How strongly a detector's image features answer: Euclidean norms over the channels, one channel each.
+struct ImageFeatures {
+  ImageF map;  ///< in the image plane; value (column, row) covers `stride` pixels from (stride · column, …)
+  double stride = 0;  ///< pixels; 0: the detector has no image features
+  /// Where fusion carries them in the bird's-eye view: columns along x from x_min, rows along y from y_min of
+  /// the region, square cells of `cell` m; 0 where no point brings one.
+  ImageF bev;
+  double cell = 0;
+};
+
 class Detector {
  public:
   virtual ~Detector() = default;
@@ -58,6 +68,11 @@ class Detector {
   virtual SensorGradient backward(std::span<const double> d_logits) = 0;
   virtual TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) = 0;
   virtual void save(const std::filesystem::path& file, bool with_optimiser) = 0;
+  /// Another instance on the same weights, for another thread: a training step of either changes both. Null
+  /// if the plugin cannot.
+  virtual std::unique_ptr<Detector> share() { return nullptr; }
+  /// Empty (stride 0) where the detector has none or the plugin does not tell.
+  virtual ImageFeatures image_features(const SensorView& /*input*/) { return {}; }
 };
 
 struct DetectorOptions {
@@ -71,10 +86,19 @@ struct DetectorOptions {
   bool start = false;
   std::string rig = "kitti64";  ///< of the data the detector is to see (data_rig): chooses shipped weights
   bool bfloat16 = false;        ///< training passes in bfloat16, where the plugin can
+  /// "none"; "jpeg:QUALITY" (1–100): the picture is compressed before the detector sees it; any other word
+  /// chooses shipped weights that were trained to resist, DETECTOR-RIG-WORD.weights.
+  std::string defense = "none";
+  /// Parts of a fresh or starting network, where the plugin has them: "denoising", "depth-gate"
+  /// (detector_abi.h).
+  std::vector<std::string> parts = {};
 };
 
 /// The weights file that load_detector would read (empty for fresh ones). Errors as load_detector's.
 std::filesystem::path weights_file(const DetectorOptions& options);
+
+/// The plugin that load_detector would open. Errors as load_detector's.
+std::filesystem::path plugin_file(const DetectorOptions& options);
 
 /// Loads the plugin with dlopen. InputError, naming the file, when it is missing, unreadable, lacks the entry
 /// point, has another ABI version, or its weights are missing or wrong; Failure when it throws or fails

@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define MIRAGE_DETECTOR_ABI 1u
+#define MIRAGE_DETECTOR_ABI 2u
 
 /* What the sensors saw. The host keeps the memory alive until the next call of forward or destroy. */
 typedef struct MirageSensorInput {
@@ -47,11 +47,24 @@ typedef struct MirageSample {
   int64_t ignore_count;
 } MirageSample;
 
+/* Euclidean norms of the image features over their channels; memory of the detector until its next call. */
+typedef struct MirageImageFeatures {
+  const float*
+      map; /* rows x columns in the image plane, row 0 on top, from the picture's upper left corner */
+  int32_t columns, rows;
+  float stride;     /* pixels that one value covers along a side */
+  const float* bev; /* bev_rows x bev_columns: what fusion carries to the bird's-eye view; columns along x
+                     * from x_min, rows along y from y_min of the region; 0 where it carries nothing */
+  int32_t bev_columns, bev_rows;
+  float cell; /* m */
+} MirageImageFeatures;
+
 typedef struct MirageDetectorApi {
   uint32_t abi_version; /* MIRAGE_DETECTOR_ABI */
   const char* name;     /* "fusion" */
 
-  /* `options_json`: {"modality": "fusion"|"lidar", "seed": N, "threads": N, "start": bool, "bfloat16": bool};
+  /* `options_json`: {"modality": "fusion"|"lidar", "seed": N, "threads": N, "start": bool, "bfloat16": bool,
+   * "parts": [names of optional parts of a fresh or starting network: "denoising", "depth-gate"]};
    * `weights`: a file, or NULL for freshly initialised weights. start: the weights begin a new training
    * (fresh optimiser; a fusion detector may begin with a lidar detector's). bfloat16: for training passes.
    * NULL on failure. */
@@ -76,6 +89,13 @@ typedef struct MirageDetectorApi {
                     float loss[3], char* error, size_t error_size);
   /* Saves weights (with_optimiser != 0: and the optimiser's state, for resuming) to `file`. */
   int (*save)(void* detector, const char* file, int32_t with_optimiser, char* error, size_t error_size);
+
+  /* May be NULL. Another instance on the same weights, for another thread; NULL on failure. Only one of them
+   * is trained, and while it is, no other runs. */
+  void* (*share)(void* detector, char* error, size_t error_size);
+  /* May be NULL. How strongly the image features answer to an input; a detector without any fails. */
+  int (*image_features)(void* detector, const MirageSensorInput* input, MirageImageFeatures* features,
+                        char* error, size_t error_size);
 } MirageDetectorApi;
 
 typedef const MirageDetectorApi* (*MirageDetectorEntry)(void);

@@ -1,3 +1,4 @@
+#include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -7,6 +8,7 @@
 #include "base/shared_library.h"
 #include "detection/detector.h"
 #include "detection/detector_abi.h"
+#include "detection/jpeg_detector.h"
 #include "detection/points_in_view.h"
 
 namespace mirage {
@@ -19,7 +21,9 @@ struct Plugin {
   const MirageDetectorApi* api = nullptr;
 };
 
-fs::path find_plugin(const DetectorOptions& options) {
+}  // namespace
+
+fs::path plugin_file(const DetectorOptions& options) {
   if (fs::path(options.detector).extension() == ".so") {
     if (!fs::exists(options.detector))
       throw InputError(options.detector, "", "no such detector plugin", "check --detector");
@@ -34,6 +38,8 @@ fs::path find_plugin(const DetectorOptions& options) {
   throw InputError(beside.string(), "", "the detector plugin is missing",
                    "build it with MIRAGE_DETECTORS=ON (make build)");
 }
+
+namespace {
 
 Plugin open_detector(const fs::path& file) {
   const auto* api = open_plugin<MirageDetectorApi>(file, "mirage_detector_api", "detection/detector_abi.h",
@@ -147,6 +153,30 @@ class PluginDetector : public Detector {
     return {loss[0], loss[1], loss[2]};
   }
 
+  std::unique_ptr<Detector> share() override {
+    if (!plugin_.api->share) return nullptr;
+    void* other = nullptr;
+    run("share", [&](char* error) {
+      other = plugin_.api->share(instance_, error, kPluginErrorSize);
+      return other ? 0 : 1;
+    });
+    return std::make_unique<PluginDetector>(plugin_, name_, other, given_);
+  }
+
+  ImageFeatures image_features(const SensorView& view) override {
+    if (!plugin_.api->image_features || name_ == "lidar") return {};
+    const MirageSensorInput input = raw_input(view);
+    MirageImageFeatures raw{};
+    run("image_features", [&](char* error) {
+      return plugin_.api->image_features(instance_, &input, &raw, error, kPluginErrorSize);
+    });
+    ImageFeatures features{ImageF(raw.columns, raw.rows, 1), raw.stride,
+                           ImageF(raw.bev_columns, raw.bev_rows, 1), raw.cell};
+    std::copy_n(raw.map, features.map.data.size(), features.map.data.begin());
+    std::copy_n(raw.bev, features.bev.data.size(), features.bev.data.begin());
+    return features;
+  }
+
   void save(const fs::path& file, bool with_optimiser) override {
     const fs::path temporary = file.string() + ".part";
     if (file.has_parent_path()) make_output_folder(file.parent_path());
@@ -170,37 +200,68 @@ class PluginDetector : public Detector {
   std::size_t kept_points_ = 0;
 };
 
+/// JPEG's quality in "jpeg:QUALITY"; 0 for another defence.
+int jpeg_quality(const std::string& defense) {
+  constexpr std::string_view word = "jpeg:";
+  if (!defense.starts_with(word)) return 0;
+  int quality = 0;
+  const char *first = defense.data() + word.size(), *end = defense.data() + defense.size();
+  const auto [read, error] = std::from_chars(first, end, quality);
+  if (error != std::errc() || read != end || quality < 1 || quality > 100)
+    throw InputError("--defense", defense, "is no JPEG quality", "use jpeg:1 to jpeg:100");
+  return quality;
+}
+
+/// The word that shipped weights of a trained defence carry; empty for the plain ones. InputError for what
+/// can be no such word.
+std::string weights_word(const DetectorOptions& options) {
+  const std::string& defense = options.defense;
+  if (defense.empty() || defense == "none" || jpeg_quality(defense) > 0) return "";
+  if (defense.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") != std::string::npos)
+    throw InputError("--defense", defense, "is no defence",
+                     "use none, jpeg:QUALITY or the word of shipped weights, such as adversarial");
+  if (!options.weights.empty())
+    throw InputError("--defense", defense, "chooses weights, and so does --weights", "give one of the two");
+  return "-" + defense;
+}
+
 fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
   const std::string name = fs::path(options.detector).extension() == ".so"
                                ? fs::path(options.detector).stem().string()
                                : options.detector;
-  const fs::path file = options.weights.empty()
-                            ? plugin.parent_path() / "weights" / (name + "-" + options.rig + ".weights")
-                            : options.weights;
+  const std::string word = weights_word(options);
+  const fs::path file = options.weights.empty() ? plugin.parent_path() / "weights" /
+                                                      (name + "-" + options.rig + word + ".weights")
+                                                : options.weights;
   if (fs::is_regular_file(file)) return file;
   if (options.weights.empty() && options.detector == "torchscript")
     throw InputError("--weights", "", "a torchscript detector has no shipped weights",
                      "name the model that you exported: --weights MODEL.pt");
   if (options.weights.empty())
     throw InputError(file.string(), "",
-                     "there are no shipped weights of " + name + " for the rig " + options.rig,
-                     "name a weights file with --weights (one of another rig may do), or train one with "
-                     "mirage train");
+                     "there are no shipped weights of " + name + " for the rig " + options.rig +
+                         (word.empty() ? "" : " with the defence " + options.defense),
+                     word.empty()
+                         ? "name a weights file with --weights (one of another rig may do), or train one "
+                           "with mirage train"
+                         : "use another --defense, or train one with mirage defend and name it with "
+                           "--weights");
   throw InputError(file.string(), "", "no such weights file", "check --weights");
 }
 
 }  // namespace
 
 fs::path weights_file(const DetectorOptions& options) {
-  return options.fresh ? fs::path() : find_weights(options, find_plugin(options));
+  return options.fresh ? fs::path() : find_weights(options, plugin_file(options));
 }
 
 std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
-  const Plugin plugin = open_detector(find_plugin(options));
+  const Plugin plugin = open_detector(plugin_file(options));
   const bool by_path = fs::path(options.detector).extension() == ".so";
   nlohmann::json settings = {{"seed", options.seed},
                              {"start", options.start},
                              {"bfloat16", options.bfloat16},
+                             {"parts", options.parts},
                              {"threads", options.threads > 0 ? options.threads : thread_count()}};
   if (!by_path) settings["modality"] = options.detector;
   const fs::path weights = weights_file(options);
@@ -215,8 +276,10 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
     throw InputError(options.fresh ? plugin.file.string() : weights.string(), "", why,
                      options.fresh ? "check the detector's options" : "check --weights and --detector");
   }
-  return std::make_unique<PluginDetector>(plugin, by_path ? plugin.api->name : options.detector, instance,
-                                          weights);
+  std::unique_ptr<Detector> detector = std::make_unique<PluginDetector>(
+      plugin, by_path ? plugin.api->name : options.detector, instance, weights);
+  const int quality = jpeg_quality(options.defense);
+  return quality > 0 ? behind_jpeg(std::move(detector), quality) : std::move(detector);
 }
 
 }  // namespace mirage

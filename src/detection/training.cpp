@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <future>
-#include <sstream>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -41,27 +40,6 @@ nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
   if (options.ground_truth_sampling > 0) json["ground_truth_sampling"] = options.ground_truth_sampling;
   return json;
 }
-
-/// OUT/training.jsonl: one JSON object a line. A run that goes on drops the lines past its checkpoint.
-class Log {
- public:
-  Log(const fs::path& out, std::int64_t step) : file_(out / "training.jsonl") {
-    if (step == 0 || !fs::exists(file_)) return;
-    std::istringstream lines(read_file(file_));
-    for (std::string line; std::getline(lines, line);) {
-      const auto json = nlohmann::json::parse(line, nullptr, false);
-      if (json.is_object() && json.value("step", step + 1) <= step) text_ += line + "\n";
-    }
-  }
-  void add(const nlohmann::json& line) {
-    text_ += line.dump() + "\n";
-    write_file(file_, text_);
-  }
-
- private:
-  fs::path file_;
-  std::string text_;
-};
 
 nlohmann::json scores(const DetectionRun& run) {
   return {{"ap50", run.at50.average_precision},
@@ -103,7 +81,7 @@ TrainingResult train_detector(const TrainingOptions& options) {
     write_training_state(options.out, wanted, state,
                          [&](const fs::path& file) { detector->save(file, true); });
   };
-  Log log(options.out, state.step);
+  TrainingLog log(options.out, state.step);
   const auto validate = [&] {
     DetectionRun run = detect_data_set(*detector, options.validation, options.validation_frames);
     nlohmann::json line = scores(run);

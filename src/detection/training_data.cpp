@@ -4,8 +4,8 @@
 #include <numbers>
 #include <numeric>
 
-#include "base/color.h"
 #include "base/random.h"
+#include "base/srgb_bytes.h"
 #include "detection/points_in_view.h"
 #include "scene/kitti.h"
 
@@ -14,31 +14,18 @@ namespace {
 
 constexpr std::size_t kMemory = std::size_t{3} << 30;  // bytes for frames kept between epochs
 
-ImageF linear_picture(const CompactFrame& frame) {
-  static const std::array<float, 256> table = [] {
-    std::array<float, 256> values{};
-    for (int i = 0; i < 256; ++i) values[i] = linear_from_srgb(static_cast<float>(i) / 255);
-    return values;
-  }();
-  ImageF image(frame.width, frame.height, 3);
-  for (std::size_t i = 0; i < frame.srgb.size(); ++i) image.data[i] = table[frame.srgb[i]];
-  return image;
-}
+}  // namespace
 
 CompactFrame compact(const Frame& frame, const std::array<double, 4>& region) {
   CompactFrame small;
   small.width = frame.image.width;
   small.height = frame.image.height;
-  small.srgb.resize(frame.image.data.size());
-  for (std::size_t i = 0; i < small.srgb.size(); ++i)
-    small.srgb[i] = static_cast<std::uint8_t>(std::lround(255 * srgb_from_linear(frame.image.data[i])));
+  small.srgb = srgb_bytes(frame.image);
   small.points = points_in_view(frame.sweep, frame.calibration);
   small.calibration = frame.calibration;
   small.truth = ground_truth(frame, small.points, region);
   return small;
 }
-
-}  // namespace
 
 TrainingSample PreparedSample::view() const {
   return {{&image, points, &calibration}, data_from_sample, boxes, ignore};
@@ -62,6 +49,27 @@ BevBox moved(const BevBox& box, const Eigen::Affine3d& sample_from_data) {
   const double scale = heading.norm();
   return {centre.x(), centre.y(), box.length * scale, box.width * scale,
           std::atan2(heading.y(), heading.x())};
+}
+
+PreparedSample prepared_sample(const CompactFrame& small, const Eigen::Affine3d& sample_from_data,
+                               const std::array<double, 4>& region) {
+  PreparedSample sample;
+  sample.image = linear_image(small.srgb, small.width, small.height);
+  sample.calibration = small.calibration;
+  sample.data_from_sample = sample_from_data.inverse();
+  const Eigen::Affine3f move = sample_from_data.cast<float>();
+  for (const LidarPoint& point : small.points) {
+    const Vec3f p = move * point.position();
+    sample.points.push_back({p.x(), p.y(), p.z(), point.reflectance});
+  }
+  for (const BevBox& box : small.truth.boxes) {
+    const BevBox there = moved(box, sample_from_data);
+    const bool inside =
+        there.x >= region[0] && there.x < region[1] && there.y >= region[2] && there.y < region[3];
+    (inside ? sample.boxes : sample.ignore).push_back(there);
+  }
+  for (const BevBox& box : small.truth.ignore) sample.ignore.push_back(moved(box, sample_from_data));
+  return sample;
 }
 
 TrainingData::TrainingData(const std::filesystem::path& data, std::size_t limit,
@@ -103,24 +111,7 @@ std::vector<PreparedSample> TrainingData::prepare(std::int64_t step, int batch) 
       sampler_->augment(changed, index);
     }
     const CompactFrame& small = sampler_ ? changed : kept;
-    const Eigen::Affine3d sample_from_data = random_pose(seed_, index);
-    PreparedSample sample;
-    sample.image = linear_picture(small);
-    sample.calibration = small.calibration;
-    sample.data_from_sample = sample_from_data.inverse();
-    const Eigen::Affine3f move = sample_from_data.cast<float>();
-    for (const LidarPoint& point : small.points) {
-      const Vec3f p = move * point.position();
-      sample.points.push_back({p.x(), p.y(), p.z(), point.reflectance});
-    }
-    for (const BevBox& box : small.truth.boxes) {
-      const BevBox there = moved(box, sample_from_data);
-      const bool inside =
-          there.x >= region_[0] && there.x < region_[1] && there.y >= region_[2] && there.y < region_[3];
-      (inside ? sample.boxes : sample.ignore).push_back(there);
-    }
-    for (const BevBox& box : small.truth.ignore) sample.ignore.push_back(moved(box, sample_from_data));
-    samples.push_back(std::move(sample));
+    samples.push_back(prepared_sample(small, random_pose(seed_, index), region_));
   }
   return samples;
 }

@@ -31,6 +31,13 @@ struct PreparedSample {
   TrainingSample view() const;
 };
 
+/// As kept: the picture in 8-bit sRGB, points in view, truth by ground_truth().
+CompactFrame compact(const Frame& frame, const std::array<double, 4>& region);
+
+/// The frame after sample_from_data; boxes that leave the region are ignored.
+PreparedSample prepared_sample(const CompactFrame& frame, const Eigen::Affine3d& sample_from_data,
+                               const std::array<double, 4>& region);
+
 /// Flip of y (half of the samples), a turn of up to ±10° about z, a scale of 0.95–1.05 and a lift of up to
 /// ±0.15 m: sample_from_data. Depends on (seed, index) alone.
 Eigen::Affine3d random_pose(std::uint64_t seed, std::uint64_t index);

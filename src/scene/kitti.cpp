@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <tuple>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -125,6 +126,19 @@ Frame read_frame(const fs::path& data, const std::string& id) {
   frame.labels = read_labels(labels, frame.calibration);
   if (fs::exists(lighting)) frame.lighting = read_lighting(lighting);
   return frame;
+}
+
+std::string frame_hash(const fs::path& data, const std::string& id) {
+  std::string hashes;
+  for (const auto& [folder, extension, what] : {std::tuple{"velodyne", ".bin", "the sweep"},
+                                                {"image_2", ".png", "the image"},
+                                                {"calib", ".txt", "the calibration"},
+                                                {"label_2", ".txt", "the labels"}}) {
+    const fs::path file = part(data, folder, id, extension);
+    need_file(file, what);
+    hashes += content_hash(read_file(file));
+  }
+  return content_hash(hashes);
 }
 
 void write_frame(const fs::path& data, const Frame& frame) {

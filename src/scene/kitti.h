@@ -19,6 +19,10 @@ std::vector<std::string> list_frames(const std::filesystem::path& data);
 /// non-finite or absurd numbers (|position| > 1 km, size ≤ 0 or > 50 m), or a 2-D box beyond the image.
 Frame read_frame(const std::filesystem::path& data, const std::string& id);
 
+/// Tells whether a frame is the same as before: content_hash over the bytes of its sweep, image, calibration
+/// and labels (not of its lighting). InputError for a missing file.
+std::string frame_hash(const std::filesystem::path& data, const std::string& id);
+
 /// Writes the frame's files (atomically, each). Labels' 2-D boxes, truncation and occlusion are written as
 /// they are. The image is encoded to 8-bit sRGB.
 void write_frame(const std::filesystem::path& data, const Frame& frame);

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "attack/attack.h"
+#include "attack/attack_step.h"
 #include "attack/checkpoint.h"
 #include "attack/evaluation.h"
 #include "attack/run.h"
@@ -72,7 +73,8 @@ TEST(Attack, TargetsGateTheGradientNotTheSensors) {
   const auto settings = settings_for(folder / "data", folder / "run", 1);
   FrameStore store(settings.data, lidar_of(settings.data));
   const DetectorPool detectors = stand_ins();
-  const PreparedFrame& prepared = store.get("000000");
+  const auto held = store.get("000000");
+  const PreparedFrame& prepared = *held;
   const auto hosts = find_hosts(store, "000000", detectors[0]->region(), settings.simulation);
   ASSERT_EQ(hosts.size(), 1u);
   const TexturedMesh adversary = initial_adversary();
@@ -269,7 +271,7 @@ TEST(AttackSun, AFolderHoldsARunUnderOneSun) {
     EXPECT_THAT(error_text<InputError>([&] { run("left", other); }), testing::HasSubstr("sun")) << other;
   EXPECT_THAT(error_text<InputError>([&] { run("own", "90,30"); }), testing::HasSubstr("sun"));
   FrameStore store(folder / "data", "ip-basic", "box", "90,30"), own(folder / "data", "ip-basic", "box");
-  const Lighting lit = store.get("000000").frame.lighting, before = own.get("000000").frame.lighting;
+  const Lighting lit = store.get("000000")->frame.lighting, before = own.get("000000")->frame.lighting;
   EXPECT_NEAR((lit.to_sun_velo - Vec3d(0, std::sqrt(0.75), 0.5)).norm(), 0, 1e-12);
   EXPECT_EQ(lit.sun, before.sun);
 }

@@ -83,8 +83,8 @@ TEST(Evaluation, SharesAreOfTheVehiclesDetectedClean) {
   EXPECT_NEAR(result.fn_asr, 0.5, 1e-12);
   EXPECT_NEAR(result.fp_asr, 0.5, 1e-12);
   EXPECT_NEAR(result.asr, 0.75, 1e-12);
-  EXPECT_NEAR(result.recall_clean.front(), 0.8, 1e-12);
-  EXPECT_NEAR(result.recall_attacked.back(), 0.4, 1e-12);
+  EXPECT_NEAR(result.recall_clean.front().value, 0.8, 1e-12);
+  EXPECT_NEAR(result.recall_attacked.back().value, 0.4, 1e-12);
 }
 
 }  // namespace

@@ -38,6 +38,7 @@ inline void add_returns(Sweep& sweep, const Box3& box) {
 /// Flat ground and one car a frame, with or without LiDAR returns on it; a fifth of KITTI's image.
 inline void write_tiny_data(const std::filesystem::path& data, int frames, bool returns = false) {
   setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);  // where scenes/rigs is
+  setenv("MIRAGE_CACHE", "off", 0);         // unless a test says otherwise
   for (int i = 0; i < frames; ++i) {
     Frame frame;
     frame.id = "00000" + std::to_string(i);

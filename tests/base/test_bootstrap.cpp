@@ -4,6 +4,7 @@
 #include <cmath>
 #include <vector>
 
+#include "base/binomial.h"
 #include "base/bootstrap.h"
 #include "base/random.h"
 
@@ -64,6 +65,52 @@ TEST(Bootstrap, NoneAtAllIsNotCertainty) {
   EXPECT_EQ(nothing.high, 1);
 }
 
+TEST(Bootstrap, OneFrameIsNotCertaintyEither) {
+  // One frame of four vehicles with one hidden says little of other frames.
+  const std::vector<ClusterSums> one{{1, 4}};
+  const Interval interval = bootstrap_interval(one);
+  EXPECT_EQ(interval.value, 0.25);
+  EXPECT_LT(interval.low, 1e-5);
+  EXPECT_GT(interval.high, 0.9);
+  const std::vector<ClusterSums> alike(20, {1, 2});
+  EXPECT_NEAR(bootstrap_interval(alike).low, 0.2720, 5e-5);  // Clopper and Pearson's of 10 in 20
+  EXPECT_NEAR(bootstrap_interval(alike).high, 0.7280, 5e-5);
+}
+
+TEST(Binomial, TheBetaDistributionIsTheBinomialSum) {
+  // I_p(k, n − k + 1) = P(Binomial(n, p) ≥ k).
+  const int n = 17;
+  for (const double p : {0.01, 0.2, 0.5, 0.83, 0.999}) {
+    double above = 1, weight = std::pow(1 - p, n);
+    for (int k = 1; k <= n; ++k) {
+      above -= weight;
+      weight *= (n - k + 1.0) / k * p / (1 - p);
+      EXPECT_NEAR(regularized_beta(p, k, n - k + 1), above, 1e-11) << p << " " << k;
+    }
+  }
+  EXPECT_EQ(regularized_beta(0, 2, 3), 0);
+  EXPECT_EQ(regularized_beta(1, 2, 3), 1);
+  EXPECT_NEAR(regularized_beta(0.3, 1, 1), 0.3, 1e-14);
+  EXPECT_NEAR(regularized_beta(0.25, 0.5, 0.5), 1.0 / 3, 1e-12);  // arcsine law
+}
+
+TEST(Binomial, IntervalsAreThoseOfTheTables) {
+  const auto of = [](double k, double n) { return binomial_interval(k, n); };
+  EXPECT_NEAR(of(3, 10).low, 0.0667395, 1e-6);
+  EXPECT_NEAR(of(3, 10).high, 0.6524529, 1e-6);
+  EXPECT_EQ(of(0, 10).low, 0);
+  EXPECT_NEAR(of(0, 10).high, 0.3084971, 1e-6);
+  EXPECT_NEAR(of(10, 10).low, 0.6915029, 1e-6);
+  EXPECT_EQ(of(10, 10).high, 1);
+  // In between it runs on.
+  double low = -1, high = 0;
+  for (double k = 0; k <= 5; k += 0.125) {
+    EXPECT_GE(of(k, 5).low, low);
+    EXPECT_GT(of(k, 5).high + (k >= 5), high);
+    low = of(k, 5).low, high = of(k, 5).high;
+  }
+}
+
 TEST(Bootstrap, CoversTheTruthAboutAsOftenAsItSays) {
   int covered = 0;
   constexpr int kTrials = 200;
@@ -82,6 +129,80 @@ TEST(Bootstrap, CoversTheTruthAboutAsOftenAsItSays) {
   }
   EXPECT_GE(covered, 0.88 * kTrials);
   EXPECT_LE(covered, 0.995 * kTrials);
+}
+
+TEST(Bootstrap, SeveralRatiosAtOnceAreEachOnesOwn) {
+  std::vector<double> denominators;
+  std::vector<std::vector<double>> numerators(4);
+  RandomStream random(3, "several ratios");
+  for (int i = 0; i < 30; ++i) {
+    const int n = i % 6 == 0 ? 0 : 1 + random.below(4);
+    denominators.push_back(n);
+    numerators[0].push_back(n > 0 ? random.below(n + 1) : 0);
+    numerators[1].push_back(0);
+    numerators[2].push_back(n);
+    numerators[3].push_back(n > 0 ? random.below(n + 1) : 0);
+  }
+  const std::vector<Interval> all = bootstrap_intervals(denominators, numerators);
+  ASSERT_EQ(all.size(), 4u);
+  for (std::size_t k = 0; k < 4; ++k) {
+    std::vector<ClusterSums> clusters;
+    for (std::size_t i = 0; i < 30; ++i) clusters.push_back({numerators[k][i], denominators[i]});
+    const Interval alone = bootstrap_interval(clusters);
+    EXPECT_EQ(all[k].value, alone.value) << k;
+    EXPECT_EQ(all[k].low, alone.low) << k;
+    EXPECT_EQ(all[k].high, alone.high) << k;
+  }
+  EXPECT_EQ(bootstrap_intervals({}, numerators).front().high, 1);
+}
+
+TEST(Quantile, IsAnOrderStatistic) {
+  EXPECT_EQ(quantile({3, 1, 2, 5, 4}, 0.5), 3);
+  EXPECT_EQ(quantile({3, 1, 2, 4}, 0.5), 2);
+  EXPECT_EQ(quantile({7}, 0.9), 7);
+  EXPECT_EQ(quantile({1, 2, 3, 4, 5, 6, 7, 8, 9, 10}, 0.9), 9);
+  EXPECT_EQ(quantile({2, 1}, 0), 1);
+  EXPECT_EQ(quantile({2, 1}, 1), 2);
+}
+
+TEST(BootstrapDifference, OfIndependentSharesIsAsWideAsBothTogether) {
+  std::vector<PairedSums> clusters;
+  RandomStream random(5, "independent shares");
+  for (int i = 0; i < 400; ++i)
+    clusters.push_back({{random.uniform() < 0.5 ? 1.0 : 0.0, 1}, {random.uniform() < 0.3 ? 1.0 : 0.0, 1}});
+  const Interval difference = bootstrap_difference(clusters);
+  EXPECT_NEAR(difference.value, 0.2, 0.1);
+  const double deviation = std::sqrt((0.25 + 0.21) / 400);
+  EXPECT_NEAR(difference.high - difference.low, 2 * 1.96 * deviation, 0.015);
+}
+
+TEST(BootstrapDifference, PairsAreDrawnTogether) {
+  // b fails wherever a does but in five clusters: each share is uncertain, the difference is 0.05 of them.
+  std::vector<PairedSums> clusters(100, {{0, 1}, {0, 1}});
+  for (std::size_t i = 0; i < 50; ++i) clusters[i] = {{1, 1}, {1, 1}};
+  for (std::size_t i = 50; i < 55; ++i) clusters[i].a.numerator = 1;
+  const Interval difference = bootstrap_difference(clusters);
+  EXPECT_NEAR(difference.value, 0.05, 1e-12);
+  EXPECT_NEAR(difference.low, binomial_quantile(100, 0.05, 0.025) / 100.0, 0.0101);
+  EXPECT_NEAR(difference.high, binomial_quantile(100, 0.05, 0.975) / 100.0, 0.0101);
+}
+
+TEST(BootstrapDifference, WithoutSpreadAdmitsTheUnseen) {
+  const std::vector<PairedSums> equal(40, {{1, 2}, {1, 2}});
+  const Interval difference = bootstrap_difference(equal);
+  EXPECT_EQ(difference.value, 0);
+  EXPECT_NEAR(difference.high, 1 - std::pow(0.025, 1 / 40.0), 1e-12);
+  EXPECT_EQ(difference.low, -difference.high);
+  EXPECT_EQ(bootstrap_difference({}).high, 1);
+  EXPECT_EQ(bootstrap_difference(std::vector<PairedSums>(3, {{1, 1}, {0, 0}})).low, -1);
+}
+
+TEST(BootstrapStatistic, UndefinedDrawsMakeItOpen) {
+  // Defined only where the first of two clusters is drawn: three draws in four, too few for 95 %.
+  const Interval interval =
+      bootstrap_statistic(2, [](std::span<const int> drawn) { return drawn[0] > 0 ? 1.0 : std::nan(""); });
+  EXPECT_EQ(interval.value, 1);
+  EXPECT_TRUE(std::isinf(interval.low) && std::isinf(interval.high));
 }
 
 }  // namespace

@@ -66,7 +66,7 @@ TEST(CommandLine, HelpNamesEveryCommand) {
   const Outcome outcome = run(folder, {"--help"});
   EXPECT_EQ(outcome.code, 0);
   for (const char* command : {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate",
-                              "export", "validate", "tradeoff", "depth"})
+                              "export", "validate", "tradeoff", "depth", "reproduce"})
     EXPECT_THAT(outcome.out, HasSubstr(command));
 }
 
@@ -78,7 +78,8 @@ TEST(CommandLine, WrongArgumentsExitWithTwo) {
                                              {"attack"},
                                              {"generate", "--frames", "many"},
                                              {"generate", "--no-such-option"},
-                                             {"generate", "--look", "lunar", "--out", folder / "d"}}) {
+                                             {"generate", "--look", "lunar", "--out", folder / "d"},
+                                             {"reproduce", "table9", "--out", folder / "d"}}) {
     const Outcome outcome = run(folder, arguments);
     EXPECT_EQ(outcome.code, 2);
     expect_one_line(outcome.err);

@@ -1,7 +1,6 @@
 // `mpirun -n N mirage attack`: the same bits for any number of processes, and what is left when one dies.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 
 #include <chrono>
 #include <cstdlib>
@@ -10,18 +9,14 @@
 
 #include "base/files.h"
 #include "support/files.h"
+#include "support/shell.h"
 
 namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
+using test::shell;
 using testing::HasSubstr;
-
-/// Runs a shell command with its output in folder/said; returns its exit code.
-int shell(const test::TemporaryFolder& folder, const std::string& command) {
-  const int status = std::system((command + " > " + (folder / "said").string() + " 2>&1").c_str());
-  return WIFEXITED(status) ? WEXITSTATUS(status) : 128;
-}
 
 std::string on_ranks(int ranks, const std::string& arguments) {
   // Open MPI refuses root and more processes than cores unless told otherwise.

@@ -54,6 +54,17 @@ TEST(AveragePrecision, MissedBoxesLimitTheRecall) {
   EXPECT_NEAR(result.recall, 0.25, 1e-12);
 }
 
+TEST(AveragePrecision, ItsIntervalIsThatOfTheFrames) {
+  // One car a frame, found in 70 of 100: AP is the share of the frames drawn that find it, binomial.
+  std::vector<ScoredFrame> frames(100, {{}, {{car(10)}, {}, {}}});
+  for (std::size_t i = 0; i < 70; ++i) frames[i].detections = {found(car(10), 1)};
+  const Interval interval = average_precision_interval(frames, 0.5);
+  EXPECT_DOUBLE_EQ(interval.value, average_precision(frames, 0.5).average_precision);
+  EXPECT_NEAR(interval.low, 0.61, 0.03);
+  EXPECT_NEAR(interval.high, 0.79, 0.03);
+  EXPECT_EQ(average_precision_interval({}, 0.5).high, 1);
+}
+
 TEST(AveragePrecision, ASecondDetectionOfOneBoxIsAFalseAlarm) {
   const std::vector<ScoredFrame> frames = {
       {{found(car(10), 3), found(car(10.1), 2), found(car(20), 1)}, {{car(10), car(20)}, {}, {}}}};

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <functional>
@@ -317,6 +318,82 @@ TEST(Fusion, LearnsInBfloat16WithWeightsInFloat) {
     EXPECT_NEAR(a, b, 0.05 * a) << i;
     EXPECT_NE(a, b);
   }
+}
+
+TEST(Fusion, PartsAreAddedSilentlyAndStayWithTheWeights) {
+  const Street street;
+  const std::filesystem::path file =
+      ::testing::TempDir() + "mirage_parts_" + std::to_string(getpid()) + ".weights";
+  const auto plain = trained(street);
+  plain->save(file, false);
+  const auto logits = [&](Detector& detector) {
+    std::vector<double> values;
+    for (const Proposal& p : detector.forward(street.view(), -1, false)) values.push_back(p.logit);
+    return values;
+  };
+  DetectorOptions options{"fusion", file, false, 1, 1};
+  options.start = true;
+  options.parts = {"denoising"};
+  const auto denoising = load_detector(options);
+  EXPECT_EQ(logits(*denoising), logits(*plain));  // until it has learned
+  options.parts = {"denoising", "depth-gate"};
+  const auto both = load_detector(options);
+  EXPECT_NE(logits(*both), logits(*plain));  // of this street's random returns many stand before others
+  const std::vector<TrainingSample> samples = {street.sample()};
+  for (int i = 0; i < 3; ++i) both->train_step(samples, 1e-3);
+  both->save(file, false);
+  const auto again = load_detector({"fusion", file, false, 2, 1});
+  EXPECT_EQ(logits(*again), logits(*both));
+  options.parts = {"armour"};
+  EXPECT_THROW(load_detector(options), InputError);
+  std::filesystem::remove(file);
+}
+
+TEST(Fusion, SharesItsWeightsWithAnotherThreadsInstance) {
+  const Street street;
+  const auto detector = trained(street);
+  const auto other = detector->share();
+  ASSERT_TRUE(other);
+  std::vector<double> weights;
+  const auto compare = [&] {
+    const SensorGradient a = gradient_of(*detector, street, weights),
+                         b = gradient_of(*other, street, weights);
+    EXPECT_EQ(a.image.data, b.image.data);
+    EXPECT_EQ(a.points, b.points);
+  };
+  compare();
+  const double before = objective(*other, street, weights);
+  const std::vector<TrainingSample> samples = {street.sample()};
+  detector->train_step(samples, 1e-3);
+  EXPECT_NE(objective(*other, street, weights), before);
+  compare();
+}
+
+TEST(Fusion, TellsHowStronglyTheImageFeaturesAnswer) {
+  const Street street;
+  const auto detector = fresh();
+  const ImageFeatures features = detector->image_features(street.view());
+  EXPECT_EQ(features.stride, 8);
+  EXPECT_EQ(features.map.width, 320 / 8);
+  EXPECT_EQ(features.map.height, 96 / 8);
+  EXPECT_EQ(features.bev.width, static_cast<int>(kRows));
+  EXPECT_EQ(features.bev.height, static_cast<int>(kColumns));
+  EXPECT_EQ(features.cell, kCell);
+  EXPECT_GT(*std::max_element(features.map.data.begin(), features.map.data.end()), 0);
+  // Carried to where there are points: 5–45 m ahead, 4 m to each side, and the reach of 1.5 m.
+  for (int row = 0; row < features.bev.height; ++row)
+    for (int column = 0; column < features.bev.width; ++column) {
+      const double x = kCell * (column + 0.5), y = -40 + kCell * (row + 0.5);
+      const float value = features.bev.at(column, row, 0);
+      if (x < 3.5 || x > 46.5 || std::abs(y) > 5.5) {
+        EXPECT_EQ(value, 0) << x << ", " << y;
+      }
+      // Dense returns inside the picture: the ground at 12 m.
+      if (std::abs(x - 12) < 1 && std::abs(y) < 2) {
+        EXPECT_GT(value, 0) << x << ", " << y;
+      }
+    }
+  EXPECT_EQ(fresh("lidar")->image_features(street.view()).stride, 0);
 }
 
 TEST(Fusion, BackwardNeedsAGraph) {

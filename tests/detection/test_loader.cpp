@@ -85,7 +85,7 @@ TEST(Loader, NoEntryPoint) {
 }
 
 TEST(Loader, WrongAbi) {
-  EXPECT_THAT(load_error(fake("wrong_abi")), HasSubstr("abi_version: is 999, this program speaks 1"));
+  EXPECT_THAT(load_error(fake("wrong_abi")), HasSubstr("abi_version: is 999, this program speaks 2"));
 }
 
 TEST(Loader, PluginThatRefuses) {

@@ -2,3 +2,7 @@
 add_test(NAME report.page COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/report/test_report.py
                                   ${PROJECT_SOURCE_DIR} ${CMAKE_BINARY_DIR})
 set_tests_properties(report.page PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
+# The page of mirage reproduce.
+add_test(NAME report.paper COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/report/test_paper_page.py
+                                   ${PROJECT_SOURCE_DIR})
+set_tests_properties(report.paper PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)

@@ -22,7 +22,7 @@ TARGETS = [
 LOSS_POINTS = 200
 
 FORMATS = {
-    "pct": lambda v: f"{100 * v:.1f}\u202f%", "points": lambda v: f"{100 * v:.1f}", "pct0": lambda v: f"{100 * v:.0f}\u202f%", "int": lambda v: f"{v:,.0f}",
+    "pct": lambda v: f"{100 * v:.1f}\u202f%", "pct2": lambda v: f"{100 * v:.2f}", "points": lambda v: f"{100 * v:.1f}", "pct0": lambda v: f"{100 * v:.0f}\u202f%", "int": lambda v: f"{v:,.0f}",
     "sci": charts.scientific, "f6": lambda v: f"{v:.6f}", "f4": lambda v: f"{v:.4f}",
     "f3": lambda v: f"{v:.3f}", "f2": lambda v: f"{v:.2f}", "f1": lambda v: f"{v:.1f}",
     "um": lambda v: f"{1e6 * v:.1f}", "g3": lambda v: charts.short(v, 3), "g2": lambda v: charts.short(v, 2), "text": str, "signed": lambda v: f"{v:+.3f}",
@@ -119,13 +119,20 @@ def vehicle(host):
     return kept
 
 
+def without_lists(evaluation):
+    """Without the outcome of every vehicle and every false positive."""
+    kept = {key: value for key, value in evaluation.items() if key != "outcomes"}
+    if "false_positives" in kept:
+        kept["false_positives"] = {key: value for key, value in kept["false_positives"].items() if key != "list"}
+    return kept
+
+
 def evaluation_figures(evaluation):
-    """Without the outcome of every vehicle."""
     if not evaluation:
         return None
-    kept = {key: value for key, value in evaluation.items() if key != "outcomes"}
+    kept = without_lists(evaluation)
     if isinstance(kept.get("random"), dict):
-        kept["random"] = {key: value for key, value in kept["random"].items() if key != "outcomes"}
+        kept["random"] = without_lists(kept["random"])
     return kept
 
 

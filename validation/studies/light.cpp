@@ -75,7 +75,8 @@ std::vector<Place> places(FrameStore& store, const std::filesystem::path& data, 
   for (const std::string& id : list_frames(data)) {
     Place best{{id, -1}, 1e9};
     for (const Host& host : find_hosts(store, id, {2, 60, -40, 40}, {}, 0.95)) {
-      const BevBox& box = label_of(store.get(id).frame, host.id).box.bev;
+      const auto held = store.get(id);
+      const BevBox& box = label_of(held->frame, host.id).box.bev;
       if (const double range = std::hypot(box.x, box.y); range < best.range) best = {host.id, range};
     }
     if (best.id.label >= 0) found.push_back(best);
@@ -100,7 +101,7 @@ int study(const std::filesystem::path& data, const std::string& mesh, const std:
   for (const Place& place_of : places(store, data, vehicles)) {
     ++seed;
     for (bool front : {true, false}) {
-      PreparedFrame prepared = store.get(place_of.id.frame);
+      PreparedFrame prepared = *store.get(place_of.id.frame);
       prepared.frame.lighting.to_sun_velo = towards_sun(front);
       HostScene scene;
       scene.prepared = &prepared;

@@ -48,35 +48,92 @@ Tensor training_pass(NetworkImpl& network, const SensorTensors& input, bool bflo
   return output;
 }
 
-Network make_network(const Options& options, const torch::Device& device) {
+torch::Device best_device() {
+  return torch::cuda::is_available() ? torch::kCUDA : torch::kCPU;
+}
+
+torch::serialize::InputArchive open_weights(const std::string& file) {
+  torch::serialize::InputArchive archive;
+  c10::IValue value;
+  try {
+    archive.load_from(file, best_device());
+  } catch (const std::exception&) {
+    throw std::runtime_error("not a readable weights file; restore it, or train anew with mirage train");
+  }
+  if (!archive.try_read("format", value) || !value.isString() || value.toStringRef() != kFormat)
+    throw std::runtime_error("weights of another program or version; train anew with mirage train");
+  return archive;
+}
+
+Parts parts_of(torch::serialize::InputArchive& archive) {
+  // Files of before the choice have neither of the later parts.
+  const auto flag = [&](const char* key) {
+    c10::IValue value;
+    return archive.try_read(key, value) && value.toBool();
+  };
+  return {flag("with_image"), flag("denoising"), flag("depth_gate")};
+}
+
+/// The options with the parts that the weights ask for.
+Options with_parts(Options options, const char* weights) {
+  if (!weights) return options;
+  auto archive = open_weights(weights);
+  const Parts stored = parts_of(archive);
+  if (stored.image != options.parts.image && (stored.image || !options.start))
+    throw std::runtime_error(std::string("weights of a ") + (stored.image ? "fusion" : "lidar") +
+                             " detector; choose that detector or other weights");
+  const bool more = options.start;  // a new training may add parts
+  options.parts.denoising = stored.denoising || (more && options.parts.denoising);
+  options.parts.depth_gate = stored.depth_gate || (more && options.parts.depth_gate);
+  return options;
+}
+
+Network make_network(const Options& options) {
   torch::manual_seed(options.seed);
-  Network network(options.with_image);
-  network->to(device);
+  Network network(options.parts);
+  network->to(best_device());
+  // Only a training step turns them on.
+  for (Tensor& parameter : network->parameters()) parameter.requires_grad_(false);
   return network;
 }
 
+/// While it lives, the parameters take part in the graph.
+class ParameterGradients {
+ public:
+  explicit ParameterGradients(std::vector<Tensor> parameters) : parameters_(std::move(parameters)) {
+    for (Tensor& parameter : parameters_) parameter.requires_grad_(true);
+  }
+  ParameterGradients(const ParameterGradients&) = delete;
+  ParameterGradients& operator=(const ParameterGradients&) = delete;
+  ~ParameterGradients() {
+    for (Tensor& parameter : parameters_) parameter.requires_grad_(false);
+  }
+
+ private:
+  std::vector<Tensor> parameters_;
+};
+
 }  // namespace
 
-FusionDetector::FusionDetector(const Options& options, const char* weights)
+FusionDetector::FusionDetector(const Options& options, Network network)
     : options_(options),
-      device_(torch::cuda::is_available() ? torch::kCUDA : torch::kCPU),
-      network_(make_network(options, device_)),
+      network_(std::move(network)),
       optimiser_(network_->parameters(),
                  torch::optim::AdamWOptions(1e-3).betas({0.9, 0.99}).weight_decay(kWeightDecay)) {
-  if (weights) load(weights);
+  options_.parts = network_->parts;
 }
 
-void FusionDetector::require_parameter_gradients(bool required) {
-  for (Tensor& parameter : network_->parameters()) parameter.requires_grad_(required);
+FusionDetector::FusionDetector(const Options& options, const char* weights)
+    : FusionDetector(options, make_network(with_parts(options, weights))) {
+  if (weights) load(weights);
 }
 
 const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInput& input,
                                                            float score_threshold, bool keep_graph) {
   kept_logits_ = Tensor();
-  kept_input_ = copy_input(input, options_.with_image);
+  kept_input_ = copy_input(input, options_.parts.image);
   kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
   at::set_num_threads(1);
-  require_parameter_gradients(false);
   torch::AutoGradMode mode(keep_graph);
   if (keep_graph) {
     kept_input_.points.requires_grad_(true);
@@ -135,7 +192,7 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
   if (samples.empty()) throw std::runtime_error("train_step got no samples; give at least one");
   kept_logits_ = Tensor();
   torch::AutoGradMode mode(true);
-  require_parameter_gradients(true);
+  const ParameterGradients on(network_->parameters());
   std::vector<Targets> targets;
   double positives = 0, boxed = 0;
   for (const MirageSample& sample : samples) {
@@ -147,7 +204,7 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
   const std::vector<Tensor> parameters = network_->parameters();
   std::vector<SampleResult> results(samples.size());
   for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
-    const SensorTensors plain = copy_input(samples[i].input, options_.with_image);
+    const SensorTensors plain = copy_input(samples[i].input, options_.parts.image);
     const SensorTensors input = augment(plain, options_.seed, static_cast<std::uint64_t>(samples_seen_) + i);
     const LossTerms terms =
         detection_loss(training_pass(*network_, input, options_.bfloat16), targets[i], positives, boxed);
@@ -176,10 +233,41 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
   return loss;
 }
 
+MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& input) {
+  if (!options_.parts.image) throw std::runtime_error("this detector has no image features; use fusion");
+  at::set_num_threads(1);
+  const torch::NoGradGuard guard;
+  const SensorTensors tensors = copy_input(input, true);
+  if (!tensors.image.defined()) throw std::runtime_error("the input has no image; give one");
+  const ReadFeatures found = network_->read_image(tensors);
+  const Grid& grid = kGrids[0];
+  kept_bev_ = torch::zeros({grid.rows * grid.columns});
+  if (found.read.defined()) {
+    const std::vector<std::int64_t>& cells = found.nearest[0].cells;  // the first rows are this scale's
+    const auto count = static_cast<std::int64_t>(cells.size());
+    kept_bev_.index_copy_(0, torch::tensor(cells),
+                          found.read.narrow(0, 0, count).norm(2, 1).to(torch::kFloat));
+  }
+  // Of the grid's rows along x and columns along y: the interface has them the other way round.
+  kept_bev_ = kept_bev_.view({grid.rows, grid.columns}).t().contiguous();
+  const Tensor map = found.map.defined() ? found.map : network_->image(tensors.image.to(best_device()));
+  kept_map_ = map.norm(2, 1).squeeze(0).to(torch::kCPU).to(torch::kFloat).contiguous();
+  return {kept_map_.data_ptr<float>(),
+          static_cast<std::int32_t>(kept_map_.size(1)),
+          static_cast<std::int32_t>(kept_map_.size(0)),
+          static_cast<float>(kImageStride),
+          kept_bev_.data_ptr<float>(),
+          static_cast<std::int32_t>(grid.rows),
+          static_cast<std::int32_t>(grid.columns),
+          static_cast<float>(grid.cell)};
+}
+
 void FusionDetector::save(const std::string& file, bool with_optimiser) {
   torch::serialize::OutputArchive archive;
   archive.write("format", c10::IValue(std::string(kFormat)));
-  archive.write("with_image", c10::IValue(options_.with_image));
+  archive.write("with_image", c10::IValue(options_.parts.image));
+  archive.write("denoising", c10::IValue(options_.parts.denoising));
+  archive.write("depth_gate", c10::IValue(options_.parts.depth_gate));
   torch::serialize::OutputArchive network;
   network_->save(network);
   archive.write("network", network);
@@ -198,24 +286,11 @@ void FusionDetector::save(const std::string& file, bool with_optimiser) {
 }
 
 void FusionDetector::load(const std::string& file) {
-  torch::serialize::InputArchive archive;
-  c10::IValue value;
-  try {
-    archive.load_from(file, device_);
-  } catch (const std::exception&) {
-    throw std::runtime_error("not a readable weights file; restore it, or train anew with mirage train");
-  }
-  if (!archive.try_read("format", value) || !value.isString() || value.toStringRef() != kFormat)
-    throw std::runtime_error("weights of another program or version; train anew with mirage train");
-  archive.read("with_image", value);
-  const bool with_image = value.toBool();
-  if (with_image != options_.with_image && (with_image || !options_.start))
-    throw std::runtime_error(std::string("weights of a ") + (with_image ? "fusion" : "lidar") +
-                             " detector; choose that detector or other weights");
-  torch::serialize::InputArchive network;
+  torch::serialize::InputArchive archive = open_weights(file), network;
   archive.read("network", network);
-  load_network(network, with_image);
+  load_network(network, parts_of(archive));
   if (options_.start) return;
+  c10::IValue value;
   archive.read("with_optimiser", value);
   if (!value.toBool()) return;
   archive.read("steps", value);
@@ -227,13 +302,13 @@ void FusionDetector::load(const std::string& file) {
   optimiser_.load(optimiser);
 }
 
-void FusionDetector::load_network(torch::serialize::InputArchive& archive, bool with_image) {
-  Network read(with_image);
-  read->to(device_);
+void FusionDetector::load_network(torch::serialize::InputArchive& archive, const Parts& stored) {
+  Network read(stored);
+  read->to(best_device());
   std::map<std::string, std::vector<std::int64_t>> shapes;
   for (const auto& item : read->named_parameters()) shapes[item.key()] = item.value().sizes().vec();
   read->load(archive);
-  if (options_.with_image && !with_image)
+  if (options_.parts.image && !stored.image)
     for (ContinuousFusion& fuse : network_->fuse) fuse->silence();
   const torch::NoGradGuard guard;
   auto ours = network_->named_parameters();

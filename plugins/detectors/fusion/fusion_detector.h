@@ -14,7 +14,7 @@
 namespace mirage::fusion {
 
 struct Options {
-  bool with_image = true;
+  Parts parts;  ///< of fresh weights; a starting network has these beside its weights' own
   /// The weights are where a new training starts: the optimiser is fresh, and a detector with a picture may
   /// start from the weights of one without (the image branch then comes from the seed and adds nothing yet).
   bool start = false;
@@ -28,6 +28,8 @@ class FusionDetector {
  public:
   /// `weights`: a file written by save(), or nullptr for fresh weights drawn from the seed.
   FusionDetector(const Options& options, const char* weights);
+  /// Another one on the same network, for another thread; of the two only one may be trained, alone.
+  FusionDetector shared() const { return {options_, network_}; }
 
   const std::vector<MirageProposal>& forward(const MirageSensorInput& input, float score_threshold,
                                              bool keep_graph);
@@ -35,14 +37,15 @@ class FusionDetector {
   /// Total, score and box loss.
   std::array<float, 3> train_step(std::span<const MirageSample> samples, float learning_rate);
   void save(const std::string& file, bool with_optimiser);
+  /// What it points to lives until the next call.
+  MirageImageFeatures image_features(const MirageSensorInput& input);
 
  private:
+  FusionDetector(const Options& options, Network network);
   void load(const std::string& file);
-  void load_network(torch::serialize::InputArchive& archive, bool with_image);
-  void require_parameter_gradients(bool required);
+  void load_network(torch::serialize::InputArchive& archive, const Parts& parts);
 
   Options options_;
-  torch::Device device_;
   Network network_{nullptr};
   torch::optim::AdamW optimiser_;
   std::int64_t steps_ = 0, samples_seen_ = 0;
@@ -51,7 +54,8 @@ class FusionDetector {
   std::vector<std::int64_t> proposal_cells_;
   SensorTensors kept_input_;
   std::size_t kept_image_values_ = 0;
-  torch::Tensor kept_logits_;  ///< undefined unless the last forward kept its graph
+  torch::Tensor kept_map_, kept_bev_;  ///< norms of the image features
+  torch::Tensor kept_logits_;          ///< undefined unless the last forward kept its graph
 };
 
 }  // namespace mirage::fusion

@@ -6,15 +6,7 @@
 namespace mirage::fusion {
 namespace {
 
-constexpr double kNearestDepth = 0.5;  // m; also keeps the division by depth tame
-
-bool seen(const float* p, const Projection& m, int width, int height) {
-  const double w = m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11];
-  if (!(w > kNearestDepth)) return false;
-  const double u = (m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]) / w;
-  const double v = (m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7]) / w;
-  return u >= -0.5 && u < width - 0.5 && v >= -0.5 && v < height - 0.5;
-}
+constexpr double kNearestDepth = 0.5;  // m
 
 /// Offers each point to every cell whose centre it reaches; a cell keeps the nearest.
 NearestPoints nearest_on(const Grid& grid, std::span<const float> points,
@@ -52,13 +44,22 @@ NearestPoints nearest_on(const Grid& grid, std::span<const float> points,
 
 }  // namespace
 
+std::optional<PixelDepth> seen_at(const float* p, const Projection& m, int width, int height) {
+  const double w = m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11];
+  if (!(w > kNearestDepth)) return {};
+  const double u = (m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]) / w;
+  const double v = (m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7]) / w;
+  if (!(u >= -0.5 && u < width - 0.5 && v >= -0.5 && v < height - 0.5)) return {};
+  return PixelDepth{u, v, w};
+}
+
 std::array<NearestPoints, kGrids.size()> nearest_points(std::span<const float> points,
                                                         const Projection& projection, int width, int height) {
   std::vector<std::int64_t> visible;
   for (std::size_t i = 0; i < points.size() / 4; ++i) {
     const float* p = points.data() + 4 * i;
     if (!(p[0] >= kXMin && p[0] < kXMax && p[1] >= kYMin && p[1] < kYMax && std::isfinite(p[2]))) continue;
-    if (seen(p, projection, width, height)) visible.push_back(static_cast<std::int64_t>(i));
+    if (seen_at(p, projection, width, height)) visible.push_back(static_cast<std::int64_t>(i));
   }
   std::array<NearestPoints, kGrids.size()> nearest;
   for (std::size_t level = 0; level < kGrids.size(); ++level)

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -12,6 +13,13 @@ namespace mirage::fusion {
 
 /// Row-major 3 × 4 projection: (u w, v w, w) = M (x, y, z, 1).
 using Projection = std::array<double, 12>;
+
+/// Where the camera sees a point (x, y, z): pixel and depth (m). Empty behind the camera, closer than half a
+/// metre (which keeps the division tame) and outside the picture.
+struct PixelDepth {
+  double u, v, depth;
+};
+std::optional<PixelDepth> seen_at(const float* point, const Projection& projection, int width, int height);
 
 /// cells[k] (row · columns + column) takes its image feature at points[k].
 struct NearestPoints {

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "bilinear.h"
+#include "depth_gate.h"
 #include "region.h"
 #include "voxels.h"
 
@@ -13,7 +14,7 @@ namespace nn = torch::nn;
 namespace fn = torch::nn::functional;
 using torch::Tensor;
 
-constexpr int kImageFeatures = 32, kImageStride = 8, kDeepestImageStride = 32;
+constexpr int kImageFeatures = 32, kDeepestImageStride = 32;
 constexpr int kHidden = 48;  // of the fusion's MLP
 constexpr std::array<int, kGrids.size()> kWidths = {32, 64, 96, 128};
 constexpr int kPyramid = 64;
@@ -54,7 +55,21 @@ Tensor ResidualImpl::forward(const Tensor& x) {
   return torch::relu(x + second(first(x)));
 }
 
-ImageBranchImpl::ImageBranchImpl() {
+NonLocalMeanImpl::NonLocalMeanImpl(int channels) {
+  project = register_module("project", ConvNorm(channels, channels, 1, 1, false));
+  const torch::NoGradGuard guard;
+  nn::init::zeros_(project->norm->weight);
+}
+
+Tensor NonLocalMeanImpl::forward(const Tensor& x) {
+  // Σ_j (x_i · x_j) x_j / N = (Σ_j x_j x_jᵀ / N) x_i: a matrix of channels × channels serves all places.
+  const Tensor places = x.flatten(2);  // 1 × C × N
+  const Tensor gram = torch::matmul(places, places.transpose(1, 2)) /
+                      static_cast<double>(std::max<std::int64_t>(1, places.size(2)));
+  return x + project(torch::matmul(gram, places).view_as(x));
+}
+
+ImageBranchImpl::ImageBranchImpl(bool denoising) {
   stem = register_module("stem", ConvNorm(3, 16, 4, 2));
   group4 = register_module("group4", Residual(16));
   down8 = register_module("down8", ConvNorm(16, 32, 2, 2));
@@ -69,6 +84,11 @@ ImageBranchImpl::ImageBranchImpl() {
   lateral16 = register_module("lateral16", ConvNorm(64, kImageFeatures, 1, 1, false));
   lateral32 = register_module("lateral32", ConvNorm(64, kImageFeatures, 1, 1, false));
   smooth = register_module("smooth", ConvNorm(kImageFeatures, kImageFeatures, 3, 1));
+  if (!denoising) return;
+  denoise4 = register_module("denoise4", NonLocalMean(16));
+  denoise8 = register_module("denoise8", NonLocalMean(32));
+  denoise16 = register_module("denoise16", NonLocalMean(64));
+  denoise32 = register_module("denoise32", NonLocalMean(64));
 }
 
 Tensor ImageBranchImpl::forward(const Tensor& picture) {
@@ -76,10 +96,13 @@ Tensor ImageBranchImpl::forward(const Tensor& picture) {
   const Tensor tone = torch::sqrt(picture.clamp_min(0) + 1e-3);
   const Tensor full = ((tone - 0.45) / 0.28).permute({2, 0, 1}).unsqueeze(0);
   const Tensor half = torch::avg_pool2d(to_multiple(full, kDeepestImageStride), 2);
-  const Tensor x4 = group4(stem(half));
-  const Tensor x8 = group8(down8(x4));
-  const Tensor x16 = group16(down16(x8));
-  const Tensor x32 = group32(down32(x16));
+  const auto clean = [](NonLocalMean& denoise, const Tensor& x) {
+    return denoise.is_empty() ? x : denoise(x);
+  };
+  const Tensor x4 = clean(denoise4, group4(stem(half)));
+  const Tensor x8 = clean(denoise8, group8(down8(x4)));
+  const Tensor x16 = clean(denoise16, group16(down16(x8)));
+  const Tensor x32 = clean(denoise32, group32(down32(x16)));
   const Tensor p16 = torch::relu(lateral16(x16) + upsample(lateral32(x32)));
   return smooth(torch::relu(lateral8(x8) + lateral4(x4) + upsample(p16)));
 }
@@ -105,7 +128,7 @@ Tensor ContinuousFusionImpl::forward(const Tensor& read, const Tensor& offset, c
   return dense.view({1, grid.rows, grid.columns, out_}).permute({0, 3, 1, 2});
 }
 
-NetworkImpl::NetworkImpl(bool with_image) {
+NetworkImpl::NetworkImpl(const Parts& chosen) : parts(chosen) {
   stem = register_module("stem", ConvNorm(static_cast<int>(kVoxelsZ), kWidths[0], 4, 2));
   group1 = register_module("group1", Residual(kWidths[0]));
   down2 = register_module("down2", ConvNorm(kWidths[0], kWidths[1], 2, 2));
@@ -123,8 +146,8 @@ NetworkImpl::NetworkImpl(bool with_image) {
   lateral1 = register_module("lateral1", ConvNorm(kWidths[0], kWidths[0], 1, 1, false));
   smooth = register_module("smooth", ConvNorm(kWidths[0], kWidths[0], 3, 1));
   head = register_module("head", nn::Conv2d(nn::Conv2dOptions(kWidths[0], kOutputs, 1)));
-  if (with_image) {
-    image = register_module("image", ImageBranch());
+  if (parts.image) {
+    image = register_module("image", ImageBranch(parts.denoising));
     for (std::size_t level = 0; level < kGrids.size(); ++level)
       fuse[level] = register_module("fuse" + std::to_string(1 << level), ContinuousFusion(kWidths[level]));
   }
@@ -136,33 +159,48 @@ NetworkImpl::NetworkImpl(bool with_image) {
     if (parameter.dim() == 4) parameter.set_data(parameter.contiguous(torch::MemoryFormat::ChannelsLast));
 }
 
-std::array<Tensor, kGrids.size()> NetworkImpl::fused(const SensorTensors& input) {
-  std::array<Tensor, kGrids.size()> added;
+ReadFeatures NetworkImpl::read_image(const SensorTensors& input) {
+  ReadFeatures found;
   const int width = static_cast<int>(input.image.size(1)), height = static_cast<int>(input.image.size(0));
   const Tensor rows =  // for the discrete choice of points only
       input.points.detach().to(torch::kFloat).contiguous();
-  const auto nearest = nearest_points({rows.data_ptr<float>(), static_cast<std::size_t>(rows.numel())},
-                                      input.projection, width, height);
+  const std::span<const float> flat(rows.data_ptr<float>(), static_cast<std::size_t>(rows.numel()));
+  found.nearest = nearest_points(flat, input.projection, width, height);
   // All scales read the same map: one look-up for all of them.
   std::vector<std::int64_t> chosen;
-  for (const NearestPoints& level : nearest)
+  for (const NearestPoints& level : found.nearest)
     chosen.insert(chosen.end(), level.points.begin(), level.points.end());
-  if (chosen.empty()) return added;
-  const Tensor points = input.points.narrow(1, 0, 3).index_select(0, torch::tensor(chosen));
+  if (chosen.empty()) return found;
+  const Tensor all = input.points.narrow(1, 0, 3);
+  found.points = all.index_select(0, torch::tensor(chosen));
   const std::vector<double> m(input.projection.begin(), input.projection.end());
-  const Tensor matrix = torch::tensor(m, points.dtype()).view({3, 4});
-  const Tensor uvw = torch::matmul(points, matrix.narrow(1, 0, 3).t()) + matrix.select(1, 3);
+  const Tensor matrix = torch::tensor(m, all.dtype()).view({3, 4});
+  const auto project = [&](const Tensor& p) {
+    return torch::matmul(p, matrix.narrow(1, 0, 3).t()) + matrix.select(1, 3);
+  };
+  const Tensor uvw = project(found.points);
   const Tensor uv = uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
 
-  const torch::Device device = head->weight.device();
-  const Tensor map = image(input.image.to(device)).to(torch::kCPU);
+  found.map = image(input.image.to(head->weight.device()));
   // Pixel centres are whole numbers, and so are those of the map's cells: both edges lie at −1/2.
-  const Tensor read = bilinear(map, (uv + 0.5) / kImageStride - 0.5);
+  found.read = bilinear(found.map.to(torch::kCPU), (uv + 0.5) / kImageStride - 0.5);
+  if (parts.depth_gate) {
+    const auto before = nearest_before(flat, input.projection, width, height, chosen);
+    const Tensor front = project(all.index_select(0, torch::tensor(before))).select(1, 2);
+    found.read = found.read * depth_gate(uvw.select(1, 2), front).unsqueeze(1);
+  }
+  return found;
+}
 
+std::array<Tensor, kGrids.size()> NetworkImpl::fused(const SensorTensors& input) {
+  std::array<Tensor, kGrids.size()> added;
+  const ReadFeatures found = read_image(input);
+  if (!found.read.defined()) return added;
+  const torch::Device device = head->weight.device();
   std::int64_t from = 0;
   for (std::size_t level = 0; level < kGrids.size(); ++level) {
     const Grid& grid = kGrids[level];
-    const std::vector<std::int64_t>& cells = nearest[level].cells;
+    const std::vector<std::int64_t>& cells = found.nearest[level].cells;
     const auto count = static_cast<std::int64_t>(cells.size());
     if (count == 0) continue;
     Tensor centres = torch::empty({count, 3});
@@ -172,8 +210,8 @@ std::array<Tensor, kGrids.size()> NetworkImpl::fused(const SensorTensors& input)
       centre[1] = static_cast<float>(cell_y(cells[k] % grid.columns, grid.cell));
       centre[2] = -1;  // halfway up a car
     }
-    const Tensor offset = points.narrow(0, from, count) - centres.to(points.dtype());
-    added[level] = fuse[level](read.narrow(0, from, count).to(device), offset.to(device),
+    const Tensor offset = found.points.narrow(0, from, count) - centres.to(found.points.dtype());
+    added[level] = fuse[level](found.read.narrow(0, from, count).to(device), offset.to(device),
                                torch::tensor(cells).to(device), grid);
     from += count;
   }

@@ -12,6 +12,9 @@ namespace mirage::fusion {
 /// Channels of the output, one proposal a cell.
 enum Output { kLogit, kDx, kDy, kLogLength, kLogWidth, kSin2Yaw, kCos2Yaw, kOutputs };
 
+/// Pixels a side of a place of the image branch's map.
+inline constexpr int kImageStride = 8;
+
 /// On the CPU, whatever device the network is on.
 struct SensorTensors {
   torch::Tensor image;   ///< H × W × 3 scene-linear, or undefined: LiDAR alone
@@ -38,15 +41,33 @@ struct ResidualImpl : torch::nn::Module {
 };
 TORCH_MODULE(Residual);
 
+/// What a network may have beside the LiDAR's backbone.
+struct Parts {
+  bool image = true;        ///< image branch and continuous fusion
+  bool denoising = false;   ///< non-local means after every residual group of the image branch
+  bool depth_gate = false;  ///< fusion weighs image features by agreement in depth (depth_gate.h)
+};
+
+/// Feature denoising by a non-local mean (Xie et al., CVPR 2019) in its dot-product form: each place takes
+/// the mean of all places, weighed by the inner product of features, through a 1 × 1 convolution, and is
+/// added to it. Linear in the number of places. Silent at first: the norm's gain starts at zero.
+struct NonLocalMeanImpl : torch::nn::Module {
+  explicit NonLocalMeanImpl(int channels);
+  torch::Tensor forward(const torch::Tensor& x);
+  ConvNorm project{nullptr};
+};
+TORCH_MODULE(NonLocalMean);
+
 /// Half-size picture through residual groups at strides 4, 8, 16 and 32 of the full one, merged top down into
 /// one map of 32 features at stride 8.
 struct ImageBranchImpl : torch::nn::Module {
-  ImageBranchImpl();
+  explicit ImageBranchImpl(bool denoising);
   /// picture: H × W × 3. The map covers it from its upper left corner; to the right and below it may go on.
   torch::Tensor forward(const torch::Tensor& picture);
   ConvNorm stem{nullptr}, down8{nullptr}, down16{nullptr}, down32{nullptr};
   Residual group4{nullptr}, group8{nullptr}, group16{nullptr}, group32{nullptr};
   ConvNorm lateral4{nullptr}, lateral8{nullptr}, lateral16{nullptr}, lateral32{nullptr}, smooth{nullptr};
+  NonLocalMean denoise4{nullptr}, denoise8{nullptr}, denoise16{nullptr}, denoise32{nullptr};
 };
 TORCH_MODULE(ImageBranch);
 
@@ -64,10 +85,20 @@ struct ContinuousFusionImpl : torch::nn::Module {
 };
 TORCH_MODULE(ContinuousFusion);
 
+/// Image features where fusion reads them: one row for each cell that has a point, of all scales in turn.
+struct ReadFeatures {
+  torch::Tensor map;     ///< 1 × 32 × H/8 × W/8
+  torch::Tensor points;  ///< n × 3, the cells' points
+  torch::Tensor read;    ///< n × 32, gated where the network has a gate
+  std::array<NearestPoints, kGrids.size()> nearest;
+};
+
 struct NetworkImpl : torch::nn::Module {
-  explicit NetworkImpl(bool with_image);
+  explicit NetworkImpl(const Parts& parts);
   /// kOutputs × 140 × 160, on the CPU.
   torch::Tensor forward(const SensorTensors& input);
+  /// Undefined tensors where no point of the sweep is in the picture.
+  ReadFeatures read_image(const SensorTensors& input);
   /// What the picture adds to each scale of the backbone; undefined where it adds nothing.
   std::array<torch::Tensor, kGrids.size()> fused(const SensorTensors& input);
 
@@ -80,6 +111,7 @@ struct NetworkImpl : torch::nn::Module {
   ConvNorm lateral1{nullptr}, lateral2{nullptr}, lateral4{nullptr}, lateral8{nullptr}, reduce{nullptr},
       smooth{nullptr};
   torch::nn::Conv2d head{nullptr};
+  Parts parts;
 };
 TORCH_MODULE(Network);
 

@@ -22,11 +22,19 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
     if (modality != "fusion" && modality != "lidar")
       throw std::runtime_error("modality: unknown value '" + modality + "'; use fusion or lidar");
     mirage::fusion::Options options;
-    options.with_image = modality == "fusion";
+    options.parts.image = modality == "fusion";
     options.seed = json.value("seed", std::uint64_t{0});
     options.threads = json.value("threads", 1);
     options.start = json.value("start", false);
     options.bfloat16 = json.value("bfloat16", false);
+    for (const std::string part : json.value("parts", nlohmann::json::array())) {
+      if (part == "denoising")
+        options.parts.denoising = true;
+      else if (part == "depth-gate")
+        options.parts.depth_gate = true;
+      else
+        throw std::runtime_error("parts: unknown value '" + part + "'; use denoising or depth-gate");
+    }
     made = new FusionDetector(options, weights);
   });
   return made;
@@ -72,8 +80,20 @@ int save(void* detector, const char* file, int32_t with_optimiser, char* error, 
   return guarded(error, error_size, [&] { instance(detector).save(file, with_optimiser != 0); });
 }
 
-const MirageDetectorApi kApi = {MIRAGE_DETECTOR_ABI, "fusion", create, destroy, region, forward, backward,
-                                train_step,          save};
+void* share(void* detector, char* error, size_t error_size) {
+  FusionDetector* other = nullptr;
+  guarded(error, error_size, [&] { other = new FusionDetector(instance(detector).shared()); });
+  return other;
+}
+
+int image_features(void* detector, const MirageSensorInput* input, MirageImageFeatures* features, char* error,
+                   size_t error_size) {
+  return guarded(error, error_size, [&] { *features = instance(detector).image_features(*input); });
+}
+
+const MirageDetectorApi kApi = {
+    MIRAGE_DETECTOR_ABI, "fusion", create, destroy,       region, forward, backward,
+    train_step,          save,     share,  image_features};
 
 }  // namespace
 

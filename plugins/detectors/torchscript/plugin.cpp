@@ -61,7 +61,8 @@ int save(void*, const char*, int32_t, char* error, size_t error_size) {
 }
 
 const MirageDetectorApi kApi = {
-    MIRAGE_DETECTOR_ABI, "torchscript", create, destroy, region, forward, backward, train_step, save};
+    MIRAGE_DETECTOR_ABI, "torchscript", create,  destroy, region, forward, backward,
+    train_step,          save,          nullptr, nullptr};
 
 }  // namespace
 

@@ -172,6 +172,15 @@ std::unique_ptr<LearnedDepth> load_learned_depth(const DepthOptions& options) {
   return std::make_unique<PluginDepth>(file, api, instance);
 }
 
+std::string depth_identity(const DepthOptions& options) {
+  if (classical(options.backend)) return options.backend;
+  const fs::path plugin = find_plugin(options.backend);
+  const std::string weights = options.fresh ? "fresh " + std::to_string(options.seed)
+                                            : content_hash(read_file(find_weights(options, plugin)));
+  return content_hash(read_file(plugin)) + " " + weights + " " +
+         std::to_string(options.threads > 0 ? options.threads : thread_count());
+}
+
 std::unique_ptr<DepthCompletion> load_depth_completion(const DepthOptions& options) {
   if (auto made = classical(options.backend)) return made;
   return load_learned_depth(options);

@@ -39,6 +39,9 @@ class LearnedDepth : public DepthCompletion {
 /// weights. The object's complete() reports pixels that are not finite (InputError) and skips such returns; a
 /// plugin that fails, throws or gives a depth that is no finite number ends in Failure.
 std::unique_ptr<DepthCompletion> load_depth_completion(const DepthOptions& options);
+/// What a back-end's answers depend on besides its input: name, or plugin and weights by content, and the
+/// threads that a plugin may use. InputError as load_depth_completion's.
+std::string depth_identity(const DepthOptions& options);
 std::unique_ptr<LearnedDepth> load_learned_depth(const DepthOptions& options);
 
 }  // namespace mirage

@@ -16,6 +16,7 @@ struct Actor {
   std::string type;               ///< KITTI class; empty: clutter without a label
   std::vector<Surface> surfaces;  ///< in the actor's frame
   Vec3d size = Vec3d::Zero();     ///< length, width, height of the label box (m)
+  std::string kind = {};          ///< body style of a car (scene/shape/car_family.h); else empty
 };
 
 /// Measures the label box from the surfaces so far and moves the origin under its centre. Surfaces added

@@ -12,7 +12,8 @@ namespace mirage::generator {
 /// A labelled thing where it stands.
 struct Placed {
   std::string type;
-  Box3 box;  ///< `velo`
+  Box3 box;               ///< `velo`
+  std::string kind = {};  ///< Actor::kind
 };
 
 /// Surfaces in `velo`; a labelled thing's surfaces carry its index in `placed` as object.

@@ -98,7 +98,8 @@ class StreetSite {
       placed_.push_back({actor.type,
                          {{p.x(), p.y(), actor.size.x(), actor.size.y(), std::remainder(heading, 2 * kPi)},
                           z,
-                          actor.size.z()}});
+                          actor.size.z()},
+                         actor.kind});
     }
     add_surfaces(actor, at(p.x(), p.y(), z, heading), object);
     return true;

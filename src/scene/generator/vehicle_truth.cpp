@@ -11,7 +11,7 @@ namespace mirage::generator {
 std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, double height, Look look) {
   const Street street = make_street(seed, index, height, look);
   std::vector<TrueVehicle> vehicles;
-  for (const Placed& placed : street.placed) vehicles.push_back({placed.type, placed.box, {}});
+  for (const Placed& placed : street.placed) vehicles.push_back({placed.type, placed.box, {}, placed.kind});
   for (const Surface& surface : street.surfaces)
     if (surface.object >= 0)
       append(vehicles[static_cast<std::size_t>(surface.object)].mesh, surface.mesh, Transform::Identity());

@@ -15,8 +15,9 @@ namespace mirage::generator {
 
 struct TrueVehicle {
   std::string type;
-  Box3 box;   ///< `velo`
-  Mesh mesh;  ///< `velo`; every surface of it, seats and lamps included
+  Box3 box;               ///< `velo`
+  Mesh mesh;              ///< `velo`; every surface of it, seats and lamps included
+  std::string kind = {};  ///< a car's body style ("hatchback", …); else empty
 };
 
 /// The labelled things of frame `index` of a seed, laid out again (nothing is rendered). `height`: of the

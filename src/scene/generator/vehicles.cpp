@@ -69,7 +69,9 @@ Actor make_car(RandomStream& random) {
   // The family's ranges are makers' figures of the cars on sale today. KITTI's streets are of 2011, and its
   // boxes are drawn around the points: mean 3.88 x 1.63 x 1.53 m.
   s.length *= 0.925, s.width *= 0.945;
-  return assemble(s, "Car", {s.length, s.width, s.height}, trim, random);
+  Actor car = assemble(s, "Car", {s.length, s.width, s.height}, trim, random);
+  car.kind = name_of(style);
+  return car;
 }
 
 Actor american::make_car(RandomStream& random) {
@@ -91,7 +93,9 @@ Actor american::make_car(RandomStream& random) {
   if (style == BodyStyle::pickup) trim.bed = true;
   set_glass(s);
   s.length *= 0.97, s.width *= 0.97;  // boxes are drawn around the points
-  return assemble(s, "Car", {s.length, s.width, s.height}, trim, random);
+  Actor car = assemble(s, "Car", {s.length, s.width, s.height}, trim, random);
+  car.kind = name_of(style);
+  return car;
 }
 
 Actor american::make_school_bus(RandomStream& random) {

@@ -5,6 +5,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/parallel.h"
 
 namespace mirage {
 namespace {
@@ -37,17 +38,22 @@ ShapeFit ShapeRooftopFinder::fit(const SweepIndex& index, const Label& label) co
   return fit_shape(model_, gather_evidence(index, label.box, settings_.evidence), label.box, settings_);
 }
 
-Rooftop ShapeRooftopFinder::find(const Frame& frame, const Label& label) const {
-  std::shared_ptr<const SweepIndex> index;
-  {
-    const std::scoped_lock lock(mutex_);
-    if (!index_ || !same(sweep_, frame.sweep)) {
-      index_ = std::make_shared<const SweepIndex>(frame.sweep, lidar_);
-      sweep_ = frame.sweep;
-    }
-    index = index_;
+std::shared_ptr<const SweepIndex> ShapeRooftopFinder::index_of(const Sweep& sweep) const {
+  const std::scoped_lock lock(mutex_);
+  auto known = std::find_if(indexed_.begin(), indexed_.end(),
+                            [&](const Indexed& indexed) { return same(indexed.sweep, sweep); });
+  if (known == indexed_.end()) {
+    if (indexed_.size() >= static_cast<std::size_t>(std::max(1, thread_count())))
+      indexed_.erase(indexed_.begin());
+    indexed_.push_back({sweep, std::make_shared<const SweepIndex>(sweep, lidar_)});
+    known = std::prev(indexed_.end());
   }
-  ShapeFit found = fit(*index, label);
+  std::rotate(known, known + 1, indexed_.end());
+  return indexed_.back().index;
+}
+
+Rooftop ShapeRooftopFinder::find(const Frame& frame, const Label& label) const {
+  ShapeFit found = fit(*index_of(frame.sweep), label);
   if (found.fitted)
     return {found.velo_from_roof, false, {}, std::make_shared<const Mesh>(std::move(found.mesh))};
   Rooftop rooftop = BoxRooftopFinder().find(frame, label);

@@ -25,10 +25,14 @@ class ShapeRooftopFinder : public RooftopFinder {
   ShapeModel model_;
   LidarModel lidar_;
   ShapeFitSettings settings_;
-  // The index of the sweep asked for last: a frame's vehicles are asked for one after another.
+  // Indices of the sweeps asked for last, one a thread: a frame's vehicles are asked for together.
+  struct Indexed {
+    Sweep sweep;
+    std::shared_ptr<const SweepIndex> index;
+  };
+  std::shared_ptr<const SweepIndex> index_of(const Sweep& sweep) const;
   mutable std::mutex mutex_;
-  mutable Sweep sweep_;
-  mutable std::shared_ptr<const SweepIndex> index_;
+  mutable std::vector<Indexed> indexed_;  ///< the one used last is last
 };
 
 /// What finds the roofs, as --rooftop names it: "shape" (the shipped manifold), "box", or a manifold of the

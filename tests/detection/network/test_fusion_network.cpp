@@ -8,33 +8,16 @@
 #include "base/random.h"
 #include "bilinear.h"
 #include "network.h"
-#include "support/gradient_check.h"
+#include "tensor_checks.h"
 #include "voxels.h"
 
 namespace mirage::fusion {
 namespace {
 
+using test::check;
+using test::Street;
+using test::tensor_of;
 using torch::Tensor;
-
-std::vector<double> values_of(const Tensor& tensor) {
-  const Tensor flat = tensor.detach().to(torch::kDouble).contiguous().view({-1});
-  return {flat.data_ptr<double>(), flat.data_ptr<double>() + flat.numel()};
-}
-
-Tensor tensor_of(const std::vector<double>& values, torch::IntArrayRef shape) {
-  return torch::tensor(values, torch::kDouble).view(shape);
-}
-
-/// d (Σ weights · f(x)) / dx by autograd against central differences, for components with pick(i).
-void check(const Tensor& x, const std::function<Tensor(const Tensor&)>& scalar, double step = 1e-6,
-           double tolerance = 1e-6, const std::function<bool(std::size_t)>& pick = {}) {
-  const Tensor leaf = x.detach().clone().requires_grad_(true);
-  const Tensor gradient = torch::autograd::grad({scalar(leaf)}, {leaf})[0];
-  const torch::NoGradGuard guard;
-  test::check_gradient(
-      [&](const std::vector<double>& values) { return scalar(tensor_of(values, x.sizes())).item<double>(); },
-      values_of(x), values_of(gradient), step, tolerance, 1e-3, pick);
-}
 
 TEST(FusionKernels, VoxelsMoveWithTheirPoints) {
   RandomStream random(1, "voxel test");
@@ -67,24 +50,6 @@ TEST(FusionKernels, ReadingTheMapMovesWithMapAndPlace) {
   EXPECT_TRUE(torch::equal(one[0], map[0].select(1, 2).select(1, 3)));
   EXPECT_TRUE(torch::isfinite(one).all().item<bool>());
 }
-
-/// A few returns and a small picture.
-struct Street {
-  std::vector<float> points;
-  SensorTensors input;
-  Street(int width = 80, int height = 48) {
-    RandomStream random(4, "street of tensors");
-    for (int i = 0; i < 60; ++i)
-      for (double value : {random.uniform(6, 60), random.uniform(-8, 8), random.uniform(-1.7, 0.3), 0.2})
-        points.push_back(static_cast<float>(value));
-    const double f = 40, u = width / 2.0, v = height / 2.0;
-    input.projection = {u, -f, 0, 0, v, 0, -f, 0, 1, 0, 0, 0};
-    const std::vector<double> exact(points.begin(), points.end());
-    input.points = tensor_of(exact, {-1, 4});
-    torch::manual_seed(5);
-    input.image = torch::rand({height, width, 3}, torch::kDouble);
-  }
-};
 
 TEST(FusionKernels, EachCellTakesTheNearestPointThatTheCameraSees) {
   const Street street;
@@ -121,7 +86,7 @@ TEST(FusionKernels, EachCellTakesTheNearestPointThatTheCameraSees) {
 TEST(FusionNetwork, AllFourScalesCarryTheGradientOfPixelsAndPoints) {
   const Street street;
   torch::manual_seed(6);
-  Network network(true);
+  Network network(Parts{});
   network->to(torch::kDouble);
   for (std::size_t level = 0; level < kGrids.size(); ++level) {
     const auto scalar = [&](const Tensor& image, const Tensor& points) {
@@ -152,7 +117,7 @@ TEST(FusionNetwork, AllFourScalesCarryTheGradientOfPixelsAndPoints) {
 
 TEST(FusionNetwork, ASilencedFusionAddsNothingAndStillLearns) {
   const Street street;
-  Network network(true);
+  Network network(Parts{});
   network->to(torch::kDouble);
   for (ContinuousFusion& fuse : network->fuse) fuse->silence();
   Tensor sum = torch::zeros({}, torch::kDouble);
@@ -167,7 +132,7 @@ TEST(FusionNetwork, ASilencedFusionAddsNothingAndStillLearns) {
 }
 
 TEST(FusionNetwork, TakesPicturesOfAnySize) {
-  Network network(true);
+  Network network(Parts{});
   const torch::NoGradGuard guard;
   for (const auto& [width, height] : {std::pair{1, 1}, {3, 2}, {33, 31}, {320, 95}}) {
     SensorTensors input = Street(width, height).input;
@@ -182,7 +147,7 @@ TEST(FusionNetwork, TakesPicturesOfAnySize) {
 TEST(FusionNetwork, IsSmallEnoughToShip) {
   const auto count = [](bool with_image) {
     std::int64_t sum = 0;
-    for (const Tensor& parameter : Network(with_image)->parameters()) sum += parameter.numel();
+    for (const Tensor& parameter : Network(Parts{with_image})->parameters()) sum += parameter.numel();
     return sum;
   };
   EXPECT_LT(4 * count(true), 10'000'000) << "bytes";

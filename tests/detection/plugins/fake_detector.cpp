@@ -26,8 +26,8 @@ int backward(void*, const float* d_logits, int64_t, float* d_image, float* d_poi
   return 0;
 }
 
-const MirageDetectorApi api = {abi(MIRAGE_DETECTOR_ABI), "fake", create, destroy, region, forward, backward,
-                               train_step<MirageSample>, save};
+const MirageDetectorApi api = {abi(MIRAGE_DETECTOR_ABI), "fake", create,  destroy, region, forward, backward,
+                               train_step<MirageSample>, save,   nullptr, nullptr};
 
 }  // namespace
 

@@ -1,0 +1,171 @@
+#include "attack/attack_step.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <optional>
+
+#include "attack/evaluation.h"
+#include "attack/rank_steps.h"
+#include "base/error.h"
+#include "base/random.h"
+
+namespace mirage {
+namespace {
+
+void check_finite(const HostStep& step, const HostId& host, long iteration) {
+  bool finite = std::isfinite(step.hide) && std::isfinite(step.false_positive);
+  for (const Vec3d& d : step.gradient.vertices) finite = finite && d.allFinite();
+  for (const Vec3d& d : step.gradient.texels) finite = finite && d.allFinite();
+  if (!finite)
+    throw Failure("attack",
+                  fmt::format("gradient of host {}/{} is not finite in iteration {}", host.frame, host.label,
+                              iteration),
+                  "check the detector; the last checkpoint is good");
+}
+
+bool finds(const std::vector<Proposal>& proposals, const BevBox& host) {
+  const EvaluationSettings by;
+  return std::any_of(proposals.begin(), proposals.end(), [&](const Proposal& p) {
+    return p.score() > by.score_threshold && iou(p.box, host) > by.detected_iou;
+  });
+}
+
+}  // namespace
+
+HostStep attack_host(Detector& detector, const PreparedFrame& known, const Host& host,
+                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
+                     const WorldDraw* draw) {
+  HostStep step;
+  Stopwatch clock;
+  std::optional<PreparedFrame> drawn;
+  if (draw != nullptr && settings.expectation.any_in_frame()) drawn = draw->frame(known);
+  const PreparedFrame& prepared = drawn ? *drawn : known;
+  const Label& label = prepared.frame.labels[static_cast<std::size_t>(host.id.label)];
+  step.seconds.worlds += clock.lap();
+  Simulated simulated = draw == nullptr
+                            ? simulate(prepared, label, host.rooftop, adversary, settings.simulation)
+                            : simulate(prepared, label, draw->rooftop(host.rooftop), adversary,
+                                       draw->simulation(settings.simulation));
+  step.seconds.simulation_forward = clock.lap();
+  if (draw != nullptr) draw->add_noise(simulated.image);
+  step.seconds.worlds += clock.lap();
+
+  const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
+  const auto proposals = detector.forward(view, settings.objective.relevant_score, true);
+  step.seconds.detector_forward = clock.lap();
+  const auto boxes = ground_truth_boxes(prepared.frame);
+  const ObjectiveValue value = objective(proposals, label.box.bev, boxes, settings.objective);
+  step.hide = value.hide;
+  step.false_positive = value.false_positive;
+  step.hidden = !finds(proposals, label.box.bev);
+  step.gradient.vertices.assign(adversary.mesh.vertices.size(), Vec3d::Zero());
+  step.gradient.texels.assign(adversary.atlas.texels.size(), Vec3d::Zero());
+  const bool any = std::any_of(value.d_logits.begin(), value.d_logits.end(), [](double d) { return d != 0; });
+  step.seconds.rest += clock.lap();
+  if (!any) return step;
+  SensorGradient gradient = detector.backward(value.d_logits);
+  step.seconds.detector_backward = clock.lap();
+
+  if (target == AttackTarget::lidar) gradient.image = ImageF();
+  if (target == AttackTarget::image) gradient.points.clear();
+  step.gradient = simulate_vjp(simulated, gradient.image, gradient.points);
+  step.seconds.simulation_vjp = clock.lap();
+  return step;
+}
+
+std::vector<std::size_t> batch_of(std::size_t hosts, int batch, long iteration, std::uint64_t seed) {
+  std::vector<std::size_t> chosen;
+  std::vector<std::size_t> order(hosts);
+  long shuffled = -1;
+  for (int k = 0; k < batch; ++k) {
+    const long position = iteration * batch + k, pass = position / static_cast<long>(hosts);
+    if (pass != shuffled) {
+      for (std::size_t i = 0; i < hosts; ++i) order[i] = i;
+      RandomStream random(seed, "host order", static_cast<std::uint64_t>(pass));
+      for (std::size_t i = hosts; i > 1; --i)
+        std::swap(order[i - 1], order[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
+      shuffled = pass;
+    }
+    chosen.push_back(order[static_cast<std::size_t>(position % static_cast<long>(hosts))]);
+  }
+  return chosen;
+}
+
+AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
+                             const std::vector<Host>& hosts, const Mesh& mesh)
+    : settings_(settings),
+      detectors_(detectors),
+      store_(store),
+      hosts_(hosts),
+      target_(parse_target(settings.target)),
+      parts_(parse_parts(settings.parts)),
+      laplacian_(mesh) {}
+
+std::vector<std::string> AttackStepper::frames_of(long iteration) const {
+  const auto chosen = batch_of(hosts_.size(), settings_.batch, iteration, settings_.seed);
+  std::vector<std::string> frames;
+  for (const std::size_t k : own_hosts(chosen.size())) frames.push_back(hosts_[chosen[k]].id.frame);
+  return frames;
+}
+
+LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
+  const AttackSettings& settings = settings_;
+  StageSeconds stages;
+  Stopwatch clock;
+  const std::vector<std::string> names = frames_of(state.iteration);
+  std::vector<std::shared_ptr<const PreparedFrame>> frames(names.size());
+  parallel_for(names.size(), [&](std::size_t i) { frames[i] = store_.get(names[i]); });
+  store_.prefetch(frames_of(state.iteration + 1));
+  stages.input = clock.lap();
+
+  std::vector<Vec3d> d_vertices(state.adversary.mesh.vertices.size(), Vec3d::Zero());
+  std::vector<Vec3d> d_texels(state.adversary.atlas.texels.size(), Vec3d::Zero());
+  LossRow row;
+  const auto chosen = batch_of(hosts_.size(), settings.batch, state.iteration, settings.seed);
+  std::vector<HostStep> steps(chosen.size());
+  const std::vector<std::size_t> mine = own_hosts(chosen.size());
+  for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
+    const std::size_t k = mine[i];
+    Host host = hosts_[chosen[k]];
+    host.rooftop = store_.rooftop(host.id);  // with the fitted vehicle, which the list leaves out
+    const WorldDraw draw(settings.expectation, settings.seed,
+                         static_cast<std::uint64_t>(state.iteration * settings.batch) + k);
+    isolated([&] {  // or a loop inside would take another host's work, and its time
+      steps[k] = attack_host(detector, *frames[i], host, state.adversary, target_, settings,
+                             settings.expectation.any() ? &draw : nullptr);
+    });
+  });
+  for (const std::size_t k : mine) {
+    check_finite(steps[k], hosts_[chosen[k]].id, state.iteration);
+    stages.threads += steps[k].seconds;
+  }
+  stages.hosts = clock.lap();
+  share_steps(steps, state.adversary);
+  stages.exchange = clock.lap();
+  row.hidden = 0;
+  for (const HostStep& step : steps) {
+    row.hide += step.hide / settings.batch;
+    row.false_positive += step.false_positive / settings.batch;
+    row.hidden += step.hidden;
+    for (std::size_t i = 0; i < d_vertices.size(); ++i)
+      d_vertices[i] += step.gradient.vertices[i] / settings.batch;
+    for (std::size_t i = 0; i < d_texels.size(); ++i) d_texels[i] += step.gradient.texels[i] / settings.batch;
+  }
+  const double weight = settings.objective.lambda_laplacian;
+  row.laplacian = weight * laplacian_.energy(state.adversary.mesh.vertices, weight, d_vertices);
+  const TexturedMesh before = state.adversary;
+  if (parts_ != AttackParts::texture) state.vertices.step(state.adversary.mesh.vertices, d_vertices);
+  if (parts_ != AttackParts::shape) state.texels.step(state.adversary.atlas.texels, d_texels);
+  project(state.adversary, settings.limits);
+  if (settings.buildable.on) keep_buildable(state.adversary, before, settings.buildable, settings.limits);
+  state.losses.push_back(row);
+  ++state.iteration;
+  stages.optimiser = clock.lap();
+  if (spent) *spent += stages;
+  return row;
+}
+
+}  // namespace mirage

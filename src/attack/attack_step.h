@@ -1,0 +1,57 @@
+// One Adam step of the adversary: what an attack repeats, and what adversarial training does between two
+// updates of the model.
+#pragma once
+
+#include <vector>
+
+#include "attack/attack.h"
+#include "attack/checkpoint.h"
+#include "attack/stages.h"
+#include "geometry/laplacian.h"
+
+namespace mirage {
+
+/// Loss and gradient of one host: simulation, detector, objective and their VJPs. With a draw, of the host in
+/// that world.
+struct HostStep {
+  double hide = 0, false_positive = 0;
+  /// No proposal of this step finds the host at the score and IoU of an evaluation (EvaluationSettings). An
+  /// indication that costs no forward pass: taken before suppression, and never used by the optimiser.
+  bool hidden = false;
+  AdversaryGradient gradient;
+  HostSeconds seconds;
+};
+HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
+                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
+                     const WorldDraw* draw = nullptr);
+
+/// `count` of `hosts` indices for iteration `iteration`: an endless sequence of shuffled passes over all
+/// hosts, by seed alone.
+std::vector<std::size_t> batch_of(std::size_t hosts, int count, long iteration, std::uint64_t seed);
+
+/// Steps of one attack. What it is given outlives it.
+class AttackStepper {
+ public:
+  /// `mesh`: the adversary's, for its faces. InputError for a target or parts of another word.
+  AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
+                const std::vector<Host>& hosts, const Mesh& mesh);
+  /// Mean gradient over the hosts of state.iteration (spread over detectors and ranks, summed in the batch's
+  /// order), Adam, projection; ++state.iteration, and its row of losses is kept. Failure if a gradient is not
+  /// finite: it would poison the optimiser's state and, with it, the checkpoint. The frames of the next
+  /// iteration are read meanwhile. What it takes is added to `spent`.
+  LossRow step(AttackState& state, StageSeconds* spent = nullptr) const;
+
+ private:
+  /// Names of the frames of this rank's hosts.
+  std::vector<std::string> frames_of(long iteration) const;
+
+  const AttackSettings& settings_;
+  const DetectorPool& detectors_;
+  FrameStore& store_;
+  const std::vector<Host>& hosts_;
+  AttackTarget target_;
+  AttackParts parts_;
+  Laplacian laplacian_;
+};
+
+}  // namespace mirage

@@ -1,0 +1,128 @@
+#include "attack/evaluate_run.h"
+
+#include <spdlog/spdlog.h>
+
+#include <set>
+
+#include "attack/evaluation_strata.h"
+#include "attack/frame_cache.h"
+#include "base/error.h"
+#include "scene/data_rig.h"
+#include "scene/kitti.h"
+
+namespace mirage {
+namespace {
+
+std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
+  if (which.empty() || which == "test") return run.test;
+  if (which == "train") return run.train;
+  if (which != "all") throw InputError("--hosts", which, "unknown choice", "use test, train or all");
+  auto all = run.train;
+  all.insert(all.end(), run.test.begin(), run.test.end());
+  return all;
+}
+
+/// Complains about what --hosts-of leaves no choice in.
+void check_hosts_of(const EvaluationRequest& request, const Run& stage) {
+  if (!request.data.empty() && is_other_data(stage, request.data))
+    throw InputError("--data", request.data.string(),
+                     "is not the data set of --hosts-of's run (" + stage.data.string() + ")",
+                     "leave --data out");
+  if (!request.hosts.empty() && request.hosts != "test")
+    throw InputError("--hosts", request.hosts, "contradicts --hosts-of, which takes the run's test hosts",
+                     "leave --hosts out");
+}
+
+int count_trained_on(const Run& run, const std::filesystem::path& data, const std::vector<HostId>& hosts) {
+  if (is_other_data(run, data)) return 0;
+  std::set<std::string> frames;
+  for (const HostId& id : run.train) frames.insert(id.frame);
+  int count = 0;
+  for (const HostId& id : hosts) count += frames.contains(id.frame);
+  return count;
+}
+
+}  // namespace
+
+std::vector<TexturedMesh> random_meshes(const Run& run, int count) {
+  std::vector<TexturedMesh> meshes;
+  for (int i = 0; i < count; ++i)
+    meshes.push_back(
+        i == 0 ? run.random
+               : random_baseline(run.seed + static_cast<std::uint64_t>(i), run.limits, run.buildable));
+  return meshes;
+}
+
+RunEvaluation evaluate_run(const EvaluationRequest& request) {
+  if (request.random_meshes < 0)
+    throw InputError("--random-meshes", std::to_string(request.random_meshes), "out of range",
+                     "use 0 or more");
+  RunEvaluation result;
+  result.run = read_run(request.run);
+  result.hosts_of = request.hosts_of;
+  result.stage = request.hosts_of.empty() ? result.run : read_run(request.hosts_of);
+  Run& stage = result.stage;
+  if (!request.hosts_of.empty()) check_hosts_of(request, stage);
+  const bool other_data = !request.data.empty() && is_other_data(stage, request.data);
+  if (!request.data.empty()) stage.data = request.data;
+  if (!request.depth.empty()) stage.depth = request.depth;
+  if (!request.rooftop.empty()) stage.rooftop = request.rooftop;
+  if (!request.sun.empty()) stage.sun = request.sun;
+  if (request.adjust) request.adjust(stage.simulation);
+  result.detector = request.detector;
+  use_detector_of(stage, result.detector);
+  result.detector.rig = data_rig(stage.data);
+  result.store = std::make_unique<FrameStore>(stage.data, stage.depth, stage.rooftop, stage.sun);
+
+  if (other_data) {  // all its usable vehicles are unseen ones
+    const auto region = load_detector(result.detector)->region();
+    for (const Host& host :
+         find_all_hosts(*result.store, list_frames(stage.data), region, stage.simulation, stage.min_view))
+      result.hosts.push_back(host.id);
+  } else {
+    result.hosts = hosts_of_split(stage, request.hosts);
+  }
+  if (result.hosts.empty())
+    throw InputError((stage.folder / "run.json").string(), request.hosts.empty() ? "test" : request.hosts,
+                     "has no host vehicles", "use --hosts all or a larger data set");
+  result.trained_on = count_trained_on(result.run, stage.data, result.hosts);
+  if (!request.hosts_of.empty() && result.trained_on > 0)
+    spdlog::warn("{} of the {} hosts stand in frames that the adversary was trained on", result.trained_on,
+                 result.hosts.size());
+
+  result.settings = request.settings;
+  result.settings.detector_identity = detector_identity(result.detector);
+  result.settings.kinds = vehicle_kinds(stage.data, result.hosts);
+  result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
+  const CleanDetections clean =
+      clean_detections(result.detectors, *result.store, result.hosts, result.settings);
+  const auto judged = [&](std::span<const TexturedMesh> meshes) {
+    return evaluate(result.detectors, *result.store, result.hosts, clean, meshes, stage.simulation,
+                    result.settings);
+  };
+  result.learned = judged({&result.run.adversary, 1});
+  if (request.random_meshes > 0) result.random = judged(random_meshes(result.run, request.random_meshes));
+  return result;
+}
+
+nlohmann::json to_json(const RunEvaluation& evaluation) {
+  nlohmann::json result = to_json(evaluation.learned);
+  if (evaluation.random) {
+    result["random"] = to_json(*evaluation.random);
+    result["random"]["meshes"] = evaluation.random->meshes;
+  }
+  result["run"] = evaluation.run.folder.string();
+  if (!evaluation.hosts_of.empty()) result["hosts_of"] = evaluation.hosts_of.string();
+  result["hosts_trained_on"] = evaluation.trained_on;
+  result["data"] = evaluation.stage.data.string();
+  result["detector"] = evaluation.detector.detector;
+  result["weights"] = evaluation.detector.weights.string();
+  result["defense"] = evaluation.detector.defense;
+  result["simulation"] = to_json(evaluation.stage.simulation);
+  result["sun"] = evaluation.stage.sun;
+  result["score_threshold"] = evaluation.settings.score_threshold;
+  result["detected_iou"] = evaluation.settings.detected_iou;
+  return result;
+}
+
+}  // namespace mirage

@@ -1,0 +1,25 @@
+// Where the detections are that an adversary made.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "attack/evaluation.h"
+
+namespace mirage {
+
+/// A histogram with its median and 90th percentile (order statistics: the ⌈q·n⌉-th value).
+struct Distribution {
+  std::vector<double> edges;  ///< bin k is [edges[k], edges[k + 1]); the last one takes what lies beyond, too
+  std::vector<int> counts;
+  double median = 0, p90 = 0;  ///< 0 without values
+};
+Distribution distribution(const std::vector<double>& values, std::vector<double> edges);
+
+/// New boxes of the hosts that were detected clean, those that FP ASR counts:
+/// {vehicles, boxes, distance_from_host, distance_from_sensor, score, list}. `vehicles`: outcomes with at
+/// least one; distances in m, each a distribution {edges, counts, median, p90} (null without boxes); `list`:
+/// every box with its host {frame, label, mesh}, box, score and the two distances.
+nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts);
+
+}  // namespace mirage

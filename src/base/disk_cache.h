@@ -1,0 +1,53 @@
+// Results that are costly to compute, kept on disk under what they were computed from. An entry holds its
+// whole key and a checksum, so a truncated, damaged or mistaken file is never taken for a result: it is
+// computed again. Trouble with the folder costs time, never a run.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace mirage {
+
+class DiskCache {
+ public:
+  static constexpr std::uint64_t kLimit = 20ull << 30;
+
+  /// In `folder` (made at the first write; empty: off). `limit`, bytes: where it is passed, what was not used
+  /// for longest goes.
+  explicit DiskCache(std::filesystem::path folder, std::uint64_t limit = kLimit);
+  /// Where MIRAGE_CACHE says ("off": nowhere), else $XDG_CACHE_HOME/mirage, else ~/.cache/mirage.
+  static std::unique_ptr<DiskCache> from_environment();
+
+  bool on() const { return !folder_.empty(); }
+  /// What was kept for the key, among entries of this `kind` (a folder's name). None if there is nothing or,
+  /// after a warning, if the entry is damaged.
+  std::optional<std::string> read(const std::string& kind, std::string_view key) const;
+  /// Keeps it, atomically. Where that fails nothing more is kept, after a warning.
+  void write(const std::string& kind, std::string_view key, std::string_view bytes);
+  /// An entry whose bytes make no sense to their reader counts as damaged.
+  void report_damaged(const std::string& kind, std::string_view key) const;
+
+ private:
+  std::filesystem::path file_of(const std::string& kind, std::string_view key) const;
+  void trim();
+
+  std::filesystem::path folder_;
+  std::uint64_t limit_;
+  std::atomic<bool> writable_ = true;
+  mutable std::atomic<bool> warned_ = false;
+  std::mutex trimming_;
+  std::uint64_t unchecked_ = 0;  ///< bytes written since the folder's size was looked at
+  bool looked_ = false;
+};
+
+/// Tells programs apart whose results may differ: hash of the running executable and of what the processor
+/// can do (libraries choose their instructions by it).
+std::string program_identity();
+
+}  // namespace mirage

@@ -1,0 +1,69 @@
+// mirage reproduce: the paper's experiments, one command a table.
+#include "validation/paper/reproduce.h"
+
+#include <fmt/format.h>
+
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/dispatch.h"
+#include "cli/table.h"
+
+namespace mirage::cli {
+namespace {
+
+void print_result(const nlohmann::json& result) {
+  for (const auto& table : result.at("tables")) std::fputs(("\n" + paper::markdown(table)).c_str(), stdout);
+  Rows rows;
+  for (const auto& finding : result.at("findings"))
+    rows.push_back({finding.at("claim").get<std::string>(), finding.at("verdict").get<std::string>()});
+  if (result.contains("page")) rows.push_back({"page", result.at("page").get<std::string>()});
+  print_table(rows);
+}
+
+}  // namespace
+
+Command reproduce_command() {
+  auto options = std::make_shared<paper::ReproduceSettings>();
+  return {"reproduce", "the experiments of Tu et al. (CoRL 2021) as tables with intervals", "out/reproduce",
+          [options](CLI::App& app) {
+            app.add_option(
+                   "what", options->what,
+                   "table1: attack success, KITTI rig; table2: the same, Xenith rig; fig3: recall over IoU; "
+                   "fig4: success against the size of the mesh; table3: transfer; table4: defences; all")
+                ->capture_default_str();
+            app.add_flag("--quick", options->quick,
+                         "few frames, iterations and random meshes: minutes, wide intervals");
+            app.add_option("--kitti64", options->kitti64,
+                           "data set of the KITTI rig (default: generated in OUT/data)");
+            app.add_option("--xenith", options->xenith,
+                           "data set of the Xenith rig (default: generated in OUT/data)");
+            app.add_option("--real", options->real,
+                           "real frames in KITTI layout: the same on their vehicles");
+            app.add_option("--frames", options->frames, "generated frames of a rig")
+                ->check(CLI::PositiveNumber)
+                ->capture_default_str();
+            app.add_option("--iterations", options->iterations, "Adam steps of each attack")
+                ->check(CLI::PositiveNumber)
+                ->capture_default_str();
+            app.add_option("--random-meshes", options->random_meshes, "random meshes of the baseline, pooled")
+                ->check(CLI::PositiveNumber)
+                ->capture_default_str();
+            app.add_option("--pictures", options->pictures, "pictures of each attack that shows some")
+                ->check(CLI::NonNegativeNumber)
+                ->capture_default_str();
+          },
+          [options](const Common& common) {
+            paper::ReproduceSettings settings = *options;
+            settings.out = common.out;
+            settings.seed = common.seed;
+            settings.threads = common.threads;
+            settings.quiet = common.quiet;
+            if (settings.quick) paper::make_quick(settings);
+            nlohmann::json result = paper::reproduce(settings, run_step);
+            print_result(result);
+            return result;
+          }};
+}
+
+}  // namespace mirage::cli

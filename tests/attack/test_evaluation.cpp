@@ -1,0 +1,364 @@
+// Evaluation on outcomes whose shares are known.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "attack/attack.h"
+#include "attack/evaluate_run.h"
+#include "attack/evaluation_strata.h"
+#include "attack/false_positives.h"
+#include "attack/tiny_world.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "exchange/gltf.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+using test::TemporaryFolder;
+
+HostOutcome outcome(const std::string& frame, bool hidden, bool false_positive, double range = 10) {
+  HostOutcome host;
+  host.id = {frame, 0};
+  host.range = range;
+  host.kind = "Car";
+  host.detected = true;
+  host.hidden = hidden;
+  host.false_positive = false_positive;
+  host.clean_iou = 0.8, host.attacked_iou = hidden ? 0.0 : 0.8;
+  return host;
+}
+
+const StratumSuccess& part(const Evaluation& evaluation, const std::string& name) {
+  for (const StratumSuccess& p : evaluation.strata)
+    if (p.name == name) return p;
+  throw std::runtime_error("no part " + name);
+}
+
+TEST(EvaluationStrata, CountByRangeOcclusionTruncationAndKind) {
+  std::vector<HostOutcome> hosts = {outcome("0", true, false, 14.9), outcome("0", false, true, 15),
+                                    outcome("1", false, false, 29), outcome("2", true, true, 50),
+                                    outcome("3", true, false, 60)};
+  hosts[1].occluded = 2;
+  hosts[1].truncated = 0.15;
+  hosts[2].truncated = 0.2;
+  hosts[2].kind = "estate";
+  hosts[4].detected = hosts[4].hidden = false;
+  const Evaluation all = summarize(hosts);
+  EXPECT_EQ(all.vehicles, 4);
+  EXPECT_DOUBLE_EQ(all.fn_asr, 0.5);
+  EXPECT_DOUBLE_EQ(all.asr, 0.75);
+  EXPECT_EQ(part(all, "0-15 m").vehicles, 1);
+  EXPECT_EQ(part(all, "0-15 m").rates.fn_asr.value, 1);
+  EXPECT_EQ(part(all, "0-15 m").rates.fp_asr.value, 0);
+  EXPECT_EQ(part(all, "15-30 m").vehicles, 2);
+  EXPECT_EQ(part(all, "15-30 m").rates.asr.value, 0.5);
+  EXPECT_EQ(part(all, "30-50 m").hosts, 0);
+  EXPECT_EQ(part(all, "30-50 m").rates.asr.high, 1);  // nothing is known
+  EXPECT_EQ(part(all, "50+ m").hosts, 2);
+  EXPECT_EQ(part(all, "50+ m").vehicles, 1);
+  EXPECT_EQ(part(all, "largely occluded").rates.fp_asr.value, 1);
+  EXPECT_EQ(part(all, "fully visible").vehicles, 3);
+  EXPECT_EQ(part(all, "cut off (> 0.15)").vehicles, 1);
+  EXPECT_EQ(part(all, "whole (≤ 0.15)").vehicles, 3);
+  EXPECT_EQ(part(all, "Car").vehicles, 3);
+  EXPECT_EQ(part(all, "estate").rates.asr.value, 0);
+  // Two frames, all fooled: the exact interval of two trials, not certainty.
+  EXPECT_NEAR(part(all, "15-30 m").rates.asr.low, 0, 1e-12);
+  EXPECT_NEAR(part(all, "0-15 m").rates.fn_asr.low, 0.025, 1e-12);
+  const auto json = to_json(all).at("strata");
+  ASSERT_EQ(json.size(), all.strata.size());
+  EXPECT_EQ(json.at(0).at("by"), "range");
+  EXPECT_EQ(json.at(0).at("fn_asr").at("value"), 1);
+}
+
+TEST(EvaluationStrata, PartsAddUpToTheWhole) {
+  std::vector<HostOutcome> hosts;
+  for (int i = 0; i < 60; ++i) {
+    hosts.push_back(outcome(std::to_string(i / 3), i % 3 == 0, i % 5 == 0, 1.3 * i));
+    hosts.back().occluded = i % 4;
+    hosts.back().truncated = 0.01 * i;
+    hosts.back().detected = i % 7 != 0;
+  }
+  const Evaluation all = summarize(hosts);
+  std::map<std::string, std::pair<int, double>> by;
+  for (const StratumSuccess& p : all.strata) {
+    by[p.by].first += p.vehicles;
+    by[p.by].second += p.vehicles * p.rates.asr.value;
+  }
+  EXPECT_EQ(by.size(), 4u);
+  for (const auto& [name, sum] : by) {
+    EXPECT_EQ(sum.first, all.vehicles) << name;
+    EXPECT_NEAR(sum.second, all.vehicles * all.asr, 1e-9) << name;
+  }
+}
+
+TEST(Evaluation, SeveralMeshesArePooledAndTheirClustersAreFrames) {
+  // Mesh 0 hides 2 of 4 vehicles, mesh 1 one of them, mesh 2 none: 3 of 12.
+  std::vector<HostOutcome> hosts, first;
+  for (int mesh = 0; mesh < 3; ++mesh)
+    for (int i = 0; i < 4; ++i) {
+      hosts.push_back(outcome(std::to_string(i), i + mesh < 2, false));
+      hosts.back().mesh = mesh;
+      hosts.back().from_box = i == 0;
+      if (mesh == 0) first.push_back(hosts.back());
+    }
+  const Evaluation pooled = summarize(hosts, 3);
+  EXPECT_EQ(pooled.vehicles, 4);
+  EXPECT_DOUBLE_EQ(pooled.fn_asr, 0.25);
+  EXPECT_EQ(pooled.rooftops.from_box, 1);
+  EXPECT_EQ(pooled.rooftops.fitted, 3);
+  EXPECT_EQ(part(pooled, "0-15 m").hosts, 4);
+  const auto json = to_json(pooled);
+  EXPECT_EQ(json.at("hosts"), 4);
+  EXPECT_EQ(json.at("outcomes").size(), 12u);
+  EXPECT_EQ(json.at("outcomes").at(11).at("mesh"), 2);
+  EXPECT_FALSE(to_json(summarize(first)).at("outcomes").at(0).contains("mesh"));
+  // The same mesh three times tells as much as once.
+  std::vector<HostOutcome> repeated;
+  for (int mesh = 0; mesh < 3; ++mesh)
+    for (HostOutcome host : first) {
+      host.mesh = mesh;
+      repeated.push_back(host);
+    }
+  const Evaluation once = summarize(first), thrice = summarize(repeated, 3);
+  EXPECT_DOUBLE_EQ(once.asr_interval.low, thrice.asr_interval.low);
+  EXPECT_DOUBLE_EQ(once.asr_interval.high, thrice.asr_interval.high);
+  EXPECT_DOUBLE_EQ(once.recall_attacked[10].low, thrice.recall_attacked[10].low);
+}
+
+TEST(Evaluation, RecallHasIntervals) {
+  std::vector<HostOutcome> hosts;
+  for (int i = 0; i < 40; ++i) hosts.push_back(outcome(std::to_string(i), i < 10, false));
+  const Evaluation all = summarize(hosts);
+  ASSERT_EQ(all.recall_attacked.size(), 21u);
+  EXPECT_EQ(all.recall_clean[14].value, 1);  // IoU 0.7 ≤ 0.8
+  EXPECT_EQ(all.recall_clean[14].high, 1);
+  EXPECT_NEAR(all.recall_clean[14].low, std::pow(0.025, 1.0 / 40), 1e-12);
+  EXPECT_EQ(all.recall_attacked[14].value, 0.75);
+  const std::vector<ClusterSums> clusters = [&] {
+    std::vector<ClusterSums> sums;
+    for (int i = 0; i < 40; ++i) sums.push_back({i < 10 ? 0.0 : 1.0, 1});
+    return sums;
+  }();
+  // Frames are ordered by name, so the draws differ; the distribution is the same.
+  EXPECT_NEAR(all.recall_attacked[14].low, bootstrap_interval(clusters).low, 0.0251);
+  EXPECT_EQ(all.recall_attacked[17].value, 0);  // IoU 0.85
+  const auto json = to_json(all).at("recall_iou");
+  for (const char* key :
+       {"iou", "clean", "attacked", "clean_low", "clean_high", "attacked_low", "attacked_high"})
+    EXPECT_EQ(json.at(key).size(), 21u) << key;
+  EXPECT_EQ(json.at("attacked").at(14), 0.75);
+}
+
+TEST(FalsePositives, DistributionsHaveKnownBinsAndQuantiles) {
+  const Distribution d = distribution({0, 4.9, 5, 12, 1000}, {0, 5, 10, 15});
+  EXPECT_THAT(d.counts, testing::ElementsAre(2, 1, 2));
+  EXPECT_EQ(d.median, 5);
+  EXPECT_EQ(d.p90, 1000);
+  const Distribution none = distribution({}, {0, 1});
+  EXPECT_THAT(none.counts, testing::ElementsAre(0));
+  EXPECT_EQ(none.median, 0);
+}
+
+Frame frame_with_host() {
+  Frame frame;
+  frame.id = "000000";
+  Label host;
+  host.type = "Car";
+  host.box.bev = {6, 8, 4, 1.6, 0};
+  host.occluded = 1;
+  host.truncated = 0.3;
+  Label other = host;
+  other.type = "Van";
+  other.box.bev.x = 30;
+  frame.labels = {host, other};
+  return frame;
+}
+
+TEST(FalsePositives, EveryNewBoxHasItsDistances) {
+  const Frame frame = frame_with_host();
+  EvaluationSettings settings;
+  const Proposal found{{6, 8, 4, 1.6, 0}, 2}, near_box{{9, 12, 4, 1.6, 0}, 0},
+      far_box{{36, 48, 4, 1.6, 0}, 1}, known{{15, -9, 4, 1.6, 0}, 1}, real{{30, 8, 4, 1.6, 0}, 1};
+  HostOutcome host =
+      judge({"000000", 0}, frame, {found, known}, {found, far_box, near_box, known, real}, settings);
+  EXPECT_TRUE(host.detected);
+  EXPECT_FALSE(host.hidden);
+  EXPECT_EQ(host.occluded, 1);
+  EXPECT_EQ(host.truncated, 0.3);
+  EXPECT_EQ(host.kind, "Car");
+  ASSERT_EQ(host.new_boxes.size(), 2u);
+  EXPECT_NEAR(host.new_boxes[0].distance, 50, 1e-12);
+  EXPECT_NEAR(host.new_boxes[0].range, 60, 1e-12);
+  EXPECT_NEAR(host.new_boxes[1].distance, 5, 1e-12);
+  EXPECT_EQ(host.new_boxes[1].score, 0.5);
+  EXPECT_EQ(host.false_positive_distance, host.new_boxes[0].distance);
+
+  HostOutcome unseen = host;
+  unseen.detected = false;  // FP ASR does not count it
+  const auto json = false_positives_json({host, unseen});
+  EXPECT_EQ(json.at("vehicles"), 1);
+  EXPECT_EQ(json.at("boxes"), 2);
+  EXPECT_EQ(json.at("distance_from_host").at("median"), host.new_boxes[1].distance);
+  EXPECT_EQ(json.at("distance_from_host").at("p90"), host.new_boxes[0].distance);
+  EXPECT_EQ(json.at("distance_from_sensor").at("counts").at(12), 1);  // 60-65 m
+  EXPECT_EQ(json.at("score").at("counts").at(5), 1);
+  EXPECT_EQ(json.at("list").size(), 2u);
+  EXPECT_TRUE(false_positives_json({}).at("score").at("median").is_null());
+}
+
+TEST(FalsePositives, AKindIsTheDataSetsWhereItTells) {
+  EvaluationSettings settings;
+  settings.kinds = {{"000000_0", "estate"}};
+  EXPECT_EQ(judge({"000000", 0}, frame_with_host(), {}, {}, settings).kind, "estate");
+  EXPECT_EQ(judge({"000000", 1}, frame_with_host(), {}, {}, settings).kind, "Van");
+}
+
+/// A finished run of a random mesh on a tiny data set, for a detector that always finds the same box.
+std::filesystem::path tiny_run(const TemporaryFolder& folder, const std::string& name, const char* data,
+                               std::vector<HostId> train, std::vector<HostId> test, std::uint64_t seed = 3) {
+  const TexturedMesh mesh = random_adversary(seed);
+  write_adversary(folder / name / "adversary.glb", mesh);
+  write_adversary(folder / name / "random.glb", mesh);
+  write_file(folder / name / "weights", "none");
+  write_json(folder / name / "run.json", {{"data", (folder / data).string()},
+                                          {"detector", MIRAGE_BUILD "/test_plugins/fake_works.so"},
+                                          {"weights", (folder / name / "weights").string()},
+                                          {"target", "random"},
+                                          {"seed", seed},
+                                          {"min_view", 0.7},
+                                          {"train", to_json(train)},
+                                          {"test", to_json(test)},
+                                          {"simulation", to_json(SimulationSettings())}});
+  return folder / name;
+}
+
+EvaluationRequest request_for(const std::filesystem::path& run) {
+  EvaluationRequest request;
+  request.run = run;
+  request.detector.detector.clear();
+  request.detector.defense.clear();
+  request.settings.quiet = true;
+  return request;
+}
+
+std::vector<std::string> names(const std::vector<HostId>& hosts) {
+  std::vector<std::string> list;
+  for (const HostId& id : hosts) list.push_back(host_name(id));
+  return list;
+}
+
+TEST(EvaluateRun, AnotherRunsHostsAreThatRunsTestHostsExactly) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "one", 2);
+  test::write_tiny_data(folder / "two", 4);
+  EvaluationRequest request = request_for(tiny_run(folder, "a", "one", {{"000000", 0}}, {{"000001", 0}}));
+  request.hosts_of = tiny_run(folder, "b", "two", {{"000000", 0}}, {{"000001", 0}, {"000003", 0}}, 4);
+  request.random_meshes = 0;
+  const RunEvaluation judged = evaluate_run(request);
+  EXPECT_THAT(names(judged.hosts), testing::ElementsAre("000001_0", "000003_0"));
+  EXPECT_EQ(judged.stage.data, folder / "two");
+  EXPECT_EQ(judged.detector.weights, folder / "b/weights");
+  EXPECT_EQ(judged.trained_on, 0);  // the frames' names agree, the data sets do not
+  EXPECT_FALSE(judged.random);
+  const auto json = to_json(judged);
+  EXPECT_EQ(json.at("hosts_of"), (folder / "b").string());
+  EXPECT_EQ(json.at("run"), (folder / "a").string());
+  EXPECT_FALSE(json.contains("random"));
+  EXPECT_EQ(json.at("hosts"), 2);
+  // It is run a's mesh that stands there: as a's own judged on that data set.
+  EvaluationRequest direct = request_for(folder / "a");
+  direct.data = folder / "two";
+  const RunEvaluation all = evaluate_run(direct);
+  ASSERT_EQ(all.hosts.size(), 4u);
+  EXPECT_EQ(to_json(all).at("outcomes").at(3), json.at("outcomes").at(1));
+  EXPECT_FALSE(to_json(all).contains("hosts_of"));
+  EXPECT_EQ(to_json(all).at("random").at("meshes"), 1);
+
+  // The same data set, and a host of a frame that the adversary learned on.
+  request.run = tiny_run(folder, "c", "two", {{"000003", 0}}, {{"000001", 0}});
+  EXPECT_EQ(evaluate_run(request).trained_on, 1);
+}
+
+TEST(EvaluateRun, OptionsThatContradictAnotherRunsHosts) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "one", 2);
+  test::write_tiny_data(folder / "two", 2);
+  EvaluationRequest good = request_for(tiny_run(folder, "a", "one", {{"000000", 0}}, {{"000001", 0}}));
+  good.hosts_of = tiny_run(folder, "b", "two", {{"000000", 0}}, {{"000001", 0}});
+  const auto error = [&](const std::function<void(EvaluationRequest&)>& change) {
+    EvaluationRequest request = good;
+    change(request);
+    return error_text<InputError>([&] { evaluate_run(request); });
+  };
+  EXPECT_THAT(error([&](auto& r) { r.data = folder / "one"; }),
+              testing::AllOf(testing::HasSubstr("--data"), testing::HasSubstr("--hosts-of")));
+  EXPECT_THAT(error([](auto& r) { r.hosts = "train"; }),
+              testing::AllOf(testing::HasSubstr("--hosts: train"), testing::HasSubstr("--hosts-of")));
+  EXPECT_THAT(error([&](auto& r) { r.hosts_of = folder / "none"; }), testing::HasSubstr("run.json"));
+  EXPECT_THAT(error([](auto& r) { r.random_meshes = -1; }), testing::HasSubstr("--random-meshes"));
+  EXPECT_THAT(error([](auto& r) { r.hosts_of.clear(), r.hosts = "some"; }), testing::HasSubstr("--hosts"));
+  good.data = folder / "two";  // says the same
+  good.hosts = "test";
+  EXPECT_EQ(evaluate_run(good).hosts.size(), 1u);
+}
+
+TEST(EvaluateRun, RandomMeshesAreThoseOfTheRunsSeeds) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 2);
+  AttackSettings attack;
+  attack.data = folder / "data";
+  attack.out = folder / "run";
+  attack.iterations = 1;
+  attack.quiet = true;
+  attack.seed = 5;
+  attack.limits.half = Vec3d(0.4, 0.4, 0.25);
+  DetectorPool detectors;
+  detectors.push_back(std::make_unique<test::StandInDetector>());
+  for (const bool buildable : {false, true}) {
+    attack.out = folder / (buildable ? "buildable" : "free");
+    attack.buildable.on = buildable;
+    run_attack(attack, detectors);
+    const mirage::Run run = read_run(attack.out);
+    EXPECT_EQ(run.seed, 5u);
+    EXPECT_EQ(run.limits.half, attack.limits.half);
+    const auto meshes = random_meshes(run, 3);
+    ASSERT_EQ(meshes.size(), 3u);
+    const auto same = [](const TexturedMesh& a, const TexturedMesh& b) {
+      return a.mesh.vertices == b.mesh.vertices && a.atlas.texels == b.atlas.texels;
+    };
+    EXPECT_TRUE(same(meshes[0], random_baseline(5, run.limits, run.buildable)));
+    EXPECT_TRUE(same(meshes[2], random_baseline(7, run.limits, run.buildable)));
+    EXPECT_FALSE(same(meshes[1], meshes[2]));
+    for (const Vec3d& v : meshes[2].mesh.vertices) EXPECT_LE(v.cwiseAbs().z(), 0.25);
+    if (buildable) {
+      EXPECT_EQ(buildable_report(meshes[1], run.buildable).at("texels_in_print_range"), 1.0);
+    }
+  }
+}
+
+TEST(EvaluateRun, PooledMeshesAreTheirMeans) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 2);
+  EvaluationRequest request = request_for(tiny_run(folder, "a", "data", {{"000000", 0}}, {{"000001", 0}}));
+  request.hosts = "all";
+  request.random_meshes = 2;
+  const auto json = to_json(evaluate_run(request));
+  EXPECT_EQ(json.at("random").at("meshes"), 2);
+  EXPECT_EQ(json.at("random").at("hosts"), 2);
+  EXPECT_EQ(json.at("random").at("vehicles"), json.at("vehicles"));
+  EXPECT_EQ(json.at("random").at("outcomes").size(), 4u);
+}
+
+TEST(VehicleKinds, RecordedSetsTellNone) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1);
+  EXPECT_TRUE(vehicle_kinds(folder / "data", {{"000000", 0}}).empty());
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,98 @@
+// `mirage evaluate` as a user meets it: another run's hosts, random meshes, pictures, options that
+// contradict.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "base/files.h"
+#include "support/files.h"
+#include "support/shell.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using test::shell;
+using testing::HasSubstr;
+
+class Evaluate : public testing::Test {
+ protected:
+  int mirage(const std::string& arguments) { return shell(folder_, MIRAGE_BUILD "/mirage " + arguments); }
+  int evaluate(const std::string& options) {
+    return mirage("evaluate --run " + at("run") + " --out " + at("e") + " " + options);
+  }
+  std::string at(const char* name) const { return (folder_ / name).string(); }
+  std::string said() const { return read_file(folder_ / "said"); }
+
+  /// Two runs on two frames; with three iterations nothing much is learned.
+  void make_runs() {
+    ASSERT_EQ(mirage("generate --frames 2 --seed 5 --quiet --out " + at("data")), 0) << said();
+    ASSERT_EQ(mirage("attack --quiet --iterations 3 --data " + at("data") + " --out " + at("run")), 0)
+        << said();
+    ASSERT_EQ(mirage("attack --quiet --detector lidar --target random --data " + at("data") + " --out " +
+                     at("other")),
+              0)
+        << said();
+  }
+  void check_transfer();
+  void check_contradictions();
+  test::TemporaryFolder folder_;
+};
+
+void Evaluate::check_transfer() {
+  ASSERT_EQ(evaluate("--hosts-of " + at("other") + " --random-meshes 2 --pictures 1"), 0) << said();
+  EXPECT_THAT(said(), HasSubstr("2 random meshes"));
+  EXPECT_THAT(said(), HasSubstr("range "));
+  const auto result = read_json(folder_ / "e/result.json");
+  EXPECT_EQ(result.at("hosts_of"), at("other"));
+  EXPECT_EQ(result.at("detector"), "lidar");
+  EXPECT_EQ(result.at("random").at("meshes"), 2);
+  const auto known = read_json(folder_ / "other/run.json").at("test");
+  ASSERT_EQ(result.at("hosts"), known.size());
+  for (std::size_t i = 0; i < known.size(); ++i) {
+    EXPECT_EQ(result.at("outcomes").at(i).at("frame"), known.at(i).at("frame"));
+    EXPECT_EQ(result.at("outcomes").at(i).at("label"), known.at(i).at("label"));
+    // The set is a generated one, so the kind is a body style.
+    EXPECT_NE(result.at("outcomes").at(i).at("kind"), "Car");
+  }
+  const std::size_t shown = result.at("pictures").size();
+  for (const auto& name : result.at("pictures"))
+    EXPECT_TRUE(fs::exists(folder_ / "e/pictures" / name.get<std::string>())) << name;
+  EXPECT_LE(shown, 2u);  // of a detector without image features
+  EXPECT_FALSE(result.at("strata").empty());
+  EXPECT_TRUE(result.at("false_positives").contains("distance_from_host"));
+  // An answer of the user's wins over the other run's.
+  ASSERT_EQ(evaluate("--quiet --random-meshes 0 --detector fusion --hosts-of " + at("other")), 0) << said();
+  const auto again = read_json(folder_ / "e/result.json");
+  EXPECT_EQ(again.at("detector"), "fusion");
+  EXPECT_FALSE(again.contains("random"));
+}
+
+void Evaluate::check_contradictions() {
+  for (const auto& [options, word] : std::vector<std::pair<std::string, std::string>>{
+           {"--hosts-of " + at("none"), "run.json"},
+           {"--hosts-of " + at("other") + " --data " + at("elsewhere"), "--data"},
+           {"--hosts-of " + at("other") + " --hosts train", "--hosts"},
+           {"--hosts some", "--hosts"},
+           {"--random-meshes -1", "--random-meshes"},
+           {"--pictures -1", "--pictures"}}) {
+    EXPECT_EQ(evaluate(options), 2) << options;
+    EXPECT_THAT(said(), testing::StartsWith("mirage: "));
+    EXPECT_THAT(said(), HasSubstr(word));
+    const std::string text = said();
+    EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1) << text;
+  }
+}
+
+TEST_F(Evaluate, TransfersPoolsRandomMeshesDrawsAndRefusesContradictions) {
+  if (!fs::exists(fs::path(MIRAGE_BUILD) / "plugins/fusion.so"))
+    GTEST_SKIP() << "the fusion plugin was not built (MIRAGE_DETECTORS)";
+  ASSERT_NO_FATAL_FAILURE(make_runs());
+  check_transfer();
+  check_contradictions();
+}
+
+}  // namespace
+}  // namespace mirage

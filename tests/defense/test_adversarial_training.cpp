@@ -1,0 +1,101 @@
+// Adversarial training with the real network on tiny frames: it resumes, resists, and says what is wrong.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "attack/adversary.h"
+#include "attack/tiny_world.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "defense/adversarial_training.h"
+#include "exchange/gltf.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+using test::TemporaryFolder;
+
+TEST(Defense, SettingsOutOfRangeAreOneLine) {
+  DefenseSettings settings;
+  settings.attacked = 1.5;
+  EXPECT_THAT(error_text<InputError>([&] { train_defended(settings); }), ::testing::HasSubstr("--attacked"));
+  settings = {};
+  settings.steps = 0;
+  EXPECT_THAT(error_text<InputError>([&] { train_defended(settings); }), ::testing::HasSubstr("--steps"));
+  settings = {};
+  settings.detector.detector = "lidar";
+  settings.detector.parts = {"denoising"};
+  EXPECT_THAT(error_text<InputError>([&] { train_defended(settings); }),
+              ::testing::HasSubstr("image branch"));
+}
+
+#ifdef MIRAGE_HAS_FUSION
+
+/// Fresh weights, and a few steps from them.
+DefenseSettings tiny(const TemporaryFolder& folder, const std::string& out) {
+  if (!std::filesystem::exists(folder / "data")) {
+    test::write_tiny_data(folder / "data", 3, true);
+    DetectorOptions fresh;
+    fresh.fresh = true;
+    load_detector(fresh)->save(folder / "start.weights", false);
+  }
+  DefenseSettings settings;
+  settings.data = folder / "data";
+  settings.validation = folder / "data";
+  settings.out = folder / out;
+  settings.detector.weights = folder / "start.weights";
+  settings.rooftop = "box";
+  settings.steps = 4;
+  settings.adversary_updates = 2;
+  settings.checkpoint_every = 1;
+  settings.threads = 1;
+  settings.quiet = true;
+  return settings;
+}
+
+TEST(Defense, TrainsModelAndAdversaryFromTheGivenWeights) {
+  TemporaryFolder folder;
+  const DefenseSettings settings = tiny(folder, "out");
+  const DefenseResult result = train_defended(settings);
+  EXPECT_EQ(result.steps, 4);
+  EXPECT_EQ(result.hosts, 3);
+  EXPECT_TRUE(result.validated);
+  EXPECT_NE(read_file(result.weights), read_file(settings.detector.weights));
+  const TexturedMesh last = read_adversary(folder / "out/adversary.glb"), first = initial_adversary({});
+  EXPECT_NE(last.mesh.vertices, first.mesh.vertices);
+  EXPECT_TRUE(load_detector({"fusion", result.weights, false, 0, 1}));
+}
+
+TEST(Defense, ResumesToTheSameBits) {
+  TemporaryFolder folder;
+  DefenseSettings settings = tiny(folder, "whole");
+  settings.detector.parts = {"denoising", "depth-gate"};
+  train_defended(settings);
+  settings.out = folder / "parts";
+  settings.stop = [steps = 0]() mutable { return ++steps == 2; };
+  EXPECT_THROW(train_defended(settings), Interrupted);
+  EXPECT_TRUE(std::filesystem::exists(folder / "parts/adversary-2.json"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "parts/adversary-1.json"));
+  settings.stop = [] { return false; };
+  train_defended(settings);
+  EXPECT_EQ(read_file(folder / "whole/adversary.glb"), read_file(folder / "parts/adversary.glb"));
+  EXPECT_EQ(read_file(folder / "whole/fusion.weights"), read_file(folder / "parts/fusion.weights"));
+  settings.learning_rate *= 2;
+  EXPECT_THAT(error_text<InputError>([&] { train_defended(settings); }),
+              ::testing::HasSubstr("other options"));
+}
+
+TEST(Defense, WithoutAdversaryEverySampleIsClean) {
+  TemporaryFolder folder;
+  DefenseSettings settings = tiny(folder, "out");
+  settings.adversary_updates = 0;
+  settings.detector.parts = {"depth-gate"};
+  train_defended(settings);
+  EXPECT_EQ(read_adversary(folder / "out/adversary.glb").mesh.vertices, initial_adversary({}).mesh.vertices);
+}
+
+#endif
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,116 @@
+"""The page of `mirage reproduce` in headless Chromium: test_paper_page.py SOURCE. Exit code 77: skipped, with why.
+
+Opens without console errors and without asking for anything but itself, every figure stands in reproduce.json, failed
+rows show their error, all parts are there, and both themes draw."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import browser
+import paper_fixture
+
+SOURCE = os.path.abspath(sys.argv[1])
+
+
+def write_page(folder):
+    subprocess.run([sys.executable, os.path.join(SOURCE, "validation", "paper", "paper_page.py"), folder], check=True)
+    return os.path.join(folder, "reproduce.html")
+
+
+def at(tree, place):
+    for part in place.split("."):
+        tree = tree[int(part)] if isinstance(tree, list) else tree[part]
+    return tree
+
+
+class Page(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory(prefix="mirage-paper-")
+        paper_fixture.make(cls.folder.name)
+        cls.path = write_page(cls.folder.name)
+        cls.browser = browser.Browser()
+        cls.addClassCleanup(cls.folder.cleanup)
+        cls.addClassCleanup(cls.browser.__exit__)
+        cls.browser.open(cls.path)
+
+    def tearDown(self):
+        self.assertEqual(self.browser.errors, [])
+
+    def count(self, selector):
+        return self.browser.run(f"document.querySelectorAll({json.dumps(selector)}).length")
+
+    def test_asks_for_nothing_but_itself(self):
+        outside = [url for url in self.browser.requests if not url.startswith(("data:", "blob:"))]
+        self.assertEqual([url for url in outside if not url.endswith("reproduce.html")], [])
+
+    def test_parts_are_there(self):
+        sections = self.browser.run("[...document.querySelectorAll('section')].map(s => s.id)")
+        self.assertEqual(sections, ["findings", "table1", "table2", "fig3", "fig4", "table3", "table4", "pictures", "method"])
+        self.assertEqual(self.count("svg.plot"), 2 + 2 + 2 + 1 + 2)
+        self.assertEqual(self.browser.run("[...document.images].filter(i => !i.naturalWidth).length"), 0)
+        self.assertEqual(self.count("#pictures img"), 3)
+
+    def test_headline_counts_the_findings(self):
+        self.assertEqual(self.browser.run("document.querySelector('h1').textContent"),
+                         "Of 4 of the paper's findings, 1 holds, 1 holds in part, 1 does not, 1 cannot be told.")
+        self.assertIn("not measured here", self.browser.run("document.querySelector('#findings').textContent.toLowerCase()"))
+
+    def test_failed_rows_show_their_error(self):
+        self.assertIn("made to fail", self.browser.run("document.querySelector('#table1 td.error').textContent"))
+
+    def test_every_figure_is_in_the_result(self):
+        with open(os.path.join(self.folder.name, "reproduce.json"), encoding="utf-8") as file:
+            result = json.load(file)
+        shown = self.browser.run("[...document.querySelectorAll('data')].map(d => [d.dataset.at, d.value, d.textContent])")
+        self.assertGreater(len(shown), 300)
+        for place, value, text in shown:
+            self.assertEqual(str(at(result, place)), value, place)
+            self.assertTrue(text)
+        loose = self.browser.run("[...document.querySelectorAll('section:not(#method) td:not(.quiet)')].filter(c => "
+                                 "/\\d/.test(c.textContent) && !c.querySelector('data')).map(c => c.textContent)")
+        self.assertEqual(loose, [])
+
+    def test_nothing_sticks_out(self):
+        for width in (1280, 420):
+            self.browser.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1,
+                              mobile=False)
+            self.assertLessEqual(self.browser.run("document.documentElement.scrollWidth"), width)
+        self.browser.call("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
+
+    def test_themes(self):
+        paper = []
+        for theme in ("light", "dark"):
+            self.browser.theme(theme)
+            paper.append(self.browser.run("getComputedStyle(document.body).backgroundColor"))
+        self.browser.theme("light")
+        self.assertNotEqual(*paper)
+
+
+class WithoutResults(unittest.TestCase):
+    def test_a_page_of_errors_alone(self):
+        with tempfile.TemporaryDirectory(prefix="mirage-paper-") as folder, browser.Browser() as chromium:
+            result = paper_fixture.make(folder)
+            for table in result["tables"]:
+                for index, row in enumerate(table["rows"]):
+                    kept = {key: row[key] for key in ("label", "rig", "case", "paper", "size", "source", "target") if key in row}
+                    table["rows"][index] = {**kept, "values": {}, "error": "not run"}
+            for finding in result["findings"]:
+                finding["checks"] = []
+            with open(os.path.join(folder, "reproduce.json"), "w", encoding="utf-8") as file:
+                json.dump(result, file)
+            chromium.open(write_page(folder))
+            self.assertEqual(chromium.run("document.querySelectorAll('svg.plot').length"), 0)
+            self.assertIn("not run", chromium.run("document.querySelector('#table4').textContent"))
+            self.assertEqual(chromium.errors, [])
+
+
+if __name__ == "__main__":
+    if not browser.find():
+        print("skipped: chromium is not installed (package chromium)")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1], verbosity=2)

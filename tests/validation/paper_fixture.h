@@ -1,0 +1,51 @@
+// Made-up evaluations for tests of the paper's tables and findings. Nothing in them was measured.
+#pragma once
+
+#include <fmt/format.h>
+
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "validation/paper/tables.h"
+
+namespace mirage::test {
+
+/// How many of `hosts` vehicles a frame are hidden and get a false positive `distance` m away; the first
+/// ones.
+struct MadeUp {
+  int frames = 40, hosts = 5, hidden = 0, false_positive = 0;
+  double distance = 30;
+};
+
+inline nlohmann::json outcomes_json(const MadeUp& made) {
+  auto hosts = nlohmann::json::array(), list = nlohmann::json::array();
+  for (int f = 0; f < made.frames; ++f)
+    for (int h = 0; h < made.hosts; ++h) {
+      // One frame in four is of the other kind, or there would be no spread to draw from.
+      const bool odd = f % 4 == 0;
+      const bool hidden = h < made.hidden && !odd, positive = h < made.false_positive && !odd;
+      const std::string frame = fmt::format("{:06d}", f);
+      hosts.push_back({{"frame", frame},
+                       {"label", h},
+                       {"range", 10.0 + h},
+                       {"clean_iou", 0.9},
+                       {"attacked_iou", hidden ? 0.3 : 0.85},
+                       {"detected", true},
+                       {"hidden", hidden},
+                       {"false_positive", positive},
+                       {"false_positive_distance", positive ? made.distance : 0}});
+      if (positive)
+        list.push_back({{"frame", frame}, {"label", h}, {"mesh", 0}, {"distance_from_host", made.distance}});
+    }
+  return {{"vehicles", made.frames * made.hosts}, {"outcomes", hosts}, {"false_positives", {{"list", list}}}};
+}
+
+inline nlohmann::json evaluation_json(const MadeUp& learned, const MadeUp& random) {
+  nlohmann::json json = outcomes_json(learned);
+  json["random"] = outcomes_json(random);
+  json["random"]["meshes"] = 1;
+  return json;
+}
+
+}  // namespace mirage::test

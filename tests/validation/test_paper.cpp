@@ -1,0 +1,368 @@
+// The list of experiments, its tables, the verdicts on the paper's findings, and resuming.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <fstream>
+#include <set>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "support/files.h"
+#include "validation/paper/findings.h"
+#include "validation/paper/reproduce.h"
+#include "validation/paper_fixture.h"
+
+namespace mirage::paper {
+namespace {
+
+namespace fs = std::filesystem;
+using mirage::test::evaluation_json;
+using mirage::test::MadeUp;
+using mirage::test::TemporaryFolder;
+using nlohmann::json;
+using testing::HasSubstr;
+
+ReproduceSettings settings_in(const fs::path& out, const std::string& what = "all") {
+  ReproduceSettings settings;
+  settings.out = out;
+  settings.what = what;
+  settings.quiet = true;
+  return settings;
+}
+
+/// Stands in for the program: writes what the tables read; remembers what was asked for.
+class Program {
+ public:
+  std::vector<std::vector<std::string>> calls;
+  std::string broken;  ///< folder whose command fails
+  MadeUp learned{40, 5, 3, 1, 30}, random{40, 5, 1, 0, 30};
+
+  void operator()(std::vector<std::string> arguments) {
+    const auto after = [&](const std::string& option) {
+      const auto found = std::find(arguments.begin(), arguments.end(), option);
+      return found == arguments.end() ? std::string() : *(found + 1);
+    };
+    const fs::path out = after("--out");
+    calls.push_back(arguments);
+    if (!broken.empty() && out.string().ends_with(broken)) throw Failure(broken, "made to fail", "nothing");
+    json result = {{"rig", after("--rig")}, {"frames", 120}};
+    if (arguments[0] == "attack") {
+      write_file(out / "adversary.glb", "mesh of " + out.string());
+      write_file(out / "run.json", "{}");
+      result = {{"iterations", 400}, {"seconds_per_iteration", 0.1}};
+    }
+    if (arguments[0] == "evaluate") result = evaluation_json(learned, random);
+    if (arguments[0] == "detect") result = {{"ap50", 0.9}, {"ap70", 0.8}};
+    write_json(out / "result.json", result);
+  }
+};
+
+TEST(PaperExperiments, EveryTableHasItsCases) {
+  ReproduceSettings settings = settings_in("/out");
+  settings.real = "/real";
+  const Experiments all = experiments(settings);
+  std::set<std::string> names, tables;
+  std::set<std::string> before;
+  for (const Case& one : all.cases) {
+    EXPECT_TRUE(names.insert(one.name).second) << one.name;
+    for (const std::string& need : one.needs)
+      EXPECT_TRUE(before.contains(need)) << one.name << " before " << need;
+    before.insert(one.name);
+    EXPECT_FALSE(one.arguments.empty());
+  }
+  for (const Table& table : all.tables) {
+    EXPECT_TRUE(tables.insert(table.name).second);
+    EXPECT_FALSE(table.rows.empty());
+    for (const Row& row : table.rows) {
+      EXPECT_EQ(all.at(row.evaluation).kind, Case::Kind::evaluation) << row.label;
+      if (row.detection.empty()) continue;
+      EXPECT_EQ(all.at(row.detection).kind, Case::Kind::detection);
+    }
+    for (const Row& row : table.rows) {
+      for (const auto& [key, value] : row.paper) EXPECT_TRUE(value > 0 && value < 100) << key;
+    }
+  }
+  EXPECT_EQ(tables, (std::set<std::string>{"table1", "table2", "table3", "table4", "fig3", "fig4", "real"}));
+}
+
+TEST(PaperExperiments, FoldersAreTheDocumentedOnes) {
+  const Experiments all = experiments(settings_in("/out"));
+  for (const char* name :
+       {"data/kitti64", "data/xenith", "runs/kitti64-fusion-both", "runs/xenith-lidar-lidar",
+        "runs/kitti64-fusion-both-size0.2", "runs/kitti64-fusion-both-size1.0",
+        "runs/kitti64-fusion-both-jpeg50", "runs/kitti64-fusion-both-adversarial-depth-gate",
+        "evaluations/kitti64-fusion-image", "evaluations/xenith-fusion-both--on--kitti64-fusion-both",
+        "detect/kitti64-fusion-denoising"})
+    EXPECT_NO_THROW(all.at(name)) << name;
+  EXPECT_THROW(all.at("runs/kitti64-fusion-both-size0.8"), InputError);  // the plain run
+}
+
+TEST(PaperExperiments, GivenDataAreNotGenerated) {
+  ReproduceSettings settings = settings_in("/out", "table1");
+  settings.kitti64 = "/data/k";
+  const Experiments list = experiments(settings);
+  for (const Case& one : list.cases) EXPECT_NE(one.kind, Case::Kind::data);
+  EXPECT_THAT(list.at("runs/kitti64-fusion-both").arguments, testing::Contains("/data/k"));
+}
+
+TEST(PaperExperiments, AnotherWordIsAnInputError) {
+  EXPECT_THAT(test::error_text<InputError>([] { experiments(settings_in("/out", "table9")); }),
+              testing::AllOf(HasSubstr("table9"), HasSubstr("table4")));
+}
+
+TEST(PaperExperiments, QuickChangesOnlyWhatWasNotAsked) {
+  ReproduceSettings settings = settings_in("/out");
+  settings.iterations = 2;
+  make_quick(settings);
+  EXPECT_EQ(settings.iterations, 2);
+  EXPECT_LT(settings.frames, ReproduceSettings().frames);
+}
+
+TEST(PaperTables, RowsComeFromTheOutcomes) {
+  TemporaryFolder folder;
+  Program program;
+  const json result = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  const json& table = result.at("tables").at(0);
+  EXPECT_EQ(table.at("name"), "table1");
+  const json& both = table.at("rows").at(4);
+  EXPECT_EQ(both.at("label"), "fusion, both");
+  EXPECT_EQ(both.at("vehicles"), 200);
+  EXPECT_EQ(both.at("frames"), 40);
+  // 3 of 5 hidden, among them the one with a false positive, in three frames of four.
+  EXPECT_NEAR(both.at("values").at("fn_asr").at("value").get<double>(), 0.45, 1e-12);
+  EXPECT_NEAR(both.at("values").at("fp_asr").at("value").get<double>(), 0.15, 1e-12);
+  EXPECT_NEAR(both.at("values").at("asr").at("value").get<double>(), 0.45, 1e-12);
+  EXPECT_LT(both.at("values").at("asr").at("low").get<double>(), 0.45);
+  EXPECT_GT(both.at("values").at("asr").at("high").get<double>(), 0.45);
+  EXPECT_NEAR(both.at("paper").at("asr").get<double>(), 0.3468, 1e-12);
+  EXPECT_EQ(both.at("false_positive_distances").size(), 30u);
+  EXPECT_NEAR(table.at("rows").at(1).at("values").at("asr").at("value").get<double>(), 0.15, 1e-12);
+  EXPECT_GT(both.at("minutes").get<double>(), 0.6);  // 400 × 0.1 s at least
+  const std::string text = read_file(folder / "table1.md");
+  EXPECT_THAT(text, HasSubstr("| fusion, both | 45.0 ("));
+  EXPECT_THAT(text, HasSubstr("| 34.68 |"));
+  EXPECT_EQ(read_json(folder / "reproduce.json").at("tables"), result.at("tables"));
+}
+
+TEST(PaperTables, RecallCurvesFallWithIoU) {
+  TemporaryFolder folder;
+  Program program;
+  const json result = reproduce(settings_in(folder.path(), "fig3"), std::ref(program));
+  for (const json& row : result.at("tables").at(0).at("rows")) {
+    const auto recall = row.at("curve").at("recall").get<std::vector<double>>();
+    ASSERT_EQ(recall.size(), 21u);
+    EXPECT_TRUE(std::is_sorted(recall.rbegin(), recall.rend())) << row.at("label");
+    EXPECT_EQ(row.at("values").at("recall70").at("value"), recall[14]);
+    EXPECT_LE(row.at("curve").at("low")[14], recall[14]);
+    EXPECT_GE(row.at("curve").at("high")[14], recall[14]);
+  }
+}
+
+TEST(Reproduce, FinishedStepsAreNotRunAgain) {
+  TemporaryFolder folder;
+  Program program;
+  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  EXPECT_EQ(program.calls.size(), 9u);  // data, four attacks, four evaluations
+  program.calls.clear();
+  const json again = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  EXPECT_TRUE(program.calls.empty());
+  EXPECT_TRUE(again.at("tables").at(0).at("rows").at(4).at("values").contains("asr"));
+  // Another adversary in a run: only what was judged with it is old.
+  write_file(folder / "runs/kitti64-fusion-image/adversary.glb", "another");
+  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  ASSERT_EQ(program.calls.size(), 1u);
+  EXPECT_EQ(program.calls[0][0], "evaluate");
+  program.calls.clear();
+  // Other arguments: everything that depends on them.
+  ReproduceSettings longer = settings_in(folder.path(), "table1");
+  longer.iterations = 500;
+  reproduce(longer, std::ref(program));
+  EXPECT_EQ(program.calls.size(), 5u);  // the attacks, and the evaluation of the one mesh that is another now
+}
+
+TEST(Reproduce, TheFolderMayBeMoved) {
+  TemporaryFolder folder;
+  Program program;
+  ReproduceSettings settings = settings_in(folder / "here", "table1");
+  settings.kitti64 = folder / "data";
+  reproduce(settings, std::ref(program));
+  fs::rename(folder / "here", folder / "there");
+  program.calls.clear();
+  settings.out = folder / "there";
+  reproduce(settings, std::ref(program));
+  EXPECT_TRUE(program.calls.empty());
+}
+
+TEST(Reproduce, AKilledStepIsRunAgain) {
+  TemporaryFolder folder;
+  Program program;
+  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  fs::remove(folder / "evaluations/kitti64-fusion-lidar/result.json");
+  program.calls.clear();
+  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  ASSERT_EQ(program.calls.size(), 1u);
+  EXPECT_THAT(program.calls[0], testing::Contains((folder / "evaluations/kitti64-fusion-lidar").string()));
+}
+
+TEST(Reproduce, AFailingStepStaysInTheTable) {
+  TemporaryFolder folder;
+  Program program;
+  program.broken = "runs/kitti64-fusion-image";
+  const json result = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  const json& rows = result.at("tables").at(0).at("rows");
+  EXPECT_THAT(rows.at(3).at("error").get<std::string>(), HasSubstr("made to fail"));
+  EXPECT_TRUE(rows.at(3).at("values").empty());
+  EXPECT_TRUE(rows.at(4).at("values").contains("asr"));  // the others are not lost
+  EXPECT_THAT(read_file(folder / "table1.md"), HasSubstr("made to fail"));
+  program.broken.clear();
+  program.calls.clear();
+  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  EXPECT_EQ(program.calls.size(), 2u);  // the run and its evaluation
+}
+
+TEST(Reproduce, AnInterruptEndsIt) {
+  TemporaryFolder folder;
+  const auto interrupted = [](const std::vector<std::string>&) { throw Interrupted("stopped"); };
+  EXPECT_THROW(reproduce(settings_in(folder.path(), "table1"), interrupted), Interrupted);
+}
+
+TEST(PaperFindings, VerdictsFollowFromTheInterval) {
+  EXPECT_EQ(is_more({0.1, 0.02, 0.2}), Verdict::holds);
+  EXPECT_EQ(is_more({-0.1, -0.2, -0.02}), Verdict::fails);
+  EXPECT_EQ(is_more({0.1, -0.02, 0.2}), Verdict::open);
+  EXPECT_EQ(is_no_less({0.0, -0.04, 0.04}), Verdict::holds);
+  EXPECT_EQ(is_no_less({0.0, -0.06, 0.06}), Verdict::open);
+  EXPECT_EQ(is_no_less({-0.03, -0.04, -0.01}), Verdict::fails);
+  EXPECT_EQ(is_no_help({0.0, -0.04, 0.04}), Verdict::holds);
+  EXPECT_EQ(is_no_help({0.1, 0.02, 0.2}), Verdict::fails);
+  EXPECT_EQ(is_no_help({0.1, -0.02, 0.2}), Verdict::open);
+  EXPECT_EQ(all_of({Verdict::holds, Verdict::open}), Verdict::open);
+  EXPECT_EQ(all_of({Verdict::holds, Verdict::open, Verdict::fails}), Verdict::fails);
+  EXPECT_EQ(all_of({Verdict::holds, Verdict::holds}), Verdict::holds);
+}
+
+/// Evidence made of evaluations by their run's name.
+class Findings : public testing::Test {
+ protected:
+  void judged(const std::string& run, const MadeUp& learned, const MadeUp& random = {}) {
+    const fs::path file = folder_ / ("evaluation-" + std::to_string(count_++) + ".json");
+    write_json(file, evaluation_json(learned, random));
+    evidence_.evaluations["evaluations/" + run] = read_evaluation(file, "data");
+  }
+  Check only(const std::string& name) {
+    for (const Finding& finding : findings(evidence_))
+      if (finding.name == name) return finding.checks.empty() ? Check() : finding.checks.front();
+    ADD_FAILURE() << name;
+    return {};
+  }
+  TemporaryFolder folder_;
+  Evidence evidence_;
+  int count_ = 0;
+};
+
+TEST_F(Findings, TheOrderHolds) {
+  judged("kitti64-fusion-both", {120, 5, 4, 0}, {120, 5, 0, 0});
+  judged("kitti64-fusion-image", {120, 5, 4, 0});
+  judged("kitti64-fusion-lidar", {120, 5, 2, 0});
+  judged("kitti64-lidar-lidar", {120, 5, 3, 0});
+  EXPECT_EQ(only("order").verdict, Verdict::holds);
+  EXPECT_EQ(only("fusion").verdict, Verdict::holds);
+  EXPECT_THAT(only("image").why, HasSubstr("recall at IoU 0.7 100.0 %"));
+  EXPECT_EQ(only("image").verdict, Verdict::holds);
+  EXPECT_THAT(only("image").sentence,
+              testing::AllOf(HasSubstr("60.0 %"), HasSubstr("30.0 %"), HasSubstr("+30.0")));
+}
+
+TEST_F(Findings, TheOrderDoesNotHold) {
+  judged("kitti64-fusion-both", {40, 5, 4, 0}, {40, 5, 0, 0});
+  judged("kitti64-fusion-image", {40, 5, 1, 0});
+  judged("kitti64-fusion-lidar", {40, 5, 3, 0});
+  EXPECT_EQ(only("order").verdict, Verdict::fails);
+  EXPECT_EQ(only("image").verdict, Verdict::fails);
+}
+
+TEST_F(Findings, EqualSharesTellNothing) {
+  judged("kitti64-fusion-image", {40, 5, 2, 0});
+  judged("kitti64-fusion-lidar", {40, 5, 2, 0});
+  EXPECT_EQ(only("image").verdict, Verdict::open);
+}
+
+TEST_F(Findings, FewVehiclesTellNothing) {
+  judged("kitti64-fusion-image", {3, 3, 3, 0});
+  judged("kitti64-fusion-lidar", {3, 3, 0, 0});
+  EXPECT_EQ(only("image").verdict, Verdict::open);
+  EXPECT_THAT(only("image").sentence, HasSubstr("too few"));
+}
+
+TEST_F(Findings, OnlyHostsOfBothRunsAreCompared) {
+  judged("kitti64-fusion-image", {40, 5, 4, 0});
+  judged("kitti64-fusion-lidar", {20, 5, 2, 0});
+  const Outcomes *image = evidence_.learned("evaluations/kitti64-fusion-image"),
+                 *lidar = evidence_.learned("evaluations/kitti64-fusion-lidar");
+  EXPECT_EQ(shared_hosts(*image, *lidar).vehicles, 100);
+  EXPECT_NEAR(success_difference(*image, *lidar, is_hidden).value, 0.3, 1e-12);
+}
+
+TEST_F(Findings, PairingNarrowsTheDifference) {
+  // The same frames are hard for both: apart, each share is uncertain; together, the difference is not.
+  judged("kitti64-fusion-image", {40, 5, 4, 0});
+  judged("kitti64-fusion-lidar", {40, 5, 3, 0});
+  const Outcomes *image = evidence_.learned("evaluations/kitti64-fusion-image"),
+                 *lidar = evidence_.learned("evaluations/kitti64-fusion-lidar");
+  const Interval difference = success_difference(*image, *lidar, is_fooled), a = success(*image, is_fooled),
+                 b = success(*lidar, is_fooled);
+  EXPECT_GT(difference.low, 0);
+  EXPECT_LT(a.low, b.high);  // apart they overlap
+}
+
+TEST_F(Findings, SizeIsASlope) {
+  const int hidden[] = {0, 1, 2, 3, 4};
+  const char* runs[] = {"kitti64-fusion-both-size0.2", "kitti64-fusion-both-size0.4",
+                        "kitti64-fusion-both-size0.6", "kitti64-fusion-both", "kitti64-fusion-both-size1.0"};
+  for (std::size_t i = 0; i < 5; ++i) judged(runs[i], {40, 5, hidden[i], 0});
+  EXPECT_EQ(only("size").verdict, Verdict::holds);
+  EXPECT_NEAR(only("size").comparisons[0].difference.value, 0.075, 1e-9);  // 15 points for 0.2 m
+  for (std::size_t i = 0; i < 5; ++i) judged(runs[i], {40, 5, hidden[4 - i], 0});
+  EXPECT_EQ(only("size").verdict, Verdict::fails);
+}
+
+TEST_F(Findings, TransferIsPartialBetweenRandomAndWhiteBox) {
+  judged("kitti64-fusion-both", {40, 5, 4, 0}, {40, 5, 0, 0});
+  judged("xenith-fusion-both--on--kitti64-fusion-both", {40, 5, 2, 0});
+  EXPECT_EQ(only("transfer").verdict, Verdict::holds);
+  EXPECT_EQ(only("transfer").rig, "Xenith rig, fusion → KITTI rig, fusion");
+  judged("xenith-fusion-both--on--kitti64-fusion-both", {40, 5, 5, 0});
+  EXPECT_EQ(only("transfer").verdict, Verdict::fails);  // stronger than the white box
+  judged("xenith-fusion-both--on--kitti64-fusion-both", {40, 5, 0, 0});
+  EXPECT_EQ(only("transfer").verdict, Verdict::open);  // nothing to be seen over a random mesh
+}
+
+TEST_F(Findings, FarFalsePositives) {
+  judged("kitti64-fusion-both", {40, 5, 0, 2, 30});
+  EXPECT_EQ(only("far").verdict, Verdict::holds);
+  judged("kitti64-fusion-both", {40, 5, 0, 2, 4});
+  EXPECT_EQ(only("far").verdict, Verdict::fails);
+  judged("kitti64-fusion-both", {8, 5, 0, 1, 30});
+  EXPECT_EQ(only("far").verdict, Verdict::open);
+  judged("kitti64-fusion-both", {40, 5, 2, 0});
+  EXPECT_THAT(only("far").sentence, HasSubstr("no false positive"));
+}
+
+TEST_F(Findings, Defences) {
+  judged("kitti64-fusion-both", {120, 5, 4, 2});
+  judged("kitti64-fusion-both-jpeg50", {120, 5, 4, 2});
+  judged("kitti64-fusion-both-adversarial", {120, 5, 1, 1});
+  judged("kitti64-fusion-both-denoising", {120, 5, 0, 0});
+  EXPECT_EQ(only("jpeg").verdict, Verdict::holds);  // no change at all: within the margin
+  EXPECT_EQ(only("adversarial").verdict, Verdict::holds);
+  EXPECT_EQ(only("denoising").verdict, Verdict::holds);
+  EXPECT_EQ(only("harder").verdict, Verdict::holds);  // half of the positives left, a quarter of the misses
+  EXPECT_THAT(only("harder").sentence,
+              testing::AllOf(HasSubstr("25 % of the misses"), HasSubstr("50 % of the false")));
+  judged("kitti64-fusion-both-jpeg50", {120, 5, 1, 0});
+  EXPECT_EQ(only("jpeg").verdict, Verdict::fails);
+}
+
+}  // namespace
+}  // namespace mirage::paper

@@ -1,0 +1,41 @@
+// What the findings share: words for numbers, and comparisons of two evaluations of the same hosts.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "validation/paper/findings.h"
+
+namespace mirage::paper {
+
+std::string title(const std::string& rig);
+/// "+3.1 points (-1.0 to +7.2)"
+std::string points(const Interval& difference);
+/// "31.9 % (24.1–40.0)" of the vehicles detected clean.
+std::string asr(const Outcomes& outcomes, const Which& which = is_fooled);
+std::string percent(const Interval& share);
+/// Case of the evaluation of RIG-RUN on its own held-back hosts.
+std::string evaluation(const std::string& rig, const std::string& run);
+/// Vehicles of the evaluation that has fewest.
+int fewest(const std::vector<const Outcomes*>& all);
+
+/// A check with its comparisons; too few vehicles leave it open.
+Check check(const std::string& where, const std::vector<const Outcomes*>& used,
+            std::vector<Comparison> comparisons, std::string sentence, std::string why = "");
+
+/// success(a) > success(b).
+Comparison more(const std::string& what, const Outcomes& a, const Outcomes& b,
+                const Which& which = is_fooled);
+
+/// The finding's checks on each rig for which `make` finds its evaluations.
+template <class Make>
+Finding on_each_rig(const std::string& name, const std::string& claim, const Make& make) {
+  Finding finding{name, claim, {}};
+  for (const char* rig : {"kitti64", "xenith", "real"}) make(std::string(rig), finding.checks);
+  return finding;
+}
+
+/// The findings about defences; findings() has them all.
+std::vector<Finding> defence_findings(const Evidence& evidence);
+
+}  // namespace mirage::paper

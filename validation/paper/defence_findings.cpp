@@ -1,0 +1,124 @@
+// What defences take off, and off what.
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "validation/paper/checks.h"
+
+namespace mirage::paper {
+namespace {
+
+constexpr double kUndefined = std::numeric_limits<double>::quiet_NaN();
+
+/// What a defence takes off the ASR, against `before`.
+Finding defence(const Evidence& evidence, const std::string& name, const std::string& claim,
+                const std::string& before, const std::string& after, const std::string& words,
+                const Which& which, const std::string& quantity) {
+  return on_each_rig(name, claim, [&](const std::string& rig, std::vector<Check>& checks) {
+    const Outcomes *without = evidence.learned(evaluation(rig, before)),
+                   *with = evidence.learned(evaluation(rig, after));
+    if (!without || !with) return;
+    Comparison taken = more(quantity + " taken off", *without, *with, which);
+    std::string margin;
+    if (name == "jpeg") {
+      taken.verdict = is_no_help(taken.difference);
+      margin = fmt::format(" (under {:.0f} points counts as none)", 100 * kMargin);
+    }
+    const std::string why =
+        fmt::format("misses {} → {}, false positives {} → {}", asr(*without, is_hidden),
+                    asr(*with, is_hidden), asr(*without, is_false_positive), asr(*with, is_false_positive));
+    checks.push_back(check(title(rig), {without, with}, {taken},
+                           fmt::format("{} {} {}: {} taken off{}", quantity,
+                                       fmt::format("{} → {}", asr(*without, which), asr(*with, which)), words,
+                                       points(taken.difference), margin),
+                           why));
+  });
+}
+
+/// Share of the misses that is left, and of the false positives; the second more than the first.
+Finding harder(const Evidence& evidence) {
+  return on_each_rig(
+      "harder", "False positives are harder to remove than misses",
+      [&](const std::string& rig, std::vector<Check>& checks) {
+        const Outcomes* none = evidence.learned(evaluation(rig, "fusion-both"));
+        for (const auto& [defense, words] : std::vector<std::pair<std::string, std::string>>{
+                 {"adversarial", "adversarial training"}, {"denoising", "feature denoising"}}) {
+          const Outcomes* with = evidence.learned(evaluation(rig, "fusion-both-" + defense));
+          if (!none || !with) continue;
+          struct Sums {
+            double hidden = 0, positive = 0, vehicles = 0;
+          };
+          std::map<std::string, std::array<Sums, 2>> frames;
+          const Outcomes a = shared_hosts(*none, *with), b = shared_hosts(*with, *none);
+          for (int side = 0; side < 2; ++side)
+            for (const Outcome& host : (side == 0 ? a : b).hosts) {
+              if (!host.detected) continue;
+              Sums& sums = frames[host.frame][static_cast<std::size_t>(side)];
+              sums.hidden += host.hidden;
+              sums.positive += host.false_positive;
+              sums.vehicles += 1;
+            }
+          std::vector<std::array<Sums, 2>> clusters;
+          for (const auto& [frame, sums] : frames) clusters.push_back(sums);
+          const auto left = [&](std::span<const int> drawn) {  // {misses left, false positives left}
+            std::array<Sums, 2> sums;
+            for (std::size_t i = 0; i < clusters.size(); ++i)
+              for (std::size_t side = 0; side < 2; ++side) {
+                sums[side].hidden += drawn[i] * clusters[i][side].hidden;
+                sums[side].positive += drawn[i] * clusters[i][side].positive;
+                sums[side].vehicles += drawn[i] * clusters[i][side].vehicles;
+              }
+            const auto share = [&](double Sums::*part) {
+              return sums[0].*part > 0 && sums[1].vehicles > 0
+                         ? (sums[1].*part / sums[1].vehicles) / (sums[0].*part / sums[0].vehicles)
+                         : kUndefined;
+            };
+            return std::pair{share(&Sums::hidden), share(&Sums::positive)};
+          };
+          const Interval difference = bootstrap_statistic(clusters.size(), [&](std::span<const int> drawn) {
+            const auto [misses, positives] = left(drawn);
+            return positives - misses;
+          });
+          const auto [misses, positives] = left(std::vector<int>(clusters.size(), 1));
+          if (std::isnan(misses) || std::isnan(positives)) {
+            Check made;
+            made.rig = title(rig) + ", " + words;
+            made.vehicles = fewest({none, with});
+            made.sentence = "the undefended detector has no miss or no false positive that could be removed";
+            checks.push_back(made);
+            continue;
+          }
+          checks.push_back(
+              check(title(rig) + ", " + words, {none, with},
+                    {{"share of the false positives left − of the misses", difference, is_more(difference)}},
+                    fmt::format("left are {:.0f} % of the misses (FN ASR {} → {}) and {:.0f} % of the false "
+                                "positives (FP ASR {} → {}); difference {}",
+                                100 * misses, asr(a, is_hidden), asr(b, is_hidden), 100 * positives,
+                                asr(a, is_false_positive), asr(b, is_false_positive), points(difference))));
+        }
+      });
+}
+
+}  // namespace
+
+std::vector<Finding> defence_findings(const Evidence& evidence) {
+  return {defence(evidence, "jpeg", "JPEG compression does not help", "fusion-both", "fusion-both-jpeg50",
+                  "with JPEG at quality 50", is_fooled, "ASR"),
+          defence(evidence, "adversarial", "Adversarial training helps", "fusion-both",
+                  "fusion-both-adversarial", "with adversarial training", is_fooled, "ASR"),
+          defence(evidence, "denoising", "Feature denoising helps more than adversarial training alone",
+                  "fusion-both-adversarial", "fusion-both-denoising", "with feature denoising as well",
+                  is_fooled, "ASR"),
+          harder(evidence),
+          defence(evidence, "gate", "Not in the paper: the depth gate removes false positives", "fusion-both",
+                  "fusion-both-depth-gate", "with the depth gate", is_false_positive, "FP ASR"),
+          defence(evidence, "adversarial-gate",
+                  "Not in the paper: the depth gate helps on top of adversarial training",
+                  "fusion-both-adversarial", "fusion-both-adversarial-depth-gate",
+                  "with the depth gate as well", is_fooled, "ASR")};
+}
+
+}  // namespace mirage::paper

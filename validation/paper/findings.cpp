@@ -1,0 +1,341 @@
+#include "validation/paper/findings.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <map>
+
+#include "validation/paper/checks.h"
+
+namespace mirage::paper {
+namespace {
+
+Finding image_weak(const Evidence& evidence) {
+  return on_each_rig("image", "Image features are the weak point of the fusion detector",
+                     [&](const std::string& rig, std::vector<Check>& checks) {
+                       const Outcomes *image = evidence.learned(evaluation(rig, "fusion-image")),
+                                      *lidar = evidence.learned(evaluation(rig, "fusion-lidar")),
+                                      *alone = evidence.learned(evaluation(rig, "lidar-lidar"));
+                       if (!image || !lidar) return;
+                       const Comparison gap = more("ASR through the image − through LiDAR", *image, *lidar);
+                       std::string why = fmt::format(
+                           "misses: {} through the image, {} through LiDAR; false positives: {} and {}",
+                           asr(*image, is_hidden), asr(*lidar, is_hidden), asr(*image, is_false_positive),
+                           asr(*lidar, is_false_positive));
+                       if (alone)  // an image that adds little offers little to attack
+                         why += fmt::format(
+                             "; what the image adds without a mesh: recall at IoU 0.7 {} with it, {} in the "
+                             "LiDAR-only detector, {}",
+                             percent(recall(*image, 0.7, true)), percent(recall(*alone, 0.7, true)),
+                             points(clean_recall_difference(*image, *alone, 0.7)));
+                       checks.push_back(check(title(rig), {image, lidar}, {gap},
+                                              fmt::format("ASR {} through the image, {} through LiDAR: {}",
+                                                          asr(*image), asr(*lidar), points(gap.difference)),
+                                              why));
+                     });
+}
+
+/// Those outcomes for which `keep` holds.
+Outcomes part(const Outcomes& outcomes, const Which& keep) {
+  Outcomes made{outcomes.data, {}, outcomes.meshes, 0};
+  for (const Outcome& host : outcomes.hosts) {
+    if (!keep(host)) continue;
+    made.hosts.push_back(host);
+    made.vehicles += host.detected && host.mesh == 0;
+  }
+  return made;
+}
+
+/// How close to being missed the vehicles are as recorded, and what the random meshes and the learned one do
+/// to near and far ones.
+std::string margins(const Outcomes& learned, const Outcomes& random) {
+  const Interval close = success(learned, [](const Outcome& host) { return host.clean_iou < 0.75; });
+  const auto near = [](const Outcome& host) { return host.range < 30; };
+  const auto far = [](const Outcome& host) { return host.range >= 30; };
+  const auto asr_of = [](const Outcomes& some) {
+    return some.vehicles > 0 ? asr(some) : std::string("none");
+  };
+  return fmt::format(
+      "{} of the vehicles found as recorded have an IoU below 0.75, close to the 0.7 at which they count; "
+      "within 30 m: ASR {} learned, {} random, beyond: {} learned, {} random",
+      percent(close), asr_of(part(learned, near)), asr_of(part(random, near)), asr_of(part(learned, far)),
+      asr_of(part(random, far)));
+}
+
+Finding order(const Evidence& evidence) {
+  return on_each_rig(
+      "order", "Attacking both ≥ image > LiDAR > a random mesh",
+      [&](const std::string& rig, std::vector<Check>& checks) {
+        const Outcomes *both = evidence.learned(evaluation(rig, "fusion-both")),
+                       *random = evidence.random(evaluation(rig, "fusion-both")),
+                       *image = evidence.learned(evaluation(rig, "fusion-image")),
+                       *lidar = evidence.learned(evaluation(rig, "fusion-lidar"));
+        if (!both || !random || !image || !lidar) return;
+        Comparison first = more("both − image", *both, *image);
+        first.verdict = is_no_less(first.difference);
+        const Comparison second = more("image − LiDAR", *image, *lidar),
+                         third = more("LiDAR − random", *lidar, *random);
+        checks.push_back(check(
+            title(rig), {both, random, image, lidar}, {first, second, third},
+            fmt::format("ASR {} both, {} image, {} LiDAR, {} random; both − image {} ({}; within {:.0f} "
+                        "points counts as "
+                        "no less), image − LiDAR {} ({}), LiDAR − random {} ({})",
+                        asr(*both), asr(*image), asr(*lidar), asr(*random), points(first.difference),
+                        to_string(first.verdict), 100 * kMargin, points(second.difference),
+                        to_string(second.verdict), points(third.difference), to_string(third.verdict)),
+            margins(*both, *random)));
+      });
+}
+
+Finding fusion_helps(const Evidence& evidence) {
+  return on_each_rig(
+      "fusion", "Fusion helps against an attack through LiDAR",
+      [&](const std::string& rig, std::vector<Check>& checks) {
+        const Outcomes *alone = evidence.learned(evaluation(rig, "lidar-lidar")),
+                       *fused = evidence.learned(evaluation(rig, "fusion-lidar")),
+                       *alone_random = evidence.random(evaluation(rig, "lidar-lidar")),
+                       *fused_random = evidence.random(evaluation(rig, "fusion-both"));
+        if (!alone || !fused) return;
+        const Comparison gap = more("ASR on the LiDAR-only detector − on fusion", *alone, *fused);
+        std::string why;
+        if (alone_random && fused_random) {
+          const Comparison random = more("", *alone_random, *fused_random);
+          why = fmt::format("under a random mesh: {} on the LiDAR-only detector, {} on fusion, {}",
+                            asr(*alone_random), asr(*fused_random), points(random.difference));
+        }
+        // A mesh that was learned elsewhere and does better says that the run here has not found the best.
+        if (const Outcomes* moved =
+                evidence.learned(evaluation(rig, "fusion-both--on--" + rig + "-lidar-lidar"))) {
+          const Comparison better = more("", *moved, *alone);
+          why += fmt::format(
+              "{}the mesh learned on fusion reaches {} on the LiDAR-only detector, that learned on it {}: "
+              "{}{}",
+              why.empty() ? "" : "; ", asr(*moved), asr(*alone), points(better.difference),
+              better.verdict == Verdict::holds
+                  ? ", so the run on the LiDAR-only detector is not the strongest attack on it"
+                  : "");
+        }
+        checks.push_back(
+            check(title(rig), {alone, fused}, {gap},
+                  fmt::format("ASR through LiDAR {} on the LiDAR-only detector, {} on fusion: {}",
+                              asr(*alone), asr(*fused), points(gap.difference)),
+                  why));
+      });
+}
+
+/// ASR of the drawn frames at each size, then the least-squares slope over L.
+Interval slope(const std::vector<std::pair<double, Outcomes>>& sizes) {
+  std::map<std::string, std::vector<ClusterSums>> frames;
+  for (std::size_t s = 0; s < sizes.size(); ++s)
+    for (const Outcome& host : sizes[s].second.hosts) {
+      if (!host.detected) continue;
+      auto& sums = frames[host.frame];
+      sums.resize(sizes.size());
+      sums[s].numerator += host.fooled();
+      sums[s].denominator += 1;
+    }
+  std::vector<std::vector<ClusterSums>> clusters;
+  for (const auto& [frame, sums] : frames) clusters.push_back(sums);
+  double mean_size = 0, spread = 0;
+  for (const auto& [size, outcomes] : sizes) mean_size += size / static_cast<double>(sizes.size());
+  for (const auto& [size, outcomes] : sizes) spread += (size - mean_size) * (size - mean_size);
+  return bootstrap_statistic(clusters.size(), [&](std::span<const int> drawn) {
+    double value = 0;
+    for (std::size_t s = 0; s < sizes.size(); ++s) {
+      ClusterSums sums;
+      for (std::size_t i = 0; i < clusters.size(); ++i) {
+        sums.numerator += drawn[i] * clusters[i][s].numerator;
+        sums.denominator += drawn[i] * clusters[i][s].denominator;
+      }
+      value += (sizes[s].first - mean_size) * sums.numerator / sums.denominator;  // NaN without any
+    }
+    return value / spread;
+  });
+}
+
+Finding larger(const Evidence& evidence) {
+  return on_each_rig(
+      "size", "A larger mesh is a stronger one", [&](const std::string& rig, std::vector<Check>& checks) {
+        std::vector<std::pair<double, Outcomes>> sizes;
+        for (const double size : {0.2, 0.4, 0.6, 0.8, 1.0}) {
+          const std::string run = size == 0.8 ? "fusion-both" : fmt::format("fusion-both-size{:.1f}", size);
+          if (const Outcomes* one = evidence.learned(evaluation(rig, run))) sizes.push_back({size, *one});
+        }
+        if (sizes.size() < 2) return;
+        for (auto& [size, outcomes] : sizes)  // the hosts that all sizes have
+          for (const auto& [other, theirs] : sizes) outcomes = shared_hosts(outcomes, theirs);
+        Interval rise = slope(sizes);
+        for (double* end : {&rise.value, &rise.low, &rise.high}) *end *= 0.1;
+        std::string list;
+        std::vector<const Outcomes*> used;
+        for (const auto& [size, outcomes] : sizes) {
+          list += fmt::format("{}{} at L = {:.1f} m", list.empty() ? "" : ", ", asr(outcomes), size);
+          used.push_back(&outcomes);
+        }
+        checks.push_back(check(title(rig), used, {{"rise of ASR for each 0.1 m of L", rise, is_more(rise)}},
+                               fmt::format("ASR {}; slope {} for each 0.1 m of L", list, points(rise))));
+      });
+}
+
+Finding transfer(const Evidence& evidence) {
+  Finding finding{
+      "transfer",
+      "Transfer to an unseen detector or rig is partial: above a random mesh, below the white box",
+      {}};
+  const auto name = [](const std::string& run) {
+    const std::size_t dash = run.find('-');
+    return title(run.substr(0, dash)) + (run.substr(dash + 1) == "lidar-lidar" ? ", LiDAR-only" : ", fusion");
+  };
+  const std::vector<std::string> runs = {"kitti64-fusion-both", "xenith-fusion-both", "kitti64-lidar-lidar",
+                                         "xenith-lidar-lidar", "real-fusion-both"};
+  for (const std::string& onto : runs)
+    for (const std::string& from : runs) {
+      const Outcomes *moved = evidence.learned("evaluations/" + from + "--on--" + onto),
+                     *own = evidence.learned("evaluations/" + onto),
+                     *random = evidence.random("evaluations/" + onto);
+      if (!moved || !own || !random) continue;
+      const Comparison above = more("transferred − random", *moved, *random),
+                       below = more("white box − transferred", *own, *moved);
+      finding.checks.push_back(
+          check(name(from) + " → " + name(onto), {moved, own, random}, {above, below},
+                fmt::format(
+                    "ASR {} transferred, {} white box, {} random; transferred − random {} ({}), white box − "
+                    "transferred {} ({})",
+                    asr(*moved), asr(*own), asr(*random), points(above.difference), to_string(above.verdict),
+                    points(below.difference), to_string(below.verdict))));
+    }
+  return finding;
+}
+
+struct Distances {
+  int count = 0;
+  Interval far;       ///< share beyond kFar
+  double median = 0;  ///< m
+};
+
+Distances distances(const Outcomes& outcomes) {
+  std::map<std::string, ClusterSums> frames;
+  std::vector<double> all;
+  for (const Outcome& host : outcomes.hosts) {
+    if (!host.detected) continue;
+    for (const double distance : host.distances) {
+      frames[host.frame].numerator += distance > kFar;
+      frames[host.frame].denominator += 1;
+      all.push_back(distance);
+    }
+  }
+  std::vector<ClusterSums> clusters;
+  for (const auto& [frame, sums] : frames) clusters.push_back(sums);
+  Distances made{static_cast<int>(all.size()), bootstrap_interval(clusters), 0};
+  if (!all.empty()) made.median = quantile(all, 0.5);
+  return made;
+}
+
+Finding far_away(const Evidence& evidence) {
+  return on_each_rig(
+      "far", "False positives appear far away from the mesh",
+      [&](const std::string& rig, std::vector<Check>& checks) {
+        const Outcomes* both = evidence.learned(evaluation(rig, "fusion-both"));
+        if (!both) return;
+        const Distances near = distances(*both);
+        Check made;
+        made.rig = title(rig);
+        made.vehicles = both->vehicles;
+        if (near.count == 0) {
+          made.sentence = "no false positive";
+        } else {
+          const Interval over = {near.far.value - 0.5, near.far.low - 0.5, near.far.high - 0.5};
+          made.comparisons = {{fmt::format("share beyond {:.0f} m − 1/2", kFar), over, is_more(over)}};
+          made.verdict = near.count < kFewest || both->frames() < kFewestFrames ? Verdict::open
+                                                                                : made.comparisons[0].verdict;
+          made.sentence =
+              fmt::format("{} false positives, median {:.1f} m from the host, {} of them beyond {:.0f} m{}",
+                          near.count, near.median, percent(near.far), kFar,
+                          near.count < kFewest || both->frames() < kFewestFrames ? "; too few to tell" : "");
+        }
+        // Without an image there is no wrong pixel–point association.
+        if (const Outcomes* alone = evidence.learned(evaluation(rig, "lidar-lidar"))) {
+          const Distances theirs = distances(*alone);
+          made.why =
+              theirs.count == 0
+                  ? "the LiDAR-only detector, which associates no pixels, has none"
+                  : fmt::format(
+                        "the LiDAR-only detector, which associates no pixels: {}, median {:.1f} m, {} beyond "
+                        "{:.0f} m",
+                        theirs.count, theirs.median, percent(theirs.far), kFar);
+        }
+        checks.push_back(made);
+      });
+}
+
+}  // namespace
+
+std::string to_string(Verdict verdict) {
+  return verdict == Verdict::holds ? "holds" : verdict == Verdict::fails ? "does not hold" : "cannot be told";
+}
+
+Verdict is_more(const Interval& d) {
+  return d.low > 0 ? Verdict::holds : d.high < 0 ? Verdict::fails : Verdict::open;
+}
+
+Verdict is_no_less(const Interval& d) {
+  return d.high < 0 ? Verdict::fails : d.low > -kMargin ? Verdict::holds : Verdict::open;
+}
+
+Verdict is_no_help(const Interval& reduction) {
+  return reduction.high < kMargin ? Verdict::holds : reduction.low > 0 ? Verdict::fails : Verdict::open;
+}
+
+Verdict all_of(const std::vector<Verdict>& verdicts) {
+  const auto any = [&](Verdict one) {
+    return std::find(verdicts.begin(), verdicts.end(), one) != verdicts.end();
+  };
+  return verdicts.empty() || (!any(Verdict::fails) && any(Verdict::open)) ? Verdict::open
+         : any(Verdict::fails)                                            ? Verdict::fails
+                                                                          : Verdict::holds;
+}
+
+std::vector<Finding> findings(const Evidence& evidence) {
+  std::vector<Finding> all = {image_weak(evidence), order(evidence),    fusion_helps(evidence),
+                              larger(evidence),     transfer(evidence), far_away(evidence)};
+  for (Finding& finding : defence_findings(evidence)) all.push_back(std::move(finding));
+  return all;
+}
+
+std::string overall(const Finding& finding) {
+  const auto any = [&](Verdict verdict) {
+    return std::any_of(finding.checks.begin(), finding.checks.end(),
+                       [&](const Check& one) { return one.verdict == verdict; });
+  };
+  if (finding.checks.empty()) return "not measured";
+  if (any(Verdict::holds) && any(Verdict::fails)) return "holds in part";
+  return to_string(any(Verdict::holds)   ? Verdict::holds
+                   : any(Verdict::fails) ? Verdict::fails
+                                         : Verdict::open);
+}
+
+nlohmann::json findings_json(const std::vector<Finding>& findings) {
+  auto list = nlohmann::json::array();
+  for (const Finding& finding : findings) {
+    auto checks = nlohmann::json::array();
+    for (const Check& one : finding.checks) {
+      auto comparisons = nlohmann::json::array();
+      for (const Comparison& c : one.comparisons)
+        comparisons.push_back(
+            {{"what", c.what}, {"difference", to_json(c.difference)}, {"verdict", to_string(c.verdict)}});
+      checks.push_back({{"rig", one.rig},
+                        {"verdict", to_string(one.verdict)},
+                        {"sentence", one.sentence},
+                        {"why", one.why},
+                        {"vehicles", one.vehicles},
+                        {"comparisons", comparisons}});
+    }
+    list.push_back({{"name", finding.name},
+                    {"claim", finding.claim},
+                    {"verdict", overall(finding)},
+                    {"checks", checks}});
+  }
+  return list;
+}
+
+}  // namespace mirage::paper

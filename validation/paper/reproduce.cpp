@@ -1,0 +1,262 @@
+#include "validation/paper/reproduce.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/logging.h"
+#include "detection/detector.h"
+#include "scene/data_rig.h"
+#include "validation/paper/findings.h"
+#include "validation/process.h"
+
+namespace mirage::paper {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+/// The argument after `option`, or `otherwise`.
+std::string argument(const Case& one, const std::string& option, const std::string& otherwise = "") {
+  const auto found = std::find(one.arguments.begin(), one.arguments.end(), option);
+  return found == one.arguments.end() || found + 1 == one.arguments.end() ? otherwise : *(found + 1);
+}
+
+double number(const Case& one, const std::string& option, double otherwise) {
+  const std::string text = argument(one, option);
+  return text.empty() ? otherwise : std::stod(text);
+}
+
+fs::path record_file(const Case& one, const fs::path& out) {
+  std::string name = one.name;
+  std::replace(name.begin(), name.end(), '/', '_');
+  return out / "steps" / (name + ".json");
+}
+
+/// The arguments with the folders of other cases by their names, so that OUT may be moved.
+std::vector<std::string> movable(const Case& one, std::vector<std::string> arguments) {
+  for (std::string& argument : arguments)
+    for (const std::string& need : one.needs)
+      if (argument.ends_with("/" + need)) argument = need;
+  return arguments;
+}
+
+/// What the command reads that may change under the same arguments, as hashes of the content.
+json inputs(const Case& one, const fs::path& out) {
+  json read = json::object();
+  if (one.kind == Case::Kind::evaluation) {
+    read["adversary"] = content_hash(read_file(out / one.needs.front() / "adversary.glb"));
+    read["hosts"] = content_hash(read_file(out / one.needs.back() / "run.json"));
+  } else if (one.kind != Case::Kind::data) {
+    read["weights"] = "";  // without the file the command itself says what is missing
+    try {
+      DetectorOptions detector;
+      detector.detector = argument(one, "--detector");
+      detector.rig = data_rig(argument(one, "--data"));
+      detector.defense = argument(one, "--defense", "none");
+      read["weights"] = content_hash(read_file(weights_file(detector)));
+    } catch (const InputError&) {
+    }
+  }
+  return read;
+}
+
+/// Whether run.json, which mirage attack writes, says the same as the arguments.
+bool is_same_run(const Case& one, const json& run, const json& result, const json& read) {
+  const double size = number(one, "--size", 0.8);
+  const auto& limits = run.at("limits");
+  const auto close = [](double a, double b) { return std::abs(a - b) < 1e-9; };
+  const std::string target = argument(one, "--target", "both");
+  return run.at("data") == fs::absolute(argument(one, "--data")).lexically_normal().string() &&
+         run.at("detector") == argument(one, "--detector") && run.at("target") == target &&
+         run.value("defense", "none") == argument(one, "--defense", "none") &&
+         run.value("parts", "both") == "both" && run.at("weights_hash") == read.at("weights") &&
+         close(run.at("seed"), number(one, "--seed", 0)) &&
+         close(run.at("batch"), number(one, "--batch", 2)) &&
+         close(run.at("vertex_rate"), number(one, "--vertex-rate", 1e-3)) &&
+         close(run.at("texel_rate"), number(one, "--texel-rate", 4e-3)) && close(limits.at(0), size) &&
+         close(limits.at(1), size) && close(limits.at(2), 0.625 * size) && !run.contains("expectation") &&
+         !run.contains("buildable") && close(result.at("iterations"), number(one, "--iterations", 300));
+}
+
+/// For a result without a record of its own.
+bool is_plausible(const Case& one, const fs::path& out, const json& result, const json& read) {
+  const fs::path folder = out / one.name;
+  switch (one.kind) {
+    case Case::Kind::attack:
+      return fs::exists(folder / "adversary.glb") &&
+             is_same_run(one, read_json(folder / "run.json"), result, read);
+    case Case::Kind::data:
+      return result.at("rig") == argument(one, "--rig") &&
+             result.at("frames").get<double>() >= number(one, "--frames", 0);
+    case Case::Kind::evaluation: {
+      const auto written = fs::last_write_time(folder / "result.json");
+      for (const std::string& need : one.needs)
+        if (fs::last_write_time(out / need / "adversary.glb") > written) return false;
+      const double meshes = number(one, "--random-meshes", 0);
+      if (meshes < 1) return true;
+      return result.contains("random") && result.at("random").is_object() &&
+             result.at("random").value("meshes", 1) >= meshes;
+    }
+    case Case::Kind::detection:
+      return true;
+  }
+  return false;
+}
+
+/// Seconds by the record; for a run that was started elsewhere its iterations' time.
+void fill_in_time(const Case& one, const fs::path& out, Step& step) {
+  if (fs::exists(record_file(one, out)))
+    step.seconds = read_json(record_file(one, out)).value("seconds", 0.0);
+  if (one.kind != Case::Kind::attack) return;
+  const json result = read_json(out / one.name / "result.json");
+  const double iterating = result.value("iterations", 0) * result.value("seconds_per_iteration", 0.0);
+  if (iterating > step.seconds) step.seconds = iterating, step.counted = true;
+}
+
+json to_json(const Step& step) {
+  const char* words[] = {"missing", "done", "failed"};
+  json made = {{"status", words[static_cast<int>(step.status)]}};
+  if (!step.error.empty()) made["error"] = step.error;
+  if (step.seconds > 0) made["seconds"] = step.seconds, made["counted"] = step.counted;
+  return made;
+}
+
+void write_page(const fs::path& out, json& result) {
+  const std::string python = plotting_python().string();
+  if (python.empty() ||
+      run_program({python, shipped_file("validation/paper/paper_page.py").string(), out.string()}) != 0) {
+    spdlog::warn("no page: install python3-jinja2 and python3-pil (the tables are in {})",
+                 (out / "reproduce.md").string());
+    return;
+  }
+  result["page"] = (out / "reproduce.html").string();
+}
+
+std::string findings_markdown(const json& findings) {
+  std::string text = "## The paper's findings\n\n";
+  for (const auto& finding : findings) {
+    text += fmt::format("- **{}**", finding.at("claim").get<std::string>());
+    if (finding.at("checks").empty()) text += ": not measured in this run.";
+    text += "\n";
+    for (const auto& check : finding.at("checks")) {
+      text += fmt::format("  - {}: {}. {}.", check.at("rig").get<std::string>(),
+                          check.at("verdict").get<std::string>(), check.at("sentence").get<std::string>());
+      if (const auto why = check.at("why").get<std::string>(); !why.empty()) text += " (" + why + ")";
+      text += "\n";
+    }
+  }
+  return text;
+}
+
+}  // namespace
+
+bool is_finished(const Case& one, const fs::path& out) {
+  if (!fs::exists(out / one.name / "result.json")) return false;
+  try {
+    const json result = read_json(out / one.name / "result.json"), read = inputs(one, out);
+    if (!fs::exists(record_file(one, out))) return is_plausible(one, out, result, read);
+    const json record = read_json(record_file(one, out));
+    return movable(one, record.at("arguments")) == movable(one, one.arguments) && record.at("inputs") == read;
+  } catch (const std::exception&) {
+    return false;  // the command itself will say what is wrong
+  }
+}
+
+std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
+                                    const Execute& run) {
+  using Clock = std::chrono::steady_clock;
+  std::map<std::string, Step> steps;
+  std::size_t number_of = 0;
+  for (const Case& one : experiments.cases) {
+    throw_if_interrupted("finished steps are kept; run the same command to go on");
+    Step& step = steps[one.name];
+    const auto say = [&](const char* what) {
+      if (settings.quiet) return;
+      std::fputs(
+          fmt::format("\n== {}/{} {}{} ==\n", number_of, experiments.cases.size(), one.name, what).c_str(),
+          stdout);
+      std::fflush(stdout);
+    };
+    ++number_of;
+    const auto broken = std::find_if(one.needs.begin(), one.needs.end(), [&](const std::string& need) {
+      return steps[need].status != Step::Status::done;
+    });
+    if (broken != one.needs.end()) {
+      step.status = Step::Status::failed;
+      step.error = "needs " + *broken;
+      say(": left out, it needs what failed");
+      continue;
+    }
+    try {
+      if (is_finished(one, settings.out)) {
+        say(": kept");
+      } else {
+        say("");
+        auto arguments = one.arguments;
+        arguments.insert(arguments.end(), {"--out", (settings.out / one.name).string(), "--threads",
+                                           std::to_string(settings.threads)});
+        if (settings.quiet) arguments.push_back("--quiet");
+        fs::remove(record_file(one, settings.out));
+        const auto start = Clock::now();
+        run(std::move(arguments));
+        write_json(record_file(one, settings.out),
+                   {{"case", one.name},
+                    {"arguments", movable(one, one.arguments)},
+                    {"inputs", inputs(one, settings.out)},
+                    {"seconds", std::chrono::duration<double>(Clock::now() - start).count()}});
+      }
+      step.status = Step::Status::done;
+      fill_in_time(one, settings.out, step);
+    } catch (const Interrupted&) {
+      throw;
+    } catch (const std::exception& error) {
+      step.status = Step::Status::failed;
+      step.error = error.what();
+      spdlog::warn("{}: {}", one.name, error.what());
+    }
+  }
+  return steps;
+}
+
+json reproduce(const ReproduceSettings& given, const Execute& run) {
+  ReproduceSettings settings = given;
+  settings.out = fs::absolute(given.out).lexically_normal();
+  const Experiments list = experiments(settings);
+  const Evidence evidence = gather(list, settings.out, execute(list, settings, run));
+  json tables = json::array(), steps = json::object();
+  std::string text = "# The experiments of Tu et al. (CoRL 2021)\n\n";
+  for (const Table& table : list.tables) {
+    tables.push_back(table_json(table, list, evidence));
+    write_file(settings.out / (table.name + ".md"), markdown(tables.back()));
+    text += markdown(tables.back());
+  }
+  for (const auto& [name, step] : evidence.steps) steps[name] = to_json(step);
+  const json found = findings_json(findings(evidence));
+  json result = {{"what", settings.what},
+                 {"settings",
+                  {{"iterations", settings.iterations},
+                   {"seed", settings.seed},
+                   {"random_meshes", settings.random_meshes},
+                   {"quick", settings.quick},
+                   {"kitti64", data_folder(settings, "kitti64").filename().string()},
+                   {"xenith", data_folder(settings, "xenith").filename().string()},
+                   {"real", settings.real.filename().string()},
+                   {"confidence", BootstrapSettings().confidence},
+                   {"replicates", BootstrapSettings().replicates}}},
+                 {"tables", tables},
+                 {"findings", found},
+                 {"steps", steps}};
+  write_json(settings.out / "reproduce.json", result);
+  write_file(settings.out / "reproduce.md", text + findings_markdown(found));
+  write_page(settings.out, result);
+  return result;
+}
+
+}  // namespace mirage::paper

@@ -1,0 +1,36 @@
+// `mirage reproduce`: runs what the experiments need and have not got, and writes tables, findings and page.
+//
+//     OUT/data/RIG               generated frames, unless a data set is given
+//     OUT/runs/NAME              run folders of mirage attack
+//     OUT/evaluations/NAME       mirage evaluate; FROM--on--RUN: transfer onto RUN's hosts
+//     OUT/detect/NAME            mirage detect: clean AP
+//     OUT/steps/NAME.json        the arguments of each finished command, what it read, and its seconds
+//     OUT/reproduce.{json,md,html}
+#pragma once
+
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "validation/paper/experiments.h"
+#include "validation/paper/tables.h"
+
+namespace mirage::paper {
+
+/// Runs one command of mirage to its end; throws what it throws.
+using Execute = std::function<void(std::vector<std::string> arguments)>;
+
+/// Whether the case's folder holds the result of exactly these arguments, made of what its inputs are now. A
+/// run that was not started from here counts if its run.json says the same.
+bool is_finished(const Case& one, const std::filesystem::path& out);
+
+/// Executes the cases that are not finished, in order. One that fails, and all that need it, become failed
+/// steps; an interrupt (base/error.h, Interrupted) ends everything.
+std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
+                                    const Execute& run);
+
+/// All of it; returns what reproduce.json holds: {what, settings, tables, findings, steps, page?}.
+nlohmann::json reproduce(const ReproduceSettings& settings, const Execute& run);
+
+}  // namespace mirage::paper

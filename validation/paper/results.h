@@ -1,0 +1,70 @@
+// What `mirage evaluate` found of each host, read back from its result.json, and shares over it with
+// intervals.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "base/bootstrap.h"
+
+namespace mirage::paper {
+
+/// One host under one mesh (attack/evaluation.h, HostOutcome).
+struct Outcome {
+  std::string frame;
+  int label = 0, mesh = 0;
+  double range = 0;  ///< m
+  double clean_iou = 0, attacked_iou = 0;
+  bool detected = false, hidden = false, false_positive = false;
+  std::vector<double> distances;  ///< m from the host to each of its false positives
+
+  bool fooled() const { return hidden || false_positive; }
+};
+
+struct Outcomes {
+  std::string data;  ///< which frames: hosts of equal data, frame and label are the same
+  std::vector<Outcome> hosts;
+  int meshes = 1;
+  int vehicles = 0;  ///< hosts detected clean, of one mesh
+
+  int frames() const;
+};
+
+using Which = std::function<bool(const Outcome&)>;
+bool is_hidden(const Outcome&);
+bool is_false_positive(const Outcome&);
+bool is_fooled(const Outcome&);
+
+/// The outcomes of an evaluation's result.json, and those of its random meshes (null if it has none). `data`
+/// names the frames. InputError naming file and key.
+struct Judged {
+  std::shared_ptr<const Outcomes> learned, random;
+};
+Judged read_evaluation(const std::filesystem::path& file, const std::string& data);
+
+/// Share of the vehicles detected clean for which `which` holds; 95 % interval by bootstrap over frames.
+Interval success(const Outcomes& outcomes, const Which& which);
+
+/// success(a) − success(b), paired: both are of the same data, only hosts that stand in both count, and the
+/// frames are drawn together.
+Interval success_difference(const Outcomes& a, const Outcomes& b, const Which& which);
+
+/// Recall of the frames as recorded, of two detectors on the same hosts: a − b.
+Interval clean_recall_difference(const Outcomes& a, const Outcomes& b, double iou);
+
+/// Those outcomes of `a` whose hosts also stand in `b`.
+Outcomes shared_hosts(const Outcomes& a, const Outcomes& b);
+
+/// Share of all hosts found at the IoU or better, clean or attacked.
+Interval recall(const Outcomes& outcomes, double iou, bool clean);
+/// Mean of that over IoU 0, 0.05, …, 1.
+Interval mean_recall(const Outcomes& outcomes, bool clean);
+/// The curve itself, over those IoU: {iou, recall, low, high}.
+nlohmann::json recall_curve(const Outcomes& outcomes, bool clean);
+
+}  // namespace mirage::paper

@@ -1,0 +1,214 @@
+#include "validation/paper/tables.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <exception>
+#include <set>
+
+#include "base/files.h"
+
+namespace mirage::paper {
+namespace {
+
+using nlohmann::json;
+
+/// The case and all it needs.
+void closure(const Experiments& experiments, const std::string& name, std::set<std::string>& names) {
+  if (name.empty() || !names.insert(name).second) return;
+  for (const std::string& need : experiments.at(name).needs) closure(experiments, need, names);
+}
+
+/// Why the row has no numbers: what failed by itself rather than what was left out for it.
+std::string why_missing(const std::set<std::string>& names, const Evidence& evidence) {
+  std::string why;
+  for (const std::string& name : names) {
+    const auto found = evidence.steps.find(name);
+    if (found == evidence.steps.end() || found->second.status == Step::Status::missing) {
+      if (why.empty()) why = name + ": not run";
+    } else if (found->second.status == Step::Status::failed) {
+      why = name + ": " + found->second.error;
+      if (!found->second.error.starts_with("needs ")) return why;
+    }
+  }
+  return why;
+}
+
+json value_of(const std::string& key, const Row& row, const Outcomes& outcomes) {
+  if (key == "fn_asr") return to_json(success(outcomes, is_hidden));
+  if (key == "fp_asr") return to_json(success(outcomes, is_false_positive));
+  if (key == "asr") return to_json(success(outcomes, is_fooled));
+  if (key == "recall50") return to_json(recall(outcomes, 0.5, row.clean));
+  if (key == "recall70") return to_json(recall(outcomes, 0.7, row.clean));
+  if (key == "recall_mean") return to_json(mean_recall(outcomes, row.clean));
+  return nullptr;
+}
+
+json false_positive_distances(const Outcomes& outcomes) {
+  json list = json::array();
+  for (const Outcome& host : outcomes.hosts)
+    if (host.detected)
+      for (const double distance : host.distances) list.push_back(distance);
+  return list;
+}
+
+json row_json(const Table& table, const Row& row, const Experiments& experiments, const Evidence& evidence) {
+  std::set<std::string> names;
+  closure(experiments, row.evaluation, names);
+  json made = {{"label", row.label},
+               {"rig", row.rig},
+               {"case", row.evaluation},
+               {"values", json::object()},
+               {"paper", json::object()}};
+  for (const auto& [key, percent] : row.paper) made["paper"][key] = percent / 100;
+  if (row.size > 0) made["size"] = row.size;
+  if (!row.source.empty()) made["source"] = row.source, made["target"] = row.target;
+  const Outcomes* outcomes = row.random ? evidence.random(row.evaluation) : evidence.learned(row.evaluation);
+  if (outcomes) {
+    made["vehicles"] = outcomes->vehicles;
+    made["hosts"] = outcomes->hosts.size() / static_cast<std::size_t>(std::max(1, outcomes->meshes));
+    made["frames"] = outcomes->frames();
+    made["meshes"] = outcomes->meshes;
+    for (const Column& column : table.columns)
+      if (const json value = value_of(column.key, row, *outcomes); !value.is_null())
+        made["values"][column.key] = value;
+    if (table.name == "fig3") made["curve"] = recall_curve(*outcomes, row.clean);
+    if (table.name != "fig3") made["false_positive_distances"] = false_positive_distances(*outcomes);
+  } else {
+    const std::string why = why_missing(names, evidence);
+    made["error"] = why.empty() ? row.evaluation + ": judged no random mesh" : why;
+  }
+  if (!row.detection.empty()) {
+    closure(experiments, row.detection, names);
+    const auto found = evidence.detections.find(row.detection);
+    if (found != evidence.detections.end()) {
+      for (const char* key : {"ap50", "ap70"})
+        if (const std::string interval = std::string(key) + "_interval"; found->second.contains(interval))
+          made["values"][key] = found->second.at(interval);
+        else if (found->second.contains(key))
+          made["values"][key] = {{"value", found->second.at(key)}};
+    } else if (!made.contains("error")) {
+      made["error"] = why_missing(names, evidence);
+    }
+  }
+  double seconds = 0;
+  bool known = false, counted = false;
+  for (const std::string& name : names) {
+    if (experiments.at(name).kind == Case::Kind::data) continue;
+    const auto found = evidence.steps.find(name);
+    if (found == evidence.steps.end() || !(found->second.seconds > 0)) continue;
+    seconds += found->second.seconds;
+    known = true;
+    counted = counted || found->second.counted;
+  }
+  if (known) made["minutes"] = seconds / 60, made["minutes_counted"] = counted;
+  return made;
+}
+
+std::string cell(const json& value) {
+  if (!value.contains("low")) return fmt::format("{:.1f}", 100 * value.at("value").get<double>());
+  return in_percent({value.at("value"), value.at("low"), value.at("high")});
+}
+
+/// A bar in a cell would end it.
+std::string escaped(const std::string& text) {
+  std::string made;
+  for (const char c : text) made += c == '|' ? "\\|" : c == '\n' ? " " : std::string(1, c);
+  return made;
+}
+
+}  // namespace
+
+std::string in_percent(const Interval& interval) {
+  return fmt::format("{:.1f} ({:.1f}–{:.1f})", 100 * interval.value, 100 * interval.low, 100 * interval.high);
+}
+
+const Outcomes* Evidence::learned(const std::string& evaluation) const {
+  const auto found = evaluations.find(evaluation);
+  return found == evaluations.end() ? nullptr : found->second.learned.get();
+}
+
+const Outcomes* Evidence::random(const std::string& evaluation) const {
+  const auto found = evaluations.find(evaluation);
+  return found == evaluations.end() ? nullptr : found->second.random.get();
+}
+
+Evidence gather(const Experiments& experiments, const std::filesystem::path& out,
+                std::map<std::string, Step> steps) {
+  Evidence evidence;
+  for (const Case& one : experiments.cases) {
+    Step& step = steps[one.name];
+    if (step.status != Step::Status::done) continue;
+    const auto file = out / one.name / "result.json";
+    try {
+      if (one.kind == Case::Kind::detection) evidence.detections[one.name] = read_json(file);
+      if (one.kind != Case::Kind::evaluation) continue;
+      // Hosts are those of the run that is judged, or of the run whose hosts were asked for.
+      const Case& judged = experiments.at(one.needs.back());
+      const auto data = std::find(judged.arguments.begin(), judged.arguments.end(), "--data");
+      evidence.evaluations[one.name] =
+          read_evaluation(file, data == judged.arguments.end() ? judged.name : *(data + 1));
+    } catch (const std::exception& error) {
+      step.status = Step::Status::failed;
+      step.error = error.what();
+    }
+  }
+  evidence.steps = std::move(steps);
+  return evidence;
+}
+
+json table_json(const Table& table, const Experiments& experiments, const Evidence& evidence) {
+  json columns = json::array(), rows = json::array();
+  for (const Column& column : table.columns)
+    columns.push_back({{"key", column.key}, {"title", column.title}});
+  for (const Row& row : table.rows) rows.push_back(row_json(table, row, experiments, evidence));
+  return {{"name", table.name},
+          {"title", table.title},
+          {"note", table.note},
+          {"columns", columns},
+          {"rows", rows}};
+}
+
+std::string markdown(const json& table) {
+  const auto& columns = table.at("columns");
+  std::string text =
+      fmt::format("## {}: {}\n\n", table.at("name").get<std::string>(), table.at("title").get<std::string>());
+  if (const auto note = table.at("note").get<std::string>(); !note.empty()) text += note + "\n\n";
+  bool rigs = false;
+  std::set<std::string> paper;  // the columns for which the paper has a number
+  for (const auto& row : table.at("rows")) {
+    rigs = rigs || row.at("rig") != table.at("rows").front().at("rig");
+    for (const auto& [key, value] : row.at("paper").items()) paper.insert(key);
+  }
+  text += rigs ? "| data | |" : "| |";
+  std::string rule = rigs ? "|---|---|" : "|---|";
+  for (const auto& column : columns) {
+    text += fmt::format(" {}, % |", column.at("title").get<std::string>());
+    rule += "---|";
+    if (paper.contains(column.at("key"))) text += " paper |", rule += "---|";
+  }
+  text += " vehicles | minutes |\n" + rule + "---|---|\n";
+  for (const auto& row : table.at("rows")) {
+    text += rigs ? fmt::format("| {} | {} |", row.at("rig").get<std::string>(), escaped(row.at("label")))
+                 : fmt::format("| {} |", escaped(row.at("label")));
+    for (const auto& column : columns) {
+      const auto key = column.at("key").get<std::string>();
+      text += row.at("values").contains(key) ? " " + cell(row.at("values").at(key)) + " |" : " – |";
+      if (paper.contains(key))
+        text += row.at("paper").contains(key)
+                    ? fmt::format(" {:.2f} |", 100 * row.at("paper").at(key).get<double>())
+                    : " |";
+    }
+    text += " ";
+    if (row.contains("vehicles"))
+      text += fmt::format(
+          "{} in {} frames{}", row.at("vehicles").get<int>(), row.at("frames").get<int>(),
+          row.at("meshes").get<int>() > 1 ? fmt::format(", {} meshes", row.at("meshes").get<int>()) : "");
+    if (row.contains("error")) text += (row.contains("vehicles") ? "; " : "") + escaped(row.at("error"));
+    text += " |";
+    text += row.contains("minutes") ? fmt::format(" {:.1f} |\n", row.at("minutes").get<double>()) : " |\n";
+  }
+  return text + "\n";
+}
+
+}  // namespace mirage::paper
