@@ -282,6 +282,16 @@ TEST_F(Findings, TheOrderDoesNotHold) {
   EXPECT_EQ(only("image").verdict, Verdict::fails);
 }
 
+TEST_F(Findings, AStrongerMeshFromElsewhereUnsettlesTheComparison) {
+  judged("kitti64-fusion-lidar", {40, 5, 3, 0});
+  judged("kitti64-lidar-lidar", {40, 5, 1, 0});
+  EXPECT_EQ(only("fusion").verdict, Verdict::fails);
+  judged("kitti64-fusion-both--on--kitti64-lidar-lidar", {40, 5, 3, 0});
+  EXPECT_EQ(only("fusion").verdict, Verdict::open);
+  judged("kitti64-fusion-both--on--kitti64-lidar-lidar", {40, 5, 2, 0});
+  EXPECT_EQ(only("fusion").verdict, Verdict::fails);
+}
+
 TEST_F(Findings, EqualSharesTellNothing) {
   judged("kitti64-fusion-image", {40, 5, 2, 0});
   judged("kitti64-fusion-lidar", {40, 5, 2, 0});
