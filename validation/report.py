@@ -11,7 +11,6 @@ import argparse
 import json
 import os
 import sys
-import tempfile
 
 HERE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "report")
 sys.dont_write_bytecode = True
@@ -22,6 +21,7 @@ try:
     from markupsafe import Markup
 
     import figures
+    import files
     import pictures
     import plots
 except ImportError as error:
@@ -31,20 +31,6 @@ PICTURED_HOSTS = 12  # vehicles shown with pictures; the table holds all
 PICTURED_FLIPS = 12
 NO_VIEWER = ("model-viewer was not there when Mirage was built. Build once with the npm registry in reach, then run "
              "mirage validate again: finished vehicles are kept.")
-
-
-def write(path, text):
-    """All or nothing."""
-    handle, temporary = tempfile.mkstemp(dir=os.path.dirname(path) or ".", suffix=".tmp")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(text)
-    os.chmod(temporary, 0o644)
-    os.replace(temporary, path)
-
-
-def asset(name):
-    with open(os.path.join(HERE, name), encoding="utf-8") as file:
-        return Markup(file.read())
 
 
 def viewer_script(path):
@@ -134,7 +120,7 @@ def page(result, hosts, folder, model, viewer):
         pictured=[pictured_view(folder, i, hosts[i]) for i in order[:PICTURED_HOSTS]],
         hosts=[host_view(i, host) for i, host in enumerate(hosts)])
     environment.globals["swipe"] = environment.get_template("macros.html.j2").module.swipe
-    return environment.get_template("page.html.j2").render(style=asset("style.css"), script=asset("page.js"), viewer=viewer)
+    return environment.get_template("page.html.j2").render(style=files.asset(HERE, "style.css"), script=files.asset(HERE, "page.js"), viewer=viewer)
 
 
 def main():
@@ -154,8 +140,8 @@ def main():
                             figures.read_json(options.tradeoff) if options.tradeoff else None)
     text = page(result, hosts, folder, model_uri(os.path.join(options.run, "adversary.glb")),
                 viewer_script(options.viewer))
-    write(os.path.join(folder, "report.html"), text)
-    write(os.path.join(folder, "result.json"), json.dumps(result, indent=2) + "\n")
+    files.write(os.path.join(folder, "report.html"), text)
+    files.write(os.path.join(folder, "result.json"), json.dumps(result, indent=2) + "\n")
 
 
 if __name__ == "__main__":

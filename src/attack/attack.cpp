@@ -3,12 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <optional>
 
 #include "attack/attack_step.h"
 #include "attack/checkpoint.h"
+#include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
@@ -21,12 +21,6 @@
 
 namespace mirage {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 /// What a checkpoint must agree with. Iterations are not in it: a finished run can be prolonged.
 nlohmann::json identity(const AttackSettings& settings) {

@@ -2,9 +2,9 @@
 #include <fmt/format.h>
 
 #include <charconv>
-#include <chrono>
 #include <memory>
 
+#include "base/clock.h"
 #include "base/error.h"
 #include "base/image_io.h"
 #include "cli/command.h"
@@ -58,10 +58,7 @@ ImageF background_of(const RenderScene& scene, const Options& options, bool phot
 }
 
 nlohmann::json run(const Options& options, const Common& common) {
-  const auto started = std::chrono::steady_clock::now();
-  const auto seconds_since = [](std::chrono::steady_clock::time_point start) {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  };
+  const auto started = Clock::now();
   int width = 0, height = 0;
   if (!options.size.empty()) {
     const auto size = whole_numbers("--size", options.size, 'x', 2, "give WIDTHxHEIGHT, e.g. 1242x375");
@@ -93,7 +90,7 @@ nlohmann::json run(const Options& options, const Common& common) {
       throw InputError("--window", options.window, "holds no pixels",
                        "give u0,v0,u1,v1 with u0 < u1 and v0 < v1");
   }
-  const auto drawing = std::chrono::steady_clock::now();
+  const auto drawing = Clock::now();
   const SceneImage image = render_scene(scene, background, settings);
   const double seconds = seconds_since(drawing);
   ImageF color(image.rgba.width, image.rgba.height, 3);

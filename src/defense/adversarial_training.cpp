@@ -3,10 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
 #include "attack/attack_step.h"
+#include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/logging.h"
@@ -21,13 +21,8 @@ namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
-using Clock = std::chrono::steady_clock;
 
 constexpr std::int64_t kLogEvery = 10;  // steps
-
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 void check_settings(const DefenseSettings& settings) {
   const auto demand = [](bool good, const char* option, double value, const char* fix) {

@@ -1,9 +1,9 @@
 #include "detection/training.h"
 
 #include <algorithm>
-#include <chrono>
 #include <future>
 
+#include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
@@ -17,13 +17,8 @@ namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
-using Clock = std::chrono::steady_clock;
 
 constexpr std::int64_t kLogEvery = 50;  // steps
-
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
 
 /// What must agree for a run to go on.
 nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {

@@ -152,3 +152,22 @@ class Browser:
             options.update(captureBeyondViewport=True, clip=dict(zip(("x", "y", "width", "height"), clip), scale=1))
         with open(path, "wb") as file:
             file.write(base64.b64decode(self.call("Page.captureScreenshot", **options)["data"]))
+
+
+class PageChecks:
+    """What holds of every page; for a TestCase with its `browser` at the page."""
+
+    def test_nothing_sticks_out(self):
+        for width in (1280, 420):
+            self.browser.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1,
+                              mobile=False)
+            self.assertLessEqual(self.browser.run("document.documentElement.scrollWidth"), width)
+        self.browser.call("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
+
+    def test_themes(self):
+        paper = []
+        for theme in ("light", "dark"):
+            self.browser.theme(theme)
+            paper.append(self.browser.run("getComputedStyle(document.body).backgroundColor"))
+        self.browser.theme("light")
+        self.assertNotEqual(*paper)

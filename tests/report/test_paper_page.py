@@ -27,7 +27,7 @@ def at(tree, place):
     return tree
 
 
-class Page(unittest.TestCase):
+class Page(browser.PageChecks, unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.folder = tempfile.TemporaryDirectory(prefix="mirage-paper-")
@@ -74,21 +74,6 @@ class Page(unittest.TestCase):
         loose = self.browser.run("[...document.querySelectorAll('section:not(#method) td:not(.quiet)')].filter(c => "
                                  "/\\d/.test(c.textContent) && !c.querySelector('data')).map(c => c.textContent)")
         self.assertEqual(loose, [])
-
-    def test_nothing_sticks_out(self):
-        for width in (1280, 420):
-            self.browser.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1,
-                              mobile=False)
-            self.assertLessEqual(self.browser.run("document.documentElement.scrollWidth"), width)
-        self.browser.call("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
-
-    def test_themes(self):
-        paper = []
-        for theme in ("light", "dark"):
-            self.browser.theme(theme)
-            paper.append(self.browser.run("getComputedStyle(document.body).backgroundColor"))
-        self.browser.theme("light")
-        self.assertNotEqual(*paper)
 
 
 class WithoutResults(unittest.TestCase):

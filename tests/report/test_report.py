@@ -37,7 +37,7 @@ def at(tree, place):
     return tree
 
 
-class Page(unittest.TestCase):
+class Page(browser.PageChecks, unittest.TestCase):
     """The page with all its parts."""
 
     viewer = VIEWER if os.path.isfile(VIEWER) else None
@@ -139,21 +139,6 @@ class Page(unittest.TestCase):
         self.assertGreaterEqual(self.browser.run("document.querySelectorAll('svg.plot').length"), 8)
         self.assertEqual(self.browser.run("document.querySelectorAll('svg.bev').length"), 6)
         self.assertEqual(self.browser.run("[...document.images].filter(i => !i.naturalWidth).length"), 0)
-
-    def test_nothing_sticks_out(self):
-        for width in (1280, 420):
-            self.browser.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1,
-                              mobile=False)
-            self.assertLessEqual(self.browser.run("document.documentElement.scrollWidth"), width)
-        self.browser.call("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
-
-    def test_themes(self):
-        paper = []
-        for theme in ("light", "dark"):
-            self.browser.theme(theme)
-            paper.append(self.browser.run("getComputedStyle(document.body).backgroundColor"))
-        self.browser.theme("light")
-        self.assertNotEqual(*paper)
 
 
 class WithoutViewer(unittest.TestCase):

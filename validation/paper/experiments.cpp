@@ -165,11 +165,14 @@ Table attack_table(List& list, const std::string& name, const std::string& rig,
 }
 
 // In the order random, LiDAR, image, both, LiDAR-only detector.
+/// The paper's numbers on KITTI, in attack_table's order.
+std::vector<Printed> on_kitti() {
+  return {printed(5.68, 2.01, 7.64), printed(7.99, 2.36, 10.11), printed(26.06, 3.40, 28.43),
+          printed(32.76, 4.38, 34.68), printed(31.85, 4.84, 33.23)};
+}
+
 Table table1(List& list) {
-  Table table =
-      attack_table(list, "table1", "kitti64",
-                   {printed(5.68, 2.01, 7.64), printed(7.99, 2.36, 10.11), printed(26.06, 3.40, 28.43),
-                    printed(32.76, 4.38, 34.68), printed(31.85, 4.84, 33.23)});
+  Table table = attack_table(list, "table1", "kitti64", on_kitti());
   table.note = "Beside the paper's numbers on KITTI.";
   return table;
 }
@@ -289,10 +292,7 @@ Table table4(List& list) {
 }
 
 Table real_table(List& list) {
-  Table table =
-      attack_table(list, "real", "real",
-                   {printed(5.68, 2.01, 7.64), printed(7.99, 2.36, 10.11), printed(26.06, 3.40, 28.43),
-                    printed(32.76, 4.38, 34.68), printed(31.85, 4.84, 33.23)});
+  Table table = attack_table(list, "real", "real", on_kitti());
   table.note =
       "Learned on one part of the given frames, judged on the held-back vehicles of the rest. Beside the "
       "paper's numbers on all of KITTI.";

@@ -9,7 +9,6 @@ stands in reproduce.json. What was not measured is left out, never made up.
 import io
 import os
 import sys
-import tempfile
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 REPORT = os.path.join(HERE, "..", "report")
@@ -18,10 +17,10 @@ sys.path[:0] = [HERE, REPORT]
 
 try:
     import jinja2
-    from markupsafe import Markup
     from PIL import Image
 
     import figures
+    import files
     import paper_plots as plots
     import pictures
 except ImportError as error:
@@ -32,20 +31,6 @@ SECTIONS = [("table1", "attack"), ("real", "attack"), ("table2", "attack"), ("fi
             ("table3", "transfer"), ("table4", "defences")]
 PICTURED = {"hidden": 3, "false_positives": 2, "features": 2}  # of an evaluation
 WIDE = 1400  # pixels of a picture, at most
-
-
-def text_of(path):
-    with open(path, encoding="utf-8") as file:
-        return Markup(file.read())
-
-
-def write(path, text):
-    """All or nothing."""
-    handle, temporary = tempfile.mkstemp(dir=os.path.dirname(path) or ".", suffix=".tmp")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(text)
-    os.chmod(temporary, 0o644)
-    os.replace(temporary, path)
 
 
 def headline(findings):
@@ -139,12 +124,12 @@ def page(result, folder):
         pictures=shown_pictures(folder, result["tables"]),
         minutes=sum(step.get("seconds", 0) for step in result["steps"].values()) / 60)
     return environment.get_template("paper_page.html.j2").render(
-        style=text_of(os.path.join(REPORT, "style.css")), own_style=text_of(os.path.join(HERE, "paper_page.css")))
+        style=files.asset(REPORT, "style.css"), own_style=files.asset(HERE, "paper_page.css"))
 
 
 def main(folder):
     result = figures.read_json(os.path.join(folder, "reproduce.json"))
-    write(os.path.join(folder, "reproduce.html"), page(result, folder))
+    files.write(os.path.join(folder, "reproduce.html"), page(result, folder))
 
 
 if __name__ == "__main__":
