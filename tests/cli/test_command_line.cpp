@@ -66,7 +66,7 @@ TEST(CommandLine, HelpNamesEveryCommand) {
   const Outcome outcome = run(folder, {"--help"});
   EXPECT_EQ(outcome.code, 0);
   for (const char* command : {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate",
-                              "export", "validate", "tradeoff", "depth", "reproduce"})
+                              "export", "validate", "tradeoff", "depth", "reproduce", "defend"})
     EXPECT_THAT(outcome.out, HasSubstr(command));
 }
 
@@ -149,6 +149,29 @@ TEST(CommandLine, ATradeoffThatCannotBeMadeIsOneLine) {
     all.insert(all.end(), arguments.begin(), arguments.end());
     const Outcome outcome = run(folder, all);
     EXPECT_EQ(outcome.code, 2) << word;
+    expect_one_line(outcome.err);
+    EXPECT_THAT(outcome.err, HasSubstr(word));
+  }
+}
+
+TEST(CommandLine, AnAttackOrADefenceThatCannotBeIsOneLine) {
+  TemporaryFolder folder;
+  ASSERT_EQ(run(folder, {"generate", "--frames", "1", "--out", folder / "data", "--quiet"}).code, 0);
+  const std::string data = folder / "data", out = folder / "out";
+  using Case = std::pair<std::vector<std::string>, std::string>;
+  for (const auto& [arguments, word] : std::vector<Case>{
+           {{"defend", "--data", data, "--method", "armour"}, "use adversarial, denoising, depth-gate"},
+           {{"defend", "--data", data, "--method", "denoising", "--detector", "lidar"}, "image branch"},
+           {{"defend", "--data", data, "--attacked", "2"}, "--attacked"},
+           {{"defend", "--data", data, "--weights", folder / "none.weights"}, "none.weights"},
+           {{"attack", "--data", data, "--size", "0"}, "--size"},
+           {{"attack", "--data", data, "--size", "nan"}, "--size"},
+           {{"detect", "--data", data, "--defense", "jpeg:0"}, "jpeg:1 to jpeg:100"},
+           {{"detect", "--data", data, "--defense", "stone-wall"}, "with the defence stone-wall"}}) {
+    auto all = arguments;
+    all.insert(all.end(), {"--out", out});
+    const Outcome outcome = run(folder, all);
+    EXPECT_EQ(outcome.code, 2) << arguments[0] << ' ' << word;
     expect_one_line(outcome.err);
     EXPECT_THAT(outcome.err, HasSubstr(word));
   }
