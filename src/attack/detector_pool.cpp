@@ -4,15 +4,29 @@
 
 namespace mirage {
 
+namespace {
+
+std::size_t wanted(int most) {
+  return static_cast<std::size_t>(std::min(most, thread_count()));
+}
+
+}  // namespace
+
+void add_shared(DetectorPool& pool, int most) {
+  while (pool.size() < wanted(most)) {
+    auto other = pool.front()->share();
+    if (!other) return;
+    pool.push_back(std::move(other));
+  }
+}
+
 DetectorPool load_detector_pool(const DetectorOptions& options, int most) {
   DetectorPool pool;
   DetectorOptions each = options;
   each.threads = 1;
   pool.push_back(load_detector(each));
-  while (pool.size() < static_cast<std::size_t>(std::min(most, thread_count()))) {
-    auto other = pool.front()->share();
-    pool.push_back(other ? std::move(other) : load_detector(each));
-  }
+  add_shared(pool, most);
+  while (pool.size() < wanted(most)) pool.push_back(load_detector(each));
   return pool;
 }
 

@@ -14,6 +14,10 @@ using DetectorPool = std::vector<std::unique_ptr<Detector>>;
 /// One instance a thread, but no more than `most`; they share their weights where the plugin lets them.
 DetectorPool load_detector_pool(const DetectorOptions& options, int most);
 
+/// Adds instances on the weights of the pool's first, one a thread but no more than `most`; none where the
+/// plugin cannot share.
+void add_shared(DetectorPool& pool, int most);
+
 /// Calls body(detector, i) for i in [0, n) on as many threads as there are instances. Bodies write to
 /// disjoint places.
 template <class Body>

@@ -84,11 +84,7 @@ nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& a
 DetectorPool shared_pool(const DetectorOptions& options, int most) {
   DetectorPool pool;
   pool.push_back(load_detector(options));
-  while (pool.size() < static_cast<std::size_t>(std::min(most, thread_count()))) {
-    auto other = pool.front()->share();
-    if (!other) break;  // one thread then: a copy would not learn
-    pool.push_back(std::move(other));
-  }
+  add_shared(pool, most);  // where it cannot, one thread does: a copy would not learn
   return pool;
 }
 

@@ -154,6 +154,13 @@ class Browser:
             file.write(base64.b64decode(self.call("Page.captureScreenshot", **options)["data"]))
 
 
+def at(tree, place):
+    """What stands at a path such as "a.0.b"."""
+    for part in place.split("."):
+        tree = tree[int(part)] if isinstance(tree, list) else tree[part]
+    return tree
+
+
 class PageChecks:
     """What holds of every page; for a TestCase with its `browser` at the page."""
 

@@ -21,12 +21,6 @@ def write_page(folder):
     return os.path.join(folder, "reproduce.html")
 
 
-def at(tree, place):
-    for part in place.split("."):
-        tree = tree[int(part)] if isinstance(tree, list) else tree[part]
-    return tree
-
-
 class Page(browser.PageChecks, unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -69,7 +63,7 @@ class Page(browser.PageChecks, unittest.TestCase):
         shown = self.browser.run("[...document.querySelectorAll('data')].map(d => [d.dataset.at, d.value, d.textContent])")
         self.assertGreater(len(shown), 300)
         for place, value, text in shown:
-            self.assertEqual(str(at(result, place)), value, place)
+            self.assertEqual(str(browser.at(result, place)), value, place)
             self.assertTrue(text)
         loose = self.browser.run("[...document.querySelectorAll('section:not(#method) td:not(.quiet)')].filter(c => "
                                  "/\\d/.test(c.textContent) && !c.querySelector('data')).map(c => c.textContent)")

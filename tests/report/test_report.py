@@ -31,12 +31,6 @@ def write_report(folder, viewer):
     return os.path.join(validation, "report.html")
 
 
-def at(tree, place):
-    for part in place.split("."):
-        tree = tree[int(part)] if isinstance(tree, list) else tree[part]
-    return tree
-
-
 class Page(browser.PageChecks, unittest.TestCase):
     """The page with all its parts."""
 
@@ -125,7 +119,7 @@ class Page(browser.PageChecks, unittest.TestCase):
         shown = self.browser.run("[...document.querySelectorAll('data')].map(d => [d.dataset.at, d.value, d.textContent])")
         self.assertGreater(len(shown), 100)
         for place, value, text in shown:
-            self.assertEqual(str(at(result, place)), value, place)
+            self.assertEqual(str(browser.at(result, place)), value, place)
             self.assertTrue(text)
         # Table cells with digits hold figures, not text of their own.
         loose = self.browser.run("[...document.querySelectorAll('td:not(.quiet)')].filter(c => /\\d/.test(c.textContent) && "

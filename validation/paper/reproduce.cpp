@@ -3,10 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 
+#include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
@@ -171,7 +171,6 @@ bool is_finished(const Case& one, const fs::path& out) {
 
 std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
                                     const Execute& run) {
-  using Clock = std::chrono::steady_clock;
   std::map<std::string, Step> steps;
   std::size_t number_of = 0;
   for (const Case& one : experiments.cases) {
@@ -206,11 +205,10 @@ std::map<std::string, Step> execute(const Experiments& experiments, const Reprod
         fs::remove(record_file(one, settings.out));
         const auto start = Clock::now();
         run(std::move(arguments));
-        write_json(record_file(one, settings.out),
-                   {{"case", one.name},
-                    {"arguments", movable(one, one.arguments)},
-                    {"inputs", inputs(one, settings.out)},
-                    {"seconds", std::chrono::duration<double>(Clock::now() - start).count()}});
+        write_json(record_file(one, settings.out), {{"case", one.name},
+                                                    {"arguments", movable(one, one.arguments)},
+                                                    {"inputs", inputs(one, settings.out)},
+                                                    {"seconds", seconds_since(start)}});
       }
       step.status = Step::Status::done;
       fill_in_time(one, settings.out, step);
