@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define MIRAGE_DETECTOR_ABI 2u
+#define MIRAGE_DETECTOR_ABI 3u
 
 /* What the sensors saw. The host keeps the memory alive until the next call of forward or destroy. */
 typedef struct MirageSensorInput {
@@ -32,9 +32,16 @@ typedef struct MirageBox {
   float x, y, length, width, yaw;
 } MirageBox;
 
-/* One proposal, before non-maximum suppression. score = sigmoid(logit). */
+/* A box in the picture: pixels, KITTI's convention (the centre of the upper left pixel is (0, 0)). */
+typedef struct MiragePictureBox {
+  float left, top, right, bottom;
+} MiragePictureBox;
+
+/* One proposal, before non-maximum suppression. score = sigmoid(logit). A detector fills the boxes that it
+ * finds (see capabilities) and leaves the other zero. */
 typedef struct MirageProposal {
   MirageBox box;
+  MiragePictureBox picture;
   float logit;
 } MirageProposal;
 
@@ -45,7 +52,24 @@ typedef struct MirageSample {
   int64_t box_count;
   const MirageBox* ignore;
   int64_t ignore_count;
+  /* The same in the picture, which augmentation leaves alone: vehicles that must be found there, and regions
+   * that give no loss (other vehicles, DontCare). */
+  const MiragePictureBox* picture_boxes;
+  int64_t picture_box_count;
+  const MiragePictureBox* picture_ignore;
+  int64_t picture_ignore_count;
+  /* height x width: 1 where the pixel shows a vehicle, 0 where not; NULL where the data set does not tell. */
+  const uint8_t* vehicle_mask;
+  /* The same number for the same picture of a data set, so that what frozen parts of a network make of it may
+   * be kept between epochs; 0: keep nothing. */
+  uint64_t picture_key;
 } MirageSample;
+
+/* What a detector reads and finds: flags of `capabilities`. */
+#define MIRAGE_READS_IMAGE 1u
+#define MIRAGE_READS_POINTS 2u
+#define MIRAGE_FINDS_BEV 4u     /* MirageProposal.box */
+#define MIRAGE_FINDS_PICTURE 8u /* MirageProposal.picture; boxes of a detector with both flags go together */
 
 /* Euclidean norms of the image features over their channels; memory of the detector until its next call. */
 typedef struct MirageImageFeatures {
@@ -63,7 +87,9 @@ typedef struct MirageDetectorApi {
   uint32_t abi_version; /* MIRAGE_DETECTOR_ABI */
   const char* name;     /* "fusion" */
 
-  /* `options_json`: {"modality": "fusion"|"lidar", "seed": N, "threads": N, "start": bool, "bfloat16": bool,
+  /* `options_json`: {"modality": the detector's name as the user gave it, "seed": N, "threads": N,
+   * "start": bool, "bfloat16": bool, "camera": a weights file that the image branch of a new training starts
+   * from, "lidar": the same for the LiDAR branch,
    * "parts": [names of optional parts of a fresh or starting network: "denoising", "depth-gate"]};
    * `weights`: a file, or NULL for freshly initialised weights. start: the weights begin a new training
    * (fresh optimiser; a fusion detector may begin with a lidar detector's). bfloat16: for training passes.
@@ -89,6 +115,9 @@ typedef struct MirageDetectorApi {
                     float loss[3], char* error, size_t error_size);
   /* Saves weights (with_optimiser != 0: and the optimiser's state, for resuming) to `file`. */
   int (*save)(void* detector, const char* file, int32_t with_optimiser, char* error, size_t error_size);
+
+  /* MIRAGE_READS_… | MIRAGE_FINDS_… of this instance. */
+  uint32_t (*capabilities)(void* detector);
 
   /* May be NULL. Another instance on the same weights, for another thread; NULL on failure. Only one of them
    * is trained, and while it is, no other runs. */
