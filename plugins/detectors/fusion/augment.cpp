@@ -8,7 +8,6 @@ namespace mirage::fusion {
 namespace {
 
 constexpr double kMostThinning = 0.4, kMostShaking = 0.02;
-constexpr double kPictureLeftOut = 0.2;
 
 torch::Tensor thin_and_shake(const torch::Tensor& points, RandomStream& random) {
   const double dropped = random.uniform(0, kMostThinning), shaking = random.uniform(0, kMostShaking);
@@ -30,8 +29,8 @@ torch::Tensor thin_and_shake(const torch::Tensor& points, RandomStream& random) 
 
 torch::Tensor change_picture(const torch::Tensor& picture, RandomStream& random) {
   const double exposure = std::exp(random.uniform(-0.5, 0.5));
-  const double gamma = std::exp(random.uniform(-0.2, 0.2)), grey = random.uniform(0, 0.7);
-  const double noise = random.uniform(0, 0.03);
+  const double gamma = std::exp(random.uniform(-0.15, 0.15)), grey = random.uniform(0, 0.35);
+  const double noise = random.uniform(0, 0.02);
   torch::Tensor gain = torch::empty({3});
   for (int c = 0; c < 3; ++c) gain[c] = exposure * std::exp(random.uniform(-0.15, 0.15));
   const auto noise_seed = (static_cast<std::uint64_t>(random.next_u32()) << 32) | random.next_u32();
@@ -46,15 +45,11 @@ torch::Tensor change_picture(const torch::Tensor& picture, RandomStream& random)
 
 }  // namespace
 
-SensorTensors augment(const SensorTensors& input, std::uint64_t seed, std::uint64_t index) {
+SensorTensors augment(const SensorTensors& input, std::uint64_t seed, std::uint64_t index, bool picture) {
   RandomStream random(seed, "detector augmentation", index);
   SensorTensors changed = input;
   changed.points = thin_and_shake(input.points, random);
-  if (!input.image.defined()) return changed;
-  if (random.uniform() < kPictureLeftOut)
-    changed.image = torch::Tensor();
-  else
-    changed.image = change_picture(input.image, random);
+  if (picture && input.image.defined()) changed.image = change_picture(input.image, random);
   return changed;
 }
 

@@ -6,13 +6,14 @@
 #include <cmath>
 #include <cstring>
 #include <map>
+#include <optional>
 #include <sstream>
 #include <stdexcept>
 
 #include "../../for_each_sample.h"
 #include "augment.h"
 #include "base/files.h"
-#include "loss.h"
+#include "camera_loss.h"
 #include "region.h"
 
 namespace mirage::fusion {
@@ -22,6 +23,8 @@ using torch::Tensor;
 
 constexpr const char* kFormat = "mirage fusion detector 2";
 constexpr double kWeightDecay = 0.01, kLargestGradient = 5.0;
+constexpr double kFrozenBelow = 0.3;  // of the peak rate: from there on norms are affine
+constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes of kept camera output
 
 /// Own copies: the host may free its memory while the graph lives on.
 SensorTensors copy_input(const MirageSensorInput& input, bool with_image) {
@@ -37,16 +40,26 @@ SensorTensors copy_input(const MirageSensorInput& input, bool with_image) {
   return tensors;
 }
 
-/// The convolutions and linear layers in bfloat16 where asked; everything else, and all weights, stay float.
-Tensor training_pass(NetworkImpl& network, const SensorTensors& input, bool bfloat16) {
-  if (!bfloat16) return network.forward(input);
-  at::autocast::set_autocast_cpu_dtype(at::kBFloat16);
-  at::autocast::set_cpu_enabled(true);
-  Tensor output = network.forward(input).to(torch::kFloat);
-  at::autocast::clear_cache();  // its copies of the weights, which the optimiser is about to change
-  at::autocast::set_cpu_enabled(false);
-  return output;
-}
+/// While one lives, and if asked: this thread's convolutions and linear layers run in bfloat16; everything
+/// else, and all weights, stay float.
+class Bfloat16 {
+ public:
+  explicit Bfloat16(bool asked) : asked_(asked) {
+    if (!asked_) return;
+    at::autocast::set_autocast_cpu_dtype(at::kBFloat16);
+    at::autocast::set_cpu_enabled(true);
+  }
+  Bfloat16(const Bfloat16&) = delete;
+  Bfloat16& operator=(const Bfloat16&) = delete;
+  ~Bfloat16() {
+    if (!asked_) return;
+    at::autocast::clear_cache();  // its copies of the weights, which the optimiser is about to change
+    at::autocast::set_cpu_enabled(false);
+  }
+
+ private:
+  bool asked_;
+};
 
 torch::Device best_device() {
   return torch::cuda::is_available() ? torch::kCUDA : torch::kCPU;
@@ -66,25 +79,45 @@ torch::serialize::InputArchive open_weights(const std::string& file) {
 }
 
 Parts parts_of(torch::serialize::InputArchive& archive) {
-  // Files of before the choice have neither of the later parts.
+  // Older files name fewer of them, and have fewer.
   const auto flag = [&](const char* key) {
     c10::IValue value;
     return archive.try_read(key, value) && value.toBool();
   };
-  return {flag("with_image"), flag("denoising"), flag("depth_gate")};
+  Parts parts{flag("with_image"), flag("denoising"), flag("depth_gate"), flag("camera")};
+  parts.lidar = !flag("without_lidar");
+  parts.painted = flag("painted");
+  parts.late = flag("late");
+  parts.norm = flag("channel_norm") ? Norm::channel : Norm::group;
+  return parts;
+}
+
+bool is_weights_file(const std::string& file) {
+  try {
+    open_weights(file);
+    return true;
+  } catch (const std::exception&) {
+    return false;
+  }
 }
 
 /// The options with the parts that the weights ask for.
 Options with_parts(Options options, const char* weights) {
   if (!weights) return options;
+  const std::string wanted = name_of(options.parts);
+  if (wanted == "camera" && options.start && !is_weights_file(weights)) return options;  // COCO's
   auto archive = open_weights(weights);
   const Parts stored = parts_of(archive);
-  if (stored.image != options.parts.image && (stored.image || !options.start))
-    throw std::runtime_error(std::string("weights of a ") + (stored.image ? "fusion" : "lidar") +
-                             " detector; choose that detector or other weights");
-  const bool more = options.start;  // a new training may add parts
-  options.parts.denoising = stored.denoising || (more && options.parts.denoising);
-  options.parts.depth_gate = stored.depth_gate || (more && options.parts.depth_gate);
+  const std::string name = name_of(stored);
+  const bool from_lidar = options.start && name == "lidar" && options.parts.lidar;
+  if (name != wanted && !from_lidar)
+    throw std::runtime_error("weights of a " + name + " detector; choose that detector or other weights");
+  const Parts asked = options.parts;
+  if (name == wanted) options.parts = stored;
+  options.parts.norm = stored.norm;
+  // A new training may add parts.
+  options.parts.denoising = stored.denoising || (options.start && asked.denoising);
+  options.parts.depth_gate = stored.depth_gate || (options.start && asked.depth_gate);
   return options;
 }
 
@@ -113,31 +146,110 @@ class ParameterGradients {
   std::vector<Tensor> parameters_;
 };
 
+/// The file's network into those parts of `network` that it has. New channels of a layer's input stay as
+/// they are.
+void copy_network(const std::string& file, NetworkImpl& network) {
+  torch::serialize::InputArchive archive = open_weights(file), stored;
+  archive.read("network", stored);
+  Network read(parts_of(archive));
+  read->to(best_device());
+  std::map<std::string, std::vector<std::int64_t>> shapes;
+  for (const auto& item : read->named_parameters()) shapes[item.key()] = item.value().sizes().vec();
+  read->load(stored);
+  const torch::NoGradGuard guard;
+  auto parameters = network.named_parameters(), buffers = network.named_buffers();
+  for (const auto& item : read->named_parameters()) {
+    const Tensor& value = item.value();
+    if (value.sizes().vec() != shapes[item.key()])
+      throw std::runtime_error("weights of another network; train anew with mirage train");
+    if (!torch::isfinite(value).all().item<bool>())
+      throw std::runtime_error(
+          "weights that are not finite; restore the file, or train anew with mirage train");
+    Tensor& ours = parameters[item.key()];
+    if (value.dim() == 4 && ours.size(1) > value.size(1))
+      ours.narrow(1, 0, value.size(1)).copy_(value);
+    else
+      ours.copy_(value);
+  }
+  for (const auto& item : read->named_buffers()) buffers[item.key()].copy_(item.value());
+}
+
 }  // namespace
 
+std::string name_of(const Parts& parts) {
+  if (!parts.lidar) return "camera";
+  return parts.painted ? "painted" : parts.late ? "late" : parts.image ? "fusion" : "lidar";
+}
+
+Parts parts_named(const std::string& name) {
+  Parts parts;
+  parts.norm = Norm::channel;
+  parts.image = name == "fusion";
+  parts.camera = name != "lidar";
+  parts.lidar = name != "camera";
+  parts.painted = name == "painted";
+  parts.late = name == "late";
+  if (name_of(parts) != name)
+    throw std::runtime_error("modality: unknown value '" + name +
+                             "'; use lidar, camera, painted, fusion or late");
+  return parts;
+}
+
 FusionDetector::FusionDetector(const Options& options, Network network)
-    : options_(options),
-      network_(std::move(network)),
-      optimiser_(network_->parameters(),
-                 torch::optim::AdamWOptions(1e-3).betas({0.9, 0.99}).weight_decay(kWeightDecay)) {
+    : options_(options), network_(std::move(network)) {
   options_.parts = network_->parts;
+  start_optimiser();
 }
 
 FusionDetector::FusionDetector(const Options& options, const char* weights)
     : FusionDetector(options, make_network(with_parts(options, weights))) {
   if (weights) load(weights);
+  if (weights && !options_.start) return;
+  if (!options_.lidar.empty()) take_over(options_.lidar, "lidar");
+  if (!options_.camera.empty()) take_over(options_.camera, "camera");
+  camera_frozen_ = !options_.joint && (camera_frozen_ || !options_.camera.empty());
+  lidar_frozen_ = !options_.joint && (lidar_frozen_ || !options_.lidar.empty());
+  start_optimiser();
+}
+
+void FusionDetector::start_optimiser() {
+  optimiser_ = std::make_unique<torch::optim::AdamW>(
+      learning(), torch::optim::AdamWOptions(1e-3).betas({0.9, 0.99}).weight_decay(kWeightDecay));
+}
+
+std::vector<Tensor> FusionDetector::learning() const {
+  std::vector<Tensor> parameters;
+  for (const auto& item : network_->named_parameters()) {
+    const bool camera = item.key().starts_with("camera.");
+    const bool join = item.key().starts_with("join.");
+    if (camera ? camera_learns() : join || lidar_learns()) parameters.push_back(item.value());
+  }
+  return parameters;
+}
+
+std::uint32_t FusionDetector::capabilities() const {
+  const Parts& parts = options_.parts;
+  std::uint32_t flags = parts.lidar ? MIRAGE_READS_POINTS | MIRAGE_FINDS_BEV : MIRAGE_FINDS_PICTURE;
+  if (parts.camera || parts.image) flags |= MIRAGE_READS_IMAGE;
+  return flags;
 }
 
 const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInput& input,
                                                            float score_threshold, bool keep_graph) {
   kept_logits_ = Tensor();
-  kept_input_ = copy_input(input, options_.parts.image);
+  kept_input_ = copy_input(input, (capabilities() & MIRAGE_READS_IMAGE) != 0);
   kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
   at::set_num_threads(1);
   torch::AutoGradMode mode(keep_graph);
   if (keep_graph) {
     kept_input_.points.requires_grad_(true);
     if (kept_input_.image.defined()) kept_input_.image.requires_grad_(true);
+  }
+  proposals_.clear();
+  proposal_cells_.clear();
+  if (!options_.parts.lidar) {
+    find_in_picture(score_threshold, keep_graph);
+    return proposals_;
   }
   const Tensor output = network_->forward(kept_input_);
   const Tensor logits = output.select(0, kLogit).reshape({-1});
@@ -146,17 +258,28 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
   const Tensor plain = output.detach().reshape({kOutputs, -1}).contiguous();
   const float* value = plain.data_ptr<float>();
   const std::int64_t cells = plain.size(1);
-  proposals_.clear();
-  proposal_cells_.clear();
   for (std::int64_t k = 0; k < cells; ++k) {
     const float logit = value[k];
     if (!(1 / (1 + std::exp(-logit)) > score_threshold)) continue;
     std::array<float, 6> box{};
     for (int c = 0; c < 6; ++c) box[c] = value[(kDx + c) * cells + k];
-    proposals_.push_back({decode_box(k, box), logit});
+    proposals_.push_back({decode_box(k, box), {}, logit});
     proposal_cells_.push_back(k);
   }
   return proposals_;
+}
+
+void FusionDetector::find_in_picture(float score_threshold, bool keep_graph) {
+  const CameraOutput seen = network_->see(kept_input_);
+  if (!seen.defined()) throw std::runtime_error("the input has no image; give one");
+  if (keep_graph) kept_logits_ = seen.logits;
+  const Tensor logits = seen.logits.detach().contiguous(), boxes = seen.boxes.detach().contiguous();
+  const float *logit = logits.data_ptr<float>(), *box = boxes.data_ptr<float>();
+  for (std::int64_t k = 0; k < logits.numel(); ++k, box += 4) {
+    if (!(1 / (1 + std::exp(-logit[k])) > score_threshold)) continue;
+    proposals_.push_back({{}, {box[0], box[1], box[2], box[3]}, logit[k]});
+    proposal_cells_.push_back(k);
+  }
 }
 
 void FusionDetector::backward(std::span<const float> d_logits, float* d_image, float* d_points) {
@@ -188,11 +311,61 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
     std::fill_n(d_image, kept_image_values_, 0.f);
 }
 
+CameraOutput FusionDetector::remembered(const SensorTensors& input, std::uint64_t key) {
+  {
+    const std::scoped_lock lock(memory_mutex_);
+    if (const auto kept = memory_.find(key); key != 0 && kept != memory_.end()) {
+      CameraOutput seen = kept->second;
+      for (Tensor* part : {&seen.features, &seen.mask, &seen.boxes, &seen.logits})
+        if (part->defined()) *part = part->to(torch::kFloat);
+      return seen;
+    }
+  }
+  const torch::NoGradGuard guard;
+  CameraOutput seen = network_->see(input);
+  if (key == 0) return seen;
+  CameraOutput small;  // what the join reads
+  small.mask = seen.mask.to(torch::kHalf);
+  if (options_.parts.image) small.features = seen.features.to(torch::kHalf);
+  if (options_.parts.late) small.boxes = seen.boxes, small.logits = seen.logits;
+  std::size_t bytes = 0;
+  for (const Tensor* part : {&small.features, &small.mask, &small.boxes, &small.logits})
+    if (part->defined()) bytes += part->nbytes();
+  const std::scoped_lock lock(memory_mutex_);
+  if (memory_bytes_ + bytes <= kMemory && memory_.emplace(key, small).second) memory_bytes_ += bytes;
+  return seen;
+}
+
+LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& targets, std::uint64_t index,
+                                  double positives, double boxed) {
+  const bool reads_image = (capabilities() & MIRAGE_READS_IMAGE) != 0;
+  const bool frozen_camera = options_.parts.camera && !camera_learns();
+  SensorTensors input = copy_input(sample.input, reads_image);
+  const Bfloat16 rounded(options_.bfloat16);
+  if (input.image.defined() && frozen_camera) {
+    input.camera = remembered(input, sample.picture_key);  // of the picture as recorded
+    input = augment(input, options_.seed, index, false);
+  } else {
+    input = augment(input, options_.seed, index, true);
+  }
+  if (camera_learns()) input.camera = network_->see(input);
+  LossTerms terms{torch::zeros({}), 0, 0};
+  if (options_.parts.lidar)
+    terms = detection_loss(network_->forward(input).to(torch::kFloat), targets, positives, boxed);
+  if (!camera_learns() || !input.camera.defined()) return terms;
+  const LossTerms picture = picture_loss(
+      input.camera, {sample.picture_boxes, static_cast<std::size_t>(sample.picture_box_count)},
+      {sample.picture_ignore, static_cast<std::size_t>(sample.picture_ignore_count)}, sample.vehicle_mask,
+      input.image.size(0), input.image.size(1));
+  return {terms.total + picture.total, terms.score + picture.score, terms.box + picture.box};
+}
+
 std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> samples, float learning_rate) {
   if (samples.empty()) throw std::runtime_error("train_step got no samples; give at least one");
   kept_logits_ = Tensor();
   torch::AutoGradMode mode(true);
-  const ParameterGradients on(network_->parameters());
+  const std::vector<Tensor> parameters = learning();
+  const ParameterGradients on(parameters);
   std::vector<Targets> targets;
   double positives = 0, boxed = 0;
   for (const MirageSample& sample : samples) {
@@ -201,34 +374,40 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
     positives += targets.back().positives;
     boxed += targets.back().boxed;
   }
-  const std::vector<Tensor> parameters = network_->parameters();
+  peak_rate_ = std::max<double>(peak_rate_, learning_rate);
+  statistics_frozen_ = learning_rate < kFrozenBelow * peak_rate_;
   std::vector<SampleResult> results(samples.size());
+  std::vector<std::vector<SampleStatistics::Seen>> statistics(samples.size());
   for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
-    const SensorTensors plain = copy_input(samples[i].input, options_.parts.image);
-    const SensorTensors input = augment(plain, options_.seed, static_cast<std::uint64_t>(samples_seen_) + i);
-    const LossTerms terms =
-        detection_loss(training_pass(*network_, input, options_.bfloat16), targets[i], positives, boxed);
+    std::optional<SampleStatistics> own;
+    if (lidar_learns() && options_.parts.norm == Norm::channel && !statistics_frozen_) own.emplace();
+    const LossTerms terms = loss_of(samples[i], targets[i], static_cast<std::uint64_t>(samples_seen_) + i,
+                                    positives, boxed);
+    if (own) statistics[i] = own->seen;
     results[i].loss = {terms.total.item<float>(), static_cast<float>(terms.score),
                        static_cast<float>(terms.box)};
     // Without the picture its branch gets no gradient: allow_unused.
-    results[i].gradients = torch::autograd::grad({terms.total}, parameters, {}, {}, false, true);
+    if (terms.total.requires_grad())
+      results[i].gradients = torch::autograd::grad({terms.total}, parameters, {}, {}, false, true);
+    else
+      results[i].gradients.resize(parameters.size());
   });
   samples_seen_ += static_cast<std::int64_t>(samples.size());
   // Summed in the samples' order, so that the number of threads changes nothing.
   std::array<float, 3> loss{};
-  for (std::size_t k = 0; k < parameters.size(); ++k)
-    parameters[k].mutable_grad() = torch::zeros_like(parameters[k]);
+  for (const Tensor& parameter : parameters) parameter.mutable_grad() = torch::zeros_like(parameter);
   for (const SampleResult& result : results) {
     for (std::size_t t = 0; t < loss.size(); ++t) loss[t] += result.loss[t];
     for (std::size_t k = 0; k < parameters.size(); ++k)
       if (result.gradients[k].defined()) parameters[k].mutable_grad().add_(result.gradients[k]);
   }
+  for (const auto& seen : statistics) follow(seen);
   if (!std::isfinite(loss[0]))
     throw std::runtime_error("the training loss is not finite; lower the learning rate");
-  torch::nn::utils::clip_grad_norm_(network_->parameters(), kLargestGradient);
-  for (auto& group : optimiser_.param_groups())
+  torch::nn::utils::clip_grad_norm_(parameters, kLargestGradient);
+  for (auto& group : optimiser_->param_groups())
     static_cast<torch::optim::AdamWOptions&>(group.options()).lr(learning_rate);
-  optimiser_.step();
+  optimiser_->step();
   ++steps_;
   return loss;
 }
@@ -250,7 +429,9 @@ MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& inpu
   }
   // Of the grid's rows along x and columns along y: the interface has them the other way round.
   kept_bev_ = kept_bev_.view({grid.rows, grid.columns}).t().contiguous();
-  const Tensor map = found.map.defined() ? found.map : network_->image(tensors.image.to(best_device()));
+  const Tensor map = found.map.defined()    ? found.map
+                     : options_.parts.camera ? network_->see(tensors).features
+                                             : network_->image(tensors.image.to(best_device()));
   kept_map_ = map.norm(2, 1).squeeze(0).to(torch::kCPU).to(torch::kFloat).contiguous();
   return {kept_map_.data_ptr<float>(),
           static_cast<std::int32_t>(kept_map_.size(1)),
@@ -268,6 +449,13 @@ void FusionDetector::save(const std::string& file, bool with_optimiser) {
   archive.write("with_image", c10::IValue(options_.parts.image));
   archive.write("denoising", c10::IValue(options_.parts.denoising));
   archive.write("depth_gate", c10::IValue(options_.parts.depth_gate));
+  archive.write("camera", c10::IValue(options_.parts.camera));
+  archive.write("without_lidar", c10::IValue(!options_.parts.lidar));
+  archive.write("painted", c10::IValue(options_.parts.painted));
+  archive.write("late", c10::IValue(options_.parts.late));
+  archive.write("camera_frozen", c10::IValue(camera_frozen_));
+  archive.write("lidar_frozen", c10::IValue(lidar_frozen_));
+  archive.write("channel_norm", c10::IValue(options_.parts.norm == Norm::channel));
   torch::serialize::OutputArchive network;
   network_->save(network);
   archive.write("network", network);
@@ -275,8 +463,9 @@ void FusionDetector::save(const std::string& file, bool with_optimiser) {
   if (with_optimiser) {
     archive.write("steps", c10::IValue(steps_));
     archive.write("samples_seen", c10::IValue(samples_seen_));
+    archive.write("peak_rate", c10::IValue(peak_rate_));
     torch::serialize::OutputArchive optimiser;
-    optimiser_.save(optimiser);
+    optimiser_->save(optimiser);
     archive.write("optimiser", optimiser);
   }
   // Through memory: LibTorch's file writer aborts the process when its destructor meets a full disk.
@@ -286,40 +475,32 @@ void FusionDetector::save(const std::string& file, bool with_optimiser) {
 }
 
 void FusionDetector::load(const std::string& file) {
-  torch::serialize::InputArchive archive = open_weights(file), network;
-  archive.read("network", network);
-  load_network(network, parts_of(archive));
-  if (options_.start) return;
+  if (options_.start && name_of(options_.parts) == "camera" && !is_weights_file(file))
+    return read_coco(*network_->camera, file);
+  copy_network(file, *network_);
+  torch::serialize::InputArchive archive = open_weights(file);
   c10::IValue value;
+  camera_frozen_ = archive.try_read("camera_frozen", value) && value.toBool();
+  lidar_frozen_ = archive.try_read("lidar_frozen", value) && value.toBool();
+  start_optimiser();
+  if (options_.start) return;
   archive.read("with_optimiser", value);
   if (!value.toBool()) return;
   archive.read("steps", value);
   steps_ = value.toInt();
   archive.read("samples_seen", value);
   samples_seen_ = value.toInt();
+  if (archive.try_read("peak_rate", value)) peak_rate_ = value.toDouble();
   torch::serialize::InputArchive optimiser;
   archive.read("optimiser", optimiser);
-  optimiser_.load(optimiser);
+  optimiser_->load(optimiser);
 }
 
-void FusionDetector::load_network(torch::serialize::InputArchive& archive, const Parts& stored) {
-  Network read(stored);
-  read->to(best_device());
-  std::map<std::string, std::vector<std::int64_t>> shapes;
-  for (const auto& item : read->named_parameters()) shapes[item.key()] = item.value().sizes().vec();
-  read->load(archive);
-  if (options_.parts.image && !stored.image)
-    for (ContinuousFusion& fuse : network_->fuse) fuse->silence();
-  const torch::NoGradGuard guard;
-  auto ours = network_->named_parameters();
-  for (const auto& item : read->named_parameters()) {
-    if (item.value().sizes().vec() != shapes[item.key()])
-      throw std::runtime_error("weights of another network; train anew with mirage train");
-    if (!torch::isfinite(item.value()).all().item<bool>())
-      throw std::runtime_error(
-          "weights that are not finite; restore the file, or train anew with mirage train");
-    ours[item.key()].copy_(item.value());
-  }
+void FusionDetector::take_over(const std::string& file, const std::string& name) {
+  auto archive = open_weights(file);
+  if (const Parts parts = parts_of(archive); name_of(parts) != name || (parts.lidar && parts.norm != options_.parts.norm))
+    throw std::runtime_error(file + ": not the weights of such a " + name + " detector; check --" + name);
+  copy_network(file, *network_);
 }
 
 }  // namespace mirage::fusion

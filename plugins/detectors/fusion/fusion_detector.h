@@ -4,24 +4,38 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "detection/detector_abi.h"
+#include "loss.h"
 #include "network.h"
 
 namespace mirage::fusion {
 
 struct Options {
-  Parts parts;  ///< of fresh weights; a starting network has these beside its weights' own
+  Parts parts;  ///< of fresh weights; a starting network has denoising and gate beside its weights' own
   /// The weights are where a new training starts: the optimiser is fresh, and a detector with a picture may
-  /// start from the weights of one without (the image branch then comes from the seed and adds nothing yet).
+  /// start from the weights of `lidar` (what joins them then comes from the seed). `camera` may also start
+  /// from a TorchScript YOLOX-nano (read_coco).
   bool start = false;
+  /// Weights of a `camera` and of a `lidar` detector that a new training takes over and leaves as they are:
+  /// only what joins them learns. Empty: none.
+  std::string camera, lidar;
+  bool joint = false;  ///< with those taken over too: the whole network learns, boxes in the picture beside
   std::uint64_t seed = 0;
   bool bfloat16 = false;  ///< convolutions of training passes in bfloat16
   int threads = 1;        ///< samples of a training step at once; a forward pass uses one
 };
+
+/// "lidar", "camera", "painted", "fusion" or "late".
+std::string name_of(const Parts& parts);
+/// Of a fresh network of that name; std::runtime_error if there is none.
+Parts parts_named(const std::string& name);
 
 /// Errors leave as std::exception; the C interface turns them into one line.
 class FusionDetector {
@@ -29,7 +43,8 @@ class FusionDetector {
   /// `weights`: a file written by save(), or nullptr for fresh weights drawn from the seed.
   FusionDetector(const Options& options, const char* weights);
   /// Another one on the same network, for another thread; of the two only one may be trained, alone.
-  FusionDetector shared() const { return {options_, network_}; }
+  FusionDetector* shared() const { return new FusionDetector(options_, network_); }
+  std::uint32_t capabilities() const;
 
   const std::vector<MirageProposal>& forward(const MirageSensorInput& input, float score_threshold,
                                              bool keep_graph);
@@ -43,12 +58,29 @@ class FusionDetector {
  private:
   FusionDetector(const Options& options, Network network);
   void load(const std::string& file);
-  void load_network(torch::serialize::InputArchive& archive, const Parts& parts);
+  void take_over(const std::string& file, const std::string& name);
+  /// Those that learn.
+  std::vector<torch::Tensor> learning() const;
+  bool camera_learns() const { return options_.parts.camera && !camera_frozen_; }
+  bool lidar_learns() const { return options_.parts.lidar && !lidar_frozen_; }
+  void start_optimiser();
+  CameraOutput remembered(const SensorTensors& input, std::uint64_t key);
+  LossTerms loss_of(const MirageSample& sample, const Targets& targets, std::uint64_t index,
+                    double positives, double boxed);
+  void find_in_picture(float score_threshold, bool keep_graph);
 
   Options options_;
   Network network_{nullptr};
-  torch::optim::AdamW optimiser_;
+  bool camera_frozen_ = false, lidar_frozen_ = false;  ///< taken over, and left as they are
+  std::unique_ptr<torch::optim::AdamW> optimiser_;
   std::int64_t steps_ = 0, samples_seen_ = 0;
+  /// Norms use the samples' statistics until the rate has fallen to a share of its peak (norm.h).
+  double peak_rate_ = 0;
+  bool statistics_frozen_ = false;
+
+  std::mutex memory_mutex_;
+  std::map<std::uint64_t, CameraOutput> memory_;  ///< of a camera network that does not learn, in half
+  std::size_t memory_bytes_ = 0;
 
   std::vector<MirageProposal> proposals_;
   std::vector<std::int64_t> proposal_cells_;

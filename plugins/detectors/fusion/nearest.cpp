@@ -53,6 +53,17 @@ std::optional<PixelDepth> seen_at(const float* p, const Projection& m, int width
   return PixelDepth{u, v, w};
 }
 
+torch::Tensor projected(const torch::Tensor& points, const Projection& projection) {
+  const std::vector<double> m(projection.begin(), projection.end());
+  const torch::Tensor matrix = torch::tensor(m, points.dtype()).view({3, 4});
+  return torch::matmul(points, matrix.narrow(1, 0, 3).t()) + matrix.select(1, 3);
+}
+
+torch::Tensor pixels_of(const torch::Tensor& points, const Projection& projection) {
+  const torch::Tensor uvw = projected(points, projection);
+  return uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
+}
+
 std::array<NearestPoints, kGrids.size()> nearest_points(std::span<const float> points,
                                                         const Projection& projection, int width, int height) {
   std::vector<std::int64_t> visible;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "region.h"
+#include "torch_headers.h"
 
 namespace mirage::fusion {
 
@@ -20,6 +21,11 @@ struct PixelDepth {
   double u, v, depth;
 };
 std::optional<PixelDepth> seen_at(const float* point, const Projection& projection, int width, int height);
+
+/// points: n × 3. Rows (u w, v w, w) of the projection; differentiable.
+torch::Tensor projected(const torch::Tensor& points, const Projection& projection);
+/// projected()'s pixels (u, v), n × 2.
+torch::Tensor pixels_of(const torch::Tensor& points, const Projection& projection);
 
 /// cells[k] (row · columns + column) takes its image feature at points[k].
 struct NearestPoints {

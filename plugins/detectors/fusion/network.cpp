@@ -4,6 +4,7 @@
 
 #include "bilinear.h"
 #include "depth_gate.h"
+#include "painting.h"
 #include "region.h"
 #include "voxels.h"
 
@@ -31,24 +32,33 @@ Tensor to_multiple(const Tensor& x, std::int64_t of) {
 
 }  // namespace
 
-ConvNormImpl::ConvNormImpl(int in, int out, int kernel, int stride, bool relu) : relu_(relu) {
+ConvNormImpl::ConvNormImpl(int in, int out, int kernel, int stride, bool relu, Norm kind) : relu_(relu) {
   conv = register_module(
       "conv",
       nn::Conv2d(nn::Conv2dOptions(in, out, kernel).stride(stride).padding((kernel - 1) / 2).bias(false)));
-  norm = register_module("norm", nn::GroupNorm(std::max(1, std::min(8, out / 4)), out));
+  if (kind == Norm::group)
+    norm = register_module("norm", nn::GroupNorm(std::max(1, std::min(8, out / 4)), out));
+  else
+    channel_norm = register_module("norm", ChannelNorm(out));
   nn::init::kaiming_normal_(conv->weight, 0, torch::kFanOut, torch::kReLU);
 }
 
 Tensor ConvNormImpl::forward(const Tensor& x) {
-  Tensor y = conv(x);
-  if (y.scalar_type() == torch::kBFloat16) y = y.to(torch::kFloat);
-  y = norm(y);
+  Tensor y;
+  if (SampleStatistics* statistics = SampleStatistics::active(); norm.is_empty() && !statistics) {
+    const Tensor folded = conv->weight * channel_norm->gain().view({-1, 1, 1, 1});
+    y = torch::conv2d(x, folded, channel_norm->shift(), conv->options.stride(), (folded.size(2) - 1) / 2);
+  } else {
+    y = conv(x);
+    if (y.scalar_type() == torch::kBFloat16) y = y.to(torch::kFloat);
+    y = norm.is_empty() ? normalise(*channel_norm, y, *statistics) : norm(y);
+  }
   return relu_ ? torch::relu(y) : y;
 }
 
-ResidualImpl::ResidualImpl(int channels) {
-  first = register_module("first", ConvNorm(channels, channels, 3, 1));
-  second = register_module("second", ConvNorm(channels, channels, 3, 1, false));
+ResidualImpl::ResidualImpl(int channels, Norm kind) {
+  first = register_module("first", ConvNorm(channels, channels, 3, 1, true, kind));
+  second = register_module("second", ConvNorm(channels, channels, 3, 1, false, kind));
 }
 
 Tensor ResidualImpl::forward(const Tensor& x) {
@@ -107,8 +117,8 @@ Tensor ImageBranchImpl::forward(const Tensor& picture) {
   return smooth(torch::relu(lateral8(x8) + lateral4(x4) + upsample(p16)));
 }
 
-ContinuousFusionImpl::ContinuousFusionImpl(int out) : out_(out) {
-  hidden = register_module("hidden", nn::Linear(kImageFeatures + 3, kHidden));
+ContinuousFusionImpl::ContinuousFusionImpl(int features, int out) : out_(out) {
+  hidden = register_module("hidden", nn::Linear(features + 3, kHidden));
   hidden2 = register_module("hidden2", nn::Linear(kHidden, kHidden));
   last = register_module("last", nn::Linear(kHidden, out));
 }
@@ -129,28 +139,45 @@ Tensor ContinuousFusionImpl::forward(const Tensor& read, const Tensor& offset, c
 }
 
 NetworkImpl::NetworkImpl(const Parts& chosen) : parts(chosen) {
-  stem = register_module("stem", ConvNorm(static_cast<int>(kVoxelsZ), kWidths[0], 4, 2));
-  group1 = register_module("group1", Residual(kWidths[0]));
-  down2 = register_module("down2", ConvNorm(kWidths[0], kWidths[1], 2, 2));
-  group2a = register_module("group2a", Residual(kWidths[1]));
-  group2b = register_module("group2b", Residual(kWidths[1]));
-  down4 = register_module("down4", ConvNorm(kWidths[1], kWidths[2], 2, 2));
-  group4a = register_module("group4a", Residual(kWidths[2]));
-  group4b = register_module("group4b", Residual(kWidths[2]));
-  down8 = register_module("down8", ConvNorm(kWidths[2], kWidths[3], 2, 2));
-  group8 = register_module("group8", Residual(kWidths[3]));
-  lateral8 = register_module("lateral8", ConvNorm(kWidths[3], kPyramid, 1, 1, false));
-  lateral4 = register_module("lateral4", ConvNorm(kWidths[2], kPyramid, 1, 1, false));
-  lateral2 = register_module("lateral2", ConvNorm(kWidths[1], kPyramid, 1, 1, false));
-  reduce = register_module("reduce", ConvNorm(kPyramid, kWidths[0], 3, 1, false));
-  lateral1 = register_module("lateral1", ConvNorm(kWidths[0], kWidths[0], 1, 1, false));
-  smooth = register_module("smooth", ConvNorm(kWidths[0], kWidths[0], 3, 1));
+  if (parts.camera) camera = register_module("camera", CameraNet());
+  if (!parts.lidar) return;
+  const auto layer = [&](const char* name, int in, int out, int kernel, int stride, bool relu = true) {
+    return register_module(name, ConvNorm(in, out, kernel, stride, relu, parts.norm));
+  };
+  const auto residual = [&](const char* name, int channels) {
+    return register_module(name, Residual(channels, parts.norm));
+  };
+  const int layers = static_cast<int>(kVoxelsZ) + (parts.painted ? kPaintedChannels : 0);
+  stem = layer("stem", layers, kWidths[0], 4, 2);
+  group1 = residual("group1", kWidths[0]);
+  down2 = layer("down2", kWidths[0], kWidths[1], 2, 2);
+  group2a = residual("group2a", kWidths[1]);
+  group2b = residual("group2b", kWidths[1]);
+  down4 = layer("down4", kWidths[1], kWidths[2], 2, 2);
+  group4a = residual("group4a", kWidths[2]);
+  group4b = residual("group4b", kWidths[2]);
+  down8 = layer("down8", kWidths[2], kWidths[3], 2, 2);
+  group8 = residual("group8", kWidths[3]);
+  lateral8 = layer("lateral8", kWidths[3], kPyramid, 1, 1, false);
+  lateral4 = layer("lateral4", kWidths[2], kPyramid, 1, 1, false);
+  lateral2 = layer("lateral2", kWidths[1], kPyramid, 1, 1, false);
+  reduce = layer("reduce", kPyramid, kWidths[0], 3, 1, false);
+  lateral1 = layer("lateral1", kWidths[0], kWidths[0], 1, 1, false);
+  smooth = layer("smooth", kWidths[0], kWidths[0], 3, 1);
   head = register_module("head", nn::Conv2d(nn::Conv2dOptions(kWidths[0], kOutputs, 1)));
   if (parts.image) {
-    image = register_module("image", ImageBranch(parts.denoising));
+    int features = kImageFeatures;
+    if (parts.camera) {
+      features = kCameraFeatures + 1;  // and the mask
+      if (parts.denoising) denoise = register_module("denoise", NonLocalMean(kCameraFeatures));
+    } else {
+      image = register_module("image", ImageBranch(parts.denoising));
+    }
     for (std::size_t level = 0; level < kGrids.size(); ++level)
-      fuse[level] = register_module("fuse" + std::to_string(1 << level), ContinuousFusion(kWidths[level]));
+      fuse[level] =
+          register_module("fuse" + std::to_string(1 << level), ContinuousFusion(features, kWidths[level]));
   }
+  if (parts.late) join = register_module("join", LateJoin());
   torch::NoGradGuard guard;
   nn::init::normal_(head->weight, 0, 0.01);
   nn::init::zeros_(head->bias);
@@ -173,20 +200,21 @@ ReadFeatures NetworkImpl::read_image(const SensorTensors& input) {
   if (chosen.empty()) return found;
   const Tensor all = input.points.narrow(1, 0, 3);
   found.points = all.index_select(0, torch::tensor(chosen));
-  const std::vector<double> m(input.projection.begin(), input.projection.end());
-  const Tensor matrix = torch::tensor(m, all.dtype()).view({3, 4});
-  const auto project = [&](const Tensor& p) {
-    return torch::matmul(p, matrix.narrow(1, 0, 3).t()) + matrix.select(1, 3);
-  };
-  const Tensor uvw = project(found.points);
+  const Tensor uvw = projected(found.points, input.projection);
   const Tensor uv = uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
 
-  found.map = image(input.image.to(head->weight.device()));
+  if (parts.camera) {
+    const CameraOutput seen = see(input);
+    const Tensor features = denoise.is_empty() ? seen.features : denoise(seen.features);
+    found.map = torch::cat({features, torch::avg_pool2d(seen.mask, kFeatureStride / kMaskStride)}, 1);
+  } else {
+    found.map = image(input.image.to(head->weight.device()));
+  }
   // Pixel centres are whole numbers, and so are those of the map's cells: both edges lie at −1/2.
   found.read = bilinear(found.map.to(torch::kCPU), (uv + 0.5) / kImageStride - 0.5);
   if (parts.depth_gate) {
     const auto before = nearest_before(flat, input.projection, width, height, chosen);
-    const Tensor front = project(all.index_select(0, torch::tensor(before))).select(1, 2);
+    const Tensor front = projected(all.index_select(0, torch::tensor(before)), input.projection).select(1, 2);
     found.read = found.read * depth_gate(uvw.select(1, 2), front).unsqueeze(1);
   }
   return found;
@@ -218,13 +246,24 @@ std::array<Tensor, kGrids.size()> NetworkImpl::fused(const SensorTensors& input)
   return added;
 }
 
-Tensor NetworkImpl::forward(const SensorTensors& input) {
+CameraOutput NetworkImpl::see(const SensorTensors& input) {
+  if (input.camera.defined()) return input.camera;
+  if (camera.is_empty() || !input.image.defined() || input.image.numel() == 0) return {};
+  return camera(input.image);
+}
+
+Tensor NetworkImpl::forward(const SensorTensors& given) {
+  SensorTensors input = given;
+  input.camera = see(given);  // once, for every part that reads it
+  const bool picture = input.image.defined() && input.image.numel() > 0;
   std::array<Tensor, kGrids.size()> added;
-  if (!image.is_empty() && input.image.defined() && input.image.numel() > 0) added = fused(input);
+  if (parts.image && picture) added = fused(input);
   const auto with = [&](std::size_t level, const Tensor& x) {
     return added[level].defined() ? x + added[level] : x;
   };
-  const Tensor x1 = group1(with(0, stem(soft_voxels(input.points).to(head->weight.device()))));
+  Tensor voxels = soft_voxels(input.points);
+  if (parts.painted) voxels = torch::cat({voxels, painted_voxels(input)}, 1);
+  const Tensor x1 = group1(with(0, stem(voxels.to(head->weight.device()))));
   const Tensor x2 = group2b(group2a(with(1, down2(x1))));
   const Tensor x4 = group4b(group4a(with(2, down4(x2))));
   const Tensor x8 = group8(with(3, down8(to_multiple(x4, 2))));
@@ -232,7 +271,8 @@ Tensor NetworkImpl::forward(const SensorTensors& input) {
   const Tensor p4 = torch::relu(lateral4(x4) + up8);
   const Tensor p2 = torch::relu(lateral2(x2) + upsample(p4));
   const Tensor p1 = torch::relu(lateral1(x1) + upsample(reduce(p2)));
-  return head(smooth(p1)).squeeze(0).to(torch::kCPU);
+  const Tensor output = head(smooth(p1)).squeeze(0).to(torch::kCPU);
+  return parts.late && picture ? join(output.to(input.points.scalar_type()), input) : output;
 }
 
 }  // namespace mirage::fusion

@@ -2,15 +2,27 @@
 // After Liang et al., "Deep Continuous Fusion" (ECCV 2018) and "Multi-Task Multi-Sensor Fusion" (CVPR 2019),
 // made small enough to train on two cores. Nothing between input and logit stops a gradient: the feature of a
 // cell also moves with the pixel that its point projects to.
+//
+// Five detectors are made of four parts (Parts): the LiDAR's backbone over the bird's-eye view, the camera
+// network (camera.h), and one of three ways to join them: evidence painted on returns (painting.h),
+// continuous fusion of features, proposals joined with boxes (late.h).
 #pragma once
 
+#include "camera.h"
+#include "late.h"
 #include "nearest.h"
+#include "norm.h"
 #include "torch_headers.h"
 
 namespace mirage::fusion {
 
 /// Channels of the output, one proposal a cell.
 enum Output { kLogit, kDx, kDy, kLogLength, kLogWidth, kSin2Yaw, kCos2Yaw, kOutputs };
+
+enum class Norm {
+  group,   ///< group norm, which joins all places of a map
+  channel  ///< batch norm with frozen statistics: local, and folded into the convolution (norm.h)
+};
 
 /// Pixels a side of a place of the image branch's map.
 inline constexpr int kImageStride = 8;
@@ -20,22 +32,24 @@ struct SensorTensors {
   torch::Tensor image;   ///< H × W × 3 scene-linear, or undefined: LiDAR alone
   torch::Tensor points;  ///< N × 4
   Projection projection{};
+  CameraOutput camera = {};  ///< what the camera network says of the picture, where that is known already
 };
 
-/// Convolution (no bias), group norm, optional ReLU. Output i of stride 2 is centred on the two cells that it
+/// Convolution (no bias), norm, optional ReLU. Output i of stride 2 is centred on the two cells that it
 /// replaces (kernels of 2 and of 4 with padding 1), so that grids of all strides share their edges.
 struct ConvNormImpl : torch::nn::Module {
-  ConvNormImpl(int in, int out, int kernel, int stride, bool relu = true);
+  ConvNormImpl(int in, int out, int kernel, int stride, bool relu = true, Norm kind = Norm::group);
   torch::Tensor forward(const torch::Tensor& x);
   torch::nn::Conv2d conv{nullptr};
-  torch::nn::GroupNorm norm{nullptr};
+  torch::nn::GroupNorm norm{nullptr};  ///< of the two norms one is there
+  ChannelNorm channel_norm{nullptr};
   bool relu_;
 };
 TORCH_MODULE(ConvNorm);
 
 /// Two convolutions and a skip (He et al., CVPR 2016).
 struct ResidualImpl : torch::nn::Module {
-  explicit ResidualImpl(int channels);
+  explicit ResidualImpl(int channels, Norm kind = Norm::group);
   torch::Tensor forward(const torch::Tensor& x);
   ConvNorm first{nullptr}, second{nullptr};
 };
@@ -43,9 +57,14 @@ TORCH_MODULE(Residual);
 
 /// What a network may have beside the LiDAR's backbone.
 struct Parts {
-  bool image = true;        ///< image branch and continuous fusion
-  bool denoising = false;   ///< non-local means after every residual group of the image branch
+  bool image = true;        ///< continuous fusion, of the camera network's features or of an image branch's
+  bool denoising = false;   ///< non-local means on the image features that fusion reads
   bool depth_gate = false;  ///< fusion weighs image features by agreement in depth (depth_gate.h)
+  bool camera = false;      ///< the camera network; without it continuous fusion has an image branch of its own
+  bool lidar = true;        ///< the backbone; without it the camera network finds boxes in the picture
+  bool painted = false;     ///< the camera network's mask painted on the returns
+  bool late = false;        ///< proposals joined with the camera network's boxes
+  Norm norm = Norm::group;  ///< of the backbone
 };
 
 /// Feature denoising by a non-local mean (Xie et al., CVPR 2019) in its dot-product form: each place takes
@@ -74,8 +93,8 @@ TORCH_MODULE(ImageBranch);
 /// The image feature read at a cell's point, with the offset from cell to point, through an MLP of three
 /// layers.
 struct ContinuousFusionImpl : torch::nn::Module {
-  explicit ContinuousFusionImpl(int out);
-  /// read: n × 32, offset: n × 3 (m), for the n `cells` of the grid. 1 × out × rows × columns, zero
+  ContinuousFusionImpl(int features, int out);
+  /// read: n × features, offset: n × 3 (m), for the n `cells` of the grid. 1 × out × rows × columns, zero
   /// elsewhere.
   torch::Tensor forward(const torch::Tensor& read, const torch::Tensor& offset, const torch::Tensor& cells,
                         const Grid& grid);
@@ -87,21 +106,27 @@ TORCH_MODULE(ContinuousFusion);
 
 /// Image features where fusion reads them: one row for each cell that has a point, of all scales in turn.
 struct ReadFeatures {
-  torch::Tensor map;     ///< 1 × 32 × H/8 × W/8
+  torch::Tensor map;     ///< 1 × features × H/8 × W/8
   torch::Tensor points;  ///< n × 3, the cells' points
-  torch::Tensor read;    ///< n × 32, gated where the network has a gate
+  torch::Tensor read;    ///< n × features, gated where the network has a gate
   std::array<NearestPoints, kGrids.size()> nearest;
 };
 
 struct NetworkImpl : torch::nn::Module {
   explicit NetworkImpl(const Parts& parts);
-  /// kOutputs × 140 × 160, on the CPU.
+  /// kOutputs × 140 × 160, on the CPU. Needs the backbone. Without a picture every join leaves the backbone's
+  /// proposals as they are.
   torch::Tensor forward(const SensorTensors& input);
+  /// Of input.image; undefined without a picture or without the network.
+  CameraOutput see(const SensorTensors& input);
   /// Undefined tensors where no point of the sweep is in the picture.
   ReadFeatures read_image(const SensorTensors& input);
   /// What the picture adds to each scale of the backbone; undefined where it adds nothing.
   std::array<torch::Tensor, kGrids.size()> fused(const SensorTensors& input);
 
+  CameraNet camera{nullptr};
+  NonLocalMean denoise{nullptr};  ///< of the camera network's features
+  LateJoin join{nullptr};
   ImageBranch image{nullptr};
   std::array<ContinuousFusion, kGrids.size()> fuse{nullptr, nullptr, nullptr, nullptr};
   // The number is the stride in proposal cells: 0.5, 1, 2 and 4 m.

@@ -18,11 +18,10 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
   FusionDetector* made = nullptr;
   guarded(error, error_size, [&] {
     const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
-    const std::string modality = json.value("modality", "fusion");
-    if (modality != "fusion" && modality != "lidar")
-      throw std::runtime_error("modality: unknown value '" + modality + "'; use fusion or lidar");
     mirage::fusion::Options options;
-    options.parts.image = modality == "fusion";
+    options.parts = mirage::fusion::parts_named(json.value("modality", "fusion"));
+    options.camera = json.value("camera", "");
+    options.lidar = json.value("lidar", "");
     options.seed = json.value("seed", std::uint64_t{0});
     options.threads = json.value("threads", 1);
     options.start = json.value("start", false);
@@ -32,8 +31,10 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
         options.parts.denoising = true;
       else if (part == "depth-gate")
         options.parts.depth_gate = true;
+      else if (part == "joint")
+        options.joint = true;
       else
-        throw std::runtime_error("parts: unknown value '" + part + "'; use denoising or depth-gate");
+        throw std::runtime_error("parts: unknown value '" + part + "'; use denoising, depth-gate or joint");
     }
     made = new FusionDetector(options, weights);
   });
@@ -80,9 +81,13 @@ int save(void* detector, const char* file, int32_t with_optimiser, char* error, 
   return guarded(error, error_size, [&] { instance(detector).save(file, with_optimiser != 0); });
 }
 
+uint32_t capabilities(void* detector) {
+  return instance(detector).capabilities();
+}
+
 void* share(void* detector, char* error, size_t error_size) {
   FusionDetector* other = nullptr;
-  guarded(error, error_size, [&] { other = new FusionDetector(instance(detector).shared()); });
+  guarded(error, error_size, [&] { other = instance(detector).shared(); });
   return other;
 }
 
@@ -92,8 +97,8 @@ int image_features(void* detector, const MirageSensorInput* input, MirageImageFe
 }
 
 const MirageDetectorApi kApi = {
-    MIRAGE_DETECTOR_ABI, "fusion", create, destroy,       region, forward, backward,
-    train_step,          save,     share,  image_features};
+    MIRAGE_DETECTOR_ABI, "fusion", create, destroy,      region, forward, backward,
+    train_step,          save,     capabilities, share, image_features};
 
 }  // namespace
 

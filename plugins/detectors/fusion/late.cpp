@@ -1,0 +1,155 @@
+#include "late.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <optional>
+
+#include "loss.h"
+#include "network.h"
+#include "region.h"
+
+namespace mirage::fusion {
+namespace {
+
+using torch::Tensor;
+
+constexpr float kLeastProposal = -4, kLeastBox = -5;
+constexpr std::size_t kMostProposals = 400, kMostBoxes = 200;
+constexpr double kLeastIou = 0.01;
+constexpr double kGround = -1.7, kCarHeight = 1.53;  // m; where no return tells, and KITTI's mean
+constexpr double kNearby = 1;                        // m around the box
+constexpr double kDistanceUnit = 70, kLogitUnit = 4;
+constexpr int kInputs = 4;
+
+/// The highest of `logits` above `least`, by place.
+std::vector<std::int64_t> highest(const Tensor& logits, float least, std::size_t most) {
+  const Tensor plain = logits.detach().to(torch::kFloat).contiguous();
+  const float* value = plain.data_ptr<float>();
+  std::vector<std::int64_t> places;
+  for (std::int64_t k = 0; k < plain.numel(); ++k)
+    if (value[k] > least) places.push_back(k);
+  if (places.size() > most) {
+    std::nth_element(places.begin(), places.begin() + static_cast<std::ptrdiff_t>(most), places.end(),
+                     [&](std::int64_t a, std::int64_t b) {
+                       return value[a] > value[b] || (value[a] == value[b] && a < b);
+                     });
+    places.resize(most);
+    std::sort(places.begin(), places.end());
+  }
+  return places;
+}
+
+/// Height of the ground around a box: its lowest return nearby.
+double ground_at(const MirageBox& box, std::span<const float> points) {
+  const double reach = std::hypot(box.length, box.width) / 2 + kNearby;
+  double lowest = 1e9;
+  for (std::size_t i = 0; i + 3 < points.size(); i += 4) {
+    const float* p = &points[i];
+    if (std::abs(p[0] - box.x) < reach && std::abs(p[1] - box.y) < reach && p[2] > kZMin)
+      lowest = std::min(lowest, static_cast<double>(p[2]));
+  }
+  return lowest < kZMin + 3 ? lowest : kGround;
+}
+
+struct Rectangle {
+  double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
+};
+
+/// Where the picture shows a car's box; empty where it does not.
+std::optional<Rectangle> in_picture(const MirageBox& box, double ground, const Projection& projection,
+                                    int width, int height) {
+  Rectangle seen;
+  const double c = std::cos(box.yaw), s = std::sin(box.yaw);
+  for (int k = 0; k < 8; ++k) {
+    const double along = (k & 1 ? 0.5 : -0.5) * box.length, across = (k & 2 ? 0.5 : -0.5) * box.width;
+    const std::array<double, 3> p = {box.x + c * along - s * across, box.y + s * along + c * across,
+                                     ground + (k & 4 ? kCarHeight : 0)};
+    const auto row = [&](int r) {
+      return projection[4 * r] * p[0] + projection[4 * r + 1] * p[1] + projection[4 * r + 2] * p[2] +
+             projection[4 * r + 3];
+    };
+    const double depth = std::max(row(2), 0.1);
+    seen.left = std::min(seen.left, row(0) / depth), seen.right = std::max(seen.right, row(0) / depth);
+    seen.top = std::min(seen.top, row(1) / depth), seen.bottom = std::max(seen.bottom, row(1) / depth);
+  }
+  seen.left = std::max(seen.left, 0.0), seen.right = std::min(seen.right, width - 1.0);
+  seen.top = std::max(seen.top, 0.0), seen.bottom = std::min(seen.bottom, height - 1.0);
+  if (!(seen.right > seen.left && seen.bottom > seen.top)) return {};
+  return seen;
+}
+
+double iou(const Rectangle& a, const float* b, int width, int height) {
+  const double left = std::max(b[0], 0.f), top = std::max(b[1], 0.f);
+  const double right = std::min<double>(b[2], width - 1), bottom = std::min<double>(b[3], height - 1);
+  const double across = std::min(a.right, right) - std::max(a.left, left);
+  const double down = std::min(a.bottom, bottom) - std::max(a.top, top);
+  if (!(across > 0 && down > 0)) return 0;
+  const double both = across * down;
+  return both / ((a.right - a.left) * (a.bottom - a.top) + (right - left) * (bottom - top) - both);
+}
+
+}  // namespace
+
+LateJoinImpl::LateJoinImpl() {
+  first = register_module("first", torch::nn::Linear(kInputs, 18));
+  second = register_module("second", torch::nn::Linear(18, 36));
+  third = register_module("third", torch::nn::Linear(36, 36));
+  last = register_module("last", torch::nn::Linear(36, 1));
+}
+
+Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
+  const Tensor logits = output.select(0, kLogit).reshape({-1});
+  const std::vector<std::int64_t> proposals = highest(logits, kLeastProposal, kMostProposals);
+  if (proposals.empty() || !input.camera.defined()) return output;
+  const int width = static_cast<int>(input.image.size(1)), height = static_cast<int>(input.image.size(0));
+  const std::vector<std::int64_t> boxes = highest(input.camera.logits, kLeastBox, kMostBoxes);
+  const Tensor rectangles = input.camera.boxes.detach().to(torch::kFloat).contiguous();
+  const Tensor points = input.points.detach().to(torch::kFloat).contiguous();
+  const std::span<const float> flat(points.data_ptr<float>(), static_cast<std::size_t>(points.numel()));
+  const Tensor values = output.detach().to(torch::kFloat).reshape({kOutputs, -1}).contiguous();
+  const std::int64_t cells = values.size(1);
+
+  // One row a pair; a proposal's last row pairs it with nothing where it has no other.
+  std::vector<std::int64_t> of_proposal, of_box;
+  std::vector<float> fixed;  // IoU, distance, "there is a box"
+  for (std::size_t k = 0; k < proposals.size(); ++k) {
+    std::array<float, 6> coded{};
+    for (int c = 0; c < 6; ++c) coded[c] = values.data_ptr<float>()[(kDx + c) * cells + proposals[k]];
+    const MirageBox box = decode_box(proposals[k], coded);
+    const auto distance = static_cast<float>(std::hypot(box.x, box.y) / kDistanceUnit);
+    const auto seen = in_picture(box, ground_at(box, flat), input.projection, width, height);
+    bool paired = false;
+    for (std::size_t b = 0; seen && b < boxes.size(); ++b) {
+      const double overlap = iou(*seen, rectangles.data_ptr<float>() + 4 * boxes[b], width, height);
+      if (overlap < kLeastIou) continue;
+      of_proposal.push_back(static_cast<std::int64_t>(k));
+      of_box.push_back(boxes[b]);
+      fixed.insert(fixed.end(), {static_cast<float>(overlap), distance, 1});
+      paired = true;
+    }
+    if (paired) continue;
+    of_proposal.push_back(static_cast<std::int64_t>(k));
+    of_box.push_back(0);
+    fixed.insert(fixed.end(), {-1, distance, 0});
+  }
+  const auto type = output.options();
+  const Tensor given = torch::tensor(fixed).to(type.dtype()).view({-1, 3});
+  const Tensor there = given.select(1, 2);
+  const Tensor cell = torch::tensor(proposals), pair = torch::tensor(of_proposal);
+  const Tensor ours = logits.index_select(0, cell).index_select(0, pair);
+  const Tensor theirs =
+      input.camera.logits.to(type.dtype()).index_select(0, torch::tensor(of_box)) * there +
+      (there - 1) * -kLeastBox * 2;
+  const Tensor rows = torch::stack(
+      {given.select(1, 0), theirs / kLogitUnit, ours / kLogitUnit, given.select(1, 1)}, 1);
+  const Tensor scored =
+      last(torch::relu(third(torch::relu(second(torch::relu(first(rows))))))).select(1, 0);
+  const auto count = static_cast<std::int64_t>(proposals.size());
+  const Tensor joined = torch::full({count}, -1e9, type).scatter_reduce(0, pair, scored, "amax", false);
+  const Tensor changed = logits.index_copy(0, cell, joined).view_as(output.select(0, kLogit)).unsqueeze(0);
+  return torch::cat({changed, output.narrow(0, kDx, kOutputs - 1)});
+}
+
+}  // namespace mirage::fusion
