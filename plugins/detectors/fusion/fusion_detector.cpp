@@ -153,7 +153,7 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
     if (!(1 / (1 + std::exp(-logit)) > score_threshold)) continue;
     std::array<float, 6> box{};
     for (int c = 0; c < 6; ++c) box[c] = value[(kDx + c) * cells + k];
-    proposals_.push_back({decode_box(k, box), logit});
+    proposals_.push_back({decode_box(k, box), {}, logit});
     proposal_cells_.push_back(k);
   }
   return proposals_;

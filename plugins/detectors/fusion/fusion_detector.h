@@ -28,6 +28,7 @@ class FusionDetector {
  public:
   /// `weights`: a file written by save(), or nullptr for fresh weights drawn from the seed.
   FusionDetector(const Options& options, const char* weights);
+  bool has_image() const { return options_.parts.image; }
   /// Another one on the same network, for another thread; of the two only one may be trained, alone.
   FusionDetector shared() const { return {options_, network_}; }
 

@@ -86,14 +86,19 @@ void* share(void* detector, char* error, size_t error_size) {
   return other;
 }
 
+uint32_t capabilities(void* detector) {
+  const uint32_t lidar = MIRAGE_READS_POINTS | MIRAGE_FINDS_BEV;
+  return instance(detector).has_image() ? lidar | MIRAGE_READS_IMAGE : lidar;
+}
+
 int image_features(void* detector, const MirageSensorInput* input, MirageImageFeatures* features, char* error,
                    size_t error_size) {
   return guarded(error, error_size, [&] { *features = instance(detector).image_features(*input); });
 }
 
 const MirageDetectorApi kApi = {
-    MIRAGE_DETECTOR_ABI, "fusion", create, destroy,       region, forward, backward,
-    train_step,          save,     share,  image_features};
+    MIRAGE_DETECTOR_ABI, "fusion", create,       destroy, region,        forward, backward,
+    train_step,          save,     capabilities, share,   image_features};
 
 }  // namespace
 
