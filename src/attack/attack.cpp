@@ -25,10 +25,11 @@ namespace {
 /// What a checkpoint must agree with. Iterations are not in it: a finished run can be prolonged.
 nlohmann::json identity(const AttackSettings& settings) {
   const auto& weights = settings.detector.weights;
+  const bool named = weights.empty() || weights == kRealWeights;
   nlohmann::json id = {
       {"data", std::filesystem::absolute(settings.data).lexically_normal().string()},
       {"detector", settings.detector.detector},
-      {"weights", weights.empty() ? "" : std::filesystem::absolute(weights).lexically_normal().string()},
+      {"weights", named ? weights.string() : std::filesystem::absolute(weights).lexically_normal().string()},
       {"weights_hash", settings.weights_hash},
       {"target", settings.target},
       {"seed", settings.seed},

@@ -10,10 +10,12 @@
 namespace mirage::cli {
 
 inline void add_detector_options(CLI::App& app, DetectorOptions& options) {
-  app.add_option("--detector", options.detector, "fusion, lidar, torchscript or a plugin (*.so)")
+  app.add_option("--detector", options.detector,
+                 "lidar, camera, painted, fusion, late, torchscript or a plugin (*.so)")
       ->capture_default_str();
   app.add_option("--weights", options.weights,
-                 "weights file (default: the shipped ones for the data set's rig)");
+                 "weights file (default: the shipped ones for the data set's rig), or real: the shipped ones "
+                 "fine-tuned on KITTI, for non-commercial use");
   app.add_option("--defense", options.defense,
                  "what the detector is defended by: none, jpeg:QUALITY, or shipped weights of mirage defend "
                  "(adversarial, denoising, depth-gate, adversarial-depth-gate)")

@@ -60,12 +60,17 @@ Command train_command() {
         ->check(CLI::IsMember({"detector", "depth"}))
         ->capture_default_str();
     app.add_option("--data", chosen->data, "Training set in KITTI layout")->required();
-    app.add_option("--detector", chosen->detector, "fusion or lidar")->capture_default_str();
+    app.add_option("--detector", chosen->detector, "lidar, camera, painted, fusion or late")
+        ->capture_default_str();
     app.add_option("--depth", chosen->backend, "depth: guided, or a plugin's path (*.so)")
         ->capture_default_str();
     app.add_option("--crop", chosen->crop, "depth: width of a sample, pixels")->capture_default_str();
     app.add_option("--start", chosen->start,
                    "Weights to start from (default: fresh ones); fusion may start from lidar weights");
+    app.add_option("--camera", chosen->camera,
+                   "detector: weights of a camera detector that the new one starts from");
+    app.add_option("--lidar", chosen->lidar,
+                   "detector: weights of a lidar detector that the new one starts from");
     app.add_flag("--bfloat16", chosen->bfloat16,
                  "detector: convolutions in bfloat16; quicker where the processor has it, slower elsewhere");
     app.add_option("--without-picture", chosen->augmentation.without_picture,

@@ -90,7 +90,7 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
 }
 
 /// Makes precision the best at that recall or above, and takes the mean over 40 recalls.
-double area(std::vector<std::array<double, 2>>& curve) {
+double area_under(std::vector<std::array<double, 2>>& curve) {
   for (std::size_t i = curve.size(); i-- > 1;) curve[i - 1][1] = std::max(curve[i - 1][1], curve[i][1]);
   double sum = 0;
   std::size_t at = 0;
@@ -118,6 +118,7 @@ Difficulty easiest_level(const Label& label) {
 GroundTruth ground_truth(const Frame& frame, std::span<const LidarPoint> points,
                          const std::array<double, 4>& region) {
   GroundTruth truth;
+  truth.picture = picture_truth(frame.labels);
   for (std::size_t i = 0; i < frame.labels.size(); ++i) {
     const Label& label = frame.labels[i];
     if (label.type != "Car" && label.type != "Van") continue;
@@ -127,6 +128,30 @@ GroundTruth ground_truth(const Frame& frame, std::span<const LidarPoint> points,
       truth.difficulty.push_back(easiest_level(label));
     } else {
       truth.ignore.push_back(label.box.bev);
+    }
+  }
+  return truth;
+}
+
+bool is_vehicle(const Label& label) {
+  return label.type == "Car" || label.type == "Van" || label.type == "Truck" || label.type == "Tram";
+}
+
+PictureBox picture_box(const Label& label) {
+  return {label.left, label.top, label.right, label.bottom};
+}
+
+PictureTruth picture_truth(std::span<const Label> labels) {
+  PictureTruth truth;
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    const Label& label = labels[i];
+    if (label.type == "Car" && meets(label, level(Difficulty::hard))) {
+      truth.boxes.push_back(picture_box(label));
+      truth.labels.push_back(i);
+      truth.difficulty.push_back(easiest_level(label));
+      truth.distance.push_back(std::hypot(label.box.bev.x, label.box.bev.y));
+    } else if (is_vehicle(label) || label.type == "DontCare") {
+      truth.ignore.push_back(picture_box(label));
     }
   }
   return truth;
@@ -143,7 +168,7 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
         {static_cast<double>(hits) / result.boxes, static_cast<double>(hits) / (hits + alarms)});
   }
   result.recall = static_cast<double>(hits) / result.boxes;
-  result.average_precision = area(result.curve);
+  result.average_precision = area_under(result.curve);
   return result;
 }
 
@@ -163,7 +188,7 @@ Interval average_precision_interval(std::span<const ScoredFrame> frames, double 
       (detection.hit ? hits : alarms) += drawn[detection.frame];
       curve.push_back({static_cast<double>(hits) / boxes, static_cast<double>(hits) / (hits + alarms)});
     }
-    return area(curve);
+    return area_under(curve);
   });
 }
 

@@ -17,12 +17,29 @@ enum class Difficulty { easy, moderate, hard };
 /// The easiest level whose limits the label meets; hard if it meets none.
 Difficulty easiest_level(const Label& label);
 
+/// A car, van, truck or tram.
+bool is_vehicle(const Label& label);
+/// The label's box in the picture.
+PictureBox picture_box(const Label& label);
+
+/// The labels of one frame as detection in the picture sees them.
+struct PictureTruth {
+  std::vector<PictureBox> boxes;   ///< must be found
+  std::vector<PictureBox> ignore;  ///< may be found: neither right nor wrong
+  /// Of each of `boxes`: index into frame.labels (or GroundTruth::kPasted), its easiest level, and m from the
+  /// `velo` origin to the box's centre.
+  std::vector<std::size_t> labels = {};
+  std::vector<Difficulty> difficulty = {};
+  std::vector<double> distance = {};
+};
+
 /// The labels of one frame as detection sees them.
 struct GroundTruth {
   std::vector<BevBox> boxes;                ///< must be found
   std::vector<BevBox> ignore;               ///< may be found: neither right nor wrong
   std::vector<std::size_t> labels;          ///< index into frame.labels of each of `boxes`
   std::vector<Difficulty> difficulty = {};  ///< the easiest level of each of `boxes`
+  PictureTruth picture = {};
   /// In `labels`: a vehicle that ground-truth sampling pasted.
   static constexpr std::size_t kPasted = static_cast<std::size_t>(-1);
 };
@@ -33,9 +50,15 @@ bool counts_by_label(const Label& label, const std::array<double, 4>& region);
 /// KITTI's "hard" cars that can be seen at all. A label must be found if it is a Car, truncated ≤ 0.5,
 /// occluded ≤ 2, at least 25 pixels high in the image, with its centre inside `region` and at least 3 of
 /// `points` in its box (grown by 0.1 m). Other cars and all vans are ignored: finding them is neither right
-/// nor wrong. Everything else (trucks, trams, people) is background. `points` are those in view.
+/// nor wrong. Everything else (trucks, trams, people) is background. `points` are those in view. With
+/// picture_truth().
 GroundTruth ground_truth(const Frame& frame, std::span<const LidarPoint> points,
                          const std::array<double, 4>& region);
+
+/// KITTI's "hard" cars, whatever their distance and their returns: a label must be found if it is a Car,
+/// truncated ≤ 0.5, occluded ≤ 2 and at least 25 pixels high. Other cars, vans, trucks, trams and DontCare
+/// regions are ignored: networks for photographs know vehicles, not cars.
+PictureTruth picture_truth(std::span<const Label> labels);
 
 /// One frame's detections after non-maximum suppression, and its labels.
 struct ScoredFrame {

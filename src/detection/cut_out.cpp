@@ -4,8 +4,6 @@
 #include <cmath>
 
 #include "base/color.h"
-#include "base/error.h"
-#include "base/image_io.h"
 #include "scene/generator/dataset.h"
 #include "scene/kitti.h"
 
@@ -47,12 +45,7 @@ std::vector<CutOut> cut_out_cars(const fs::path& data, const std::string& id,
   std::vector<std::uint32_t> owner;
   if (fs::exists(label_file)) owner = read_point_labels(label_file, frame.sweep.size());
   Image<std::uint16_t> instances;
-  if (with_picture) {
-    instances = read_index_png(instance_file(data, id));
-    if (instances.width != frame.image.width || instances.height != frame.image.height)
-      throw InputError(instance_file(data, id).string(), "size", "differs from the image's",
-                       "write both with the same mirage generate --truth");
-  }
+  if (with_picture) instances = read_instances(data, id, frame.image.width, frame.image.height);
   std::vector<CutOut> cars;
   for (std::size_t k = 0; k < frame.labels.size(); ++k) {
     const Label& label = frame.labels[k];
@@ -60,6 +53,7 @@ std::vector<CutOut> cut_out_cars(const fs::path& data, const std::string& id,
     CutOut car;
     car.box = label.box;
     car.difficulty = easiest_level(label);
+    car.picture = picture_box(label);
     car.camera = frame.calibration.camera;
     car.camera_from_velo = frame.calibration.camera_from_velo;
     Box3 body = label.box;

@@ -14,6 +14,7 @@ namespace mirage {
 /// A labelled car, cut out of the frame it was seen in.
 struct CutOut {
   Box3 box;
+  PictureBox picture;  ///< the label's
   Difficulty difficulty = Difficulty::easy;
   std::vector<LidarPoint> points;  ///< `velo`
   PinholeCamera camera;

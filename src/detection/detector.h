@@ -1,6 +1,7 @@
 // A detector as the rest of Mirage sees it: sensor data in, proposals out, gradients back.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <span>
@@ -9,6 +10,7 @@
 
 #include "base/image.h"
 #include "geometry/box.h"
+#include "geometry/picture_box.h"
 #include "scene/frame.h"
 
 namespace mirage {
@@ -17,7 +19,14 @@ namespace mirage {
 struct Proposal {
   BevBox box;
   double logit = 0;
-  double score() const;  ///< sigmoid(logit)
+  PictureBox picture = {};  ///< of a detector that finds boxes in the picture
+  double score() const;     ///< sigmoid(logit)
+};
+
+/// What a detector reads and finds.
+struct Capabilities {
+  bool reads_image = true, reads_points = true;
+  bool finds_bev = true, finds_picture = false;  ///< Proposal::box, Proposal::picture
 };
 
 /// What a detector reads; views, not copies.
@@ -40,6 +49,14 @@ struct TrainingSample {
   /// boxes by sample_from_data and leaves the image alone.
   Eigen::Affine3d data_from_sample = Eigen::Affine3d::Identity();
   std::vector<BevBox> boxes, ignore;
+  /// In the picture, which augmentation leaves alone: vehicles that must be found there, and regions that
+  /// give no loss.
+  std::vector<PictureBox> picture_boxes = {}, picture_ignore = {};
+  /// H×W, row-major: 1 where the pixel shows a vehicle, 0 where not; empty where the data set does not tell.
+  std::span<const std::uint8_t> vehicle_mask = {};
+  /// The same for the same picture, so that what frozen parts of a network make of it may be kept; 0: keep
+  /// nothing.
+  std::uint64_t picture_key = 0;
 };
 
 struct TrainingLoss {
@@ -60,6 +77,7 @@ class Detector {
  public:
   virtual ~Detector() = default;
   virtual std::string name() const = 0;
+  virtual Capabilities capabilities() const { return {}; }
   /// Searched region: x_min, x_max, y_min, y_max (m, `velo`).
   virtual std::array<double, 4> region() const = 0;
   /// Proposals with score > threshold. keep_graph prepares backward().
@@ -76,9 +94,12 @@ class Detector {
 };
 
 struct DetectorOptions {
-  std::string detector = "fusion";  ///< "fusion", "lidar", or a path to a plugin (*.so)
-  std::filesystem::path weights;    ///< empty: the shipped ones, DETECTOR-RIG.weights
-  bool fresh = false;               ///< train from scratch: no weights are read
+  /// "lidar", "camera", "painted", "fusion", "late", "torchscript", or a path to a plugin (*.so)
+  std::string detector = "fusion";
+  /// Empty: the shipped ones, DETECTOR-RIG.weights. kRealWeights: those fine-tuned on real frames,
+  /// DETECTOR-RIG-real.weights.
+  std::filesystem::path weights;
+  bool fresh = false;  ///< train from scratch: no weights are read
   std::uint64_t seed = 0;
   int threads = 0;  ///< 0: as set by set_thread_count
   /// `weights` are where a new training starts: its optimiser is fresh, and `fusion` may start from weights
@@ -92,7 +113,14 @@ struct DetectorOptions {
   /// Parts of a fresh or starting network, where the plugin has them: "denoising", "depth-gate"
   /// (detector_abi.h).
   std::vector<std::string> parts = {};
+  /// Weights of a camera and of a lidar detector that the branches of a new training start from; may be
+  /// empty.
+  std::filesystem::path camera = {}, lidar = {};
 };
+
+/// The word for DetectorOptions::weights that names the shipped weights fine-tuned on KITTI, whose licence
+/// (CC BY-NC-SA) allows non-commercial use only. A file of that name is ./real.
+inline constexpr const char* kRealWeights = "real";
 
 /// The weights file that load_detector would read (empty for fresh ones). Errors as load_detector's.
 std::filesystem::path weights_file(const DetectorOptions& options);

@@ -1,9 +1,12 @@
+#include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <mutex>
 #include <nlohmann/json.hpp>
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/logging.h"
 #include "base/parallel.h"
 #include "base/shared_library.h"
 #include "detection/detector.h"
@@ -29,10 +32,11 @@ fs::path plugin_file(const DetectorOptions& options) {
       throw InputError(options.detector, "", "no such detector plugin", "check --detector");
     return fs::absolute(options.detector);
   }
-  const bool own = options.detector == "fusion" || options.detector == "lidar";
+  constexpr const char* kOwn[] = {"lidar", "camera", "painted", "fusion", "late"};
+  const bool own = std::find(std::begin(kOwn), std::end(kOwn), options.detector) != std::end(kOwn);
   if (!own && options.detector != "torchscript")
     throw InputError("--detector", options.detector, "unknown detector",
-                     "use fusion, lidar, torchscript or a plugin (*.so)");
+                     "use lidar, camera, painted, fusion, late, torchscript or a plugin (*.so)");
   const fs::path beside = executable_folder() / "plugins" / (own ? "fusion.so" : "torchscript.so");
   if (fs::exists(beside)) return beside;
   throw InputError(beside.string(), "", "the detector plugin is missing",
@@ -45,7 +49,7 @@ Plugin open_detector(const fs::path& file) {
   const auto* api = open_plugin<MirageDetectorApi>(file, "mirage_detector_api", "detection/detector_abi.h",
                                                    MIRAGE_DETECTOR_ABI);
   if (!api->create || !api->destroy || !api->region || !api->forward || !api->backward || !api->train_step ||
-      !api->save)
+      !api->save || !api->capabilities)
     throw InputError(file.string(), "mirage_detector_api", "a function is missing", "rebuild the plugin");
   return {file, api};
 }
@@ -75,16 +79,51 @@ std::vector<MirageBox> raw_boxes(const std::vector<BevBox>& boxes) {
   return raw;
 }
 
+std::vector<MiragePictureBox> raw_boxes(const std::vector<PictureBox>& boxes) {
+  std::vector<MiragePictureBox> raw;
+  for (const PictureBox& box : boxes)
+    raw.push_back({static_cast<float>(box.left), static_cast<float>(box.top), static_cast<float>(box.right),
+                   static_cast<float>(box.bottom)});
+  return raw;
+}
+
+/// The ground truth of one sample as the plugin gets it; the input is the caller's to fill in.
+struct RawTruth {
+  explicit RawTruth(const TrainingSample& sample)
+      : boxes(raw_boxes(sample.boxes)),
+        ignore(raw_boxes(sample.ignore)),
+        picture_boxes(raw_boxes(sample.picture_boxes)),
+        picture_ignore(raw_boxes(sample.picture_ignore)) {}
+  void give(MirageSample& sample) const {
+    const auto set = [](const auto& from, auto*& values, std::int64_t& count) {
+      values = from.data();
+      count = static_cast<std::int64_t>(from.size());
+    };
+    set(boxes, sample.boxes, sample.box_count);
+    set(ignore, sample.ignore, sample.ignore_count);
+    set(picture_boxes, sample.picture_boxes, sample.picture_box_count);
+    set(picture_ignore, sample.picture_ignore, sample.picture_ignore_count);
+  }
+  std::vector<MirageBox> boxes, ignore;
+  std::vector<MiragePictureBox> picture_boxes, picture_ignore;
+};
+
 class PluginDetector : public Detector {
  public:
   /// `given`: the weights file, empty for fresh weights.
   PluginDetector(Plugin plugin, std::string name, void* instance, fs::path given)
-      : plugin_(std::move(plugin)), name_(std::move(name)), instance_(instance), given_(std::move(given)) {}
+      : plugin_(std::move(plugin)), name_(std::move(name)), instance_(instance), given_(std::move(given)) {
+    std::uint32_t flags = 0;
+    call_plugin(plugin_.file, "capabilities", [&] { flags = plugin_.api->capabilities(instance_); });
+    capabilities_ = {(flags & MIRAGE_READS_IMAGE) != 0, (flags & MIRAGE_READS_POINTS) != 0,
+                     (flags & MIRAGE_FINDS_BEV) != 0, (flags & MIRAGE_FINDS_PICTURE) != 0};
+  }
   PluginDetector(const PluginDetector&) = delete;
   PluginDetector& operator=(const PluginDetector&) = delete;
   ~PluginDetector() override { plugin_.api->destroy(instance_); }
 
   std::string name() const override { return name_; }
+  Capabilities capabilities() const override { return capabilities_; }
 
   std::array<double, 4> region() const override {
     std::array<float, 4> raw{};
@@ -108,8 +147,11 @@ class PluginDetector : public Detector {
     std::vector<Proposal> proposals;
     for (std::int64_t i = 0; i < count; ++i) {
       const MirageBox& b = found[i].box;
-      const Proposal proposal{{b.x, b.y, b.length, b.width, b.yaw}, found[i].logit};
-      if (!std::isfinite(b.x + b.y + b.length + b.width + b.yaw + found[i].logit))
+      const MiragePictureBox& p = found[i].picture;
+      const Proposal proposal{
+          {b.x, b.y, b.length, b.width, b.yaw}, found[i].logit, {p.left, p.top, p.right, p.bottom}};
+      if (!std::isfinite(b.x + b.y + b.length + b.width + b.yaw + p.left + p.top + p.right + p.bottom +
+                         found[i].logit))
         throw Failure(plugin_.file.string(), "forward gave a proposal that is not finite",
                       "check the weights and the input");
       proposals.push_back(proposal);
@@ -132,18 +174,16 @@ class PluginDetector : public Detector {
 
   TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
     std::vector<MirageSample> raw(samples.size());
-    std::vector<std::vector<MirageBox>> boxes, ignore;
+    std::vector<RawTruth> truths;
     for (std::size_t i = 0; i < samples.size(); ++i) {
       const TrainingSample& sample = samples[i];
-      boxes.push_back(raw_boxes(sample.boxes));
-      ignore.push_back(raw_boxes(sample.ignore));
       raw[i].input = raw_input(sample.input);
       Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(raw[i].input.pixel_from_velo);
       matrix = (matrix * sample.data_from_sample.matrix()).eval();
-      raw[i].boxes = boxes.back().data();
-      raw[i].box_count = static_cast<std::int64_t>(boxes.back().size());
-      raw[i].ignore = ignore.back().data();
-      raw[i].ignore_count = static_cast<std::int64_t>(ignore.back().size());
+      truths.emplace_back(sample);  // moved with its vectors when the list grows: their memory stays
+      truths.back().give(raw[i]);
+      raw[i].vehicle_mask = sample.vehicle_mask.empty() ? nullptr : sample.vehicle_mask.data();
+      raw[i].picture_key = sample.picture_key;
     }
     std::array<float, 3> loss{};
     run("train_step", [&](char* error) {
@@ -164,7 +204,7 @@ class PluginDetector : public Detector {
   }
 
   ImageFeatures image_features(const SensorView& view) override {
-    if (!plugin_.api->image_features || name_ == "lidar") return {};
+    if (!plugin_.api->image_features || !capabilities_.reads_image) return {};
     const MirageSensorInput input = raw_input(view);
     MirageImageFeatures raw{};
     run("image_features", [&](char* error) {
@@ -195,6 +235,7 @@ class PluginDetector : public Detector {
   Plugin plugin_;
   std::string name_;
   void* instance_;
+  Capabilities capabilities_;
   fs::path given_;
   ImageF kept_;  // the last input's shape; its pixels are zero
   std::size_t kept_points_ = 0;
@@ -212,12 +253,14 @@ int jpeg_quality(const std::string& defense) {
   return quality;
 }
 
-/// The word that shipped weights of a trained defence carry; empty for the plain ones. InputError for what
-/// can be no such word.
+/// "-" and the word that shipped weights of a trained defence carry, or those fine-tuned on real frames;
+/// empty for the plain ones. InputError for what can be no such word.
 std::string weights_word(const DetectorOptions& options) {
   const std::string& defense = options.defense;
-  if (defense.empty() || defense == "none" || jpeg_quality(defense) > 0) return "";
-  if (defense.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") != std::string::npos)
+  if (defense.empty() || defense == "none" || jpeg_quality(defense) > 0)
+    return options.weights == kRealWeights ? std::string("-") + kRealWeights : "";
+  if (defense == kRealWeights ||
+      defense.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") != std::string::npos)
     throw InputError("--defense", defense, "is no defence",
                      "use none, jpeg:QUALITY or the word of shipped weights, such as adversarial");
   if (!options.weights.empty())
@@ -229,11 +272,17 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
   const std::string name = fs::path(options.detector).extension() == ".so"
                                ? fs::path(options.detector).stem().string()
                                : options.detector;
+  const bool real = options.weights == kRealWeights;
   const std::string word = weights_word(options);
-  const fs::path file = options.weights.empty() ? plugin.parent_path() / "weights" /
-                                                      (name + "-" + options.rig + word + ".weights")
-                                                : options.weights;
+  const fs::path file = real || options.weights.empty() ? plugin.parent_path() / "weights" /
+                                                              (name + "-" + options.rig + word + ".weights")
+                                                        : options.weights;
   if (fs::is_regular_file(file)) return file;
+  if (real)
+    throw InputError(file.string(), "",
+                     "there are no shipped weights of " + name + " for the rig " + options.rig +
+                         " that were fine-tuned on real frames",
+                     "leave --weights out, or give a file (one named real as ./real)");
   if (options.weights.empty() && options.detector == "torchscript")
     throw InputError("--weights", "", "a torchscript detector has no shipped weights",
                      "name the model that you exported: --weights MODEL.pt");
@@ -255,6 +304,25 @@ fs::path weights_file(const DetectorOptions& options) {
   return options.fresh ? fs::path() : find_weights(options, plugin_file(options));
 }
 
+namespace {
+
+/// Weights that a branch starts from, for create's options. InputError if there is no such file.
+std::string branch_weights(const fs::path& file, const char* option) {
+  if (!file.empty() && !fs::is_regular_file(file))
+    throw InputError(file.string(), "", "no such weights file", std::string("check ") + option);
+  return file.string();
+}
+
+void tell_licence_of_real_weights() {
+  static std::once_flag told;
+  std::call_once(told, [] {
+    spdlog::warn("weights \"{}\" were fine-tuned on KITTI (CC BY-NC-SA 3.0): for non-commercial use only",
+                 kRealWeights);
+  });
+}
+
+}  // namespace
+
 std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
   const Plugin plugin = open_detector(plugin_file(options));
   const bool by_path = fs::path(options.detector).extension() == ".so";
@@ -264,7 +332,10 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
                              {"parts", options.parts},
                              {"threads", options.threads > 0 ? options.threads : thread_count()}};
   if (!by_path) settings["modality"] = options.detector;
+  if (const auto file = branch_weights(options.camera, "--camera"); !file.empty()) settings["camera"] = file;
+  if (const auto file = branch_weights(options.lidar, "--lidar"); !file.empty()) settings["lidar"] = file;
   const fs::path weights = weights_file(options);
+  if (!options.fresh && options.weights == kRealWeights) tell_licence_of_real_weights();
   char error[kPluginErrorSize] = "";
   const std::string text = settings.dump();
   void* instance = call_plugin(plugin.file, "create", [&] {
@@ -278,6 +349,9 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
   }
   std::unique_ptr<Detector> detector = std::make_unique<PluginDetector>(
       plugin, by_path ? plugin.api->name : options.detector, instance, weights);
+  if (const Capabilities can = detector->capabilities(); !can.finds_bev && !can.finds_picture)
+    throw InputError(plugin.file.string(), "capabilities", "the detector finds no boxes",
+                     "let it tell MIRAGE_FINDS_BEV or MIRAGE_FINDS_PICTURE");
   const int quality = jpeg_quality(options.defense);
   return quality > 0 ? behind_jpeg(std::move(detector), quality) : std::move(detector);
 }

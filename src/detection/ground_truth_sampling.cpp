@@ -24,6 +24,7 @@ constexpr double kMostHidden = 0.3;                         // share of the car'
 constexpr double kSmallestLift = 0.05, kLargestLift = 0.2;  // m
 constexpr double kClearance = 0.3;                          // m between boxes
 constexpr double kNearer = 0.3;                             // m by which a return must be nearer to hide
+constexpr double kMostCovered = 0.5;                        // share of another car's box in the picture
 constexpr double kOffGround = 0.15;  // m: lower returns are the road's and hide nothing
 
 /// A direction seen from the unit's origin: rad, m.
@@ -165,14 +166,42 @@ std::vector<char> hidden_pixels(const CompactFrame& frame, const PixelRect& rect
   return hidden;
 }
 
-void paste_pixels(CompactFrame& frame, const CutOut& car, const std::vector<char>& nearer,
-                  const SamplingUnit& unit, double lift) {
+/// The picture's truth with the car's box in it, `rows` lower than it was.
+void paste_picture_box(CompactFrame& frame, const CutOut& car, int rows) {
+  PictureBox box = car.picture;
+  box.top = std::clamp<double>(box.top + rows, 0, frame.height - 1);
+  box.bottom = std::clamp<double>(box.bottom + rows, 0, frame.height - 1);
+  PictureTruth truth;
+  truth.ignore = frame.truth.picture.ignore;
+  const PictureTruth& before = frame.truth.picture;
+  for (std::size_t i = 0; i < before.boxes.size(); ++i) {
+    if (intersection_area(before.boxes[i], box) > kMostCovered * area(before.boxes[i])) {
+      truth.ignore.push_back(before.boxes[i]);
+      continue;
+    }
+    truth.boxes.push_back(before.boxes[i]);
+    truth.labels.push_back(before.labels[i]);
+    truth.difficulty.push_back(before.difficulty[i]);
+    truth.distance.push_back(before.distance[i]);
+  }
+  truth.boxes.push_back(box);
+  truth.labels.push_back(GroundTruth::kPasted);
+  truth.difficulty.push_back(car.difficulty);
+  truth.distance.push_back(std::hypot(car.box.bev.x, car.box.bev.y));
+  frame.truth.picture = std::move(truth);
+}
+
+/// The car's pixels, its part of the mask and its box in the picture.
+void paste_picture(CompactFrame& frame, const CutOut& car, const std::vector<char>& nearer,
+                   const SamplingUnit& unit, double lift) {
   const Vec3d centre(car.box.bev.x, car.box.bev.y, car.box.bottom);
   const double depth = (frame.calibration.camera_from_velo * centre).z();
   const int rows = static_cast<int>(std::lround(-lift * frame.calibration.camera.fy / std::max(depth, 1.0)));
   PixelRect rect = car.rect;
   rect.v0 += rows;
   rect.v1 += rows;
+  paste_picture_box(frame, car, rows);
+  frame.picture_key = 0;
   const std::vector<char> hidden = hidden_pixels(frame, rect, nearer, unit);
   const auto is_car = [&](int x, int y) {
     return x >= 0 && y >= 0 && x < rect.width() && y < rect.height() &&
@@ -187,7 +216,9 @@ void paste_pixels(CompactFrame& frame, const CutOut& car, const std::vector<char
       int around = 0;
       for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx) around += is_car(x + dx, y + dy);
-      std::uint8_t* to = &frame.srgb[(static_cast<std::size_t>(v) * frame.width + u) * 3];
+      const std::size_t pixel = static_cast<std::size_t>(v) * frame.width + u;
+      if (!frame.vehicle_mask.empty()) frame.vehicle_mask[pixel] = true;
+      std::uint8_t* to = &frame.srgb[pixel * 3];
       for (int c = 0; c < 3; ++c)
         to[c] = static_cast<std::uint8_t>((car.srgb[3 * from + c] * around + to[c] * (9 - around)) / 9);
     }
@@ -277,7 +308,7 @@ bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit) {
       !others_stay(frame, behind, bottom))
     return false;
 
-  if (!car.rect.empty()) paste_pixels(frame, car, nearer, unit, lift);
+  if (!car.rect.empty()) paste_picture(frame, car, nearer, unit, lift);
   std::size_t kept = 0;
   for (std::size_t i = 0; i < frame.points.size(); ++i)
     if (!behind[i]) frame.points[kept++] = frame.points[i];

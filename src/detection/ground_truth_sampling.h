@@ -31,7 +31,9 @@ SamplingUnit sampling_unit(const std::filesystem::path& data);
 /// - nearer returns hide more than 30 % of its points, or leave fewer than 5;
 /// - it would leave a present box fewer than half of its points, or fewer than 3.
 /// Hidden points and pixels are not pasted. Returns behind the car, in directions that its own returns span
-/// in their azimuth column, are removed. The car casts no shadow on its new ground.
+/// in their azimuth column, are removed. The car casts no shadow on its new ground. With pixels, the frame's
+/// mask and picture boxes get the car, too; boxes of which it hides more than half are ignored from then on,
+/// and the picture's key becomes 0.
 bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit);
 
 class GroundTruthSampler {

@@ -24,6 +24,7 @@ class JpegDetector : public Detector {
 
   std::string name() const override { return inner_->name(); }
   std::array<double, 4> region() const override { return inner_->region(); }
+  Capabilities capabilities() const override { return inner_->capabilities(); }
 
   std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     ImageF image;

@@ -14,8 +14,9 @@ double Proposal::score() const {
 
 void check_proposals(std::span<const Proposal> proposals) {
   for (std::size_t i = 0; i < proposals.size(); ++i) {
-    const auto& [box, logit] = proposals[i];
-    for (double value : {box.x, box.y, box.length, box.width, box.yaw, logit})
+    const auto& [box, logit, picture] = proposals[i];
+    for (double value : {box.x, box.y, box.length, box.width, box.yaw, picture.left, picture.top,
+                         picture.right, picture.bottom, logit})
       if (!std::isfinite(value))
         throw InputError("detector", fmt::format("proposal {}", i), "its box or logit is not finite",
                          "check the detector's weights");

@@ -32,6 +32,9 @@ nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
                          {"start", options.start.empty() ? "" : content_hash(read_file(options.start))},
                          {"bfloat16", options.bfloat16},
                          {"frames", frames}};
+  // Only where they are given, so that runs of before the choice go on.
+  for (const auto& [key, file] : {std::pair("camera", options.camera), std::pair("lidar", options.lidar)})
+    if (!file.empty()) json[key] = content_hash(read_file(file));
   if (options.ground_truth_sampling > 0) json["ground_truth_sampling"] = options.ground_truth_sampling;
   return json;
 }
@@ -54,15 +57,18 @@ TrainingResult train_detector(const TrainingOptions& options) {
   DetectorOptions load{options.detector, options.start, options.start.empty(), options.seed, options.threads};
   load.start = !options.start.empty();
   load.bfloat16 = options.bfloat16;
+  load.camera = options.camera;
+  load.lidar = options.lidar;
   auto detector = load_detector(load);
   if (!(options.ground_truth_sampling >= 0 && options.ground_truth_sampling <= 20))
     throw InputError("--ground-truth-sampling", "", "must be from 0 to 20", "try 2");
   TrainingData data(options.data, options.frames, detector->region(), options.seed,
-                    options.ground_truth_sampling, options.detector != "lidar");
+                    options.ground_truth_sampling, detector->capabilities().reads_image);
   const nlohmann::json wanted = identity(options, data.size());
   TrainingState state = read_training_state(options.out, wanted);
   if (!state.weights.empty()) {
     load.fresh = load.start = false;
+    load.camera = load.lidar = "";
     load.weights = state.weights;
     detector = load_detector(load);
     spdlog::info("going on from step {} of {}", state.step, options.steps);

@@ -13,6 +13,8 @@ struct TrainingOptions {
   std::filesystem::path data, validation, out;  ///< `validation` may be empty
   /// Weights to start from; empty: fresh ones. `fusion` may start from a `lidar` detector's.
   std::filesystem::path start = {};
+  /// Weights of a camera and of a lidar detector that the branches of the new one start from; may be empty.
+  std::filesystem::path camera = {}, lidar = {};
   std::string detector = "fusion";
   std::int64_t steps = 4000;
   int batch = 2;

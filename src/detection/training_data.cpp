@@ -1,12 +1,15 @@
 #include "detection/training_data.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <numeric>
 
+#include "base/hash.h"
 #include "base/random.h"
 #include "base/srgb_bytes.h"
 #include "detection/points_in_view.h"
+#include "scene/generator/dataset.h"
 #include "scene/kitti.h"
 
 namespace mirage {
@@ -27,8 +30,29 @@ CompactFrame compact(const Frame& frame, const std::array<double, 4>& region) {
   return small;
 }
 
+CompactFrame read_compact(const std::filesystem::path& data, const std::string& id,
+                          const std::array<double, 4>& region) {
+  const Frame frame = read_frame(data, id);
+  CompactFrame small = compact(frame, region);
+  const std::string name = std::filesystem::absolute(data).lexically_normal().string() + "\n" + id;
+  small.picture_key = std::max<std::uint64_t>(1, fnv1a(name));
+  if (!std::filesystem::exists(instance_file(data, id))) return small;
+  const Image<std::uint16_t> instances = read_instances(data, id, small.width, small.height);
+  small.vehicle_mask.reserve(instances.data.size());
+  for (const std::uint16_t k : instances.data)
+    small.vehicle_mask.push_back(k >= 1 && k <= frame.labels.size() && is_vehicle(frame.labels[k - 1]));
+  return small;
+}
+
 TrainingSample PreparedSample::view() const {
-  return {{&image, points, &calibration}, data_from_sample, boxes, ignore};
+  return {{&image, points, &calibration},
+          data_from_sample,
+          boxes,
+          ignore,
+          picture_boxes,
+          picture_ignore,
+          vehicle_mask,
+          picture_key};
 }
 
 Eigen::Affine3d random_pose(std::uint64_t seed, std::uint64_t index) {
@@ -69,6 +93,10 @@ PreparedSample prepared_sample(const CompactFrame& small, const Eigen::Affine3d&
     (inside ? sample.boxes : sample.ignore).push_back(there);
   }
   for (const BevBox& box : small.truth.ignore) sample.ignore.push_back(moved(box, sample_from_data));
+  sample.picture_boxes = small.truth.picture.boxes;
+  sample.picture_ignore = small.truth.picture.ignore;
+  sample.vehicle_mask.assign(small.vehicle_mask.begin(), small.vehicle_mask.end());
+  sample.picture_key = small.picture_key;
   return sample;
 }
 
@@ -93,8 +121,9 @@ std::size_t TrainingData::frame_of(std::uint64_t index) const {
 
 const CompactFrame& TrainingData::frame(std::size_t number) {
   if (!frames_[number].srgb.empty()) return frames_[number];
-  CompactFrame small = compact(read_frame(data_, ids_[number]), region_);
-  const std::size_t bytes = small.srgb.size() + small.points.size() * sizeof(LidarPoint);
+  CompactFrame small = read_compact(data_, ids_[number], region_);
+  const std::size_t bytes =
+      small.srgb.size() + small.points.size() * sizeof(LidarPoint) + small.vehicle_mask.size() / 8;
   if (bytes_ + bytes > kMemory) return passing_ = std::move(small);
   bytes_ += bytes;
   return frames_[number] = std::move(small);

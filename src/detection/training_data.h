@@ -19,6 +19,10 @@ struct CompactFrame {
   std::vector<LidarPoint> points;
   Calibration calibration;
   GroundTruth truth;
+  /// One a pixel, row-major: whether it shows a vehicle (is_vehicle). Empty where the data set does
+  /// not tell.
+  std::vector<bool> vehicle_mask = {};
+  std::uint64_t picture_key = 0;  ///< TrainingSample::picture_key
 };
 
 /// One augmented sample with the memory it points to.
@@ -27,12 +31,20 @@ struct PreparedSample {
   std::vector<LidarPoint> points;
   Calibration calibration;
   std::vector<BevBox> boxes, ignore;
+  std::vector<PictureBox> picture_boxes, picture_ignore;
+  std::vector<std::uint8_t> vehicle_mask;
+  std::uint64_t picture_key = 0;
   Eigen::Affine3d data_from_sample = Eigen::Affine3d::Identity();
   TrainingSample view() const;
 };
 
-/// As kept: the picture in 8-bit sRGB, points in view, truth by ground_truth().
+/// As kept: the picture in 8-bit sRGB, points in view, truth by ground_truth(); no mask and no key.
 CompactFrame compact(const Frame& frame, const std::array<double, 4>& region);
+
+/// The frame of a data set, with its key, and its mask if training/instance_2/ID.png is there (instance k + 1
+/// is label k). InputError as read_frame's, and if those are not of the image's size.
+CompactFrame read_compact(const std::filesystem::path& data, const std::string& id,
+                          const std::array<double, 4>& region);
 
 /// The frame after sample_from_data; boxes that leave the region are ignored.
 PreparedSample prepared_sample(const CompactFrame& frame, const Eigen::Affine3d& sample_from_data,

@@ -127,6 +127,30 @@ Label seen(double height, int occluded, double truncated) {
   return label;
 }
 
+TEST(PictureTruth, CarsCountWhateverTheirDistanceAndReturns) {
+  std::vector<Label> labels(9, seen(25, 2, 0.5));
+  for (std::size_t i = 0; i < labels.size(); ++i) labels[i].left = static_cast<double>(i);
+  labels[0].box.bev = car(120, 50);
+  labels[1] = seen(24, 0, 0);
+  labels[2] = seen(50, 3, 0);
+  labels[3].type = "Van";
+  labels[4].type = "Truck";
+  labels[5].type = "Tram";
+  labels[6].type = "DontCare";
+  labels[7].type = "Pedestrian";
+  labels[8].truncated = 0.6;
+  const PictureTruth truth = picture_truth(labels);
+  EXPECT_EQ(truth.labels, std::vector<std::size_t>{0});
+  ASSERT_EQ(truth.boxes.size(), 1u);
+  EXPECT_EQ(truth.boxes[0].bottom, 125);
+  EXPECT_EQ(truth.difficulty, std::vector<Difficulty>{Difficulty::hard});
+  EXPECT_DOUBLE_EQ(truth.distance[0], 130);
+  EXPECT_EQ(truth.ignore.size(), 7u);  // all but the pedestrian
+  Frame frame;
+  frame.labels = labels;
+  EXPECT_EQ(ground_truth(frame, {}, {0, 50, -25, 25}).picture.boxes.size(), 1u);
+}
+
 TEST(Difficulty, FollowsKittisLimits) {
   EXPECT_EQ(easiest_level(seen(40, 0, 0.15)), Difficulty::easy);
   EXPECT_EQ(easiest_level(seen(39, 0, 0)), Difficulty::moderate);

@@ -207,6 +207,59 @@ TEST_F(GroundTruthSampling, APastedCarIsAsIfItHadBeenThere) {
   }
 }
 
+TEST_F(GroundTruthSampling, ThePicturesTruthHasThePastedCar) {
+  const test::TemporaryFolder data;
+  Frame street = world.frame("000001", {car(18, -8, 0.1), wall(30, 9, 20, 1)});
+  street.labels[0].left = 200, street.labels[0].right = 300;  // beside the car that comes
+  Label hidden = street.labels[0];                            // behind it, too far for a return
+  hidden.left = 12, hidden.right = 58, hidden.top = 25, hidden.bottom = 55;
+  hidden.box.bev.x = 90;
+  street.labels.push_back(hidden);
+  world.write(data.path(), street, true, true);
+  const CompactFrame before = read_compact(data.path(), "000001", kRegion);
+  EXPECT_NE(before.picture_key, 0u);
+  EXPECT_EQ(before.picture_key, read_compact(data.path(), "000001", kRegion).picture_key);
+  ASSERT_EQ(before.vehicle_mask.size(), before.srgb.size() / 3);
+  EXPECT_EQ(before.truth.picture.boxes.size(), 2u);
+
+  CompactFrame pasted = before;
+  CutOut cut_out = cut({car(20, 3)});
+  EXPECT_EQ(cut_out.picture.right, 60);
+  ASSERT_TRUE(paste(pasted, cut_out, unit));
+  EXPECT_EQ(pasted.picture_key, 0u);
+  const PictureTruth& truth = pasted.truth.picture;
+  EXPECT_EQ(truth.labels, (std::vector<std::size_t>{0, GroundTruth::kPasted}));
+  ASSERT_EQ(truth.boxes.size(), 2u);
+  EXPECT_EQ(truth.boxes[1].right, 60);
+  EXPECT_EQ(truth.distance.size(), 2u);
+  ASSERT_EQ(truth.ignore.size(), 1u);
+  EXPECT_EQ(truth.ignore[0].right, 58);
+
+  Frame made = world.frame("000002", {car(18, -8, 0.1), wall(30, 9, 20, 1), car(20, 3)});
+  world.write(data.path(), made, true, true);
+  const CompactFrame there = read_compact(data.path(), "000002", kRegion);
+  EXPECT_NE(there.picture_key, before.picture_key);
+  EXPECT_GT(std::count(there.vehicle_mask.begin(), there.vehicle_mask.end(), true),
+            std::count(before.vehicle_mask.begin(), before.vehicle_mask.end(), true) + 100);
+  EXPECT_EQ(pasted.vehicle_mask, there.vehicle_mask);
+
+  const PreparedSample sample = prepared_sample(pasted, Eigen::Affine3d::Identity(), kRegion);
+  const TrainingSample view = sample.view();
+  EXPECT_EQ(view.picture_boxes.size(), 2u);
+  EXPECT_EQ(view.picture_ignore.size(), 1u);
+  EXPECT_EQ(view.vehicle_mask.size(), pasted.vehicle_mask.size());
+  EXPECT_EQ(view.picture_key, 0u);
+
+  // Only points: the picture stays as it was.
+  CompactFrame points_only = before;
+  ASSERT_TRUE(paste(points_only, cut({car(20, 3)}, true, false), unit));
+  EXPECT_EQ(points_only.picture_key, before.picture_key);
+  EXPECT_EQ(points_only.truth.picture.boxes.size(), 2u);
+  EXPECT_EQ(points_only.vehicle_mask, before.vehicle_mask);
+  std::filesystem::remove(instance_file(data.path(), "000001"));
+  EXPECT_TRUE(read_compact(data.path(), "000001", kRegion).vehicle_mask.empty());
+}
+
 TEST_F(GroundTruthSampling, WhatIsNearerHides) {
   // A post takes a strip out of the car's points and pixels.
   const std::vector<Block> street = {wall(60, 0, 1, 80), wall(10, 1.6, 0.15, 0.15)};

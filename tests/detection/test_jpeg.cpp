@@ -18,6 +18,7 @@ class SumDetector : public Detector {
   explicit SumDetector(ImageF& seen) : seen_(seen) {}
   std::string name() const override { return "sum"; }
   std::array<double, 4> region() const override { return {0, 50, -25, 25}; }
+  Capabilities capabilities() const override { return {true, false, false, true}; }
   std::vector<Proposal> forward(const SensorView& input, double, bool) override {
     seen_ = input.image ? *input.image : ImageF();
     double sum = 0;
@@ -69,6 +70,8 @@ TEST(Jpeg, StandsBeforeEveryUseOfThePicture) {
   const ImageF image = noise(32, 16), compressed = jpeg_round_trip(image, 50);
   const Calibration calibration;
   const SensorView view{&image, {}, &calibration};
+  EXPECT_FALSE(detector->capabilities().finds_bev);
+  EXPECT_TRUE(detector->capabilities().finds_picture);
   detector->forward(view, 0, true);
   EXPECT_EQ(seen.data, compressed.data);
   const std::vector<double> one = {0.5};

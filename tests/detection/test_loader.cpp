@@ -52,10 +52,33 @@ TEST(Loader, RunsAPluginThatWorks) {
   const auto proposals = detector->forward(scene.view(), 0.1, true);
   ASSERT_EQ(proposals.size(), 1u);
   EXPECT_EQ(proposals[0].logit, 3);
+  EXPECT_EQ(proposals[0].picture.right, 50);
+  const Capabilities can = detector->capabilities();
+  EXPECT_TRUE(can.reads_image && can.finds_bev && can.finds_picture);
+  EXPECT_FALSE(can.reads_points);
   const std::vector<double> d = {0.5};
   const SensorGradient gradient = detector->backward(d);
   EXPECT_EQ(gradient.image.data[0], 0.5f);
   EXPECT_EQ(gradient.points[0][0], 1.0f);
+}
+
+TEST(Loader, HandsThePicturesTruthOn) {
+  const auto detector = load_detector(fake("works"));
+  Scene scene;
+  const std::vector<std::uint8_t> mask(32, 1);
+  std::vector<TrainingSample> samples(3);
+  for (TrainingSample& sample : samples) sample.input = scene.view();
+  TrainingLoss loss = detector->train_step(samples, 1e-3);
+  EXPECT_EQ(loss.total, 0);
+  EXPECT_EQ(loss.box, -1);  // no mask
+  samples[2].picture_boxes = {{1, 2, 3, 4}, {5, 6, 7, 8}};
+  samples[2].picture_ignore = {{1, 2, 3, 4}};
+  samples[2].vehicle_mask = mask;
+  samples[2].picture_key = 41;
+  loss = detector->train_step(samples, 1e-3);
+  EXPECT_EQ(loss.total, 21);
+  EXPECT_EQ(loss.score, 8);
+  EXPECT_EQ(loss.box, 42);
 }
 
 TEST(Loader, MissingPlugin) {
@@ -85,7 +108,7 @@ TEST(Loader, NoEntryPoint) {
 }
 
 TEST(Loader, WrongAbi) {
-  EXPECT_THAT(load_error(fake("wrong_abi")), HasSubstr("abi_version: is 999, this program speaks 2"));
+  EXPECT_THAT(load_error(fake("wrong_abi")), HasSubstr("abi_version: is 999, this program speaks 3"));
 }
 
 TEST(Loader, PluginThatRefuses) {
@@ -115,8 +138,26 @@ TEST(Loader, MissingWeights) {
   options.rig = "xenith";
   EXPECT_THAT(load_error(options), HasSubstr("fake_works-xenith.weights"));
   EXPECT_THAT(load_error(options), HasSubstr("--weights"));
+  options.weights = "real";
+  EXPECT_THAT(load_error(options), HasSubstr("fake_works-xenith-real.weights"));
+  EXPECT_THAT(load_error(options), HasSubstr("fine-tuned on real frames"));
+  options.defense = "adversarial";
+  EXPECT_THAT(load_error(options), HasSubstr("give one of the two"));
+  options.defense = "real";  // the family is no defence
+  EXPECT_THAT(load_error(options), HasSubstr("is no defence"));
+  options.defense = "none";
   options.weights = "/nowhere/my.weights";
   EXPECT_THAT(load_error(options), HasSubstr("/nowhere/my.weights: no such weights file"));
+}
+
+TEST(Loader, MissingWeightsOfABranch) {
+  DetectorOptions options = fake("works");
+  options.camera = "/nowhere/camera.weights";
+  EXPECT_THAT(load_error(options),
+              HasSubstr("/nowhere/camera.weights: no such weights file; check --camera"));
+  options.camera.clear();
+  options.lidar = "/nowhere/lidar.weights";
+  EXPECT_THAT(load_error(options), HasSubstr("check --lidar"));
 }
 
 }  // namespace

@@ -56,10 +56,9 @@ Tensor focus(const Tensor& x) {
 }  // namespace
 
 ConvSiluImpl::ConvSiluImpl(int in, int out, int kernel, int stride, int groups) {
-  conv = register_module("conv", nn::Conv2d(nn::Conv2dOptions(in, out, kernel)
-                                                .stride(stride)
-                                                .padding((kernel - 1) / 2)
-                                                .groups(groups)));
+  conv = register_module(
+      "conv",
+      nn::Conv2d(nn::Conv2dOptions(in, out, kernel).stride(stride).padding((kernel - 1) / 2).groups(groups)));
 }
 
 Tensor ConvSiluImpl::forward(const Tensor& x) {

@@ -23,7 +23,8 @@ double overlap(const MiragePictureBox& a, const float* b) {
   const double height = std::min(a.bottom, b[3]) - std::max(a.top, b[1]);
   if (!(width > 0 && height > 0)) return 0;
   const double both = width * height;
-  const double area_a = double{a.right - a.left} * (a.bottom - a.top), area_b = double{b[2] - b[0]} * (b[3] - b[1]);
+  const double area_a = double{a.right - a.left} * (a.bottom - a.top),
+               area_b = double{b[2] - b[0]} * (b[3] - b[1]);
   return both / (area_a + area_b - both);
 }
 
@@ -38,7 +39,8 @@ Tensor mask_target(const std::uint8_t* mask, std::int64_t height, std::int64_t w
   const std::int64_t down = like.size(2) * kMaskStride - height, right = like.size(3) * kMaskStride - width;
   const auto spread = [&](const Tensor& x) {
     return torch::avg_pool2d(
-        torch::nn::functional::pad(x, torch::nn::functional::PadFuncOptions({0, right, 0, down})), kMaskStride);
+        torch::nn::functional::pad(x, torch::nn::functional::PadFuncOptions({0, right, 0, down})),
+        kMaskStride);
   };
   const Tensor inside = spread(torch::ones_like(all));
   return torch::where(inside > 0.5, spread(all) / inside.clamp_min(0.5), -torch::ones_like(inside));
@@ -72,7 +74,8 @@ PictureMatch match(std::span<const Place> places, std::span<const float> predict
     for (std::size_t p = 0; p < places.size(); ++p) {
       const Place& place = places[p];
       const bool inside = holds(box, place.x, place.y);
-      const bool central = std::max(std::abs(place.x - x), std::abs(place.y - y)) < kCentreReach * place.stride;
+      const bool central =
+          std::max(std::abs(place.x - x), std::abs(place.y - y)) < kCentreReach * place.stride;
       if (!inside && !central) continue;
       const double iou = overlap(box, &predicted_boxes[4 * p]);
       candidates.push_back({static_cast<std::int64_t>(p),
@@ -84,10 +87,12 @@ PictureMatch match(std::span<const Place> places, std::span<const float> predict
     std::vector<double> ious;
     for (const Candidate& candidate : candidates) ious.push_back(candidate.iou);
     const std::size_t best = std::min(kBestIous, ious.size());
-    std::partial_sort(ious.begin(), ious.begin() + static_cast<std::ptrdiff_t>(best), ious.end(), std::greater<>());
+    std::partial_sort(ious.begin(), ious.begin() + static_cast<std::ptrdiff_t>(best), ious.end(),
+                      std::greater<>());
     const double sum = std::accumulate(ious.begin(), ious.begin() + static_cast<std::ptrdiff_t>(best), 0.0);
     const std::size_t count = std::clamp<std::size_t>(static_cast<std::size_t>(sum), 1, candidates.size());
-    std::partial_sort(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(count), candidates.end(),
+    std::partial_sort(candidates.begin(), candidates.begin() + static_cast<std::ptrdiff_t>(count),
+                      candidates.end(),
                       [](const Candidate& a, const Candidate& c) { return a.cost < c.cost; });
     for (std::size_t k = 0; k < count; ++k) {
       const auto [place, cost, iou] = candidates[k];
@@ -116,8 +121,9 @@ LossTerms picture_loss(const CameraOutput& output, std::span<const MiragePicture
                        std::int64_t height, std::int64_t width) {
   const std::vector<Place> places = places_of(height, width);
   const Tensor now = output.boxes.detach().contiguous(), logits = output.logits.detach().contiguous();
-  const PictureMatch matched = match(places, {now.data_ptr<float>(), 4 * places.size()},
-                                     {logits.data_ptr<float>(), places.size()}, boxes, ignored, height, width);
+  const PictureMatch matched =
+      match(places, {now.data_ptr<float>(), 4 * places.size()}, {logits.data_ptr<float>(), places.size()},
+            boxes, ignored, height, width);
   const double answering = std::max<double>(1, static_cast<double>(matched.places.size()));
   Tensor target = torch::zeros_like(logits), weight = torch::ones_like(logits);
   if (!matched.silent.empty()) weight.index_fill_(0, torch::tensor(matched.silent), 0);
@@ -127,8 +133,7 @@ LossTerms picture_loss(const CameraOutput& output, std::span<const MiragePicture
     std::vector<float> wanted;
     for (const std::int64_t b : matched.boxes)
       wanted.insert(wanted.end(), {boxes[b].left, boxes[b].top, boxes[b].right, boxes[b].bottom});
-    const Tensor iou =
-        row_iou(output.boxes.index_select(0, chosen), torch::tensor(wanted).view({-1, 4}));
+    const Tensor iou = row_iou(output.boxes.index_select(0, chosen), torch::tensor(wanted).view({-1, 4}));
     target.index_copy_(0, chosen, iou.detach());
     box_loss = (1 - iou.square()).sum() / answering;
   }

@@ -23,7 +23,7 @@ using torch::Tensor;
 
 constexpr const char* kFormat = "mirage fusion detector 2";
 constexpr double kWeightDecay = 0.01, kLargestGradient = 5.0;
-constexpr double kFrozenBelow = 0.3;  // of the peak rate: from there on norms are affine
+constexpr double kFrozenBelow = 0.3;                   // of the peak rate: from there on norms are affine
 constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes of kept camera output
 
 /// Own copies: the host may free its memory while the graph lives on.
@@ -353,10 +353,10 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
   if (options_.parts.lidar)
     terms = detection_loss(network_->forward(input).to(torch::kFloat), targets, positives, boxed);
   if (!camera_learns() || !input.camera.defined()) return terms;
-  const LossTerms picture = picture_loss(
-      input.camera, {sample.picture_boxes, static_cast<std::size_t>(sample.picture_box_count)},
-      {sample.picture_ignore, static_cast<std::size_t>(sample.picture_ignore_count)}, sample.vehicle_mask,
-      input.image.size(0), input.image.size(1));
+  const LossTerms picture =
+      picture_loss(input.camera, {sample.picture_boxes, static_cast<std::size_t>(sample.picture_box_count)},
+                   {sample.picture_ignore, static_cast<std::size_t>(sample.picture_ignore_count)},
+                   sample.vehicle_mask, input.image.size(0), input.image.size(1));
   return {terms.total + picture.total, terms.score + picture.score, terms.box + picture.box};
 }
 
@@ -381,8 +381,8 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
   for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
     std::optional<SampleStatistics> own;
     if (lidar_learns() && options_.parts.norm == Norm::channel && !statistics_frozen_) own.emplace();
-    const LossTerms terms = loss_of(samples[i], targets[i], static_cast<std::uint64_t>(samples_seen_) + i,
-                                    positives, boxed);
+    const LossTerms terms =
+        loss_of(samples[i], targets[i], static_cast<std::uint64_t>(samples_seen_) + i, positives, boxed);
     if (own) statistics[i] = own->seen;
     results[i].loss = {terms.total.item<float>(), static_cast<float>(terms.score),
                        static_cast<float>(terms.box)};
@@ -429,7 +429,7 @@ MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& inpu
   }
   // Of the grid's rows along x and columns along y: the interface has them the other way round.
   kept_bev_ = kept_bev_.view({grid.rows, grid.columns}).t().contiguous();
-  const Tensor map = found.map.defined()    ? found.map
+  const Tensor map = found.map.defined()     ? found.map
                      : options_.parts.camera ? network_->see(tensors).features
                                              : network_->image(tensors.image.to(best_device()));
   kept_map_ = map.norm(2, 1).squeeze(0).to(torch::kCPU).to(torch::kFloat).contiguous();
@@ -498,7 +498,8 @@ void FusionDetector::load(const std::string& file) {
 
 void FusionDetector::take_over(const std::string& file, const std::string& name) {
   auto archive = open_weights(file);
-  if (const Parts parts = parts_of(archive); name_of(parts) != name || (parts.lidar && parts.norm != options_.parts.norm))
+  if (const Parts parts = parts_of(archive);
+      name_of(parts) != name || (parts.lidar && parts.norm != options_.parts.norm))
     throw std::runtime_error(file + ": not the weights of such a " + name + " detector; check --" + name);
   copy_network(file, *network_);
 }

@@ -65,8 +65,8 @@ class FusionDetector {
   bool lidar_learns() const { return options_.parts.lidar && !lidar_frozen_; }
   void start_optimiser();
   CameraOutput remembered(const SensorTensors& input, std::uint64_t key);
-  LossTerms loss_of(const MirageSample& sample, const Targets& targets, std::uint64_t index,
-                    double positives, double boxed);
+  LossTerms loss_of(const MirageSample& sample, const Targets& targets, std::uint64_t index, double positives,
+                    double boxed);
   void find_in_picture(float score_threshold, bool keep_graph);
 
   Options options_;

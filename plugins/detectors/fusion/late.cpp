@@ -139,13 +139,11 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
   const Tensor there = given.select(1, 2);
   const Tensor cell = torch::tensor(proposals), pair = torch::tensor(of_proposal);
   const Tensor ours = logits.index_select(0, cell).index_select(0, pair);
-  const Tensor theirs =
-      input.camera.logits.to(type.dtype()).index_select(0, torch::tensor(of_box)) * there +
-      (there - 1) * -kLeastBox * 2;
-  const Tensor rows = torch::stack(
-      {given.select(1, 0), theirs / kLogitUnit, ours / kLogitUnit, given.select(1, 1)}, 1);
-  const Tensor scored =
-      last(torch::relu(third(torch::relu(second(torch::relu(first(rows))))))).select(1, 0);
+  const Tensor theirs = input.camera.logits.to(type.dtype()).index_select(0, torch::tensor(of_box)) * there +
+                        (there - 1) * -kLeastBox * 2;
+  const Tensor rows =
+      torch::stack({given.select(1, 0), theirs / kLogitUnit, ours / kLogitUnit, given.select(1, 1)}, 1);
+  const Tensor scored = last(torch::relu(third(torch::relu(second(torch::relu(first(rows))))))).select(1, 0);
   const auto count = static_cast<std::int64_t>(proposals.size());
   const Tensor joined = torch::full({count}, -1e9, type).scatter_reduce(0, pair, scored, "amax", false);
   const Tensor changed = logits.index_copy(0, cell, joined).view_as(output.select(0, kLogit)).unsqueeze(0);

@@ -60,10 +60,10 @@ struct Parts {
   bool image = true;        ///< continuous fusion, of the camera network's features or of an image branch's
   bool denoising = false;   ///< non-local means on the image features that fusion reads
   bool depth_gate = false;  ///< fusion weighs image features by agreement in depth (depth_gate.h)
-  bool camera = false;      ///< the camera network; without it continuous fusion has an image branch of its own
-  bool lidar = true;        ///< the backbone; without it the camera network finds boxes in the picture
-  bool painted = false;     ///< the camera network's mask painted on the returns
-  bool late = false;        ///< proposals joined with the camera network's boxes
+  bool camera = false;   ///< the camera network; without it continuous fusion has an image branch of its own
+  bool lidar = true;     ///< the backbone; without it the camera network finds boxes in the picture
+  bool painted = false;  ///< the camera network's mask painted on the returns
+  bool late = false;     ///< proposals joined with the camera network's boxes
   Norm norm = Norm::group;  ///< of the backbone
 };
 

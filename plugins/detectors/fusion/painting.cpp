@@ -30,7 +30,8 @@ Tensor painted_voxels(const SensorTensors& input) {
   if (chosen.empty()) return nothing;
   const Tensor points = input.points.index_select(0, torch::tensor(chosen)).narrow(1, 0, 3);
   const Tensor evidence = torch::sigmoid(
-      bilinear(input.camera.mask, (pixels_of(points, input.projection) + 0.5) / kMaskStride - 0.5).select(1, 0));
+      bilinear(input.camera.mask, (pixels_of(points, input.projection) + 0.5) / kMaskStride - 0.5)
+          .select(1, 0));
   const Tensor low_x = torch::tensor(column_x), low_y = torch::tensor(column_y);
   const Tensor along = (points.select(1, 0) - kXMin) / kVoxel - 0.5 - low_x.to(type.dtype()),
                across = (points.select(1, 1) - kYMin) / kVoxel - 0.5 - low_y.to(type.dtype());

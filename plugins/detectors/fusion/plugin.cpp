@@ -97,8 +97,8 @@ int image_features(void* detector, const MirageSensorInput* input, MirageImageFe
 }
 
 const MirageDetectorApi kApi = {
-    MIRAGE_DETECTOR_ABI, "fusion", create, destroy,      region, forward, backward,
-    train_step,          save,     capabilities, share, image_features};
+    MIRAGE_DETECTOR_ABI, "fusion", create,       destroy, region,        forward, backward,
+    train_step,          save,     capabilities, share,   image_features};
 
 }  // namespace
 

@@ -60,9 +60,13 @@ int save(void*, const char*, int32_t, char* error, size_t error_size) {
   return guarded(error, error_size, [] { throw BadFile(kNoTraining); });
 }
 
+uint32_t capabilities(void*) {
+  return MIRAGE_READS_IMAGE | MIRAGE_READS_POINTS | MIRAGE_FINDS_BEV;
+}
+
 const MirageDetectorApi kApi = {
-    MIRAGE_DETECTOR_ABI, "torchscript", create,  destroy, region, forward, backward,
-    train_step,          save,          nullptr, nullptr};
+    MIRAGE_DETECTOR_ABI, "torchscript", create,       destroy, region, forward, backward,
+    train_step,          save,          capabilities, nullptr, nullptr};
 
 }  // namespace
 

@@ -181,7 +181,7 @@ const std::vector<MirageProposal>& TorchScriptDetector::forward(const MirageSens
   places_.clear();
   for (std::int64_t k = 0; k < logits.numel(); ++k, box += 5) {
     if (!(1 / (1 + std::exp(-logit[k])) > score_threshold)) continue;
-    proposals_.push_back({{box[0], box[1], box[2], box[3], box[4]}, logit[k]});
+    proposals_.push_back({{box[0], box[1], box[2], box[3], box[4]}, {}, logit[k]});
     places_.push_back(k);
   }
   return proposals_;

@@ -30,6 +30,15 @@ std::filesystem::path instance_file(const std::filesystem::path& data, const std
   return data / "training/instance_2" / (id + ".png");
 }
 
+Image<std::uint16_t> read_instances(const std::filesystem::path& data, const std::string& id, int width,
+                                    int height) {
+  Image<std::uint16_t> instances = read_index_png(instance_file(data, id));
+  if (instances.width != width || instances.height != height)
+    throw InputError(instance_file(data, id).string(), "size", "differs from the image's",
+                     "write both with the same mirage generate --truth");
+  return instances;
+}
+
 std::filesystem::path point_label_file(const std::filesystem::path& data, const std::string& id) {
   return data / "training/instance_velodyne" / (id + ".label");
 }

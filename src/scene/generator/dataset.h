@@ -24,6 +24,9 @@ enum class Truth {
 };
 /// DIR/training/instance_2/ID.png: FrameTruth::instance (write_index_png).
 std::filesystem::path instance_file(const std::filesystem::path& data, const std::string& id);
+/// InputError if it can't be read or is not of the image's size.
+Image<std::uint16_t> read_instances(const std::filesystem::path& data, const std::string& id, int width,
+                                    int height);
 /// DIR/training/instance_velodyne/ID.label: FrameTruth::returns, little-endian, in the sweep's order
 /// (SemanticKITTI's layout).
 std::filesystem::path point_label_file(const std::filesystem::path& data, const std::string& id);

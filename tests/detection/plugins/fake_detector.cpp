@@ -6,7 +6,7 @@ namespace {
 
 using namespace mirage::test;
 
-MirageProposal proposal = {{10, 1, 4, 2, 0}, 3};
+MirageProposal proposal = {{10, 1, 4, 2, 0}, {20, 30, 50, 45}, 3};
 
 void region(void*, float out[4]) {
   const float values[] = {0, 50, -25, 25};
@@ -26,8 +26,30 @@ int backward(void*, const float* d_logits, int64_t, float* d_image, float* d_poi
   return 0;
 }
 
-const MirageDetectorApi api = {abi(MIRAGE_DETECTOR_ABI), "fake", create,  destroy, region, forward, backward,
-                               train_step<MirageSample>, save,   nullptr, nullptr};
+/// "Losses" that tell what of the picture's truth arrived.
+int train_step(void*, const MirageSample* samples, int64_t count, float, float loss[3], char*, size_t) {
+  const MirageSample& last = samples[count - 1];
+  loss[0] = static_cast<float>(10 * last.picture_box_count + last.picture_ignore_count);
+  loss[1] = last.picture_box_count > 0 ? last.picture_boxes[last.picture_box_count - 1].bottom : 0;
+  loss[2] = static_cast<float>(last.picture_key % 1000) + (last.vehicle_mask ? last.vehicle_mask[1] : -1);
+  return 0;
+}
+uint32_t capabilities(void*) {
+  return MIRAGE_READS_IMAGE | MIRAGE_FINDS_BEV | MIRAGE_FINDS_PICTURE;
+}
+
+const MirageDetectorApi api = {abi(MIRAGE_DETECTOR_ABI),
+                               "fake",
+                               create,
+                               destroy,
+                               region,
+                               forward,
+                               backward,
+                               train_step,
+                               save,
+                               capabilities,
+                               nullptr,
+                               nullptr};
 
 }  // namespace
 

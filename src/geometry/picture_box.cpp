@@ -1,0 +1,26 @@
+#include "geometry/picture_box.h"
+
+#include <algorithm>
+
+namespace mirage {
+
+double area(const PictureBox& box) {
+  return std::max(0.0, box.right - box.left) * std::max(0.0, box.bottom - box.top);
+}
+
+double intersection_area(const PictureBox& a, const PictureBox& b) {
+  return area({std::max(a.left, b.left), std::max(a.top, b.top), std::min(a.right, b.right),
+               std::min(a.bottom, b.bottom)});
+}
+
+double iou(const PictureBox& a, const PictureBox& b) {
+  const double both = intersection_area(a, b);
+  return both > 0 ? std::clamp(both / (area(a) + area(b) - both), 0.0, 1.0) : 0;
+}
+
+PictureBox joined(const PictureBox& a, const PictureBox& b) {
+  return {std::min(a.left, b.left), std::min(a.top, b.top), std::max(a.right, b.right),
+          std::max(a.bottom, b.bottom)};
+}
+
+}  // namespace mirage

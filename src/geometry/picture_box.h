@@ -1,0 +1,19 @@
+// Boxes in a picture: upright rectangles with IoU.
+#pragma once
+
+namespace mirage {
+
+/// Pixels in KITTI's convention: the centre of the upper left pixel is (0, 0).
+struct PictureBox {
+  double left = 0, top = 0, right = 0, bottom = 0;
+};
+
+/// Pixels²; 0 for a box whose sides are in the wrong order.
+double area(const PictureBox& box);
+double intersection_area(const PictureBox& a, const PictureBox& b);
+/// Intersection over union in [0, 1]; 0 if either box has no area.
+double iou(const PictureBox& a, const PictureBox& b);
+/// The smallest box that holds both.
+PictureBox joined(const PictureBox& a, const PictureBox& b);
+
+}  // namespace mirage

@@ -1,0 +1,32 @@
+#include <gtest/gtest.h>
+
+#include "geometry/picture_box.h"
+
+namespace mirage {
+namespace {
+
+TEST(PictureBox, OverlapByHand) {
+  const PictureBox box{10, 20, 30, 30};
+  EXPECT_DOUBLE_EQ(area(box), 200);
+  EXPECT_DOUBLE_EQ(iou(box, box), 1);
+  EXPECT_DOUBLE_EQ(intersection_area(box, {25, 15, 50, 25}), 25);
+  EXPECT_DOUBLE_EQ(iou(box, {20, 20, 40, 30}), 1.0 / 3);
+  EXPECT_DOUBLE_EQ(iou({20, 20, 40, 30}, box), 1.0 / 3);
+  EXPECT_DOUBLE_EQ(iou(box, {15, 22, 20, 27}), 25.0 / 200);  // inside
+  EXPECT_EQ(iou(box, {30, 20, 40, 30}), 0);                  // edge to edge
+  EXPECT_EQ(iou(box, {40, 20, 50, 30}), 0);
+  EXPECT_EQ(iou(box, {12, 25, 12, 28}), 0);        // no area
+  EXPECT_EQ(area(PictureBox{30, 30, 10, 20}), 0);  // sides in the wrong order
+  EXPECT_EQ(iou(box, {30, 30, 10, 20}), 0);
+}
+
+TEST(PictureBox, JoinedHoldsBoth) {
+  const PictureBox both = joined({10, 20, 30, 40}, {25, 5, 50, 30});
+  EXPECT_EQ(both.left, 10);
+  EXPECT_EQ(both.top, 5);
+  EXPECT_EQ(both.right, 50);
+  EXPECT_EQ(both.bottom, 40);
+}
+
+}  // namespace
+}  // namespace mirage
