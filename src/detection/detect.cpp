@@ -39,7 +39,7 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
     scored.detections =
         suppress(detector.forward({&frame.image, points, &frame.calibration}, kScoreThresholdForAp, false));
     seconds += std::chrono::duration<double>(Clock::now() - start).count();
-    scored.truth = ground_truth(frame, points, detector.region());
+    scored.truth = ground_truth(frame, detector.region());
     scored.focal_length = frame.calibration.camera.fy;
     run.frames.push_back(std::move(scored));
     if (progress) progress(i + 1, run.ids.size());
