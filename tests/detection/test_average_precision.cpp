@@ -150,7 +150,7 @@ TEST(PictureTruth, CarsCountWhateverTheirDistanceAndReturns) {
   EXPECT_EQ(truth.ignore.size(), 7u);  // all but the pedestrian
   Frame frame;
   frame.labels = labels;
-  EXPECT_EQ(ground_truth(frame, {}, {0, 50, -25, 25}).picture.boxes.size(), 1u);
+  EXPECT_EQ(ground_truth(frame, {0, 50, -25, 25}).picture.boxes.size(), 1u);
 }
 
 TEST(Difficulty, FollowsKittisLimits) {
