@@ -114,6 +114,11 @@ Command detect_command() {
     result["plane"] = to_string(run.plane);
     result["seconds_per_frame"] = run.seconds_per_frame;
     for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);
+    const std::vector<ScoredFrame> easier = without_look_alikes(run.frames);
+    const double easier50 = average_precision(easier, 0.5).average_precision,
+                 easier70 = average_precision(easier, 0.7).average_precision;
+    result["without_lookalikes"] = {{"ap50", easier50}, {"ap70", easier70}};
+    if (!common.quiet) std::printf("look-alikes ignored: AP50 %.3f   AP70 %.3f\n", easier50, easier70);
     result["plots"] = plot_precision_recall(parts, detector->name(), common.out);
     return result;
   };

@@ -96,6 +96,9 @@ Command train_command() {
                    "detector: mean number of other frames' vehicles pasted into a sample; fusion needs a set "
                    "made with --truth")
         ->capture_default_str();
+    app.add_option("--thin-lidar", chosen->thin_lidar,
+                   "detector: share of the samples that lose beams, or returns of some cars")
+        ->capture_default_str();
     app.add_option("--validate-every", chosen->validate_every,
                    "detector: steps between validations (0: at the end only)")
         ->check(CLI::NonNegativeNumber)

@@ -7,8 +7,6 @@
 namespace mirage {
 namespace {
 
-constexpr int kLeastPoints = 3;
-constexpr double kGrown = 0.1;       // m: returns scatter around a surface
 constexpr double kCarHeight = 1.53;  // m, KITTI's mean
 
 /// Geiger et al., CVPR 2012; the benchmark's development kit.
@@ -26,19 +24,6 @@ const Level& level(Difficulty difficulty) {
 bool meets(const Label& label, const Level& limits) {
   return label.bottom - label.top >= limits.least_height && label.occluded <= limits.most_occluded &&
          label.truncated <= limits.most_truncated;
-}
-
-bool counts(const Label& label, std::span<const LidarPoint> points, const std::array<double, 4>& region) {
-  if (!counts_by_label(label, region)) return false;
-  const BevBox& box = label.box.bev;
-  const Transform box_from_velo = velo_from_box(label.box).inverse();
-  int inside = 0;
-  for (const LidarPoint& point : points) {
-    const Vec3d p = box_from_velo * point.position().cast<double>();
-    inside += std::abs(p.x()) <= box.length / 2 + kGrown && std::abs(p.y()) <= box.width / 2 + kGrown &&
-              p.z() >= -kGrown && p.z() <= label.box.height + kGrown;
-  }
-  return inside >= kLeastPoints;
 }
 
 struct Detection {
@@ -132,14 +117,14 @@ Difficulty easiest_level(const Label& label) {
   return Difficulty::hard;
 }
 
-GroundTruth ground_truth(const Frame& frame, std::span<const LidarPoint> points,
-                         const std::array<double, 4>& region) {
+GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region) {
   GroundTruth truth;
   truth.picture = picture_truth(frame.labels);
   for (std::size_t i = 0; i < frame.labels.size(); ++i) {
     const Label& label = frame.labels[i];
+    if (label.type == "Misc") truth.look_alikes.push_back(label.box.bev);
     if (label.type != "Car" && label.type != "Van") continue;
-    if (counts(label, points, region)) {
+    if (counts_by_label(label, region)) {
       truth.boxes.push_back(label.box.bev);
       truth.labels.push_back(i);
       truth.difficulty.push_back(easiest_level(label));
@@ -162,6 +147,7 @@ PictureTruth picture_truth(std::span<const Label> labels) {
   PictureTruth truth;
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const Label& label = labels[i];
+    if (label.type == "Misc") truth.look_alikes.push_back(picture_box(label));
     if (label.type == "Car" && meets(label, level(Difficulty::hard))) {
       truth.boxes.push_back(picture_box(label));
       truth.labels.push_back(i);
@@ -180,6 +166,7 @@ ScoredFrame scored_in_picture(std::vector<Proposal> detections, const GroundTrut
   const PictureTruth& picture = truth.picture;
   for (const PictureBox& box : picture.boxes) frame.truth.boxes.push_back(rectangle(box));
   for (const PictureBox& box : picture.ignore) frame.truth.ignore.push_back(rectangle(box));
+  for (const PictureBox& box : picture.look_alikes) frame.truth.look_alikes.push_back(rectangle(box));
   frame.truth.labels = picture.labels;
   frame.truth.difficulty = picture.difficulty;
   frame.truth.distance = picture.distance;
@@ -198,6 +185,15 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
   }
   result.recall = static_cast<double>(hits) / result.boxes;
   result.average_precision = area_under(result.curve);
+  return result;
+}
+
+std::vector<ScoredFrame> without_look_alikes(std::span<const ScoredFrame> frames) {
+  std::vector<ScoredFrame> result(frames.begin(), frames.end());
+  for (ScoredFrame& frame : result) {
+    GroundTruth& truth = frame.truth;
+    truth.ignore.insert(truth.ignore.end(), truth.look_alikes.begin(), truth.look_alikes.end());
+  }
   return result;
 }
 

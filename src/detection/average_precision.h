@@ -31,6 +31,7 @@ struct PictureTruth {
   std::vector<std::size_t> labels = {};
   std::vector<Difficulty> difficulty = {};
   std::vector<double> distance = {};
+  std::vector<PictureBox> look_alikes = {};  ///< of type "Misc", which are background
 };
 
 /// The labels of one frame as detection sees them.
@@ -39,6 +40,7 @@ struct GroundTruth {
   std::vector<BevBox> ignore;               ///< may be found: neither right nor wrong
   std::vector<std::size_t> labels;          ///< index into frame.labels of each of `boxes`
   std::vector<Difficulty> difficulty = {};  ///< the easiest level of each of `boxes`
+  std::vector<BevBox> look_alikes = {};     ///< of type "Misc": background that a LiDAR takes for cars
   /// m from the `velo` origin to each of `boxes`, where they are rectangles of the picture.
   std::vector<double> distance = {};
   PictureTruth picture = {};
@@ -46,16 +48,15 @@ struct GroundTruth {
   static constexpr std::size_t kPasted = static_cast<std::size_t>(-1);
 };
 
-/// The part of ground_truth's rule that needs no points.
+/// Whether a label must be found: KITTI's "hard" cars. A Car, truncated ≤ 0.5, occluded ≤ 2, at least 25
+/// pixels high in the image, with its centre inside `region` (x and y from, to; `velo`, m). However few
+/// returns it has, none included: who sees its pixels can find it.
 bool counts_by_label(const Label& label, const std::array<double, 4>& region);
 
-/// KITTI's "hard" cars that can be seen at all. A label must be found if it is a Car, truncated ≤ 0.5,
-/// occluded ≤ 2, at least 25 pixels high in the image, with its centre inside `region` and at least 3 of
-/// `points` in its box (grown by 0.1 m). Other cars and all vans are ignored: finding them is neither right
-/// nor wrong. Everything else (trucks, trams, people) is background. `points` are those in view. With
-/// picture_truth().
-GroundTruth ground_truth(const Frame& frame, std::span<const LidarPoint> points,
-                         const std::array<double, 4>& region);
+/// Sorts the labels by counts_by_label. Other cars and all vans are ignored: finding them is neither right
+/// nor wrong. Everything else (trucks, trams, people, the generator's look-alikes: "Misc") is background.
+/// With picture_truth().
+GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region);
 
 /// KITTI's "hard" cars, whatever their distance and their returns: a label must be found if it is a Car,
 /// truncated ≤ 0.5, occluded ≤ 2 and at least 25 pixels high. Other cars, vans, trucks, trams and DontCare
@@ -91,6 +92,9 @@ struct PrecisionRecall {
 /// than 25 pixels high. AP is the mean over recalls 1/40 … 40/40 of the best precision at that
 /// recall or above (Simonelli et al., ICCV 2019; KITTI since 2019). Without boxes AP and recall are 0.
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou);
+
+/// The same frames with look-alikes ignored instead of background: detections of them no longer count.
+std::vector<ScoredFrame> without_look_alikes(std::span<const ScoredFrame> frames);
 
 /// average_precision's AP with its 95 % interval, by bootstrap over frames. {0, 0, 1} without boxes.
 Interval average_precision_interval(std::span<const ScoredFrame> frames, double min_iou);

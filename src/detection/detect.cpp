@@ -41,7 +41,7 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
         detector.forward({&frame.image, points, &frame.calibration}, kScoreThresholdForAp, false), run.plane);
     seconds += std::chrono::duration<double>(Clock::now() - start).count();
     const double focal_length = frame.calibration.camera.fy;
-    GroundTruth truth = ground_truth(frame, points, detector.region());
+    GroundTruth truth = ground_truth(frame, detector.region());
     if (run.plane == Plane::picture)
       run.frames.push_back(scored_in_picture(std::move(found), truth, focal_length));
     else

@@ -245,9 +245,13 @@ SamplingUnit sampling_unit(const LidarModel& lidar) {
   return unit;
 }
 
-SamplingUnit sampling_unit(const fs::path& data) {
+LidarModel unit_of(const fs::path& data) {
   const fs::path own = data / "rig.toml";
-  return sampling_unit(read_lidar_model(fs::exists(own) ? own : shipped_file("scenes/rigs/kitti64.toml")));
+  return read_lidar_model(fs::exists(own) ? own : shipped_file("scenes/rigs/kitti64.toml"));
+}
+
+SamplingUnit sampling_unit(const fs::path& data) {
+  return sampling_unit(unit_of(data));
 }
 
 bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit) {

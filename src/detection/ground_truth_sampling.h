@@ -21,7 +21,8 @@ struct SamplingUnit {
   double beam_gap = 0;           ///< rad, median between neighbouring beams
 };
 SamplingUnit sampling_unit(const LidarModel& lidar);
-/// Of the set's own rig (DIR/rig.toml), or of kitti64 when there is none.
+/// The LiDAR of a data set: its own rig's (DIR/rig.toml), or kitti64's when there is none.
+LidarModel unit_of(const std::filesystem::path& data);
 SamplingUnit sampling_unit(const std::filesystem::path& data);
 
 /// Pastes the car at its own pose: range, direction and pixels stay true. It is lifted (points, and pixels by

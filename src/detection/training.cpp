@@ -36,6 +36,7 @@ nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
   for (const auto& [key, file] : {std::pair("camera", options.camera), std::pair("lidar", options.lidar)})
     if (!file.empty()) json[key] = content_hash(read_file(file));
   if (options.ground_truth_sampling > 0) json["ground_truth_sampling"] = options.ground_truth_sampling;
+  if (options.thin_lidar > 0) json["thin_lidar"] = options.thin_lidar;
   return json;
 }
 
@@ -62,8 +63,10 @@ TrainingResult train_detector(const TrainingOptions& options) {
   auto detector = load_detector(load);
   if (!(options.ground_truth_sampling >= 0 && options.ground_truth_sampling <= 20))
     throw InputError("--ground-truth-sampling", "", "must be from 0 to 20", "try 2");
+  if (!(options.thin_lidar >= 0 && options.thin_lidar <= 1))
+    throw InputError("--thin-lidar", "", "must be from 0 to 1", "try 0.5");
   TrainingData data(options.data, options.frames, detector->region(), options.seed,
-                    options.ground_truth_sampling, detector->capabilities().reads_image);
+                    options.ground_truth_sampling, detector->capabilities().reads_image, options.thin_lidar);
   const nlohmann::json wanted = identity(options, data.size());
   TrainingState state = read_training_state(options.out, wanted);
   if (!state.weights.empty()) {

@@ -22,6 +22,7 @@ struct TrainingOptions {
   double minutes = 0;  ///< 0: no limit. Otherwise the schedule ends at steps or minutes, which is first
   std::int64_t checkpoint_every = 250;
   double ground_truth_sampling = 0;   ///< mean number of vehicles pasted into a sample (GroundTruthSampler)
+  double thin_lidar = 0.5;            ///< share of the samples that lose LiDAR returns (thin_lidar)
   std::size_t frames = 0;             ///< only the first N frames (0: all)
   std::size_t validation_frames = 0;  ///< only the first N (0: all)
   std::int64_t validate_every = 0;    ///< steps between validations (0: at the end only)

@@ -8,6 +8,7 @@
 #include "base/hash.h"
 #include "base/random.h"
 #include "base/srgb_bytes.h"
+#include "detection/lidar_thinning.h"
 #include "detection/points_in_view.h"
 #include "scene/generator/dataset.h"
 #include "scene/kitti.h"
@@ -26,7 +27,7 @@ CompactFrame compact(const Frame& frame, const std::array<double, 4>& region) {
   small.srgb = srgb_bytes(frame.image);
   small.points = points_in_view(frame.sweep, frame.calibration);
   small.calibration = frame.calibration;
-  small.truth = ground_truth(frame, small.points, region);
+  small.truth = ground_truth(frame, region);
   return small;
 }
 
@@ -102,8 +103,9 @@ PreparedSample prepared_sample(const CompactFrame& small, const Eigen::Affine3d&
 
 TrainingData::TrainingData(const std::filesystem::path& data, std::size_t limit,
                            const std::array<double, 4>& region, std::uint64_t seed, double pasted,
-                           bool with_picture)
-    : data_(data), ids_(list_frames(data)), region_(region), seed_(seed) {
+                           bool with_picture, double thinned)
+    : data_(data), ids_(list_frames(data)), region_(region), seed_(seed), thinned_(thinned) {
+  if (thinned > 0) lidar_ = unit_of(data);
   if (limit > 0 && ids_.size() > limit) ids_.resize(limit);
   frames_.resize(ids_.size());
   if (pasted > 0)
@@ -135,11 +137,11 @@ std::vector<PreparedSample> TrainingData::prepare(std::int64_t step, int batch) 
     const auto index = static_cast<std::uint64_t>(step) * batch + i;
     const CompactFrame& kept = frame(frame_of(index));
     CompactFrame changed;  // a copy: the frame in memory stays as it was
-    if (sampler_) {
-      changed = kept;
-      sampler_->augment(changed, index);
-    }
-    const CompactFrame& small = sampler_ ? changed : kept;
+    const bool changes = sampler_ || thinned_ > 0;
+    if (changes) changed = kept;
+    if (sampler_) sampler_->augment(changed, index);
+    if (thinned_ > 0) thin_lidar(changed, lidar_, thinned_, seed_, index);
+    const CompactFrame& small = changes ? changed : kept;
     samples.push_back(prepared_sample(small, random_pose(seed_, index), region_));
   }
   return samples;

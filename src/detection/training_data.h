@@ -59,8 +59,10 @@ BevBox moved(const BevBox& box, const Eigen::Affine3d& sample_from_data);
 class TrainingData {
  public:
   /// `pasted`: mean number of vehicles of other frames pasted into a sample (see GroundTruthSampler).
+  /// `thinned`: share of the samples that lose returns (thin_lidar); the unit is the set's own (DIR/rig.toml)
+  /// or kitti64's.
   TrainingData(const std::filesystem::path& data, std::size_t limit, const std::array<double, 4>& region,
-               std::uint64_t seed, double pasted = 0, bool with_picture = true);
+               std::uint64_t seed, double pasted = 0, bool with_picture = true, double thinned = 0);
   std::size_t size() const { return ids_.size(); }
   /// The frame of the `index`-th sample: every epoch is a new permutation of all frames.
   std::size_t frame_of(std::uint64_t index) const;
@@ -78,6 +80,8 @@ class TrainingData {
   std::size_t bytes_ = 0;
   CompactFrame passing_;  // used once memory for frames is spent
   std::unique_ptr<GroundTruthSampler> sampler_;
+  double thinned_ = 0;
+  LidarModel lidar_;
 };
 
 }  // namespace mirage

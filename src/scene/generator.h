@@ -39,8 +39,9 @@ struct FrameTruth {
 std::uint16_t semantic_class(const std::string& type);
 
 /// One frame; depends only on (rig, seed, index), and not on whether `truth` is asked for. Labels follow
-/// KITTI (2-D box, truncation, occlusion from what the camera sees of each vehicle). Vehicles with no visible
-/// pixel in the image, or no return, are not labelled.
+/// KITTI (2-D box, truncation, occlusion from what the camera sees of each vehicle). Labelled is what a
+/// return came from or what shows 25 pixels of height, within the picture's frame. Things that look like cars
+/// to a LiDAR alone are labelled "Misc", and so is a school bus.
 Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, FrameTruth* truth = nullptr);
 
 }  // namespace mirage

@@ -15,6 +15,11 @@ double wrap(double angle) {
   return angle - 2 * kPi * std::floor((angle + kPi) / (2 * kPi));
 }
 
+/// Of a point from the unit's axis (m), never 0.
+double horizontal_distance(const Vec3d& p) {
+  return std::max(p.head<2>().norm(), 1e-6);
+}
+
 /// The laser that passes nearest to a point at horizontal distance rho and height z.
 int nearest_beam(const LidarModel& lidar, const std::vector<double>& slopes, double rho, double z) {
   const auto height_at = [&](std::size_t b) { return lidar.beams[b].height + rho * slopes[b]; };
@@ -46,22 +51,35 @@ int nearest_firing(const std::vector<double>& firings, double azimuth, double re
 
 }  // namespace
 
-SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lidar) {
+std::vector<int> beams_of(std::span<const LidarPoint> points, const LidarModel& lidar) {
   std::vector<double> slopes;
   for (const LidarBeam& beam : lidar.beams) slopes.push_back(std::tan(beam.elevation));
   const Transform lidar_from_velo = lidar.velo_from_lidar.inverse();
+  std::vector<int> beams;
+  beams.reserve(points.size());
+  for (const LidarPoint& point : points) {
+    const Vec3d p = lidar_from_velo * point.position().cast<double>();
+    beams.push_back(p.allFinite() && !lidar.beams.empty()
+                        ? nearest_beam(lidar, slopes, horizontal_distance(p), p.z())
+                        : -1);
+  }
+  return beams;
+}
+
+SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lidar) {
+  const Transform lidar_from_velo = lidar.velo_from_lidar.inverse();
+  const std::vector<int> beams = beams_of(sweep, lidar);
   returns_.reserve(sweep.size());
-  for (const LidarPoint& point : sweep) {
-    const Vec3d p_velo = point.position().cast<double>(), p = lidar_from_velo * p_velo;
-    if (!p_velo.allFinite() || lidar.beams.empty()) {
+  for (std::size_t i = 0; i < sweep.size(); ++i) {
+    const Vec3d p_velo = sweep[i].position().cast<double>(), p = lidar_from_velo * p_velo;
+    const int beam = beams[i];
+    if (beam < 0) {
       returns_.push_back({p_velo, -1, 0});
       ++skipped_;
       continue;
     }
-    const double rho = std::max(p.head<2>().norm(), 1e-6);
-    const int beam = nearest_beam(lidar, slopes, rho, p.z());
     const LidarBeam& b = lidar.beams[static_cast<std::size_t>(beam)];
-    const double sideways = std::asin(std::clamp(b.lateral / rho, -1.0, 1.0));
+    const double sideways = std::asin(std::clamp(b.lateral / horizontal_distance(p), -1.0, 1.0));
     returns_.push_back({p_velo, beam, wrap(std::atan2(p.y(), p.x()) - b.azimuth_offset - sideways)});
   }
   find_firings();

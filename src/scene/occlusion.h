@@ -7,11 +7,16 @@
 // the same.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "sensors/lidar_model.h"
 
 namespace mirage {
+
+/// The laser (index) that passes nearest to each return; −1 where the return is not finite, or the unit has
+/// no lasers.
+std::vector<int> beams_of(std::span<const LidarPoint> points, const LidarModel& lidar);
 
 /// A ray of the sweep.
 struct SweepRay {

@@ -100,12 +100,13 @@ class SweepSimulator {
     int mesh = hits_.mesh[i], face = hits_.face[i];
     float t = hits_.t[i];
     bool returned = false;
-    for (int layer = 0; layer < kGlassLayers && mesh >= 0; ++layer) {
+    for (int panes = 0; panes < kGlassLayers && mesh >= 0;) {
       const float through = scene_.materials[static_cast<std::size_t>(mesh)].transparency;
       if (pane >= through) {
         returned = through == 0 || (pane - through) < (1 - through) * kGlassEcho;
         break;
       }
+      panes += through < 1;  // else it is there for the camera alone
       // The same number, stretched back to [0, 1), decides at the next pane.
       if (through > 0) pane /= through;
       ray.t_min = t + 1e-3f;
@@ -125,7 +126,7 @@ class SweepSimulator {
     } else {
       // Near-infrared reflectivity follows the pattern's contrast, not its colour.
       result.reflectivity = m.lidar;
-      if (m.pattern != Pattern::plain) {
+      if (m.pattern != Pattern::plain && !m.veiled) {
         const float mean = m.albedo.mean();
         if (mean > 0)
           result.reflectivity *=

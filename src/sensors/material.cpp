@@ -132,9 +132,26 @@ Vec3f asphalt(const Material& m, const Vec3f& p, float footprint) {
   return m.albedo * std::max(tone, 0.2f);
 }
 
+// Cartons, bales or crates in rows, staggered from layer to layer; on top as laid on the ground.
+Vec3f stack(const Material& m, const Vec3f& p, const Vec3f& n, float footprint) {
+  const float across = 0.3f + 0.35f * lattice(1, 0, 0, m.variant),
+              high = 0.2f + 0.25f * lattice(2, 0, 0, m.variant);
+  const bool top = std::abs(n.z()) > 0.75f;
+  const float step = top ? across : high, v = top ? p.y() : p.z();
+  const int row = static_cast<int>(std::floor(v / step));
+  const float u =
+      (top || std::abs(n.y()) > std::abs(n.x()) ? p.x() : p.y()) + (row & 1 ? 0.5f * across : 0.f);
+  const int column = static_cast<int>(std::floor(u / across));
+  const bool joint = cell(v, step) < 0.025f || cell(u, across) < 0.025f;
+  const Vec3f mean = 0.85f * m.albedo + 0.15f * m.second;
+  const Vec3f here = joint ? m.second : Vec3f(m.albedo * (0.75f + 0.5f * lattice(column, row, 0, m.variant)));
+  return (mean + keep(0.12f, footprint) * (here - mean)) * (1 + 0.35f * wave(p, 0.05f, m.variant, footprint));
+}
+
 }  // namespace
 
 float surface_gloss(const Material& m, const Vec3f& p, const Vec3f& n) {
+  if (m.veiled) return 0;
   if (m.pattern != Pattern::facade || std::abs(n.z()) > 0.5f) return m.gloss;
   const FacadePlace a = facade_place(m, p, n);
   const bool pane = a.outside < -kFrame && a.v > 0.7f && std::abs(a.x) > 0.03f;
@@ -153,6 +170,15 @@ Vec3f surface_albedo(const Material& m, const Vec3f& p, const Vec3f& n, float fo
       return facade(m, p, n, footprint);
     case Pattern::brick:
       return brick(m, p, n, footprint);
+    case Pattern::stack:
+      return stack(m, p, n, footprint);
+    case Pattern::cloth: {  // folds that hang down, dirt and faded places
+      const Vec3f hanging(p.x() * 6, p.y() * 6, p.z() * 1.1f);
+      const float folds = (noise(hanging, m.variant) - 0.5f) * keep(0.17f, footprint);
+      const float tone = 1 + 0.7f * folds + 0.35f * wave(p, 0.8f, m.variant + 1, footprint) +
+                         0.3f * wave(p, 0.1f, m.variant + 2, footprint);
+      return m.albedo * std::max(tone, 0.2f);
+    }
     case Pattern::grass: {
       const float tone =
           1 + 0.9f * wave(p, 0.07f, m.variant, footprint) + 0.5f * wave(p, 0.6f, m.variant + 1, footprint);

@@ -8,7 +8,19 @@
 namespace mirage {
 
 /// Procedural pattern that modulates the albedo, computed from the position in `velo` (m) and the normal.
-enum class Pattern : std::uint8_t { plain, asphalt, grass, paving, facade, brick, foliage, bark, grille };
+enum class Pattern : std::uint8_t {
+  plain,
+  asphalt,
+  grass,
+  paving,
+  facade,
+  brick,
+  foliage,
+  bark,
+  grille,
+  cloth,
+  stack
+};
 
 struct Material {
   Vec3f albedo = Vec3f::Constant(0.5f);  ///< scene-linear
@@ -20,7 +32,16 @@ struct Material {
   float transparency = 0;     ///< share of light that passes (glass); 0: opaque
   Vec3f emission = Vec3f::Zero();
   float lidar = 0.3f;  ///< diffuse reflectivity near 905 nm; above 1: retro-reflector
+  /// The camera sees albedo and pattern alone, opaque and matt; the LiDAR meets gloss, transparency and an
+  /// even `lidar` as without it. So a look-alike differs from the thing under it in pixels only, and a veiled
+  /// surface of transparency 1 is there for the camera alone.
+  bool veiled = false;
 };
+
+/// Share of the light that passes to the camera.
+inline float seen_through(const Material& material) {
+  return material.veiled ? 0.f : material.transparency;
+}
 
 /// Albedo at a point. `p` in `velo`, `n` unit; `footprint` is the pixel's size on the surface (m), beyond
 /// which detail fades to its mean.

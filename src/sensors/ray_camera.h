@@ -70,6 +70,9 @@ struct RayCameraSettings {
   int grid = 2;      ///< grid × grid primary rays a pixel
   int sky_rays = 2;  ///< rays that sample the sky's visibility, per shading point
   std::uint64_t seed = 0;
+  /// With a grid of 2: two rays on the pixel's diagonal, and the other two only where those disagree about
+  /// mesh or normal.
+  bool sparse = false;
 };
 
 struct RayImage {

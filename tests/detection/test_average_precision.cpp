@@ -188,12 +188,14 @@ TEST(GroundTruth, AppliesItsRules) {
   frame.labels[4].occluded = 3;
   frame.labels[5].bottom = 120;
   frame.labels[6].box.bev = car(60);
-  frame.labels[7].box.bev = car(30);  // no points
-  const std::vector<LidarPoint> points(3, LidarPoint{10, 0.5, -1, 0});
-  const GroundTruth truth = ground_truth(frame, points, {0, 50, -25, 25});
-  EXPECT_EQ(truth.labels, std::vector<std::size_t>{0});
-  EXPECT_EQ(truth.boxes.size(), 1u);
-  EXPECT_EQ(truth.ignore.size(), 6u);
+  frame.labels[7].box.bev = car(30);
+  frame.sweep.assign(3, LidarPoint{10, 0.5, -1, 0});  // the last car has no return: its pixels count
+  frame.labels.push_back(good);
+  frame.labels[8].type = "Misc";  // background, like the pedestrian
+  const GroundTruth truth = ground_truth(frame, {0, 50, -25, 25});
+  EXPECT_EQ(truth.labels, (std::vector<std::size_t>{0, 7}));
+  EXPECT_EQ(truth.boxes.size(), 2u);
+  EXPECT_EQ(truth.ignore.size(), 5u);
 }
 
 Label seen(double height, int occluded, double truncated) {
@@ -204,6 +206,12 @@ Label seen(double height, int occluded, double truncated) {
   label.occluded = occluded;
   label.truncated = truncated;
   return label;
+}
+
+Frame frame_of(const std::vector<Label>& labels) {
+  Frame frame;
+  frame.labels = labels;
+  return frame;
 }
 
 TEST(PictureTruth, CarsCountWhateverTheirDistanceAndReturns) {
@@ -225,9 +233,13 @@ TEST(PictureTruth, CarsCountWhateverTheirDistanceAndReturns) {
   EXPECT_EQ(truth.difficulty, std::vector<Difficulty>{Difficulty::hard});
   EXPECT_DOUBLE_EQ(truth.distance[0], 130);
   EXPECT_EQ(truth.ignore.size(), 7u);  // all but the pedestrian
-  Frame frame;
-  frame.labels = labels;
-  EXPECT_EQ(ground_truth(frame, {}, {0, 50, -25, 25}).picture.boxes.size(), 1u);
+  EXPECT_TRUE(truth.look_alikes.empty());
+  labels[7].type = "Misc";
+  EXPECT_EQ(picture_truth(labels).look_alikes.size(), 1u);
+  EXPECT_EQ(
+      scored_in_picture({}, ground_truth(frame_of(labels), {0, 50, -25, 25}), 0).truth.look_alikes.size(),
+      1u);
+  EXPECT_EQ(ground_truth(frame_of(labels), {0, 50, -25, 25}).picture.boxes.size(), 1u);
 }
 
 TEST(Difficulty, FollowsKittisLimits) {

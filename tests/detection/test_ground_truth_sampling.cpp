@@ -117,7 +117,7 @@ class World {
       small.srgb.push_back(static_cast<std::uint8_t>(std::lround(255 * srgb_from_linear(value))));
     small.points = points_in_view(made.sweep, made.calibration);
     small.calibration = made.calibration;
-    small.truth = ground_truth(made, small.points, kRegion);
+    small.truth = ground_truth(made, kRegion);
     return small;
   }
 

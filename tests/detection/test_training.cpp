@@ -94,7 +94,8 @@ TEST(Training, AStoppedRunGoesOnToTheSameWeights) {
   {
     DetectorOptions load{"lidar", {}, true, options.seed, 1};
     const auto detector = load_detector(load);
-    TrainingData data(options.data, options.frames, detector->region(), options.seed);
+    TrainingData data(options.data, options.frames, detector->region(), options.seed, 0, false,
+                      options.thin_lidar);
     for (std::int64_t step = 0; step < 2; ++step) {
       const auto samples = data.prepare(step, 1);
       const std::vector<TrainingSample> views = {samples[0].view()};

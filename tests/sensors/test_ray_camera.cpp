@@ -57,6 +57,23 @@ TEST(RayCamera, OpenGroundHasTheLightingsRadiance) {
   for (int c = 0; c < 3; ++c) EXPECT_NEAR(mean[c], expected[c], 0.02 * expected[c]);
 }
 
+// The rays left out would have found what their neighbours found.
+TEST(RayCamera, SparseRaysShowTheSame) {
+  const std::vector<Surface> surfaces = ground_and_wall();
+  const RayScene scene(surfaces);
+  RayCameraSettings full{2, 4, 1}, sparse = full;
+  sparse.sparse = true;
+  const RayImage a = render(scene, kCamera, looking_forward(), {}, full),
+                 b = render(scene, kCamera, looking_forward(), {}, sparse);
+  EXPECT_EQ(a.depth.data, b.depth.data);
+  EXPECT_EQ(a.object.data, b.object.data);
+  double difference = 0;
+  for (std::size_t i = 0; i < a.color.data.size(); ++i)
+    difference += std::abs(a.color.data[i] - b.color.data[i]) / static_cast<double>(a.color.data.size());
+  EXPECT_LT(difference, 2e-3);
+  EXPECT_NE(a.color.data, b.color.data);
+}
+
 TEST(RayCamera, DepthAndObjectsAndShadow) {
   const RayScene scene(ground_and_wall());
   SceneLight light;

@@ -223,13 +223,7 @@ void add_sides(Actor& car, const Hull& hull, const BodyShape& s, RandomStream& r
 // Roof rails, wipers, an aerial, a pick-up's bed.
 void add_top(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& extras) {
   const auto x_of = [&](double u) { return s.length * (0.5 - u); };
-  // The roof's height at a place: the highest vertex near it.
-  const auto top = [&](double x, double y) {
-    double z = 0;
-    for (const Vec3d& v : hull.all.vertices)
-      if (std::abs(v.x() - x) < 0.06 && std::abs(v.y() - y) < 0.14) z = std::max(z, v.z());
-    return z;
-  };
+  const auto top = [&](double x, double y) { return top_at(hull.all, x, y); };
   if (extras.rails) {
     Mesh rails;
     const double y = 0.5 * s.width * (1 - s.tumblehome) * 0.88;

@@ -17,6 +17,11 @@ struct CarTrim {
 Actor assemble(const BodyShape& shape, const std::string& type, const Vec3d& size, const CarTrim& trim,
                RandomStream& random);
 
+/// Puts something on the roof of one car in ten: a box, a ladder, skis, a taxi sign, rolled carpets, timber.
+/// Its surfaces come last and each stands out of the label box, which stays the car's own. `car`: assembled
+/// from `shape`.
+void add_roof_load(Actor& car, const BodyShape& shape, RandomStream& random);
+
 Material paint_of(RandomStream& random);
 Material tyre_rubber();
 Material dark_plastic();

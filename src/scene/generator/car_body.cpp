@@ -221,6 +221,13 @@ Hull loft(const BodyShape& shape) {
   return hull;
 }
 
+double top_at(const Mesh& hull, double x, double y) {
+  double z = 0;
+  for (const Vec3d& v : hull.vertices)
+    if (std::abs(v.x() - x) < 0.06 && std::abs(v.y() - y) < 0.14) z = std::max(z, v.z());
+  return z;
+}
+
 Mesh patch(const Mesh& hull, int axis, int side, const Vec2d& low, const Vec2d& high, double lift,
            int columns, int rows) {
   const int across = 1 - axis;

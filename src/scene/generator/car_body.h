@@ -27,6 +27,9 @@ struct Hull {
 
 Hull loft(const BodyShape& shape);
 
+/// Height of the highest vertex within 6 cm along and 14 cm across of a place; 0 without one.
+double top_at(const Mesh& hull, double x, double y);
+
 /// A patch that lies `lift` metres over the hull: a grid over the rectangle [low, high] in (y, z) seen from
 /// the front (axis 0, side +1) or rear (axis 0, side −1), or in (x, z) seen from the left or right (axis 1).
 /// Cells that miss the hull are left out.

@@ -8,7 +8,7 @@
 namespace mirage {
 
 /// Changes whenever the same seed gives other frames.
-inline constexpr int kGeneratorVersion = 3;
+inline constexpr int kGeneratorVersion = 4;
 
 /// Counts over the frames written in this run.
 struct DatasetSummary {

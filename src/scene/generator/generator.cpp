@@ -45,6 +45,7 @@ Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, Fr
   const SceneLight light = generator::make_light(seed, index);
   const RayScene scene(street.surfaces);
   RayCameraSettings settings;
+  settings.sparse = true;
   settings.seed = RandomStream(seed, "camera", index).next_u32();
   const RayImage picture =
       render(scene, rig.calibration.camera, rig.calibration.camera_from_velo, light, settings);
@@ -58,7 +59,7 @@ Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, Fr
                                generated_sweep_effects(), &objects);
   frame.calibration = rig.calibration;
   generator::StreetLabels labelled =
-      generator::label_street(street, rig.calibration, picture.object, frame.sweep);
+      generator::label_street(street, rig.calibration, picture.object, objects);
   frame.labels = std::move(labelled.labels);
   frame.lighting = light.lighting;
   if (truth) *truth = make_truth(street, labelled.line, picture, objects);

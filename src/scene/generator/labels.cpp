@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kNear = 0.3;  // m, geometry nearer than this to the camera's plane isn't projected
 constexpr int kProbes = 3000;  // rays a thing to count its own pixels
+constexpr int kRows = 25;      // pixels of height that make a thing without returns one to be found (KITTI)
 
 struct Extent {
   double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
@@ -23,28 +24,29 @@ struct Extent {
 }  // namespace
 
 StreetLabels label_street(const Street& street, const Calibration& calibration, const Image<int>& object,
-                          const Sweep& sweep) {
+                          std::span<const int> returned) {
   const PinholeCamera& camera = calibration.camera;
   const Transform velo_from_camera = calibration.camera_from_velo.inverse();
   const std::size_t count = street.placed.size();
-  std::vector<int> visible(count, 0);
-  for (int id : object.data)
-    if (id >= 0) ++visible[id];
-  std::vector<int> points(count, 0);
-  for (std::size_t i = 0; i < count; ++i) {
-    if (visible[i] == 0) continue;
-    for (const LidarPoint& p : sweep)
-      if (contains(street.placed[i].box, p.position().cast<double>(), 0.05)) ++points[i];
-  }
+  std::vector<int> visible(count, 0), first(count, object.height), last(count, -1), returns(count, 0);
+  for (int v = 0; v < object.height; ++v)
+    for (int u = 0; u < object.width; ++u)
+      if (const int id = object.at(u, v); id >= 0)
+        ++visible[id], first[id] = std::min(first[id], v), last[id] = v;
+  for (int id : returned)
+    if (id >= 0) ++returns[id];
 
   std::vector<Label> labels(count);
   parallel_for(count, [&](std::size_t i) {
-    if (visible[i] == 0 || points[i] == 0) return;
+    if (returns[i] == 0 && last[i] - first[i] + 1 < kRows) return;
+    const BevBox& place = street.placed[i].box.bev;
+    if (visible[i] == 0 && (calibration.camera_from_velo * Vec3d(place.x, place.y, 0)).z() < kNear) return;
     std::vector<Mesh> meshes;
     Extent full;
     for (const Surface& s : street.surfaces) {
       if (s.object != static_cast<int>(i)) continue;
       meshes.push_back(s.mesh);
+      if (on_roof(s, street.placed[i])) continue;
       for (const Vec3d& v : s.mesh.vertices) {
         Vec3d p = calibration.camera_from_velo * v;
         p.z() = std::max(p.z(), kNear);
@@ -74,7 +76,7 @@ StreetLabels label_street(const Street& street, const Calibration& calibration, 
     label.type = street.placed[i].type;
     label.box = street.placed[i].box;
     label.truncated = std::clamp(1 - seen.area() / std::max(full.area(), 1e-9), 0.0, 1.0);
-    label.occluded = share > 0.8 ? 0 : share > 0.35 ? 1 : 2;
+    label.occluded = visible[i] == 0 ? 3 : share > 0.8 ? 0 : share > 0.35 ? 1 : 2;
     label.left = seen.left, label.top = seen.top, label.right = seen.right, label.bottom = seen.bottom;
   });
   StreetLabels out;

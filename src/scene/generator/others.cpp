@@ -7,7 +7,6 @@
 #include "scene/generator/parts.h"
 
 namespace mirage::generator {
-namespace {
 
 Vec3f random_cloth(RandomStream& random) {
   const float tone = static_cast<float>(random.uniform(0.015, 0.5));
@@ -16,6 +15,20 @@ Vec3f random_cloth(RandomStream& random) {
                tone * static_cast<float>(random.uniform(0.5, 1.3)))
       .cwiseMin(0.8f);
 }
+
+Material green(RandomStream& random) {
+  Material m;
+  m.pattern = Pattern::foliage;
+  const auto u = [&](double a, double b) { return static_cast<float>(random.uniform(a, b)); };
+  m.albedo = Vec3f(u(0.025, 0.06), u(0.045, 0.10), u(0.01, 0.025));
+  m.second = random.uniform() < 0.15 ? Vec3f(u(0.15, 0.25), u(0.09, 0.13), 0.02f)
+                                     : Vec3f(u(0.05, 0.11), u(0.08, 0.14), u(0.015, 0.035));
+  m.variant = random.next_u32();
+  m.lidar = 0.35f;
+  return m;
+}
+
+namespace {
 
 // An ellipsoid between two points.
 void add_limb(Mesh& mesh, const Vec3d& a, const Vec3d& b, double radius) {
@@ -47,18 +60,6 @@ void add_person(Actor& actor, double h, double lean, double hip, RandomStream& r
   actor.surfaces.push_back(surface(torso, plain(random_cloth(random), 0.35f), true));
   actor.surfaces.push_back(surface(skin, plain(dark * Vec3f(0.45f, 0.28f, 0.2f), 0.4f), true));
   actor.surfaces.push_back(surface(hair, plain(Vec3f(0.05f, 0.035f, 0.02f), 0.2f), true));
-}
-
-Material green(RandomStream& random, Pattern pattern) {
-  Material m;
-  m.pattern = pattern;
-  const auto u = [&](double a, double b) { return static_cast<float>(random.uniform(a, b)); };
-  m.albedo = Vec3f(u(0.025, 0.06), u(0.045, 0.10), u(0.01, 0.025));
-  m.second = random.uniform() < 0.15 ? Vec3f(u(0.15, 0.25), u(0.09, 0.13), 0.02f)
-                                     : Vec3f(u(0.05, 0.11), u(0.08, 0.14), u(0.015, 0.035));
-  m.variant = random.next_u32();
-  m.lidar = 0.35f;
-  return m;
 }
 
 }  // namespace
@@ -142,7 +143,7 @@ Actor make_clutter(RandomStream& random) {
         const Vec3d q = random.uniform() < 0.3 ? Vec3d(p.x(), u(-0.5, 0.5) * w, h * u(0.92, 1.04)) : p;
         add_leaves(b, q, {0.05, 0.05, 0.05}, 1, 0.08, random);
       }
-      const Material m = green(random, Pattern::foliage);
+      const Material m = green(random);
       Material core = m;
       core.albedo *= 0.4f, core.second *= 0.4f;
       actor.surfaces = {surface(a, core), surface(b, m)};
@@ -151,7 +152,7 @@ Actor make_clutter(RandomStream& random) {
     case 5: {  // bush
       const Vec3d r(u(0.5, 1.6), u(0.5, 1.6), u(0.5, 1.2));
       add_leaves(b, {0, 0, 0.8 * r.z()}, r, static_cast<int>(900 * r.x() * r.y() + 400), 0.09, random);
-      actor.surfaces = {surface(b, green(random, Pattern::foliage))};
+      actor.surfaces = {surface(b, green(random))};
       break;
     }
     case 6: {  // switch cabinet, advertising pillar
@@ -213,7 +214,7 @@ Actor make_tree(RandomStream& random, double detail) {
   }
   Material bark = plain(Vec3f(0.09f, 0.075f, 0.06f) * static_cast<float>(random.uniform(0.6, 1.6)), 0.3f);
   bark.pattern = Pattern::bark, bark.variant = random.next_u32();
-  const Material leaf = green(random, Pattern::foliage);
+  const Material leaf = green(random);
   // The shade inside the crown: little of the sky shows through a broad-leaved tree.
   Material shade = leaf;
   shade.albedo *= 0.35f, shade.second *= 0.35f;

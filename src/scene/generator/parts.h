@@ -16,7 +16,7 @@ struct Actor {
   std::string type;               ///< KITTI class; empty: clutter without a label
   std::vector<Surface> surfaces;  ///< in the actor's frame
   Vec3d size = Vec3d::Zero();     ///< length, width, height of the label box (m)
-  std::string kind = {};          ///< body style of a car (scene/shape/car_family.h); else empty
+  std::string kind = {};  ///< body style of a car (scene/shape/car_family.h); "look-alike"; else empty
 };
 
 /// Measures the label box from the surfaces so far and moves the origin under its centre. Surfaces added
@@ -40,8 +40,18 @@ void add_leaves(Mesh& mesh, const Vec3d& centre, const Vec3d& radii, int count, 
 Transform at(double x, double y, double z, double yaw = 0);
 Surface surface(Mesh mesh, Material material, bool smooth = false);
 Material plain(const Vec3f& albedo, float lidar, float gloss = 0);
+Vec3f random_cloth(RandomStream& random);
+/// Leaves of a hedge or tree, green or turning.
+Material green(RandomStream& random);
 
 Actor make_car(RandomStream& random);
+/// What only a picture tells from a car: `car` with every surface and all that a LiDAR meets of it, but to
+/// the camera a clipped hedge, something under a tarpaulin or a stack of goods, closed and without wheels,
+/// lamps or panes; one in five is a bin, a shed or a boat of its size instead. Type "Misc", kind
+/// "look-alike": detection takes it for background.
+Actor make_look_alike(Actor car, RandomStream& random);
+/// How many of what stands where cars park, and of what stands on the lanes, are look-alikes.
+inline constexpr double kAlikeParked = 0.5, kAlikeOnLanes = 0.2;
 Actor make_van(RandomStream& random);
 Actor make_truck(RandomStream& random);
 Actor make_pedestrian(RandomStream& random);

@@ -22,6 +22,10 @@ struct Street {
   std::vector<Placed> placed;
 };
 
+/// Whether the surface is something that lies on the roof of `placed`: part of the thing, but not of its
+/// boxes.
+bool on_roof(const Surface& surface, const Placed& placed);
+
 /// `height`: of the `velo` origin over the road (m). Deterministic by (seed, index, look).
 Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look look = Look::european);
 

@@ -13,8 +13,9 @@ std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, 
   std::vector<TrueVehicle> vehicles;
   for (const Placed& placed : street.placed) vehicles.push_back({placed.type, placed.box, {}, placed.kind});
   for (const Surface& surface : street.surfaces)
-    if (surface.object >= 0)
-      append(vehicles[static_cast<std::size_t>(surface.object)].mesh, surface.mesh, Transform::Identity());
+    if (const auto k = static_cast<std::size_t>(surface.object);
+        surface.object >= 0 && !on_roof(surface, street.placed[k]))
+      append(vehicles[k].mesh, surface.mesh, Transform::Identity());
   return vehicles;
 }
 

@@ -15,8 +15,8 @@ namespace mirage::generator {
 
 struct TrueVehicle {
   std::string type;
-  Box3 box;               ///< `velo`
-  Mesh mesh;              ///< `velo`; every surface of it, seats and lamps included
+  Box3 box;   ///< `velo`
+  Mesh mesh;  ///< `velo`; every surface of it, seats and lamps included, but for what is on its roof
   std::string kind = {};  ///< a car's body style ("hatchback", …); else empty
 };
 

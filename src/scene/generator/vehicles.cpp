@@ -71,6 +71,7 @@ Actor make_car(RandomStream& random) {
   s.length *= 0.925, s.width *= 0.945;
   Actor car = assemble(s, "Car", {s.length, s.width, s.height}, trim, random);
   car.kind = name_of(style);
+  add_roof_load(car, s, random);
   return car;
 }
 
@@ -95,6 +96,7 @@ Actor american::make_car(RandomStream& random) {
   s.length *= 0.97, s.width *= 0.97;  // boxes are drawn around the points
   Actor car = assemble(s, "Car", {s.length, s.width, s.height}, trim, random);
   car.kind = name_of(style);
+  add_roof_load(car, s, random);
   return car;
 }
 

@@ -57,7 +57,8 @@ class AmericanStreet : private StreetSite {
   void add_shop(double s, double d, double along, double deep, int side);
   void add_office(double s, double d, double along, double deep, int side);
 
-  Actor vehicle();
+  /// A vehicle, or with probability `alike` something that looks like a car to a LiDAR.
+  Actor vehicle(double alike);
   double sign(int side) const { return side ? 1 : -1; }
   /// Middle of a lane on a side (0: our own), counted from the centre line.
   double lane_d(int side, int lane) const { return sign(side) * (0.5 * turn_lane_ + (lane + 0.5) * lane_); }

@@ -14,8 +14,8 @@ void AmericanStreet::line_with_houses(int side) {
       add_house(middle, line, along, deep, side, drive);
       const Vec2d p = xy(middle, sign(side) * (line + 0.5 * deep));
       taken_.push_back({p.x(), p.y(), along, deep, yaw(middle)});
-      if (chance(0.55) && s < 66)
-        put(vehicle(), drive + 0.1 * random_.normal(), sign(side) * (line - u(2.9, 3.6)),
+      if (chance(0.75) && s < 66)
+        put(vehicle(kAlikeParked), drive + 0.1 * random_.normal(), sign(side) * (line - u(2.9, 3.6)),
             (chance(0.75) ? 0.5 : -0.5) * kPi * sign(side), 0.1);
     }
     s += plot;
@@ -48,13 +48,13 @@ void AmericanStreet::line_with_shops(int side) {
   }
   // Car park between walk and shops: bays across, some of them taken.
   Mesh lines;
-  const double row = line - 4.2, share = u(0.1, 0.7);
+  const double row = line - 4.2, share = u(0.25, 0.85);
   for (double s = -4; s < 75; s += 2.75) {
     if (in_cross(s, 7)) continue;
     const double a = sign(side) * (row - 2.5), b = sign(side) * (row + 2.5);
     add_strip(lines, std::min(a, b), std::max(a, b), s, s + 0.1, 1, 0.008);
     if (chance(share) && s < 62)
-      put(vehicle(), s + 1.4, sign(side) * row + 0.15 * random_.normal(),
+      put(vehicle(kAlikeParked), s + 1.4, sign(side) * row + 0.15 * random_.normal(),
           (chance(0.8) ? 0.5 : -0.5) * kPi * sign(side), 0.1);
   }
   surfaces_.push_back(surface(lines, plain(Vec3f::Constant(f(0.35, 0.6)), 0.6f)));

@@ -110,7 +110,8 @@ void AmericanStreet::place_junction() {
   }
 }
 
-Actor AmericanStreet::vehicle() {
+Actor AmericanStreet::vehicle(double alike) {
+  if (actors_.uniform() < alike) return make_look_alike(american::make_car(actors_), actors_);
   const double pick = actors_.uniform();
   return pick < 0.915   ? american::make_car(actors_)
          : pick < 0.955 ? make_van(actors_)
@@ -125,29 +126,37 @@ void AmericanStreet::place_traffic() {
     const bool own = std::abs(lane_d(0, lane) - ego_d_) < 0.5 * lane_;
     if (!chance(flow)) continue;
     for (double s = own ? u(8, 35) : u(2, 25); s < 66; s += u(7.5, 40))
-      put(vehicle(), s, (own ? ego_d_ : lane_d(0, lane)) + wobble(0.25), wobble(0.02));
+      put(vehicle(kAlikeOnLanes), s, (own ? ego_d_ : lane_d(0, lane)) + wobble(0.25), wobble(0.02));
   }
   for (int lane = 0; lane < lanes_[1]; ++lane) {
     if (!chance(flow)) continue;
     for (double s = u(4, 40); s < 70; s += u(8, 45))
-      put(vehicle(), s, lane_d(1, lane) + wobble(0.3), kPi + wobble(0.03));
+      put(vehicle(kAlikeOnLanes), s, lane_d(1, lane) + wobble(0.3), kPi + wobble(0.03));
   }
-  if (turn_lane_ > 0 && chance(0.35)) put(vehicle(), u(8, 50), wobble(0.2), chance(0.5) ? 0 : kPi);
+  if (turn_lane_ > 0 && chance(0.35))
+    put(vehicle(kAlikeOnLanes), u(8, 50), wobble(0.2), chance(0.5) ? 0 : kPi);
   if (cross_s_ < kFar) {
     for (int i = random_.below(6); i > 0; --i) {
       const bool left = chance(0.5);
-      put(vehicle(), cross_s_ + (left ? 1 : -1) * u(0.3, 0.6) * cross_half_, u(-28, 28),
+      put(vehicle(kAlikeOnLanes), cross_s_ + (left ? 1 : -1) * u(0.3, 0.6) * cross_half_, u(-28, 28),
           (left ? 0.5 : -0.5) * kPi + wobble(0.1));
     }
-    if (chance(0.35)) put(vehicle(), cross_s_ + wobble(2.0), u(-7, 7), u(-kPi, kPi));  // turning
+    if (chance(0.35)) put(vehicle(kAlikeOnLanes), cross_s_ + wobble(2.0), u(-7, 7), u(-kPi, kPi));  // turning
   }
   for (int side : {0, 1}) {  // along the kerb
     if (strip_[side] < 2) continue;
-    const double share = u(0.2, 0.9), d = sign(side) * (half_[side] - 0.5 * strip_[side] + 0.05);
+    const double share = u(0.4, 1.0), d = sign(side) * (half_[side] - 0.5 * strip_[side] + 0.05);
     for (double s = -4 + u(0, 5); s < 70; s += u(6.0, 7.2))
       if (chance(share) && !in_cross(s, 8))
-        put(vehicle(), s, d + wobble(0.1), (side ? kPi : 0) + wobble(0.02), 0.12);
+        put(vehicle(kAlikeParked), s, d + wobble(0.1), (side ? kPi : 0) + wobble(0.02), 0.12);
   }
+  for (int side : {0, 1})  // at the roadside, on verge and walk
+    for (int i = 1 + random_.below(4); i > 0; --i) {
+      const double s = u(6, 66), d = half_[side] + u(1.2, std::max(2.0, pavement_[side] + 1.0));
+      if (in_cross(s, 3)) continue;
+      put(vehicle(kAlikeParked), s, sign(side) * d,
+          chance(0.8) ? (chance(0.5) ? 0 : kPi) + wobble(0.06) : u(-kPi, kPi), 0.2);
+    }
 }
 
 }  // namespace mirage::generator

@@ -122,35 +122,36 @@ void EuropeanStreet::lay_ground() {
 
 void EuropeanStreet::place_vehicles() {
   const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
-  const double flow = kind_ == Kind::avenue ? 0.8 : kind_ == Kind::rural ? 0.75 : 0.55;
+  const double flow = kind_ == Kind::avenue ? 0.85 : kind_ == Kind::rural ? 0.8 : 0.65;
   // Ahead in our own lane and in the next one.
   if (chance(flow)) {
     double s = u(7, 35);
     const int count = 1 + (chance(0.45) ? 1 + random_.below(2) : 0);
-    for (int i = 0; i < count; ++i, s += u(7, 22)) put(vehicle(), s, ego_d_ + wobble(0.25), wobble(0.02));
+    for (int i = 0; i < count; ++i, s += u(7, 22))
+      put(vehicle(kAlikeOnLanes), s, ego_d_ + wobble(0.25), wobble(0.02));
   }
   if (lanes_right_ == 2)
     for (double s = u(3, 20); s < 65; s += u(8, 35)) {
       const double d = ego_d_ > -lane_ ? -1.5 * lane_ : -0.5 * lane_;
-      put(vehicle(), s, d + wobble(0.25), wobble(0.02));
+      put(vehicle(kAlikeOnLanes), s, d + wobble(0.25), wobble(0.02));
     }
   for (int lane = 0; lane < lanes_left_; ++lane)
     if (chance(flow))
       for (double s = u(4, 40); s < 66; s += u(8, 45))
-        put(vehicle(), s, (lane + 0.5) * lane_ + wobble(0.3), kPi + wobble(0.03));
+        put(vehicle(kAlikeOnLanes), s, (lane + 0.5) * lane_ + wobble(0.3), kPi + wobble(0.03));
   if (cross_s_ < kFar) {
     const int count = random_.below(5);
     for (int i = 0; i < count; ++i) {
       const bool left = chance(0.5);
-      put(vehicle(), cross_s_ + (left ? 0.5 : -0.5) * cross_half_ + wobble(0.4), u(-22, 22),
+      put(vehicle(kAlikeOnLanes), cross_s_ + (left ? 0.5 : -0.5) * cross_half_ + wobble(0.4), u(-22, 22),
           (left ? 0.5 : -0.5) * kPi + wobble(0.12));
     }
-    if (chance(0.4)) put(vehicle(), cross_s_ + wobble(2.0), u(-5, 5), u(-kPi, kPi));  // turning
+    if (chance(0.4)) put(vehicle(kAlikeOnLanes), cross_s_ + wobble(2.0), u(-5, 5), u(-kPi, kPi));  // turning
   }
   for (int side : {0, 1}) {
     const double sign = side ? 1 : -1;
     if (strip_[side] == 0) continue;
-    const double share = u(0.35, 0.95);
+    const double share = u(0.5, 1.0);
     const bool across = strip_[side] > 4, slanted = across && chance(0.4);
     const double slant = slanted ? u(0.5, 1.1) : 0.5 * kPi;
     const double d = sign * (half_[side] - 0.5 * strip_[side] + (across ? 0 : u(-0.1, 0.3)));
@@ -161,7 +162,7 @@ void EuropeanStreet::place_vehicles() {
         turn = (chance(0.75) ? 1 : -1) * sign * slant;
       else
         turn = chance(side ? 0.7 : 0.12) ? kPi : 0;
-      put(vehicle(), s, d + wobble(0.1), turn + wobble(0.025), 0.12);
+      put(vehicle(kAlikeParked), s, d + wobble(0.1), turn + wobble(0.025), 0.12);
     }
   }
   // Cars off the street: drives, yards, car parks.
@@ -169,7 +170,15 @@ void EuropeanStreet::place_vehicles() {
     const double sign = side ? 1 : -1;
     const int count = chance(0.45) ? 1 + random_.below(4) : 0;
     for (int i = 0; i < count; ++i)
-      put(vehicle(), u(8, 60), sign * (half_[side] + pavement_[side] + u(2.5, 12)), u(-kPi, kPi), 0.3);
+      put(vehicle(kAlikeParked), u(8, 60), sign * (half_[side] + pavement_[side] + u(2.5, 12)), u(-kPi, kPi),
+          0.3);
+    // At the roadside, half on the pavement or the verge.
+    for (int i = 1 + random_.below(4); i > 0; --i) {
+      const double s = u(6, 64), d = half_[side] + u(1.2, std::max(2.0, pavement_[side] + 0.5));
+      if (in_cross(s, 3)) continue;
+      put(vehicle(kAlikeParked), s, sign * d,
+          chance(0.8) ? (chance(0.5) ? 0 : kPi) + wobble(0.06) : u(-kPi, kPi), 0.2);
+    }
   }
 }
 

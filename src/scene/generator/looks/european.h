@@ -30,7 +30,9 @@ class EuropeanStreet : private StreetSite {
   void place_signals();
   void add_building(double s, double d, double along, double deep, int side);
 
-  Actor vehicle() {
+  /// A vehicle, or with probability `alike` something that looks like a car to a LiDAR.
+  Actor vehicle(double alike) {
+    if (actors_.uniform() < alike) return make_look_alike(make_car(actors_), actors_);
     const double pick = actors_.uniform();
     return pick < 0.93 ? make_car(actors_) : pick < 0.985 ? make_van(actors_) : make_truck(actors_);
   }

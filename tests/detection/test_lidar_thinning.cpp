@@ -1,0 +1,102 @@
+// Samples that lose beams, or returns of cars.
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "base/files.h"
+#include "detection/lidar_thinning.h"
+#include "geometry/shapes.h"
+#include "scene/occlusion.h"
+
+namespace mirage {
+namespace {
+
+const BevBox kCar{12, 2, 4, 1.8, 0.3}, kOther{20, -4, 4, 1.8, 0};
+
+/// A car and something that looks like one on level ground, as kitti64's unit sees them.
+CompactFrame sample(const LidarModel& lidar) {
+  std::vector<Mesh> meshes(1);
+  append(meshes[0], box_mesh({300, 300, 2}), Transform(Eigen::Translation3d(0, 0, -2.73)));
+  for (const BevBox& box : {kCar, kOther}) {
+    meshes.emplace_back();
+    append(meshes.back(), box_mesh({box.length, box.width, 1.5}),
+           velo_from_box({box, -1.73, 1.5}) * Eigen::Translation3d(0, 0, 0.75));
+  }
+  const RayCaster caster(meshes);
+  CompactFrame frame;
+  for (std::size_t b = 0; b < lidar.beams.size(); ++b)
+    for (int column = 0; column < lidar.azimuth_count(); ++column) {
+      const LidarRay fired = lidar.ray(static_cast<int>(b), column);
+      if (fired.direction.x() < 0.7) continue;
+      const Hit hit =
+          caster.intersect({fired.origin.cast<float>(), fired.direction.cast<float>(), 0.5f, 100.f});
+      if (!hit.hit()) continue;
+      const Vec3f p = (fired.origin + hit.t * fired.direction).cast<float>();
+      frame.points.push_back({p.x(), p.y(), p.z(), 0.3f});
+    }
+  frame.truth.boxes = {kCar};
+  frame.truth.look_alikes = {kOther};
+  return frame;
+}
+
+/// Returns of the thing itself, and of everything but the two.
+std::size_t on(const BevBox& box, const CompactFrame& frame) {
+  std::size_t count = 0;
+  for (const LidarPoint& p : frame.points) {
+    const Vec3d at = p.position().cast<double>();
+    count += p.z > -1.5f && contains({box, -2, 3}, at, 0.1);
+  }
+  return count;
+}
+
+TEST(LidarThinning, TakesBeamsOrReturnsOfCarsInItsShareOfTheSamples) {
+  const LidarModel lidar = read_lidar_model(shipped_file("scenes/rigs/kitti64.toml"));
+  const CompactFrame whole = sample(lidar);
+  const std::size_t of_car = on(kCar, whole), of_other = on(kOther, whole), all = whole.points.size();
+  ASSERT_GT(of_car, 200u);
+  ASSERT_GT(of_other, 100u);
+  ASSERT_EQ(beams_of(whole.points, lidar).size(), all);
+  constexpr int samples = 400;
+  int untouched = 0, by_beam[9] = {}, by_object = 0, car_lost = 0, other_lost = 0;
+  for (std::uint64_t index = 0; index < samples; ++index) {
+    CompactFrame frame = whole;
+    thin_lidar(frame, lidar, 0.5, 3, index);
+    CompactFrame again = whole;
+    thin_lidar(again, lidar, 0.5, 3, index);
+    ASSERT_EQ(frame.points.size(), again.points.size());
+    EXPECT_EQ(frame.truth.boxes.size(), 1u);
+    const std::size_t ground = frame.points.size() - on(kCar, frame) - on(kOther, frame);
+    if (ground == all - of_car - of_other) {  // the road stays: nothing, or objects only
+      const auto judge = [&](std::size_t left, std::size_t before, int& lost) {
+        if (left == before) return;
+        EXPECT_LT(static_cast<double>(left), 0.42 * static_cast<double>(before));
+        ++lost;
+      };
+      const int before = car_lost + other_lost;
+      judge(on(kCar, frame), of_car, car_lost);
+      judge(on(kOther, frame), of_other, other_lost);
+      (car_lost + other_lost > before ? by_object : untouched) += 1;
+      continue;
+    }
+    std::set<int> beams;
+    for (int b : beams_of(frame.points, lidar)) beams.insert(b);
+    ASSERT_GE(beams.size(), 2u);
+    const int step = *std::next(beams.begin()) - *beams.begin();
+    ASSERT_TRUE(step == 2 || step == 4 || step == 8) << step;
+    for (int b : beams) EXPECT_EQ(b % step, *beams.begin() % step);
+    ++by_beam[step];
+  }
+  EXPECT_NEAR(by_beam[2] + by_beam[4] + by_beam[8], samples / 4, 35);
+  for (int step : {2, 4, 8}) EXPECT_GT(by_beam[step], 15) << step;
+  // Half of the samples as they are, and those of the rest in which neither was drawn (0.7²).
+  EXPECT_NEAR(untouched, samples * (0.5 + 0.25 * 0.49), 40);
+  EXPECT_NEAR(by_object, samples * 0.25 * 0.51, 25);
+  EXPECT_GT(car_lost, 10);
+  EXPECT_GT(other_lost, 10);  // or a gap would mean a car
+  CompactFrame frame = whole;
+  thin_lidar(frame, lidar, 0, 3, 1);
+  EXPECT_EQ(frame.points.size(), all);
+}
+
+}  // namespace
+}  // namespace mirage
