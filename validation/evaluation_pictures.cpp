@@ -10,6 +10,7 @@
 #include "base/image_io.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
+#include "detection/average_precision.h"
 #include "validation/process.h"
 
 namespace mirage {
@@ -58,13 +59,21 @@ Box3 upright(const BevBox& box, const Frame& frame, const Label& host) {
   return result;
 }
 
-json detections_json(const std::vector<Proposal>& found, const Frame& frame, const Label& host) {
+/// The four corners of a box in the picture.
+json pixels_json(const PictureBox& box) {
+  return {{box.left, box.top}, {box.right, box.top}, {box.right, box.bottom}, {box.left, box.bottom}};
+}
+
+json detections_json(const std::vector<Proposal>& found, const Frame& frame, const Label& host, Plane plane) {
   auto list = json::array();
-  for (const Proposal& d : found)
-    list.push_back({{"score", d.score()},
-                    {"iou", iou(d.box, host.box.bev)},
-                    {"outline", bev_json(d.box)},
-                    {"pixels", pixels_json(upright(d.box, frame, host), frame.calibration)}});
+  for (const Proposal& d : found) {
+    const BevBox box = rectangle(d, plane);
+    list.push_back(
+        {{"score", d.score()},
+         {"outline", bev_json(box)},
+         {"pixels", plane == Plane::picture ? pixels_json(d.picture)
+                                            : pixels_json(upright(box, frame, host), frame.calibration)}});
+  }
   return list;
 }
 
@@ -110,7 +119,8 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
     points.insert(points.end(), {simulated.sweep[i].x, simulated.sweep[i].y, i >= first ? 1.0f : 0.0f});
   write_floats(folder / "points.f32", points);
   auto truth = json::array();
-  for (const BevBox& box : ground_truth_boxes(frame)) truth.push_back(bev_json(box));
+  const HostTruth labelled(frame, host, outcome.plane);
+  for (const BevBox& box : labelled.labels()) truth.push_back(bev_json(box));
   auto made = json::array();
   for (const NewBox& box : outcome.new_boxes)
     made.push_back({{"outline", bev_json(box.box)},
@@ -132,10 +142,11 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
            {{"x", host.box.bev.x},
             {"y", host.box.bev.y},
             {"outline", bev_json(host.box.bev)},
-            {"pixels", pixels_json(host.box, frame.calibration)}}},
+            {"pixels", outcome.plane == Plane::picture ? pixels_json(picture_box(host))
+                                                       : pixels_json(host.box, frame.calibration)}}},
           {"truth", truth},
-          {"clean", detections_json(outcome.clean, frame, host)},
-          {"attacked", detections_json(outcome.attacked, frame, host)},
+          {"clean", detections_json(outcome.clean, frame, host, outcome.plane)},
+          {"attacked", detections_json(outcome.attacked, frame, host, outcome.plane)},
           {"new", made},
           {"features", features_json(detector, clean, attacked, folder)}};
 }
@@ -182,6 +193,7 @@ std::vector<std::string> draw_evaluation_pictures(const RunEvaluation& evaluatio
   }
   const auto region = evaluation.detectors.front()->region();
   json about = {{"region", region},
+                {"plane", to_string(evaluation.settings.plane)},
                 {"score_threshold", evaluation.settings.score_threshold},
                 {"detected_iou", evaluation.settings.detected_iou},
                 {"nominal_height", kNominalHeight},

@@ -38,7 +38,8 @@ def floats(folder, about):
 def box_lines(axes, pixels, colour, width=1.4, style="-"):
     if pixels is None:
         return
-    axes.add_collection(LineCollection([[pixels[a], pixels[b]] for a, b in EDGES], colors=colour, linewidths=width,
+    edges = EDGES if len(pixels) == 8 else EDGES[:4]  # a box of the picture has four corners
+    axes.add_collection(LineCollection([[pixels[a], pixels[b]] for a, b in edges], colors=colour, linewidths=width,
                                        linestyles=style))
 
 
@@ -84,6 +85,11 @@ def legend(figure, entries, y=0.0):
                   bbox_to_anchor=(0.01, y), labelcolor=MUTED)
 
 
+def in_picture(data):
+    """Whether the detector is judged in the picture."""
+    return data["plane"] == "picture"
+
+
 def hidden(data, host, folder, path):
     images = [plt.imread(os.path.join(folder, name)) for name in ("clean.png", "attacked.png")]
     size = images[0].shape
@@ -107,8 +113,9 @@ def hidden(data, host, folder, path):
     figure.text(margin / width, 1 - 0.09 / height, f"{host['name']}: hidden, {host['range']:.0f} m away", va="top", fontsize=12)
     legend(figure, [("host, as labelled", HOST, ":", ""), ("detections, clean", CLEAN, "-", ""),
                     ("detections, attacked", ATTACKED, "-", "")])
-    figure.text(1 - margin / width, 0.12 / height, "boxes have the height of the label they overlap, else "
-                f"{data['nominal_height']} m on the host's ground", ha="right", color=MUTED, fontsize=8)
+    note = ("a box around vehicle and object is no miss" if in_picture(data) else
+            f"boxes have the height of the label they overlap, else {data['nominal_height']} m on the host's ground")
+    figure.text(1 - margin / width, 0.12 / height, note, ha="right", color=MUTED, fontsize=8)
     save(figure, path)
 
 
@@ -128,7 +135,37 @@ def view_from_above(axes, region):
     axes.set_ylabel("ahead, m")
 
 
+def false_positives_in_picture(host, folder, path):
+    image = plt.imread(os.path.join(folder, "attacked.png"))
+    wide = 11.0
+    figure, axes = plt.subplots(figsize=(wide, wide * image.shape[0] / image.shape[1] + 0.7))
+    axes.imshow(image)
+    for boxes, colour, width, style in ((host["truth"], TRUTH, 1.6, "-"), ([b["outline"] for b in host["clean"]], CLEAN, 1.1, "-"),
+                                        ([b["outline"] for b in host["attacked"]], ATTACKED, 1.1, "--"),
+                                        ([b["outline"] for b in host["new"]], NEW, 1.8, "-")):
+        for corners in boxes:
+            box_lines(axes, corners, colour, width, style)
+    for box in host["new"]:
+        axes.text(min(p[0] for p in box["outline"]), min(p[1] for p in box["outline"]) - 3,
+                  f"{box['distance']:.0f} px, {box['score']:.2f}", color="white", fontsize=7, va="bottom",
+                  bbox={"facecolor": NEW, "edgecolor": "none", "pad": 0.8})
+    box_lines(axes, host["host"]["pixels"], HOST, 1.6, ":")
+    axes.set_xlim(-0.5, image.shape[1] - 0.5)
+    axes.set_ylim(image.shape[0] - 0.5, -0.5)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    made = "one detection made" if len(host["new"]) == 1 else f"{len(host['new'])} detections made"
+    axes.set_title(f"{host['name']}: {made}; beside: distance from the host, score", loc="left", fontsize=9.5)
+    legend(figure, [("ground truth", TRUTH, "-", ""), ("clean", CLEAN, "-", ""), ("attacked", ATTACKED, "--", ""),
+                    ("made by the adversary", NEW, "-", ""), ("host", HOST, ":", "")])
+    figure.subplots_adjust(left=0.01, right=0.99, top=0.93, bottom=0.1)
+    save(figure, path)
+
+
 def false_positives(data, host, folder, path):
+    if in_picture(data):
+        false_positives_in_picture(host, folder, path)
+        return
     region = data["region"]
     points = np.fromfile(os.path.join(folder, "points.f32"), dtype="<f4").reshape(-1, 3)
     shape = (region[3] - region[2]) / (region[1] - region[0])

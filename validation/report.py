@@ -98,8 +98,9 @@ def host_view(index, host):
 
 
 def pictured_view(folder, index, host):
-    return {**host_view(index, host), "scenes": pictures.triptych(folder, host), "crops": pictures.crops(folder, host),
-            "bev": pictures.bev(host)}
+    scenes, seen = pictures.triptych(folder, host), "picture_boxes" in host
+    return {**host_view(index, host), "scenes": scenes, "crops": pictures.crops(folder, host), "seen": seen,
+            "maps": pictures.in_picture(host, scenes) if seen else pictures.bev(host)}
 
 
 def page(result, hosts, folder, model, viewer):

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/image_io.h"
+#include "detection/average_precision.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
 #include "validation/budget.h"
@@ -24,9 +25,17 @@ json box_json(const BevBox& b) {
   return {b.x, b.y, b.length, b.width, b.yaw};
 }
 
-json boxes_json(const std::vector<Proposal>& proposals) {
+json box_json(const PictureBox& b) {
+  return {b.left, b.top, b.right, b.bottom};
+}
+
+/// None of a detector without boxes there.
+json boxes_json(const std::vector<Proposal>& proposals, Plane plane, Plane judged_in) {
   auto list = json::array();
-  for (const Proposal& p : proposals) list.push_back({{"box", box_json(p.box)}, {"score", p.score()}});
+  if (plane != judged_in) return list;
+  for (const Proposal& p : proposals)
+    list.push_back(
+        {{"box", plane == Plane::bev ? box_json(p.box) : box_json(p.picture)}, {"score", p.score()}});
   return list;
 }
 
@@ -55,9 +64,22 @@ json bev_json(const PreparedFrame& prepared, const Label& host, const Simulated&
           {"points", measured},
           {"adversary_points", added},
           {"truth", truth},
-          {"clean", boxes_json(raster.clean)},
-          {"raster", boxes_json(raster.attacked)},
-          {"cycles", boxes_json(cycles.attacked)}};
+          {"clean", boxes_json(raster.clean, Plane::bev, raster.plane)},
+          {"raster", boxes_json(raster.attacked, Plane::bev, raster.plane)},
+          {"cycles", boxes_json(cycles.attacked, Plane::bev, raster.plane)}};
+}
+
+/// Boxes in the picture, for a detector that is judged there.
+json picture_json(const Frame& frame, const Label& host, const std::optional<PictureBox>& object,
+                  const HostOutcome& raster, const HostOutcome& cycles) {
+  auto truth = json::array();
+  for (const Label& label : frame.labels) truth.push_back(box_json(picture_box(label)));
+  return {{"host", box_json(picture_box(host))},
+          {"object", object ? box_json(*object) : json()},
+          {"truth", truth},
+          {"clean", boxes_json(raster.clean, Plane::picture, raster.plane)},
+          {"raster", boxes_json(raster.attacked, Plane::picture, raster.plane)},
+          {"cycles", boxes_json(cycles.attacked, Plane::picture, raster.plane)}};
 }
 
 /// |a − b| of the encoded pictures, times `gain`.
@@ -174,19 +196,23 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
       {"flip", flip(seen_cycles, seen_raster, full.mask)},
       {"noise", noise.at(scene.samples)},
       {"seconds", full.seconds}};
-  const EvaluationSettings& judge_by = context.settings.evaluation_settings;
+  EvaluationSettings judge_by = context.settings.evaluation_settings;
+  judge_by.plane = context.detector.capabilities().plane();
+  const std::optional<PictureBox> object = silhouette_box(simulated);
   const auto look = [&](const ImageF& image, const Sweep& sweep) {
     return detections(context.detector, {&image, sweep, &frame.calibration}, judge_by);
   };
   const auto [clean, added] = context.clean.try_emplace(id.frame);
   if (added) clean->second = look(frame.image, frame.sweep);
-  const HostOutcome raster =
-      judge(id, frame, clean->second, look(simulated.image, simulated.sweep), judge_by);
-  const HostOutcome cycles = judge(id, frame, clean->second, look(full.image, simulated.sweep), judge_by);
+  const auto outcome_of = [&](const ImageF& image, const Sweep& sweep) {
+    return judge(id, frame, clean->second, look(image, sweep), judge_by, object);
+  };
+  const HostOutcome raster = outcome_of(simulated.image, simulated.sweep);
+  const HostOutcome cycles = outcome_of(full.image, simulated.sweep);
   SimulationSettings hard_edges = hard_limit(scene.simulation, true);
   hard_edges.supersampling = scene.simulation.supersampling;
   const ImageF hard_image = simulate_host(scene, hard_edges).image;
-  const HostOutcome hard = judge(id, frame, clean->second, look(hard_image, simulated.sweep), judge_by);
+  const HostOutcome hard = outcome_of(hard_image, simulated.sweep);
   result["range"] = raster.range;
   result["detected"] = raster.detected;
   result["clean"] = {{"iou", raster.clean_iou}, {"score", raster.clean_score}};
@@ -197,11 +223,13 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
     // Where the detector misses the vehicle without the adversary there is no outcome to change.
     const auto outcome = [&](const ImageF& image, const Sweep& sweep) -> json {
       if (!raster.detected) return json::object();
-      return outcome_json(judge(id, frame, clean->second, look(image, sweep), judge_by));
+      return outcome_json(outcome_of(image, sweep));
     };
     add_ladders(context.blender, scene, simulated, full, outcome, result);
   }
   result["bev"] = bev_json(prepared, *scene.host, simulated, raster, cycles);
+  if (judge_by.plane == Plane::picture)
+    result["picture_boxes"] = picture_json(frame, *scene.host, object, raster, cycles);
 
   const auto save = [&](const std::string& picture, const ImageF& image) {
     const std::string file = "pictures/" + name + "_" + picture + ".png";

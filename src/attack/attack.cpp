@@ -119,6 +119,16 @@ AttackTarget parse_target(const std::string& word) {
   throw InputError("--target", word, "unknown target", "use both, image, lidar or random");
 }
 
+void check_target(AttackTarget target, const Detector& detector) {
+  const Capabilities can = detector.capabilities();
+  if (target == AttackTarget::lidar && !can.reads_points)
+    throw InputError("--target", "lidar", detector.name() + " does not read the LiDAR's returns",
+                     "use image or both");
+  if (target == AttackTarget::image && !can.reads_image)
+    throw InputError("--target", "image", detector.name() + " does not read the picture",
+                     "use lidar or both");
+}
+
 AttackParts parse_parts(const std::string& word) {
   if (word == "both") return AttackParts::both;
   if (word == "shape") return AttackParts::shape;
@@ -139,6 +149,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   const AttackTarget target = parse_target(settings.target);
   parse_parts(settings.parts);
   check_settings(settings);
+  check_target(target, *detectors.front());
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 

@@ -20,6 +20,10 @@ enum class AttackTarget { both, image, lidar, random };
 /// InputError for any other word.
 AttackTarget parse_target(const std::string& word);
 
+/// InputError if the detector does not read the one sensor that the target names: no gradient would reach the
+/// adversary.
+void check_target(AttackTarget target, const Detector& detector);
+
 /// What of the adversary is learned; the rest stays as it starts.
 enum class AttackParts { both, shape, texture };
 /// InputError for any other word.

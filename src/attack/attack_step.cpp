@@ -26,10 +26,10 @@ void check_finite(const HostStep& step, const HostId& host, long iteration) {
                   "check the detector; the last checkpoint is good");
 }
 
-bool finds(const std::vector<Proposal>& proposals, const BevBox& host) {
+bool finds(const std::vector<Proposal>& proposals, const HostTruth& truth) {
   const EvaluationSettings by;
   return std::any_of(proposals.begin(), proposals.end(), [&](const Proposal& p) {
-    return p.score() > by.score_threshold && iou(p.box, host) > by.detected_iou;
+    return p.score() > by.score_threshold && truth.host_iou(p) > by.detected_iou;
   });
 }
 
@@ -56,11 +56,13 @@ HostStep attack_host(Detector& detector, const PreparedFrame& known, const Host&
   const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
   const auto proposals = detector.forward(view, settings.objective.relevant_score, true);
   step.seconds.detector_forward = clock.lap();
-  const auto boxes = ground_truth_boxes(prepared.frame);
-  const ObjectiveValue value = objective(proposals, label.box.bev, boxes, settings.objective);
+  const Plane plane = detector.capabilities().plane();
+  const HostTruth truth(prepared.frame, label, plane,
+                        plane == Plane::picture ? silhouette_box(simulated) : std::nullopt);
+  const ObjectiveValue value = objective(proposals, truth, settings.objective);
   step.hide = value.hide;
   step.false_positive = value.false_positive;
-  step.hidden = !finds(proposals, label.box.bev);
+  step.hidden = !finds(proposals, truth);
   step.gradient.vertices.assign(adversary.mesh.vertices.size(), Vec3d::Zero());
   step.gradient.texels.assign(adversary.atlas.texels.size(), Vec3d::Zero());
   const bool any = std::any_of(value.d_logits.begin(), value.d_logits.end(), [](double d) { return d != 0; });

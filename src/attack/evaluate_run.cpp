@@ -94,6 +94,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.settings.detector_identity = detector_identity(result.detector);
   result.settings.kinds = vehicle_kinds(stage.data, result.hosts);
   result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
+  result.settings.plane = result.detectors.front()->capabilities().plane();
   const CleanDetections clean =
       clean_detections(result.detectors, *result.store, result.hosts, result.settings);
   const auto judged = [&](std::span<const TexturedMesh> meshes) {
@@ -120,6 +121,7 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   result["defense"] = evaluation.detector.defense;
   result["simulation"] = to_json(evaluation.stage.simulation);
   result["sun"] = evaluation.stage.sun;
+  result["plane"] = to_string(evaluation.settings.plane);
   result["score_threshold"] = evaluation.settings.score_threshold;
   result["detected_iou"] = evaluation.settings.detected_iou;
   return result;

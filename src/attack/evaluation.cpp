@@ -15,11 +15,11 @@
 namespace mirage {
 namespace {
 
-/// Best IoU with the box, and that detection's score.
-std::pair<double, double> best_match(const std::vector<Proposal>& detections, const BevBox& box) {
+/// Best IoU with the host, and that detection's score.
+std::pair<double, double> best_match(const std::vector<Proposal>& detections, const HostTruth& truth) {
   std::pair<double, double> best{0, 0};
   for (const Proposal& d : detections)
-    if (const double overlap = iou(d.box, box); overlap > best.first) best = {overlap, d.score()};
+    if (const double overlap = truth.host_iou(d); overlap > best.first) best = {overlap, d.score()};
   return best;
 }
 
@@ -55,34 +55,35 @@ class FrameShares {
 
 std::vector<Proposal> detections(Detector& detector, const SensorView& view,
                                  const EvaluationSettings& settings) {
-  return suppress(detector.forward(view, settings.score_threshold, false));
+  return suppress(detector.forward(view, settings.score_threshold, false), detector.capabilities().plane());
 }
 
 HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> clean,
-                  std::vector<Proposal> attacked, const EvaluationSettings& settings) {
+                  std::vector<Proposal> attacked, const EvaluationSettings& settings,
+                  const std::optional<PictureBox>& object) {
   HostOutcome outcome;
+  outcome.plane = settings.plane;
   outcome.id = id;
   const Label& label = frame.labels[static_cast<std::size_t>(id.label)];
-  const BevBox host = label.box.bev;
+  const HostTruth recorded(frame, label, settings.plane), truth(frame, label, settings.plane, object);
   const auto kind = settings.kinds.find(host_name(id));
   outcome.kind = kind == settings.kinds.end() ? label.type : kind->second;
   outcome.occluded = label.occluded;
   outcome.truncated = label.truncated;
-  outcome.range = std::hypot(host.x, host.y);
-  std::tie(outcome.clean_iou, outcome.clean_score) = best_match(clean, host);
-  std::tie(outcome.attacked_iou, outcome.attacked_score) = best_match(attacked, host);
+  outcome.range = std::hypot(label.box.bev.x, label.box.bev.y);
+  std::tie(outcome.clean_iou, outcome.clean_score) = best_match(clean, recorded);
+  std::tie(outcome.attacked_iou, outcome.attacked_score) = best_match(attacked, truth);
   outcome.detected = outcome.clean_iou > settings.detected_iou;
   outcome.hidden = outcome.detected && outcome.attacked_iou <= settings.detected_iou;
-  const auto truth = ground_truth_boxes(frame);
-  for (const Proposal& box : attacked) {
-    const bool real = std::any_of(truth.begin(), truth.end(), [&](const BevBox& t) {
-      return iou(box.box, t) >= settings.false_positive_iou;
+  for (const Proposal& proposal : attacked) {
+    const BevBox box = rectangle(proposal, settings.plane);
+    const bool known = std::any_of(clean.begin(), clean.end(), [&](const Proposal& c) {
+      return iou(box, rectangle(c, settings.plane)) > 0;
     });
-    const bool known =
-        std::any_of(clean.begin(), clean.end(), [&](const Proposal& c) { return iou(box.box, c.box) > 0; });
-    if (real || known) continue;
-    const double distance = std::hypot(box.box.x - host.x, box.box.y - host.y);
-    outcome.new_boxes.push_back({box.box, box.score(), distance, std::hypot(box.box.x, box.box.y)});
+    if (known || truth.label_iou(proposal) >= settings.false_positive_iou) continue;
+    const double distance = std::hypot(box.x - truth.host().x, box.y - truth.host().y);
+    const double range = settings.plane == Plane::bev ? std::hypot(box.x, box.y) : 0;
+    outcome.new_boxes.push_back({box, proposal.score(), distance, range});
     outcome.false_positive = true;
     outcome.false_positive_distance = std::max(outcome.false_positive_distance, distance);
   }
@@ -91,14 +92,15 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> cl
   return outcome;
 }
 
-SuccessRates success_rates(std::span<const HostOutcome* const> hosts) {
+SuccessRates success_rates(std::span<const HostOutcome* const> hosts, std::optional<double> iou) {
   FrameShares shares(3);
   for (const HostOutcome* host : hosts) {
-    if (!host->detected) continue;
+    if (!(iou ? host->clean_iou > *iou : host->detected)) continue;
+    const bool hidden = iou ? host->attacked_iou <= *iou : host->hidden;
     auto& sums = shares.count(*host);
-    sums[0] += host->hidden;
+    sums[0] += hidden;
     sums[1] += host->false_positive;
-    sums[2] += host->fooled();
+    sums[2] += hidden || host->false_positive;
   }
   const std::vector<Interval> rates = shares.intervals();
   return {rates[0], rates[1], rates[2]};
@@ -113,7 +115,9 @@ Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {
     if (host.mesh != hosts.front().mesh) continue;  // the vehicles are every mesh's
     ++(host.from_box ? result.rooftops.from_box : result.rooftops.fitted);
     result.vehicles += host.detected;
+    result.vehicles50 += host.clean_iou > 0.5;
   }
+  result.at50 = success_rates(all, 0.5);
   const SuccessRates rates = success_rates(all);
   result.fn_interval = rates.fn_asr;
   result.fp_interval = rates.fp_asr;
@@ -160,6 +164,8 @@ CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& stor
 Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                     const CleanDetections& clean, std::span<const TexturedMesh> adversaries,
                     const SimulationSettings& simulation, const EvaluationSettings& settings) {
+  EvaluationSettings by = settings;
+  by.plane = detectors.front()->capabilities().plane();
   const std::size_t count = hosts.size() * adversaries.size();
   std::vector<HostOutcome> outcomes(count);
   Progress progress("evaluate", count, settings.quiet);
@@ -176,7 +182,8 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
         simulate(prepared, label_of(prepared.frame, id), rooftop, adversaries[mesh], simulation);
     const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
     HostOutcome& outcome = outcomes[mesh * hosts.size() + i / adversaries.size()];
-    outcome = judge(id, prepared.frame, clean.at(id.frame), detections(detector, view, settings), settings);
+    const auto object = by.plane == Plane::picture ? silhouette_box(simulated) : std::nullopt;
+    outcome = judge(id, prepared.frame, clean.at(id.frame), detections(detector, view, by), by, object);
     outcome.mesh = static_cast<int>(mesh);
     outcome.from_box = rooftop.from_box;
     const std::lock_guard lock(mutex);
@@ -233,6 +240,11 @@ nlohmann::json to_json(const Evaluation& evaluation) {
             {"fn_asr", to_json(evaluation.fn_interval)},
             {"fp_asr", to_json(evaluation.fp_interval)},
             {"asr", to_json(evaluation.asr_interval)}}},
+          {"at_iou_50",
+           {{"vehicles", evaluation.vehicles50},
+            {"fn_asr", to_json(evaluation.at50.fn_asr)},
+            {"fp_asr", to_json(evaluation.at50.fp_asr)},
+            {"asr", to_json(evaluation.at50.asr)}}},
           {"recall_iou", recall},
           {"strata", to_json(evaluation.strata)},
           {"false_positives", false_positives_json(evaluation.hosts)},

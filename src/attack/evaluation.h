@@ -4,6 +4,8 @@
 // host's roof (attacked), after non-maximum suppression and at score ≥ score_threshold:
 //   FN: the host is detected at IoU > 0.7 clean and not attacked.
 //   FP: an attacked box that has IoU < 0.3 with every ground truth and no overlap with any clean detection.
+// A detector that finds boxes in the picture alone is judged there: the host is detected attacked, too, by a
+// box around it and the object (HostTruth), and the ground truth holds DontCare regions.
 // FN ASR, FP ASR and ASR (FN or FP) are shares of the vehicles that were detected clean
 // (Tu et al., CoRL 2021, section 4). Recall–IoU runs over all hosts. Several meshes are judged as one: shares
 // are means over meshes × hosts, and the intervals' clusters stay the frames.
@@ -11,11 +13,13 @@
 
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "attack/detector_pool.h"
+#include "attack/host_truth.h"
 #include "attack/hosts.h"
 #include "base/bootstrap.h"
 
@@ -25,6 +29,8 @@ struct EvaluationSettings {
   double score_threshold = 0.3;
   double detected_iou = 0.7;
   double false_positive_iou = 0.3;
+  /// Where the detector is judged (Capabilities::plane); evaluate() sets it.
+  Plane plane = Plane::bev;
   bool quiet = false;
   /// Of the pool's options (attack/frame_cache.h); empty: clean detections are not cached.
   std::string detector_identity = {};
@@ -34,10 +40,10 @@ struct EvaluationSettings {
 
 /// A false positive: a detection that the adversary made.
 struct NewBox {
-  BevBox box;
+  BevBox box;  ///< a rectangle of the plane where the detector is judged
   double score = 0;
-  double distance = 0;  ///< m, from the host's centre to the box's
-  double range = 0;     ///< m, from the `velo` origin
+  double distance = 0;  ///< m (in the picture: pixels), from the host's centre to the box's
+  double range = 0;     ///< m, from the `velo` origin; 0 in the picture
 };
 
 /// What the detector says about one host, clean and attacked.
@@ -49,10 +55,11 @@ struct HostOutcome {
   int occluded = 0;                            ///< the label's
   double truncated = 0;                        ///< the label's
   std::string kind;                            ///< EvaluationSettings::kinds
+  Plane plane = Plane::bev;                    ///< where the detector was judged
   double clean_iou = 0, attacked_iou = 0;      ///< best IoU of a detection with the host's box
   double clean_score = 0, attacked_score = 0;  ///< score of that detection
   bool detected = false, hidden = false, false_positive = false;
-  double false_positive_distance = 0;     ///< m from the host to the farthest new box, if any
+  double false_positive_distance = 0;     ///< from the host to the farthest new box, if any (NewBox)
   std::vector<NewBox> new_boxes;          ///< in the order of `attacked`
   std::vector<Proposal> clean, attacked;  ///< detections after suppression
 
@@ -63,8 +70,9 @@ struct HostOutcome {
 struct SuccessRates {
   Interval fn_asr, fp_asr, asr;
 };
-/// Over those outcomes that count: `hosts` whose detection was clean.
-SuccessRates success_rates(std::span<const HostOutcome* const> hosts);
+/// Over those outcomes that count: `hosts` whose detection was clean. With `iou`, as if that were
+/// EvaluationSettings::detected_iou.
+SuccessRates success_rates(std::span<const HostOutcome* const> hosts, std::optional<double> iou = {});
 
 /// One part of the hosts (evaluation_strata.h).
 struct StratumSuccess {
@@ -81,6 +89,8 @@ struct Evaluation {
   int vehicles = 0;  ///< hosts detected clean: the denominator of one mesh
   double fn_asr = 0, fp_asr = 0, asr = 0;
   Interval fn_interval, fp_interval, asr_interval;      ///< 95 %, bootstrap over frames
+  int vehicles50 = 0;                                   ///< hosts detected clean at an IoU of 0.5
+  SuccessRates at50;                                    ///< of them, at that IoU
   std::vector<double> iou;                              ///< 0 … 1
   std::vector<Interval> recall_clean, recall_attacked;  ///< of all hosts, at each of `iou`
   std::vector<StratumSuccess> strata;
@@ -91,9 +101,11 @@ struct Evaluation {
 std::vector<Proposal> detections(Detector& detector, const SensorView& view,
                                  const EvaluationSettings& settings);
 
-/// Judges one host, given its clean and attacked detections.
+/// Judges one host, given its clean and attacked detections. `object`: silhouette_box() of what stands on its
+/// roof in the attacked picture, which only Plane::picture needs.
 HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> clean,
-                  std::vector<Proposal> attacked, const EvaluationSettings& settings);
+                  std::vector<Proposal> attacked, const EvaluationSettings& settings,
+                  const std::optional<PictureBox>& object = {});
 
 /// Shares and curves over outcomes; with several meshes each host has as many outcomes.
 Evaluation summarize(std::vector<HostOutcome> hosts, int meshes = 1);

@@ -13,6 +13,26 @@ std::vector<double> even_edges(double last, int bins) {
   return edges;
 }
 
+/// The box and how far it is off, by the names of its plane.
+nlohmann::json box_json(const NewBox& made, Plane plane) {
+  if (plane == Plane::picture) {
+    const PictureBox box = picture_box(made.box);
+    return {{"left", box.left},
+            {"top", box.top},
+            {"right", box.right},
+            {"bottom", box.bottom},
+            {"distance_from_host_px", made.distance}};
+  }
+  const auto& [x, y, length, width, yaw] = made.box;
+  return {{"x", x},
+          {"y", y},
+          {"length", length},
+          {"width", width},
+          {"yaw", yaw},
+          {"distance_from_host", made.distance},
+          {"distance_from_sensor", made.range}};
+}
+
 nlohmann::json to_json(const Distribution& d, bool any) {
   return {{"edges", d.edges},
           {"counts", d.counts},
@@ -48,26 +68,24 @@ nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts) {
       from_host.push_back(box.distance);
       from_sensor.push_back(box.range);
       scores.push_back(box.score);
-      list.push_back({{"frame", host.id.frame},
-                      {"label", host.id.label},
-                      {"mesh", host.mesh},
-                      {"x", box.box.x},
-                      {"y", box.box.y},
-                      {"length", box.box.length},
-                      {"width", box.box.width},
-                      {"yaw", box.box.yaw},
-                      {"score", box.score},
-                      {"distance_from_host", box.distance},
-                      {"distance_from_sensor", box.range}});
+      nlohmann::json entry = box_json(box, host.plane);
+      entry.update(
+          {{"frame", host.id.frame}, {"label", host.id.label}, {"mesh", host.mesh}, {"score", box.score}});
+      list.push_back(std::move(entry));
     }
   }
   const bool any = !list.empty();
-  return {{"vehicles", vehicles},
-          {"boxes", list.size()},
-          {"distance_from_host", to_json(distribution(from_host, even_edges(100, 20)), any)},
-          {"distance_from_sensor", to_json(distribution(from_sensor, even_edges(100, 20)), any)},
-          {"score", to_json(distribution(scores, even_edges(1, 10)), any)},
-          {"list", list}};
+  nlohmann::json result = {{"vehicles", vehicles},
+                           {"boxes", list.size()},
+                           {"score", to_json(distribution(scores, even_edges(1, 10)), any)},
+                           {"list", list}};
+  if (!hosts.empty() && hosts.front().plane == Plane::picture) {
+    result["distance_from_host_px"] = to_json(distribution(from_host, even_edges(1000, 20)), any);
+  } else {
+    result["distance_from_host"] = to_json(distribution(from_host, even_edges(100, 20)), any);
+    result["distance_from_sensor"] = to_json(distribution(from_sensor, even_edges(100, 20)), any);
+  }
+  return result;
 }
 
 }  // namespace mirage

@@ -19,7 +19,9 @@ Distribution distribution(const std::vector<double>& values, std::vector<double>
 /// New boxes of the hosts that were detected clean, those that FP ASR counts:
 /// {vehicles, boxes, distance_from_host, distance_from_sensor, score, list}. `vehicles`: outcomes with at
 /// least one; distances in m, each a distribution {edges, counts, median, p90} (null without boxes); `list`:
-/// every box with its host {frame, label, mesh}, box, score and the two distances.
+/// every box with its host {frame, label, mesh}, box, score and the two distances. Of a detector that is
+/// judged in the picture the boxes are {left, top, right, bottom}, distance_from_host_px stands for
+/// distance_from_host (pixels), and there is no distance_from_sensor.
 nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts);
 
 }  // namespace mirage

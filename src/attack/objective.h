@@ -1,14 +1,14 @@
 // The attack's objective on one host vehicle (DESIGN, section 4; Tu et al., CoRL 2021), in logits:
 //     L = Σ_relevant IoU(b, b*) softplus(logit(b)) − λ_fp Σ_fp softplus(logit(b))
-// because −log(1 − sigmoid(x)) = softplus(x). relevant: score > 0.1 and overlapping the host's box b*;
-// fp: score > 0.1 and no overlap with any ground truth. IoU weights are constants: gradients go to the
-// logits.
+// because −log(1 − sigmoid(x)) = softplus(x). relevant: score > 0.1 and overlapping the host's box b* (in the
+// picture: one of its boxes, and that with the larger IoU is b*); fp: score > 0.1 and no overlap with any
+// ground truth. IoU weights are constants: gradients go to the logits.
 #pragma once
 
 #include <span>
 #include <vector>
 
-#include "detection/detector.h"
+#include "attack/host_truth.h"
 
 namespace mirage {
 
@@ -23,9 +23,8 @@ struct ObjectiveValue {
   std::vector<double> d_logits;         ///< one a proposal
 };
 
-/// `ground_truth`: every labelled road user of the frame, the host among them.
-ObjectiveValue objective(std::span<const Proposal> proposals, const BevBox& host,
-                         std::span<const BevBox> ground_truth, const ObjectiveSettings& settings);
+ObjectiveValue objective(std::span<const Proposal> proposals, const HostTruth& truth,
+                         const ObjectiveSettings& settings);
 
 /// log(1 + exp(x)) without overflow.
 double softplus(double x);

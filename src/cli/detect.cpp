@@ -23,16 +23,27 @@ nlohmann::json box_json(const BevBox& box) {
   return {{"x", box.x}, {"y", box.y}, {"length", box.length}, {"width", box.width}, {"yaw", box.yaw}};
 }
 
+nlohmann::json box_json(const PictureBox& box) {
+  return {{"left", box.left}, {"top", box.top}, {"right", box.right}, {"bottom", box.bottom}};
+}
+
+/// A rectangle of the plane where the detector is judged, by its names there.
+nlohmann::json box_json(const BevBox& rectangle, Plane plane) {
+  return plane == Plane::picture ? box_json(picture_box(rectangle)) : box_json(rectangle);
+}
+
 nlohmann::json detections_json(const DetectionRun& run) {
   nlohmann::json frames = nlohmann::json::array();
   for (std::size_t i = 0; i < run.ids.size(); ++i) {
     nlohmann::json found = nlohmann::json::array(), boxes = nlohmann::json::array();
     for (const Proposal& proposal : run.frames[i].detections) {
-      nlohmann::json entry = box_json(proposal.box);
+      nlohmann::json entry = box_json(rectangle(proposal, run.plane), run.plane);
+      if (run.plane == Plane::bev && area(proposal.picture) > 0)
+        entry["picture"] = box_json(proposal.picture);
       entry["score"] = proposal.score();
       found.push_back(std::move(entry));
     }
-    for (const BevBox& box : run.frames[i].truth.boxes) boxes.push_back(box_json(box));
+    for (const BevBox& box : run.frames[i].truth.boxes) boxes.push_back(box_json(box, run.plane));
     frames.push_back({{"frame", run.ids[i]}, {"detections", found}, {"vehicles", boxes}});
   }
   return {{"frames", frames}};
@@ -65,7 +76,9 @@ Command detect_command() {
   const auto chosen = std::make_shared<DetectOptions>();
   Command command;
   command.name = "detect";
-  command.help = "Runs a detector over a data set and scores it (AP in the bird's-eye view)";
+  command.help =
+      "Runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for a "
+      "detector of that alone)";
   command.default_out = "out/detect";
   command.options = [chosen](CLI::App& app) {
     app.add_option("--data", chosen->data, "Data set in KITTI layout")->required();
@@ -89,7 +102,8 @@ Command detect_command() {
     parts[0].at70 = run.at70;
     parts.insert(parts.end(), run.strata.begin(), run.strata.end());
     if (!common.quiet) {
-      std::printf("frames %zu   %.3f s a frame\n", run.ids.size(), run.seconds_per_frame);
+      std::printf("frames %zu   %.3f s a frame%s\n", run.ids.size(), run.seconds_per_frame,
+                  run.plane == Plane::picture ? "   boxes in the picture" : "");
       print_scores(parts);
     }
     nlohmann::json result = scores_json(parts[0]);
@@ -97,6 +111,7 @@ Command detect_command() {
     result["ap50_interval"] = to_json(average_precision_interval(run.frames, 0.5));
     result["ap70_interval"] = to_json(average_precision_interval(run.frames, 0.7));
     result["detector"] = detector->name();
+    result["plane"] = to_string(run.plane);
     result["seconds_per_frame"] = run.seconds_per_frame;
     for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);
     const std::vector<ScoredFrame> easier = without_look_alikes(run.frames);

@@ -26,20 +26,25 @@ std::string with_interval(const Interval& share) {
 
 void print_shares(const RunEvaluation& evaluation) {
   const Evaluation& learned = evaluation.learned;
-  const auto shares = [&](Interval Evaluation::*of) {
-    return with_interval(learned.*of) +
-           (evaluation.random ? " | " + with_interval((*evaluation.random).*of) : "");
+  const auto shares = [&](const auto& of) {
+    return with_interval(of(learned)) +
+           (evaluation.random ? " | " + with_interval(of(*evaluation.random)) : "");
   };
   const std::string meshes = evaluation.random && evaluation.random->meshes > 1
                                  ? fmt::format("{} random meshes", evaluation.random->meshes)
                                  : "random mesh";
   const std::string of = (evaluation.random ? ", learned | " + meshes : std::string()) + " (95 %)";
-  print_table({{"hosts", std::to_string(evaluation.hosts.size())},
+  Rows rows = {{"hosts", std::to_string(evaluation.hosts.size())},
                {"roofs", roofs(learned.rooftops.fitted, learned.rooftops.from_box)},
                {"vehicles detected without adversary", std::to_string(learned.vehicles)},
-               {"FN ASR" + of, shares(&Evaluation::fn_interval)},
-               {"FP ASR" + of, shares(&Evaluation::fp_interval)},
-               {"ASR" + of, shares(&Evaluation::asr_interval)}});
+               {"FN ASR" + of, shares([](const Evaluation& e) { return e.fn_interval; })},
+               {"FP ASR" + of, shares([](const Evaluation& e) { return e.fp_interval; })},
+               {"ASR" + of, shares([](const Evaluation& e) { return e.asr_interval; })}};
+  if (evaluation.settings.plane == Plane::picture) {
+    rows.push_back({"vehicles detected without adversary, IoU 0.5", std::to_string(learned.vehicles50)});
+    rows.push_back({"ASR, IoU 0.5" + of, shares([](const Evaluation& e) { return e.at50.asr; })});
+  }
+  print_table(rows);
 }
 
 /// Only the parts that hold vehicles.

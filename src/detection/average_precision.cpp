@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace mirage {
 namespace {
@@ -50,7 +51,7 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
   std::vector<Judged> result;
   for (const Detection& detection : detections) {
     const ScoredFrame& frame = frames[detection.frame];
-    const BevBox& box = frame.detections[detection.place].box;
+    const BevBox box = rectangle(frame.detections[detection.place], frame.plane);
     double best = min_iou;
     std::size_t found = frame.truth.boxes.size();
     for (std::size_t i = 0; i < frame.truth.boxes.size(); ++i) {
@@ -68,10 +69,26 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
     const auto covers = [&](const BevBox& other) {
       return iou(box, other) >= min_iou || intersection_area(box, other) >= box.length * box.width / 2;
     };
-    if (std::none_of(frame.truth.ignore.begin(), frame.truth.ignore.end(), covers))
+    const bool low = frame.plane == Plane::picture && box.width < level(Difficulty::hard).least_height;
+    if (!low && std::none_of(frame.truth.ignore.begin(), frame.truth.ignore.end(), covers))
       result.push_back({detection.frame, false});
   }
   return result;
+}
+
+/// Where a detection is and how high it looks: m from the sensor, pixels. Infinite where the focal length
+/// that it takes is unknown.
+struct Look {
+  double distance, height;
+};
+Look look_of(const Proposal& proposal, const ScoredFrame& frame) {
+  const auto by_car = [&](double other) {  // of distance and height each gives the other
+    return frame.focal_length > 0 ? frame.focal_length * kCarHeight / std::max(other, 1.0)
+                                  : std::numeric_limits<double>::infinity();
+  };
+  const BevBox box = rectangle(proposal, frame.plane);
+  if (frame.plane == Plane::picture) return {by_car(box.width), box.width};
+  return {std::hypot(box.x, box.y), by_car(box.x)};
 }
 
 /// Makes precision the best at that recall or above, and takes the mean over 40 recalls.
@@ -130,6 +147,7 @@ PictureTruth picture_truth(std::span<const Label> labels) {
   PictureTruth truth;
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const Label& label = labels[i];
+    if (label.type == "Misc") truth.look_alikes.push_back(picture_box(label));
     if (label.type == "Car" && meets(label, level(Difficulty::hard))) {
       truth.boxes.push_back(picture_box(label));
       truth.labels.push_back(i);
@@ -140,6 +158,19 @@ PictureTruth picture_truth(std::span<const Label> labels) {
     }
   }
   return truth;
+}
+
+ScoredFrame scored_in_picture(std::vector<Proposal> detections, const GroundTruth& truth,
+                              double focal_length) {
+  ScoredFrame frame{std::move(detections), {}, focal_length, Plane::picture};
+  const PictureTruth& picture = truth.picture;
+  for (const PictureBox& box : picture.boxes) frame.truth.boxes.push_back(rectangle(box));
+  for (const PictureBox& box : picture.ignore) frame.truth.ignore.push_back(rectangle(box));
+  for (const PictureBox& box : picture.look_alikes) frame.truth.look_alikes.push_back(rectangle(box));
+  frame.truth.labels = picture.labels;
+  frame.truth.difficulty = picture.difficulty;
+  frame.truth.distance = picture.distance;
+  return frame;
 }
 
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou) {
@@ -202,20 +233,23 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
   for (const ScoredFrame& frame : frames) {
     ScoredFrame part;
     part.truth.ignore = frame.truth.ignore;
-    const auto in_range = [&](const BevBox& box) {
-      const double distance = std::hypot(box.x, box.y);
+    part.plane = frame.plane;
+    const auto in_range = [&](double distance) {
       return distance >= stratum.nearest && distance < stratum.farthest;
     };
     for (std::size_t i = 0; i < frame.truth.boxes.size(); ++i) {
       const BevBox& box = frame.truth.boxes[i];
-      const bool inside = in_range(box) && frame.truth.difficulty[i] <= stratum.hardest;
+      const double distance =
+          frame.plane == Plane::picture ? frame.truth.distance[i] : std::hypot(box.x, box.y);
+      const bool inside = in_range(distance) && frame.truth.difficulty[i] <= stratum.hardest;
       (inside ? part.truth.boxes : part.truth.ignore).push_back(box);
     }
     for (const Proposal& proposal : frame.detections) {
-      const double height = frame.focal_length * kCarHeight / std::max(proposal.box.x, 1.0);
-      const bool high = frame.focal_length == 0 || height >= level(stratum.hardest).least_height;
-      const auto found = [&](const BevBox& box) { return iou(proposal.box, box) >= min_iou; };
-      if ((high && in_range(proposal.box)) ||
+      const Look look = look_of(proposal, frame);
+      const bool high = look.height >= level(stratum.hardest).least_height;
+      const BevBox there = rectangle(proposal, frame.plane);
+      const auto found = [&](const BevBox& box) { return iou(there, box) >= min_iou; };
+      if ((high && (in_range(look.distance) || std::isinf(look.distance))) ||
           std::any_of(part.truth.boxes.begin(), part.truth.boxes.end(), found))
         part.detections.push_back(proposal);
     }

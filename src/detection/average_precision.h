@@ -31,6 +31,7 @@ struct PictureTruth {
   std::vector<std::size_t> labels = {};
   std::vector<Difficulty> difficulty = {};
   std::vector<double> distance = {};
+  std::vector<PictureBox> look_alikes = {};  ///< of type "Misc", which are background
 };
 
 /// The labels of one frame as detection sees them.
@@ -39,8 +40,10 @@ struct GroundTruth {
   std::vector<BevBox> ignore;               ///< may be found: neither right nor wrong
   std::vector<std::size_t> labels;          ///< index into frame.labels of each of `boxes`
   std::vector<Difficulty> difficulty = {};  ///< the easiest level of each of `boxes`
+  std::vector<BevBox> look_alikes = {};     ///< of type "Misc": background that a LiDAR takes for cars
+  /// m from the `velo` origin to each of `boxes`, where they are rectangles of the picture.
+  std::vector<double> distance = {};
   PictureTruth picture = {};
-  std::vector<BevBox> look_alikes = {};  ///< of type "Misc": background that a LiDAR takes for cars
   /// In `labels`: a vehicle that ground-truth sampling pasted.
   static constexpr std::size_t kPasted = static_cast<std::size_t>(-1);
 };
@@ -65,7 +68,13 @@ struct ScoredFrame {
   std::vector<Proposal> detections;
   GroundTruth truth;
   double focal_length = 0;  ///< pixels (fy); 0: unknown
+  /// Where the detections are compared with `boxes` and `ignore`, which are rectangles of that plane.
+  Plane plane = Plane::bev;
 };
+
+/// A frame to be scored by its boxes in the picture: truth.picture's are taken as its boxes.
+ScoredFrame scored_in_picture(std::vector<Proposal> detections, const GroundTruth& truth,
+                              double focal_length);
 
 struct PrecisionRecall {
   double average_precision = 0;  ///< in [0, 1]
@@ -79,7 +88,8 @@ struct PrecisionRecall {
 /// Detections of all frames are taken by falling score (ties: frame, then place in the frame). Each claims
 /// the unclaimed box of its frame that it overlaps most, if that reaches `min_iou`: a hit. Otherwise it is
 /// dropped when it overlaps an ignored box by `min_iou`, or covers one so that half of itself lies inside,
-/// and is a false alarm when not. AP is the mean over recalls 1/40 … 40/40 of the best precision at that
+/// and is a false alarm when not; in the picture, as in KITTI's benchmark, it is dropped too when it is less
+/// than 25 pixels high. AP is the mean over recalls 1/40 … 40/40 of the best precision at that
 /// recall or above (Simonelli et al., ICCV 2019; KITTI since 2019). Without boxes AP and recall are 0.
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou);
 
@@ -101,8 +111,9 @@ std::vector<Stratum> standard_strata();
 
 /// AP over a stratum. Boxes outside of it are ignored, not missed. A detection that overlaps none of its
 /// boxes by `min_iou` counts neither way when it is itself outside: by its distance, or, as in KITTI's
-/// benchmark, when it is less than the level's number of pixels high in the image (of a car 1.53 m high,
-/// KITTI's mean, at its distance ahead).
+/// benchmark, when it is less than the level's number of pixels high in the image. A car is taken to be
+/// 1.53 m high, KITTI's mean: its distance ahead gives the height in the image in Plane::bev, and its height
+/// there the distance in Plane::picture.
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou,
                                   const Stratum& stratum);
 

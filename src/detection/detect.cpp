@@ -13,13 +13,15 @@ namespace mirage {
 std::vector<Proposal> detect_vehicles(Detector& detector, const ImageF& image, const Sweep& sweep,
                                       const Calibration& calibration, double score_threshold) {
   const std::vector<LidarPoint> points = points_in_view(sweep, calibration);
-  return suppress(detector.forward({&image, points, &calibration}, score_threshold, false));
+  return suppress(detector.forward({&image, points, &calibration}, score_threshold, false),
+                  detector.capabilities().plane());
 }
 
 DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit,
                              const std::function<void(std::size_t, std::size_t)>& progress) {
   using Clock = std::chrono::steady_clock;
   DetectionRun run;
+  run.plane = detector.capabilities().plane();
   run.ids = list_frames(data);
   if (limit > 0 && run.ids.size() > limit) run.ids.resize(limit);
   double seconds = 0;
@@ -35,13 +37,15 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
     if (i + 1 < run.ids.size()) next = read(i + 1);
     const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
     const auto start = Clock::now();
-    ScoredFrame scored;
-    scored.detections =
-        suppress(detector.forward({&frame.image, points, &frame.calibration}, kScoreThresholdForAp, false));
+    auto found = suppress(
+        detector.forward({&frame.image, points, &frame.calibration}, kScoreThresholdForAp, false), run.plane);
     seconds += std::chrono::duration<double>(Clock::now() - start).count();
-    scored.truth = ground_truth(frame, detector.region());
-    scored.focal_length = frame.calibration.camera.fy;
-    run.frames.push_back(std::move(scored));
+    const double focal_length = frame.calibration.camera.fy;
+    GroundTruth truth = ground_truth(frame, detector.region());
+    if (run.plane == Plane::picture)
+      run.frames.push_back(scored_in_picture(std::move(found), truth, focal_length));
+    else
+      run.frames.push_back({std::move(found), std::move(truth), focal_length});
     if (progress) progress(i + 1, run.ids.size());
   }
   run.at50 = average_precision(run.frames, 0.5);

@@ -15,7 +15,8 @@ inline constexpr double kScoreThreshold = 0.1;
 /// For AP the curve's tail matters: detections down to this score.
 inline constexpr double kScoreThresholdForAp = 0.02;
 
-/// Points in view → proposals → suppression. Sorted by falling score.
+/// Points in view → proposals → suppression in the plane where the detector is judged (Capabilities::plane).
+/// Sorted by falling score.
 std::vector<Proposal> detect_vehicles(Detector& detector, const ImageF& image, const Sweep& sweep,
                                       const Calibration& calibration,
                                       double score_threshold = kScoreThreshold);
@@ -31,6 +32,7 @@ struct DetectionRun {
   PrecisionRecall at50, at70;
   std::vector<ScoredStratum> strata;  ///< standard_strata()
   double seconds_per_frame = 0;       ///< of the detector alone
+  Plane plane = Plane::bev;           ///< where it was judged
 };
 
 /// Runs the detector on each frame of `data` (or on the first `limit`); the next frame is read meanwhile when

@@ -23,10 +23,19 @@ struct Proposal {
   double score() const;     ///< sigmoid(logit)
 };
 
+/// Where boxes are compared: in the bird's-eye view (metres), or in the picture (pixels).
+enum class Plane { bev, picture };
+/// "bev", "picture".
+std::string to_string(Plane plane);
+/// The proposal's box there: Proposal::box, or the rectangle of Proposal::picture.
+BevBox rectangle(const Proposal& proposal, Plane plane);
+
 /// What a detector reads and finds.
 struct Capabilities {
   bool reads_image = true, reads_points = true;
   bool finds_bev = true, finds_picture = false;  ///< Proposal::box, Proposal::picture
+  /// Where it is judged: in the picture if it finds boxes nowhere else.
+  Plane plane() const { return finds_bev ? Plane::bev : Plane::picture; }
 };
 
 /// What a detector reads; views, not copies.
@@ -136,8 +145,11 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& options);
 /// InputError, naming the first of them, if a box or a logit is not finite.
 void check_proposals(std::span<const Proposal> proposals);
 
-/// Rotated non-maximum suppression: keeps the best-scored boxes, drops those that overlap a kept one by more
-/// than `max_iou`. Sorted by falling score (ties: input order). Checks them.
-std::vector<Proposal> suppress(std::vector<Proposal> proposals, double max_iou = 0.1);
+/// Non-maximum suppression of the (rotated) boxes of `plane`: keeps the best-scored boxes, drops those that
+/// overlap a kept one by more than `max_iou`. Sorted by falling score (ties: input order). Checks them.
+std::vector<Proposal> suppress(std::vector<Proposal> proposals, double max_iou, Plane plane = Plane::bev);
+/// At an IoU of 0.1 in the bird's-eye view, where vehicles stand beside each other, and of 0.5 in the
+/// picture, where they stand behind each other.
+std::vector<Proposal> suppress(std::vector<Proposal> proposals, Plane plane = Plane::bev);
 
 }  // namespace mirage

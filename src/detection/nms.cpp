@@ -23,13 +23,26 @@ void check_proposals(std::span<const Proposal> proposals) {
   }
 }
 
-std::vector<Proposal> suppress(std::vector<Proposal> proposals, double max_iou) {
+std::string to_string(Plane plane) {
+  return plane == Plane::bev ? "bev" : "picture";
+}
+
+BevBox rectangle(const Proposal& proposal, Plane plane) {
+  return plane == Plane::bev ? proposal.box : rectangle(proposal.picture);
+}
+
+std::vector<Proposal> suppress(std::vector<Proposal> proposals, Plane plane) {
+  return suppress(std::move(proposals), plane == Plane::bev ? 0.1 : 0.5, plane);
+}
+
+std::vector<Proposal> suppress(std::vector<Proposal> proposals, double max_iou, Plane plane) {
   check_proposals(proposals);  // a NaN has no place in an order
   std::stable_sort(proposals.begin(), proposals.end(),
                    [](const Proposal& a, const Proposal& b) { return a.logit > b.logit; });
   std::vector<Proposal> kept;
   for (const Proposal& proposal : proposals) {
-    const auto overlaps = [&](const Proposal& other) { return iou(proposal.box, other.box) > max_iou; };
+    const BevBox box = rectangle(proposal, plane);
+    const auto overlaps = [&](const Proposal& other) { return iou(box, rectangle(other, plane)) > max_iou; };
     if (std::none_of(kept.begin(), kept.end(), overlaps)) kept.push_back(proposal);
   }
   return kept;

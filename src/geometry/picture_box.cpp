@@ -18,6 +18,16 @@ double iou(const PictureBox& a, const PictureBox& b) {
   return both > 0 ? std::clamp(both / (area(a) + area(b) - both), 0.0, 1.0) : 0;
 }
 
+BevBox rectangle(const PictureBox& box) {
+  return {(box.left + box.right) / 2, (box.top + box.bottom) / 2, box.right - box.left, box.bottom - box.top,
+          0};
+}
+
+PictureBox picture_box(const BevBox& rectangle) {
+  const auto& [x, y, length, width, yaw] = rectangle;
+  return {x - length / 2, y - width / 2, x + length / 2, y + width / 2};
+}
+
 PictureBox joined(const PictureBox& a, const PictureBox& b) {
   return {std::min(a.left, b.left), std::min(a.top, b.top), std::max(a.right, b.right),
           std::max(a.bottom, b.bottom)};

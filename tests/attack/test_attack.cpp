@@ -94,6 +94,38 @@ TEST(Attack, TargetsGateTheGradientNotTheSensors) {
   EXPECT_GT(image_texels, 0);
 }
 
+TEST(Attack, ADetectorInThePictureIsAttackedAndJudgedThere) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
+  DetectorPool detectors;
+  detectors.push_back(std::make_unique<test::PictureStandIn>());
+  auto settings = settings_for(folder / "data", folder / "run", 25);
+  settings.target = "image";
+  EXPECT_EQ(run_attack(settings, detectors).vehicles_train, 2);
+  const AttackState state = read_checkpoint(folder / "run/checkpoint.json",
+                                            read_json(folder / "run/checkpoint.json").at("identity"));
+  EXPECT_GT(state.losses.front().hide, 0);
+  EXPECT_LT(state.losses.back().loss(), state.losses.front().loss());
+  const mirage::Run run = read_run(folder / "run");
+  FrameStore store(settings.data, lidar_of(settings.data));
+  std::vector<HostId> hosts = run.train;
+  hosts.insert(hosts.end(), run.test.begin(), run.test.end());
+  const Evaluation evaluation =
+      evaluate(detectors, store, hosts, run.adversary, settings.simulation, EvaluationSettings());
+  EXPECT_EQ(evaluation.vehicles, 3);
+  for (const HostOutcome& host : evaluation.hosts) {
+    EXPECT_EQ(host.plane, Plane::picture);
+    EXPECT_EQ(host.clean_iou, 1);
+    EXPECT_NEAR(host.range, 11, 3);
+  }
+  settings.target = "lidar";
+  settings.out = folder / "other";
+  EXPECT_NE(error_text<InputError>([&] {
+              run_attack(settings, detectors);
+            }).find("--target: lidar: stand-in does not read the LiDAR's returns; use image or both"),
+            std::string::npos);
+}
+
 TEST(Attack, RandomTargetIsTheBaselineMesh) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 2);

@@ -24,7 +24,7 @@ TEST(Objective, WeighsRelevantByOverlapAndRewardsFalsePositives) {
   const std::vector<BevBox> truth{kHost, {31, 0, 4, 2, 0}};
   ObjectiveSettings settings;
   settings.lambda_fp = 0.5;
-  const ObjectiveValue value = objective(proposals, kHost, truth, settings);
+  const ObjectiveValue value = objective(proposals, {kHost, truth}, settings);
   EXPECT_NEAR(value.hide, softplus(2) + softplus(1) / 3, 1e-12);
   EXPECT_NEAR(value.false_positive, -0.5 * softplus(-1), 1e-12);
   EXPECT_EQ(value.d_logits[2], 0);
@@ -39,10 +39,10 @@ TEST(Objective, GradientInLogits) {
   const std::vector<BevBox> truth{kHost};
   const auto f = [&](const std::vector<double>& logits) {
     for (std::size_t i = 0; i < logits.size(); ++i) proposals[i].logit = logits[i];
-    const auto value = objective(proposals, kHost, truth, {});
+    const auto value = objective(proposals, {kHost, truth}, {});
     return value.hide + value.false_positive;
   };
-  const auto gradient = objective(proposals, kHost, truth, {}).d_logits;
+  const auto gradient = objective(proposals, {kHost, truth}, {}).d_logits;
   test::check_gradient(f, {2.0, 40, -1.0, 35}, gradient, 1e-5, 1e-8);
 }
 
@@ -85,6 +85,118 @@ TEST(Evaluation, SharesAreOfTheVehiclesDetectedClean) {
   EXPECT_NEAR(result.asr, 0.75, 1e-12);
   EXPECT_NEAR(result.recall_clean.front().value, 0.8, 1e-12);
   EXPECT_NEAR(result.recall_attacked.back().value, 0.4, 1e-12);
+}
+
+/// The host's label covers 100 … 200 × 100 … 150; a pedestrian and a region that nobody labelled stand by.
+Frame picture_frame() {
+  Frame frame = frame_with_host();
+  const auto add = [&](const char* type, const PictureBox& box) {
+    Label label;
+    label.type = type;
+    label.left = box.left, label.top = box.top, label.right = box.right, label.bottom = box.bottom;
+    label.box.bev = {70, 30, 1, 1, 0};
+    frame.labels.push_back(label);
+  };
+  add("Pedestrian", {300, 100, 320, 150});
+  add("DontCare", {400, 80, 600, 160});
+  frame.labels[0].left = 100, frame.labels[0].right = 200;
+  frame.labels[0].top = 100, frame.labels[0].bottom = 150;
+  return frame;
+}
+const PictureBox kOnRoof{130, 70, 170, 105};  // the object's silhouette
+Proposal seen(const PictureBox& box, double logit = 3) {
+  return {{}, logit, box};
+}
+
+TEST(Objective, InThePictureTheHostHasTwoBoxes) {
+  const Frame frame = picture_frame();
+  const HostTruth truth(frame, frame.labels[0], Plane::picture, kOnRoof);
+  EXPECT_DOUBLE_EQ(truth.host_iou(seen({100, 100, 200, 150})), 1);
+  EXPECT_DOUBLE_EQ(truth.host_iou(seen({100, 70, 200, 150})), 1);  // around car and object
+  EXPECT_DOUBLE_EQ(truth.host_iou(seen({130, 70, 170, 105})), 40 * 35 / 8000.);
+  const HostTruth bare(frame, frame.labels[0], Plane::picture);
+  EXPECT_DOUBLE_EQ(bare.host_iou(seen({100, 70, 200, 150})), 50 / 80.);
+  EXPECT_EQ(truth.label_iou(seen({450, 100, 500, 140})), 1);  // nobody knows
+  EXPECT_NEAR(truth.label_iou(seen({595, 100, 645, 160})), 300 / (16000. + 3000 - 300), 1e-12);
+
+  std::vector<Proposal> proposals = {seen({100, 72, 200, 150}, 2.0),   // IoU 78 / 80 with the joined box
+                                     seen({150, 100, 250, 150}, 0.7),  // 1/3 with the label's
+                                     seen({305, 100, 325, 150}, 1.0),  // the pedestrian
+                                     seen({450, 100, 500, 140}, 1.0),  // in the region
+                                     seen({700, 100, 760, 140}, -1.0), seen({700, 100, 760, 140}, -9.0)};
+  ObjectiveSettings settings;
+  settings.lambda_fp = 0.5;
+  const ObjectiveValue value = objective(proposals, truth, settings);
+  EXPECT_NEAR(value.hide, softplus(2) * 78 / 80 + softplus(0.7) / 3, 1e-12);
+  EXPECT_NEAR(value.false_positive, -0.5 * softplus(-1), 1e-12);
+  EXPECT_EQ(value.d_logits[2], 0);
+  EXPECT_EQ(value.d_logits[3], 0);
+  EXPECT_EQ(value.d_logits[5], 0);  // below the relevant score
+  const auto f = [&](const std::vector<double>& logits) {
+    for (std::size_t i = 0; i < logits.size(); ++i) proposals[i].logit = logits[i];
+    const auto there = objective(proposals, truth, settings);
+    return there.hide + there.false_positive;
+  };
+  test::check_gradient(f, {2.0, 0.7, 1.0, 1.0, -1.0, -9.0}, value.d_logits, 1e-5, 1e-8);
+}
+
+TEST(SilhouetteBox, HoldsTheObjectsPixels) {
+  Simulated simulated;
+  simulated.image = ImageF(40, 30, 3);
+  simulated.rect = {30, -2, 44, 8};  // beyond the picture
+  simulated.rgba = Image<double>(14, 10, 4);
+  EXPECT_FALSE(silhouette_box(simulated));
+  simulated.rgba.at(3, 4, 3) = 0.4;  // a rim
+  EXPECT_FALSE(silhouette_box(simulated));
+  simulated.rgba.at(2, 5, 3) = 0.9;   // pixel (32, 3)
+  simulated.rgba.at(12, 1, 3) = 0.9;  // (42, −1), outside
+  const auto box = silhouette_box(simulated);
+  ASSERT_TRUE(box);
+  EXPECT_EQ(box->left, 31.5);
+  EXPECT_EQ(box->right, 32.5);
+  EXPECT_EQ(box->top, 2.5);
+  EXPECT_EQ(box->bottom, 3.5);
+  simulated.rgba.at(9, 2, 3) = 1;  // (39, 0), the corner
+  const auto clipped = silhouette_box(simulated);
+  EXPECT_EQ(clipped->right, 39);
+  EXPECT_EQ(clipped->top, 0);
+}
+
+TEST(Evaluation, ABoxAroundCarAndObjectIsNoMiss) {
+  const Frame frame = picture_frame();
+  EvaluationSettings settings;
+  settings.plane = Plane::picture;
+  const Proposal on = seen({100, 100, 200, 150}), around = seen({100, 70, 200, 150}), object = seen(kOnRoof),
+                 half = seen({100, 100, 160, 150}), elsewhere = seen({700, 100, 760, 140}),
+                 unlabelled = seen({450, 100, 500, 140});
+  const auto outcome = [&](const std::vector<Proposal>& clean, const std::vector<Proposal>& attacked) {
+    return judge({"0", 0}, frame, clean, attacked, settings, kOnRoof);
+  };
+  EXPECT_FALSE(outcome({on}, {on}).hidden);
+  EXPECT_FALSE(outcome({on}, {around}).hidden);
+  EXPECT_TRUE(judge({"0", 0}, frame, {on}, {around}, settings).hidden);  // with nothing to be seen there
+  EXPECT_FALSE(outcome({around}, {}).detected);                          // clean there is no object: IoU 5/8
+  EXPECT_TRUE(outcome({on}, {half}).hidden);                             // IoU 0.6
+  EXPECT_FALSE(outcome({on}, {around, unlabelled}).false_positive);
+  EXPECT_TRUE(outcome({on}, {around, elsewhere}).false_positive);
+  EXPECT_FALSE(outcome({on, elsewhere}, {on, elsewhere}).false_positive);
+  EXPECT_FALSE(outcome({on}, {on, object}).false_positive);  // overlaps the clean detection
+  EXPECT_TRUE(outcome({}, {object}).false_positive);  // alone it is a new box: IoU 0.175 with the joined
+  EXPECT_FALSE(outcome({}, {around}).false_positive);
+  const HostOutcome made = outcome({on}, {on, elsewhere});
+  ASSERT_EQ(made.new_boxes.size(), 1u);
+  EXPECT_EQ(made.new_boxes[0].distance, std::hypot(730 - 150, 120 - 125));
+  EXPECT_EQ(made.plane, Plane::picture);
+  EXPECT_EQ(made.range, 10);
+
+  const Evaluation result = summarize({outcome({on}, {half}), outcome({on}, {around}), outcome({half}, {})});
+  EXPECT_EQ(result.vehicles, 2);
+  EXPECT_DOUBLE_EQ(result.fn_asr, 0.5);
+  EXPECT_EQ(result.vehicles50, 3);  // at 0.5 the half box finds it, clean and attacked
+  EXPECT_NEAR(result.at50.fn_asr.value, 1.0 / 3, 1e-12);
+  const auto json = to_json(result);
+  EXPECT_EQ(json.at("at_iou_50").at("vehicles"), 3);
+  EXPECT_TRUE(json.at("false_positives").contains("distance_from_host_px"));
 }
 
 }  // namespace

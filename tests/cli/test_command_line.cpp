@@ -416,6 +416,20 @@ TEST(CommandLine, AModelFromPyTorchIsRunAndScored) {
     EXPECT_TRUE(result.at("strata").at(key).at("ap70").is_number()) << key;
   EXPECT_TRUE(fs::exists(folder / "o/precision_recall.json"));
   for (const auto& plot : result.at("plots")) EXPECT_TRUE(fs::exists(folder / "o" / plot.get<std::string>()));
+  EXPECT_EQ(result.at("plane"), "bev");
+  const Outcome seen = detect("picture.pt");
+  ASSERT_EQ(seen.code, 0) << seen.err;
+  EXPECT_EQ(read_json(folder / "o/result.json").at("plane"), "picture");
+  const auto frames = read_json(folder / "o/detections.json").at("frames");
+  ASSERT_EQ(frames.at(0).at("detections").size(), 2u);
+  EXPECT_EQ(frames.at(0).at("detections").at(0).at("right").get<double>() -
+                frames.at(0).at("detections").at(1).at("right").get<double>(),
+            frames.at(0).at("detections").at(0).at("left") == 2 ? -30 : 30);
+  const Outcome blind = run(folder, {"attack", "--data", data, "--detector", "torchscript", "--weights",
+                                     folder / "picture.pt", "--target", "lidar", "--out", folder / "a"});
+  EXPECT_EQ(blind.code, 2);
+  expect_one_line(blind.err);
+  EXPECT_THAT(blind.err, HasSubstr("--target"));
   for (const char* model : {"one_tensor.pt", "not_finite.pt", "detached.pt", "missing.pt"}) {
     const Outcome wrong = detect(model);
     EXPECT_EQ(wrong.code, 2) << model;

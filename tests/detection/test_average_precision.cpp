@@ -95,6 +95,85 @@ TEST(AveragePrecision, NothingToFindScoresZero) {
   EXPECT_EQ(average_precision({}, 0.5).average_precision, 0);
 }
 
+PictureBox in_picture(double left, double height = 50, double width = 100) {
+  return {left, 100, left + width, 100 + height};
+}
+Proposal seen_at(const PictureBox& box, double logit) {
+  return {{}, logit, box};
+}
+
+TEST(Suppress, InThePictureCarsBehindEachOtherStay) {
+  // Shifted by 40 of 100 pixels: IoU 3 / 7; by 20: 2 / 3.
+  const std::vector<Proposal> found = {seen_at(in_picture(0), 3), seen_at(in_picture(40), 2),
+                                       seen_at(in_picture(60), 1)};
+  const auto kept = suppress(found, Plane::picture);
+  ASSERT_EQ(kept.size(), 2u);
+  EXPECT_EQ(kept[1].picture.left, 40);
+  EXPECT_EQ(suppress(found, Plane::bev).size(), 3u);  // no boxes there: nothing overlaps
+}
+
+/// Cars in the picture: easy at 10 m (0 …), moderate at 30 m (200 …), hard at 60 m (400 …), DontCare (600 …).
+ScoredFrame picture_frame(std::vector<Proposal> detections) {
+  GroundTruth truth;
+  truth.boxes = {car(10)};  // of no consequence
+  truth.picture.boxes = {in_picture(0, 110), in_picture(200, 37), in_picture(400, 26)};
+  truth.picture.ignore = {{600, 80, 800, 200}};
+  truth.picture.labels = {0, 1, 2};
+  truth.picture.difficulty = {Difficulty::easy, Difficulty::moderate, Difficulty::hard};
+  truth.picture.distance = {10, 30, 60};
+  return scored_in_picture(std::move(detections), truth, 720);
+}
+
+TEST(AveragePrecisionInThePicture, ByHand) {
+  const Proposal first = seen_at(in_picture(0, 110), 5), alarm = seen_at(in_picture(900), 4),
+                 second = seen_at(in_picture(205, 37), 3);
+  // By score: hit (P 1, R 1/3), alarm, hit (P 2/3, R 2/3): 13 recalls at 1, 13 at 2/3 (13/40 < 1/3).
+  const std::vector<ScoredFrame> frames = {picture_frame({first, alarm, second})};
+  const auto result = average_precision(frames, 0.7);
+  EXPECT_EQ(result.boxes, 3);
+  EXPECT_NEAR(result.average_precision, (13 + 13 * 2.0 / 3) / 40, 1e-12);
+  EXPECT_NEAR(result.recall, 2.0 / 3, 1e-12);
+  // Shifted by 5 of 100 pixels: IoU 95 / 105.
+  EXPECT_NEAR(average_precision(frames, 0.95).recall, 1.0 / 3, 1e-12);
+}
+
+TEST(AveragePrecisionInThePicture, RegionsNobodyLabelledAndSmallBoxesCountNeitherWay) {
+  const Proposal hit = seen_at(in_picture(0, 110), 1);
+  const double alone = average_precision(std::vector{picture_frame({hit})}, 0.5).average_precision;
+  const auto with = [&](const PictureBox& other) {
+    return average_precision(std::vector{picture_frame({hit, seen_at(other, 2)})}, 0.5).average_precision;
+  };
+  EXPECT_EQ(with({650, 100, 700, 140}), alone);  // inside DontCare
+  EXPECT_EQ(with({780, 100, 810, 140}), alone);  // two thirds of it inside
+  EXPECT_LT(with({795, 100, 825, 140}), alone);  // a sixth
+  EXPECT_EQ(with(in_picture(900, 24)), alone);   // less than 25 pixels high
+  EXPECT_LT(with(in_picture(900, 25)), alone);
+}
+
+TEST(AveragePrecisionInThePicture, StrataByDifficultyAndDistance) {
+  const std::vector<ScoredFrame> frames = {picture_frame(
+      {seen_at(in_picture(0, 110), 3), seen_at(in_picture(200, 37), 2), seen_at(in_picture(400, 26), 1)})};
+  for (const Stratum& stratum : standard_strata()) {
+    const PrecisionRecall part = average_precision(frames, 0.7, stratum);
+    EXPECT_EQ(part.average_precision, 1) << stratum.name;
+    const int boxes = stratum.name == "hard"                                   ? 3
+                      : stratum.name == "moderate" || stratum.name == "0-40 m" ? 2
+                                                                               : 1;
+    EXPECT_EQ(part.boxes, boxes) << stratum.name;
+  }
+  // An alarm 100 pixels high is one of 720 · 1.53 / 100 = 11 m; one of 30 is not seen at level "easy".
+  const std::vector<ScoredFrame> near = {picture_frame({seen_at(in_picture(900, 100), 4)})},
+                                 low = {picture_frame({seen_at(in_picture(900, 30), 4)})};
+  const auto curve = [](const std::vector<ScoredFrame>& of, const Stratum& stratum) {
+    return average_precision(of, 0.7, stratum).curve.size();
+  };
+  EXPECT_EQ(curve(near, {"0-20 m", 0, 20}), 1u);
+  EXPECT_EQ(curve(near, {"20-40 m", 20, 40}), 0u);
+  EXPECT_EQ(curve(low, {"20-40 m", 20, 40}), 1u);
+  EXPECT_EQ(curve(low, {"easy", 0, 1e9, Difficulty::easy}), 0u);
+  EXPECT_EQ(curve(low, {"moderate", 0, 1e9, Difficulty::moderate}), 1u);
+}
+
 TEST(GroundTruth, AppliesItsRules) {
   Label good;
   good.type = "Car";
@@ -129,6 +208,12 @@ Label seen(double height, int occluded, double truncated) {
   return label;
 }
 
+Frame frame_of(const std::vector<Label>& labels) {
+  Frame frame;
+  frame.labels = labels;
+  return frame;
+}
+
 TEST(PictureTruth, CarsCountWhateverTheirDistanceAndReturns) {
   std::vector<Label> labels(9, seen(25, 2, 0.5));
   for (std::size_t i = 0; i < labels.size(); ++i) labels[i].left = static_cast<double>(i);
@@ -148,9 +233,13 @@ TEST(PictureTruth, CarsCountWhateverTheirDistanceAndReturns) {
   EXPECT_EQ(truth.difficulty, std::vector<Difficulty>{Difficulty::hard});
   EXPECT_DOUBLE_EQ(truth.distance[0], 130);
   EXPECT_EQ(truth.ignore.size(), 7u);  // all but the pedestrian
-  Frame frame;
-  frame.labels = labels;
-  EXPECT_EQ(ground_truth(frame, {0, 50, -25, 25}).picture.boxes.size(), 1u);
+  EXPECT_TRUE(truth.look_alikes.empty());
+  labels[7].type = "Misc";
+  EXPECT_EQ(picture_truth(labels).look_alikes.size(), 1u);
+  EXPECT_EQ(
+      scored_in_picture({}, ground_truth(frame_of(labels), {0, 50, -25, 25}), 0).truth.look_alikes.size(),
+      1u);
+  EXPECT_EQ(ground_truth(frame_of(labels), {0, 50, -25, 25}).picture.boxes.size(), 1u);
 }
 
 TEST(Difficulty, FollowsKittisLimits) {

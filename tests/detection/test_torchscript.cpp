@@ -142,7 +142,51 @@ TEST(TorchScript, NothingFoundAndNothingSeen) {
   EXPECT_TRUE(detector->backward(std::vector<double>(3, 1)).points.empty());
 }
 
+TEST(TorchScript, OneArgumentIsADetectorInThePicture) {
+  const auto both = load("works");
+  EXPECT_EQ(both->capabilities().plane(), Plane::bev);
+  EXPECT_TRUE(both->capabilities().reads_points);
+  for (const char* name : {"picture_option", "picture_options"})
+    EXPECT_TRUE(load(name)->capabilities().finds_picture) << name;
+  const auto detector = load("picture");
+  const Capabilities can = detector->capabilities();
+  EXPECT_EQ(can.plane(), Plane::picture);
+  EXPECT_TRUE(can.reads_image);
+  EXPECT_FALSE(can.reads_points || can.finds_bev);
+  const Scene scene;
+  const auto found = detector->forward(scene.view(), -1, true);
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_EQ(found[0].picture.left, 2);
+  EXPECT_EQ(found[1].picture.bottom, 25);
+  EXPECT_EQ(found[1].box.length, 0);
+  EXPECT_GT(found[0].logit, found[1].logit);
+
+  const SensorGradient gradient = detector->backward(std::vector<double>{1, -0.5});
+  for (const auto& point : gradient.points)
+    for (const float d : point) EXPECT_EQ(d, 0);
+  double largest = 0;
+  for (std::size_t k = 0; k < scene.image.data.size(); k += 7) {
+    const auto value = [&](float change) {
+      Scene other = scene;
+      other.image.data[k] += change;
+      const auto there = detector->forward(other.view(), -1, false);
+      return there[0].logit - 0.5 * there[1].logit;
+    };
+    EXPECT_NEAR(gradient.image.data[k], (value(0.1f) - value(-0.1f)) / 0.2, 2e-5);
+    largest = std::max(largest, std::abs(static_cast<double>(gradient.image.data[k])));
+  }
+  EXPECT_GT(largest, 1e-3);
+  EXPECT_TRUE(detector->forward({nullptr, scene.points, &scene.calibration}, -1, true).empty());
+  detector->backward({});
+}
+
 TEST(TorchScript, EveryWrongModelIsToldWhy) {
+  EXPECT_THAT(load_error("no_argument"), HasSubstr("forward: takes 0 arguments"));
+  EXPECT_THAT(load_error("picture_typed"), HasSubstr("its argument 'image' is of type float"));
+  EXPECT_THAT(load_error("picture_columns"),
+              HasSubstr("forward's boxes: have shape [2, 5]; return [M,4]: left, top"));
+  EXPECT_THAT(load_error("picture_one_tensor"), HasSubstr("return (boxes [M,4], logits [M])"));
+  EXPECT_THAT(load_error("picture_detached"), HasSubstr("don't depend on image in a differentiable way"));
   EXPECT_THAT(load_error("no_forward"),
               HasSubstr("forward: the model has no such method; export forward(image"));
   EXPECT_THAT(load_error("two_arguments"), HasSubstr("forward: takes 2 arguments"));

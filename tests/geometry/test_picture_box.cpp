@@ -20,6 +20,20 @@ TEST(PictureBox, OverlapByHand) {
   EXPECT_EQ(iou(box, {30, 30, 10, 20}), 0);
 }
 
+TEST(PictureBox, ItsRectangleOverlapsAsItDoes) {
+  const PictureBox a{10, 20, 30, 30};
+  for (const PictureBox& b :
+       {PictureBox{20, 20, 40, 30}, PictureBox{15, 22, 20, 27}, PictureBox{5, 25, 28, 90},
+        PictureBox{30, 20, 40, 30}, PictureBox{900, 20, 1200, 30}})
+    EXPECT_NEAR(iou(rectangle(a), rectangle(b)), iou(a, b), 1e-12);
+  EXPECT_EQ(rectangle(a).x, 20);
+  EXPECT_EQ(rectangle(a).y, 25);
+  EXPECT_EQ(rectangle(a).length, 20);
+  EXPECT_EQ(rectangle(a).width, 10);
+  EXPECT_EQ(picture_box(rectangle(a)).right, 30);
+  EXPECT_EQ(picture_box(rectangle(a)).bottom, 30);
+}
+
 TEST(PictureBox, JoinedHoldsBoth) {
   const PictureBox both = joined({10, 20, 30, 40}, {25, 5, 50, 30});
   EXPECT_EQ(both.left, 10);

@@ -220,7 +220,9 @@ TEST(NotFinite, ProposalsOfADetector) {
     nowhere.x = bad;
     const std::vector<Proposal> box{{nowhere, 1}};
     for (const auto& [proposals, name] : {std::pair{logit, "proposal 1"}, std::pair{box, "proposal 0"}}) {
-      EXPECT_NE(test::error_text<InputError>([&] { objective(proposals, host, {}, {}); }).find(name),
+      EXPECT_NE(test::error_text<InputError>([&] {
+                  objective(proposals, {host, {}}, {});
+                }).find(name),
                 std::string::npos);
       EXPECT_NE(test::error_text<InputError>([&] { suppress(proposals); }).find(name), std::string::npos);
     }

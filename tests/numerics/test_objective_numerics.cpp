@@ -15,7 +15,7 @@ TEST(ObjectiveExtremes, LogitsOfPlusMinus1e4) {
   const BevBox elsewhere{40, 8, 4, 2, 0};
   for (double logit : {1e4, 1e300, -1e4, -1e300, 0.}) {
     const std::vector<Proposal> proposals{{kHost, logit}, {elsewhere, logit}};
-    const ObjectiveValue value = objective(proposals, kHost, std::vector{kHost}, {});
+    const ObjectiveValue value = objective(proposals, {kHost, std::vector{kHost}}, {});
     EXPECT_TRUE(std::isfinite(value.hide));
     EXPECT_TRUE(std::isfinite(value.false_positive));
     const double score = logit > 0 ? 1 : logit < 0 ? 0 : 0.5;
@@ -47,14 +47,14 @@ TEST(ObjectiveExtremes, IouExactlyZeroAndOne) {
     const double same = iou(box, box);
     worst = std::max(worst, std::abs(same - 1));
     ASSERT_LE(same, 1);
-    ASSERT_GT(objective(std::vector<Proposal>{{box, 2}}, box, std::vector{box}, {}).hide, 0);
+    ASSERT_GT(objective(std::vector<Proposal>{{box, 2}}, {box, std::vector{box}}, {}).hide, 0);
   }
   EXPECT_LE(worst, 1e-12);
   std::printf("IoU of a box with itself: 1 to %.1e\n", worst);
 }
 
 TEST(ObjectiveExtremes, NoProposalAtAll) {
-  const ObjectiveValue value = objective({}, kHost, std::vector{kHost}, {});
+  const ObjectiveValue value = objective({}, {kHost, std::vector{kHost}}, {});
   EXPECT_EQ(value.hide, 0);
   EXPECT_EQ(value.false_positive, 0);
   EXPECT_TRUE(value.d_logits.empty());
@@ -70,14 +70,14 @@ TEST(ObjectiveExtremes, TenThousandProposals) {
                          random.uniform(-20, 20)});
   std::vector<BevBox> truth{kHost};
   for (int i = 0; i < 40; ++i) truth.push_back({random.uniform(0, 70), random.uniform(-40, 40), 4, 2, 0});
-  const ObjectiveValue value = objective(proposals, kHost, truth, {});
+  const ObjectiveValue value = objective(proposals, {kHost, truth}, {});
   EXPECT_TRUE(std::isfinite(value.hide + value.false_positive));
   EXPECT_GT(value.hide, 0);
   EXPECT_LT(value.false_positive, 0);
   // One after the other gives the same.
   double hide = 0;
   for (std::size_t i = 0; i < proposals.size(); ++i) {
-    const auto one = objective({&proposals[i], 1}, kHost, truth, {});
+    const auto one = objective({&proposals[i], 1}, {kHost, truth}, {});
     hide += one.hide;
     EXPECT_EQ(one.d_logits[0], value.d_logits[i]);
   }

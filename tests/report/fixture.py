@@ -49,7 +49,10 @@ def host(folder, name, index):
     box = [20.0 + index, 1.0, 4.2, 1.8, 0.1]
     found = [{"box": box, "score": 0.9}]
     judged = {"iou": 0.75, "score": 0.8, "hidden": index == 0, "false_positive": False}
-    return {"name": name, "frame": name[:6], "label": 0, "range": 20.0 + index, "visible_share": 0.9, "detected": True,
+    seen = [{"box": [310, 70, 385, 152], "score": 0.8}]
+    in_picture = {"picture_boxes": {"host": [300, 90, 380, 150], "object": [320, 60, 360, 90], "clean": seen, "raster": [],
+                                    "truth": [[300, 90, 380, 150], [10, 80, 60, 120]], "cycles": seen}} if index == 1 else {}
+    return {**in_picture, "name": name, "frame": name[:6], "label": 0, "range": 20.0 + index, "visible_share": 0.9, "detected": True,
             "adversary_points": 2, "host_rect": [300, 90, 380, 150], "crop_rect": [320, 60, 360, 90],
             "clean": {"iou": 0.8, "score": 0.95}, "raster": judged, "cycles": {**judged, "score": 0.7},
             "full": {"mae": 0.02, "mean": 0.2, "ssim": 0.9, "flip": 0.1, "seconds": 1.5},

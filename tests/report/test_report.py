@@ -132,6 +132,8 @@ class Page(browser.PageChecks, unittest.TestCase):
                                     "method"])
         self.assertGreaterEqual(self.browser.run("document.querySelectorAll('svg.plot').length"), 8)
         self.assertEqual(self.browser.run("document.querySelectorAll('svg.bev').length"), 6)
+        self.assertEqual(self.browser.run("document.querySelectorAll('svg.seen').length"), 3)  # of the second vehicle
+        self.assertEqual(self.browser.run("document.querySelectorAll('svg.seen rect.box').length"), 3 * 3 + 2)
         self.assertEqual(self.browser.run("[...document.images].filter(i => !i.naturalWidth).length"), 0)
 
 

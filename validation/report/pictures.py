@@ -60,7 +60,8 @@ def triptych(folder, host):
     width, (left, _, right, _) = box[2] - box[0], host["crop_rect"]
     middle = min(max(((left + right) / 2 - box[0]) / width, 0.2), 0.85)
     beside = min(max((left - box[0]) / width - 0.05, 0.12), middle - 0.06)
-    return {**{name: photo(path, box) for name, path in files.items()}, "bars": [round(beside, 3), round(middle, 3)]}
+    return {**{name: photo(path, box) for name, path in files.items()}, "bars": [round(beside, 3), round(middle, 3)],
+            "window": box}
 
 
 def crops(folder, host):
@@ -95,6 +96,29 @@ def box_mark(box, view, kind, tip=""):
     points = [place(x + c * a - s * b, y + s * a + c * b, view) for a, b in corners]
     text = " ".join(f"{u:.1f},{v:.1f}" for u, v in points)
     return f'<polygon class="box {kind}" points="{text}"><title>{escape(tip)}</title></polygon>'
+
+
+def picture_mark(box, kind, tip):
+    left, top, right, bottom = box
+    return (f'<rect class="box {kind}" x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{bottom - top:.1f}">'
+            f'<title>{escape(tip)}</title></rect>')
+
+
+def in_picture(host, scenes):
+    """[(class, title, SVG)]: the same windows as in the triptych with the boxes that the detector finds there."""
+    view = host["picture_boxes"]
+    left, top, right, bottom = scenes["window"]
+    panels = []
+    for key, kind, title, scene in (("clean", "clean", "As recorded", "clean"),
+                                    ("raster", "raster", "Attacked, rasteriser", "attacked"),
+                                    ("cycles", "cycles", "Attacked, Cycles", "cycles")):
+        parts = [f'<image href="{scenes[scene]}" x="{left}" y="{top}" width="{right - left}" height="{bottom - top}"/>']
+        parts += [picture_mark(box, "truth", "label") for box in view["truth"]]
+        parts.append(picture_mark(view["host"], "host", "the vehicle's label"))
+        parts += [picture_mark(found["box"], kind, f"score {found['score']:.2f}") for found in view[key]]
+        panels.append((kind, title, Markup(f'<svg class="bev seen" viewBox="{left} {top} {right - left} {bottom - top}" role="img" '
+                                           f'aria-label="{escape(title)}">{"".join(parts)}</svg>')))
+    return panels
 
 
 def bev(host):

@@ -60,8 +60,8 @@ int save(void*, const char*, int32_t, char* error, size_t error_size) {
   return guarded(error, error_size, [] { throw BadFile(kNoTraining); });
 }
 
-uint32_t capabilities(void*) {
-  return MIRAGE_READS_IMAGE | MIRAGE_READS_POINTS | MIRAGE_FINDS_BEV;
+uint32_t capabilities(void* detector) {
+  return instance(detector).capabilities();
 }
 
 const MirageDetectorApi kApi = {

@@ -15,8 +15,11 @@ namespace {
 
 using torch::Tensor;
 
-constexpr const char* kSignature = "forward(image [H,W,3], points [N,4], pixel_from_velo [3,4])";
+constexpr const char* kSignature =
+    "forward(image [H,W,3], points [N,4], pixel_from_velo [3,4]), or forward(image [H,W,3]) to find boxes in "
+    "the picture";
 constexpr const char* kReturns = "(boxes [M,5], logits [M])";
+constexpr const char* kReturnsInPicture = "(boxes [M,4], logits [M])";
 constexpr const char* kGuide = "see plugins/detectors/torchscript/README.md";
 
 [[noreturn]] void bad(const std::string& field, const std::string& problem, const std::string& fix) {
@@ -85,19 +88,29 @@ TorchScriptDetector::TorchScriptDetector(const std::string& file, int threads) :
   probe();
 }
 
-void TorchScriptDetector::check_signature() const {
+std::uint32_t TorchScriptDetector::capabilities() const {
+  return picture_ ? MIRAGE_READS_IMAGE | MIRAGE_FINDS_PICTURE
+                  : MIRAGE_READS_IMAGE | MIRAGE_READS_POINTS | MIRAGE_FINDS_BEV;
+}
+
+void TorchScriptDetector::check_signature() {
   const auto method = module_.find_method("forward");
   if (!method) bad("forward", "the model has no such method", std::string("export ") + kSignature);
   const auto& arguments = method->function().getSchema().arguments();  // the first is self
   std::size_t needed = 0;
   for (const auto& argument : arguments) needed += !argument.default_value();
-  if (arguments.size() < 4 || needed > 4)
+  const auto is_tensor = [&](std::size_t i) {
+    return arguments[i].type()->kind() == c10::TypeKind::TensorType;
+  };
+  // What follows the image may be a model's own option with a default.
+  picture_ = arguments.size() >= 2 && needed <= 2 && !(arguments.size() >= 4 && is_tensor(2) && is_tensor(3));
+  if (!picture_ && (arguments.size() < 4 || needed > 4))
     bad("forward", "takes " + std::to_string(arguments.size() - 1) + " arguments",
         std::string("export ") + kSignature + "; " + kGuide);
-  for (std::size_t i = 1; i < 4; ++i)
-    if (arguments[i].type()->kind() != c10::TypeKind::TensorType)
+  for (std::size_t i = 1; i < (picture_ ? 2u : 4u); ++i)
+    if (!is_tensor(i))
       bad("forward", "its argument '" + arguments[i].name() + "' is of type " + arguments[i].type()->str(),
-          "take three Tensors: image, points, pixel_from_velo");
+          picture_ ? "take a Tensor: image" : "take three Tensors: image, points, pixel_from_velo");
 }
 
 void TorchScriptDetector::read_region() {
@@ -125,21 +138,21 @@ void TorchScriptDetector::read_region() {
                  [](double number) { return static_cast<float>(number); });
 }
 
-TorchScriptDetector::Outputs TorchScriptDetector::run(const Tensor& image, const Tensor& points,
-                                                      const Tensor& projection) {
+TorchScriptDetector::Outputs TorchScriptDetector::run(const Tensor& projection) {
   at::set_num_threads(threads_);
-  const c10::IValue value = guarded_call("forward", [&] {
-    return module_.forward({image, points, projection});
-  });
+  std::vector<c10::IValue> inputs{image_};
+  if (!picture_) inputs.insert(inputs.end(), {points_, projection});
+  const c10::IValue value = guarded_call("forward", [&] { return module_.forward(inputs); });
   if (!value.isTuple() || value.toTuple()->elements().size() != 2 ||
       !value.toTuple()->elements()[0].isTensor() || !value.toTuple()->elements()[1].isTensor())
     bad("forward", "returns " + value.type()->str() + " where two Tensors belong",
-        std::string("return ") + kReturns);
+        std::string("return ") + (picture_ ? kReturnsInPicture : kReturns));
   Outputs outputs{floating(value.toTuple()->elements()[0].toTensor(), "boxes"),
                   floating(value.toTuple()->elements()[1].toTensor(), "logits")};
-  if (outputs.boxes.dim() != 2 || outputs.boxes.size(1) != 5)
+  if (outputs.boxes.dim() != 2 || outputs.boxes.size(1) != (picture_ ? 4 : 5))
     bad("forward's boxes", "have shape " + shape_of(outputs.boxes),
-        "return [M,5]: x, y, length, width (m), yaw (rad)");
+        picture_ ? "return [M,4]: left, top, right, bottom (pixels)"
+                 : "return [M,5]: x, y, length, width (m), yaw (rad)");
   if (outputs.logits.dim() != 1 || outputs.logits.size(0) != outputs.boxes.size(0))
     bad("forward's logits",
         "have shape " + shape_of(outputs.logits) + " for " + std::to_string(outputs.boxes.size(0)) + " boxes",
@@ -159,29 +172,37 @@ TorchScriptDetector::Outputs TorchScriptDetector::run(const Tensor& image, const
 const std::vector<MirageProposal>& TorchScriptDetector::forward(const MirageSensorInput& input,
                                                                 float score_threshold, bool keep_graph) {
   logits_ = Tensor();
+  proposals_.clear();
+  places_.clear();
   image_ = input.image ? from_memory(input.image, {input.height, input.width, 3}) : torch::zeros({0, 0, 3});
   points_ = from_memory(input.points, {input.points ? input.point_count : 0, 4});
   Tensor projection = torch::empty({3, 4});
   for (int k = 0; k < 12; ++k) projection.data_ptr<float>()[k] = static_cast<float>(input.pixel_from_velo[k]);
+  if (picture_ && image_.numel() == 0) {  // nothing to look at
+    if (keep_graph) logits_ = torch::zeros({0});
+    return proposals_;
+  }
   torch::AutoGradMode mode(keep_graph);
   if (keep_graph) {
     image_.requires_grad_(true);
     points_.requires_grad_(true);
   }
-  const Outputs outputs = run(image_, points_, projection);
+  const Outputs outputs = run(projection);
   if (keep_graph) {
     if (outputs.logits.numel() > 0 && !outputs.logits.requires_grad())
-      bad("forward's logits", "don't depend on image or points in a differentiable way",
+      bad("forward's logits",
+          std::string("don't depend on image ") + (picture_ ? "" : "or points ") + "in a differentiable way",
           "remove detach(), no_grad(), hard thresholds and .item() between them");
     logits_ = outputs.logits;
   }
   const Tensor boxes = outputs.boxes.detach().contiguous(), logits = outputs.logits.detach().contiguous();
   const float *box = boxes.data_ptr<float>(), *logit = logits.data_ptr<float>();
-  proposals_.clear();
-  places_.clear();
-  for (std::int64_t k = 0; k < logits.numel(); ++k, box += 5) {
+  for (std::int64_t k = 0; k < logits.numel(); ++k, box += boxes.size(1)) {
     if (!(1 / (1 + std::exp(-logit[k])) > score_threshold)) continue;
-    proposals_.push_back({{box[0], box[1], box[2], box[3], box[4]}, {}, logit[k]});
+    if (picture_)
+      proposals_.push_back({{}, {box[0], box[1], box[2], box[3]}, logit[k]});
+    else
+      proposals_.push_back({{box[0], box[1], box[2], box[3], box[4]}, {}, logit[k]});
     places_.push_back(k);
   }
   return proposals_;

@@ -30,6 +30,22 @@ const char* const kWorks = R"(
         return (0.0, 50.0, -20.0, 20.0)
 )";
 
+/// Two fixed boxes in the picture; a logit is the squared and weighed red and green of what is inside.
+const char* const kPicture = R"(
+    def forward(self, image):
+        boxes = torch.tensor([[2., 3., 20., 12.], [30., 5., 50., 25.]])
+        first = image[3:12, 2:20, 0].pow(2).mean()
+        second = image[5:25, 30:50, 1].pow(2).mean() - image[5:25, 30:50, 0].mean()
+        return boxes, torch.stack([first, second])
+)";
+
+std::string in_picture(const std::string& arguments, const std::string& result) {
+  return "\n    def forward(self, image" + arguments +
+         "):\n        boxes = torch.tensor([[2., 3., 20., 12.], [30., 5., 50., 25.]])\n"
+         "        logits = image[0, :2, 0]\n        return " +
+         result + "\n";
+}
+
 std::string returning(const std::string& result) {
   return "\n    def forward(self, image, points, pixel_from_velo):" + std::string(kBoxes) +
          "        logits = image.sum() + points[:3, 0]\n        return " + result + "\n";
@@ -42,6 +58,15 @@ int main(int count, char** arguments) {
   const std::string folder = std::string(arguments[1]) + "/";
   const std::pair<const char*, std::string> models[] = {
       {"works", kWorks},
+      {"picture", kPicture},
+      {"picture_option", in_picture(", scale: float = 2.0", "boxes, logits * scale")},
+      {"picture_options",
+       in_picture(", scale: float = 2.0, shift: float = 1.0", "boxes, logits * scale + shift")},
+      {"picture_columns", in_picture("", "torch.zeros([2, 5]), logits")},
+      {"picture_one_tensor", in_picture("", "logits")},
+      {"picture_detached", in_picture("", "boxes, logits.detach()")},
+      {"picture_typed", "\n    def forward(self, image: float):\n        return image, image\n"},
+      {"no_argument", "\n    def forward(self):\n        return 1, 2\n"},
       {"empty", returning("boxes[:0], logits[:0]")},
       {"two_arguments", "\n    def forward(self, image, points):\n        return points, points\n"},
       {"typed",

@@ -1,0 +1,44 @@
+// What a detector's boxes are compared with when an adversary stands on a host's roof.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "attack/run.h"
+#include "detection/detector.h"
+#include "scene/insertion.h"
+
+namespace mirage {
+
+/// The box around the object's pixels (S > 0.5), clipped to the picture; none where it shows no pixel.
+std::optional<PictureBox> silhouette_box(const Simulated& simulated);
+
+/// The host's boxes and those of every label of its frame, as rectangles of one plane.
+///
+/// In the picture the host has a second box where an object is seen: its label's joined with the object's
+/// silhouette. A box around car and object is no miss, and no false positive. DontCare regions are among the
+/// labels there: nobody knows what stands in them.
+class HostTruth {
+ public:
+  /// In the bird's-eye view. `labels`: every labelled road user of the frame, the host among them.
+  HostTruth(const BevBox& host, std::vector<BevBox> labels)
+      : plane_(Plane::bev), host_({host}), labels_(std::move(labels)) {}
+  /// Of a label of the frame. `object`: its silhouette_box(), of which only Plane::picture takes notice.
+  HostTruth(const Frame& frame, const Label& host, Plane plane, const std::optional<PictureBox>& object = {});
+
+  Plane plane() const { return plane_; }
+  /// The host's box: the label's.
+  const BevBox& host() const { return host_.front(); }
+  /// Largest IoU with a box of the host.
+  double host_iou(const Proposal& proposal) const;
+  /// Largest IoU with a box of any label; 1 for a box that lies by half or more in a DontCare region.
+  double label_iou(const Proposal& proposal) const;
+  /// The labels' boxes, the host's own among them.
+  const std::vector<BevBox>& labels() const { return labels_; }
+
+ private:
+  Plane plane_;
+  std::vector<BevBox> host_, labels_, dont_care_;
+};
+
+}  // namespace mirage
