@@ -5,7 +5,7 @@
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
-#include "cli/table.h"
+#include "cli/picture_rows.h"
 #include "validation/evaluation_pictures.h"
 
 namespace mirage::cli {
@@ -34,12 +34,14 @@ void print_shares(const RunEvaluation& evaluation) {
                                  ? fmt::format("{} random meshes", evaluation.random->meshes)
                                  : "random mesh";
   const std::string of = (evaluation.random ? ", learned | " + meshes : std::string()) + " (95 %)";
-  print_table({{"hosts", std::to_string(evaluation.hosts.size())},
+  Rows rows = {{"hosts", std::to_string(evaluation.hosts.size())},
                {"roofs", roofs(learned.rooftops.fitted, learned.rooftops.from_box)},
                {"vehicles detected without adversary", std::to_string(learned.vehicles)},
                {"FN ASR" + of, shares(&Evaluation::fn_interval)},
                {"FP ASR" + of, shares(&Evaluation::fp_interval)},
-               {"ASR" + of, shares(&Evaluation::asr_interval)}});
+               {"ASR" + of, shares(&Evaluation::asr_interval)}};
+  for (auto& row : picture_rows(evaluation.reliance)) rows.push_back(std::move(row));
+  print_table(rows);
 }
 
 /// Only the parts that hold vehicles.
