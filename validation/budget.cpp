@@ -9,6 +9,7 @@
 #include <set>
 
 #include "base/bootstrap.h"
+#include "base/clusters.h"
 #include "base/color.h"
 #include "base/error.h"
 #include "base/random.h"
@@ -196,6 +197,7 @@ Table read_scenes(const std::vector<json>& vehicles, BudgetOf of) {
     if (of == BudgetOf::score && !vehicle.at("detected").get<bool>()) continue;
     BudgetScene scene;
     scene.frame = vehicle.at("frame");
+    scene.track = vehicle.value("track", -1);
     scene.name = vehicle.at("name");
     std::vector<std::string> features, rungs;
     for (const auto& [name, value] : vehicle.at("features").items()) {
@@ -249,15 +251,16 @@ int oracle(const BudgetScene& scene, double budget) {
 }
 
 struct Tally {
-  std::map<std::string, ClusterSums> within;
+  std::map<std::string, ClusterSums> within;  ///< by cluster
+  std::set<std::string> frames;
   double seconds = 0, seconds_full = 0;
   std::map<std::string, int> chosen;
   int vehicles = 0;
 
   json result() const {
     std::vector<ClusterSums> clusters;
-    for (const auto& [frame, sums] : within) clusters.push_back(sums);
-    return {{"frames", within.size()},
+    for (const auto& [name, sums] : within) clusters.push_back(sums);
+    return {{"frames", frames.size()},
             {"vehicles", vehicles},
             {"within", to_json(bootstrap_interval(clusters))},
             {"seconds", seconds / std::max(1, vehicles)},
@@ -301,7 +304,8 @@ json choose_rungs(const std::vector<json>& vehicles, const BudgetSettings& setti
       const double seconds =
           rung < 0 ? own_cost + scene.seconds_full : scene.seconds[static_cast<std::size_t>(rung)];
       ++tally.vehicles;
-      ClusterSums& sums = tally.within[scene.frame];
+      ClusterSums& sums = tally.within[cluster_of(scene.frame, scene.track)];
+      tally.frames.insert(scene.frame);
       sums.numerator += error <= settings.budget;
       sums.denominator += 1;
       tally.seconds += seconds;

@@ -41,6 +41,7 @@ struct BudgetSettings {
 /// A vehicle with what each rung costs and how far it is off.
 struct BudgetScene {
   std::string frame, name;
+  int track = -1;                                 ///< the vehicle's identity (base/clusters.h)
   std::vector<double> features, errors, seconds;  ///< errors and seconds by rung
   double seconds_full = 0;
 };

@@ -57,6 +57,11 @@ def group_of(result):
     return "held_back"
 
 
+def picture_note(result):
+    """What stands in place of statements about images (detection/reliance.h); empty if the detector sees."""
+    return result.get("reliance", {}).get("note", "")
+
+
 def judge(result, group, checks):
     """What the page says in words."""
     missed = [check["name"].split(",")[0] for check in checks if not check["met"]]
@@ -76,9 +81,11 @@ def judge(result, group, checks):
         raster, traced = result["attack"]["asr_raster"], result["attack"]["asr_cycles"]
     known = {"none": ", no significant difference", "overstates": ", weaker than learned",
              "understates": ", stronger than learned"}.get(said["difference"], "")
-    title = f"Attack success: {100 * traced:.1f}\u202f% in Cycles, {100 * raster:.1f}\u202f% with the rasteriser{known}"
+    success = f"{100 * traced:.1f}\u202f% in Cycles, {100 * raster:.1f}\u202f% with the rasteriser{known}"
+    if note := picture_note(result):
+        success = f"{100 * raster:.1f}\u202f% with the rasteriser; {note}"
     correct = "the renderers agree in matched light" if not missed else "correctness in matched light misses a target"
-    return {**said, "title": f"{title}; {correct}."}
+    return {**said, "title": f"Attack success: {success}; {correct}."}
 
 
 def flips_of(result, folder):
@@ -113,7 +120,7 @@ def page(result, hosts, folder, model, viewer):
     environment.globals.update(
         result=result, fig=fig, interval=figures.interval_function(result, fig), group=group, shown=plots.SHOWN,
         verdict=judge(result, group, extra["targets"]), checks=extra["targets"], flips=flips_of(result, folder),
-        tradeoff=extra.get("tradeoff"), pareto=plots.pareto(extra.get("tradeoff")), viewer_missing=NO_VIEWER, model=model,
+        note=picture_note(result), tradeoff=extra.get("tradeoff"), pareto=plots.pareto(extra.get("tradeoff")), viewer_missing=NO_VIEWER, model=model,
         plots={"loss": plots.loss(extra.get("loss")), "recall": plots.recall(extra.get("evaluation")),
                "success": plots.success(result.get("verdict", {}).get(group)),
                "scores": plots.scores(result.get("verdict")), "ladder": plots.ladder(result),

@@ -6,12 +6,14 @@
 #include <map>
 #include <set>
 
+#include "attack/cached_reliance.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
 #include "base/progress.h"
 #include "scene/data_rig.h"
+#include "scene/kitti.h"
 #include "scene/quality.h"
 #include "scene/shape/shape_rooftop.h"
 #include "validation/budget.h"
@@ -59,6 +61,13 @@ json stored_result(const fs::path& out, const fs::path& file, const std::string&
   if (!with_ladder)
     for (const char* part : {"ladder", "lidar_ladder", "features", "reference"}) stored.erase(part);
   return stored;
+}
+
+/// The host's identity, as its data set has it now: stored results need not be made again for it.
+int track_of(const fs::path& data, const HostId& host) {
+  const auto tracks = read_tracks(data, host.frame);
+  const auto label = static_cast<std::size_t>(host.label);
+  return tracks && label < tracks->size() ? (*tracks)[label] : -1;
 }
 
 void write_report(const ValidationSettings& settings) {
@@ -133,9 +142,12 @@ json validate(const ValidationSettings& given) {
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
   BlenderWorker blender(settings.out / "blender.log");
   settings.detector.rig = data_rig(settings.data);
-  const auto detector = load_detector(settings.detector);
+  DetectorPool detectors;
+  detectors.push_back(load_detector(settings.detector));
+  const Reliance reliance =
+      cached_reliance(detectors, detector_identity(settings.detector), settings.data, settings.quiet);
   FrameStore store(settings.data, run.depth, settings.rooftop, settings.sun);
-  ValidationContext context{settings, run, store, *detector, blender, {}};
+  ValidationContext context{settings, run, store, *detectors.front(), blender, {}};
   const std::string key = key_of(settings, run, settings.data, blender.version());
   const std::vector<bool> has_ladder =
       ladder_hosts(hosts, settings.ladder < 0 && !(settings.budget > 0) ? kLadder : settings.ladder);
@@ -158,6 +170,7 @@ json validate(const ValidationSettings& given) {
       result["key"] = key;
       write_json(file, result);
     }
+    if (const int track = track_of(settings.data, hosts[i]); track >= 0) result["track"] = track;
     results.push_back(std::move(result));
     progress.update(i + 1, host_name(hosts[i]));
   }
@@ -178,6 +191,7 @@ json validate(const ValidationSettings& given) {
       losses.push_back(std::move(loss));
     }
   }
+  result["reliance"] = to_json(reliance);
   result["hosts"] = names;
   result["blender_losses"] = losses;
   result["failed"] = failed;

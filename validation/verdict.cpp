@@ -4,6 +4,7 @@
 #include <map>
 
 #include "base/bootstrap.h"
+#include "base/clusters.h"
 
 namespace mirage {
 namespace {
@@ -14,17 +15,17 @@ bool is_fooled(const json& outcome) {
   return outcome.at("hidden").get<bool>() || outcome.at("false_positive").get<bool>();
 }
 
-/// A share's numerators and denominators by frame.
+/// A share's numerators and denominators by cluster.
 class Share {
  public:
-  void add(const std::string& frame, double value) {
-    ClusterSums& sums = frames_[frame];
+  void add(const std::string& cluster, double value) {
+    ClusterSums& sums = clusters_[cluster];
     sums.numerator += value;
     sums.denominator += 1;
   }
   Interval interval() const {
     std::vector<ClusterSums> clusters;
-    for (const auto& [frame, sums] : frames_) clusters.push_back(sums);
+    for (const auto& [name, sums] : clusters_) clusters.push_back(sums);
     return bootstrap_interval(clusters);
   }
   /// Of a difference of shares: without any it may go either way.
@@ -35,7 +36,7 @@ class Share {
   }
 
  private:
-  std::map<std::string, ClusterSums> frames_;
+  std::map<std::string, ClusterSums> clusters_;
 };
 
 struct Variant {
@@ -43,12 +44,12 @@ struct Variant {
   double score = 0;
   Share hidden, false_positive, fooled;
 
-  void add(const std::string& frame, const json& outcome) {
+  void add(const std::string& cluster, const json& outcome) {
     ++vehicles;
     score += outcome.at("score").get<double>();
-    hidden.add(frame, outcome.at("hidden").get<bool>());
-    false_positive.add(frame, outcome.at("false_positive").get<bool>());
-    fooled.add(frame, is_fooled(outcome));
+    hidden.add(cluster, outcome.at("hidden").get<bool>());
+    false_positive.add(cluster, outcome.at("false_positive").get<bool>());
+    fooled.add(cluster, is_fooled(outcome));
   }
   json result(const std::string& name) const {
     return {{"name", name},
@@ -79,34 +80,41 @@ json group(const std::vector<const json*>& vehicles) {
   std::vector<std::string> order{"soft", "hard"};
   std::map<std::string, Variant> variants;
   std::set<std::string> frames;
+  Clusters clusters;
   std::vector<std::pair<double, double>> scores;
   Share hidden, false_positive, fooled;
   int agree = 0;
   for (const json* vehicle : vehicles) {
     const auto frame = vehicle->at("frame").get<std::string>();
+    const int track = vehicle->value("track", -1);
+    const std::string cluster = cluster_of(frame, track);
     frames.insert(frame);
+    clusters.add(frame, track);
     const json &soft = vehicle->at("raster"), &cycles = vehicle->at("cycles");
-    variants["soft"].add(frame, soft);
-    if (vehicle->contains("hard")) variants["hard"].add(frame, vehicle->at("hard"));
+    variants["soft"].add(cluster, soft);
+    if (vehicle->contains("hard")) variants["hard"].add(cluster, vehicle->at("hard"));
     for (const json& rung : vehicle->value("ladder", json::array())) {
       const auto effect = rung.at("effect").get<std::string>();
       if (!rung.contains("score") || effect == "soft" || effect == "hard" || effect == "full") continue;
       if (!variants.contains(effect)) order.push_back(effect);
-      variants[effect].add(frame, rung);
+      variants[effect].add(cluster, rung);
     }
-    variants["cycles"].add(frame, cycles);
+    variants["cycles"].add(cluster, cycles);
     const auto difference = [&](const char* key) {
       return double(soft.at(key).get<bool>()) - double(cycles.at(key).get<bool>());
     };
-    hidden.add(frame, difference("hidden"));
-    false_positive.add(frame, difference("false_positive"));
-    fooled.add(frame, double(is_fooled(soft)) - double(is_fooled(cycles)));
+    hidden.add(cluster, difference("hidden"));
+    false_positive.add(cluster, difference("false_positive"));
+    fooled.add(cluster, double(is_fooled(soft)) - double(is_fooled(cycles)));
     agree +=
         soft.at("hidden") == cycles.at("hidden") && soft.at("false_positive") == cycles.at("false_positive");
     scores.emplace_back(soft.at("score").get<double>(), cycles.at("score").get<double>());
   }
   order.push_back("cycles");
-  json result = {{"frames", frames.size()}, {"vehicles", vehicles.size()}, {"variants", json::array()}};
+  json result = {{"frames", frames.size()},
+                 {"vehicles", vehicles.size()},
+                 {"clusters", to_json(clusters.count())},
+                 {"variants", json::array()}};
   for (const std::string& name : order)
     if (const auto found = variants.find(name); found != variants.end())
       result["variants"].push_back(found->second.result(name));

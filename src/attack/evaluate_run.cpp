@@ -95,6 +95,8 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.settings.kinds = vehicle_kinds(stage.data, result.hosts);
   result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
   result.settings.plane = result.detectors.front()->capabilities().plane();
+  result.reliance =
+      cached_reliance(result.detectors, result.settings.detector_identity, stage.data, result.settings.quiet);
   const CleanDetections clean =
       clean_detections(result.detectors, *result.store, result.hosts, result.settings);
   const auto judged = [&](std::span<const TexturedMesh> meshes) {
@@ -119,6 +121,7 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   result["detector"] = evaluation.detector.detector;
   result["weights"] = evaluation.detector.weights.string();
   result["defense"] = evaluation.detector.defense;
+  result["reliance"] = to_json(evaluation.reliance);
   result["simulation"] = to_json(evaluation.stage.simulation);
   result["sun"] = evaluation.stage.sun;
   result["plane"] = to_string(evaluation.settings.plane);

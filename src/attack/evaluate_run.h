@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 
+#include "attack/cached_reliance.h"
 #include "attack/evaluation.h"
 #include "attack/run.h"
 
@@ -35,6 +36,7 @@ struct RunEvaluation {
   int trained_on = 0;  ///< hosts in frames that the adversary was trained on
   std::unique_ptr<FrameStore> store;
   DetectorPool detectors;
+  Reliance reliance;  ///< of the detector on the data set: whether anything follows about images
   Evaluation learned;
   std::optional<Evaluation> random;  ///< none with random_meshes = 0
 };
@@ -43,7 +45,8 @@ struct RunEvaluation {
 RunEvaluation evaluate_run(const EvaluationRequest& request);
 
 /// The learned mesh's Evaluation, with "random" (the same keys and "meshes", if any was judged) and what was
-/// judged: run, data, detector, weights, defense, simulation, sun, thresholds; hosts_of if it was asked for.
+/// judged: run, data, detector, weights, defense, its reliance on its picture (detection/reliance.h),
+/// simulation, sun, thresholds; hosts_of if it was asked for.
 nlohmann::json to_json(const RunEvaluation& evaluation);
 
 /// The baseline: `count` random meshes by the run's seed, limits and rules; the first is its random.glb.

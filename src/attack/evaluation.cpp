@@ -25,13 +25,13 @@ std::pair<double, double> best_match(const std::vector<Proposal>& detections, co
 
 constexpr const char* kStopped = "an evaluation writes nothing until it is done; run it again";
 
-/// Sums of several shares by frame, and their intervals from the same draws.
-class FrameShares {
+/// Sums of several shares by cluster, and their intervals from the same draws.
+class ClusterShares {
  public:
-  explicit FrameShares(std::size_t shares) : shares_(shares) {}
-  /// Counts `host` once; returns its frame's sums.
+  explicit ClusterShares(std::size_t shares) : shares_(shares) {}
+  /// Counts `host` once; returns its cluster's sums.
   std::vector<double>& count(const HostOutcome& host) {
-    auto& [hosts, sums] = frames_[host.id.frame];
+    auto& [hosts, sums] = clusters_[cluster_of(host.id.frame, host.track)];
     hosts += 1;
     sums.resize(shares_);
     return sums;
@@ -39,7 +39,7 @@ class FrameShares {
   std::vector<Interval> intervals() const {
     std::vector<double> denominators;
     std::vector<std::vector<double>> numerators(shares_);
-    for (const auto& [frame, counted] : frames_) {
+    for (const auto& [cluster, counted] : clusters_) {
       denominators.push_back(counted.first);
       for (std::size_t k = 0; k < shares_; ++k) numerators[k].push_back(counted.second[k]);
     }
@@ -48,7 +48,7 @@ class FrameShares {
 
  private:
   std::size_t shares_;
-  std::map<std::string, std::pair<double, std::vector<double>>> frames_;
+  std::map<std::string, std::pair<double, std::vector<double>>> clusters_;
 };
 
 }  // namespace
@@ -68,6 +68,7 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> cl
   const HostTruth recorded(frame, label, settings.plane), truth(frame, label, settings.plane, object);
   const auto kind = settings.kinds.find(host_name(id));
   outcome.kind = kind == settings.kinds.end() ? label.type : kind->second;
+  outcome.track = label.track;
   outcome.occluded = label.occluded;
   outcome.truncated = label.truncated;
   outcome.range = std::hypot(label.box.bev.x, label.box.bev.y);
@@ -93,7 +94,7 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> cl
 }
 
 SuccessRates success_rates(std::span<const HostOutcome* const> hosts, std::optional<double> iou) {
-  FrameShares shares(3);
+  ClusterShares shares(3);
   for (const HostOutcome* host : hosts) {
     if (!(iou ? host->clean_iou > *iou : host->detected)) continue;
     const bool hidden = iou ? host->attacked_iou <= *iou : host->hidden;
@@ -110,14 +111,17 @@ Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {
   Evaluation result;
   result.meshes = meshes;
   std::vector<const HostOutcome*> all;
+  Clusters clusters;
   for (const HostOutcome& host : hosts) {
     all.push_back(&host);
     if (host.mesh != hosts.front().mesh) continue;  // the vehicles are every mesh's
     ++(host.from_box ? result.rooftops.from_box : result.rooftops.fitted);
+    if (host.detected) clusters.add(host.id.frame, host.track);
     result.vehicles += host.detected;
     result.vehicles50 += host.clean_iou > 0.5;
   }
   result.at50 = success_rates(all, 0.5);
+  result.clusters = clusters.count();
   const SuccessRates rates = success_rates(all);
   result.fn_interval = rates.fn_asr;
   result.fp_interval = rates.fp_asr;
@@ -128,7 +132,7 @@ Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {
 
   constexpr std::size_t kSteps = 21;
   for (std::size_t step = 0; step < kSteps; ++step) result.iou.push_back(static_cast<double>(step) * 0.05);
-  FrameShares recall(2 * kSteps);
+  ClusterShares recall(2 * kSteps);
   for (const HostOutcome& host : hosts) {
     auto& sums = recall.count(host);
     for (std::size_t step = 0; step < kSteps; ++step) {
@@ -218,6 +222,7 @@ nlohmann::json to_json(const Evaluation& evaluation) {
                      {"false_positive", h.false_positive},
                      {"false_positive_distance", h.false_positive_distance}});
     if (evaluation.meshes > 1) hosts.back()["mesh"] = h.mesh;
+    if (h.track >= 0) hosts.back()["track"] = h.track;
   }
   nlohmann::json recall = {{"iou", evaluation.iou}};
   const auto add_curve = [&](const std::string& name, const std::vector<Interval>& curve) {
@@ -231,6 +236,7 @@ nlohmann::json to_json(const Evaluation& evaluation) {
   add_curve("attacked", evaluation.recall_attacked);
   return {{"vehicles", evaluation.vehicles},
           {"hosts", evaluation.hosts.size() / static_cast<std::size_t>(std::max(1, evaluation.meshes))},
+          {"clusters", to_json(evaluation.clusters)},
           {"rooftops", to_json(evaluation.rooftops)},
           {"fn_asr", evaluation.fn_asr},
           {"fp_asr", evaluation.fp_asr},

@@ -8,7 +8,8 @@
 // box around it and the object (HostTruth), and the ground truth holds DontCare regions.
 // FN ASR, FP ASR and ASR (FN or FP) are shares of the vehicles that were detected clean
 // (Tu et al., CoRL 2021, section 4). Recall–IoU runs over all hosts. Several meshes are judged as one: shares
-// are means over meshes × hosts, and the intervals' clusters stay the frames.
+// are means over meshes × hosts, and the intervals' clusters stay those of one mesh: vehicles where the data
+// set knows them, else frames (base/clusters.h).
 #pragma once
 
 #include <filesystem>
@@ -22,6 +23,7 @@
 #include "attack/host_truth.h"
 #include "attack/hosts.h"
 #include "base/bootstrap.h"
+#include "base/clusters.h"
 
 namespace mirage {
 
@@ -50,6 +52,7 @@ struct NewBox {
 struct HostOutcome {
   HostId id;
   int mesh = 0;                                ///< which of the judged meshes
+  int track = -1;                              ///< the label's
   bool from_box = true;                        ///< the roof's pose is the labelled box's (Rooftop)
   double range = 0;                            ///< m, host's box centre from the `velo` origin
   int occluded = 0;                            ///< the label's
@@ -66,7 +69,7 @@ struct HostOutcome {
   bool fooled() const { return hidden || false_positive; }
 };
 
-/// Shares of the vehicles that were detected clean, with 95 % intervals (bootstrap over frames).
+/// Shares of the vehicles that were detected clean, with 95 % intervals (base/clusters.h).
 struct SuccessRates {
   Interval fn_asr, fp_asr, asr;
 };
@@ -88,13 +91,14 @@ struct Evaluation {
   int meshes = 1;
   int vehicles = 0;  ///< hosts detected clean: the denominator of one mesh
   double fn_asr = 0, fp_asr = 0, asr = 0;
-  Interval fn_interval, fp_interval, asr_interval;      ///< 95 %, bootstrap over frames
+  Interval fn_interval, fp_interval, asr_interval;      ///< 95 %
   int vehicles50 = 0;                                   ///< hosts detected clean at an IoU of 0.5
   SuccessRates at50;                                    ///< of them, at that IoU
   std::vector<double> iou;                              ///< 0 … 1
   std::vector<Interval> recall_clean, recall_attacked;  ///< of all hosts, at each of `iou`
   std::vector<StratumSuccess> strata;
   RooftopCount rooftops;  ///< of all hosts
+  ClusterCount clusters;  ///< of the hosts detected clean
 };
 
 /// Detections of one view: proposals over the threshold after suppression.

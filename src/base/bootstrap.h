@@ -59,11 +59,14 @@ struct PairedSums {
   ClusterSums a, b;
 };
 
-/// Σa / Σa − Σb / Σb with its interval (bootstrap_statistic). Where every draw gives the same, the bootstrap
-/// sees no spread: what differs may have been missed in as many clusters as there are, so the interval
-/// reaches as far to either side as that of a share that was never seen (bootstrap_interval). Value 0,
-/// interval
-/// [-1, 1], if either ratio has nothing to count.
+/// For a difference of shares: where every draw gives the same, the bootstrap sees no spread. What differs
+/// may have been missed in as many clusters as there are, so such an interval reaches as far to either side
+/// as that of a share that was never seen (bootstrap_interval). Others stay; all are cut at -1 and 1.
+Interval with_unseen_spread(Interval difference, std::size_t clusters,
+                            double confidence = BootstrapSettings().confidence);
+
+/// Σa / Σa − Σb / Σb with its interval (bootstrap_statistic, with_unseen_spread). Value 0, interval [-1, 1],
+/// if either ratio has nothing to count.
 Interval bootstrap_difference(std::span<const PairedSums> clusters, const BootstrapSettings& settings = {});
 
 /// {value, low, high}

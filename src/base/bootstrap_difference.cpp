@@ -32,6 +32,18 @@ Interval bootstrap_statistic(std::size_t clusters,
   return result;
 }
 
+Interval with_unseen_spread(Interval difference, std::size_t clusters, double confidence) {
+  if (!(difference.low < difference.high)) {
+    const double tail = (1 - confidence) / 2;
+    const double unseen = 1 - std::pow(tail, 1.0 / static_cast<double>(clusters));
+    difference.low = difference.value - unseen;
+    difference.high = difference.value + unseen;
+  }
+  difference.low = std::max(difference.low, -1.0);
+  difference.high = std::min(difference.high, 1.0);
+  return difference;
+}
+
 Interval bootstrap_difference(std::span<const PairedSums> clusters, const BootstrapSettings& settings) {
   std::vector<PairedSums> used;
   PairedSums all;
@@ -42,7 +54,7 @@ Interval bootstrap_difference(std::span<const PairedSums> clusters, const Bootst
     all.b.denominator += cluster.b.denominator;
   }
   if (!(all.a.denominator > 0) || !(all.b.denominator > 0)) return {0, -1, 1};
-  Interval result = bootstrap_statistic(
+  const Interval result = bootstrap_statistic(
       used.size(),
       [&](std::span<const int> drawn) {
         PairedSums sums;
@@ -55,15 +67,7 @@ Interval bootstrap_difference(std::span<const PairedSums> clusters, const Bootst
         return sums.a.numerator / sums.a.denominator - sums.b.numerator / sums.b.denominator;
       },
       settings);
-  if (!(result.low < result.high)) {
-    const double tail = (1 - settings.confidence) / 2;
-    const double unseen = 1 - std::pow(tail, 1.0 / static_cast<double>(used.size()));
-    result.low = result.value - unseen;
-    result.high = result.value + unseen;
-  }
-  result.low = std::max(result.low, -1.0);
-  result.high = std::min(result.high, 1.0);
-  return result;
+  return with_unseen_spread(result, used.size(), settings.confidence);
 }
 
 }  // namespace mirage

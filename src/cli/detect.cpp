@@ -8,6 +8,8 @@
 #include "base/files.h"
 #include "base/progress.h"
 #include "cli/detector_options.h"
+#include "cli/picture_rows.h"
+#include "detection/reliance.h"
 #include "validation/detection_plot.h"
 
 namespace mirage::cli {
@@ -17,7 +19,20 @@ struct DetectOptions {
   std::filesystem::path data;
   DetectorOptions detector;
   std::size_t frames = 0;
+  bool reliance = false;
+  std::filesystem::path claim;
 };
+
+/// Puts what was measured under the weights' name into the file that the tests hold it against.
+void write_claim(const std::filesystem::path& file, const DetectorOptions& detector,
+                 const std::filesystem::path& data, const Reliance& reliance) {
+  const std::filesystem::path weights = weights_file(detector);
+  nlohmann::json claims = std::filesystem::exists(file) ? read_json(file) : nlohmann::json::object();
+  claims[weights.stem().string()] = to_json(reliance);
+  claims[weights.stem().string()].update(
+      {{"data", data.filename().string()}, {"weights_hash", content_hash(read_file(weights))}});
+  write_json(file, claims);
+}
 
 nlohmann::json box_json(const BevBox& box) {
   return {{"x", box.x}, {"y", box.y}, {"length", box.length}, {"width", box.width}, {"yaw", box.yaw}};
@@ -84,16 +99,26 @@ Command detect_command() {
     app.add_option("--data", chosen->data, "Data set in KITTI layout")->required();
     add_detector_options(app, chosen->detector);
     app.add_option("--frames", chosen->frames, "Only the first N frames (0: all)")->capture_default_str();
+    const auto reliance = app.add_flag("--reliance", chosen->reliance,
+                                       "Also measure whether the detector uses its picture: the same frames "
+                                       "with another frame's picture, with a black one and with none");
+    app.add_option("--claim", chosen->claim,
+                   "With --reliance: put what was measured under the weights' name into this file "
+                   "(plugins/detectors/fusion/weights/reliance.json is what the tests check)")
+        ->needs(reliance);
   };
   command.run = [chosen](const Common& common) -> nlohmann::json {
     make_output_folder(common.out);
-    const auto detector = load_detector(with_common(chosen->detector, common, chosen->data));
+    const DetectorOptions options = with_common(chosen->detector, common, chosen->data);
+    const auto detector = load_detector(options);
     std::unique_ptr<Progress> progress;
-    const DetectionRun run =
-        detect_data_set(*detector, chosen->data, chosen->frames, [&](std::size_t done, std::size_t total) {
-          if (!progress) progress = std::make_unique<Progress>("detect", total, common.quiet);
-          progress->update(done);
-        });
+    const auto tell = [&](const char* what) {
+      return [&progress, what, quiet = common.quiet](std::size_t done, std::size_t total) {
+        if (!progress) progress = std::make_unique<Progress>(what, total, quiet);
+        progress->update(done);
+      };
+    };
+    const DetectionRun run = detect_data_set(*detector, chosen->data, chosen->frames, tell("detect"));
     progress.reset();
     write_json(common.out / "detections.json", detections_json(run));
     std::vector<ScoredStratum> parts(1);
@@ -112,6 +137,15 @@ Command detect_command() {
     result["ap70_interval"] = to_json(average_precision_interval(run.frames, 0.7));
     result["detector"] = detector->name();
     result["plane"] = to_string(run.plane);
+    result["clusters"] = to_json(clusters_of(run.frames));
+    if (chosen->reliance) {
+      Detector* const only[] = {detector.get()};
+      const Reliance reliance = measure_reliance(only, chosen->data, run.ids, tell("use of the picture"));
+      progress.reset();
+      result["reliance"] = to_json(reliance);
+      if (!chosen->claim.empty()) write_claim(chosen->claim, options, chosen->data, reliance);
+      if (!common.quiet) print_table(picture_rows(reliance));
+    }
     result["seconds_per_frame"] = run.seconds_per_frame;
     for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);
     const std::vector<ScoredFrame> easier = without_look_alikes(run.frames);

@@ -5,7 +5,7 @@
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
-#include "cli/table.h"
+#include "cli/picture_rows.h"
 #include "validation/evaluation_pictures.h"
 
 namespace mirage::cli {
@@ -44,6 +44,7 @@ void print_shares(const RunEvaluation& evaluation) {
     rows.push_back({"vehicles detected without adversary, IoU 0.5", std::to_string(learned.vehicles50)});
     rows.push_back({"ASR, IoU 0.5" + of, shares([](const Evaluation& e) { return e.at50.asr; })});
   }
+  for (auto& row : picture_rows(evaluation.reliance)) rows.push_back(std::move(row));
   print_table(rows);
 }
 

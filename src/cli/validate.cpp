@@ -7,7 +7,7 @@
 
 #include "cli/command.h"
 #include "cli/frame_options.h"
-#include "cli/table.h"
+#include "cli/picture_rows.h"
 
 namespace mirage::cli {
 namespace {
@@ -34,24 +34,31 @@ void print_result(const nlohmann::json& result) {
   for (const auto& rung : result.at("ladder"))
     rows.push_back({rung.at("effect").get<std::string>(), fidelity(rung)});
   rows.push_back({"full light", fidelity(result.at("full"))});
-  rows.push_back(
-      {"hidden", fmt::format("raster {}, Cycles {}, of {} found clean", count(attack, "hidden_raster"),
-                             count(attack, "hidden_cycles"), count(attack, "detected_clean"))});
-  rows.push_back({"ASR", fmt::format("raster {}, Cycles {}", percent(number(attack, "asr_raster")),
-                                     percent(number(attack, "asr_cycles")))});
+  const Reliance reliance = reliance_from_json(result.at("reliance"));
+  const bool sees = reliance.uses_picture();  // else who drew the object says nothing about the attack
+  for (auto& row : picture_rows(reliance)) rows.push_back(std::move(row));
+  if (sees) {
+    rows.push_back(
+        {"hidden", fmt::format("raster {}, Cycles {}, of {} found clean", count(attack, "hidden_raster"),
+                               count(attack, "hidden_cycles"), count(attack, "detected_clean"))});
+    rows.push_back({"ASR", fmt::format("raster {}, Cycles {}", percent(number(attack, "asr_raster")),
+                                       percent(number(attack, "asr_cycles")))});
+  }
   const auto share = [&](const nlohmann::json& of) {
     return percent(number(of, "value"), number(of, "low"), number(of, "high"));
   };
   for (const auto& [group, title] : {std::pair("held_back", "held back"), std::pair("all", "all")})
     for (const auto& variant : result.at("verdict").at(group).at("variants")) {
       const auto name = variant.at("name").get<std::string>();
-      if (name == "soft" || name == "hard" || name == "cycles")
+      if (name == "soft" || (sees && (name == "hard" || name == "cycles")))
         rows.push_back({fmt::format("FN | ASR, {}, {} (95 %)", title, name),
                         fmt::format("{} | {} of {}", share(variant.at("fn_asr")), share(variant.at("asr")),
                                     count(variant, "vehicles"))});
     }
-  rows.push_back({"outcome flips", fmt::format("{} vehicles", result.at("verdict").at("flips").size())});
-  if (result.contains("budget") && result.at("budget").contains("test")) {
+  if (sees)
+    rows.push_back({"outcome flips", fmt::format("{} vehicles", result.at("verdict").at("flips").size())});
+  const bool budgeted = result.contains("budget") && result.at("budget").contains("test");
+  if (budgeted && (sees || result.at("budget").at("of") != "score")) {
     const auto& test = result.at("budget").at("test");
     rows.push_back(
         {"budget, test frames",

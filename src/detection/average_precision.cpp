@@ -2,7 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <map>
+#include <numeric>
+#include <utility>
 
 namespace mirage {
 namespace {
@@ -35,6 +39,7 @@ struct Detection {
 struct Judged {
   std::size_t frame;
   bool hit;
+  std::size_t box = 0;  ///< of a hit
 };
 
 /// By falling score.
@@ -63,7 +68,7 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
     }
     if (found < frame.truth.boxes.size()) {
       claimed[detection.frame][found] = 1;
-      result.push_back({detection.frame, true});
+      result.push_back({detection.frame, true, found});
       continue;
     }
     const auto covers = [&](const BevBox& other) {
@@ -103,6 +108,72 @@ double area_under(std::vector<std::array<double, 2>>& curve) {
   return sum;
 }
 
+/// The bootstrap's clusters: the frames first, in their order, then the vehicles as they appear.
+class FramesAndVehicles {
+ public:
+  explicit FramesAndVehicles(std::span<const ScoredFrame> frames) : boxes_(frames.size(), 0) {
+    for (std::size_t f = 0; f < frames.size(); ++f) {
+      of_box_.emplace_back();
+      for (std::size_t i = 0; i < frames[f].truth.boxes.size(); ++i) {
+        std::size_t cluster = f;
+        if (const int track = track_of(frames[f], i); track >= 0) {
+          cluster = vehicles_.try_emplace(track, boxes_.size()).first->second;
+          if (cluster == boxes_.size()) boxes_.push_back(0);
+        }
+        ++boxes_[cluster];
+        of_box_[f].push_back(cluster);
+      }
+    }
+  }
+  static int track_of(const ScoredFrame& frame, std::size_t box) {
+    return frame.truth.tracks.empty() ? -1 : frame.truth.tracks[box];
+  }
+  std::size_t size() const { return boxes_.size(); }
+  std::size_t of(const Judged& detection) const {
+    return detection.hit ? of_box_[detection.frame][detection.box] : detection.frame;
+  }
+  int boxes(std::span<const int> drawn) const {
+    return std::inner_product(drawn.begin(), drawn.end(), boxes_.begin(), 0);
+  }
+
+ private:
+  std::vector<int> boxes_;  ///< of each cluster
+  std::vector<std::vector<std::size_t>> of_box_;
+  std::map<int, std::size_t> vehicles_;
+};
+
+/// AP of drawn clusters; NaN without a box.
+class DrawnPrecision {
+ public:
+  DrawnPrecision(std::span<const ScoredFrame> frames, double min_iou, const FramesAndVehicles& clusters)
+      : clusters_(clusters) {
+    for (const Judged& detection : judged(frames, min_iou))
+      detections_.push_back({clusters.of(detection), detection.hit});
+  }
+  double operator()(std::span<const int> drawn) {
+    const int boxes = clusters_.boxes(drawn);
+    if (boxes == 0) return std::nan("");
+    int hits = 0, alarms = 0;
+    curve_.clear();
+    for (const auto& [cluster, hit] : detections_) {
+      if (drawn[cluster] == 0) continue;
+      (hit ? hits : alarms) += drawn[cluster];
+      curve_.push_back({static_cast<double>(hits) / boxes, static_cast<double>(hits) / (hits + alarms)});
+    }
+    return area(curve_);
+  }
+
+ private:
+  const FramesAndVehicles& clusters_;
+  std::vector<std::pair<std::size_t, bool>> detections_;
+  std::vector<std::array<double, 2>> curve_;
+};
+
+bool has_boxes(std::span<const ScoredFrame> frames) {
+  return std::any_of(frames.begin(), frames.end(),
+                     [](const ScoredFrame& frame) { return !frame.truth.boxes.empty(); });
+}
+
 }  // namespace
 
 bool counts_by_label(const Label& label, const std::array<double, 4>& region) {
@@ -128,6 +199,7 @@ GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region
       truth.boxes.push_back(label.box.bev);
       truth.labels.push_back(i);
       truth.difficulty.push_back(easiest_level(label));
+      truth.tracks.push_back(label.track);
     } else {
       truth.ignore.push_back(label.box.bev);
     }
@@ -198,23 +270,29 @@ std::vector<ScoredFrame> without_look_alikes(std::span<const ScoredFrame> frames
 }
 
 Interval average_precision_interval(std::span<const ScoredFrame> frames, double min_iou) {
-  const std::vector<Judged> all = judged(frames, min_iou);
-  if (std::all_of(frames.begin(), frames.end(), [](const ScoredFrame& f) { return f.truth.boxes.empty(); }))
-    return {0, 0, 1};
-  std::vector<std::array<double, 2>> curve;
-  return bootstrap_statistic(frames.size(), [&](std::span<const int> drawn) {
-    int boxes = 0, hits = 0, alarms = 0;
-    for (std::size_t f = 0; f < frames.size(); ++f)
-      boxes += drawn[f] * static_cast<int>(frames[f].truth.boxes.size());
-    if (boxes == 0) return std::nan("");
-    curve.clear();
-    for (const Judged& detection : all) {
-      if (drawn[detection.frame] == 0) continue;
-      (detection.hit ? hits : alarms) += drawn[detection.frame];
-      curve.push_back({static_cast<double>(hits) / boxes, static_cast<double>(hits) / (hits + alarms)});
-    }
-    return area_under(curve);
-  });
+  if (!has_boxes(frames)) return {0, 0, 1};
+  const FramesAndVehicles clusters(frames);
+  DrawnPrecision precision(frames, min_iou, clusters);
+  const Interval interval = bootstrap_statistic(clusters.size(), std::ref(precision));
+  return {interval.value, std::max(interval.low, 0.0), std::min(interval.high, 1.0)};
+}
+
+Interval average_precision_difference(std::span<const ScoredFrame> a, std::span<const ScoredFrame> b,
+                                      double min_iou) {
+  if (!has_boxes(a)) return {0, -1, 1};
+  const FramesAndVehicles clusters(a);
+  DrawnPrecision first(a, min_iou, clusters), second(b, min_iou, clusters);
+  const Interval difference = bootstrap_statistic(
+      clusters.size(), [&](std::span<const int> drawn) { return first(drawn) - second(drawn); });
+  return with_unseen_spread(difference, static_cast<std::size_t>(clusters_of(a).count));
+}
+
+ClusterCount clusters_of(std::span<const ScoredFrame> frames) {
+  Clusters clusters;
+  for (std::size_t f = 0; f < frames.size(); ++f)
+    for (std::size_t i = 0; i < frames[f].truth.boxes.size(); ++i)
+      clusters.add(std::to_string(f), FramesAndVehicles::track_of(frames[f], i));
+  return clusters.count();
 }
 
 std::vector<Stratum> standard_strata() {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/bootstrap.h"
+#include "base/clusters.h"
 #include "detection/detector.h"
 
 namespace mirage {
@@ -44,6 +45,7 @@ struct GroundTruth {
   /// m from the `velo` origin to each of `boxes`, where they are rectangles of the picture.
   std::vector<double> distance = {};
   PictureTruth picture = {};
+  std::vector<int> tracks = {};  ///< identity of each of `boxes` (Label::track); empty: unknown
   /// In `labels`: a vehicle that ground-truth sampling pasted.
   static constexpr std::size_t kPasted = static_cast<std::size_t>(-1);
 };
@@ -97,7 +99,20 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
 std::vector<ScoredFrame> without_look_alikes(std::span<const ScoredFrame> frames);
 
 /// average_precision's AP with its 95 % interval, by bootstrap over frames. {0, 0, 1} without boxes.
+/// average_precision's AP with its 95 % interval, by bootstrap over clusters (base/clusters.h): a box and the
+/// hit on it go with the vehicle where its identity is known, else with the frame; false alarms go with their
+/// frame. The whole of [0, 1] where too many draws hold no box (up to three vehicles). {0, 0, 1} without
+/// boxes.
 Interval average_precision_interval(std::span<const ScoredFrame> frames, double min_iou);
+
+/// AP of `a` minus AP of `b`, with its 95 % interval: both look at the same frames with the same truth, and
+/// their clusters are drawn together (paired). Where every draw gives the same, the bootstrap sees no spread,
+/// and the interval reaches as far as bootstrap_difference's does. {0, -1, 1} without boxes.
+Interval average_precision_difference(std::span<const ScoredFrame> a, std::span<const ScoredFrame> b,
+                                      double min_iou);
+
+/// What these intervals rest on: the clusters that hold a box which must be found.
+ClusterCount clusters_of(std::span<const ScoredFrame> frames);
 
 /// Part of the boxes: those whose centre is at a distance in [nearest, farthest) of the sensor, of a level or
 /// an easier one.

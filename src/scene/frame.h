@@ -34,6 +34,7 @@ struct Label {
   int occluded = 0;                                 ///< 0 fully visible … 3 unknown
   double left = 0, top = 0, right = 0, bottom = 0;  ///< 2-D box, pixels
   Box3 box;                                         ///< in `velo`; meaningless for DontCare
+  int track = -1;                                   ///< the vehicle's identity in the data set; -1: unknown
 };
 
 struct Frame {

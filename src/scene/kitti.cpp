@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <cstring>
+#include <sstream>
 #include <tuple>
 
 #include "base/error.h"
@@ -26,6 +28,10 @@ void need_file(const fs::path& file, const std::string& what) {
   if (!fs::is_regular_file(file))
     throw InputError(file.string(), "", "missing (" + what + " of the frame)",
                      "add the file or drop the frame");
+}
+
+fs::path track_file(const fs::path& data, const std::string& id) {
+  return part(data, "track_2", id, ".txt");
 }
 
 Vec3d read_triple(const nlohmann::json& json, const char* key, const fs::path& file, double low) {
@@ -110,6 +116,27 @@ fs::path true_depth_file(const fs::path& data, const std::string& id) {
   return part(data, "depth", id, ".png");
 }
 
+std::optional<std::vector<int>> read_tracks(const fs::path& data, const std::string& id) {
+  const fs::path file = track_file(data, id);
+  if (!fs::exists(file)) return std::nullopt;
+  std::vector<int> tracks;
+  std::istringstream lines(read_file(file));
+  int row = 0;
+  for (std::string line; std::getline(lines, line);) {
+    ++row;
+    while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
+    if (line.empty()) continue;
+    int track = 0;
+    const char* end = line.data() + line.size();
+    const auto [read, error] = std::from_chars(line.data(), end, track);
+    if (error != std::errc() || read != end || track < -1)
+      throw InputError(file.string(), fmt::format("row {}", row), fmt::format("'{}' is no identity", line),
+                       "write the vehicle's number, or -1");
+    tracks.push_back(track);
+  }
+  return tracks;
+}
+
 Frame read_frame(const fs::path& data, const std::string& id) {
   const fs::path image = part(data, "image_2", id, ".png"), sweep = part(data, "velodyne", id, ".bin"),
                  calibration = part(data, "calib", id, ".txt"), labels = part(data, "label_2", id, ".txt"),
@@ -124,6 +151,13 @@ Frame read_frame(const fs::path& data, const std::string& id) {
   frame.image = read_srgb(image);
   frame.calibration = read_calibration(calibration, frame.image.width, frame.image.height);
   frame.labels = read_labels(labels, frame.calibration);
+  if (const auto tracks = read_tracks(data, id)) {
+    if (tracks->size() != frame.labels.size())
+      throw InputError(track_file(data, id).string(), fmt::format("{} lines", tracks->size()),
+                       fmt::format("{} has {} labels", labels.string(), frame.labels.size()),
+                       "give each label its line (-1 where the vehicle is unknown)");
+    for (std::size_t i = 0; i < tracks->size(); ++i) frame.labels[i].track = (*tracks)[i];
+  }
   if (fs::exists(lighting)) frame.lighting = read_lighting(lighting);
   return frame;
 }
@@ -146,6 +180,11 @@ void write_frame(const fs::path& data, const Frame& frame) {
   write_calibration(part(data, "calib", frame.id, ".txt"), frame.calibration);
   write_labels(part(data, "label_2", frame.id, ".txt"), frame.labels, frame.calibration);
   write_lighting(part(data, "lighting", frame.id, ".json"), frame.lighting);
+  if (std::any_of(frame.labels.begin(), frame.labels.end(), [](const Label& l) { return l.track >= 0; })) {
+    std::string tracks;
+    for (const Label& label : frame.labels) tracks += fmt::format("{}\n", label.track);
+    write_file(track_file(data, frame.id), tracks);
+  }
   // Last: list_frames goes by the sweeps, so a frame that was cut short isn't listed.
   write_sweep(part(data, "velodyne", frame.id, ".bin"), frame.sweep);
 }

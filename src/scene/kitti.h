@@ -1,8 +1,11 @@
 // KITTI object-benchmark layout (Geiger et al., CVPR 2012): DIR/training/{image_2,velodyne,calib,label_2}.
-// Generated data sets add training/lighting/ID.json (the Lighting of the frame) and dataset.json.
+// Generated data sets add training/lighting/ID.json (the Lighting of the frame) and dataset.json. Where it is
+// known which boxes show the same vehicle, training/track_2/ID.txt says so: a line for each line of
+// label_2/ID.txt, the vehicle's number, or -1 where it is unknown.
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,18 +16,20 @@ namespace mirage {
 /// Ids of the frames that have a sweep, sorted. InputError if the folder is missing or holds none.
 std::vector<std::string> list_frames(const std::filesystem::path& data);
 
-/// Reads one frame whole. InputError, naming file, field and fix, for: a missing file; a sweep whose size is
-/// not a multiple of 16 bytes or that holds non-finite values; a missing or short calibration row; an image
-/// whose size contradicts the calibration (principal point outside); a label with too few columns,
-/// non-finite or absurd numbers (|position| > 1 km, size ≤ 0 or > 50 m), or a 2-D box beyond the image.
+/// Reads one frame whole, with its labels' identities where training/track_2 has the frame. InputError,
+/// naming file, field and fix, for: a missing file; a sweep whose size is not a multiple of 16 bytes or that
+/// holds non-finite values; a missing or short calibration row; an image whose size contradicts the
+/// calibration (principal point outside); a label with too few columns, non-finite or absurd numbers
+/// (|position| > 1 km, size ≤ 0 or > 50 m), or a 2-D box beyond the image; another number of identities than
+/// of labels.
 Frame read_frame(const std::filesystem::path& data, const std::string& id);
 
 /// Tells whether a frame is the same as before: content_hash over the bytes of its sweep, image, calibration
-/// and labels (not of its lighting). InputError for a missing file.
+/// and labels (not of its lighting, nor of its labels' identities). InputError for a missing file.
 std::string frame_hash(const std::filesystem::path& data, const std::string& id);
 
-/// Writes the frame's files (atomically, each). Labels' 2-D boxes, truncation and occlusion are written as
-/// they are. The image is encoded to 8-bit sRGB.
+/// Writes the frame's files (atomically, each); track_2 if a label has an identity. Labels' 2-D boxes,
+/// truncation and occlusion are written as they are. The image is encoded to 8-bit sRGB.
 void write_frame(const std::filesystem::path& data, const Frame& frame);
 
 Sweep read_sweep(const std::filesystem::path& file);
@@ -43,6 +48,10 @@ std::vector<Label> read_labels(const std::filesystem::path& file, const Calibrat
 /// The exact inverse; alpha = ry − atan2(x, z).
 void write_labels(const std::filesystem::path& file, const std::vector<Label>& labels,
                   const Calibration& calibration);
+
+/// Identities of the frame's labels, in their order: training/track_2/ID.txt. None where there is no such
+/// file. InputError for a line that is no whole number, or less than -1.
+std::optional<std::vector<int>> read_tracks(const std::filesystem::path& data, const std::string& id);
 
 /// Where generated sets keep a frame's true depth: DIR/training/depth/ID.png (write_depth_png; sky is 0).
 std::filesystem::path true_depth_file(const std::filesystem::path& data, const std::string& id);

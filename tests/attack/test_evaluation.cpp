@@ -130,6 +130,27 @@ TEST(Evaluation, SeveralMeshesArePooledAndTheirClustersAreFrames) {
   EXPECT_DOUBLE_EQ(once.recall_attacked[10].low, thrice.recall_attacked[10].low);
 }
 
+TEST(Evaluation, OneVehicleInManyFramesIsOneCluster) {
+  // Forty frames: four vehicles, ten frames each, one of them always hidden.
+  std::vector<HostOutcome> hosts;
+  for (int i = 0; i < 40; ++i) hosts.push_back(outcome(std::to_string(i), i < 10, false));
+  const Evaluation by_frame = summarize(hosts);
+  EXPECT_EQ(by_frame.clusters.by, "frame");
+  EXPECT_EQ(by_frame.clusters.count, 40);
+  for (int i = 0; i < 40; ++i) hosts[static_cast<std::size_t>(i)].track = i / 10;
+  const Evaluation by_vehicle = summarize(hosts);
+  EXPECT_EQ(by_vehicle.clusters.by, "vehicle");
+  EXPECT_EQ(by_vehicle.clusters.count, 4);
+  EXPECT_DOUBLE_EQ(by_vehicle.asr, by_frame.asr);
+  EXPECT_EQ(by_vehicle.asr_interval.low, 0);  // three draws of ten miss the one that is hidden
+  EXPECT_GT(by_frame.asr_interval.low, 0.1);
+  EXPECT_GT(by_vehicle.asr_interval.high, by_frame.asr_interval.high);
+  const auto json = to_json(by_vehicle);
+  EXPECT_EQ(json.at("clusters").at("count"), 4);
+  EXPECT_EQ(json.at("outcomes").at(39).at("track"), 3);
+  EXPECT_FALSE(to_json(by_frame).at("outcomes").at(0).contains("track"));
+}
+
 TEST(Evaluation, RecallHasIntervals) {
   std::vector<HostOutcome> hosts;
   for (int i = 0; i < 40; ++i) hosts.push_back(outcome(std::to_string(i), i < 10, false));

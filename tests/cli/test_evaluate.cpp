@@ -37,6 +37,7 @@ class Evaluate : public testing::Test {
         << said();
   }
   void check_transfer();
+  void check_gate();
   void check_contradictions();
   test::TemporaryFolder folder_;
 };
@@ -48,6 +49,8 @@ void Evaluate::check_transfer() {
   const auto result = read_json(folder_ / "e/result.json");
   EXPECT_EQ(result.at("hosts_of"), at("other"));
   EXPECT_EQ(result.at("detector"), "lidar");
+  EXPECT_EQ(result.at("reliance").at("reads_picture"), false);
+  EXPECT_THAT(said(), HasSubstr("this detector has no picture: nothing follows about images"));
   EXPECT_EQ(result.at("random").at("meshes"), 2);
   const auto known = read_json(folder_ / "other/run.json").at("test");
   ASSERT_EQ(result.at("hosts"), known.size());
@@ -68,6 +71,27 @@ void Evaluate::check_transfer() {
   const auto again = read_json(folder_ / "e/result.json");
   EXPECT_EQ(again.at("detector"), "fusion");
   EXPECT_FALSE(again.contains("random"));
+  EXPECT_EQ(again.at("reliance").at("frames"), 2);
+  EXPECT_EQ(again.at("clusters").at("by"), "frame");
+}
+
+/// mirage detect --reliance on the same frames.
+void Evaluate::check_gate() {
+  const std::string detect = "detect --data " + at("data") + " --out " + at("d");
+  ASSERT_EQ(mirage(detect + " --reliance --claim " + at("claims.json")), 0) << said();
+  EXPECT_THAT(said(), HasSubstr("with another frame's"));
+  const auto result = read_json(folder_ / "d/result.json"), &reliance = result.at("reliance");
+  EXPECT_EQ(reliance.at("frames"), 2);
+  EXPECT_GT(reliance.at("vehicles"), 0);
+  EXPECT_TRUE(reliance.contains("ap70_none"));
+  EXPECT_LE(reliance.at("drop_low"), reliance.at("drop_high"));
+  const auto claim = read_json(folder_ / "claims.json").at("fusion-kitti64");
+  EXPECT_EQ(claim.at("drop"), reliance.at("drop"));
+  EXPECT_EQ(claim.at("weights_hash"),
+            content_hash(read_file(fs::path(MIRAGE_BUILD) / "plugins/weights/fusion-kitti64.weights")));
+  ASSERT_EQ(mirage(detect + " --detector lidar --reliance"), 0) << said();
+  EXPECT_THAT(said(), HasSubstr("has no picture"));
+  EXPECT_EQ(mirage(detect + " --claim " + at("claims.json")), 2);
 }
 
 void Evaluate::check_contradictions() {
@@ -91,6 +115,7 @@ TEST_F(Evaluate, TransfersPoolsRandomMeshesDrawsAndRefusesContradictions) {
     GTEST_SKIP() << "the fusion plugin was not built (MIRAGE_DETECTORS)";
   ASSERT_NO_FATAL_FAILURE(make_runs());
   check_transfer();
+  check_gate();
   check_contradictions();
 }
 

@@ -1,6 +1,7 @@
 // AP, suppression and the rule for which labels count, against cases worked out by hand.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <numbers>
 
 #include "detection/average_precision.h"
@@ -63,6 +64,65 @@ TEST(AveragePrecision, ItsIntervalIsThatOfTheFrames) {
   EXPECT_NEAR(interval.low, 0.61, 0.03);
   EXPECT_NEAR(interval.high, 0.79, 0.03);
   EXPECT_EQ(average_precision_interval({}, 0.5).high, 1);
+}
+
+/// 100 frames with a car each, found in the first 70.
+std::vector<ScoredFrame> seventy_found() {
+  std::vector<ScoredFrame> frames(100, {{}, {{car(10)}, {}, {}}});
+  for (std::size_t i = 0; i < 70; ++i) frames[i].detections = {found(car(10), 1)};
+  return frames;
+}
+
+TEST(AveragePrecision, BoxesOfOneVehicleAreDrawnTogether) {
+  // The same hundred boxes, but of ten vehicles, seven of which are always found: as uncertain as ten trials.
+  std::vector<ScoredFrame> frames = seventy_found();
+  const Interval apart = average_precision_interval(frames, 0.5);
+  EXPECT_EQ(clusters_of(frames).count, 100);
+  EXPECT_EQ(clusters_of(frames).by, "frame");
+  for (std::size_t i = 0; i < frames.size(); ++i) frames[i].truth.tracks = {static_cast<int>(i / 10)};
+  const Interval together = average_precision_interval(frames, 0.5);
+  EXPECT_DOUBLE_EQ(together.value, apart.value);
+  EXPECT_NEAR(together.low, 0.4, 0.1);
+  EXPECT_GT(together.high - together.low, 2.5 * (apart.high - apart.low));
+  EXPECT_EQ(clusters_of(frames).count, 10);
+  EXPECT_EQ(clusters_of(frames).by, "vehicle");
+  // Without an identity a box stays with its frame.
+  for (std::size_t i = 0; i < frames.size(); ++i) frames[i].truth.tracks = {-1};
+  EXPECT_DOUBLE_EQ(average_precision_interval(frames, 0.5).low, apart.low);
+}
+
+TEST(AveragePrecision, FalseAlarmsAreDrawnWithTheirFrame) {
+  // Ten vehicles, always found, under a better scored alarm in half of the frames: what varies is how many
+  // frames with an alarm are drawn beside them.
+  std::vector<ScoredFrame> frames(40, {{found(car(10), 1)}, {{car(10)}, {}, {}}});
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    frames[i].truth.tracks = {static_cast<int>(i % 10)};
+    if (i % 2 == 0) frames[i].detections.push_back(found(car(40), 2));
+  }
+  const Interval interval = average_precision_interval(frames, 0.5);
+  EXPECT_NEAR(interval.value, 40 / 60.0, 1e-12);
+  EXPECT_LT(interval.low, interval.value);
+  EXPECT_GT(interval.high, interval.value);
+  // A single vehicle leaves nothing to draw from.
+  for (ScoredFrame& frame : frames) frame.truth.tracks = {7};
+  EXPECT_EQ(average_precision_interval(frames, 0.5).low, 0);
+  EXPECT_EQ(average_precision_interval(frames, 0.5).high, 1);
+}
+
+TEST(AveragePrecision, ADifferenceIsPaired) {
+  // The second misses ten cars more than the first, out of the same hundred.
+  const std::vector<ScoredFrame> first = seventy_found();
+  std::vector<ScoredFrame> second = first;
+  for (std::size_t i = 0; i < 10; ++i) second[i].detections.clear();
+  const Interval difference = average_precision_difference(first, second, 0.5);
+  EXPECT_NEAR(difference.value, 0.1, 1e-12);
+  EXPECT_GT(difference.low, 0);
+  EXPECT_LT(difference.high, 0.2);
+  const Interval none = average_precision_difference(first, first, 0.5);
+  EXPECT_EQ(none.value, 0);
+  EXPECT_NEAR(none.high, 1 - std::pow(0.025, 0.01), 1e-12);  // what a hundred clusters may have missed
+  EXPECT_EQ(none.low, -none.high);
+  EXPECT_EQ(average_precision_difference({}, {}, 0.5).low, -1);
 }
 
 TEST(AveragePrecision, ASecondDetectionOfOneBoxIsAFalseAlarm) {

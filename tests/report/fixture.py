@@ -98,6 +98,15 @@ def tradeoff():
     return {"points": points, "recommended": [{"name": name, **quality} for name in ("draft", "default", "exact")]}
 
 
+def reliance(uses_picture=True):
+    drop = 0.2 if uses_picture else 0.0
+    note = "" if uses_picture else "this detector does not use its picture: nothing follows about images"
+    return {"reads_picture": True, "uses_picture": uses_picture, "note": note, "ap70": 0.768, "ap70_swapped": 0.768 - drop,
+            "ap70_black": 0.7, "drop": drop, "drop_low": drop - 0.03, "drop_high": drop + 0.03, "mean_delta_logit": 8 * drop,
+            "mean_delta_score": drop, "frames": 40, "frames_left_out": 0, "vehicles": 120,
+            "clusters": {"by": "vehicle", "count": 40}}
+
+
 def budget():
     tested = {"frames": 6, "vehicles": 12, "within": share(0.9), "seconds": 3.0, "seconds_full": 12.0, "saved": 0.75,
               "oracle": {"within": 1.0, "seconds": 2.0, "saved": 0.83}, "chosen": {"hemisphere": 7, "bounces 4": 5}}
@@ -105,7 +114,7 @@ def budget():
             "rule": "made up for this test"}
 
 
-def make(folder):
+def make(folder, uses_picture=True):
     validation, run = os.path.join(folder, "validation"), os.path.join(folder, "run")
     for path in (run, os.path.join(validation, "hosts"), os.path.join(validation, "pictures")):
         os.makedirs(path)
@@ -119,7 +128,7 @@ def make(folder):
         "full": {"relative": 0.1, "ssim": 0.9, "flip": 0.1},
         "matched": {"mask_iou": 1.0, "mask_iou_worst": 1.0, "mae": 1e-5, "pixels": 2000, "pixels_off": 0, "rays": 500,
                     "hit_disagreements": 0, "range_error_m": 1e-5},
-        "ladder": ladder(), "verdict": verdict(names), "budget": budget(),
+        "reliance": reliance(uses_picture), "ladder": ladder(), "verdict": verdict(names), "budget": budget(),
         "lidar_ladder": [{"effect": "noise", "returns": 100, "changed": 0.9, "returns_change": 0, "detected": 2, "hidden": 1,
                           "mean_score": 0.6, "score_change": 0.01, "seconds": 0.02, "vehicles": 2}]})
     with open(os.path.join(run, "loss.csv"), "w", encoding="utf-8") as file:

@@ -44,7 +44,7 @@ class Page(browser.PageChecks, unittest.TestCase):
 
     def test_parts_are_there(self):
         sections = self.browser.run("[...document.querySelectorAll('section')].map(s => s.id)")
-        self.assertEqual(sections, ["findings", "table1", "table2", "fig3", "fig4", "table3", "table4", "pictures", "method"])
+        self.assertEqual(sections, ["findings", "pictures-used", "table1", "table2", "fig3", "fig4", "table3", "table4", "pictures", "method"])
         self.assertEqual(self.count("svg.plot"), 2 + 2 + 2 + 1 + 2)
         self.assertEqual(self.browser.run("[...document.images].filter(i => !i.naturalWidth).length"), 0)
         self.assertEqual(self.count("#pictures img"), 3)
@@ -56,6 +56,10 @@ class Page(browser.PageChecks, unittest.TestCase):
 
     def test_failed_rows_show_their_error(self):
         self.assertIn("made to fail", self.browser.run("document.querySelector('#table1 td.error').textContent"))
+
+    def test_rows_about_a_picture_that_is_not_used_say_so(self):
+        self.assertIn("nothing follows about images", self.browser.run("document.querySelector('#table1').textContent"))
+        self.assertEqual(self.count("#pictures-used tbody tr"), 2)
 
     def test_every_figure_is_in_the_result(self):
         with open(os.path.join(self.folder.name, "reproduce.json"), encoding="utf-8") as file:

@@ -20,8 +20,8 @@ SOURCE, BUILD = (os.path.abspath(path) for path in sys.argv[1:3])
 VIEWER = os.path.join(BUILD, "report", "model-viewer.min.js")
 
 
-def write_report(folder, viewer):
-    validation, run = fixture.make(folder)
+def write_report(folder, viewer, uses_picture=True):
+    validation, run = fixture.make(folder, uses_picture)
     arguments = [sys.executable, os.path.join(SOURCE, "validation", "report.py"), "--validation", validation, "--run", run,
                  "--evaluation", os.path.join(folder, "evaluation.json"), "--tradeoff",
                  os.path.join(folder, "tradeoff.json")]
@@ -144,6 +144,30 @@ class WithoutViewer(unittest.TestCase):
             self.assertIn("3-D view is missing", chromium.run("document.getElementById('no-viewer').textContent"))
             self.assertEqual(chromium.run("document.querySelectorAll('model-viewer').length"), 0)
             self.assertEqual(chromium.errors, [])
+
+
+class OfADetectorThatDoesNotSee(unittest.TestCase):
+    """Its note stands in place of every statement about images."""
+
+    NOTE = "his detector does not use its picture: nothing follows about images"
+
+    def test_says_so_and_nothing_about_cycles(self):
+        with tempfile.TemporaryDirectory(prefix="mirage-report-") as folder, browser.Browser() as chromium:
+            chromium.open(write_report(folder, None, uses_picture=False))
+            text = lambda selector: chromium.run(f"document.querySelector({json.dumps(selector)}).textContent")
+            for part in ("h1", "#picture-note", "#attack", "#vehicles", "#ladder"):
+                self.assertIn(self.NOTE, text(part), part)
+            self.assertNotIn("in Cycles", text("h1"))
+            self.assertNotIn("percentage points", text("#verdict"))
+            self.assertNotIn("flips", text("#verdict"))
+            self.assertEqual(chromium.run("document.querySelectorAll('#attack svg, #attack table').length"), 0)
+            self.assertNotIn("score change", chromium.run("document.querySelector('#ladder thead').textContent"))
+            self.assertEqual(chromium.errors, [])
+
+    def test_of_one_that_sees_the_page_is_whole(self):
+        with tempfile.TemporaryDirectory(prefix="mirage-report-") as folder, browser.Browser() as chromium:
+            chromium.open(write_report(folder, None))
+            self.assertNotIn(self.NOTE, chromium.run("document.body.textContent"))
 
 
 if __name__ == "__main__":

@@ -248,6 +248,31 @@ TEST_F(Kitti, BrokenLabels) {
   EXPECT_THAT(with("Car 0 0 0 1 1 9 9 1.5 1.6 3.9 2 1.7 20 90"), HasSubstr("rotation_y: 90"));
 }
 
+TEST_F(Kitti, IdentitiesAreReadWhereTheyAreKnown) {
+  for (const Label& label : read_frame(folder_.path(), "000042").labels) EXPECT_EQ(label.track, -1);
+  EXPECT_FALSE(read_tracks(folder_.path(), "000042"));
+  Frame frame = small_frame();
+  for (std::size_t i = 0; i + 1 < frame.labels.size(); ++i)
+    frame.labels[i].track = static_cast<int>(1000 + i);
+  write_frame(folder_.path(), frame);
+  const Frame after = read_frame(folder_.path(), "000042");
+  for (std::size_t i = 0; i < frame.labels.size(); ++i)
+    EXPECT_EQ(after.labels[i].track, frame.labels[i].track) << i;
+  EXPECT_EQ(read_tracks(folder_.path(), "000042")->size(), frame.labels.size());
+}
+
+TEST_F(Kitti, BrokenIdentities) {
+  const auto file = folder_ / "training/track_2/000042.txt";
+  write_file(file, "1004\n-1\n");
+  EXPECT_THAT(reading_fails(), AllOf(HasSubstr("track_2/000042.txt: 2 lines"), HasSubstr("13 labels")));
+  write_file(file, "1004\nfour\n");
+  EXPECT_THAT(reading_fails(), AllOf(HasSubstr("row 2"), HasSubstr("'four' is no identity")));
+  write_file(file, "-2\n");
+  EXPECT_THAT(reading_fails(), HasSubstr("'-2' is no identity"));
+  write_file(file, "");
+  EXPECT_THAT(reading_fails(), HasSubstr("0 lines"));
+}
+
 TEST_F(Kitti, BrokenLightingAndImage) {
   const std::string name = "lighting/000042.json";
   write_file(file(name), "{\"sun\": [1, 1");

@@ -37,6 +37,7 @@ class Program {
   std::vector<std::vector<std::string>> calls;
   std::string broken;  ///< folder whose command fails
   MadeUp learned{40, 5, 3, 1, 30}, random{40, 5, 1, 0, 30};
+  bool uses_picture = true;
 
   void operator()(std::vector<std::string> arguments) {
     const auto after = [&](const std::string& option) {
@@ -52,7 +53,7 @@ class Program {
       write_file(out / "run.json", "{}");
       result = {{"iterations", 400}, {"seconds_per_iteration", 0.1}};
     }
-    if (arguments[0] == "evaluate") result = evaluation_json(learned, random);
+    if (arguments[0] == "evaluate") result = evaluation_json(learned, random, uses_picture);
     if (arguments[0] == "detect") result = {{"ap50", 0.9}, {"ap70", 0.8}};
     write_json(out / "result.json", result);
   }
@@ -145,6 +146,27 @@ TEST(PaperTables, RowsComeFromTheOutcomes) {
   EXPECT_EQ(read_json(folder / "reproduce.json").at("tables"), result.at("tables"));
 }
 
+TEST(PaperTables, SayWhereTheDetectorDoesNotUseItsPicture) {
+  TemporaryFolder folder;
+  Program program;
+  program.uses_picture = false;
+  const json result = reproduce(settings_in(folder.path(), "table4"), std::ref(program));
+  const json& rows = result.at("tables").at(0).at("rows");
+  EXPECT_FALSE(rows.at(0).contains("note"));  // no defence at all
+  EXPECT_THAT(rows.at(1).at("note").get<std::string>(), HasSubstr("does not use its picture"));
+  EXPECT_FALSE(rows.at(2).contains("note"));  // adversarial training is not about the image
+  EXPECT_THAT(read_file(folder / "table4.md"), HasSubstr("nothing follows about images"));
+  ASSERT_FALSE(result.at("reliance").empty());
+  EXPECT_EQ(result.at("reliance").at(0).at("uses_picture"), false);
+  EXPECT_THAT(read_file(folder / "reproduce.md"), HasSubstr("80.0 % with another frame's: +0.0 points"));
+  for (const json& finding : result.at("findings"))
+    for (const json& check : finding.at("checks"))
+      EXPECT_EQ(check.at("sentence").get<std::string>().starts_with("this detector does not use its picture"),
+                finding.at("name") != "adversarial" &&
+                    !(finding.at("name") == "harder" && check.at("rig") == "KITTI rig, adversarial training"))
+          << finding.at("name") << " " << check;
+}
+
 TEST(PaperTables, RecallCurvesFallWithIoU) {
   TemporaryFolder folder;
   Program program;
@@ -179,6 +201,20 @@ TEST(Reproduce, FinishedStepsAreNotRunAgain) {
   longer.iterations = 500;
   reproduce(longer, std::ref(program));
   EXPECT_EQ(program.calls.size(), 5u);  // the attacks, and the evaluation of the one mesh that is another now
+}
+
+TEST(Reproduce, AnEvaluationFromBeforeTheGateIsMadeAgain) {
+  TemporaryFolder folder;
+  Program program;
+  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  const fs::path file = folder / "evaluations/kitti64-fusion-image/result.json";
+  json old = read_json(file);
+  old.erase("reliance");
+  write_json(file, old);
+  program.calls.clear();
+  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  ASSERT_EQ(program.calls.size(), 1u);
+  EXPECT_EQ(program.calls[0][0], "evaluate");
 }
 
 TEST(Reproduce, TheFolderMayBeMoved) {
@@ -245,9 +281,10 @@ TEST(PaperFindings, VerdictsFollowFromTheInterval) {
 /// Evidence made of evaluations by their run's name.
 class Findings : public testing::Test {
  protected:
-  void judged(const std::string& run, const MadeUp& learned, const MadeUp& random = {}) {
+  void judged(const std::string& run, const MadeUp& learned, const MadeUp& random = {},
+              bool uses_picture = true) {
     const fs::path file = folder_ / ("evaluation-" + std::to_string(count_++) + ".json");
-    write_json(file, evaluation_json(learned, random));
+    write_json(file, evaluation_json(learned, random, uses_picture));
     evidence_.evaluations["evaluations/" + run] = read_evaluation(file, "data");
   }
   Check only(const std::string& name) {
@@ -280,6 +317,33 @@ TEST_F(Findings, TheOrderDoesNotHold) {
   judged("kitti64-fusion-lidar", {40, 5, 3, 0});
   EXPECT_EQ(only("order").verdict, Verdict::fails);
   EXPECT_EQ(only("image").verdict, Verdict::fails);
+}
+
+TEST_F(Findings, ADetectorThatDoesNotUseItsPictureTellsNothingAboutImages) {
+  judged("kitti64-fusion-both", {120, 5, 4, 0}, {120, 5, 0, 0}, false);
+  judged("kitti64-fusion-image", {120, 5, 4, 0}, {}, false);
+  judged("kitti64-fusion-lidar", {120, 5, 2, 0}, {}, false);
+  judged("kitti64-lidar-lidar", {120, 5, 3, 0}, {}, false);
+  for (const char* name : {"order", "fusion", "image"}) {
+    EXPECT_EQ(only(name).verdict, Verdict::open) << name;
+    EXPECT_EQ(only(name).sentence, "this detector does not use its picture: nothing follows about images");
+    EXPECT_TRUE(only(name).comparisons.empty());
+    EXPECT_TRUE(only(name).why.empty());
+  }
+}
+
+TEST_F(Findings, VehiclesAreDrawnAndNotFramesWhereTheyAreKnown) {
+  // 40 frames show the same four vehicles: too few to tell what 200 boxes seem to.
+  json made = evaluation_json({40, 5, 4, 0}, {}), other = evaluation_json({40, 5, 2, 0}, {});
+  for (json* one : {&made, &other})
+    for (json& host : one->at("outcomes")) host["track"] = 1000 + host.at("label").get<int>() % 4;
+  write_json(folder_ / "a.json", made);
+  write_json(folder_ / "b.json", other);
+  evidence_.evaluations["evaluations/kitti64-fusion-image"] = read_evaluation(folder_ / "a.json", "data");
+  evidence_.evaluations["evaluations/kitti64-fusion-lidar"] = read_evaluation(folder_ / "b.json", "data");
+  EXPECT_EQ(evidence_.learned("evaluations/kitti64-fusion-image")->clusters(), 4);
+  EXPECT_EQ(only("image").verdict, Verdict::open);
+  EXPECT_THAT(only("image").sentence, HasSubstr("too few"));
 }
 
 TEST_F(Findings, AStrongerMeshFromElsewhereUnsettlesTheComparison) {

@@ -61,6 +61,21 @@ TEST(Verdict, CountsSharesFlipsAndSplits) {
   EXPECT_EQ(result.at("flips")[0].at("to"), "found");
 }
 
+TEST(Verdict, IntervalsAreByVehicleWhereItIsKnown) {
+  std::vector<json> vehicles;
+  for (int i = 0; i < 40; ++i)
+    vehicles.push_back(vehicle(std::to_string(i), 0, true, outcome(i < 10 ? 0.1 : 0.8, i < 10),
+                               outcome(i < 10 ? 0.1 : 0.8, i < 10)));
+  const json apart = verdict(vehicles, {}).at("all");
+  EXPECT_EQ(apart.at("clusters"), (json{{"by", "frame"}, {"count", 40}}));
+  for (int i = 0; i < 40; ++i) vehicles[static_cast<std::size_t>(i)]["track"] = i / 10;
+  const json together = verdict(vehicles, {}).at("all");
+  EXPECT_EQ(together.at("clusters"), (json{{"by", "vehicle"}, {"count", 4}}));
+  EXPECT_EQ(variant(together, "soft")->at("asr").at("value"), 0.25);
+  EXPECT_EQ(variant(together, "soft")->at("asr").at("low"), 0);
+  EXPECT_GT(variant(apart, "soft")->at("asr").at("low"), 0.1);
+}
+
 TEST(Verdict, NoVehiclesAtAll) {
   const json result = verdict({}, {});
   EXPECT_EQ(result.at("all").at("vehicles"), 0);

@@ -47,9 +47,12 @@ Check check(const std::string& where, const std::vector<const Outcomes*>& used,
   made.vehicles = fewest(used);
   std::vector<Verdict> verdicts;
   for (const Comparison& one : comparisons) verdicts.push_back(one.verdict);
-  int frames = std::numeric_limits<int>::max();
-  for (const Outcomes* one : used) frames = std::min(frames, one->frames());
-  const bool few = made.vehicles < kFewest || frames < kFewestFrames;
+  int frames = std::numeric_limits<int>::max(), clusters = frames;
+  for (const Outcomes* one : used) {
+    frames = std::min(frames, one->frames());
+    clusters = std::min(clusters, one->clusters());
+  }
+  const bool few = made.vehicles < kFewest || clusters < kFewestClusters;
   made.verdict = few ? Verdict::open : all_of(verdicts);
   made.sentence = std::move(sentence);
   if (few)
@@ -57,6 +60,18 @@ Check check(const std::string& where, const std::vector<const Outcomes*>& used,
                                  made.vehicles == 1 ? "" : "s", frames, frames == 1 ? "" : "s");
   made.why = std::move(why);
   made.comparisons = std::move(comparisons);
+  return made;
+}
+
+Check about_images(Check made, const std::vector<const Outcomes*>& attacked) {
+  for (const Outcomes* one : attacked)
+    if (const std::string note = one->note(); !note.empty()) {
+      made.verdict = Verdict::open;
+      made.sentence = note;
+      made.why.clear();
+      made.comparisons.clear();
+      break;
+    }
   return made;
 }
 

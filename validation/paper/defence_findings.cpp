@@ -30,11 +30,13 @@ Finding defence(const Evidence& evidence, const std::string& name, const std::st
     const std::string why =
         fmt::format("misses {} → {}, false positives {} → {}", asr(*without, is_hidden),
                     asr(*with, is_hidden), asr(*without, is_false_positive), asr(*with, is_false_positive));
-    checks.push_back(check(title(rig), {without, with}, {taken},
-                           fmt::format("{} {} {}: {} taken off{}", quantity,
-                                       fmt::format("{} → {}", asr(*without, which), asr(*with, which)), words,
-                                       points(taken.difference), margin),
-                           why));
+    Check made = check(title(rig), {without, with}, {taken},
+                       fmt::format("{} {} {}: {} taken off{}", quantity,
+                                   fmt::format("{} → {}", asr(*without, which), asr(*with, which)), words,
+                                   points(taken.difference), margin),
+                       why);
+    // Adversarial training is the one defence that is not of the image.
+    checks.push_back(name == "adversarial" ? made : about_images(made, {without, with}));
   });
 }
 
@@ -51,18 +53,18 @@ Finding harder(const Evidence& evidence) {
           struct Sums {
             double hidden = 0, positive = 0, vehicles = 0;
           };
-          std::map<std::string, std::array<Sums, 2>> frames;
+          std::map<std::string, std::array<Sums, 2>> by_name;
           const Outcomes a = shared_hosts(*none, *with), b = shared_hosts(*with, *none);
           for (int side = 0; side < 2; ++side)
             for (const Outcome& host : (side == 0 ? a : b).hosts) {
               if (!host.detected) continue;
-              Sums& sums = frames[host.frame][static_cast<std::size_t>(side)];
+              Sums& sums = by_name[host.cluster()][static_cast<std::size_t>(side)];
               sums.hidden += host.hidden;
               sums.positive += host.false_positive;
               sums.vehicles += 1;
             }
           std::vector<std::array<Sums, 2>> clusters;
-          for (const auto& [frame, sums] : frames) clusters.push_back(sums);
+          for (const auto& [name, sums] : by_name) clusters.push_back(sums);
           const auto left = [&](std::span<const int> drawn) {  // {misses left, false positives left}
             std::array<Sums, 2> sums;
             for (std::size_t i = 0; i < clusters.size(); ++i)
@@ -91,13 +93,14 @@ Finding harder(const Evidence& evidence) {
             checks.push_back(made);
             continue;
           }
-          checks.push_back(
+          Check made =
               check(title(rig) + ", " + words, {none, with},
                     {{"share of the false positives left − of the misses", difference, is_more(difference)}},
                     fmt::format("left are {:.0f} % of the misses (FN ASR {} → {}) and {:.0f} % of the false "
                                 "positives (FP ASR {} → {}); difference {}",
                                 100 * misses, asr(a, is_hidden), asr(b, is_hidden), 100 * positives,
-                                asr(a, is_false_positive), asr(b, is_false_positive), points(difference))));
+                                asr(a, is_false_positive), asr(b, is_false_positive), points(difference)));
+          checks.push_back(defense == "denoising" ? about_images(made, {none, with}) : made);
         }
       });
 }

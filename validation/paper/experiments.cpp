@@ -161,6 +161,7 @@ Table attack_table(List& list, const std::string& name, const std::string& rig,
                 row("fusion, both", rig, a.both, of(3)),
                 row("LiDAR-only detector, random mesh", rig, a.lidar_only)};
   table.rows[1].random = table.rows[5].random = true;
+  table.rows[3].image = true;
   return table;
 }
 
@@ -199,7 +200,7 @@ Table fig3(List& list, const Strings& rigs) {
                              row("fusion, both", rig, a.both),
                              row("LiDAR-only detector, as recorded", rig, a.lidar_only),
                              row("LiDAR-only detector, LiDAR", rig, a.lidar_only)};
-    rows[0].clean = rows[5].clean = rows[1].random = true;
+    rows[0].clean = rows[5].clean = rows[1].random = rows[3].image = true;
     table.rows.insert(table.rows.end(), rows.begin(), rows.end());
   }
   return table;
@@ -280,6 +281,7 @@ Table table4(List& list) {
     const std::string run = list.attack("kitti64", "fusion", "both", 0, defense);
     Row one = row(label, "kitti64", list.evaluate(run, defense.empty(), defense.empty()), std::move(paper));
     one.detection = list.detect("kitti64", "fusion", defense);
+    one.image = !defense.empty() && defense != "adversarial";
     table.rows.push_back(one);
   };
   add("none", "", {{"asr", 49.76}, {"ap70", 84.64}});

@@ -11,28 +11,30 @@ namespace mirage::paper {
 namespace {
 
 Finding image_weak(const Evidence& evidence) {
-  return on_each_rig("image", "Image features are the weak point of the fusion detector",
-                     [&](const std::string& rig, std::vector<Check>& checks) {
-                       const Outcomes *image = evidence.learned(evaluation(rig, "fusion-image")),
-                                      *lidar = evidence.learned(evaluation(rig, "fusion-lidar")),
-                                      *alone = evidence.learned(evaluation(rig, "lidar-lidar"));
-                       if (!image || !lidar) return;
-                       const Comparison gap = more("ASR through the image − through LiDAR", *image, *lidar);
-                       std::string why = fmt::format(
-                           "misses: {} through the image, {} through LiDAR; false positives: {} and {}",
-                           asr(*image, is_hidden), asr(*lidar, is_hidden), asr(*image, is_false_positive),
-                           asr(*lidar, is_false_positive));
-                       if (alone)  // an image that adds little offers little to attack
-                         why += fmt::format(
-                             "; what the image adds without a mesh: recall at IoU 0.7 {} with it, {} in the "
-                             "LiDAR-only detector, {}",
-                             percent(recall(*image, 0.7, true)), percent(recall(*alone, 0.7, true)),
-                             points(clean_recall_difference(*image, *alone, 0.7)));
-                       checks.push_back(check(title(rig), {image, lidar}, {gap},
-                                              fmt::format("ASR {} through the image, {} through LiDAR: {}",
-                                                          asr(*image), asr(*lidar), points(gap.difference)),
-                                              why));
-                     });
+  return on_each_rig(
+      "image", "Image features are the weak point of the fusion detector",
+      [&](const std::string& rig, std::vector<Check>& checks) {
+        const Outcomes *image = evidence.learned(evaluation(rig, "fusion-image")),
+                       *lidar = evidence.learned(evaluation(rig, "fusion-lidar")),
+                       *alone = evidence.learned(evaluation(rig, "lidar-lidar"));
+        if (!image || !lidar) return;
+        const Comparison gap = more("ASR through the image − through LiDAR", *image, *lidar);
+        std::string why =
+            fmt::format("misses: {} through the image, {} through LiDAR; false positives: {} and {}",
+                        asr(*image, is_hidden), asr(*lidar, is_hidden), asr(*image, is_false_positive),
+                        asr(*lidar, is_false_positive));
+        if (alone)  // an image that adds little offers little to attack
+          why += fmt::format(
+              "; what the image adds without a mesh: recall at IoU 0.7 {} with it, {} in the "
+              "LiDAR-only detector, {}",
+              percent(recall(*image, 0.7, true)), percent(recall(*alone, 0.7, true)),
+              points(clean_recall_difference(*image, *alone, 0.7)));
+        checks.push_back(about_images(check(title(rig), {image, lidar}, {gap},
+                                            fmt::format("ASR {} through the image, {} through LiDAR: {}",
+                                                        asr(*image), asr(*lidar), points(gap.difference)),
+                                            why),
+                                      {image, lidar}));
+      });
 }
 
 /// Those outcomes for which `keep` holds.
@@ -75,15 +77,17 @@ Finding order(const Evidence& evidence) {
         first.verdict = is_no_less(first.difference);
         const Comparison second = more("image − LiDAR", *image, *lidar),
                          third = more("LiDAR − random", *lidar, *random);
-        checks.push_back(check(
-            title(rig), {both, random, image, lidar}, {first, second, third},
-            fmt::format("ASR {} both, {} image, {} LiDAR, {} random; both − image {} ({}; within {:.0f} "
-                        "points counts as "
-                        "no less), image − LiDAR {} ({}), LiDAR − random {} ({})",
-                        asr(*both), asr(*image), asr(*lidar), asr(*random), points(first.difference),
-                        to_string(first.verdict), 100 * kMargin, points(second.difference),
-                        to_string(second.verdict), points(third.difference), to_string(third.verdict)),
-            margins(*both, *random)));
+        checks.push_back(about_images(
+            check(
+                title(rig), {both, random, image, lidar}, {first, second, third},
+                fmt::format("ASR {} both, {} image, {} LiDAR, {} random; both − image {} ({}; within {:.0f} "
+                            "points counts as "
+                            "no less), image − LiDAR {} ({}), LiDAR − random {} ({})",
+                            asr(*both), asr(*image), asr(*lidar), asr(*random), points(first.difference),
+                            to_string(first.verdict), 100 * kMargin, points(second.difference),
+                            to_string(second.verdict), points(third.difference), to_string(third.verdict)),
+                margins(*both, *random)),
+            {both, image, lidar}));
       });
 }
 
@@ -120,23 +124,23 @@ Finding fusion_helps(const Evidence& evidence) {
           if (stronger.verdict != gap.verdict) made.verdict = Verdict::open;
           made.comparisons.push_back(stronger);
         }
-        checks.push_back(made);
+        checks.push_back(about_images(std::move(made), {fused}));
       });
 }
 
 /// ASR of the drawn frames at each size, then the least-squares slope over L.
 Interval slope(const std::vector<std::pair<double, Outcomes>>& sizes) {
-  std::map<std::string, std::vector<ClusterSums>> frames;
+  std::map<std::string, std::vector<ClusterSums>> by_name;
   for (std::size_t s = 0; s < sizes.size(); ++s)
     for (const Outcome& host : sizes[s].second.hosts) {
       if (!host.detected) continue;
-      auto& sums = frames[host.frame];
+      auto& sums = by_name[host.cluster()];
       sums.resize(sizes.size());
       sums[s].numerator += host.fooled();
       sums[s].denominator += 1;
     }
   std::vector<std::vector<ClusterSums>> clusters;
-  for (const auto& [frame, sums] : frames) clusters.push_back(sums);
+  for (const auto& [name, sums] : by_name) clusters.push_back(sums);
   double mean_size = 0, spread = 0;
   for (const auto& [size, outcomes] : sizes) mean_size += size / static_cast<double>(sizes.size());
   for (const auto& [size, outcomes] : sizes) spread += (size - mean_size) * (size - mean_size);
@@ -215,18 +219,18 @@ struct Distances {
 };
 
 Distances distances(const Outcomes& outcomes) {
-  std::map<std::string, ClusterSums> frames;
+  std::map<std::string, ClusterSums> by_name;
   std::vector<double> all;
   for (const Outcome& host : outcomes.hosts) {
     if (!host.detected) continue;
     for (const double distance : host.distances) {
-      frames[host.frame].numerator += distance > kFar;
-      frames[host.frame].denominator += 1;
+      by_name[host.cluster()].numerator += distance > kFar;
+      by_name[host.cluster()].denominator += 1;
       all.push_back(distance);
     }
   }
   std::vector<ClusterSums> clusters;
-  for (const auto& [frame, sums] : frames) clusters.push_back(sums);
+  for (const auto& [name, sums] : by_name) clusters.push_back(sums);
   Distances made{static_cast<int>(all.size()), bootstrap_interval(clusters), 0};
   if (!all.empty()) made.median = quantile(all, 0.5);
   return made;
@@ -247,15 +251,19 @@ Finding far_away(const Evidence& evidence) {
         } else {
           const Interval over = {near.far.value - 0.5, near.far.low - 0.5, near.far.high - 0.5};
           made.comparisons = {{fmt::format("share beyond {:.0f} m − 1/2", kFar), over, is_more(over)}};
-          made.verdict = near.count < kFewest || both->frames() < kFewestFrames ? Verdict::open
-                                                                                : made.comparisons[0].verdict;
-          made.sentence =
-              fmt::format("{} false positives, median {:.1f} m from the host, {} of them beyond {:.0f} m{}",
-                          near.count, near.median, percent(near.far), kFar,
-                          near.count < kFewest || both->frames() < kFewestFrames ? "; too few to tell" : "");
+          made.verdict = near.count < kFewest || both->clusters() < kFewestClusters
+                             ? Verdict::open
+                             : made.comparisons[0].verdict;
+          made.sentence = fmt::format(
+              "{} false positives, median {:.1f} m from the host, {} of them beyond {:.0f} m{}", near.count,
+              near.median, percent(near.far), kFar,
+              near.count < kFewest || both->clusters() < kFewestClusters ? "; too few to tell" : "");
         }
         // Without an image there is no wrong pixel–point association.
-        if (const Outcomes* alone = evidence.learned(evaluation(rig, "lidar-lidar"))) {
+        const Outcomes* alone = evidence.learned(evaluation(rig, "lidar-lidar"));
+        if (const std::string note = both->note(); !note.empty()) {
+          made.why = note;
+        } else if (alone) {
           const Distances theirs = distances(*alone);
           made.why =
               theirs.count == 0

@@ -19,9 +19,9 @@ inline constexpr double kMargin = 0.05;
 /// A false positive is far from the host beyond this, m: about three lengths of a car, as the pictures of
 /// mirage evaluate have it.
 inline constexpr double kFar = 12;
-/// Fewer vehicles or false positives than this, or fewer frames, tell nothing whatever the interval says.
+/// Fewer vehicles or false positives than this, or fewer clusters, tell nothing whatever the interval says.
 inline constexpr int kFewest = 10;
-inline constexpr int kFewestFrames = 5;
+inline constexpr int kFewestClusters = 5;
 
 /// difference > 0: holds with the whole interval above 0, fails with the whole interval below.
 Verdict is_more(const Interval& difference);

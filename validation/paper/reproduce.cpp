@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <set>
 
 #include "base/clock.h"
 #include "base/error.h"
@@ -12,6 +13,7 @@
 #include "base/interrupt.h"
 #include "base/logging.h"
 #include "detection/detector.h"
+#include "detection/reliance.h"
 #include "scene/data_rig.h"
 #include "validation/paper/findings.h"
 #include "validation/process.h"
@@ -139,6 +141,30 @@ void write_page(const fs::path& out, json& result) {
   result["page"] = (out / "reproduce.html").string();
 }
 
+/// Each attacked detector on its data once: [{case, …as detection/reliance.h writes it}].
+json reliance_json(const Evidence& evidence) {
+  json list = json::array();
+  std::set<std::string> seen;
+  for (const auto& [name, judged] : evidence.evaluations) {
+    const json& measured = judged.learned->reliance;
+    if (!measured.is_object() || !seen.insert(judged.learned->data + measured.dump()).second) continue;
+    list.push_back(measured);
+    list.back()["case"] = name.substr(name.find('/') + 1);
+  }
+  return list;
+}
+
+std::string reliance_markdown(const json& list) {
+  std::string text = "## Whether the detectors use their pictures\n\n";
+  for (const auto& one : list) {
+    const Reliance reliance = reliance_from_json(one);
+    const std::string note = picture_note(reliance);
+    text += fmt::format("- {}: {}{}.\n", one.at("case").get<std::string>(), describe(reliance),
+                        note.empty() ? "" : "; " + note);
+  }
+  return text + "\n";
+}
+
 std::string findings_markdown(const json& findings) {
   std::string text = "## The paper's findings\n\n";
   for (const auto& finding : findings) {
@@ -161,6 +187,8 @@ bool is_finished(const Case& one, const fs::path& out) {
   if (!fs::exists(out / one.name / "result.json")) return false;
   try {
     const json result = read_json(out / one.name / "result.json"), read = inputs(one, out);
+    // An evaluation of before the gate does not say whether anything follows about images.
+    if (one.kind == Case::Kind::evaluation && !result.contains("reliance")) return false;
     if (!fs::exists(record_file(one, out))) return is_plausible(one, out, result, read);
     const json record = read_json(record_file(one, out));
     return movable(one, record.at("arguments")) == movable(one, one.arguments) && record.at("inputs") == read;
@@ -236,7 +264,7 @@ json reproduce(const ReproduceSettings& given, const Execute& run) {
     text += markdown(tables.back());
   }
   for (const auto& [name, step] : evidence.steps) steps[name] = to_json(step);
-  const json found = findings_json(findings(evidence));
+  const json found = findings_json(findings(evidence)), reliance = reliance_json(evidence);
   json result = {{"what", settings.what},
                  {"settings",
                   {{"iterations", settings.iterations},
@@ -250,9 +278,10 @@ json reproduce(const ReproduceSettings& given, const Execute& run) {
                    {"replicates", BootstrapSettings().replicates}}},
                  {"tables", tables},
                  {"findings", found},
+                 {"reliance", reliance},
                  {"steps", steps}};
   write_json(settings.out / "reproduce.json", result);
-  write_file(settings.out / "reproduce.md", text + findings_markdown(found));
+  write_file(settings.out / "reproduce.md", text + reliance_markdown(reliance) + findings_markdown(found));
   write_page(settings.out, result);
   return result;
 }

@@ -15,6 +15,7 @@ Outcome read_outcome(const nlohmann::json& json) {
   one.frame = json.at("frame");
   one.label = json.at("label");
   one.mesh = json.value("mesh", 0);
+  one.track = json.value("track", -1);
   one.range = json.at("range");
   one.clean_iou = json.at("clean_iou");
   one.attacked_iou = json.at("attacked_iou");
@@ -24,7 +25,7 @@ Outcome read_outcome(const nlohmann::json& json) {
   return one;
 }
 
-std::shared_ptr<const Outcomes> read_outcomes(const nlohmann::json& json, const std::string& data) {
+std::shared_ptr<Outcomes> read_outcomes(const nlohmann::json& json, const std::string& data) {
   auto made = std::make_shared<Outcomes>();
   made->data = data;
   made->vehicles = json.at("vehicles");
@@ -41,27 +42,27 @@ std::shared_ptr<const Outcomes> read_outcomes(const nlohmann::json& json, const 
   return made;
 }
 
-using ByFrame = std::map<std::string, ClusterSums>;
+using ByCluster = std::map<std::string, ClusterSums>;
 
-ByFrame by_frame(const Outcomes& outcomes, const Which& counts, const Which& which) {
-  ByFrame frames;
+ByCluster by_cluster(const Outcomes& outcomes, const Which& counts, const Which& which) {
+  ByCluster clusters;
   for (const Outcome& host : outcomes.hosts) {
     if (!counts(host)) continue;
-    ClusterSums& sums = frames[host.frame];
+    ClusterSums& sums = clusters[host.cluster()];
     sums.numerator += which(host);
     sums.denominator += 1;
   }
-  return frames;
+  return clusters;
 }
 
 bool is_detected(const Outcome& host) {
   return host.detected;
 }
 
-Interval share(const ByFrame& frames) {
-  std::vector<ClusterSums> clusters;
-  for (const auto& [frame, sums] : frames) clusters.push_back(sums);
-  return bootstrap_interval(clusters);
+Interval share(const ByCluster& clusters) {
+  std::vector<ClusterSums> list;
+  for (const auto& [name, sums] : clusters) list.push_back(sums);
+  return bootstrap_interval(list);
 }
 
 /// IoU 0 asks for any overlap at all.
@@ -80,6 +81,16 @@ int Outcomes::frames() const {
   return static_cast<int>(names.size());
 }
 
+std::string Outcomes::note() const {
+  return reliance.is_object() ? reliance.at("note").get<std::string>() : "";
+}
+
+int Outcomes::clusters() const {
+  std::set<std::string> names;
+  for (const Outcome& host : hosts) names.insert(host.cluster());
+  return static_cast<int>(names.size());
+}
+
 bool is_hidden(const Outcome& host) {
   return host.hidden;
 }
@@ -93,9 +104,14 @@ bool is_fooled(const Outcome& host) {
 Judged read_evaluation(const std::filesystem::path& file, const std::string& data) {
   const nlohmann::json json = read_json(file);
   try {
-    Judged judged{read_outcomes(json, data), nullptr};
-    if (json.contains("random") && json.at("random").is_object() && json.at("random").contains("outcomes"))
-      judged.random = read_outcomes(json.at("random"), data);
+    const auto learned = read_outcomes(json, data);
+    learned->reliance = json.value("reliance", nlohmann::json());
+    Judged judged{learned, nullptr};
+    if (json.contains("random") && json.at("random").is_object() && json.at("random").contains("outcomes")) {
+      const auto random = read_outcomes(json.at("random"), data);
+      random->reliance = learned->reliance;
+      judged.random = random;
+    }
     return judged;
   } catch (const nlohmann::json::exception& error) {
     throw InputError(file.string(), "", error.what(), "delete the folder and run the same command again");
@@ -103,7 +119,7 @@ Judged read_evaluation(const std::filesystem::path& file, const std::string& dat
 }
 
 Interval success(const Outcomes& outcomes, const Which& which) {
-  return share(by_frame(outcomes, is_detected, which));
+  return share(by_cluster(outcomes, is_detected, which));
 }
 
 Outcomes shared_hosts(const Outcomes& a, const Outcomes& b) {
@@ -120,12 +136,12 @@ Outcomes shared_hosts(const Outcomes& a, const Outcomes& b) {
 
 static Interval paired_difference(const Outcomes& a, const Outcomes& b, const Which& counts,
                                   const Which& which) {
-  std::map<std::string, PairedSums> frames;
-  for (const auto& [frame, sums] : by_frame(shared_hosts(a, b), counts, which)) frames[frame].a = sums;
-  for (const auto& [frame, sums] : by_frame(shared_hosts(b, a), counts, which)) frames[frame].b = sums;
-  std::vector<PairedSums> clusters;
-  for (const auto& [frame, sums] : frames) clusters.push_back(sums);
-  return bootstrap_difference(clusters);
+  std::map<std::string, PairedSums> clusters;
+  for (const auto& [name, sums] : by_cluster(shared_hosts(a, b), counts, which)) clusters[name].a = sums;
+  for (const auto& [name, sums] : by_cluster(shared_hosts(b, a), counts, which)) clusters[name].b = sums;
+  std::vector<PairedSums> list;
+  for (const auto& [name, sums] : clusters) list.push_back(sums);
+  return bootstrap_difference(list);
 }
 
 Interval success_difference(const Outcomes& a, const Outcomes& b, const Which& which) {
@@ -138,27 +154,27 @@ Interval clean_recall_difference(const Outcomes& a, const Outcomes& b, double io
 }
 
 Interval recall(const Outcomes& outcomes, double iou, bool clean) {
-  return share(by_frame(
+  return share(by_cluster(
       outcomes, [](const Outcome&) { return true; },
       [&](const Outcome& host) { return found(host, iou, clean); }));
 }
 
 Interval mean_recall(const Outcomes& outcomes, bool clean) {
-  ByFrame frames;
+  ByCluster clusters;
   for (const Outcome& host : outcomes.hosts) {
-    ClusterSums& sums = frames[host.frame];
+    ClusterSums& sums = clusters[host.cluster()];
     for (int step = 0; step <= kSteps; ++step) {
       sums.numerator += found(host, step / double(kSteps), clean);
       sums.denominator += 1;
     }
   }
-  return share(frames);
+  return share(clusters);
 }
 
 nlohmann::json recall_curve(const Outcomes& outcomes, bool clean) {
-  std::map<std::string, std::vector<double>> frames;  // counts at each step, then all hosts
+  std::map<std::string, std::vector<double>> clusters;  // counts at each step, then all hosts
   for (const Outcome& host : outcomes.hosts) {
-    auto& counts = frames[host.frame];
+    auto& counts = clusters[host.cluster()];
     counts.resize(kSteps + 2);
     for (int step = 0; step <= kSteps; ++step)
       counts[static_cast<std::size_t>(step)] += found(host, step / double(kSteps), clean);
@@ -166,7 +182,7 @@ nlohmann::json recall_curve(const Outcomes& outcomes, bool clean) {
   }
   std::vector<double> denominators;
   std::vector<std::vector<double>> numerators(kSteps + 1);
-  for (const auto& [frame, counts] : frames) {
+  for (const auto& [name, counts] : clusters) {
     for (std::size_t step = 0; step <= kSteps; ++step) numerators[step].push_back(counts[step]);
     denominators.push_back(counts.back());
   }

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "base/bootstrap.h"
+#include "base/clusters.h"
 
 namespace mirage::paper {
 
@@ -18,12 +19,14 @@ namespace mirage::paper {
 struct Outcome {
   std::string frame;
   int label = 0, mesh = 0;
+  int track = -1;    ///< the vehicle's identity; -1: unknown
   double range = 0;  ///< m
   double clean_iou = 0, attacked_iou = 0;
   bool detected = false, hidden = false, false_positive = false;
   std::vector<double> distances;  ///< m from the host to each of its false positives
 
   bool fooled() const { return hidden || false_positive; }
+  std::string cluster() const { return cluster_of(frame, track); }
 };
 
 struct Outcomes {
@@ -31,8 +34,13 @@ struct Outcomes {
   std::vector<Outcome> hosts;
   int meshes = 1;
   int vehicles = 0;  ///< hosts detected clean, of one mesh
+  /// Whether the detector uses its picture on these frames (detection/reliance.h, to_json); null: not known.
+  nlohmann::json reliance = nullptr;
 
+  /// What stands in place of statements about images; empty if they may be made.
+  std::string note() const;
   int frames() const;
+  int clusters() const;  ///< base/clusters.h
 };
 
 using Which = std::function<bool(const Outcome&)>;
@@ -47,11 +55,11 @@ struct Judged {
 };
 Judged read_evaluation(const std::filesystem::path& file, const std::string& data);
 
-/// Share of the vehicles detected clean for which `which` holds; 95 % interval by bootstrap over frames.
+/// Share of the vehicles detected clean for which `which` holds; 95 % interval by bootstrap over clusters.
 Interval success(const Outcomes& outcomes, const Which& which);
 
 /// success(a) − success(b), paired: both are of the same data, only hosts that stand in both count, and the
-/// frames are drawn together.
+/// clusters are drawn together.
 Interval success_difference(const Outcomes& a, const Outcomes& b, const Which& which);
 
 /// Recall of the frames as recorded, of two detectors on the same hosts: a − b.

@@ -69,6 +69,7 @@ json row_json(const Table& table, const Row& row, const Experiments& experiments
     made["hosts"] = outcomes->hosts.size() / static_cast<std::size_t>(std::max(1, outcomes->meshes));
     made["frames"] = outcomes->frames();
     made["meshes"] = outcomes->meshes;
+    if (const std::string note = outcomes->note(); row.image && !note.empty()) made["note"] = note;
     for (const Column& column : table.columns)
       if (const json value = value_of(column.key, row, *outcomes); !value.is_null())
         made["values"][column.key] = value;
@@ -204,6 +205,7 @@ std::string markdown(const json& table) {
       text += fmt::format(
           "{} in {} frames{}", row.at("vehicles").get<int>(), row.at("frames").get<int>(),
           row.at("meshes").get<int>() > 1 ? fmt::format(", {} meshes", row.at("meshes").get<int>()) : "");
+    if (row.contains("note")) text += "; " + escaped(row.at("note"));
     if (row.contains("error")) text += (row.contains("vehicles") ? "; " : "") + escaped(row.at("error"));
     text += " |";
     text += row.contains("minutes") ? fmt::format(" {:.1f} |\n", row.at("minutes").get<double>()) : " |\n";

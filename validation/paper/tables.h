@@ -35,8 +35,9 @@ Evidence gather(const Experiments& experiments, const std::filesystem::path& out
                 std::map<std::string, Step> steps);
 
 /// {name, title, note, columns: [{key, title}], rows: [{label, rig, vehicles, hosts, frames, meshes, minutes,
-/// values: {key: {value, low, high}}, paper: {key: share}, error?, curve?, size?, source?, target?, case,
-/// far?}]}; shares in [0, 1]. A row without its evaluation has an error instead of values.
+/// values: {key: {value, low, high}}, paper: {key: share}, error?, note?, curve?, size?, source?, target?,
+/// case, far?}]}; shares in [0, 1]. A row without its evaluation has an error instead of values; a note says
+/// that the row's detector does not use the picture that the row is about.
 nlohmann::json table_json(const Table& table, const Experiments& experiments, const Evidence& evidence);
 
 /// The same as a Markdown table, the paper's number beside each of ours.

@@ -1,0 +1,63 @@
+#include "attack/cached_reliance.h"
+
+#include <fmt/format.h>
+
+#include <memory>
+
+#include "base/disk_cache.h"
+#include "base/progress.h"
+#include "scene/kitti.h"
+
+namespace mirage {
+namespace {
+
+constexpr const char* kKind = "reliance";
+constexpr int kVersion = 1;  // of what is measured; raise it when that changes
+
+std::vector<std::string> spread_evenly(const std::vector<std::string>& ids) {
+  if (ids.size() <= kRelianceFrames) return ids;
+  std::vector<std::string> kept;
+  for (std::size_t i = 0; i < kRelianceFrames; ++i) kept.push_back(ids[i * ids.size() / kRelianceFrames]);
+  return kept;
+}
+
+std::string key_of(const std::string& identity, const std::filesystem::path& data,
+                   const std::vector<std::string>& ids) {
+  std::string key = fmt::format("{}\n{} {}\n{}\n", program_identity(), kKind, kVersion, identity);
+  for (const std::string& id : ids) {
+    key += frame_hash(data, id);
+    for (const int track : read_tracks(data, id).value_or(std::vector<int>()))
+      key += fmt::format(" {}", track);
+    key += "\n";
+  }
+  return key;
+}
+
+}  // namespace
+
+Reliance cached_reliance(const DetectorPool& detectors, const std::string& identity,
+                         const std::filesystem::path& data, bool quiet) {
+  const std::vector<std::string> ids = spread_evenly(list_frames(data));
+  const auto measure = [&] {
+    std::vector<Detector*> instances;
+    for (const auto& detector : detectors) instances.push_back(detector.get());
+    std::unique_ptr<Progress> progress;
+    return measure_reliance(instances, data, ids, [&](std::size_t done, std::size_t total) {
+      if (!progress) progress = std::make_unique<Progress>("use of the picture", total, quiet);
+      progress->update(done);
+    });
+  };
+  const auto disk = DiskCache::from_environment();
+  if (identity.empty() || !disk->on() || !reads_picture(*detectors.front())) return measure();
+  const std::string key = key_of(identity, data, ids);
+  if (const auto bytes = disk->read(kKind, key)) try {
+      return reliance_from_json(nlohmann::json::parse(*bytes));
+    } catch (const nlohmann::json::exception&) {
+      disk->report_damaged(kKind, key);
+    }
+  const Reliance reliance = measure();
+  disk->write(kKind, key, to_json(reliance).dump());
+  return reliance;
+}
+
+}  // namespace mirage

@@ -1,0 +1,26 @@
+#include "base/clusters.h"
+
+namespace mirage {
+
+std::string cluster_of(const std::string& frame, int track) {
+  return track < 0 ? frame : "vehicle " + std::to_string(track);
+}
+
+void Clusters::add(const std::string& frame, int track) {
+  by_vehicle_ = by_vehicle_ || track >= 0;
+  names_.insert(cluster_of(frame, track));
+}
+
+ClusterCount Clusters::count() const {
+  return {by_vehicle_ ? "vehicle" : "frame", static_cast<int>(names_.size())};
+}
+
+nlohmann::json to_json(const ClusterCount& clusters) {
+  return {{"by", clusters.by}, {"count", clusters.count}};
+}
+
+ClusterCount cluster_count_from_json(const nlohmann::json& json) {
+  return {json.at("by"), json.at("count")};
+}
+
+}  // namespace mirage

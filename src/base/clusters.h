@@ -1,0 +1,44 @@
+// Which observations the bootstrap (base/bootstrap.h) draws together, for every command.
+//
+// A drive's frames show the same cars again and again, so boxes are no independent trials. Where the data set
+// says who is who (training/track_2, scene/kitti.h) all that is seen of one vehicle, in whatever frames, is
+// one cluster; boxes of unknown identity, and what belongs to no vehicle at all (a detector's false alarms),
+// go with their frame. A data set without identities has its frames for clusters.
+//
+// Frames that share a vehicle are not merged into one cluster. Along a drive all of them would be (25 frames
+// in a row are connected through their cars), and a single cluster has no spread to estimate from. What a
+// frame does to all its vehicles alike is therefore not in the interval of a set with identities.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <set>
+#include <string>
+
+namespace mirage {
+
+/// Name of the cluster of something seen in `frame`. `track`: the vehicle's identity; negative: unknown, or
+/// of no vehicle. Without identities the names are the frames', in their order.
+std::string cluster_of(const std::string& frame, int track);
+
+/// What an interval rests on.
+struct ClusterCount {
+  std::string by = "frame";  ///< "vehicle" once an identity was known
+  int count = 0;             ///< clusters that hold anything that counts
+};
+
+class Clusters {
+ public:
+  void add(const std::string& frame, int track);
+  ClusterCount count() const;
+
+ private:
+  bool by_vehicle_ = false;
+  std::set<std::string> names_;
+};
+
+/// {"by": "vehicle" or "frame", "count": N}
+nlohmann::json to_json(const ClusterCount& clusters);
+/// Its inverse. nlohmann's exceptions for anything else.
+ClusterCount cluster_count_from_json(const nlohmann::json& json);
+
+}  // namespace mirage

@@ -1,0 +1,226 @@
+#include "detection/reliance.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <mutex>
+
+#include "base/error.h"
+#include "base/image_io.h"
+#include "base/interrupt.h"
+#include "base/parallel.h"
+#include "detection/detect.h"
+#include "detection/points_in_view.h"
+#include "scene/kitti.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kFaintScore = 1e-4;
+constexpr double kSameCar = 0.1;  // IoU
+
+fs::path picture_file(const fs::path& data, const std::string& id) {
+  return data / "training" / "image_2" / (id + ".png");
+}
+
+/// One frame under one picture.
+struct Look {
+  ScoredFrame scored;
+  std::vector<Proposal> cars;  ///< of each labelled car: the proposal that speaks for it
+};
+
+/// One frame under all of them.
+struct Looks {
+  Look right, swapped, black;
+  std::optional<Look> none;
+};
+
+Proposal speaker(const std::vector<Proposal>& proposals, const BevBox& car) {
+  Proposal best{car, std::log(kFaintScore / (1 - kFaintScore))};
+  for (const Proposal& proposal : proposals) {
+    const double reach =
+        std::hypot(car.length, car.width) + std::hypot(proposal.box.length, proposal.box.width);
+    if (proposal.logit > best.logit &&
+        2 * std::hypot(proposal.box.x - car.x, proposal.box.y - car.y) < reach &&
+        iou(proposal.box, car) >= kSameCar)
+      best = proposal;
+  }
+  return best;
+}
+
+Look look(Detector& detector, const SensorView& view, const GroundTruth& truth) {
+  const std::vector<Proposal> proposals = detector.forward(view, kFaintScore, false);
+  Look result;
+  result.scored.truth = truth;
+  for (const BevBox& car : truth.boxes) result.cars.push_back(speaker(proposals, car));
+  std::vector<Proposal> clear;
+  std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(clear),
+               [](const Proposal& proposal) { return proposal.score() > kScoreThresholdForAp; });
+  result.scored.detections = suppress(std::move(clear));
+  return result;
+}
+
+/// Null if the detector needs a picture.
+std::optional<Look> look_without(Detector& detector, SensorView view, const GroundTruth& truth) {
+  view.image = nullptr;
+  try {
+    return look(detector, view, truth);
+  } catch (const Failure&) {
+  } catch (const InputError&) {
+  }
+  return std::nullopt;
+}
+
+Looks look_at(Detector& detector, const fs::path& data, const PicturePair& pair) {
+  const Frame frame = read_frame(data, pair.frame);
+  const ImageF other = read_srgb(picture_file(data, pair.other)),
+               black(frame.image.width, frame.image.height, 3);
+  const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
+  const GroundTruth truth = ground_truth(frame, points, detector.region());
+  const auto with = [&](const ImageF* image) { return SensorView{image, points, &frame.calibration}; };
+  return {look(detector, with(&frame.image), truth), look(detector, with(&other), truth),
+          look(detector, with(&black), truth), look_without(detector, with(nullptr), truth)};
+}
+
+Reliance summarize(const std::vector<Looks>& looks) {
+  Reliance result;
+  result.frames = static_cast<int>(looks.size());
+  std::vector<ScoredFrame> right, swapped, black, none;
+  for (const Looks& one : looks) {
+    right.push_back(one.right.scored);
+    swapped.push_back(one.swapped.scored);
+    black.push_back(one.black.scored);
+    if (one.none) none.push_back(one.none->scored);
+    for (std::size_t i = 0; i < one.right.cars.size(); ++i) {
+      const Proposal &seen = one.right.cars[i], &misled = one.swapped.cars[i];
+      result.mean_delta_logit += std::abs(seen.logit - misled.logit);
+      result.mean_delta_score += std::abs(seen.score() - misled.score());
+      ++result.vehicles;
+    }
+  }
+  result.mean_delta_logit /= std::max(1, result.vehicles);
+  result.mean_delta_score /= std::max(1, result.vehicles);
+  constexpr double kIou = 0.7;
+  const auto ap = [&](const std::vector<ScoredFrame>& frames) {
+    return average_precision(frames, kIou).average_precision;
+  };
+  result.ap70 = ap(right);
+  result.ap70_swapped = ap(swapped);
+  result.ap70_black = ap(black);
+  if (!none.empty() && none.size() == looks.size()) result.ap70_none = ap(none);
+  result.drop = average_precision_difference(right, swapped, kIou);
+  result.clusters = clusters_of(right);
+  return result;
+}
+
+}  // namespace
+
+bool reads_picture(const Detector& detector) {
+  return detector.name() != "lidar";
+}
+
+std::vector<PicturePair> pair_pictures(const fs::path& data, const std::vector<std::string>& ids) {
+  std::map<std::pair<int, int>, std::vector<std::string>> of_size;
+  std::map<std::string, std::pair<int, int>> size_of;
+  for (const std::string& id : ids) {
+    int width = 0, height = 0;
+    read_image_size(picture_file(data, id), width, height);
+    size_of[id] = {width, height};
+    of_size[{width, height}].push_back(id);
+  }
+  std::map<std::string, std::string> others;
+  for (const auto& [size, members] : of_size)
+    for (std::size_t i = 0; i < members.size() && members.size() > 1; ++i)
+      others[members[i]] = members[(i + members.size() / 2) % members.size()];
+  std::vector<PicturePair> pairs;
+  for (const std::string& id : ids)
+    if (const auto other = others.find(id); other != others.end()) pairs.push_back({id, other->second});
+  return pairs;
+}
+
+Reliance measure_reliance(std::span<Detector* const> detectors, const fs::path& data,
+                          const std::vector<std::string>& ids,
+                          const std::function<void(std::size_t, std::size_t)>& progress) {
+  if (!reads_picture(*detectors.front())) {
+    Reliance blind;
+    blind.reads_picture = false;
+    return blind;
+  }
+  const std::vector<PicturePair> pairs = pair_pictures(data, ids);
+  std::vector<Looks> looks(pairs.size());
+  std::mutex mutex;
+  std::size_t done = 0;
+  parallel_for(detectors.size(), [&](std::size_t worker) {
+    for (std::size_t i = worker; i < pairs.size(); i += detectors.size()) {
+      throw_if_interrupted("how much the detector uses its picture is measured anew");
+      looks[i] = look_at(*detectors[worker], data, pairs[i]);
+      const std::lock_guard lock(mutex);
+      if (progress) progress(++done, pairs.size());
+    }
+  });
+  Reliance result = summarize(looks);
+  result.left_out = static_cast<int>(ids.size() - pairs.size());
+  return result;
+}
+
+std::string picture_note(const Reliance& reliance) {
+  if (reliance.uses_picture()) return "";
+  if (!reliance.reads_picture) return "this detector has no picture: nothing follows about images";
+  if (reliance.vehicles == 0)
+    return "whether this detector uses its picture cannot be measured here: nothing follows about images";
+  return "this detector does not use its picture: nothing follows about images";
+}
+
+std::string describe(const Reliance& reliance) {
+  if (!reliance.reads_picture) return "no camera";
+  return fmt::format(
+      "AP 0.7 {:.1f} % with the right picture, {:.1f} % with another frame's: {:+.1f} points ({:+.1f} to "
+      "{:+.1f}); logits of cars move by {:.2f}",
+      100 * reliance.ap70, 100 * reliance.ap70_swapped, 100 * reliance.drop.value, 100 * reliance.drop.low,
+      100 * reliance.drop.high, reliance.mean_delta_logit);
+}
+
+nlohmann::json to_json(const Reliance& reliance) {
+  nlohmann::json json = {{"reads_picture", reliance.reads_picture},
+                         {"uses_picture", reliance.uses_picture()},
+                         {"note", picture_note(reliance)}};
+  if (!reliance.reads_picture) return json;
+  json.update({{"ap70", reliance.ap70},
+               {"ap70_swapped", reliance.ap70_swapped},
+               {"ap70_black", reliance.ap70_black},
+               {"drop", reliance.drop.value},
+               {"drop_low", reliance.drop.low},
+               {"drop_high", reliance.drop.high},
+               {"mean_delta_logit", reliance.mean_delta_logit},
+               {"mean_delta_score", reliance.mean_delta_score},
+               {"frames", reliance.frames},
+               {"frames_left_out", reliance.left_out},
+               {"vehicles", reliance.vehicles},
+               {"clusters", to_json(reliance.clusters)}});
+  if (reliance.ap70_none) json["ap70_none"] = *reliance.ap70_none;
+  return json;
+}
+
+Reliance reliance_from_json(const nlohmann::json& json) {
+  Reliance reliance;
+  reliance.reads_picture = json.at("reads_picture");
+  if (!reliance.reads_picture) return reliance;
+  reliance.ap70 = json.at("ap70");
+  reliance.ap70_swapped = json.at("ap70_swapped");
+  reliance.ap70_black = json.at("ap70_black");
+  if (json.contains("ap70_none")) reliance.ap70_none = json.at("ap70_none").get<double>();
+  reliance.drop = {json.at("drop"), json.at("drop_low"), json.at("drop_high")};
+  reliance.mean_delta_logit = json.at("mean_delta_logit");
+  reliance.mean_delta_score = json.at("mean_delta_score");
+  reliance.frames = json.at("frames");
+  reliance.left_out = json.at("frames_left_out");
+  reliance.vehicles = json.at("vehicles");
+  reliance.clusters = cluster_count_from_json(json.at("clusters"));
+  return reliance;
+}
+
+}  // namespace mirage

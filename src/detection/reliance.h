@@ -1,0 +1,80 @@
+// Whether a detector uses its picture: the gate before every statement about images.
+//
+// The same frames are looked at four times, with the sweep as it is: with the right picture; with that of
+// another frame of the same size; with a black one; and with none, where the detector can do without. A
+// detector that sees loses average precision over the wrong picture, and its cars' logits move. One that does
+// not may still score well (a LiDAR network finds the cars by itself), and then an attack through its image,
+// a defence of it, or the light on an object are experiments on something that it ignores.
+//
+// A car's logit in a pass is the largest of the proposals that overlap its box (IoU ≥ 0.1, before
+// suppression) and have a score over 1e-4; without one it is that score's, −9.2. So a car that is lost under
+// the wrong picture counts with what it lost, and a proposal that has moved a little is still the same car's.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/bootstrap.h"
+#include "base/clusters.h"
+#include "detection/detector.h"
+
+namespace mirage {
+
+/// Below this mean |Δlogit| of the cars a detector counts as blind, whatever its AP does.
+inline constexpr double kLeastDeltaLogit = 0.5;
+
+/// Shares in [0, 1]; AP in the bird's-eye view at IoU 0.7 over cars as in average_precision.h.
+struct Reliance {
+  bool reads_picture = true;  ///< false: a detector without a camera, of which the rest was not measured
+  double ap70 = 0, ap70_swapped = 0, ap70_black = 0;
+  std::optional<double> ap70_none;  ///< without any picture, where the detector can
+  /// ap70 − ap70_swapped with its 95 % interval (average_precision_difference: paired, by cluster).
+  Interval drop;
+  double mean_delta_logit = 0;  ///< over the cars: mean |logit(right) − logit(swapped)|
+  double mean_delta_score = 0;  ///< the same of the scores
+  int frames = 0;               ///< looked at
+  int left_out = 0;             ///< no other frame has a picture of their size
+  int vehicles = 0;             ///< labelled cars that must be found, in `frames`
+  ClusterCount clusters;        ///< of these
+
+  bool uses_picture() const { return reads_picture && drop.low > 0 && mean_delta_logit >= kLeastDeltaLogit; }
+};
+
+/// Whether the picture can reach its answers at all.
+bool reads_picture(const Detector& detector);
+
+/// A frame, and the one whose picture it is shown.
+struct PicturePair {
+  std::string frame, other;
+};
+/// The frames by their pictures' size; each gets the picture of the one half a round further among those of
+/// its size (neighbours of a drive look alike). Frames that are alone with their size are left out. In the
+/// order of `ids`. InputError for a missing picture.
+std::vector<PicturePair> pair_pictures(const std::filesystem::path& data,
+                                       const std::vector<std::string>& ids);
+
+/// Looks at those frames of the data set. `detectors`: instances of one detector, at least one; each works on
+/// a thread of its own. `progress(done, total)` may be empty. For a detector without a camera nothing is run.
+/// Errors of read_frame and of the detector; Interrupted between frames.
+Reliance measure_reliance(std::span<Detector* const> detectors, const std::filesystem::path& data,
+                          const std::vector<std::string>& ids,
+                          const std::function<void(std::size_t, std::size_t)>& progress = {});
+
+/// What stands in place of every statement about images; empty if the detector uses its picture.
+std::string picture_note(const Reliance& reliance);
+/// The measurement in words: "AP 0.7 76.8 % with the right picture, 70.1 % with another frame's: …".
+std::string describe(const Reliance& reliance);
+
+/// {reads_picture, uses_picture, note, ap70, ap70_swapped, ap70_black, ap70_none?, drop, drop_low, drop_high,
+/// mean_delta_logit, mean_delta_score, frames, frames_left_out, vehicles, clusters}; without a camera the
+/// first three alone.
+nlohmann::json to_json(const Reliance& reliance);
+/// Its inverse. nlohmann's exceptions for anything else.
+Reliance reliance_from_json(const nlohmann::json& json);
+
+}  // namespace mirage
