@@ -225,6 +225,7 @@ PictureTruth picture_truth(std::span<const Label> labels) {
       truth.labels.push_back(i);
       truth.difficulty.push_back(easiest_level(label));
       truth.distance.push_back(std::hypot(label.box.bev.x, label.box.bev.y));
+      truth.tracks.push_back(label.track);
     } else if (is_vehicle(label) || label.type == "DontCare") {
       truth.ignore.push_back(picture_box(label));
     }
@@ -242,7 +243,14 @@ ScoredFrame scored_in_picture(std::vector<Proposal> detections, const GroundTrut
   frame.truth.labels = picture.labels;
   frame.truth.difficulty = picture.difficulty;
   frame.truth.distance = picture.distance;
+  frame.truth.tracks = picture.tracks;
   return frame;
+}
+
+ScoredFrame scored(std::vector<Proposal> detections, const GroundTruth& truth, double focal_length,
+                   Plane plane) {
+  if (plane == Plane::picture) return scored_in_picture(std::move(detections), truth, focal_length);
+  return {std::move(detections), truth, focal_length};
 }
 
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou) {

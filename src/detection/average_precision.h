@@ -32,6 +32,7 @@ struct PictureTruth {
   std::vector<std::size_t> labels = {};
   std::vector<Difficulty> difficulty = {};
   std::vector<double> distance = {};
+  std::vector<int> tracks = {};              ///< Label::track of each of `boxes`
   std::vector<PictureBox> look_alikes = {};  ///< of type "Misc", which are background
 };
 
@@ -77,6 +78,9 @@ struct ScoredFrame {
 /// A frame to be scored by its boxes in the picture: truth.picture's are taken as its boxes.
 ScoredFrame scored_in_picture(std::vector<Proposal> detections, const GroundTruth& truth,
                               double focal_length);
+/// The detections beside the truth of that plane.
+ScoredFrame scored(std::vector<Proposal> detections, const GroundTruth& truth, double focal_length,
+                   Plane plane);
 
 struct PrecisionRecall {
   double average_precision = 0;  ///< in [0, 1]

@@ -40,12 +40,8 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
     auto found = suppress(
         detector.forward({&frame.image, points, &frame.calibration}, kScoreThresholdForAp, false), run.plane);
     seconds += std::chrono::duration<double>(Clock::now() - start).count();
-    const double focal_length = frame.calibration.camera.fy;
-    GroundTruth truth = ground_truth(frame, detector.region());
-    if (run.plane == Plane::picture)
-      run.frames.push_back(scored_in_picture(std::move(found), truth, focal_length));
-    else
-      run.frames.push_back({std::move(found), std::move(truth), focal_length});
+    run.frames.push_back(scored(std::move(found), ground_truth(frame, detector.region()),
+                                frame.calibration.camera.fy, run.plane));
     if (progress) progress(i + 1, run.ids.size());
   }
   run.at50 = average_precision(run.frames, 0.5);

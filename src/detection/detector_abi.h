@@ -68,9 +68,10 @@ typedef struct MirageSample {
 /* What a detector reads and finds: flags of `capabilities`. */
 #define MIRAGE_READS_IMAGE 1u
 #define MIRAGE_READS_POINTS 2u
-#define MIRAGE_FINDS_BEV 4u     /* MirageProposal.box */
-#define MIRAGE_FINDS_PICTURE 8u /* MirageProposal.picture; boxes of a detector with both flags go together \
-                                 */
+#define MIRAGE_FINDS_BEV 4u /* MirageProposal.box */
+#define MIRAGE_FINDS_PICTURE                                                    \
+  8u /* MirageProposal.picture; boxes of a detector with both flags go together \
+      */
 
 /* Euclidean norms of the image features over their channels; memory of the detector until its next call. */
 typedef struct MirageImageFeatures {

@@ -39,28 +39,26 @@ struct Looks {
   std::optional<Look> none;
 };
 
-Proposal speaker(const std::vector<Proposal>& proposals, const BevBox& car) {
-  Proposal best{car, std::log(kFaintScore / (1 - kFaintScore))};
+Proposal speaker(const std::vector<Proposal>& proposals, const BevBox& car, Plane plane) {
+  Proposal best{{}, std::log(kFaintScore / (1 - kFaintScore))};
   for (const Proposal& proposal : proposals) {
-    const double reach =
-        std::hypot(car.length, car.width) + std::hypot(proposal.box.length, proposal.box.width);
-    if (proposal.logit > best.logit &&
-        2 * std::hypot(proposal.box.x - car.x, proposal.box.y - car.y) < reach &&
-        iou(proposal.box, car) >= kSameCar)
-      best = proposal;
+    if (proposal.logit <= best.logit) continue;
+    const BevBox box = rectangle(proposal, plane);
+    const double reach = std::hypot(car.length, car.width) + std::hypot(box.length, box.width);
+    if (2 * std::hypot(box.x - car.x, box.y - car.y) < reach && iou(box, car) >= kSameCar) best = proposal;
   }
   return best;
 }
 
 Look look(Detector& detector, const SensorView& view, const GroundTruth& truth) {
+  const Plane plane = detector.capabilities().plane();
   const std::vector<Proposal> proposals = detector.forward(view, kFaintScore, false);
-  Look result;
-  result.scored.truth = truth;
-  for (const BevBox& car : truth.boxes) result.cars.push_back(speaker(proposals, car));
   std::vector<Proposal> clear;
   std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(clear),
                [](const Proposal& proposal) { return proposal.score() > kScoreThresholdForAp; });
-  result.scored.detections = suppress(std::move(clear));
+  Look result;
+  result.scored = scored(suppress(std::move(clear), plane), truth, view.calibration->camera.fy, plane);
+  for (const BevBox& car : result.scored.truth.boxes) result.cars.push_back(speaker(proposals, car, plane));
   return result;
 }
 
@@ -80,7 +78,7 @@ Looks look_at(Detector& detector, const fs::path& data, const PicturePair& pair)
   const ImageF other = read_srgb(picture_file(data, pair.other)),
                black(frame.image.width, frame.image.height, 3);
   const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
-  const GroundTruth truth = ground_truth(frame, points, detector.region());
+  const GroundTruth truth = ground_truth(frame, detector.region());
   const auto with = [&](const ImageF* image) { return SensorView{image, points, &frame.calibration}; };
   return {look(detector, with(&frame.image), truth), look(detector, with(&other), truth),
           look(detector, with(&black), truth), look_without(detector, with(nullptr), truth)};
@@ -120,7 +118,7 @@ Reliance summarize(const std::vector<Looks>& looks) {
 }  // namespace
 
 bool reads_picture(const Detector& detector) {
-  return detector.name() != "lidar";
+  return detector.capabilities().reads_image;
 }
 
 std::vector<PicturePair> pair_pictures(const fs::path& data, const std::vector<std::string>& ids) {

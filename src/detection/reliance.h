@@ -28,7 +28,7 @@ namespace mirage {
 /// Below this mean |Δlogit| of the cars a detector counts as blind, whatever its AP does.
 inline constexpr double kLeastDeltaLogit = 0.5;
 
-/// Shares in [0, 1]; AP in the bird's-eye view at IoU 0.7 over cars as in average_precision.h.
+/// Shares in [0, 1]; AP in the detector's plane at IoU 0.7 over cars as in average_precision.h.
 struct Reliance {
   bool reads_picture = true;  ///< false: a detector without a camera, of which the rest was not measured
   double ap70 = 0, ap70_swapped = 0, ap70_black = 0;

@@ -264,34 +264,34 @@ TEST(Fusion, SavingAndLoadingGoesOnWhereItStopped) {
   std::filesystem::remove(file);
 }
 
-TEST(Fusion, StartsFromALidarDetectorAsThatDetector) {
+TEST(Fusion, StartsFromALidarDetectorWithAPictureThatSpeaksAtOnce) {
   const Street street;
   const std::filesystem::path file =
       ::testing::TempDir() + "mirage_start_" + std::to_string(getpid()) + ".weights";
   const auto lidar = trained(street, "lidar");
   lidar->save(file, true);
-  DetectorOptions options{"fusion", file, false, 1, 1};
-  options.start = true;
-  const auto fusion = load_detector(options);
   const auto expected = lidar->forward(street.view(), -1, false);
-  const auto compare = [&] {
-    double difference = 0;
-    const auto found = fusion->forward(street.view(), -1, false);
-    for (std::size_t i = 0; i < found.size(); ++i)
-      difference = std::max(difference, std::abs(found[i].logit - expected[i].logit));
-    return difference;
-  };
-  EXPECT_EQ(compare(), 0);
   const std::vector<TrainingSample> samples = {street.sample()};
-  for (int i = 0; i < 3; ++i) fusion->train_step(samples, 1e-3);
-  EXPECT_GT(compare(), 1e-3);
-  std::vector<double> weights;
-  double pixels = 0;
-  for (float d : gradient_of(*fusion, street, weights).image.data) pixels += std::abs(d);
-  EXPECT_GT(pixels, 1e-4);  // the picture has a say by now
+  for (const char* name : {"fusion", "painted", "late"}) {
+    DetectorOptions options{name, file, false, 1, 1};
+    options.start = true;
+    const auto joined = load_detector(options);
+    SensorView blind = street.view();
+    blind.image = nullptr;
+    double alone = 0, together = 0;
+    const auto without = joined->forward(blind, -1, false);
+    for (std::size_t i = 0; i < without.size(); ++i)
+      alone = std::max(alone, std::abs(without[i].logit - expected[i].logit));
+    EXPECT_LT(alone, 1e-5) << name;  // without a picture it is that detector
+    const auto with = joined->forward(street.view(), -1, false);
+    for (std::size_t i = 0; i < with.size(); ++i)
+      together = std::max(together, std::abs(with[i].logit - expected[i].logit));
+    EXPECT_GT(together, 1e-3) << name;  // nothing is silenced
+    EXPECT_TRUE(std::isfinite(joined->train_step(samples, 1e-3).total)) << name;
+  }
 
   // A new training starts the optimiser anew; going on does not.
-  options = {"lidar", file, false, 1, 1};
+  DetectorOptions options = {"lidar", file, false, 1, 1};
   const auto going_on = load_detector(options);
   options.start = true;
   const auto anew = load_detector(options);
@@ -301,9 +301,69 @@ TEST(Fusion, StartsFromALidarDetectorAsThatDetector) {
   EXPECT_NE(lidar->train_step(samples, 1e-3).total, anew->train_step(samples, 1e-3).total);
 
   // A lidar detector has no use for a fusion detector's weights.
-  fusion->save(file, false);
+  trained(street)->save(file, false);
   EXPECT_THROW(load_detector(options), InputError);
   std::filesystem::remove(file);
+}
+
+TEST(Fusion, BranchesThatAreTakenOverStayAsTheyAre) {
+  const Street street;
+  const std::string own = ::testing::TempDir() + "mirage_branch_" + std::to_string(getpid());
+  trained(street, "lidar")->save(own + ".lidar", false);
+  trained(street, "camera")->save(own + ".camera", false);
+  DetectorOptions options{"late", {}, true, 1, 1};
+  options.lidar = own + ".lidar";
+  options.camera = own + ".camera";
+  const auto late = load_detector(options);
+  const auto lidar = load_detector({"lidar", own + ".lidar", false, 1, 1});
+  TrainingSample sample = street.sample();
+  sample.picture_key = 7;  // the second step reads what the first kept
+  const std::vector<TrainingSample> samples = {sample};
+  for (int i = 0; i < 3; ++i) late->train_step(samples, 1e-2);
+  SensorView blind = street.view();
+  blind.image = nullptr;
+  const auto before = lidar->forward(blind, -1, false), after = late->forward(blind, -1, false);
+  ASSERT_EQ(before.size(), after.size());
+  for (std::size_t i = 0; i < before.size(); ++i) ASSERT_EQ(before[i].logit, after[i].logit);
+  options.camera = own + ".lidar";
+  EXPECT_THROW(load_detector(options), InputError);
+  for (const char* part : {".lidar", ".camera"}) std::filesystem::remove(own + part);
+}
+
+TEST(Fusion, TellsWhatItReadsAndFinds) {
+  const auto can = [](const char* name) { return fresh(name)->capabilities(); };
+  EXPECT_FALSE(can("lidar").reads_image);
+  EXPECT_TRUE(can("camera").finds_picture);
+  EXPECT_FALSE(can("camera").reads_points);
+  EXPECT_FALSE(can("camera").finds_bev);
+  for (const char* name : {"painted", "fusion", "late"}) {
+    EXPECT_TRUE(can(name).reads_image && can(name).reads_points && can(name).finds_bev) << name;
+    EXPECT_FALSE(can(name).finds_picture) << name;
+  }
+}
+
+TEST(Fusion, TheCameraDetectorFindsItsCarInThePicture) {
+  Street street;
+  for (float& value : street.image.data) value *= 0.3f;
+  for (int v = 30; v < 60; ++v)
+    for (int u = 100; u < 160; ++u)
+      for (int c = 0; c < 3; ++c) street.image.at(u, v, c) = 0.9f;
+  TrainingSample sample = street.sample();
+  sample.picture_boxes = {{100, 30, 160, 60}};
+  const std::vector<TrainingSample> samples = {sample};
+  const auto detector = fresh("camera");
+  double first = 0, last = 0;
+  for (int i = 0; i < 40; ++i) (i == 0 ? first : last) = detector->train_step(samples, 3e-3).total;
+  EXPECT_LT(last, first / 2);
+  const auto found = suppress(detector->forward(street.view(), 0.02, true), Plane::picture);
+  ASSERT_FALSE(found.empty());
+  EXPECT_GT(iou(found[0].picture, sample.picture_boxes[0]), 0.5);
+  const auto all = detector->forward(street.view(), -1, true);
+  const SensorGradient gradient = detector->backward(std::vector<double>(all.size(), 1));
+  double pixels = 0;
+  for (float d : gradient.image.data) pixels += std::abs(d);
+  EXPECT_GT(pixels, 1e-4);
+  for (const auto& d : gradient.points) EXPECT_EQ(d, (std::array<float, 4>{}));
 }
 
 TEST(Fusion, LearnsInBfloat16WithWeightsInFloat) {

@@ -1,27 +1,25 @@
 #include "fusion_detector.h"
 
-#include <ATen/autocast_mode.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <map>
 #include <optional>
-#include <sstream>
 #include <stdexcept>
 
 #include "../../for_each_sample.h"
 #include "augment.h"
 #include "base/files.h"
 #include "camera_loss.h"
+#include "painting.h"
 #include "region.h"
+#include "scopes.h"
+#include "weights.h"
 
 namespace mirage::fusion {
 namespace {
 
 using torch::Tensor;
 
-constexpr const char* kFormat = "mirage fusion detector 2";
 constexpr double kWeightDecay = 0.01, kLargestGradient = 5.0;
 constexpr double kFrozenBelow = 0.3;                   // of the peak rate: from there on norms are affine
 constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes of kept camera output
@@ -38,67 +36,6 @@ SensorTensors copy_input(const MirageSensorInput& input, bool with_image) {
     std::memcpy(tensors.points.data_ptr<float>(), input.points, sizeof(float) * tensors.points.numel());
   std::copy(std::begin(input.pixel_from_velo), std::end(input.pixel_from_velo), tensors.projection.begin());
   return tensors;
-}
-
-/// While one lives, and if asked: this thread's convolutions and linear layers run in bfloat16; everything
-/// else, and all weights, stay float.
-class Bfloat16 {
- public:
-  explicit Bfloat16(bool asked) : asked_(asked) {
-    if (!asked_) return;
-    at::autocast::set_autocast_cpu_dtype(at::kBFloat16);
-    at::autocast::set_cpu_enabled(true);
-  }
-  Bfloat16(const Bfloat16&) = delete;
-  Bfloat16& operator=(const Bfloat16&) = delete;
-  ~Bfloat16() {
-    if (!asked_) return;
-    at::autocast::clear_cache();  // its copies of the weights, which the optimiser is about to change
-    at::autocast::set_cpu_enabled(false);
-  }
-
- private:
-  bool asked_;
-};
-
-torch::Device best_device() {
-  return torch::cuda::is_available() ? torch::kCUDA : torch::kCPU;
-}
-
-torch::serialize::InputArchive open_weights(const std::string& file) {
-  torch::serialize::InputArchive archive;
-  c10::IValue value;
-  try {
-    archive.load_from(file, best_device());
-  } catch (const std::exception&) {
-    throw std::runtime_error("not a readable weights file; restore it, or train anew with mirage train");
-  }
-  if (!archive.try_read("format", value) || !value.isString() || value.toStringRef() != kFormat)
-    throw std::runtime_error("weights of another program or version; train anew with mirage train");
-  return archive;
-}
-
-Parts parts_of(torch::serialize::InputArchive& archive) {
-  // Older files name fewer of them, and have fewer.
-  const auto flag = [&](const char* key) {
-    c10::IValue value;
-    return archive.try_read(key, value) && value.toBool();
-  };
-  Parts parts{flag("with_image"), flag("denoising"), flag("depth_gate"), flag("camera")};
-  parts.lidar = !flag("without_lidar");
-  parts.painted = flag("painted");
-  parts.late = flag("late");
-  parts.norm = flag("channel_norm") ? Norm::channel : Norm::group;
-  return parts;
-}
-
-bool is_weights_file(const std::string& file) {
-  try {
-    open_weights(file);
-    return true;
-  } catch (const std::exception&) {
-    return false;
-  }
 }
 
 /// The options with the parts that the weights ask for.
@@ -130,70 +67,7 @@ Network make_network(const Options& options) {
   return network;
 }
 
-/// While it lives, the parameters take part in the graph.
-class ParameterGradients {
- public:
-  explicit ParameterGradients(std::vector<Tensor> parameters) : parameters_(std::move(parameters)) {
-    for (Tensor& parameter : parameters_) parameter.requires_grad_(true);
-  }
-  ParameterGradients(const ParameterGradients&) = delete;
-  ParameterGradients& operator=(const ParameterGradients&) = delete;
-  ~ParameterGradients() {
-    for (Tensor& parameter : parameters_) parameter.requires_grad_(false);
-  }
-
- private:
-  std::vector<Tensor> parameters_;
-};
-
-/// The file's network into those parts of `network` that it has. New channels of a layer's input stay as
-/// they are.
-void copy_network(const std::string& file, NetworkImpl& network) {
-  torch::serialize::InputArchive archive = open_weights(file), stored;
-  archive.read("network", stored);
-  Network read(parts_of(archive));
-  read->to(best_device());
-  std::map<std::string, std::vector<std::int64_t>> shapes;
-  for (const auto& item : read->named_parameters()) shapes[item.key()] = item.value().sizes().vec();
-  read->load(stored);
-  const torch::NoGradGuard guard;
-  auto parameters = network.named_parameters(), buffers = network.named_buffers();
-  for (const auto& item : read->named_parameters()) {
-    const Tensor& value = item.value();
-    if (value.sizes().vec() != shapes[item.key()])
-      throw std::runtime_error("weights of another network; train anew with mirage train");
-    if (!torch::isfinite(value).all().item<bool>())
-      throw std::runtime_error(
-          "weights that are not finite; restore the file, or train anew with mirage train");
-    Tensor& ours = parameters[item.key()];
-    if (value.dim() == 4 && ours.size(1) > value.size(1))
-      ours.narrow(1, 0, value.size(1)).copy_(value);
-    else
-      ours.copy_(value);
-  }
-  for (const auto& item : read->named_buffers()) buffers[item.key()].copy_(item.value());
-}
-
 }  // namespace
-
-std::string name_of(const Parts& parts) {
-  if (!parts.lidar) return "camera";
-  return parts.painted ? "painted" : parts.late ? "late" : parts.image ? "fusion" : "lidar";
-}
-
-Parts parts_named(const std::string& name) {
-  Parts parts;
-  parts.norm = Norm::channel;
-  parts.image = name == "fusion";
-  parts.camera = name != "lidar";
-  parts.lidar = name != "camera";
-  parts.painted = name == "painted";
-  parts.late = name == "late";
-  if (name_of(parts) != name)
-    throw std::runtime_error("modality: unknown value '" + name +
-                             "'; use lidar, camera, painted, fusion or late");
-  return parts;
-}
 
 FusionDetector::FusionDetector(const Options& options, Network network)
     : options_(options), network_(std::move(network)) {
@@ -413,25 +287,30 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
 }
 
 MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& input) {
-  if (!options_.parts.image) throw std::runtime_error("this detector has no image features; use fusion");
+  if ((capabilities() & MIRAGE_READS_IMAGE) == 0)
+    throw std::runtime_error("this detector has no image features; use one with a camera");
   at::set_num_threads(1);
   const torch::NoGradGuard guard;
-  const SensorTensors tensors = copy_input(input, true);
+  SensorTensors tensors = copy_input(input, true);
   if (!tensors.image.defined()) throw std::runtime_error("the input has no image; give one");
-  const ReadFeatures found = network_->read_image(tensors);
+  tensors.camera = network_->see(tensors);
+  Tensor map =
+      options_.parts.camera ? tensors.camera.features : network_->image(tensors.image.to(best_device()));
   const Grid& grid = kGrids[0];
-  kept_bev_ = torch::zeros({grid.rows * grid.columns});
-  if (found.read.defined()) {
-    const std::vector<std::int64_t>& cells = found.nearest[0].cells;  // the first rows are this scale's
-    const auto count = static_cast<std::int64_t>(cells.size());
-    kept_bev_.index_copy_(0, torch::tensor(cells),
-                          found.read.narrow(0, 0, count).norm(2, 1).to(torch::kFloat));
+  kept_bev_ = torch::zeros({grid.rows, grid.columns});
+  if (options_.parts.image) {
+    const ReadFeatures found = network_->read_image(tensors);
+    if (found.read.defined()) {
+      const std::vector<std::int64_t>& cells = found.nearest[0].cells;  // the first rows are this scale's
+      const auto count = static_cast<std::int64_t>(cells.size());
+      kept_bev_.view({-1}).index_copy_(0, torch::tensor(cells),
+                                       found.read.narrow(0, 0, count).norm(2, 1).to(torch::kFloat));
+    }
+  } else if (options_.parts.painted) {
+    kept_bev_ = torch::avg_pool2d(painted_voxels(tensors).narrow(1, 0, 1), 2)[0][0];
   }
   // Of the grid's rows along x and columns along y: the interface has them the other way round.
-  kept_bev_ = kept_bev_.view({grid.rows, grid.columns}).t().contiguous();
-  const Tensor map = found.map.defined()     ? found.map
-                     : options_.parts.camera ? network_->see(tensors).features
-                                             : network_->image(tensors.image.to(best_device()));
+  kept_bev_ = kept_bev_.t().contiguous();
   kept_map_ = map.norm(2, 1).squeeze(0).to(torch::kCPU).to(torch::kFloat).contiguous();
   return {kept_map_.data_ptr<float>(),
           static_cast<std::int32_t>(kept_map_.size(1)),
@@ -444,18 +323,9 @@ MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& inpu
 }
 
 void FusionDetector::save(const std::string& file, bool with_optimiser) {
-  torch::serialize::OutputArchive archive;
-  archive.write("format", c10::IValue(std::string(kFormat)));
-  archive.write("with_image", c10::IValue(options_.parts.image));
-  archive.write("denoising", c10::IValue(options_.parts.denoising));
-  archive.write("depth_gate", c10::IValue(options_.parts.depth_gate));
-  archive.write("camera", c10::IValue(options_.parts.camera));
-  archive.write("without_lidar", c10::IValue(!options_.parts.lidar));
-  archive.write("painted", c10::IValue(options_.parts.painted));
-  archive.write("late", c10::IValue(options_.parts.late));
+  torch::serialize::OutputArchive archive = begin_weights(options_.parts);
   archive.write("camera_frozen", c10::IValue(camera_frozen_));
   archive.write("lidar_frozen", c10::IValue(lidar_frozen_));
-  archive.write("channel_norm", c10::IValue(options_.parts.norm == Norm::channel));
   torch::serialize::OutputArchive network;
   network_->save(network);
   archive.write("network", network);
@@ -468,10 +338,7 @@ void FusionDetector::save(const std::string& file, bool with_optimiser) {
     optimiser_->save(optimiser);
     archive.write("optimiser", optimiser);
   }
-  // Through memory: LibTorch's file writer aborts the process when its destructor meets a full disk.
-  std::ostringstream bytes;
-  archive.save_to(bytes);
-  write_file(file, bytes.str());
+  write_weights(archive, file);
 }
 
 void FusionDetector::load(const std::string& file) {

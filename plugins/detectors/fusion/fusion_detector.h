@@ -32,11 +32,6 @@ struct Options {
   int threads = 1;        ///< samples of a training step at once; a forward pass uses one
 };
 
-/// "lidar", "camera", "painted", "fusion" or "late".
-std::string name_of(const Parts& parts);
-/// Of a fresh network of that name; std::runtime_error if there is none.
-Parts parts_named(const std::string& name);
-
 /// Errors leave as std::exception; the C interface turns them into one line.
 class FusionDetector {
  public:

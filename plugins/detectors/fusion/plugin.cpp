@@ -4,6 +4,7 @@
 #include "../../c_interface.h"
 #include "fusion_detector.h"
 #include "region.h"
+#include "weights.h"
 
 namespace {
 
