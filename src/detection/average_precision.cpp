@@ -160,7 +160,7 @@ class DrawnPrecision {
       (hit ? hits : alarms) += drawn[cluster];
       curve_.push_back({static_cast<double>(hits) / boxes, static_cast<double>(hits) / (hits + alarms)});
     }
-    return area(curve_);
+    return area_under(curve_);
   }
 
  private:
