@@ -96,7 +96,9 @@ std::vector<Tensor> FusionDetector::learning() const {
   for (const auto& item : network_->named_parameters()) {
     const bool camera = item.key().starts_with("camera.");
     const bool join = item.key().starts_with("join.");
-    if (camera ? camera_learns() : join || lidar_learns()) parameters.push_back(item.value());
+    const bool trunk = camera && !item.key().starts_with("camera.mask_");
+    if (camera ? camera_learns() && !(trunk && trunk_frozen_) : join || lidar_learns())
+      parameters.push_back(item.value());
   }
   return parameters;
 }
@@ -326,6 +328,7 @@ void FusionDetector::save(const std::string& file, bool with_optimiser) {
   torch::serialize::OutputArchive archive = begin_weights(options_.parts);
   archive.write("camera_frozen", c10::IValue(camera_frozen_));
   archive.write("lidar_frozen", c10::IValue(lidar_frozen_));
+  archive.write("trunk_frozen", c10::IValue(trunk_frozen_));
   torch::serialize::OutputArchive network;
   network_->save(network);
   archive.write("network", network);
@@ -342,13 +345,17 @@ void FusionDetector::save(const std::string& file, bool with_optimiser) {
 }
 
 void FusionDetector::load(const std::string& file) {
-  if (options_.start && name_of(options_.parts) == "camera" && !is_weights_file(file))
-    return read_coco(*network_->camera, file);
+  if (options_.start && name_of(options_.parts) == "camera" && !is_weights_file(file)) {
+    read_coco(*network_->camera, file);
+    trunk_frozen_ = !options_.joint;
+    return;
+  }
   copy_network(file, *network_);
   torch::serialize::InputArchive archive = open_weights(file);
   c10::IValue value;
   camera_frozen_ = archive.try_read("camera_frozen", value) && value.toBool();
   lidar_frozen_ = archive.try_read("lidar_frozen", value) && value.toBool();
+  trunk_frozen_ = archive.try_read("trunk_frozen", value) && value.toBool() && !options_.joint;
   start_optimiser();
   if (options_.start) return;
   archive.read("with_optimiser", value);

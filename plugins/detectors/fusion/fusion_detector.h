@@ -26,7 +26,7 @@ struct Options {
   /// Weights of a `camera` and of a `lidar` detector that a new training takes over and leaves as they are:
   /// only what joins them learns. Empty: none.
   std::string camera, lidar;
-  bool joint = false;  ///< with those taken over too: the whole network learns, boxes in the picture beside
+  bool joint = false;  ///< what was taken over learns too, boxes in the picture beside
   std::uint64_t seed = 0;
   bool bfloat16 = false;  ///< convolutions of training passes in bfloat16
   int threads = 1;        ///< samples of a training step at once; a forward pass uses one
@@ -67,6 +67,9 @@ class FusionDetector {
   Options options_;
   Network network_{nullptr};
   bool camera_frozen_ = false, lidar_frozen_ = false;  ///< taken over, and left as they are
+  /// Of the camera network, which was started from COCO's weights, only the mask's layers learn: a thousand
+  /// generated pictures take more from what it knows of photographs than they give (README.md).
+  bool trunk_frozen_ = false;
   std::unique_ptr<torch::optim::AdamW> optimiser_;
   std::int64_t steps_ = 0, samples_seen_ = 0;
   /// Norms use the samples' statistics until the rate has fallen to a share of its peak (norm.h).

@@ -33,17 +33,17 @@ class Bfloat16 {
 /// While it lives, the parameters take part in the graph.
 class ParameterGradients {
  public:
-  explicit ParameterGradients(std::vector<Tensor> parameters) : parameters_(std::move(parameters)) {
-    for (Tensor& parameter : parameters_) parameter.requires_grad_(true);
+  explicit ParameterGradients(std::vector<torch::Tensor> parameters) : parameters_(std::move(parameters)) {
+    for (torch::Tensor& parameter : parameters_) parameter.requires_grad_(true);
   }
   ParameterGradients(const ParameterGradients&) = delete;
   ParameterGradients& operator=(const ParameterGradients&) = delete;
   ~ParameterGradients() {
-    for (Tensor& parameter : parameters_) parameter.requires_grad_(false);
+    for (torch::Tensor& parameter : parameters_) parameter.requires_grad_(false);
   }
 
  private:
-  std::vector<Tensor> parameters_;
+  std::vector<torch::Tensor> parameters_;
 };
 
 }  // namespace mirage::fusion
