@@ -71,6 +71,8 @@ Command train_command() {
                    "detector: weights of a camera detector that the new one starts from");
     app.add_option("--lidar", chosen->lidar,
                    "detector: weights of a lidar detector that the new one starts from");
+    app.add_flag("--joint", chosen->joint,
+                 "detector: what --camera, --lidar and COCO's weights gave learns too; else it stays as it is");
     app.add_flag("--bfloat16", chosen->bfloat16,
                  "detector: convolutions in bfloat16; quicker where the processor has it, slower elsewhere");
     app.add_option("--without-picture", chosen->augmentation.without_picture,

@@ -16,6 +16,9 @@ struct TrainingOptions {
   /// Weights of a camera and of a lidar detector that the branches of the new one start from; may be empty.
   std::filesystem::path camera = {}, lidar = {};
   std::string detector = "fusion";
+  /// The whole network learns: branches that were taken over (`camera`, `lidar`), and the trunk of a camera
+  /// network that was started from COCO's weights; boxes in the picture are a task beside.
+  bool joint = false;
   std::int64_t steps = 4000;
   int batch = 2;
   double learning_rate = 2e-3;  ///< peak of the one-cycle schedule
