@@ -368,15 +368,17 @@ TEST(Fusion, TheCameraDetectorFindsItsCarInThePicture) {
 
 TEST(Fusion, LearnsInBfloat16WithWeightsInFloat) {
   const Street street;
-  DetectorOptions options{"fusion", {}, true, 1, 1};
-  const auto exact = load_detector(options);
-  options.bfloat16 = true;
-  const auto rounded = load_detector(options);
-  const std::vector<TrainingSample> samples = {street.sample()};
-  for (int i = 0; i < 3; ++i) {
-    const double a = exact->train_step(samples, 1e-3).total, b = rounded->train_step(samples, 1e-3).total;
-    EXPECT_NEAR(a, b, 0.05 * a) << i;
-    EXPECT_NE(a, b);
+  for (const char* name : {"lidar", "camera", "painted", "fusion", "late"}) {
+    DetectorOptions options{name, {}, true, 1, 1};
+    const auto exact = load_detector(options);
+    options.bfloat16 = true;
+    const auto rounded = load_detector(options);
+    const std::vector<TrainingSample> samples = {street.sample()};
+    for (int i = 0; i < 3; ++i) {
+      const double a = exact->train_step(samples, 1e-3).total, b = rounded->train_step(samples, 1e-3).total;
+      EXPECT_NEAR(a, b, 0.05 * a) << name << ' ' << i;
+      EXPECT_NE(a, b) << name;
+    }
   }
 }
 

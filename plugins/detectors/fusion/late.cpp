@@ -100,6 +100,8 @@ LateJoinImpl::LateJoinImpl() {
 }
 
 Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
+  // In float even where convolutions run in bfloat16: rows of 36 gain nothing from it.
+  const c10::impl::ExcludeDispatchKeyGuard in_float(c10::DispatchKey::AutocastCPU);
   const Tensor logits = output.select(0, kLogit).reshape({-1});
   const std::vector<std::int64_t> proposals = highest(logits, kLeastProposal, kMostProposals);
   if (proposals.empty() || !input.camera.defined()) return output;
