@@ -114,7 +114,8 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
   const std::int64_t cells = values.size(1);
 
   // One row a pair; a proposal's last row pairs it with nothing where it has no other.
-  std::vector<std::int64_t> of_proposal, of_box;
+  std::vector<std::int64_t> of_proposal, of_box, place;  // place: among its proposal's pairs
+  std::int64_t most = 1;
   std::vector<float> fixed;  // IoU, distance, "there is a box"
   for (std::size_t k = 0; k < proposals.size(); ++k) {
     std::array<float, 6> coded{};
@@ -122,18 +123,20 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
     const MirageBox box = decode_box(proposals[k], coded);
     const auto distance = static_cast<float>(std::hypot(box.x, box.y) / kDistanceUnit);
     const auto seen = in_picture(box, ground_at(box, flat), input.projection, width, height);
-    bool paired = false;
+    std::int64_t pairs = 0;
     for (std::size_t b = 0; seen && b < boxes.size(); ++b) {
       const double overlap = iou(*seen, rectangles.data_ptr<float>() + 4 * boxes[b], width, height);
       if (overlap < kLeastIou) continue;
       of_proposal.push_back(static_cast<std::int64_t>(k));
       of_box.push_back(boxes[b]);
+      place.push_back(pairs++);
       fixed.insert(fixed.end(), {static_cast<float>(overlap), distance, 1});
-      paired = true;
     }
-    if (paired) continue;
+    most = std::max(most, pairs);
+    if (pairs > 0) continue;
     of_proposal.push_back(static_cast<std::int64_t>(k));
     of_box.push_back(0);
+    place.push_back(0);
     fixed.insert(fixed.end(), {-1, distance, 0});
   }
   const auto type = output.options();
@@ -147,7 +150,8 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
       torch::stack({given.select(1, 0), theirs / kLogitUnit, ours / kLogitUnit, given.select(1, 1)}, 1);
   const Tensor scored = last(torch::relu(third(torch::relu(second(torch::relu(first(rows))))))).select(1, 0);
   const auto count = static_cast<std::int64_t>(proposals.size());
-  const Tensor joined = torch::full({count}, -1e9, type).scatter_reduce(0, pair, scored, "amax", false);
+  const Tensor table = torch::full({count, most}, -1e9, type).index_put({pair, torch::tensor(place)}, scored);
+  const Tensor joined = table.amax(1);
   const Tensor changed = logits.index_copy(0, cell, joined).view_as(output.select(0, kLogit)).unsqueeze(0);
   return torch::cat({changed, output.narrow(0, kDx, kOutputs - 1)});
 }
