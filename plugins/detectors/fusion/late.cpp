@@ -41,17 +41,38 @@ std::vector<std::int64_t> highest(const Tensor& logits, float least, std::size_t
   return places;
 }
 
-/// Height of the ground around a box: its lowest return nearby.
-double ground_at(const MirageBox& box, std::span<const float> points) {
-  const double reach = std::hypot(box.length, box.width) / 2 + kNearby;
-  double lowest = 1e9;
-  for (std::size_t i = 0; i + 3 < points.size(); i += 4) {
-    const float* p = &points[i];
-    if (std::abs(p[0] - box.x) < reach && std::abs(p[1] - box.y) < reach && p[2] > kZMin)
-      lowest = std::min(lowest, static_cast<double>(p[2]));
+/// The lowest return of each square metre of the region.
+class LowestReturns {
+ public:
+  explicit LowestReturns(std::span<const float> points) {
+    lowest_.fill(kNone);
+    for (std::size_t i = 0; i + 3 < points.size(); i += 4) {
+      const double x = points[i] - kXMin, y = points[i + 1] - kYMin;
+      if (!(x >= 0 && x < kRows && y >= 0 && y < kColumns && points[i + 2] > kZMin)) continue;
+      float& lowest = lowest_[static_cast<std::size_t>(x) * kColumns + static_cast<std::size_t>(y)];
+      lowest = std::min(lowest, points[i + 2]);
+    }
   }
-  return lowest < kZMin + 3 ? lowest : kGround;
-}
+  /// Height of the ground around a box, by the lowest return nearby.
+  double ground(const MirageBox& box) const {
+    const double reach = std::hypot(box.length, box.width) / 2 + kNearby;
+    const auto bound = [](double at, int size) {
+      return std::clamp(static_cast<int>(std::floor(at)), 0, size - 1);
+    };
+    float lowest = kNone;
+    for (int row = bound(box.x - reach - kXMin, kRows); row <= bound(box.x + reach - kXMin, kRows); ++row)
+      for (int column = bound(box.y - reach - kYMin, kColumns);
+           column <= bound(box.y + reach - kYMin, kColumns); ++column)
+        lowest = std::min(
+            lowest, lowest_[static_cast<std::size_t>(row) * kColumns + static_cast<std::size_t>(column)]);
+    return lowest < kZMax ? lowest : kGround;
+  }
+
+ private:
+  static constexpr int kRows = static_cast<int>(kXMax - kXMin), kColumns = static_cast<int>(kYMax - kYMin);
+  static constexpr float kNone = 1e9f;
+  std::array<float, std::size_t{kRows} * kColumns> lowest_;
+};
 
 struct Rectangle {
   double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
@@ -109,7 +130,7 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
   const std::vector<std::int64_t> boxes = highest(input.camera.logits, kLeastBox, kMostBoxes);
   const Tensor rectangles = input.camera.boxes.detach().to(torch::kFloat).contiguous();
   const Tensor points = input.points.detach().to(torch::kFloat).contiguous();
-  const std::span<const float> flat(points.data_ptr<float>(), static_cast<std::size_t>(points.numel()));
+  const LowestReturns returns({points.data_ptr<float>(), static_cast<std::size_t>(points.numel())});
   const Tensor values = output.detach().to(torch::kFloat).reshape({kOutputs, -1}).contiguous();
   const std::int64_t cells = values.size(1);
 
@@ -122,7 +143,7 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
     for (int c = 0; c < 6; ++c) coded[c] = values.data_ptr<float>()[(kDx + c) * cells + proposals[k]];
     const MirageBox box = decode_box(proposals[k], coded);
     const auto distance = static_cast<float>(std::hypot(box.x, box.y) / kDistanceUnit);
-    const auto seen = in_picture(box, ground_at(box, flat), input.projection, width, height);
+    const auto seen = in_picture(box, returns.ground(box), input.projection, width, height);
     std::int64_t pairs = 0;
     for (std::size_t b = 0; seen && b < boxes.size(); ++b) {
       const double overlap = iou(*seen, rectangles.data_ptr<float>() + 4 * boxes[b], width, height);
