@@ -149,7 +149,7 @@ CameraNetImpl::CameraNetImpl() {
     if (parameter.dim() == 4) parameter.set_data(parameter.contiguous(torch::MemoryFormat::ChannelsLast));
 }
 
-CameraOutput CameraNetImpl::forward(const Tensor& picture) {
+CameraOutput CameraNetImpl::forward(const Tensor& picture, bool with_boxes) {
   const Tensor input = network_picture(picture);
   const Tensor x4 = group4(down4(stem(focus(input))));
   const Tensor x8 = group8(down8(x4));
@@ -161,12 +161,12 @@ CameraOutput CameraNetImpl::forward(const Tensor& picture) {
   const Tensor l16 = lateral16(x32);
   const Tensor l8 = lateral8(top16(torch::cat({twice(l16), x16}, 1)));
   const Tensor p8 = top8(torch::cat({twice(l8), x8}, 1));
-  const Tensor p16 = bottom16(torch::cat({up16(p8), l8}, 1));
-  const Tensor p32 = bottom32(torch::cat({up32(p16), l16}, 1));
-
   CameraOutput output;
   output.features = p8.to(picture.scalar_type());
   output.mask = mask_out(mask_join(mask_fine(x4) + twice(mask_coarse(p8)))).to(picture.scalar_type());
+  if (!with_boxes) return output;
+  const Tensor p16 = bottom16(torch::cat({up16(p8), l8}, 1));
+  const Tensor p32 = bottom32(torch::cat({up32(p16), l16}, 1));
   std::vector<Tensor> rows;
   const std::array<Tensor, 3> scales = {p8, p16, p32};
   for (std::size_t level = 0; level < scales.size(); ++level)

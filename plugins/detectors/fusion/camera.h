@@ -61,7 +61,7 @@ struct CameraOutput {
   torch::Tensor features;  ///< 1 × 64 × ⌈H/8⌉ × ⌈W/8⌉ (up to the next multiple of 32 pixels)
   torch::Tensor mask;      ///< 1 × 1 at stride 4: logit of "shows a vehicle"
   torch::Tensor boxes;     ///< N × 4: left, top, right, bottom, pixels (centre of the first pixel at 0, 0)
-  torch::Tensor logits;    ///< N: score = sigmoid = objectness × class probability
+  torch::Tensor logits;    ///< N: score = sigmoid = objectness × class probability (boxes, logits: if asked)
   bool defined() const { return mask.defined(); }
 };
 
@@ -74,8 +74,9 @@ std::vector<Place> places_of(std::int64_t height, std::int64_t width);
 
 struct CameraNetImpl : torch::nn::Module {
   CameraNetImpl();
-  /// picture: H × W × 3, scene-linear RGB. Differentiable in it.
-  CameraOutput forward(const torch::Tensor& picture);
+  /// picture: H × W × 3, scene-linear RGB. Differentiable in it. Without `with_boxes` features and mask alone,
+  /// which need neither the bottom-up path nor the heads.
+  CameraOutput forward(const torch::Tensor& picture, bool with_boxes = true);
 
   ConvSilu stem{nullptr};
   Depthwise down4{nullptr}, down8{nullptr}, down16{nullptr}, down32{nullptr};

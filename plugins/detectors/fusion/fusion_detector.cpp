@@ -224,7 +224,7 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
   } else {
     input = augment(input, options_.seed, index, true);
   }
-  if (camera_learns()) input.camera = network_->see(input);
+  if (camera_learns()) input.camera = network_->see(input, true);  // boxes are a task
   LossTerms terms{torch::zeros({}), 0, 0};
   if (options_.parts.lidar)
     terms = detection_loss(network_->forward(input).to(torch::kFloat), targets, positives, boxed);

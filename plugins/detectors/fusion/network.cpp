@@ -246,10 +246,10 @@ std::array<Tensor, kGrids.size()> NetworkImpl::fused(const SensorTensors& input)
   return added;
 }
 
-CameraOutput NetworkImpl::see(const SensorTensors& input) {
+CameraOutput NetworkImpl::see(const SensorTensors& input, bool with_boxes) {
   if (input.camera.defined()) return input.camera;
   if (camera.is_empty() || !input.image.defined() || input.image.numel() == 0) return {};
-  return camera(input.image);
+  return camera(input.image, with_boxes || parts.late || !parts.lidar);
 }
 
 Tensor NetworkImpl::forward(const SensorTensors& given) {

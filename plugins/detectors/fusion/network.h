@@ -117,8 +117,9 @@ struct NetworkImpl : torch::nn::Module {
   /// kOutputs × 140 × 160, on the CPU. Needs the backbone. Without a picture every join leaves the backbone's
   /// proposals as they are.
   torch::Tensor forward(const SensorTensors& input);
-  /// Of input.image; undefined without a picture or without the network.
-  CameraOutput see(const SensorTensors& input);
+  /// Of input.image; undefined without a picture or without the network. Boxes where asked for, or where the
+  /// network joins them.
+  CameraOutput see(const SensorTensors& input, bool with_boxes = false);
   /// Undefined tensors where no point of the sweep is in the picture.
   ReadFeatures read_image(const SensorTensors& input);
   /// What the picture adds to each scale of the backbone; undefined where it adds nothing.
