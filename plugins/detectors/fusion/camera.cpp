@@ -173,9 +173,10 @@ CameraOutput CameraNetImpl::forward(const Tensor& picture, bool with_boxes) {
     rows.push_back(heads[level](scales[level]).flatten(2).squeeze(0).t());
   const Tensor all = torch::cat(rows).to(picture.scalar_type());
   const std::vector<Place> places = places_of(picture.size(0), picture.size(1));
+  // A copy: the graph keeps it for the backward pass, when `places` is gone.
   const Tensor at =
       torch::from_blob(const_cast<Place*>(places.data()), {static_cast<std::int64_t>(places.size()), 3})
-          .to(all.options());
+          .to(all.options(), false, true);
   const Tensor stride = at.narrow(1, 2, 1);
   // YOLOX counts from a place's upper left corner and from the picture's edge.
   const Tensor centre = at.narrow(1, 0, 2) + (all.narrow(1, 0, 2) - 0.5) * stride;

@@ -208,8 +208,9 @@ TEST(CameraNet, TakesOverANetworkOfItsShape) {
   read_coco(*into, file.string());
   auto ours = into->named_parameters();
   for (const auto& item : from->named_parameters())
-    if (item.value().dim() == 4)  // biases may be born alike
+    if (item.value().dim() == 4) {  // biases may be born alike
       EXPECT_EQ(torch::equal(ours[item.key()], item.value()), !item.key().starts_with("mask_")) << item.key();
+    }
   std::filesystem::remove(file);
 }
 
