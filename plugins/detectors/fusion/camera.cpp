@@ -59,6 +59,10 @@ ConvSiluImpl::ConvSiluImpl(int in, int out, int kernel, int stride, int groups) 
   conv = register_module(
       "conv",
       nn::Conv2d(nn::Conv2dOptions(in, out, kernel).stride(stride).padding((kernel - 1) / 2).groups(groups)));
+  // No norm holds the signal up: without this it dies on its way through sixty fresh layers.
+  nn::init::kaiming_normal_(conv->weight, 0, torch::kFanIn, torch::kReLU);
+  const torch::NoGradGuard guard;
+  nn::init::zeros_(conv->bias);
 }
 
 Tensor ConvSiluImpl::forward(const Tensor& x) {
