@@ -149,6 +149,7 @@ CameraNetImpl::CameraNetImpl() {
   mask_out = register_module("mask_out", plain_conv(16, 1));
   const torch::NoGradGuard guard;
   mask_out->bias.fill_(-3);
+  stem->conv->weight.mul_(1 / kPaddingGrey);  // pictures come as 0 to 255
   for (Tensor& parameter : parameters())
     if (parameter.dim() == 4) parameter.set_data(parameter.contiguous(torch::MemoryFormat::ChannelsLast));
 }
