@@ -59,6 +59,10 @@ ConvSiluImpl::ConvSiluImpl(int in, int out, int kernel, int stride, int groups) 
   conv = register_module(
       "conv",
       nn::Conv2d(nn::Conv2dOptions(in, out, kernel).stride(stride).padding((kernel - 1) / 2).groups(groups)));
+  // No norm holds the signal up: without this it dies on its way through sixty fresh layers.
+  nn::init::kaiming_normal_(conv->weight, 0, torch::kFanIn, torch::kReLU);
+  const torch::NoGradGuard guard;
+  nn::init::zeros_(conv->bias);
 }
 
 Tensor ConvSiluImpl::forward(const Tensor& x) {
@@ -145,6 +149,7 @@ CameraNetImpl::CameraNetImpl() {
   mask_out = register_module("mask_out", plain_conv(16, 1));
   const torch::NoGradGuard guard;
   mask_out->bias.fill_(-3);
+  stem->conv->weight.mul_(1 / kPaddingGrey);  // pictures come as 0 to 255
   for (Tensor& parameter : parameters())
     if (parameter.dim() == 4) parameter.set_data(parameter.contiguous(torch::MemoryFormat::ChannelsLast));
 }
@@ -173,9 +178,10 @@ CameraOutput CameraNetImpl::forward(const Tensor& picture, bool with_boxes) {
     rows.push_back(heads[level](scales[level]).flatten(2).squeeze(0).t());
   const Tensor all = torch::cat(rows).to(picture.scalar_type());
   const std::vector<Place> places = places_of(picture.size(0), picture.size(1));
+  // A copy: the graph keeps it for the backward pass, when `places` is gone.
   const Tensor at =
       torch::from_blob(const_cast<Place*>(places.data()), {static_cast<std::int64_t>(places.size()), 3})
-          .to(all.options());
+          .to(all.options(), false, true);
   const Tensor stride = at.narrow(1, 2, 1);
   // YOLOX counts from a place's upper left corner and from the picture's edge.
   const Tensor centre = at.narrow(1, 0, 2) + (all.narrow(1, 0, 2) - 0.5) * stride;

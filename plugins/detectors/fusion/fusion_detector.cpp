@@ -277,7 +277,8 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
     for (std::size_t k = 0; k < parameters.size(); ++k)
       if (result.gradients[k].defined()) parameters[k].mutable_grad().add_(result.gradients[k]);
   }
-  for (const auto& seen : statistics) follow(seen);
+  for (std::size_t i = 0; i < statistics.size(); ++i)
+    follow(statistics[i], samples_seen_ - static_cast<std::int64_t>(samples.size() - i) + 1);
   if (!std::isfinite(loss[0]))
     throw std::runtime_error("the training loss is not finite; lower the learning rate");
   torch::nn::utils::clip_grad_norm_(parameters, kLargestGradient);

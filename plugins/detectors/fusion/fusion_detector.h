@@ -67,8 +67,8 @@ class FusionDetector {
   Options options_;
   Network network_{nullptr};
   bool camera_frozen_ = false, lidar_frozen_ = false;  ///< taken over, and left as they are
-  /// Of the camera network, which was started from COCO's weights, only the mask's layers learn: a thousand
-  /// generated pictures take more from what it knows of photographs than they give (README.md).
+  /// Of the camera network, which was started from COCO's weights, only the mask's layers learn: what it knows
+  /// of photographs is not given up for a few hundred generated pictures.
   bool trunk_frozen_ = false;
   std::unique_ptr<torch::optim::AdamW> optimiser_;
   std::int64_t steps_ = 0, samples_seen_ = 0;

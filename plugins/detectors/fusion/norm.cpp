@@ -1,5 +1,7 @@
 #include "norm.h"
 
+#include <algorithm>
+
 namespace mirage::fusion {
 namespace {
 
@@ -45,11 +47,12 @@ Tensor normalise(ChannelNormImpl& norm, const Tensor& x, SampleStatistics& stati
   return y;
 }
 
-void follow(const std::vector<SampleStatistics::Seen>& seen) {
+void follow(const std::vector<SampleStatistics::Seen>& seen, std::int64_t samples) {
   const torch::NoGradGuard guard;
+  const double share = std::max(kMomentum, 1 / static_cast<double>(std::max<std::int64_t>(1, samples)));
   for (const auto& [norm, mean, variance] : seen) {
-    norm->mean.lerp_(mean, kMomentum);
-    norm->variance.lerp_(variance, kMomentum);
+    norm->mean.lerp_(mean, share);
+    norm->variance.lerp_(variance, share);
   }
 }
 

@@ -44,7 +44,8 @@ class SampleStatistics {
 
 /// The layer in training, with the sample's statistics.
 torch::Tensor normalise(ChannelNormImpl& norm, const torch::Tensor& x, SampleStatistics& statistics);
-/// Moves the running means towards what a sample showed.
-void follow(const std::vector<SampleStatistics::Seen>& seen);
+/// Moves the running means towards what a sample showed, the `samples`-th of the training: the plain mean of
+/// the first fifty, a mean that forgets from then on.
+void follow(const std::vector<SampleStatistics::Seen>& seen, std::int64_t samples);
 
 }  // namespace mirage::fusion

@@ -21,9 +21,6 @@ using torch::Tensor;
 CameraNet lively() {
   torch::manual_seed(21);
   CameraNet network;
-  const torch::NoGradGuard guard;
-  for (auto& item : network->named_parameters())
-    if (item.value().dim() == 4) item.value().mul_(1.5);
   network->to(torch::kDouble);
   return network;
 }
@@ -75,25 +72,6 @@ TEST(CameraNet, TakesPicturesOfAnySizeAndCountsItsPlaces) {
   EXPECT_FLOAT_EQ(places_of(64, 64).front().x, 3.5f);
 }
 
-TEST(CameraNet, AVoiceMovesByTheShiftOfAPlace) {
-  // Convolutions know no place: the picture one stride of 32 to the right gives the boxes there.
-  CameraNet network = lively();
-  const torch::NoGradGuard guard;
-  const Tensor picture = torch::full({96, 256, 3}, 0.4, torch::kDouble);
-  Tensor left = picture.clone(), right = picture.clone();
-  const Tensor thing = picture_of(24, 24);
-  left.narrow(0, 36, 24).narrow(1, 96, 24).copy_(thing);
-  right.narrow(0, 36, 24).narrow(1, 128, 24).copy_(thing);
-  const CameraOutput a = network(left), b = network(right);
-  const Tensor map_a = a.logits.narrow(0, 0, 12 * 32).view({12, 32}),
-               map_b = b.logits.narrow(0, 0, 12 * 32).view({12, 32});
-  const Tensor near_a = map_a.narrow(1, 11, 6), near_b = map_b.narrow(1, 15, 6);
-  EXPECT_LT((near_a - near_b).abs().max().item<double>(),
-            0.2 * (near_a - map_a[0][31]).abs().max().item<double>());
-  const Tensor boxes_a = a.boxes.narrow(0, 6 * 32 + 13, 1), boxes_b = b.boxes.narrow(0, 6 * 32 + 17, 1);
-  EXPECT_NEAR((boxes_b - boxes_a)[0][0].item<double>(), 32, 2);
-}
-
 TEST(CameraNet, TheProductsLogitNeverOverflows) {
   const Tensor a = tensor_of({-500, 500, 0, 2, -3}, {5}), b = tensor_of({500, 500, 0, -1, -4}, {5});
   const Tensor logit = logit_of_product(a, b);
@@ -140,38 +118,69 @@ TEST(CameraLoss, GradientOfTheOverlapMatchesDifferences) {
                   .item<bool>());
 }
 
-TEST(CameraLoss, TeachesWhatIsLabelledAndNothingOfWhatIsIgnored) {
+/// What a network might say of a picture of 64 × 96 before it knows anything.
+CameraOutput untaught() {
   torch::manual_seed(23);
-  CameraNet network;
-  Tensor picture = torch::full({64, 96, 3}, 0.3);
-  picture.narrow(0, 20, 24).narrow(1, 30, 40).fill_(0.9);
+  CameraOutput said;
+  std::vector<float> boxes;
+  for (const auto& [x, y, stride] : places_of(64, 96))
+    boxes.insert(boxes.end(), {x - stride, y - stride / 2, x + stride, y + stride / 2});
+  said.boxes = torch::tensor(boxes).view({-1, 4});
+  said.logits = torch::randn({said.boxes.size(0)}) - 4;
+  said.mask = torch::randn({1, 1, 16, 24});
+  return said;
+}
+
+TEST(CameraLoss, TeachesWhatIsLabelledAndNothingOfWhatIsIgnored) {
   const MiragePictureBox car{30, 20, 70, 44};
   std::vector<std::uint8_t> mask(64 * 96, 0);
   for (int v = 20; v < 44; ++v)
     for (int u = 30; u < 70; ++u) mask[static_cast<std::size_t>(v) * 96 + u] = 1;
-  torch::optim::Adam optimiser(network->parameters(), 3e-3);
+  CameraOutput said = untaught();
+  std::vector<Tensor> outputs = {said.boxes, said.logits, said.mask};
+  for (Tensor& output : outputs) output.requires_grad_(true);
+  torch::optim::Adam boxes({said.boxes}, 0.5), scores({said.logits, said.mask}, 0.1);
   double first = 0, last = 0;
-  for (int step = 0; step < 40; ++step) {
-    optimiser.zero_grad();
-    const LossTerms loss = picture_loss(network(picture), std::array{car}, {}, mask.data(), 64, 96);
+  for (int step = 0; step < 150; ++step) {
+    boxes.zero_grad(), scores.zero_grad();
+    const LossTerms loss = picture_loss(said, std::array{car}, {}, mask.data(), 64, 96);
     loss.total.backward();
-    optimiser.step();
+    boxes.step(), scores.step();
     (step == 0 ? first : last) = loss.total.item<double>();
   }
-  EXPECT_LT(last, 0.4 * first);
+  EXPECT_LT(last, 0.2 * first);
   const torch::NoGradGuard guard;
-  const CameraOutput seen = network(picture);
-  const std::int64_t best = seen.logits.argmax().item<std::int64_t>();
+  const std::int64_t best = said.logits.argmax().item<std::int64_t>();
   EXPECT_GT(
-      row_iou(seen.boxes.narrow(0, best, 1), torch::tensor({{30.f, 20.f, 70.f, 44.f}}))[0].item<float>(),
-      0.5);
-  EXPECT_GT(seen.mask[0][0][8][12].item<float>(), seen.mask[0][0][2][2].item<float>());
-  // The same thing under a region that is ignored costs nothing where it is.
-  const double silent = picture_loss(seen, {}, std::array{MiragePictureBox{0, 0, 96, 64}}, nullptr, 64, 96)
-                            .total.item<double>(),
-               spoken = picture_loss(seen, {}, {}, nullptr, 64, 96).total.item<double>();
-  EXPECT_LT(silent, 1e-6);
-  EXPECT_GT(spoken, 1);
+      row_iou(said.boxes.narrow(0, best, 1), torch::tensor({{30.f, 20.f, 70.f, 44.f}}))[0].item<float>(),
+      0.8);
+  EXPECT_GT(said.mask[0][0][8][12].item<float>(), 0);
+  EXPECT_LT(said.mask[0][0][2][2].item<float>(), 0);
+  // Under a region that is ignored nothing costs anything; without it, what is said there does.
+  const auto cost = [&](std::span<const MiragePictureBox> ignored) {
+    return picture_loss(said, {}, ignored, nullptr, 64, 96).total.item<double>();
+  };
+  EXPECT_LT(cost(std::array{MiragePictureBox{0, 0, 96, 64}}), 1e-6);
+  EXPECT_GT(cost({}), 0.5);
+}
+
+TEST(CameraLoss, GradientMatchesDifferences) {
+  const MiragePictureBox car{30, 20, 70, 44};
+  const CameraOutput said = untaught();
+  std::vector<std::uint8_t> mask(64 * 96, 0);
+  std::fill_n(mask.begin(), 96 * 20, std::uint8_t{1});
+  const auto loss = [&](const Tensor& boxes, const Tensor& logits, const Tensor& seen) {
+    CameraOutput now;
+    // The match is made of floats, as in training; the loss is in double here.
+    now.boxes = boxes.to(torch::kFloat), now.logits = logits.to(torch::kFloat);
+    now.mask = seen.to(torch::kFloat);
+    return picture_loss(now, std::array{car}, {}, mask.data(), 64, 96).total.to(torch::kDouble);
+  };
+  // The target of a score is the IoU that its box reaches, a constant: boxes are not checked through it.
+  const auto wide = [](const Tensor& x) { return x.to(torch::kDouble); };
+  check(
+      wide(said.logits), [&](const Tensor& x) { return loss(said.boxes, x, said.mask); }, 1e-2, 2e-2,
+      [](std::size_t i) { return i % 17 == 0; });
 }
 
 TEST(CameraNet, RefusesFilesThatAreNotItsNetwork) {
@@ -211,7 +220,9 @@ TEST(CameraNet, TakesOverANetworkOfItsShape) {
   read_coco(*into, file.string());
   auto ours = into->named_parameters();
   for (const auto& item : from->named_parameters())
-    EXPECT_EQ(torch::equal(ours[item.key()], item.value()), !item.key().starts_with("mask_")) << item.key();
+    if (item.value().dim() == 4) {  // biases may be born alike
+      EXPECT_EQ(torch::equal(ours[item.key()], item.value()), !item.key().starts_with("mask_")) << item.key();
+    }
   std::filesystem::remove(file);
 }
 

@@ -199,7 +199,7 @@ TEST(ChannelNorm, FrozenItIsTheFoldedConvolutionOfItsRunningMean) {
     SampleStatistics statistics;
     own = layer(x);
     ASSERT_EQ(statistics.seen.size(), 1u);
-    for (int i = 0; i < 2000; ++i) follow(statistics.seen);  // the mean arrives where the sample is
+    follow(statistics.seen, 1);  // the first sample is the mean
   }
   EXPECT_LT((layer(x) - own).abs().max().item<double>(), 1e-9);
   const Tensor y = layer->conv(x);
