@@ -39,12 +39,12 @@ CompactFrame sample(const LidarModel& lidar) {
   return frame;
 }
 
-/// Returns of the thing itself, and of everything but the two.
+/// Returns of the thing itself: 0.2 m over the road and more.
 std::size_t on(const BevBox& box, const CompactFrame& frame) {
   std::size_t count = 0;
   for (const LidarPoint& p : frame.points) {
     const Vec3d at = p.position().cast<double>();
-    count += p.z > -1.5f && contains({box, -2, 3}, at, 0.1);
+    count += p.z > -1.53f && contains({box, -2, 3}, at, 0.1);
   }
   return count;
 }

@@ -47,6 +47,11 @@ class Planted : public Detector {
  public:
   explicit Planted(Eyes eyes, std::string name = "planted") : eyes_(eyes), name_(std::move(name)) {}
   std::string name() const override { return name_; }
+  Capabilities capabilities() const override {
+    Capabilities can;
+    can.reads_image = name_ != "lidar";
+    return can;
+  }
   std::array<double, 4> region() const override { return {0, 60, -25, 25}; }
   std::vector<Proposal> forward(const SensorView& input, double, bool) override {
     ++passes;
