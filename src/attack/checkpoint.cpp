@@ -66,14 +66,17 @@ AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::j
   AttackState state;
   try {
     const auto& saved = json.at("identity");
-    const auto compare = [&](const nlohmann::json& all) {  // a key that only one of them has differs as well
-      for (const auto& [key, value] : all.items())
-        if (saved.value(key, nlohmann::json()) != identity.value(key, nlohmann::json()))
-          throw InputError(file.string(), key, "the folder holds a run with another value",
-                           "use another --out folder or the run's own settings");
+    const auto compare = [&](const std::string& key) {
+      if (saved.value(key, nlohmann::json()) != identity.value(key, nlohmann::json()))
+        throw InputError(file.string(), key, "the folder holds a run with another value",
+                         "use another --out folder or the run's own settings");
     };
-    compare(identity);
-    compare(saved);
+    const std::string hosts =
+        "train";  // follows from the settings, so the setting is named where one differs
+    for (const nlohmann::json* all : {&identity, &saved})  // a key that only one of them has differs as well
+      for (const auto& [key, value] : all->items())
+        if (key != hosts) compare(key);
+    compare(hosts);
     state.iteration = json.at("iteration");
     Vec3d half;
     for (int c = 0; c < 3; ++c) half[c] = identity.at("limits").at(static_cast<std::size_t>(c));
