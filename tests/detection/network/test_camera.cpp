@@ -48,6 +48,23 @@ TEST(CameraNet, GradientOfEveryOutputMatchesDifferences) {
   }
 }
 
+TEST(CameraNet, TheGradientOfTheBoxesIsTheSameInFloat) {
+  // In float nothing is copied on its way into the graph by chance: what it keeps must outlive the forward
+  // pass.
+  const Tensor picture = picture_of(36, 70);
+  const auto gradient = [&](torch::ScalarType type) {
+    CameraNet network = lively();
+    network->to(type);
+    const Tensor x = picture.to(type).clone().requires_grad_(true);
+    const Tensor boxes = network(x).boxes;
+    const Tensor churn = torch::full({1 << 16}, 1e9f);  // the heap's freed memory is written over
+    const Tensor weights = torch::cos(torch::arange(boxes.numel(), type)).view(boxes.sizes());
+    return torch::autograd::grad({(boxes * weights).sum()}, {x})[0].to(torch::kDouble);
+  };
+  const Tensor exact = gradient(torch::kDouble);
+  EXPECT_LT((gradient(torch::kFloat) - exact).norm().item<double>(), 1e-2 * exact.norm().item<double>());
+}
+
 TEST(CameraNet, DarkAndSaturatedPicturesGiveFiniteGradients) {
   CameraNet network = lively();
   for (const double value : {0.0, 0.0031308, 1.0}) {
