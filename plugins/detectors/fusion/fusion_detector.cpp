@@ -106,14 +106,14 @@ std::vector<Tensor> FusionDetector::learning() const {
 std::uint32_t FusionDetector::capabilities() const {
   const Parts& parts = options_.parts;
   std::uint32_t flags = parts.lidar ? MIRAGE_READS_POINTS | MIRAGE_FINDS_BEV : MIRAGE_FINDS_PICTURE;
-  if (parts.camera || parts.image) flags |= MIRAGE_READS_IMAGE;
+  if (reads_image()) flags |= MIRAGE_READS_IMAGE;
   return flags;
 }
 
 const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInput& input,
                                                            float score_threshold, bool keep_graph) {
   kept_logits_ = Tensor();
-  kept_input_ = copy_input(input, (capabilities() & MIRAGE_READS_IMAGE) != 0);
+  kept_input_ = copy_input(input, reads_image());
   kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
   at::set_num_threads(1);
   torch::AutoGradMode mode(keep_graph);
@@ -214,9 +214,8 @@ CameraOutput FusionDetector::remembered(const SensorTensors& input, std::uint64_
 
 LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& targets, std::uint64_t index,
                                   double positives, double boxed) {
-  const bool reads_image = (capabilities() & MIRAGE_READS_IMAGE) != 0;
   const bool frozen_camera = options_.parts.camera && !camera_learns();
-  SensorTensors input = copy_input(sample.input, reads_image);
+  SensorTensors input = copy_input(sample.input, reads_image());
   const Bfloat16 rounded(options_.bfloat16);
   if (input.image.defined() && frozen_camera) {
     input.camera = remembered(input, sample.picture_key);  // of the picture as recorded
@@ -251,12 +250,12 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
     boxed += targets.back().boxed;
   }
   peak_rate_ = std::max<double>(peak_rate_, learning_rate);
-  statistics_frozen_ = learning_rate < kFrozenBelow * peak_rate_;
+  const bool norms_frozen = learning_rate < kFrozenBelow * peak_rate_;
   std::vector<SampleResult> results(samples.size());
   std::vector<std::vector<SampleStatistics::Seen>> statistics(samples.size());
   for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
     std::optional<SampleStatistics> own;
-    if (lidar_learns() && options_.parts.norm == Norm::channel && !statistics_frozen_) own.emplace();
+    if (lidar_learns() && options_.parts.norm == Norm::channel && !norms_frozen) own.emplace();
     const LossTerms terms =
         loss_of(samples[i], targets[i], static_cast<std::uint64_t>(samples_seen_) + i, positives, boxed);
     if (own) statistics[i] = own->seen;
@@ -290,8 +289,7 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
 }
 
 MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& input) {
-  if ((capabilities() & MIRAGE_READS_IMAGE) == 0)
-    throw std::runtime_error("this detector has no image features; use one with a camera");
+  if (!reads_image()) throw std::runtime_error("this detector has no image features; use one with a camera");
   at::set_num_threads(1);
   const torch::NoGradGuard guard;
   SensorTensors tensors = copy_input(input, true);

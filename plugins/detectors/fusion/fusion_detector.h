@@ -40,6 +40,7 @@ class FusionDetector {
   /// Another one on the same network, for another thread; of the two only one may be trained, alone.
   FusionDetector* shared() const { return new FusionDetector(options_, network_); }
   std::uint32_t capabilities() const;
+  bool reads_image() const { return options_.parts.camera || options_.parts.image; }
 
   const std::vector<MirageProposal>& forward(const MirageSensorInput& input, float score_threshold,
                                              bool keep_graph);
@@ -67,14 +68,13 @@ class FusionDetector {
   Options options_;
   Network network_{nullptr};
   bool camera_frozen_ = false, lidar_frozen_ = false;  ///< taken over, and left as they are
-  /// Of the camera network, which was started from COCO's weights, only the mask's layers learn: what it knows
-  /// of photographs is not given up for a few hundred generated pictures.
+  /// Of the camera network, which was started from COCO's weights, only the mask's layers learn: what it
+  /// knows of photographs is not given up for a few hundred generated pictures.
   bool trunk_frozen_ = false;
   std::unique_ptr<torch::optim::AdamW> optimiser_;
   std::int64_t steps_ = 0, samples_seen_ = 0;
   /// Norms use the samples' statistics until the rate has fallen to a share of its peak (norm.h).
   double peak_rate_ = 0;
-  bool statistics_frozen_ = false;
 
   std::mutex memory_mutex_;
   std::map<std::uint64_t, CameraOutput> memory_;  ///< of a camera network that does not learn, in half
