@@ -1,4 +1,4 @@
-"""What the pages say against what is there: links and their headings, files, options of commands, names of tests.
+"""What the pages say against what is there: links and headings (cited in sources, too), files, options, names of tests.
 
     python3 test_pages.py SOURCE BUILD
 
@@ -120,6 +120,15 @@ def unmatched_filters(names, text):
                 yield f"--gtest_filter={pattern} matches no test"
 
 
+def broken_citations(source, path):
+    """Comments that cite a heading: (src/README.md, HEADING)."""
+    for page, heading in re.findall(r"([\w/]+\.md), ([A-Z][^);]*)[);]", read(path)):
+        if not os.path.exists(os.path.join(source, page)):
+            yield f"cites {page}: no such file"
+        elif slug(heading) not in anchors(os.path.join(source, page)):
+            yield f"cites {page}, {heading}: no such heading"
+
+
 def main(source, build):
     source = os.path.abspath(source)
     program = os.path.join(build, "mirage")
@@ -136,6 +145,9 @@ def main(source, build):
         if "../shared" in text:
             found.append("names a folder beside the repository, which a reader has not")
         problems += [f"{os.path.relpath(page, source)}: {problem}" for problem in found]
+    for ending in (".h", ".cpp"):
+        for path in files_of(source, ending):
+            problems += [f"{os.path.relpath(path, source)}: {problem}" for problem in broken_citations(source, path)]
     lines = read(os.path.join(source, "README.md")).count("\n")
     if lines > README_LINES:
         problems.append(f"README.md: {lines} lines, more than {README_LINES}; move some to the page beside the code")
