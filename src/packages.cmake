@@ -23,7 +23,7 @@ mirage_package(assimp libassimp-dev 5)
 mirage_package(MPI libopenmpi-dev COMPONENTS C)
 
 # Found by hand: OpenCV's CMake package comes only with all of OpenCV, and OpenImageIO's asks for a PyImath
-# library, its command-line tools and OpenCV, which nobody needs (DESIGN, section 7).
+# library, its command-line tools and OpenCV, which nobody needs (src/README.md, Packages).
 find_path(OPENIMAGEIO_INCLUDE OpenImageIO/imageio.h)
 find_library(OPENIMAGEIO_LIBRARY OpenImageIO)
 find_library(OPENIMAGEIO_UTIL OpenImageIO_Util)

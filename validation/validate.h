@@ -36,7 +36,7 @@ struct ValidationSettings {
   bool quiet = false;
 };
 
-/// Runs it and returns result.json (DESIGN, section 5); writes OUT/{hosts,scenes,pictures}/, OUT/report.html.
+/// Runs it and returns result.json (src/README.md); writes OUT/{hosts,scenes,pictures}/, OUT/report.html.
 nlohmann::json validate(const ValidationSettings& settings);
 
 /// Hosts of the first `frames` frames of the run, test frames first, training frames when those run out;

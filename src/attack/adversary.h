@@ -1,4 +1,4 @@
-// The adversary's parameters: start, box, projection and optimiser (DESIGN, section 4).
+// The adversary's parameters: start, box, projection and optimiser (src/README.md, Adversary).
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,4 @@
-// The attack's objective on one host vehicle (DESIGN, section 4; Tu et al., CoRL 2021), in logits:
+// The attack's objective on one host vehicle (src/README.md; Tu et al., CoRL 2021), in logits:
 //     L = Σ_relevant IoU(b, b*) softplus(logit(b)) − λ_fp Σ_fp softplus(logit(b))
 // because −log(1 − sigmoid(x)) = softplus(x). relevant: score > 0.1 and overlapping the host's box b* (in the
 // picture: one of its boxes, and that with the larger IoU is b*); fp: score > 0.1 and no overlap with any

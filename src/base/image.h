@@ -1,5 +1,5 @@
 // A dense image: row-major, channels interleaved, row 0 on top, pixel (u, v) = (column, row).
-// Inside the program colour images are scene-linear float RGB (DESIGN, section 3).
+// Inside the program colour images are scene-linear float RGB (src/README.md, Conventions).
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,4 @@
-// Vectors and transforms. A transform is named target_from_source and a point p_frame (DESIGN, section 3).
+// Vectors and transforms. A transform is named target_from_source and a point p_frame (src/README.md).
 #pragma once
 
 #include <Eigen/Core>

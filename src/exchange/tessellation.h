@@ -1,5 +1,5 @@
 // SoftRas's atlas as plain geometry: square texels cannot represent C² congruent triangles, but each of those
-// triangles with all its UVs at one texel's centre is exact in every viewer (FACTS, section 2).
+// triangles with all its UVs at one texel's centre is exact in every viewer (src/README.md).
 #pragma once
 
 #include <array>

@@ -1,4 +1,4 @@
-// Uniform Laplacian smoothness: E = Σ_i ‖δ_i‖², δ_i = v_i − mean of v_i's neighbours (DESIGN, section 4).
+// Uniform Laplacian smoothness: E = Σ_i ‖δ_i‖², δ_i = v_i − mean of v_i's neighbours (src/README.md).
 #pragma once
 
 #include <vector>

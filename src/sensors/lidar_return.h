@@ -1,4 +1,4 @@
-// One LiDAR return on a triangle: Möller–Trumbore in a known face, and its VJP (DESIGN, section 4).
+// One LiDAR return on a triangle: Möller–Trumbore in a known face, and its VJP (src/README.md, LiDAR).
 //
 // With ray p(t) = o + t d (|d| = 1) and n = (v1 − v0) × (v2 − v0):
 //     t = n·(v0 − o) / n·d,   ∂p/∂v_k = b_k · d nᵀ / (n·d)      for a fixed face.

@@ -63,7 +63,7 @@ struct SoftRasterSettings {
   S gamma = S(1e-2);            ///< softness of depth ordering, in units of (far − near)
   S epsilon = S(1e-3);          ///< ε of the background logit
   S dist_eps = S(1e-4);         ///< coverage below which a face is skipped
-  S near = S(1), far = S(100);  ///< depth range, m; set it per object (DESIGN, section 4)
+  S near = S(1), far = S(100);  ///< depth range, m; set it per object (src/README.md)
   Coverage coverage = Coverage::euclidean;
   ColorBlend color = ColorBlend::softmax;
   SilhouetteBlend silhouette = SilhouetteBlend::product;

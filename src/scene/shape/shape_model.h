@@ -1,5 +1,5 @@
 // A linear manifold of vehicle shapes: signed distance grids of many vehicles, their mean and principal
-// components (Leotta and Mundy, PAMI 2011; Engelmann et al., WACV 2017), as DESIGN's "Vehicle shape" has it.
+// components (Leotta and Mundy, PAMI 2011; Engelmann et al., WACV 2017; src/README.md, Vehicle shape).
 //
 // Every vehicle is stretched to one reference box before its distances are sampled, and its size (the logs of
 // length, width and height over the reference's) is kept beside the code. So the components speak of shape
