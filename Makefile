@@ -1,6 +1,6 @@
 # Two commands do everything, set-up included:  make demo   and   make test
 .DEFAULT_GOAL := build
-.PHONY: setup build addon demo test asan format bench clean
+.PHONY: setup build addon demo test asan format bench deb deb-test manual docs clean
 
 PACKAGES := g++ cmake ninja-build ccache pkg-config libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev \
   nlohmann-json3-dev libtomlplusplus-dev librandom123-dev libcli11-dev libembree-dev libopenimageio-dev \
@@ -48,6 +48,28 @@ asan: setup
 bench: build
 	cmake --build --preset release --target mirage_bench
 	build/release/mirage_bench
+
+# Debian packages in build/, checked by lintian; and one of them installed in a fresh Debian 12 (as root, by debootstrap).
+DEB := mirage-simulator_0.1.0_$(shell dpkg --print-architecture 2>/dev/null).deb
+deb: manual
+	@$(MAKE) --no-print-directory setup PACKAGES="lintian dpkg-dev file"
+	cd build/release && cpack -G DEB
+	lintian --allow-root --fail-on error build/$(DEB) build/$(subst simulator_,simulator-dev_,$(DEB))
+
+deb-test: deb
+	@$(MAKE) --no-print-directory setup PACKAGES="debootstrap"
+	src/packaging/fresh_root.sh build/$(DEB)
+
+# Pages for `man`, from --help; the API's pages, from the public headers.
+manual: build
+	@$(MAKE) --no-print-directory setup PACKAGES="help2man"
+	cmake --preset release
+	cmake --build --preset release --target manual
+
+docs: setup
+	@$(MAKE) --no-print-directory setup PACKAGES="doxygen"
+	cmake --preset release
+	cmake --build --preset release --target docs
 
 format:
 	clang-format -i $(SOURCES)

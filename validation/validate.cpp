@@ -9,6 +9,7 @@
 #include "attack/cached_reliance.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/installation.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
 #include "base/progress.h"
@@ -81,7 +82,7 @@ void write_report(const ValidationSettings& settings) {
     arguments.insert(arguments.end(), {"--evaluation", settings.evaluation.string()});
   if (!settings.tradeoff.empty())
     arguments.insert(arguments.end(), {"--tradeoff", settings.tradeoff.string()});
-  if (const fs::path viewer = executable_folder() / "report" / "model-viewer.min.js"; fs::exists(viewer))
+  if (const fs::path viewer = built_file("report/model-viewer.min.js"); fs::exists(viewer))
     arguments.insert(arguments.end(), {"--viewer", viewer.string()});
   if (const int status = run_program(arguments); status != 0)
     throw Failure("report.py", fmt::format("ended with status {}", status),

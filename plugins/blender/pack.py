@@ -11,10 +11,10 @@ def main(out):
     os.makedirs(os.path.dirname(os.path.abspath(out)), exist_ok=True)
     temporary = out + ".tmp"
     with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name in sorted(os.listdir(package)):
-            if not name.endswith(".py"):
+        for name in ["LICENSE", *sorted(os.listdir(package))]:
+            if name != "LICENSE" and not name.endswith(".py"):
                 continue
-            with open(os.path.join(package, name), "rb") as file:
+            with open(os.path.join(folder if name == "LICENSE" else package, name), "rb") as file:
                 archive.writestr(zipfile.ZipInfo(f"mirage_blender/{name}", (2000, 1, 1, 0, 0, 0)), file.read(),
                                  zipfile.ZIP_DEFLATED)
     os.replace(temporary, out)

@@ -93,12 +93,16 @@ fs::path executable_folder() {
 fs::path shipped_file(const std::string& relative) {
   if (const char* home = std::getenv("MIRAGE_HOME"); home && fs::exists(fs::path(home) / relative))
     return fs::path(home) / relative;
+  if (const fs::path installed = executable_folder().parent_path() / "share/mirage" / relative;
+      fs::exists(installed))
+    return installed;
   for (fs::path folder = executable_folder();; folder = folder.parent_path()) {
     if (fs::exists(folder / relative)) return folder / relative;
     if (folder == folder.root_path()) break;
   }
-  throw InputError(relative, "", "not found beside the program",
-                   "set MIRAGE_HOME to Mirage's source folder or run the program from its build folder");
+  throw InputError(
+      relative, "", "not found beside the program",
+      "install Mirage again, run the program from its build folder or set MIRAGE_HOME to the sources");
 }
 
 }  // namespace mirage

@@ -12,7 +12,11 @@ struct Options {
   int frames = 20, iterations = 250, validated = 5;
   std::string rooftop = kDefaultRooftop;
   QualityOption quality{"default"};
+  bool quick = false;
 };
+
+/// Sizes of --quick: enough to see every step.
+constexpr int kQuickFrames = 6, kQuickIterations = 30, kQuickValidated = 2;
 
 }  // namespace
 
@@ -29,6 +33,16 @@ Command demo_command() {
     add_rooftop_option(app, options->rooftop);
     options->quality.add(app);
     app.add_option("--validated", options->validated, "frames rendered in Blender")->capture_default_str();
+    app.add_flag("--quick", options->quick,
+                 fmt::format("two minutes at most, too few frames for figures: --frames {} --iterations {} "
+                             "--validated {} where nothing else is given",
+                             kQuickFrames, kQuickIterations, kQuickValidated));
+    app.callback([&app, options] {
+      if (!options->quick) return;
+      if (app.count("--frames") == 0) options->frames = kQuickFrames;
+      if (app.count("--iterations") == 0) options->iterations = kQuickIterations;
+      if (app.count("--validated") == 0) options->validated = kQuickValidated;
+    });
   };
   command.run = [options](const Common& common) -> nlohmann::json {
     const auto path = [&](const char* name) { return (common.out / name).string(); };

@@ -13,7 +13,9 @@
 #include "base/parallel.h"
 #include "base/ranks.h"
 #include "cli/command.h"
+#include "cli/completion.h"
 #include "cli/config_file.h"
+#include "cli/version.h"
 
 namespace mirage::cli {
 namespace {
@@ -40,6 +42,7 @@ int run(const std::vector<std::string>& arguments) {
   CLI::App app("Mirage: differentiable multi-sensor simulation for attacks on camera + LiDAR detectors",
                "mirage");
   app.require_subcommand(1);
+  app.set_version_flag("--version", version());
   std::vector<Command> commands = all_commands();
   std::vector<Common> commons(commands.size());
   std::vector<CLI::App*> subcommands;
@@ -48,6 +51,10 @@ int run(const std::vector<std::string>& arguments) {
     add_common(*sub, commons[i], commands[i].default_out);
     commands[i].options(*sub);
     subcommands.push_back(sub);
+  }
+  if (arguments.size() == 2 && arguments[0] == "--completion") {  // of the build, hidden from --help
+    std::fputs((arguments[1] == "bash" ? bash_completion(app) : command_list(app)).c_str(), stdout);
+    return 0;
   }
   std::vector<std::string> expanded = arguments;
   for (const CLI::App* sub : subcommands)

@@ -1,8 +1,12 @@
+#include <cstdlib>
+
 #include "base/interrupt.h"
 #include "base/ranks.h"
 #include "cli/dispatch.h"
 
 int main(int argc, char** argv) {
+  // The Python of worker and reports may lie in a folder that a package manager owns.
+  setenv("PYTHONDONTWRITEBYTECODE", "1", 0);
   mirage::join_ranks(argc, argv);
   mirage::watch_for_interrupt();
   return mirage::leave_ranks(mirage::cli::dispatch({argv + 1, argv + argc}));

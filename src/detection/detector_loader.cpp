@@ -6,6 +6,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/installation.h"
 #include "base/logging.h"
 #include "base/parallel.h"
 #include "base/shared_library.h"
@@ -37,7 +38,7 @@ fs::path plugin_file(const DetectorOptions& options) {
   if (!own && options.detector != "torchscript")
     throw InputError("--detector", options.detector, "unknown detector",
                      "use lidar, camera, painted, fusion, late, torchscript or a plugin (*.so)");
-  const fs::path beside = executable_folder() / "plugins" / (own ? "fusion.so" : "torchscript.so");
+  const fs::path beside = built_file(own ? "plugins/fusion.so" : "plugins/torchscript.so");
   if (fs::exists(beside)) return beside;
   throw InputError(beside.string(), "", "the detector plugin is missing",
                    "build it with MIRAGE_DETECTORS=ON (make build)");

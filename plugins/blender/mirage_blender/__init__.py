@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Mirage in Blender: a render engine, the import of Mirage scenes, and the matched-light validation."""
 
 bl_info = {

@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/installation.h"
 #include "base/parallel.h"
 #include "base/shared_library.h"
 #include "scene/depth/depth_abi.h"
@@ -31,7 +32,7 @@ fs::path find_plugin(const std::string& backend) {
   if (backend != kShipped)
     throw InputError("--depth", backend, "unknown depth completion",
                      "use ip-basic, guided or a plugin (*.so)");
-  const fs::path beside = executable_folder() / "plugins" / (backend + ".so");
+  const fs::path beside = built_file("plugins/" + backend + ".so");
   if (fs::exists(beside)) return beside;
   throw InputError(beside.string(), "", "the depth completion plugin is missing",
                    "build it with MIRAGE_DETECTORS=ON (make build), or use --depth ip-basic");

@@ -1,0 +1,10 @@
+# The API's pages: make docs installs Doxygen and builds this target.
+find_program(MIRAGE_DOXYGEN doxygen)
+find_program(MIRAGE_DOCS_PYTHON NAMES /usr/bin/python3 python3)
+list(TRANSFORM headers PREPEND ${PROJECT_SOURCE_DIR}/src/ OUTPUT_VARIABLE documented)
+list(APPEND documented ${CMAKE_CURRENT_SOURCE_DIR}/api.md)
+list(JOIN documented " " documented)
+configure_file(Doxyfile.in Doxyfile @ONLY)
+if(MIRAGE_DOXYGEN)
+  add_custom_target(docs COMMAND ${MIRAGE_DOXYGEN} ${CMAKE_CURRENT_BINARY_DIR}/Doxyfile VERBATIM)
+endif()

@@ -1,0 +1,1 @@
+find_package(Mirage REQUIRED COMPONENTS magic)
