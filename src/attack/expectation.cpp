@@ -5,12 +5,12 @@
 #include <numbers>
 #include <sstream>
 
+#include "base/angles.h"
 #include "base/error.h"
 
 namespace mirage {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 constexpr double kLowestSun = 3 * kDegree;
 
 /// `sun` turned by `angle` about a random axis square to it.

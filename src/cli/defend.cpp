@@ -11,7 +11,7 @@
 namespace mirage::cli {
 namespace {
 
-struct Options {
+struct DefendOptions {
   DefenseSettings settings;
   std::string method = "adversarial";
 };
@@ -34,7 +34,7 @@ void apply_method(const std::string& method, DefenseSettings& settings) {
 }  // namespace
 
 Command defend_command() {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<DefendOptions>();
   Command command{"defend",
                   "fine-tunes a detector to resist: adversarial training, feature denoising, depth gate",
                   "out/defend",

@@ -8,7 +8,7 @@
 namespace mirage::cli {
 namespace {
 
-struct Options {
+struct DemoOptions {
   int frames = 20, iterations = 250, validated = 5;
   std::string rooftop = kDefaultRooftop;
   QualityOption quality{"default"};
@@ -21,7 +21,7 @@ constexpr int kQuickFrames = 6, kQuickIterations = 30, kQuickValidated = 2;
 }  // namespace
 
 Command demo_command() {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<DemoOptions>();
   Command command{"demo",
                   "the whole chain on the embedded default: attack → export → validate → report",
                   "out/demo",

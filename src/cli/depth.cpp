@@ -14,7 +14,7 @@
 namespace mirage::cli {
 namespace {
 
-struct Options {
+struct DepthOptions {
   DepthScoreOptions score;
   std::string backends =
       "ip-basic,ip-basic-bilateral,ip-basic-multiscale,ip-basic-multiscale-bilateral,ip-basic-extrapolated,"
@@ -74,7 +74,7 @@ void print_scores(const std::vector<DepthScore>& scores, bool by_returns) {
 }  // namespace
 
 Command depth_command() {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<DepthOptions>();
   Command command{
       "depth", "scores depth completion: against true depth, or on returns held back", "out/depth", {}, {}};
   command.options = [options](CLI::App& app) {

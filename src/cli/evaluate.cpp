@@ -11,13 +11,15 @@
 namespace mirage::cli {
 namespace {
 
-struct Options {
+struct EvaluateOptions {
   EvaluationRequest request;
   QualityOption quality;
   LightOption light;
   int pictures = 0;
 
-  Options() { request.detector.detector.clear(), request.detector.defense.clear(); }  // empty: the run's
+  EvaluateOptions() {
+    request.detector.detector.clear(), request.detector.defense.clear();
+  }  // empty: the run's
 };
 
 std::string with_interval(const Interval& share) {
@@ -71,7 +73,7 @@ void print_strata(const RunEvaluation& evaluation) {
 }  // namespace
 
 Command evaluate_command() {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<EvaluateOptions>();
   Command command{
       "evaluate", "attack success of a run against a detector and a data set", "out/evaluate", {}, {}};
   command.options = [options](CLI::App& app) {

@@ -18,14 +18,14 @@
 namespace mirage::cli {
 namespace {
 
-struct Options {
+struct ExportOptions {
   std::filesystem::path run, data;
   std::string rooftop;
   QualityOption quality;
   int frames = 1;
 };
 
-nlohmann::json run(const Options& options, const Common& common) {
+nlohmann::json run(const ExportOptions& options, const Common& common) {
   const Run run = read_run(options.run);
   const auto data = options.data.empty() ? run.data : options.data;
   require_own_data(run, data);
@@ -59,7 +59,7 @@ nlohmann::json run(const Options& options, const Common& common) {
 }  // namespace
 
 Command export_command() {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<ExportOptions>();
   return {"export", "write the adversary and scenes of a run as .glb", "out/export",
           [options](CLI::App& app) {
             app.add_option("--run", options->run, "folder of a finished mirage attack")->required();

@@ -20,14 +20,14 @@
 namespace mirage::cli {
 namespace {
 
-struct Options {
+struct FitOptions {
   std::filesystem::path data, model, build_model, meshes;
   std::string forward, up, format = "ply";
   int frames = 0, each = 80, dimension = 16, min_points = ShapeFitSettings().min_points;
   FitFrameSettings frame;
 };
 
-nlohmann::json build_model(const Options& options, const Common& common) {
+nlohmann::json build_model(const FitOptions& options, const Common& common) {
   std::vector<ShapeSample> samples = family_samples(options.each, common.seed);
   if (!options.meshes.empty()) {
     std::optional<MeshAxes> axes;
@@ -88,7 +88,7 @@ void print_summary(const nlohmann::json& summary) {
   std::fflush(stdout);
 }
 
-nlohmann::json fit_data_set(const Options& options, const Common& common) {
+nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   const auto model_file = options.model.empty() ? shipped_file("scenes/shapes/cars.shape") : options.model;
   const LidarModel lidar = lidar_of(options.data);
   ShapeFitSettings settings;
@@ -142,7 +142,7 @@ nlohmann::json fit_data_set(const Options& options, const Common& common) {
 }  // namespace
 
 Command fit_command() {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<FitOptions>();
   Command command{
       "fit", "Fits the vehicle shape manifold: meshes, rooftops, fitting error", "out/fit", {}, {}};
   command.options = [options](CLI::App& app) {

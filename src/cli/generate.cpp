@@ -15,12 +15,12 @@
 namespace mirage::cli {
 
 Command generate_command() {
-  struct Options {
+  struct GenerateOptions {
     std::string rig = "kitti64", lidar, look;
     int frames = 10, start = 0;
     bool depth = false, truth = false;
   };
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<GenerateOptions>();
   Command command;
   command.name = "generate";
   command.help = "Write synthetic frames in KITTI layout";

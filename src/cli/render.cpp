@@ -14,7 +14,7 @@
 namespace mirage::cli {
 namespace {
 
-struct Options {
+struct RenderOptions {
   std::filesystem::path scene;
   std::string renderer = "soft", size, background, parts, window;
   double sigma = SoftRasterSettings<double>().sigma, gamma = 0;
@@ -40,7 +40,7 @@ std::vector<int> whole_numbers(const std::string& option, const std::string& tex
 }
 
 /// What lies behind the things.
-ImageF background_of(const RenderScene& scene, const Options& options, bool photograph) {
+ImageF background_of(const RenderScene& scene, const RenderOptions& options, bool photograph) {
   if (photograph) {
     if (scene.photograph.empty())
       throw InputError(options.scene.string(), "photograph", "the scene has none", "give --background plain");
@@ -57,7 +57,7 @@ ImageF background_of(const RenderScene& scene, const Options& options, bool phot
   return plain;
 }
 
-nlohmann::json run(const Options& options, const Common& common) {
+nlohmann::json run(const RenderOptions& options, const Common& common) {
   const auto started = Clock::now();
   int width = 0, height = 0;
   if (!options.size.empty()) {
@@ -124,7 +124,7 @@ nlohmann::json run(const Options& options, const Common& common) {
 }  // namespace
 
 Command render_command() {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<RenderOptions>();
   return {"render", "draw the meshes of a scene (.glb): picture and depth", "out/render",
           [options](CLI::App& app) {
             app.add_option("--scene", options->scene, "scene as mirage export writes it (.glb)")->required();

@@ -19,7 +19,7 @@
 namespace mirage::cli {
 namespace {
 
-struct Options {
+struct SimulateOptions {
   std::filesystem::path data, mesh;
   std::string frame, depth = "ip-basic", rooftop = kDefaultRooftop, sun = kDefaultSun;
   int vehicle = 0;
@@ -40,7 +40,7 @@ ImageF mask_picture(const Simulated& simulated, int width, int height) {
 }  // namespace
 
 Command simulate_command() {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<SimulateOptions>();
   Command command{"simulate",
                   "inserts a mesh on the roof of one vehicle: image, sweep, mask, depth",
                   "out/simulate",

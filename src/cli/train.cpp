@@ -10,13 +10,13 @@
 namespace mirage::cli {
 namespace {
 
-struct Options : TrainingOptions {
+struct TrainOptions : TrainingOptions {
   std::string what = "detector", backend = "guided";
   int crop = DepthTrainingOptions().crop;
   DepthAugmentation augmentation;
 };
 
-nlohmann::json train_depth_command(const Options& chosen, const Common& common) {
+nlohmann::json train_depth_command(const TrainOptions& chosen, const Common& common) {
   if (!chosen.validation.empty())
     throw InputError("--validation", "", "is for detectors", "score the result with mirage depth --weights");
   DepthTrainingOptions options;
@@ -49,7 +49,7 @@ nlohmann::json train_depth_command(const Options& chosen, const Common& common) 
 }  // namespace
 
 Command train_command() {
-  const auto chosen = std::make_shared<Options>();
+  const auto chosen = std::make_shared<TrainOptions>();
   Command command;
   command.name = "train";
   command.help =
@@ -71,8 +71,9 @@ Command train_command() {
                    "detector: weights of a camera detector that the new one starts from");
     app.add_option("--lidar", chosen->lidar,
                    "detector: weights of a lidar detector that the new one starts from");
-    app.add_flag("--joint", chosen->joint,
-                 "detector: what --camera, --lidar and COCO's weights gave learns too; else it stays as it is");
+    app.add_flag(
+        "--joint", chosen->joint,
+        "detector: what --camera, --lidar and COCO's weights gave learns too; else it stays as it is");
     app.add_flag("--bfloat16", chosen->bfloat16,
                  "detector: convolutions in bfloat16; quicker where the processor has it, slower elsewhere");
     app.add_option("--without-picture", chosen->augmentation.without_picture,

@@ -83,10 +83,10 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
 
 /// Where a detection is and how high it looks: m from the sensor, pixels. Infinite where the focal length
 /// that it takes is unknown.
-struct Look {
+struct ApparentSize {
   double distance, height;
 };
-Look look_of(const Proposal& proposal, const ScoredFrame& frame) {
+ApparentSize apparent_size(const Proposal& proposal, const ScoredFrame& frame) {
   const auto by_car = [&](double other) {  // of distance and height each gives the other
     return frame.focal_length > 0 ? frame.focal_length * kCarHeight / std::max(other, 1.0)
                                   : std::numeric_limits<double>::infinity();
@@ -331,11 +331,11 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
       (inside ? part.truth.boxes : part.truth.ignore).push_back(box);
     }
     for (const Proposal& proposal : frame.detections) {
-      const Look look = look_of(proposal, frame);
-      const bool high = look.height >= level(stratum.hardest).least_height;
+      const ApparentSize seen = apparent_size(proposal, frame);
+      const bool high = seen.height >= level(stratum.hardest).least_height;
       const BevBox there = rectangle(proposal, frame.plane);
       const auto found = [&](const BevBox& box) { return iou(there, box) >= min_iou; };
-      if ((high && (in_range(look.distance) || std::isinf(look.distance))) ||
+      if ((high && (in_range(seen.distance) || std::isinf(seen.distance))) ||
           std::any_of(part.truth.boxes.begin(), part.truth.boxes.end(), found))
         part.detections.push_back(proposal);
     }

@@ -12,8 +12,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kLeastPoints = 5;
-
 void cut_pixels(CutOut& car, const ImageF& image, const Image<std::uint16_t>& instances, int instance) {
   PixelRect rect{image.width, image.height, 0, 0};
   const auto is_car = [&](int u, int v) { return instances.at(u, v) == instance; };

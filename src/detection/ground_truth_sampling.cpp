@@ -17,8 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMemory = std::size_t{256} << 20;  // bytes of cut-outs kept
-constexpr std::size_t kLeastPoints = 5;
+constexpr std::size_t kMemory = std::size_t{256} << 20;     // bytes of cut-outs kept
 constexpr int kAttempts = 8;                                // for each vehicle wanted
 constexpr double kMostHidden = 0.3;                         // share of the car's points
 constexpr double kSmallestLift = 0.05, kLargestLift = 0.2;  // m

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 
+#include "base/angles.h"
 #include "base/hash.h"
 #include "base/random.h"
 #include "base/srgb_bytes.h"
@@ -59,7 +59,7 @@ TrainingSample PreparedSample::view() const {
 Eigen::Affine3d random_pose(std::uint64_t seed, std::uint64_t index) {
   RandomStream random(seed, "training pose", index);
   const bool flip = random.uniform() < 0.5;
-  const double turn = random.uniform(-10, 10) * std::numbers::pi / 180;
+  const double turn = random.uniform(-10, 10) * kDegree;
   const double scale = random.uniform(0.95, 1.05), lift = random.uniform(-0.15, 0.15);
   Eigen::Affine3d pose = Eigen::Affine3d::Identity();
   pose.linear() = scale * Eigen::AngleAxisd(turn, Vec3d::UnitZ()).toRotationMatrix() *

@@ -9,6 +9,7 @@
 #include <numbers>
 #include <string_view>
 
+#include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "scene/kitti.h"
@@ -58,10 +59,6 @@ Eigen::Matrix2d flat_heading(const Transform& rect_from_velo) {
   matrix.col(0) = velo_from_rect.col(0).head<2>();
   matrix.col(1) = -velo_from_rect.col(2).head<2>();
   return matrix;
-}
-
-double wrap(double angle) {
-  return std::remainder(angle, 2 * std::numbers::pi);
 }
 
 /// A box may pass the image's edge by this much: rounding in labels.
@@ -221,9 +218,10 @@ void write_labels(const fs::path& file, const std::vector<Label>& labels, const 
     const Vec3d p = rect_from_velo * Vec3d(bev.x, bev.y, label.box.bottom);
     const Vec2d along = heading * Vec2d(std::cos(bev.yaw), std::sin(bev.yaw));
     const double ry = std::atan2(along.y(), along.x());
-    text += fmt::format("{} {:.2f} {} {:.2f} {} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}\n",
-                        label.type, label.truncated, label.occluded, wrap(ry - std::atan2(p.x(), p.z())),
-                        box2d, label.box.height, bev.width, bev.length, p.x(), p.y(), p.z(), ry);
+    text +=
+        fmt::format("{} {:.2f} {} {:.2f} {} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}\n", label.type,
+                    label.truncated, label.occluded, wrap_angle(ry - std::atan2(p.x(), p.z())), box2d,
+                    label.box.height, bev.width, bev.length, p.x(), p.y(), p.z(), ry);
   }
   write_file(file, text);
 }

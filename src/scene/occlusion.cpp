@@ -4,16 +4,13 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/angles.h"
+
 namespace mirage {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
 constexpr double kNear = 0.1 * kPi / 180;
-
-/// In [−π, π).
-double wrap(double angle) {
-  return angle - 2 * kPi * std::floor((angle + kPi) / (2 * kPi));
-}
 
 /// Of a point from the unit's axis (m), never 0.
 double horizontal_distance(const Vec3d& p) {
@@ -43,8 +40,8 @@ int nearest_firing(const std::vector<double>& firings, double azimuth, double re
   const auto next = std::lower_bound(firings.begin(), firings.end(), azimuth) - firings.begin();
   const std::size_t count = firings.size(), after = static_cast<std::size_t>(next) % count,
                     before = (after + count - 1) % count;
-  const double to_after = std::abs(wrap(firings[after] - azimuth)),
-               to_before = std::abs(wrap(firings[before] - azimuth));
+  const double to_after = std::abs(wrap_angle(firings[after] - azimuth)),
+               to_before = std::abs(wrap_angle(firings[before] - azimuth));
   if (std::min(to_after, to_before) > reach) return -1;
   return static_cast<int>(to_after <= to_before ? after : before);
 }
@@ -80,7 +77,7 @@ SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lid
     }
     const LidarBeam& b = lidar.beams[static_cast<std::size_t>(beam)];
     const double sideways = std::asin(std::clamp(b.lateral / horizontal_distance(p), -1.0, 1.0));
-    returns_.push_back({p_velo, beam, wrap(std::atan2(p.y(), p.x()) - b.azimuth_offset - sideways)});
+    returns_.push_back({p_velo, beam, wrap_angle(std::atan2(p.y(), p.x()) - b.azimuth_offset - sideways)});
   }
   find_firings();
   for (const LidarBeam& b : lidar.beams) {
@@ -117,9 +114,9 @@ void SweepIndex::find_firings() {
   }
   const int columns = lidar_.azimuth_count();
   for (int column = 0; column < columns; ++column) {
-    const double azimuth = wrap(lidar_.firing_azimuth(column));
+    const double azimuth = wrap_angle(lidar_.firing_azimuth(column));
     // A field of a whole turn ends where it began.
-    if (column == 0 || std::abs(wrap(azimuth - firings_.front())) > lidar_.azimuth_step / 2)
+    if (column == 0 || std::abs(wrap_angle(azimuth - firings_.front())) > lidar_.azimuth_step / 2)
       firings_.push_back(azimuth);
   }
   std::sort(firings_.begin(), firings_.end());
@@ -176,7 +173,7 @@ std::vector<SweepRay> SweepIndex::rays_through(const Vec3d& centre_velo, double 
         (beam.height - centre.z()) * std::cos(beam.elevation) + rho * std::sin(beam.elevation);
     if (std::abs(miss) > reach + kSlack * (rho + radius)) continue;
     const double half = reach < rho ? std::min(kPi, std::asin(reach / rho) + kSlack) : kPi;
-    const double from = wrap(azimuth - beam.azimuth_offset - half);
+    const double from = wrap_angle(azimuth - beam.azimuth_offset - half);
     const auto first =
         static_cast<std::size_t>(std::lower_bound(firings_.begin(), firings_.end(), from) - firings_.begin());
     for (std::size_t k = 0; k < count; ++k) {

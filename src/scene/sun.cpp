@@ -16,6 +16,7 @@
 #include <numbers>
 #include <vector>
 
+#include "base/angles.h"
 #include "base/error.h"
 #include "base/logging.h"
 #include "scene/sun_shadows.h"
@@ -23,7 +24,6 @@
 namespace mirage {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 constexpr const char* kForms =
     "use frame, photo, AZIMUTH,ELEVATION or LAT,LON,YYYY-MM-DDTHH:MM:SSZ,HEADING (degrees)";
 

@@ -5,17 +5,16 @@
 #include <array>
 #include <cmath>
 #include <map>
-#include <numbers>
 #include <utility>
 #include <vector>
 
+#include "base/angles.h"
 #include "base/color.h"
 #include "scene/sun.h"
 
 namespace mirage {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 constexpr int kAzimuths = 36;
 constexpr double kElevations[] = {15, 20, 26, 33, 41, 50, 60};  // degrees; shadows' lengths 3.7 … 0.6 heights
 constexpr double kFarthest = 35;   // m to a vehicle: further ones have too few ground returns

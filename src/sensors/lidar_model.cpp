@@ -4,16 +4,13 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/angles.h"
 #include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
 
 namespace mirage {
-namespace {
-
-constexpr double kDegree = std::numbers::pi / 180;
-
-}  // namespace
+namespace {}  // namespace
 
 int LidarModel::azimuth_count() const {
   return static_cast<int>(std::floor((azimuth_max - azimuth_min) / azimuth_step + 1e-9)) + 1;

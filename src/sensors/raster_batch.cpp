@@ -16,14 +16,14 @@ using raster::kTile;
 /// Room for a tile's pixels (one sample a pixel at least) and one more.
 inline constexpr int kPixels = kTile * kTile + 1;
 
-/// A touched tile of a job.
-struct TouchedTile {
-  int job = 0, tile = 0;
-};
-
 }  // namespace
 
 struct RasterTape::State {
+  /// A touched tile of a job.
+  struct TouchedTile {
+    int job = 0, tile = 0;
+  };
+
   raster::Setup setup;
   raster::Constants constants;
   std::vector<float> texels;            ///< see Constants
@@ -173,7 +173,8 @@ void draw_vjp(const RasterJob& job, const ImageF& d_rgba, RasterTape& tape, int 
 }
 
 /// Touched tiles of all jobs, those with most faces first, so that threads end together.
-const std::vector<TouchedTile>& touched_tiles(std::span<RasterTape> tapes) {
+const std::vector<RasterTape::State::TouchedTile>& touched_tiles(std::span<RasterTape> tapes) {
+  using TouchedTile = RasterTape::State::TouchedTile;
   std::vector<TouchedTile>& list = tapes[0].state->work;
   list.clear();
   const auto faces = [&](const TouchedTile& t) {

@@ -66,14 +66,14 @@ RTCRay embree_ray(const Ray& ray) {
   return r;
 }
 
-struct Geometry {
-  const float* vertices = nullptr;  // owned by Embree
-  const unsigned* faces = nullptr;
-};
-
 }  // namespace
 
 struct RayCaster::State {
+  struct Geometry {
+    const float* vertices = nullptr;  ///< owned by Embree
+    const unsigned* faces = nullptr;
+  };
+
   RTCScene scene = nullptr;
   int width = 1;  ///< widest packet that the processor traces natively
   std::vector<Geometry> geometries;
@@ -153,7 +153,7 @@ Hit RayCaster::intersect(const Ray& ray) const {
 
 Vec3f RayCaster::normal(int mesh, int face) const {
   // From the vertices: Embree's own Ng has changed its sign between major versions.
-  const Geometry& g = state_->geometries[static_cast<std::size_t>(mesh)];
+  const State::Geometry& g = state_->geometries[static_cast<std::size_t>(mesh)];
   const unsigned* f = g.faces + 3 * static_cast<std::size_t>(face);
   const Eigen::Map<const Vec3f> a(g.vertices + 3 * f[0]), b(g.vertices + 3 * f[1]), c(g.vertices + 3 * f[2]);
   return (b - a).cross(c - a);

@@ -33,7 +33,7 @@ struct Block {
   std::string type = "";  // labelled if not empty
 };
 
-Block car(double x, double y, double yaw = 0.3) {
+Block block(double x, double y, double yaw = 0.3) {
   return {{{x, y, 4.2, 1.8, yaw}, kGround, 1.5}, Vec3f(0.7f, 0.1f, 0.1f), "Car"};
 }
 Block wall(double x, double y, double length, double width) {
@@ -171,7 +171,7 @@ class GroundTruthSampling : public ::testing::Test {
 };
 
 TEST_F(GroundTruthSampling, ACutOutIsTheCarAndNothingElse) {
-  const CutOut exact = cut({wall(40, 0, 1, 60), car(15, 2)});
+  const CutOut exact = cut({wall(40, 0, 1, 60), block(15, 2)});
   std::size_t of_car = 0;
   for (const LidarPoint& p : exact.points) of_car += p.reflectance == 0.5f;  // mesh 2
   EXPECT_EQ(of_car, exact.points.size());
@@ -179,7 +179,7 @@ TEST_F(GroundTruthSampling, ACutOutIsTheCarAndNothingElse) {
   const auto pixels = std::accumulate(exact.mask.begin(), exact.mask.end(), 0);
   EXPECT_GT(pixels, 0.5 * exact.rect.width() * exact.rect.height());
   // Without the points' owners the box decides; only the lowest 0.1 m is missing.
-  const CutOut by_box = cut({wall(40, 0, 1, 60), car(15, 2)}, false);
+  const CutOut by_box = cut({wall(40, 0, 1, 60), block(15, 2)}, false);
   EXPECT_LE(by_box.points.size(), exact.points.size());
   EXPECT_GT(by_box.points.size(), 0.85 * static_cast<double>(exact.points.size()));
   for (const LidarPoint& p : by_box.points) EXPECT_EQ(p.reflectance, 0.5f);
@@ -187,12 +187,12 @@ TEST_F(GroundTruthSampling, ACutOutIsTheCarAndNothingElse) {
 
 TEST_F(GroundTruthSampling, APastedCarIsAsIfItHadBeenThere) {
   for (const auto& [x, y] : {std::pair(12., 3.), std::pair(25., -4.), std::pair(45., 6.)}) {
-    const std::vector<Block> street = {wall(60, 0, 1, 80), wall(30, 9, 20, 1), car(18, -8, 0.1)};
+    const std::vector<Block> street = {wall(60, 0, 1, 80), wall(30, 9, 20, 1), block(18, -8, 0.1)};
     std::vector<Block> with_car = street;
-    with_car.push_back(car(x, y));
+    with_car.push_back(block(x, y));
     CompactFrame pasted = scene(street);
     const CompactFrame before = pasted, made = scene(with_car);
-    ASSERT_TRUE(paste(pasted, cut({car(x, y)}), unit));
+    ASSERT_TRUE(paste(pasted, cut({block(x, y)}), unit));
     EXPECT_LT(difference(made.points, pasted.points), 0.02) << x;
     EXPECT_GT(difference(before.points, pasted.points), 3 * difference(made.points, pasted.points)) << x;
     EXPECT_EQ(pasted.truth.boxes.size(), 2u);
@@ -209,7 +209,7 @@ TEST_F(GroundTruthSampling, APastedCarIsAsIfItHadBeenThere) {
 
 TEST_F(GroundTruthSampling, ThePicturesTruthHasThePastedCar) {
   const test::TemporaryFolder data;
-  Frame street = world.frame("000001", {car(18, -8, 0.1), wall(30, 9, 20, 1)});
+  Frame street = world.frame("000001", {block(18, -8, 0.1), wall(30, 9, 20, 1)});
   street.labels[0].left = 200, street.labels[0].right = 300;  // beside the car that comes
   Label hidden = street.labels[0];                            // behind it, too far for a return
   hidden.left = 12, hidden.right = 58, hidden.top = 25, hidden.bottom = 55;
@@ -223,7 +223,7 @@ TEST_F(GroundTruthSampling, ThePicturesTruthHasThePastedCar) {
   EXPECT_EQ(before.truth.picture.boxes.size(), 2u);
 
   CompactFrame pasted = before;
-  CutOut cut_out = cut({car(20, 3)});
+  CutOut cut_out = cut({block(20, 3)});
   EXPECT_EQ(cut_out.picture.right, 60);
   ASSERT_TRUE(paste(pasted, cut_out, unit));
   EXPECT_EQ(pasted.picture_key, 0u);
@@ -235,7 +235,7 @@ TEST_F(GroundTruthSampling, ThePicturesTruthHasThePastedCar) {
   ASSERT_EQ(truth.ignore.size(), 1u);
   EXPECT_EQ(truth.ignore[0].right, 58);
 
-  Frame made = world.frame("000002", {car(18, -8, 0.1), wall(30, 9, 20, 1), car(20, 3)});
+  Frame made = world.frame("000002", {block(18, -8, 0.1), wall(30, 9, 20, 1), block(20, 3)});
   world.write(data.path(), made, true, true);
   const CompactFrame there = read_compact(data.path(), "000002", kRegion);
   EXPECT_NE(there.picture_key, before.picture_key);
@@ -252,7 +252,7 @@ TEST_F(GroundTruthSampling, ThePicturesTruthHasThePastedCar) {
 
   // Only points: the picture stays as it was.
   CompactFrame points_only = before;
-  ASSERT_TRUE(paste(points_only, cut({car(20, 3)}, true, false), unit));
+  ASSERT_TRUE(paste(points_only, cut({block(20, 3)}, true, false), unit));
   EXPECT_EQ(points_only.picture_key, before.picture_key);
   EXPECT_EQ(points_only.truth.picture.boxes.size(), 2u);
   EXPECT_EQ(points_only.vehicle_mask, before.vehicle_mask);
@@ -264,9 +264,9 @@ TEST_F(GroundTruthSampling, WhatIsNearerHides) {
   // A post takes a strip out of the car's points and pixels.
   const std::vector<Block> street = {wall(60, 0, 1, 80), wall(10, 1.6, 0.15, 0.15)};
   std::vector<Block> with_car = street;
-  with_car.push_back(car(20, 3));
+  with_car.push_back(block(20, 3));
   CompactFrame pasted = scene(street);
-  const CutOut cut_out = cut({car(20, 3)});
+  const CutOut cut_out = cut({block(20, 3)});
   ASSERT_TRUE(paste(pasted, cut_out, unit));
   const CompactFrame made = scene(with_car);
   EXPECT_LT(difference(made.points, pasted.points), 0.03);
@@ -279,18 +279,18 @@ TEST_F(GroundTruthSampling, WhatIsNearerHides) {
 }
 
 TEST_F(GroundTruthSampling, TakenPlacesAreRefused) {
-  const CutOut cut_out = cut({car(20, 3)});
-  CompactFrame taken = scene({car(21, 5)});
+  const CutOut cut_out = cut({block(20, 3)});
+  CompactFrame taken = scene({block(21, 5)});
   EXPECT_FALSE(paste(taken, cut_out, unit));
   CompactFrame bush = scene({wall(20.5, 3, 0.6, 0.6)});
   EXPECT_FALSE(paste(bush, cut_out, unit));
-  CompactFrame behind = scene({car(27, 4.5)});  // it would vanish behind the car that is pasted
+  CompactFrame behind = scene({block(27, 4.5)});  // it would vanish behind the car that is pasted
   EXPECT_EQ(behind.truth.boxes.size(), 1u);
   EXPECT_FALSE(paste(behind, cut_out, unit));
 }
 
 TEST_F(GroundTruthSampling, TheCarStandsOnTheGroundThatIsThere) {
-  const CutOut cut_out = cut({car(20, 3)});
+  const CutOut cut_out = cut({block(20, 3)});
   CompactFrame low = scene({}, kGround - 0.12);
   ASSERT_TRUE(paste(low, cut_out, unit));
   float lowest = 10, lowest_of_car = 10;
@@ -304,9 +304,9 @@ TEST_F(GroundTruthSampling, TheCarStandsOnTheGroundThatIsThere) {
 
 TEST_F(GroundTruthSampling, DependsOnSeedAndIndexAlone) {
   const test::TemporaryFolder data;
-  world.write(data.path(), world.frame("000000", {car(20, 3), car(35, -5)}), true, true);
+  world.write(data.path(), world.frame("000000", {block(20, 3), block(35, -5)}), true, true);
   world.write(data.path(), world.frame("000001", {wall(50, 0, 1, 60)}), true, true);
-  world.write(data.path(), world.frame("000002", {car(12, -6), car(28, 5)}), true, true);
+  world.write(data.path(), world.frame("000002", {block(12, -6), block(28, 5)}), true, true);
   const std::vector<std::string> ids = {"000000", "000001", "000002"};
   const CompactFrame empty = scene({wall(50, 0, 1, 60)});
   GroundTruthSampler first(data.path(), ids, kRegion, 5, 2, true),
@@ -328,7 +328,7 @@ TEST_F(GroundTruthSampling, DependsOnSeedAndIndexAlone) {
 
 TEST_F(GroundTruthSampling, WithoutInstancesOnlyPointsArePasted) {
   const test::TemporaryFolder data;
-  world.write(data.path(), world.frame("000000", {car(20, 3)}), false, false);
+  world.write(data.path(), world.frame("000000", {block(20, 3)}), false, false);
   const CompactFrame empty = scene({wall(50, 0, 1, 60)});
   CompactFrame frame = empty;
   EXPECT_EQ(GroundTruthSampler(data.path(), {"000000"}, kRegion, 1, 20, true).augment(frame, 0), 0);
@@ -339,7 +339,7 @@ TEST_F(GroundTruthSampling, WithoutInstancesOnlyPointsArePasted) {
 
 TEST_F(GroundTruthSampling, APointLabelFileOfAnotherSweepIsNamed) {
   const test::TemporaryFolder data;
-  world.write(data.path(), world.frame("000000", {car(20, 3)}), true, true);
+  world.write(data.path(), world.frame("000000", {block(20, 3)}), true, true);
   write_file(point_label_file(data.path(), "000000"), "abcd");
   const auto read = [&] { cut_out_cars(data.path(), "000000", kRegion, true); };
   EXPECT_THAT(test::error_text<InputError>(read), HasSubstr("000000.label"));

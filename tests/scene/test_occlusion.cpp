@@ -13,7 +13,7 @@
 namespace mirage {
 namespace {
 
-LidarModel shipped() {
+LidarModel shipped_lidar() {
   return read_lidar_model(std::filesystem::path(MIRAGE_SOURCE) / "scenes" / "rigs" / "kitti64.toml");
 }
 
@@ -39,7 +39,7 @@ bool passes(const LidarRay& ray, const Vec3d& centre, double radius) {
 }
 
 TEST(SweepIndex, FindsEveryRayThroughABallAndItsReturn) {
-  const LidarModel lidar = shipped();
+  const LidarModel lidar = shipped_lidar();
   const auto lost = [](int b, int c) { return (b * 7 + c * 3) % 5 == 0; };
   const Sweep sweep = synthetic(lidar, lost);
   const SweepIndex index(sweep, lidar);
@@ -72,7 +72,7 @@ TEST(SweepIndex, FindsEveryRayThroughABallAndItsReturn) {
 }
 
 TEST(SweepIndex, WorksInAMountedUnitsFrame) {
-  LidarModel lidar = shipped();
+  LidarModel lidar = shipped_lidar();
   lidar.velo_from_lidar.translation() = Vec3d(0.5, -0.3, 0.2);
   lidar.velo_from_lidar.linear() =
       (Eigen::AngleAxisd(0.4, Vec3d::UnitZ()) * Eigen::AngleAxisd(0.1, Vec3d::UnitY())).matrix();
@@ -83,7 +83,7 @@ TEST(SweepIndex, WorksInAMountedUnitsFrame) {
 }
 
 TEST(SweepIndex, AnEmptySweepStillHasTheModelsRays) {
-  const LidarModel lidar = shipped();
+  const LidarModel lidar = shipped_lidar();
   const SweepIndex index({}, lidar);
   EXPECT_EQ(index.firing_count(), lidar.azimuth_count());
   const auto rays = index.rays_through(Vec3d(10, 0, -0.5), 0.7);
@@ -92,7 +92,7 @@ TEST(SweepIndex, AnEmptySweepStillHasTheModelsRays) {
 }
 
 TEST(SweepIndex, WithoutAnEncoderGridNoReturnIsLost) {
-  LidarModel lidar = shipped();
+  LidarModel lidar = shipped_lidar();
   Sweep sweep = synthetic(lidar, [](int b, int c) { return (b + c) % 4 == 0; });
   lidar.encoder_step = 0;
   const SweepIndex index(sweep, lidar);
@@ -106,7 +106,7 @@ TEST(SweepIndex, WithoutAnEncoderGridNoReturnIsLost) {
 
 TEST(SweepIndexRealFrames, NearlyEveryReturnHasItsOwnRay) {
   MIRAGE_NEED_REAL_FRAMES();
-  const LidarModel lidar = shipped();
+  const LidarModel lidar = shipped_lidar();
   const auto ids = list_frames(test::real_frames());
   double sum = 0, least = 1;
   int frames = 0;

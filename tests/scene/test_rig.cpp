@@ -13,12 +13,12 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 
-std::filesystem::path shipped() {
+std::filesystem::path shipped_rig() {
   return std::filesystem::path(MIRAGE_SOURCE) / "scenes" / "rigs" / "kitti64.toml";
 }
 
 TEST(Rig, ShippedRigIsKittisCar) {
-  const Rig rig = read_rig(shipped());
+  const Rig rig = read_rig(shipped_rig());
   EXPECT_EQ(rig.name, "kitti64");
   EXPECT_EQ(rig.lidar.beams.size(), 64u);
   EXPECT_EQ(rig.calibration.camera.width, 1242);
@@ -31,7 +31,7 @@ TEST(Rig, ShippedRigIsKittisCar) {
 
 TEST(RigRealFrames, PoseIsThatOfTheRealFrames) {
   MIRAGE_NEED_REAL_FRAMES();
-  const Rig rig = read_rig(shipped());
+  const Rig rig = read_rig(shipped_rig());
   int same = 0;
   for (const std::string& id : list_frames(test::real_frames())) {
     const Calibration c =
@@ -44,7 +44,7 @@ TEST(RigRealFrames, PoseIsThatOfTheRealFrames) {
 
 TEST(Rig, ErrorsNameFileAndKey) {
   test::TemporaryFolder folder;
-  const std::string good = read_file(shipped());
+  const std::string good = read_file(shipped_rig());
   const auto with = [&](const std::string& from, const std::string& to) {
     std::string text = good;
     const auto place = text.find(from);

@@ -13,7 +13,7 @@
 namespace mirage {
 namespace {
 
-struct Scene {
+struct Ball {
   ScreenMesh<double> mesh;
   SoftRasterSettings<double> settings;
   RasterTarget<float> target;
@@ -23,11 +23,11 @@ struct Scene {
 };
 
 /// A bumpy ball of 320 faces with one colour a face (texel borders move with rounding) at `distance`.
-Scene ball(std::uint64_t seed, double distance, double sigma, double gamma, int supersampling = 1) {
+Ball ball(std::uint64_t seed, double distance, double sigma, double gamma, int supersampling = 1) {
   RandomStream random(seed, "raster scene");
   const PinholeCamera camera{721, 721, 609, 172, 1242, 375};
   const Mesh shape = icosphere(2);
-  Scene scene;
+  Ball scene;
   auto& [mesh, settings, target, upstream] = scene;
   std::vector<Vec3d> p;
   for (const Vec3d& v : shape.vertices)
@@ -63,7 +63,7 @@ struct Difference {
   double image = 0, vertices = 0, texels = 0;  ///< largest; gradients relative to the largest component
 };
 
-Difference compare(const Scene& scene) {
+Difference compare(const Ball& scene) {
   Difference difference;
   const auto target = to_double(scene.target);
   const auto expected = rasterize(scene.mesh, scene.settings, target);
@@ -127,10 +127,10 @@ struct Drawn {
   std::vector<ScreenGradient<double>> gradients;
 };
 
-Drawn draw(const std::vector<Scene>& scenes, std::vector<RasterTape>& tapes) {
+Drawn draw(const std::vector<Ball>& scenes, std::vector<RasterTape>& tapes) {
   std::vector<RasterJob> jobs;
   std::vector<ImageF> upstream;
-  for (const Scene& scene : scenes) {
+  for (const Ball& scene : scenes) {
     jobs.push_back(scene.job());
     upstream.push_back(scene.upstream);
   }
@@ -152,7 +152,7 @@ void expect_same_bits(const Drawn& a, const Drawn& b) {
 }
 
 TEST(RasterBatch, SameBitsOnAnyNumberOfThreadsAloneAndInABatch) {
-  std::vector<Scene> scenes;
+  std::vector<Ball> scenes;
   for (std::uint64_t i = 0; i < 5; ++i)
     scenes.push_back(ball(i, 6 + 3. * static_cast<double>(i), i % 2 ? 1e-5 : 1e-4, 1e-2, i == 3 ? 2 : 1));
   std::vector<RasterTape> tapes(scenes.size());
@@ -166,7 +166,7 @@ TEST(RasterBatch, SameBitsOnAnyNumberOfThreadsAloneAndInABatch) {
   }
   set_thread_count(0);
   Drawn alone;
-  for (const Scene& scene : scenes) {
+  for (const Ball& scene : scenes) {
     std::vector<RasterTape> one(1);
     Drawn drawn = draw({scene}, one);
     alone.images.push_back(drawn.images[0]);
@@ -177,11 +177,11 @@ TEST(RasterBatch, SameBitsOnAnyNumberOfThreadsAloneAndInABatch) {
 
 TEST(RasterBatch, AWindowIsTheSamePixelsOfTheWholeImage) {
   // What is outside the window does not matter, to rounding: tiles begin elsewhere.
-  Scene scene = ball(5, 9, 1e-5, 1e-2);
+  Ball scene = ball(5, 9, 1e-5, 1e-2);
   std::vector<RasterTape> tapes(1);
   const ImageF whole = draw({scene}, tapes).images[0];
   const PixelRect all = scene.target.rect, part{all.u0 + 7, all.v0 + 5, all.u1 - 13, all.v1 - 3};
-  Scene cut = scene;
+  Ball cut = scene;
   cut.target.rect = part;
   cut.target.background = ImageF(part.width(), part.height(), 3);
   cut.upstream = ImageF(part.width(), part.height(), 4);

@@ -20,7 +20,7 @@ namespace mirage {
 namespace {
 
 constexpr std::uint64_t kSeed = 2024;
-constexpr int kStageFrames = 4, kFrames = 8;
+constexpr int kStageFrames = 4, kGeneratedFrames = 8;
 
 /// Seconds by stage over a few frames, as generate_frame and generate_dataset go through them.
 std::map<std::string, double> stage_seconds(const Rig& rig, const std::filesystem::path& out) {
@@ -69,10 +69,10 @@ void generator_frames(benchmark::State& state, const std::string& name) {
     for (const auto& [stage, s] : seconds) figures["generator_share_" + stage + "_" + name] = s / all;
     figures["generator_frames_per_s_1_thread_" + name] = kStageFrames / all;
     set_thread_count(2);
-    const double ms =
-        milliseconds([&] { generate_dataset(rig, kSeed, 0, kFrames, out / "set", [](std::size_t) {}); });
+    const double ms = milliseconds(
+        [&] { generate_dataset(rig, kSeed, 0, kGeneratedFrames, out / "set", [](std::size_t) {}); });
     set_thread_count(1);
-    figures["generator_frames_per_s_" + name] = 1e3 * kFrames / ms;
+    figures["generator_frames_per_s_" + name] = 1e3 * kGeneratedFrames / ms;
     std::filesystem::remove_all(out);
   }
 }

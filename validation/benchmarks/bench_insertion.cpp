@@ -14,7 +14,7 @@
 namespace mirage {
 namespace {
 
-constexpr int kRounds = 31;
+constexpr int kInsertionRounds = 31;
 
 /// The adversary's start on a car 10 m ahead of KITTI's rig, in an empty world.
 struct Stage {
@@ -70,7 +70,7 @@ void stages(benchmark::State& state) {
   const ImageF d_image(photograph.width, photograph.height, 3, 1.f);
   std::vector<double> copy_image, copy_sweep, camera, lidar, camera_vjp, lidar_vjp;
   for (auto _ : state)
-    for (int round = 0; round < kRounds; ++round) {
+    for (int round = 0; round < kInsertionRounds; ++round) {
       Simulated result;
       CameraTape camera_tape;
       LidarTape lidar_tape;
@@ -113,7 +113,7 @@ void batch(benchmark::State& state) {
   const std::vector<InsertionJob> insertions(16, {&s.prepared, &s.host, &s.rooftop, &s.adversary});
   std::vector<double> times[2];
   for (auto _ : state)
-    for (int round = 0; round < kRounds; ++round)
+    for (int round = 0; round < kInsertionRounds; ++round)
       for (int threads : {1, 2}) {
         set_thread_count(threads);
         times[threads - 1].push_back(
@@ -139,7 +139,7 @@ void light_models(benchmark::State& state) {
   std::vector<double> plain, visible, surroundings, rays, gather, vjp;
   std::size_t count = 0;
   for (auto _ : state)
-    for (int round = 0; round < kRounds; ++round) {
+    for (int round = 0; round < kInsertionRounds; ++round) {
       for (LightModel model : {LightModel::plain, LightModel::visible}) {
         SimulationSettings settings;
         settings.light = model;

@@ -24,7 +24,7 @@
 namespace mirage {
 namespace {
 
-constexpr int kRounds = 41;
+constexpr int kSweepRounds = 41;
 
 /// About 200 000 triangles around the sensor: uneven ground and eight boulders of 20 480 faces.
 Mesh boulders_on_ground() {
@@ -149,7 +149,7 @@ void against_bare(benchmark::State& state, int threads) {
   std::vector<double> ours, theirs, without_robust;
   set_thread_count(threads);
   for (auto _ : state)
-    for (int round = 0; round < kRounds; ++round) {
+    for (int round = 0; round < kSweepRounds; ++round) {
       theirs.push_back(milliseconds([&] { bare.trace(t_min, t_max); }));
       ours.push_back(milliseconds([&] { caster.intersect(rays, t_min, t_max, hits); }));
       without_robust.push_back(milliseconds([&] { fast.trace(t_min, t_max); }));
@@ -206,7 +206,7 @@ void lidar_insertion(benchmark::State& state) {
   LidarTape tape;
   std::vector<double> copies, draws, vjps, indices;
   for (auto _ : state)
-    for (int round = 0; round < 5 * kRounds; ++round) {
+    for (int round = 0; round < 5 * kSweepRounds; ++round) {
       copies.push_back(milliseconds([&] {
         Sweep fresh;
         fresh.reserve(stage.prepared.frame.sweep.size());

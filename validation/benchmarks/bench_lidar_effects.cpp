@@ -20,7 +20,7 @@
 namespace mirage {
 namespace {
 
-constexpr int kStreets = 4;
+constexpr int kNoisyStreets = 4;
 constexpr double kFarthestHost = 40;  // m
 
 struct Case {
@@ -138,7 +138,7 @@ void lidar_effects(benchmark::State& state) {
   std::vector<double> gradients(all.size(), 0);
   int hosts = 0;
   for (auto _ : state)
-    for (int street_index = 0; street_index < kStreets; ++street_index) {
+    for (int street_index = 0; street_index < kNoisyStreets; ++street_index) {
       const auto street = generator::make_street(11, static_cast<std::uint64_t>(street_index), lidar.height);
       const RayScene scene(street.surfaces);
       const Firings ideal = simulate_firings(scene, lidar, 1, {});

@@ -16,7 +16,7 @@
 namespace mirage {
 namespace {
 
-constexpr int kRounds = 41;
+constexpr int kRasterRounds = 41;
 const PinholeCamera kCamera{721, 721, 609, 172, 1242, 375};
 
 /// A ball of 20 · 4^subdivisions faces in the adversary's box, `distance` ahead, coloured at random.
@@ -68,7 +68,7 @@ Times fast(const std::vector<Scene>& scenes) {
   std::vector<RasterTape> tapes(scenes.size());
   std::vector<ScreenGradient<double>> gradients(scenes.size());
   std::vector<double> forward, backward, both;
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < kRasterRounds; ++round) {
     forward.push_back(milliseconds([&] { rasterize_batch(jobs, tapes); }));
     backward.push_back(milliseconds([&] { rasterize_batch_vjp(jobs, upstream, tapes, gradients); }));
     both.push_back(forward.back() + backward.back());

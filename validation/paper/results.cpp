@@ -10,31 +10,31 @@
 namespace mirage::paper {
 namespace {
 
-Outcome read_outcome(const nlohmann::json& json) {
+Outcome read_outcome(const nlohmann::json& item) {
   Outcome one;
-  one.frame = json.at("frame");
-  one.label = json.at("label");
-  one.mesh = json.value("mesh", 0);
-  one.track = json.value("track", -1);
-  one.range = json.at("range");
-  one.clean_iou = json.at("clean_iou");
-  one.attacked_iou = json.at("attacked_iou");
-  one.detected = json.at("detected");
-  one.hidden = json.at("hidden");
-  one.false_positive = json.at("false_positive");
+  one.frame = item.at("frame");
+  one.label = item.at("label");
+  one.mesh = item.value("mesh", 0);
+  one.track = item.value("track", -1);
+  one.range = item.at("range");
+  one.clean_iou = item.at("clean_iou");
+  one.attacked_iou = item.at("attacked_iou");
+  one.detected = item.at("detected");
+  one.hidden = item.at("hidden");
+  one.false_positive = item.at("false_positive");
   return one;
 }
 
-std::shared_ptr<Outcomes> read_outcomes(const nlohmann::json& json, const std::string& data) {
+std::shared_ptr<Outcomes> read_outcomes(const nlohmann::json& item, const std::string& data) {
   auto made = std::make_shared<Outcomes>();
   made->data = data;
-  made->vehicles = json.at("vehicles");
-  for (const auto& host : json.at("outcomes")) {
+  made->vehicles = item.at("vehicles");
+  for (const auto& host : item.at("outcomes")) {
     made->hosts.push_back(read_outcome(host));
     made->meshes = std::max(made->meshes, made->hosts.back().mesh + 1);
   }
   std::map<std::tuple<std::string, int, int>, std::vector<double>> distances;
-  for (const auto& box : json.at("false_positives").at("list"))
+  for (const auto& box : item.at("false_positives").at("list"))
     distances[{box.at("frame"), box.at("label"), box.at("mesh")}].push_back(box.at("distance_from_host"));
   for (Outcome& host : made->hosts)
     if (const auto found = distances.find({host.frame, host.label, host.mesh}); found != distances.end())

@@ -9,14 +9,14 @@ using torch::Tensor;
 constexpr double kHuber = 20, kSquare = 16;       // m, m: squares count e² / kSquare
 constexpr double kScored = 85, kFarWeight = 0.2;  // m; what lies beyond counts little
 constexpr double kGuessWeight = 0.25;             // where IP-Basic has no value
-constexpr double kFarthest = 140;                 // m; what the network can say
+constexpr double kFarthestTruth = 140;            // m; what the network can say
 constexpr double kAbsolute = 0.3, kRelative = 1, kPresenceWeight = 1;
 
 }  // namespace
 
 LossTerms completion_loss(const Prediction& prediction, const Features& features, const Tensor& truth) {
   const Tensor present = truth > 0;
-  const Tensor target = torch::where(present, truth, 1.0).clamp_max(kFarthest);
+  const Tensor target = torch::where(present, truth, 1.0).clamp_max(kFarthestTruth);
   const Tensor weight = present.to(torch::kFloat) * torch::where(target <= kScored, 1.0, kFarWeight) *
                         torch::where(features.candidates[kPrior] > 0, 1.0, kGuessWeight);
   const Tensor depth = torch::where(present, prediction.depth, 1.0);

@@ -8,7 +8,7 @@ namespace fn = torch::nn::functional;
 using torch::Tensor;
 
 constexpr int kHalf = 16, kQuarter = 32, kEighth = 48, kSixteenth = 64;  // channels
-constexpr double kMeanLogDepth = 3, kMostLogDepth = 2;                   // the free guess: 2.7 to 148 m
+constexpr double kFreeLogDepth = 3, kFreeLogSpan = 2;                    // the free guess: 2.7 to 148 m
 constexpr double kMostCorrection = 0.25;                                 // |r|
 
 nn::Conv2d conv(int in, int out, int kernel, int stride = 1) {
@@ -86,7 +86,7 @@ Prediction NetworkImpl::forward(const Features& features) {
   const Tensor out =
       torch::pixel_shuffle(head(y2).contiguous(), 2).squeeze(0).narrow(1, 0, height).narrow(2, 0, width);
   const Tensor free =
-      torch::exp(-(kMeanLogDepth + kMostLogDepth * torch::tanh(out.narrow(0, kFree, 1) / kMostLogDepth)));
+      torch::exp(-(kFreeLogDepth + kFreeLogSpan * torch::tanh(out.narrow(0, kFree, 1) / kFreeLogSpan)));
   const Tensor inverse =
       mixed_inverse_depth(out.narrow(0, kScore, kCandidates + 1), torch::cat({features.candidates, free}, 0));
   const Tensor correction = kMostCorrection * torch::tanh(out.select(0, kCorrection));

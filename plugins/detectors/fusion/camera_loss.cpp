@@ -12,7 +12,7 @@ using torch::Tensor;
 constexpr double kCentreReach = 2.5;  // strides
 constexpr double kIouCost = 3, kOutsideCost = 1e5;
 constexpr std::size_t kBestIous = 10;
-constexpr double kBoxShare = 5, kMaskShare = 4;
+constexpr double kRectangleWeight = 5, kMaskWeight = 4;
 
 bool holds(const MiragePictureBox& box, float x, float y) {
   return x > box.left && x < box.right && y > box.top && y < box.bottom;
@@ -150,7 +150,7 @@ LossTerms picture_loss(const CameraOutput& output, std::span<const MiragePicture
     mask_loss = (cross_entropy(output.mask, share) * error.square() * inside).sum() /
                 (share * inside).sum().clamp_min(100);
   }
-  const Tensor total = score_loss + kBoxShare * box_loss + kMaskShare * mask_loss;
+  const Tensor total = score_loss + kRectangleWeight * box_loss + kMaskWeight * mask_loss;
   return {total, (score_loss + mask_loss).item<double>(), box_loss.item<double>()};
 }
 

@@ -14,7 +14,7 @@ using torch::Tensor;
 constexpr double kPositiveRadius = 0.4;  // of the half-extents
 constexpr double kBoxRadius = 0.7;       // the box term also trains the cells around the positive ones
 constexpr double kHeatSigma = 0.45;
-constexpr double kBoxShare = 2.0;  // weight of the box term
+constexpr double kBoxWeight = 2.0;  // weight of the box term
 
 struct Local {
   double along, across;  // in half-extents
@@ -97,7 +97,7 @@ LossTerms detection_loss(const Tensor& output, const Targets& targets, double po
   constexpr double beta = 0.1;
   const Tensor smooth = torch::where(size < beta, size.square() / (2 * beta), size - beta / 2);
   const Tensor box_loss = smooth.sum() / std::max(1.0, boxed);
-  return {score_loss + kBoxShare * box_loss, score_loss.item<double>(), box_loss.item<double>()};
+  return {score_loss + kBoxWeight * box_loss, score_loss.item<double>(), box_loss.item<double>()};
 }
 
 MirageBox decode_box(std::int64_t cell, const std::array<float, 6>& values) {
