@@ -1,6 +1,6 @@
 # Two commands do everything, set-up included:  make demo   and   make test
 .DEFAULT_GOAL := build
-.PHONY: setup build addon demo test asan format bench deb deb-test manual docs clean
+.PHONY: setup build addon demo test asan format bench clean
 
 PACKAGES := g++ cmake ninja-build ccache pkg-config libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev \
   nlohmann-json3-dev libtomlplusplus-dev librandom123-dev libcli11-dev libembree-dev libopenimageio-dev \
@@ -51,6 +51,8 @@ asan: setup
 bench: build
 	cmake --build --preset release --target mirage_bench
 	build/release/mirage_bench
+
+.PHONY: deb deb-test manual docs
 
 # Debian packages in build/, checked by lintian; and one of them installed in a fresh Debian 12 (as root, by debootstrap).
 DEB := mirage-simulator_0.1.0_$(shell dpkg --print-architecture 2>/dev/null).deb

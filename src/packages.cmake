@@ -61,7 +61,9 @@ if(exchange IN_LIST MIRAGE_LAYERS)
 endif()
 
 # The others are found by hand, OpenCV because its CMake package comes only with all of OpenCV, and OpenImageIO
-# because its own asks for a PyImath library, its command-line tools and OpenCV, which nobody needs (src/README.md, Packages): mirage_library(target LAYER layer DEBIAN package HEADER header [IN folder of headers] [LIBRARY names…]).
+# because its own asks for a PyImath library, its command-line tools and OpenCV, which nobody needs
+# (src/README.md, Packages):
+# mirage_library(target LAYER layer DEBIAN package HEADER header [IN folder of headers] [LIBRARY names…])
 function(mirage_library target)
   cmake_parse_arguments(ARG "" "LAYER;DEBIAN;HEADER;IN" "LIBRARY" ${ARGN})
   if(NOT ARG_LAYER IN_LIST MIRAGE_LAYERS OR TARGET ${target})

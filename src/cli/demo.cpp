@@ -34,7 +34,7 @@ Command demo_command() {
     options->quality.add(app);
     app.add_option("--validated", options->validated, "frames rendered in Blender")->capture_default_str();
     app.add_flag("--quick", options->quick,
-                 fmt::format("two minutes at most, too few frames for figures: --frames {} --iterations {} "
+                 fmt::format("a minute or two, with too few frames for figures: --frames {} --iterations {} "
                              "--validated {} where nothing else is given",
                              kQuickFrames, kQuickIterations, kQuickValidated));
     app.callback([&app, options] {

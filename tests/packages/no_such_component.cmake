@@ -1,1 +1,0 @@
-find_package(Mirage REQUIRED COMPONENTS magic)
