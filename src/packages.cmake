@@ -49,6 +49,7 @@ if(NOT TARGET mirage_mpi)
 endif()
 if(cli IN_LIST MIRAGE_LAYERS)
   mirage_package(CLI11 libcli11-dev)
+  mirage_package(ZLIB zlib1g-dev)  # validation's pages and the fuzzers' seeds
 endif()
 if(sensors IN_LIST MIRAGE_LAYERS)
   mirage_package(embree libembree-dev 3)

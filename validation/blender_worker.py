@@ -8,6 +8,8 @@ Jobs (one object a line, each answered by one line {"id", "ok": true, ...} or {"
      "pixel": "centre" | "area", "filter_width": PIXELS, "effects": {"shadows", "sky", "clear_sky", "bounces", "specular",
      "paint", "surroundings": "none" | "unseen" | "catcher"}}
     {"job": "raycast", "scene": GLB, "rays": FILE, "output": FILE}
+    {"job": "fbx", "mesh": GLB, "output": FBX}
+    {"job": "inspect", "file": FBX}
     {"job": "quit"}
 
 The .glb comes in through Blender's own importer: geometry, nodes and UVs are what any viewer gets. What glTF
@@ -39,6 +41,7 @@ from mirage_blender import camera as camera_model  # noqa: E402
 from mirage_blender import cycles_light, scene_import  # noqa: E402
 from mirage_blender.paint import Paint  # noqa: E402
 
+import fbx_file  # noqa: E402
 import physical_light  # noqa: E402
 
 
@@ -134,7 +137,17 @@ def ping(job):
             "runs_scripts": bool(bpy.context.preferences.filepaths.use_scripts_auto_execute)}
 
 
-JOBS = {"ping": ping, "render": render, "raycast": raycast}
+def write_fbx(job):
+    SCENE.key = None
+    return fbx_file.write(job["mesh"], job["output"])
+
+
+def inspect(job):
+    SCENE.key = None
+    return fbx_file.inspect(job["file"])
+
+
+JOBS = {"ping": ping, "render": render, "raycast": raycast, "fbx": write_fbx, "inspect": inspect}
 
 
 def main():

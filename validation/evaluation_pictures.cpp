@@ -11,6 +11,7 @@
 #include "base/interrupt.h"
 #include "base/logging.h"
 #include "detection/average_precision.h"
+#include "detection/upright.h"
 #include "validation/process.h"
 
 namespace mirage {
@@ -44,8 +45,9 @@ json pixels_json(const Box3& box, const Calibration& calibration) {
   return list;
 }
 
-/// A detection's box with a height (kNominalHeight).
-Box3 upright(const BevBox& box, const Frame& frame, const Label& host) {
+/// A detection's box as it stands in the image: on the host's ground with the mean car's height
+/// (kNominalHeight) where it overlaps no label, else as high as the label.
+Box3 standing(const BevBox& box, const Frame& frame, const Label& host) {
   Box3 result{box, host.box.bottom, kNominalHeight};
   double best = 0;
   for (const Label& label : frame.labels) {
@@ -72,7 +74,7 @@ json detections_json(const std::vector<Proposal>& found, const Frame& frame, con
         {{"score", d.score()},
          {"outline", bev_json(box)},
          {"pixels", plane == Plane::picture ? pixels_json(d.picture)
-                                            : pixels_json(upright(box, frame, host), frame.calibration)}});
+                                            : pixels_json(standing(box, frame, host), frame.calibration)}});
   }
   return list;
 }

@@ -10,10 +10,6 @@
 
 namespace mirage {
 
-/// Height of a detection's box in the image where it overlaps no label: KITTI's mean car's (m). It stands on
-/// the host's ground. Detections have no height; those that overlap a label are given the label's.
-inline constexpr double kNominalHeight = 1.53;
-
 /// For up to `count` hidden hosts OUT/hidden_HOST.png (the image clean and attacked, with the detections),
 /// for up to `count` hosts with false positives OUT/false_positives_HOST.png (bird's-eye view; the image for
 /// a detector that is judged there), and for all of them, if the detector has image features,

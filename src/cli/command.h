@@ -25,6 +25,10 @@ struct Command {
   /// Does the work, prints a short table on standard output and returns what result.json shall hold.
   std::function<nlohmann::json(const Common&)> run;
   bool many_ranks = false;  ///< may run under mpirun (base/ranks.h)
+  /// Of a command whose result is one page: its name in the output folder. Common::out is then the page's
+  /// file;
+  /// --out may name a folder or a file (*.html), beside which the result goes as *.json.
+  std::string page = {};
 };
 
 Command generate_command();
@@ -42,5 +46,6 @@ Command demo_command();
 Command depth_command();
 Command render_command();
 Command reproduce_command();
+Command view_command();
 
 }  // namespace mirage::cli

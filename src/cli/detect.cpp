@@ -9,6 +9,7 @@
 #include "base/progress.h"
 #include "cli/detector_options.h"
 #include "cli/picture_rows.h"
+#include "detection/detection_files.h"
 #include "detection/reliance.h"
 #include "validation/detection_plot.h"
 
@@ -20,7 +21,7 @@ struct DetectOptions {
   DetectorOptions detector;
   std::size_t frames = 0;
   bool reliance = false;
-  std::filesystem::path claim;
+  std::filesystem::path claim, kitti;
 };
 
 /// Puts what was measured under the weights' name into the file that the tests hold it against.
@@ -106,6 +107,10 @@ Command detect_command() {
                    "With --reliance: put what was measured under the weights' name into this file "
                    "(plugins/detectors/fusion/weights/reliance.json is what the tests check)")
         ->needs(reliance);
+    app.add_option(
+        "--kitti", chosen->kitti,
+        "Also write KITTI result files ID.txt into this folder, for the official evaluation and other "
+        "people's viewers (heights from the sweep: detectors find boxes in the bird's-eye view)");
   };
   command.run = [chosen](const Common& common) -> nlohmann::json {
     make_output_folder(common.out);
@@ -118,7 +123,16 @@ Command detect_command() {
         progress->update(done);
       };
     };
-    const DetectionRun run = detect_data_set(*detector, chosen->data, chosen->frames, tell("detect"));
+    std::function<void(const Frame&, const std::vector<Proposal>&)> write_kitti;
+    if (!chosen->kitti.empty()) {
+      make_output_folder(chosen->kitti);
+      write_kitti = [&, plane = detector->capabilities().plane()](const Frame& frame, const auto& found) {
+        write_results(chosen->kitti / (frame.id + ".txt"), kitti_detections(found, plane, frame),
+                      frame.calibration);
+      };
+    }
+    const DetectionRun run =
+        detect_data_set(*detector, chosen->data, chosen->frames, tell("detect"), write_kitti);
     progress.reset();
     write_json(common.out / "detections.json", detections_json(run));
     std::vector<ScoredStratum> parts(1);

@@ -21,9 +21,10 @@ namespace mirage::cli {
 namespace {
 
 std::vector<Command> all_commands() {
-  return {demo_command(),     generate_command(), simulate_command(), fit_command(),    train_command(),
-          detect_command(),   attack_command(),   evaluate_command(), export_command(), validate_command(),
-          tradeoff_command(), defend_command(),   render_command(),   depth_command(),  reproduce_command()};
+  return {demo_command(),   generate_command(), simulate_command(),  fit_command(),
+          train_command(),  detect_command(),   attack_command(),    evaluate_command(),
+          export_command(), validate_command(), tradeoff_command(),  defend_command(),
+          render_command(), depth_command(),    reproduce_command(), view_command()};
 }
 
 void add_common(CLI::App& app, Common& common, const std::string& default_out) {
@@ -49,6 +50,8 @@ int run(const std::vector<std::string>& arguments) {
   for (std::size_t i = 0; i < commands.size(); ++i) {
     CLI::App* sub = app.add_subcommand(commands[i].name, commands[i].help);
     add_common(*sub, commons[i], commands[i].default_out);
+    if (!commands[i].page.empty())
+      sub->get_option("--out")->description("the page (*.html), or a folder for it");
     commands[i].options(*sub);
     subcommands.push_back(sub);
   }
@@ -76,9 +79,17 @@ int run(const std::vector<std::string>& arguments) {
     commons[i].quiet = commons[i].quiet || rank() > 0;
     set_thread_count(commons[i].threads);
     start_logging(commons[i].quiet);
-    make_output_folder(commons[i].out);
+    std::filesystem::path result_file = commons[i].out / "result.json";
+    if (const std::string& page = commands[i].page; !page.empty()) {
+      std::filesystem::path& out = commons[i].out;
+      if (out.extension() == ".html")
+        result_file = std::filesystem::path(out).replace_extension(".json");
+      else
+        out /= page;
+    }
+    make_output_folder(std::filesystem::absolute(result_file).parent_path());
     nlohmann::json result = commands[i].run(commons[i]);
-    if (rank() == 0) write_json(commons[i].out / "result.json", result);
+    if (rank() == 0) write_json(result_file, result);
   }
   return 0;
 }

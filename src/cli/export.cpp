@@ -1,7 +1,8 @@
-// mirage export: the adversary and scenes of a run as glTF.
+// mirage export: the adversary and scenes of a run as glTF, the adversary as FBX and OBJ too.
 #include <fmt/format.h>
 
 #include <memory>
+#include <optional>
 
 #include "attack/hosts.h"
 #include "attack/run.h"
@@ -13,6 +14,8 @@
 #include "cli/table.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
+#include "exchange/obj_file.h"
+#include "validation/fbx_export.h"
 #include "validation/validate.h"
 
 namespace mirage::cli {
@@ -23,18 +26,31 @@ struct ExportOptions {
   std::string rooftop;
   QualityOption quality;
   int frames = 1;
+  bool fbx = false, obj = false;
 };
 
 nlohmann::json run(const ExportOptions& options, const Common& common) {
   const Run run = read_run(options.run);
   const auto data = options.data.empty() ? run.data : options.data;
   require_own_data(run, data);
+  std::optional<BlenderWorker> blender;  // first: where it is missing, say so now
+  if (options.fbx) blender.emplace(common.out / "blender.log");
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = select_hosts(run, options.frames);
   FrameStore store(data, run.depth, options.rooftop.empty() ? run.rooftop : options.rooftop, run.sun);
   RooftopCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);
   auto files = nlohmann::json::array({"adversary.glb"});
+  if (options.obj) {
+    write_obj(common.out / "adversary.obj", standing_on_origin(run.adversary));
+    for (const char* file : {"adversary.obj", "adversary.mtl", "adversary.png"}) files.push_back(file);
+  }
+  if (blender) {
+    write_fbx(*blender, common.out / "adversary.fbx", run.adversary);
+    blender.reset();
+    files.push_back("adversary.fbx");
+  }
+  std::size_t scenes = 0;
   for (const HostId& id : hosts) {
     throw_if_interrupted("the files written so far are complete");
     const auto held = store.get(id.frame);
@@ -45,7 +61,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     write_scene(common.out / (name + ".glb"),
                 host_scene(prepared.frame, label_of(prepared.frame, id), rooftop, run.adversary, name));
     files.push_back(name + ".glb");
-    progress.update(files.size() - 1);
+    progress.update(++scenes);
   }
   const auto& [mesh, atlas] = run.adversary;
   print_table({{"adversary", fmt::format("{} vertices, {} faces, {}×{} texels a face", mesh.vertices.size(),
@@ -60,17 +76,22 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
 
 Command export_command() {
   auto options = std::make_shared<ExportOptions>();
-  return {"export", "write the adversary and scenes of a run as .glb", "out/export",
-          [options](CLI::App& app) {
-            app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
-            app.add_option("--data", options->data, "data set (default: the run's)");
-            add_rooftop_option_of_run(app, options->rooftop);
-            options->quality.add(app, "none: a scene file holds the mesh itself, at any quality");
-            app.add_option("--frames", options->frames,
-                           "frames to export, test frames first; 0: all test frames")
-                ->check(CLI::NonNegativeNumber);
-          },
-          [options](const Common& common) { return run(*options, common); }};
+  return {
+      "export", "write the adversary and scenes of a run as .glb (and .fbx, .obj)", "out/export",
+      [options](CLI::App& app) {
+        app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
+        app.add_option("--data", options->data, "data set (default: the run's)");
+        add_rooftop_option_of_run(app, options->rooftop);
+        options->quality.add(app, "none: a scene file holds the mesh itself, at any quality");
+        app.add_option("--frames", options->frames, "frames to export, test frames first; 0: all test frames")
+            ->check(CLI::NonNegativeNumber);
+        app.add_flag("--fbx", options->fbx,
+                     "also adversary.fbx, by Blender, for game engines and driving simulators: metres, pivot "
+                     "on the roof socket, one material with its texels embedded");
+        app.add_flag("--obj", options->obj,
+                     "also adversary.obj with .mtl and .png: the same in metres, x forward, z up");
+      },
+      [options](const Common& common) { return run(*options, common); }};
 }
 
 }  // namespace mirage::cli

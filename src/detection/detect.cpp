@@ -18,7 +18,8 @@ std::vector<Proposal> detect_vehicles(Detector& detector, const ImageF& image, c
 }
 
 DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit,
-                             const std::function<void(std::size_t, std::size_t)>& progress) {
+                             const std::function<void(std::size_t, std::size_t)>& progress,
+                             const std::function<void(const Frame&, const std::vector<Proposal>&)>& seen) {
   using Clock = std::chrono::steady_clock;
   DetectionRun run;
   run.plane = detector.capabilities().plane();
@@ -40,6 +41,7 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
     auto found = suppress(
         detector.forward({&frame.image, points, &frame.calibration}, kScoreThresholdForAp, false), run.plane);
     seconds += std::chrono::duration<double>(Clock::now() - start).count();
+    if (seen) seen(frame, found);
     run.frames.push_back(scored(std::move(found), ground_truth(frame, detector.region()),
                                 frame.calibration.camera.fy, run.plane));
     if (progress) progress(i + 1, run.ids.size());

@@ -36,8 +36,11 @@ struct DetectionRun {
 };
 
 /// Runs the detector on each frame of `data` (or on the first `limit`); the next frame is read meanwhile when
-/// there is more than one thread. `progress(done, total)` may be empty. Throws Interrupted between frames.
-DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit = 0,
-                             const std::function<void(std::size_t, std::size_t)>& progress = {});
+/// there is more than one thread. `progress(done, total)` and `seen(frame, its detections)` may be empty.
+/// Throws Interrupted between frames.
+DetectionRun detect_data_set(
+    Detector& detector, const std::filesystem::path& data, std::size_t limit = 0,
+    const std::function<void(std::size_t, std::size_t)>& progress = {},
+    const std::function<void(const Frame&, const std::vector<Proposal>&)>& seen = {});
 
 }  // namespace mirage

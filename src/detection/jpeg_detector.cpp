@@ -65,19 +65,26 @@ class JpegDetector : public Detector {
 
 }  // namespace
 
-ImageF jpeg_round_trip(const ImageF& linear, int quality) {
-  const TurboJpeg compressor(tjInitCompress()), decompressor(tjInitDecompress());
-  if (!compressor || !decompressor)
-    throw Failure("libjpeg-turbo", "could not start", "check the free memory");
-  std::vector<std::uint8_t> bytes = srgb_bytes(linear);
+std::string encode_jpeg(const ImageF& linear, int quality) {
+  const TurboJpeg compressor(tjInitCompress());
+  if (!compressor) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
+  const std::vector<std::uint8_t> bytes = srgb_bytes(linear);
   unsigned char* made = nullptr;
   unsigned long size = 0;
   const int status = tjCompress2(compressor.get(), bytes.data(), linear.width, 0, linear.height, TJPF_RGB,
                                  &made, &size, TJSAMP_420, quality, TJFLAG_ACCURATEDCT);
   const std::unique_ptr<unsigned char, void (*)(unsigned char*)> owner(made, tjFree);
   check(status, compressor);
-  check(tjDecompress2(decompressor.get(), owner.get(), size, bytes.data(), linear.width, 0, linear.height,
-                      TJPF_RGB, TJFLAG_ACCURATEDCT),
+  return {reinterpret_cast<const char*>(owner.get()), size};
+}
+
+ImageF jpeg_round_trip(const ImageF& linear, int quality) {
+  const std::string file = encode_jpeg(linear, quality);
+  const TurboJpeg decompressor(tjInitDecompress());
+  if (!decompressor) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
+  std::vector<std::uint8_t> bytes(linear.data.size());
+  check(tjDecompress2(decompressor.get(), reinterpret_cast<const unsigned char*>(file.data()), file.size(),
+                      bytes.data(), linear.width, 0, linear.height, TJPF_RGB, TJFLAG_ACCURATEDCT),
         decompressor);
   return linear_image(bytes, linear.width, linear.height);
 }

@@ -6,10 +6,15 @@
 #pragma once
 
 #include <memory>
+#include <string>
 
 #include "detection/detector.h"
 
 namespace mirage {
+
+/// A JPEG file of scene-linear RGB: 8-bit sRGB, baseline, 4:2:0 chroma, `quality` 1–100. Failure if the
+/// library fails.
+std::string encode_jpeg(const ImageF& linear, int quality);
 
 /// Through 8-bit sRGB and baseline JPEG with 4:2:0 chroma at `quality` (1–100), back to scene-linear. Failure
 /// if the library fails.

@@ -2,6 +2,7 @@
 #include "exchange/mesh_files.h"
 
 #include <assimp/MemoryIOWrapper.h>
+#include <assimp/material.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 #include <fmt/format.h>
@@ -13,12 +14,15 @@
 #include <cctype>
 #include <cstdint>
 #include <cstring>
+#include <functional>
 #include <limits>
+#include <map>
 #include <memory>
 #include <optional>
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/image_io.h"
 #include "base/interrupt.h"
 #include "exchange/folder_files.h"
 #include "exchange/gltf_builder.h"
@@ -123,9 +127,41 @@ Eigen::Matrix3d vehicle_from_file(const MeshAxes& axes) {
   return m;
 }
 
-}  // namespace
+/// A material's base colour picture beside the file (or within it), or its plain colour.
+class Colours {
+ public:
+  Colours(const aiScene& scene, const fs::path& file, const aiMaterial& material) {
+    aiColor3D plain(0.5f, 0.5f, 0.5f);
+    material.Get(AI_MATKEY_COLOR_DIFFUSE, plain);
+    plain_ = {plain.r, plain.g, plain.b};
+    aiString name;
+    if (material.GetTexture(aiTextureType_BASE_COLOR, 0, &name) != aiReturn_SUCCESS &&
+        material.GetTexture(aiTextureType_DIFFUSE, 0, &name) != aiReturn_SUCCESS)
+      return;
+    if (const aiTexture* within = scene.GetEmbeddedTexture(name.C_Str()); within && within->mHeight == 0)
+      picture_ = decode_srgb({reinterpret_cast<const char*>(within->pcData), within->mWidth}, file.string(),
+                             name.C_Str());
+    else
+      picture_ = read_srgb(file.parent_path() / name.C_Str());
+  }
+  /// At a UV with its origin at the bottom left.
+  Vec3d at(double u, double v) const {
+    if (picture_.empty()) return plain_;
+    const auto place = [](double share, int size) {
+      return std::clamp(static_cast<int>(std::floor(share * size)), 0, size - 1);
+    };
+    const float* p = picture_.pixel(place(u, picture_.width), place(1 - v, picture_.height));
+    return {p[0], p[1], p[2]};
+  }
 
-Mesh read_mesh(const fs::path& file, const std::optional<MeshAxes>& axes) {
+ private:
+  Vec3d plain_;
+  ImageF picture_;
+};
+
+/// read_mesh(), which tells `face_of` each face as it is added.
+Mesh read_faces(const fs::path& file, const std::optional<MeshAxes>& axes,
+                const std::function<void(const aiScene&, const aiMesh&, const aiFace&)>& face_of) {
   const std::string extension = extension_of(file);
   if (!readable(extension))
     throw InputError(file.string(), "extension", "is not one that is read", "give .glb, .gltf, .obj or .ply");
@@ -169,6 +205,7 @@ Mesh read_mesh(const fs::path& file, const std::optional<MeshAxes>& axes) {
       mesh.faces.push_back({first + static_cast<int>(face.mIndices[0]),
                             first + static_cast<int>(face.mIndices[1]),
                             first + static_cast<int>(face.mIndices[2])});
+      face_of(*scene, part, face);
     }
   }
   for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
@@ -179,6 +216,32 @@ Mesh read_mesh(const fs::path& file, const std::optional<MeshAxes>& axes) {
   if (mesh.faces.empty()) throw InputError(file.string(), "faces", "there are none", "export the mesh again");
   check_mesh({mesh, {}}, file.string());
   return mesh;
+}
+
+}  // namespace
+
+Mesh read_mesh(const fs::path& file, const std::optional<MeshAxes>& axes) {
+  return read_faces(file, axes, [](const aiScene&, const aiMesh&, const aiFace&) {});
+}
+
+TexturedMesh read_textured_mesh(const fs::path& file, const std::optional<MeshAxes>& axes) {
+  TexturedMesh result;
+  result.atlas.resolution = 1;
+  std::map<unsigned, Colours> materials;
+  result.mesh = read_faces(file, axes, [&](const aiScene& scene, const aiMesh& part, const aiFace& face) {
+    const auto& colours =
+        materials.try_emplace(part.mMaterialIndex, scene, file, *scene.mMaterials[part.mMaterialIndex])
+            .first->second;
+    double u = 0, v = 0;
+    if (part.HasTextureCoords(0))
+      for (int k = 0; k < 3; ++k) {
+        const aiVector3D& uv = part.mTextureCoords[0][face.mIndices[k]];
+        u += uv.x / 3.0;
+        v += uv.y / 3.0;
+      }
+    result.atlas.texels.push_back(colours.at(u, v));
+  });
+  return result;
 }
 
 std::vector<ShapeSample> read_vehicle_meshes(const fs::path& folder, const std::optional<MeshAxes>& axes) {

@@ -25,6 +25,11 @@ struct MeshAxes {
 /// after Ctrl-C.
 Mesh read_mesh(const std::filesystem::path& file, const std::optional<MeshAxes>& axes = {});
 
+/// The same with the colours of the materials' pictures: one texel a face (an atlas of resolution 1), where
+/// the middle of the face's UVs lies in its material's base colour picture beside the file; a material's
+/// plain colour without one; grey (0.5) without a material.
+TexturedMesh read_textured_mesh(const std::filesystem::path& file, const std::optional<MeshAxes>& axes = {});
+
 /// Every such file of a folder, by name, as vehicles to learn from. They must be in metres and lie along x:
 /// InputError, naming the file and its measures, unless the length is 2 to 12 m, the width 1 to 3.5 m, the
 /// height 0.8 to 4.5 m and the length above the width. They needn't be watertight: inside is where the

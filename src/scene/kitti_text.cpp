@@ -3,45 +3,20 @@
 
 #include <Eigen/LU>
 #include <Eigen/SVD>
-#include <charconv>
 #include <cmath>
 #include <map>
 #include <numbers>
-#include <string_view>
 
-#include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "scene/kitti.h"
+#include "scene/kitti_rows.h"
 
 namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
 using Matrix34 = Eigen::Matrix<double, 3, 4>;
-
-std::vector<std::string_view> split(std::string_view text, std::string_view separators) {
-  std::vector<std::string_view> parts;
-  while (true) {
-    const auto begin = text.find_first_not_of(separators);
-    if (begin == std::string_view::npos) return parts;
-    text.remove_prefix(begin);
-    const auto end = std::min(text.find_first_of(separators), text.size());
-    parts.push_back(text.substr(0, end));
-    text.remove_prefix(end);
-  }
-}
-
-double to_number(std::string_view text, const fs::path& file, const std::string& field) {
-  if (text.starts_with('+')) text.remove_prefix(1);
-  double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size())
-    throw InputError(file.string(), field, fmt::format("'{}' is not a number", text), "correct the row");
-  if (!std::isfinite(value))
-    throw InputError(file.string(), field, fmt::format("'{}' is not finite", text), "correct the row");
-  return value;
-}
 
 Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix, const fs::path& file, const char* field) {
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
@@ -50,15 +25,6 @@ Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix, const fs::path& 
     throw InputError(file.string(), field, "is not a rotation",
                      "restore the calibration from the recording that the frame comes from");
   return rotation;
-}
-
-/// velo's (x, y) components of a heading (cos ry, 0, −sin ry) in `rect`, as a matrix on (cos ry, sin ry).
-Eigen::Matrix2d flat_heading(const Transform& rect_from_velo) {
-  const Eigen::Matrix3d velo_from_rect = rect_from_velo.linear().transpose();
-  Eigen::Matrix2d matrix;
-  matrix.col(0) = velo_from_rect.col(0).head<2>();
-  matrix.col(1) = -velo_from_rect.col(2).head<2>();
-  return matrix;
 }
 
 /// A box may pass the image's edge by this much: rounding in labels.
@@ -150,8 +116,6 @@ std::vector<Label> read_labels(const fs::path& file, const Calibration& calibrat
                                    "right", "bottom",    "height",     "width", "length", "x",
                                    "y",     "z",         "rotation_y", "score"};
   const std::string text = read_file(file);
-  const Transform velo_from_rect = calibration.rect_from_velo().inverse();
-  const Eigen::Matrix2d heading = flat_heading(calibration.rect_from_velo());
   std::vector<Label> labels;
   int row = 0;
   std::string_view rest = text;
@@ -192,11 +156,8 @@ std::vector<Label> read_labels(const fs::path& file, const Calibration& calibrat
       for (int i = 8; i < 11; ++i) demand(value[i] > 0 && value[i] <= 50, i, "m is no size of a road user");
       for (int i = 11; i < 14; ++i) demand(std::abs(value[i]) <= 1000, i, "m is further than 1 km away");
       demand(std::abs(value[14]) <= 2 * std::numbers::pi, 14, "rad is more than a full turn");
-      const Vec3d bottom = velo_from_rect * Vec3d(value[11], value[12], value[13]);
-      const Vec2d along = heading * Vec2d(std::cos(value[14]), std::sin(value[14]));
-      label.box = {{bottom.x(), bottom.y(), value[10], value[9], std::atan2(along.y(), along.x())},
-                   bottom.z(),
-                   value[8]};
+      label.box =
+          velo_box({value[8], value[9], value[10], value[11], value[12], value[13], value[14]}, calibration);
     }
     labels.push_back(label);
   }
@@ -204,8 +165,6 @@ std::vector<Label> read_labels(const fs::path& file, const Calibration& calibrat
 }
 
 void write_labels(const fs::path& file, const std::vector<Label>& labels, const Calibration& calibration) {
-  const Transform rect_from_velo = calibration.rect_from_velo();
-  const Eigen::Matrix2d heading = flat_heading(rect_from_velo).inverse();
   std::string text;
   for (const Label& label : labels) {
     const std::string box2d =
@@ -214,14 +173,9 @@ void write_labels(const fs::path& file, const std::vector<Label>& labels, const 
       text += fmt::format("DontCare -1 -1 -10 {} -1 -1 -1 -1000 -1000 -1000 -10\n", box2d);
       continue;
     }
-    const BevBox& bev = label.box.bev;
-    const Vec3d p = rect_from_velo * Vec3d(bev.x, bev.y, label.box.bottom);
-    const Vec2d along = heading * Vec2d(std::cos(bev.yaw), std::sin(bev.yaw));
-    const double ry = std::atan2(along.y(), along.x());
-    text +=
-        fmt::format("{} {:.2f} {} {:.2f} {} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}\n", label.type,
-                    label.truncated, label.occluded, wrap_angle(ry - std::atan2(p.x(), p.z())), box2d,
-                    label.box.height, bev.width, bev.length, p.x(), p.y(), p.z(), ry);
+    const RectBox box = rect_box(label.box, calibration);
+    text += fmt::format("{} {:.2f} {} {:.2f} {} {}\n", label.type, label.truncated, label.occluded,
+                        observation_angle(box), box2d, to_row(box));
   }
   write_file(file, text);
 }

@@ -1,0 +1,41 @@
+// Detections on disk: what `mirage detect` writes, and what other people's detectors do.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "detection/detector.h"
+#include "scene/kitti_results.h"
+
+namespace mirage {
+
+/// Proposals as KITTI's results hold them: class Car, upright() in the whole sweep; a detector of the picture
+/// alone (Plane::picture) gives no box in space.
+std::vector<KittiDetection> kitti_detections(std::span<const Proposal> found, Plane plane,
+                                             const Frame& frame);
+
+/// The detections of a data set's frames.
+class DetectionFiles {
+ public:
+  /// `path`: detections.json of mirage detect (or its folder), a folder of KITTI result files ID.txt (or one
+  /// that holds them as data/ID.txt), or one such file. InputError if it is none of these.
+  explicit DetectionFiles(const std::filesystem::path& path);
+
+  /// Whether the frame has been looked at; a frame without detections has.
+  bool has(const std::string& id) const;
+  /// The frame's detections by falling score; none if it has not been looked at. InputError naming file and
+  /// field for what can't be read.
+  std::vector<KittiDetection> of(const Frame& frame) const;
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+  std::map<std::string, std::filesystem::path> texts_;  ///< by frame
+  std::map<std::string, nlohmann::json> frames_;        ///< of detections.json, by frame
+};
+
+}  // namespace mirage

@@ -1,0 +1,21 @@
+// Wavefront OBJ out, for programs that read neither glTF nor FBX.
+#pragma once
+
+#include <filesystem>
+
+#include "geometry/mesh.h"
+
+namespace mirage {
+
+/// The mesh as other programs place it: moved down or up so that its lowest vertex lies at z = 0. Its origin
+/// is then the point that is set on a vehicle's roof (place(), scene/insertion.h), and the pivot there.
+TexturedMesh standing_on_origin(TexturedMesh adversary);
+
+/// Writes FILE.obj, FILE.mtl and FILE.png (8-bit sRGB, a pixel a texel), each atomically: metres, x forward,
+/// y left, z up, one object of one material. Each face is cut into its C² congruent triangles with all UVs at
+/// one texel's centre, as in glTF (exchange/gltf.h), so that any filter shows the exact texel; without texels
+/// it is whole and grey. Vertices are shared between triangles, with 9 digits. InputError if `file` does not
+/// end in .obj.
+void write_obj(const std::filesystem::path& file, const TexturedMesh& textured);
+
+}  // namespace mirage

@@ -1,0 +1,75 @@
+#include "scene/kitti_rows.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/LU>
+#include <charconv>
+#include <cmath>
+
+#include "base/angles.h"
+#include "base/error.h"
+
+namespace mirage {
+namespace {
+
+/// velo's (x, y) components of a heading (cos ry, 0, −sin ry) in `rect`, as a matrix on (cos ry, sin ry).
+Eigen::Matrix2d flat_heading(const Transform& rect_from_velo) {
+  const Eigen::Matrix3d velo_from_rect = rect_from_velo.linear().transpose();
+  Eigen::Matrix2d matrix;
+  matrix.col(0) = velo_from_rect.col(0).head<2>();
+  matrix.col(1) = -velo_from_rect.col(2).head<2>();
+  return matrix;
+}
+
+}  // namespace
+
+std::vector<std::string_view> split(std::string_view text, std::string_view separators) {
+  std::vector<std::string_view> parts;
+  while (true) {
+    const auto begin = text.find_first_not_of(separators);
+    if (begin == std::string_view::npos) return parts;
+    text.remove_prefix(begin);
+    const auto end = std::min(text.find_first_of(separators), text.size());
+    parts.push_back(text.substr(0, end));
+    text.remove_prefix(end);
+  }
+}
+
+double to_number(std::string_view text, const std::filesystem::path& file, const std::string& field) {
+  if (text.starts_with('+')) text.remove_prefix(1);
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size())
+    throw InputError(file.string(), field, fmt::format("'{}' is not a number", text), "correct the row");
+  if (!std::isfinite(value))
+    throw InputError(file.string(), field, fmt::format("'{}' is not finite", text), "correct the row");
+  return value;
+}
+
+Box3 velo_box(const RectBox& box, const Calibration& calibration) {
+  const Transform rect_from_velo = calibration.rect_from_velo();
+  const Vec3d bottom = rect_from_velo.inverse() * Vec3d(box.x, box.y, box.z);
+  const Vec2d along = flat_heading(rect_from_velo) * Vec2d(std::cos(box.ry), std::sin(box.ry));
+  return {{bottom.x(), bottom.y(), box.length, box.width, std::atan2(along.y(), along.x())},
+          bottom.z(),
+          box.height};
+}
+
+RectBox rect_box(const Box3& box, const Calibration& calibration) {
+  const Transform rect_from_velo = calibration.rect_from_velo();
+  const BevBox& bev = box.bev;
+  const Vec3d p = rect_from_velo * Vec3d(bev.x, bev.y, box.bottom);
+  const Vec2d along = flat_heading(rect_from_velo).inverse() * Vec2d(std::cos(bev.yaw), std::sin(bev.yaw));
+  return {box.height, bev.width, bev.length, p.x(), p.y(), p.z(), std::atan2(along.y(), along.x())};
+}
+
+double observation_angle(const RectBox& box) {
+  return wrap_angle(box.ry - std::atan2(box.x, box.z));
+}
+
+std::string to_row(const RectBox& box) {
+  return fmt::format("{:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}", box.height, box.width, box.length,
+                     box.x, box.y, box.z, box.ry);
+}
+
+}  // namespace mirage

@@ -1,0 +1,133 @@
+// Detections on disk, and the height of a box of the bird's-eye view.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdio>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/random.h"
+#include "detection/detection_files.h"
+#include "detection/upright.h"
+#include "scene/kitti.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+using test::TemporaryFolder;
+using testing::AllOf;
+using testing::HasSubstr;
+
+/// A road 1.7 m below the LiDAR, and a car 1.4 m high at (12, 3).
+Frame frame_with_car() {
+  Frame frame;
+  frame.id = "000004";
+  frame.calibration.camera = {700, 700, 600, 180, 1200, 360};
+  frame.calibration.camera_from_velo.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  RandomStream random(5, "detection files");
+  for (int i = 0; i < 4000; ++i)
+    frame.sweep.push_back({static_cast<float>(random.uniform(0, 40)),
+                           static_cast<float>(random.uniform(-10, 10)), -1.7f, 0.3f});
+  for (int i = 0; i < 200; ++i)
+    frame.sweep.push_back({static_cast<float>(12 + random.uniform(-1.8, 1.8)),
+                           static_cast<float>(3 + random.uniform(-0.8, 0.8)),
+                           static_cast<float>(random.uniform(-1.7, -0.3)), 0.3f});
+  return frame;
+}
+const BevBox kCar{12, 3, 4, 1.8, 0};
+
+TEST(Upright, BottomAndHeightComeFromTheSweep) {
+  const Frame frame = frame_with_car();
+  const Box3 box = upright(kCar, frame.sweep);
+  EXPECT_NEAR(box.bottom, -1.7, 0.01);
+  EXPECT_NEAR(box.height, 1.4, 0.08);
+  EXPECT_EQ(box.bev.x, kCar.x);
+  const Box3 bare = upright({25, -4, 4, 1.8, 0.4}, frame.sweep);  // the road alone
+  EXPECT_NEAR(bare.bottom, -1.7, 0.01);
+  EXPECT_EQ(bare.height, kNominalHeight);
+  EXPECT_NEAR(upright({200, 0, 4, 1.8, 0}, frame.sweep).bottom, -1.7, 0.01);  // no return near
+  EXPECT_EQ(upright(kCar, {}).height, kNominalHeight);
+  Frame mirrored = frame;
+  for (int i = 0; i < 30; ++i) mirrored.sweep.push_back({12.f, 3.f, -25.f, 0.1f});
+  EXPECT_NEAR(upright(kCar, mirrored.sweep).bottom, -1.7, 0.01);
+}
+
+TEST(Upright, OnLabelledCarsOfRealFrames) {
+  const auto data = test::real_frames();
+  if (data.empty()) GTEST_SKIP() << "no real frames";
+  double bottom = 0, height = 0;
+  int count = 0;
+  for (const std::string& id : list_frames(data)) {
+    const Frame frame = read_frame(data, id);
+    for (const Label& label : frame.labels) {
+      if (label.type != "Car") continue;
+      const Box3 box = upright(label.box.bev, frame.sweep);
+      bottom += std::abs(box.bottom - label.box.bottom);
+      height += std::abs(box.height - label.box.height);
+      ++count;
+    }
+  }
+  ASSERT_GT(count, 50);
+  std::printf("%d cars: bottom off by %.3f m, height by %.3f m\n", count, bottom / count, height / count);
+  EXPECT_LT(bottom / count, 0.1);
+  EXPECT_LT(height / count, 0.1);
+}
+
+TEST(DetectionFiles, WhatDetectWritesInBothFormatsIsTheSame) {
+  const TemporaryFolder folder;
+  const Frame frame = frame_with_car();
+  std::vector<Proposal> found(2);
+  found[0] = {kCar, 2.0, {100, 50, 200, 120}};
+  found[1] = {{20, -4, 4.2, 1.7, 0.7}, 0.3, {}};
+  write_results(folder / "kitti" / "000004.txt", kitti_detections(found, Plane::bev, frame),
+                frame.calibration);
+  nlohmann::json list;
+  for (const Proposal& p : found) {
+    list.push_back({{"x", p.box.x},
+                    {"y", p.box.y},
+                    {"length", p.box.length},
+                    {"width", p.box.width},
+                    {"yaw", p.box.yaw},
+                    {"score", p.score()}});
+    if (area(p.picture) > 0)
+      list.back()["picture"] = {{"left", p.picture.left},
+                                {"top", p.picture.top},
+                                {"right", p.picture.right},
+                                {"bottom", p.picture.bottom}};
+  }
+  nlohmann::json one = {{"frame", "000004"}, {"detections", list}};
+  write_json(folder / "detections.json", {{"frames", nlohmann::json::array({one})}});
+  for (const char* place : {"kitti", "kitti/000004.txt", "detections.json", ""}) {
+    const DetectionFiles files(folder / place);
+    EXPECT_TRUE(files.has("000004")) << place;
+    EXPECT_FALSE(files.has("000005")) << place;
+    const auto back = files.of(frame);
+    ASSERT_EQ(back.size(), 2u) << place;
+    for (std::size_t i = 0; i < 2; ++i) {
+      EXPECT_NEAR(back[i].box->bev.x, found[i].box.x, 2e-6);
+      EXPECT_NEAR(back[i].box->bev.yaw, found[i].box.yaw, 2e-6);
+      EXPECT_NEAR(back[i].box->bottom, upright(found[i].box, frame.sweep).bottom, 2e-6);
+      EXPECT_NEAR(back[i].score, found[i].score(), 1e-9);
+    }
+    EXPECT_NEAR(back[0].picture->right, 200, 1e-9);
+  }
+}
+
+TEST(DetectionFiles, OfAnotherKindAreNamed) {
+  const TemporaryFolder folder;
+  std::filesystem::create_directories(folder / "empty");
+  write_json(folder / "a.json", {{"boxes", 1}});
+  write_json(folder / "b.json", {{"frames", {{{"frame", "000004"}, {"detections", {{{"x", 1}}}}}}}});
+  for (const auto& [place, word] :
+       {std::pair("none", "No such file"), {"empty", "holds no detections"}, {"a.json", "frames"}})
+    EXPECT_THAT(error_text<InputError>([&] { DetectionFiles(folder / place); }),
+                AllOf(HasSubstr(place), HasSubstr(word)));
+  EXPECT_THAT(error_text<InputError>([&] { DetectionFiles(folder / "b.json").of(frame_with_car()); }),
+              AllOf(HasSubstr("b.json"), HasSubstr("frame 000004, detection 0.score")));
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,387 @@
+"""The page of `mirage view` in headless Chromium: test_view.py SOURCE BUILD. Exit code 77: skipped, with why.
+
+Of a folder of a hundred frames, of one with a detector's boxes, and of a run: the page opens without console errors and
+asks for nothing but itself, every frame shows within two seconds, slider, keys and mouse do what they say, what is drawn
+is what the files hold, and both themes draw."""
+
+import json
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+import unittest
+
+from PIL import Image
+
+SOURCE, BUILD = (os.path.abspath(path) for path in sys.argv[1:3])
+sys.path.insert(0, os.path.join(SOURCE, "tests", "report"))
+import browser  # noqa: E402
+
+FRAMES = 100
+PARTS = (("image_2", ".png"), ("velodyne", ".bin"), ("calib", ".txt"), ("label_2", ".txt"), ("lighting", ".json"))
+FOLDER = tempfile.TemporaryDirectory(prefix="mirage-view-")
+
+
+def at(*names):
+    return os.path.join(FOLDER.name, *names)
+
+
+def mirage(*arguments):
+    """(exit code, standard error)"""
+    done = subprocess.run([os.path.join(BUILD, "mirage"), *arguments], capture_output=True, text=True,
+                          env={**os.environ, "MIRAGE_CACHE": "off"})
+    return done.returncode, done.stderr
+
+
+def made(*arguments):
+    code, said = mirage(*arguments, "--quiet")
+    if code:
+        raise RuntimeError(f"mirage {' '.join(arguments)}: {said}")
+
+
+def setUpModule():
+    """data: three generated frames; many: a hundred that are these by turns."""
+    made("generate", "--frames", "3", "--seed", "5", "--out", at("data"))
+    for index in range(FRAMES):
+        for part, extension in PARTS:
+            os.makedirs(at("many", "training", part), exist_ok=True)
+            os.symlink(at("data", "training", part, f"{index % 3:06d}{extension}"),
+                       at("many", "training", part, f"{index:06d}{extension}"))
+
+
+def tearDownModule():
+    FOLDER.cleanup()
+
+
+class Opened(unittest.TestCase):
+    """A page in a browser; `arguments` of mirage view, `name` of the page."""
+
+    arguments = ()
+    size = (1440, 900)
+
+    @classmethod
+    def setUpClass(cls):
+        cls.path = at(cls.__name__ + ".html")
+        made("view", *(argument.format(FOLDER.name) for argument in cls.arguments), "--out", cls.path)
+        with open(cls.path.replace(".html", ".json"), encoding="utf-8") as file:
+            cls.result = json.load(file)
+        cls.browser = browser.Browser(cls.size)
+        cls.addClassCleanup(cls.browser.__exit__)
+        cls.browser.theme("light")
+        cls.browser.open(cls.path)
+        cls.shown(cls.browser.run("about().frames[0]"))
+
+    @classmethod
+    def shown(cls, frame):
+        cls.browser.wait_for(f"document.documentElement.dataset.frame === {json.dumps(frame)}")
+
+    def setUp(self):
+        self.key("Home")
+        self.shown(self.browser.run("about().frames[0]"))
+        self.key("0")
+
+    def tearDown(self):
+        self.assertEqual(self.browser.errors, [])
+        self.assertEqual([url[:99] for url in self.browser.requests
+                          if not url.startswith(("data:", "blob:")) and not url.endswith(self.path)], [])
+
+    def key(self, key, **more):
+        codes = {"Home": 36, "End": 35, "ArrowLeft": 37, "ArrowRight": 39, " ": 32, "[": 219, "]": 221}
+        for kind in ("keyDown", "keyUp"):
+            self.browser.call("Input.dispatchKeyEvent", type=kind, key=key,
+                              windowsVirtualKeyCode=codes.get(key, ord(key[0].upper())), **more)
+
+    def settle(self):
+        self.browser.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+    def place(self, selector):
+        """Left, top, width, height in the window, scrolled into it."""
+        return self.browser.run(f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
+                                "e.scrollIntoView({block: 'center'}); const r = e.getBoundingClientRect();"
+                                "return [r.x, r.y, r.width, r.height] })()")
+
+    def pixels(self, selector):
+        """{colour: how often} of a canvas."""
+        return self.browser.run(
+            f"(() => {{ const c = document.querySelector({json.dumps(selector)}), d = c.getContext('2d')"
+            ".getImageData(0, 0, c.width, c.height).data, found = {};"
+            "for (let i = 0; i < d.length; i += 4) { const k = d[i] + ',' + d[i + 1] + ',' + d[i + 2];"
+            "if (d[i + 3] > 250) found[k] = (found[k] ?? 0) + 1 } return found })()")
+
+
+class HundredFrames(browser.PageChecks, Opened):
+    arguments = ("{}/many", "--size", "60")
+
+    def test_every_frame_shows_within_two_seconds(self):
+        seconds = self.browser.run("""(async () => {
+          const times = [], root = document.documentElement;
+          for (const id of about().frames.slice(1)) {
+            const start = performance.now();
+            dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight"}));
+            while (root.dataset.frame !== id) await new Promise(done => setTimeout(done, 2));
+            times.push((performance.now() - start) / 1000);
+          }
+          return times })()""")
+        self.assertEqual(len(seconds), FRAMES - 1)
+        print(f"\n100 frames: {self.result['bytes'] / 1e6:.1f} MB, a frame {sum(seconds) / len(seconds):.3f} s, "
+              f"the slowest {max(seconds):.3f} s")
+        self.assertLess(max(seconds), 2)
+
+    def test_size_is_bounded_and_told(self):
+        self.assertLessEqual(os.path.getsize(self.path), 60e6)
+        self.assertEqual(os.path.getsize(self.path), self.result["bytes"])
+        said = self.browser.run("document.getElementById('about-page').textContent")
+        self.assertIn(f"{self.browser.run('about().megabytes')} MB", said)
+        self.assertAlmostEqual(self.browser.run("about().megabytes"), self.result["bytes"] / 1e6, delta=0.15)
+
+    def test_frames_are_decoded_when_they_are_looked_at(self):
+        self.assertLessEqual(self.browser.run("decoded.size"), 6)
+
+    def test_slider_and_keys_choose_the_frame(self):
+        x, y, width, height = self.place("#slider")
+        self.browser.drag((x + 8, y + height / 2), (x + width / 2, y + height / 2))
+        middle = self.browser.run("+document.getElementById('slider').value")
+        self.assertTrue(40 < middle < 60, middle)
+        self.shown(f"{middle:06d}")
+        self.key("ArrowLeft")
+        self.shown(f"{middle - 1:06d}")
+        self.key("ArrowRight", modifiers=8)  # Shift
+        self.shown(f"{middle + 9:06d}")
+        self.key("End")
+        self.shown(f"{FRAMES - 1:06d}")
+        self.key("ArrowRight")
+        self.assertEqual(self.browser.run("document.getElementById('place').textContent"), f"{FRAMES - 1:06d} · 100 of 100")
+
+    def test_it_plays_and_stops(self):
+        self.key(" ")
+        self.shown("000002")
+        self.key(" ")
+        self.assertEqual(self.browser.run("document.getElementById('play').textContent"), "Play")
+
+    def test_points_are_those_of_the_sweep(self):
+        with open(at("data", "training", "velodyne", "000000.bin"), "rb") as file:
+            sweep = list(struct.iter_unpack("<4f", file.read()))
+        self.assertEqual(self.result["kept_points"], self.result["points"])
+        shown = self.browser.run("frameAt(0).then(f => ['x', 'y', 'z', 'reflectance'].map(k => [...f.points[k]]))")
+        self.assertEqual(len(shown[0]), len(sweep))
+        for k, least in ((0, 0.00501), (1, 0.00501), (2, 0.00501), (3, 0.002)):
+            self.assertLess(max(abs(a - b[k]) for a, b in zip(shown[k], sweep)), least)
+
+    def test_picture_is_the_photograph(self):
+        with Image.open(at("data", "training", "image_2", "000000.png")) as image:
+            real = image.convert("RGB").resize((62, 19), Image.BOX).tobytes()
+        seen = self.browser.run("frameAt(0).then(f => { const c = new OffscreenCanvas(62, 19), x = c.getContext('2d');"
+                                "x.imageSmoothingQuality = 'high'; x.drawImage(f.photo, 0, 0, 62, 19);"
+                                "return [...x.getImageData(0, 0, 62, 19).data].filter((_, i) => i % 4 < 3) })")
+        self.assertLess(sum(abs(a - b) for a, b in zip(real, seen)) / len(seen), 6)
+
+    def test_boxes_lie_where_the_labels_are(self):
+        # Each label's 2-D box holds the middle of its projected box; the two come from different numbers.
+        pairs = self.browser.run("columns[0].views[0].drawn.filter(d => d.box.box && !d.box.truncated && !d.box.occluded)"
+                                 ".map(d => { const v = columns[0].views[0], w = v.window(v.canvas.clientWidth, v.canvas.clientHeight);"
+                                 "return [d.left, d.top, d.right, d.bottom].map((x, i) => (x - (i % 2 ? w.top : w.left)) / w.s)"
+                                 ".concat(d.box.picture) })")
+        self.assertGreater(len(pairs), 0)
+        for left, top, right, bottom, *label in pairs:
+            self.assertTrue(label[0] <= (left + right) / 2 <= label[2], (left, right, label))
+            self.assertTrue(label[1] <= (top + bottom) / 2 <= label[3], (top, bottom, label))
+            self.assertLess(abs((right - left) - (label[2] - label[0])), 0.25 * (label[2] - label[0]) + 4)
+
+    def test_colours(self):
+        seen = {}
+        for key in "hri":
+            self.key(key)
+            self.settle()
+            seen[key] = self.pixels(".top canvas")
+            self.assertEqual(self.browser.run("document.querySelector('#colour [aria-pressed=true]').value")[0], key)
+            self.assertGreater(sum(seen[key].values()), 3000)
+        self.assertNotEqual(seen["h"], seen["r"])
+        hues = self.browser.run("INSTANCES.light.map(c => rgb(c).join())")
+        self.assertTrue(any(seen["i"].get(hue, 0) > 20 for hue in hues))
+        self.assertIn("labelled boxes", self.browser.run("document.getElementById('ramp-name').textContent"))
+        self.key("h")
+
+    def test_layers_and_views(self):
+        green = self.browser.run("rgb(css('truth')).join()")
+        drawn = "columns[0].views[1].drawn.length"
+        self.assertGreater(self.browser.run(drawn), 0)
+        self.key("l")
+        self.settle()
+        self.assertEqual(self.browser.run(drawn), 0)
+        self.assertNotIn(green, self.pixels(".top canvas"))
+        self.key("l")
+        widths = lambda: self.browser.run("['.top', '.orbit'].map(s => document.querySelector(s).offsetWidth)")
+        for expected in ((True, False), (False, True), (True, True)):
+            self.key("v")
+            self.settle()
+            self.assertEqual(tuple(width > 0 for width in widths()), expected)
+
+    def test_scale_bar_is_true(self):
+        bar = self.browser.run("columns[0].views[1].bar")
+        apart = self.browser.run("(() => { const v = columns[0].views[1], a = v.place(10, 0, 0), b = v.place(20, 0, 0);"
+                                 "return a[1] - b[1] })()")
+        self.assertAlmostEqual(bar["pixels"] / bar["metres"], apart / 10, places=6)
+
+    def test_mouse_turns_moves_and_zooms(self):
+        x, y, width, height = self.place(".orbit canvas")
+        before = self.browser.run("({...eyes.orbit})")
+        self.browser.drag((x + width / 2, y + height / 2), (x + width / 2 + 80, y + height / 2 + 20))
+        self.assertNotEqual(self.browser.run("eyes.orbit.heading"), before["heading"])
+        self.browser.call("Input.dispatchMouseEvent", type="mouseWheel", x=x + width / 2, y=y + height / 2, deltaX=0, deltaY=-300)
+        self.settle()
+        self.assertLess(self.browser.run("eyes.orbit.distance"), before["distance"])
+        x, y, width, height = self.place(".top canvas")
+        # What is under the pointer stays there when it zooms.
+        under = ("(() => { const v = columns[0].views[1]; v.look(v.canvas.clientWidth, v.canvas.clientHeight);"
+                 "return [v.eye.x - (60 - v.canvas.clientHeight / 2) / v.scale, v.eye.y - (90 - v.canvas.clientWidth / 2) / v.scale] })()")
+        place = self.browser.run(under)
+        self.browser.call("Input.dispatchMouseEvent", type="mouseWheel", x=round(x) + 90, y=round(y) + 60, deltaX=0, deltaY=-200)
+        self.settle()
+        for a, b in zip(place, self.browser.run(under)):
+            self.assertAlmostEqual(a, b, delta=0.2)
+        self.key("0")
+        self.assertEqual(self.browser.run("({...eyes.orbit})"), before)
+
+    def test_pointing_at_a_box_tells_about_it(self):
+        x, y, *_ = self.place(".top canvas")
+        u, v = self.browser.run("(() => { const v = columns[0].views[1], d = v.drawn.find(d => d.left > 0 && d.top > 0 && d.right < v.canvas.clientWidth && d.bottom < v.canvas.clientHeight); return [(d.left + d.right) / 2, (d.top + d.bottom) / 2] })()")
+        self.browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + u, y=y + v)
+        said = self.browser.run("document.getElementById('tip').hidden ? '' : document.getElementById('tip').textContent")
+        self.assertIn("m away", said)
+        self.assertIn("returns", said)
+
+    def test_theme_switch(self):
+        papers = []
+        for _ in range(3):
+            self.browser.run("document.getElementById('theme').click()")
+            papers.append(self.browser.run("getComputedStyle(document.body).backgroundColor"))
+        self.assertEqual(len(set(papers)), 2)
+        self.assertIn("System", self.browser.run("document.getElementById('theme').textContent"))
+
+    def test_keys_are_listed(self):
+        listed = self.browser.run("[...document.querySelectorAll('.keys kbd')].map(k => k.textContent.toLowerCase())")
+        for key in self.browser.run("Object.keys(KEYS)"):
+            self.assertIn({"ArrowRight": "→", "ArrowLeft": "←", " ": "space"}.get(key, key.lower()), listed)
+
+
+class WithDetections(Opened):
+    """What detect --kitti writes is drawn as what it writes in JSON."""
+
+    arguments = ("{}/data", "--detections", "{}/kitti")
+
+    @classmethod
+    def setUpClass(cls):
+        made("detect", "--data", at("data"), "--detector", "lidar", "--kitti", at("kitti"), "--out", at("detect"))
+        super().setUpClass()
+
+    BOXES = "Promise.all(about().frames.map((_, k) => frameAt(k).then(f => f.file.map(d => [...d.box, d.score]))))"
+
+    def test_both_formats_are_the_same_boxes(self):
+        from_kitti = self.browser.run(self.BOXES)
+        with open(at("detect", "detections.json"), encoding="utf-8") as file:
+            frames = json.load(file)["frames"]
+        self.assertGreater(sum(map(len, from_kitti)), 3)
+        for shown, frame in zip(from_kitti, frames):
+            self.assertEqual(len(shown), len(frame["detections"]))
+            for box, found in zip(shown, frame["detections"]):
+                for a, b in zip((box[0], box[1], box[3], box[4], box[7]), (found[k] for k in ("x", "y", "length", "width", "score"))):
+                    self.assertAlmostEqual(a, b, delta=2e-4)
+        made("view", at("data"), "--detections", at("detect"), "--out", at("json.html"))
+        with browser.Browser() as other:
+            other.open(at("json.html"))
+            other.wait_for("!!document.documentElement.dataset.frame")
+            for shown, frame in zip(other.run(self.BOXES), from_kitti, strict=True):
+                for box, same in zip(shown, frame, strict=True):
+                    self.assertLess(max(abs(a - b) for a, b in zip(box, same)), 2e-4)
+
+    def test_score_slider(self):
+        count = "columns[0].views[1].drawn.filter(d => d.box.kind === 'file').length"
+        all_of = self.browser.run("current.file.length")
+        for _ in range(20):
+            self.key("[")
+        self.settle()
+        self.assertEqual(self.browser.run(count), all_of)
+        for _ in range(20):
+            self.key("]")
+        self.settle()
+        self.assertLess(self.browser.run(count), all_of)
+
+
+class OfARun(browser.PageChecks, Opened):
+    arguments = ("--run", "{}/run", "--frames", "2")
+
+    @classmethod
+    def setUpClass(cls):
+        made("attack", "--iterations", "2", "--detector", "lidar", "--data", at("data"), "--out", at("run"))
+        super().setUpClass()
+
+    def test_clean_and_attacked_stand_side_by_side(self):
+        self.assertEqual(self.browser.run("[...document.querySelectorAll('h2')].map(h => h.firstChild.textContent)"),
+                         ["As recorded", "Attacked"])
+        self.assertGreater(self.result["vehicles"], 0)
+        told = self.browser.run("current.attacks[0].outcome")
+        self.assertEqual(self.browser.run("current.attacks[0].added.n"), told["returns"])
+        self.assertEqual(self.browser.run("current.attacks[0].removed.length"), told["removed"])
+        hit = self.browser.run("rgb(css('hit')).join()")
+        self.assertNotIn(hit, self.pixels(".clean .top canvas"))
+        if told["returns"]:
+            self.assertIn(hit, self.pixels(".attacked .top canvas"))
+        # The pictures differ where the object stands, and there alone.
+        u, v, w, h = self.browser.run("current.attacks[0].rect")
+        apart = self.browser.run("current.attacks[0].rect && (() => { const [a, b] = [null, current.attacks[0]].map(t => {"
+                                 "const [w, h] = current.size, c = new OffscreenCanvas(w, h), x = c.getContext('2d');"
+                                 "x.drawImage(current.photo, 0, 0); if (t) x.drawImage(t.patch, t.rect[0], t.rect[1]);"
+                                 "return x.getImageData(0, 0, w, h).data }); let n = 0;"
+                                 "for (let i = 0; i < a.length; ++i) n += Math.abs(a[i] - b[i]) > 24; return n })()")
+        self.assertGreater(apart, 30)
+        self.assertLess(w * h, 0.6 * 1242 * 375)
+
+    def test_views_are_linked(self):
+        x, y, width, height = self.place(".attacked .orbit canvas")
+        self.browser.drag((x + width / 2, y + height / 2), (x + width / 2 + 60, y + height / 2))
+        self.settle()
+        look = self.browser.run("columns.map(c => c.views[2].place(20, 3, 0).slice(0, 2))")
+        for a, b in zip(*look):
+            self.assertAlmostEqual(a, b, delta=1)
+
+    def test_the_next_vehicle(self):
+        count = self.browser.run("current.attacks.length")
+        names = []
+        for _ in range(count + 1):
+            names.append(self.browser.run("current.attacks[state.vehicle].name"))
+            self.key("a")
+            self.settle()
+        self.assertEqual(len(set(names)), count)
+        self.assertEqual(names[0], names[-1])
+        self.assertRegex(self.browser.run("document.getElementById('outcome').textContent"), "ound as recorded|Hidden|Still found")
+
+
+class WrongInput(unittest.TestCase):
+    def test_is_one_line(self):
+        with open(at("other.json"), "w", encoding="utf-8") as file:
+            json.dump({"frames": [{"frame": "777777", "detections": []}]}, file)
+        for arguments, word in (((), "DIR"), ((at("none"),), "none"), ((at("data"), "--run", at("none")), "none"),
+                                ((at("data"), "--detections", at("none.json")), "none.json"),
+                                ((at("data"), "--detections", at("other.json")), "other.json"),
+                                ((at("data"), "--size", "0.2"), "--size"), ((at("data"), "--size", "0"), "--size")):
+            code, said = mirage("view", *arguments, "--out", at("wrong"))
+            self.assertEqual(code, 2, said)
+            self.assertEqual(said.count("\n"), 1, said)
+            self.assertIn(word, said)
+            self.assertFalse(os.path.exists(at("wrong", "view.html")))
+
+    def test_a_small_page_keeps_what_matters(self):
+        made("view", at("data"), "--size", "0.6", "--out", at("small"))
+        with open(at("small", "result.json"), encoding="utf-8") as file:
+            result = json.load(file)
+        self.assertLessEqual(os.path.getsize(at("small", "view.html")), 0.6e6)
+        self.assertGreater(result["step"], 1)
+        self.assertLess(result["kept_points"], result["points"])
+
+
+if __name__ == "__main__":
+    if not browser.find():
+        print("skipped: chromium is not installed (package chromium)")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1], verbosity=2)

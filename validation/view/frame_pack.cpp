@@ -1,0 +1,215 @@
+#include "validation/view/frame_pack.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+
+#include "base/error.h"
+#include "detection/average_precision.h"
+#include "detection/jpeg_detector.h"
+#include "detection/points_in_view.h"
+#include "scene/generator/dataset.h"
+#include "validation/view/encode.h"
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kLowestQuality = 40, kCoarsest = 64, kPatchQuality = 92;
+constexpr double kPictureShare = 0.5;  // of the limit, at most
+
+double rounded(double value, double digits = 1e4) {
+  return std::round(value * digits) / digits;
+}
+
+json box_json(const Box3& box) {
+  const BevBox& b = box.bev;
+  return {rounded(b.x),     rounded(b.y),        rounded(box.bottom), rounded(b.length),
+          rounded(b.width), rounded(box.height), rounded(b.yaw)};
+}
+
+json box_json(const PictureBox& box) {
+  return {rounded(box.left, 10), rounded(box.top, 10), rounded(box.right, 10), rounded(box.bottom, 10)};
+}
+
+json labels_json(const ViewFrame& view) {
+  std::vector<int> returns(view.frame.labels.size());
+  for (const int k : view.instance)
+    if (k >= 0) ++returns[static_cast<std::size_t>(k)];
+  json list = json::array();
+  for (std::size_t k = 0; k < view.frame.labels.size(); ++k) {
+    const Label& label = view.frame.labels[k];
+    json one = {{"type", label.type}, {"picture", box_json(picture_box(label))}};
+    if (label.type != "DontCare")
+      one.update({{"box", box_json(label.box)},
+                  {"occluded", label.occluded},
+                  {"truncated", rounded(label.truncated, 100)},
+                  {"returns", returns[k]}});
+    if (label.track >= 0) one["track"] = label.track;
+    list.push_back(one);
+  }
+  return list;
+}
+
+/// Null if the frame was not looked at.
+json detections_json(const ViewDetections& detections) {
+  if (!detections.looked) return nullptr;
+  json list = json::array();
+  for (const KittiDetection& found : detections.found) {
+    json one = {{"type", found.type}, {"score", rounded(found.score)}};
+    if (found.box) one["box"] = box_json(*found.box);
+    if (found.picture) one["picture"] = box_json(*found.picture);
+    list.push_back(one);
+  }
+  return list;
+}
+
+/// Blobs behind one another, and where each lies.
+struct Blobs {
+  std::string bytes;
+  json add(const std::string& blob) {
+    const std::size_t at = bytes.size();
+    bytes += blob;
+    return {at, blob.size()};
+  }
+};
+
+std::string words(const std::vector<std::uint32_t>& values) {
+  std::string bytes;
+  for (const std::uint32_t value : values)
+    for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<char>(value >> shift & 0xff));
+  return bytes;
+}
+
+bool within_reach(const LidarPoint& p) {
+  return p.position().cwiseAbs().maxCoeff() < kReach;
+}
+
+/// Which points stay.
+std::vector<bool> kept_points(const ViewFrame& view, int step) {
+  const Sweep& sweep = view.frame.sweep;
+  std::vector<bool> kept(sweep.size());
+  for (std::size_t i = 0; i < sweep.size(); ++i) {
+    bool needed = i % static_cast<std::size_t>(step) == 0 || view.instance[i] >= 0;
+    for (const ViewAttack& attack : view.attacks) needed = needed || attack.removed[i];
+    kept[i] = needed && within_reach(sweep[i]);
+  }
+  return kept;
+}
+
+std::string container(const ViewFrame& view, const std::string& photo, const std::vector<bool>& kept) {
+  const Frame& frame = view.frame;
+  Blobs blobs;
+  json about = {{"id", frame.id},
+                {"size", {frame.image.width, frame.image.height}},
+                {"pixel_from_velo", pixel_from_velo(frame.calibration)},
+                {"labels", labels_json(view)},
+                {"true_instance", view.true_instance},
+                {"found", detections_json(view.found)},
+                {"file", detections_json(view.from_file)},
+                {"total", frame.sweep.size()},
+                {"photo", blobs.add(photo)}};
+  Sweep points;
+  std::vector<unsigned char> instance;
+  std::vector<std::uint32_t> place(frame.sweep.size());
+  for (std::size_t i = 0; i < frame.sweep.size(); ++i) {
+    if (!kept[i]) continue;
+    place[i] = static_cast<std::uint32_t>(points.size());
+    points.push_back(frame.sweep[i]);
+    instance.push_back(static_cast<unsigned char>(std::min(view.instance[i] + 1, 255)));
+  }
+  about["points"] = blobs.add(packed_points(points, instance));
+  about["attacks"] = json::array();
+  for (const ViewAttack& attack : view.attacks) {
+    std::vector<std::uint32_t> removed;
+    for (std::size_t i = 0; i < attack.removed.size(); ++i)
+      if (attack.removed[i] && kept[i]) removed.push_back(place[i]);
+    Sweep added = attack.added;
+    std::erase_if(added, [](const LidarPoint& p) { return !within_reach(p); });
+    const PixelRect& r = attack.rect;
+    json one = {{"name", attack.name},
+                {"label", attack.label},
+                {"removed", blobs.add(words(removed))},
+                {"added", blobs.add(packed_points(added, std::vector<unsigned char>(added.size())))},
+                {"found", detections_json(attack.found)},
+                {"outcome", attack.outcome}};
+    if (!r.empty())
+      one.update({{"rect", {r.u0, r.v0, r.width(), r.height()}},
+                  {"patch", blobs.add(encode_jpeg(attack.patch, kPatchQuality))}});
+    about["attacks"].push_back(one);
+  }
+  const std::string text = about.dump();
+  return words({static_cast<std::uint32_t>(text.size())}) + text + blobs.bytes;
+}
+
+double quantile(std::vector<float>& values, double share) {
+  if (values.empty()) return 0;
+  const auto at =
+      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
+}  // namespace
+
+void find_instances(const std::filesystem::path& data, ViewFrame& view) {
+  const Frame& frame = view.frame;
+  view.instance.assign(frame.sweep.size(), -1);
+  const auto truth = point_label_file(data, frame.id);
+  view.true_instance = std::filesystem::exists(truth);
+  if (view.true_instance) {
+    const auto words_of = read_point_labels(truth, frame.sweep.size());
+    for (std::size_t i = 0; i < words_of.size(); ++i)
+      if (const auto k = words_of[i] >> 16; k > 0 && k <= frame.labels.size())
+        view.instance[i] = static_cast<int>(k) - 1;
+    return;
+  }
+  for (std::size_t k = 0; k < frame.labels.size(); ++k) {
+    const Label& label = frame.labels[k];
+    if (label.type == "DontCare") continue;
+    const double reach = std::hypot(label.box.bev.length, label.box.bev.width) / 2;
+    for (std::size_t i = 0; i < frame.sweep.size(); ++i) {
+      const LidarPoint& p = frame.sweep[i];
+      if (view.instance[i] >= 0 || std::abs(p.x - label.box.bev.x) > reach ||
+          std::abs(p.y - label.box.bev.y) > reach)
+        continue;
+      if (contains(label.box, p.position().cast<double>())) view.instance[i] = static_cast<int>(k);
+    }
+  }
+}
+
+PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start) {
+  PackedFrame packed;
+  packed.settings = start;
+  packed.points = view.frame.sweep.size();
+  std::string photo = encode_jpeg(view.frame.image, packed.settings.quality);
+  while (4 * photo.size() / 3 > kPictureShare * static_cast<double>(limit) &&
+         packed.settings.quality > kLowestQuality)
+    photo = encode_jpeg(view.frame.image, packed.settings.quality -= 15);
+  while (true) {
+    const std::vector<bool> kept = kept_points(view, packed.settings.step);
+    packed.text = base64(gzip(container(view, photo, kept)));
+    packed.kept = static_cast<std::size_t>(std::count(kept.begin(), kept.end(), true));
+    if (packed.text.size() <= limit) break;
+    if (packed.settings.step >= kCoarsest)
+      throw InputError("--size", "",
+                       fmt::format("frame {} does not fit into {:.1f} MB", view.frame.id,
+                                   1e-6 * static_cast<double>(limit)),
+                       "give a larger --size or fewer --frames");
+    packed.settings.step = std::min(kCoarsest, packed.settings.step + std::max(1, packed.settings.step / 2));
+  }
+  std::vector<float> heights, reflectances;
+  for (const LidarPoint& p : view.frame.sweep) {
+    heights.push_back(p.z);
+    reflectances.push_back(p.reflectance);
+  }
+  packed.lowest = quantile(heights, 0.01);
+  packed.highest = quantile(heights, 0.99);
+  packed.brightest = quantile(reflectances, 0.99);
+  return packed;
+}
+
+}  // namespace mirage

@@ -1,0 +1,63 @@
+// One frame of `mirage view` as the page carries it.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "scene/frame.h"
+#include "scene/kitti_results.h"
+
+namespace mirage {
+
+/// A list of boxes and who found them.
+struct ViewDetections {
+  std::vector<KittiDetection> found;
+  bool looked = false;  ///< the frame was looked at: no boxes means that nothing was found
+};
+
+/// The frame with the adversary on one host.
+struct ViewAttack {
+  std::string name;           ///< host_name()
+  int label = 0;              ///< of the host
+  PixelRect rect;             ///< what changed of the picture
+  ImageF patch;               ///< rect-sized, scene-linear RGB
+  std::vector<bool> removed;  ///< of each point of the frame's sweep: the object hides it
+  Sweep added;                ///< returns on the object
+  ViewDetections found;       ///< by the run's detector
+  nlohmann::json outcome;     ///< clean_score, attacked_score, …; null without a detector
+};
+
+struct ViewFrame {
+  Frame frame;
+  std::vector<int> instance;        ///< of each point: its label's number, −1 for none
+  bool true_instance = false;       ///< by the generator's truth; else by the labelled boxes
+  ViewDetections found, from_file;  ///< by the run's detector; from --detections
+  std::vector<ViewAttack> attacks;
+};
+
+/// Instances of the sweep's points: training/instance_velodyne where the data set has it, else the first
+/// label in whose box they lie.
+void find_instances(const std::filesystem::path& data, ViewFrame& view);
+
+/// How much a frame was thinned to fit.
+struct PackSettings {
+  int quality = 85;  ///< of the JPEG picture
+  int step =
+      1;  ///< one return of so many is kept, but all within labelled boxes and all that the object hides
+};
+
+struct PackedFrame {
+  std::string text;  ///< base64(gzip(container)), see pack()
+  PackSettings settings;
+  std::size_t points = 0, kept = 0;
+  double lowest = 0, highest = 0, brightest = 0;  ///< 1 % and 99 % quantiles of z (m), 99 % of reflectance
+};
+
+/// The frame in at most `limit` characters, thinned from `start` on as far as it must. The container: the
+/// JSON's length (4 bytes, little endian), the JSON, and blobs that it names as [offset, length]: `photo`
+/// (JPEG), `points` (packed_points), for each of `attacks` its `patch` (JPEG), `removed` (indices of kept
+/// points, 4 bytes each) and `added` (packed_points). InputError, naming --size, if it can't be.
+PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start);
+
+}  // namespace mirage

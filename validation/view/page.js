@@ -1,0 +1,312 @@
+// The page: what is shown, and what changes it.
+
+const told = about();
+const state = {index: 0, colour: "height", show: "both", score: told.judged_at, vehicle: 0, close: false,
+               layers: {label: true, found: !!told.detector, file: !!told.file}, playing: 0};
+let choice = "system"; // of the theme
+let current = null;    // the frame that is shown
+
+const KINDS = [["label", "Labels", true], ["found", "Detections", !!told.detector], ["file", told.detector ? "From file" : "Detections", !!told.file]];
+const eyes = {zoom: {scale: 1, u: 0.5, v: 0.5}, top: EYES.top(), orbit: EYES.orbit()};
+const columns = (told.run ? ["clean", "attacked"] : ["clean"]).map(makeColumn);
+
+function make(parent, tag, name, text) {
+  const element = parent.appendChild(document.createElement(tag));
+  if (name) element.className = name;
+  if (text) element.textContent = text;
+  return element;
+}
+
+function makeColumn(side) {
+  const column = make(byId("columns"), "section", "column " + side);
+  const title = make(column, "h2", "", side === "clean" ? "As recorded" : "Attacked");
+  make(title, "span");
+  const panel = (parent, name, text) => {
+    const element = make(parent, "div", "panel " + name);
+    const canvas = make(element, "canvas");
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", text + (told.run ? side === "clean" ? ", as recorded" : ", attacked" : ""));
+    make(element, "span", "name", text);
+    return element;
+  };
+  const picture = new PictureView(panel(column, "picture", "Camera"), eyes.zoom, draw);
+  const maps = make(column, "div", "maps");
+  const top = new PointView(panel(maps, "top", "From above"), "top", eyes.top, draw);
+  const orbit = new PointView(panel(maps, "orbit", "3-D"), "orbit", eyes.orbit, draw);
+  const made = {side, title, maps, views: [picture, top, orbit]};
+  for (const view of made.views) {
+    new ResizeObserver(draw).observe(view.panel);
+    view.canvas.addEventListener("pointermove", event => tell(view, event));
+    view.canvas.addEventListener("pointerleave", () => { byId("tip").hidden = true; });
+    view.canvas.addEventListener("dblclick", () => { view.reset(); draw(); });
+  }
+  return made;
+}
+
+// The boxes of a column, each with its kind, colour and what is told about it.
+function boxesOf(frame, attack, side) {
+  const boxes = [];
+  if (state.layers.label)
+    frame.labels.forEach((label, k) => {
+      const host = frame.attacks.length > 0 && k === frame.attacks[state.vehicle]?.label;
+      if (label.box) boxes.push({...label, kind: "label", colour: "truth", host});
+      else boxes.push({...label, kind: "region", colour: "muted"});
+    });
+  const add = (found, kind, colour) => (found ?? []).filter(one => one.score >= state.score - 1e-9)
+    .forEach(one => boxes.push({...one, kind, colour}));
+  if (state.layers.found) add(attack ? attack.found : frame.found, "found", side);
+  if (state.layers.file && side === "clean") add(frame.file, "file", told.detector ? "file" : "clean");
+  return boxes;
+}
+
+let asked = false;
+function draw() {
+  if (asked || !current) return;
+  asked = true;
+  requestAnimationFrame(() => { asked = false; drawNow(); });
+}
+
+function drawNow() {
+  const frame = current, key = [frame.id, state.colour, theme()].join();
+  if (frame.coloured !== key) [frame.words, frame.coloured] = [pointWords(frame.points, state.colour, told), key];
+  for (const {side, title, views} of columns) {
+    const attack = side === "attacked" ? frame.attacks[state.vehicle] : null;
+    let skipped = null;
+    if (attack) {
+      skipped = new Uint8Array(frame.points.n);
+      for (const i of attack.removed) skipped[i] = 1;
+    }
+    const scene = {frame, attack, words: frame.words, skipped, boxes: boxesOf(frame, attack, side)};
+    const m = frame.pixel_from_velo;
+    for (const view of views) {
+      view.wedge = wedge(m, frame.size[0]);
+      view.ground_z = told.height[0];
+      if (view.panel.offsetParent) view.draw(scene);
+    }
+    title.lastChild.textContent = attack
+      ? `${attack.outcome.returns} returns on the object, ${attack.outcome.removed} behind it removed` : "";
+  }
+  document.documentElement.dataset.frame = frame.id;
+}
+
+// Directions (velo, rad) of the picture's left and right edge.
+function wedge(m, width) {
+  return [-0.5, width - 0.5].map(u => { // (row 0 − u row 2) · p = 0 on the ground plane, ahead
+    const a = m[0] - u * m[8], b = m[1] - u * m[9], angle = Math.atan2(-a, b), ahead = m[8] * Math.cos(angle) + m[9] * Math.sin(angle);
+    return ahead > 0 ? angle : angle + Math.PI;
+  });
+}
+
+const number = (value, digits) => value.toFixed(digits).replace("-", "−");
+function describe(box) {
+  const who = {label: "label", region: "not labelled there", found: `${told.detector}`, file: `${told.file}`}[box.kind];
+  const lines = [`${box.type}${box.score !== undefined ? ` ${box.score.toFixed(3)}` : ""} · ${who}`];
+  if (box.box) {
+    const [x, y, , length, width, height, yaw] = box.box;
+    lines.push(`${number(Math.hypot(x, y), 1)} m away · ${number(length, 2)} × ${number(width, 2)} × ${number(height, 2)} m`);
+    lines.push(`x ${number(x, 1)} m, y ${number(y, 1)} m, yaw ${number(yaw * 180 / Math.PI, 0)}°`);
+  }
+  if (box.occluded !== undefined) lines.push(`occlusion ${box.occluded} of 3 · truncation ${box.truncated} · ${box.returns} returns`);
+  if (box.host) lines.push("carries the object in the attacked frame");
+  return lines.join("\n");
+}
+
+function tell(view, event) {
+  const tip = byId("tip"), place = view.canvas.getBoundingClientRect();
+  const box = event.buttons ? null : view.boxAt(event.clientX - place.left, event.clientY - place.top);
+  tip.hidden = !box;
+  if (!box) return;
+  tip.textContent = describe(box);
+  tip.style.left = Math.min(event.clientX + 14, innerWidth - tip.offsetWidth - 8) + "px";
+  tip.style.top = (event.clientY + 18 + tip.offsetHeight > innerHeight ? event.clientY - tip.offsetHeight - 10 : event.clientY + 18) + "px";
+}
+
+// What the attack did to the vehicle that is chosen.
+function outcome() {
+  const line = byId("outcome"), attack = current.attacks[state.vehicle];
+  line.replaceChildren();
+  if (!attack) return;
+  const of = attack.outcome, part = (text, name) => make(line, "span", name, text);
+  if (of.clean_score === undefined) {
+    part(`${Math.round(100 * of.visible)} % of the object is in view.`, "quiet");
+    return;
+  }
+  const found = (score, iou) => iou > 0 ? `score ${score.toFixed(2)}, IoU ${iou.toFixed(2)}` : "nothing there";
+  if (!of.detected) part("Not found as recorded", "quiet");
+  else part(of.hidden ? "Hidden" : "Still found", of.hidden ? "bad" : "good");
+  part(`: ${found(of.clean_score, of.clean_iou)} as recorded, ${found(of.attacked_score, of.attacked_iou)} attacked`);
+  part(of.new_boxes ? `, ${of.new_boxes} new false ${of.new_boxes > 1 ? "boxes" : "box"}.` : ".", of.new_boxes ? "bad" : "");
+  part(` Found means IoU > ${told.judged_iou} at score ≥ ${told.judged_at}.`, "quiet");
+}
+
+function legend() {
+  const byInstance = state.colour === "instance", ramp = byId("ramp"), context = ramp.getContext("2d"), words = rampWords();
+  byId("ramp-name").textContent = {height: "Height over the LiDAR", reflectance: "Reflectance",
+    instance: current?.true_instance ? "Instance, by the generator's truth" : "Instance, by the labelled boxes"}[state.colour];
+  ramp.hidden = false;
+  const image = context.createImageData(ramp.width, ramp.height), pixels = new Uint32Array(image.data.buffer);
+  const hues = INSTANCES[theme()];
+  for (let v = 0; v < ramp.height; ++v)
+    for (let u = 0; u < ramp.width; ++u)
+      pixels[v * ramp.width + u] = byInstance ? word(rgb(hues[Math.floor(u / ramp.width * hues.length)]))
+                                              : words[Math.floor(u / (ramp.width - 1) * 255)];
+  context.putImageData(image, 0, 0);
+  const ends = {height: told.height.map(v => number(v, 1) + " m"), reflectance: ["0", number(told.reflectance, 2)], instance: ["", ""]}[state.colour];
+  byId("ramp-low").textContent = ends[0];
+  byId("ramp-high").textContent = ends[1];
+  const list = byId("swatches");
+  list.replaceChildren();
+  const swatch = (colour, text, name = "") => {
+    const entry = make(list, "span");
+    make(entry, "i", name).style.setProperty("--c", `var(--${colour})`);
+    entry.append(text);
+  };
+  if (byInstance) swatch("background", "no labelled thing", "dot");
+  if (state.layers.label) swatch("truth", "label", "dashed");
+  if (state.layers.label && told.run) swatch("truth", "host's label");
+  if (state.layers.found && told.detector) {
+    swatch("clean", `${told.detector}, as recorded`);
+    swatch("attacked", `${told.detector}, attacked`);
+  }
+  if (state.layers.file && told.file) swatch(told.detector ? "file" : "clean", `detections (${told.file})`);
+  if (told.run) swatch("hit", "return on the object", "dot");
+}
+
+function refresh() {
+  for (const button of document.querySelectorAll("fieldset button"))
+    button.setAttribute("aria-pressed", state[button.parentElement.id] === button.value);
+  for (const input of document.querySelectorAll("#layers input")) input.checked = state.layers[input.value];
+  const score = byId("score");
+  score.hidden = !told.detector && !told.file;
+  score.style.display = score.hidden ? "none" : "";
+  score.querySelector("input").value = state.score;
+  score.querySelector("output").textContent = state.score.toFixed(2);
+  for (const {maps} of columns) {
+    maps.classList.toggle("one", state.show !== "both");
+    maps.querySelector(".top").style.display = state.show === "orbit" ? "none" : "";
+    maps.querySelector(".orbit").style.display = state.show === "top" ? "none" : "";
+  }
+  legend();
+  if (current) outcome();
+  draw();
+}
+
+async function show(index) {
+  index = Math.max(0, Math.min(told.frames.length - 1, index));
+  state.index = index;
+  byId("slider").value = index;
+  byId("place").textContent = `${told.frames[index]} · ${index + 1} of ${told.frames.length}`;
+  const frame = await frameAt(index);
+  if (state.index !== index) return; // another was asked for meanwhile
+  current = frame;
+  const first = told => frame.attacks.findIndex(attack => attack.outcome[told]);
+  state.vehicle = Math.max(0, first("hidden") >= 0 ? first("hidden") : first("detected"));
+  if (state.close) closeUp();
+  const list = byId("vehicle").querySelector("select");
+  list.replaceChildren(...frame.attacks.map((attack, k) => {
+    const [x, y] = frame.labels[attack.label].box;
+    return new Option(`${k + 1} of ${frame.attacks.length}: ${frame.labels[attack.label].type}, ${number(Math.hypot(x, y), 0)} m`, k);
+  }));
+  list.value = state.vehicle;
+  byId("tip").hidden = true;
+  byId("columns").classList.add("ready");
+  refresh();
+  if (index + 1 < told.frames.length) frameAt(index + 1).catch(() => {});
+}
+
+// All views at the attacked vehicle; at the nearest label without a run.
+function closeUp() {
+  const boxed = current.labels.filter(label => label.box), away = label => Math.hypot(label.box[0], label.box[1]);
+  const label = current.labels[current.attacks[state.vehicle]?.label] ?? boxed.sort((a, b) => away(a) - away(b))[0];
+  state.close = !!label;
+  if (!label) return;
+  const [x, y, bottom, length, , height] = label.box, [left, top, right, low] = label.picture, [w, h] = current.size;
+  Object.assign(eyes.zoom, {u: (left + right) / 2 / w, v: (1.6 * top + 0.4 * low) / 2 / h,
+                            scale: Math.max(1, Math.min(12, w / 3.5 / Math.max(1, right - left), h / 2.6 / Math.max(1, low - top)))});
+  Object.assign(eyes.top, {x, y, span: 5 * length});
+  Object.assign(eyes.orbit, {x, y, z: bottom + 0.7 * height, heading: Math.atan2(y, x) - 0.5, down: 0.3, distance: 3 * length});
+}
+function reset() {
+  state.close = false;
+  for (const view of columns[0].views) view.reset();
+}
+
+function play() {
+  clearInterval(state.playing);
+  state.playing = state.playing ? 0 : setInterval(() => show((state.index + 1) % told.frames.length), 500);
+  byId("play").textContent = state.playing ? "Stop" : "Play";
+}
+
+function setTheme(next) {
+  choice = next;
+  if (next === "system") delete document.documentElement.dataset.theme;
+  else document.documentElement.dataset.theme = next;
+  byId("theme").textContent = {system: "◐ System", light: "○ Light", dark: "● Dark"}[next];
+  refresh();
+}
+
+const step = (list, value) => list[(list.indexOf(value) + 1) % list.length];
+const toggle = kinds => {
+  const on = kinds.some(kind => state.layers[kind]);
+  for (const kind of kinds) state.layers[kind] = !on;
+};
+const KEYS = {
+  ArrowRight: event => show(state.index + (event.shiftKey ? 10 : 1)),
+  ArrowLeft: event => show(state.index - (event.shiftKey ? 10 : 1)),
+  Home: () => show(0),
+  End: () => show(told.frames.length - 1),
+  " ": play,
+  h: () => { state.colour = "height"; },
+  r: () => { state.colour = "reflectance"; },
+  i: () => { state.colour = "instance"; },
+  v: () => { state.show = step(["top", "orbit", "both"], state.show); },
+  l: () => toggle(["label"]),
+  d: () => toggle(KINDS.slice(1).filter(kind => kind[2]).map(kind => kind[0])),
+  "[": () => { state.score = Math.max(0, Math.round(20 * state.score - 1) / 20); },
+  "]": () => { state.score = Math.min(1, Math.round(20 * state.score + 1) / 20); },
+  a: () => {
+    if (!current.attacks.length) return;
+    state.vehicle = (state.vehicle + 1) % current.attacks.length;
+    byId("vehicle").querySelector("select").value = state.vehicle;
+    if (state.close) closeUp();
+  },
+  z: () => { state.close ? reset() : closeUp(); },
+  0: reset,
+  t: () => setTheme(step(["system", "light", "dark"], choice)),
+};
+addEventListener("keydown", event => {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.("select, #score input")) return;
+  const act = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+  if (!act || event.key === " " && event.target.matches?.("button, input[type=checkbox]")) return;
+  event.preventDefault();
+  act(event);
+  refresh();
+});
+byId("slider").max = told.frames.length - 1;
+byId("slider").addEventListener("input", event => show(+event.target.value));
+byId("before").onclick = () => show(state.index - 1);
+byId("after").onclick = () => show(state.index + 1);
+byId("play").onclick = play;
+byId("theme").onclick = KEYS.t;
+byId("score").querySelector("input").addEventListener("input", event => { state.score = +event.target.value; refresh(); });
+byId("vehicle").querySelector("select").addEventListener("change", event => { state.vehicle = +event.target.value; if (state.close) closeUp(); refresh(); });
+for (const button of document.querySelectorAll("fieldset button"))
+  button.onclick = () => { state[button.parentElement.id] = button.value; refresh(); };
+for (const [kind, name, there] of KINDS.filter(kind => kind[2])) {
+  const label = make(byId("layers"), "label"), input = make(label, "input");
+  Object.assign(input, {type: "checkbox", value: kind});
+  label.append(name);
+  input.onchange = () => { state.layers[kind] = input.checked; refresh(); };
+}
+byId("what").textContent = told.data + (told.run ? `, attacked by ${told.run}` : "");
+document.title = `Mirage: ${told.data}`;
+byId("columns").classList.toggle("pair", !!told.run);
+for (const part of document.querySelectorAll(".run, .vehicle")) part.style.display = told.run ? "" : "none";
+byId("about-page").textContent = `${told.megabytes} MB, nothing is loaded from elsewhere. ` +
+  (told.kept === told.points ? "All returns are shown" : `${Math.round(100 * told.kept / told.points)} % of the returns are shown ` +
+   `(outside labelled boxes every ${told.step === 1 ? "one" : `${told.step}th`} at the least)`) +
+  `, to the centimetre; pictures are JPEG of quality ${told.quality} or better.` +
+  (told.detector || told.file ? " Boxes found in the bird's-eye view alone get their height from the sweep." : "");
+dark.addEventListener("change", () => setTheme(choice));
+setTheme("system");
+show(0);

@@ -1,0 +1,267 @@
+#include "validation/view/view.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <optional>
+#include <set>
+
+#include "attack/evaluation.h"
+#include "attack/frame_store.h"
+#include "attack/hosts.h"
+#include "attack/run.h"
+#include "attack/stages.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/parallel.h"
+#include "base/progress.h"
+#include "detection/detect.h"
+#include "detection/detection_files.h"
+#include "scene/data_rig.h"
+#include "scene/kitti.h"
+#include "scene/render_scene.h"
+#include "validation/validate.h"
+#include "validation/view/frame_pack.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr double kMegabyte = 1e6;
+
+/// Which points of `whole` are missing from `left`, both in the same order. Only those of `candidates` can
+/// be.
+std::vector<bool> missing(const Sweep& whole, const Sweep& candidates, const Sweep& left) {
+  const auto same = [](const LidarPoint& a, const LidarPoint& b) {
+    return a.position() == b.position() && a.reflectance == b.reflectance;
+  };
+  std::vector<bool> result(whole.size());
+  std::size_t candidate = 0, at = 0;
+  for (std::size_t i = 0; i < whole.size() && candidate < candidates.size(); ++i) {
+    if (!same(whole[i], candidates[candidate])) continue;
+    ++candidate;
+    if (at < left.size() && same(whole[i], left[at]))
+      ++at;
+    else
+      result[i] = true;
+  }
+  return result;
+}
+
+/// A run's adversary on its hosts, and what its detector says.
+class Attacker {
+ public:
+  Attacker(const ViewSettings& settings, Run& run)
+      : run_(run), store_(run.data, run.depth, run.rooftop, run.sun) {
+    if (!settings.detect) return;
+    DetectorOptions options = settings.detector;
+    use_detector_of(run, options);
+    options.rig = data_rig(run.data);
+    detector_ = load_detector(options);
+    name_ = detector_->name();
+    evaluation_.plane = detector_->capabilities().plane();
+    evaluation_.score_threshold = kScoreThreshold;  // the page has a slider
+  }
+
+  const std::string& detector() const { return name_; }
+  double judged_at() const { return EvaluationSettings{}.score_threshold; }
+
+  void add(ViewFrame& view, const std::vector<HostId>& hosts) {
+    const auto prepared = store_.get(view.frame.id);
+    const Frame& seen = prepared->frame;
+    std::vector<Proposal> clean;
+    if (detector_) {
+      clean = detections(*detector_, {&seen.image, seen.sweep, &seen.calibration}, evaluation_);
+      view.found = {kitti_detections(clean, evaluation_.plane, view.frame), true};
+    }
+    for (const HostId& id : hosts) {
+      const Label& host = label_of(seen, id);
+      const Simulated simulated =
+          simulate(*prepared, host, store_.rooftop(id), run_.adversary, run_.simulation);
+      ViewAttack attack;
+      attack.name = host_name(id);
+      attack.label = id.label;
+      attack.rect = simulated.rect;
+      if (!attack.rect.empty()) attack.patch = crop(simulated.image, attack.rect);
+      const auto own = simulated.sweep.end() - simulated.adversary_points;
+      attack.added.assign(own, simulated.sweep.end());
+      attack.removed = missing(view.frame.sweep, seen.sweep, {simulated.sweep.begin(), own});
+      attack.outcome = {{"visible", simulated.visible_share},
+                        {"returns", simulated.adversary_points},
+                        {"removed", simulated.removed_points}};
+      if (detector_) judge_attack(view.frame, seen, id, clean, simulated, attack);
+      view.attacks.push_back(std::move(attack));
+    }
+  }
+
+ private:
+  void judge_attack(const Frame& whole, const Frame& seen, const HostId& id,
+                    const std::vector<Proposal>& clean, const Simulated& simulated, ViewAttack& attack) {
+    const auto attacked =
+        detections(*detector_, {&simulated.image, simulated.sweep, &seen.calibration}, evaluation_);
+    attack.found = {kitti_detections(attacked, evaluation_.plane, whole), true};
+    EvaluationSettings judging = evaluation_;
+    judging.score_threshold = judged_at();
+    const auto sure = [&](std::vector<Proposal> found) {
+      std::erase_if(found, [&](const Proposal& p) { return p.score() < judging.score_threshold; });
+      return found;
+    };
+    const HostOutcome outcome =
+        judge(id, seen, sure(clean), sure(attacked), judging, silhouette_box(simulated));
+    attack.outcome.update({{"clean_iou", outcome.clean_iou},
+                           {"attacked_iou", outcome.attacked_iou},
+                           {"clean_score", outcome.clean_score},
+                           {"attacked_score", outcome.attacked_score},
+                           {"detected", outcome.detected},
+                           {"hidden", outcome.hidden},
+                           {"new_boxes", outcome.new_boxes.size()}});
+  }
+
+  Run& run_;
+  FrameStore store_;
+  std::unique_ptr<Detector> detector_;
+  EvaluationSettings evaluation_;
+  std::string name_;
+};
+
+/// What stands before the frames in the page, and after them: page.html with each {{NAME}} replaced by the
+/// shipped file of that name.
+std::pair<std::string, std::string> page_around() {
+  std::string page = read_file(shipped_file("validation/view/page.html"));
+  std::size_t frames = 0;
+  for (std::size_t at = 0; (at = page.find("{{", at)) != std::string::npos;) {
+    const std::size_t end = page.find("}}", at);
+    const std::string name = page.substr(at + 2, end - at - 2);
+    const std::string part = name == "frames" ? "" : read_file(shipped_file("validation/view/" + name));
+    if (name == "frames") frames = at;
+    page.replace(at, end + 2 - at, part);
+    at += part.size();
+  }
+  return {page.substr(0, frames), page.substr(frames)};
+}
+
+std::string element(const std::string& id, const std::string& type, const std::string& content) {
+  return "<script id=\"" + id + "\" type=\"" + type + "\">" + content + "</script>\n";
+}
+
+/// JSON that may stand in a script element.
+std::string harmless(const json& value) {
+  std::string text = value.dump();
+  for (std::size_t at = 0; (at = text.find('<', at)) != std::string::npos; at += 6)
+    text.replace(at, 1, "\\u003c");
+  return text;
+}
+
+}  // namespace
+
+json make_view(const ViewSettings& given) {
+  ViewSettings settings = given;
+  Stopwatch clock;
+  std::optional<Run> run;
+  std::map<std::string, std::vector<HostId>> hosts;
+  std::vector<std::string> ids;
+  if (!settings.run.empty()) {
+    run = read_run(settings.run);
+    if (settings.data.empty()) settings.data = run->data;
+    require_own_data(*run, settings.data);
+    run->data = settings.data;
+    for (const HostId& id : select_hosts(*run, settings.frames)) hosts[id.frame].push_back(id);
+    for (const auto& [id, of_frame] : hosts) ids.push_back(id);
+    if (ids.empty())
+      throw InputError((settings.run / "run.json").string(), "test", "no vehicles to show", "give --frames");
+  } else {
+    if (settings.data.empty())
+      throw InputError("mirage view", "DIR", "is missing", "give a data set in KITTI layout, or --run");
+    ids = list_frames(settings.data);
+    if (settings.frames > 0 && ids.size() > static_cast<std::size_t>(settings.frames))
+      ids.resize(static_cast<std::size_t>(settings.frames));
+  }
+  std::optional<DetectionFiles> file;
+  if (!settings.detections.empty()) {
+    file.emplace(settings.detections);
+    if (std::none_of(ids.begin(), ids.end(), [&](const std::string& id) { return file->has(id); }))
+      throw InputError(settings.detections.string(), "frames",
+                       "has none of the frames of " + settings.data.string() + " (" + ids.front() + ", …)",
+                       "give the detections of that data set");
+  }
+  const auto [before, after] = page_around();
+  constexpr double kOverhead = 200;  // bytes of an element around a frame
+  const double room = settings.size * kMegabyte - static_cast<double>(before.size() + after.size()) - 1e5;
+  const double limit = room / static_cast<double>(ids.size()) - kOverhead;
+  if (limit < 1e4)
+    throw InputError("--size", fmt::format("{:g} MB", settings.size),
+                     fmt::format("is too small for {} frames", ids.size()), "give more, or fewer --frames");
+
+  std::optional<Attacker> attacker;
+  if (run) attacker.emplace(settings, *run);
+  std::string frames;
+  PackSettings coarsest;
+  double lowest = std::numeric_limits<double>::infinity(), highest = -lowest, brightest = 0;
+  std::size_t points = 0, kept = 0, vehicles = 0;
+  Progress progress("view", ids.size(), settings.quiet);
+  const std::size_t batch = 2 * static_cast<std::size_t>(std::max(1, thread_count()));
+  for (std::size_t first = 0; first < ids.size(); first += batch) {
+    throw_if_interrupted("no page was written yet");
+    const std::size_t count = std::min(batch, ids.size() - first);
+    std::vector<ViewFrame> views(count);
+    parallel_for(count, [&](std::size_t i) {
+      views[i].frame = read_frame(settings.data, ids[first + i]);
+      find_instances(settings.data, views[i]);
+      if (file) views[i].from_file = {file->of(views[i].frame), file->has(views[i].frame.id)};
+    });
+    if (attacker)
+      for (ViewFrame& view : views) attacker->add(view, hosts[view.frame.id]);
+    std::vector<PackedFrame> packed(count);
+    parallel_for(count, [&](std::size_t i) {
+      packed[i] = pack(views[i], static_cast<std::size_t>(limit), {PackSettings{}.quality, coarsest.step});
+    });
+    for (std::size_t i = 0; i < count; ++i) {
+      const PackedFrame& one = packed[i];
+      frames += element(fmt::format("frame-{}", first + i), "text/plain", one.text);
+      coarsest.step = std::max(coarsest.step, one.settings.step);
+      coarsest.quality = std::min(coarsest.quality, one.settings.quality);
+      lowest = std::min(lowest, one.lowest);
+      highest = std::max(highest, one.highest);
+      brightest = std::max(brightest, one.brightest);
+      points += one.points;
+      kept += one.kept;
+      vehicles += views[i].attacks.size();
+    }
+    progress.update(first + count);
+  }
+  const std::string name = fs::weakly_canonical(settings.data).filename().string();
+  json about = {{"data", name},
+                {"frames", ids},
+                {"run", run ? json(fs::weakly_canonical(settings.run).filename().string()) : json()},
+                {"detector", attacker && !attacker->detector().empty() ? json(attacker->detector()) : json()},
+                {"file", file ? json(fs::weakly_canonical(settings.detections).filename().string()) : json()},
+                {"judged_at", attacker ? attacker->judged_at() : EvaluationSettings{}.score_threshold},
+                {"judged_iou", EvaluationSettings{}.detected_iou},
+                {"height", {lowest, highest}},
+                {"reflectance", brightest},
+                {"step", coarsest.step},
+                {"quality", coarsest.quality},
+                {"points", points},
+                {"kept", kept},
+                {"megabytes",
+                 std::round(static_cast<double>(before.size() + frames.size() + after.size()) / 1e5) / 10}};
+  const std::string page = before + element("about", "application/json", harmless(about)) + frames + after;
+  write_file(settings.page, page);
+  return {{"page", settings.page.string()},
+          {"bytes", page.size()},
+          {"frames", ids.size()},
+          {"vehicles", vehicles},
+          {"points", points},
+          {"kept_points", kept},
+          {"step", coarsest.step},
+          {"quality", coarsest.quality},
+          {"seconds", clock.lap()}};
+}
+
+}  // namespace mirage

@@ -1,0 +1,33 @@
+// `mirage view`: a folder of frames as one page that opens offline, with or without a run or a detector's
+// output.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "detection/detector.h"
+
+namespace mirage {
+
+struct ViewSettings {
+  std::filesystem::path data;        ///< KITTI layout; empty: the run's
+  std::filesystem::path run;         ///< of mirage attack: its adversary on its hosts; empty: none
+  std::filesystem::path detections;  ///< detection/detection_files.h; empty: none
+  std::filesystem::path page;        ///< the .html that is written
+  /// The first so many; with a run the first frames with its test vehicles, then training ones. 0: all (of a
+  /// run: all test frames).
+  int frames = 0;
+  bool detect = true;  ///< with a run: its detector looks at the frames as recorded and attacked
+  /// Who looks; what is empty is the run's.
+  DetectorOptions detector = {
+      .detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0, .defense = ""};
+  double size =
+      100;  ///< MB of the page at most: points are thinned, then pictures compressed more, until it fits
+  bool quiet = false;
+};
+
+/// Writes the page (atomically) and returns what the result shall hold: page, bytes, frames, vehicles
+/// (attacked), points, kept_points, step and quality (the coarsest of any frame), seconds.
+nlohmann::json make_view(const ViewSettings& settings);
+
+}  // namespace mirage
