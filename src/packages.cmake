@@ -14,7 +14,21 @@ macro(mirage_missing what debian)
   endif()
 endmacro()
 
+# The layer that needs a package, where that is not base.
+set(MIRAGE_LAYER_OF_CLI11 cli)
+set(MIRAGE_LAYER_OF_embree sensors)
+set(MIRAGE_LAYER_OF_Ceres scene)
+set(MIRAGE_LAYER_OF_assimp exchange)
+
 function(mirage_package name debian)
+  if(DEFINED MIRAGE_LAYER_OF_${name} AND NOT MIRAGE_LAYER_OF_${name} IN_LIST MIRAGE_LAYERS)
+    return()
+  endif()
+  # An interface in C is asked for in whichever language the project has.
+  get_property(languages GLOBAL PROPERTY ENABLED_LANGUAGES)
+  if(NOT C IN_LIST languages)
+    list(TRANSFORM ARGN REPLACE "^C$" "CXX")
+  endif()
   find_package(${name} ${ARGN} QUIET)
   if(NOT ${name}_FOUND)
     mirage_missing(${name} ${debian})
@@ -32,6 +46,7 @@ mirage_package(Eigen3 libeigen3-dev 3.4)
 mirage_package(TBB libtbb-dev)
 mirage_package(spdlog libspdlog-dev)
 mirage_package(nlohmann_json nlohmann-json3-dev)
+<<<<<<< HEAD
 # Only its C interface is used, asked for through whichever language the project has.
 get_property(MIRAGE_LANGUAGES GLOBAL PROPERTY ENABLED_LANGUAGES)
 if(C IN_LIST MIRAGE_LANGUAGES)
@@ -60,10 +75,16 @@ endif()
 if(exchange IN_LIST MIRAGE_LAYERS)
   mirage_package(assimp libassimp-dev 5)
 endif()
+=======
+mirage_package(CLI11 libcli11-dev)
+mirage_package(embree libembree-dev 3)
+mirage_package(Ceres libceres-dev 2)
+mirage_package(assimp libassimp-dev 5)
+mirage_package(MPI libopenmpi-dev COMPONENTS C)
+>>>>>>> 18-packages
 
-# The others are found by hand, OpenCV because its CMake package comes only with all of OpenCV, and OpenImageIO
-# because its own asks for a PyImath library, its command-line tools and OpenCV, which nobody needs
-# (src/README.md, Packages):
+# Found by hand: OpenCV's CMake package comes only with all of OpenCV, and OpenImageIO's asks for a PyImath
+# library, its command-line tools and OpenCV, which nobody needs (DESIGN, section 7).
 # mirage_library(target LAYER layer DEBIAN package HEADER header [IN folder of headers] [LIBRARY names…])
 function(mirage_library target)
   cmake_parse_arguments(ARG "" "LAYER;DEBIAN;HEADER;IN" "LIBRARY" ${ARGN})
@@ -106,6 +127,14 @@ mirage_library(mirage_gltf LAYER exchange DEBIAN libtinygltf-dev HEADER tiny_glt
 mirage_library(mirage_turbojpeg LAYER detection DEBIAN libturbojpeg0-dev HEADER turbojpeg.h LIBRARY turbojpeg)
 if(TARGET mirage_image_files AND TARGET mirage_imath)
   target_link_libraries(mirage_image_files INTERFACE mirage_imath)  # OpenImageIO's headers include Imath's
+endif()
+if(NOT TARGET mirage_mpi)
+  add_library(mirage_mpi INTERFACE IMPORTED GLOBAL)
+  foreach(target MPI::MPI_CXX MPI::MPI_C)
+    if(TARGET ${target})
+      set_target_properties(mirage_mpi PROPERTIES INTERFACE_LINK_LIBRARIES ${target})
+    endif()
+  endforeach()
 endif()
 if(TARGET mirage_toml)
   target_compile_definitions(mirage_toml INTERFACE TOML_HEADER_ONLY=1)

@@ -29,6 +29,8 @@ enum class AttackParts { both, shape, texture };
 /// InputError for any other word.
 AttackParts parse_parts(const std::string& word);
 
+/// Everything that decides an attack's result: data, detector, what is attacked and learned, rates and
+/// limits.
 struct AttackSettings {
   std::filesystem::path data, out;
   DetectorOptions detector;
@@ -53,6 +55,7 @@ struct AttackSettings {
   SimulationSettings simulation;
 };
 
+/// What an attack ends with, beside the files in AttackSettings::out.
 struct AttackResult {
   int vehicles_train = 0, vehicles_test = 0, iterations = 0;
   double loss = 0;  ///< mean of the last tenth of the iterations

@@ -21,6 +21,9 @@ struct HostStep {
   AdversaryGradient gradient;
   HostSeconds seconds;
 };
+/// One host of an iteration: simulates both sensors with the adversary on its roof (in `draw`'s world if
+/// there is one), detects, and takes the loss back to the adversary's vertices (m, adversary frame) and
+/// texels. What is no input of `target` gets no gradient, but is simulated all the same.
 HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
                      const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
                      const WorldDraw* draw = nullptr);

@@ -10,6 +10,7 @@
 
 namespace mirage {
 
+/// The rules that a buildable adversary keeps.
 struct BuildableSettings {
   bool on = false;
   double min_thickness = 0.01;  ///< m, of the walls as geometry/self_intersection.h measures them

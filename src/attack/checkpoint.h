@@ -14,9 +14,11 @@ namespace mirage {
 struct LossRow {
   double hide = 0, false_positive = 0, laplacian = 0;
   int hidden = -1;  ///< hosts that no proposal found (HostStep); −1 where an older checkpoint did not say
+  /// The objective: the sum of its terms.
   double loss() const { return hide + false_positive + laplacian; }
 };
 
+/// What an attack goes on from.
 struct AttackState {
   long iteration = 0;
   TexturedMesh adversary;
@@ -24,6 +26,7 @@ struct AttackState {
   std::vector<LossRow> losses;
 };
 
+/// Before the first iteration: the initial adversary and optimisers with the settings' rates.
 AttackState fresh_state(const AttackSettings& settings);
 /// Atomic. Doubles are written so that they read back bit for bit.
 void write_checkpoint(const std::filesystem::path& file, const AttackState& state,

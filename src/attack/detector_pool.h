@@ -9,6 +9,7 @@
 
 namespace mirage {
 
+/// Instances of one detector on the same weights, one for each thread.
 using DetectorPool = std::vector<std::unique_ptr<Detector>>;
 
 /// One instance a thread, but no more than `most`; they share their weights where the plugin lets them.

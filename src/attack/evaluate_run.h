@@ -12,6 +12,7 @@
 
 namespace mirage {
 
+/// What `mirage evaluate` is asked for.
 struct EvaluationRequest {
   std::filesystem::path run;  ///< whose adversary is judged
   /// Black-box transfer: the hosts are exactly this other run's test hosts, and its data set, detector,
@@ -26,6 +27,7 @@ struct EvaluationRequest {
   EvaluationSettings settings;
 };
 
+/// A run judged, and what it was judged on.
 struct RunEvaluation {
   Run run;    ///< whose adversary was judged
   Run stage;  ///< the run that gave the hosts, with the settings that were in force; often the same

@@ -27,6 +27,7 @@
 
 namespace mirage {
 
+/// When a vehicle counts as found, and a box as a new one.
 struct EvaluationSettings {
   double score_threshold = 0.3;
   double detected_iou = 0.7;
@@ -66,6 +67,7 @@ struct HostOutcome {
   std::vector<NewBox> new_boxes;          ///< in the order of `attacked`
   std::vector<Proposal> clean, attacked;  ///< detections after suppression
 
+  /// Whether the attack worked on this host, in either way: what ASR counts.
   bool fooled() const { return hidden || false_positive; }
 };
 
@@ -86,6 +88,7 @@ struct StratumSuccess {
   SuccessRates rates;
 };
 
+/// Outcomes, the rates over them, and their intervals.
 struct Evaluation {
   std::vector<HostOutcome> hosts;  ///< meshes × hosts, a mesh after the other
   int meshes = 1;

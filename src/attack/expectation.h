@@ -20,7 +20,9 @@ struct Expectation {
   double image_noise = 0;  ///< of each channel of each pixel (scene-linear)
   double range_noise = 0;  ///< m, of the object's returns
 
+  /// Whether anything is drawn.
   bool any() const;
+  /// Whether the frame itself changes (WorldDraw::frame).
   bool any_in_frame() const { return sun > 0 || light > 0 || exposure > 0; }
 };
 
@@ -31,11 +33,14 @@ Expectation parse_expectation(const std::string& words);
 /// One draw of the world around a host, from the random stream of (seed, draw).
 class WorldDraw {
  public:
+  /// Draw number `draw` of the attack's seed.
   WorldDraw(const Expectation& expectation, std::uint64_t seed, std::uint64_t draw);
 
+  /// The roof's pose, shifted and turned.
   Rooftop rooftop(const Rooftop& known) const;
   /// The frame under another light and exposure.
   PreparedFrame frame(const PreparedFrame& known) const;
+  /// The settings with the range noise of the object's returns.
   SimulationSettings simulation(const SimulationSettings& known) const;
   /// The camera's noise, on the picture that has the object in it; its VJP is the identity.
   void add_noise(ImageF& image) const;

@@ -14,6 +14,7 @@ struct Distribution {
   std::vector<int> counts;
   double median = 0, p90 = 0;  ///< 0 without values
 };
+/// Counts finite values into bins; `edges` rise and are at least two.
 Distribution distribution(const std::vector<double>& values, std::vector<double> edges);
 
 /// New boxes of the hosts that were detected clean, those that FP ASR counts:

@@ -32,15 +32,18 @@ class FrameCache {
   FrameCache(std::unique_ptr<DiskCache> disk, const std::string& depth, const std::string& rooftop,
              const LidarModel& lidar);
 
+  /// Whether anything is kept on disk.
   bool on() const { return disk_ && disk_->on(); }
   /// Each gives what is kept, or else computes and keeps it.
   ImageF depth(const std::string& frame, int width, int height, const std::function<ImageF()>& compute);
   /// One a label, in their order.
   std::vector<Rooftop> rooftops(const std::string& frame,
                                 const std::function<std::vector<Rooftop>()>& compute);
+  /// How well each host of the frame is seen in `region` (m, `velo`) under these settings.
   std::vector<HostView> views(const std::string& frame, const std::array<double, 4>& region,
                               const SimulationSettings& simulation,
                               const std::function<std::vector<HostView>()>& compute);
+  /// The clean frame's proposals of a detector (its name and weights' hash) with a score over the threshold.
   std::vector<Proposal> detections(const std::string& frame, const std::string& detector,
                                    double score_threshold,
                                    const std::function<std::vector<Proposal>()>& compute);

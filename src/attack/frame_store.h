@@ -54,12 +54,14 @@ class FrameStore {
 
   /// Reads these on a thread of its own, so that get() need not wait; they are held until the next call.
   void prefetch(std::vector<std::string> ids);
+  /// Bytes of frames to hold at most; those not used for longest go.
   void set_memory_limit(std::size_t bytes);
   /// Bytes of frames held now.
   std::size_t memory() const;
   /// Frames read and prepared so far, again or for the first time.
   std::size_t reads() const;
 
+  /// What is kept on disk of these frames.
   FrameCache& cache() { return cache_; }
   /// frame_hash() of the frame as it is on disk.
   std::string content(const std::string& id) const;

@@ -26,6 +26,7 @@ class HostTruth {
   /// Of a label of the frame. `object`: its silhouette_box(), of which only Plane::picture takes notice.
   HostTruth(const Frame& frame, const Label& host, Plane plane, const std::optional<PictureBox>& object = {});
 
+  /// Where its boxes are compared.
   Plane plane() const { return plane_; }
   /// The host's box: the label's.
   const BevBox& host() const { return host_.front(); }

@@ -32,8 +32,10 @@ std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::strin
 /// On what the hosts of a run stand.
 struct RooftopCount {
   int fitted = 0, from_box = 0;
+  /// Counts one roof.
   void add(const Rooftop& rooftop) { ++(rooftop.from_box ? from_box : fitted); }
 };
+/// {"fitted": N, "from_box": N}
 nlohmann::json to_json(const RooftopCount& count);
 
 /// "000008_0": frame and label.

@@ -12,17 +12,21 @@
 
 namespace mirage {
 
+/// Thresholds and weights of the loss (Tu et al., CoRL 2021, section 3).
 struct ObjectiveSettings {
   double relevant_score = 0.1;
   double lambda_fp = 1.0;
   double lambda_laplacian = 0.001;
 };
 
+/// The loss of one host and its derivative.
 struct ObjectiveValue {
   double hide = 0, false_positive = 0;  ///< the two sums (the second with its sign and λ_fp)
   std::vector<double> d_logits;         ///< one a proposal
 };
 
+/// The loss over the proposals of one host's frame, and d loss / d logit of each. Written in logits: log(1 −
+/// sigmoid(x)) = −softplus(x).
 ObjectiveValue objective(std::span<const Proposal> proposals, const HostTruth& truth,
                          const ObjectiveSettings& settings);
 

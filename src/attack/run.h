@@ -28,6 +28,7 @@ struct HostId {
   int label = 0;  ///< index into Frame::labels
 };
 
+/// A finished attack, as its folder holds it.
 struct Run {
   std::filesystem::path folder, data, weights;  ///< weights: empty for the shipped ones
   std::string detector, defense = "none", target, depth = "ip-basic", rooftop = "box", sun = kDefaultSun;
@@ -52,7 +53,9 @@ void use_detector_of(const Run& run, DetectorOptions& options);
 /// InputError naming the file and key if the folder is not a finished run.
 Run read_run(const std::filesystem::path& folder);
 
+/// [{"frame", "label"}, …]
 nlohmann::json to_json(const std::vector<HostId>& hosts);
+/// What a run says of how it simulated: the settings that change results, by name.
 nlohmann::json to_json(const SimulationSettings& settings);
 
 }  // namespace mirage

@@ -24,8 +24,9 @@ class Stopwatch {
 /// Of one host: its thread's seconds by the clock on the wall. `worlds`: what --expect draws; `rest`: the
 /// objective.
 struct HostSeconds {
-  double simulation_forward = 0, simulation_vjp = 0, detector_forward = 0, detector_backward = 0, worlds = 0,
-         rest = 0;
+  double simulation_forward = 0, simulation_vjp = 0, detector_forward = 0, detector_backward = 0;
+  double worlds = 0, rest = 0;
+  /// Adds stage by stage.
   HostSeconds& operator+=(const HostSeconds& other);
 };
 
@@ -38,6 +39,7 @@ struct StageSeconds {
   double optimiser = 0;  ///< sum, smoothness, Adam, projection
   double files = 0;      ///< checkpoints
   HostSeconds threads;
+  /// Adds stage by stage.
   StageSeconds& operator+=(const StageSeconds& other);
 };
 

@@ -3,6 +3,7 @@
 
 namespace mirage {
 
+/// Bounds of a share, in [0, 1].
 struct BinomialInterval {
   double low = 0, high = 1;
 };

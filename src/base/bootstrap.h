@@ -17,10 +17,12 @@ struct ClusterSums {
   double numerator = 0, denominator = 0;
 };
 
+/// A figure with its confidence bounds.
 struct Interval {
   double value = 0, low = 0, high = 0;
 };
 
+/// How the draws are made.
 struct BootstrapSettings {
   double confidence = 0.95;
   int replicates = 10'000;

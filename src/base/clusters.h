@@ -26,9 +26,12 @@ struct ClusterCount {
   int count = 0;             ///< clusters that hold anything that counts
 };
 
+/// Collects the clusters of what counts, to say what an interval rests on.
 class Clusters {
  public:
+  /// Something that counts was seen; arguments as cluster_of's.
   void add(const std::string& frame, int track);
+  /// The different clusters so far.
   ClusterCount count() const;
 
  private:

@@ -20,17 +20,22 @@ std::string toml_text(const nlohmann::json& object);
 /// another type or out of [low, high].
 class ConfigTable {
  public:
+  /// The whole file as a table. Errors as read_toml's.
   static ConfigTable read(const std::filesystem::path& path) { return {path.string(), "", read_toml(path)}; }
 
   /// Whether an optional key is there.
   bool has(const std::string& key) const { return values_.contains(key); }
+  /// Whether the key is there and holds a text.
   bool is_text(const std::string& key) const { return has(key) && values_.at(key).is_string(); }
+  /// A number in [low, high].
   double number(const std::string& key, double low, double high);
+  /// A text, which may be empty.
   std::string text(const std::string& key);
   /// `count` numbers; any count when 0.
   std::vector<double> numbers(const std::string& key, std::size_t count, double low, double high);
   /// Rows of `width` numbers.
   std::vector<std::vector<double>> rows(const std::string& key, std::size_t width, double low, double high);
+  /// A table inside this one; its keys are checked by its own check_all_known().
   ConfigTable table(const std::string& key);
   /// Passes over a table or value that somebody else reads.
   void skip(const std::string& key) { seen_.insert(key); }

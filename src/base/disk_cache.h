@@ -14,8 +14,10 @@
 
 namespace mirage {
 
+/// A folder of results by key, of limited size. For several threads and processes at once.
 class DiskCache {
  public:
+  /// Bytes that a cache keeps unless told otherwise: 20 GiB.
   static constexpr std::uint64_t kLimit = 20ull << 30;
 
   /// In `folder` (made at the first write; empty: off). `limit`, bytes: where it is passed, what was not used
@@ -24,6 +26,7 @@ class DiskCache {
   /// Where MIRAGE_CACHE says ("off": nowhere), else $XDG_CACHE_HOME/mirage, else ~/.cache/mirage.
   static std::unique_ptr<DiskCache> from_environment();
 
+  /// Whether there is a folder.
   bool on() const { return !folder_.empty(); }
   /// What was kept for the key, among entries of this `kind` (a folder's name). None if there is nothing or,
   /// after a warning, if the entry is damaged.

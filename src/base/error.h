@@ -8,6 +8,7 @@
 
 namespace mirage {
 
+/// The user's input is to blame: file, field and fix in one line. The program exits with 2.
 class InputError : public std::runtime_error {
  public:
   /// `where`: file or option; `field`: row, byte, key…; `problem`: what is wrong; `fix`: what to do.
@@ -16,8 +17,10 @@ class InputError : public std::runtime_error {
       : std::runtime_error(where + ": " + (field.empty() ? "" : field + ": ") + problem + "; " + fix) {}
 };
 
+/// The world is to blame (a full disk, a child that dies): place, problem and fix in one line. Exit code 1.
 class Failure : public std::runtime_error {
  public:
+  /// The line is "where: problem; fix".
   Failure(const std::string& where, const std::string& problem, const std::string& fix)
       : std::runtime_error(where + ": " + problem + "; " + fix) {}
 };

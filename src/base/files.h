@@ -28,8 +28,9 @@ void write_json(const std::filesystem::path& path, const nlohmann::json& value);
 
 /// The folder that holds the running executable.
 std::filesystem::path executable_folder();
-/// A file that ships with the program, e.g. "scenes/rigs/kitti64.toml": looked for in MIRAGE_HOME, then in
-/// the executable's folder and its parents. InputError if there is none.
+/// A file that ships with the program, e.g. "scenes/rigs/kitti64.toml": looked for in MIRAGE_HOME, in
+/// share/mirage beside the executable's folder (an installed prefix), then in the executable's folder and its
+/// parents (a build tree). InputError if there is none.
 std::filesystem::path shipped_file(const std::string& relative);
 
 }  // namespace mirage

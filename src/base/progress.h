@@ -7,6 +7,7 @@
 
 namespace mirage {
 
+/// One piece of work's progress line; it goes with the object.
 class Progress {
  public:
   /// `what` names the work ("attack"), `total` its units. `quiet` (or no terminal) prints nothing.

@@ -7,14 +7,17 @@
 
 namespace mirage {
 
+/// One stream of numbers.
 class RandomStream {
  public:
   /// `purpose` names what the numbers are for ("vehicle paint"), `index` which of them (frame 17).
   RandomStream(std::uint64_t seed, std::string_view purpose, std::uint64_t index = 0);
 
+  /// Uniform over all 32-bit words.
   std::uint32_t next_u32();
   /// Uniform in [0, 1), 53 bits.
   double uniform();
+  /// Uniform in [low, high).
   double uniform(double low, double high) { return low + (high - low) * uniform(); }
   /// Uniform in {0, …, n − 1}; n ≥ 1.
   int below(int n) { return static_cast<int>(uniform() * n); }

@@ -11,6 +11,7 @@
 
 namespace mirage {
 
+/// Where a training stands.
 struct TrainingState {
   std::int64_t step = 0;
   double seconds = 0;              ///< spent in earlier runs too
@@ -35,7 +36,9 @@ void write_training_state(const std::filesystem::path& out, const nlohmann::json
 /// its checkpoint.
 class TrainingLog {
  public:
+  /// Of the run in `out` that goes on from `step`: later lines are dropped.
   TrainingLog(const std::filesystem::path& out, std::int64_t step);
+  /// Appends a line; the file is whole at any time.
   void add(const nlohmann::json& line);
 
  private:

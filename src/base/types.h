@@ -8,14 +8,21 @@
 
 namespace mirage {
 
+/// Two coordinates, in m or pixels.
 template <class S>
 using Vec2 = Eigen::Matrix<S, 2, 1>;
+/// Three coordinates (m) or channels.
 template <class S>
 using Vec3 = Eigen::Matrix<S, 3, 1>;
+/// Two coordinates in double.
 using Vec2d = Vec2<double>;
+/// Three in double.
 using Vec3d = Vec3<double>;
+/// Two coordinates in float.
 using Vec2f = Vec2<float>;
+/// Three in float.
 using Vec3f = Vec3<float>;
+/// Rotation and translation (m), in double.
 using Transform = Eigen::Isometry3d;
 
 /// Triangle: three vertex indices, counter-clockwise seen from outside.

@@ -19,6 +19,7 @@
 
 namespace mirage {
 
+/// What adversarial training starts from, how long it goes on, and how strong its adversary is.
 struct DefenseSettings {
   std::filesystem::path data, validation, out;  ///< `validation` may be empty
   /// Where training starts (empty weights: the shipped clean ones) and what is added to the network (parts).
@@ -40,6 +41,7 @@ struct DefenseSettings {
   std::function<bool()> stop = interrupted;
 };
 
+/// What adversarial training ends with, beside the weights in DefenseSettings::out.
 struct DefenseResult {
   std::int64_t steps = 0;
   int hosts = 0;

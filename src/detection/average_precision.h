@@ -82,6 +82,7 @@ ScoredFrame scored_in_picture(std::vector<Proposal> detections, const GroundTrut
 ScoredFrame scored(std::vector<Proposal> detections, const GroundTruth& truth, double focal_length,
                    Plane plane);
 
+/// A precision-recall curve, and the area under it.
 struct PrecisionRecall {
   double average_precision = 0;  ///< in [0, 1]
   double recall = 0;             ///< share of the boxes found by any detection

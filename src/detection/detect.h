@@ -21,11 +21,13 @@ std::vector<Proposal> detect_vehicles(Detector& detector, const ImageF& image, c
                                       const Calibration& calibration,
                                       double score_threshold = kScoreThreshold);
 
+/// AP over the vehicles of one stratum.
 struct ScoredStratum {
   Stratum stratum;
   PrecisionRecall at50, at70;
 };
 
+/// A detector on a data set: detections and scores.
 struct DetectionRun {
   std::vector<std::string> ids;
   std::vector<ScoredFrame> frames;

@@ -68,6 +68,7 @@ struct TrainingSample {
   std::uint64_t picture_key = 0;
 };
 
+/// Mean loss of a step: the whole, and its terms.
 struct TrainingLoss {
   double total = 0, score = 0, box = 0;
 };
@@ -82,10 +83,13 @@ struct ImageFeatures {
   double cell = 0;
 };
 
+/// A detector with its weights. For one thread at a time; share() gives another thread's.
 class Detector {
  public:
   virtual ~Detector() = default;
+  /// As the user gave it (DetectorOptions::detector).
   virtual std::string name() const = 0;
+  /// What it reads and finds; the same as long as it lives.
   virtual Capabilities capabilities() const { return {}; }
   /// Searched region: x_min, x_max, y_min, y_max (m, `velo`).
   virtual std::array<double, 4> region() const = 0;
@@ -93,7 +97,10 @@ class Detector {
   virtual std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) = 0;
   /// VJP of the last forward(keep_graph = true); d_logits has one value a proposal.
   virtual SensorGradient backward(std::span<const double> d_logits) = 0;
+  /// One optimiser step on the mean loss of the samples. Failure if the plugin cannot train.
   virtual TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) = 0;
+  /// Writes the weights, and the optimiser's state for resuming. Failure on a full disk or a read-only
+  /// folder.
   virtual void save(const std::filesystem::path& file, bool with_optimiser) = 0;
   /// Another instance on the same weights, for another thread: a training step of either changes both. Null
   /// if the plugin cannot.
@@ -102,6 +109,7 @@ class Detector {
   virtual ImageFeatures image_features(const SensorView& /*input*/) { return {}; }
 };
 
+/// Which detector, which weights, how it computes.
 struct DetectorOptions {
   /// "lidar", "camera", "painted", "fusion", "late", "torchscript", or a path to a plugin (*.so)
   std::string detector = "fusion";

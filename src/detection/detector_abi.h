@@ -85,6 +85,7 @@ typedef struct MirageImageFeatures {
   float cell; /* m */
 } MirageImageFeatures;
 
+/* The table of a detector plugin's functions. */
 typedef struct MirageDetectorApi {
   uint32_t abi_version; /* MIRAGE_DETECTOR_ABI */
   const char* name;     /* "fusion" */
@@ -97,6 +98,7 @@ typedef struct MirageDetectorApi {
    * (fresh optimiser; a fusion detector may begin with a lidar detector's). bfloat16: for training passes.
    * NULL on failure. */
   void* (*create)(const char* options_json, const char* weights, char* error, size_t error_size);
+  /* Ends an instance that create or share gave. */
   void (*destroy)(void* detector);
 
   /* Region of the bird's-eye view that is searched: x_min, x_max, y_min, y_max (m, velo). */

@@ -20,9 +20,11 @@ struct SamplingUnit {
   double azimuth_step = 0;       ///< rad
   double beam_gap = 0;           ///< rad, median between neighbouring beams
 };
+/// Read off the unit's beams.
 SamplingUnit sampling_unit(const LidarModel& lidar);
 /// The LiDAR of a data set: its own rig's (DIR/rig.toml), or kitti64's when there is none.
 LidarModel unit_of(const std::filesystem::path& data);
+/// That of unit_of(data). Errors as read_lidar_model's.
 SamplingUnit sampling_unit(const std::filesystem::path& data);
 
 /// Pastes the car at its own pose: range, direction and pixels stay true. It is lifted (points, and pixels by
@@ -37,6 +39,7 @@ SamplingUnit sampling_unit(const std::filesystem::path& data);
 /// and the picture's key becomes 0.
 bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit);
 
+/// The vehicles of a training set, ready to be pasted into its frames.
 class GroundTruthSampler {
  public:
   /// `mean`: vehicles wanted in a sample (their number is Poisson's). With `with_picture`, a set without

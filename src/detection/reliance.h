@@ -42,6 +42,7 @@ struct Reliance {
   int vehicles = 0;             ///< labelled cars that must be found, in `frames`
   ClusterCount clusters;        ///< of these
 
+  /// The gate: the wrong picture costs AP beyond the interval, and the cars' logits move by kLeastDeltaLogit.
   bool uses_picture() const { return reads_picture && drop.low > 0 && mean_delta_logit >= kLeastDeltaLogit; }
 };
 

@@ -9,6 +9,7 @@
 
 namespace mirage {
 
+/// What `mirage train` is asked for.
 struct TrainingOptions {
   std::filesystem::path data, validation, out;  ///< `validation` may be empty
   /// Weights to start from; empty: fresh ones. `fusion` may start from a `lidar` detector's.
@@ -35,6 +36,7 @@ struct TrainingOptions {
   bool quiet = false;
 };
 
+/// What a training ends with, beside the weights in TrainingOptions::out.
 struct TrainingResult {
   std::int64_t steps = 0;
   double seconds = 0, seconds_per_step = 0;

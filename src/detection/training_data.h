@@ -35,6 +35,7 @@ struct PreparedSample {
   std::vector<std::uint8_t> vehicle_mask;
   std::uint64_t picture_key = 0;
   Eigen::Affine3d data_from_sample = Eigen::Affine3d::Identity();
+  /// Views of what this holds; valid as long as it is.
   TrainingSample view() const;
 };
 
@@ -56,6 +57,7 @@ Eigen::Affine3d random_pose(std::uint64_t seed, std::uint64_t index);
 /// A box of the data after sample_from_data (a similarity that keeps z upright).
 BevBox moved(const BevBox& box, const Eigen::Affine3d& sample_from_data);
 
+/// The training set as a detector sees it: compact, augmented, in an order that depends on the seed alone.
 class TrainingData {
  public:
   /// `pasted`: mean number of vehicles of other frames pasted into a sample (see GroundTruthSampler).
@@ -63,6 +65,7 @@ class TrainingData {
   /// or kitti64's.
   TrainingData(const std::filesystem::path& data, std::size_t limit, const std::array<double, 4>& region,
                std::uint64_t seed, double pasted = 0, bool with_picture = true, double thinned = 0);
+  /// Number of frames, before augmentation.
   std::size_t size() const { return ids_.size(); }
   /// The frame of the `index`-th sample: every epoch is a new permutation of all frames.
   std::size_t frame_of(std::uint64_t index) const;

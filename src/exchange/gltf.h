@@ -26,6 +26,7 @@ TexturedMesh read_adversary(const std::filesystem::path& file);
 struct ExportScene {
   std::string name;
   TexturedMesh adversary;  ///< in `velo`, placed
+  /// A plain mesh beside the adversary.
   struct Proxy {
     std::string name;   ///< also the role in extras
     std::string shape;  ///< extras' mirage_shape: "fitted" or "box" for the host; may be empty
@@ -37,6 +38,8 @@ struct ExportScene {
   Lighting lighting;           ///< sun as KHR_lights_punctual directional; all of it in extras
   ImageF photograph;           ///< scene-linear RGB, of the camera's size; embedded as PNG. May be empty
 };
+/// Writes it as .glb, atomically. InputError for a mesh that check_mesh refuses; Failure if the file can't be
+/// written.
 void write_scene(const std::filesystem::path& file, const ExportScene& scene);
 
 /// Reads a scene to draw it: all meshes of the default scene in `velo`, exact where the file has Mirage's

@@ -10,12 +10,14 @@
 
 namespace mirage {
 
+/// Collects the buffers and the objects of one .glb file.
 class GltfBuilder {
  public:
   GltfBuilder();
 
   /// Appends bytes (8-aligned) and returns the index of their buffer view. `target`: 0 or the GL target.
   int add_view(const void* data, std::size_t bytes, int target = 0);
+  /// The same of a vector's values, which are written as they lie in memory.
   template <class T>
   int add_view(const std::vector<T>& values, int target = 0) {
     return add_view(values.data(), values.size() * sizeof(T), target);
@@ -27,6 +29,7 @@ class GltfBuilder {
   /// Appends a node that stands at the scene's root.
   int add_node(nlohmann::json value);
 
+  /// The glTF object, to add to.
   nlohmann::json& json() { return json_; }
   /// The finished file.
   std::string glb() const;

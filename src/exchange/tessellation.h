@@ -15,11 +15,13 @@ struct AtlasTriangle {
   std::array<Vec2d, 3> corners;
   int texel = 0;
 };
+/// The C² triangles of a face, C = `resolution`, row by row.
 std::vector<AtlasTriangle> atlas_triangles(int resolution);
 
 /// Where the texels of a mesh lie in its picture: row-major, texel t at pixel (t mod width, t / width).
 struct TextureLayout {
   int width = 1, height = 1;
+  /// The smallest near-square picture that holds so many texels.
   explicit TextureLayout(std::size_t texels);
   /// UV (origin top left, as glTF has it) of the texel's centre.
   Vec2d centre(std::size_t texel) const;

@@ -15,10 +15,13 @@ struct GridLayout {
   Vec3d spacing = Vec3d::Ones();  ///< m
   std::array<int, 3> count = {0, 0, 0};
 
+  /// Number of nodes.
   std::size_t size() const { return static_cast<std::size_t>(count[0]) * count[1] * count[2]; }
+  /// Place of a node among the values: i runs fastest.
   std::size_t index(int i, int j, int k) const {
     return i + static_cast<std::size_t>(count[0]) * (j + static_cast<std::size_t>(count[1]) * k);
   }
+  /// Where a node lies (m).
   Vec3d node(int i, int j, int k) const { return origin + spacing.cwiseProduct(Vec3d(i, j, k)); }
 };
 
@@ -31,8 +34,10 @@ struct GridCell {
   std::array<Vec3d, 8> gradients;
   double outside = 0;
 };
+/// The cell around p, or around the nearest point of the grid where p is outside.
 GridCell cell_at(const GridLayout& layout, const Vec3d& p);
 
+/// Signed distances (m) at the nodes of a grid.
 struct DistanceGrid {
   GridLayout layout;
   std::vector<float> values;  ///< m, negative inside; one a node

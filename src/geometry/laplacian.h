@@ -7,6 +7,7 @@
 
 namespace mirage {
 
+/// The uniform Laplacian of a mesh and the smoothness loss Σ‖δ‖².
 class Laplacian {
  public:
   /// Neighbours come from the faces' edges; isolated vertices have δ = 0.

@@ -22,9 +22,11 @@ struct TexelAtlas {
   int resolution = 5;         ///< C
   std::vector<Vec3d> texels;  ///< faces × C × C, face-major
 
+  /// C².
   std::size_t per_face() const { return static_cast<std::size_t>(resolution) * resolution; }
 };
 
+/// A mesh with the texels of its faces; the adversary is one.
 struct TexturedMesh {
   Mesh mesh;
   TexelAtlas atlas;

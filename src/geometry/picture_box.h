@@ -12,6 +12,7 @@ struct PictureBox {
 
 /// Pixels²; 0 for a box whose sides are in the wrong order.
 double area(const PictureBox& box);
+/// Pixels² that both boxes cover.
 double intersection_area(const PictureBox& a, const PictureBox& b);
 /// Intersection over union in [0, 1]; 0 if either box has no area.
 double iou(const PictureBox& a, const PictureBox& b);

@@ -11,6 +11,7 @@
 
 namespace mirage {
 
+/// Winding numbers of one mesh, prepared for many points.
 class WindingNumber {
  public:
   /// Faces of no area count nothing. An empty mesh has w = 0 everywhere.

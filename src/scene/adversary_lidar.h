@@ -22,6 +22,7 @@ struct LidarTape {
     double reflectivity = 0;
     int texel = -1;  ///< whose mean is the reflectivity; −1: a constant
   };
+  /// One return on the adversary, and what its VJP needs.
   struct Return {
     LidarRay ray;  ///< the beam's axis, in the frame that the point is written in
     int face = 0;  ///< of the strongest part, and its hit; hit.reflectance is the whole return's

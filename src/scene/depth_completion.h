@@ -19,6 +19,7 @@ ImageF sparse_depth(const Sweep& sweep, const Calibration& calibration);
 class DepthCompletion {
  public:
   virtual ~DepthCompletion() = default;
+  /// The word that chooses it (--depth), with what differs from its defaults.
   virtual std::string name() const = 0;
   /// `image`: H×W×3 scene-linear RGB (back-ends that do not look at it take an empty one); `sparse`: H×W
   /// planar depth, m; what is not a positive finite number is no return. Gives H×W planar depth, m; kFarDepth
@@ -31,7 +32,9 @@ struct IpBasicOptions {
   /// False: the paper's method. True: the authors' later variant, which dilates near, middle and far returns
   /// (limits 15 and 30 m) with kernels of 7, 5 and 3 pixels.
   bool multi_scale = false;
-  enum class Blur { gaussian, bilateral } blur = Blur::gaussian;
+  /// What smooths the filled picture.
+  enum class Blur { gaussian, bilateral };
+  Blur blur = Blur::gaussian;
   /// Repeats each column's topmost value up to the image's upper border, sky or not.
   bool extrapolate = false;
 };
@@ -40,6 +43,7 @@ struct IpBasicOptions {
 /// are left out. Looks at the sweep only.
 class IpBasic : public DepthCompletion {
  public:
+  /// Completes by these options.
   explicit IpBasic(const IpBasicOptions& options = {}) : options_(options) {}
   /// "ip-basic", and "-multiscale", "-bilateral", "-extrapolated" for what differs from the default.
   std::string name() const override;

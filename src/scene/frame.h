@@ -24,6 +24,7 @@ struct Calibration {
   Transform camera_from_rect = Transform::Identity();  ///< a translation: K⁻¹ times P2's fourth column
   Eigen::Matrix3d rect_from_cam0 = Eigen::Matrix3d::Identity();  ///< R0_rect, to write the file again
 
+  /// Where labels are kept in KITTI's files.
   Transform rect_from_velo() const { return camera_from_rect.inverse() * camera_from_velo; }
 };
 
@@ -37,6 +38,7 @@ struct Label {
   int track = -1;                                   ///< the vehicle's identity in the data set; -1: unknown
 };
 
+/// One moment: what both sensors saw, where they stood, and what is known of the scene.
 struct Frame {
   std::string id;  ///< "000008"
   ImageF image;    ///< scene-linear RGB

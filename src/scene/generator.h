@@ -20,6 +20,7 @@ struct Rig {
   Look look = Look::european;
   std::string text;  ///< a rig file that holds this camera and this unit
 };
+/// Reads a rig file (scenes/rigs/kitti64.toml says what each key means). InputError naming file and key.
 Rig read_rig(const std::filesystem::path& file);
 /// The same rig with another unit (see lidar_file) in place of its own, at the mount pose that the unit's
 /// file gives; the velo origin keeps its height over the ground. The name becomes "RIG+UNIT".

@@ -50,6 +50,7 @@ struct SimulationSettings {
   VisibleLightSettings visible_light;  ///< of LightModel::visible
 };
 
+/// What both sensors see once the adversary is on the roof.
 struct Simulated {
   ImageF image;              ///< the photograph with the object in it
   Sweep sweep;               ///< the sweep with the object in it; new returns come last
@@ -83,6 +84,7 @@ struct InsertionJob {
 std::vector<Simulated> simulate_batch(std::span<const InsertionJob> insertions,
                                       const SimulationSettings& settings = {});
 
+/// d loss / d vertices (adversary frame, 1/m) and d loss / d texels, as many of each as the adversary has.
 struct AdversaryGradient {
   std::vector<Vec3d> vertices, texels;
 };

@@ -32,13 +32,17 @@ std::string frame_hash(const std::filesystem::path& data, const std::string& id)
 /// truncation and occlusion are written as they are. The image is encoded to 8-bit sRGB.
 void write_frame(const std::filesystem::path& data, const Frame& frame);
 
+/// KITTI's .bin: four floats a point. InputError naming file and byte: it can't be read, is empty or cut off,
+/// or a point is not finite or farther than 1 km.
 Sweep read_sweep(const std::filesystem::path& file);
+/// KITTI's .bin, atomically.
 void write_sweep(const std::filesystem::path& file, const Sweep& sweep);
 /// `width`, `height`: the image's.
 ///
 /// R0_rect and Tr_velo_to_cam are printed with 7 digits; their product is replaced by the nearest rotation.
 /// InputError if it is further than 1e-3 from one, or if P2 is not K·[I | t] with an upright K.
 Calibration read_calibration(const std::filesystem::path& file, int width, int height);
+/// KITTI's calib/ID.txt, 13 digits a number, atomically.
 void write_calibration(const std::filesystem::path& file, const Calibration& calibration);
 
 /// A label's (x, y, z) is the bottom centre in `rect`; its heading there is (cos ry, 0, −sin ry). The box in
@@ -58,6 +62,7 @@ std::filesystem::path true_depth_file(const std::filesystem::path& data, const s
 
 /// {"to_sun_velo": [x, y, z], "sun": [r, g, b], "ambient": …, "hemisphere": …}
 Lighting read_lighting(const std::filesystem::path& file);
+/// What read_lighting reads, atomically.
 void write_lighting(const std::filesystem::path& file, const Lighting& lighting);
 
 }  // namespace mirage

@@ -14,6 +14,7 @@ inline constexpr double kRoofRear = -0.32, kRoofFront = 0.08, kRoofWidth = 0.76;
 inline constexpr double kWaist = 0.58;                                            // of the height
 }  // namespace saloon
 
+/// Linear albedo of the road, where nothing tells it.
 inline constexpr double kRoadAlbedo = 0.18;
 
 /// Paint (linear albedo) of a labelled vehicle from the photograph: the median of the label's 2-D box away

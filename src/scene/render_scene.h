@@ -16,6 +16,7 @@ namespace mirage {
 
 /// What a scene file holds. World is `velo`.
 struct RenderScene {
+  /// A mesh of the scene and what it stands for.
   struct Thing {
     std::string name, role;  ///< role: "adversary", "host", "ground" or whatever the file says; may be empty
     TexturedMesh textured;   ///< in `velo`; without texels it is grey (0.5)
@@ -27,8 +28,10 @@ struct RenderScene {
   ImageF photograph;  ///< scene-linear RGB behind the things; empty if the file has none
 };
 
+/// The soft rasteriser, or the ray-traced camera.
 enum class SceneRenderer { soft, traced };
 
+/// How a scene file is drawn.
 struct SceneRenderSettings {
   SceneRenderer renderer = SceneRenderer::soft;
   SoftRasterSettings<double> raster;  ///< of the soft rasteriser; near, far and gamma are set by render_scene

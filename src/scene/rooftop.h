@@ -9,6 +9,7 @@
 
 namespace mirage {
 
+/// Where the adversary stands on one vehicle, and how that was found.
 struct Rooftop {
   /// velo_from_adversary with its origin on the roof point, x along the heading, z up.
   Transform velo_from_adversary = Transform::Identity();

@@ -20,8 +20,10 @@
 
 namespace mirage {
 
+/// --sun where none is given: the frame's own.
 inline constexpr const char* kDefaultSun = "frame";
 
+/// --sun, understood.
 struct SunChoice {
   std::string word = kDefaultSun;
   std::optional<Vec3d> to_sun_velo = {};  ///< unit; none: the frame's own, or the photograph's

@@ -11,6 +11,7 @@
 
 namespace mirage {
 
+/// Where the sun stands, read off the photograph.
 struct SunEstimate {
   bool known = false;  ///< false where the photograph does not tell
   Vec3d to_sun_velo = Vec3d::UnitZ();
@@ -21,6 +22,8 @@ struct SunEstimate {
   int vehicles = 0;       ///< with ground in view around them
 };
 
+/// Compares ground returns in and beside the shadows that the labelled vehicles would cast under each sun of
+/// a grid.
 SunEstimate sun_from_shadows(const Frame& frame);
 
 }  // namespace mirage

@@ -6,6 +6,8 @@
 
 namespace mirage {
 
+/// A camera without distortion: u = fx x / z + cx, v = fy y / z + cy, in `camera`; pixel centres are whole
+/// numbers.
 struct PinholeCamera {
   double fx = 0, fy = 0, cx = 0, cy = 0;  ///< pixels
   int width = 0, height = 0;              ///< pixels

@@ -11,6 +11,7 @@
 
 namespace mirage {
 
+/// What a real unit adds to ideal rays. All off by default.
 struct LidarEffects {
   /// Range noise (m).
   double range_sigma = 0;
@@ -49,7 +50,9 @@ struct LidarEffects {
   /// Key of the random streams of an inserted object's returns (whole sweeps are given theirs).
   std::uint64_t seed = 0;
 
+  /// Whether the unit moves during a turn.
   bool moving() const { return yaw_rate != 0 || !velocity.isZero(0); }
+  /// Whether a beam is more than a ray.
   bool diverging() const { return !divergence.isZero(0); }
 };
 
@@ -86,6 +89,8 @@ struct Echo {
   int strongest = -1;        ///< index; −1: nothing came back
   std::vector<int> members;  ///< indices, by range
 };
+/// The echo with the most energy. Reflections within `pulse_length` (m) of the one before them are one echo.
+/// `echo`'s memory is used again.
 void strongest_echo(std::span<const Reflection> reflections, double pulse_length, Echo& echo);
 
 }  // namespace mirage

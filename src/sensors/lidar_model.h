@@ -13,10 +13,12 @@ namespace mirage {
 /// One return: position in `velo` (m) and reflectance in [0, 1]. Layout as in KITTI's .bin files.
 struct LidarPoint {
   float x = 0, y = 0, z = 0, reflectance = 0;
+  /// In m, `velo`.
   Vec3f position() const { return {x, y, z}; }
 };
 static_assert(sizeof(LidarPoint) == 16);
 
+/// One turn of the unit.
 using Sweep = std::vector<LidarPoint>;
 
 /// A laser of the unit. Its rays start off the unit's centre: fired at azimuth a, from the point `height` up
@@ -35,6 +37,7 @@ struct LidarRay {
   Vec3d origin, direction;
 };
 
+/// A LiDAR unit and where it is mounted.
 struct LidarModel {
   std::string name;
   std::vector<LidarBeam> beams;  ///< from the top beam down
@@ -56,6 +59,7 @@ struct LidarModel {
   double firing_azimuth(int column) const;
   /// The ray of a beam (index) fired at an azimuth (rad, unit's frame).
   LidarRay ray_at(int beam, double firing_azimuth) const;
+  /// The ray of a beam in a firing (indices).
   LidarRay ray(int beam, int column) const { return ray_at(beam, firing_azimuth(column)); }
   /// When a beam fires (s): 0 is the moment at which the unit looks along its +x, the camera's moment in
   /// KITTI's recordings (Geiger et al., IJRR 2013), and firings behind it are up to half a turn away.

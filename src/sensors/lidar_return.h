@@ -16,6 +16,7 @@ namespace mirage {
 /// Smallest height of a face (m) over which its reflectance may change at the full rate.
 inline constexpr double kThinFace = 1e-3;
 
+/// A ray's return from one face.
 template <class S>
 struct FaceReturn {
   bool valid = false;

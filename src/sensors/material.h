@@ -22,6 +22,7 @@ enum class Pattern : std::uint8_t {
   stack
 };
 
+/// How a surface looks in camera and LiDAR.
 struct Material {
   Vec3f albedo = Vec3f::Constant(0.5f);  ///< scene-linear
   Vec3f second = Vec3f::Constant(0.1f);  ///< the pattern's other colour: windows, joints

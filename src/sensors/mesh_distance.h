@@ -15,7 +15,9 @@ class MeshDistance {
   /// InputError for a mesh without faces.
   explicit MeshDistance(const Mesh& mesh);
   ~MeshDistance();
+  /// Takes the other's state.
   MeshDistance(MeshDistance&&) noexcept;
+  /// Takes the other's state.
   MeshDistance& operator=(MeshDistance&&) noexcept;
 
   /// Distance from p to the nearest point of any face (m, ≥ 0).
@@ -25,6 +27,7 @@ class MeshDistance {
   /// for meshes with holes: there the surface is the smooth one on which w = 1/2, but distances still count
   /// to the faces.
   double signed_distance(const Vec3d& p) const;
+  /// Whether signed_distance(p) is negative.
   bool inside(const Vec3d& p) const;
 
  private:

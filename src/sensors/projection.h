@@ -17,6 +17,7 @@ struct ScreenCorner {
   int a = 0, b = 0;              ///< vertex indices of the mesh
   int place_a = 0, place_b = 0;  ///< which corners of the source face they are, 0 … 2
   double t = 0;
+  /// Whether the near plane made this corner.
   bool is_cut() const { return place_a != place_b; }
 };
 

@@ -29,7 +29,9 @@ class RasterTape {
  public:
   RasterTape();
   ~RasterTape();
+  /// Takes the other's memory.
   RasterTape(RasterTape&&) noexcept;
+  /// Takes the other's memory.
   RasterTape& operator=(RasterTape&&) noexcept;
 
   ImageF rgba;  ///< window-sized: I and S
@@ -48,6 +50,7 @@ void rasterize_batch_vjp(std::span<const RasterJob> jobs, std::span<const ImageF
 
 /// The same, for the plain loop in double.
 Image<double> to_double(const ImageF& image);
+/// The same values in double.
 RasterTarget<double> to_double(const RasterTarget<float>& target);
 
 /// Name of the instruction set in use ("AVX3", "AVX2", …, "EMU128"/"SCALAR").

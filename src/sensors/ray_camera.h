@@ -23,6 +23,7 @@ struct Surface {
 
 /// What the rays meet: geometry and materials, index by index.
 struct RayScene {
+  /// Copies the surfaces' meshes, materials and objects.
   explicit RayScene(std::span<const Surface> surfaces);
   RayCaster caster;
   std::vector<Material> materials;
@@ -54,6 +55,7 @@ struct Sky {
   /// What the camera sees of the sky over what lights the scene: hazy skies behind trees and houses are
   /// overexposed in street pictures while the shadows stay dark.
   float seen = 1;
+  /// Scene-linear radiance from a direction; both are unit vectors in `velo`.
   Vec3f radiance(const Vec3f& direction, const Vec3f& to_sun) const;
   /// Irradiance / π of open, level ground: the cosine-weighted mean of the radiance.
   Vec3f irradiance(const Vec3f& to_sun) const;
@@ -66,6 +68,7 @@ struct SceneLight {
   Sky sky;
 };
 
+/// Samples of the ray-traced camera.
 struct RayCameraSettings {
   int grid = 2;      ///< grid × grid primary rays a pixel
   int sky_rays = 2;  ///< rays that sample the sky's visibility, per shading point
@@ -75,6 +78,7 @@ struct RayCameraSettings {
   bool sparse = false;
 };
 
+/// What the ray-traced camera sees, of the camera's size.
 struct RayImage {
   ImageF color;       ///< scene-linear RGB
   ImageF depth;       ///< planar depth of the ray nearest to the pixel's centre, m; 0 where nothing is hit

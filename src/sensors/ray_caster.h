@@ -10,17 +10,20 @@
 
 namespace mirage {
 
+/// A ray: origin + t · direction for t in [t_min, t_max].
 struct Ray {
   Vec3f origin, direction;  ///< direction need not be unit; t counts in its length
   float t_min = 0, t_max = 1e30f;
 };
 
+/// Where a ray met a face first.
 struct Hit {
   float t = -1;                  ///< ray parameter; < 0 where nothing was hit
   int mesh = -1;                 ///< which mesh, in the order they were given
   int face = -1;                 ///< which face of it
   float b1 = 0, b2 = 0;          ///< barycentrics of vertices 1 and 2; b0 = 1 − b1 − b2
   Vec3f normal = Vec3f::Zero();  ///< unnormalised face normal, wound as the face is
+  /// Whether it met any.
   bool hit() const { return mesh >= 0; }
 };
 
@@ -28,18 +31,24 @@ struct Hit {
 /// nearly the same way (consecutive azimuths of one beam): packets of rows are several times faster than
 /// rays in any other order.
 struct RayTable {
+  /// Rays that are traced at once.
   static constexpr std::size_t kPacket = 16;
 
   RayTable() = default;
+  /// Room for rows × columns rays.
   RayTable(std::size_t rows, std::size_t columns);
 
   std::size_t rows = 0, columns = 0;
   std::size_t stride = 0;  ///< columns, rounded up to whole packets; what lies beyond `columns` is not traced
   std::vector<float> origin[3], direction[3];  ///< x, y, z: rows × stride
 
+  /// Place of a ray in the arrays.
   std::size_t index(std::size_t row, std::size_t column) const { return row * stride + column; }
+  /// Origin of the ray at a place of the arrays.
   Vec3f origin_at(std::size_t i) const { return {origin[0][i], origin[1][i], origin[2][i]}; }
+  /// Direction of the ray at a place of the arrays.
   Vec3f direction_at(std::size_t i) const { return {direction[0][i], direction[1][i], direction[2][i]}; }
+  /// Puts a ray into its place.
   void set(std::size_t row, std::size_t column, const Vec3f& from, const Vec3f& towards) {
     for (int c = 0; c < 3; ++c) {
       origin[c][index(row, column)] = from[c];
@@ -54,6 +63,7 @@ struct HitTable {
   std::vector<int> mesh, face;
 };
 
+/// Meshes that rays are traced against (Embree).
 class RayCaster {
  public:
   /// Builds one scene over all meshes (they are copied). Coordinates inside are float and relative to
@@ -62,7 +72,9 @@ class RayCaster {
   /// names no vertex.
   explicit RayCaster(std::span<const Mesh> meshes, const Vec3d& origin = Vec3d::Zero());
   ~RayCaster();
+  /// Takes the other's scene.
   RayCaster(RayCaster&&) noexcept;
+  /// Takes the other's scene.
   RayCaster& operator=(RayCaster&&) noexcept;
 
   /// Nearest hit (both sides of a face count). A ray that is not finite meets nothing.

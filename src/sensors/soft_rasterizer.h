@@ -43,6 +43,7 @@ enum class ColorBlend {
             ///< its barycentrics there (Texture::vertex)
 };
 
+/// How the coverages D of a pixel's faces make its silhouette S.
 enum class SilhouetteBlend {
   product,  ///< 1 − Π(1 − D)
   sum,      ///< Σ D / number of faces, as the authors' code has it
@@ -52,11 +53,13 @@ enum class SilhouetteBlend {
 /// Faces that give colour, by their winding on screen (y up). The authors' one-sided mode is `clockwise`.
 enum class Sides { both, counter_clockwise, clockwise };
 
+/// What colours a face.
 enum class Texture {
   atlas,   ///< C² texels a face, nearest (TexelAtlas)
   vertex,  ///< three colours a face, interpolated
 };
 
+/// Every option of the soft rasteriser (Liu et al., ICCV 2019), with the defaults of Mirage.
 template <class S>
 struct SoftRasterSettings {
   S sigma = S(5e-7);            ///< edge softness in NDC²; 1 px of a 1242 px image is 2.6e-6
@@ -110,6 +113,7 @@ template <class S>
 Image<S> rasterize(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings,
                    const RasterTarget<S>& target);
 
+/// d loss / d the three corners of each face, as ScreenMesh has them, and d loss / d texels.
 template <class S>
 struct ScreenGradient {
   std::vector<std::array<Vec3<S>, 3>> faces;

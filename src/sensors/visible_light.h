@@ -25,12 +25,14 @@
 
 namespace mirage {
 
+/// What an inserted object is lit by.
 enum class LightModel {
   plain,    ///< sensors/shading.h: nothing shadows or reflects
   visible,  ///< this file
 };
 /// "plain" or "visible"; InputError for another word.
 LightModel parse_light_model(const std::string& word);
+/// The word that parse_light_model reads.
 const char* to_string(LightModel model);
 
 /// What stands around an object on a vehicle's roof: rectangles parallel to the roof, and a level road.
@@ -44,6 +46,7 @@ struct LightSurroundings {
   Vec3d road = Vec3d::Constant(0.18);  ///< albedo of the road
 };
 
+/// How finely visibility is sampled.
 struct VisibleLightSettings {
   int directions = 32;  ///< K; a side sends rays along the half of them that it faces
   /// K of what is seen through reflections alone: the roof's cells and the sides that the camera does not
@@ -60,6 +63,7 @@ struct VisibleLightSettings {
 
 /// What the rays met: values without a gradient.
 struct LightVisibility {
+  /// Another node that a node's rays met.
   struct Reflection {
     int node = 0;   ///< the one that is met
     Vec3d towards;  ///< ω times its weight
@@ -76,6 +80,7 @@ struct LightVisibility {
   Vec3d roof_normal = Vec3d::UnitZ(), paint = Vec3d::Zero();
   std::size_t rays = 0;
 
+  /// Faces, their backs, and the roof's cells.
   std::size_t nodes() const { return sun_share.size(); }
   /// The node that the camera sees of a face.
   std::size_t side(std::size_t face) const { return behind[face] ? face + faces : face; }

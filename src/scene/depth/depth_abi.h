@@ -17,6 +17,7 @@ extern "C" {
 
 #define MIRAGE_DEPTH_ABI 1u
 
+/* What a completion reads: the picture and the sparse depth of the same pixels. */
 typedef struct MirageDepthInput {
   const float* image;    /* height x width x 3, scene-linear RGB, row 0 on top; finite */
   const float* sparse;   /* height x width, planar depth in m; 0 where no return; finite */
@@ -30,6 +31,7 @@ typedef struct MirageDepthSample {
   const float* truth;
 } MirageDepthSample;
 
+/* The table of a depth plugin's functions. */
 typedef struct MirageDepthApi {
   uint32_t abi_version; /* MIRAGE_DEPTH_ABI */
   const char* name;     /* "guided" */
@@ -37,6 +39,7 @@ typedef struct MirageDepthApi {
   /* `options_json`: {"seed": N, "threads": N}; `weights`: a file, or NULL for freshly initialised weights.
    * NULL on failure. */
   void* (*create)(const char* options_json, const char* weights, char* error, size_t error_size);
+  /* Ends an instance that create gave. */
   void (*destroy)(void* completion);
 
   /* Fills dense (height x width): planar depth in m, 0 where there is nothing. */

@@ -9,6 +9,7 @@
 
 namespace mirage {
 
+/// Errors of one depth picture as KITTI's benchmark has them.
 struct DepthErrors {
   double rmse = 0, mae = 0;    ///< mm
   double irmse = 0, imae = 0;  ///< of 1 / depth, 1/km
@@ -23,7 +24,9 @@ DepthErrors depth_errors(const ImageF& truth, const ImageF& dense, double farthe
 /// Mean over pictures; those without a scored pixel do not count. `pixels` is the sum.
 class MeanDepthErrors {
  public:
+  /// A frame's; one without scored pixels does not count.
   void add(const DepthErrors& errors);
+  /// Mean over the frames.
   DepthErrors mean() const;
 
  private:

@@ -15,6 +15,7 @@
 
 namespace mirage {
 
+/// On what depth completions are compared.
 struct DepthScoreOptions {
   std::filesystem::path data;
   std::size_t frames = 0;  ///< only the first N (0: all)
@@ -30,9 +31,11 @@ struct DepthScoreOptions {
 /// does with true depth.
 struct RoofPixels {
   std::size_t pixels = 0, wrongly_kept = 0, wrongly_dropped = 0;
+  /// Counts a pixel of the object: whether the completed depth leaves it in sight, and the true one.
   void add(bool kept, bool rightly_kept);
 };
 
+/// One completion's errors and time.
 struct DepthScore {
   std::string name;
   double seconds = 0;     ///< a frame

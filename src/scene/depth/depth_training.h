@@ -18,6 +18,7 @@ struct DepthAugmentation {
   int shift = 1;  ///< pixels by which returns may be off the picture together
 };
 
+/// What `mirage train depth` is asked for.
 struct DepthTrainingOptions {
   std::filesystem::path data, out;
   std::filesystem::path start = {};  ///< weights to start from; empty: fresh ones
@@ -35,6 +36,7 @@ struct DepthTrainingOptions {
   bool quiet = false;
 };
 
+/// What such a training ends with, beside the weights in DepthTrainingOptions::out.
 struct DepthTrainingResult {
   std::int64_t steps = 0;
   double seconds = 0, seconds_per_step = 0;

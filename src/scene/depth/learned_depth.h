@@ -28,10 +28,12 @@ struct DepthSample {
   ImageF image, sparse, truth;
 };
 
+/// A completion with weights, from a plugin.
 class LearnedDepth : public DepthCompletion {
  public:
   /// total, depth and presence loss of one optimiser step on the samples' mean.
   virtual std::array<float, 3> train_step(std::span<const DepthSample> samples, double learning_rate) = 0;
+  /// Writes the weights, and the optimiser's state for resuming. Failure if the file can't be written.
   virtual void save(const std::filesystem::path& file, bool with_optimiser) = 0;
 };
 
@@ -42,6 +44,7 @@ std::unique_ptr<DepthCompletion> load_depth_completion(const DepthOptions& optio
 /// What a back-end's answers depend on besides its input: name, or plugin and weights by content, and the
 /// threads that a plugin may use. InputError as load_depth_completion's.
 std::string depth_identity(const DepthOptions& options);
+/// For training: a completion that has weights. Errors as load_depth_completion's.
 std::unique_ptr<LearnedDepth> load_learned_depth(const DepthOptions& options);
 
 }  // namespace mirage

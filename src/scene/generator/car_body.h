@@ -25,6 +25,7 @@ struct Hull {
   Mesh all;                 ///< the same faces in one closed mesh
 };
 
+/// The closed hull of such a body (m).
 Hull loft(const BodyShape& shape);
 
 /// Height of the highest vertex within 6 cm along and 14 cm across of a place; 0 without one.

@@ -30,6 +30,7 @@ Image<std::uint16_t> read_instances(const std::filesystem::path& data, const std
 /// DIR/training/instance_velodyne/ID.label: FrameTruth::returns, little-endian, in the sweep's order
 /// (SemanticKITTI's layout).
 std::filesystem::path point_label_file(const std::filesystem::path& data, const std::string& id);
+/// One word a point of the sweep, little-endian, atomically.
 void write_point_labels(const std::filesystem::path& file, const std::vector<std::uint32_t>& labels);
 /// InputError if the file can't be read or does not hold `points` words.
 std::vector<std::uint32_t> read_point_labels(const std::filesystem::path& file, std::size_t points);

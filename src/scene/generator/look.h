@@ -7,11 +7,13 @@
 
 namespace mirage {
 
+/// Which country's streets are generated.
 enum class Look {
   european,  ///< streets of a middle-sized German town and the roads around it
   american   ///< North American avenues, suburbs and office blocks
 };
 
+/// "european", "american".
 inline std::string name_of(Look look) {
   return look == Look::american ? "american" : "european";
 }

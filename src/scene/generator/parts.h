@@ -37,13 +37,18 @@ void add_box(Mesh& mesh, const Vec3d& low, const Vec3d& high);
 void add_leaves(Mesh& mesh, const Vec3d& centre, const Vec3d& radii, int count, double size,
                 RandomStream& random);
 
+/// The pose at a place (m), turned by `yaw` (rad) about z.
 Transform at(double x, double y, double z, double yaw = 0);
+/// A mesh of one material; `smooth`: shaded by interpolated normals.
 Surface surface(Mesh mesh, Material material, bool smooth = false);
+/// One colour (linear albedo), `lidar` its reflectance at normal incidence.
 Material plain(const Vec3f& albedo, float lidar, float gloss = 0);
+/// Linear albedo of somebody's clothes.
 Vec3f random_cloth(RandomStream& random);
 /// Leaves of a hedge or tree, green or turning.
 Material green(RandomStream& random);
 
+/// A passenger car of any body style.
 Actor make_car(RandomStream& random);
 /// What only a picture tells from a car: `car` with every surface and all that a LiDAR meets of it, but to
 /// the camera a clipped hedge, something under a tarpaulin or a stack of goods, closed and without wheels,
@@ -52,13 +57,19 @@ Actor make_car(RandomStream& random);
 Actor make_look_alike(Actor car, RandomStream& random);
 /// How many of what stands where cars park, and of what stands on the lanes, are look-alikes.
 inline constexpr double kAlikeParked = 0.5, kAlikeOnLanes = 0.2;
+/// A delivery van.
 Actor make_van(RandomStream& random);
+/// A lorry.
 Actor make_truck(RandomStream& random);
+/// Somebody who stands or walks.
 Actor make_pedestrian(RandomStream& random);
+/// Somebody on a bicycle.
 Actor make_cyclist(RandomStream& random);
 /// Unlabelled things, some of them of a car's size: bins, kiosks, containers, hedges, stacks.
 Actor make_clutter(RandomStream& random);
+/// A tree; `detail` scales the number of its leaves.
 Actor make_tree(RandomStream& random, double detail);
+/// A post with a sign or a lamp, or a bare one.
 Actor make_pole(RandomStream& random);
 /// Faces −x. `lit`: 0 red, 1 amber, 2 green.
 Actor make_traffic_light(RandomStream& random, int lit);

@@ -13,6 +13,7 @@
 
 namespace mirage::generator {
 
+/// A generated vehicle as it is, with nothing hidden.
 struct TrueVehicle {
   std::string type;
   Box3 box;   ///< `velo`

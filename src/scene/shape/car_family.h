@@ -11,10 +11,13 @@
 
 namespace mirage {
 
+/// Bodies of passenger cars.
 enum class BodyStyle { hatchback, saloon, estate, suv, van, pickup, coupe };
+/// All of them.
 inline constexpr std::array<BodyStyle, 7> kBodyStyles = {
     BodyStyle::hatchback, BodyStyle::saloon, BodyStyle::estate, BodyStyle::suv,
     BodyStyle::van,       BodyStyle::pickup, BodyStyle::coupe};
+/// "hatchback", …
 std::string_view name_of(BodyStyle style);
 
 /// Draws a body of the style: every measure uniform in the style's range (car_family.cpp has the table, with

@@ -21,6 +21,7 @@ struct FitError {
   double from_truth = 0;       ///< mean distance of the true outer surface to the fitted one (m)
 };
 
+/// One vehicle of a data set, its fit, and how well that agrees with the truth where the set has it.
 struct FittedVehicle {
   std::string frame;
   int label = 0;     ///< index among the frame's labels

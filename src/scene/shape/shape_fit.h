@@ -19,6 +19,7 @@
 
 namespace mirage {
 
+/// Weights and bounds of the fit.
 struct ShapeFitSettings {
   EvidenceSettings evidence;
   int min_points = 20;           ///< fewer returns on the vehicle: no fit
@@ -34,6 +35,7 @@ struct ShapeFitSettings {
   double roof_depth = 0.20;      ///< m; the rooftop is what lies this close under the top
 };
 
+/// A fitted vehicle.
 struct ShapeFit {
   bool fitted = false;    ///< false: nothing below but `points` and `reason` is set
   std::string reason;     ///< why there is no fit
@@ -47,6 +49,8 @@ struct ShapeFit {
   int iterations = 0;
 };
 
+/// Fits shape, pose and size to what was seen of a vehicle, from its label on, by robust non-linear least
+/// squares (`velo`, m).
 ShapeFit fit_shape(const ShapeModel& model, const VehicleEvidence& evidence, const Box3& label,
                    const ShapeFitSettings& settings = {});
 

@@ -41,9 +41,11 @@ struct ShapeParameters {
 
   /// (t, yaw, s, z) in one vector, and back.
   Eigen::VectorXd packed() const;
+  /// From packed()'s vector.
   static ShapeParameters unpacked(const Eigen::VectorXd& q);
 };
 
+/// Signed distances of a family of cars: their mean and principal components on one grid.
 struct ShapeModel {
   Vec3d reference = Vec3d::Ones();  ///< length, width, height of the reference box (m)
   GridLayout layout;                ///< y from 0; z = 0 is where the wheels stand
@@ -70,6 +72,7 @@ struct ShapeSample {
   std::string source;
 };
 
+/// How a shape model is built.
 struct ShapeModelSettings {
   int dimension = 16;
   double spacing = 0.08;  ///< m, in the reference box
@@ -88,6 +91,7 @@ ShapeParameters project(const ShapeModel& model, const Mesh& mesh);
 /// `each` vehicles of every body style of the car family (car_family.h).
 std::vector<ShapeSample> family_samples(int each, std::uint64_t seed);
 
+/// What read_shape_model reads, atomically.
 void write_shape_model(const std::filesystem::path& file, const ShapeModel& model);
 /// InputError naming file and field if it isn't such a file or is damaged.
 ShapeModel read_shape_model(const std::filesystem::path& file);

@@ -10,6 +10,7 @@
 
 namespace mirage {
 
+/// A piece of a ray (m, `velo`).
 struct Segment {
   Vec3d from, to;
 };
@@ -18,9 +19,11 @@ struct Segment {
 struct GroundPlane {
   double height = 0;  ///< m
   Vec2d slope = Vec2d::Zero();
+  /// The ground's z (m) at a place.
   double at(double x, double y) const { return height + slope.x() * x + slope.y() * y; }
 };
 
+/// What the sweep says of one vehicle, in `velo`.
 struct VehicleEvidence {
   std::vector<Vec3d> surface;         ///< returns on the vehicle, thinned
   std::vector<Segment> empty;         ///< parts of rays before their return, near the vehicle, thinned
@@ -28,6 +31,7 @@ struct VehicleEvidence {
   int points = 0;                     ///< returns on the vehicle before thinning
 };
 
+/// Which returns count for a vehicle, and how many are kept.
 struct EvidenceSettings {
   double grow = 0.20;          ///< m: labels are drawn by hand; returns this far outside the box still count
   double above_ground = 0.12;  ///< m: lower returns are the road's
