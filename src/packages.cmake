@@ -46,45 +46,15 @@ mirage_package(Eigen3 libeigen3-dev 3.4)
 mirage_package(TBB libtbb-dev)
 mirage_package(spdlog libspdlog-dev)
 mirage_package(nlohmann_json nlohmann-json3-dev)
-<<<<<<< HEAD
-# Only its C interface is used, asked for through whichever language the project has.
-get_property(MIRAGE_LANGUAGES GLOBAL PROPERTY ENABLED_LANGUAGES)
-if(C IN_LIST MIRAGE_LANGUAGES)
-  mirage_package(MPI libopenmpi-dev COMPONENTS C)
-else()
-  mirage_package(MPI libopenmpi-dev COMPONENTS CXX)
-endif()
-if(NOT TARGET mirage_mpi)
-  add_library(mirage_mpi INTERFACE IMPORTED GLOBAL)
-  foreach(target MPI::MPI_CXX MPI::MPI_C)
-    if(TARGET ${target})
-      set_target_properties(mirage_mpi PROPERTIES INTERFACE_LINK_LIBRARIES ${target})
-    endif()
-  endforeach()
-endif()
-if(cli IN_LIST MIRAGE_LAYERS)
-  mirage_package(CLI11 libcli11-dev)
-  mirage_package(ZLIB zlib1g-dev)  # validation's pages and the fuzzers' seeds
-endif()
-if(sensors IN_LIST MIRAGE_LAYERS)
-  mirage_package(embree libembree-dev 3)
-endif()
-if(scene IN_LIST MIRAGE_LAYERS)
-  mirage_package(Ceres libceres-dev 2)
-endif()
-if(exchange IN_LIST MIRAGE_LAYERS)
-  mirage_package(assimp libassimp-dev 5)
-endif()
-=======
 mirage_package(CLI11 libcli11-dev)
+mirage_package(ZLIB zlib1g-dev)  # validation's pages and the fuzzers' seeds
 mirage_package(embree libembree-dev 3)
 mirage_package(Ceres libceres-dev 2)
 mirage_package(assimp libassimp-dev 5)
 mirage_package(MPI libopenmpi-dev COMPONENTS C)
->>>>>>> 18-packages
 
 # Found by hand: OpenCV's CMake package comes only with all of OpenCV, and OpenImageIO's asks for a PyImath
-# library, its command-line tools and OpenCV, which nobody needs (DESIGN, section 7).
+# library, its command-line tools and OpenCV, which nobody needs (src/README.md, Packages).
 # mirage_library(target LAYER layer DEBIAN package HEADER header [IN folder of headers] [LIBRARY names…])
 function(mirage_library target)
   cmake_parse_arguments(ARG "" "LAYER;DEBIAN;HEADER;IN" "LIBRARY" ${ARGN})
