@@ -5,8 +5,10 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
+#include <tbb/task_group.h>
 
 #include <cstddef>
+#include <stdexcept>
 
 namespace mirage {
 
@@ -15,13 +17,26 @@ void set_thread_count(int threads);
 /// The bound in force.
 int thread_count();
 
-/// Calls body(i) for i in [0, n), in any order, on several threads.
+/// A loop within a loop that fails: it was stopped half way, so nothing may be made of it.
+class LoopStopped : public std::runtime_error {
+ public:
+  LoopStopped() : std::runtime_error("stopped: another part of the work failed") {}
+};
+
+inline void throw_if_loop_stopped() {
+  if (tbb::is_current_task_group_canceling()) throw LoopStopped();
+}
+
+/// Calls body(i) for i in [0, n), in any order, on several threads. The first exception of a body ends the
+/// loop and comes out of it. Loops within its other bodies then throw LoopStopped: oneTBB ends them early,
+/// and would return as if all of their parts were done.
 template <class Body>
 void parallel_for(std::size_t n, const Body& body, std::size_t grain = 1) {
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, n, grain),
                     [&](const tbb::blocked_range<std::size_t>& range) {
                       for (std::size_t i = range.begin(); i != range.end(); ++i) body(i);
                     });
+  throw_if_loop_stopped();
 }
 
 /// Runs work() so that parallel loops inside it never pick up tasks from outside: needed wherever a lock is
