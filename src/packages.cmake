@@ -16,6 +16,7 @@ endmacro()
 
 # The layer that needs a package, where that is not base.
 set(MIRAGE_LAYER_OF_CLI11 cli)
+set(MIRAGE_LAYER_OF_ZLIB cli)
 set(MIRAGE_LAYER_OF_embree sensors)
 set(MIRAGE_LAYER_OF_Ceres scene)
 set(MIRAGE_LAYER_OF_assimp exchange)
