@@ -82,8 +82,8 @@ int run(const std::vector<std::string>& arguments) {
     std::filesystem::path result_file = commons[i].out / "result.json";
     if (const std::string& page = commands[i].page; !page.empty()) {
       std::filesystem::path& out = commons[i].out;
-      if (out.extension() == ".html")
-        result_file = std::filesystem::path(out).replace_extension(".json");
+      if (out.extension() == ".html")  // not *.json itself, which may be the user's own beside the page
+        result_file = std::filesystem::path(out).replace_extension(".result.json");
       else
         out /= page;
     }

@@ -66,7 +66,7 @@ TEST(CommandLine, HelpNamesEveryCommand) {
   const Outcome outcome = run(folder, {"--help"});
   EXPECT_EQ(outcome.code, 0);
   for (const char* command : {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate",
-                              "export", "validate", "tradeoff", "depth", "reproduce", "defend"})
+                              "export", "validate", "tradeoff", "depth", "reproduce", "defend", "view"})
     EXPECT_THAT(outcome.out, HasSubstr(command));
 }
 

@@ -4,9 +4,9 @@ const RAMPS = { // dark to bright on dark paper; on light paper without the tone
   dark: ["#41348a", "#31688e", "#21918c", "#35b779", "#a8db34", "#fde725"],
   light: ["#3b0f70", "#414487", "#2a788e", "#1f9e89", "#55a630", "#b59a00"],
 };
-const INSTANCES = {
-  dark: ["#f97583", "#ffab70", "#ffea7f", "#85e89d", "#79b8ff", "#b392f0", "#f692ce", "#56d4dd", "#d4b483", "#9ecb3c"],
-  light: ["#d73a49", "#d9730d", "#a68a00", "#22863a", "#0366d6", "#6f42c1", "#c2347d", "#0e8a93", "#8a6d3b", "#5f8f0f"],
+const INSTANCES = { // no red: that is the object's
+  dark: ["#ffab70", "#85e89d", "#79b8ff", "#ffea7f", "#b392f0", "#56d4dd", "#d4b483", "#9ecb3c"],
+  light: ["#d9730d", "#22863a", "#0366d6", "#a68a00", "#6f42c1", "#0e8a93", "#8a6d3b", "#5f8f0f"],
 };
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const theme = () => document.documentElement.dataset.theme ?? (dark.matches ? "dark" : "light");

@@ -5,11 +5,22 @@
 const byId = id => document.getElementById(id);
 const about = () => JSON.parse(byId("about").textContent);
 
-async function unzip(text) {
+function bytesOf(text) {
+  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
   const raw = atob(text), bytes = new Uint8Array(raw.length);
   for (let i = 0; i < raw.length; ++i) bytes[i] = raw.charCodeAt(i);
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
+  return bytes;
+}
+
+// Neither a Blob nor a Response: those go through other processes and wait for them.
+async function unzip(text) {
+  const zip = new DecompressionStream("gzip"), writer = zip.writable.getWriter(), reader = zip.readable.getReader(), parts = [];
+  const written = writer.write(bytesOf(text)).then(() => writer.close());
+  for (let part; !(part = await reader.read()).done;) parts.push(part.value);
+  await written;
+  const bytes = new Uint8Array(parts.reduce((sum, part) => sum + part.length, 0));
+  parts.reduce((at, part) => { bytes.set(part, at); return at + part.length; }, 0);
+  return bytes;
 }
 
 // {n, x, y, z (m), reflectance (0 … 1), instance (label's number + 1, 0: none)} of packed_points.

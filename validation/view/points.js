@@ -107,8 +107,14 @@ class PointView {
     this.look(width, height);
     context.clearRect(0, 0, width, height);
     this.ground(context, width, height);
-    if (this.held.width !== w || this.held.height !== h) [this.held.width, this.held.height] = [w, h];
-    const image = new ImageData(w, h), pixels = new Uint32Array(image.data.buffer), near = new Float32Array(w * h).fill(1e9);
+    if (!this.image || this.image.width !== w || this.image.height !== h) {
+      [this.held.width, this.held.height] = [w, h];
+      this.image = new ImageData(w, h);
+      this.near = new Float32Array(w * h);
+    }
+    const {image, near} = this, pixels = new Uint32Array(image.data.buffer);
+    pixels.fill(0);
+    near.fill(1e9);
     const {points, attack} = scene.frame ? {points: scene.frame.points, attack: scene.attack} : {};
     const size = Math.max(1, Math.round(ratio * (this.kind === "top" && this.scale > 14 ? 2 : 1.3)));
     this.splat(points, scene.words, scene.skipped, pixels, near, w, h, ratio, size);
