@@ -59,14 +59,18 @@ void sync(const fs::path& path) {
                   "free some space or choose another folder");
 }
 
-}  // namespace
-
-void replace_file(const fs::path& temporary, const fs::path& path) {
-  sync(temporary);  // a plugin may have written it
+void put_in_place(const fs::path& temporary, const fs::path& path) {
   std::error_code error;
   fs::rename(temporary, path, error);
   if (error) throw Failure(path.string(), error.message(), "check the folder's permissions");
   sync(path.has_parent_path() ? path.parent_path() : ".");
+}
+
+}  // namespace
+
+void replace_file(const fs::path& temporary, const fs::path& path) {
+  sync(temporary);  // a plugin has written it
+  put_in_place(temporary, path);
 }
 
 void write_file(const fs::path& path, std::string_view bytes) {
@@ -92,7 +96,7 @@ void write_file(const fs::path& path, std::string_view bytes) {
   }
   if (::fsync(file) != 0 && errno != EINVAL) fail(file, errno);
   if (::close(file) != 0) fail(-1, errno);
-  replace_file(temporary, path);
+  put_in_place(temporary, path);
 }
 
 nlohmann::json read_json(const fs::path& path) {
