@@ -16,6 +16,7 @@
 #include "base/progress.h"
 #include "base/random.h"
 #include "base/ranks.h"
+#include "detection/given_detector.h"
 #include "exchange/gltf.h"
 #include "scene/kitti.h"
 
@@ -141,7 +142,10 @@ AttackResult run_attack(const AttackSettings& settings) {
   parse_parts(settings.parts);
   check_settings(settings);
   AttackSettings known = settings;
-  if (!settings.detector.fresh) known.weights_hash = content_hash(read_file(weights_file(settings.detector)));
+  if (const GivenDetector* given = given_detector(); given && is_given(settings.detector))
+    known.weights_hash = given->content;
+  else if (!settings.detector.fresh && !is_given(settings.detector))
+    known.weights_hash = content_hash(read_file(weights_file(settings.detector)));
   return run_attack(known, load_detector_pool(settings.detector, settings.batch));
 }
 

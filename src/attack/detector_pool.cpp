@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "detection/given_detector.h"
+
 namespace mirage {
 
 namespace {
@@ -22,6 +24,7 @@ void add_shared(DetectorPool& pool, int most) {
 
 DetectorPool load_detector_pool(const DetectorOptions& options, int most) {
   DetectorPool pool;
+  if (is_given(options)) most = 1;
   DetectorOptions each = options;
   each.threads = 1;
   pool.push_back(load_detector(each));

@@ -8,6 +8,7 @@
 
 #include "attack/hosts.h"
 #include "base/files.h"
+#include "detection/given_detector.h"
 #include "scene/shape/shape_rooftop.h"
 
 namespace mirage {
@@ -256,7 +257,7 @@ std::string rooftop_identity(const std::string& rooftop) {
 }
 
 std::string detector_identity(const DetectorOptions& options) {
-  if (options.fresh) return "";
+  if (options.fresh || is_given(options)) return "";
   std::string parts;
   for (const std::string& part : options.parts) parts += part + ",";
   return fmt::format("{} {} {} {} {} {} {}", options.detector, file_identity(plugin_file(options)),

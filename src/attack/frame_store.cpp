@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "attack/adversary.h"
+#include "attack/host_views.h"
 #include "attack/hosts.h"
 #include "base/files.h"
 #include "base/parallel.h"
@@ -190,18 +190,7 @@ std::vector<HostView> FrameStore::views(const std::string& id, const std::array<
                                         const SimulationSettings& simulation) {
   const auto look = [&] {
     const auto entry = at(id);
-    const TexturedMesh reference = initial_adversary({}, 1.0);
-    const auto& labels = entry->prepared.frame.labels;
-    std::vector<HostView> views;
-    for (std::size_t i = 0; i < labels.size(); ++i) {
-      const BevBox& box = labels[i].box.bev;
-      if (labels[i].type != "Car" || box.x < region[0] || box.x > region[1] || box.y < region[2] ||
-          box.y > region[3])
-        continue;
-      const Simulated seen = simulate(entry->prepared, labels[i], entry->rooftops[i], reference, simulation);
-      views.push_back({static_cast<int>(i), seen.visible_share});
-    }
-    return views;
+    return host_views(entry->prepared, entry->rooftops, region, simulation);
   };
   return cache_.views(cache_.on() ? content(id) : "", region, simulation, look);
 }

@@ -7,6 +7,8 @@
 #include <exception>
 #include <mutex>
 
+#include "attack/adversary.h"
+#include "attack/host_views.h"
 #include "base/error.h"
 #include "base/interrupt.h"
 #include "base/parallel.h"
@@ -35,6 +37,22 @@ std::vector<BevBox> ground_truth_boxes(const Frame& frame) {
   for (const Label& label : frame.labels)
     if (label.type != "DontCare") boxes.push_back(label.box.bev);
   return boxes;
+}
+
+std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vector<Rooftop>& rooftops,
+                                 const std::array<double, 4>& region, const SimulationSettings& simulation) {
+  const TexturedMesh reference = initial_adversary({}, 1.0);
+  const auto& labels = prepared.frame.labels;
+  std::vector<HostView> views;
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    const BevBox& box = labels[i].box.bev;
+    if (labels[i].type != "Car" || box.x < region[0] || box.x > region[1] || box.y < region[2] ||
+        box.y > region[3])
+      continue;
+    const Simulated seen = simulate(prepared, labels[i], rooftops[i], reference, simulation);
+    views.push_back({static_cast<int>(i), seen.visible_share});
+  }
+  return views;
 }
 
 std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const std::array<double, 4>& region,

@@ -2,6 +2,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "detection/given_detector.h"
 #include "exchange/gltf.h"
 
 namespace mirage {
@@ -36,7 +37,27 @@ void require_own_data(const Run& run, const std::filesystem::path& data) {
                      "leave --data out, or attack that data set");
 }
 
+namespace {
+
+/// A network of a Python program, outside that program: the copy that the run has of it.
+void use_copy_of_given(const Run& run, DetectorOptions& options) {
+  const auto copy = run.folder / kGivenDetectorCopy;
+  if (!std::filesystem::exists(copy))
+    throw InputError(
+        run.folder.string(), "detector",
+        "the run attacked a network inside a Python program, of which it has no copy",
+        "use mirage.evaluate(RUN, detector=…) there, or judge another detector: --detector fusion, "
+        "lidar, or torchscript with --weights FILE.pt");
+  options.detector = "torchscript";
+  options.weights = copy;
+  if (options.defense.empty()) options.defense = run.defense;
+}
+
+}  // namespace
+
 void use_detector_of(const Run& run, DetectorOptions& options) {
+  if (options.detector.empty() && run.detector == kGivenDetector && !given_detector())
+    return use_copy_of_given(run, options);
   if (options.detector.empty()) options.detector = run.detector;
   const bool same = options.detector == run.detector;
   if (options.defense.empty())

@@ -12,6 +12,7 @@
 #include "base/files.h"
 #include "base/hash.h"
 #include "base/logging.h"
+#include "base/program.h"
 
 namespace mirage {
 namespace {
@@ -141,7 +142,7 @@ std::string program_identity() {
     std::string line;
     while (std::getline(processor, line) && line.rfind("flags", 0) != 0 && line.rfind("Features", 0) != 0) {
     }
-    return content_hash(read_file("/proc/self/exe")) + " " + content_hash(line);
+    return content_hash(read_file(program_file())) + " " + content_hash(line);
   }();
   return identity;
 }

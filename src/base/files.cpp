@@ -13,6 +13,7 @@
 #include "base/error.h"
 #include "base/hash.h"
 #include "base/parallel.h"
+#include "base/program.h"
 
 namespace mirage {
 
@@ -112,8 +113,20 @@ void write_json(const fs::path& path, const nlohmann::json& value) {
   write_file(path, value.dump(2) + "\n");
 }
 
+namespace {
+fs::path named_program;
+}  // namespace
+
+fs::path program_file() {
+  return named_program.empty() ? fs::read_symlink("/proc/self/exe") : named_program;
+}
+
+void set_program_file(const fs::path& file) {
+  named_program = fs::absolute(file);
+}
+
 fs::path executable_folder() {
-  return fs::read_symlink("/proc/self/exe").parent_path();
+  return program_file().parent_path();
 }
 
 fs::path shipped_file(const std::string& relative) {

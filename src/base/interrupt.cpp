@@ -4,6 +4,7 @@
 #include <string>
 
 #include "base/error.h"
+#include "base/interrupt_watch.h"
 
 namespace mirage {
 namespace {
@@ -18,7 +19,29 @@ void on_signal(int signal) {
   signals_seen = 1;
 }
 
+struct sigaction before {};  // of InterruptWatch
+
+void on_watched_signal(int signal) {
+  if (signals_seen) {
+    sigaction(signal, &before, nullptr);
+    std::raise(signal);
+  }
+  signals_seen = 1;
+}
+
 }  // namespace
+
+InterruptWatch::InterruptWatch() {
+  struct sigaction own {};
+  own.sa_handler = on_watched_signal;
+  sigemptyset(&own.sa_mask);
+  sigaction(SIGINT, &own, &before);
+}
+
+InterruptWatch::~InterruptWatch() {
+  sigaction(SIGINT, &before, nullptr);
+  signals_seen = 0;
+}
 
 void watch_for_interrupt() {
   std::signal(SIGINT, on_signal);

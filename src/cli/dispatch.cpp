@@ -15,6 +15,7 @@
 #include "cli/command.h"
 #include "cli/completion.h"
 #include "cli/config_file.h"
+#include "cli/named_settings.h"
 #include "cli/version.h"
 
 namespace mirage::cli {
@@ -38,8 +39,9 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
   app.add_option("--config", "TOML file whose keys are these options' names; the command line wins");
 }
 
-/// Runs one command line; returns CLI11's own exit code for --help, throws for errors.
-int run(const std::vector<std::string>& arguments) {
+/// Runs one command line; returns CLI11's own exit code for --help, throws for errors. What result.json holds
+/// also goes to `told`, if that is not null.
+int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullptr) {
   CLI::App app("Mirage: differentiable multi-sensor simulation for attacks on camera + LiDAR detectors",
                "mirage");
   app.require_subcommand(1);
@@ -90,6 +92,7 @@ int run(const std::vector<std::string>& arguments) {
     make_output_folder(std::filesystem::absolute(result_file).parent_path());
     nlohmann::json result = commands[i].run(commons[i]);
     if (rank() == 0) write_json(result_file, result);
+    if (told) *told = std::move(result);
   }
   return 0;
 }
@@ -98,6 +101,22 @@ int run(const std::vector<std::string>& arguments) {
 
 void run_step(std::vector<std::string> arguments) {
   run(arguments);
+}
+
+nlohmann::json run_command(const std::string& name, const NamedSettings& settings, const std::string& where) {
+  CLI::App table;
+  for (const Command& command : all_commands()) {
+    if (command.name != name) continue;
+    Common common;
+    add_common(table, common, command.default_out);
+    command.options(table);
+    std::vector<std::string> arguments = arguments_of(settings, table, where);
+    arguments.insert(arguments.begin(), name);
+    nlohmann::json result;
+    run(arguments, &result);
+    return result;
+  }
+  throw InputError(where, name, "is no command of mirage", "see mirage --help");
 }
 
 int dispatch(std::vector<std::string> arguments) {

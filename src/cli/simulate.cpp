@@ -8,7 +8,7 @@
 #include "base/error.h"
 #include "base/image_io.h"
 #include "cli/command.h"
-#include "cli/frame_options.h"
+#include "cli/insertion_options.h"
 #include "cli/table.h"
 #include "exchange/gltf.h"
 #include "scene/depth/learned_depth.h"
@@ -21,11 +21,9 @@ namespace {
 
 struct SimulateOptions {
   std::filesystem::path data, mesh;
-  std::string frame, depth = "ip-basic", rooftop = kDefaultRooftop, sun = kDefaultSun;
+  std::string frame;
   int vehicle = 0;
-  QualityOption quality{"default"};
-  LightOption light;
-  SimulationSettings simulation;
+  InsertionOptions insertion;
 };
 
 /// A full-size grey picture of a window's channel.
@@ -50,22 +48,17 @@ Command simulate_command() {
     app.add_option("--data", options->data, "data set in KITTI layout")->required();
     app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();
     app.add_option("--vehicle", options->vehicle, "label index of the host, from 0")->capture_default_str();
-    add_depth_option(app, options->depth);
-    add_rooftop_option(app, options->rooftop);
     app.add_option("--mesh", options->mesh, "adversary (.glb)")->required();
-    options->quality.add(app);
-    add_camera_options(app, options->simulation);
-    options->light.add(app, "plain");
-    add_sun_option(app, options->sun);
+    options->insertion.add(app);
   };
   command.run = [options](const Common& common) -> nlohmann::json {
-    options->quality.apply(options->simulation);
-    options->light.apply(options->simulation);
-    const SunChoice sun = parse_sun(options->sun);
+    InsertionOptions& asked = options->insertion;
+    asked.apply();
+    const SunChoice sun = parse_sun(asked.sun);
     const TexturedMesh adversary = read_adversary(options->mesh);
     const LidarModel lidar = lidar_of(options->data);
-    const auto depth = load_depth_completion({options->depth});
-    const auto finder = make_rooftop_finder(options->rooftop, lidar);
+    const auto depth = load_depth_completion({asked.depth});
+    const auto finder = make_rooftop_finder(asked.rooftop, lidar);
     Frame frame = read_frame(options->data, options->frame);
     frame.lighting = with_sun(frame, sun);
     const PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
@@ -82,7 +75,7 @@ Command simulate_command() {
     const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
     const double over_box = roof.translation().z() - box.bottom - box.height;
     const auto start = std::chrono::steady_clock::now();
-    const Simulated simulated = simulate(prepared, labels[index], rooftop, adversary, options->simulation);
+    const Simulated simulated = simulate(prepared, labels[index], rooftop, adversary, asked.simulation);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     write_srgb(common.out / "image.png", simulated.image);
     write_srgb(common.out / "mask.png",
@@ -116,7 +109,7 @@ Command simulate_command() {
             {"sweep_rays_assigned", prepared.index.assigned_share()},
             {"sweep_firings", prepared.index.firing_count()},
             {"sun", {{"choice", sun.word}, {"to_sun_velo", {to_sun.x(), to_sun.y(), to_sun.z()}}}},
-            {"simulation", to_json(options->simulation)},
+            {"simulation", to_json(asked.simulation)},
             {"seconds", seconds}};
   };
   return command;

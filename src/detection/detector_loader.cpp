@@ -12,6 +12,7 @@
 #include "base/shared_library.h"
 #include "detection/detector.h"
 #include "detection/detector_abi.h"
+#include "detection/given_detector.h"
 #include "detection/jpeg_detector.h"
 #include "detection/points_in_view.h"
 
@@ -324,7 +325,32 @@ void tell_licence_of_real_weights() {
 
 }  // namespace
 
+namespace {
+
+/// The host program's own detector. InputError where there is none, or for what only plugins have.
+std::unique_ptr<Detector> load_given_detector(const DetectorOptions& options) {
+  const GivenDetector* given = given_detector();
+  if (!given)
+    throw InputError(
+        "--detector", options.detector, "stands for a network inside a Python program",
+        "call mirage.attack or mirage.evaluate there, with detector=…, or name another detector");
+  if (!options.weights.empty())
+    throw InputError("--weights", options.weights.string(), "a detector given in Python has no weights file",
+                     "leave it out");
+  if (!weights_word(options).empty())
+    throw InputError("--defense", options.defense, "chooses shipped weights, which a given detector has not",
+                     "use none or jpeg:QUALITY");
+  return given->make();
+}
+
+}  // namespace
+
 std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
+  if (is_given(options)) {
+    const int quality = jpeg_quality(options.defense);
+    auto detector = load_given_detector(options);
+    return quality > 0 ? behind_jpeg(std::move(detector), quality) : std::move(detector);
+  }
   const Plugin plugin = open_detector(plugin_file(options));
   const bool by_path = fs::path(options.detector).extension() == ".so";
   nlohmann::json settings = {{"seed", options.seed},

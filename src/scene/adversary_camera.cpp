@@ -181,24 +181,31 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   return tape;
 }
 
+template <class S>
 void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
-                        const Lighting& lighting, const Simulated& result, const ImageF& d_image,
+                        const Lighting& lighting, const Simulated& result, const S* d_image,
                         std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels) {
   if (tape.target.background.empty()) return;
   const PixelRect& rect = result.rect;
-  ImageF d_rgba(rect.width(), rect.height(), 4);
-  for (int v = 0; v < rect.height(); ++v)
-    for (int u = 0; u < rect.width(); ++u)
-      for (int c = 0; c < 3; ++c) {
-        const double value = result.rgba.at(u, v, c);
-        const bool saturated = value > 1 || value < 0;
-        d_rgba.at(u, v, c) = saturated ? 0 : d_image.at(rect.u0 + u, rect.v0 + v, c);
-      }
+  const auto upstream = [&]<class T>(Image<T> d_rgba) {
+    for (int v = 0; v < rect.height(); ++v) {
+      const S* row = d_image + 3 * (static_cast<std::size_t>(rect.v0 + v) * result.image.width + rect.u0);
+      for (int u = 0; u < rect.width(); ++u)
+        for (int c = 0; c < 3; ++c) {
+          const double value = result.rgba.at(u, v, c);
+          const bool saturated = value > 1 || value < 0;
+          d_rgba.at(u, v, c) = saturated ? T(0) : static_cast<T>(row[3 * u + c]);
+        }
+    }
+    return d_rgba;
+  };
   ScreenGradient<double> gradient;
   if (tape.reference) {
-    gradient = rasterize_vjp(tape.projected.screen, tape.settings, to_double(tape.target), to_double(d_rgba));
+    gradient = rasterize_vjp(tape.projected.screen, tape.settings, to_double(tape.target),
+                             upstream(Image<double>(rect.width(), rect.height(), 4)));
   } else {
     const RasterJob job{&tape.projected.screen, &tape.settings, &tape.target};
+    const ImageF d_rgba = upstream(ImageF(rect.width(), rect.height(), 4));
     rasterize_batch_vjp({&job, 1}, {&d_rgba, 1}, {&tape.raster, 1}, {&gradient, 1});
   }
 
@@ -221,5 +228,9 @@ void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, cons
     d_vertices[face[2]] += d_e2;
   }
 }
+template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&, const Lighting&,
+                                 const Simulated&, const float*, std::vector<Vec3d>&, std::vector<Vec3d>&);
+template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&, const Lighting&,
+                                 const Simulated&, const double*, std::vector<Vec3d>&, std::vector<Vec3d>&);
 
 }  // namespace mirage

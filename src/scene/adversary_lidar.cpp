@@ -278,8 +278,9 @@ LidarTape draw_in_lidar(const PreparedFrame& prepared, const TexturedMesh& place
   return Insertion(prepared, placed, settings, result).run();
 }
 
+template <class S>
 void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const SimulationSettings& settings,
-                       const std::vector<std::array<float, 4>>& d_points, std::vector<Vec3d>& d_vertices,
+                       std::span<const std::array<S, 4>> d_points, std::vector<Vec3d>& d_vertices,
                        std::vector<Vec3d>& d_texels) {
   for (std::size_t i = 0; i < tape.returns.size(); ++i) {
     const auto& added = tape.returns[i];
@@ -301,5 +302,11 @@ void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const 
     }
   }
 }
+template void draw_in_lidar_vjp(const LidarTape&, const TexturedMesh&, const SimulationSettings&,
+                                std::span<const std::array<float, 4>>, std::vector<Vec3d>&,
+                                std::vector<Vec3d>&);
+template void draw_in_lidar_vjp(const LidarTape&, const TexturedMesh&, const SimulationSettings&,
+                                std::span<const std::array<double, 4>>, std::vector<Vec3d>&,
+                                std::vector<Vec3d>&);
 
 }  // namespace mirage

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <span>
 #include <vector>
 
 #include "geometry/mesh.h"
@@ -42,8 +43,15 @@ LidarTape draw_in_lidar(const PreparedFrame& prepared, const TexturedMesh& place
 /// Adds d loss / d placed vertices (`velo`), and d loss / d texels where reflectance comes from the albedo.
 /// The derivative holds the choices fixed: which face a ray meets, what is hidden or lost, which echo is
 /// strongest.
+template <class S>
 void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const SimulationSettings& settings,
-                       const std::vector<std::array<float, 4>>& d_points, std::vector<Vec3d>& d_vertices,
+                       std::span<const std::array<S, 4>> d_points, std::vector<Vec3d>& d_vertices,
                        std::vector<Vec3d>& d_texels);
+inline void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed,
+                              const SimulationSettings& settings,
+                              const std::vector<std::array<float, 4>>& d_points,
+                              std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels) {
+  draw_in_lidar_vjp<float>(tape, placed, settings, d_points, d_vertices, d_texels);
+}
 
 }  // namespace mirage

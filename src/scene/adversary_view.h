@@ -34,8 +34,16 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
                           const SimulationSettings& settings, Simulated& result,
                           const Rooftop* rooftop = nullptr);
 /// Adds d loss / d placed vertices (`velo`) and d loss / d texels.
+/// `d_image`: height × width × 3 of the photograph's size, S float or double; the rect's pixels are read.
+template <class S>
 void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
-                        const Lighting& lighting, const Simulated& result, const ImageF& d_image,
+                        const Lighting& lighting, const Simulated& result, const S* d_image,
                         std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels);
+inline void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed,
+                               const Calibration& calibration, const Lighting& lighting,
+                               const Simulated& result, const ImageF& d_image, std::vector<Vec3d>& d_vertices,
+                               std::vector<Vec3d>& d_texels) {
+  draw_in_camera_vjp(tape, placed, calibration, lighting, result, d_image.data.data(), d_vertices, d_texels);
+}
 
 }  // namespace mirage

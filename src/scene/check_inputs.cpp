@@ -131,32 +131,35 @@ void check_settings(const SimulationSettings& settings) {
          "use e.g. 0.05");
 }
 
-void check_upstream(const Simulated& simulated, const ImageF& d_image,
-                    const std::vector<std::array<float, 4>>& d_points) {
+template <class S>
+void check_upstream(const Simulated& simulated, const Upstream<S>& upstream) {
   const std::string where = "upstream gradient", fix = "check the detector and the loss that it comes from";
-  if (!d_image.empty()) {
+  if (upstream.image) {
     const PixelRect& rect = simulated.rect;
-    if (d_image.width != simulated.image.width || d_image.height != simulated.image.height ||
-        d_image.channels != 3)
+    if (upstream.width != simulated.image.width || upstream.height != simulated.image.height)
       throw InputError(where, "d_image", "is not of the image's size", "give height × width × 3 values");
     for (int v = rect.v0; v < rect.v1; ++v) {
-      const float *from = d_image.pixel(rect.u0, v), *to = from + 3 * static_cast<std::size_t>(rect.width());
-      const float* bad = std::find_if_not(from, to, [](float value) { return std::isfinite(value); });
+      const S* from = upstream.image + 3 * (static_cast<std::size_t>(v) * upstream.width + rect.u0);
+      const S* to = from + 3 * static_cast<std::size_t>(rect.width());
+      const S* bad = std::find_if_not(from, to, [](S value) { return std::isfinite(value); });
       if (bad != to)
         throw Failure(where,
                       fmt::format("d_image pixel ({}, {}) is {}", rect.u0 + (bad - from) / 3, v, kNotFinite),
                       fix);
     }
   }
+  const auto& d_points = upstream.points;
   if (d_points.empty()) return;
   if (d_points.size() != simulated.sweep.size())
     throw InputError(where, "d_points", "does not have one entry a point of the simulated sweep",
                      "give a gradient for every point");
   const std::size_t first = d_points.size() - static_cast<std::size_t>(simulated.adversary_points);
   for (std::size_t i = first; i < d_points.size(); ++i)
-    for (float value : d_points[i])
+    for (S value : d_points[i])
       if (!std::isfinite(value))
         throw Failure(where, fmt::format("d_points point {} is {}", i, kNotFinite), fix);
 }
+template void check_upstream(const Simulated&, const Upstream<float>&);
+template void check_upstream(const Simulated&, const Upstream<double>&);
 
 }  // namespace mirage

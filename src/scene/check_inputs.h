@@ -3,6 +3,7 @@
 #pragma once
 
 #include "scene/insertion.h"
+#include "scene/upstream.h"
 
 namespace mirage {
 
@@ -19,7 +20,7 @@ void check_window(const PreparedFrame& prepared, const PixelRect& rect);
 void check_settings(const SimulationSettings& settings);
 /// Sizes of the upstream gradients, and the part of them that simulate_vjp reads: the window's pixels and the
 /// new returns. Failure for a number that is not finite: it comes from a detector, not from the user's files.
-void check_upstream(const Simulated& simulated, const ImageF& d_image,
-                    const std::vector<std::array<float, 4>>& d_points);
+template <class S>
+void check_upstream(const Simulated& simulated, const Upstream<S>& upstream);
 
 }  // namespace mirage

@@ -7,13 +7,14 @@
 #include "scene/adversary_view.h"
 #include "scene/check_inputs.h"
 #include "scene/depth_completion.h"
+#include "scene/upstream.h"
 
 namespace mirage {
 
 struct Simulated::Tape {
   TexturedMesh placed;
   Eigen::Matrix3d velo_from_adversary;
-  std::size_t lowest = 0;  ///< vertex that stands on the roof
+  std::vector<std::size_t> lowest;  ///< vertices that stand on the roof: more than one at a tie
   Calibration calibration;
   Lighting lighting;
   SimulationSettings settings;
@@ -61,7 +62,9 @@ Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooft
   auto tape = std::make_shared<Simulated::Tape>();
   tape->placed = place(adversary, rooftop);
   tape->velo_from_adversary = rooftop.velo_from_adversary.linear();
-  tape->lowest = lowest_vertex(adversary.mesh);
+  const double bottom = adversary.mesh.vertices[lowest_vertex(adversary.mesh)].z();
+  for (std::size_t i = 0; i < adversary.mesh.vertices.size(); ++i)
+    if (adversary.mesh.vertices[i].z() == bottom) tape->lowest.push_back(i);
   tape->calibration = prepared.frame.calibration;
   tape->lighting = prepared.frame.lighting;
   tape->settings = settings;
@@ -84,24 +87,50 @@ std::vector<Simulated> simulate_batch(std::span<const InsertionJob> insertions,
 
 AdversaryGradient simulate_vjp(const Simulated& simulated, const ImageF& d_image,
                                const std::vector<std::array<float, 4>>& d_points) {
-  check_upstream(simulated, d_image, d_points);
+  if (!d_image.empty() && d_image.channels != 3)
+    throw InputError("upstream gradient", "d_image", "is not of the image's size",
+                     "give height × width × 3 values");
+  return simulate_vjp(simulated, Upstream<float>{d_image.empty() ? nullptr : d_image.data.data(),
+                                                 d_image.width, d_image.height, d_points});
+}
+
+template <class S>
+AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream<S>& upstream) {
+  check_upstream(simulated, upstream);
   const Simulated::Tape& tape = *simulated.tape;
   AdversaryGradient gradient;
   std::vector<Vec3d> d_placed(tape.placed.mesh.vertices.size(), Vec3d::Zero());
   gradient.texels.assign(tape.placed.atlas.texels.size(), Vec3d::Zero());
-  if (!d_image.empty())
-    draw_in_camera_vjp(tape.camera, tape.placed, tape.calibration, tape.lighting, simulated, d_image,
+  if (upstream.image)
+    draw_in_camera_vjp(tape.camera, tape.placed, tape.calibration, tape.lighting, simulated, upstream.image,
                        d_placed, gradient.texels);
-  if (!d_points.empty())
-    draw_in_lidar_vjp(tape.lidar, tape.placed, tape.settings, d_points, d_placed, gradient.texels);
+  if (!upstream.points.empty())
+    draw_in_lidar_vjp(tape.lidar, tape.placed, tape.settings, upstream.points, d_placed, gradient.texels);
   // placed = R (v − (0, 0, lowest z)) + t
   double lifted = 0;
   for (const Vec3d& d : d_placed) {
     gradient.vertices.push_back(tape.velo_from_adversary.transpose() * d);
     lifted += gradient.vertices.back().z();
   }
-  gradient.vertices[tape.lowest].z() -= lifted;
+  // At a tie (an icosphere stands on an edge) they share it: what a central difference says of two.
+  for (const std::size_t i : tape.lowest)
+    gradient.vertices[i].z() -= lifted / static_cast<double>(tape.lowest.size());
   return gradient;
+}
+template AdversaryGradient simulate_vjp(const Simulated&, const Upstream<float>&);
+template AdversaryGradient simulate_vjp(const Simulated&, const Upstream<double>&);
+
+std::vector<std::array<double, 4>> object_returns(const Simulated& simulated) {
+  std::vector<std::array<double, 4>> points;
+  for (const auto& added : simulated.tape->lidar.returns) {
+    const Vec3d p = added.ray.origin + added.range * added.ray.direction;
+    points.push_back({p.x(), p.y(), p.z(), added.hit.reflectance});
+  }
+  return points;
+}
+
+const TexturedMesh& placed_adversary(const Simulated& simulated) {
+  return simulated.tape->placed;
 }
 
 }  // namespace mirage

@@ -1,0 +1,38 @@
+// A detector of the host program's own, in the place of a plugin: what `--detector python` stands for in a
+// Python program (plugins/python). The command line has none.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "detection/detector.h"
+
+namespace mirage {
+
+/// DetectorOptions::detector of the one that was given.
+inline constexpr const char* kGivenDetector = "python";
+/// A run folder's file with a TorchScript copy of the given detector, where it could be copied.
+inline constexpr const char* kGivenDetectorCopy = "detector.pt";
+
+/// `make` gives an instance; it serves one thread at a time, and so do all of them together. `content`
+/// changes when the network does: a run goes on only with the same.
+struct GivenDetector {
+  std::function<std::unique_ptr<Detector>()> make;
+  std::string content;
+};
+
+/// For as long as it lives, load_detector knows the given detector. One at a time.
+class DetectorGift {
+ public:
+  explicit DetectorGift(GivenDetector detector);
+  ~DetectorGift();
+  DetectorGift(const DetectorGift&) = delete;
+  DetectorGift& operator=(const DetectorGift&) = delete;
+};
+
+bool is_given(const DetectorOptions& options);
+/// The one in force; null without one.
+const GivenDetector* given_detector();
+
+}  // namespace mirage

@@ -1,0 +1,76 @@
+#include <gmock/gmock.h>
+
+#include <fstream>
+
+#include "attack/attack.h"
+#include "base/error.h"
+#include "base/random.h"
+#include "detection/given_detector.h"
+#include "tiny_world.h"
+
+namespace mirage {
+namespace {
+
+using test::StandInDetector;
+using testing::HasSubstr;
+using testing::ThrowsMessage;
+
+class GivenDetectorTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    test::write_tiny_data(folder_ / "data", 4);
+    settings_.data = folder_ / "data";
+    settings_.out = folder_ / "run";
+    settings_.rooftop = "box";
+    settings_.iterations = 2;
+    settings_.quiet = true;
+    settings_.detector.detector = kGivenDetector;
+  }
+  GivenDetector stand_in(const std::string& content) {
+    return {[] { return std::make_unique<StandInDetector>(); }, content};
+  }
+
+  test::TemporaryFolder folder_;
+  AttackSettings settings_;
+};
+
+TEST_F(GivenDetectorTest, IsAttackedAndGoesOnWithTheSameContentOnly) {
+  {
+    const DetectorGift gift(stand_in("one"));
+    EXPECT_EQ(run_attack(settings_).iterations, 2);
+  }
+  settings_.iterations = 3;
+  const DetectorGift gift(stand_in("another"));
+  EXPECT_THROW(run_attack(settings_), InputError);
+}
+
+TEST_F(GivenDetectorTest, OutsideOfItsProgramTheRunsCopyIsUsed) {
+  {
+    const DetectorGift gift(stand_in("one"));
+    run_attack(settings_);
+  }
+  EXPECT_THAT([&] { load_detector(settings_.detector); }, ThrowsMessage<InputError>(HasSubstr("Python")));
+  const Run run = read_run(settings_.out);
+  DetectorOptions asked;
+  asked.detector.clear();
+  asked.defense.clear();
+  EXPECT_THAT(
+      [&] { use_detector_of(run, asked); },
+      ThrowsMessage<InputError>(testing::AllOf(HasSubstr("mirage.evaluate"), HasSubstr("--detector"))));
+  std::ofstream(settings_.out / kGivenDetectorCopy) << "a model";
+  use_detector_of(run, asked);
+  EXPECT_EQ(asked.detector, "torchscript");
+  EXPECT_EQ(asked.weights, settings_.out / kGivenDetectorCopy);
+  DetectorOptions other;
+  other.detector = "lidar";
+  use_detector_of(run, other);
+  EXPECT_EQ(other.detector, "lidar");
+}
+
+TEST_F(GivenDetectorTest, OneAtATime) {
+  const DetectorGift gift(stand_in("one"));
+  EXPECT_THROW(DetectorGift(stand_in("two")), Failure);
+}
+
+}  // namespace
+}  // namespace mirage
