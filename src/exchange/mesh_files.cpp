@@ -142,7 +142,8 @@ class Colours {
       picture_ = decode_srgb({reinterpret_cast<const char*>(within->pcData), within->mWidth}, file.string(),
                              name.C_Str());
     else
-      picture_ = read_srgb(file.parent_path() / name.C_Str());
+      picture_ =
+          read_srgb(FolderFiles(file).find(percent_decoded(name.C_Str()).value_or(name.C_Str()), "material"));
   }
   /// At a UV with its origin at the bottom left.
   Vec3d at(double u, double v) const {
