@@ -22,6 +22,12 @@ function(mirage_tested_plugin layer plugin)
   endif()
 endfunction()
 
+# What a hostile run names: it is no plugin at all.
+add_library(planted MODULE ${CMAKE_CURRENT_SOURCE_DIR}/cli/plugins/planted.cpp)
+target_link_libraries(planted PRIVATE mirage_options)
+set_target_properties(planted PROPERTIES PREFIX "" LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/test_plugins)
+add_dependencies(test_cli planted)
+
 mirage_fake_plugins(detection fake fake_detector.cpp)
 mirage_tested_plugin(detection fusion)
 mirage_tested_plugin(detection torchscript)
@@ -51,3 +57,4 @@ if(TARGET test_validation)
   add_dependencies(test_validation fake_works)
 endif()
 add_dependencies(test_attack fake_works)
+add_dependencies(test_cli fake_works)

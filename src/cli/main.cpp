@@ -1,6 +1,7 @@
 #include <cstdlib>
 
 #include "base/interrupt.h"
+#include "base/quiet_png.h"
 #include "base/ranks.h"
 #include "cli/dispatch.h"
 
@@ -9,5 +10,6 @@ int main(int argc, char** argv) {
   setenv("PYTHONDONTWRITEBYTECODE", "1", 0);
   mirage::join_ranks(argc, argv);
   mirage::watch_for_interrupt();
+  mirage::silence_libpng();
   return mirage::leave_ranks(mirage::cli::dispatch({argv + 1, argv + argc}));
 }

@@ -17,6 +17,7 @@
 namespace mirage {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -211,6 +212,21 @@ TEST(TorchScript, WrongAtASingleFrameIsTheModelsFaultToo) {
   scene.points[4].z = std::numeric_limits<float>::infinity();
   const auto run = [&] { detector->forward(scene.view(), -1, false); };
   EXPECT_THAT(test::error_text<InputError>(run), HasSubstr("works.pt: forward's logits: are not finite"));
+}
+
+// A weights file is data: one that LibTorch would run while it reads it is refused unread.
+TEST(TorchScript, IsCodeAndWeightsAreNot) {
+  const auto mark = models() / "mark", file = models() / "planted.pt";
+  EXPECT_THROW(load("planted"), InputError);
+  EXPECT_TRUE(std::filesystem::remove(mark)) << "loading a model runs what it says";
+#ifdef MIRAGE_HAS_FUSION
+  for (const char* detector : {"fusion", "lidar", "late"}) {
+    DetectorOptions options{detector, file, false, 1, 1};
+    EXPECT_THAT(test::error_text<InputError>([&] { load_detector(options); }),
+                AllOf(HasSubstr("planted.pt"), HasSubstr("holds code")));
+    EXPECT_FALSE(std::filesystem::exists(mark)) << detector;
+  }
+#endif
 }
 
 TEST(TorchScript, NeedsAModelAndDoesNotTrain) {

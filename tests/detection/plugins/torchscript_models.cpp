@@ -87,6 +87,14 @@ int main(int count, char** arguments) {
     module.define(source);
     module.save(folder + name + ".pt");
   }
+  // Leaves a file behind when it is loaded, which needs no call of any method.
+  torch::jit::Module planted("planted");
+  planted.define(
+      "\n    def __getstate__(self):\n        return 1, True\n"
+      "    def __setstate__(self, state: Tuple[int, bool]):\n"
+      "        torch.save(state, \"" +
+      folder + "mark\")\n");
+  planted.save(folder + "planted.pt");
   torch::jit::Module nothing("no_forward");
   nothing.define("\n    def predict(self, image):\n        return image\n");
   nothing.save(folder + "no_forward.pt");

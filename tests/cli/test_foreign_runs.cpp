@@ -1,0 +1,223 @@
+// Runs, data sets and output folders that somebody else left, as the commands meet them.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <csignal>
+#include <filesystem>
+
+#include "base/files.h"
+#include "support/files.h"
+#include "support/shell.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+
+const std::string kPlugins = MIRAGE_BUILD "/test_plugins/";
+
+class ForeignRuns : public testing::Test {
+ protected:
+  int mirage(const std::string& arguments) {
+    return test::shell(folder_, "MIRAGE_TEST_MARK=" + at("mark") + " " MIRAGE_BUILD "/mirage " + arguments);
+  }
+  std::string at(const char* name) const { return (folder_ / name).string(); }
+  std::string said() const { return read_file(folder_ / "said"); }
+  /// One line, in words of text alone.
+  void expect_line(const std::string& about) const {
+    const std::string text = said();
+    EXPECT_THAT(text, testing::StartsWith("mirage: ")) << about;
+    EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1) << about << ": " << text;
+    EXPECT_NO_THROW(nlohmann::json(text).dump()) << about;
+  }
+  bool marked() const { return fs::exists(folder_ / "mark"); }
+
+  /// A run against a plugin that always finds one box.
+  void make_run() {
+    ASSERT_EQ(mirage("generate --frames 2 --seed 5 --quiet --out " + at("data")), 0) << said();
+    write_file(folder_ / "some.weights", "weights");
+    ASSERT_EQ(mirage("attack --quiet --iterations 2 --rooftop box --detector " + kPlugins +
+                     "fake_works.so --weights " + at("some.weights") + " --data " + at("data") + " --out " +
+                     at("run")),
+              0)
+        << said();
+  }
+  void change(const char* key, const nlohmann::json& value) {
+    auto run = read_json(folder_ / "run/run.json");
+    run[key] = value;
+    write_json(folder_ / "run/run.json", run);
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
+  make_run();
+  const std::string run = " --quiet --run " + at("run") + " --out " + at("o"),
+                    planted = kPlugins + "planted.so";
+  // Its detector is a plugin: named again by the user, or trusted.
+  EXPECT_EQ(mirage("evaluate" + run), 2);
+  expect_line("evaluate");
+  EXPECT_THAT(said(), AllOf(HasSubstr("run.json: detector"), HasSubstr(kPlugins + "fake_works.so"),
+                            HasSubstr("--trust-run")));
+  EXPECT_EQ(mirage("evaluate --random-meshes 0 --trust-run" + run), 0) << said();
+  EXPECT_EQ(mirage("evaluate --random-meshes 0 --detector " + kPlugins + "fake_works.so --weights " +
+                   at("some.weights") + run),
+            0)
+      << said();
+  // The attack goes on by what the command line names, whatever run.json says meanwhile.
+  change("depth", planted);
+  change("detector", planted);
+  EXPECT_EQ(mirage("attack --quiet --iterations 3 --rooftop box --detector " + kPlugins +
+                   "fake_works.so --weights " + at("some.weights") + " --data " + at("data") + " --out " +
+                   at("run")),
+            0)
+      << said();
+  EXPECT_FALSE(marked());
+
+  for (const char* key : {"depth", "detector"}) {
+    change("depth", "ip-basic");
+    change("detector", "fusion");
+    change("weights", "");
+    change(key, planted);
+    for (const std::string& command : std::vector<std::string>{"export", "evaluate", "validate", "tradeoff",
+                                                               "evaluate --hosts-of " + at("run")}) {
+      const bool needs_it = std::string(key) == "depth" || (command != "export" && command != "tradeoff");
+      if (!needs_it) continue;
+      EXPECT_EQ(mirage(command + run), 2) << command << " " << said();
+      expect_line(command);
+      EXPECT_THAT(said(), AllOf(HasSubstr(std::string("run.json: ") + key), HasSubstr(planted))) << command;
+      EXPECT_FALSE(marked()) << command << " loaded the run's " << key;
+    }
+  }
+  // The test's own measure: it is loaded where the user says so, and is no plugin.
+  change("detector", "fusion");
+  change("depth", planted);
+  EXPECT_EQ(mirage("export --trust-run" + run), 2);
+  EXPECT_TRUE(marked());
+}
+
+TEST_F(ForeignRuns, WriteNowhereElse) {
+  make_run();
+  for (const char* split : {"train", "test"}) {
+    auto changed = read_json(folder_ / "run/run.json");
+    changed[split][0]["frame"] = "../escaped";
+    write_json(folder_ / "run/run.json", changed);
+  }
+  EXPECT_EQ(mirage("export --quiet --run " + at("run") + " --out " + at("o/deep")), 2);
+  expect_line("export");
+  EXPECT_THAT(said(), HasSubstr("holds a separator"));
+  write_file(folder_ / "data/dataset.json", "{\"rig\": \"../../../../etc/rig\"}");
+  EXPECT_EQ(mirage("detect --quiet --data " + at("data") + " --out " + at("o")), 2);
+  expect_line("detect");
+  EXPECT_THAT(said(), HasSubstr("dataset.json: rig"));
+}
+
+TEST_F(ForeignRuns, AnOutputFolderInUseNamesItsHolder) {
+  fs::create_directories(folder_ / "o");
+  write_file(folder_ / "o/.mirage-lock", "process 4242 on elsewhere since yesterday\n");
+  const std::string command = "generate --frames 1 --quiet --out " + at("o");
+  const int held = open(at("o/.mirage-lock").c_str(), O_RDWR | O_CLOEXEC);
+  ASSERT_EQ(flock(held, LOCK_EX), 0);
+  EXPECT_EQ(mirage(command), 1);
+  expect_line("generate");
+  EXPECT_THAT(said(), AllOf(HasSubstr(at("o")), HasSubstr("process 4242 on elsewhere"), HasSubstr("--out")));
+  EXPECT_FALSE(fs::exists(folder_ / "o/dataset.json"));
+  close(held);  // as the kernel does it for a killed process
+  write_file(folder_ / "o/cut.png.mirage-999999999.tmp", "half");
+  EXPECT_EQ(mirage(command), 0) << said();
+  EXPECT_TRUE(fs::exists(folder_ / "o/result.json"));
+  EXPECT_FALSE(fs::exists(folder_ / "o/.mirage-lock"));
+  EXPECT_FALSE(fs::exists(folder_ / "o/cut.png.mirage-999999999.tmp"));
+}
+
+TEST_F(ForeignRuns, AnEditedRigDoesNotJoinAnOldSet) {
+  const std::string rig = read_file(fs::path(MIRAGE_SOURCE) / "scenes/rigs/kitti64.toml");
+  const auto generate = [&](const std::string& frames) {
+    return mirage("generate --quiet --rig " + at("mine.toml") + " --frames " + frames + " --out " + at("d"));
+  };
+  write_file(folder_ / "mine.toml", rig);
+  ASSERT_EQ(generate("1"), 0) << said();
+  const std::size_t width = rig.find("width = ");
+  ASSERT_NE(width, std::string::npos);
+  std::string edited = rig;
+  edited.insert(rig.find_first_of("0123456789", width) + 1, "0");
+  write_file(folder_ / "mine.toml", edited);
+  EXPECT_EQ(generate("2"), 2);
+  expect_line("generate");
+  EXPECT_THAT(said(), AllOf(HasSubstr("rig.toml"), HasSubstr("--out")));
+  EXPECT_FALSE(fs::exists(folder_ / "d/training/velodyne/000001.bin"));
+  write_file(folder_ / "mine.toml", "# a comment is no other rig\n" + rig);
+  EXPECT_EQ(generate("2"), 0) << said();
+}
+
+TEST_F(ForeignRuns, NamesOfAnyBytesAreShownEscaped) {
+  const std::string odd = (folder_ / "\xff\x1b[31m").string();
+  ASSERT_EQ(mirage("generate --frames 1 --seed 5 --out '" + odd + "'"), 0) << said();
+  EXPECT_THAT(said(), AllOf(HasSubstr("\\xff\\x1b[31m"), Not(HasSubstr("\xff"))));
+  for (const char* part : {"image_2", "velodyne", "calib", "label_2", "lighting"})
+    for (const auto& entry : fs::directory_iterator(fs::path(odd) / "training" / part))
+      fs::rename(entry.path(), entry.path().parent_path() / ("\xe8" + entry.path().extension().string()));
+  write_file(folder_ / "w", "weights");
+  const std::string detect = "detect --detector " + kPlugins + "fake_works.so --weights " + at("w");
+  ASSERT_EQ(mirage(detect + " --data '" + odd + "' --out '" + odd + "/o'"), 0) << said();
+  EXPECT_EQ(read_json(fs::path(odd) / "o/detections.json").at("frames").at(0).at("frame"), "\\xe8");
+  ASSERT_EQ(mirage("simulate --frame missing --mesh m.glb --data '" + odd + "' --out '" + odd + "/o'"), 2);
+  expect_line("simulate");
+  EXPECT_EQ(mirage("detect --data '" + odd + "/none' --out " + at("o")), 2);
+  expect_line("detect");
+  EXPECT_THAT(said(), HasSubstr("\\xff\\x1b[31m/none"));
+}
+
+// libpng would print a line of its own.
+TEST_F(ForeignRuns, ADamagedPictureIsOneLine) {
+  ASSERT_EQ(mirage("generate --frames 1 --seed 5 --quiet --out " + at("data")), 0) << said();
+  const fs::path picture = folder_ / "data/training/image_2/000000.png";
+  std::string bytes = read_file(picture);
+  for (const std::string& damaged : {bytes.substr(0, 2000), bytes.substr(0, bytes.size() / 2) + "x" +
+                                                                bytes.substr(bytes.size() / 2 + 1)}) {
+    write_file(picture, damaged);
+    write_file(folder_ / "w", "weights");
+    EXPECT_EQ(mirage("detect --quiet --detector " + kPlugins + "fake_works.so --weights " + at("w") +
+                     " --data " + at("data") + " --out " + at("o")),
+              2);
+    expect_line("detect");
+    EXPECT_THAT(said(), HasSubstr("000000.png"));
+  }
+}
+
+TEST_F(ForeignRuns, NumbersAndPathsThatNothingTakesAreRefusedAtOnce) {
+  const std::string name(256, 'n');
+  std::string path = at("p");
+  while (path.size() < 4200) path += "/" + std::string(100, 'p');
+  for (const auto& [arguments, word] : std::vector<std::pair<std::string, std::string>>{
+           {"generate --seed -1", "--seed"},
+           {"generate --seed 1e3", "--seed"},
+           {"detect --data d --frames -1", "--frames"},
+           {"generate --threads 100000", "--threads"},
+           {"generate --threads -1", "--threads"},
+           {"generate --out " + path, "--out"},
+           {"export --run " + name, "--run"},
+           {"attack --data " + path, "--data"},
+           {"attack --data d --sigma 5", "--sigma"},
+           {"attack --data d --gamma 1e9", "--gamma"},
+           {"attack --data d --checkpoint-every 0", "--checkpoint-every"},
+           {"attack --data d --checkpoint-seconds -1", "--checkpoint-seconds"},
+           {"simulate --data d --frame 1 --mesh m --sigma 1e9", "--sigma"}}) {
+    EXPECT_EQ(mirage(arguments), 2) << arguments;
+    expect_line(arguments);
+    EXPECT_THAT(said(), HasSubstr(word)) << arguments;
+  }
+  write_file(folder_ / "c.toml", "seed = -1\n");
+  EXPECT_EQ(mirage("generate --config " + at("c.toml")), 2);
+  expect_line("config");
+}
+
+}  // namespace
+}  // namespace mirage
