@@ -3,10 +3,11 @@
 #include <fstream>
 
 #include "attack/attack.h"
+#include "attack/run.h"
+#include "attack/tiny_world.h"
 #include "base/error.h"
-#include "base/random.h"
 #include "detection/given_detector.h"
-#include "tiny_world.h"
+#include "support/files.h"
 
 namespace mirage {
 namespace {
@@ -50,7 +51,7 @@ TEST_F(GivenDetectorTest, OutsideOfItsProgramTheRunsCopyIsUsed) {
     run_attack(settings_);
   }
   EXPECT_THAT([&] { load_detector(settings_.detector); }, ThrowsMessage<InputError>(HasSubstr("Python")));
-  const Run run = read_run(settings_.out);
+  const mirage::Run run = read_run(settings_.out);
   DetectorOptions asked;
   asked.detector.clear();
   asked.defense.clear();
