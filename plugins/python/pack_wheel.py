@@ -12,6 +12,8 @@ import zipfile
 
 from wheel.wheelfile import WheelFile
 
+CONTENT = ("*.py", "*.pyi", "py.typed", "*.so", "plugins/*.so", "plugins/weights/*.weights", "scenes/rigs/*.toml",
+           "scenes/lidars/*.toml", "scenes/shapes/*.shape")
 METADATA = """Metadata-Version: 2.1
 Name: mirage
 Version: {version}
@@ -39,11 +41,11 @@ def main():
         os.remove(old)
     file = os.path.join(out, f"mirage-{version}-{tag}.whl")
     with WheelFile(file, "w", zipfile.ZIP_STORED) as wheel:
-        for folder, folders, names in os.walk(os.path.join(built, "mirage"), followlinks=True):
-            folders[:] = sorted(name for name in folders if name != "__pycache__")
-            for name in sorted(names):
-                path = os.path.join(folder, name)
+        for pattern in CONTENT:
+            for path in sorted(glob.glob(os.path.join(built, "mirage", pattern))):
                 wheel.write(path, os.path.relpath(path, built))
+        notice = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "NOTICE")  # of the weights
+        wheel.write(notice, f"mirage-{version}.dist-info/NOTICE")
         wheel.writestr(f"mirage-{version}.dist-info/METADATA", METADATA.format(version=version))
         wheel.writestr(f"mirage-{version}.dist-info/WHEEL", WHEEL.format(tag=tag))
     print(file)

@@ -27,6 +27,7 @@ class Wheel(unittest.TestCase):
             for name in ("mirage/__init__.py", "mirage/_core.pyi", "mirage/py.typed", "mirage/plugins/fusion.so",
                          "mirage/plugins/weights/lidar-kitti64.weights", "mirage/scenes/rigs/kitti64.toml"):
                 self.assertIn(name, names)
+            self.assertFalse([name for name in names if "CMake" in name or name.endswith(".o")])
             write_data(os.path.join(place, "data"), 1)
             code = ("import mirage, os; assert mirage.__file__.startswith(os.getcwd()); "
                     "frame = mirage.read_frame('data', '000000'); print(frame.hosts())")

@@ -16,7 +16,8 @@ CELL, ROWS, COLUMNS = 0.8, 64, 64  # m; the grid covers 0 … 51.2 m ahead and 2
 
 def centres():
     cells = torch.arange(ROWS * COLUMNS)
-    return torch.stack([(cells % COLUMNS + 0.5) * CELL, (torch.div(cells, COLUMNS, rounding_mode="floor") + 0.5 - ROWS / 2) * CELL], 1)
+    row = torch.div(cells, COLUMNS, rounding_mode="floor")
+    return torch.stack([(cells % COLUMNS + 0.5) * CELL, (row + 0.5 - ROWS / 2) * CELL], 1)
 
 
 class Pillars(nn.Module):
@@ -83,4 +84,5 @@ if __name__ == "__main__":
     network.eval()
     mirage.attack(detector=network, data=options.data, out=options.out, iterations=options.iterations)
     told = mirage.evaluate(options.out, detector=network, hosts="all")
-    print(f"{told['vehicles']} vehicles found; ASR {100 * told['asr']:.0f} %, of a random mesh {100 * told['random']['asr']:.0f} %")
+    print(f"{told['vehicles']} vehicles found; ASR {100 * told['asr']:.0f} %, "
+          f"of a random mesh {100 * told['random']['asr']:.0f} %")

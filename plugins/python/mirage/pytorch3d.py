@@ -1,4 +1,4 @@
-"""In the place of PyTorch3D's soft rasteriser, on a CPU: the same σ, γ and blur radius, by Mirage's vectorised rasteriser.
+"""In the place of PyTorch3D's soft rasteriser, on a CPU: the same σ, γ and blur radius, by Mirage's own rasteriser.
 
     renderer = MeshRenderer(MeshRasterizer(cameras, raster_settings), SoftPhongShader(…, blend_params=blend_params))
     images = renderer(meshes)
