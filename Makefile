@@ -1,11 +1,11 @@
 # Two commands do everything, set-up included:  make demo   and   make test
 .DEFAULT_GOAL := build
-.PHONY: setup build addon demo test asan format bench clean
+.PHONY: setup build addon python demo test asan format bench clean
 
 PACKAGES := g++ cmake ninja-build ccache pkg-config libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev \
   nlohmann-json3-dev libtomlplusplus-dev librandom123-dev libcli11-dev libembree-dev libopenimageio-dev \
   libceres-dev libassimp-dev libopenexr-dev libtinygltf-dev libopencv-imgproc-dev libhwy-dev libnova-dev libopenmpi-dev openmpi-bin \
-  python3-imath python3-numpy python3-matplotlib python3-jinja2 python3-pil blender xvfb xauth libgl1-mesa-dri libtorch-dev libopenblas0-pthread libturbojpeg0-dev zlib1g-dev \
+  python3-imath python3-dev pybind11-dev python3-torch python3-wheel python3-numpy python3-matplotlib python3-jinja2 python3-pil blender xvfb xauth libgl1-mesa-dri libtorch-dev libopenblas0-pthread libturbojpeg0-dev zlib1g-dev \
   libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format nodejs npm chromium
 
 # Parts of the sources that clang-format owns.
@@ -33,6 +33,13 @@ build: setup
 # The Blender add-on as a zip for Edit > Preferences > Add-ons > Install.
 addon:
 	python3 plugins/blender/pack.py build/mirage_blender.zip
+
+# The Python package in build/python, and its wheel in build/.
+python: setup
+	cmake --preset release
+	cmake --build --preset release --target mirage_python
+	ln -sfn release/python build/python
+	/usr/bin/python3 -B plugins/python/pack_wheel.py build/release/python build
 
 # Only what the demo runs: no tests.
 demo: setup

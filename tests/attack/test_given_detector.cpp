@@ -3,10 +3,11 @@
 #include <fstream>
 
 #include "attack/attack.h"
+#include "attack/run.h"
+#include "attack/tiny_world.h"
 #include "base/error.h"
-#include "base/random.h"
 #include "detection/given_detector.h"
-#include "tiny_world.h"
+#include "support/files.h"
 
 namespace mirage {
 namespace {
@@ -50,7 +51,7 @@ TEST_F(GivenDetectorTest, OutsideOfItsProgramTheRunsCopyIsUsed) {
     run_attack(settings_);
   }
   EXPECT_THAT([&] { load_detector(settings_.detector); }, ThrowsMessage<InputError>(HasSubstr("Python")));
-  const Run run = read_run(settings_.out);
+  const mirage::Run run = read_run(settings_.out);
   DetectorOptions asked;
   asked.detector.clear();
   asked.defense.clear();
@@ -58,7 +59,22 @@ TEST_F(GivenDetectorTest, OutsideOfItsProgramTheRunsCopyIsUsed) {
       [&] { use_detector_of(run, asked); },
       ThrowsMessage<InputError>(testing::AllOf(HasSubstr("mirage.evaluate"), HasSubstr("--detector"))));
   std::ofstream(settings_.out / kGivenDetectorCopy) << "a model";
+  // The copy is code: read only where this user's own program made it, or the run is trusted.
+  EXPECT_THAT(
+      [&] { use_detector_of(run, asked); },
+      ThrowsMessage<InputError>(testing::AllOf(HasSubstr("--trust-run"), HasSubstr(kGivenDetectorCopy))));
+  use_detector_of(read_run(settings_.out, TrustRun::yes), asked);
+  EXPECT_EQ(asked.detector, "torchscript");
+  asked = DetectorOptions();
+  asked.detector.clear();
+  asked.defense.clear();
+  const test::TemporaryFolder cache;
+  setenv("MIRAGE_CACHE", cache.path().c_str(), 1);
+  remember_code_made_here(settings_.out / kGivenDetectorCopy);
   use_detector_of(run, asked);
+  std::ofstream(settings_.out / kGivenDetectorCopy) << "another model";
+  EXPECT_FALSE(is_code_made_here(settings_.out / kGivenDetectorCopy));
+  setenv("MIRAGE_CACHE", "off", 1);
   EXPECT_EQ(asked.detector, "torchscript");
   EXPECT_EQ(asked.weights, settings_.out / kGivenDetectorCopy);
   DetectorOptions other;

@@ -1,0 +1,55 @@
+#include "arrays.h"
+
+#include <cstring>
+
+#include "base/error.h"
+
+namespace mirage::python {
+namespace {
+
+std::string text_of(const Shape& shape) {
+  std::string text;
+  for (const py::ssize_t length : shape)
+    text += (text.empty() ? "" : " × ") + (length < 0 ? std::string("N") : std::to_string(length));
+  return text.empty() ? "a single number" : text;
+}
+
+}  // namespace
+
+py::array any_array(const py::handle& values, const std::string& name) {
+  if (py::isinstance<py::array>(values)) return py::reinterpret_borrow<py::array>(values);
+  try {
+    if (py::hasattr(values, "__dlpack__"))
+      return py::module_::import("numpy").attr("from_dlpack")(values).cast<py::array>();
+    return py::module_::import("numpy").attr("asarray")(values).cast<py::array>();
+  } catch (const py::error_already_set& error) {
+    if (error.matches(PyExc_ImportError)) throw;
+    throw InputError(name, "", std::string("is no array that can be read (") + error.what() + ")",
+                     "give a NumPy array, or a tensor as tensor.detach().cpu()");
+  }
+}
+
+void check_shape(const py::array& array, const std::string& name, const Shape& shape) {
+  Shape given(array.shape(), array.shape() + array.ndim());
+  bool fits = given.size() == shape.size();
+  for (std::size_t i = 0; fits && i < shape.size(); ++i) fits = shape[i] < 0 || shape[i] == given[i];
+  if (!fits) throw InputError(name, "shape", "is " + text_of(given), "give " + text_of(shape) + " numbers");
+  const char kind = array.dtype().kind();
+  if (kind != 'f' && kind != 'i' && kind != 'u' && kind != 'b')
+    throw InputError(name, "dtype", "holds no real numbers", "give float32 or float64");
+}
+
+std::vector<Vec3d> rows_of_three(const py::handle& values, const std::string& name) {
+  static_assert(sizeof(Vec3d) == 3 * sizeof(double));
+  const py::array any = any_array(values, name);
+  const Shape shape(any.shape(), any.shape() + any.ndim());
+  check_shape(any, name, shape);
+  if (shape.empty() || shape.back() != 3)
+    throw InputError(name, "shape", "is " + text_of(shape), "give rows of three numbers");
+  const py::array_t<double, py::array::c_style | py::array::forcecast> array(any);
+  std::vector<Vec3d> rows(static_cast<std::size_t>(array.size() / 3));
+  if (!rows.empty()) std::memcpy(rows.front().data(), array.data(), rows.size() * sizeof(Vec3d));
+  return rows;
+}
+
+}  // namespace mirage::python

@@ -1,0 +1,209 @@
+#include "arrays.h"
+#include "attack/frame_store.h"
+#include "attack/host_views.h"
+#include "base/error.h"
+#include "bind.h"
+#include "cli/named_settings.h"
+#include "detection/points_in_view.h"
+#include "handles.h"
+#include "scene/depth/learned_depth.h"
+#include "scene/kitti.h"
+#include "scene/shape/shape_rooftop.h"
+#include "scene/sun.h"
+
+namespace mirage::python {
+namespace {
+
+/// What completes depth and finds roofs is costly to load and the same for every frame: kept by name.
+template <class Made>
+std::shared_ptr<const Made> kept(const std::string& key,
+                                 const std::function<std::shared_ptr<const Made>()>& make) {
+  static std::mutex mutex;
+  static std::map<std::string, std::shared_ptr<const Made>> made;
+  const std::lock_guard lock(mutex);
+  auto& one = made[key];
+  if (!one) one = make();
+  return one;
+}
+
+}  // namespace
+
+FrameHandle::FrameHandle(const std::filesystem::path& data, const std::string& id)
+    : data_(data), lidar_(lidar_of(data)), frame_(read_frame(data, id)) {}
+
+std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const std::string& depth, const std::string& sun) {
+  const std::lock_guard lock(mutex_);
+  auto& known = prepared_[{depth, sun}];
+  if (!known) {
+    const SunChoice choice = parse_sun(sun);
+    const auto completion = kept<DepthCompletion>(
+        depth, [&] { return std::shared_ptr<const DepthCompletion>(load_depth_completion({depth})); });
+    Frame frame = frame_;
+    frame.lighting = with_sun(frame, choice);
+    known = std::make_shared<PreparedFrame>(prepare(std::move(frame), lidar_, completion.get()));
+  }
+  return known;
+}
+
+Rooftop FrameHandle::rooftop(const std::string& finder, int label) {
+  const auto index = static_cast<std::size_t>(label);
+  if (label < 0 || index >= frame_.labels.size() || frame_.labels[index].type == "DontCare")
+    throw InputError("host", std::to_string(label),
+                     "frame " + frame_.id + " has " + std::to_string(frame_.labels.size()) +
+                         " labels and this is not a vehicle among them",
+                     "take one of frame.hosts()");
+  const std::lock_guard lock(mutex_);
+  const auto known = rooftops_.find({finder, label});
+  if (known != rooftops_.end()) return known->second;
+  const auto finds = kept<RooftopFinder>(finder + " " + std::filesystem::absolute(data_).string(), [&] {
+    return std::shared_ptr<const RooftopFinder>(make_rooftop_finder(finder, lidar_));
+  });
+  return rooftops_[{finder, label}] = finds->find(frame_, frame_.labels[index]);
+}
+
+namespace {
+
+using cli::InsertionOptions;
+
+std::vector<HostHandle> hosts_of(const std::shared_ptr<FrameHandle>& frame, double min_view,
+                                 const InsertionOptions& settings) {
+  const py::gil_scoped_release free;
+  const auto prepared = frame->prepared(settings.depth, settings.sun);
+  const auto& labels = prepared->frame.labels;
+  std::vector<Rooftop> rooftops(labels.size());
+  for (std::size_t i = 0; i < labels.size(); ++i)
+    if (labels[i].type == "Car") rooftops[i] = frame->rooftop(settings.rooftop, static_cast<int>(i));
+  constexpr std::array<double, 4> kRegion = {0, 70, -40, 40};  // of a detector that names none
+  std::vector<HostHandle> hosts;
+  for (const HostView& seen : host_views(*prepared, rooftops, kRegion, settings.simulation))
+    if (seen.share >= min_view)
+      hosts.push_back({seen.label, labels[static_cast<std::size_t>(seen.label)], seen.share});
+  return hosts;
+}
+
+py::array_t<double> matrix_of(const Eigen::Matrix<double, 3, 4>& matrix) {
+  std::vector<double> values;
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 4; ++c) values.push_back(matrix(r, c));
+  return own(std::move(values), {3, 4});
+}
+
+std::string words(const Label& label) {
+  const BevBox& box = label.box.bev;
+  return fmt::format("{} at ({:.1f}, {:.1f}) m", label.type, box.x, box.y);
+}
+
+void bind_labels(py::module_& module) {
+  py::class_<Label>(module, "Label", "A labelled object of a frame; its box in `velo`, metres and radians.")
+      .def_readonly("type", &Label::type, "\"Car\", \"Van\", \"Pedestrian\", …, \"DontCare\"")
+      .def_readonly("truncated", &Label::truncated, "share outside the picture, 0 … 1")
+      .def_readonly("occluded", &Label::occluded, "0 visible, 1 partly, 2 largely occluded, 3 unknown")
+      .def_readonly("track", &Label::track, "the vehicle's number in the data set; -1: unknown")
+      .def_property_readonly(
+          "box_2d", [](const Label& l) { return py::make_tuple(l.left, l.top, l.right, l.bottom); },
+          "left, top, right, bottom in pixels; the centre of the top left pixel is (0, 0)")
+      .def_property_readonly(
+          "box_bev",
+          [](const Label& l) {
+            const BevBox& b = l.box.bev;
+            return py::make_tuple(b.x, b.y, b.length, b.width, b.yaw);
+          },
+          "x, y of the centre, length, width (m), yaw (rad, counter-clockwise from +x)")
+      .def_property_readonly(
+          "bottom", [](const Label& l) { return l.box.bottom; }, "z of the box's bottom, m")
+      .def_property_readonly(
+          "height", [](const Label& l) { return l.box.height; }, "m")
+      .def("__repr__", [](const Label& l) { return "<mirage.Label " + words(l) + ">"; });
+  py::class_<HostHandle>(module, "Host", "A vehicle of a frame that can carry a mesh on its roof.")
+      .def_readonly("index", &HostHandle::index, "which of frame.labels it is")
+      .def_readonly("label", &HostHandle::label, "its label")
+      .def_readonly("share_in_view", &HostHandle::share_in_view,
+                    "share of the reference mesh on its roof that the picture shows, 0 … 1")
+      .def("__repr__",
+           [](const HostHandle& h) { return fmt::format("<mirage.Host {}: {}>", h.index, words(h.label)); });
+}
+
+}  // namespace
+
+void bind_frames(py::module_& module) {
+  bind_labels(module);
+  py::class_<InsertionOptions, std::shared_ptr<InsertionOptions>>(module, "Settings",
+                                                                  "Parsed settings of an insertion.")
+      .def(py::init([](const cli::NamedSettings& named, const std::string& where) {
+             auto options = std::make_shared<InsertionOptions>();
+             CLI::App table;
+             options->add(table);
+             cli::parse_settings(table, named, where);
+             options->apply();
+             options->quality.app = nullptr;  // the table ends here
+             parse_sun(options->sun);
+             return options;
+           }),
+           py::arg("named"), py::arg("where"));
+  py::class_<FrameHandle, std::shared_ptr<FrameHandle>>(
+      module, "Frame", "A recorded or generated moment: picture, sweep, calibration and labels.")
+      .def(py::init([](const std::string& folder, const std::string& id) {
+             const py::gil_scoped_release free;
+             return std::make_shared<FrameHandle>(folder, id);
+           }),
+           py::arg("folder"), py::arg("id"))
+      .def_property_readonly(
+          "id", [](const FrameHandle& f) { return f.frame().id; }, "e.g. \"000008\"")
+      .def_property_readonly(
+          "image",
+          [](const std::shared_ptr<FrameHandle>& f) {
+            const ImageF& image = f->frame().image;
+            return view(image.data.data(), {image.height, image.width, 3}, f, false);
+          },
+          "The photograph: H×W×3 float32, scene-linear RGB in [0, 1], row 0 on top. A view, read-only.")
+      .def_property_readonly(
+          "points",
+          [](const std::shared_ptr<FrameHandle>& f) {
+            const Sweep& sweep = f->frame().sweep;
+            return view(reinterpret_cast<const float*>(sweep.data()), {ssize(sweep.size()), 4}, f, false);
+          },
+          "The sweep: N×4 float32; x forward, y left, z up (m, `velo`), reflectance. A view, read-only.")
+      .def_property_readonly(
+          "depth",
+          [](const std::shared_ptr<FrameHandle>& f) {
+            std::shared_ptr<const PreparedFrame> prepared;
+            {
+              const py::gil_scoped_release free;
+              const InsertionOptions settings;
+              prepared = f->prepared(settings.depth, settings.sun);
+            }
+            return view(prepared->depth.data.data(), {prepared->depth.height, prepared->depth.width},
+                        prepared, false);
+          },
+          "The photograph's completed depth: H×W float32, planar, m. A view, read-only.")
+      .def_property_readonly(
+          "pixel_from_velo",
+          [](const FrameHandle& f) {
+            const auto matrix = pixel_from_velo(f.frame().calibration);
+            return own(std::vector<float>(matrix.begin(), matrix.end()), {3, 4});
+          },
+          "3×4 float32: (u w, v w, w) = M (x, y, z, 1); pixel (0, 0) is the centre of the top left one.")
+      .def_property_readonly(
+          "camera_from_velo",
+          [](const FrameHandle& f) {
+            return matrix_of(f.frame().calibration.camera_from_velo.matrix().topRows<3>());
+          },
+          "3×4 float64: from `velo` to the camera (x right, y down, z forward), m.")
+      .def_property_readonly(
+          "intrinsics",
+          [](const FrameHandle& f) {
+            const PinholeCamera& c = f.frame().calibration.camera;
+            return py::make_tuple(c.fx, c.fy, c.cx, c.cy);
+          },
+          "fx, fy, cx, cy of the picture, pixels.")
+      .def_property_readonly(
+          "labels", [](const FrameHandle& f) { return f.frame().labels; }, "Its labels, in the file's order.")
+      .def("_hosts", &hosts_of, py::arg("min_view"), py::arg("settings"))
+      .def("__repr__", [](const FrameHandle& f) {
+        return fmt::format("<mirage.Frame {}: {}×{} pixels, {} points, {} labels>", f.frame().id,
+                           f.frame().image.width, f.frame().image.height, f.frame().sweep.size(),
+                           f.frame().labels.size());
+      });
+}
+
+}  // namespace mirage::python

@@ -1,0 +1,52 @@
+// What the module's Python objects hold.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "cli/insertion_options.h"
+#include "scene/insertion.h"
+
+namespace mirage::python {
+
+/// A frame of a data set with what was prepared of it, by the settings that it depends on. Several threads
+/// may ask.
+class FrameHandle {
+ public:
+  /// InputError as read_frame's.
+  FrameHandle(const std::filesystem::path& data, const std::string& id);
+
+  const Frame& frame() const { return frame_; }
+  /// With the photograph's depth by `depth` and the sun where `sun` says.
+  std::shared_ptr<const PreparedFrame> prepared(const std::string& depth, const std::string& sun);
+  /// The roof of a label's vehicle. InputError naming the label if it is none.
+  Rooftop rooftop(const std::string& finder, int label);
+
+ private:
+  std::filesystem::path data_;
+  LidarModel lidar_;
+  Frame frame_;
+  std::mutex mutex_;
+  std::map<std::pair<std::string, std::string>, std::shared_ptr<const PreparedFrame>> prepared_;
+  std::map<std::pair<std::string, int>, Rooftop> rooftops_;
+};
+
+/// A vehicle that can carry a mesh.
+struct HostHandle {
+  int index = 0;  ///< of its label
+  Label label;
+  double share_in_view = 0;  ///< of the reference adversary on its roof, after occlusion
+};
+
+/// An insertion and what it came from.
+struct ResultHandle {
+  std::shared_ptr<FrameHandle> frame;
+  std::shared_ptr<const PreparedFrame> prepared;
+  Simulated simulated;
+  int resolution = 1;  ///< of the mesh's atlas
+  bool in_double = false;
+};
+
+}  // namespace mirage::python

@@ -1,0 +1,143 @@
+#include "arrays.h"
+#include "base/error.h"
+#include "bind.h"
+#include "sensors/lidar_return.h"
+#include "sensors/ray_caster.h"
+
+namespace mirage::python {
+namespace {
+
+/// What rays met: the face by Embree in float, the place on it in double.
+struct Hits {
+  std::vector<std::shared_ptr<TexturedMesh>> meshes;
+  std::vector<Vec3d> origins, directions, points, barycentrics;
+  std::vector<double> ranges;
+  std::vector<int> mesh, face;
+};
+using Shared = std::shared_ptr<Hits>;
+
+std::array<Vec3d, 3> corners_of(const Hits& hits, std::size_t ray) {
+  const Mesh& mesh = hits.meshes[static_cast<std::size_t>(hits.mesh[ray])]->mesh;
+  const Face& face = mesh.faces[static_cast<std::size_t>(hits.face[ray])];
+  return {mesh.vertices[static_cast<std::size_t>(face[0])], mesh.vertices[static_cast<std::size_t>(face[1])],
+          mesh.vertices[static_cast<std::size_t>(face[2])]};
+}
+
+FaceReturn<double> place_of(const Hits& hits, std::size_t ray, const Vec3d& unit) {
+  return intersect_face<double>(hits.origins[ray], unit, corners_of(hits, ray), 1.0);
+}
+
+Shared cast(std::vector<std::shared_ptr<TexturedMesh>> meshes, const py::object& origins,
+            const py::object& directions, double t_min, double t_max) {
+  auto hits = std::make_shared<Hits>();
+  hits->origins = rows_of_three(origins, "origins");
+  hits->directions = rows_of_three(directions, "directions");
+  const std::size_t count = hits->directions.size();
+  if (hits->origins.size() == 1) hits->origins.resize(count, Vec3d(hits->origins.front()));
+  if (hits->origins.size() != count)
+    throw InputError("origins", "shape",
+                     std::to_string(hits->origins.size()) + " for " + std::to_string(count) + " directions",
+                     "give one origin, or one a ray");
+  if (meshes.empty()) throw InputError("meshes", "", "there are none", "give a mesh or a list of them");
+  for (const auto& mesh : meshes)  // as they are now: the arrays may be written to later
+    hits->meshes.push_back(std::make_shared<TexturedMesh>(*mesh));
+  const py::gil_scoped_release free;
+  std::vector<Mesh> shapes;
+  for (const auto& mesh : hits->meshes) {
+    check_mesh(*mesh, "mesh");
+    shapes.push_back(mesh->mesh);
+  }
+  const Vec3d centre = count > 0 ? hits->origins.front() : Vec3d::Zero();
+  const RayCaster caster(shapes, centre);
+  std::vector<Ray> rays(count);
+  for (std::size_t i = 0; i < count; ++i)
+    rays[i] = {(hits->origins[i] - centre).cast<float>(), hits->directions[i].cast<float>(),
+               static_cast<float>(t_min), static_cast<float>(std::min(t_max, 1e30))};
+  std::vector<Hit> met(count);
+  caster.intersect(rays, met);
+  hits->mesh.assign(count, -1);
+  hits->face.assign(count, -1);
+  const double nothing = std::numeric_limits<double>::quiet_NaN();
+  hits->ranges.assign(count, std::numeric_limits<double>::infinity());
+  hits->points.assign(count, Vec3d::Constant(nothing));
+  hits->barycentrics.assign(count, Vec3d::Constant(nothing));
+  for (std::size_t i = 0; i < count; ++i) {
+    if (!met[i].hit()) continue;
+    hits->mesh[i] = met[i].mesh;
+    hits->face[i] = met[i].face;
+    const double length = hits->directions[i].norm();
+    const FaceReturn<double> place = place_of(*hits, i, hits->directions[i] / length);
+    hits->ranges[i] = place.valid ? place.range / length : met[i].t;
+    hits->barycentrics[i] =
+        place.valid ? place.barycentric : Vec3d(1.0 - met[i].b1 - met[i].b2, met[i].b1, met[i].b2);
+    hits->points[i] = hits->origins[i] + hits->ranges[i] * hits->directions[i];
+  }
+  return hits;
+}
+
+std::vector<py::array_t<double>> vjp(const Hits& hits, const py::object& d_points) {
+  const std::vector<Vec3d> upstream = rows_of_three(d_points, "d_points");
+  if (upstream.size() != hits.points.size())
+    throw InputError(
+        "d_points", "shape",
+        std::to_string(upstream.size()) + " rows for " + std::to_string(hits.points.size()) + " rays",
+        "give one row a ray");
+  std::vector<std::vector<double>> gradients;
+  for (const auto& mesh : hits.meshes) gradients.emplace_back(3 * mesh->mesh.vertices.size(), 0.0);
+  for (std::size_t i = 0; i < upstream.size(); ++i) {
+    if (hits.mesh[i] < 0) continue;
+    if (!upstream[i].allFinite())
+      throw Failure("d_points", "row " + std::to_string(i) + " is not finite",
+                    "check the loss it comes from");
+    constexpr double kGrazing = 0.05;  // as SimulationSettings::grazing_cosine
+    const Vec3d unit = hits.directions[i].normalized();
+    const auto d_face = intersect_face_vjp<double>(unit, corners_of(hits, i), place_of(hits, i, unit), 1.0,
+                                                   kGrazing, upstream[i], 0.0);
+    const auto mesh = static_cast<std::size_t>(hits.mesh[i]);
+    const Face& face = hits.meshes[mesh]->mesh.faces[static_cast<std::size_t>(hits.face[i])];
+    for (std::size_t k = 0; k < 3; ++k)
+      for (std::size_t c = 0; c < 3; ++c)
+        gradients[mesh][3 * static_cast<std::size_t>(face[k]) + c] += d_face[k][static_cast<Eigen::Index>(c)];
+  }
+  std::vector<py::array_t<double>> arrays;
+  for (auto& gradient : gradients) {
+    const py::ssize_t rows = ssize(gradient.size()) / 3;
+    arrays.push_back(own(std::move(gradient), {rows, 3}));
+  }
+  return arrays;
+}
+
+template <class T>
+py::array_t<T> list(const Shared& hits, const std::vector<T>& values) {
+  return view(values.data(), {ssize(values.size())}, hits, false);
+}
+
+py::array_t<double> rows(const Shared& hits, const std::vector<Vec3d>& values) {
+  return view(values.empty() ? nullptr : values.front().data(), {ssize(values.size()), 3}, hits, false);
+}
+
+}  // namespace
+
+void bind_rays(py::module_& module) {
+  py::class_<Hits, Shared>(module, "Hits", "What rays met; N entries, one a ray.")
+      .def_property_readonly(
+          "t", [](const Shared& h) { return list(h, h->ranges); },
+          "N float64: the ray's parameter, point = origin + t · direction; inf where nothing was met")
+      .def_property_readonly(
+          "mesh", [](const Shared& h) { return list(h, h->mesh); }, "N int32: which mesh; -1: none")
+      .def_property_readonly(
+          "face", [](const Shared& h) { return list(h, h->face); }, "N int32: which face of it; -1: none")
+      .def_property_readonly(
+          "barycentrics", [](const Shared& h) { return rows(h, h->barycentrics); },
+          "N×3 float64: of the face's corners; nan where nothing was met")
+      .def_property_readonly(
+          "points", [](const Shared& h) { return rows(h, h->points); },
+          "N×3 float64: where, m; nan where nothing was met")
+      .def("vjp", &vjp, py::arg("d_points"),
+           "d loss / d points (N×3) to d loss / d vertices of each mesh (a list of V×3 float64), for the "
+           "faces\n"
+           "that were met held fixed. Below an incidence cosine of 0.05 the gradient is scaled down.");
+  module.def("cast_rays", &cast);
+}
+
+}  // namespace mirage::python

@@ -1,0 +1,51 @@
+"""Frames, and a mesh on a roof in them."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from . import _core
+from ._settings import insertion_settings
+
+
+def read_frame(folder: str | os.PathLike, id: str) -> _core.Frame:
+    """Reads a frame of a data set in KITTI's layout: folder/training/{image_2,velodyne,calib,label_2}/ID.*.
+
+    The frame has .image (H×W×3 float32, scene-linear RGB in [0, 1]), .points (N×4 float32: x, y, z in m and
+    reflectance), .pixel_from_velo (3×4 float32), .labels, .depth (H×W float32, m) and .hosts().
+
+    InputError naming file, field and fix for anything that is missing or wrong.
+    """
+    return _core.Frame(os.fspath(folder), str(id))
+
+
+def hosts(self: _core.Frame, min_view: float = 0.7, **settings: Any) -> list[_core.Host]:
+    """Cars within 70 m ahead and 40 m to the sides that show at least `min_view` of a mesh on their roof.
+
+    Settings are those of `mirage.insert`.
+    """
+    return self._hosts(min_view, insertion_settings(settings, "frame.hosts"))
+
+
+_core.Frame.hosts = hosts
+
+
+def host_index(host: _core.Host | int) -> int:
+    """Of its label."""
+    return host.index if isinstance(host, _core.Host) else int(host)
+
+
+def insert(frame: _core.Frame, host: _core.Host | int, mesh: _core.Mesh, *, double: bool = False,
+           **settings: Any) -> _core.Insertion:
+    """Puts a mesh on a vehicle's roof, as camera and LiDAR see it, with occlusion between it and the scene.
+
+    host: one of frame.hosts(), or the index of a label. mesh: its lowest vertex is set on the roof.
+    double: draw with the plain loop in float64, which is some forty times as slow and what derivatives are checked
+    with; faces are then dropped only where they cover less than 1e-13.
+    settings: depth, rooftop, quality, sigma, gamma, supersampling, light and sun, as of `mirage simulate`.
+
+    The result has .image (H×W×3), .points (M×4), .mask (H×W), .depth (H×W, m) and
+    .vjp(d_image, d_points) -> (d_vertices (V×3), d_texels (F×C×C×3)).
+    """
+    return _core.insert(frame, host_index(host), mesh, insertion_settings(settings, "mirage.insert"), double)

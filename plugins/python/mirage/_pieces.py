@@ -1,0 +1,84 @@
+"""The simulator's parts by themselves: the soft rasteriser and the ray caster."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Sequence
+
+from . import _core
+
+if TYPE_CHECKING:
+    import numpy
+
+
+class Raster:
+    """A picture by the soft rasteriser.
+
+    image: H×W×3, the mesh over the background, scene-linear RGB; mask: H×W, the silhouette, 0 … 1. float32, or float64
+    if drawn in double.
+    """
+
+    def __init__(self, drawn: _core.Raster, mesh: _core.Mesh):
+        self._drawn = drawn
+        self._texels_shape = mesh.texels.shape
+
+    @property
+    def image(self) -> numpy.ndarray:
+        """H×W×3, the mesh over the background, scene-linear RGB."""
+        return self._drawn.image
+
+    @property
+    def mask(self) -> numpy.ndarray:
+        """H×W, the silhouette, 0 … 1."""
+        return self._drawn.mask
+
+    def vjp(self, d_image: Any = None, d_mask: Any = None) -> tuple[numpy.ndarray, numpy.ndarray]:
+        """d loss / d image (H×W×3) and d loss / d mask (H×W), either None, to (d_vertices (V×3), d_texels)."""
+        d_vertices, d_texels = self._drawn._vjp(d_image, d_mask)
+        return d_vertices, d_texels.reshape(self._texels_shape)
+
+
+def _intrinsics(camera: Any) -> tuple[float, float, float, float]:
+    if isinstance(camera, _core.Frame):
+        return camera.intrinsics
+    rows = [list(row) for row in camera] if hasattr(camera[0], "__len__") else None
+    values = [rows[0][0], rows[1][1], rows[0][2], rows[1][2]] if rows and len(rows) == 3 else list(camera)
+    if len(values) != 4 or not all(math.isfinite(value) for value in values):
+        raise _core.InputError("camera: is no pinhole camera; give a frame, (fx, fy, cx, cy) or a 3×3 matrix, in pixels")
+    return tuple(float(value) for value in values)
+
+
+def rasterize(mesh: _core.Mesh, camera: Any, height: int, width: int, *, background: Any = None, sigma: float = 5e-7,
+              gamma: float = 1e-2, epsilon: float = 1e-3, dist_eps: float = 1e-4, near: float | None = None,
+              far: float | None = None, supersampling: int = 1, blend: str = "silhouette", sides: str = "both",
+              double: bool = False) -> Raster:
+    """Draws a mesh with the soft rasteriser (Liu et al., ICCV 2019), unlit: texels are the colours that are seen.
+
+    mesh: vertices in the camera's frame (x right, y down, z forward, m). camera: (fx, fy, cx, cy) in pixels, a 3×3
+    matrix or a frame; pixel (0, 0) is the centre of the top left one. background: RGB or H×W×3 (None: black).
+    sigma: softness of edges in NDC² of the picture's longer side; gamma: of depth, in units of (far − near).
+    near, far: depth range in m (None: the mesh's own and a margin). supersampling: samples along a pixel's side.
+    blend: "silhouette" (edges stay where they are) or "logit" (the paper's background, of logit epsilon).
+    dist_eps: coverage below which a face is skipped. sides: "both", "counter_clockwise" or "clockwise" on screen.
+    double: the plain loop in float64.
+    """
+    if near is None or far is None:
+        depths = mesh.vertices[:, 2]
+        front, back = float(depths.min()), float(depths.max())
+        near = max(0.05, front - 0.5) if near is None else near
+        far = max(near + 1.0, back + 0.5) if far is None else far
+    numbers = {"sigma": sigma, "gamma": gamma, "epsilon": epsilon, "dist_eps": dist_eps, "near": near, "far": far}
+    drawn = _core.rasterize_mesh(mesh, _intrinsics(camera), height, width, background, numbers,
+                                 {"blend": blend, "sides": sides}, supersampling, double)
+    return Raster(drawn, mesh)
+
+
+def cast_rays(meshes: _core.Mesh | Sequence[_core.Mesh], origins: Any, directions: Any, *, t_min: float = 0.0,
+              t_max: float = math.inf) -> _core.Hits:
+    """The nearest face that each ray meets between t_min and t_max (in lengths of its direction); both sides count.
+
+    meshes: one, or several in the same frame. origins: N×3 or 1×3, m. directions: N×3, of any length.
+    The result has .t, .mesh, .face (N), .barycentrics, .points (N×3) and .vjp(d_points).
+    """
+    return _core.cast_rays([meshes] if isinstance(meshes, _core.Mesh) else list(meshes), origins, directions, t_min,
+                           t_max)

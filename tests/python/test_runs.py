@@ -1,0 +1,187 @@
+"""mirage.attack and mirage.evaluate against a network of the caller's, and the run folder that they leave."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+import unittest
+
+try:
+    import torch
+except ImportError:
+    print("skipped: PyTorch is not installed for this interpreter (Debian package python3-torch)")
+    sys.exit(77)
+
+import mirage
+from support import PROGRAM, Folder, detector
+
+SETTINGS = {"iterations": 6, "rooftop": "box", "threads": 1}
+
+
+def setUpModule():
+    global FOLDER, RUN, RESULT
+    FOLDER = Folder(4)
+    RUN = os.path.join(FOLDER.path, "run")
+    RESULT = mirage.attack(detector=detector, data=FOLDER.data, out=RUN, **SETTINGS)
+
+
+def tearDownModule():
+    FOLDER.remove()
+
+
+def place(name):
+    return os.path.join(FOLDER.path, name)
+
+
+def command_line(*arguments):
+    return subprocess.run([PROGRAM, *arguments, "--quiet"], capture_output=True, text=True)
+
+
+def losses(run):
+    with open(os.path.join(run, "loss.csv")) as file:
+        return [float(row["loss"]) for row in csv.DictReader(file)]
+
+
+class Attack(unittest.TestCase):
+    def test_the_run_is_one(self):
+        self.assertEqual(RESULT["iterations"], 6)
+        self.assertEqual(RESULT["vehicles_train"] + RESULT["vehicles_test"], 4)
+        for name in ("run.json", "checkpoint.json", "adversary.glb", "random.glb", "loss.csv", "result.json", "detector.pt"):
+            self.assertTrue(os.path.exists(os.path.join(RUN, name)), name)
+        self.assertEqual(mirage.read_mesh(os.path.join(RUN, "adversary.glb")).vertices.shape, (162, 3))
+
+    def test_it_learns(self):
+        run = place("learns")
+        mirage.attack(detector=detector, data=FOLDER.data, out=run, copy=False, **dict(SETTINGS, iterations=15, batch=3,
+                      parts="texture", texel_rate=4e-2))
+        loss = losses(run)
+        self.assertLess(sum(loss[-5:]), sum(loss[:5]))
+        self.assertFalse(os.path.exists(os.path.join(run, "detector.pt")))
+
+    def test_stopped_and_resumed_it_is_the_same_bits(self):
+        run = place("resumed")
+        for iterations in (2, 6):
+            mirage.attack(detector=detector, data=FOLDER.data, out=run, copy=False, **dict(SETTINGS, iterations=iterations))
+        self.assertEqual(losses(run), losses(RUN))
+
+    def test_it_goes_on_with_the_same_network_only(self):
+        net = torch.nn.Linear(1, 1)
+
+        def other(image, points, pixel_from_velo):
+            boxes, logits = detector(image, points, pixel_from_velo)
+            return boxes, net(logits[:, None])[:, 0]
+
+        run = place("another")
+        mirage.attack(detector=other, data=FOLDER.data, out=run, copy=False, **dict(SETTINGS, iterations=1))
+        net.weight.data += 1
+        with self.assertRaisesRegex(mirage.InputError, "weights"):
+            mirage.attack(detector=other, data=FOLDER.data, out=run, copy=False, **dict(SETTINGS, iterations=2))
+
+    def test_errors(self):
+        def attack(function, **settings):
+            mirage.attack(detector=function, data=FOLDER.data, out=place("wrong"), **dict(SETTINGS, **settings))
+
+        with self.assertRaisesRegex(mirage.InputError, "mirage.attack: iteratons: unknown setting; use one of: .*iterations"):
+            attack(detector, iteratons=3)
+        with self.assertRaisesRegex(mirage.InputError, "target"):
+            attack(detector, target="nose")
+        with self.assertRaisesRegex(mirage.InputError, "nowhere"):
+            mirage.attack(detector=detector, data="nowhere", out=place("wrong"))
+        with self.assertRaisesRegex(mirage.InputError, "boxes: have shape"):
+            attack(lambda i, p, m: (torch.zeros(3, 7), torch.zeros(3)))
+        with self.assertRaisesRegex(mirage.InputError, "differentiable"):
+            attack(lambda i, p, m: tuple(t.detach() for t in detector(i, p, m)))
+        with self.assertRaisesRegex(mirage.InputError, "takes 2 arguments"):
+            attack(lambda i, p: None)
+        with self.assertRaisesRegex(ZeroDivisionError, "division"):  # the caller's own, as it is
+            attack(lambda i, p, m: 1 / 0)
+
+    def test_ctrl_c_stops_it_with_a_checkpoint(self):
+        run = place("stopped")
+
+        def slow(image, points, pixel_from_velo):
+            time.sleep(0.05)
+            return detector(image, points, pixel_from_velo)
+
+        timer = threading.Timer(1.5, os.kill, (os.getpid(), signal.SIGINT))
+        timer.start()
+        with self.assertRaises(KeyboardInterrupt):
+            mirage.attack(detector=slow, data=FOLDER.data, out=run, copy=False, **dict(SETTINGS, iterations=10000))
+        timer.join()
+        self.assertGreater(len(losses(run)), 0)
+        with self.assertRaises(KeyboardInterrupt):  # Python's own handler is back
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(1)
+
+
+class Evaluate(unittest.TestCase):
+    def test_by_callable_by_copy_and_on_the_command_line(self):
+        by_callable = mirage.evaluate(RUN, detector=detector, hosts="all")
+        self.assertGreater(by_callable["vehicles"], 0)
+        self.assertTrue(os.path.exists(os.path.join(RUN, "evaluate", "result.json")))
+        by_copy = mirage.evaluate(RUN, out=place("by-copy"), hosts="all")
+        done = command_line("evaluate", "--run", RUN, "--out", place("by-command"), "--hosts", "all")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with open(os.path.join(place("by-command"), "result.json")) as file:
+            by_command = json.load(file)
+        self.assertEqual(by_command["detector"], "torchscript")
+        for key in ("vehicles", "asr", "fn_asr", "fp_asr"):
+            self.assertEqual(by_callable[key], by_copy[key], key)
+            self.assertEqual(by_callable[key], by_command[key], key)
+
+    def test_without_a_copy_the_command_line_says_what_to_do(self):
+        run = place("no-copy")
+        mirage.attack(detector=detector, data=FOLDER.data, out=run, copy=False, **dict(SETTINGS, iterations=1))
+        done = command_line("evaluate", "--run", run, "--out", place("none"))
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("mirage.evaluate", done.stderr)
+        self.assertIn("--detector", done.stderr)
+        self.assertEqual(len(done.stderr.strip().splitlines()), 1)
+
+    def test_a_network_that_has_no_copy_warns(self):
+        def stubborn(image, points, pixel_from_velo):
+            boxes, logits = detector(image, points, pixel_from_velo)
+            return boxes, logits + (1.0 if float(points.sum()) > 1e9 else 0.001 * len(points))
+
+        with self.assertWarnsRegex(UserWarning, "no TorchScript copy"):
+            mirage.attack(detector=stubborn, data=FOLDER.data, out=place("stubborn"), **dict(SETTINGS, iterations=1))
+
+    def test_export_reads_the_run(self):
+        done = command_line("export", "--run", RUN, "--frames", "1", "--out", place("export"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_a_module_and_boxes_in_the_picture(self):
+        class Pictures(torch.nn.Module):
+            def __init__(self):
+                super().__init__()
+                self.gain = torch.nn.Parameter(torch.tensor(5.0))
+
+            def forward(self, image):
+                logits = 3 + self.gain * (image[20:60, 90:150].mean() - 0.05)
+                return torch.tensor([[90.0, 20.0, 150.0, 60.0]]), logits[None]
+
+        run = place("pictures")
+        mirage.attack(detector=Pictures().eval(), data=FOLDER.data, out=run, **dict(SETTINGS, iterations=2, target="image"))
+        self.assertTrue(os.path.exists(os.path.join(run, "detector.pt")))
+        self.assertEqual(mirage.evaluate(run, detector=Pictures().eval(), hosts="all")["plane"], "picture")
+
+    def test_another_pytorch_keeps_the_shipped_detectors_out(self):
+        code = textwrap.dedent(f"""
+            import sys, types
+            sys.modules["torch"] = types.SimpleNamespace(__version__="9.9.0")
+            import mirage
+            try:
+                mirage.evaluate({RUN!r})
+            except mirage.Failure as problem:
+                print(problem)""")
+        told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        self.assertIn("PyTorch 9.9.0", told)
+
+
+if __name__ == "__main__":
+    unittest.main()
