@@ -32,6 +32,7 @@ mirage_fake_plugins(detection fake fake_detector.cpp)
 mirage_tested_plugin(detection fusion)
 mirage_tested_plugin(detection torchscript)
 mirage_tested_plugin(defense fusion)
+mirage_tested_plugin(attack fusion)
 mirage_fake_plugins(scene fake_depth fake_depth.cpp)
 mirage_tested_plugin(scene guided)
 

@@ -183,6 +183,9 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
                                  100 * settings.min_view),
                      "give more frames or lower --min-view");
   spdlog::info("{} host vehicles to train on, {} held back", train.size(), test.size());
+  if (const std::string why = detectors.front()->capabilities().why_whole;
+      !why.empty() && target != AttackTarget::random)
+    spdlog::info("every pass of the detector is over the whole frame: {}", why);
 
   // The hosts belong to a run's identity: with other frames or labels the split would be another one, and a
   // resumed run would be tested on what it was trained on.

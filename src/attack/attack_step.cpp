@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 
+#include "attack/clean_view.h"
 #include "attack/evaluation.h"
 #include "attack/rank_steps.h"
 #include "base/error.h"
@@ -53,10 +54,19 @@ HostStep attack_host(Detector& detector, const PreparedFrame& known, const Host&
   if (draw != nullptr) draw->add_noise(simulated.image);
   step.seconds.worlds += clock.lap();
 
-  const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
+  SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
+  // Another exposure or noise changes every pixel: to a detector that reads them nothing is as recorded.
+  const Capabilities can = detector.capabilities();
+  const bool own_picture =
+      draw != nullptr && (settings.expectation.exposure > 0 || settings.expectation.image_noise > 0);
+  CleanView clean;
+  if (can.why_whole.empty() && !(own_picture && can.reads_image)) {
+    clean = clean_view(prepared, simulated);
+    view.clean = &clean;
+  }
   const auto proposals = detector.forward(view, settings.objective.relevant_score, true);
   step.seconds.detector_forward = clock.lap();
-  const Plane plane = detector.capabilities().plane();
+  const Plane plane = can.plane();
   const HostTruth truth(prepared.frame, label, plane,
                         plane == Plane::picture ? silhouette_box(simulated) : std::nullopt);
   const ObjectiveValue value = objective(proposals, truth, settings.objective);

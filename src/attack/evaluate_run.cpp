@@ -94,7 +94,10 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.settings.detector_identity = detector_identity(result.detector);
   result.settings.kinds = vehicle_kinds(stage.data, result.hosts);
   result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
-  result.settings.plane = result.detectors.front()->capabilities().plane();
+  const Capabilities can = result.detectors.front()->capabilities();
+  result.settings.plane = can.plane();
+  if (!can.why_whole.empty())
+    spdlog::info("every pass of the detector is over the whole frame: {}", can.why_whole);
   result.reliance =
       cached_reliance(result.detectors, result.settings.detector_identity, stage.data, result.settings.quiet);
   const CleanDetections clean =

@@ -5,6 +5,7 @@
 #include <map>
 #include <mutex>
 
+#include "attack/clean_view.h"
 #include "attack/evaluation_strata.h"
 #include "attack/false_positives.h"
 #include "attack/frame_cache.h"
@@ -171,6 +172,11 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
   EvaluationSettings by = settings;
   by.plane = detectors.front()->capabilities().plane();
   const std::size_t count = hosts.size() * adversaries.size();
+  // A clean frame costs a whole pass, and saves more than half of one each time.
+  constexpr std::size_t kWorthKeeping = 3;
+  std::map<std::string, std::size_t> passes;
+  for (const HostId& id : hosts) passes[id.frame] += adversaries.size();
+  const bool local = detectors.front()->capabilities().why_whole.empty();
   std::vector<HostOutcome> outcomes(count);
   Progress progress("evaluate", count, settings.quiet);
   std::mutex mutex;
@@ -184,7 +190,12 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
     const Rooftop rooftop = store.rooftop(id);
     const Simulated simulated =
         simulate(prepared, label_of(prepared.frame, id), rooftop, adversaries[mesh], simulation);
-    const SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
+    SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
+    CleanView as_recorded;
+    if (local && passes.at(id.frame) >= kWorthKeeping) {
+      as_recorded = clean_view(prepared, simulated);
+      view.clean = &as_recorded;
+    }
     HostOutcome& outcome = outcomes[mesh * hosts.size() + i / adversaries.size()];
     const auto object = by.plane == Plane::picture ? silhouette_box(simulated) : std::nullopt;
     outcome = judge(id, prepared.frame, clean.at(id.frame), detections(detector, view, by), by, object);

@@ -20,6 +20,12 @@ inline void add_detector_options(CLI::App& app, DetectorOptions& options) {
                  "what the detector is defended by: none, jpeg:QUALITY, or shipped weights of mirage defend "
                  "(adversarial, denoising, depth-gate, adversarial-depth-gate)")
       ->capture_default_str();
+  app.add_option(
+         "--clean-memory", options.clean_memory_mb,
+         "MB of what the detector makes of frames without the object that are kept, so that only what "
+         "the object changes is computed anew; 0: every pass is over the whole frame")
+      ->check(CLI::Range(0, 1 << 20))
+      ->capture_default_str();
 }
 
 /// `data`: the data set that the detector is to see; its rig chooses the shipped weights.

@@ -34,8 +34,19 @@ BevBox rectangle(const Proposal& proposal, Plane plane);
 struct Capabilities {
   bool reads_image = true, reads_points = true;
   bool finds_bev = true, finds_picture = false;  ///< Proposal::box, Proposal::picture
+  /// Empty: SensorView::clean saves it work. Else why every pass is over the whole frame.
+  std::string why_whole = "its plugin knows no other passes";
   /// Where it is judged: in the picture if it finds boxes nowhere else.
   Plane plane() const { return finds_bev ? Plane::bev : Plane::picture; }
+};
+
+/// The frame without the object: what a detector made of it may be kept, and only what the object changes
+/// is computed anew. The answers and the gradient are those of the whole pass up to rounding.
+struct CleanView {
+  const ImageF* image = nullptr;
+  std::span<const LidarPoint> points;
+  std::uint64_t key = 0;  ///< the same for the same image, points and calibration
+  PixelRect changed;      ///< outside it the pictures are the same; of the sweeps nothing is assumed
 };
 
 /// What a detector reads; views, not copies.
@@ -43,6 +54,9 @@ struct SensorView {
   const ImageF* image = nullptr;  ///< scene-linear RGB
   std::span<const LidarPoint> points;
   const Calibration* calibration = nullptr;
+  /// If given, backward() gives the gradient of the changed pixels and of the points that are not in the
+  /// clean sweep, and may give zero elsewhere. The calibration is the same.
+  const CleanView* clean = nullptr;
 };
 
 /// d loss / d pixel (H×W×3) and d loss / d (x, y, z, reflectance) of each point.
@@ -133,6 +147,9 @@ struct DetectorOptions {
   /// Weights of a camera and of a lidar detector that the branches of a new training start from; may be
   /// empty.
   std::filesystem::path camera = {}, lidar = {};
+  /// Bytes of clean frames' activations that a detector and those that share its weights may keep, in MB; 0:
+  /// every pass is over the whole frame. A matter of time alone.
+  int clean_memory_mb = 2048;
 };
 
 /// The word for DetectorOptions::weights that names the shipped weights fine-tuned on KITTI, whose licence

@@ -69,9 +69,18 @@ typedef struct MirageSample {
 #define MIRAGE_READS_IMAGE 1u
 #define MIRAGE_READS_POINTS 2u
 #define MIRAGE_FINDS_BEV 4u /* MirageProposal.box */
-#define MIRAGE_FINDS_PICTURE                                                    \
-  8u /* MirageProposal.picture; boxes of a detector with both flags go together \
-      */
+#define MIRAGE_FINDS_PICTURE                                                                                \
+  8u                             /* MirageProposal.picture; boxes of a detector with both flags go together \
+                                  */
+#define MIRAGE_KNOWS_CHANGES 16u /* the table ends with why_whole and forward_changed */
+
+/* An input that is another one with something put in. The points may differ anywhere; outside the rectangle
+ * (left, top) to (right, bottom), exclusive, pixels, the pictures are the same. */
+typedef struct MirageChange {
+  const MirageSensorInput* clean; /* the other input; the same projection */
+  uint64_t key;                   /* the same for the same clean input */
+  int32_t left, top, right, bottom;
+} MirageChange;
 
 /* Euclidean norms of the image features over their channels; memory of the detector until its next call. */
 typedef struct MirageImageFeatures {
@@ -93,6 +102,7 @@ typedef struct MirageDetectorApi {
   /* `options_json`: {"modality": the detector's name as the user gave it, "seed": N, "threads": N,
    * "start": bool, "bfloat16": bool, "camera": a weights file that the image branch of a new training starts
    * from, "lidar": the same for the LiDAR branch,
+   * "clean_memory_mb": N, what forward_changed may keep of clean inputs (0: nothing, and passes are whole),
    * "parts": [names of optional parts of a fresh or starting network: "denoising", "depth-gate"]};
    * `weights`: a file, or NULL for freshly initialised weights. start: the weights begin a new training
    * (fresh optimiser; a fusion detector may begin with a lidar detector's). bfloat16: for training passes.
@@ -129,6 +139,16 @@ typedef struct MirageDetectorApi {
   /* May be NULL. How strongly the image features answer to an input; a detector without any fails. */
   int (*image_features)(void* detector, const MirageSensorInput* input, MirageImageFeatures* features,
                         char* error, size_t error_size);
+
+  /* Only with MIRAGE_KNOWS_CHANGES. Why a pass over a change is no shorter than a whole one; "" if it is. The
+   * string lives as long as the plugin. */
+  const char* (*why_whole)(void* detector);
+  /* As forward, with the same answers up to rounding, of an input that is mostly a clean one. backward then
+   * fills d_image inside the rectangle and d_points of points that are not in the clean sweep; the rest of
+   * both may be zero. */
+  int (*forward_changed)(void* detector, const MirageSensorInput* input, const MirageChange* change,
+                         float score_threshold, int32_t keep_graph, const MirageProposal** proposals,
+                         int64_t* count, char* error, size_t error_size);
 } MirageDetectorApi;
 
 typedef const MirageDetectorApi* (*MirageDetectorEntry)(void);

@@ -124,6 +124,9 @@ class PluginDetector : public Detector {
     call_plugin(plugin_.file, "capabilities", [&] { flags = plugin_.api->capabilities(instance_); });
     capabilities_ = {(flags & MIRAGE_READS_IMAGE) != 0, (flags & MIRAGE_READS_POINTS) != 0,
                      (flags & MIRAGE_FINDS_BEV) != 0, (flags & MIRAGE_FINDS_PICTURE) != 0};
+    if (flags & MIRAGE_KNOWS_CHANGES)
+      call_plugin(plugin_.file, "why_whole",
+                  [&] { capabilities_.why_whole = plugin_.api->why_whole(instance_); });
   }
   PluginDetector(const PluginDetector&) = delete;
   PluginDetector& operator=(const PluginDetector&) = delete;
@@ -142,14 +145,22 @@ class PluginDetector : public Detector {
     const MirageSensorInput input = raw_input(view);
     const MirageProposal* found = nullptr;
     std::int64_t count = 0;
-    run("forward", [&](char* error) {
-      return plugin_.api->forward(instance_, &input, static_cast<float>(score_threshold), keep_graph, &found,
-                                  &count, error, kPluginErrorSize);
-    });
-    if (view.image && !view.image->empty())
-      kept_ = ImageF(view.image->width, view.image->height, 3);
-    else
-      kept_ = ImageF();
+    if (view.clean && capabilities_.why_whole.empty()) {
+      const MirageSensorInput clean = raw_input({view.clean->image, view.clean->points, view.calibration});
+      const PixelRect& rect = view.clean->changed;
+      const MirageChange change = {&clean, view.clean->key, rect.u0, rect.v0, rect.u1, rect.v1};
+      run("forward_changed", [&](char* error) {
+        return plugin_.api->forward_changed(instance_, &input, &change, static_cast<float>(score_threshold),
+                                            keep_graph, &found, &count, error, kPluginErrorSize);
+      });
+    } else {
+      run("forward", [&](char* error) {
+        return plugin_.api->forward(instance_, &input, static_cast<float>(score_threshold), keep_graph,
+                                    &found, &count, error, kPluginErrorSize);
+      });
+    }
+    kept_width_ = view.image ? view.image->width : 0;
+    kept_height_ = view.image ? view.image->height : 0;
     kept_points_ = view.points.size();
     std::vector<Proposal> proposals;
     for (std::int64_t i = 0; i < count; ++i) {
@@ -168,7 +179,8 @@ class PluginDetector : public Detector {
 
   SensorGradient backward(std::span<const double> d_logits) override {
     const std::vector<float> raw(d_logits.begin(), d_logits.end());
-    SensorGradient gradient{kept_, {}};
+    SensorGradient gradient;
+    if (kept_width_ > 0 && kept_height_ > 0) gradient.image = ImageF(kept_width_, kept_height_, 3);
     gradient.points.resize(kept_points_);
     float* d_image = gradient.image.empty() ? nullptr : gradient.image.data.data();
     float* d_points = gradient.points.empty() ? nullptr : gradient.points.data()->data();
@@ -244,7 +256,7 @@ class PluginDetector : public Detector {
   void* instance_;
   Capabilities capabilities_;
   fs::path given_;
-  ImageF kept_;  // the last input's shape; its pixels are zero
+  int kept_width_ = 0, kept_height_ = 0;  // of the last input
   std::size_t kept_points_ = 0;
 };
 
@@ -362,6 +374,7 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
                              {"start", options.start},
                              {"bfloat16", options.bfloat16},
                              {"parts", options.parts},
+                             {"clean_memory_mb", options.clean_memory_mb},
                              {"threads", options.threads > 0 ? options.threads : thread_count()}};
   if (!by_path) settings["modality"] = options.detector;
   if (const auto file = branch_weights(options.camera, "--camera"); !file.empty()) settings["camera"] = file;

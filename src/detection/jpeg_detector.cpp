@@ -24,7 +24,11 @@ class JpegDetector : public Detector {
 
   std::string name() const override { return inner_->name(); }
   std::array<double, 4> region() const override { return inner_->region(); }
-  Capabilities capabilities() const override { return inner_->capabilities(); }
+  Capabilities capabilities() const override {
+    Capabilities known = inner_->capabilities();
+    known.why_whole = "the pictures that it sees are compressed";
+    return known;
+  }
 
   std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     ImageF image;
@@ -53,6 +57,7 @@ class JpegDetector : public Detector {
  private:
   /// The view with its picture compressed into `image`.
   SensorView compressed(SensorView view, ImageF& image) const {
+    view.clean = nullptr;
     if (view.image == nullptr || view.image->empty()) return view;
     image = jpeg_round_trip(*view.image, quality_);
     view.image = &image;

@@ -57,6 +57,7 @@ int main(int argc, char** argv) {
   register_fit_benchmarks();
   register_generator_benchmarks();
   register_detector_benchmarks();
+  register_attack_step_benchmarks();
   benchmark::Initialize(&argc, argv);
   Collector collector;
   benchmark::RunSpecifiedBenchmarks(&collector);

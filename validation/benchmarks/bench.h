@@ -29,5 +29,7 @@ void register_fit_benchmarks();
 void register_generator_benchmarks();
 /// Detectors: passes and training steps, by stage.
 void register_detector_benchmarks();
+/// One host's attack step, over whole frames and over windows.
+void register_attack_step_benchmarks();
 
 }  // namespace mirage

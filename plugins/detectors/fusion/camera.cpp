@@ -22,27 +22,27 @@ Tensor twice(const Tensor& x) {
       x, fn::InterpolateFuncOptions().scale_factor(std::vector<double>{2, 2}).mode(torch::kNearest));
 }
 
-std::int64_t padded(std::int64_t size) {
-  return (size + kDeepest - 1) / kDeepest * kDeepest;
-}
-
 nn::Conv2d plain_conv(int in, int out) {
   return nn::Conv2d(nn::Conv2dOptions(in, out, 1));
 }
 
-/// 1 × 3 × H' × W', BGR of 0 to 255 as 8-bit pictures hold them, padded to multiples of 32.
-Tensor network_picture(const Tensor& linear) {
+}  // namespace
+
+std::int64_t padded_size(std::int64_t size) {
+  return (size + kDeepest - 1) / kDeepest * kDeepest;
+}
+
+Tensor network_picture(const Tensor& linear, std::int64_t rows, std::int64_t columns) {
   const Tensor x = linear.clamp(0, 1);
   // The power's slope is infinite at 0, where the other branch is taken: bounded before, so that no NaN
   // comes back through the branch that is not.
   const Tensor curve = 1.055 * x.clamp_min(0.0031308).pow(1 / 2.4) - 0.055;
   const Tensor srgb = torch::where(x <= 0.0031308, 12.92 * x, curve) * 255;
   const Tensor bgr = srgb.flip(2).permute({2, 0, 1}).unsqueeze(0);
-  const std::int64_t down = padded(bgr.size(2)) - bgr.size(2), right = padded(bgr.size(3)) - bgr.size(3);
+  const std::int64_t down = rows - bgr.size(2), right = columns - bgr.size(3);
   return fn::pad(bgr, fn::PadFuncOptions({0, right, 0, down}).value(kPaddingGrey));
 }
 
-/// The four pixels of each 2 × 2 block as channels.
 Tensor focus(const Tensor& x) {
   using torch::indexing::None;
   using torch::indexing::Slice;
@@ -52,8 +52,6 @@ Tensor focus(const Tensor& x) {
   return torch::cat({part(0, 0), part(1, 0), part(0, 1), part(1, 1)}, 1)
       .contiguous(torch::MemoryFormat::ChannelsLast);
 }
-
-}  // namespace
 
 ConvSiluImpl::ConvSiluImpl(int in, int out, int kernel, int stride, int groups) {
   conv = register_module(
@@ -155,7 +153,7 @@ CameraNetImpl::CameraNetImpl() {
 }
 
 CameraOutput CameraNetImpl::forward(const Tensor& picture, bool with_boxes) {
-  const Tensor input = network_picture(picture);
+  const Tensor input = network_picture(picture, padded_size(picture.size(0)), padded_size(picture.size(1)));
   const Tensor x4 = group4(down4(stem(focus(input))));
   const Tensor x8 = group8(down8(x4));
   const Tensor x16 = group16(down16(x8));
@@ -177,7 +175,12 @@ CameraOutput CameraNetImpl::forward(const Tensor& picture, bool with_boxes) {
   for (std::size_t level = 0; level < scales.size(); ++level)
     rows.push_back(heads[level](scales[level]).flatten(2).squeeze(0).t());
   const Tensor all = torch::cat(rows).to(picture.scalar_type());
-  const std::vector<Place> places = places_of(picture.size(0), picture.size(1));
+  decode_rows(all, picture.size(0), picture.size(1), output);
+  return output;
+}
+
+void decode_rows(const Tensor& all, std::int64_t height, std::int64_t width, CameraOutput& output) {
+  const std::vector<Place> places = places_of(height, width);
   // A copy: the graph keeps it for the backward pass, when `places` is gone.
   const Tensor at =
       torch::from_blob(const_cast<Place*>(places.data()), {static_cast<std::int64_t>(places.size()), 3})
@@ -188,14 +191,13 @@ CameraOutput CameraNetImpl::forward(const Tensor& picture, bool with_boxes) {
   const Tensor half = all.narrow(1, 2, 2).clamp(-8, 8).exp() * (stride / 2);
   output.boxes = torch::cat({centre - half, centre + half}, 1);
   output.logits = logit_of_product(all.select(1, 4), all.select(1, 5));
-  return output;
 }
 
 std::vector<Place> places_of(std::int64_t height, std::int64_t width) {
   std::vector<Place> places;
   for (const int stride : kStrides)
-    for (std::int64_t row = 0; row < padded(height) / stride; ++row)
-      for (std::int64_t column = 0; column < padded(width) / stride; ++column)
+    for (std::int64_t row = 0; row < padded_size(height) / stride; ++row)
+      for (std::int64_t column = 0; column < padded_size(width) / stride; ++column)
         places.push_back({(static_cast<float>(column) + 0.5f) * static_cast<float>(stride) - 0.5f,
                           (static_cast<float>(row) + 0.5f) * static_cast<float>(stride) - 0.5f,
                           static_cast<float>(stride)});

@@ -72,10 +72,20 @@ struct Place {
 /// Of a picture of that size, in the order of CameraOutput::boxes.
 std::vector<Place> places_of(std::int64_t height, std::int64_t width);
 
+/// `size` up to the next multiple of 32, to which pictures are padded.
+std::int64_t padded_size(std::int64_t size);
+/// linear: h × w × 3. 1 × 3 × rows × columns, BGR of 0 to 255 as 8-bit pictures hold them, with grey to the
+/// right and below. Differentiable.
+torch::Tensor network_picture(const torch::Tensor& linear, std::int64_t rows, std::int64_t columns);
+/// The four pixels of each 2 × 2 block as channels.
+torch::Tensor focus(const torch::Tensor& x);
+/// Boxes and logits from the heads' rows (N × 6, in the order of places_of) into `output`.
+void decode_rows(const torch::Tensor& rows, std::int64_t height, std::int64_t width, CameraOutput& output);
+
 struct CameraNetImpl : torch::nn::Module {
   CameraNetImpl();
-  /// picture: H × W × 3, scene-linear RGB. Differentiable in it. Without `with_boxes` features and mask alone,
-  /// which need neither the bottom-up path nor the heads.
+  /// picture: H × W × 3, scene-linear RGB. Differentiable in it. Without `with_boxes` features and mask
+  /// alone, which need neither the bottom-up path nor the heads.
   CameraOutput forward(const torch::Tensor& picture, bool with_boxes = true);
 
   ConvSilu stem{nullptr};

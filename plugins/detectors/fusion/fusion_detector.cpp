@@ -69,14 +69,16 @@ Network make_network(const Options& options) {
 
 }  // namespace
 
-FusionDetector::FusionDetector(const Options& options, Network network)
-    : options_(options), network_(std::move(network)) {
+FusionDetector::FusionDetector(const Options& options, Network network,
+                               std::shared_ptr<CleanFrames> clean_frames)
+    : options_(options), network_(std::move(network)), clean_frames_(std::move(clean_frames)) {
   options_.parts = network_->parts;
+  if (!clean_frames_) clean_frames_ = std::make_shared<CleanFrames>(network_, options_.clean_memory);
   start_optimiser();
 }
 
 FusionDetector::FusionDetector(const Options& options, const char* weights)
-    : FusionDetector(options, make_network(with_parts(options, weights))) {
+    : FusionDetector(options, make_network(with_parts(options, weights)), nullptr) {
   if (weights) load(weights);
   if (weights && !options_.start) return;
   if (!options_.lidar.empty()) take_over(options_.lidar, "lidar");
@@ -107,12 +109,13 @@ std::uint32_t FusionDetector::capabilities() const {
   const Parts& parts = options_.parts;
   std::uint32_t flags = parts.lidar ? MIRAGE_READS_POINTS | MIRAGE_FINDS_BEV : MIRAGE_FINDS_PICTURE;
   if (reads_image()) flags |= MIRAGE_READS_IMAGE;
-  return flags;
+  return flags | MIRAGE_KNOWS_CHANGES;
 }
 
 const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInput& input,
                                                            float score_threshold, bool keep_graph) {
   kept_logits_ = Tensor();
+  local_.reset();
   kept_input_ = copy_input(input, reads_image());
   kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
   at::set_num_threads(1);
@@ -121,16 +124,22 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
     kept_input_.points.requires_grad_(true);
     if (kept_input_.image.defined()) kept_input_.image.requires_grad_(true);
   }
-  proposals_.clear();
-  proposal_cells_.clear();
   if (!options_.parts.lidar) {
-    find_in_picture(score_threshold, keep_graph);
+    const CameraOutput seen = network_->see(kept_input_);
+    if (!seen.defined()) throw std::runtime_error("the input has no image; give one");
+    if (keep_graph) kept_logits_ = seen.logits;
+    propose(seen, score_threshold);
     return proposals_;
   }
   const Tensor output = network_->forward(kept_input_);
-  const Tensor logits = output.select(0, kLogit).reshape({-1});
-  if (keep_graph) kept_logits_ = logits;
+  if (keep_graph) kept_logits_ = output.select(0, kLogit).reshape({-1});
+  propose(output, score_threshold);
+  return proposals_;
+}
 
+void FusionDetector::propose(const Tensor& output, float score_threshold) {
+  proposals_.clear();
+  proposal_cells_.clear();
   const Tensor plain = output.detach().reshape({kOutputs, -1}).contiguous();
   const float* value = plain.data_ptr<float>();
   const std::int64_t cells = plain.size(1);
@@ -142,13 +151,11 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
     proposals_.push_back({decode_box(k, box), {}, logit});
     proposal_cells_.push_back(k);
   }
-  return proposals_;
 }
 
-void FusionDetector::find_in_picture(float score_threshold, bool keep_graph) {
-  const CameraOutput seen = network_->see(kept_input_);
-  if (!seen.defined()) throw std::runtime_error("the input has no image; give one");
-  if (keep_graph) kept_logits_ = seen.logits;
+void FusionDetector::propose(const CameraOutput& seen, float score_threshold) {
+  proposals_.clear();
+  proposal_cells_.clear();
   const Tensor logits = seen.logits.detach().contiguous(), boxes = seen.boxes.detach().contiguous();
   const float *logit = logits.data_ptr<float>(), *box = boxes.data_ptr<float>();
   for (std::int64_t k = 0; k < logits.numel(); ++k, box += 4) {
@@ -159,15 +166,16 @@ void FusionDetector::find_in_picture(float score_threshold, bool keep_graph) {
 }
 
 void FusionDetector::backward(std::span<const float> d_logits, float* d_image, float* d_points) {
-  if (!kept_logits_.defined())
+  if (!kept_logits_.defined() && !local_)
     throw std::runtime_error(
         "backward needs a forward that kept its graph; call forward with keep_graph first");
   if (d_logits.size() != proposal_cells_.size())
     throw std::runtime_error("backward got " + std::to_string(d_logits.size()) + " logit gradients for " +
                              std::to_string(proposal_cells_.size()) + " proposals; give one for each");
   at::set_num_threads(1);
-  Tensor seed = torch::zeros_like(kept_logits_);
+  Tensor seed = local_ ? torch::zeros({local_->logit_count()}) : torch::zeros_like(kept_logits_);
   for (std::size_t i = 0; i < d_logits.size(); ++i) seed.data_ptr<float>()[proposal_cells_[i]] = d_logits[i];
+  if (local_) return backward_changed(seed, d_image, d_points);
   std::vector<Tensor> inputs = {kept_input_.points};
   if (kept_input_.image.defined()) inputs.push_back(kept_input_.image);
   const auto gradients = torch::autograd::grad({kept_logits_}, inputs, {seed}, true, false, true);
@@ -238,6 +246,8 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
 std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> samples, float learning_rate) {
   if (samples.empty()) throw std::runtime_error("train_step got no samples; give at least one");
   kept_logits_ = Tensor();
+  local_.reset();
+  clean_frames_->forget();
   torch::AutoGradMode mode(true);
   const std::vector<Tensor> parameters = learning();
   const ParameterGradients on(parameters);

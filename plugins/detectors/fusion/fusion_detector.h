@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "detection/detector_abi.h"
+#include "local_network.h"
 #include "loss.h"
 #include "network.h"
 
@@ -30,6 +31,7 @@ struct Options {
   std::uint64_t seed = 0;
   bool bfloat16 = false;  ///< convolutions of training passes in bfloat16
   int threads = 1;        ///< samples of a training step at once; a forward pass uses one
+  std::size_t clean_memory = std::size_t{2048} << 20;  ///< bytes of clean frames kept; 0: passes are whole
 };
 
 /// Errors leave as std::exception; the C interface turns them into one line.
@@ -38,12 +40,17 @@ class FusionDetector {
   /// `weights`: a file written by save(), or nullptr for fresh weights drawn from the seed.
   FusionDetector(const Options& options, const char* weights);
   /// Another one on the same network, for another thread; of the two only one may be trained, alone.
-  FusionDetector* shared() const { return new FusionDetector(options_, network_); }
+  FusionDetector* shared() const { return new FusionDetector(options_, network_, clean_frames_); }
   std::uint32_t capabilities() const;
   bool reads_image() const { return options_.parts.camera || options_.parts.image; }
 
   const std::vector<MirageProposal>& forward(const MirageSensorInput& input, float score_threshold,
                                              bool keep_graph);
+  /// Why forward_changed would be no shorter; empty if it is.
+  const char* why_whole() const;
+  const std::vector<MirageProposal>& forward_changed(const MirageSensorInput& input,
+                                                     const MirageChange& change, float score_threshold,
+                                                     bool keep_graph);
   void backward(std::span<const float> d_logits, float* d_image, float* d_points);
   /// Total, score and box loss.
   std::array<float, 3> train_step(std::span<const MirageSample> samples, float learning_rate);
@@ -52,7 +59,7 @@ class FusionDetector {
   MirageImageFeatures image_features(const MirageSensorInput& input);
 
  private:
-  FusionDetector(const Options& options, Network network);
+  FusionDetector(const Options& options, Network network, std::shared_ptr<CleanFrames> clean_frames);
   void load(const std::string& file);
   void take_over(const std::string& file, const std::string& name);
   /// Those that learn.
@@ -63,7 +70,9 @@ class FusionDetector {
   CameraOutput remembered(const SensorTensors& input, std::uint64_t key);
   LossTerms loss_of(const MirageSample& sample, const Targets& targets, std::uint64_t index, double positives,
                     double boxed);
-  void find_in_picture(float score_threshold, bool keep_graph);
+  void propose(const torch::Tensor& output, float score_threshold);
+  void propose(const CameraOutput& seen, float score_threshold);
+  void backward_changed(const torch::Tensor& d_logits, float* d_image, float* d_points);
 
   Options options_;
   Network network_{nullptr};
@@ -86,6 +95,8 @@ class FusionDetector {
   std::size_t kept_image_values_ = 0;
   torch::Tensor kept_map_, kept_bev_;  ///< norms of the image features
   torch::Tensor kept_logits_;          ///< undefined unless the last forward kept its graph
+  std::shared_ptr<CleanFrames> clean_frames_;
+  std::unique_ptr<LocalNetwork> local_;  ///< of the last forward, if it was one over a change and kept it
 };
 
 }  // namespace mirage::fusion

@@ -8,38 +8,16 @@ namespace {
 
 constexpr double kNearestDepth = 0.5;  // m
 
-/// Offers each point to every cell whose centre it reaches; a cell keeps the nearest.
-NearestPoints nearest_on(const Grid& grid, std::span<const float> points,
-                         std::span<const std::int64_t> visible) {
-  std::vector<std::int64_t> best(static_cast<std::size_t>(grid.rows * grid.columns), -1);
-  std::vector<double> distance(best.size(), grid.reach * grid.reach);
+/// Cells of the grid whose centres a point reaches, and a cell around them.
+Window reached(const Grid& grid, double x, double y) {
   const auto first = [&](double at) {
     return std::max<std::int64_t>(0, std::llround(std::floor((at - grid.reach) / grid.cell)));
   };
   const auto last = [&](double at, std::int64_t count) {
     return std::min<std::int64_t>(count - 1, std::llround(std::floor((at + grid.reach) / grid.cell)));
   };
-  for (const std::int64_t i : visible) {
-    const double x = points[4 * i], y = points[4 * i + 1];
-    for (std::int64_t row = first(x - kXMin); row <= last(x - kXMin, grid.rows); ++row) {
-      const double dx = x - cell_x(row, grid.cell);
-      for (std::int64_t column = first(y - kYMin); column <= last(y - kYMin, grid.columns); ++column) {
-        const double dy = y - cell_y(column, grid.cell), squared = dx * dx + dy * dy;
-        const std::size_t at = row * grid.columns + column;
-        // Points are offered in their order: of two at the same distance the first one stays.
-        if (squared > distance[at] || (squared == distance[at] && best[at] >= 0)) continue;
-        distance[at] = squared;
-        best[at] = i;
-      }
-    }
-  }
-  NearestPoints nearest;
-  for (std::size_t cell = 0; cell < best.size(); ++cell) {
-    if (best[cell] < 0) continue;
-    nearest.cells.push_back(static_cast<std::int64_t>(cell));
-    nearest.points.push_back(best[cell]);
-  }
-  return nearest;
+  return {first(x - kXMin), first(y - kYMin), last(x - kXMin, grid.rows) + 1,
+          last(y - kYMin, grid.columns) + 1};
 }
 
 }  // namespace
@@ -64,17 +42,53 @@ torch::Tensor pixels_of(const torch::Tensor& points, const Projection& projectio
   return uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
 }
 
+Window cells_reached(const Grid& grid, const float* point) {
+  return reached(grid, point[0], point[1]);
+}
+
+bool feeds_cells(const float* p, const Projection& projection, int width, int height) {
+  return p[0] >= kXMin && p[0] < kXMax && p[1] >= kYMin && p[1] < kYMax && std::isfinite(p[2]) &&
+         seen_at(p, projection, width, height);
+}
+
+std::vector<std::int64_t> nearest_in(const Grid& grid, std::span<const float> points,
+                                     std::span<const std::int64_t> candidates, const Window& cells) {
+  std::vector<std::int64_t> best(static_cast<std::size_t>(cells.area()), -1);
+  std::vector<double> distance(best.size(), grid.reach * grid.reach);
+  for (const std::int64_t i : candidates) {
+    const double x = points[4 * i], y = points[4 * i + 1];
+    const Window offered = intersection(reached(grid, x, y), cells);
+    for (std::int64_t row = offered.top; row < offered.bottom; ++row) {
+      const double dx = x - cell_x(row, grid.cell);
+      for (std::int64_t column = offered.left; column < offered.right; ++column) {
+        const double dy = y - cell_y(column, grid.cell), squared = dx * dx + dy * dy;
+        const std::size_t at = (row - cells.top) * cells.columns() + column - cells.left;
+        // Points are offered in their order: of two at the same distance the first one stays.
+        if (squared > distance[at] || (squared == distance[at] && best[at] >= 0)) continue;
+        distance[at] = squared;
+        best[at] = i;
+      }
+    }
+  }
+  return best;
+}
+
 std::array<NearestPoints, kGrids.size()> nearest_points(std::span<const float> points,
                                                         const Projection& projection, int width, int height) {
   std::vector<std::int64_t> visible;
-  for (std::size_t i = 0; i < points.size() / 4; ++i) {
-    const float* p = points.data() + 4 * i;
-    if (!(p[0] >= kXMin && p[0] < kXMax && p[1] >= kYMin && p[1] < kYMax && std::isfinite(p[2]))) continue;
-    if (seen_at(p, projection, width, height)) visible.push_back(static_cast<std::int64_t>(i));
-  }
+  for (std::size_t i = 0; i < points.size() / 4; ++i)
+    if (feeds_cells(points.data() + 4 * i, projection, width, height))
+      visible.push_back(static_cast<std::int64_t>(i));
   std::array<NearestPoints, kGrids.size()> nearest;
-  for (std::size_t level = 0; level < kGrids.size(); ++level)
-    nearest[level] = nearest_on(kGrids[level], points, visible);
+  for (std::size_t level = 0; level < kGrids.size(); ++level) {
+    const Grid& grid = kGrids[level];
+    const auto best = nearest_in(grid, points, visible, {0, 0, grid.rows, grid.columns});
+    for (std::size_t cell = 0; cell < best.size(); ++cell) {
+      if (best[cell] < 0) continue;
+      nearest[level].cells.push_back(static_cast<std::int64_t>(cell));
+      nearest[level].points.push_back(best[cell]);
+    }
+  }
   return nearest;
 }
 

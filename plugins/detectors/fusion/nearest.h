@@ -9,6 +9,7 @@
 
 #include "region.h"
 #include "torch_headers.h"
+#include "window.h"
 
 namespace mirage::fusion {
 
@@ -38,5 +39,14 @@ struct NearestPoints {
 /// everything after it does.
 std::array<NearestPoints, kGrids.size()> nearest_points(std::span<const float> points,
                                                         const Projection& projection, int width, int height);
+
+/// Its parts. Whether a point (x, y, z) takes part: in the region, and seen by the camera.
+bool feeds_cells(const float* point, const Projection& projection, int width, int height);
+/// Cells that such a point may be nearest to.
+Window cells_reached(const Grid& grid, const float* point);
+/// For each cell of a window, row by row, the nearest of `candidates`, which are in the order of the points;
+/// −1 where none is within reach.
+std::vector<std::int64_t> nearest_in(const Grid& grid, std::span<const float> points,
+                                     std::span<const std::int64_t> candidates, const Window& cells);
 
 }  // namespace mirage::fusion

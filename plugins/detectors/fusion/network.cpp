@@ -129,11 +129,15 @@ void ContinuousFusionImpl::silence() {
   nn::init::zeros_(last->bias);
 }
 
-Tensor ContinuousFusionImpl::forward(const Tensor& read, const Tensor& offset, const Tensor& cells,
-                                     const Grid& grid) {
+Tensor ContinuousFusionImpl::rows(const Tensor& read, const Tensor& offset) {
   // In float even where convolutions run in bfloat16: rows of 48 gain nothing from it.
   const c10::impl::ExcludeDispatchKeyGuard in_float(c10::DispatchKey::AutocastCPU);
-  const Tensor y = last(torch::relu(hidden2(torch::relu(hidden(torch::cat({read, offset}, 1))))));
+  return last(torch::relu(hidden2(torch::relu(hidden(torch::cat({read, offset}, 1))))));
+}
+
+Tensor ContinuousFusionImpl::forward(const Tensor& read, const Tensor& offset, const Tensor& cells,
+                                     const Grid& grid) {
+  const Tensor y = rows(read, offset);
   const Tensor dense = torch::zeros({grid.rows * grid.columns, out_}, y.options()).index_copy(0, cells, y);
   return dense.view({1, grid.rows, grid.columns, out_}).permute({0, 3, 1, 2});
 }
@@ -186,6 +190,11 @@ NetworkImpl::NetworkImpl(const Parts& chosen) : parts(chosen) {
     if (parameter.dim() == 4) parameter.set_data(parameter.contiguous(torch::MemoryFormat::ChannelsLast));
 }
 
+Tensor places_in_map(const Tensor& pixels) {
+  // Pixel centres are whole numbers, and so are those of the map's cells: both edges lie at −1/2.
+  return (pixels + 0.5) / kImageStride - 0.5;
+}
+
 ReadFeatures NetworkImpl::read_image(const SensorTensors& input) {
   ReadFeatures found;
   const int width = static_cast<int>(input.image.size(1)), height = static_cast<int>(input.image.size(0));
@@ -210,14 +219,24 @@ ReadFeatures NetworkImpl::read_image(const SensorTensors& input) {
   } else {
     found.map = image(input.image.to(head->weight.device()));
   }
-  // Pixel centres are whole numbers, and so are those of the map's cells: both edges lie at −1/2.
-  found.read = bilinear(found.map.to(torch::kCPU), (uv + 0.5) / kImageStride - 0.5);
+  found.read = bilinear(found.map.to(torch::kCPU), places_in_map(uv));
   if (parts.depth_gate) {
     const auto before = nearest_before(flat, input.projection, width, height, chosen);
     const Tensor front = projected(all.index_select(0, torch::tensor(before)), input.projection).select(1, 2);
     found.read = found.read * depth_gate(uvw.select(1, 2), front).unsqueeze(1);
   }
   return found;
+}
+
+Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid) {
+  Tensor centres = torch::empty({static_cast<std::int64_t>(cells.size()), 3});
+  float* centre = centres.data_ptr<float>();
+  for (const std::int64_t cell : cells) {
+    *centre++ = static_cast<float>(cell_x(cell / grid.columns, grid.cell));
+    *centre++ = static_cast<float>(cell_y(cell % grid.columns, grid.cell));
+    *centre++ = -1;  // halfway up a car
+  }
+  return centres;
 }
 
 std::array<Tensor, kGrids.size()> NetworkImpl::fused(const SensorTensors& input) {
@@ -231,13 +250,7 @@ std::array<Tensor, kGrids.size()> NetworkImpl::fused(const SensorTensors& input)
     const std::vector<std::int64_t>& cells = found.nearest[level].cells;
     const auto count = static_cast<std::int64_t>(cells.size());
     if (count == 0) continue;
-    Tensor centres = torch::empty({count, 3});
-    float* centre = centres.data_ptr<float>();
-    for (std::int64_t k = 0; k < count; ++k, centre += 3) {
-      centre[0] = static_cast<float>(cell_x(cells[k] / grid.columns, grid.cell));
-      centre[1] = static_cast<float>(cell_y(cells[k] % grid.columns, grid.cell));
-      centre[2] = -1;  // halfway up a car
-    }
+    const Tensor centres = centres_of(cells, grid);
     const Tensor offset = found.points.narrow(0, from, count) - centres.to(found.points.dtype());
     added[level] = fuse[level](found.read.narrow(0, from, count).to(device), offset.to(device),
                                torch::tensor(cells).to(device), grid);

@@ -98,6 +98,7 @@ struct ContinuousFusionImpl : torch::nn::Module {
   /// elsewhere.
   torch::Tensor forward(const torch::Tensor& read, const torch::Tensor& offset, const torch::Tensor& cells,
                         const Grid& grid);
+  torch::Tensor rows(const torch::Tensor& read, const torch::Tensor& offset);  ///< the MLP: n × out
   void silence();  ///< the last layer to zero: until it has learned, the fusion adds nothing
   torch::nn::Linear hidden{nullptr}, hidden2{nullptr}, last{nullptr};
   int out_;
@@ -111,6 +112,11 @@ struct ReadFeatures {
   torch::Tensor read;    ///< n × features, gated where the network has a gate
   std::array<NearestPoints, kGrids.size()> nearest;
 };
+
+/// The points that cells' offsets are taken from: n × 3.
+torch::Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid);
+/// Where pixels (n × 2) lie in the map that fusion reads, as bilinear() counts.
+torch::Tensor places_in_map(const torch::Tensor& pixels);
 
 struct NetworkImpl : torch::nn::Module {
   explicit NetworkImpl(const Parts& parts);

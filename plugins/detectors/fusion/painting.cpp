@@ -10,7 +10,7 @@ namespace mirage::fusion {
 
 using torch::Tensor;
 
-Tensor painted_voxels(const SensorTensors& input) {
+Tensor painted_voxels(const SensorTensors& input, const Window& within) {
   const auto type = input.points.options();
   const Tensor nothing = torch::zeros({1, kPaintedChannels, kVoxelsX, kVoxelsY}, type);
   if (!input.camera.defined() || input.points.size(0) == 0) return nothing;
@@ -22,10 +22,14 @@ Tensor painted_voxels(const SensorTensors& input) {
   for (std::int64_t i = 0; i < rows.size(0); ++i, p += 4) {
     const double x = (p[0] - kXMin) / kVoxel - 0.5, y = (p[1] - kYMin) / kVoxel - 0.5;
     if (!(x > 0 && x < kVoxelsX - 1 && y > 0 && y < kVoxelsY - 1 && std::isfinite(p[2]))) continue;
+    const auto low_row = static_cast<std::int64_t>(x), low_column = static_cast<std::int64_t>(y);
+    if (low_row + 1 < within.top || low_row >= within.bottom || low_column + 1 < within.left ||
+        low_column >= within.right)
+      continue;
     if (!seen_at(p, input.projection, width, height)) continue;
     chosen.push_back(i);
-    column_x.push_back(static_cast<std::int64_t>(x));
-    column_y.push_back(static_cast<std::int64_t>(y));
+    column_x.push_back(low_row);
+    column_y.push_back(low_column);
   }
   if (chosen.empty()) return nothing;
   const Tensor points = input.points.index_select(0, torch::tensor(chosen)).narrow(1, 0, 3);

@@ -27,6 +27,7 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
     options.threads = json.value("threads", 1);
     options.start = json.value("start", false);
     options.bfloat16 = json.value("bfloat16", false);
+    options.clean_memory = json.value("clean_memory_mb", std::size_t{2048}) << 20;
     for (const std::string part : json.value("parts", nlohmann::json::array())) {
       if (part == "denoising")
         options.parts.denoising = true;
@@ -97,9 +98,23 @@ int image_features(void* detector, const MirageSensorInput* input, MirageImageFe
   return guarded(error, error_size, [&] { *features = instance(detector).image_features(*input); });
 }
 
+const char* why_whole(void* detector) {
+  return instance(detector).why_whole();
+}
+
+int forward_changed(void* detector, const MirageSensorInput* input, const MirageChange* change,
+                    float score_threshold, int32_t keep_graph, const MirageProposal** proposals,
+                    int64_t* count, char* error, size_t error_size) {
+  return guarded(error, error_size, [&] {
+    const auto& found = instance(detector).forward_changed(*input, *change, score_threshold, keep_graph != 0);
+    *proposals = found.data();
+    *count = static_cast<int64_t>(found.size());
+  });
+}
+
 const MirageDetectorApi kApi = {
-    MIRAGE_DETECTOR_ABI, "fusion", create,       destroy, region,        forward, backward,
-    train_step,          save,     capabilities, share,   image_features};
+    MIRAGE_DETECTOR_ABI, "fusion", create,       destroy, region,         forward,   backward,
+    train_step,          save,     capabilities, share,   image_features, why_whole, forward_changed};
 
 }  // namespace
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "torch_headers.h"
+#include "window.h"
 
 namespace mirage::fusion {
 
@@ -12,5 +13,12 @@ namespace mirage::fusion {
 /// generated sweeps disagree about it. Bounded to [0, 1) by m / (1 + m), so that near, dense cars look like
 /// far, thin ones.
 torch::Tensor soft_voxels(const torch::Tensor& points);
+/// A window of the same (zero beyond the grid), of float points; no gradient.
+torch::Tensor soft_voxels(const torch::Tensor& points, const Window& in);
+/// Its VJP: d points (N × 4) from the gradient in the window's voxels.
+torch::Tensor soft_voxels_vjp(const torch::Tensor& points, const Window& in, const torch::Tensor& voxels,
+                              const torch::Tensor& gradient);
+/// Adds the columns of voxels that a point reaches.
+void add_voxels_of(const float* point, Dirty& dirty);
 
 }  // namespace mirage::fusion

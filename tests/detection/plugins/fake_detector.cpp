@@ -49,6 +49,8 @@ const MirageDetectorApi api = {abi(MIRAGE_DETECTOR_ABI),
                                save,
                                capabilities,
                                nullptr,
+                               nullptr,
+                               nullptr,
                                nullptr};
 
 }  // namespace

@@ -1,0 +1,22 @@
+// The LiDAR's backbone as a plan.
+#pragma once
+
+#include <array>
+
+#include "local_pass.h"
+#include "network.h"
+
+namespace mirage::fusion {
+
+/// Numbers of its layers.
+struct BackbonePlan {
+  Plan plan;
+  int voxels = 0;  ///< the input: soft_voxels, and painted_voxels behind them where the network paints
+  std::array<int, kGrids.size()> added = {-1, -1, -1, -1};  ///< inputs: what continuous fusion adds
+  int output = 0;                                           ///< kOutputs × 140 × 160
+};
+
+/// Of a network whose norms are affine (Norm::channel); folds them.
+BackbonePlan backbone_plan(NetworkImpl& network);
+
+}  // namespace mirage::fusion

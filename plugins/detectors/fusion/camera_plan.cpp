@@ -1,0 +1,98 @@
+#include "camera_plan.h"
+
+namespace mirage::fusion {
+namespace {
+
+using torch::Tensor;
+namespace fn = torch::nn::functional;
+
+/// Adds the network's modules to a plan.
+struct Builder {
+  Plan& plan;
+
+  int conv(int from, const torch::nn::Conv2d& layer, Curve curve) {
+    return plan.conv(from, layer->weight, layer->bias, layer->options.stride()->at(0),
+                     layer->options.groups(), curve);
+  }
+  int silu(int from, const ConvSilu& layer) { return conv(from, layer->conv, Curve::silu); }
+  int depthwise(int from, const Depthwise& layer) { return silu(silu(from, layer->each), layer->across); }
+  int csp(int from, const Csp& block) {
+    int y = silu(from, block->through);
+    for (std::size_t i = 0; i < block->narrow.size(); ++i) {
+      const int z = depthwise(silu(y, block->narrow[i]), block->wide[i]);
+      y = block->shortcut_ ? plan.sum(y, z, Curve::none) : z;
+    }
+    return silu(plan.join({y, silu(from, block->past)}), block->join);
+  }
+  int twice(int from) { return plan.twice(from, 2 * plan[from].rows); }
+  int head(int from, const PictureHead& head) {
+    const int start = silu(from, head->stem);
+    const int box = depthwise(depthwise(start, head->box1), head->box2);
+    const int class_ = depthwise(depthwise(start, head->class1), head->class2);
+    return plan.join({conv(box, head->box_out, Curve::none), conv(box, head->object_out, Curve::none),
+                      conv(class_, head->class_out, Curve::none)});
+  }
+};
+
+}  // namespace
+
+CameraPlan camera_plan(CameraNetImpl& net, std::int64_t height, std::int64_t width, bool boxes, bool read) {
+  CameraPlan made;
+  made.height = height, made.width = width;
+  Plan& plan = made.plan;
+  Builder add{plan};
+  made.picture = plan.given(12, padded_size(height) / 2, padded_size(width) / 2, false);
+  const int x4 = add.csp(add.depthwise(add.silu(made.picture, net.stem), net.down4), net.group4);
+  const int x8 = add.csp(add.depthwise(x4, net.down8), net.group8);
+  const int x16 = add.csp(add.depthwise(x8, net.down16), net.group16);
+  const int pooled = add.silu(add.depthwise(x16, net.down32), net.pool_in);
+  std::vector<int> windows = {pooled};
+  for (const int side : {5, 9, 13}) windows.push_back(plan.pool(pooled, side));
+  const int x32 = add.csp(add.silu(plan.join(windows), net.pool_out), net.group32);
+  const int l16 = add.silu(x32, net.lateral16);
+  const int l8 = add.silu(add.csp(plan.join({add.twice(l16), x16}), net.top16), net.lateral8);
+  const int p8 = add.csp(plan.join({add.twice(l8), x8}), net.top8);
+  made.features = p8;
+  plan.keep(p8);
+  const int fine = add.silu(x4, net.mask_fine), coarse = add.twice(add.silu(p8, net.mask_coarse));
+  made.mask =
+      add.conv(add.silu(plan.sum(fine, coarse, Curve::none), net.mask_join), net.mask_out, Curve::none);
+  plan.keep(made.mask);
+  if (read) {
+    made.read = plan.join({p8, plan.halve(made.mask)});
+    plan.keep(made.read);
+  }
+  if (!boxes) return made;
+  const int p16 = add.csp(plan.join({add.depthwise(p8, net.up16), l8}), net.bottom16);
+  const int p32 = add.csp(plan.join({add.depthwise(p16, net.up32), l16}), net.bottom32);
+  const std::array<int, 3> scales = {p8, p16, p32};
+  for (std::size_t level = 0; level < scales.size(); ++level) {
+    made.rows[level] = add.head(scales[level], net.heads[level]);
+    plan.keep(made.rows[level]);
+  }
+  return made;
+}
+
+Window focus_window(const Window& pixels) {
+  return {pixels.top / 2, pixels.left / 2, (pixels.bottom + 1) / 2, (pixels.right + 1) / 2};
+}
+
+Tensor focused(const Tensor& picture, const Window& at) {
+  const std::int64_t height = picture.size(0), width = picture.size(1);
+  const Window map{0, 0, padded_size(height) / 2, padded_size(width) / 2}, inside = intersection(at, map);
+  const Window pixels = intersection({2 * inside.top, 2 * inside.left, 2 * inside.bottom, 2 * inside.right},
+                                     {0, 0, height, width});
+  const Tensor part = picture.narrow(0, pixels.top, pixels.rows()).narrow(1, pixels.left, pixels.columns());
+  const Tensor x = focus(network_picture(part, 2 * inside.rows(), 2 * inside.columns()));
+  return fn::pad(x, fn::PadFuncOptions({inside.left - at.left, at.right - inside.right, inside.top - at.top,
+                                        at.bottom - inside.bottom}))
+      .contiguous(torch::MemoryFormat::ChannelsLast);
+}
+
+Tensor head_rows(const std::array<Tensor, 3>& maps) {
+  std::vector<Tensor> rows;
+  for (const Tensor& map : maps) rows.push_back(map.flatten(2).squeeze(0).t());
+  return torch::cat(rows);
+}
+
+}  // namespace mirage::fusion

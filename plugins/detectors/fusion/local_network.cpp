@@ -1,0 +1,334 @@
+#include "local_network.h"
+
+#include <algorithm>
+#include <cstring>
+
+#include "bilinear.h"
+#include "painting.h"
+#include "region.h"
+#include "voxels.h"
+
+namespace mirage::fusion {
+namespace {
+
+using torch::Tensor;
+
+/// The part of a map that covers (0, 0), ….
+Tensor part(const Tensor& map, const Window& at) {
+  return map.narrow(2, at.top, at.rows()).narrow(3, at.left, at.columns());
+}
+
+Window whole_picture(const Tensor& image) {
+  return {0, 0, image.size(0), image.size(1)};
+}
+
+}  // namespace
+
+LocalNetwork::LocalNetwork(Network network, std::shared_ptr<const CleanFrame> clean,
+                           const SensorTensors& input, const Window& changed)
+    : network_(std::move(network)), clean_(std::move(clean)), input_(input), changed_(changed) {
+  const torch::NoGradGuard guard;
+  sweep_ = sweep_change(clean_->points, input_.points);
+  if (clean_->camera_plan) look();
+  if (!clean_->backbone_plan) return;
+  backbone_.emplace(clean_->backbone_plan->plan, clean_->backbone);
+  if (network_->parts.image && clean_->camera_plan) add_features();
+  give_voxels();
+  backbone_->forward();
+  output_ = backbone_->whole(clean_->backbone_plan->output).squeeze(0);
+  if (network_->parts.late && clean_->camera_plan) join();
+}
+
+void LocalNetwork::look() {
+  const CameraPlan& plan = *clean_->camera_plan;
+  camera_.emplace(plan.plan, clean_->camera);
+  const Layer& picture = plan.plan[plan.picture];
+  changed_ = intersection(changed_, whole_picture(input_.image));
+  Dirty dirty(picture.rows, picture.columns);
+  if (!changed_.empty()) dirty.add(focus_window(changed_));
+  std::vector<Patch> patches;
+  for (const Window& at : camera_->needed(plan.picture, dirty)) {
+    Patch patch;
+    patch.at = at;
+    patch.value = focused(input_.image, at);
+    patches.push_back(std::move(patch));
+  }
+  camera_->give(plan.picture, std::move(dirty), std::move(patches));
+  camera_->forward();
+  if (network_->parts.lidar) seen_.mask = camera_->whole(plan.mask);
+  if (plan.rows[0] < 0) return;
+  rows_ =
+      head_rows({camera_->whole(plan.rows[0]), camera_->whole(plan.rows[1]), camera_->whole(plan.rows[2])});
+  decode_rows(rows_, plan.height, plan.width, seen_);
+}
+
+void LocalNetwork::add_features() {
+  const CameraPlan& camera = *clean_->camera_plan;
+  cells_ = changed_cells(*clean_, input_.points, sweep_, camera_->dirty(camera.read));
+  read_ = camera_->whole(camera.read);
+  for (std::size_t level = 0; level < kGrids.size(); ++level) {
+    const Grid& grid = kGrids[level];
+    const int number = clean_->backbone_plan->added[level];
+    std::vector<std::int64_t> cells, points;
+    Dirty dirty(grid.rows, grid.columns);
+    for (const auto& [cell, point] : cells_[level]) {
+      dirty.add(cell / grid.columns, cell % grid.columns);
+      if (point >= 0) cells.push_back(cell), points.push_back(point);
+    }
+    Tensor rows;
+    if (!cells.empty()) {
+      const Tensor at = input_.points.narrow(1, 0, 3).index_select(0, torch::tensor(points));
+      const Tensor read = bilinear(read_, places_in_map(pixels_of(at, input_.projection)));
+      rows = network_->fuse[level]->rows(read, at - centres_of(cells, grid)).contiguous();
+    }
+    const Layer& layer = clean_->backbone_plan->plan[number];
+    const auto channels = static_cast<std::size_t>(layer.channels);
+    std::vector<const float*> row_of(static_cast<std::size_t>(grid.rows * grid.columns), nullptr);
+    const std::vector<float> nothing(channels, 0.f);
+    for (const ChangedCell& changed : cells_[level])
+      row_of[static_cast<std::size_t>(changed.cell)] = nothing.data();
+    for (std::size_t k = 0; k < cells.size(); ++k)
+      row_of[static_cast<std::size_t>(cells[k])] = rows.data_ptr<float>() + k * channels;
+    std::vector<Patch> patches;
+    for (const Window& at : windows_of(dirty, layer)) {
+      Patch patch;
+      patch.at = at;
+      patch.value = backbone_->window(number, at);
+      float* value = patch.value.data_ptr<float>();
+      for (std::int64_t row = at.top; row < at.bottom; ++row)
+        for (std::int64_t column = at.left; column < at.right; ++column, value += channels)
+          if (const float* from = row_of[static_cast<std::size_t>(row * grid.columns + column)])
+            std::memcpy(value, from, sizeof(float) * channels);
+      patches.push_back(std::move(patch));
+    }
+    backbone_->give(number, std::move(dirty), std::move(patches));
+  }
+}
+
+void LocalNetwork::give_voxels() {
+  const BackbonePlan& plan = *clean_->backbone_plan;
+  Dirty dirty(kVoxelsX, kVoxelsY);
+  for (const std::int64_t i : sweep_.gone) add_voxels_of(clean_->points.data_ptr<float>() + 4 * i, dirty);
+  for (const std::int64_t i : sweep_.fresh) add_voxels_of(input_.points.data_ptr<float>() + 4 * i, dirty);
+  Tensor painted;
+  if (network_->parts.painted) {
+    input_.camera = seen_;
+    painted = painted_voxels(input_);
+    const std::int64_t columns = kVoxelsX * kVoxelsY;
+    const float *now = painted.data_ptr<float>(), *before = clean_->painted.data_ptr<float>();
+    for (std::int64_t k = 0; k < columns; ++k)
+      if (now[k] != before[k] || now[columns + k] != before[columns + k])
+        dirty.add(k / kVoxelsY, k % kVoxelsY);
+  }
+  std::vector<Patch> patches;
+  for (const Window& at : backbone_->needed(plan.voxels, dirty)) {
+    Patch patch;
+    patch.at = at;
+    patch.value = soft_voxels(input_.points, at);
+    if (painted.defined()) {
+      const Window inside = intersection(at, {0, 0, kVoxelsX, kVoxelsY});
+      Tensor beside = torch::zeros({1, kPaintedChannels, at.rows(), at.columns()});
+      part(beside,
+           {inside.top - at.top, inside.left - at.left, inside.bottom - at.top, inside.right - at.left})
+          .copy_(part(painted, inside));
+      patch.value = torch::cat({patch.value, beside}, 1);
+    }
+    patch.value = patch.value.contiguous(torch::MemoryFormat::ChannelsLast);
+    patches.push_back(std::move(patch));
+  }
+  backbone_->give(plan.voxels, std::move(dirty), std::move(patches));
+}
+
+void LocalNetwork::join() {
+  const torch::AutoGradMode on(true);
+  before_join_ = output_.detach().requires_grad_(true);
+  logits_before_join_ = seen_.logits.detach().requires_grad_(true);
+  SensorTensors input = input_;
+  input.camera = seen_;
+  input.camera.logits = logits_before_join_;
+  joined_ = network_->join(before_join_, input);
+  output_ = joined_.detach();
+}
+
+LocalNetwork::Gradient LocalNetwork::backward(const Tensor& d_logits) {
+  Gradient gradient;
+  gradient.points = sweep_.fresh;
+  gradient.of_points = torch::zeros({static_cast<std::int64_t>(sweep_.fresh.size()), 4});
+  if (!backbone_) {
+    back_through_rows(d_logits);
+  } else {
+    const Layer& layer = clean_->backbone_plan->plan[clean_->backbone_plan->output];
+    Tensor d_output = torch::zeros({1, kOutputs, layer.rows, layer.columns});
+    d_output.select(1, kLogit).copy_(d_logits.view({1, layer.rows, layer.columns}));
+    if (joined_.defined()) {
+      const auto before = torch::autograd::grad({joined_}, {before_join_, logits_before_join_},
+                                                {d_output.squeeze(0)}, true, false, true);
+      if (before[0].defined()) d_output = before[0].unsqueeze(0);
+      if (before[1].defined()) back_through_rows(before[1]);
+    }
+    backbone_->add_gradient(clean_->backbone_plan->output, d_output);
+    backbone_->backward();
+    back_through_voxels(gradient);
+    if (camera_ && network_->parts.image) back_through_features(gradient);
+  }
+  if (camera_) back_through_picture(gradient);
+  return gradient;
+}
+
+void LocalNetwork::back_through_rows(const Tensor& d_logits) {
+  Tensor d_rows;
+  {
+    const torch::AutoGradMode on(true);
+    const Tensor rows = rows_.narrow(1, 4, 2).detach().requires_grad_(true);
+    d_rows = torch::autograd::grad({logit_of_product(rows.select(1, 0), rows.select(1, 1))}, {rows},
+                                   {d_logits})[0];
+  }
+  const torch::NoGradGuard guard;
+  std::int64_t from = 0;
+  for (const int number : clean_->camera_plan->rows) {
+    const Layer& layer = clean_->camera_plan->plan[number];
+    Tensor map = torch::zeros({1, layer.channels, layer.rows, layer.columns});
+    map.narrow(1, 4, 2).copy_(
+        d_rows.narrow(0, from, layer.places()).t().view({1, 2, layer.rows, layer.columns}));
+    from += layer.places();
+    camera_->add_gradient(number, map);
+  }
+}
+
+void LocalNetwork::back_through_features(Gradient& gradient) {
+  struct Rows {
+    std::vector<std::int64_t> cells, points;
+    Tensor gradient;
+  };
+  std::array<Rows, kGrids.size()> levels;
+  std::vector<std::int64_t> all;
+  for (std::size_t level = 0; level < kGrids.size(); ++level) {
+    const Grid& grid = kGrids[level];
+    const int number = clean_->backbone_plan->added[level];
+    const Window touched = backbone_->touched(number);
+    if (touched.empty()) continue;
+    const Tensor map = backbone_->gradient(number, touched);
+    const auto channels = map.size(1);
+    const Tensor flat = map.permute({0, 2, 3, 1}).reshape({-1, channels});
+    const Tensor loud = flat.abs().amax(1).contiguous();
+    Rows& rows = levels[level];
+    std::vector<std::int64_t> places;
+    for (const auto& [cell, point] : cells_[level]) {
+      const std::int64_t row = cell / grid.columns, column = cell % grid.columns;
+      if (point < 0 || !holds(touched, {row, column, row + 1, column + 1})) continue;
+      const std::int64_t place = (row - touched.top) * touched.columns() + column - touched.left;
+      if (loud.data_ptr<float>()[place] == 0) continue;
+      rows.cells.push_back(cell), rows.points.push_back(point);
+      places.push_back(place);
+    }
+    if (places.empty()) continue;
+    rows.gradient = flat.index_select(0, torch::tensor(places));
+    all.insert(all.end(), rows.points.begin(), rows.points.end());
+  }
+  if (all.empty()) return;
+  std::vector<Tensor> changed;
+  {
+    const torch::AutoGradMode on(true);
+    const Tensor map = read_.detach().requires_grad_(true);
+    const Tensor points =
+        input_.points.narrow(1, 0, 3).index_select(0, torch::tensor(all)).detach().requires_grad_(true);
+    const Tensor read = bilinear(map, places_in_map(pixels_of(points, input_.projection)));
+    std::vector<Tensor> outputs, gradients;
+    std::int64_t from = 0;
+    for (std::size_t level = 0; level < kGrids.size(); ++level) {
+      const auto count = static_cast<std::int64_t>(levels[level].cells.size());
+      if (count == 0) continue;
+      outputs.push_back(network_->fuse[level]->rows(
+          read.narrow(0, from, count),
+          points.narrow(0, from, count) - centres_of(levels[level].cells, kGrids[level])));
+      gradients.push_back(levels[level].gradient);
+      from += count;
+    }
+    changed = torch::autograd::grad(outputs, {map, points}, gradients);
+  }
+  const torch::NoGradGuard guard;
+  add_to_points(gradient, all, changed[1]);
+  camera_->add_gradient(clean_->camera_plan->read, changed[0]);
+}
+
+void LocalNetwork::back_through_voxels(Gradient& gradient) {
+  const int number = clean_->backbone_plan->voxels;
+  const Window touched = intersection(backbone_->touched(number), {0, 0, kVoxelsX, kVoxelsY});
+  if (touched.empty()) return;
+  const Tensor d_voxels = backbone_->gradient(number, touched);
+  if (!sweep_.fresh.empty()) {
+    Dirty own(kVoxelsX, kVoxelsY);
+    for (const std::int64_t i : sweep_.fresh) add_voxels_of(input_.points.data_ptr<float>() + 4 * i, own);
+    Window at;
+    for (const Window& window : own.windows(kVoxelsX * kVoxelsY)) at = bounds(at, window);
+    at = intersection(at, touched);
+    if (!at.empty()) {
+      const Tensor fresh = input_.points.index_select(0, torch::tensor(sweep_.fresh));
+      const Window inner{at.top - touched.top, at.left - touched.left, at.bottom - touched.top,
+                         at.right - touched.left};
+      add_to_points(gradient, sweep_.fresh,
+                    soft_voxels_vjp(fresh, at, soft_voxels(input_.points, at),
+                                    part(d_voxels, inner).narrow(1, 0, kVoxelsZ)));
+    }
+  }
+  if (!network_->parts.painted || !camera_) return;
+  std::vector<Tensor> changed;
+  {
+    const torch::AutoGradMode on(true);
+    SensorTensors input = input_;
+    input.points = input_.points.detach().requires_grad_(true);
+    input.camera.mask = seen_.mask.detach().requires_grad_(true);
+    const Tensor painted = painted_voxels(input, touched);
+    if (!painted.requires_grad()) return;
+    changed = torch::autograd::grad({part(painted, touched)}, {input.camera.mask, input.points},
+                                    {d_voxels.narrow(1, kVoxelsZ, kPaintedChannels)}, {}, false, true);
+  }
+  const torch::NoGradGuard guard;
+  if (changed[1].defined() && !sweep_.fresh.empty())
+    add_to_points(gradient, sweep_.fresh, changed[1].index_select(0, torch::tensor(sweep_.fresh)));
+  if (changed[0].defined()) camera_->add_gradient(clean_->camera_plan->mask, changed[0]);
+}
+
+void LocalNetwork::back_through_picture(Gradient& gradient) {
+  camera_->backward();
+  if (changed_.empty()) return;
+  const int number = clean_->camera_plan->picture;
+  const Window focus_at = focus_window(changed_);
+  const Window pixels =
+      intersection({2 * focus_at.top, 2 * focus_at.left, 2 * focus_at.bottom, 2 * focus_at.right},
+                   whole_picture(input_.image));
+  const Tensor d_focus = camera_->gradient(number, focus_at);
+  const torch::AutoGradMode on(true);
+  const Tensor picture = input_.image.narrow(0, pixels.top, pixels.rows())
+                             .narrow(1, pixels.left, pixels.columns())
+                             .detach()
+                             .clone()
+                             .requires_grad_(true);
+  const Tensor x = focus(network_picture(picture, 2 * focus_at.rows(), 2 * focus_at.columns()));
+  gradient.image = torch::autograd::grad({x}, {picture}, {d_focus})[0].contiguous();
+  gradient.pixels = pixels;
+}
+
+void LocalNetwork::add_to_points(Gradient& gradient, std::span<const std::int64_t> points,
+                                 const Tensor& rows) {
+  const Tensor from = rows.contiguous();
+  const std::int64_t width = from.size(1);
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const auto at = std::lower_bound(sweep_.fresh.begin(), sweep_.fresh.end(), points[k]);
+    if (at == sweep_.fresh.end() || *at != points[k]) continue;  // as recorded
+    float* into = gradient.of_points.data_ptr<float>() + 4 * (at - sweep_.fresh.begin());
+    const float* row = from.data_ptr<float>() + static_cast<std::int64_t>(k) * width;
+    for (std::int64_t c = 0; c < std::min<std::int64_t>(width, 4); ++c) into[c] += row[c];
+  }
+}
+
+double LocalNetwork::work() const {
+  return (camera_ ? camera_->work() : 0) + (backbone_ ? backbone_->work() : 0);
+}
+
+double LocalNetwork::whole_work() const {
+  return (camera_ ? clean_->camera_plan->plan.work() : 0) +
+         (backbone_ ? clean_->backbone_plan->plan.work() : 0);
+}
+
+}  // namespace mirage::fusion

@@ -1,0 +1,80 @@
+// A pass of the network over what an object changed of a frame, forward and backward: the result of the whole
+// pass, up to the rounding of sums.
+//
+// What changed in the picture is told, what changed in the sweep is found (sweep_change.h). From there on
+// windows grow through the camera network (camera_plan.h), through the look-up of features by returns, and
+// through the backbone (backbone_plan.h). Whatever is discrete (which return feeds a cell, which boxes are
+// joined) is decided anew.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+
+#include "clean_frame.h"
+#include "sweep_change.h"
+
+namespace mirage::fusion {
+
+class LocalNetwork {
+ public:
+  /// input: image H × W × 3 (where the network reads one) and points, float. `changed`: pixels outside are
+  /// those of the clean frame.
+  LocalNetwork(Network network, std::shared_ptr<const CleanFrame> clean, const SensorTensors& input,
+               const Window& changed);
+  LocalNetwork(const LocalNetwork&) = delete;
+  LocalNetwork& operator=(const LocalNetwork&) = delete;
+
+  /// As NetworkImpl::forward: kOutputs × 140 × 160. Of a network with a backbone.
+  torch::Tensor output() const { return output_; }
+  /// What the camera network says, where asked for: boxes and logits.
+  const CameraOutput& seen() const { return seen_; }
+
+  /// Of the picture (0: none) and of the sweep.
+  std::pair<std::int64_t, std::int64_t> input_size() const {
+    return {input_.image.defined() ? input_.image.size(1) : 0, input_.points.size(0)};
+  }
+  std::int64_t logit_count() const {
+    return output_.defined() ? output_.size(1) * output_.size(2) : seen_.logits.size(0);
+  }
+
+  struct Gradient {
+    torch::Tensor image;               ///< of the changed pixels; undefined: none
+    Window pixels;                     ///< what it covers
+    std::vector<std::int64_t> points;  ///< that are not in the clean sweep
+    torch::Tensor of_points;           ///< one row each, as long as the points' rows
+  };
+  /// d loss / d logit, one a proposal cell or one a picture box → d loss / d what changed.
+  Gradient backward(const torch::Tensor& d_logits);
+
+  /// Floating-point operations of convolutions so far, and of a whole pass forward.
+  double work() const;
+  double whole_work() const;
+
+ private:
+  void look();
+  void add_features();
+  void give_voxels();
+  void join();
+  void back_through_rows(const torch::Tensor& d_logits);
+  void back_through_features(Gradient& gradient);
+  void back_through_voxels(Gradient& gradient);
+  void back_through_picture(Gradient& gradient);
+  void add_to_points(Gradient& gradient, std::span<const std::int64_t> points, const torch::Tensor& rows);
+
+  Network network_;
+  std::shared_ptr<const CleanFrame> clean_;
+  SensorTensors input_;
+  Window changed_;
+  SweepChange sweep_;
+  std::optional<LocalPass> camera_, backbone_;
+  std::array<std::vector<ChangedCell>, kGrids.size()> cells_;
+  CameraOutput seen_;
+  torch::Tensor rows_;         ///< of the heads
+  torch::Tensor read_;         ///< the map that fusion reads
+  torch::Tensor before_join_;  ///< the backbone's output and the boxes' logits, leaves of joined_
+  torch::Tensor logits_before_join_, joined_;
+  torch::Tensor output_;
+};
+
+}  // namespace mirage::fusion

@@ -1,0 +1,340 @@
+#include "local_pass.h"
+
+#include <algorithm>
+#include <cstring>
+#include <limits>
+#include <stdexcept>
+
+namespace mirage::fusion {
+namespace {
+
+using torch::Tensor;
+constexpr auto kChannelsLast = torch::MemoryFormat::ChannelsLast;
+
+/// What another window costs, in floating-point operations of a convolution and in places of other layers.
+constexpr double kWindowWork = 1.5e6;
+constexpr std::int64_t kWindowPlaces = 128;
+
+Tensor empty(std::int64_t channels, const Window& at) {
+  return torch::empty({1, channels, at.rows(), at.columns()},
+                      torch::TensorOptions().memory_format(kChannelsLast));
+}
+
+Tensor zeros(std::int64_t channels, const Window& at) {
+  return empty(channels, at).zero_();
+}
+
+/// The part `part` of x, which covers `at`; a view.
+Tensor cut(const Tensor& x, const Window& at, const Window& part) {
+  return x.narrow(2, part.top - at.top, part.rows()).narrow(3, part.left - at.left, part.columns());
+}
+
+/// The part `wanted` of x, which covers `at`; zeros outside. Channels-last in memory.
+Tensor around(const Tensor& x, const Window& at, const Window& wanted) {
+  const Window both = intersection(at, wanted);
+  if (both == wanted) return cut(x, at, wanted).contiguous(kChannelsLast);
+  Tensor y = zeros(x.size(1), wanted);
+  if (!both.empty()) cut(y, wanted, both).copy_(cut(x, at, both));
+  return y;
+}
+
+/// Copies the common part of two channels-last maps of one channel count.
+void paste(const Tensor& from, const Window& from_at, Tensor& into, const Window& into_at) {
+  const Window both = intersection(from_at, into_at);
+  if (both.empty()) return;
+  const std::int64_t channels = into.size(1);
+  const float* source = from.data_ptr<float>();
+  float* target = into.data_ptr<float>();
+  const auto offset = [&](const Window& at, std::int64_t row) {
+    return ((row - at.top) * at.columns() + both.left - at.left) * channels;
+  };
+  for (std::int64_t row = both.top; row < both.bottom; ++row)
+    std::memcpy(target + offset(into_at, row), source + offset(from_at, row),
+                sizeof(float) * static_cast<std::size_t>(both.columns() * channels));
+}
+
+/// Channels-last whatever its sizes say: a map of one channel or one column is any order.
+Tensor in_order(const Tensor& x) {
+  const auto c = x.size(1), w = x.size(3);
+  if (x.stride(3) == c && x.stride(2) == w * c && x.stride(1) == 1) return x;
+  return x.permute({0, 2, 3, 1}).contiguous().permute({0, 3, 1, 2});
+}
+
+void add_to(Patch& patch, const Layer& layer, const Window& at, const Tensor& gradient) {
+  const Window both = intersection(at, patch.at);
+  if (both.empty()) return;
+  if (!patch.gradient.defined()) {
+    patch.gradient = zeros(layer.channels, patch.at);
+    patch.touched = Dirty(layer.rows, layer.columns);
+  }
+  cut(patch.gradient, patch.at, both).add_(cut(gradient, at, both));
+  patch.touched.add(both);
+}
+
+/// Places of a map that are not zero.
+Dirty support(const Tensor& map) {
+  const Tensor any = map.squeeze(0).abs().amax(0).contiguous();
+  Dirty places(any.size(0), any.size(1));
+  const float* value = any.data_ptr<float>();
+  for (std::int64_t row = 0; row < any.size(0); ++row)
+    for (std::int64_t column = 0; column < any.size(1); ++column)
+      if (*value++ != 0) places.add(row, column);
+  return places;
+}
+
+Tensor slope(const Layer& layer, const Patch& patch, const Window& at, const Tensor& gradient) {
+  switch (layer.curve) {
+    case Curve::none:
+      return gradient;
+    case Curve::relu:
+      return at::threshold_backward(gradient, cut(patch.value, patch.at, at), 0);
+    case Curve::silu:
+      return at::silu_backward(gradient, cut(patch.before, patch.at, at));
+  }
+  return gradient;
+}
+
+}  // namespace
+
+std::vector<Window> windows_of(const Dirty& dirty, const Layer& layer) {
+  const double work = layer.work();
+  return dirty.windows(work > 0 ? std::clamp(static_cast<std::int64_t>(kWindowWork / work), std::int64_t{16},
+                                             kWindowPlaces * 4)
+                                : kWindowPlaces);
+}
+
+LocalPass::LocalPass(const Plan& plan, const CleanMaps& clean)
+    : plan_(plan), clean_(clean), nodes_(plan.layers().size()) {
+  for (std::size_t i = 0; i < nodes_.size(); ++i)
+    nodes_[i].dirty = Dirty(plan.layers()[i].rows, plan.layers()[i].columns);
+}
+
+void LocalPass::give(int layer, Dirty dirty, std::vector<Patch> patches) {
+  nodes_[static_cast<std::size_t>(layer)] = {std::move(dirty), std::move(patches)};
+}
+
+Dirty LocalPass::spread(const Layer& layer) const {
+  if (layer.op == Layer::Op::twice) return dirty(layer.from[0]).doubled(layer.rows);
+  Dirty all = dirty(layer.from[0]).through(layer.reach, layer.rows, layer.columns);
+  for (std::size_t k = 1; k < layer.from.size(); ++k) all.add(dirty(layer.from[k]));
+  return all;
+}
+
+void LocalPass::forward() {
+  const torch::NoGradGuard guard;
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    const Layer& layer = plan_.layers()[i];
+    if (layer.op == Layer::Op::given) continue;
+    Node& node = nodes_[i];
+    node.dirty = spread(layer);
+    node.patches.clear();
+    if (node.dirty.empty()) continue;
+    for (const Window& at : windows(layer, node.dirty)) {
+      Patch patch;
+      patch.at = at;
+      compute(layer, patch);
+      node.patches.push_back(std::move(patch));
+    }
+  }
+}
+
+std::vector<Window> LocalPass::windows(const Layer& layer, const Dirty& dirty) const {
+  const bool twice = layer.op == Layer::Op::twice;
+  if (!twice && !(layer.op == Layer::Op::conv && layer.reach.kernel == 1 && layer.reach.stride == 1))
+    return windows_of(dirty, layer);
+  // Place by place: in the input's own windows nothing around them is needed, and nothing is kept for it.
+  std::vector<Window> same;
+  for (const Patch& patch : nodes_[static_cast<std::size_t>(layer.from[0])].patches) {
+    Window at = patch.at;
+    if (twice) at = {2 * at.top, 2 * at.left, std::min(2 * at.bottom, layer.rows), 2 * at.right};
+    if (!at.empty()) same.push_back(at);
+  }
+  return same;
+}
+
+void LocalPass::compute(const Layer& layer, Patch& patch) {
+  const Window& at = patch.at;
+  Tensor y;
+  switch (layer.op) {
+    case Layer::Op::given:
+      return;
+    case Layer::Op::conv:
+      y = in_order(convolve(layer, window(layer.from[0], read_by(at, layer.reach))));
+      work_ += layer.work() * static_cast<double>(at.area());
+      break;
+    case Layer::Op::sum:
+      y = window(layer.from[0], at) + window(layer.from[1], at);
+      break;
+    case Layer::Op::join: {
+      std::vector<Tensor> parts;
+      for (const int from : layer.from) parts.push_back(window(from, at));
+      y = in_order(torch::cat(parts, 1));
+      break;
+    }
+    case Layer::Op::twice: {
+      const Window half{at.top / 2, at.left / 2, (at.bottom + 1) / 2, (at.right + 1) / 2};
+      const Window grown{2 * half.top, 2 * half.left, 2 * half.bottom, 2 * half.right};
+      const Tensor x = window(layer.from[0], half);
+      y = around(at::upsample_nearest2d(x, {grown.rows(), grown.columns()}), grown, at);
+      break;
+    }
+    case Layer::Op::pool: {
+      const Tensor x =
+          window(layer.from[0], read_by(at, layer.reach), -std::numeric_limits<float>::infinity());
+      std::tie(y, patch.highest) = at::max_pool2d_with_indices(x, layer.reach.kernel, 1);
+      break;
+    }
+    case Layer::Op::halve:
+      y = torch::avg_pool2d(window(layer.from[0], read_by(at, layer.reach)), 2);
+      break;
+  }
+  y = in_order(y);
+  if (layer.curve == Curve::relu) {
+    y.relu_();
+  } else if (layer.curve == Curve::silu) {
+    patch.before = y;
+    y = torch::silu(y);
+  }
+  patch.value = y;
+}
+
+Tensor LocalPass::window(int layer, const Window& at, float fill) const {
+  const Node& node = nodes_[static_cast<std::size_t>(layer)];
+  for (const Patch& patch : node.patches) {
+    if (patch.at == at) return patch.value;
+    if (holds(patch.at, at)) return around(patch.value, patch.at, at);
+  }
+  const Layer& shape = plan_[layer];
+  const Tensor& clean = clean_[layer];
+  if (!clean.defined()) throw std::logic_error("a window reads what no pass has kept");
+  Tensor y = empty(shape.channels, at);
+  if (!holds(shape.whole(), at)) y.fill_(fill);
+  paste(clean, shape.whole(), y, at);
+  for (const Patch& patch : node.patches) paste(patch.value, patch.at, y, at);
+  return y;
+}
+
+Tensor LocalPass::whole(int layer) const {
+  return window(layer, plan_[layer].whole());
+}
+
+void LocalPass::add_gradient(int layer, const Window& at, const Tensor& gradient) {
+  for (Patch& patch : patches(layer)) add_to(patch, plan_[layer], at, gradient);
+}
+
+void LocalPass::add_gradient(int layer, const Tensor& map) {
+  for (const Window& at : support(map).windows(kWindowPlaces))
+    add_gradient(layer, at, cut(map, plan_[layer].whole(), at));
+}
+
+Window LocalPass::touched(int layer) const {
+  Window all;
+  for (const Patch& patch : nodes_[static_cast<std::size_t>(layer)].patches)
+    for (const Window& at : patch.touched.windows(plan_[layer].places())) all = bounds(all, at);
+  return all;
+}
+
+Tensor LocalPass::gradient(int layer, const Window& at) const {
+  Tensor all = zeros(plan_[layer].channels, at);
+  for (const Patch& patch : nodes_[static_cast<std::size_t>(layer)].patches)
+    if (patch.gradient.defined()) paste(patch.gradient, patch.at, all, at);
+  return all;
+}
+
+std::vector<Window> LocalPass::needed(int layer, const Dirty& changed) const {
+  for (const Layer& reader : plan_.layers()) {
+    if (std::find(reader.from.begin(), reader.from.end(), layer) == reader.from.end()) continue;
+    std::vector<Window> windows =
+        windows_of(changed.through(reader.reach, reader.rows, reader.columns), reader);
+    for (Window& window : windows) window = read_by(window, reader.reach);
+    return windows;
+  }
+  return {};
+}
+
+void LocalPass::backward() {
+  const torch::NoGradGuard guard;
+  for (std::size_t i = nodes_.size(); i-- > 0;) {
+    const Layer& layer = plan_.layers()[i];
+    if (layer.op == Layer::Op::given) continue;
+    for (const Patch& patch : nodes_[i].patches) {
+      if (patch.touched.empty()) continue;
+      if (layer.op == Layer::Op::pool) {
+        back_pool(layer, patch);
+        continue;
+      }
+      for (const Window& touched : windows_of(patch.touched, layer))
+        back(layer, patch, intersection(touched, patch.at));
+    }
+  }
+}
+
+void LocalPass::back(const Layer& layer, const Patch& patch, const Window& at) {
+  const Tensor gradient = slope(layer, patch, at, cut(patch.gradient, patch.at, at));
+  switch (layer.op) {
+    case Layer::Op::given:
+    case Layer::Op::pool:
+      return;
+    case Layer::Op::conv:
+      return back_conv(layer, at, gradient);
+    case Layer::Op::sum:
+      for (const int from : layer.from) add_gradient(from, at, gradient);
+      return;
+    case Layer::Op::join: {
+      std::int64_t channel = 0;
+      for (const int from : layer.from) {
+        const std::int64_t count = plan_[from].channels;
+        add_gradient(from, at, gradient.narrow(1, channel, count));
+        channel += count;
+      }
+      return;
+    }
+    case Layer::Op::twice: {
+      const Window half{at.top / 2, at.left / 2, (at.bottom + 1) / 2, (at.right + 1) / 2};
+      const Window grown{2 * half.top, 2 * half.left, 2 * half.bottom, 2 * half.right};
+      add_gradient(layer.from[0], half, torch::avg_pool2d(around(gradient, at, grown), 2) * 4);
+      return;
+    }
+    case Layer::Op::halve:
+      add_gradient(layer.from[0], read_by(at, layer.reach),
+                   at::upsample_nearest2d(gradient, {2 * at.rows(), 2 * at.columns()}) / 4);
+      return;
+  }
+}
+
+void LocalPass::back_conv(const Layer& layer, const Window& at, const Tensor& gradient) {
+  const int from = layer.from[0];
+  // By the input's patches: what falls between them is dropped before it is computed.
+  for (Patch& before : patches(from)) {
+    const Window read = intersection(at, reached_by(before.at, layer.reach, layer.rows, layer.columns));
+    if (read.empty()) continue;
+    const Window all = read_by(read, layer.reach);
+    if (layer.reach.stride == 1) {
+      const Window wanted = intersection(all, before.at);
+      const Window needed{wanted.top + layer.reach.padding - layer.reach.kernel + 1,
+                          wanted.left + layer.reach.padding - layer.reach.kernel + 1,
+                          wanted.bottom + layer.reach.padding, wanted.right + layer.reach.padding};
+      const Tensor y = around(gradient, at, needed);
+      add_to(before, plan_[from], wanted,
+             at::mkldnn_convolution(y, layer.turned, {}, {0, 0}, {1, 1}, {1, 1}, layer.groups));
+      work_ += layer.work() * static_cast<double>(wanted.area());
+      continue;
+    }
+    const std::int64_t s = layer.reach.stride;
+    const auto [d_input, d_weight, d_bias] = at::convolution_backward(
+        cut(gradient, at, read).contiguous(kChannelsLast), empty(plan_[from].channels, all), layer.weight, {},
+        {s, s}, {0, 0}, {1, 1}, false, {0, 0}, layer.groups, {true, false, false});
+    work_ += layer.work() * static_cast<double>(read.area());
+    add_to(before, plan_[from], all, d_input);
+  }
+}
+
+void LocalPass::back_pool(const Layer& layer, const Patch& patch) {
+  const Window all = read_by(patch.at, layer.reach);
+  const Tensor d_input = at::max_pool2d_with_indices_backward(patch.gradient, empty(layer.channels, all),
+                                                              {layer.reach.kernel, layer.reach.kernel},
+                                                              {1, 1}, {0, 0}, {1, 1}, false, patch.highest);
+  add_gradient(layer.from[0], all, d_input);
+}
+
+}  // namespace mirage::fusion

@@ -1,0 +1,82 @@
+// A plan over the windows that a change of its input reaches, given what the unchanged input made (Krypton,
+// Nakandala et al., SIGMOD 2019, does so forward; the backward pass here is Mirage's own).
+//
+// Forward: a layer's dirty places are those that read a dirty place of its inputs. They are covered by
+// windows, and each is computed from its inputs' windows, with what lies around them taken from the clean
+// maps. Nothing is left out, so that the result is that of the whole pass up to the rounding of sums.
+//
+// Backward: a gradient lives on a touched part of the windows, which grows from the places where the loss
+// has one; what would fall on clean places is dropped, because nothing that changed leads there. So the early
+// layers are small by the change and the late ones by the loss.
+#pragma once
+
+#include "plan.h"
+
+namespace mirage::fusion {
+
+/// A window of a layer's map.
+struct Patch {
+  Window at;
+  torch::Tensor value;     ///< 1 × channels × rows × columns, channels-last
+  torch::Tensor before;    ///< of a conv with SiLU: what the curve was given
+  torch::Tensor highest;   ///< of a pool: where the maxima lie
+  Dirty touched;           ///< places of the map outside of which `gradient` is zero
+  torch::Tensor gradient;  ///< over `at`; undefined: none
+};
+
+class LocalPass {
+ public:
+  /// Both must outlive it.
+  LocalPass(const Plan& plan, const CleanMaps& clean);
+
+  /// What the one reader of an input that is not kept will read of it, if those places changed: windows that
+  /// may overlap, and go beyond the map (where they are zero).
+  std::vector<Window> needed(int layer, const Dirty& changed) const;
+  /// What changed in an input: patches that cover `dirty`, or, of an input that is not kept, what is
+  /// needed().
+  void give(int layer, Dirty dirty, std::vector<Patch> patches);
+  void forward();
+
+  const Dirty& dirty(int layer) const { return nodes_[static_cast<std::size_t>(layer)].dirty; }
+  std::vector<Patch>& patches(int layer) { return nodes_[static_cast<std::size_t>(layer)].patches; }
+  /// The layer's map as it is now. Of a kept layer.
+  torch::Tensor whole(int layer) const;
+  /// A window of it, `fill` beyond the map. Of a kept layer, or of what is known.
+  torch::Tensor window(int layer, const Window& at, float fill = 0) const;
+
+  /// Adds to the gradient of a layer: gradient covers `at`, of which the dirty part counts.
+  void add_gradient(int layer, const Window& at, const torch::Tensor& gradient);
+  /// The same of a whole map (1 × channels × rows × columns), from the places where it is not zero.
+  void add_gradient(int layer, const torch::Tensor& map);
+  /// What holds all places of a layer that have a gradient.
+  Window touched(int layer) const;
+  /// The gradient of a layer over a window; zero where there is none.
+  torch::Tensor gradient(int layer, const Window& at) const;
+  /// From the gradients that were added to the inputs' gradients.
+  void backward();
+
+  /// Floating-point operations of convolutions so far.
+  double work() const { return work_; }
+
+ private:
+  struct Node {
+    Dirty dirty;
+    std::vector<Patch> patches;
+  };
+  Dirty spread(const Layer& layer) const;
+  std::vector<Window> windows(const Layer& layer, const Dirty& dirty) const;
+  void compute(const Layer& layer, Patch& patch);
+  void back(const Layer& layer, const Patch& patch, const Window& at);
+  void back_conv(const Layer& layer, const Window& at, const torch::Tensor& gradient);
+  void back_pool(const Layer& layer, const Patch& patch);
+
+  const Plan& plan_;
+  const CleanMaps& clean_;
+  std::vector<Node> nodes_;
+  double work_ = 0;
+};
+
+/// Windows for the dirty places of a layer: rows together while that costs less than another window.
+std::vector<Window> windows_of(const Dirty& dirty, const Layer& layer);
+
+}  // namespace mirage::fusion

@@ -1,0 +1,82 @@
+// A network as a list of layers, so that the same layers can be run over whole maps and over windows of them
+// (local_pass.h). Float, on the CPU, with norms folded: nothing in it is learned.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "torch_headers.h"
+#include "window.h"
+
+namespace mirage::fusion {
+
+enum class Curve { none, relu, silu };
+
+struct Layer {
+  enum class Op {
+    given,  ///< an input
+    conv,   ///< with bias and curve; beyond its input's border it reads zeros
+    sum,    ///< of two maps, and a curve
+    join,   ///< channels of several maps behind each other
+    twice,  ///< every place doubled along both axes
+    pool,   ///< maximum of kernel × kernel places around each
+    halve   ///< mean of 2 × 2 places
+  };
+  Op op = Op::given;
+  std::vector<int> from;
+  std::int64_t channels = 0, rows = 0, columns = 0;
+  Reach reach;
+  std::int64_t groups = 1;
+  Curve curve = Curve::none;
+  torch::Tensor weight, bias;
+  torch::Tensor turned;  ///< of stride 1: the kernel whose convolution is the derivative in the input
+  bool kept = false;     ///< windows of later layers read it beyond what changed: its clean map is kept
+
+  std::int64_t places() const { return rows * columns; }
+  Window whole() const { return {0, 0, rows, columns}; }
+  /// Floating-point operations a place (of convolutions; 0 for the rest).
+  double work() const;
+};
+
+/// Every function adds a layer and returns its number. Maps are 1 × channels × rows × columns, channels-last.
+class Plan {
+ public:
+  /// `kept`: run() keeps the map that it is given. An input that is not kept must be given, in a local pass,
+  /// a margin around what changed.
+  int given(std::int64_t channels, std::int64_t rows, std::int64_t columns, bool kept);
+  /// weight: out × in/groups × k × k, groups 1 or one a channel. Padding (k − 1) / 2 as all of the network's
+  /// convolutions have it; an input of odd size counts as padded to a multiple of the stride.
+  int conv(int from, const torch::Tensor& weight, const torch::Tensor& bias, std::int64_t stride,
+           std::int64_t groups, Curve curve);
+  int sum(int a, int b, Curve curve);
+  int join(const std::vector<int>& from);
+  int twice(int from, std::int64_t rows);  ///< cut to `rows`
+  int pool(int from, std::int64_t side);
+  int halve(int from);
+  /// Its clean map is kept.
+  void keep(int layer) { layers_[static_cast<std::size_t>(layer)].kept = true; }
+
+  const std::vector<Layer>& layers() const { return layers_; }
+  const Layer& operator[](int layer) const { return layers_[static_cast<std::size_t>(layer)]; }
+  double work() const;  ///< of a pass over whole maps
+
+ private:
+  int add(Layer layer);
+  std::vector<Layer> layers_;
+};
+
+/// The maps of a pass over whole maps that windows need: undefined where a layer is not kept.
+struct CleanMaps {
+  std::vector<torch::Tensor> maps;
+  std::size_t bytes() const;
+  const torch::Tensor& operator[](int layer) const { return maps[static_cast<std::size_t>(layer)]; }
+};
+
+/// The plan over whole maps. `given`: by layer number, undefined elsewhere; a given layer without a map is
+/// zero.
+CleanMaps run(const Plan& plan, const std::vector<torch::Tensor>& given);
+
+/// A layer's convolution, without padding: x holds all that the outputs read.
+torch::Tensor convolve(const Layer& layer, const torch::Tensor& x);
+
+}  // namespace mirage::fusion

@@ -1,0 +1,64 @@
+// Which places of a map may differ between two inputs: intervals of its rows, and rectangles that cover them.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+namespace mirage::fusion {
+
+/// Places [top, bottom) × [left, right) of a map.
+struct Window {
+  std::int64_t top = 0, left = 0, bottom = 0, right = 0;
+  std::int64_t rows() const { return bottom > top ? bottom - top : 0; }
+  std::int64_t columns() const { return right > left ? right - left : 0; }
+  std::int64_t area() const { return rows() * columns(); }
+  bool empty() const { return area() == 0; }
+  bool operator==(const Window&) const = default;
+};
+Window intersection(const Window& a, const Window& b);
+/// The smallest that holds both; an empty one counts for nothing.
+Window bounds(const Window& a, const Window& b);
+bool holds(const Window& outer, const Window& inner);
+
+/// How a layer reads: output o needs the inputs o · stride − padding … o · stride − padding + kernel − 1.
+struct Reach {
+  std::int64_t kernel = 1, stride = 1, padding = 0;
+};
+/// Inputs that the outputs of `out` read; may go beyond the map.
+Window read_by(const Window& out, const Reach& reach);
+/// Outputs (of a map of rows × columns) that read an input of `in`.
+Window reached_by(const Window& in, const Reach& reach, std::int64_t rows, std::int64_t columns);
+
+/// One interval a row of a map; empty where low ≥ high.
+class Dirty {
+ public:
+  struct Span {
+    std::int64_t low = 0, high = 0;
+    bool empty() const { return low >= high; }
+    void add(Span other);
+  };
+  Dirty() = default;
+  Dirty(std::int64_t rows, std::int64_t columns) : rows_(static_cast<std::size_t>(rows)), columns_(columns) {}
+
+  std::int64_t rows() const { return static_cast<std::int64_t>(rows_.size()); }
+  std::int64_t columns() const { return columns_; }
+  const Span& row(std::int64_t r) const { return rows_[static_cast<std::size_t>(r)]; }
+  bool empty() const;
+  std::int64_t area() const;
+  void add(std::int64_t row, std::int64_t column) { add(Window{row, column, row + 1, column + 1}); }
+  void add(const Window& window);  ///< what of it lies on the map
+  void add(const Dirty& other);    ///< of a map of the same size
+  /// Of the output of a layer that reads this map.
+  Dirty through(const Reach& reach, std::int64_t rows, std::int64_t columns) const;
+  /// Of the map with every place doubled along both axes, cut to `rows`.
+  Dirty doubled(std::int64_t rows) const;
+  /// Disjoint windows that cover it: rows are taken together while that adds fewer than `worth` places.
+  std::vector<Window> windows(std::int64_t worth) const;
+  bool operator==(const Dirty& other) const;
+
+ private:
+  std::vector<Span> rows_;
+  std::int64_t columns_ = 0;
+};
+
+}  // namespace mirage::fusion

@@ -1,0 +1,202 @@
+// A pass over what an object changes gives the proposals and the gradient of the pass over the whole frame.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "attack/adversary.h"
+#include "attack/clean_view.h"
+#include "base/files.h"
+#include "base/random.h"
+#include "detection/points_in_view.h"
+#include "scene/generator.h"
+#include "support/small_rig.h"
+
+#ifdef MIRAGE_HAS_FUSION
+namespace mirage {
+namespace {
+
+constexpr double kTolerance = 1e-5;
+/// Of pixels through the returns that read the picture's features: the two passes sum in other orders, and a
+/// unit whose input lies at zero to rounding may be on in one and off in the other. Seen: up to 2.7e-4.
+constexpr double kPixelTolerance = 1e-3;
+
+PreparedFrame generated(std::uint64_t seed) {
+  const Rig rig = test::small_rig();
+  Frame frame = generate_frame(rig, seed, 0);
+  frame.sweep = points_in_view(frame.sweep, frame.calibration);
+  return prepare(std::move(frame), rig.lidar);
+}
+
+Label car_at(double x, double y, double height = 1.5) {
+  Label car;
+  car.type = "Car";
+  car.box = {{x, y, 3.9, 1.6, 0.3}, -1.73, height};
+  return car;
+}
+
+std::unique_ptr<Detector> detector_of(const std::string& name, bool whole,
+                                      const std::string& defense = "none") {
+  setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
+  DetectorOptions options;
+  options.detector = name;
+  options.threads = 1;
+  options.defense = defense;
+  if (whole) options.clean_memory_mb = 0;
+  return load_detector(options);
+}
+
+double apart(double difference, double norm) {
+  return norm > 0 ? std::sqrt(difference / norm) : std::sqrt(difference);
+}
+
+/// Of the shipped weights, one detector that takes whole passes and one that does not.
+class LocalPasses : public testing::TestWithParam<const char*> {
+ protected:
+  LocalPasses() : whole_(detector_of(GetParam(), true)), local_(detector_of(GetParam(), false)) {}
+
+  /// All proposals, and the gradient of a random weighing of those that score above `least`.
+  void expect_same(const PreparedFrame& prepared, const Label& host, double least = -1,
+                   const TexturedMesh& adversary = random_adversary(3)) {
+    const Rooftop roof = BoxRooftopFinder().find(prepared.frame, host);
+    const Simulated simulated = simulate(prepared, host, roof, adversary);
+    expect_same(prepared, simulated, least);
+  }
+
+  void expect_same(const PreparedFrame& prepared, const Simulated& simulated, double least) {
+    ASSERT_EQ(local_->capabilities().why_whole, "");
+    const CleanView clean = clean_view(prepared, simulated);
+    SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
+    const auto expected = whole_->forward(view, -1, true);
+    view.clean = &clean;
+    const auto found = local_->forward(view, -1, true);
+    ASSERT_EQ(found.size(), expected.size());
+    double difference = 0, norm = 0, box_difference = 0, box_norm = 0;
+    std::vector<double> weights;
+    RandomStream random(7, "weights of proposals");
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      difference += std::pow(found[i].logit - expected[i].logit, 2), norm += std::pow(expected[i].logit, 2);
+      const BevBox &a = found[i].box, &b = expected[i].box;
+      for (const auto& [x, y] : {std::pair{a.x, b.x}, {a.y, b.y}, {a.length, b.length}, {a.width, b.width}})
+        box_difference += (x - y) * (x - y), box_norm += y * y;
+      const PictureBox &p = found[i].picture, &q = expected[i].picture;
+      for (const auto& [x, y] : {std::pair{p.left, q.left}, {p.bottom, q.bottom}, {p.right, q.right}})
+        box_difference += (x - y) * (x - y), box_norm += y * y;
+      const double weight = random.uniform(-1, 1);
+      weights.push_back(expected[i].score() > least ? weight : 0);
+    }
+    EXPECT_LT(apart(difference, norm), kTolerance);
+    EXPECT_LT(apart(box_difference, box_norm), kTolerance);
+
+    const SensorGradient full = whole_->backward(weights), now = local_->backward(weights);
+    difference = norm = 0;
+    for (int v = simulated.rect.v0; v < simulated.rect.v1; ++v)
+      for (int u = simulated.rect.u0; u < simulated.rect.u1; ++u)
+        for (int c = 0; c < 3; ++c) {
+          difference += std::pow(now.image.at(u, v, c) - full.image.at(u, v, c), 2);
+          norm += std::pow(full.image.at(u, v, c), 2);
+        }
+    const bool through_returns = whole_->name() == "painted" || whole_->name() == "fusion";
+    EXPECT_LT(apart(difference, norm), through_returns ? kPixelTolerance : kTolerance) << "pixels";
+    difference = norm = 0;
+    const std::size_t first = simulated.sweep.size() - static_cast<std::size_t>(simulated.adversary_points);
+    for (std::size_t i = first; i < simulated.sweep.size(); ++i)
+      for (int c = 0; c < 4; ++c) {
+        difference += std::pow(now.points[i][c] - full.points[i][c], 2);
+        norm += std::pow(full.points[i][c], 2);
+      }
+    EXPECT_LT(apart(difference, norm), kTolerance) << "points";
+    EXPECT_TRUE(norm > 0 || simulated.adversary_points == 0 || !local_->capabilities().reads_points);
+  }
+
+  std::unique_ptr<Detector> whole_, local_;
+};
+
+TEST_P(LocalPasses, OfRandomHosts) {
+  RandomStream random(5, "random hosts");
+  for (int frame = 0; frame < 2; ++frame) {
+    const PreparedFrame prepared = generated(31 + static_cast<std::uint64_t>(frame));
+    for (int k = 0; k < 2; ++k) {
+      const double x = random.uniform(6, 45), y = random.uniform(-0.6, 0.6) * x;
+      SCOPED_TRACE(testing::Message() << x << " " << y);
+      expect_same(prepared, car_at(x, y), k == 0 ? -1 : 0.1);
+    }
+  }
+}
+
+TEST_P(LocalPasses, NearFarAtBordersAndOverTheHorizon) {
+  const PreparedFrame prepared = generated(33);
+  for (const auto& [x, y, height] : {std::tuple{3.0, 0.0, 1.5},
+                                     {60.0, 3.0, 1.5},
+                                     {8.0, 6.8, 1.5},
+                                     {8.0, -6.9, 1.5},
+                                     {12.0, 0.0, 4.0},
+                                     {69.5, 20.0, 1.5},
+                                     {30.0, 39.8, 1.5}}) {
+    SCOPED_TRACE(testing::Message() << x << " " << y);
+    expect_same(prepared, car_at(x, y, height));
+  }
+}
+
+TEST_P(LocalPasses, OfAnObjectThatTouchesNothing) {
+  const PreparedFrame prepared = generated(34);
+  expect_same(prepared, car_at(-20, 0));  // behind the camera, and beyond the LiDAR's sector
+  Simulated same;
+  same.image = prepared.frame.image;
+  same.sweep = prepared.frame.sweep;
+  expect_same(prepared, same, -1);
+}
+
+TEST_P(LocalPasses, OfPointsThatMovedAnywhere) {
+  // More than an insertion does: points gone and points new in the middle of the sweep.
+  const PreparedFrame prepared = generated(35);
+  Simulated moved;
+  moved.image = prepared.frame.image;
+  moved.rect = {100, 20, 131, 51};
+  for (int v = moved.rect.v0; v < moved.rect.v1; ++v)
+    for (int u = moved.rect.u0; u < moved.rect.u1; ++u) moved.image.at(u, v, (u + v) % 3) = 0.8f;
+  moved.sweep = prepared.frame.sweep;
+  for (std::size_t i = 0; i < moved.sweep.size(); i += 997) moved.sweep[i].x += 0.3f;
+  moved.sweep.erase(moved.sweep.begin() + 50, moved.sweep.begin() + 90);
+  expect_same(prepared, moved, -1);
+}
+
+TEST_P(LocalPasses, GiveTheSameBitsWhateverIsKept) {
+  const PreparedFrame one = generated(36), other = generated(37);
+  DetectorOptions options;
+  options.detector = GetParam();
+  options.threads = 1;
+  options.clean_memory_mb = 1;  // less than a frame: nothing stays
+  const auto forgetful = load_detector(options);
+  const auto logits = [](Detector& detector, const PreparedFrame& prepared) {
+    const Label host = car_at(12, 1);
+    const Simulated simulated =
+        simulate(prepared, host, BoxRooftopFinder().find(prepared.frame, host), random_adversary(4));
+    const CleanView clean = clean_view(prepared, simulated);
+    std::vector<double> all;
+    for (const Proposal& p : detector.forward(
+             {&simulated.image, simulated.sweep, &prepared.frame.calibration, &clean}, -1, false))
+      all.push_back(p.logit);
+    return all;
+  };
+  const auto first = logits(*local_, one);
+  EXPECT_NE(logits(*local_, other), first);
+  EXPECT_EQ(logits(*local_, one), first);
+  EXPECT_EQ(logits(*local_->share(), one), first);
+  EXPECT_EQ(logits(*forgetful, one), first);
+}
+
+INSTANTIATE_TEST_SUITE_P(Detectors, LocalPasses,
+                         testing::Values("lidar", "camera", "painted", "fusion", "late"),
+                         [](const auto& one) { return std::string(one.param); });
+
+TEST(WholePasses, SayWhyTheyAreWhole) {
+  EXPECT_NE(detector_of("fusion", false, "denoising")->capabilities().why_whole.find("norm"),
+            std::string::npos);
+  EXPECT_NE(detector_of("fusion", false, "jpeg:50")->capabilities().why_whole.find("compressed"),
+            std::string::npos);
+  EXPECT_NE(detector_of("lidar", true)->capabilities().why_whole.find("memory"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace mirage
+#endif

@@ -1,0 +1,226 @@
+// Windows of a plan against its whole maps, and what share of the work they are.
+#include <gtest/gtest.h>
+#include <torch/torch.h>
+
+#include <cmath>
+
+#include "local_network.h"
+#include "tensor_checks.h"
+#include "weights.h"
+
+namespace mirage::fusion {
+namespace {
+
+using torch::Tensor;
+
+TEST(Dirty, HoldsWhatReadsAChangedPlace) {
+  for (const Reach& reach : {Reach{3, 1, 1}, {2, 2, 0}, {4, 2, 1}, {3, 2, 1}, {13, 1, 6}, {1, 1, 0}}) {
+    const std::int64_t rows = 14, columns = 20, out_rows = rows / reach.stride,
+                       out_columns = columns / reach.stride;
+    Dirty dirty(rows, columns);
+    dirty.add(Window{3, 5, 5, 9});
+    dirty.add(11, 0);
+    dirty.add(13, 19);
+    const Dirty out = dirty.through(reach, out_rows, out_columns);
+    for (std::int64_t r = 0; r < out_rows; ++r)
+      for (std::int64_t c = 0; c < out_columns; ++c) {
+        const Window read = read_by({r, c, r + 1, c + 1}, reach);
+        bool reads = false;
+        for (std::int64_t i = std::max<std::int64_t>(0, read.top); i < std::min(rows, read.bottom); ++i)
+          reads =
+              reads || (dirty.row(i).low < std::min(read.right, columns) &&
+                        dirty.row(i).high > std::max<std::int64_t>(0, read.left) && !dirty.row(i).empty());
+        const bool held = !out.row(r).empty() && c >= out.row(r).low && c < out.row(r).high;
+        EXPECT_TRUE(held || !reads) << reach.kernel << " at " << r << " " << c;
+        EXPECT_EQ(reached_by(read, reach, out_rows, out_columns).empty(), false);
+      }
+    EXPECT_LT(out.area(), out_rows * out_columns);
+    std::int64_t covered = 0;
+    for (const Window& window : out.windows(8)) covered += window.area();
+    EXPECT_GE(covered, out.area());
+  }
+  EXPECT_TRUE(Dirty(5, 5).windows(8).empty());
+}
+
+/// Every kind of layer, at sizes that are no multiples of anything.
+struct Mixed {
+  Plan plan;
+  int input = 0, added = 0, output = 0;
+  Mixed() {
+    torch::manual_seed(31);
+    const auto weight = [](int out, int in, int k) {
+      return torch::randn({out, in, k, k}) / std::sqrt(in * k * k);
+    };
+    const auto bias = [](int out) { return torch::randn({out}) * 0.1; };
+    input = plan.given(5, 46, 70, false);
+    const int a = plan.conv(input, weight(8, 5, 4), bias(8), 2, 1, Curve::relu);  // 23 × 35
+    const int b = plan.conv(a, weight(8, 1, 3), bias(8), 1, 8, Curve::silu);
+    added = plan.given(8, 23, 35, true);
+    const int c = plan.sum(b, added, Curve::none);
+    const int d = plan.conv(c, weight(12, 8, 2), bias(12), 2, 1, Curve::silu);  // 12 × 18
+    const int e = plan.join({d, plan.pool(d, 5)});
+    const int f = plan.conv(e, weight(8, 24, 1), bias(8), 1, 1, Curve::none);
+    const int up = plan.twice(f, 23);
+    Plan& p = plan;
+    const int g = p.conv(c, weight(8, 8, 3), bias(8), 1, 1, Curve::relu);
+    const int wide = p.conv(p.twice(p.halve(up), 22), weight(8, 8, 1), bias(8), 1, 1, Curve::relu);
+    (void)g;
+    output = p.conv(wide, weight(3, 8, 3), bias(3), 1, 1, Curve::none);
+    p.keep(output);
+  }
+};
+
+/// The same in LibTorch's own words.
+Tensor whole(const Plan& plan, std::vector<Tensor> maps, int output) {
+  for (std::size_t i = 0; i < plan.layers().size(); ++i) {
+    const Layer& layer = plan.layers()[i];
+    const auto in = [&](std::size_t k) { return maps[static_cast<std::size_t>(layer.from[k])]; };
+    Tensor& y = maps[i];
+    if (layer.op == Layer::Op::conv) {
+      const Window read = read_by(layer.whole(), layer.reach);
+      const Tensor x = torch::constant_pad_nd(
+          in(0), {-read.left, read.right - in(0).size(3), -read.top, read.bottom - in(0).size(2)});
+      const std::vector<std::int64_t> stride(2, layer.reach.stride), none(2, 0), one(2, 1);
+      y = torch::conv2d(x, layer.weight, layer.bias, stride, none, one, layer.groups);
+    } else if (layer.op == Layer::Op::sum) {
+      y = in(0) + in(1);
+    } else if (layer.op == Layer::Op::join) {
+      y = torch::cat({in(0), in(1)}, 1);
+    } else if (layer.op == Layer::Op::twice) {
+      y = torch::upsample_nearest2d(in(0), {2 * in(0).size(2), 2 * in(0).size(3)}).narrow(2, 0, layer.rows);
+    } else if (layer.op == Layer::Op::pool) {
+      y = torch::max_pool2d(in(0), layer.reach.kernel, 1, layer.reach.padding);
+    } else if (layer.op == Layer::Op::halve) {
+      y = torch::avg_pool2d(in(0), 2);
+    }
+    if (layer.curve == Curve::relu) y = torch::relu(y);
+    if (layer.curve == Curve::silu) y = torch::silu(y);
+  }
+  return maps[static_cast<std::size_t>(output)];
+}
+
+TEST(LocalPass, EveryLayerForwardAndBackwardIsThatOfTheWholeMap) {
+  const Mixed mixed;
+  const auto count = mixed.plan.layers().size();
+  std::vector<Tensor> given(count);
+  given[static_cast<std::size_t>(mixed.input)] = torch::randn({1, 5, 46, 70});
+  given[static_cast<std::size_t>(mixed.added)] = torch::randn({1, 8, 23, 35});
+  const CleanMaps clean = run(mixed.plan, given);
+  for (const Window& at : {Window{20, 30, 23, 36}, {0, 0, 2, 3}, {44, 66, 46, 70}, {10, 0, 12, 70}}) {
+    Tensor x = given[static_cast<std::size_t>(mixed.input)].clone();
+    x.narrow(2, at.top, at.rows()).narrow(3, at.left, at.columns()).add_(1);
+    x.requires_grad_(true);
+    std::vector<Tensor> changed = given;
+    changed[static_cast<std::size_t>(mixed.input)] = x;
+    const Tensor expected = whole(mixed.plan, changed, mixed.output);
+    LocalPass pass(mixed.plan, clean);
+    Dirty dirty(46, 70);
+    dirty.add(at);
+    std::vector<Patch> patches;
+    for (const Window& window : pass.needed(mixed.input, dirty)) {
+      Patch patch;
+      patch.at = window;
+      patch.value = torch::constant_pad_nd(x.detach(),
+                                           {-window.left, window.right - 70, -window.top, window.bottom - 46})
+                        .contiguous(torch::MemoryFormat::ChannelsLast);
+      patches.push_back(patch);
+    }
+    pass.give(mixed.input, dirty, patches);
+    pass.forward();
+    const Tensor found = pass.whole(mixed.output);
+    EXPECT_LT((found - expected).abs().max().item<double>(), 1e-5);
+    for (const bool everywhere : {true, false}) {
+      Tensor weights = torch::randn(expected.sizes());
+      if (!everywhere) {
+        weights.zero_();
+        weights[0][1][std::min<std::int64_t>(at.top / 2, 21)][at.left / 2] = 1;
+      }
+      const Tensor d = torch::autograd::grad({expected}, {x}, {weights}, true)[0];
+      LocalPass again = pass;
+      again.add_gradient(mixed.output, mixed.plan[mixed.output].whole(), weights);
+      again.backward();
+      const auto inside = [&](const Tensor& map) {
+        return map.narrow(2, at.top, at.rows()).narrow(3, at.left, at.columns());
+      };
+      EXPECT_LT((again.gradient(mixed.input, at) - inside(d)).abs().max().item<double>(), 1e-5) << everywhere;
+      EXPECT_GT(inside(d).abs().max().item<double>(), 0);
+    }
+  }
+}
+
+/// KITTI's picture and a road of returns, with an object on a car's roof that hides what lies behind it.
+struct Road {
+  SensorTensors clean, changed;
+  Window pixels;
+  Road(double range, double side) {
+    torch::manual_seed(32);
+    clean.image = torch::rand({375, 1242, 3});
+    clean.projection = {610, -720, 0, 0, 172, 0, -720, -60, 1, 0, 0, 0};
+    std::vector<float> points, left;
+    const auto add = [](std::vector<float>& to, double x, double y, double z) {
+      to.insert(to.end(), {static_cast<float>(x), static_cast<float>(y), static_cast<float>(z), 0.f});
+    };
+    const double bearing = std::atan2(side, range), half = 0.8 / std::hypot(range, side);
+    for (int beam = 0; beam < 64; ++beam)
+      for (int column = -230; column < 230; ++column) {
+        const double azimuth = column * 0.003, down = 0.02 + 0.0065 * beam, far = std::min(70.0, 1.73 / down);
+        add(points, far * std::cos(azimuth), far * std::sin(azimuth), down * far > 1.7 ? -1.73 : -1.2);
+        // The object's shadow, as long as rays that would pass its roof still meet the road.
+        const bool hidden = std::abs(azimuth - bearing) < half && far > std::hypot(range, side) && beam < 4;
+        if (!hidden) left.insert(left.end(), points.end() - 4, points.end());
+      }
+    for (int i = 0; i < 200; ++i)
+      add(left, range + 0.006 * (i - 100), side + 0.5 * std::sin(i), -0.2 + 0.002 * i);
+    const auto rows = [](const std::vector<float>& p) { return torch::tensor(p).view({-1, 4}).clone(); };
+    clean.points = rows(points);
+    changed = clean;
+    changed.points = rows(left);
+    const std::array<float, 3> top = {static_cast<float>(range), static_cast<float>(side), 0.2f};
+    const auto seen = seen_at(top.data(), clean.projection, 1242, 375);
+    const auto across = static_cast<std::int64_t>(720 * 0.8 / range) + 1;
+    if (!seen) throw std::logic_error("the object is out of the picture");
+    const auto u = static_cast<std::int64_t>(seen->u), v = static_cast<std::int64_t>(seen->v);
+    pixels = intersection({v - across / 2, u - across, v + across, u + across}, {0, 0, 375, 1242});
+    changed.image = clean.image.clone();
+    changed.image.narrow(0, pixels.top, pixels.rows()).narrow(1, pixels.left, pixels.columns()).mul_(0.3);
+  }
+};
+
+TEST(LocalNetwork, DoesAShareOfTheWork) {
+  for (const char* name : {"lidar", "camera", "painted", "fusion", "late"}) {
+    torch::manual_seed(33);
+    Network network(parts_named(name));
+    for (Tensor& parameter : network->parameters()) parameter.requires_grad_(false);
+    CleanFrames frames(network, std::size_t{1} << 30);
+    for (const auto& [range, side] : {std::pair{10.0, 0.0}, {40.0, -5.0}}) {
+      const Road road(range, side);
+      const auto clean = frames.of(static_cast<std::uint64_t>(range), [&] { return road.clean; });
+      LocalNetwork local(network, clean, road.changed, road.pixels);
+      const double whole_work = local.whole_work(), forward = local.work() / whole_work;
+      // Ten proposals around the host.
+      Tensor d_logits = torch::zeros({local.logit_count()});
+      if (local.output().defined()) {
+        const auto row = static_cast<std::int64_t>(range / 0.5),
+                   column = static_cast<std::int64_t>((side + 40) / 0.5);
+        for (int k = 0; k < 10; ++k) d_logits[(row + k / 5) * kCellsY + column + k % 5] = 1.f;
+      } else {
+        const std::vector<Place> places = places_of(375, 1242);
+        for (std::size_t p = 0, set = 0; p < places.size() && set < 10; ++p)
+          if (std::abs(places[p].x - (road.pixels.left + road.pixels.right) / 2.0) < 12 &&
+              places[p].y > road.pixels.bottom && places[p].y < road.pixels.bottom + 30)
+            d_logits[static_cast<std::int64_t>(p)] = 1.f, ++set;
+      }
+      local.backward(d_logits);
+      const double backward = local.work() / whole_work - forward;
+      std::printf("%-8s %4.0f m: forward 1/%.1f, backward 1/%.1f, both 1/%.1f; %.0f MB kept\n", name, range,
+                  1 / forward, 1 / backward, 2 / (forward + backward),
+                  static_cast<double>(clean->bytes()) / (1 << 20));
+      EXPECT_LT(forward, 0.95) << name;
+      EXPECT_LT(backward, 0.8 * forward) << name;
+      EXPECT_GT(backward, 0) << name;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace mirage::fusion

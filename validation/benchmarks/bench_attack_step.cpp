@@ -1,0 +1,163 @@
+// One host's attack step (simulation, detector, objective, and back) over whole frames and over what the
+// object changes, in alternation, and how far their gradients lie apart. Shipped weights, KITTI's rig, CPU
+// time of one thread.
+#include <benchmark/benchmark.h>
+#include <malloc.h>
+
+#include <cmath>
+
+#include "attack/attack_step.h"
+#include "attack/clean_view.h"
+#include "attack/evaluation.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "bench.h"
+#include "detection/points_in_view.h"
+#include "scene/generator.h"
+#include "validation/thread_clock.h"
+
+namespace mirage {
+namespace {
+
+constexpr int kFrames = 2, kHosts = 3, kRounds = 3;  // hosts of each frame
+constexpr const char* kDetectors[] = {"lidar", "camera", "painted", "fusion", "late"};
+
+struct Stand {
+  const PreparedFrame* prepared = nullptr;
+  Host host;
+};
+
+struct Street {
+  std::vector<std::unique_ptr<PreparedFrame>> frames;
+  std::vector<Stand> stands;
+
+  Street() {
+    const Rig rig = read_rig(shipped_file("scenes/rigs/kitti64.toml"));
+    for (std::uint64_t seed = 0; frames.size() < kFrames; ++seed) {
+      Frame frame = generate_frame(rig, 23, seed);
+      frame.id = std::to_string(seed);
+      frame.sweep = points_in_view(frame.sweep, frame.calibration);
+      std::vector<int> cars;
+      for (std::size_t i = 0; i < frame.labels.size(); ++i) {
+        const Label& label = frame.labels[i];
+        if (label.type == "Car" && label.occluded == 0 && label.truncated == 0 && label.box.bev.x > 5 &&
+            label.box.bev.x < 50)
+          cars.push_back(static_cast<int>(i));
+      }
+      if (cars.size() < kHosts) continue;
+      frames.push_back(std::make_unique<PreparedFrame>(prepare(std::move(frame), rig.lidar)));
+      for (int k = 0; k < kHosts; ++k) {
+        const Label& label = frames.back()->frame.labels[static_cast<std::size_t>(cars[k])];
+        stands.push_back(
+            {frames.back().get(),
+             {{frames.back()->frame.id, cars[k]}, BoxRooftopFinder().find(frames.back()->frame, label)}});
+      }
+    }
+  }
+};
+
+double allocated_mb() {
+  const struct mallinfo2 now = mallinfo2();
+  return static_cast<double>(now.uordblks + now.hblkhd) / (1 << 20);
+}
+
+/// Norm of a − b over the norm of b.
+double difference(const AdversaryGradient& a, const AdversaryGradient& b) {
+  double apart = 0, norm = 0;
+  const auto add = [&](const std::vector<Vec3d>& x, const std::vector<Vec3d>& y) {
+    for (std::size_t i = 0; i < x.size(); ++i)
+      apart += (x[i] - y[i]).squaredNorm(), norm += y[i].squaredNorm();
+  };
+  add(a.vertices, b.vertices);
+  add(a.texels, b.texels);
+  return norm > 0 ? std::sqrt(apart / norm) : std::sqrt(apart);
+}
+
+void attack_steps(benchmark::State& state, const std::string& name) {
+  static const Street street;
+  std::unique_ptr<Detector> whole, local;
+  try {
+    DetectorOptions options;
+    options.detector = name;
+    options.threads = 1;
+    local = load_detector(options);
+    options.clean_memory_mb = 0;
+    whole = load_detector(options);
+  } catch (const InputError& error) {
+    state.SkipWithError(error.what());
+    return;
+  }
+  const TexturedMesh adversary = random_adversary(1);
+  AttackSettings settings;
+  std::vector<double> full_ms, local_ms, first_ms, full_evaluation, local_evaluation;
+  double error = 0, simulation = 0, all = 0;
+  const auto step = [&](Detector& detector, const Stand& stand) {
+    return attack_host(detector, *stand.prepared, stand.host, adversary, AttackTarget::both, settings,
+                       nullptr);
+  };
+  for (auto _ : state) {
+    step(*whole, street.stands[0]);  // warms up
+    for (int round = 0; round < kRounds; ++round)
+      for (std::size_t k = 0; k < street.stands.size(); ++k) {
+        const Stand& stand = street.stands[k];
+        HostStep full, changed;
+        full_ms.push_back(cpu_ms([&] { full = step(*whole, stand); }));
+        const double ms = cpu_ms([&] { changed = step(*local, stand); });
+        (round == 0 && k % kHosts == 0 ? first_ms : local_ms).push_back(ms);
+        error = std::max(error, difference(changed.gradient, full.gradient));
+        const HostSeconds& s = changed.seconds;
+        if (round > 0) {
+          simulation += s.simulation_forward + s.simulation_vjp;
+          all += s.simulation_forward + s.simulation_vjp + s.detector_forward + s.detector_backward + s.rest;
+        }
+        // What an evaluation does: forward alone.
+        const Simulated simulated = simulate(*stand.prepared, label_of(stand.prepared->frame, stand.host.id),
+                                             stand.host.rooftop, adversary, settings.simulation);
+        SensorView view{&simulated.image, simulated.sweep, &stand.prepared->frame.calibration};
+        full_evaluation.push_back(cpu_ms([&] { detections(*whole, view, {}); }));
+        local_evaluation.push_back(cpu_ms([&] {
+          const CleanView clean = clean_view(*stand.prepared, simulated);
+          view.clean = &clean;
+          detections(*local, view, {});
+        }));
+      }
+    const double before = allocated_mb();
+    for (int k = 0; k < 4; ++k) {  // as clean frames of their own
+      PreparedFrame other = *street.frames[0];
+      for (float& value : other.frame.image.data) value *= 1 - 0.01f * static_cast<float>(k + 1);
+      step(*local, {&other, street.stands[0].host});
+    }
+    extra_figures()["clean_activations_mb_" + name] = (allocated_mb() - before) / 4;
+  }
+  auto& figures = extra_figures();
+  figures["attack_step_ms_" + name + "_full"] = median(full_ms);
+  figures["attack_step_ms_" + name] = median(local_ms);
+  figures["attack_step_ms_" + name + "_new_frame"] = median(first_ms);
+  figures["attack_step_speedup_" + name] = median(full_ms) / median(local_ms);
+  figures["attack_step_gradient_error_" + name] = error;
+  figures["attack_step_share_simulation_" + name] = simulation / all;
+  figures["evaluation_forward_ms_" + name + "_full"] = median(full_evaluation);
+  figures["evaluation_forward_ms_" + name] = median(local_evaluation);
+  if (name == "fusion") {
+    figures["attack_step_share_simulation"] = simulation / all;
+    figures["clean_activations_mb"] = figures["clean_activations_mb_" + name];
+  }
+  std::printf(
+      "  %s: whole %.1f ms, windows %.1f ms (%.2f times), new frame %.1f ms, gradient error %.1e; forward "
+      "%.1f "
+      "and %.1f ms; simulation %.1f %%\n",
+      name.c_str(), median(full_ms), median(local_ms), median(full_ms) / median(local_ms), median(first_ms),
+      error, median(full_evaluation), median(local_evaluation), 100 * simulation / all);
+}
+
+}  // namespace
+
+void register_attack_step_benchmarks() {
+  for (const char* name : kDetectors)
+    benchmark::RegisterBenchmark((std::string("attack_step_") + name).c_str(), attack_steps,
+                                 std::string(name))
+        ->Iterations(1)
+        ->Unit(benchmark::kMillisecond);
+}
+
+}  // namespace mirage
