@@ -1,12 +1,12 @@
 # Two commands do everything, set-up included:  make demo   and   make test
 .DEFAULT_GOAL := build
-.PHONY: setup build addon demo test asan format bench clean
+.PHONY: setup build addon demo test asan tsan fuzz faults format bench clean
 
 PACKAGES := g++ cmake ninja-build ccache pkg-config libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev \
   nlohmann-json3-dev libtomlplusplus-dev librandom123-dev libcli11-dev libembree-dev libopenimageio-dev \
   libceres-dev libassimp-dev libopenexr-dev libtinygltf-dev libopencv-imgproc-dev libhwy-dev libnova-dev libopenmpi-dev openmpi-bin \
   python3-imath python3-numpy python3-matplotlib python3-jinja2 python3-pil blender xvfb xauth libgl1-mesa-dri libtorch-dev libopenblas0-pthread libturbojpeg0-dev \
-  libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format nodejs npm chromium
+  zlib1g-dev libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format nodejs npm chromium
 
 # Parts of the sources that clang-format owns.
 SOURCES := $(shell git ls-files '*.h' '*.cpp' 2>/dev/null)
@@ -44,6 +44,26 @@ asan: setup
 	cmake --preset asan
 	cmake --build --preset asan
 	ctest --preset asan -j2
+
+# The parallel loops under ThreadSanitizer: the layers that have them.
+tsan: setup
+	cmake --preset tsan
+	cmake --build --preset tsan --target test_base test_geometry test_sensors test_scene
+	for layer in base geometry sensors scene; do \
+	  ctest --preset tsan --test-dir build/tsan || exit; done
+
+# Every parser under libFuzzer for FUZZ_SECONDS each (tests/fuzz/README.md). Needs clang, as nothing else does.
+FUZZ_SECONDS ?= 60
+fuzz: PACKAGES += clang
+fuzz: setup
+	cmake --preset fuzz
+	cmake --build --preset fuzz
+	tests/fuzz/run.py build/fuzz --seconds $(FUZZ_SECONDS) $(FUZZ_PARSERS)
+
+# Every injected fault and KILLS kills (tests/faults/README.md); make test does a part of it.
+KILLS ?= 100
+faults: build
+	python3 -B tests/faults/run.py . build/release --kills $(KILLS)
 
 bench: build
 	cmake --build --preset release --target mirage_bench

@@ -21,6 +21,9 @@ mirage_package(embree libembree-dev 3)
 mirage_package(Ceres libceres-dev 2)
 mirage_package(assimp libassimp-dev 5)
 mirage_package(MPI libopenmpi-dev COMPONENTS C)
+if(MIRAGE_TESTS)
+  mirage_package(ZLIB zlib1g-dev)
+endif()
 
 # Found by hand: OpenCV's CMake package comes only with all of OpenCV, and OpenImageIO's asks for a PyImath
 # library, its command-line tools and OpenCV, which nobody needs (DESIGN, section 7).
