@@ -62,7 +62,7 @@ def main():
     reader.add_argument("--seconds", type=int, default=60, help="for each parser")
     reader.add_argument("--executions", type=int, default=0, help="stop a parser earlier, after so many")
     reader.add_argument("parsers", nargs="*")
-    arguments = reader.parse_args()
+    arguments = reader.parse_intermixed_args()
     build = arguments.build.resolve()
     programs = {"weights": "fuzz_weights"}
     for program in {"fuzz", *(programs.values())}:
