@@ -45,12 +45,13 @@ asan: setup
 	cmake --build --preset asan
 	ctest --preset asan -j2
 
-# The parallel loops under ThreadSanitizer: the layers that have them.
+# The parallel loops under ThreadSanitizer: the layers that have most of them.
+TSAN_LAYERS ?= base geometry sensors scene
 tsan: setup
 	cmake --preset tsan
-	cmake --build --preset tsan --target test_base test_geometry test_sensors test_scene
-	for layer in base geometry sensors scene; do \
-	  ctest --preset tsan --test-dir build/tsan || exit; done
+	cmake --build --preset tsan --target $(TSAN_LAYERS:%=test_%)
+	for layer in $(TSAN_LAYERS); do MIRAGE_CACHE=off TSAN_OPTIONS="suppressions=$(CURDIR)/tests/tsan.supp" \
+	  build/tsan/test_$$layer || exit; done
 
 # Every parser under libFuzzer for FUZZ_SECONDS each (tests/fuzz/README.md). Needs clang, as nothing else does.
 FUZZ_SECONDS ?= 60
