@@ -18,12 +18,19 @@ const std::map<std::string, std::size_t, std::less<>> kElementSizes = {
 
 enum class Kind { nothing, truth, whole, real, text, tuple, list, dictionary, name, object, storage, tensor };
 
+/// Functions that say what a list is of.
+const std::map<std::string, Kind, std::less<>> kLists = {{"build_intlist", Kind::whole},
+                                                         {"build_doublelist", Kind::real},
+                                                         {"build_boollist", Kind::truth},
+                                                         {"build_tensorlist", Kind::tensor}};
+
 struct Value {
   Kind kind = Kind::nothing;
   std::int64_t number = 0;                    ///< of whole; elements of a storage
   std::string text;                           ///< of text and name ("module name")
-  std::vector<std::shared_ptr<Value>> items;  ///< of tuple
+  std::vector<std::shared_ptr<Value>> items;  ///< of tuple and list
   int depth = 0;
+  bool held = false;  ///< in another value
 };
 using Reference = std::shared_ptr<Value>;
 
@@ -102,7 +109,10 @@ class Walker {
     demand(stack_.size() > (marks_.empty() ? 0 : marks_.back()), "takes more than it put");
     return *stack_.back();
   }
-  static void hold(Value& holder, const Value& item) {
+  /// What is held gets nothing more: a list in itself, or in a list of itself, has no end.
+  static void hold(Value& holder, Value& item) {
+    demand(&holder != &item && !holder.held, "is nested without end");
+    item.held = true;
     holder.depth = std::max(holder.depth, item.depth + 1);
     demand(holder.depth <= kDeepest, "is nested too deeply");
   }
@@ -119,6 +129,7 @@ class Walker {
     Value& list = top();
     demand(list.kind == Kind::list, "puts an item into what is no list");
     for (const Reference& item : items) hold(list, *item);
+    list.items.insert(list.items.end(), items.begin(), items.end());
   }
 
   void global() {
@@ -126,7 +137,8 @@ class Walker {
     const bool own = (module == "__torch__" || module.starts_with("__torch__.")) && name == "Module";
     const bool known = (module == "collections" && name == "OrderedDict") ||
                        (module == "torch._utils" && name == "_rebuild_tensor_v2") ||
-                       (module == "torch" && kElementSizes.contains(name));
+                       (module == "torch" && kElementSizes.contains(name)) ||
+                       (module == "torch.jit._pickle" && kLists.contains(name));
     demand(own || known, "names something that weights do not need");
     push(Kind::name, own, module + " " + name);
   }
@@ -154,6 +166,14 @@ class Walker {
     if (function->text == "collections OrderedDict") {
       demand(arguments->items.empty(), "calls with wrong arguments");
       return push(Kind::dictionary);
+    }
+    if (function->text.starts_with("torch.jit._pickle ")) {
+      demand(arguments->items.size() == 1 && arguments->items[0]->kind == Kind::list,
+             "calls with wrong arguments");
+      const Kind of = kLists.at(function->text.substr(18));
+      for (const Reference& item : arguments->items[0]->items)
+        demand(item->kind == of, "has a list of mixed items");
+      return stack_.push_back(arguments->items[0]);
     }
     demand(function->text == "torch._utils _rebuild_tensor_v2", "calls what is no function");
     // (storage, offset, sizes, strides, requires_grad, hooks)
@@ -204,7 +224,11 @@ class Walker {
       case ')':
         return push(Kind::tuple);
       case 't':
-        return tuple();
+        return tuple(pop_to_mark());
+      case 0x85:
+      case 0x86:
+      case 0x87:
+        return tuple_of_last(code - 0x84);
       case '}':
         return push(Kind::dictionary);
       case ']':
@@ -264,10 +288,15 @@ class Walker {
     demand(place < memory_.size(), "recalls what it never kept");
     stack_.push_back(memory_[place]);
   }
-  void tuple() {
+  void tuple_of_last(int count) {
+    std::vector<Reference> items;
+    for (int i = 0; i < count; ++i) items.insert(items.begin(), pop());
+    tuple(std::move(items));
+  }
+  void tuple(std::vector<Reference> items) {
     auto value = std::make_shared<Value>();
     value->kind = Kind::tuple;
-    value->items = pop_to_mark();
+    value->items = std::move(items);
     for (const Reference& item : value->items) hold(*value, *item);
     stack_.push_back(std::move(value));
   }

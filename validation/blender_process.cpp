@@ -5,22 +5,56 @@
 
 #include <cstring>
 
+#include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/image_io.h"
 #include "base/interrupt.h"
+#include "base/json_depth.h"
 #include "base/logging.h"
 
 namespace mirage {
 namespace {
 
 constexpr double kRenderTimeout = 900;  // s; a crop takes seconds
+constexpr const char* kEnded = "ended unexpectedly";
+
+/// One line of what Blender said, for a message.
+std::string shown(const std::string& line) {
+  std::string text = line.substr(0, 60);
+  for (char& c : text)
+    if (c < ' ' || c > '~') c = '?';
+  return "'" + text + (line.size() > 60 ? "…'" : "'");
+}
+
+std::string text_of(const nlohmann::json& answer, const char* key, const std::string& otherwise) {
+  const auto found = answer.find(key);
+  return found != answer.end() && found->is_string() ? found->get<std::string>() : otherwise;
+}
+
+/// Whether a line is the protocol's answer to job `id`.
+bool is_answer(const std::string& line, long id, nlohmann::json& answer) {
+  try {
+    check_json_depth(line, "blender");
+  } catch (const InputError&) {
+    return false;
+  }
+  answer = nlohmann::json::parse(line, nullptr, false);
+  if (!answer.is_object() || !answer.contains("id") || !answer.contains("ok")) return false;
+  return answer["id"].is_number_integer() && answer["id"].get<long>() == id && answer["ok"].is_boolean();
+}
 
 /// The named channels of a multilayer EXR ("Combined.R": the layer's name comes before); empty if it has
 /// none.
-ImageF read_channels(const std::filesystem::path& file, const std::vector<std::string>& names) {
+ImageF read_channels(const std::filesystem::path& file, PictureSize size,
+                     const std::vector<std::string>& names) {
   auto input = OIIO::ImageInput::open(file.string());
   if (!input) throw Failure(file.string(), "not readable (" + OIIO::geterror() + ")", "look at blender.log");
   const OIIO::ImageSpec& spec = input->spec();
+  if (spec.width != size.width || spec.height != size.height)
+    throw Failure(file.string(),
+                  fmt::format("is {}×{}, not {}×{}", spec.width, spec.height, size.width, size.height),
+                  "use Blender 3.4");
   std::vector<float> all(static_cast<std::size_t>(spec.width) * spec.height * spec.nchannels);
   if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, all.data()))
     throw Failure(file.string(), "truncated (" + input->geterror() + ")", "free some space and run again");
@@ -65,25 +99,37 @@ void BlenderWorker::start() {
   // Blender's Python finds its home through the first python3 on PATH, which a pyenv or a virtual environment
   // turns into one without numpy; user scripts are kept out as well.
   const std::string nowhere = (log_.parent_path() / "no-user-scripts").string();
-  child_ = std::make_unique<ChildProcess>(
-      std::vector<std::string>{"/usr/bin/env", "-u", "PYTHONHOME", "-u", "PYTHONPATH", "PATH=/usr/bin:/bin",
-                               "BLENDER_USER_SCRIPTS=" + nowhere, "BLENDER_USER_CONFIG=" + nowhere,
-                               program_.string(), "-b", "--factory-startup", "--disable-autoexec",
-                               "--python-exit-code", "1", "-P", script_.string(), "--"},
-      log_);
   nlohmann::json answer;
-  if (!exchange({{"job", "ping"}}, start_timeout_, answer))
-    throw Failure(program_.string(), "does not answer", "look at " + log_.string());
-  version_ = answer.value("version", "");
+  for (int attempt = 1;; ++attempt) {
+    child_ = std::make_unique<ChildProcess>(
+        std::vector<std::string>{"/usr/bin/env", "-u", "PYTHONHOME", "-u", "PYTHONPATH", "PATH=/usr/bin:/bin",
+                                 "BLENDER_USER_SCRIPTS=" + nowhere, "BLENDER_USER_CONFIG=" + nowhere,
+                                 program_.string(), "-b", "--factory-startup", "--disable-autoexec",
+                                 "--python-exit-code", "1", "-P", script_.string(), "--"},
+        log_);
+    if (exchange({{"job", "ping"}}, start_timeout_, answer, true)) break;
+    child_.reset();
+    const bool dies = lost_ == kEnded;  // one that is silent would only be waited for again
+    if (!dies || attempt == kAttempts)
+      throw Failure(program_.string(),
+                    dies ? fmt::format("{} while starting, {} times", lost_, kAttempts)
+                         : "does not answer: it " + lost_,
+                    "look at " + log_.string());
+    spdlog::warn("Blender {} while starting; starting it again", lost_);
+    ++restarts_;
+  }
+  version_ = text_of(answer, "version", "");
 }
 
-bool BlenderWorker::exchange(const nlohmann::json& job, double timeout, nlohmann::json& answer) {
+bool BlenderWorker::exchange(const nlohmann::json& job, double timeout, nlohmann::json& answer,
+                             bool starting) {
   nlohmann::json message = job;
   message["id"] = ++next_id_;
-  lost_ = "ended unexpectedly";
+  lost_ = kEnded;
   if (!child_->write_line(message.dump())) return false;
+  const auto asked = Clock::now();
   for (std::string line;;) {
-    switch (child_->read_line(line, timeout)) {
+    switch (child_->read_line(line, timeout - seconds_since(asked))) {
       case ChildProcess::Read::line:
         break;
       case ChildProcess::Read::interrupted:
@@ -92,11 +138,17 @@ bool BlenderWorker::exchange(const nlohmann::json& job, double timeout, nlohmann
       case ChildProcess::Read::timed_out:
         lost_ = fmt::format("gave no answer in {:g} s", timeout);
         return false;
+      case ChildProcess::Read::endless:
+        lost_ = "gave an answer without end";
+        return false;
       default:
         return false;
     }
-    answer = nlohmann::json::parse(line, nullptr, false);
-    if (answer.is_object() && answer.value("id", -1L) == next_id_) return true;
+    if (is_answer(line, next_id_, answer)) return true;
+    if (!starting) {
+      lost_ = fmt::format("gave a malformed answer ({})", shown(line));
+      return false;
+    }
   }
 }
 
@@ -115,8 +167,8 @@ nlohmann::json BlenderWorker::request(nlohmann::json job, double timeout) {
           fmt::format("{}, {} times on one job ({})", losses_.back().how, kAttempts, losses_.back().job),
           "look at " + log_.string());
   }
-  if (!answer.value("ok", false))
-    throw Failure("blender", answer.value("error", "unknown error"), "look at " + log_.string());
+  if (!answer["ok"].get<bool>())
+    throw Failure("blender", text_of(answer, "error", "unknown error"), "look at " + log_.string());
   return answer;
 }
 
@@ -134,15 +186,14 @@ Rendered render(BlenderWorker& blender, const RenderJob& job) {
                                        {"effects", effects_json(job.effects)}},
                                       kRenderTimeout);
   Rendered result;
-  result.seconds = answer.value("seconds", 0.0);
-  result.rgba = read_channels(job.output, {"Combined.R", "Combined.G", "Combined.B", "Combined.A"});
-  if (result.rgba.width != job.rect.width() || result.rgba.height != job.rect.height())
-    throw Failure(job.output.string(),
-                  fmt::format("is {}×{}, not {}×{}", result.rgba.width, result.rgba.height, job.rect.width(),
-                              job.rect.height()),
-                  "use Blender 3.4");
+  result.seconds =
+      answer.contains("seconds") && answer["seconds"].is_number() ? answer["seconds"].get<double>() : 0;
+  const PictureSize size{job.rect.width(), job.rect.height()};
+  result.rgba = read_channels(job.output, size, {"Combined.R", "Combined.G", "Combined.B", "Combined.A"});
+  if (result.rgba.empty()) throw Failure(job.output.string(), "has no picture", "use Blender 3.4");
   if (job.effects.surroundings == RenderEffects::Surroundings::catcher) {
-    result.catcher = read_channels(job.output, {"Shadow Catcher.R", "Shadow Catcher.G", "Shadow Catcher.B"});
+    result.catcher =
+        read_channels(job.output, size, {"Shadow Catcher.R", "Shadow Catcher.G", "Shadow Catcher.B"});
     if (result.catcher.empty())
       throw Failure(job.output.string(), "has no shadow catcher pass", "use Blender 3.4");
   }

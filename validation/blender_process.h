@@ -27,19 +27,21 @@ class BlenderWorker {
   static constexpr int kAttempts = 3;
   /// A worker that was lost on a job.
   struct Loss {
-    std::string job, how;  ///< how: "ended unexpectedly" or "gave no answer in 900 s"
+    std::string job, how;  ///< how: "ended unexpectedly", "gave no answer in 900 s", …
     int attempt = 1;       ///< at the job, from 1
   };
 
-  /// Starts Blender and waits for its first answer. `log` receives what Blender prints. InputError if
-  /// `program` is not on PATH; Failure if it does not answer within `start_timeout` seconds.
+  /// Starts Blender and waits for its first answer. `log` receives what Blender prints. One that dies while
+  /// it starts is started again, kAttempts times in all. InputError if `program` is not on PATH; Failure if
+  /// it dies each time or does not answer within `start_timeout` seconds.
   explicit BlenderWorker(std::filesystem::path log, std::string program = "blender",
                          double start_timeout = 120);
   ~BlenderWorker();
 
-  /// Sends a job and returns its answer. A worker that dies or exceeds `timeout` seconds is started again and
-  /// the job is sent once more, kAttempts times in all: then BlenderLost. Failure if the job itself is
-  /// answered with an error. Interrupted after Ctrl-C.
+  /// Sends a job and returns its answer. A worker that dies, has not answered `timeout` seconds after it was
+  /// asked (whatever else it says meanwhile) or answers with something else than the protocol's JSON is
+  /// started again and the job is sent once more, kAttempts times in all: then BlenderLost. Failure if the
+  /// job itself is answered with an error. Interrupted after Ctrl-C.
   nlohmann::json request(nlohmann::json job, double timeout);
 
   pid_t pid() const { return child_ ? child_->pid() : -1; }
@@ -51,7 +53,9 @@ class BlenderWorker {
 
  private:
   void start();
-  bool exchange(const nlohmann::json& job, double timeout, nlohmann::json& answer);
+  /// False, with the reason in lost_, if there is no answer. `starting`: what Blender prints before the
+  /// worker's script runs is passed over.
+  bool exchange(const nlohmann::json& job, double timeout, nlohmann::json& answer, bool starting = false);
 
   std::filesystem::path log_, program_, script_;
   double start_timeout_;

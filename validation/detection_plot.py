@@ -17,6 +17,10 @@ try:
 except ImportError:
     sys.exit(3)
 
+sys.dont_write_bytecode = True
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "report"))
+import atomic  # noqa: E402
+
 MUTED, LINE = "#667085", "#e4e7ec"
 COLOURS = {"all": "#1c2430", "easy": "#16a34a", "moderate": "#d97706", "hard": "#dc2626", "0-20 m": "#2563eb",
            "20-40 m": "#7c3aed", "40-70 m": "#db2777"}
@@ -62,9 +66,8 @@ def main(folder):
     figure.tight_layout()
     for kind, options in (("png", {"dpi": 150}), ("svg", {"metadata": {"Date": None}})):
         path = os.path.join(folder, "precision_recall." + kind)
-        figure.savefig(path + ".part", format=kind, facecolor="white", **options)
-        os.replace(path + ".part", path)
+        atomic.save_figure(figure, path, kind, **options)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    atomic.run(main, sys.argv[1])

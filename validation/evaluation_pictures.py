@@ -21,6 +21,10 @@ try:
 except ImportError:
     sys.exit(3)
 
+sys.dont_write_bytecode = True
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "report"))
+import atomic  # noqa: E402
+
 TEXT, MUTED, LINE = "#1c2430", "#667085", "#e4e7ec"
 TRUTH, CLEAN, ATTACKED, NEW, HOST = "#98a2b3", "#2563eb", "#d97706", "#dc2626", "#16a34a"
 DISTANT = 12.0  # m from the host
@@ -257,8 +261,7 @@ def features(data, host, folder, path):
 
 
 def save(figure, path):
-    figure.savefig(path + ".part", format="png", dpi=130, facecolor="white")
-    os.replace(path + ".part", path)
+    atomic.save_figure(figure, path, "png", dpi=130)
     plt.close(figure)
 
 
@@ -274,4 +277,4 @@ def main(out):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    atomic.run(main, sys.argv[1])

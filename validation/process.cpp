@@ -94,14 +94,16 @@ bool ChildProcess::write_line(const std::string& line) {
 ChildProcess::Read ChildProcess::read_line(std::string& line, double seconds) {
   const auto deadline = Clock::now() + std::chrono::duration<double>(seconds);
   for (;;) {
+    // Before the buffer: a child that never stops writing lines must not keep us from looking.
+    if (interrupted()) return Read::interrupted;
+    const double left = std::chrono::duration<double>(deadline - Clock::now()).count();
+    if (left <= 0) return Read::timed_out;
     if (const std::size_t end = buffer_.find('\n'); end != std::string::npos) {
       line = buffer_.substr(0, end);
       buffer_.erase(0, end + 1);
       return Read::line;
     }
-    if (interrupted()) return Read::interrupted;
-    const double left = std::chrono::duration<double>(deadline - Clock::now()).count();
-    if (left <= 0) return Read::timed_out;
+    if (buffer_.size() > kLongestLine) return Read::endless;
     pollfd wait{socket_, POLLIN, 0};
     const int ready = ::poll(&wait, 1, static_cast<int>(std::min(left, 0.2) * 1000) + 1);
     if (ready <= 0) continue;
@@ -120,7 +122,8 @@ void ChildProcess::stop(double seconds) {
   int status = 0;
   while (::waitpid(pid_, &status, WNOHANG) == 0) {
     if (Clock::now() >= deadline) {
-      ::kill(pid_, SIGKILL);
+      ::kill(-pid_, SIGKILL);
+      ::kill(pid_, SIGKILL);  // it may not have come to make its group
       ::waitpid(pid_, &status, 0);
       break;
     }

@@ -29,10 +29,12 @@ class ChildProcess {
   pid_t pid() const { return pid_; }
   /// False when the child no longer listens.
   bool write_line(const std::string& line);
-  enum class Read { line, lost, timed_out, interrupted };
-  /// Next line, waiting up to `seconds`. Ctrl-C ends the wait.
+  /// A line that is longer than any answer, as of a program that writes without end.
+  static constexpr std::size_t kLongestLine = 1 << 20;
+  enum class Read { line, lost, timed_out, interrupted, endless };
+  /// Next line, waiting up to `seconds`. Ctrl-C ends the wait; so do kLongestLine bytes without an end.
   Read read_line(std::string& line, double seconds);
-  /// Closes its input and waits up to `seconds`, then kills it.
+  /// Closes its input and waits up to `seconds`, then kills it and what it has started.
   void stop(double seconds);
 
  private:

@@ -19,6 +19,10 @@ try:
 except ImportError:
     sys.exit(3)
 
+sys.dont_write_bytecode = True
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "report"))
+import atomic  # noqa: E402
+
 INK, MUTED, LINE = "#1c2430", "#667085", "#e4e7ec"
 COLOURS = ["#2563eb", "#dc2626", "#16a34a", "#d97706", "#7c3aed", "#db2777", "#0891b2", "#65a30d"]
 NAMES = {"sigma": "σ", "gamma": "γ", "cut_off": "cut-off", "edges": "hard edges", "samples": "samples a pixel",
@@ -100,8 +104,7 @@ def plot(data, folder):
     figure.tight_layout()
     for kind, options in (("png", {"dpi": 130}), ("svg", {"metadata": {"Date": None}})):
         path = os.path.join(folder, "tradeoff." + kind)
-        figure.savefig(path + ".part", format=kind, facecolor="white", **options)
-        os.replace(path + ".part", path)
+        atomic.save_figure(figure, path, kind, **options)
     text = io.StringIO()
     figure.savefig(text, format="svg", facecolor="white", metadata={"Date": None})
     return text.getvalue()[text.getvalue().index("<svg"):]
@@ -186,11 +189,8 @@ def page(data, svg):
 def main(folder):
     with open(os.path.join(folder, "tradeoff.json"), encoding="utf-8") as file:
         data = json.load(file)
-    path = os.path.join(folder, "tradeoff.html")
-    with open(path + ".part", "w", encoding="utf-8") as file:
-        file.write(page(data, plot(data, folder)))
-    os.replace(path + ".part", path)
+    atomic.write(os.path.join(folder, "tradeoff.html"), page(data, plot(data, folder)))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    atomic.run(main, sys.argv[1])

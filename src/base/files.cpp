@@ -43,10 +43,29 @@ void make_output_folder(const fs::path& folder) {
   fs::remove(probe, error);
 }
 
+namespace {
+
+/// Waits until a file's content, or a folder's list of names, is on the disk: a rename alone can outrun the
+/// bytes, and be lost itself. What cannot be opened or has nothing to wait for (EINVAL: pipes, some network
+/// disks) passes.
+void sync(const fs::path& path) {
+  const int handle = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (handle < 0) return;
+  const int reason = ::fsync(handle) == 0 ? 0 : errno;
+  ::close(handle);
+  if (reason != 0 && reason != EINVAL && reason != EROFS)
+    throw Failure(path.string(), fmt::format("cannot be written ({})", std::strerror(reason)),
+                  "free some space or choose another folder");
+}
+
+}  // namespace
+
 void replace_file(const fs::path& temporary, const fs::path& path) {
+  sync(temporary);  // a plugin may have written it
   std::error_code error;
   fs::rename(temporary, path, error);
   if (error) throw Failure(path.string(), error.message(), "check the folder's permissions");
+  sync(path.has_parent_path() ? path.parent_path() : ".");
 }
 
 void write_file(const fs::path& path, std::string_view bytes) {

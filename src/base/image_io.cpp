@@ -2,13 +2,13 @@
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
-#include <unistd.h>
+#include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -19,94 +19,136 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::unique_ptr<OIIO::ImageInput> open_image(const fs::path& path) {
-  if (!fs::exists(path))
-    throw InputError(path.string(), "", "no such image", "check the data set's image folder");
-  auto input = OIIO::ImageInput::open(path.string());
-  if (!input)
-    throw InputError(path.string(), "header", "not a readable image (" + OIIO::geterror() + ")",
-                     "restore the file from its source");
-  return input;
+constexpr const char* kRestore = "restore the file from its source";
+
+/// The format by a file's first bytes; OpenImageIO would go by the name and then try everything that it
+/// knows, down to film and raw formats.
+const char* format_of(std::string_view head) {
+  if (head.starts_with("\x89PNG")) return "png";
+  if (head.starts_with("\xff\xd8")) return "jpeg";
+  if (head.starts_with("\x76\x2f\x31\x01")) return "openexr";
+  return nullptr;
 }
 
-[[noreturn]] void bad_pixels(const fs::path& path, const std::string& why) {
-  throw InputError(path.string(), "pixels", "truncated or damaged (" + why + ")",
-                   "restore the file from its source");
-}
+/// A picture with its header read and judged; nothing is decoded or reserved before.
+class Picture {
+ public:
+  Picture(const fs::path& path, PictureSize expected) : Picture(path.string(), "header", nullptr) {
+    if (!fs::is_regular_file(path))
+      throw InputError(path.string(), "", fs::exists(path) ? "is no regular file" : "no such image",
+                       "check the data set's image folder");
+    auto file = std::make_unique<OIIO::Filesystem::IOFile>(path.string(), OIIO::Filesystem::IOProxy::Read);
+    if (!file->opened()) throw InputError(path.string(), "", "cannot be opened", "check its permissions");
+    proxy_ = std::move(file);
+    open(expected);
+  }
+  Picture(std::string_view bytes, const std::string& where, const std::string& field, PictureSize expected)
+      : Picture(
+            where, field,
+            std::make_unique<OIIO::Filesystem::IOMemReader>(const_cast<char*>(bytes.data()), bytes.size())) {
+    open(expected);
+  }
 
-/// 8-bit sRGB pixels of an opened picture as scene-linear RGB.
-ImageF read_linear(OIIO::ImageInput& input, const std::string& where, const std::string& field) {
-  const OIIO::ImageSpec& spec = input.spec();
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(spec.width) * spec.height * spec.nchannels);
-  if (!input.read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::UINT8, bytes.data()))
-    throw InputError(where, field, "truncated or damaged (" + input.geterror() + ")",
-                     "restore the file from its source");
+  const OIIO::ImageSpec& spec() const { return input_->spec(); }
+  std::size_t pixels() const { return static_cast<std::size_t>(spec().width) * spec().height; }
+  bool is_grey16() const { return spec().nchannels == 1 && spec().format == OIIO::TypeDesc::UINT16; }
+  /// All of them, converted; `values` has room for pixels() × channels.
+  void read(OIIO::TypeDesc type, void* values) {
+    if (!input_->read_image(0, 0, 0, spec().nchannels, type, values))
+      throw InputError(where_, field_ == "header" ? "pixels" : field_,
+                       "truncated or damaged (" + input_->geterror() + ")", kRestore);
+  }
+
+ private:
+  Picture(std::string where, std::string field, std::unique_ptr<OIIO::Filesystem::IOProxy> proxy)
+      : where_(std::move(where)), field_(std::move(field)), proxy_(std::move(proxy)) {}
+
+  [[noreturn]] void bad(const std::string& problem, const std::string& fix = kRestore) const {
+    throw InputError(where_, field_, problem, fix);
+  }
+
+  void open(PictureSize expected) {
+    char head[4] = {};
+    const std::size_t size = proxy_->size();
+    const std::size_t read = proxy_->pread(head, sizeof head, 0);
+    const char* format = format_of(std::string_view(head, read));
+    if (!format) bad("is no PNG, JPEG or EXR picture", "give one of these");
+    input_ = OIIO::ImageInput::create(format);
+    OIIO::ImageSpec ignored;
+    if (!input_ || !input_->set_ioproxy(proxy_.get()) ||
+        !input_->open(std::string("picture.") + format, ignored))
+      bad("not a readable image (" + (input_ ? input_->geterror() : OIIO::geterror()) + ")");
+    const int width = spec().width, height = spec().height, channels = spec().nchannels;
+    const std::string claims = fmt::format("claims {}×{} pixels", width, height);
+    if (width < 1 || height < 1 || channels < 1 || pixels() > kMostPixels ||
+        pixels() * static_cast<std::size_t>(channels) > 4 * kMostPixels)
+      bad(fmt::format("{}, {} channels; more than {} pixels are not read", claims, channels, kMostPixels),
+          "give a smaller picture");
+    if (expected.width > 0 && (width != expected.width || height != expected.height))
+      bad(fmt::format("is {}×{}, the camera {}×{}", width, height, expected.width, expected.height),
+          "give the picture that belongs to the calibration");
+    // Deflate packs at most 1032 bytes into one, a PNG eight pixels into a byte.
+    if (std::string_view(format) == "png" && pixels() / 8 / 1032 > size)
+      bad(fmt::format("{}, which {} bytes cannot hold", claims, size));
+  }
+
+  std::string where_, field_;
+  std::unique_ptr<OIIO::Filesystem::IOProxy> proxy_;  // outlives input_
+  std::unique_ptr<OIIO::ImageInput> input_;
+};
+
+/// 8-bit sRGB pixels as scene-linear RGB.
+ImageF read_linear(Picture picture) {
+  const OIIO::ImageSpec& spec = picture.spec();
+  const int channels = spec.nchannels;
+  std::vector<std::uint8_t> bytes(picture.pixels() * channels);
+  picture.read(OIIO::TypeDesc::UINT8, bytes.data());
   ImageF image(spec.width, spec.height, 3);
-  const std::size_t pixels = static_cast<std::size_t>(spec.width) * spec.height;
-  for (std::size_t i = 0; i < pixels; ++i)
+  for (std::size_t i = 0; i < picture.pixels(); ++i)
     for (int c = 0; c < 3; ++c)
-      image.data[3 * i + c] = linear_level(bytes[i * spec.nchannels + (spec.nchannels >= 3 ? c : 0)]);
+      image.data[3 * i + c] = linear_level(bytes[i * channels + (channels >= 3 ? c : 0)]);
   return image;
 }
 
+/// The whole file in memory: a disk that is full can then spoil nothing but the writing of it, which is
+/// checked.
 template <class T>
-void write_image(const fs::path& path, const Image<T>& shape, OIIO::TypeDesc type, const void* pixels) {
-  // The extension picks the format, so it stays last in the temporary name.
-  const fs::path temporary = path.parent_path() / (std::string(".") + path.stem().string() + "." +
-                                                   std::to_string(getpid()) + path.extension().string());
-  std::error_code ignored;
-  if (path.has_parent_path()) fs::create_directories(path.parent_path(), ignored);
-  auto output = OIIO::ImageOutput::create(temporary.string());
+std::string encoded(const std::string& format, const Image<T>& shape, OIIO::TypeDesc type,
+                    const void* pixels) {
+  std::vector<unsigned char> file;
+  OIIO::Filesystem::IOVecOutput proxy(file);
+  auto output = OIIO::ImageOutput::create(format);
   const OIIO::ImageSpec spec(shape.width, shape.height, shape.channels, type);
-  const bool written = output && output->open(temporary.string(), spec) &&
-                       output->write_image(type, pixels) && output->close();
-  if (!written) {
-    const std::string why = output ? output->geterror() : OIIO::geterror();
-    output.reset();
-    fs::remove(temporary, ignored);
-    throw Failure(path.string(), "cannot be written (" + why + ")",
-                  "free some space or choose another folder");
-  }
-  replace_file(temporary, path);
+  if (!output || !output->set_ioproxy(&proxy) || !output->open("picture." + format, spec) ||
+      !output->write_image(type, pixels) || !output->close())
+    throw Failure(format + " encoder", output ? output->geterror() : OIIO::geterror(),
+                  "install OpenImageIO with PNG and EXR support");
+  return {file.begin(), file.end()};
 }
 
 }  // namespace
 
-ImageF read_srgb(const fs::path& path) {
-  return read_linear(*open_image(path), path.string(), "pixels");
+ImageF read_srgb(const fs::path& path, PictureSize expected) {
+  return read_linear(Picture(path, expected));
 }
 
-ImageF decode_srgb(std::string_view bytes, const std::string& where, const std::string& field) {
-  OIIO::Filesystem::IOMemReader proxy(const_cast<char*>(bytes.data()), bytes.size());
-  const char* name = bytes.starts_with("\xff\xd8") ? "memory.jpg" : "memory.png";
-  auto input = OIIO::ImageInput::open(name, nullptr, &proxy);
-  if (!input)
-    throw InputError(where, field, "not a readable image (" + OIIO::geterror() + ")",
-                     "give a PNG or JPEG picture");
-  return read_linear(*input, where, field);
+ImageF decode_srgb(std::string_view bytes, const std::string& where, const std::string& field,
+                   PictureSize expected) {
+  return read_linear(Picture(bytes, where, field, expected));
 }
 
 void write_srgb(const fs::path& path, const ImageF& linear) {
-  write_image(path, linear, OIIO::TypeDesc::UINT8, srgb_bytes(linear).data());
+  write_file(path, encode_srgb_png(linear));
 }
 
 std::string encode_srgb_png(const ImageF& linear) {
-  std::vector<unsigned char> file;
-  OIIO::Filesystem::IOVecOutput proxy(file);
-  auto output = OIIO::ImageOutput::create("memory.png");
-  const OIIO::ImageSpec spec(linear.width, linear.height, linear.channels, OIIO::TypeDesc::UINT8);
-  if (!output) throw Failure("PNG encoder", OIIO::geterror(), "install OpenImageIO with PNG support");
-  output->set_ioproxy(&proxy);
-  if (!output->open("memory.png", spec) ||
-      !output->write_image(OIIO::TypeDesc::UINT8, srgb_bytes(linear).data()) || !output->close())
-    throw Failure("PNG encoder", output->geterror(), "report this as a bug");
-  return {file.begin(), file.end()};
+  return encoded("png", linear, OIIO::TypeDesc::UINT8, srgb_bytes(linear).data());
 }
 
 void read_image_size(const fs::path& path, int& width, int& height) {
-  auto input = open_image(path);
-  width = input->spec().width;
-  height = input->spec().height;
+  const Picture picture(path, {});
+  width = picture.spec().width;
+  height = picture.spec().height;
 }
 
 void write_depth_png(const fs::path& path, const ImageF& depth) {
@@ -114,50 +156,45 @@ void write_depth_png(const fs::path& path, const ImageF& depth) {
   for (std::size_t i = 0; i < words.size(); ++i)
     if (const float z = depth.data[i]; z > 0)
       words[i] = static_cast<std::uint16_t>(std::clamp(std::round(256 * std::min(z, 1e3f)), 1.f, 65535.f));
-  write_image(path, depth, OIIO::TypeDesc::UINT16, words.data());
+  write_file(path, encoded("png", depth, OIIO::TypeDesc::UINT16, words.data()));
 }
 
 ImageF read_depth_png(const fs::path& path) {
-  auto input = open_image(path);
-  const OIIO::ImageSpec& spec = input->spec();
-  if (spec.nchannels != 1 || spec.format != OIIO::TypeDesc::UINT16)
+  Picture picture(path, {});
+  if (!picture.is_grey16())
     throw InputError(path.string(), "header", "not a 16-bit grey picture",
                      "store depth as KITTI does: 16-bit PNG of 256 times the metres");
-  std::vector<std::uint16_t> words(static_cast<std::size_t>(spec.width) * spec.height);
-  if (!input->read_image(0, 0, 0, 1, OIIO::TypeDesc::UINT16, words.data()))
-    bad_pixels(path, input->geterror());
-  ImageF depth(spec.width, spec.height, 1);
+  std::vector<std::uint16_t> words(picture.pixels());
+  picture.read(OIIO::TypeDesc::UINT16, words.data());
+  ImageF depth(picture.spec().width, picture.spec().height, 1);
   for (std::size_t i = 0; i < words.size(); ++i) depth.data[i] = static_cast<float>(words[i]) / 256;
   return depth;
 }
 
 void write_index_png(const fs::path& path, const Image<std::uint16_t>& indices) {
-  write_image(path, indices, OIIO::TypeDesc::UINT16, indices.data.data());
+  write_file(path, encoded("png", indices, OIIO::TypeDesc::UINT16, indices.data.data()));
 }
 
 Image<std::uint16_t> read_index_png(const fs::path& path) {
-  auto input = open_image(path);
-  const OIIO::ImageSpec& spec = input->spec();
-  if (spec.nchannels != 1 || spec.format != OIIO::TypeDesc::UINT16)
+  Picture picture(path, {});
+  if (!picture.is_grey16())
     throw InputError(path.string(), "header", "not a 16-bit grey picture",
                      "store one 16-bit number a pixel, as mirage generate --truth does");
-  Image<std::uint16_t> indices(spec.width, spec.height, 1);
-  if (!input->read_image(0, 0, 0, 1, OIIO::TypeDesc::UINT16, indices.data.data()))
-    bad_pixels(path, input->geterror());
+  Image<std::uint16_t> indices(picture.spec().width, picture.spec().height, 1);
+  picture.read(OIIO::TypeDesc::UINT16, indices.data.data());
   return indices;
 }
 
 ImageF read_exr(const fs::path& path) {
-  auto input = open_image(path);
-  const OIIO::ImageSpec& spec = input->spec();
+  Picture picture(path, {});
+  const OIIO::ImageSpec& spec = picture.spec();
   ImageF image(spec.width, spec.height, spec.nchannels);
-  if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, image.data.data()))
-    bad_pixels(path, input->geterror());
+  picture.read(OIIO::TypeDesc::FLOAT, image.data.data());
   return image;
 }
 
 void write_exr(const fs::path& path, const ImageF& image) {
-  write_image(path, image, OIIO::TypeDesc::FLOAT, image.data.data());
+  write_file(path, encoded("exr", image, OIIO::TypeDesc::FLOAT, image.data.data()));
 }
 
 }  // namespace mirage

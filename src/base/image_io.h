@@ -10,16 +10,27 @@
 
 namespace mirage {
 
-/// Reads an 8-bit sRGB picture into scene-linear RGB (H×W×3). InputError naming the file if unreadable.
-ImageF read_srgb(const std::filesystem::path& path);
+/// Pixels of the largest picture that is read, given or recorded: 8192×8192. A header of a few bytes can
+/// claim 60000×60000, so every reader looks at it before it reserves anything.
+inline constexpr std::uint64_t kMostPixels = 1ull << 26;
+
+/// What a picture's header has to say; 0: any size within kMostPixels.
+struct PictureSize {
+  int width = 0, height = 0;
+};
+
+/// Reads an 8-bit sRGB picture (PNG, JPEG) into scene-linear RGB (H×W×3). InputError naming the file if it is
+/// unreadable, no regular file, larger than kMostPixels or not of the `expected` size.
+ImageF read_srgb(const std::filesystem::path& path, PictureSize expected = {});
 /// Writes scene-linear RGB (3 channels; or 1, as grey) as 8-bit sRGB PNG, atomically.
 void write_srgb(const std::filesystem::path& path, const ImageF& linear);
 /// The PNG file's bytes, for embedding.
 std::string encode_srgb_png(const ImageF& linear);
 /// The reverse of encode_srgb_png, for any picture in memory (PNG, JPEG): scene-linear RGB. InputError with
-/// `where` as the file and `field`.
-ImageF decode_srgb(std::string_view bytes, const std::string& where, const std::string& field);
-/// Width and height from the file's header only.
+/// `where` as the file and `field`, as read_srgb.
+ImageF decode_srgb(std::string_view bytes, const std::string& where, const std::string& field,
+                   PictureSize expected = {});
+/// Width and height from the file's header only; at most kMostPixels.
 void read_image_size(const std::filesystem::path& path, int& width, int& height);
 
 /// Depth (m, one channel) as KITTI's depth benchmark stores it: 16-bit PNG of round(256 · depth), 0 where

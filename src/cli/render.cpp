@@ -64,8 +64,10 @@ nlohmann::json run(const Options& options, const Common& common) {
     const auto size = whole_numbers("--size", options.size, 'x', 2, "give WIDTHxHEIGHT, e.g. 1242x375");
     width = size[0];
     height = size[1];
-    if (width < 1 || height < 1 || width > 32768 || height > 32768)
-      throw InputError("--size", options.size, "is no image size", "give 1 to 32768 pixels a side");
+    if (width < 1 || height < 1 ||
+        static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height) > kMostPixels)
+      throw InputError("--size", options.size, "is no image size",
+                       fmt::format("give at most {} pixels in all", kMostPixels));
   }
   RenderScene scene = read_scene(options.scene, width, height);
   if (width > 0) scene.camera = resized(scene.camera, width, height);

@@ -19,7 +19,7 @@ namespace mirage {
 /// (binary, float64) for a lossless way back.
 void write_adversary(const std::filesystem::path& file, const TexturedMesh& adversary);
 /// Reads what write_adversary wrote: the identical mesh and texels. A foreign .glb is read as a plain mesh
-/// with its base colour. InputError naming file and field.
+/// with its base colour. InputError naming file and field (gltf_document.h says what is refused).
 TexturedMesh read_adversary(const std::filesystem::path& file);
 
 /// A whole scene for Blender and for viewers.
@@ -43,8 +43,8 @@ void write_scene(const std::filesystem::path& file, const ExportScene& scene);
 /// extras, else with their base colour (textures of foreign files are left out, with a warning); camera,
 /// light and photograph from the scene's extras. Without those, the first camera node with intrinsics in
 /// extras is taken, or one with a field of view and the image size `width` × `height`, and the first
-/// directional light. InputError naming file and field, also when there is no camera or a vertex is not
-/// finite.
+/// directional light. InputError naming file and field, as read_adversary, also when there is no camera, it
+/// or a light is singular or beyond the limits, or the photograph is not of the camera's size.
 RenderScene read_scene(const std::filesystem::path& file, int width = 0, int height = 0);
 
 }  // namespace mirage

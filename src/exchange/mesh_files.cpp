@@ -1,19 +1,28 @@
 // Assimp's headers are heavy: no other file includes them.
 #include "exchange/mesh_files.h"
 
+#include <assimp/MemoryIOWrapper.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <assimp/IOSystem.hpp>
 #include <assimp/Importer.hpp>
+#include <assimp/ProgressHandler.hpp>
 #include <cctype>
 #include <cstdint>
 #include <cstring>
+#include <limits>
+#include <memory>
+#include <optional>
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/interrupt.h"
+#include "exchange/folder_files.h"
 #include "exchange/gltf_builder.h"
+#include "exchange/gltf_document.h"
 #include "geometry/shapes.h"
 
 namespace mirage {
@@ -28,9 +37,72 @@ std::string extension_of(const fs::path& file) {
   return extension;
 }
 
-bool readable(const std::string& extension) {
-  return extension == ".glb" || extension == ".gltf" || extension == ".obj" || extension == ".ply";
+bool is_gltf(const std::string& extension) {
+  return extension == ".glb" || extension == ".gltf";
 }
+
+bool readable(const std::string& extension) {
+  return is_gltf(extension) || extension == ".obj" || extension == ".ply";
+}
+
+/// Where assimp's readers look for files: the mesh's folder, and nowhere else. Nothing is written.
+class FolderSystem : public Assimp::IOSystem {
+ public:
+  /// `uris`: names are percent-encoded.
+  FolderSystem(const FolderFiles& files, bool uris) : files_(files), uris_(uris) {}
+  /// From here on there seems to be a file `name` that holds `text`.
+  void pretend(const fs::path& name, std::string text) {
+    pretended_ = name;
+    text_ = std::move(text);
+  }
+
+  bool Exists(const char* name) const override { return name == pretended_ || found(name).has_value(); }
+  char getOsSeparator() const override { return '/'; }
+  Assimp::IOStream* Open(const char* name, const char* mode) override {
+    if (!std::strchr(mode, 'r')) return nullptr;
+    if (name == pretended_) return stream(text_);
+    const auto file = found(name);
+    if (!file) return nullptr;
+    try {
+      return stream(read_regular_file(*file, std::numeric_limits<std::size_t>::max()));
+    } catch (const InputError&) {
+      return nullptr;
+    }
+  }
+  void Close(Assimp::IOStream* stream) override { delete stream; }
+
+ private:
+  static Assimp::IOStream* stream(const std::string& bytes) {
+    auto* copy = new std::uint8_t[bytes.size()];
+    std::memcpy(copy, bytes.data(), bytes.size());
+    return new Assimp::MemoryIOStream(copy, bytes.size(), true);
+  }
+  std::optional<fs::path> found(const std::string& name) const {
+    const auto decoded = uris_ ? percent_decoded(name) : std::nullopt;
+    for (const std::string& spelt : {decoded.value_or(name), name}) {
+      try {
+        return files_.find(spelt, "");
+      } catch (const InputError&) {
+      }
+    }
+    return std::nullopt;
+  }
+
+  const FolderFiles& files_;
+  bool uris_;
+  fs::path pretended_;
+  std::string text_;
+};
+
+std::string first_line(const std::string& text) {
+  return text.substr(0, std::min<std::size_t>(text.find('\n'), 200));
+}
+
+/// Ends an import after Ctrl-C.
+class UntilInterrupted : public Assimp::ProgressHandler {
+ public:
+  bool Update(float) override { return !interrupted(); }
+};
 
 Vec3d axis(const std::string& text, const std::string& what) {
   if (text.size() == 2 && (text[0] == '+' || text[0] == '-') && text[1] >= 'x' && text[1] <= 'z')
@@ -57,17 +129,30 @@ Mesh read_mesh(const fs::path& file, const std::optional<MeshAxes>& axes) {
   const std::string extension = extension_of(file);
   if (!readable(extension))
     throw InputError(file.string(), "extension", "is not one that is read", "give .glb, .gltf, .obj or .ply");
-  if (!fs::exists(file)) throw InputError(file.string(), "", "No such file", "check the path");
+  const FolderFiles files(file);
   // Assimp 5.2 reads on for ever in a PLY file that ends within its header.
   if (extension == ".ply" && read_file(file).find("end_header") == std::string::npos)
     throw InputError(file.string(), "header", "has no end", "export the mesh again");
+  const bool gltf = is_gltf(extension);
+  fs::path path = files.file();
+  auto system = std::make_unique<FolderSystem>(files, gltf);
+  if (gltf) {  // assimp's reader follows circles of nodes and deep JSON
+    const GltfDocument document = open_gltf(file);
+    // … and takes the first buffer of a .glb for its binary chunk, whatever its uri says.
+    if (extension == ".glb" && document.json.contains("buffers") && !document.json["buffers"].empty() &&
+        document.json["buffers"][0].contains("uri"))
+      system->pretend(path += ".gltf", document.json.dump());
+  }
   Assimp::Importer importer;
+  importer.SetIOHandler(system.release());  // both are the importer's from here on
+  importer.SetProgressHandler(new UntilInterrupted);
   importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
   const aiScene* scene =
-      importer.ReadFile(file.string(), aiProcess_Triangulate | aiProcess_PreTransformVertices |
+      importer.ReadFile(path.string(), aiProcess_Triangulate | aiProcess_PreTransformVertices |
                                            aiProcess_JoinIdenticalVertices | aiProcess_SortByPType);
-  if (!scene) throw InputError(file.string(), "", importer.GetErrorString(), "export the mesh again");
-  const bool gltf = extension == ".glb" || extension == ".gltf";
+  throw_if_interrupted("nothing was written");
+  if (!scene)
+    throw InputError(file.string(), "", first_line(importer.GetErrorString()), "export the mesh again");
   const Eigen::Matrix3d turn =
       vehicle_from_file(axes.value_or(gltf ? MeshAxes{"+z", "+y"} : MeshAxes{"+x", "+z"}));
   Mesh mesh;
@@ -86,6 +171,11 @@ Mesh read_mesh(const fs::path& file, const std::optional<MeshAxes>& axes) {
                             first + static_cast<int>(face.mIndices[2])});
     }
   }
+  for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
+    if (!(mesh.vertices[v].cwiseAbs().maxCoeff() <= gltf_limits::kFurthest))
+      throw InputError(file.string(), fmt::format("vertex {}", v),
+                       fmt::format("is not within {:g} m", gltf_limits::kFurthest),
+                       "export the mesh in metres");
   if (mesh.faces.empty()) throw InputError(file.string(), "faces", "there are none", "export the mesh again");
   check_mesh({mesh, {}}, file.string());
   return mesh;

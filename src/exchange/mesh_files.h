@@ -19,7 +19,10 @@ struct MeshAxes {
 /// The mesh of a .glb, .gltf, .obj or .ply file in the vehicle's frame (x forward, y left, z up): all of its
 /// nodes placed and joined, polygons cut into triangles, lines and points left out. Without `axes`, glTF has
 /// +z forward and +y up (glTF 2.0, section 3.4); OBJ and PLY, which say nothing, +x forward and +z up.
-/// InputError naming file and fix if it can't be read, holds no faces, or `axes` are no axes or parallel.
+/// Files that it names (a glTF's buffers, an OBJ's materials) are read from its own folder only
+/// (FolderFiles). InputError naming file and fix if it can't be read, holds no faces or vertices beyond
+/// gltf_limits::kFurthest, is a glTF that open_gltf refuses, or `axes` are no axes or parallel. Interrupted
+/// after Ctrl-C.
 Mesh read_mesh(const std::filesystem::path& file, const std::optional<MeshAxes>& axes = {});
 
 /// Every such file of a folder, by name, as vehicles to learn from. They must be in metres and lie along x:

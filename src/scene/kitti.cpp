@@ -151,8 +151,12 @@ Frame read_frame(const fs::path& data, const std::string& id) {
   Frame frame;
   frame.id = id;
   frame.sweep = read_sweep(sweep);
-  frame.image = read_srgb(image);
-  frame.calibration = read_calibration(calibration, frame.image.width, frame.image.height);
+  // Header, calibration, pixels: a header that claims too much contradicts the calibration before it costs
+  // memory.
+  PictureSize size;
+  read_image_size(image, size.width, size.height);
+  frame.calibration = read_calibration(calibration, size.width, size.height);
+  frame.image = read_srgb(image, size);
   frame.labels = read_labels(labels, frame.calibration);
   if (const auto tracks = read_tracks(data, id)) {
     if (tracks->size() != frame.labels.size())

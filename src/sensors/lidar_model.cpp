@@ -1,7 +1,10 @@
 #include "sensors/lidar_model.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <numbers>
 
 #include "base/config.h"
@@ -12,6 +15,8 @@ namespace mirage {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
+/// Beams × firings of the densest unit that is read; a VLS-128 at its finest (0.1°) has 460 800.
+constexpr std::int64_t kMostRays = 1 << 23;
 
 }  // namespace
 
@@ -101,6 +106,12 @@ LidarModel read_lidar_model(const std::filesystem::path& path) {
   model.height = table.number("height", 0, 10);
   table.check_all_known();
   demand(model.azimuth_max > model.azimuth_min, "azimuth", "the field is empty", "write [smallest, largest]");
+  const std::int64_t rays = static_cast<std::int64_t>(model.beams.size()) * model.azimuth_count();
+  demand(rays <= kMostRays, "beams, azimuth_step",
+         fmt::format("{} beams of {} firings are more than {} rays", model.beams.size(),
+                     model.azimuth_count(), kMostRays)
+             .c_str(),
+         "give fewer beams or a larger step");
   demand(model.range_max > model.range_min, "range", "the limits are out of order",
          "write [smallest, largest]");
   demand(model.encoder_step <= model.azimuth_step, "encoder_step", "larger than azimuth_step",

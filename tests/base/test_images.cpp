@@ -1,7 +1,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
 
 #include <cmath>
+#include <csignal>
+#include <fstream>
+#include <functional>
+#include <tuple>
 
 #include "base/color.h"
 #include "base/error.h"
@@ -91,7 +97,112 @@ TEST(ImageFiles, ErrorsNameTheFile) {
               AllOf(HasSubstr("cut.png"), HasSubstr("truncated")));
   write_file(folder / "file", "");
   EXPECT_THAT(error_text<Failure>([&] { write_srgb(folder / "file/a.png", noise(2, 2, 3)); }),
-              HasSubstr("a.png"));
+              HasSubstr("file: Not a directory"));
+}
+
+/// A PNG of a signature, a header that claims width × height, and an end: 57 bytes.
+std::string claiming_png(std::uint32_t width, std::uint32_t height) {
+  std::string header = "IHDR";
+  for (std::uint32_t value : {width, height})
+    for (int shift = 24; shift >= 0; shift -= 8) header.push_back(static_cast<char>(value >> shift & 0xff));
+  header += std::string("\x08\x02\0\0\0", 5);
+  const auto chunk = [](const std::string& body) {
+    std::uint32_t crc = 0xffffffffu;
+    for (const char c : body) {
+      crc ^= static_cast<unsigned char>(c);
+      for (int bit = 0; bit < 8; ++bit) crc = crc & 1 ? crc >> 1 ^ 0xedb88320u : crc >> 1;
+    }
+    std::string out;
+    for (std::uint32_t value : {static_cast<std::uint32_t>(body.size() - 4)})
+      for (int shift = 24; shift >= 0; shift -= 8) out.push_back(static_cast<char>(value >> shift & 0xff));
+    out += body;
+    for (int shift = 24; shift >= 0; shift -= 8) out.push_back(static_cast<char>(~crc >> shift & 0xff));
+    return out;
+  };
+  return "\x89PNG\r\n\x1a\n" + chunk(header) + chunk("IDAT") + chunk("IEND");
+}
+
+TEST(ImageFiles, AHeaderThatClaimsTooMuchIsRefusedBeforeDecoding) {
+  TemporaryFolder folder;
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_AS, &before), 0);
+  rlimit small = before;
+  std::ifstream statm("/proc/self/statm");
+  rlim_t pages = 0;
+  statm >> pages;
+  small.rlim_cur = pages * 4096 + (64u << 20);  // what is mapped already, and 64 MiB
+  const auto limited = [&](const auto& work) {
+    setrlimit(RLIMIT_AS, &small);
+    const std::string text = error_text<InputError>(work);
+    setrlimit(RLIMIT_AS, &before);
+    return text;
+  };
+  int width = 0, height = 0;
+  for (const auto& [w, h, why] :
+       {std::tuple{60000u, 60000u, "more than 67108864 pixels"}, std::tuple{1000000u, 1000000u, "claims"},
+        std::tuple{8192u, 8192u, "bytes cannot hold"}}) {
+    write_file(folder / "huge.png", claiming_png(w, h));
+    EXPECT_THAT(limited([&] { read_srgb(folder / "huge.png"); }),
+                AllOf(HasSubstr("huge.png: header"), HasSubstr(why)));
+    EXPECT_THAT(limited([&] { read_image_size(folder / "huge.png", width, height); }), HasSubstr(why));
+    EXPECT_THAT(limited([&] { read_depth_png(folder / "huge.png"); }), HasSubstr(why));
+    EXPECT_THAT(limited([&] { read_index_png(folder / "huge.png"); }), HasSubstr(why));
+    EXPECT_THAT(limited([&] { decode_srgb(claiming_png(w, h), "scene.glb", "photograph"); }),
+                AllOf(HasSubstr("scene.glb: photograph"), HasSubstr(why)));
+  }
+  write_srgb(folder / "small.png", noise(8, 4, 3));
+  EXPECT_THAT(error_text<InputError>([&] {
+                read_srgb(folder / "small.png", {9, 4});
+              }),
+              AllOf(HasSubstr("8×4"), HasSubstr("9×4")));
+  EXPECT_EQ(read_srgb(folder / "small.png", {8, 4}).height, 4);
+}
+
+TEST(ImageFiles, OnlyPicturesAreOpenedAndNoPipes) {
+  TemporaryFolder folder;
+  for (const std::string& bytes :
+       {std::string("P6 2 2 255\n############"), std::string("\x49\x49\x2a\0", 4) + std::string(40, 'x')}) {
+    write_file(folder / "other.png", bytes);
+    EXPECT_THAT(error_text<InputError>([&] { read_srgb(folder / "other.png"); }),
+                HasSubstr("no PNG, JPEG or EXR"));
+  }
+  ASSERT_EQ(mkfifo((folder / "pipe.png").c_str(), 0600), 0);
+  EXPECT_THAT(error_text<InputError>([&] { read_srgb(folder / "pipe.png"); }), HasSubstr("no regular file"));
+}
+
+// A file-size limit stands in for a full disk.
+TEST(ImageFiles, AFullDiskLeavesTheOldPictureAndSaysSo) {
+  TemporaryFolder folder;
+  const ImageF old = noise(8, 8, 1), larger = noise(300, 300, 1);
+  Image<std::uint16_t> indices(300, 300, 1);
+  RandomStream random(3, "indices");
+  for (auto& index : indices.data) index = static_cast<std::uint16_t>(random.below(65536));
+  const std::vector<std::pair<std::string, std::function<void(const std::filesystem::path&)>>> writers = {
+      {"a.png", [&](const auto& file) { write_srgb(file, larger); }},
+      {"b.png", [&](const auto& file) { write_depth_png(file, larger); }},
+      {"c.png", [&](const auto& file) { write_index_png(file, indices); }},
+      {"d.exr", [&](const auto& file) { write_exr(file, larger); }}};
+  for (const auto& [name, write] : writers) {
+    if (name == "d.exr")
+      write_exr(folder / name, old);
+    else
+      write_srgb(folder / name, old);
+    const std::string before = read_file(folder / name);
+    rlimit limit{};
+    ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &limit), 0);
+    const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+    rlimit small = limit;
+    small.rlim_cur = 8192;
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+    const std::string text = error_text<Failure>([&] { write(folder / name); });
+    setrlimit(RLIMIT_FSIZE, &limit);
+    std::signal(SIGXFSZ, handler);
+    EXPECT_THAT(text, AllOf(HasSubstr(name), HasSubstr("cannot be written")));
+    EXPECT_EQ(read_file(folder / name), before) << name;
+    write(folder / name);
+    EXPECT_NE(read_file(folder / name), before) << name;
+  }
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), 4);
 }
 
 TEST(ParallelFor, VisitsEveryIndexOnceWithAnyThreadCount) {

@@ -4,6 +4,7 @@ mirage_blender.zip; the add-on is used as installed from the zip."""
 import json
 import math
 import os
+import struct
 import subprocess
 import sys
 import unittest
@@ -147,6 +148,26 @@ class Import(unittest.TestCase):
             file.write("this is not a scene, whatever its name says")
         with self.assertRaisesRegex(RuntimeError, "text.glb.*not a .glb"):
             bpy.ops.import_scene.mirage(filepath=path("text.glb"))
+
+    def test_a_scene_that_names_other_files_or_goes_round_in_a_circle_never_reaches_the_importer(self):
+        fresh()
+        with open(SCENE, "rb") as file:
+            data = file.read()
+        length = struct.unpack_from("<I", data, 12)[0]
+        for field, change in (("buffers.1..uri", lambda scene: scene["buffers"].append({"byteLength": 4, "uri": "/dev/zero"})),
+                              ("two parents", lambda scene: scene["nodes"].append({"children": [0, 0]}))):
+            scene = json.loads(data[20:20 + length])
+            change(scene)
+            text = json.dumps(scene).encode()
+            text += b" " * (-len(text) % 4)
+            with open(path("hostile.glb"), "wb") as file:
+                rest = data[20 + length:]
+                file.write(struct.pack("<4sII", b"glTF", 2, 20 + len(text) + len(rest)))
+                file.write(struct.pack("<I4s", len(text), b"JSON") + text + rest)
+            before = len(bpy.data.objects)
+            with self.assertRaisesRegex(RuntimeError, "hostile.glb.*" + field):
+                bpy.ops.import_scene.mirage(filepath=path("hostile.glb"))
+            self.assertEqual(len(bpy.data.objects), before)
 
 
 class Engine(unittest.TestCase):

@@ -9,6 +9,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/image_io.h"
 #include "base/random.h"
 #include "scene/kitti.h"
 #include "support/files.h"
@@ -285,6 +286,11 @@ TEST_F(Kitti, BrokenLightingAndImage) {
   const std::string picture = read_file(file("image_2/000042.png"));
   write_file(file("image_2/000042.png"), picture.substr(0, 20));
   EXPECT_THAT(reading_fails(), HasSubstr("image_2/000042.png"));
+  // A picture that does not belong to the calibration is refused by its header: its pixels are not there.
+  write_srgb(file("image_2/000042.png"), ImageF(400, 380, 3, 0.5f));
+  const std::string other = read_file(file("image_2/000042.png"));
+  write_file(file("image_2/000042.png"), other.substr(0, 100));
+  EXPECT_THAT(reading_fails(), AllOf(HasSubstr("calib/000042.txt"), HasSubstr("400x380")));
 }
 
 double overlap_with_2d_label(const Frame& frame, const Label& label) {

@@ -59,6 +59,21 @@ TEST(Rig, ErrorsNameFileAndKey) {
               AllOf(HasSubstr("camera_from_velo"), HasSubstr("not a rotation")));
   EXPECT_THAT(with("[camera]", "[radar]\na = 1\n[camera]"), HasSubstr("radar: unknown key"));
   EXPECT_THAT(with("rate =", "rat ="), HasSubstr("lidar.rate: missing key"));
+  EXPECT_THAT(with("width = 1242   # pixels\nheight = 375", "width = 16384\nheight = 16384"),
+              AllOf(HasSubstr("rig.toml"), HasSubstr("camera.width, camera.height"), HasSubstr("pixels")));
+}
+
+TEST(Rig, AUnitOfTooManyRaysIsRefusedBeforeAnyIsMade) {
+  test::TemporaryFolder folder;
+  std::string rows;
+  for (int i = 0; i < 400; ++i) rows.append("[").append(std::to_string(42 - 0.1 * i)).append(", 0.2, 0, 0],\n");
+  write_file(folder / "unit.toml",
+             "[lidar]\nname = \"dense\"\nvelo_from_lidar = [0, 0, 0, 0, 0, 0]\nheight = 1.7\nrate = 10\n"
+             "azimuth_step = 0.01\nencoder_step = 0\nazimuth = [-180, 180]\nrange = [1, 80]\nbeams = [\n" +
+                 rows + "]\n");
+  EXPECT_THAT(test::error_text<InputError>([&] { with_lidar(read_rig(shipped()), folder / "unit.toml"); }),
+              AllOf(HasSubstr("unit.toml: lidar.beams, azimuth_step"),
+                    HasSubstr("400 beams of 36001 firings"), HasSubstr("8388608")));
 }
 
 }  // namespace

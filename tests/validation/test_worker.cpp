@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <thread>
 
+#include "base/error.h"
 #include "base/files.h"
 #include "fixture.h"
 #include "support/files.h"
@@ -59,6 +60,93 @@ TEST(Worker, OneThatHangsIsKilledAndTheJobIsSentAgain) {
   ASSERT_EQ(worker.losses().size(), 1u);
   EXPECT_EQ(worker.losses()[0].how, "gave no answer in 1 s");
   EXPECT_EQ(worker.losses()[0].job, "render");
+}
+
+/// What `work` throws as Failure (a BlenderLost is one), and how long that takes.
+template <class Work>
+std::pair<std::string, double> failure(const Work& work) {
+  const auto start = std::chrono::steady_clock::now();
+  std::string text = test::error_text<Failure>(work);
+  return {std::move(text), std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()};
+}
+
+TEST(Worker, TheDeadlineIsTheJobsAndNotALines) {
+  setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
+  const test::TemporaryFolder folder;
+  // Each of these says something all the time and never answers; none can hold the job up.
+  for (const auto& [talk, how] :
+       {std::pair{"while :; do echo '{\"id\":0,\"ok\":true}'; sleep 0.1; done", "malformed answer"},
+        std::pair{"exec yes", "malformed answer"},
+        std::pair{"exec tr '\\\\0' x < /dev/zero", "an answer without end"},
+        std::pair{"exec sleep 100", "no answer in 0.5 s"}}) {
+    BlenderWorker worker(folder / "log", stand_in(folder, talk));
+    const auto [text, seconds] = failure([&] { worker.request({{"job", "render"}}, 0.5); });
+    EXPECT_THAT(
+        text, testing::AllOf(HasSubstr(how), HasSubstr("3 times on one job"), testing::Not(HasSubstr("\n"))))
+        << talk;
+    EXPECT_LT(seconds, 10) << talk;
+  }
+}
+
+TEST(Worker, OneThatNeverStopsTalkingWhileStartingIsGivenUp) {
+  setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
+  const test::TemporaryFolder folder;
+  for (const char* script :
+       {"#!/bin/sh\nexec yes\n", "#!/bin/sh\nwhile :; do echo Blender; sleep 0.1; done\n",
+        "#!/bin/sh\nexec cat /dev/zero\n"}) {
+    write_file(folder / "talker", script);
+    std::filesystem::permissions(folder / "talker", std::filesystem::perms::owner_all);
+    const auto [text, seconds] = failure([&] { BlenderWorker(folder / "log", folder / "talker", 0.7); });
+    EXPECT_THAT(text, testing::AllOf(HasSubstr("talker: does not answer"), testing::Not(HasSubstr("\n"))))
+        << script;
+    EXPECT_LT(seconds, 10) << script;
+  }
+}
+
+TEST(Worker, OneThatDiesWhileStartingIsStartedAgainButNotForEver) {
+  setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
+  const test::TemporaryFolder folder;
+  const std::filesystem::path good = stand_in(folder, ":"), count = folder / "count";
+  const auto dies = [&](int times) {
+    write_file(folder / "dies", "#!/bin/sh\nn=$(cat " + count.string() + ")\necho $((n + 1)) > " +
+                                    count.string() + "\n[ $n -lt " + std::to_string(times) +
+                                    " ] && exit 11\nexec " + good.string() + "\n");
+    std::filesystem::permissions(folder / "dies", std::filesystem::perms::owner_all);
+    write_file(count, "0");
+    return (folder / "dies").string();
+  };
+  {
+    const BlenderWorker worker(folder / "log", dies(2), 20);
+    EXPECT_EQ(worker.restarts(), 2);
+    EXPECT_EQ(worker.version(), "none");
+  }
+  const auto [text, seconds] = failure([&] { BlenderWorker(folder / "log", dies(100), 20); });
+  EXPECT_THAT(text, HasSubstr("ended unexpectedly while starting, 3 times"));
+  EXPECT_EQ(read_file(count), "3\n");
+}
+
+TEST(Worker, AMalformedAnswerIsOneClearLine) {
+  setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
+  const test::TemporaryFolder folder;
+  for (const char* answer :
+       {"{\\\"id\\\":\\\"$id\\\",\\\"ok\\\":true}", "{\\\"id\\\":$id,\\\"ok\\\":\\\"yes\\\"}",
+        "{\\\"id\\\":$id}", "[[[[", "null", "{\\\"id\\\":$id,", "$(printf '\\033[31m%500s')"}) {
+    BlenderWorker worker(
+        folder / "log",
+        stand_in(folder, "id=$(echo \"$line\" | sed 's/.*\"id\":\\([0-9]*\\).*/\\1/'); echo \"" +
+                             std::string(answer) + "\""));
+    const auto [text, seconds] = failure([&] { worker.request({{"job", "render"}}, 20); });
+    EXPECT_THAT(text, testing::AllOf(HasSubstr("gave a malformed answer ('"), testing::Not(HasSubstr("\n")),
+                                     testing::Not(HasSubstr("\033"))))
+        << answer;
+    EXPECT_LT(text.size(), 300u + folder.path().string().size() * 2) << answer;
+  }
+  // An error that is no text, and no seconds: neither is trusted.
+  BlenderWorker worker(folder / "log",
+                       stand_in(folder,
+                                "id=$(echo \"$line\" | sed 's/.*\"id\":\\([0-9]*\\).*/\\1/'); "
+                                "echo \"{\\\"id\\\":$id,\\\"ok\\\":false,\\\"error\\\":5}\""));
+  EXPECT_THAT(failure([&] { worker.request({{"job", "render"}}, 20); }).first, HasSubstr("unknown error"));
 }
 
 TEST(Worker, BlenderKilledInTheMiddleOfARenderIsStartedAgainAndThePictureIsTheSame) {

@@ -133,4 +133,4 @@ def main(folder):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    files.run(main, sys.argv[1])

@@ -1,18 +1,10 @@
 """Files of the pages."""
 
 import os
-import tempfile
 
 from markupsafe import Markup
 
-
-def write(path, text):
-    """All or nothing."""
-    handle, temporary = tempfile.mkstemp(dir=os.path.dirname(path) or ".", suffix=".tmp")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(text)
-    os.chmod(temporary, 0o644)
-    os.replace(temporary, path)
+from atomic import run, write  # noqa: F401
 
 
 def asset(folder, name):

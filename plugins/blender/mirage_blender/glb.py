@@ -1,18 +1,23 @@
 """Binary glTF 2.0 (.glb) in and out, no more than Mirage's scenes need. Needs numpy only."""
 
 import json
+import os
 import struct
 
 import numpy
+
+from . import glb_check
 
 FLOAT, UNSIGNED = 5126, 5125  # GL component types
 VERTICES, INDICES = 34962, 34963  # GL buffer targets
 
 
 class Glb:
-    """The JSON chunk and the binary chunk of a .glb file."""
+    """The JSON chunk and the binary chunk of a .glb file, checked (glb_check)."""
 
     def __init__(self, path):
+        if not os.path.isfile(path):  # a pipe would be waited for
+            raise ValueError(f"{path}: is no file")
         with open(path, "rb") as file:
             data = file.read()
         if len(data) < 20 or data[:4] != b"glTF":
@@ -22,7 +27,10 @@ class Glb:
             self.json = json.loads(data[20:20 + length])
         except ValueError as error:
             raise ValueError(f"{path}: JSON chunk: {error}") from None
+        except RecursionError:
+            raise ValueError(f"{path}: JSON chunk: nested too deep") from None
         self.binary = data[20 + length + 8:]
+        glb_check.check(path, self.json, self.binary)
 
     def bytes(self, view):
         spec = self.json["bufferViews"][view]

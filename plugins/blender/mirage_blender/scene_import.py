@@ -15,6 +15,7 @@ import bpy  # noqa: E402
 
 from . import camera, cycles_light  # noqa: E402
 from .glb import Glb  # noqa: E402
+from .glb_check import MOST_PIXELS  # noqa: E402
 from .paint import Paint  # noqa: E402
 
 ROLES = ("adversary", "camera", "sun")
@@ -62,7 +63,9 @@ def exact_texels(glb):
     exact = exact_mesh(glb)
     if "texels" not in exact or "texture_size" not in exact:
         return None
-    width, height = exact["texture_size"]
+    width, height = (int(side) for side in exact["texture_size"])
+    if not (width >= 1 and height >= 1 and width * height <= MOST_PIXELS):
+        raise ValueError("meshes[].extras.mirage.texture_size: is no size of a picture; export the scene again")
     pixels = numpy.ones((height * width, 4), dtype=numpy.float32)
     texels = glb.array(exact["texels"], "<f8", 3)
     pixels[:len(texels), :3] = texels

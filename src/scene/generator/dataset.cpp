@@ -9,23 +9,10 @@
 #include "base/image_io.h"
 #include "base/interrupt.h"
 #include "base/parallel.h"
+#include "scene/generator/frame_record.h"
 #include "scene/kitti.h"
 
 namespace mirage {
-namespace {
-
-bool complete(const std::filesystem::path& out, const std::string& id, Truth truth) {
-  // write_frame's files; each is written atomically, so that one that exists is whole.
-  for (const char* file :
-       {"image_2/{}.png", "velodyne/{}.bin", "calib/{}.txt", "label_2/{}.txt", "lighting/{}.json"})
-    if (!std::filesystem::exists(out / "training" / fmt::format(fmt::runtime(file), id))) return false;
-  if (truth != Truth::none && !std::filesystem::exists(true_depth_file(out, id))) return false;
-  return truth != Truth::all || (std::filesystem::exists(instance_file(out, id)) &&
-                                 std::filesystem::exists(point_label_file(out, id)));
-}
-
-}  // namespace
-
 std::filesystem::path instance_file(const std::filesystem::path& data, const std::string& id) {
   return data / "training/instance_2" / (id + ".png");
 }
@@ -88,7 +75,7 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
   parallel_for(static_cast<std::size_t>(count), [&](std::size_t i) {
     if (interrupted()) return;
     const std::uint64_t index = first + i;
-    const bool keep = complete(out, fmt::format("{:06}", index), truth);
+    const bool keep = is_as_recorded(out, fmt::format("{:06}", index), truth);
     Frame frame;
     if (!keep) {
       FrameTruth known;
@@ -100,6 +87,7 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
         write_point_labels(point_label_file(out, frame.id), known.returns);
       }
       write_frame(out, frame);
+      record_frame(out, frame.id, truth);
     }
     const std::scoped_lock lock(mutex);
     ++(keep ? sum.kept : sum.written);

@@ -34,11 +34,10 @@ void write_point_labels(const std::filesystem::path& file, const std::vector<std
 /// InputError if the file can't be read or does not hold `points` words.
 std::vector<std::uint32_t> read_point_labels(const std::filesystem::path& file, std::size_t points);
 
-/// Writes frames [first, first + count) of (rig, seed) to `out` and dataset.json. Frames that are already
-/// whole are kept (a set made with less truth can be given more later: the other files come out the same); a
-/// folder made with another rig, seed or generator version is refused
-/// (InputError). Several frames are made at once. After Ctrl-C the frames in hand are finished and
-/// Interrupted is thrown.
+/// Writes frames [first, first + count) of (rig, seed) to `out` and dataset.json. Frames whose files are as
+/// recorded (frame_record.h) are kept (a set made with less truth can be given more later: the other files
+/// come out the same); a folder made with another rig, seed or generator version is refused (InputError).
+/// Several frames are made at once. After Ctrl-C the frames in hand are finished and Interrupted is thrown.
 DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
                                 const std::filesystem::path& out,
                                 const std::function<void(std::size_t done)>& tell, Truth truth = Truth::none);

@@ -7,6 +7,7 @@
 #include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/image_io.h"
 #include "scene/generator.h"
 
 namespace mirage {
@@ -29,6 +30,10 @@ Rig read_rig(const std::filesystem::path& file) {
   PinholeCamera& camera = rig.calibration.camera;
   camera.width = static_cast<int>(table.number("width", 1, 16384));
   camera.height = static_cast<int>(table.number("height", 1, 16384));
+  if (static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height) > kMostPixels)
+    throw InputError(file.string(), "camera.width, camera.height",
+                     fmt::format("{}×{} are more than {} pixels", camera.width, camera.height, kMostPixels),
+                     "give a smaller picture");
   camera.fx = table.number("fx", 1, 1e5);
   camera.fy = table.number("fy", 1, 1e5);
   camera.cx = table.number("cx", 0, camera.width - 1);

@@ -1,0 +1,39 @@
+// A glTF 2.0 file before a reader interprets it: container opened, JSON parsed and checked, files that it
+// names read. Both readers (gltf_read: tinygltf; mesh_files: assimp) recurse along nodes and extras, and pass
+// over what they don't understand; after these checks neither is led astray.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace mirage {
+
+struct GltfDocument {
+  nlohmann::json json;
+  std::string bytes;  ///< the whole file; a .glb's binary chunk is in it
+  std::vector<std::string>
+      buffers;  ///< content of each buffer that lies in a file of its own; others are empty
+};
+
+/// Limits of a file, far above what the program writes and below what would be a burden.
+namespace gltf_limits {
+inline constexpr double kFurthest = 1e7;  ///< m, |coordinate| of a vertex or a node; also |scale|
+inline constexpr std::size_t kMostCorners =
+    1 << 25;  ///< vertices + corners + texels, a mesh counted at each node
+inline constexpr int kDeepestNode = 256;
+inline constexpr double kBrightest = 1e6;  ///< radiance or lux of a light
+}  // namespace gltf_limits
+
+/// Opens a .glb or (text) .gltf file. InputError naming file and field: not glTF 2.0; JSON nested deeper than
+/// kDeepestJson; an index, offset, length, mode, colour, transform or field of view that glTF does not allow
+/// or that exceeds the limits; a node with two parents or a circle of nodes; a buffer that is neither inside
+/// the file nor a regular file in its folder (FolderFiles). Pictures in files of their own are not opened:
+/// nothing uses them.
+GltfDocument open_gltf(const std::filesystem::path& file);
+
+/// The checks alone, on parsed JSON; `file` is for messages.
+void check_gltf(const nlohmann::json& document, const std::string& file);
+
+}  // namespace mirage

@@ -1,0 +1,280 @@
+#include "exchange/gltf_model.h"
+
+#include <cmath>
+#include <map>
+
+#include "base/error.h"
+#include "exchange/gltf_builder.h"
+#include "exchange/gltf_document.h"
+
+namespace mirage {
+namespace {
+
+using Files = std::map<std::string, std::string>;
+
+/// What tinygltf makes of a URI: percent signs decoded, and + as a blank.
+std::string tinygltf_name(const std::string& uri) {
+  std::string name;
+  for (std::size_t i = 0; i < uri.size(); ++i) {
+    if (uri[i] == '%' && i + 2 < uri.size())
+      name.push_back(static_cast<char>(std::stoi(uri.substr(i + 1, 2), nullptr, 16))), i += 2;
+    else
+      name.push_back(uri[i] == '+' ? ' ' : uri[i]);
+  }
+  return name;
+}
+
+/// tinygltf opens no file itself: it is given the buffers that open_gltf has read, and nothing else exists.
+tinygltf::FsCallbacks only(Files& files) {
+  return {[](const std::string& name, void* known) { return static_cast<Files*>(known)->contains(name); },
+          [](const std::string& name, void*) { return name; },
+          [](std::vector<unsigned char>* out, std::string*, const std::string& name, void* known) {
+            const std::string& bytes = static_cast<Files*>(known)->at(name);
+            out->assign(bytes.begin(), bytes.end());
+            return true;
+          },
+          [](std::string*, const std::string&, const std::vector<unsigned char>&, void*) { return false; },
+          &files};
+}
+
+}  // namespace
+
+GltfModel::GltfModel(std::filesystem::path file) : file_(std::move(file)) {
+  const GltfDocument document = open_gltf(file_);
+  if (document.bytes.compare(0, 4, "glTF") != 0)
+    fail("magic", "is not \"glTF\"", "give a binary glTF 2.0 file (.glb)");
+  Files files;
+  for (std::size_t b = 0; b < document.buffers.size(); ++b)
+    if (!document.buffers[b].empty())
+      files[tinygltf_name(document.json["buffers"][b]["uri"].get<std::string>())] = document.buffers[b];
+  tinygltf::TinyGLTF loader;
+  loader.SetFsCallbacks(only(files));
+  // Textures of foreign files are not used, and ours come from the exact texels: no image is decoded.
+  loader.SetImageLoader([](tinygltf::Image*, const int, std::string*, std::string*, int, int,
+                           const unsigned char*, int, void*) { return true; },
+                        nullptr);
+  std::string error, warning;
+  bool loaded = false;
+  try {
+    loaded = loader.LoadBinaryFromMemory(&model_, &error, &warning,
+                                         reinterpret_cast<const unsigned char*>(document.bytes.data()),
+                                         static_cast<unsigned>(document.bytes.size()));
+  } catch (const std::exception& exception) {
+    error = exception.what();
+  }
+  if (loaded) return;
+  while (!error.empty() && (error.back() == '\n' || error.back() == ' ')) error.pop_back();
+  for (char& c : error)
+    if (c == '\n') c = ' ';
+  fail(error.find("uffer") != std::string::npos ? "buffers" : "JSON", error.empty() ? "not readable" : error);
+}
+
+void GltfModel::fail(const std::string& field, const std::string& problem, const std::string& fix) const {
+  throw InputError(file_.string(), field, problem, fix);
+}
+
+std::pair<const unsigned char*, std::size_t> GltfModel::view(int index, const std::string& field) const {
+  if (index < 0 || static_cast<std::size_t>(index) >= model_.bufferViews.size())
+    fail(field, fmt::format("buffer view {} of {}", index, model_.bufferViews.size()));
+  const tinygltf::BufferView& view = model_.bufferViews[index];
+  if (view.buffer < 0 || static_cast<std::size_t>(view.buffer) >= model_.buffers.size())
+    fail(field, fmt::format("buffer {} is missing", view.buffer));
+  const auto& data = model_.buffers[view.buffer].data;
+  if (view.byteOffset > data.size() || view.byteLength > data.size() - view.byteOffset)
+    fail(field, fmt::format("buffer view {} runs past its buffer ({} bytes)", index, data.size()));
+  return {data.data() + view.byteOffset, view.byteLength};
+}
+
+template <class T>
+std::vector<T> GltfModel::values(const tinygltf::Value& parent, const std::string& key,
+                                 const std::string& field) const {
+  const std::string name = field + "." + key;
+  if (!parent.Has(key) || !parent.Get(key).IsInt()) fail(name, "missing");
+  const auto [data, size] = view(parent.Get(key).GetNumberAsInt(), name);
+  if (size % (3 * sizeof(T)) != 0) fail(name, fmt::format("{} bytes are not whole triples", size));
+  std::vector<T> result(size / sizeof(T));
+  if (size > 0) std::memcpy(result.data(), data, size);
+  return result;
+}
+
+TexturedMesh GltfModel::exact(const tinygltf::Value& source, const std::string& field) const {
+  if (!source.IsObject()) fail(field, "is not an object");
+  const auto vectors = [&](const char* key) {
+    const auto flat = values<double>(source, key, field);
+    std::vector<Vec3d> result(flat.size() / 3);
+    for (std::size_t i = 0; i < result.size(); ++i)
+      result[i] = Vec3d(flat[3 * i], flat[3 * i + 1], flat[3 * i + 2]);
+    return result;
+  };
+  TexturedMesh textured;
+  textured.mesh.vertices = vectors("vertices");
+  const auto indices = values<std::int32_t>(source, "faces", field);
+  for (std::size_t i = 0; i + 2 < indices.size(); i += 3)
+    textured.mesh.faces.push_back({indices[i], indices[i + 1], indices[i + 2]});
+  const int resolution = source.Has("resolution") ? source.Get("resolution").GetNumberAsInt() : 0;
+  if (resolution < 1 || resolution > 1024) fail(field + ".resolution", fmt::format("{}", resolution));
+  textured.atlas.resolution = resolution;
+  if (source.Has("texels")) textured.atlas.texels = vectors("texels");
+  check_mesh(textured, file_.string());
+  check_reach(textured.mesh, 0, field + ".vertices");
+  for (std::size_t t = 0; t < textured.atlas.texels.size(); ++t)
+    if (textured.atlas.texels[t].cwiseAbs().maxCoeff() > gltf_limits::kBrightest)
+      fail(field + ".texels", fmt::format("texel {} is no albedo", t));
+  return textured;
+}
+
+void GltfModel::check_reach(const Mesh& mesh, std::size_t first, const std::string& field) const {
+  for (std::size_t v = first; v < mesh.vertices.size(); ++v)
+    if (!(mesh.vertices[v].cwiseAbs().maxCoeff() <= gltf_limits::kFurthest))
+      fail(field, fmt::format("vertex {} is not within {:g} m", v - first, gltf_limits::kFurthest),
+           "export the mesh in metres");
+}
+
+/// Reads one element of an accessor as doubles.
+struct GltfModel::Column {
+  const unsigned char* data = nullptr;
+  std::size_t stride = 0, count = 0;
+  int type = 0;
+  double at(std::size_t row, int column) const {
+    const unsigned char* p = data + row * stride;
+    const auto load = [&]<class T>(T value) {
+      std::memcpy(&value, p + column * sizeof(T), sizeof(T));
+      return static_cast<double>(value);
+    };
+    switch (type) {
+      case TINYGLTF_COMPONENT_TYPE_FLOAT:
+        return load(float{});
+      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT:
+        return load(std::uint32_t{});
+      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
+        return load(std::uint16_t{});
+      default:
+        return load(std::uint8_t{});
+    }
+  }
+};
+
+GltfModel::Column GltfModel::column(int index, int components, bool floating,
+                                    const std::string& field) const {
+  if (index < 0 || static_cast<std::size_t>(index) >= model_.accessors.size())
+    fail(field, fmt::format("accessor {} of {}", index, model_.accessors.size()));
+  const tinygltf::Accessor& accessor = model_.accessors[index];
+  if (accessor.sparse.isSparse)
+    fail(field, "sparse accessors are not read", "export without sparse accessors");
+  const int type = accessor.componentType;
+  const bool is_float = type == TINYGLTF_COMPONENT_TYPE_FLOAT;
+  const bool is_index = type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT ||
+                        type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT ||
+                        type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE;
+  if (tinygltf::GetNumComponentsInType(accessor.type) != components || (floating ? !is_float : !is_index))
+    fail(field, "has an unexpected type", "export positions as float32 and indices as unsigned integers");
+  const auto [data, size] = view(accessor.bufferView, field);
+  const std::size_t element = components * tinygltf::GetComponentSizeInBytes(type);
+  const std::size_t step = model_.bufferViews[accessor.bufferView].byteStride;
+  const std::size_t stride = step != 0 ? step : element;
+  if (accessor.byteOffset > size ||
+      (accessor.count > 0 && (accessor.count - 1 > (size - accessor.byteOffset) / stride ||
+                              (accessor.count - 1) * stride + element > size - accessor.byteOffset)))
+    fail(field, "accessor runs past its buffer view");
+  return {data + accessor.byteOffset, stride, accessor.count, type};
+}
+
+Eigen::Affine3d GltfModel::transform(const tinygltf::Node& node) {
+  Eigen::Affine3d result = Eigen::Affine3d::Identity();
+  if (node.matrix.size() == 16) {
+    result.matrix() = Eigen::Map<const Eigen::Matrix4d>(node.matrix.data());
+    return result;
+  }
+  if (node.translation.size() == 3)
+    result.translate(Vec3d(node.translation[0], node.translation[1], node.translation[2]));
+  if (node.rotation.size() == 4)
+    result.rotate(Eigen::Quaterniond(node.rotation[3], node.rotation[0], node.rotation[1], node.rotation[2])
+                      .normalized());
+  if (node.scale.size() == 3) result.scale(Vec3d(node.scale[0], node.scale[1], node.scale[2]));
+  return result;
+}
+
+void GltfModel::append_mesh(const tinygltf::Node& node, const std::string& field,
+                            const Eigen::Affine3d& gltf_from_node, TexturedMesh& out) const {
+  if (node.mesh < 0) return;
+  if (static_cast<std::size_t>(node.mesh) >= model_.meshes.size()) fail(field + ".mesh", "missing");
+  const auto& primitives = model_.meshes[node.mesh].primitives;
+  for (std::size_t p = 0; p < primitives.size(); ++p)
+    append_primitive(primitives[p], fmt::format("meshes[{}].primitives[{}]", node.mesh, p), gltf_from_node,
+                     out);
+}
+
+void GltfModel::append_primitive(const tinygltf::Primitive& primitive, const std::string& field,
+                                 const Eigen::Affine3d& gltf_from_node, TexturedMesh& out) const {
+  if (primitive.mode >= TINYGLTF_MODE_POINTS && primitive.mode <= TINYGLTF_MODE_LINE_STRIP) return;
+  if (primitive.mode != TINYGLTF_MODE_TRIANGLES && primitive.mode != -1)
+    fail(field + ".mode", "strips and fans are not read", "export plain triangles");
+  const auto position = primitive.attributes.find("POSITION");
+  if (position == primitive.attributes.end()) fail(field + ".attributes.POSITION", "missing");
+  const Column points = column(position->second, 3, true, field + ".attributes.POSITION");
+  const int first = static_cast<int>(out.mesh.vertices.size());
+  const Eigen::Affine3d velo_from_node = Eigen::Affine3d(gltf_from_velo().transpose()) * gltf_from_node;
+  for (std::size_t i = 0; i < points.count; ++i)
+    out.mesh.vertices.push_back(velo_from_node * Vec3d(points.at(i, 0), points.at(i, 1), points.at(i, 2)));
+  check_reach(out.mesh, static_cast<std::size_t>(first), field + ".attributes.POSITION");
+  Column indices;
+  if (primitive.indices >= 0) indices = column(primitive.indices, 1, false, field + ".indices");
+  const std::size_t corners = primitive.indices >= 0 ? indices.count : points.count;
+  const auto corner = [&](std::size_t i) {
+    const double at = primitive.indices >= 0 ? indices.at(i, 0) : static_cast<double>(i);
+    if (at >= static_cast<double>(points.count))
+      fail(field + ".indices", fmt::format("vertex {} of {}", at, points.count));
+    return first + static_cast<int>(at);
+  };
+  Vec3d color = Vec3d::Ones();
+  if (primitive.material >= 0 && static_cast<std::size_t>(primitive.material) < model_.materials.size()) {
+    const auto& factor = model_.materials[primitive.material].pbrMetallicRoughness.baseColorFactor;
+    if (factor.size() >= 3) color = Vec3d(factor[0], factor[1], factor[2]);
+  }
+  const bool mirrored = gltf_from_node.linear().determinant() < 0;
+  for (std::size_t i = 0; i + 2 < corners; i += 3) {
+    Face face = {corner(i), corner(i + 1), corner(i + 2)};
+    if (mirrored) std::swap(face[1], face[2]);
+    out.mesh.faces.push_back(face);
+    out.atlas.texels.insert(out.atlas.texels.end(), out.atlas.per_face(), color);
+  }
+}
+
+const tinygltf::Value* GltfModel::scene_extras() const {
+  const std::size_t scene = scene_index();
+  if (scene >= model_.scenes.size()) return nullptr;
+  const tinygltf::Value& extras = model_.scenes[scene].extras;
+  if (!extras.IsObject() || !extras.Has("mirage") || !extras.Get("mirage").IsObject()) return nullptr;
+  return &extras.Get("mirage");
+}
+
+double GltfModel::number(const tinygltf::Value& parent, const char* key, const std::string& field) const {
+  if (!parent.IsObject() || !parent.Has(key) || !parent.Get(key).IsNumber())
+    fail(field + "." + key, "is not a number");
+  return parent.Get(key).GetNumberAsDouble();
+}
+
+std::vector<double> GltfModel::numbers(const tinygltf::Value& parent, const char* key, std::size_t count,
+                                       const std::string& field) const {
+  const std::string name = field + "." + key;
+  if (!parent.IsObject() || !parent.Has(key) || !parent.Get(key).IsArray() ||
+      parent.Get(key).ArrayLen() != count)
+    fail(name, fmt::format("is not a list of {} numbers", count));
+  std::vector<double> result;
+  for (std::size_t i = 0; i < count; ++i) {
+    const tinygltf::Value& value = parent.Get(key).Get(static_cast<int>(i));
+    if (!value.IsNumber()) fail(name, "holds something that is not a number");
+    result.push_back(value.GetNumberAsDouble());
+  }
+  return result;
+}
+
+Vec3d GltfModel::triple(const tinygltf::Value& parent, const char* key, const std::string& field, double low,
+                        double high) const {
+  const Vec3d values(numbers(parent, key, 3, field).data());
+  if (!(values.minCoeff() >= low && values.maxCoeff() <= high))
+    fail(field + "." + key, "is out of range", fmt::format("write numbers from {:g} to {:g}", low, high));
+  return values;
+}
+
+}  // namespace mirage

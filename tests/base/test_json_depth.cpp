@@ -1,0 +1,28 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "base/error.h"
+#include "base/json_depth.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+using testing::AllOf;
+using testing::HasSubstr;
+
+TEST(JsonDepth, CountsArraysAndObjectsButNoTexts) {
+  const auto nested = [](int levels) { return std::string(static_cast<std::size_t>(levels), '['); };
+  check_json_depth(nested(kDeepestJson), "a.json");
+  EXPECT_THAT(error_text<InputError>([&] { check_json_depth(nested(kDeepestJson + 1), "a.json", "JSON"); }),
+              AllOf(HasSubstr("a.json: JSON"), HasSubstr("byte 128"), HasSubstr("128 levels")));
+  std::string wide = "[";
+  for (int i = 0; i < 1000; ++i) wide += "[{}],";
+  check_json_depth(wide, "a.json");
+  check_json_depth("{\"" + nested(1000) + "\\\"" + nested(1000) + "\": \"\\\\\"}", "a.json");
+  EXPECT_THROW(check_json_depth("{\"\\\\\":" + nested(1000), "a.json"), InputError);
+}
+
+}  // namespace
+}  // namespace mirage

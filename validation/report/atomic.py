@@ -1,0 +1,45 @@
+"""Files that are whole or not there, as src/base/files.cpp writes them. Needs nothing beside Python."""
+
+import io
+import os
+import sys
+
+
+def write(path, data):
+    """Text or bytes. All of it is on the disk before it takes the old file's place; OSError, and the old file stays,
+    if that fails. The temporary name is one that Mirage cleans up after a kill (src/base/files.h)."""
+    temporary = f"{path}.mirage-{os.getpid()}.tmp"
+    try:
+        with open(temporary, "wb") as file:
+            file.write(data.encode() if isinstance(data, str) else data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException as error:
+        if os.path.exists(temporary):
+            os.unlink(temporary)
+        if isinstance(error, OSError):  # of a failed write or fsync; these name no file
+            raise OSError(error.errno, error.strerror, path) from None
+        raise
+    folder = os.open(os.path.dirname(path) or ".", os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    except OSError:
+        pass  # some network disks have nothing to wait for
+    finally:
+        os.close(folder)
+
+
+def run(main, *arguments):
+    """A script's main function, whose trouble with files is one line."""
+    try:
+        main(*arguments)
+    except OSError as error:
+        sys.exit(f"{error.filename}: {error.strerror}; free some space or choose another folder")
+
+
+def save_figure(figure, path, kind, **options):
+    """A matplotlib figure, drawn in memory first."""
+    out = io.BytesIO()
+    figure.savefig(out, format=kind, facecolor="white", **options)
+    write(path, out.getvalue())
