@@ -57,7 +57,7 @@ ImageF read_channels(const std::filesystem::path& file, PictureSize size,
                   "use Blender 3.4");
   std::vector<float> all(static_cast<std::size_t>(spec.width) * spec.height * spec.nchannels);
   if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, all.data()))
-    throw Failure(file.string(), "truncated (" + input->geterror() + ")", "free some space and run again");
+    throw Failure(file.string(), "cut short, as by a full disk", "free some space and run again");
   ImageF image(spec.width, spec.height, static_cast<int>(names.size()));
   for (std::size_t c = 0; c < names.size(); ++c) {
     int channel = -1;

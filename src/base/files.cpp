@@ -12,6 +12,7 @@
 
 #include "base/error.h"
 #include "base/hash.h"
+#include "base/parallel.h"
 
 namespace mirage {
 
@@ -69,6 +70,8 @@ void replace_file(const fs::path& temporary, const fs::path& path) {
 }
 
 void write_file(const fs::path& path, std::string_view bytes) {
+  throw_if_loop_stopped();  // OpenCV's loops stop half way too, and say nothing: the bytes may be half a
+                            // result
   std::error_code error;
   if (path.has_parent_path()) fs::create_directories(path.parent_path(), error);
   if (error) throw Failure(path.parent_path().string(), error.message(), "choose another folder");

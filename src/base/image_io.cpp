@@ -30,6 +30,12 @@ const char* format_of(std::string_view head) {
   return nullptr;
 }
 
+/// What OpenImageIO says, on the same line; it may be several lines or nothing.
+std::string reason(std::string text) {
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text.empty() ? "" : " (" + text + ")";
+}
+
 /// A picture with its header read and judged; nothing is decoded or reserved before.
 class Picture {
  public:
@@ -56,7 +62,7 @@ class Picture {
   void read(OIIO::TypeDesc type, void* values) {
     if (!input_->read_image(0, 0, 0, spec().nchannels, type, values))
       throw InputError(where_, field_ == "header" ? "pixels" : field_,
-                       "truncated or damaged (" + input_->geterror() + ")", kRestore);
+                       "truncated or damaged" + reason(input_->geterror()), kRestore);
   }
 
  private:
@@ -77,7 +83,7 @@ class Picture {
     OIIO::ImageSpec ignored;
     if (!input_ || !input_->set_ioproxy(proxy_.get()) ||
         !input_->open(std::string("picture.") + format, ignored))
-      bad("not a readable image (" + (input_ ? input_->geterror() : OIIO::geterror()) + ")");
+      bad("not a readable image" + reason(input_ ? input_->geterror() : OIIO::geterror()));
     const int width = spec().width, height = spec().height, channels = spec().nchannels;
     const std::string claims = fmt::format("claims {}×{} pixels", width, height);
     if (width < 1 || height < 1 || channels < 1 || pixels() > kMostPixels ||

@@ -5,8 +5,10 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
+#include <tbb/task_group.h>
 
 #include <cstddef>
+#include <stdexcept>
 
 #ifdef __SANITIZE_THREAD__
 #include <sanitizer/tsan_interface.h>
@@ -15,46 +17,56 @@
 namespace mirage {
 
 /// What ThreadSanitizer cannot see of a oneTBB that was built without it: every part of a loop comes after
-/// the loop's start and before its end. Parts among themselves have no order. Nothing in other builds.
-namespace loop_order {
+/// the loop's start and before its end, also if one throws. Parts among themselves have no order. Nothing in
+/// other builds.
 #ifdef __SANITIZE_THREAD__
+namespace loop_order {
 inline char started, finished;
-inline void loop_starts() {
-  __tsan_release(&started);
-}
-inline void part_starts() {
-  __tsan_acquire(&started);
-}
-inline void part_ends() {
-  __tsan_release(&finished);
-}
-inline void loop_ends() {
-  __tsan_acquire(&finished);
-}
-#else
-inline void loop_starts() {}
-inline void part_starts() {}
-inline void part_ends() {}
-inline void loop_ends() {}
-#endif
+struct Loop {
+  Loop() { __tsan_release(&started); }
+  ~Loop() { __tsan_acquire(&finished); }
+};
+struct Part {
+  Part() { __tsan_acquire(&started); }
+  ~Part() { __tsan_release(&finished); }
+};
 }  // namespace loop_order
+#else
+namespace loop_order {
+struct [[maybe_unused]] Loop {};
+struct [[maybe_unused]] Part {};
+}  // namespace loop_order
+#endif
 
 /// Bounds the threads of every later loop (0: as many as the machine has).
 void set_thread_count(int threads);
 /// The bound in force.
 int thread_count();
 
-/// Calls body(i) for i in [0, n), in any order, on several threads.
+/// A loop within a loop that fails: it was stopped half way, so nothing may be made of it.
+class LoopStopped : public std::runtime_error {
+ public:
+  LoopStopped() : std::runtime_error("stopped: another part of the work failed") {}
+};
+
+inline void throw_if_loop_stopped() {
+  if (tbb::is_current_task_group_canceling()) throw LoopStopped();
+}
+
+/// Calls body(i) for i in [0, n), in any order, on several threads. The first exception of a body ends the
+/// loop and comes out of it. Loops within its other bodies then throw LoopStopped: oneTBB ends them early,
+/// and would return as if all of their parts were done.
 template <class Body>
 void parallel_for(std::size_t n, const Body& body, std::size_t grain = 1) {
-  loop_order::loop_starts();
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, n, grain),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      loop_order::part_starts();
-                      for (std::size_t i = range.begin(); i != range.end(); ++i) body(i);
-                      loop_order::part_ends();
-                    });
-  loop_order::loop_ends();
+  {
+    const loop_order::Loop loop;
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, n, grain),
+                      [&](const tbb::blocked_range<std::size_t>& range) {
+                        const loop_order::Part part;
+                        for (std::size_t i = range.begin(); i != range.end(); ++i) body(i);
+                      });
+  }
+  throw_if_loop_stopped();
 }
 
 /// Runs work() so that parallel loops inside it never pick up tasks from outside: needed wherever a lock is

@@ -3,10 +3,13 @@
 #include <sys/resource.h>
 #include <sys/stat.h>
 
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <csignal>
 #include <fstream>
 #include <functional>
+#include <thread>
 #include <tuple>
 
 #include "base/color.h"
@@ -212,6 +215,32 @@ TEST(ParallelFor, VisitsEveryIndexOnceWithAnyThreadCount) {
     std::vector<int> visits(1000, 0);
     parallel_for(visits.size(), [&](std::size_t i) { ++visits[i]; });
     EXPECT_EQ(visits, std::vector<int>(1000, 1));
+  }
+  set_thread_count(before);
+}
+
+// oneTBB stops the inner loops of a failing outer one; what they left undone was written to disk as a frame.
+TEST(ParallelFor, NothingIsMadeOfAnInnerLoopThatWasStopped) {
+  const int before = thread_count();
+  set_thread_count(4);
+  for (int round = 0; round < 20; ++round) {
+    std::atomic<int> finished_short = 0;
+    EXPECT_THAT(error_text<Failure>([&] {
+                  parallel_for(8, [&](std::size_t i) {
+                    if (i == 0) {
+                      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+                      throw Failure("disk", "full", "free some space");
+                    }
+                    std::atomic<int> done = 0;
+                    parallel_for(200, [&](std::size_t) {
+                      std::this_thread::sleep_for(std::chrono::microseconds(200));
+                      ++done;
+                    });
+                    finished_short += done != 200;
+                  });
+                }),
+                HasSubstr("disk: full"));
+    EXPECT_EQ(finished_short, 0);
   }
   set_thread_count(before);
 }

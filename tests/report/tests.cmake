@@ -6,3 +6,6 @@ set_tests_properties(report.page PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
 add_test(NAME report.paper COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/report/test_paper_page.py
                                    ${PROJECT_SOURCE_DIR})
 set_tests_properties(report.paper PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
+# Their files on a full disk.
+add_test(NAME report.files COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/report/test_atomic.py
+                                   ${PROJECT_SOURCE_DIR})

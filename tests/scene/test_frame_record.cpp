@@ -81,12 +81,33 @@ TEST(FrameRecord, WithoutARecordOrWithADamagedOneTheFrameIsMadeAgain) {
   EXPECT_EQ(contents(folder.path()), good);
 }
 
+/// A disk of a given size at a folder, for as long as it lives.
+class SmallDisk {
+ public:
+  SmallDisk(fs::path folder, const char* size) : folder_(std::move(folder)) {
+    mounted_ = geteuid() == 0 && mount("none", folder_.c_str(), "tmpfs", 0, size) == 0;
+  }
+  ~SmallDisk() {
+    if (mounted_) umount2(folder_.c_str(), MNT_DETACH);
+  }
+  SmallDisk(const SmallDisk&) = delete;
+  SmallDisk& operator=(const SmallDisk&) = delete;
+  bool mounted() const { return mounted_; }
+  bool resize(const char* size) const {
+    return mount("none", folder_.c_str(), "tmpfs", MS_REMOUNT, size) == 0;
+  }
+
+ private:
+  fs::path folder_;
+  bool mounted_ = false;
+};
+
+// Frames are made side by side: what the others were at when one failed must not be written half done.
 TEST(FrameRecord, AFullDiskIsSaidAndWhatIsThereIsWhole) {
-  if (geteuid() != 0) GTEST_SKIP() << "needs root to mount a small disk";
   const TemporaryFolder folder, elsewhere;
+  const SmallDisk disk(folder.path(), "size=192k");
+  if (!disk.mounted()) GTEST_SKIP() << "needs root to mount a small disk";
   generate(elsewhere.path(), 2, Truth::all);
-  if (mount("none", folder.path().c_str(), "tmpfs", 0, "size=192k") != 0)
-    GTEST_SKIP() << "no file system can be mounted here";
   const std::string said = test::error_text<Failure>([&] { generate(folder.path(), 2, Truth::all); });
   EXPECT_THAT(said,
               testing::AllOf(testing::HasSubstr("No space left"), testing::Not(testing::HasSubstr("\n"))));
@@ -99,10 +120,9 @@ TEST(FrameRecord, AFullDiskIsSaidAndWhatIsThereIsWhole) {
   }
   EXPECT_GT(there, 2u);
   EXPECT_LT(there, whole.size());
-  EXPECT_EQ(mount("none", folder.path().c_str(), "tmpfs", MS_REMOUNT, "size=64m"), 0);
+  EXPECT_TRUE(disk.resize("size=64m"));
   generate(folder.path(), 2, Truth::all);
   EXPECT_EQ(contents(folder.path()), whole);
-  EXPECT_EQ(umount(folder.path().c_str()), 0);
 }
 
 }  // namespace
