@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "attack/run.h"
 #include "detection/detector.h"
 #include "scene/shape/shape_rooftop.h"
 
@@ -14,6 +15,8 @@ namespace mirage {
 
 struct TradeoffSettings {
   std::filesystem::path data, run, out;  ///< run: whose adversary and hosts; empty: a random mesh on any car
+  TrustRun trust = TrustRun::no;         ///< whether code that the run names may be loaded
+  std::string depth;                     ///< depth completion; empty: the run's, or ip-basic
   std::string rooftop = kDefaultRooftop;
   int hosts = 8;               ///< at most, evenly over the range of distances
   int frames = 12;             ///< looked at for hosts, evenly over the set; 0: all

@@ -11,8 +11,10 @@
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
+#include "base/names.h"
 #include "base/progress.h"
 #include "scene/data_rig.h"
+#include "scene/depth/learned_depth.h"
 #include "scene/kitti.h"
 #include "scene/quality.h"
 #include "scene/shape/shape_rooftop.h"
@@ -39,16 +41,24 @@ std::string key_of(const ValidationSettings& settings, const Run& run, const fs:
                        d.weights.string(), data.string(), settings.samples, settings.seed,
                        settings.evaluation_settings.score_threshold, rooftop_model_hash(settings.rooftop));
   if (settings.sun != kDefaultSun) bytes += "|" + settings.sun;
+  if (settings.depth != Run().depth) bytes += fmt::format("|{}", depth_identity({settings.depth}));
   for (const char* script : {"validation/blender_worker.py", "validation/physical_light.py"})
     bytes += read_file(shipped_file(script));
   return content_hash(bytes + read_file(weights_file(d)));
 }
 
+/// A path that stays below the folder that it is relative to.
+bool is_inside(const fs::path& path) {
+  return path.is_relative() && std::find(path.begin(), path.end(), "..") == path.end();
+}
+
 /// Whether the pictures that a stored result names are still there: the report embeds them.
 bool pictures_exist(const fs::path& out, const json& stored) {
-  const json pictures = stored.value("pictures", json::object());
+  const json pictures = stored.value("pictures", json());
   for (const auto& [name, file] : pictures.items())
-    if (!file.is_string() || !fs::exists(out / file.get<std::string>())) return false;
+    if (!file.is_string() || !is_inside(file.get<std::string>()) ||
+        !fs::exists(out / file.get<std::string>()))
+      return false;
   return true;
 }
 
@@ -56,7 +66,8 @@ bool pictures_exist(const fs::path& out, const json& stored) {
 json stored_result(const fs::path& out, const fs::path& file, const std::string& key, bool with_ladder) {
   if (!fs::exists(file)) return nullptr;
   json stored = json::parse(read_file(file), nullptr, false);
-  if (!stored.is_object() || stored.value("key", "") != key || !pictures_exist(out, stored)) return nullptr;
+  if (!stored.is_object() || stored.value("key", json()) != key || !pictures_exist(out, stored))
+    return nullptr;
   if (with_ladder && stored.contains("matched") && !stored.contains("ladder")) return nullptr;
   if (!with_ladder)
     for (const char* part : {"ladder", "lidar_ladder", "features", "reference"}) stored.erase(part);
@@ -117,7 +128,7 @@ std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
 
 json validate(const ValidationSettings& given) {
   ValidationSettings settings = given;
-  Run run = read_run(settings.run);
+  Run run = read_run(settings.run, settings.trust);
   apply_quality(settings.quality, run.simulation);
   if (!settings.light.empty()) run.simulation.light = parse_light_model(settings.light);
   if (!settings.evaluation.empty()) {  // the report needs it in the end: complain now
@@ -131,6 +142,7 @@ json validate(const ValidationSettings& given) {
   if (settings.data.empty()) settings.data = run.data;
   require_own_data(run, settings.data);
   use_detector_of(run, settings.detector);
+  settings.depth = depth_of(run, settings.depth);
   if (settings.rooftop.empty()) settings.rooftop = run.rooftop;
   if (settings.sun.empty()) settings.sun = run.sun;
   parse_sun(settings.sun);  // complain now
@@ -138,6 +150,9 @@ json validate(const ValidationSettings& given) {
   if (hosts.empty())
     throw InputError((settings.run / "run.json").string(), "test", "no vehicles to validate",
                      "run mirage attack on a data set with cars in view");
+  if (printable(settings.out.string()) != settings.out.string())
+    throw InputError("--out", settings.out.string(), "is no text (UTF-8), and Blender is told of it in JSON",
+                     "choose another folder");
   make_output_folder(settings.out);
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
   BlenderWorker blender(settings.out / "blender.log");
@@ -146,7 +161,7 @@ json validate(const ValidationSettings& given) {
   detectors.push_back(load_detector(settings.detector));
   const Reliance reliance =
       cached_reliance(detectors, detector_identity(settings.detector), settings.data, settings.quiet);
-  FrameStore store(settings.data, run.depth, settings.rooftop, settings.sun);
+  FrameStore store(settings.data, settings.depth, settings.rooftop, settings.sun);
   ValidationContext context{settings, run, store, *detectors.front(), blender, {}};
   const std::string key = key_of(settings, run, settings.data, blender.version());
   const std::vector<bool> has_ladder =

@@ -20,6 +20,8 @@ struct ValidationSettings {
   DetectorOptions detector = {
       .detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0, .defense = ""};
   EvaluationSettings evaluation_settings;
+  TrustRun trust = TrustRun::no;     ///< whether code that the run names may be loaded
+  std::string depth;                 ///< depth completion (scene/depth/learned_depth.h); empty: the run's
   std::string rooftop;               ///< what finds the roofs (scene/shape/shape_rooftop.h); empty: the run's
   std::filesystem::path evaluation;  ///< result.json of mirage evaluate, or its folder; for the report only
   std::filesystem::path tradeoff;    ///< the same of mirage tradeoff

@@ -13,6 +13,9 @@ struct AdversaryLimits {
   Vec3d half = Vec3d(0.8, 0.8, 0.5);
 };
 
+/// m; half lengths outside are no object for a car's roof.
+inline constexpr double kSmallestSize = 1e-3, kLargestSize = 10;
+
 /// The box of the paper's proportions (0.8 : 0.8 : 0.5) whose half length is `size` m.
 AdversaryLimits limits_of_size(double size);
 

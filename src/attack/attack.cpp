@@ -8,16 +8,19 @@
 
 #include "attack/attack_step.h"
 #include "attack/checkpoint.h"
+#include "base/checkpoint_timer.h"
 #include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
+#include "base/names.h"
 #include "base/progress.h"
 #include "base/random.h"
 #include "base/ranks.h"
 #include "exchange/gltf.h"
 #include "scene/kitti.h"
+#include "sensors/raster/limits.h"
 
 namespace mirage {
 namespace {
@@ -26,10 +29,13 @@ namespace {
 nlohmann::json identity(const AttackSettings& settings) {
   const auto& weights = settings.detector.weights;
   const bool named = weights.empty() || weights == kRealWeights;
+  const auto absolute = [](const std::filesystem::path& path) {
+    return escape_name(std::filesystem::absolute(path).lexically_normal().string());
+  };
   nlohmann::json id = {
-      {"data", std::filesystem::absolute(settings.data).lexically_normal().string()},
-      {"detector", settings.detector.detector},
-      {"weights", named ? weights.string() : std::filesystem::absolute(weights).lexically_normal().string()},
+      {"data", absolute(settings.data)},
+      {"detector", escape_name(settings.detector.detector)},
+      {"weights", named ? weights.string() : absolute(weights)},
       {"weights_hash", settings.weights_hash},
       {"target", settings.target},
       {"seed", settings.seed},
@@ -44,9 +50,9 @@ nlohmann::json identity(const AttackSettings& settings) {
       {"simulation", to_json(settings.simulation)}};
   // Only where it differs, so that runs of before the choice go on: those stood on boxes.
   if (settings.detector.defense != "none") id["defense"] = settings.detector.defense;
-  if (settings.depth != AttackSettings().depth) id["depth"] = settings.depth;
+  if (settings.depth != AttackSettings().depth) id["depth"] = escape_name(settings.depth);
   if (settings.rooftop != "box") {
-    id["rooftop"] = settings.rooftop;
+    id["rooftop"] = escape_name(settings.rooftop);
     id["rooftop_model_hash"] = rooftop_model_hash(settings.rooftop);
   }
   if (settings.sun != kDefaultSun) id["sun"] = settings.sun;
@@ -85,6 +91,8 @@ std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, 
                      row.loss(), row.hide, row.false_positive, row.laplacian, hidden, hosts);
 }
 
+constexpr int kLargestBatch = 65536;
+
 /// InputError for numbers that no run can use.
 void check_settings(const AttackSettings& settings) {
   const auto demand = [](bool good, const char* option, double value, const char* fix) {
@@ -92,14 +100,19 @@ void check_settings(const AttackSettings& settings) {
   };
   const auto& raster = settings.simulation.raster;
   const auto positive = [](double value) { return std::isfinite(value) && value > 0; };
-  demand(settings.batch >= 1, "--batch", settings.batch, "use 1 or more");
+  demand(settings.batch >= 1 && settings.batch <= kLargestBatch, "--batch", settings.batch, "use 1 to 65536");
   demand(settings.iterations >= 0, "--iterations", settings.iterations, "use 0 or more");
-  demand(positive(raster.sigma), "--sigma", raster.sigma, "use a positive number");
-  demand(positive(raster.gamma), "--gamma", raster.gamma, "use a positive number");
+  demand(raster.sigma >= kSmallestSigma && raster.sigma <= kLargestSigma, "--sigma", raster.sigma,
+         "use a positive number of at most 0.1");
+  demand(raster.gamma >= kSmallestSigma && raster.gamma <= kLargestGamma, "--gamma", raster.gamma,
+         "use a positive number of at most 1000");
   demand(positive(settings.vertex_rate), "--vertex-rate", settings.vertex_rate, "use a positive number");
   demand(positive(settings.texel_rate), "--texel-rate", settings.texel_rate, "use a positive number");
-  demand(positive(settings.limits.half.minCoeff()), "--size", settings.limits.half.x(),
-         "use a positive length");
+  demand(settings.limits.half.minCoeff() >= kSmallestSize && settings.limits.half.maxCoeff() <= kLargestSize,
+         "--size", settings.limits.half.x(), "use a positive length of at most 10 m");
+  demand(settings.checkpoint_every >= 1, "--checkpoint-every", settings.checkpoint_every, "use 1 or more");
+  demand(std::isfinite(settings.checkpoint_seconds) && settings.checkpoint_seconds >= 0,
+         "--checkpoint-seconds", settings.checkpoint_seconds, "use 0 (never by time) or more");
   demand(settings.min_view >= 0 && settings.min_view <= 1, "--min-view", settings.min_view,
          "use a share in [0, 1]");
   if (settings.buildable.on) check_buildable(settings.buildable, settings.limits);
@@ -192,13 +205,12 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
     write_checkpoint(checkpoint_file, state, id);
     write_losses(settings.out / "loss.csv", state.losses);
   };
+  // What an earlier, shorter run left stays until this one's result takes its place: each file by itself.
   const long iterations = target == AttackTarget::random ? 0 : settings.iterations;
-  if (rank() == 0 &&
-      state.iteration < iterations)  // what an earlier, shorter run left is no longer this run's result
-    for (const char* name : {"adversary.glb", "result.json"}) std::filesystem::remove(settings.out / name);
   Progress progress("attack", static_cast<std::size_t>(iterations), settings.quiet);
   StageSeconds stages;
   const auto start = Clock::now();
+  CheckpointTimer timer({settings.checkpoint_every, settings.checkpoint_seconds});
   const long first = state.iteration;
   while (state.iteration < iterations &&
          !(settings.seconds > 0 && any_rank(seconds_since(start) >= settings.seconds))) {
@@ -211,7 +223,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
     progress.update(static_cast<std::size_t>(state.iteration),
                     progress_note(row, state.losses, settings.batch));
     Stopwatch clock;
-    if (state.iteration % settings.checkpoint_every == 0) save();
+    if (timer.due(state.iteration)) save();
     stages.files += clock.lap();
   }
   const double seconds = seconds_since(start);

@@ -46,7 +46,8 @@ struct AttackSettings {
   std::uint64_t seed = 0;
   double vertex_rate = 1e-3, texel_rate = 4e-3;
   double min_view = 0.7;
-  int checkpoint_every = 10;
+  int checkpoint_every = 10;      ///< iterations
+  double checkpoint_seconds = 0;  ///< > 0: also where so many seconds have passed since the last one
   bool quiet = false;
   AdversaryLimits limits;
   ObjectiveSettings objective;

@@ -1,9 +1,11 @@
 #include "attack/checkpoint.h"
 
-#include <algorithm>
+#include <limits>
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/json_fields.h"
+#include "base/names.h"
 
 namespace mirage {
 namespace {
@@ -14,11 +16,10 @@ nlohmann::json flat(const std::vector<Vec3d>& points) {
   return values;
 }
 
-std::vector<Vec3d> points_from(const nlohmann::json& json, std::size_t expected) {
-  const auto values = json.get<std::vector<double>>();
-  if (values.size() != 3 * expected) throw std::invalid_argument("a list has the wrong length");
-  std::vector<Vec3d> points(expected);
-  for (std::size_t i = 0; i < expected; ++i)
+std::vector<Vec3d> read_points(const JsonFields& json, const char* key, std::size_t count) {
+  const auto values = json.numbers(key, 3 * count, -kLargestSize, kLargestSize);
+  std::vector<Vec3d> points(count);
+  for (std::size_t i = 0; i < count; ++i)
     points[i] = Vec3d(values[3 * i], values[3 * i + 1], values[3 * i + 2]);
   return points;
 }
@@ -27,10 +28,29 @@ nlohmann::json to_json(const Adam& adam) {
   return {{"step_count", adam.step_count}, {"first", adam.first}, {"second", adam.second}};
 }
 
-void read_adam(const nlohmann::json& json, Adam& adam) {
-  adam.step_count = json.at("step_count");
-  adam.first = json.at("first").get<std::vector<double>>();
-  adam.second = json.at("second").get<std::vector<double>>();
+constexpr double kAny = std::numeric_limits<double>::max();
+
+/// Moments of `count` parameters; none before the first of its steps, which are at most the run's.
+void read_adam(const JsonFields& json, std::size_t count, long iteration, Adam& adam) {
+  adam.step_count = json.integer("step_count", 0, iteration);
+  const std::size_t size = adam.step_count > 0 ? count : 0;
+  adam.first = json.numbers("first", size, -kAny, kAny);
+  adam.second = json.numbers("second", size, 0, kAny);
+}
+
+/// InputError naming the first setting that differs.
+void check_identity(const std::filesystem::path& file, const nlohmann::json& saved,
+                    const nlohmann::json& identity) {
+  const auto compare = [&](const std::string& key) {
+    if (saved.value(key, nlohmann::json()) != identity.value(key, nlohmann::json()))
+      throw InputError(file.string(), printable(key), "the folder holds a run with another value",
+                       "use another --out folder or the run's own settings");
+  };
+  const std::string hosts = "train";  // follows from the settings, so the setting is named where one differs
+  for (const nlohmann::json* all : {&identity, &saved})  // a key that only one of them has differs as well
+    for (const auto& [key, value] : all->items())
+      if (key != hosts) compare(key);
+  compare(hosts);
 }
 
 }  // namespace
@@ -58,46 +78,38 @@ void write_checkpoint(const std::filesystem::path& file, const AttackState& stat
                                {"adam_texels", to_json(state.texels)},
                                {"losses", losses},
                                {"hidden", hidden}};
-  write_file(file, json.dump());
+  write_file(file, json_text(json));
 }
 
 AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity) {
-  const nlohmann::json json = read_json(file);
+  const nlohmann::json whole = read_json(file);
+  const JsonFields json(file, whole, "delete the file to start the run again");
+  json.object("identity");
+  check_identity(file, whole.at("identity"), identity);
   AttackState state;
-  try {
-    const auto& saved = json.at("identity");
-    const auto compare = [&](const std::string& key) {
-      if (saved.value(key, nlohmann::json()) != identity.value(key, nlohmann::json()))
-        throw InputError(file.string(), key, "the folder holds a run with another value",
-                         "use another --out folder or the run's own settings");
-    };
-    const std::string hosts =
-        "train";  // follows from the settings, so the setting is named where one differs
-    for (const nlohmann::json* all : {&identity, &saved})  // a key that only one of them has differs as well
-      for (const auto& [key, value] : all->items())
-        if (key != hosts) compare(key);
-    compare(hosts);
-    state.iteration = json.at("iteration");
-    Vec3d half;
-    for (int c = 0; c < 3; ++c) half[c] = identity.at("limits").at(static_cast<std::size_t>(c));
-    state.adversary = initial_adversary({half});
-    state.adversary.mesh.vertices = points_from(json.at("vertices"), state.adversary.mesh.vertices.size());
-    state.adversary.atlas.texels = points_from(json.at("texels"), state.adversary.atlas.texels.size());
-    state.vertices.learning_rate = identity.at("vertex_rate");
-    state.texels.learning_rate = identity.at("texel_rate");
-    read_adam(json.at("adam_vertices"), state.vertices);
-    read_adam(json.at("adam_texels"), state.texels);
-    const auto losses = json.at("losses").get<std::vector<double>>();
-    for (std::size_t i = 0; i + 2 < losses.size(); i += 3)
-      state.losses.push_back({losses[i], losses[i + 1], losses[i + 2]});
-    const auto hidden = json.value("hidden", std::vector<int>());  // checkpoints of before have none
-    for (std::size_t i = 0; i < std::min(hidden.size(), state.losses.size()); ++i)
-      state.losses[i].hidden = hidden[i];
-  } catch (const InputError&) {
-    throw;
-  } catch (const std::exception& error) {
-    throw InputError(file.string(), "checkpoint", error.what(), "delete the file to start the run again");
-  }
+  state.iteration = json.integer("iteration", 0, kMostIterations);
+  Vec3d half;
+  for (int c = 0; c < 3; ++c) half[c] = identity.at("limits").at(static_cast<std::size_t>(c));
+  state.adversary = initial_adversary({half});
+  auto& vertices = state.adversary.mesh.vertices;
+  auto& texels = state.adversary.atlas.texels;
+  vertices = read_points(json, "vertices", vertices.size());
+  texels = read_points(json, "texels", texels.size());
+  TexturedMesh within = state.adversary;
+  project(within, {half});
+  if (within.mesh.vertices != vertices) json.fail("vertices", "one lies outside the box of the run's size");
+  if (within.atlas.texels != texels) json.fail("texels", "one is not in [0, 1]");
+  state.vertices.learning_rate = identity.at("vertex_rate");
+  state.texels.learning_rate = identity.at("texel_rate");
+  read_adam(json.object("adam_vertices"), 3 * vertices.size(), state.iteration, state.vertices);
+  read_adam(json.object("adam_texels"), 3 * texels.size(), state.iteration, state.texels);
+  const auto rows = static_cast<std::size_t>(state.iteration);  // one a step
+  const auto losses = json.numbers("losses", 3 * rows, -kAny, kAny);
+  for (std::size_t i = 0; i < losses.size(); i += 3)
+    state.losses.push_back({losses[i], losses[i + 1], losses[i + 2]});
+  if (!json.has("hidden")) return state;  // checkpoints of before
+  const auto hidden = json.numbers("hidden", rows, -1, std::numeric_limits<int>::max());
+  for (std::size_t i = 0; i < rows; ++i) state.losses[i].hidden = static_cast<int>(hidden[i]);
   return state;
 }
 

@@ -58,14 +58,14 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
     throw InputError("--random-meshes", std::to_string(request.random_meshes), "out of range",
                      "use 0 or more");
   RunEvaluation result;
-  result.run = read_run(request.run);
+  result.run = read_run(request.run, request.trust);
   result.hosts_of = request.hosts_of;
-  result.stage = request.hosts_of.empty() ? result.run : read_run(request.hosts_of);
+  result.stage = request.hosts_of.empty() ? result.run : read_run(request.hosts_of, request.trust);
   Run& stage = result.stage;
   if (!request.hosts_of.empty()) check_hosts_of(request, stage);
   const bool other_data = !request.data.empty() && is_other_data(stage, request.data);
   if (!request.data.empty()) stage.data = request.data;
-  if (!request.depth.empty()) stage.depth = request.depth;
+  stage.depth = depth_of(stage, request.depth);
   if (!request.rooftop.empty()) stage.rooftop = request.rooftop;
   if (!request.sun.empty()) stage.sun = request.sun;
   if (request.adjust) request.adjust(stage.simulation);

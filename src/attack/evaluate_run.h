@@ -21,6 +21,7 @@ struct EvaluationRequest {
   DetectorOptions detector;         ///< what is empty: the run's; `rig` is set by the data set
   std::string hosts;                ///< of the run: "test" (also if empty), "train" or "all"
   std::string depth, rooftop, sun;  ///< empty: the run's
+  TrustRun trust = TrustRun::no;    ///< of both runs
   int random_meshes = 1;            ///< random meshes of the seeds run-seed, run-seed + 1, …
   std::function<void(SimulationSettings&)> adjust;  ///< what is asked for beyond the run's simulation
   EvaluationSettings settings;

@@ -82,13 +82,14 @@ std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& da
   for (const HostId& id : hosts) of_frame[id.frame].push_back(&id);
   const double mount = lidar_of(data).height;
   for (const auto& [frame, ids] : of_frame) {
-    if (frame.find_first_not_of("0123456789") != std::string::npos) continue;  // not a name it gave
+    const auto index = generator::index_of(frame);
+    if (!index) continue;
     const auto training = data / "training";
     int width = 0, height = 0;
     read_image_size(training / "image_2" / (frame + ".png"), width, height);
     const Calibration calibration = read_calibration(training / "calib" / (frame + ".txt"), width, height);
     const std::vector<Label> labels = read_labels(training / "label_2" / (frame + ".txt"), calibration);
-    const auto vehicles = generator::true_vehicles(source->seed, std::stoull(frame), mount, source->look);
+    const auto vehicles = generator::true_vehicles(source->seed, *index, mount, source->look);
     for (const HostId* id : ids) {
       if (id->label < 0 || static_cast<std::size_t>(id->label) >= labels.size()) continue;
       const Label& label = labels[static_cast<std::size_t>(id->label)];

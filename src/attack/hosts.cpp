@@ -9,6 +9,7 @@
 
 #include "base/error.h"
 #include "base/interrupt.h"
+#include "base/names.h"
 #include "base/parallel.h"
 #include "base/progress.h"
 #include "base/random.h"
@@ -20,7 +21,7 @@ nlohmann::json to_json(const RooftopCount& count) {
 }
 
 std::string host_name(const HostId& id) {
-  return fmt::format("{}_{}", id.frame, id.label);
+  return fmt::format("{}_{}", escape_name(id.frame), id.label);
 }
 
 const Label& label_of(const Frame& frame, const HostId& id) {

@@ -36,7 +36,7 @@ struct RooftopCount {
 };
 nlohmann::json to_json(const RooftopCount& count);
 
-/// "000008_0": frame and label.
+/// "000008_0": frame and label, for messages, results and names of files: the frame as escape_name writes it.
 std::string host_name(const HostId& id);
 /// The host's label. InputError if the frame has none of that number.
 const Label& label_of(const Frame& frame, const HostId& id);

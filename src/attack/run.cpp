@@ -1,14 +1,105 @@
 #include "attack/run.h"
 
+#include <fmt/format.h>
+
+#include <climits>
+
+#include "attack/attack.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/json_fields.h"
+#include "base/names.h"
+#include "detection/detector_words.h"
 #include "exchange/gltf.h"
+#include "scene/depth/learned_depth.h"
+#include "sensors/raster/limits.h"
 
 namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kMostHosts = 1'000'000;
+constexpr const char* kAgain = "restore the file, or run mirage attack again into an empty folder";
+
+bool is_plugin(const std::string& name) {
+  return fs::path(name).extension() == ".so";
+}
+
+[[noreturn]] void refuse(const Run& run, const char* field, const char* what, const fs::path& file,
+                         const char* option) {
+  const std::string path = fs::absolute(file).lexically_normal().string();
+  throw InputError((run.folder / "run.json").string(), field,
+                   fmt::format("{} would be loaded, which is code: {}", what, path),
+                   fmt::format("if you trust it, name it yourself ({} {}) or add --trust-run", option, path));
+}
+
+/// Runs parse(text), whose error speaks of an option, for a field of the file.
+template <class Parse>
+auto parsed(const JsonFields& fields, const char* key, const std::string& text, const Parse& parse) {
+  try {
+    return parse(text);
+  } catch (const InputError& problem) {
+    fields.fail(key, problem.what());
+  }
+}
+
+/// The name of a file or folder, as escape_name wrote it.
+std::string read_path(const JsonFields& json, const char* key) {
+  std::string path = unescape_name(json.text(key));
+  for (const auto& part : fs::path(path))
+    if (part.native().size() > NAME_MAX || path.size() >= PATH_MAX) json.fail(key, "is too long for a path");
+  return path;
+}
+
+std::vector<HostId> read_hosts(const JsonFields& run, const std::string& split) {
+  std::vector<HostId> hosts;
+  for (const auto& entry : run.list(split, kMostHosts)) {
+    const JsonFields host = run.inner(fmt::format("{}[{}]", split, hosts.size()), entry);
+    HostId id{unescape_name(host.text("frame")), static_cast<int>(host.integer("label", 0, 1'000'000))};
+    if (const std::string problem = frame_id_problem(id.frame); !problem.empty()) host.fail("frame", problem);
+    hosts.push_back(std::move(id));
+  }
+  return hosts;
+}
+
+SimulationSettings read_simulation(const JsonFields& json) {
+  SimulationSettings settings;
+  settings.raster.sigma = json.number("sigma", kSmallestSigma, kLargestSigma);
+  settings.raster.gamma = json.number("gamma", kSmallestSigma, kLargestGamma);
+  settings.raster.epsilon = json.number("epsilon", -1e6, 1e6);
+  settings.raster.dist_eps = json.number("dist_eps", 1e-12, 0.49);
+  settings.supersampling = static_cast<int>(json.integer("supersampling", 1, 32));
+  settings.lidar_reflectivity = json.number("lidar_reflectivity", 0, 1e3);
+  settings.occlusion_margin = json.number("occlusion_margin", -1e3, 1e3);
+  settings.grazing_cosine = json.number("grazing_cosine", 1e-9, 1);
+  settings.reference = json.has("double") && json.truth("double");
+  if (json.has("light")) settings.light = parsed(json, "light", json.text("light"), parse_light_model);
+  return settings;
+}
+
+/// Detector, weights and depth completion: words of shipped parts and paths of data; code is refused.
+void read_parts(const JsonFields& json, TrustRun trust, Run& run) {
+  run.detector = read_path(json, "detector");
+  run.weights = read_path(json, "weights");
+  if (json.has("defense")) run.defense = json.text("defense");
+  if (json.has("depth")) run.depth = read_path(json, "depth");
+  if (!is_shipped_detector(run.detector) && !is_plugin(run.detector))
+    json.fail("detector", fmt::format("\"{}\" is no detector", run.detector));
+  if (!is_shipped_depth(run.depth) && !is_plugin(run.depth))
+    json.fail("depth", fmt::format("\"{}\" is no depth completion", run.depth));
+  if (trust == TrustRun::yes) return;
+  if (weights_are_code(run.detector)) std::swap(run.weights, run.refused.weights);
+  if (is_plugin(run.detector)) std::swap(run.detector, run.refused.detector);
+  if (is_plugin(run.depth)) std::swap(run.depth, run.refused.depth);
+}
+
+}  // namespace
 
 nlohmann::json to_json(const std::vector<HostId>& hosts) {
   auto list = nlohmann::json::array();
-  for (const HostId& host : hosts) list.push_back({{"frame", host.frame}, {"label", host.label}});
+  for (const HostId& host : hosts)
+    list.push_back({{"frame", escape_name(host.frame)}, {"label", host.label}});
   return list;
 }
 
@@ -37,63 +128,60 @@ void require_own_data(const Run& run, const std::filesystem::path& data) {
 }
 
 void use_detector_of(const Run& run, DetectorOptions& options) {
+  const Run::Refused& refused = run.refused;
+  if (options.detector.empty() && !refused.detector.empty())
+    refuse(run, "detector", "a plugin", refused.detector, "--detector");
   if (options.detector.empty()) options.detector = run.detector;
-  const bool same = options.detector == run.detector;
+  const bool same = options.detector == (refused.detector.empty() ? run.detector : refused.detector);
   if (options.defense.empty())
     options.defense =
         same && (options.weights.empty() || run.defense.starts_with("jpeg:")) ? run.defense : "none";
-  if (options.weights.empty() && same && options.defense == run.defense) options.weights = run.weights;
+  if (!options.weights.empty() || !same || options.defense != run.defense) return;
+  if (!refused.weights.empty())
+    refuse(run, "weights",
+           options.detector == "torchscript" ? "a TorchScript model" : "a plugin's weights file",
+           refused.weights, "--weights");
+  options.weights = run.weights;
 }
 
-Run read_run(const std::filesystem::path& folder) {
+std::string depth_of(const Run& run, const std::string& asked) {
+  if (!asked.empty()) return asked;
+  if (!run.refused.depth.empty()) refuse(run, "depth", "a plugin", run.refused.depth, "--depth");
+  return run.depth;
+}
+
+Run read_run(const fs::path& folder, TrustRun trust) {
   const auto file = folder / "run.json";
-  if (!std::filesystem::exists(file))
+  if (!fs::exists(file))
     throw InputError(folder.string(), "run.json", "missing, so this is not a run folder",
                      "give the --out folder of a finished mirage attack");
-  if (!std::filesystem::exists(folder / "adversary.glb"))
+  if (!fs::exists(folder / "adversary.glb"))
     throw InputError(folder.string(), "adversary.glb", "missing: the attack has not finished",
                      "run the same mirage attack again; it resumes");
-  const nlohmann::json json = read_json(file);
+  const nlohmann::json whole = read_json(file);
+  const JsonFields json(file, whole, kAgain);
   Run run;
   run.folder = folder;
-  try {
-    run.data = json.at("data").get<std::string>();
-    run.detector = json.at("detector");
-    run.weights = json.at("weights").get<std::string>();
-    run.defense = json.value("defense", run.defense);
-    run.target = json.at("target");
-    run.depth = json.value("depth", run.depth);
-    run.rooftop = json.value("rooftop", run.rooftop);
-    run.sun = json.value("sun", run.sun);
-    const auto read_hosts = [](const nlohmann::json& list) {
-      std::vector<HostId> hosts;
-      for (const auto& host : list) hosts.push_back({host.at("frame"), host.at("label")});
-      return hosts;
-    };
-    run.train = read_hosts(json.at("train"));
-    run.test = read_hosts(json.at("test"));
-    run.min_view = json.at("min_view");
-    run.seed = json.value("seed", run.seed);
-    if (json.contains("limits"))
-      for (int c = 0; c < 3; ++c) run.limits.half[c] = json.at("limits").at(static_cast<std::size_t>(c));
-    if (json.contains("buildable")) {
-      const auto& rules = json.at("buildable");
-      run.buildable = {true, rules.at(0), rules.at(1), rules.at(2), rules.at(3)};
-    }
-    const auto& simulation = json.at("simulation");
-    run.simulation.raster.sigma = simulation.at("sigma");
-    run.simulation.raster.gamma = simulation.at("gamma");
-    run.simulation.raster.epsilon = simulation.at("epsilon");
-    run.simulation.raster.dist_eps = simulation.at("dist_eps");
-    run.simulation.supersampling = simulation.at("supersampling");
-    run.simulation.lidar_reflectivity = simulation.at("lidar_reflectivity");
-    run.simulation.occlusion_margin = simulation.at("occlusion_margin");
-    run.simulation.grazing_cosine = simulation.at("grazing_cosine");
-    run.simulation.reference = simulation.value("double", false);
-    run.simulation.light = parse_light_model(simulation.value("light", "plain"));
-  } catch (const nlohmann::json::exception& error) {
-    throw InputError(file.string(), "", error.what(), "run mirage attack again into an empty folder");
+  run.data = read_path(json, "data");
+  read_parts(json, trust, run);
+  run.target = json.text("target");
+  parsed(json, "target", run.target, parse_target);
+  if (json.has("rooftop")) run.rooftop = read_path(json, "rooftop");
+  if (json.has("sun")) run.sun = json.text("sun");
+  parsed(json, "sun", run.sun, parse_sun);
+  run.train = read_hosts(json, "train");
+  run.test = read_hosts(json, "test");
+  run.min_view = json.number("min_view", 0, 1);
+  if (json.has("seed")) run.seed = json.counter("seed");
+  if (json.has("limits")) {
+    const auto half = json.numbers("limits", 3, kSmallestSize, kLargestSize);
+    run.limits.half = Vec3d(half[0], half[1], half[2]);
   }
+  if (json.has("buildable")) {
+    const auto rules = json.numbers("buildable", 4, 0, kLargestSize);
+    run.buildable = {true, rules[0], rules[1], rules[2], rules[3]};
+  }
+  run.simulation = read_simulation(json.object("simulation"));
   run.adversary = read_adversary(folder / "adversary.glb");
   run.random = read_adversary(folder / "random.glb");
   return run;

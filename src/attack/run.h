@@ -1,11 +1,13 @@
-// A run folder, as `mirage attack` writes it and the other commands read it:
+// A run folder, as `mirage attack` writes it and the other commands read it. Whoever made it, reading it runs
+// none of its code: it names shipped parts by word and data by path; what it names that is code (a plugin, a
+// TorchScript model) is used only where the user asks for it (TrustRun).
+//
 //     RUN/run.json        settings, data set, hosts of the training and test split
 //     RUN/checkpoint.json adversary, Adam's state, iteration (atomic; resumes bit-identically)
 //     RUN/adversary.glb   the learned adversary (lossless)
 //     RUN/random.glb      a random mesh of the same size: the baseline
 //     RUN/loss.csv        iteration, loss, hide, false_positive, laplacian, hidden (hosts of the batch that
-//     no
-//                         proposal found)
+//                         no proposal found)
 //     RUN/result.json
 #pragma once
 
@@ -28,6 +30,9 @@ struct HostId {
   int label = 0;  ///< index into Frame::labels
 };
 
+/// Whether code that a run names (--trust-run) may be loaded.
+enum class TrustRun { no, yes };
+
 struct Run {
   std::filesystem::path folder, data, weights;  ///< weights: empty for the shipped ones
   std::string detector, defense = "none", target, depth = "ip-basic", rooftop = "box", sun = kDefaultSun;
@@ -38,6 +43,11 @@ struct Run {
   std::uint64_t seed = 0;
   AdversaryLimits limits;
   BuildableSettings buildable;
+  /// What run.json names that is code, unless the run is trusted; the fields above are empty then.
+  struct Refused {
+    std::string detector, depth;
+    std::filesystem::path weights;
+  } refused;
 };
 
 /// Whether `data` is another folder than the run's: its labels are not the run's hosts.
@@ -46,12 +56,18 @@ bool is_other_data(const Run& run, const std::filesystem::path& data);
 void require_own_data(const Run& run, const std::filesystem::path& data);
 
 /// Fills in what `options` leaves open (empty): the run's detector, and its weights and defence if it is that
-/// detector. Weights of the user's own keep none of the run's defences but JPEG.
+/// detector. Weights of the user's own keep none of the run's defences but JPEG. InputError naming the file
+/// that would be loaded if that is code and the run is not trusted.
 void use_detector_of(const Run& run, DetectorOptions& options);
 
-/// InputError naming the file and key if the folder is not a finished run.
-Run read_run(const std::filesystem::path& folder);
+/// The depth completion `asked` for, or if that is empty the run's. InputError as use_detector_of's.
+std::string depth_of(const Run& run, const std::string& asked);
 
+/// InputError naming the file and field if the folder is not a finished run, or holds a value that no run can
+/// have.
+Run read_run(const std::filesystem::path& folder, TrustRun trust = TrustRun::no);
+
+/// Frames as escape_name writes them.
 nlohmann::json to_json(const std::vector<HostId>& hosts);
 nlohmann::json to_json(const SimulationSettings& settings);
 

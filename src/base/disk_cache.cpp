@@ -10,6 +10,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/folder_lock.h"
 #include "base/hash.h"
 #include "base/logging.h"
 
@@ -125,6 +126,7 @@ void DiskCache::trim() {
     kept.push_back({used, entry->path(), size});
     total += size;
   }
+  remove_stale_files(folder_);
   if (total <= limit_) return;
   std::sort(kept.begin(), kept.end(), [](const Kept& a, const Kept& b) {
     return a.used != b.used ? a.used < b.used : a.file < b.file;

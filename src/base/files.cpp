@@ -12,6 +12,7 @@
 
 #include "base/error.h"
 #include "base/hash.h"
+#include "base/names.h"
 #include "base/parallel.h"
 
 namespace mirage {
@@ -22,9 +23,14 @@ std::string read_file(const fs::path& path) {
   if (fs::is_directory(path))
     throw InputError(path.string(), "", "is a folder, not a file", "give the file inside it");
   std::ifstream in(path, std::ios::binary);
-  if (!in) throw InputError(path.string(), "", std::strerror(errno), "check the path and its permissions");
+  if (!in) {
+    const int reason = errno;
+    throw InputError(path.string(), "", std::strerror(reason), fix_for(reason));
+  }
   std::ostringstream out;
   out << in.rdbuf();
+  // A failing disk ends the stream as the file's end does; an empty file only fails to give a byte.
+  if (out.bad()) throw InputError(path.string(), "", "cannot be read to its end", fix_for(EIO));
   return std::move(out).str();
 }
 
@@ -35,13 +41,56 @@ std::string content_hash(std::string_view bytes) {
 void make_output_folder(const fs::path& folder) {
   std::error_code error;
   fs::create_directories(folder, error);
-  if (error) throw Failure(folder.string(), error.message(), "choose another --out folder");
+  const auto fail = [&](const std::error_code& why) {
+    throw Failure(folder.string(), why.message(), fix_for(why.value()) + ", or choose another --out folder");
+  };
+  if (error) fail(error);
   // Root passes access() on read-only mounts' modes but not on the mount itself: try a real file.
-  const fs::path probe = folder / fmt::format(".probe-{}", getpid());
+  const fs::path probe = temporary_beside(folder / ".probe");
   const int file = ::open(probe.c_str(), O_CREAT | O_WRONLY | O_CLOEXEC, 0600);
-  if (file < 0) throw Failure(folder.string(), std::strerror(errno), "choose another --out folder");
+  if (file < 0) fail({errno, std::generic_category()});
   ::close(file);
   fs::remove(probe, error);
+}
+
+fs::path temporary_beside(const fs::path& path) {
+  return path.string() + fmt::format("{}{}.tmp", kTemporaryMark, getpid());
+}
+
+std::string fix_for(int error) {
+  switch (error) {
+    case ENOSPC:
+      return "the disk is full: free some space";
+    case EDQUOT:
+      return "the user's quota is used up: free some space";
+    case EFBIG:
+      return "raise the limit on the size of files (ulimit -f)";
+    case EROFS:
+      return "the file system is read-only: choose another folder";
+    case EACCES:
+    case EPERM:
+      return "check the permissions of the file and its folders";
+    case ENAMETOOLONG:
+      return "use a shorter name";
+    case ENOENT:
+      return "check the path";
+    case ENOTDIR:
+    case EEXIST:
+      return "a file stands where a folder should be: choose another path";
+    case EISDIR:
+      return "a folder stands where the file should be: remove it or choose another path";
+    case ELOOP:
+      return "a symbolic link leads to itself: check the path";
+    case EMFILE:
+    case ENFILE:
+      return "raise the limit on open files (ulimit -n)";
+    case EIO:
+      return "the disk or its connection fails: check the system's log";
+    case ENOMEM:
+      return "free some memory";
+    default:
+      return "check the path and the disk";
+  }
 }
 
 namespace {
@@ -56,7 +105,7 @@ void sync(const fs::path& path) {
   ::close(handle);
   if (reason != 0 && reason != EINVAL && reason != EROFS)
     throw Failure(path.string(), fmt::format("cannot be written ({})", std::strerror(reason)),
-                  "free some space or choose another folder");
+                  fix_for(reason));
 }
 
 }  // namespace
@@ -65,7 +114,7 @@ void replace_file(const fs::path& temporary, const fs::path& path) {
   sync(temporary);  // a plugin may have written it
   std::error_code error;
   fs::rename(temporary, path, error);
-  if (error) throw Failure(path.string(), error.message(), "check the folder's permissions");
+  if (error) throw Failure(path.string(), error.message(), fix_for(error.value()));
   sync(path.has_parent_path() ? path.parent_path() : ".");
 }
 
@@ -74,13 +123,13 @@ void write_file(const fs::path& path, std::string_view bytes) {
                             // result
   std::error_code error;
   if (path.has_parent_path()) fs::create_directories(path.parent_path(), error);
-  if (error) throw Failure(path.parent_path().string(), error.message(), "choose another folder");
-  const fs::path temporary = path.string() + fmt::format(".{}.tmp", getpid());
+  if (error) throw Failure(path.parent_path().string(), error.message(), fix_for(error.value()));
+  const fs::path temporary = temporary_beside(path);
   const auto fail = [&](int file, int reason) {
     if (file >= 0) ::close(file);
     ::unlink(temporary.c_str());
     throw Failure(path.string(), fmt::format("cannot be written ({})", std::strerror(reason)),
-                  "free some space or choose another folder");
+                  fix_for(reason));
   };
   const int file = ::open(temporary.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0644);
   if (file < 0) fail(file, errno);
@@ -95,17 +144,50 @@ void write_file(const fs::path& path, std::string_view bytes) {
   replace_file(temporary, path);
 }
 
+namespace {
+
+/// The first byte that is nested deeper than any file of ours, or npos: copies and comparisons recurse.
+std::size_t too_deep(std::string_view text) {
+  constexpr int kDeepest = 64;
+  int depth = 0;
+  bool quoted = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (quoted && c == '\\') ++i;
+    if (c == '"') quoted = !quoted;
+    if (quoted) continue;
+    if (c == '[' || c == '{') ++depth;
+    if (c == ']' || c == '}') --depth;
+    if (depth > kDeepest) return i;
+  }
+  return std::string_view::npos;
+}
+
+}  // namespace
+
 nlohmann::json read_json(const fs::path& path) {
+  const char* fix = "write the file again with the command that made it";
+  constexpr std::uintmax_t kLargest = 1ull << 30;
+  std::error_code unknown;
+  if (const auto kind = fs::status(path, unknown).type();
+      fs::exists(fs::file_status(kind)) && kind != fs::file_type::regular && kind != fs::file_type::directory)
+    throw InputError(path.string(), "", "is no regular file", fix);  // one may never end
+  if (fs::file_size(path, unknown) > kLargest && !unknown)
+    throw InputError(path.string(), "", "is larger than 1 GiB", fix);
+  const std::string text = read_file(path);
+  if (const std::size_t byte = too_deep(text); byte != std::string_view::npos)
+    throw InputError(path.string(), fmt::format("byte {}", byte), "nested too deep", fix);
   try {
-    return nlohmann::json::parse(read_file(path));
+    return nlohmann::json::parse(text);
   } catch (const nlohmann::json::parse_error& error) {
-    throw InputError(path.string(), fmt::format("byte {}", error.byte), "not valid JSON",
-                     "write the file again with the command that made it");
+    throw InputError(path.string(), fmt::format("byte {}", error.byte), "not valid JSON", fix);
+  } catch (const nlohmann::json::out_of_range&) {
+    throw InputError(path.string(), "", "holds a number that is out of range", fix);
   }
 }
 
 void write_json(const fs::path& path, const nlohmann::json& value) {
-  write_file(path, value.dump(2) + "\n");
+  write_file(path, json_text(value, 2) + "\n");
 }
 
 fs::path executable_folder() {

@@ -16,6 +16,12 @@ std::string read_file(const std::filesystem::path& path);
 void write_file(const std::filesystem::path& path, std::string_view bytes);
 /// 64-bit FNV-1a of the bytes, 16 hexadecimal digits: tells whether content changed, nothing more.
 std::string content_hash(std::string_view bytes);
+/// Ends the name of a temporary file, before its process's number and ".tmp" (folder_lock.h cleans up).
+inline constexpr std::string_view kTemporaryMark = ".mirage-";
+/// NAME.mirage-PID.tmp in the same folder: what becomes `path` once it is whole.
+std::filesystem::path temporary_beside(const std::filesystem::path& path);
+/// How to mend what a system call failed with (errno): a full disk, permissions, a name too long, …
+std::string fix_for(int error);
 /// Moves a finished temporary file to its place (same folder). Failure if it can't.
 void replace_file(const std::filesystem::path& temporary, const std::filesystem::path& path);
 /// Makes the folder (and parents). Failure, naming the folder, if it can't be made or written to.

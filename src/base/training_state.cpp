@@ -1,16 +1,25 @@
 #include "base/training_state.h"
 
 #include <algorithm>
+#include <limits>
 #include <sstream>
 #include <string>
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/json_fields.h"
+#include "base/names.h"
 
 namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr std::int64_t kMostSteps = 1'000'000'000'000;
+
+std::string weights_name(std::int64_t step) {
+  return "checkpoint-" + std::to_string(step) + ".weights";
+}
 
 fs::path state_file(const fs::path& out) {
   return out / "training.json";
@@ -22,19 +31,22 @@ TrainingState read_training_state(const fs::path& out, const nlohmann::json& wan
   TrainingState state;
   const fs::path file = state_file(out);
   if (!fs::exists(file)) return state;
-  const nlohmann::json json = read_json(file);
-  try {
-    if (json.at("options") != wanted)
-      throw InputError(file.string(), "options", "this folder holds a run with other options",
-                       "use the same options to go on, or another --out");
-    state.step = json.at("step");
-    state.seconds = json.at("seconds");
-    state.losses = json.at("losses");
-    state.weights = out / json.at("weights").get<std::string>();
-  } catch (const nlohmann::json::exception& problem) {
-    throw InputError(file.string(), "", std::string("not a training state (") + problem.what() + ")",
-                     "use another --out");
-  }
+  const nlohmann::json whole = read_json(file);
+  const JsonFields json(file, whole, "restore the file, or use another --out");
+  json.object("options");
+  if (whole.at("options") != wanted)
+    throw InputError(file.string(), "options", "this folder holds a run with other options",
+                     "use the same options to go on, or another --out");
+  constexpr double kAny = std::numeric_limits<double>::max();
+  state.step = json.integer("step", 0, wanted.value("steps", kMostSteps));
+  state.seconds = json.number("seconds", 0, kAny);
+  const auto losses = json.numbers("losses", state.losses.size(), -kAny, kAny);
+  std::copy(losses.begin(), losses.end(), state.losses.begin());
+  const std::string weights = json.text("weights");
+  // It is removed when the next one is written: no other file may be named.
+  if (weights != weights_name(state.step))
+    json.fail("weights", "is not this step's " + weights_name(state.step));
+  state.weights = out / weights;
   return state;
 }
 
@@ -45,7 +57,7 @@ void follow_losses(TrainingState& state, const std::array<double, 3>& now, doubl
 
 void write_training_state(const fs::path& out, const nlohmann::json& wanted, TrainingState& state,
                           const std::function<void(const fs::path&)>& save) {
-  const fs::path weights = out / ("checkpoint-" + std::to_string(state.step) + ".weights");
+  const fs::path weights = out / weights_name(state.step);
   save(weights);
   write_json(state_file(out), {{"options", wanted},
                                {"step", state.step},
@@ -67,7 +79,7 @@ TrainingLog::TrainingLog(const fs::path& out, std::int64_t step) : file_(out / "
 }
 
 void TrainingLog::add(const nlohmann::json& line) {
-  text_ += line.dump() + "\n";
+  text_ += json_text(line) + "\n";
   write_file(file_, text_);
 }
 

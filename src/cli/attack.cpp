@@ -50,6 +50,10 @@ Command attack_command() {
         ->capture_default_str();
     app.add_option("--iterations", settings->iterations, "Adam steps")->capture_default_str();
     app.add_option("--batch", settings->batch, "host vehicles a step")->capture_default_str();
+    app.add_option("--checkpoint-every", settings->checkpoint_every, "steps between checkpoints")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    add_checkpoint_seconds(app, settings->checkpoint_seconds);
     app.add_option("--vertex-rate", settings->vertex_rate, "Adam's rate for vertices, m")
         ->capture_default_str();
     app.add_option("--texel-rate", settings->texel_rate, "Adam's rate for texels")->capture_default_str();

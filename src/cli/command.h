@@ -27,6 +27,13 @@ struct Command {
   bool many_ranks = false;  ///< may run under mpirun (base/ranks.h)
 };
 
+inline void add_checkpoint_seconds(CLI::App& app, double& seconds) {
+  app.add_option("--checkpoint-seconds", seconds,
+                 "also a checkpoint where so many seconds have passed since the last one; 0: by steps alone")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+}
+
 Command generate_command();
 Command simulate_command();
 Command fit_command();

@@ -76,6 +76,7 @@ Command defend_command() {
                    "updates of the model between checkpoints")
         ->check(CLI::PositiveNumber)
         ->capture_default_str();
+    add_checkpoint_seconds(app, settings.checkpoint_seconds);
   };
   command.run = [options](const Common& common) -> nlohmann::json {
     DefenseSettings settings = options->settings;

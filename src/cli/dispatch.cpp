@@ -5,11 +5,16 @@
 #include <algorithm>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
+#include <new>
+#include <optional>
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/folder_lock.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
+#include "base/names.h"
 #include "base/parallel.h"
 #include "base/ranks.h"
 #include "cli/command.h"
@@ -17,6 +22,8 @@
 
 namespace mirage::cli {
 namespace {
+
+constexpr int kMostThreads = 1024;
 
 std::vector<Command> all_commands() {
   return {demo_command(),     generate_command(), simulate_command(), fit_command(),    train_command(),
@@ -28,11 +35,36 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
   common.out = default_out;
   app.add_option("--seed", common.seed, "every random stream starts from it")->capture_default_str();
   app.add_option("--threads", common.threads, "threads at most; 0: all cores")
-      ->check(CLI::NonNegativeNumber)
+      ->check(CLI::Range(0, kMostThreads))
       ->capture_default_str();
   app.add_option("--out", common.out, "output folder")->capture_default_str();
   app.add_flag("--quiet", common.quiet, "no progress, no log lines but warnings");
   app.add_option("--config", "TOML file whose keys are these options' names; the command line wins");
+}
+
+/// Numbers that cannot be negative: CLI11 would take -1 for the largest.
+void refuse_negative(CLI::App& app) {
+  for (CLI::Option* option : app.get_options())
+    if (option->get_type_name().starts_with("UINT"))
+      option->check([](const std::string& text) {
+        return text.find_first_not_of("0123456789") == std::string::npos
+                   ? ""
+                   : "\"" + text + "\" is no whole number from 0";
+      });
+}
+
+/// InputError for a value that can be no path, nor anything else that an option takes.
+void check_lengths(const CLI::App& app) {
+  constexpr std::size_t kLongestName = 255, kLongestPath = 3800;  // Linux's, less what is added to it
+  for (const CLI::Option* option : app.get_options())
+    for (const std::string& text : option->results()) {
+      std::size_t longest = 0;
+      for (const auto& part : std::filesystem::path(text)) longest = std::max(longest, part.native().size());
+      if (longest > kLongestName || text.size() > kLongestPath)
+        throw InputError(
+            option->get_name(), text.substr(0, 40) + "…", "is too long",
+            fmt::format("names of files have {} bytes at most, paths {}", kLongestName, kLongestPath));
+    }
 }
 
 /// Runs one command line; returns CLI11's own exit code for --help, throws for errors.
@@ -47,6 +79,7 @@ int run(const std::vector<std::string>& arguments) {
     CLI::App* sub = app.add_subcommand(commands[i].name, commands[i].help);
     add_common(*sub, commons[i], commands[i].default_out);
     commands[i].options(*sub);
+    refuse_negative(*sub);
     subcommands.push_back(sub);
   }
   std::vector<std::string> expanded = arguments;
@@ -66,10 +99,13 @@ int run(const std::vector<std::string>& arguments) {
     if (rank_count() > 1 && !commands[i].many_ranks)
       throw InputError("mirage " + commands[i].name, "mpirun", "this command runs in one process",
                        "start it without mpirun");
+    check_lengths(*subcommands[i]);
     commons[i].quiet = commons[i].quiet || rank() > 0;
     set_thread_count(commons[i].threads);
     start_logging(commons[i].quiet);
     make_output_folder(commons[i].out);
+    std::optional<FolderLock> lock;
+    if (rank() == 0) lock.emplace(commons[i].out);  // the only one that writes
     nlohmann::json result = commands[i].run(commons[i]);
     if (rank() == 0) write_json(commons[i].out / "result.json", result);
   }
@@ -85,13 +121,20 @@ void run_step(std::vector<std::string> arguments) {
 int dispatch(std::vector<std::string> arguments) {
   const auto complain = [](std::string text) {
     std::replace(text.begin(), text.end(), '\n', ' ');  // one line, whatever a library put into its message
-    std::fputs(fmt::format("mirage: {}\n", text).c_str(), stderr);
+    std::fputs(fmt::format("mirage: {}\n", printable(text)).c_str(), stderr);
   };
   try {
     return run(arguments);
   } catch (const InputError& error) {
     complain(error.what());
     return 2;
+  } catch (const std::filesystem::filesystem_error& error) {
+    complain(fmt::format("{}: {}; {}", error.path1().string(), error.code().message(),
+                         fix_for(error.code().value())));
+    return 1;
+  } catch (const std::bad_alloc&) {
+    complain("the memory is used up; give fewer --threads or a smaller data set");
+    return 1;
   } catch (const std::exception& error) {
     complain(error.what());
     return 1;

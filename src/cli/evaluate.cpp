@@ -6,6 +6,7 @@
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
 #include "cli/picture_rows.h"
+#include "cli/trust_option.h"
 #include "validation/evaluation_pictures.h"
 
 namespace mirage::cli {
@@ -83,11 +84,12 @@ Command evaluate_command() {
                    "otherwise, its detector (black-box transfer)");
     app.add_option("--data", request.data, "data set (default: the run's)");
     add_detector_options(app, request.detector);
-    app.add_option("--depth", request.depth, "ip-basic, guided or a plugin (*.so); default: the run's");
+    add_depth_option_of_run(app, request.depth);
     add_rooftop_option_of_run(app, request.rooftop);
     options->quality.add(app, "the run's settings");
     options->light.add(app, "the run's");
     add_sun_option_of_run(app, request.sun);
+    add_trust_option(app, request.trust);
     tell_of_cache(app);
     app.add_option("--hosts", request.hosts, "test, train or all hosts of the run; default: test");
     app.add_option("--random-meshes", request.random_meshes,

@@ -11,6 +11,7 @@
 #include "cli/command.h"
 #include "cli/frame_options.h"
 #include "cli/table.h"
+#include "cli/trust_option.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
 #include "validation/validate.h"
@@ -20,18 +21,20 @@ namespace {
 
 struct Options {
   std::filesystem::path run, data;
-  std::string rooftop;
+  std::string depth, rooftop;
+  TrustRun trust = TrustRun::no;
   QualityOption quality;
   int frames = 1;
 };
 
 nlohmann::json run(const Options& options, const Common& common) {
-  const Run run = read_run(options.run);
+  const Run run = read_run(options.run, options.trust);
   const auto data = options.data.empty() ? run.data : options.data;
   require_own_data(run, data);
+  const std::string depth = depth_of(run, options.depth);
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = select_hosts(run, options.frames);
-  FrameStore store(data, run.depth, options.rooftop.empty() ? run.rooftop : options.rooftop, run.sun);
+  FrameStore store(data, depth, options.rooftop.empty() ? run.rooftop : options.rooftop, run.sun);
   RooftopCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);
   auto files = nlohmann::json::array({"adversary.glb"});
@@ -64,7 +67,9 @@ Command export_command() {
           [options](CLI::App& app) {
             app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
             app.add_option("--data", options->data, "data set (default: the run's)");
+            add_depth_option_of_run(app, options->depth);
             add_rooftop_option_of_run(app, options->rooftop);
+            add_trust_option(app, options->trust);
             options->quality.add(app, "none: a scene file holds the mesh itself, at any quality");
             app.add_option("--frames", options->frames,
                            "frames to export, test frames first; 0: all test frames")

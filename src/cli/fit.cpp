@@ -9,6 +9,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
+#include "base/names.h"
 #include "base/parallel.h"
 #include "base/progress.h"
 #include "cli/command.h"
@@ -109,14 +110,15 @@ nlohmann::json fit_data_set(const Options& options, const Common& common) {
     if (interrupted()) return;
     const Frame frame = read_frame(options.data, ids[i]);
     std::vector<generator::TrueVehicle> truth;
-    if (source)
-      truth = generator::true_vehicles(source->seed, std::stoull(ids[i]), lidar.height, source->look);
-    found[i] = fit_frame(finder, frame, lidar, frame_settings, source ? &truth : nullptr);
+    const auto index = source ? generator::index_of(ids[i]) : std::nullopt;
+    if (index) truth = generator::true_vehicles(source->seed, *index, lidar.height, source->look);
+    found[i] = fit_frame(finder, frame, lidar, frame_settings, index ? &truth : nullptr);
     if (options.format != "none")
       for (const FittedVehicle& v : found[i])
         if (v.fit.fitted)
-          write_mesh(common.out / "meshes" / fmt::format("{}_{}.{}", v.frame, v.label, options.format),
-                     v.fit.mesh);
+          write_mesh(
+              common.out / "meshes" / fmt::format("{}_{}.{}", escape_name(v.frame), v.label, options.format),
+              v.fit.mesh);
     const std::scoped_lock lock(mutex);
     progress.update(++done);
   });

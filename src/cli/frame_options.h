@@ -10,6 +10,7 @@
 #include "scene/quality.h"
 #include "scene/shape/shape_rooftop.h"
 #include "scene/sun.h"
+#include "sensors/raster/limits.h"
 
 namespace mirage::cli {
 
@@ -17,6 +18,11 @@ inline void add_depth_option(CLI::App& app, std::string& depth) {
   app.add_option("--depth", depth,
                  "depth completion of the photographs: ip-basic, guided (learned) or a plugin (*.so)")
       ->capture_default_str();
+}
+
+/// For the commands that read a run; empty stands for the run's.
+inline void add_depth_option_of_run(CLI::App& app, std::string& depth) {
+  app.add_option("--depth", depth, "ip-basic, guided or a plugin (*.so); default: the run's");
 }
 
 inline constexpr const char* kRooftopHelp =
@@ -59,8 +65,12 @@ struct QualityOption {
 
 /// The camera's σ, γ and samples, for commands that simulate by settings of their own.
 inline void add_camera_options(CLI::App& app, SimulationSettings& settings) {
-  app.add_option("--sigma", settings.raster.sigma, "soft rasteriser's σ")->capture_default_str();
-  app.add_option("--gamma", settings.raster.gamma, "soft rasteriser's γ")->capture_default_str();
+  app.add_option("--sigma", settings.raster.sigma, "soft rasteriser's σ")
+      ->check(CLI::Range(kSmallestSigma, kLargestSigma))
+      ->capture_default_str();
+  app.add_option("--gamma", settings.raster.gamma, "soft rasteriser's γ")
+      ->check(CLI::Range(kSmallestSigma, kLargestGamma))
+      ->capture_default_str();
   app.add_option("--supersampling", settings.supersampling, "camera samples along a pixel's side")
       ->check(CLI::Range(1, 8))
       ->capture_default_str();

@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
+#include "base/names.h"
 #include "base/progress.h"
 #include "cli/command.h"
 #include "scene/generator.h"
@@ -65,7 +66,7 @@ Command generate_command() {
       fmt::print("cars labelled    {:6}   (other objects: {})\n", sum.cars, sum.others);
       fmt::print("points a frame   {:6.0f}\n",
                  sum.written ? static_cast<double>(sum.points) / sum.written : 0.0);
-      fmt::print("seconds          {:6.1f}   ({})\n", seconds, common.out.string());
+      fmt::print("seconds          {:6.1f}   ({})\n", seconds, printable(common.out.string()));
     }
     return nlohmann::json{{"frames", sum.written + sum.kept},
                           {"written", sum.written},

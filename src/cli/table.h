@@ -9,6 +9,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/names.h"
+
 namespace mirage::cli {
 
 using Rows = std::vector<std::pair<std::string, std::string>>;
@@ -17,7 +19,7 @@ inline void print_table(const Rows& rows) {
   std::size_t widest = 0;
   for (const auto& [name, value] : rows) widest = std::max(widest, name.size());
   for (const auto& [name, value] : rows)
-    std::fputs(fmt::format("{:<{}}  {}\n", name, widest, value).c_str(), stdout);
+    std::fputs(fmt::format("{:<{}}  {}\n", name, widest, printable(value)).c_str(), stdout);
   std::fflush(stdout);
 }
 

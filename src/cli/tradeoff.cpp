@@ -9,6 +9,7 @@
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
 #include "cli/table.h"
+#include "cli/trust_option.h"
 
 namespace mirage::cli {
 namespace {
@@ -53,6 +54,9 @@ Command tradeoff_command() {
             app.add_option("--data", options->data, "data set in KITTI layout (default: the run's)");
             app.add_option("--run", options->run,
                            "finished mirage attack, for its adversary and hosts (default: a random mesh)");
+            app.add_option("--depth", options->depth,
+                           "ip-basic, guided or a plugin (*.so); default: the run's, or ip-basic");
+            add_trust_option(app, options->trust);
             add_rooftop_option(app, options->rooftop);
             app.add_option("--hosts", options->hosts, "vehicles at most, evenly over their distances")
                 ->capture_default_str();

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "base/error.h"
+#include "base/names.h"
 #include "cli/command.h"
 #include "detection/training.h"
 #include "scene/depth/depth_training.h"
@@ -31,6 +32,7 @@ nlohmann::json train_depth_command(const Options& chosen, const Common& common) 
   options.learning_rate = chosen.learning_rate;
   options.minutes = chosen.minutes;
   options.checkpoint_every = chosen.checkpoint_every;
+  options.checkpoint_seconds = chosen.checkpoint_seconds;
   options.frames = chosen.frames;
   options.seed = common.seed;
   options.threads = common.threads;
@@ -39,7 +41,7 @@ nlohmann::json train_depth_command(const Options& chosen, const Common& common) 
   if (!common.quiet)
     std::printf("steps %lld   %.3f s a step   loss %.4f (depth %.4f, presence %.4f)   weights %s\n",
                 static_cast<long long>(result.steps), result.seconds_per_step, result.loss[0], result.loss[1],
-                result.loss[2], result.weights.c_str());
+                result.loss[2], printable(result.weights.string()).c_str());
   return {{"backend", options.backend},      {"steps", result.steps},
           {"seconds", result.seconds},       {"seconds_per_step", result.seconds_per_step},
           {"loss", result.loss[0]},          {"depth_loss", result.loss[1]},
@@ -71,8 +73,9 @@ Command train_command() {
                    "detector: weights of a camera detector that the new one starts from");
     app.add_option("--lidar", chosen->lidar,
                    "detector: weights of a lidar detector that the new one starts from");
-    app.add_flag("--joint", chosen->joint,
-                 "detector: what --camera, --lidar and COCO's weights gave learns too; else it stays as it is");
+    app.add_flag(
+        "--joint", chosen->joint,
+        "detector: what --camera, --lidar and COCO's weights gave learns too; else it stays as it is");
     app.add_flag("--bfloat16", chosen->bfloat16,
                  "detector: convolutions in bfloat16; quicker where the processor has it, slower elsewhere");
     app.add_option("--without-picture", chosen->augmentation.without_picture,
@@ -93,6 +96,7 @@ Command train_command() {
     app.add_option("--checkpoint-every", chosen->checkpoint_every, "Steps between checkpoints")
         ->check(CLI::PositiveNumber)
         ->capture_default_str();
+    add_checkpoint_seconds(app, chosen->checkpoint_seconds);
     app.add_option("--frames", chosen->frames, "Only the first N frames (0: all)")->capture_default_str();
     app.add_option("--ground-truth-sampling", chosen->ground_truth_sampling,
                    "detector: mean number of other frames' vehicles pasted into a sample; fusion needs a set "
@@ -121,7 +125,7 @@ Command train_command() {
     if (!common.quiet)
       std::printf("steps %lld   %.3f s a step   loss %.4f   weights %s\n",
                   static_cast<long long>(result.steps), result.seconds_per_step, result.loss.total,
-                  result.weights.c_str());
+                  printable(result.weights.string()).c_str());
     if (result.validated) {
       json["validation"] = {{"vehicles", result.at50.boxes},
                             {"ap50", result.at50.average_precision},

@@ -8,6 +8,7 @@
 #include "cli/command.h"
 #include "cli/frame_options.h"
 #include "cli/picture_rows.h"
+#include "cli/trust_option.h"
 
 namespace mirage::cli {
 namespace {
@@ -86,7 +87,9 @@ Command validate_command() {
         app.add_option("--detector", options->detector.detector, "detector (default: the run's)");
         app.add_option("--weights", options->detector.weights, "the detector's weights (default: the run's)");
         app.add_option("--defense", options->detector.defense, "the detector's defence (default: the run's)");
+        add_depth_option_of_run(app, options->depth);
         add_rooftop_option_of_run(app, options->rooftop);
+        add_trust_option(app, options->trust);
         app.add_option("--frames", options->frames,
                        "frames to validate, test frames first; 0: all test frames")
             ->check(CLI::NonNegativeNumber);

@@ -6,10 +6,12 @@
 #include <cmath>
 
 #include "attack/attack_step.h"
+#include "base/checkpoint_timer.h"
 #include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/logging.h"
+#include "base/names.h"
 #include "base/progress.h"
 #include "base/schedule.h"
 #include "base/training_state.h"
@@ -61,7 +63,7 @@ AttackSettings attack_settings(const DefenseSettings& settings) {
 
 /// What must agree for a run to go on. "limits", "vertex_rate" and "texel_rate" are read by read_checkpoint.
 nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& attack, std::size_t hosts) {
-  return {{"data", fs::absolute(settings.data).lexically_normal().string()},
+  return {{"data", escape_name(fs::absolute(settings.data).lexically_normal().string())},
           {"detector", settings.detector.detector},
           {"start", content_hash(read_file(weights_file(settings.detector)))},
           {"parts", settings.detector.parts},
@@ -194,6 +196,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
   const double seconds_before = state.seconds;
   const std::int64_t first = state.step;
   const auto start = Clock::now();
+  CheckpointTimer timer({settings.checkpoint_every, settings.checkpoint_seconds});
   LossRow row;
   {
     Progress progress("defend", static_cast<std::size_t>(settings.steps), settings.quiet);
@@ -221,7 +224,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
                  {"hide", row.hide},
                  {"false_positive", row.false_positive}});
       const bool stop = settings.stop();
-      if (stop || state.step % settings.checkpoint_every == 0) checkpoint();
+      if (const bool due = timer.due(state.step); stop || due) checkpoint();
       if (stop) throw Interrupted("interrupted; the checkpoint is kept, the same command goes on from it");
     }
   }

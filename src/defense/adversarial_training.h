@@ -33,6 +33,7 @@ struct DefenseSettings {
   double vertex_rate = 5e-3, texel_rate = 2e-2;   ///< of the adversary
   std::size_t frames = 0, validation_frames = 0;  ///< only the first N (0: all)
   std::int64_t checkpoint_every = 50;
+  double checkpoint_seconds = 0;  ///< > 0: also where so many seconds have passed since the last one
   std::uint64_t seed = 0;
   int threads = 0;
   bool quiet = false;

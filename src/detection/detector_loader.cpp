@@ -11,6 +11,7 @@
 #include "base/shared_library.h"
 #include "detection/detector.h"
 #include "detection/detector_abi.h"
+#include "detection/detector_words.h"
 #include "detection/jpeg_detector.h"
 #include "detection/points_in_view.h"
 
@@ -26,15 +27,19 @@ struct Plugin {
 
 }  // namespace
 
+bool is_own_detector(const std::string& word) {
+  constexpr const char* kOwn[] = {"lidar", "camera", "painted", "fusion", "late"};
+  return std::find(std::begin(kOwn), std::end(kOwn), word) != std::end(kOwn);
+}
+
 fs::path plugin_file(const DetectorOptions& options) {
   if (fs::path(options.detector).extension() == ".so") {
     if (!fs::exists(options.detector))
       throw InputError(options.detector, "", "no such detector plugin", "check --detector");
     return fs::absolute(options.detector);
   }
-  constexpr const char* kOwn[] = {"lidar", "camera", "painted", "fusion", "late"};
-  const bool own = std::find(std::begin(kOwn), std::end(kOwn), options.detector) != std::end(kOwn);
-  if (!own && options.detector != "torchscript")
+  const bool own = is_own_detector(options.detector);
+  if (!is_shipped_detector(options.detector))
     throw InputError("--detector", options.detector, "unknown detector",
                      "use lidar, camera, painted, fusion, late, torchscript or a plugin (*.so)");
   const fs::path beside = executable_folder() / "plugins" / (own ? "fusion.so" : "torchscript.so");

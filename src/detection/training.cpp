@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <future>
 
+#include "base/checkpoint_timer.h"
 #include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
+#include "base/names.h"
 #include "base/progress.h"
 #include "base/schedule.h"
 #include "base/training_state.h"
@@ -23,7 +25,7 @@ constexpr std::int64_t kLogEvery = 50;  // steps
 /// What must agree for a run to go on.
 nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
   nlohmann::json json = {{"detector", options.detector},
-                         {"data", fs::absolute(options.data).lexically_normal().string()},
+                         {"data", escape_name(fs::absolute(options.data).lexically_normal().string())},
                          {"steps", options.steps},
                          {"batch", options.batch},
                          {"learning_rate", options.learning_rate},
@@ -101,6 +103,7 @@ TrainingResult train_detector(const TrainingOptions& options) {
   const double seconds_before = state.seconds;
   const std::int64_t first_step = state.step;
   const auto start = Clock::now();
+  CheckpointTimer timer({options.checkpoint_every, options.checkpoint_seconds});
   auto next =
       std::async(std::launch::async, [&, step = state.step] { return data.prepare(step, options.batch); });
   {
@@ -132,7 +135,7 @@ TrainingResult train_detector(const TrainingOptions& options) {
       const bool stop = interrupted();
       const bool check = options.validate_every > 0 && state.step % options.validate_every == 0 &&
                          state.step < options.steps;
-      if (stop || check || state.step % options.checkpoint_every == 0) checkpoint();
+      if (const bool due = timer.due(state.step); stop || check || due) checkpoint();
       if (stop) throw Interrupted("interrupted; the checkpoint is kept, the same command goes on from it");
       if (check) validate();
     }

@@ -24,6 +24,7 @@ struct TrainingOptions {
   double learning_rate = 2e-3;  ///< peak of the one-cycle schedule
   double minutes = 0;  ///< 0: no limit. Otherwise the schedule ends at steps or minutes, which is first
   std::int64_t checkpoint_every = 250;
+  double checkpoint_seconds = 0;      ///< > 0: also where so many seconds have passed since the last one
   double ground_truth_sampling = 0;   ///< mean number of vehicles pasted into a sample (GroundTruthSampler)
   double thin_lidar = 0.5;            ///< share of the samples that lose LiDAR returns (thin_lidar)
   std::size_t frames = 0;             ///< only the first N frames (0: all)

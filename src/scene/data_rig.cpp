@@ -11,7 +11,10 @@ std::string data_rig(const std::filesystem::path& data) {
   const nlohmann::json about = read_json(file);
   if (!about.is_object() || !about.contains("rig") || !about.at("rig").is_string())
     throw InputError(file.string(), "rig", "missing or not a text", "name the rig, for example \"kitti64\"");
-  return about.at("rig");
+  const std::string rig = about.at("rig");
+  if (rig.empty() || rig.find('/') != std::string::npos || rig.find('\0') != std::string::npos)
+    throw InputError(file.string(), "rig", "is no rig's name", "name the rig, for example \"kitti64\"");
+  return rig;
 }
 
 }  // namespace mirage

@@ -12,6 +12,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "base/names.h"
 
 namespace mirage {
 namespace {
@@ -58,8 +59,12 @@ std::vector<std::string> list_frames(const fs::path& data) {
     throw InputError(data.string(), "training/velodyne", "no such folder",
                      "give a data set in KITTI layout (made by `mirage generate`, for one)");
   std::vector<std::string> ids;
-  for (const auto& entry : fs::directory_iterator(folder))
-    if (entry.path().extension() == ".bin") ids.push_back(entry.path().stem().string());
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    if (entry.path().extension() != ".bin") continue;
+    ids.push_back(entry.path().stem().string());
+    if (const std::string problem = frame_id_problem(ids.back()); !problem.empty())
+      throw InputError(entry.path().string(), "name", problem, "give the frame's files a shorter name");
+  }
   if (ids.empty())
     throw InputError(data.string(), "training/velodyne", "holds no .bin file",
                      "give a data set with at least one frame");
@@ -141,6 +146,9 @@ std::optional<std::vector<int>> read_tracks(const fs::path& data, const std::str
 }
 
 Frame read_frame(const fs::path& data, const std::string& id) {
+  if (const std::string problem = frame_id_problem(id); !problem.empty())
+    throw InputError(data.string(), "frame \"" + id.substr(0, 2 * kLongestFrameId) + "\"", problem,
+                     "give the name of a file in training/velodyne, without .bin");
   const fs::path image = part(data, "image_2", id, ".png"), sweep = part(data, "velodyne", id, ".bin"),
                  calibration = part(data, "calib", id, ".txt"), labels = part(data, "label_2", id, ".txt"),
                  lighting = part(data, "lighting", id, ".json");

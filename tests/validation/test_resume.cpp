@@ -34,6 +34,7 @@ ValidationSettings tiny_validation(const test::TemporaryFolder& folder) {
                                        {"simulation", to_json(SimulationSettings())}});
   ValidationSettings settings;
   settings.run = folder / "run";
+  settings.trust = TrustRun::yes;  // its detector is a plugin
   settings.out = folder / "out";
   settings.frames = 2;
   settings.samples = 2;

@@ -4,10 +4,12 @@
 #include <future>
 #include <numeric>
 
+#include "base/checkpoint_timer.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
+#include "base/names.h"
 #include "base/progress.h"
 #include "base/random.h"
 #include "base/schedule.h"
@@ -71,7 +73,7 @@ class DepthData {
 /// What must agree for a run to go on.
 nlohmann::json identity(const DepthTrainingOptions& options, std::size_t frames) {
   return {{"backend", options.backend},
-          {"data", fs::absolute(options.data).lexically_normal().string()},
+          {"data", escape_name(fs::absolute(options.data).lexically_normal().string())},
           {"steps", options.steps},
           {"batch", options.batch},
           {"crop", options.crop},
@@ -121,6 +123,7 @@ DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
   const double seconds_before = state.seconds;
   const std::int64_t first_step = state.step;
   const auto start = Clock::now();
+  CheckpointTimer timer({options.checkpoint_every, options.checkpoint_seconds});
   const auto elapsed = [&] { return std::chrono::duration<double>(Clock::now() - start).count(); };
   const auto progress_now = [&] {
     const double by_steps = static_cast<double>(state.step) / static_cast<double>(options.steps);
@@ -145,7 +148,7 @@ DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
         spdlog::info("step {} rate {:.2e} loss {:.4f} depth {:.4f} presence {:.4f} {:.0f} s", state.step,
                      rate, state.losses[0], state.losses[1], state.losses[2], state.seconds);
       const bool stop = interrupted();
-      if (stop || state.step % options.checkpoint_every == 0) checkpoint();
+      if (const bool due = timer.due(state.step); stop || due) checkpoint();
       if (stop) throw Interrupted("interrupted; the checkpoint is kept, the same command goes on from it");
     }
   }

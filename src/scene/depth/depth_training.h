@@ -29,7 +29,8 @@ struct DepthTrainingOptions {
   double learning_rate = 2e-3;  ///< peak of the one-cycle schedule
   double minutes = 0;  ///< 0: no limit; otherwise the schedule ends at steps or minutes, which is first
   std::int64_t checkpoint_every = 250;
-  std::size_t frames = 0;  ///< only the first N (0: all)
+  double checkpoint_seconds = 0;  ///< > 0: also where so many seconds have passed since the last one
+  std::size_t frames = 0;         ///< only the first N (0: all)
   std::uint64_t seed = 0;
   int threads = 0;
   bool quiet = false;

@@ -151,6 +151,10 @@ std::unique_ptr<DepthCompletion> classical(const std::string& backend) {
 
 }  // namespace
 
+bool is_shipped_depth(const std::string& backend) {
+  return backend == kShipped || classical(backend) != nullptr;
+}
+
 std::unique_ptr<LearnedDepth> load_learned_depth(const DepthOptions& options) {
   const fs::path file = find_plugin(options.backend);
   const auto* api =

@@ -42,6 +42,8 @@ std::unique_ptr<DepthCompletion> load_depth_completion(const DepthOptions& optio
 /// What a back-end's answers depend on besides its input: name, or plugin and weights by content, and the
 /// threads that a plugin may use. InputError as load_depth_completion's.
 std::string depth_identity(const DepthOptions& options);
+/// Whether a word names a back-end that ships with the program; other names are paths of plugins: code.
+bool is_shipped_depth(const std::string& backend);
 std::unique_ptr<LearnedDepth> load_learned_depth(const DepthOptions& options);
 
 }  // namespace mirage

@@ -4,6 +4,7 @@
 
 #include <mutex>
 
+#include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
@@ -66,8 +67,13 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
             fmt::format("is {}, asked for is {}", before.value(key, nlohmann::json()).dump(), value.dump()),
             "choose another --out folder");
   }
+  // Other commands need the very LiDAR, not its name; and frames of an edited rig are not this set's.
+  const std::filesystem::path kept = out / "rig.toml";
+  if (std::filesystem::exists(kept) && read_toml(kept) != parse_toml(rig.text, rig.name))
+    throw InputError(kept.string(), "", "is not the rig " + rig.name + " as it is now",
+                     "choose another --out folder, or restore the rig file");
   write_json(file, about);
-  write_file(out / "rig.toml", rig.text);  // other commands need the very LiDAR, not its name
+  write_file(kept, rig.text);
 
   DatasetSummary sum;
   std::mutex mutex;

@@ -1,5 +1,7 @@
 #include "scene/generator/vehicle_truth.h"
 
+#include <charconv>
+
 #include "base/error.h"
 #include "base/files.h"
 #include "geometry/shapes.h"
@@ -30,6 +32,13 @@ std::optional<StreetSource> source_of(const std::filesystem::path& data) {
   if (about.at("generator") != kGeneratorVersion) return std::nullopt;
   const std::string look = about.value("look", name_of(Look::european));
   return StreetSource{about.at("seed").get<std::uint64_t>(), parse_look(look, file.string(), "look")};
+}
+
+std::optional<std::uint64_t> index_of(const std::string& frame) {
+  std::uint64_t index = 0;
+  const char *first = frame.data(), *last = first + frame.size();
+  const auto [end, problem] = std::from_chars(first, last, index);
+  return problem == std::errc() && end == last ? std::optional(index) : std::nullopt;
 }
 
 const TrueVehicle* find_vehicle(const std::vector<TrueVehicle>& vehicles, const std::string& type,

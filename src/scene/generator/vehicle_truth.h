@@ -34,6 +34,8 @@ struct StreetSource {
 /// was rendered; nothing for recorded sets and for those of other versions. InputError for a broken
 /// dataset.json.
 std::optional<StreetSource> source_of(const std::filesystem::path& data);
+/// The index of a frame that the generator named; none for another name, which somebody gave it since.
+std::optional<std::uint64_t> index_of(const std::string& frame);
 
 /// The one of `vehicles` that a label of the data set means: same type, centre nearest and within 0.1 m.
 const TrueVehicle* find_vehicle(const std::vector<TrueVehicle>& vehicles, const std::string& type,

@@ -5,6 +5,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/names.h"
 #include "scene/shape/shape_model.h"
 
 namespace mirage {
@@ -80,7 +81,7 @@ void write_shape_model(const std::filesystem::path& file, const ShapeModel& mode
                                  {"prior_covariance", numbers(model.prior_covariance)},
                                  {"sources", model.sources}};
   std::string bytes(kMagic);
-  bytes += header.dump() + "\n";
+  bytes += json_text(header) + "\n";
   std::vector<std::int16_t> packed(nodes * stride);
   for (std::size_t i = 0; i < packed.size(); ++i)
     packed[i] = static_cast<std::int16_t>(std::lround(model.values[i] * kFull / scales[i % stride]));

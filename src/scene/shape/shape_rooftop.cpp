@@ -20,7 +20,12 @@ bool same(const Sweep& a, const Sweep& b) {
 std::filesystem::path model_file(const std::string& rooftop) {
   if (rooftop == "box") return {};
   if (rooftop == "shape") return shipped_file("scenes/shapes/cars.shape");
-  if (std::filesystem::path(rooftop).extension() == ".shape") return rooftop;
+  if (std::filesystem::path(rooftop).extension() == ".shape") {
+    std::error_code unknown;
+    if (!std::filesystem::is_regular_file(rooftop, unknown))
+      throw InputError(rooftop, "", "no such shape model", "check --rooftop");
+    return rooftop;
+  }
   throw InputError("--rooftop", rooftop, "unknown choice", "use shape, box or a shape model (*.shape)");
 }
 

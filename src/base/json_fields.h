@@ -1,0 +1,47 @@
+// Fields of a JSON file that a program wrote and anybody may have edited: each is checked for presence, type
+// and range before it is used.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace mirage {
+
+/// An object of the file. Every getter throws InputError, naming file and field, when the field is missing,
+/// of another type, not finite or out of [low, high]. What it is given outlives it.
+class JsonFields {
+ public:
+  /// InputError if `json` is not an object. `fix` ends each error.
+  JsonFields(std::filesystem::path file, const nlohmann::json& json, std::string fix);
+
+  bool has(const std::string& key) const { return json_.contains(key); }
+  bool truth(const std::string& key) const;
+  std::int64_t integer(const std::string& key, std::int64_t low, std::int64_t high) const;
+  /// Whole and not negative; the seeds' range.
+  std::uint64_t counter(const std::string& key) const;
+  double number(const std::string& key, double low, double high) const;
+  std::string text(const std::string& key) const;
+  /// `count` numbers.
+  std::vector<double> numbers(const std::string& key, std::size_t count, double low, double high) const;
+  /// A list of any length up to `most`.
+  const nlohmann::json& list(const std::string& key, std::size_t most) const;
+  JsonFields object(const std::string& key) const;
+  /// An object of this file that `name` leads to, e.g. a list's entry "train[3]".
+  JsonFields inner(const std::string& name, const nlohmann::json& json) const;
+
+  [[noreturn]] void fail(const std::string& key, const std::string& problem) const;
+
+ private:
+  JsonFields(std::filesystem::path file, std::string prefix, const nlohmann::json& json, std::string fix);
+  const nlohmann::json& get(const std::string& key) const;
+
+  std::filesystem::path file_;
+  std::string prefix_, fix_;
+  const nlohmann::json& json_;
+};
+
+}  // namespace mirage
