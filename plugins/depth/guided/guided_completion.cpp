@@ -9,6 +9,7 @@
 
 #include "../../for_each_sample.h"
 #include "base/files.h"
+#include "data_archive.h"
 #include "loss.h"
 
 namespace mirage::guided {
@@ -120,14 +121,8 @@ void GuidedCompletion::save(const std::string& file, bool with_optimiser) {
 }
 
 void GuidedCompletion::load(const std::string& file) {
-  torch::serialize::InputArchive archive;
+  torch::serialize::InputArchive archive = open_data_archive(file, torch::kCPU);
   c10::IValue value;
-  try {
-    archive.load_from(file);
-  } catch (const std::exception&) {
-    throw std::runtime_error(
-        "not a readable weights file; restore it, or train anew with mirage train depth");
-  }
   if (!archive.try_read("format", value) || !value.isString() || value.toStringRef() != kFormat)
     throw std::runtime_error("weights of another program or version; train anew with mirage train depth");
   torch::NoGradGuard guard;

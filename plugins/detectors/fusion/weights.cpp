@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/files.h"
+#include "data_archive.h"
 
 namespace mirage::fusion {
 namespace {
@@ -40,13 +41,8 @@ Parts parts_named(const std::string& name) {
 }
 
 torch::serialize::InputArchive open_weights(const std::string& file) {
-  torch::serialize::InputArchive archive;
+  torch::serialize::InputArchive archive = open_data_archive(file, best_device());
   c10::IValue value;
-  try {
-    archive.load_from(file, best_device());
-  } catch (const std::exception&) {
-    throw std::runtime_error("not a readable weights file; restore it, or train anew with mirage train");
-  }
   if (!archive.try_read("format", value) || !value.isString() || value.toStringRef() != kFormat)
     throw std::runtime_error("weights of another program or version; train anew with mirage train");
   return archive;
