@@ -108,14 +108,18 @@ void sync(const fs::path& path) {
                   fix_for(reason));
 }
 
-}  // namespace
-
-void replace_file(const fs::path& temporary, const fs::path& path) {
-  sync(temporary);  // a plugin may have written it
+void put_in_place(const fs::path& temporary, const fs::path& path) {
   std::error_code error;
   fs::rename(temporary, path, error);
   if (error) throw Failure(path.string(), error.message(), fix_for(error.value()));
   sync(path.has_parent_path() ? path.parent_path() : ".");
+}
+
+}  // namespace
+
+void replace_file(const fs::path& temporary, const fs::path& path) {
+  sync(temporary);  // a plugin has written it
+  put_in_place(temporary, path);
 }
 
 void write_file(const fs::path& path, std::string_view bytes) {
@@ -141,7 +145,7 @@ void write_file(const fs::path& path, std::string_view bytes) {
   }
   if (::fsync(file) != 0 && errno != EINVAL) fail(file, errno);
   if (::close(file) != 0) fail(-1, errno);
-  replace_file(temporary, path);
+  put_in_place(temporary, path);
 }
 
 namespace {

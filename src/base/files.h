@@ -1,5 +1,5 @@
-// Files: whole-file reading and atomic writing (write beside, fsync, rename), so that a killed or failing
-// run leaves either the old file or the new one.
+// Files: whole-file reading and atomic writing (write beside, fsync, rename, fsync of the folder), so that a
+// killed or failing run, or a machine that loses its power, leaves either the old file or the new one.
 #pragma once
 
 #include <cstddef>
