@@ -111,7 +111,10 @@ void sync(const fs::path& path) {
 void put_in_place(const fs::path& temporary, const fs::path& path) {
   std::error_code error;
   fs::rename(temporary, path, error);
-  if (error) throw Failure(path.string(), error.message(), fix_for(error.value()));
+  if (error) {
+    ::unlink(temporary.c_str());  // nobody comes back for it
+    throw Failure(path.string(), error.message(), fix_for(error.value()));
+  }
   sync(path.has_parent_path() ? path.parent_path() : ".");
 }
 
