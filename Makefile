@@ -1,6 +1,6 @@
 # Two commands do everything, set-up included:  make demo   and   make test
 .DEFAULT_GOAL := build
-.PHONY: setup build addon python demo test asan format bench clean
+.PHONY: setup build addon python demo test asan tsan fuzz faults format bench clean
 
 PACKAGES := g++ cmake ninja-build ccache pkg-config libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev \
   nlohmann-json3-dev libtomlplusplus-dev librandom123-dev libcli11-dev libembree-dev libopenimageio-dev \
@@ -54,6 +54,27 @@ asan: setup
 	cmake --preset asan
 	cmake --build --preset asan
 	ctest --preset asan -j2
+
+# The parallel loops under ThreadSanitizer: the layers that have most of them.
+TSAN_LAYERS ?= base geometry sensors scene
+tsan: setup
+	cmake --preset tsan
+	cmake --build --preset tsan --target $(TSAN_LAYERS:%=test_%)
+	for layer in $(TSAN_LAYERS); do MIRAGE_CACHE=off TSAN_OPTIONS="suppressions=$(CURDIR)/tests/tsan.supp" \
+	  build/tsan/test_$$layer || exit; done
+
+# Every parser under libFuzzer for FUZZ_SECONDS each (tests/fuzz/README.md). Needs clang, as nothing else does.
+FUZZ_SECONDS ?= 60
+fuzz: PACKAGES += clang
+fuzz: setup
+	cmake --preset fuzz
+	cmake --build --preset fuzz
+	tests/fuzz/run.py build/fuzz --seconds $(FUZZ_SECONDS) $(FUZZ_PARSERS)
+
+# Every injected fault and KILLS kills (tests/faults/README.md); make test does a part of it.
+KILLS ?= 100
+faults: build
+	python3 -B tests/faults/run.py . build/release --kills $(KILLS)
 
 bench: build
 	cmake --build --preset release --target mirage_bench

@@ -2,11 +2,14 @@
 
 #include <caffe2/serialize/inline_container.h>
 
+#include <optional>
 #include <sstream>
 #include <stdexcept>
 #include <string_view>
+#include <tuple>
 
 #include "base/files.h"
+#include "pickle_check.h"
 
 namespace mirage {
 namespace {
@@ -81,6 +84,14 @@ void refuse_code(const std::string& bytes) {
       throw std::invalid_argument(name);
     }
   }
+  // Data, too, can lie about its sizes.
+  const auto bytes_of_storage = [&](const std::string& key) -> std::optional<std::size_t> {
+    if (!reader.hasRecord("data/" + key)) return std::nullopt;
+    return std::get<1>(reader.getRecord("data/" + key));
+  };
+  check_pickle(record(reader, "data.pkl"), bytes_of_storage);
+  if (reader.hasRecord("constants.pkl"))
+    check_pickle(record(reader, "constants.pkl"), [](const std::string&) { return std::nullopt; });
 }
 
 }  // namespace

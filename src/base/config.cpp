@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <toml++/toml.h>
 
+#include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <sstream>
 
@@ -69,12 +71,17 @@ nlohmann::json read_toml(const std::filesystem::path& path) {
   return parse_toml(read_file(path), path.string());
 }
 
+void refuse_toml(const std::string& name, std::size_t line, std::string problem) {
+  std::replace_if(
+      problem.begin(), problem.end(), [](unsigned char c) { return std::iscntrl(c); }, ' ');
+  throw InputError(name, fmt::format("line {}", line), problem, "mend the TOML syntax");
+}
+
 nlohmann::json parse_toml(const std::string& text, const std::string& name) {
   try {
     return to_json(toml::parse(text, name));
   } catch (const toml::parse_error& error) {
-    throw InputError(name, fmt::format("line {}", error.source().begin.line),
-                     std::string(error.description()), "mend the TOML syntax");
+    refuse_toml(name, error.source().begin.line, std::string(error.description()));
   }
 }
 

@@ -1,6 +1,7 @@
 // TOML files read strictly: every key must be known and present, and errors name file and key.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -13,6 +14,9 @@ namespace mirage {
 nlohmann::json read_toml(const std::filesystem::path& path);
 /// The same from a text; `name` stands for the file in errors.
 nlohmann::json parse_toml(const std::string& text, const std::string& name);
+/// Throws the InputError of a syntax error. toml++ quotes the file in its words, line ends and all; here they
+/// become one line.
+[[noreturn]] void refuse_toml(const std::string& name, std::size_t line, std::string problem);
 /// An object of tables, lists, texts, numbers and booleans as TOML; read_toml gives it back, bit by bit.
 std::string toml_text(const nlohmann::json& object);
 

@@ -31,6 +31,8 @@ std::string read_file(const fs::path& path) {
   }
   std::ostringstream out;
   out << in.rdbuf();
+  // A failing disk ends the stream as the file's end does; an empty file only fails to give a byte.
+  if (out.bad()) throw InputError(path.string(), "", "cannot be read to its end", fix_for(EIO));
   return std::move(out).str();
 }
 
@@ -111,7 +113,10 @@ void sync(const fs::path& path) {
 void put_in_place(const fs::path& temporary, const fs::path& path) {
   std::error_code error;
   fs::rename(temporary, path, error);
-  if (error) throw Failure(path.string(), error.message(), fix_for(error.value()));
+  if (error) {
+    ::unlink(temporary.c_str());  // nobody comes back for it
+    throw Failure(path.string(), error.message(), fix_for(error.value()));
+  }
   sync(path.has_parent_path() ? path.parent_path() : ".");
 }
 

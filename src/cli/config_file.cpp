@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <sstream>
 
+#include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
 
@@ -36,8 +37,7 @@ std::vector<std::string> apply_config(const std::vector<std::string>& arguments,
   try {
     table = toml::parse(read_file(file), file);
   } catch (const toml::parse_error& error) {
-    throw InputError(file, "line " + std::to_string(error.source().begin.line),
-                     std::string(error.description()), "mend the TOML syntax");
+    refuse_toml(file, error.source().begin.line, std::string(error.description()));
   }
   std::vector<std::string> result = arguments;
   for (const auto& [key, node] : table) {

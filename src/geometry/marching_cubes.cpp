@@ -117,7 +117,8 @@ class CaseTable {
 Mesh marching_cubes(const DistanceGrid& grid) {
   static const CaseTable table;
   const GridLayout& at = grid.layout;
-  const auto [nx, ny, nz] = at.count;
+  // Not as a structured binding: clang 14 lets no lambda use one.
+  const int nx = at.count[0], ny = at.count[1], nz = at.count[2];
   const auto value = [&](int i, int j, int k) -> double {
     const bool border = i == 0 || j == 0 || k == 0 || i == nx - 1 || j == ny - 1 || k == nz - 1;
     const double v = grid.values[at.index(i, j, k)];

@@ -134,9 +134,12 @@ std::optional<std::vector<int>> read_tracks(const fs::path& data, const std::str
     int track = 0;
     const char* end = line.data() + line.size();
     const auto [read, error] = std::from_chars(line.data(), end, track);
-    if (error != std::errc() || read != end || track < -1)
+    if (error != std::errc() || read != end || track < -1) {
+      line.resize(std::min<std::size_t>(line.size(), 40));
+      std::replace(line.begin(), line.end(), '\r', ' ');
       throw InputError(file.string(), fmt::format("row {}", row), fmt::format("'{}' is no identity", line),
                        "write the vehicle's number, or -1");
+    }
     tracks.push_back(track);
   }
   return tracks;

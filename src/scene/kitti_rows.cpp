@@ -35,14 +35,19 @@ std::vector<std::string_view> split(std::string_view text, std::string_view sepa
   }
 }
 
+std::string_view shown(std::string_view word) {
+  return word.substr(0, 40);
+}
+
 double to_number(std::string_view text, const std::filesystem::path& file, const std::string& field) {
   if (text.starts_with('+')) text.remove_prefix(1);
   double value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc() || end != text.data() + text.size())
-    throw InputError(file.string(), field, fmt::format("'{}' is not a number", text), "correct the row");
+    throw InputError(file.string(), field, fmt::format("'{}' is not a number", shown(text)),
+                     "correct the row");
   if (!std::isfinite(value))
-    throw InputError(file.string(), field, fmt::format("'{}' is not finite", text), "correct the row");
+    throw InputError(file.string(), field, fmt::format("'{}' is not finite", shown(text)), "correct the row");
   return value;
 }
 

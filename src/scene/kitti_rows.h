@@ -13,6 +13,8 @@ namespace mirage {
 
 /// The parts between any of `separators`; none is empty.
 std::vector<std::string_view> split(std::string_view text, std::string_view separators);
+/// A word of the file in a message: a damaged file may have no blanks.
+std::string_view shown(std::string_view word);
 /// InputError naming file and field for what is no finite number.
 double to_number(std::string_view text, const std::filesystem::path& file, const std::string& field);
 

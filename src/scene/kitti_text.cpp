@@ -27,6 +27,9 @@ Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix, const fs::path& 
   return rotation;
 }
 
+/// Focal lengths (pixels), as rig files have them, and distances between sensors (m) that can be.
+constexpr double kFocal[] = {1, 1e5}, kFarthest = 20;
+
 /// A box may pass the image's edge by this much: rounding in labels.
 constexpr double kEdgeTolerance = 1.0;
 
@@ -61,10 +64,11 @@ Calibration read_calibration(const fs::path& file, int width, int height) {
   const Matrix34 p2 = Eigen::Map<const RowMajor34>(p2_values.data());
   const Matrix34 tr = Eigen::Map<const RowMajor34>(tr_values.data());
   const Eigen::Matrix3d k = p2.leftCols<3>();
-  if (!(k(0, 0) > 0) || !(k(1, 1) > 0) || std::abs(k(0, 1)) > 1e-6 || std::abs(k(1, 0)) > 1e-6 ||
-      std::abs(k(2, 0)) > 1e-9 || std::abs(k(2, 1)) > 1e-9 || std::abs(k(2, 2) - 1) > 1e-9)
+  if (!(k(0, 0) >= kFocal[0] && k(0, 0) <= kFocal[1]) || !(k(1, 1) >= kFocal[0] && k(1, 1) <= kFocal[1]) ||
+      std::abs(k(0, 1)) > 1e-6 || std::abs(k(1, 0)) > 1e-6 || std::abs(k(2, 0)) > 1e-9 ||
+      std::abs(k(2, 1)) > 1e-9 || std::abs(k(2, 2) - 1) > 1e-9)
     throw InputError(file.string(), "P2", "is not a rectified camera's projection",
-                     "write it as fx 0 cx · 0 fy cy · 0 0 1 · with positive fx and fy");
+                     "write it as fx 0 cx · 0 fy cy · 0 0 1 · with fx and fy in pixels (1 to 100 000)");
   Calibration calibration;
   calibration.camera = {k(0, 0), k(1, 1), k(0, 2), k(1, 2), width, height};
   const auto& camera = calibration.camera;
@@ -83,7 +87,11 @@ Calibration read_calibration(const fs::path& file, int width, int height) {
   // p_image ~ K p_rect + P2's last column = K (p_rect + K⁻¹ column)
   calibration.camera_from_rect.translation() = k.inverse() * p2.col(3);
   calibration.camera_from_velo = calibration.camera_from_rect * rect_from_velo;
-  if (calibration.camera_from_velo.translation().norm() > 20)
+  // Asked this way round: numbers of 1e308 make a distance that is none.
+  if (!(calibration.camera_from_rect.translation().norm() <= kFarthest))
+    throw InputError(file.string(), "P2", "its last column puts the camera more than 20 m off",
+                     "write it as the focal length times metres");
+  if (!(calibration.camera_from_velo.translation().norm() <= kFarthest))
     throw InputError(file.string(), "Tr_velo_to_cam", "camera and LiDAR are more than 20 m apart",
                      "write the row in metres");
   return calibration;
@@ -134,7 +142,7 @@ std::vector<Label> read_labels(const fs::path& file, const Calibration& calibrat
       value[i] = to_number(words[i], file, field(static_cast<int>(i)));
     const auto demand = [&](bool good, int column, const std::string& problem) {
       if (!good)
-        throw InputError(file.string(), field(column), fmt::format("{} {}", words[column], problem),
+        throw InputError(file.string(), field(column), fmt::format("{} {}", shown(words[column]), problem),
                          "correct the label or delete its row");
     };
     Label label;

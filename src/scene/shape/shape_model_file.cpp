@@ -14,6 +14,7 @@ namespace {
 constexpr std::string_view kMagic = "MIRAGE-SHAPE 1\n";
 constexpr double kFull = 32767;
 constexpr double kMaxNodes = 1e7;
+constexpr double kMost = 1000;  ///< m and shares: of whatever the header lists
 
 static_assert(std::endian::native == std::endian::little);
 
@@ -35,7 +36,9 @@ class Header {
       fail(key, "missing or not a list of " + std::to_string(count) + " numbers");
     std::vector<double> out;
     for (const auto& value : json_.at(key)) {
-      if (!value.is_number() || !std::isfinite(value.get<double>())) fail(key, "holds no numbers");
+      // Asked this way round: what is no number is not within bounds.
+      if (!value.is_number() || !(std::abs(value.get<double>()) <= kMost))
+        fail(key, "holds a number out of range");
       out.push_back(value.get<double>());
     }
     return out;
@@ -49,7 +52,7 @@ class Header {
   Vec3d positive(const std::string& key) const {
     const auto v = list(key, 3);
     for (double x : v)
-      if (x <= 0) fail(key, "not positive");
+      if (x < 1e-3) fail(key, "not positive");
     return {v[0], v[1], v[2]};
   }
 

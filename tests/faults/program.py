@@ -1,0 +1,97 @@
+"""One command on tiny inputs: how it is run, with or without a fault, and whether what it left is whole."""
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+
+HERE = pathlib.Path(__file__).resolve().parent
+WRITES = ("write", "fsync", "rename", "open")
+NO_SPACE, BAD_DISK = 28, 5
+VOLATILE = ("result.json", ".log")  # times and paths are in them
+
+
+class Wrong(Exception):
+    """What was promised is not so."""
+
+
+def demand(good, said):
+    if not good:
+        raise Wrong(said)
+
+
+class Program:
+    def __init__(self, source, build, folder):
+        self.build, self.folder = build, folder
+        self.mirage = build / "mirage"
+        self.injector = build / "test_plugins" / "libmirage_faults.so"
+        self.environment = {**os.environ, "MIRAGE_HOME": str(source), "MIRAGE_CACHE": "off",
+                            "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+
+    def start(self, command, fault=None, before=()):
+        environment = dict(self.environment)
+        if fault:
+            environment.update({f"MIRAGE_FAULT{key}": str(value) for key, value in fault.items()})
+            environment["LD_PRELOAD"] = str(self.injector)
+        return subprocess.Popen([str(part) for part in (*before, self.mirage, *command)], env=environment,
+                                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace",
+                                start_new_session=True)
+
+    def run(self, command, fault=None, before=(), timeout=120):
+        process = self.start(command, fault, before)
+        try:
+            said = process.communicate(timeout=timeout)[1]
+            return process.returncode, said
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            raise Wrong(f"hangs for more than {timeout} s") from None
+
+    def calls(self, command, kind, under):
+        """How many calls of a kind a whole run makes on files under a folder."""
+        count = self.folder / "count"
+        count.unlink(missing_ok=True)
+        code, said = self.run(command, {"": kind, "_UNDER": under, "_AT": 0, "_COUNT": count})
+        demand(code == 0, f"fails without a fault: {said}")
+        return int(count.read_text())
+
+
+def contents(folder):
+    return {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
+
+
+def volatile(name):
+    return name.endswith(VOLATILE)
+
+
+def demand_same(out, reference):
+    """Every file of the reference, bit by bit, and no other."""
+    left = contents(out)
+    demand(left.keys() == reference.keys(), f"files differ: {sorted(left.keys() ^ reference.keys())}")
+    for name, bytes_ in reference.items():
+        demand(volatile(name) or left[name] == bytes_, f"{name} differs")
+
+
+def demand_whole(out, reference, growing=("checkpoint.json", "loss.csv")):
+    """What is there under its final name is finished."""
+    for name, bytes_ in contents(out).items():
+        if name not in reference:
+            demand(name.endswith((".tmp", ".part")) or "/." in "/" + name, f"{name} is no file of the command")
+        elif name.endswith(".json"):
+            try:
+                json.loads(bytes_)
+            except ValueError:
+                raise Wrong(f"{name} is cut short") from None
+        elif not volatile(name) and not name.endswith(growing):
+            demand(bytes_ == reference[name], f"{name} is not what it is to be")
+
+
+def demand_one_line(code, said, codes=(1,)):
+    demand(code in codes, f"exit code {code} where {codes} belongs: {said.strip()!r}")
+    lines = [line for line in said.splitlines() if line.strip() and not line.startswith("warning ")]
+    demand(len(lines) == 1 and lines[0].startswith("mirage: "), f"{len(lines)} lines where one belongs: {said.strip()!r}")
+
+
+def fresh(folder):
+    shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,267 @@
+#include "fuzz/parsers.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <stdexcept>
+
+#include "attack/checkpoint.h"
+#ifndef MIRAGE_FUZZ
+#include "attack/run.h"
+#endif
+#include "base/config.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/image_io.h"
+#include "exchange/gltf.h"
+#include "fuzz/seeds.h"
+#include "plugins/pickle_check.h"
+#include "scene/data_rig.h"
+#include "scene/generator.h"
+#include "scene/kitti.h"
+#include "scene/shape/shape_model.h"
+
+namespace mirage::fuzz {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kWidth = 1242, kHeight = 375;
+/// What a picture, a rig or a mesh may ask for at most: above it the program would be killed, not refused.
+constexpr double kMaxPixels = 1 << 26, kMaxRays = 1 << 23;
+
+void check(const Transform& transform) {
+  demand(transform.matrix().allFinite(), "a pose is not finite");
+  const Eigen::Matrix3d r = transform.linear();
+  demand((r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < 1e-2,
+         "a pose is no rigid one");
+}
+
+void check(const PinholeCamera& camera) {
+  demand(std::isfinite(camera.fx + camera.fy + camera.cx + camera.cy), "a camera is not finite");
+  demand(camera.fx > 0 && camera.fy > 0, "a focal length is not positive");
+  demand(camera.width > 0 && camera.height > 0 &&
+             static_cast<double>(camera.width) * camera.height <= kMaxPixels,
+         "a picture's size is out of bounds");
+}
+
+void check(const ImageF& image) {
+  demand(static_cast<double>(image.width) * image.height <= kMaxPixels, "a picture is too large");
+  for (const float value : image.data) demand(std::isfinite(value), "a pixel is not finite");
+}
+
+void check(const TexturedMesh& textured) {
+  check_mesh(textured, "what was read");
+  for (const Vec3d& texel : textured.atlas.texels) demand(texel.allFinite(), "a texel is not finite");
+  demand(std::isfinite(signed_volume(textured.mesh)), "a mesh is too large to compute with");
+}
+
+void check(const LidarModel& lidar) {
+  demand(!lidar.beams.empty() && lidar.azimuth_count() >= 1, "a LiDAR without rays");
+  demand(static_cast<double>(lidar.beams.size()) * lidar.azimuth_count() <= kMaxRays, "too many rays");
+  for (const int column : {0, lidar.azimuth_count() - 1}) {
+    const LidarRay ray = lidar.ray(static_cast<int>(lidar.beams.size()) - 1, column);
+    demand(ray.origin.allFinite() && std::abs(ray.direction.norm() - 1) < 1e-6, "a ray is none");
+  }
+}
+
+void calibration(const fs::path& file) {
+  const Calibration read = read_calibration(file, kWidth, kHeight);
+  check(read.camera);
+  check(read.camera_from_velo);
+  check(read.rect_from_velo());
+}
+
+void labels(const fs::path& file) {
+  static const Calibration known = seed_calibration();
+  for (const Label& label : read_labels(file, known)) {
+    demand(std::isfinite(label.truncated + label.left + label.top + label.right + label.bottom),
+           "a label is not finite");
+    if (label.type == "DontCare") continue;
+    const Box3& box = label.box;
+    demand(std::isfinite(box.bev.x + box.bev.y + box.bev.yaw + box.bottom), "a box is not finite");
+    demand(box.bev.length > 0 && box.bev.width > 0 && box.height > 0, "a box without size");
+  }
+}
+
+void tracks(const fs::path& file) {
+  // Read by its place in a data set.
+  const fs::path data = scratch() / "tracks-of", place = data / "training/track_2/000000.txt";
+  static const bool made = fs::create_directories(place.parent_path());
+  static_cast<void>(made);
+  fs::copy_file(file, place, fs::copy_options::overwrite_existing);
+  const auto all = read_tracks(data, "000000");
+  for (const int track : *all) demand(track >= -1, "an identity below -1");
+}
+
+void sweep(const fs::path& file) {
+  for (const LidarPoint& point : read_sweep(file))
+    demand(point.position().allFinite() && std::isfinite(point.reflectance), "a return is not finite");
+}
+
+void lighting(const fs::path& file) {
+  const Lighting light = read_lighting(file);
+  demand(std::abs(light.to_sun_velo.norm() - 1) < 1e-9, "a direction of another length");
+  demand((light.sun + light.ambient + light.hemisphere).allFinite(), "a light is not finite");
+}
+
+/// Both readings of one picture, so that a refusal by the first does not hide the second.
+void png(const fs::path& file) {
+  try {
+    check(read_depth_png(file));
+  } catch (const InputError&) {
+    check(read_srgb(file));
+  }
+}
+
+void gltf(const fs::path& file) {
+  const TexturedMesh mesh = read_adversary(file);
+  check(mesh);
+  const RenderScene scene = read_scene(file, 64, 48);
+  check(scene.camera);
+  check(scene.camera_from_velo);
+  check(scene.photograph);
+  demand((scene.lighting.sun + scene.lighting.to_sun_velo + scene.lighting.ambient).allFinite(),
+         "a light is not finite");
+  for (const RenderScene::Thing& thing : scene.things) check(thing.textured);
+}
+
+void toml(const fs::path& file) {
+  const nlohmann::json once = read_toml(file);
+  // Dates are read as nothing, which no TOML holds.
+  if (once.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).find("null") != std::string::npos)
+    return;
+  demand(parse_toml(toml_text(once), "written") == once, "what is written reads as something else");
+}
+
+void rig(const fs::path& file) {
+  const Rig read = read_rig(file);
+  check(read.calibration.camera);
+  check(read.calibration.camera_from_velo);
+  check(read.lidar);
+}
+
+void shape(const fs::path& file) {
+  const ShapeModel model = read_shape_model(file);
+  for (const float value : model.values) demand(std::isfinite(value), "a distance is not finite");
+  demand(model.prior_mean.allFinite() && model.prior_covariance.allFinite(), "the prior is not finite");
+  ShapeParameters mean;
+  mean.code = Eigen::VectorXd::Zero(model.dimension);
+  const Eigen::VectorXd q = mean.packed();
+  const double d = model.distance(q.data(), {0.1, 0.2, 0.3});
+  demand(std::isfinite(d), "a distance read between the nodes is not finite");
+}
+
+#ifndef MIRAGE_FUZZ  // its words are known to all layers, which are too much to build for a fuzzer
+void run(const fs::path& file) {
+  // A run folder's other files do not change.
+  static const bool made = [] {
+    write_adversary(scratch() / "adversary.glb", seed_mesh());
+    write_adversary(scratch() / "random.glb", seed_mesh());
+    return true;
+  }();
+  static_cast<void>(made);
+  const Run read = read_run(file.parent_path());
+  demand(std::isfinite(read.min_view) && read.limits.half.allFinite(), "a number is not finite");
+  const auto& raster = read.simulation.raster;
+  demand(std::isfinite(raster.sigma + raster.gamma + raster.epsilon + raster.dist_eps),
+         "a number is not finite");
+  for (const auto* hosts : {&read.train, &read.test})
+    for (const HostId& host : *hosts) {
+      demand(host.label >= 0, "a host's label is negative");
+      demand(host.frame.find('/') == std::string::npos, "a frame's name leaves the data set");
+    }
+}
+#endif
+
+void check(const AttackState& state) {
+  demand(state.iteration >= 0 && state.vertices.step_count >= 0, "a count is negative");
+  check(state.adversary);
+  for (const Adam* adam : {&state.vertices, &state.texels})
+    for (const auto* moments : {&adam->first, &adam->second})
+      for (const double value : *moments) demand(std::isfinite(value), "a moment is not finite");
+}
+
+void checkpoint(const fs::path& file) {
+  check(read_checkpoint(file, seed_identity()));
+}
+
+/// The bytes are a JSON merge patch (RFC 7386) on a whole checkpoint: one of 200 KB is too long to be found
+/// by chance.
+void checkpoint_fields(const fs::path& file) {
+  static const nlohmann::json whole = nlohmann::json::parse(seed_checkpoint());
+  nlohmann::json patched = whole;
+  patched.merge_patch(read_json(file));
+  const fs::path place = scratch() / "patched-checkpoint.json";
+  write_bytes(place, patched.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  check(read_checkpoint(place, seed_identity()));
+}
+
+/// The parts of a weights file that say what is in it; storages are of 64 bytes. targets/weights.cpp has the
+/// rest.
+void pickle(const fs::path& file) {
+  const std::string bytes = read_file(file);
+  try {
+    check_pickle(bytes,
+                 [](const std::string& key) { return std::optional<std::size_t>(key == "0" ? 64 : 0); });
+  } catch (const std::runtime_error& refused) {
+    throw InputError(file.string(), "", refused.what(), "train anew");
+  }
+}
+
+constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
+                               {"labels", "label.txt", labels},
+                               {"tracks", "track.txt", tracks},
+                               {"sweep", "sweep.bin", sweep},
+                               {"lighting", "lighting.json", lighting},
+                               {"png", "picture.png", png},
+                               {"gltf", "mesh.glb", gltf},
+                               {"toml", "any.toml", toml},
+                               {"rig", "rig.toml", rig},
+                               {"shape", "cars.shape", shape},
+                               {"pickle", "data.pkl", pickle},
+
+#ifndef MIRAGE_FUZZ
+                               {"run", "run.json", run},
+#endif
+
+                               {"checkpoint", "checkpoint.json", checkpoint},
+                               {"checkpoint-fields", "patch.json", checkpoint_fields}};
+
+}  // namespace
+
+std::span<const Parser> parsers() {
+  return kParsers;
+}
+
+const Parser& parser_named(const std::string& name) {
+  std::string known;
+  for (const Parser& parser : kParsers) {
+    if (name == parser.name) return parser;
+    known += std::string(" ") + parser.name;
+  }
+  throw std::invalid_argument("no parser '" + name + "'; there are:" + known);
+}
+
+void demand(bool good, const char* what) {
+  if (!good) throw std::logic_error(std::string("accepted: ") + what);
+}
+
+std::string read_bytes(const Parser& parser, std::string_view bytes) {
+  const fs::path file = scratch() / parser.file;
+  write_bytes(file, bytes);
+  try {
+    parser.read(file);
+    return "";
+  } catch (const InputError& refused) {
+    const std::string line = refused.what();
+    if (line.find_first_of("\n\r") != std::string::npos)
+      throw std::logic_error("refused in more than one line: " + line);
+    if (line.size() > bytes.size() + 2000) throw std::logic_error("refused in a line without end: " + line);
+    return line.empty() ? "?" : line;
+  }
+}
+
+}  // namespace mirage::fuzz

@@ -1,0 +1,20 @@
+// Containers whose sizes and check sums are set right after a mutation: a blind one would be refused at the
+// first look, and nothing behind it reached.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <string>
+
+namespace mirage::fuzz {
+
+/// Changes `size` bytes in place, up to `most`; the new size.
+using Mutate = std::function<std::size_t(std::uint8_t* bytes, std::size_t size, std::size_t most)>;
+
+/// Mutates a PNG and writes the check sum of every chunk anew.
+std::string mutate_png(std::string file, std::size_t most, const Mutate& mutate);
+/// Mutates either the JSON or the binary chunk of a .glb and writes the lengths anew.
+std::string mutate_glb(std::string file, std::size_t most, unsigned seed, const Mutate& mutate);
+
+}  // namespace mirage::fuzz

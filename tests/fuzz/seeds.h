@@ -1,0 +1,33 @@
+// Small whole files for every parser, written by the program's own writers: where the fuzzer begins.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "geometry/mesh.h"
+#include "scene/frame.h"
+
+namespace mirage::fuzz {
+
+struct Seed {
+  std::string parser, name, bytes;
+};
+/// At least one for every parser; all are taken by it.
+std::vector<Seed> seeds();
+
+/// A tetrahedron with one texel a face.
+TexturedMesh seed_mesh();
+/// KITTI's camera, 1242×375.
+Calibration seed_calibration();
+/// What a checkpoint is asked to agree with.
+nlohmann::json seed_identity();
+/// A whole checkpoint of a fresh attack.
+std::string seed_checkpoint();
+
+/// Without the care for full disks and killed processes that base/files.h takes: thousands of times a second.
+void write_bytes(const std::filesystem::path& file, std::string_view bytes);
+
+}  // namespace mirage::fuzz
