@@ -48,7 +48,7 @@ def detector(image, points, pixel_from_velo):
     uvw = homogeneous @ pixel_from_velo.t()
     grid = torch.stack([2 * uvw[:, 0] / uvw[:, 2] / image.shape[1] - 1, 2 * uvw[:, 1] / uvw[:, 2] / image.shape[0] - 1], 1)
     colour = torch.nn.functional.grid_sample(image.permute(2, 0, 1)[None], grid[None, None], align_corners=False)
-    logits = 0.05 * (near @ above) - colour[0, :, 0].mean(dim=0)
+    logits = 0.05 * (near @ above) - 4 * colour[0, :, 0].mean(dim=0)
     boxes = torch.cat([centres, torch.tensor([[3.9, 1.6, 0.0]]).repeat(len(centres), 1)], dim=1)
     return boxes, logits
 
@@ -62,7 +62,8 @@ losses = []
 for step in range(20):
     image, points = mirage.torch.insert(frame, host, vertices, texels)
     boxes, logits = detector(image, points, matrix)
-    loss = torch.nn.functional.softplus(logits).sum()
+    apart = (boxes[:, :2] - torch.tensor(host.label.box_bev[:2])).norm(dim=1)
+    loss = torch.nn.functional.softplus(logits[apart < 2]).sum()
     optimiser.zero_grad()
     loss.backward()
     optimiser.step()
