@@ -114,11 +114,7 @@ void LocalNetwork::give_voxels() {
   if (network_->parts.painted) {
     input_.camera = seen_;
     painted = painted_voxels(input_);
-    const std::int64_t columns = kVoxelsX * kVoxelsY;
-    const float *now = painted.data_ptr<float>(), *before = clean_->painted.data_ptr<float>();
-    for (std::int64_t k = 0; k < columns; ++k)
-      if (now[k] != before[k] || now[columns + k] != before[columns + k])
-        dirty.add(k / kVoxelsY, k % kVoxelsY);
+    if (camera_) add_painted(dirty);
   }
   std::vector<Patch> patches;
   for (const Window& at : backbone_->needed(plan.voxels, dirty)) {
@@ -137,6 +133,31 @@ void LocalNetwork::give_voxels() {
     patches.push_back(std::move(patch));
   }
   backbone_->give(plan.voxels, std::move(dirty), std::move(patches));
+}
+
+void LocalNetwork::add_painted(Dirty& dirty) const {
+  // By what a return reads, not by the value: one that is the same to rounding still has a slope.
+  const Dirty& mask = camera_->dirty(clean_->camera_plan->mask);
+  const float* p = input_.points.data_ptr<float>();
+  for (std::int64_t i = 0; i < input_.points.size(0); ++i, p += 4) {
+    const double x = (p[0] - kXMin) / kVoxel - 0.5, y = (p[1] - kYMin) / kVoxel - 0.5;
+    if (!(x > 0 && x < kVoxelsX - 1 && y > 0 && y < kVoxelsY - 1)) continue;
+    const auto seen =
+        seen_at(p, clean_->projection, static_cast<int>(clean_->width), static_cast<int>(clean_->height));
+    if (!seen || !touches(footprint_of((seen->u + 0.5) / kMaskStride - 0.5,
+                                       (seen->v + 0.5) / kMaskStride - 0.5, mask.rows(), mask.columns()),
+                          mask))
+      continue;
+    const auto row = static_cast<std::int64_t>(x), column = static_cast<std::int64_t>(y);
+    dirty.add(Window{row, column, row + 2, column + 2});
+  }
+  const auto add_columns = [&](const float* q) {
+    const auto row = static_cast<std::int64_t>((q[0] - kXMin) / kVoxel - 0.5),
+               column = static_cast<std::int64_t>((q[1] - kYMin) / kVoxel - 0.5);
+    dirty.add(Window{row, column, row + 2, column + 2});
+  };
+  for (const std::int64_t i : sweep_.gone) add_columns(clean_->points.data_ptr<float>() + 4 * i);
+  for (const std::int64_t i : sweep_.fresh) add_columns(input_.points.data_ptr<float>() + 4 * i);
 }
 
 void LocalNetwork::join() {

@@ -55,6 +55,7 @@ class LocalNetwork {
   void look();
   void add_features();
   void give_voxels();
+  void add_painted(Dirty& dirty) const;
   void join();
   void back_through_rows(const torch::Tensor& d_logits);
   void back_through_features(Gradient& gradient);

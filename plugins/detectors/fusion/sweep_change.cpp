@@ -4,8 +4,6 @@
 #include <cstring>
 
 namespace mirage::fusion {
-namespace {
-
 using torch::Tensor;
 
 bool touches(const Footprint& footprint, const Dirty& read) {
@@ -15,8 +13,6 @@ bool touches(const Footprint& footprint, const Dirty& read) {
   }
   return false;
 }
-
-}  // namespace
 
 SweepChange sweep_change(const Tensor& clean, const Tensor& points) {
   constexpr std::size_t bytes = 4 * sizeof(float);

@@ -18,6 +18,9 @@ struct SweepChange {
 /// some taken out and others put in behind, as an insertion does, these are all that differ.
 SweepChange sweep_change(const torch::Tensor& clean, const torch::Tensor& points);
 
+/// Whether a look-up may read a dirty place.
+bool touches(const Footprint& footprint, const Dirty& read);
+
 /// A cell of a grid whose image feature is another than before, and the point that it now takes it from (−1:
 /// none).
 struct ChangedCell {
