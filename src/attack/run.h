@@ -49,7 +49,8 @@ struct Run {
   struct Refused {
     std::string detector, depth;
     std::filesystem::path weights;
-  } refused;
+  };
+  Refused refused;  ///< see Refused
 };
 
 /// Whether `data` is another folder than the run's: its labels are not the run's hosts.
@@ -68,6 +69,7 @@ std::string depth_of(const Run& run, const std::string& asked);
 /// Remembers that this user's own program wrote a file of code (by its whole content, in the disk cache), so
 /// that a run which holds it is read without --trust-run. Failure if it can't be read.
 void remember_code_made_here(const std::filesystem::path& file);
+/// Whether it was remembered, with this content.
 bool is_code_made_here(const std::filesystem::path& file);
 
 /// InputError naming the file and field if the folder is not a finished run, or holds a value that no run can

@@ -13,8 +13,10 @@ struct CheckpointInterval {
   double seconds = 0;      ///< > 0: also where so many seconds have passed since the last checkpoint
 };
 
+/// Tells when the next checkpoint is due.
 class CheckpointTimer {
  public:
+  /// The clock starts here.
   explicit CheckpointTimer(const CheckpointInterval& interval) : interval_(interval) {}
 
   /// Whether one is due after `step` steps; the clock then starts anew.

@@ -18,21 +18,28 @@ class JsonFields {
   /// InputError if `json` is not an object. `fix` ends each error.
   JsonFields(std::filesystem::path file, const nlohmann::json& json, std::string fix);
 
+  /// Whether the field is there.
   bool has(const std::string& key) const { return json_.contains(key); }
+  /// true or false.
   bool truth(const std::string& key) const;
+  /// A whole number in [low, high].
   std::int64_t integer(const std::string& key, std::int64_t low, std::int64_t high) const;
   /// Whole and not negative; the seeds' range.
   std::uint64_t counter(const std::string& key) const;
+  /// A finite number in [low, high].
   double number(const std::string& key, double low, double high) const;
+  /// A string.
   std::string text(const std::string& key) const;
   /// `count` numbers.
   std::vector<double> numbers(const std::string& key, std::size_t count, double low, double high) const;
   /// A list of any length up to `most`.
   const nlohmann::json& list(const std::string& key, std::size_t most) const;
+  /// An object within.
   JsonFields object(const std::string& key) const;
   /// An object of this file that `name` leads to, e.g. a list's entry "train[3]".
   JsonFields inner(const std::string& name, const nlohmann::json& json) const;
 
+  /// Throws the InputError that says `problem` of the field.
   [[noreturn]] void fail(const std::string& key, const std::string& problem) const;
 
  private:

@@ -1,5 +1,5 @@
 // Names of files and folders as text. A name is bytes: any but '/' and NUL. JSON, terminals and Python want
-// UTF-8 without control characters, so such bytes are written as \xHH.
+// UTF-8 without control characters, so such bytes are written as "\xHH".
 #pragma once
 
 #include <cstddef>
@@ -9,7 +9,7 @@
 
 namespace mirage {
 
-/// For messages: bytes that are no UTF-8 and control characters as \xHH, the rest as it is.
+/// For messages: bytes that are no UTF-8 and control characters as "\xHH", the rest as it is.
 std::string printable(std::string_view bytes);
 
 /// For files that are read again: as printable, and a backslash is doubled, so that unescape_name gives the

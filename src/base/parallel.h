@@ -49,6 +49,7 @@ class LoopStopped : public std::runtime_error {
   LoopStopped() : std::runtime_error("stopped: another part of the work failed") {}
 };
 
+/// LoopStopped if this runs in a part of a loop whose other part has failed.
 inline void throw_if_loop_stopped() {
   if (tbb::is_current_task_group_canceling()) throw LoopStopped();
 }

@@ -30,6 +30,7 @@ class DetectionFiles {
   /// The frame's detections by falling score; none if it has not been looked at. InputError naming file and
   /// field for what can't be read.
   std::vector<KittiDetection> of(const Frame& frame) const;
+  /// As it was given.
   const std::filesystem::path& path() const { return path_; }
 
  private:

@@ -25,12 +25,14 @@ struct GivenDetector {
 /// For as long as it lives, load_detector knows the given detector. One at a time.
 class DetectorGift {
  public:
+  /// Failure if another one is in force.
   explicit DetectorGift(GivenDetector detector);
   ~DetectorGift();
   DetectorGift(const DetectorGift&) = delete;
   DetectorGift& operator=(const DetectorGift&) = delete;
 };
 
+/// Whether the options name the given detector.
 bool is_given(const DetectorOptions& options);
 /// The one in force; null without one.
 const GivenDetector* given_detector();

@@ -8,6 +8,7 @@
 
 namespace mirage {
 
+/// The files that may be read because one file names them.
 class FolderFiles {
  public:
   /// `file`: the one that names others. Its folder (symbolic links resolved) and what is below it can be

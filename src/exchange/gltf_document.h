@@ -10,6 +10,7 @@
 
 namespace mirage {
 
+/// A glTF file as text and bytes, checked before anything is built from it.
 struct GltfDocument {
   nlohmann::json json;
   std::string bytes;  ///< the whole file; a .glb's binary chunk is in it
@@ -21,8 +22,8 @@ struct GltfDocument {
 namespace gltf_limits {
 inline constexpr double kFurthest = 1e7;  ///< m, |coordinate| of a vertex or a node; also |scale|
 inline constexpr std::size_t kMostCorners =
-    1 << 25;  ///< vertices + corners + texels, a mesh counted at each node
-inline constexpr int kDeepestNode = 256;
+    1 << 25;                               ///< vertices + corners + texels, a mesh counted at each node
+inline constexpr int kDeepestNode = 256;   ///< nodes below each other
 inline constexpr double kBrightest = 1e6;  ///< radiance or lux of a light
 }  // namespace gltf_limits
 

@@ -16,12 +16,15 @@
 
 namespace mirage {
 
+/// A checked glTF file and what Mirage reads from it.
 class GltfModel {
  public:
   /// Opens a .glb (open_gltf) and reads it. InputError as there.
   explicit GltfModel(std::filesystem::path file);
 
+  /// As tinygltf has it.
   const tinygltf::Model& model() const { return model_; }
+  /// As it was given.
   const std::filesystem::path& file() const { return file_; }
   [[noreturn]] void fail(const std::string& field, const std::string& problem,
                          const std::string& fix = "export the file again") const;
@@ -47,7 +50,9 @@ class GltfModel {
   /// Mirage's extras of the default scene, or null.
   const tinygltf::Value* scene_extras() const;
 
+  /// A finite number of an extras object. InputError naming `field`.
   double number(const tinygltf::Value& parent, const char* key, const std::string& field) const;
+  /// A list of `count` finite numbers. InputError naming `field`.
   std::vector<double> numbers(const tinygltf::Value& parent, const char* key, std::size_t count,
                               const std::string& field) const;
   /// Three numbers in [low, high].

@@ -47,6 +47,7 @@ template <class S>
 void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const SimulationSettings& settings,
                        std::span<const std::array<S, 4>> d_points, std::vector<Vec3d>& d_vertices,
                        std::vector<Vec3d>& d_texels);
+/// The same for points as Simulated has them.
 inline void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed,
                               const SimulationSettings& settings,
                               const std::vector<std::array<float, 4>>& d_points,

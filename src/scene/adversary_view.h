@@ -39,6 +39,7 @@ template <class S>
 void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
                         const Lighting& lighting, const Simulated& result, const S* d_image,
                         std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels);
+/// The same for a picture of the library's own.
 inline void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed,
                                const Calibration& calibration, const Lighting& lighting,
                                const Simulated& result, const ImageF& d_image, std::vector<Vec3d>& d_vertices,

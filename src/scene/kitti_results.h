@@ -16,6 +16,7 @@
 
 namespace mirage {
 
+/// A row of a KITTI result file: a box in space, in the picture, or both.
 struct KittiDetection {
   std::string type = "Car";
   std::optional<Box3> box = {};            ///< in `velo`
