@@ -28,15 +28,15 @@ fs::path picture_file(const fs::path& data, const std::string& id) {
 }
 
 /// One frame under one picture.
-struct Look {
+struct Sight {
   ScoredFrame scored;
   std::vector<Proposal> cars;  ///< of each labelled car: the proposal that speaks for it
 };
 
 /// One frame under all of them.
 struct Looks {
-  Look right, swapped, black;
-  std::optional<Look> none;
+  Sight right, swapped, black;
+  std::optional<Sight> none;
 };
 
 Proposal speaker(const std::vector<Proposal>& proposals, const BevBox& car, Plane plane) {
@@ -50,20 +50,20 @@ Proposal speaker(const std::vector<Proposal>& proposals, const BevBox& car, Plan
   return best;
 }
 
-Look look(Detector& detector, const SensorView& view, const GroundTruth& truth) {
+Sight look(Detector& detector, const SensorView& view, const GroundTruth& truth) {
   const Plane plane = detector.capabilities().plane();
   const std::vector<Proposal> proposals = detector.forward(view, kFaintScore, false);
   std::vector<Proposal> clear;
   std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(clear),
                [](const Proposal& proposal) { return proposal.score() > kScoreThresholdForAp; });
-  Look result;
+  Sight result;
   result.scored = scored(suppress(std::move(clear), plane), truth, view.calibration->camera.fy, plane);
   for (const BevBox& car : result.scored.truth.boxes) result.cars.push_back(speaker(proposals, car, plane));
   return result;
 }
 
 /// Null if the detector needs a picture.
-std::optional<Look> look_without(Detector& detector, SensorView view, const GroundTruth& truth) {
+std::optional<Sight> look_without(Detector& detector, SensorView view, const GroundTruth& truth) {
   view.image = nullptr;
   try {
     return look(detector, view, truth);

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <vector>
 
+#include "base/bootstrap.h"
+
 namespace mirage {
 namespace {
 
@@ -15,13 +17,6 @@ constexpr double kOverhead = 4;                  // m over the bottom: higher re
 /// m under the median of a car's surroundings: lower returns came by way of a mirror (KITTI has some at -25
 /// m).
 constexpr double kMirrored = 5;
-
-double quantile(std::vector<double>& values, double share) {
-  const auto at =
-      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
 
 /// z of the returns over the box grown by `margin`.
 std::vector<double> heights(const BevBox& box, std::span<const LidarPoint> sweep, double margin) {

@@ -194,9 +194,9 @@ TEST(Evaluation, ABoxAroundCarAndObjectIsNoMiss) {
   EXPECT_DOUBLE_EQ(result.fn_asr, 0.5);
   EXPECT_EQ(result.vehicles50, 3);  // at 0.5 the half box finds it, clean and attacked
   EXPECT_NEAR(result.at50.fn_asr.value, 1.0 / 3, 1e-12);
-  const auto json = to_json(result);
-  EXPECT_EQ(json.at("at_iou_50").at("vehicles"), 3);
-  EXPECT_TRUE(json.at("false_positives").contains("distance_from_host_px"));
+  const auto written = to_json(result);
+  EXPECT_EQ(written.at("at_iou_50").at("vehicles"), 3);
+  EXPECT_TRUE(written.at("false_positives").contains("distance_from_host_px"));
 }
 
 }  // namespace

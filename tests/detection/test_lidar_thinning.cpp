@@ -11,13 +11,13 @@
 namespace mirage {
 namespace {
 
-const BevBox kCar{12, 2, 4, 1.8, 0.3}, kOther{20, -4, 4, 1.8, 0};
+const BevBox kThinnedCar{12, 2, 4, 1.8, 0.3}, kOther{20, -4, 4, 1.8, 0};
 
 /// A car and something that looks like one on level ground, as kitti64's unit sees them.
 CompactFrame sample(const LidarModel& lidar) {
   std::vector<Mesh> meshes(1);
   append(meshes[0], box_mesh({300, 300, 2}), Transform(Eigen::Translation3d(0, 0, -2.73)));
-  for (const BevBox& box : {kCar, kOther}) {
+  for (const BevBox& box : {kThinnedCar, kOther}) {
     meshes.emplace_back();
     append(meshes.back(), box_mesh({box.length, box.width, 1.5}),
            velo_from_box({box, -1.73, 1.5}) * Eigen::Translation3d(0, 0, 0.75));
@@ -34,7 +34,7 @@ CompactFrame sample(const LidarModel& lidar) {
       const Vec3f p = (fired.origin + hit.t * fired.direction).cast<float>();
       frame.points.push_back({p.x(), p.y(), p.z(), 0.3f});
     }
-  frame.truth.boxes = {kCar};
+  frame.truth.boxes = {kThinnedCar};
   frame.truth.look_alikes = {kOther};
   return frame;
 }
@@ -52,7 +52,7 @@ std::size_t on(const BevBox& box, const CompactFrame& frame) {
 TEST(LidarThinning, TakesBeamsOrReturnsOfCarsInItsShareOfTheSamples) {
   const LidarModel lidar = read_lidar_model(shipped_file("scenes/rigs/kitti64.toml"));
   const CompactFrame whole = sample(lidar);
-  const std::size_t of_car = on(kCar, whole), of_other = on(kOther, whole), all = whole.points.size();
+  const std::size_t of_car = on(kThinnedCar, whole), of_other = on(kOther, whole), all = whole.points.size();
   ASSERT_GT(of_car, 200u);
   ASSERT_GT(of_other, 100u);
   ASSERT_EQ(beams_of(whole.points, lidar).size(), all);
@@ -65,7 +65,7 @@ TEST(LidarThinning, TakesBeamsOrReturnsOfCarsInItsShareOfTheSamples) {
     thin_lidar(again, lidar, 0.5, 3, index);
     ASSERT_EQ(frame.points.size(), again.points.size());
     EXPECT_EQ(frame.truth.boxes.size(), 1u);
-    const std::size_t ground = frame.points.size() - on(kCar, frame) - on(kOther, frame);
+    const std::size_t ground = frame.points.size() - on(kThinnedCar, frame) - on(kOther, frame);
     if (ground == all - of_car - of_other) {  // the road stays: nothing, or objects only
       const auto judge = [&](std::size_t left, std::size_t before, int& lost) {
         if (left == before) return;
@@ -73,7 +73,7 @@ TEST(LidarThinning, TakesBeamsOrReturnsOfCarsInItsShareOfTheSamples) {
         ++lost;
       };
       const int before = car_lost + other_lost;
-      judge(on(kCar, frame), of_car, car_lost);
+      judge(on(kThinnedCar, frame), of_car, car_lost);
       judge(on(kOther, frame), of_other, other_lost);
       (car_lost + other_lost > before ? by_object : untouched) += 1;
       continue;

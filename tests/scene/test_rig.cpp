@@ -66,14 +66,16 @@ TEST(Rig, ErrorsNameFileAndKey) {
 TEST(Rig, AUnitOfTooManyRaysIsRefusedBeforeAnyIsMade) {
   test::TemporaryFolder folder;
   std::string rows;
-  for (int i = 0; i < 400; ++i) rows.append("[").append(std::to_string(42 - 0.1 * i)).append(", 0.2, 0, 0],\n");
+  for (int i = 0; i < 400; ++i)
+    rows.append("[").append(std::to_string(42 - 0.1 * i)).append(", 0.2, 0, 0],\n");
   write_file(folder / "unit.toml",
              "[lidar]\nname = \"dense\"\nvelo_from_lidar = [0, 0, 0, 0, 0, 0]\nheight = 1.7\nrate = 10\n"
              "azimuth_step = 0.01\nencoder_step = 0\nazimuth = [-180, 180]\nrange = [1, 80]\nbeams = [\n" +
                  rows + "]\n");
-  EXPECT_THAT(test::error_text<InputError>([&] { with_lidar(read_rig(shipped()), folder / "unit.toml"); }),
-              AllOf(HasSubstr("unit.toml: lidar.beams, azimuth_step"),
-                    HasSubstr("400 beams of 36001 firings"), HasSubstr("8388608")));
+  EXPECT_THAT(
+      test::error_text<InputError>([&] { with_lidar(read_rig(shipped_rig()), folder / "unit.toml"); }),
+      AllOf(HasSubstr("unit.toml: lidar.beams, azimuth_step"), HasSubstr("400 beams of 36001 firings"),
+            HasSubstr("8388608")));
 }
 
 }  // namespace

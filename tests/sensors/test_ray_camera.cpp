@@ -34,7 +34,7 @@ std::vector<Surface> ground_and_wall() {
           quad({20, -3, -2}, {20, -3, 4}, {20, 3, 4}, {20, 3, -2}, 5)};
 }
 
-const PinholeCamera kCamera{100, 100, 80, 30, 160, 60};
+const PinholeCamera kPinhole{100, 100, 80, 30, 160, 60};
 
 // Frames carry a Lighting for the soft rasteriser: open ground must have the radiance it says.
 TEST(RayCamera, OpenGroundHasTheLightingsRadiance) {
@@ -46,7 +46,7 @@ TEST(RayCamera, OpenGroundHasTheLightingsRadiance) {
   light.lighting.ambient = Vec3d(0.1, 0.1, 0.1);
   const Vec3f sky = light.sky.irradiance(light.lighting.to_sun_velo.cast<float>());
   light.lighting.hemisphere = sky.cast<double>() - light.lighting.ambient;
-  const RayImage image = render(scene, kCamera, looking_forward(), light, {2, 4, 1});
+  const RayImage image = render(scene, kPinhole, looking_forward(), light, {2, 4, 1});
   Vec3d mean = Vec3d::Zero();
   int count = 0;
   for (int v = 45; v < 60; ++v)
@@ -64,12 +64,12 @@ TEST(RayCamera, SparseRaysShowTheSame) {
   const RayScene scene(surfaces);
   RayCameraSettings full{2, 4, 1}, sparse = full;
   sparse.sparse = true;
-  const RayImage a = render(scene, kCamera, looking_forward(), {}, full),
-                 b = render(scene, kCamera, looking_forward(), {}, sparse);
+  const RayImage a = render(scene, kPinhole, looking_forward(), {}, full),
+                 b = render(scene, kPinhole, looking_forward(), {}, sparse);
   EXPECT_EQ(a.object.data, b.object.data);
   // The depth is of another ray of the same pixel: between those of the rows above and below.
-  for (int v = 1; v + 1 < kCamera.height; ++v)
-    for (int u = 0; u < kCamera.width; ++u) {
+  for (int v = 1; v + 1 < kPinhole.height; ++v)
+    for (int u = 0; u < kPinhole.width; ++u) {
       const float above = a.depth.at(u, v - 1), here = a.depth.at(u, v), below = a.depth.at(u, v + 1);
       if (!(above > 0 && below > 0)) continue;
       EXPECT_GE(b.depth.at(u, v), std::min({above, here, below}) - 1e-3f) << u << ", " << v;
@@ -86,7 +86,7 @@ TEST(RayCamera, DepthAndObjectsAndShadow) {
   const RayScene scene(ground_and_wall());
   SceneLight light;
   light.lighting.to_sun_velo = Vec3d(1, 0, 0.5).normalized();  // behind the wall
-  const RayImage image = render(scene, kCamera, looking_forward(), light, {1, 4, 1});
+  const RayImage image = render(scene, kPinhole, looking_forward(), light, {1, 4, 1});
   EXPECT_NEAR(image.depth.at(80, 30), 20, 1e-3);
   EXPECT_EQ(image.object.at(80, 30), 5);
   EXPECT_NEAR(image.depth.at(80, 50), 10, 1e-3);  // ground: 2 m down, 20 pixels under the horizon
@@ -99,9 +99,9 @@ TEST(RayCamera, DepthAndObjectsAndShadow) {
 TEST(RayCamera, SameForAnyThreadCount) {
   const RayScene scene(ground_and_wall());
   set_thread_count(1);
-  const RayImage one = render(scene, kCamera, looking_forward(), {});
+  const RayImage one = render(scene, kPinhole, looking_forward(), {});
   set_thread_count(0);
-  const RayImage many = render(scene, kCamera, looking_forward(), {});
+  const RayImage many = render(scene, kPinhole, looking_forward(), {});
   EXPECT_EQ(one.color.data, many.color.data);
   EXPECT_EQ(one.object.data, many.object.data);
 }

@@ -25,13 +25,13 @@ double rounded(double value, double digits = 1e4) {
   return std::round(value * digits) / digits;
 }
 
-json box_json(const Box3& box) {
+json page_box(const Box3& box) {
   const BevBox& b = box.bev;
   return {rounded(b.x),     rounded(b.y),        rounded(box.bottom), rounded(b.length),
           rounded(b.width), rounded(box.height), rounded(b.yaw)};
 }
 
-json box_json(const PictureBox& box) {
+json page_box(const PictureBox& box) {
   return {rounded(box.left, 10), rounded(box.top, 10), rounded(box.right, 10), rounded(box.bottom, 10)};
 }
 
@@ -42,9 +42,9 @@ json labels_json(const ViewFrame& view) {
   json list = json::array();
   for (std::size_t k = 0; k < view.frame.labels.size(); ++k) {
     const Label& label = view.frame.labels[k];
-    json one = {{"type", label.type}, {"picture", box_json(picture_box(label))}};
+    json one = {{"type", label.type}, {"picture", page_box(picture_box(label))}};
     if (label.type != "DontCare")
-      one.update({{"box", box_json(label.box)},
+      one.update({{"box", page_box(label.box)},
                   {"occluded", label.occluded},
                   {"truncated", rounded(label.truncated, 100)},
                   {"returns", returns[k]}});
@@ -60,8 +60,8 @@ json detections_json(const ViewDetections& detections) {
   json list = json::array();
   for (const KittiDetection& found : detections.found) {
     json one = {{"type", found.type}, {"score", rounded(found.score)}};
-    if (found.box) one["box"] = box_json(*found.box);
-    if (found.picture) one["picture"] = box_json(*found.picture);
+    if (found.box) one["box"] = page_box(*found.box);
+    if (found.picture) one["picture"] = page_box(*found.picture);
     list.push_back(one);
   }
   return list;

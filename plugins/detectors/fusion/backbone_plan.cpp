@@ -7,7 +7,7 @@ namespace mirage::fusion {
 namespace {
 
 /// Adds the network's modules to a plan.
-struct Builder {
+struct BackboneBuilder {
   Plan& plan;
 
   int conv(int from, const ConvNorm& layer) {
@@ -26,7 +26,7 @@ struct Builder {
 BackbonePlan backbone_plan(NetworkImpl& net) {
   BackbonePlan made;
   Plan& plan = made.plan;
-  Builder add{plan};
+  BackboneBuilder add{plan};
   made.voxels = plan.given(kVoxelsZ + (net.parts.painted ? kPaintedChannels : 0), kVoxelsX, kVoxelsY, false);
   const auto with = [&](std::size_t level, int x) {
     if (!net.parts.image) return x;

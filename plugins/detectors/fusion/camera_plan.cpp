@@ -7,7 +7,7 @@ using torch::Tensor;
 namespace fn = torch::nn::functional;
 
 /// Adds the network's modules to a plan.
-struct Builder {
+struct CameraBuilder {
   Plan& plan;
 
   int conv(int from, const torch::nn::Conv2d& layer, Curve curve) {
@@ -40,7 +40,7 @@ CameraPlan camera_plan(CameraNetImpl& net, std::int64_t height, std::int64_t wid
   CameraPlan made;
   made.height = height, made.width = width;
   Plan& plan = made.plan;
-  Builder add{plan};
+  CameraBuilder add{plan};
   made.picture = plan.given(12, padded_size(height) / 2, padded_size(width) / 2, false);
   const int x4 = add.csp(add.depthwise(add.silu(made.picture, net.stem), net.down4), net.group4);
   const int x8 = add.csp(add.depthwise(x4, net.down8), net.group8);

@@ -14,7 +14,7 @@ namespace mirage {
 namespace {
 
 /// Value below which the share p of the numbers lies; 0 for none.
-double quantile(std::vector<double> values, double p) {
+double lower_quantile(std::vector<double> values, double p) {
   if (values.empty()) return 0;
   std::sort(values.begin(), values.end());
   return values[std::min(values.size() - 1,
@@ -104,8 +104,8 @@ std::vector<FittedVehicle> fit_frame(const ShapeRooftopFinder& finder, const Fra
         off.push_back(surface.distance(p));
         heights.push_back(p.z());
       }
-      vehicle.residual = quantile(std::move(off), 0.5);
-      vehicle.roof_over_returns = roof.z() - quantile(std::move(heights), 0.99);
+      vehicle.residual = lower_quantile(std::move(off), 0.5);
+      vehicle.roof_over_returns = roof.z() - lower_quantile(std::move(heights), 0.99);
       if (truth)
         if (const auto* true_vehicle = generator::find_vehicle(*truth, label.type, given))
           vehicle.error = measure(vehicle.fit, vehicle.rooftop, *true_vehicle);
@@ -119,12 +119,13 @@ std::vector<FittedVehicle> fit_frame(const ShapeRooftopFinder& finder, const Fra
 namespace {
 
 nlohmann::json spread(const std::vector<double>& values) {
-  return {{"median", quantile(values, 0.5)}, {"p95", quantile(values, 0.95)}};
+  return {{"median", lower_quantile(values, 0.5)}, {"p95", lower_quantile(values, 0.95)}};
 }
 
 nlohmann::json range_of(const std::vector<double>& values) {
-  return {
-      {"p05", quantile(values, 0.05)}, {"median", quantile(values, 0.5)}, {"p95", quantile(values, 0.95)}};
+  return {{"p05", lower_quantile(values, 0.05)},
+          {"median", lower_quantile(values, 0.5)},
+          {"p95", lower_quantile(values, 0.95)}};
 }
 
 nlohmann::json summary(const std::vector<const FittedVehicle*>& group) {
