@@ -30,7 +30,7 @@ class ChildProcess {
   /// False when the child no longer listens.
   bool write_line(const std::string& line);
   /// A line that is longer than any answer, as of a program that writes without end.
-  static constexpr std::size_t kLongestLine = 1 << 20;
+  static constexpr std::size_t kLongestLine = 1 << 23;  // an inspected FBX file takes 2 MB
   enum class Read { line, lost, timed_out, interrupted, endless };
   /// Next line, waiting up to `seconds`. Ctrl-C ends the wait; so do kLongestLine bytes without an end.
   Read read_line(std::string& line, double seconds);

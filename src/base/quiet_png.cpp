@@ -4,7 +4,9 @@
 
 #include <dlfcn.h>
 
+#include <array>
 #include <atomic>
+#include <cstddef>
 
 namespace {
 
@@ -12,17 +14,32 @@ using ErrorHandler = void (*)(void* png, const char* message);
 using SetHandlers = void (*)(void* png, void* owner, ErrorHandler error, ErrorHandler warning);
 
 std::atomic<bool> silent{false};
-std::atomic<ErrorHandler> told{nullptr};  ///< OpenImageIO's reader's, which keeps the message
+/// OpenImageIO's: its reader's and its writer's, which keep the message. A place for each, as libpng hands a
+/// handler nothing to tell it by.
+std::array<std::atomic<ErrorHandler>, 4> told{};
 
 template <class Function>
 Function library(void* where, const char* name) {
   return reinterpret_cast<Function>(dlsym(where, name));
 }
 
+template <std::size_t K>
 void tell_and_leave(void* png, const char* message) {
-  if (const ErrorHandler handler = told) handler(png, message);
+  if (const ErrorHandler handler = told[K]) handler(png, message);
   static const auto leave = library<void (*)(void*, int)>(RTLD_DEFAULT, "png_longjmp");
   leave(png, 1);
+}
+
+constexpr std::array<ErrorHandler, 4> kWrappers = {tell_and_leave<0>, tell_and_leave<1>, tell_and_leave<2>,
+                                                   tell_and_leave<3>};
+
+/// The wrapper of a handler; the handler itself where all places are taken.
+ErrorHandler wrapper_of(ErrorHandler handler) {
+  for (std::size_t k = 0; k < told.size(); ++k) {
+    ErrorHandler none = nullptr;
+    if (told[k].compare_exchange_strong(none, handler) || none == handler) return kWrappers[k];
+  }
+  return handler;
 }
 
 }  // namespace
@@ -31,10 +48,7 @@ extern "C" __attribute__((visibility("default"))) void png_set_error_fn(void* pn
                                                                         ErrorHandler error,
                                                                         ErrorHandler warning) {
   static const auto set = library<SetHandlers>(RTLD_NEXT, "png_set_error_fn");
-  ErrorHandler none = nullptr;
-  // One handler is wrapped: another would be told with the first one's owner.
-  const bool wrapped = silent && error && (told.compare_exchange_strong(none, error) || none == error);
-  set(png, owner, wrapped ? tell_and_leave : error, warning);
+  set(png, owner, silent && error ? wrapper_of(error) : error, warning);
 }
 
 namespace mirage {

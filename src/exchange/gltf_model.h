@@ -2,6 +2,7 @@
 #pragma once
 
 #include <fmt/format.h>
+#include <tiny_gltf.h>
 
 #include <cstdint>
 #include <cstring>
@@ -12,7 +13,6 @@
 
 #include "base/interrupt.h"
 #include "geometry/mesh.h"
-#include "tiny_gltf.h"
 
 namespace mirage {
 
