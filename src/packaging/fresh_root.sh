@@ -5,7 +5,7 @@ set -euo pipefail
 package=$(realpath "$1")
 kept=${2:-}
 root=${kept:-$(mktemp -d /var/tmp/mirage-root.XXXXXX)}
-mirror=$(grep -rhoE 'https?://[^ ]+/debian\b' /etc/apt/sources.list /etc/apt/sources.list.d 2> /dev/null | head -1 || true)
+mirror=$(apt-get indextargets --format '$(REPO_URI)' | grep -E '/debian/?$' | head -1 || true)  # this machine's
 mirror=${mirror:-http://deb.debian.org/debian}
 
 leave() {

@@ -1,4 +1,4 @@
-"""What issue 18 asks a script to do that knows its text alone: read a frame, gradcheck, 20 steps of Adam on texels and
+"""What a script does that knows the page alone: read a frame, gradcheck, 20 steps of Adam on texels and
 vertices against its own torch function, then `mirage evaluate` from the command line on the run.
 
     python3 acceptance.py DATA FRAME OUT MIRAGE
