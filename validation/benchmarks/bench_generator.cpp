@@ -44,9 +44,11 @@ std::map<std::string, double> stage_seconds(const Rig& rig, const std::filesyste
       frame.image = picture.color;
       generator::expose(frame.image, kSeed, index);
     });
-    time("lidar", [&] { frame.sweep = simulate_sweep(*scene, rig.lidar, 1); });
+    std::vector<int> returned;
+    time("lidar",
+         [&] { frame.sweep = simulate_sweep(*scene, rig.lidar, 1, generated_sweep_effects(), &returned); });
     time("labels", [&] {
-      frame.labels = generator::label_street(street, calibration, picture.object, frame.sweep).labels;
+      frame.labels = generator::label_street(street, calibration, picture.object, returned).labels;
     });
     frame.id = "00000" + std::to_string(index);
     frame.calibration = calibration;
