@@ -6,7 +6,6 @@
 #include <cmath>
 #include <limits>
 
-#include "base/error.h"
 #include "base/files.h"
 #include "scene/kitti_rows.h"
 
@@ -15,9 +14,6 @@ namespace {
 
 constexpr double kNear = 0.1;  // m before the camera: nearer parts of a box aren't seen
 constexpr const char* kNoBox = "-1 -1 -1 -1000 -1000 -1000 -10";
-constexpr const char* kColumns[] = {"type",  "truncated", "occluded",   "alpha", "left",   "top",
-                                    "right", "bottom",    "height",     "width", "length", "x",
-                                    "y",     "z",         "rotation_y", "score"};
 
 }  // namespace
 
@@ -64,44 +60,21 @@ void write_results(const std::filesystem::path& file, std::span<const KittiDetec
 }
 
 std::vector<KittiDetection> read_results(const std::filesystem::path& file, const Calibration& calibration) {
-  const std::string text = read_file(file);
+  constexpr RowAdvice kAdvice{"16", "write the rows that KITTI's development kit asks for",
+                              "correct the row or delete it"};
   std::vector<KittiDetection> found;
-  int row = 0;
-  for (std::string_view rest = text; !rest.empty();) {
-    ++row;
-    const auto end = std::min(rest.find('\n'), rest.size());
-    const auto words = split(rest.substr(0, end), " \t\r");
-    rest.remove_prefix(std::min(end + 1, rest.size()));
-    if (words.empty()) continue;
-    if (words.size() != 15 && words.size() != 16)
-      throw InputError(file.string(), fmt::format("row {}", row),
-                       fmt::format("{} columns where 16 belong", words.size()),
-                       "write the rows that KITTI's development kit asks for");
-    double value[16] = {};
-    value[15] = 1;
-    const auto field = [&](int column) { return fmt::format("row {}, {}", row, kColumns[column]); };
-    for (std::size_t i = 1; i < words.size(); ++i)
-      value[i] = to_number(words[i], file, field(static_cast<int>(i)));
-    if (words[0] == "DontCare") continue;
-    const auto demand = [&](bool good, int column, const char* problem) {
-      if (!good)
-        throw InputError(file.string(), field(column), fmt::format("{} {}", words[column], problem),
-                         "correct the row or delete it");
-    };
+  for_each_row(file, kAdvice, [&](const KittiRow& row) {
+    if (row.words[0] == "DontCare") return;
+    const auto& value = row.value;
     KittiDetection one;
-    one.type = words[0];
+    one.type = row.words[0];
     one.score = value[15];
     if (value[6] > value[4] && value[7] > value[5]) one.picture = {value[4], value[5], value[6], value[7]};
     const bool left_out = value[8] <= 0 && value[9] <= 0 && value[10] <= 0;
-    if (!left_out) {
-      for (int i = 8; i < 11; ++i) demand(value[i] > 0 && value[i] <= 50, i, "m is no size of a road user");
-      for (int i = 11; i < 14; ++i) demand(std::abs(value[i]) <= 1000, i, "m is further than 1 km away");
-      one.box =
-          velo_box({value[8], value[9], value[10], value[11], value[12], value[13], value[14]}, calibration);
-    }
-    demand(one.box || one.picture, 8, "is no size, and the 2-D box is empty");
+    if (!left_out) one.box = row.box(calibration);
+    row.demand(one.box || one.picture, 8, "is no size, and the 2-D box is empty");
     found.push_back(one);
-  }
+  });
   return found;
 }
 

@@ -3,11 +3,13 @@
 #include <fmt/format.h>
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 
 #include "base/angles.h"
 #include "base/error.h"
+#include "base/files.h"
 
 namespace mirage {
 namespace {
@@ -19,6 +21,14 @@ Eigen::Matrix2d flat_heading(const Transform& rect_from_velo) {
   matrix.col(0) = velo_from_rect.col(0).head<2>();
   matrix.col(1) = -velo_from_rect.col(2).head<2>();
   return matrix;
+}
+
+/// "row 3, left".
+std::string place(int row, int column) {
+  static constexpr const char* kColumns[] = {"type",  "truncated", "occluded",   "alpha", "left",   "top",
+                                             "right", "bottom",    "height",     "width", "length", "x",
+                                             "y",     "z",         "rotation_y", "score"};
+  return fmt::format("row {}, {}", row, kColumns[column]);
 }
 
 }  // namespace
@@ -75,6 +85,41 @@ double observation_angle(const RectBox& box) {
 std::string to_row(const RectBox& box) {
   return fmt::format("{:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}", box.height, box.width, box.length,
                      box.x, box.y, box.z, box.ry);
+}
+
+void KittiRow::demand(bool good, int column, const std::string& problem) const {
+  if (!good)
+    throw InputError(file.string(), place(number, column),
+                     fmt::format("{} {}", shown(words[static_cast<std::size_t>(column)]), problem),
+                     advice.fix_value);
+}
+
+Box3 KittiRow::box(const Calibration& calibration) const {
+  for (int i = 8; i < 11; ++i) demand(value[i] > 0 && value[i] <= 50, i, "m is no size of a road user");
+  for (int i = 11; i < 14; ++i) demand(std::abs(value[i]) <= 1000, i, "m is further than 1 km away");
+  return velo_box({value[8], value[9], value[10], value[11], value[12], value[13], value[14]}, calibration);
+}
+
+void for_each_row(const std::filesystem::path& file, const RowAdvice& advice,
+                  const std::function<void(const KittiRow&)>& visit) {
+  const std::string text = read_file(file);
+  int number = 0;
+  for (std::string_view rest = text; !rest.empty();) {
+    ++number;
+    const auto end = std::min(rest.find('\n'), rest.size());
+    const auto words = split(rest.substr(0, end), " \t\r");
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+    if (words.empty()) continue;
+    if (words.size() != 15 && words.size() != 16)
+      throw InputError(file.string(), fmt::format("row {}", number),
+                       fmt::format("{} columns where {} belong", words.size(), advice.columns),
+                       advice.fix_columns);
+    KittiRow row{file, advice, number, words};
+    row.value[15] = 1;
+    for (std::size_t i = 1; i < words.size(); ++i)
+      row.value[i] = to_number(words[i], file, place(number, static_cast<int>(i)));
+    visit(row);
+  }
 }
 
 }  // namespace mirage

@@ -1,8 +1,10 @@
-// What labels and results of KITTI share (kitti_text.cpp, kitti_results.cpp): words, numbers, and a box's
+// What labels and results of KITTI share (kitti_text.cpp, kitti_results.cpp): rows, numbers, and a box's
 // seven of them.
 #pragma once
 
+#include <array>
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -31,5 +33,31 @@ RectBox rect_box(const Box3& box, const Calibration& calibration);
 double observation_angle(const RectBox& box);
 /// "h w l x y z ry" to a micrometre and a microradian.
 std::string to_row(const RectBox& box);
+
+/// What the errors of a file of rows say.
+struct RowAdvice {
+  const char* columns;      ///< how many belong into a row
+  const char* fix_columns;  ///< of a row with another number of them
+  const char* fix_value;    ///< of a value that cannot be
+};
+/// A row of a label or result file.
+struct KittiRow {
+  const std::filesystem::path& file;
+  const RowAdvice& advice;
+  int number;  ///< from 1
+  const std::vector<std::string_view>& words;
+  /// By column: left, top, right, bottom are 4 to 7, the box's seven numbers 8 to 14; the score, 15, is 1
+  /// where the row has none. 0, the type, is a word.
+  std::array<double, 16> value = {};
+
+  /// InputError naming file, row and column, and the word there, unless `good`.
+  void demand(bool good, int column, const std::string& problem) const;
+  /// The row's box. InputError for a size or a place that no road user has.
+  Box3 box(const Calibration& calibration) const;
+};
+/// Visits the rows that are not empty. InputError, at its row, for a number of columns that is neither 15 nor
+/// 16 and for what is no finite number.
+void for_each_row(const std::filesystem::path& file, const RowAdvice& advice,
+                  const std::function<void(const KittiRow&)>& visit);
 
 }  // namespace mirage

@@ -120,55 +120,31 @@ void write_calibration(const fs::path& file, const Calibration& calibration) {
 }
 
 std::vector<Label> read_labels(const fs::path& file, const Calibration& calibration) {
-  static const char* kColumns[] = {"type",  "truncated", "occluded",   "alpha", "left",   "top",
-                                   "right", "bottom",    "height",     "width", "length", "x",
-                                   "y",     "z",         "rotation_y", "score"};
-  const std::string text = read_file(file);
+  constexpr RowAdvice kAdvice{"15", "complete the row", "correct the label or delete its row"};
   std::vector<Label> labels;
-  int row = 0;
-  std::string_view rest = text;
-  while (!rest.empty()) {
-    ++row;
-    const auto end = std::min(rest.find('\n'), rest.size());
-    const auto words = split(rest.substr(0, end), " \t\r");
-    rest.remove_prefix(std::min(end + 1, rest.size()));
-    if (words.empty()) continue;
-    if (words.size() != 15 && words.size() != 16)
-      throw InputError(file.string(), fmt::format("row {}", row),
-                       fmt::format("{} columns where 15 belong", words.size()), "complete the row");
-    double value[16] = {};
-    const auto field = [&](int column) { return fmt::format("row {}, {}", row, kColumns[column]); };
-    for (std::size_t i = 1; i < words.size(); ++i)
-      value[i] = to_number(words[i], file, field(static_cast<int>(i)));
-    const auto demand = [&](bool good, int column, const std::string& problem) {
-      if (!good)
-        throw InputError(file.string(), field(column), fmt::format("{} {}", shown(words[column]), problem),
-                         "correct the label or delete its row");
-    };
+  for_each_row(file, kAdvice, [&](const KittiRow& row) {
+    const auto& value = row.value;
     Label label;
-    label.type = words[0];
+    label.type = row.words[0];
     label.truncated = value[1];
     label.left = value[4], label.top = value[5], label.right = value[6], label.bottom = value[7];
-    demand(value[1] >= -1 && value[1] <= 1, 1, "is not a share from 0 to 1");
-    demand(value[2] == std::floor(value[2]) && value[2] >= -1 && value[2] <= 3, 2,
-           "is not one of 0, 1, 2, 3");
+    row.demand(value[1] >= -1 && value[1] <= 1, 1, "is not a share from 0 to 1");
+    row.demand(value[2] == std::floor(value[2]) && value[2] >= -1 && value[2] <= 3, 2,
+               "is not one of 0, 1, 2, 3");
     label.occluded = static_cast<int>(value[2]);
     const auto& camera = calibration.camera;
     const double limits[] = {camera.width - 1 + kEdgeTolerance, camera.height - 1 + kEdgeTolerance};
     for (int i = 4; i < 8; ++i)
-      demand(value[i] >= -kEdgeTolerance && value[i] <= limits[i % 2], i,
-             fmt::format("lies beyond the {}x{} image", camera.width, camera.height));
-    demand(label.right >= label.left, 6, "is left of the box's left side");
-    demand(label.bottom >= label.top, 7, "is above the box's top");
+      row.demand(value[i] >= -kEdgeTolerance && value[i] <= limits[i % 2], i,
+                 fmt::format("lies beyond the {}x{} image", camera.width, camera.height));
+    row.demand(label.right >= label.left, 6, "is left of the box's left side");
+    row.demand(label.bottom >= label.top, 7, "is above the box's top");
     if (label.type != "DontCare") {
-      for (int i = 8; i < 11; ++i) demand(value[i] > 0 && value[i] <= 50, i, "m is no size of a road user");
-      for (int i = 11; i < 14; ++i) demand(std::abs(value[i]) <= 1000, i, "m is further than 1 km away");
-      demand(std::abs(value[14]) <= 2 * std::numbers::pi, 14, "rad is more than a full turn");
-      label.box =
-          velo_box({value[8], value[9], value[10], value[11], value[12], value[13], value[14]}, calibration);
+      label.box = row.box(calibration);
+      row.demand(std::abs(value[14]) <= 2 * std::numbers::pi, 14, "rad is more than a full turn");
     }
     labels.push_back(label);
-  }
+  });
   return labels;
 }
 

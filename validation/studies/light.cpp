@@ -18,6 +18,7 @@
 
 #include "attack/adversary.h"
 #include "attack/hosts.h"
+#include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
@@ -60,7 +61,7 @@ std::vector<Variant> variants(bool all) {
 }
 
 Vec3d towards_sun(bool front) {
-  const double up = 40 * M_PI / 180, side = 30 * M_PI / 180, sign = front ? -1 : 1;
+  const double up = 40 * kDegree, side = 30 * kDegree, sign = front ? -1 : 1;
   return {sign * std::cos(up) * std::cos(side), std::cos(up) * std::sin(side), std::sin(up)};
 }
 

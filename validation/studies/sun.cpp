@@ -11,9 +11,9 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <numbers>
 #include <vector>
 
+#include "base/angles.h"
 #include "base/error.h"
 #include "scene/kitti.h"
 #include "scene/sun_shadows.h"
@@ -36,7 +36,6 @@ void summary(const char* name, std::vector<double> errors, std::size_t frames) {
 }
 
 void study(const std::filesystem::path& data) {
-  const double degree = std::numbers::pi / 180;
   std::vector<double> known, all;
   const auto frames = list_frames(data);
   for (const std::string& id : frames) {
@@ -46,8 +45,8 @@ void study(const std::filesystem::path& data) {
     const Frame frame = read_frame(data, id);
     const SunEstimate found = sun_from_shadows(frame);
     const Vec3d &truth = frame.lighting.to_sun_velo, &guess = found.to_sun_velo;
-    const double true_azimuth = std::atan2(truth.y(), truth.x()) / degree;
-    const double azimuth = std::atan2(guess.y(), guess.x()) / degree;
+    const double true_azimuth = std::atan2(truth.y(), truth.x()) / kDegree;
+    const double azimuth = std::atan2(guess.y(), guess.x()) / kDegree;
     const double error = std::abs(std::remainder(azimuth - true_azimuth, 360));
     const Vec3d sky = frame.lighting.ambient + frame.lighting.hemisphere;
     fmt::print(
@@ -55,8 +54,9 @@ void study(const std::filesystem::path& data) {
         "{:6.2f}, "
         "confidence {:.2f}, {} vehicles; sun/sky {:.2f}\n",
         id, found.known ? "known  " : "unknown", error, true_azimuth,
-        (std::asin(guess.z()) - std::asin(truth.z())) / degree, std::asin(truth.z()) / degree, found.contrast,
-        found.score, found.confidence, found.vehicles, frame.lighting.sun.y() * truth.z() / sky.y());
+        (std::asin(guess.z()) - std::asin(truth.z())) / kDegree, std::asin(truth.z()) / kDegree,
+        found.contrast, found.score, found.confidence, found.vehicles,
+        frame.lighting.sun.y() * truth.z() / sky.y());
     if (found.known) known.push_back(error);
     if (found.score > 0) all.push_back(error);
   }

@@ -38,7 +38,7 @@ def write_copy(detector: TorchDetector, samples: list[tuple[torch.Tensor, ...]],
     arity = 1 if detector.finds_picture else 3
     samples = [tuple(tensor.to(detector.device) for tensor in sample[:arity]) for sample in samples]
     why = "it is not TorchScript"
-    temporary = f"{file}.{os.getpid()}.tmp"
+    temporary = f"{file}.mirage-{os.getpid()}.tmp"  # the core clears away those of dead processes
     for make in (torch.jit.script, lambda f: torch.jit.trace(
             f if isinstance(f, torch.nn.Module) else _Wrapped(f), samples[0], check_trace=False)):
         try:
