@@ -13,6 +13,7 @@
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
+#include "base/names.h"
 #include "base/parallel.h"
 #include "base/progress.h"
 #include "scene/depth/depth_score.h"
@@ -344,9 +345,10 @@ json tradeoff(const TradeoffSettings& given) {
     if (settings.data.empty()) settings.data = run->data;
     require_own_data(*run, settings.data);
     settings.depth = depth_of(*run, settings.depth);
-    settings.rooftop = run->rooftop;
+    if (settings.rooftop.empty()) settings.rooftop = run->rooftop;
   }
-  if (settings.depth.empty()) settings.depth = Run().depth;
+  if (settings.depth.empty()) settings.depth = kDefaultDepth;
+  if (settings.rooftop.empty()) settings.rooftop = kDefaultRooftop;
   if (settings.data.empty())
     throw InputError("--data", "", "no data set", "give --data, or --run of a finished mirage attack");
   make_output_folder(settings.out);
@@ -386,6 +388,8 @@ json tradeoff(const TradeoffSettings& given) {
                  {"seed", settings.seed},
                  {"repeats", settings.repeats},
                  {"data", settings.data.filename().string()},
+                 {"depth", escape_name(settings.depth)},
+                 {"rooftop", escape_name(settings.rooftop)},
                  {"reference",
                   {{"image", fmt::format("hard edges, plain loop in double, {0}×{0} samples a pixel",
                                          settings.reference_samples)},

@@ -17,7 +17,7 @@ struct TradeoffSettings {
   std::filesystem::path data, run, out;  ///< run: whose adversary and hosts; empty: a random mesh on any car
   TrustRun trust = TrustRun::no;         ///< whether code that the run names may be loaded
   std::string depth;                     ///< depth completion; empty: the run's, or ip-basic
-  std::string rooftop = kDefaultRooftop;
+  std::string rooftop;         ///< what finds the roofs (scene/shape/shape_rooftop.h); empty: the run's
   int hosts = 8;               ///< at most, evenly over the range of distances
   int frames = 12;             ///< looked at for hosts, evenly over the set; 0: all
   int repeats = 5;             ///< of each timing

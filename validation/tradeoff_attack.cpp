@@ -14,6 +14,7 @@ nlohmann::json attack_study(const TradeoffSettings& settings) {
   AttackSettings attack;
   attack.data = settings.data;
   attack.detector = settings.detector;
+  attack.depth = settings.depth;
   attack.rooftop = settings.rooftop;
   attack.seed = settings.seed;
   attack.quiet = settings.quiet;

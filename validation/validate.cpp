@@ -33,21 +33,6 @@ namespace fs = std::filesystem;
 constexpr int kLadder = 4;
 constexpr int kStoredVersion = 5;  // of hosts/*.json; raise it when their content changes
 
-/// What a stored result depends on; another key means that it is made again.
-std::string key_of(const ValidationSettings& settings, const Run& run, const fs::path& data,
-                   const std::string& blender) {
-  std::string bytes = read_file(settings.run / "adversary.glb") + to_json(run.simulation).dump();
-  const auto& d = settings.detector;
-  bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, blender, settings.noise, d.detector,
-                       d.weights.string(), data.string(), settings.samples, settings.seed,
-                       settings.evaluation_settings.score_threshold, rooftop_model_hash(settings.rooftop));
-  if (settings.sun != kDefaultSun) bytes += "|" + settings.sun;
-  if (settings.depth != Run().depth) bytes += fmt::format("|{}", depth_identity({settings.depth}));
-  for (const char* script : {"validation/blender_worker.py", "validation/physical_light.py"})
-    bytes += read_file(shipped_file(script));
-  return content_hash(bytes + read_file(weights_file(d)));
-}
-
 /// A path that stays below the folder that it is relative to.
 bool is_inside(const fs::path& path) {
   return path.is_relative() && std::find(path.begin(), path.end(), "..") == path.end();
@@ -102,6 +87,28 @@ void write_report(const ValidationSettings& settings) {
 
 }  // namespace
 
+std::vector<fs::path> renderer_programs() {
+  std::vector<fs::path> files;
+  const fs::path package = shipped_file("plugins/blender/mirage_blender/__init__.py").parent_path();
+  for (const auto& entry : fs::directory_iterator(package))
+    if (entry.path().extension() == ".py") files.push_back(entry.path());
+  std::sort(files.begin(), files.end());
+  for (const char* script : {"validation/blender_worker.py", "validation/physical_light.py"})
+    files.push_back(shipped_file(script));
+  return files;
+}
+
+std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& blender) {
+  std::string bytes = read_file(settings.run / "adversary.glb") + to_json(run.simulation).dump();
+  const auto& d = settings.detector;
+  bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, blender, settings.noise,
+                       d.detector, d.weights.string(), d.defense, settings.data.string(), settings.samples,
+                       settings.seed, settings.evaluation_settings.score_threshold,
+                       rooftop_model_hash(settings.rooftop), settings.sun, depth_identity({settings.depth}));
+  for (const fs::path& program : renderer_programs()) bytes += content_hash(read_file(program));
+  return content_hash(bytes + read_file(weights_file(d)));
+}
+
 std::vector<HostId> select_hosts(const Run& run, int frames) {
   std::vector<HostId> chosen;
   std::set<std::string> seen;
@@ -132,6 +139,7 @@ json validate(const ValidationSettings& given) {
   Run run = read_run(settings.run, settings.trust);
   apply_quality(settings.quality, run.simulation);
   if (!settings.light.empty()) run.simulation.light = parse_light_model(settings.light);
+  run.simulation.lidar_effects = {};   // rays are compared with Blender's; the LiDAR ladder adds the effects
   if (!settings.evaluation.empty()) {  // the report needs it in the end: complain now
     if (fs::is_directory(settings.evaluation)) settings.evaluation /= "result.json";
     read_json(settings.evaluation);
@@ -164,7 +172,7 @@ json validate(const ValidationSettings& given) {
       cached_reliance(detectors, detector_identity(settings.detector), settings.data, settings.quiet);
   FrameStore store(settings.data, settings.depth, settings.rooftop, settings.sun);
   ValidationContext context{settings, run, store, *detectors.front(), blender, {}};
-  const std::string key = key_of(settings, run, settings.data, blender.version());
+  const std::string key = validation_key(settings, run, blender.version());
   const std::vector<bool> has_ladder =
       ladder_hosts(hosts, settings.ladder < 0 && !(settings.budget > 0) ? kLadder : settings.ladder);
   Progress progress("validate", hosts.size(), settings.quiet);

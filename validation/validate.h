@@ -41,6 +41,14 @@ struct ValidationSettings {
 /// Runs it and returns result.json (src/README.md); writes OUT/{hosts,scenes,pictures}/, OUT/report.html.
 nlohmann::json validate(const ValidationSettings& settings);
 
+/// What a kept vehicle's result depends on, as a hash; one of another key is made again. `settings` as
+/// validate() completes them from the run, `run` with the simulation that is asked for, `blender`: its
+/// version. Failure if a program or the weights can't be read.
+std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& blender);
+
+/// The Python programs that decide what Blender draws: the worker's own and the add-on's package.
+std::vector<std::filesystem::path> renderer_programs();
+
 /// Hosts of the first `frames` frames of the run, test frames first, training frames when those run out;
 /// 0: all test frames.
 std::vector<HostId> select_hosts(const Run& run, int frames);

@@ -49,15 +49,13 @@ nlohmann::json identity(const AttackSettings& settings) {
       {"lambda_laplacian", settings.objective.lambda_laplacian},
       {"relevant_score", settings.objective.relevant_score},
       {"simulation", to_json(settings.simulation)}};
-  // Only where it differs, so that runs of before the choice go on: those stood on boxes.
-  if (settings.detector.defense != "none") id["defense"] = settings.detector.defense;
-  if (settings.depth != AttackSettings().depth) id["depth"] = escape_name(settings.depth);
-  if (settings.rooftop != "box") {
-    id["rooftop"] = escape_name(settings.rooftop);
-    id["rooftop_model_hash"] = rooftop_model_hash(settings.rooftop);
-  }
-  if (settings.sun != kDefaultSun) id["sun"] = settings.sun;
-  if (settings.parts != "both") id["parts"] = settings.parts;
+  id["defense"] = settings.detector.defense;
+  id["depth"] = escape_name(settings.depth);
+  id["rooftop"] = escape_name(settings.rooftop);
+  if (const std::string hash = rooftop_model_hash(settings.rooftop); !hash.empty())
+    id["rooftop_model_hash"] = hash;
+  id["sun"] = settings.sun;
+  id["parts"] = settings.parts;
   if (const Expectation& e = settings.expectation; e.any())
     id["expectation"] = {e.roof_shift, e.roof_yaw, e.sun, e.light, e.exposure, e.image_noise, e.range_noise};
   if (const BuildableSettings& b = settings.buildable; b.on)

@@ -11,6 +11,7 @@
 #include "attack/expectation.h"
 #include "attack/hosts.h"
 #include "attack/objective.h"
+#include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_rooftop.h"
 
 namespace mirage {
@@ -34,8 +35,8 @@ AttackParts parse_parts(const std::string& word);
 struct AttackSettings {
   std::filesystem::path data, out;
   DetectorOptions detector;
-  std::string weights_hash;        ///< content_hash of the weights; run_attack(settings) fills it in
-  std::string depth = "ip-basic";  ///< depth completion of the photographs (scene/depth/learned_depth.h)
+  std::string weights_hash;           ///< content_hash of the weights; run_attack(settings) fills it in
+  std::string depth = kDefaultDepth;  ///< depth completion of the photographs (scene/depth/learned_depth.h)
   std::string rooftop = kDefaultRooftop;  ///< what finds the roofs (scene/shape/shape_rooftop.h)
   std::string sun = kDefaultSun;          ///< where the sun stands (scene/sun.h)
   std::string target = "both", parts = "both";

@@ -39,8 +39,9 @@ void read_adam(const JsonFields& json, std::size_t count, long iteration, Adam& 
 }
 
 /// InputError naming the first setting that differs.
-void check_identity(const std::filesystem::path& file, const nlohmann::json& saved,
-                    const nlohmann::json& identity) {
+void check_identity(const std::filesystem::path& file, const nlohmann::json& written,
+                    const nlohmann::json& asked) {
+  const nlohmann::json saved = with_unnamed_settings(written), identity = with_unnamed_settings(asked);
   const auto compare = [&](const std::string& key) {
     if (saved.value(key, nlohmann::json()) != identity.value(key, nlohmann::json()))
       throw InputError(file.string(), printable(key), "the folder holds a run with another value",

@@ -7,6 +7,7 @@
 #include "attack/evaluation_strata.h"
 #include "attack/frame_cache.h"
 #include "base/error.h"
+#include "base/names.h"
 #include "scene/data_rig.h"
 #include "scene/kitti.h"
 
@@ -68,7 +69,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   stage.depth = depth_of(stage, request.depth);
   if (!request.rooftop.empty()) stage.rooftop = request.rooftop;
   if (!request.sun.empty()) stage.sun = request.sun;
-  if (request.adjust) request.adjust(stage.simulation);
+  if (request.adjust) request.adjust(stage.simulation, stage.data);
   result.detector = request.detector;
   use_detector_of(stage, result.detector);
   result.detector.rig = data_rig(stage.data);
@@ -127,6 +128,8 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   result["reliance"] = to_json(evaluation.reliance);
   result["simulation"] = to_json(evaluation.stage.simulation);
   result["sun"] = evaluation.stage.sun;
+  result["depth"] = escape_name(evaluation.stage.depth);
+  result["rooftop"] = escape_name(evaluation.stage.rooftop);
   result["plane"] = to_string(evaluation.settings.plane);
   result["score_threshold"] = evaluation.settings.score_threshold;
   result["detected_iou"] = evaluation.settings.detected_iou;

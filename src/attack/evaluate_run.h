@@ -24,7 +24,8 @@ struct EvaluationRequest {
   std::string depth, rooftop, sun;  ///< empty: the run's
   TrustRun trust = TrustRun::no;    ///< of both runs
   int random_meshes = 1;            ///< random meshes of the seeds run-seed, run-seed + 1, …
-  std::function<void(SimulationSettings&)> adjust;  ///< what is asked for beyond the run's simulation
+  /// What is asked for beyond the run's simulation, given the data set that is judged on.
+  std::function<void(SimulationSettings&, const std::filesystem::path& data)> adjust;
   EvaluationSettings settings;
 };
 
@@ -48,8 +49,8 @@ struct RunEvaluation {
 RunEvaluation evaluate_run(const EvaluationRequest& request);
 
 /// The learned mesh's Evaluation, with "random" (the same keys and "meshes", if any was judged) and what was
-/// judged: run, data, detector, weights, defense, its reliance on its picture (detection/reliance.h),
-/// simulation, sun, thresholds; hosts_of if it was asked for.
+/// judged: run, data, depth, rooftop, detector, weights, defense, its reliance on its picture
+/// (detection/reliance.h), simulation, sun, thresholds; hosts_of if it was asked for.
 nlohmann::json to_json(const RunEvaluation& evaluation);
 
 /// The baseline: `count` random meshes by the run's seed, limits and rules; the first is its random.glb.

@@ -22,6 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kMostHosts = 1'000'000;
+constexpr double kLargestEffect = 1e3;  // of any number of LidarEffects; check_effects() has their own bounds
 constexpr const char* kMadeHere = "made-here";  // the cache's name for code that this user's runs wrote
 constexpr const char* kAgain = "restore the file, or run mirage attack again into an empty folder";
 
@@ -66,6 +67,28 @@ std::vector<HostId> read_hosts(const JsonFields& run, const std::string& split) 
   return hosts;
 }
 
+LidarEffects read_lidar_effects(const JsonFields& json) {
+  const auto vector = [&](const char* key, std::size_t count) {
+    return json.numbers(key, count, -kLargestEffect, kLargestEffect);
+  };
+  LidarEffects effects;
+  effects.range_sigma = json.number("range_sigma", 0, kLargestEffect);
+  effects.drop_out = json.number("drop_out", 0, 1);
+  effects.signal_floor = json.number("signal_floor", 0, kLargestEffect);
+  effects.divergence = Vec2d(vector("divergence", 2).data());
+  effects.pulse_length = json.number("pulse_length", 0, kLargestEffect);
+  effects.albedo = json.truth("albedo");
+  effects.velocity = Vec3d(vector("velocity", 3).data());
+  effects.yaw_rate = json.number("yaw_rate", -kLargestEffect, kLargestEffect);
+  effects.seed = json.counter("seed");
+  try {
+    check_effects(effects);
+  } catch (const InputError& problem) {
+    json.fail("range_sigma", problem.what());
+  }
+  return effects;
+}
+
 SimulationSettings read_simulation(const JsonFields& json) {
   SimulationSettings settings;
   settings.raster.sigma = json.number("sigma", kSmallestSigma, kLargestSigma);
@@ -78,6 +101,7 @@ SimulationSettings read_simulation(const JsonFields& json) {
   settings.grazing_cosine = json.number("grazing_cosine", 1e-9, 1);
   settings.reference = json.has("double") && json.truth("double");
   if (json.has("light")) settings.light = parsed(json, "light", json.text("light"), parse_light_model);
+  if (json.has("lidar_effects")) settings.lidar_effects = read_lidar_effects(json.object("lidar_effects"));
   return settings;
 }
 
@@ -85,8 +109,8 @@ SimulationSettings read_simulation(const JsonFields& json) {
 void read_parts(const JsonFields& json, TrustRun trust, Run& run) {
   run.detector = read_path(json, "detector");
   run.weights = read_path(json, "weights");
-  if (json.has("defense")) run.defense = json.text("defense");
-  if (json.has("depth")) run.depth = read_path(json, "depth");
+  run.defense = json.text("defense");
+  run.depth = read_path(json, "depth");
   if (!is_shipped_detector(run.detector) && run.detector != kGivenDetector && !is_plugin(run.detector))
     json.fail("detector", fmt::format("\"{}\" is no detector", run.detector));
   if (!is_shipped_depth(run.depth) && !is_plugin(run.depth))
@@ -98,6 +122,15 @@ void read_parts(const JsonFields& json, TrustRun trust, Run& run) {
 }
 
 }  // namespace
+
+nlohmann::json with_unnamed_settings(nlohmann::json run) {
+  if (!run.is_object()) return run;
+  for (const auto& [name, meant] :
+       {std::pair("defense", "none"), std::pair("depth", "ip-basic"), std::pair("rooftop", "box"),
+        std::pair("sun", "frame"), std::pair("parts", "both")})
+    if (!run.contains(name)) run[name] = meant;
+  return run;
+}
 
 nlohmann::json to_json(const std::vector<HostId>& hosts) {
   auto list = nlohmann::json::array();
@@ -117,6 +150,16 @@ nlohmann::json to_json(const SimulationSettings& settings) {
                          {"grazing_cosine", settings.grazing_cosine}};
   if (settings.reference) json["double"] = true;  // only then: runs of before the choice go on
   if (settings.light != LightModel::plain) json["light"] = to_string(settings.light);
+  if (const LidarEffects& e = settings.lidar_effects; e.any())
+    json["lidar_effects"] = {{"range_sigma", e.range_sigma},
+                             {"drop_out", e.drop_out},
+                             {"signal_floor", e.signal_floor},
+                             {"divergence", {e.divergence.x(), e.divergence.y()}},
+                             {"pulse_length", e.pulse_length},
+                             {"albedo", e.albedo},
+                             {"velocity", {e.velocity.x(), e.velocity.y(), e.velocity.z()}},
+                             {"yaw_rate", e.yaw_rate},
+                             {"seed", e.seed}};
   return json;
 }
 
@@ -191,7 +234,7 @@ Run read_run(const fs::path& folder, TrustRun trust) {
   if (!fs::exists(folder / "adversary.glb"))
     throw InputError(folder.string(), "adversary.glb", "missing: the attack has not finished",
                      "run the same mirage attack again; it resumes");
-  const nlohmann::json whole = read_json(file);
+  const nlohmann::json whole = with_unnamed_settings(read_json(file));
   const JsonFields json(file, whole, kAgain);
   Run run;
   run.folder = folder;
@@ -200,8 +243,8 @@ Run read_run(const fs::path& folder, TrustRun trust) {
   read_parts(json, trust, run);
   run.target = json.text("target");
   parsed(json, "target", run.target, parse_target);
-  if (json.has("rooftop")) run.rooftop = read_path(json, "rooftop");
-  if (json.has("sun")) run.sun = json.text("sun");
+  run.rooftop = read_path(json, "rooftop");
+  run.sun = json.text("sun");
   parsed(json, "sun", run.sun, parse_sun);
   run.train = read_hosts(json, "train");
   run.test = read_hosts(json, "test");

@@ -36,7 +36,7 @@ enum class TrustRun { no, yes };
 /// A finished attack, as its folder holds it.
 struct Run {
   std::filesystem::path folder, data, weights;  ///< weights: empty for the shipped ones
-  std::string detector, defense = "none", target, depth = "ip-basic", rooftop = "box", sun = kDefaultSun;
+  std::string detector, defense, target, depth, rooftop, sun;
   std::vector<HostId> train, test;
   TexturedMesh adversary, random;
   SimulationSettings simulation;
@@ -75,6 +75,10 @@ bool is_code_made_here(const std::filesystem::path& file);
 /// InputError naming the file and field if the folder is not a finished run, or holds a value that no run can
 /// have.
 Run read_run(const std::filesystem::path& folder, TrustRun trust = TrustRun::no);
+
+/// `run` (run.json, or the identity in a checkpoint) with every setting that files of before version 0.2 left
+/// out, at what it was then: the one place that says what its absence means. Today's files name them all.
+nlohmann::json with_unnamed_settings(nlohmann::json run);
 
 /// Frames as escape_name writes them.
 nlohmann::json to_json(const std::vector<HostId>& hosts);

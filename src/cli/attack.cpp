@@ -26,9 +26,10 @@ Command attack_command() {
   auto size = std::make_shared<double>(AdversaryLimits().half.x());
   auto quality = std::make_shared<QualityOption>(QualityOption{"default"});
   auto light = std::make_shared<LightOption>();
+  auto effects = std::make_shared<LidarEffectsOption>(LidarEffectsOption{"ideal"});
   Command command{
       "attack", "learns the universal adversary; resumes from its checkpoint", "out/attack", {}, {}};
-  command.options = [settings, quality, light, expect, size](CLI::App& app) {
+  command.options = [settings, quality, light, effects, expect, size](CLI::App& app) {
     app.add_option("--data", settings->data, "data set in KITTI layout")->required();
     add_detector_options(app, settings->detector);
     add_depth_option(app, settings->depth);
@@ -66,12 +67,15 @@ Command attack_command() {
     quality->add(app);
     add_camera_options(app, settings->simulation);
     light->add(app, "plain");
+    effects->add(app);
     add_sun_option(app, settings->sun);
     tell_of_cache(app);
   };
-  command.run = [settings, quality, light, expect, size](const Common& common) -> nlohmann::json {
+  command.run = [settings, quality, light, effects, expect, size](const Common& common) -> nlohmann::json {
     quality->apply(settings->simulation);
     light->apply(settings->simulation);
+    effects->check();
+    effects->apply(settings->simulation, lidar_of(settings->data), common.seed);
     parse_sun(settings->sun);  // complain before a detector is loaded
     settings->out = common.out;
     settings->seed = common.seed;

@@ -16,6 +16,7 @@ struct EvaluateOptions {
   EvaluationRequest request;
   QualityOption quality;
   LightOption light;
+  LidarEffectsOption effects;
   int pictures = 0;
 
   EvaluateOptions() {
@@ -90,6 +91,7 @@ Command evaluate_command() {
     add_rooftop_option_of_run(app, request.rooftop);
     options->quality.add(app, "the run's settings");
     options->light.add(app, "the run's");
+    options->effects.add(app, "the run's");
     add_sun_option_of_run(app, request.sun);
     add_trust_option(app, request.trust);
     tell_of_cache(app);
@@ -112,9 +114,12 @@ Command evaluate_command() {
     request.detector.seed = common.seed;
     request.detector.threads = common.threads;
     request.settings.quiet = common.quiet;
-    request.adjust = [options](SimulationSettings& simulation) {
+    options->effects.check();
+    request.adjust = [options, seed = common.seed](SimulationSettings& simulation,
+                                                   const std::filesystem::path& data) {
       options->quality.apply(simulation);
       options->light.apply(simulation);
+      options->effects.apply(simulation, lidar_of(data), seed);
     };
     const RunEvaluation evaluation = evaluate_run(request);
     print_shares(evaluation);

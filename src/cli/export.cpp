@@ -26,7 +26,6 @@ struct ExportOptions {
   std::filesystem::path run, data;
   std::string depth, rooftop;
   TrustRun trust = TrustRun::no;
-  QualityOption quality;
   int frames = 1;
   bool fbx = false, obj = false;
 };
@@ -87,7 +86,6 @@ Command export_command() {
         add_depth_option_of_run(app, options->depth);
         add_rooftop_option_of_run(app, options->rooftop);
         add_trust_option(app, options->trust);
-        options->quality.add(app, "none: a scene file holds the mesh itself, at any quality");
         app.add_option("--frames", options->frames, "frames to export, test frames first; 0: all test frames")
             ->check(CLI::NonNegativeNumber);
         app.add_flag("--fbx", options->fbx,

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "scene/depth/learned_depth.h"
 #include "scene/quality.h"
 #include "scene/shape/shape_rooftop.h"
 #include "scene/sun.h"
@@ -89,6 +90,31 @@ struct LightOption {
   }
   void apply(SimulationSettings& settings) const {
     if (!model.empty()) settings.light = parse_light_model(model);
+  }
+};
+
+/// --lidar-effects: what returns on the object have of a real unit.
+struct LidarEffectsOption {
+  std::string words;  ///< empty: none was asked for
+
+  /// `words` as they stand are the default. `otherwise` says what holds without any ("the run's").
+  void add(CLI::App& command, const std::string& otherwise = "") {
+    auto* option = command.add_option(
+        "--lidar-effects", words,
+        "returns on the object: ideal, realistic (noise, drop-out, divergence), or some of "
+        "noise,drop-out,divergence,motion,albedo" +
+            (otherwise.empty() ? "" : "; default: " + otherwise));
+    if (otherwise.empty()) option->capture_default_str();
+  }
+  /// Those of the unit, drawn by `seed`.
+  void apply(SimulationSettings& settings, const LidarModel& unit, std::uint64_t seed) const {
+    if (words.empty()) return;
+    settings.lidar_effects = parse_lidar_effects(words, unit.divergence);
+    if (settings.lidar_effects.any()) settings.lidar_effects.seed = seed;
+  }
+  /// InputError for words that apply() would refuse.
+  void check() const {
+    if (!words.empty()) parse_lidar_effects(words, Vec2d::Zero());
   }
 };
 

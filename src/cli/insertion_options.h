@@ -9,9 +9,10 @@ namespace mirage::cli {
 
 /// What an insertion can be asked for: one table for `mirage simulate` and for mirage.insert in Python.
 struct InsertionOptions {
-  std::string depth = "ip-basic", rooftop = kDefaultRooftop, sun = kDefaultSun;
+  std::string depth = kDefaultDepth, rooftop = kDefaultRooftop, sun = kDefaultSun;
   QualityOption quality{"default"};
   LightOption light;
+  LidarEffectsOption lidar_effects{"ideal"};
   SimulationSettings simulation;
 
   void add(CLI::App& app) {
@@ -20,12 +21,20 @@ struct InsertionOptions {
     quality.add(app);
     add_camera_options(app, simulation);
     light.add(app, "plain");
+    lidar_effects.add(app);
     add_sun_option(app, sun);
   }
   /// Once the options are parsed.
   void apply() {
     quality.apply(simulation);
     light.apply(simulation);
+    lidar_effects.check();
+  }
+  /// The settings for a sweep of this unit, with noise drawn by `seed`.
+  SimulationSettings for_unit(const LidarModel& unit, std::uint64_t seed) const {
+    SimulationSettings settings = simulation;
+    lidar_effects.apply(settings, unit, seed);
+    return settings;
   }
 };
 

@@ -75,7 +75,8 @@ Command simulate_command() {
     const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
     const double over_box = roof.translation().z() - box.bottom - box.height;
     const auto start = std::chrono::steady_clock::now();
-    const Simulated simulated = simulate(prepared, labels[index], rooftop, adversary, asked.simulation);
+    const Simulated simulated =
+        simulate(prepared, labels[index], rooftop, adversary, asked.for_unit(lidar, common.seed));
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     write_srgb(common.out / "image.png", simulated.image);
     write_srgb(common.out / "mask.png",

@@ -57,7 +57,8 @@ Command tradeoff_command() {
             app.add_option("--depth", options->depth,
                            "ip-basic, guided or a plugin (*.so); default: the run's, or ip-basic");
             add_trust_option(app, options->trust);
-            add_rooftop_option(app, options->rooftop);
+            app.add_option("--rooftop", options->rooftop,
+                           std::string(kRooftopHelp) + "; default: the run's, or shape");
             app.add_option("--hosts", options->hosts, "vehicles at most, evenly over their distances")
                 ->capture_default_str();
             app.add_option("--frames", options->frames, "frames looked at for hosts; 0: all")

@@ -15,6 +15,7 @@
 #include "base/interrupt.h"
 #include "detection/average_precision.h"
 #include "detection/training.h"
+#include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_rooftop.h"
 
 namespace mirage {
@@ -24,7 +25,7 @@ struct DefenseSettings {
   std::filesystem::path data, validation, out;  ///< `validation` may be empty
   /// Where training starts (empty weights: the shipped clean ones) and what is added to the network (parts).
   DetectorOptions detector;
-  std::string depth = "ip-basic", rooftop = kDefaultRooftop;
+  std::string depth = kDefaultDepth, rooftop = kDefaultRooftop;
   std::int64_t steps = 400;
   int batch = 2;
   double attacked = 0.5;      ///< share of a batch that carries the adversary (rounded)

@@ -142,7 +142,7 @@ class Insertion {
         continue;
       }
       tape_.parts.push_back(part);
-      reflections_.push_back({part.hit.range, part.weight * part.hit.reflectance / square(part.hit.range)});
+      reflections_.push_back({part.hit.range, strength(part)});
     }
     if (!met) return;
     if (tape_.parts.size() == first) {
@@ -200,9 +200,7 @@ class Insertion {
     for (std::size_t p = first; p < tape_.parts.size(); ++p) {
       const LidarTape::Part& part = tape_.parts[p];
       back.hit.reflectance += part.weight * part.hit.reflectance;
-      if (part.reflectivity > 0)
-        signal += part.weight * part.reflectivity * std::pow(part.hit.reflectance / part.reflectivity, 0.7) /
-                  square(part.hit.range);
+      signal += strength(part);
     }
     back.range = back.hit.range;
     if (effects_.range_sigma > 0 || effects_.drop_out > 0 || effects_.signal_floor > 0) {
@@ -212,7 +210,7 @@ class Insertion {
       RandomStream random(effects_.seed ^ fnv1a(prepared_.frame.id), "inserted return", place);
       back.range += effects_.range_sigma * random.normal();
       const double lost = random.uniform(), weak = random.uniform();
-      const bool faint = effects_.signal_floor > 0 && weak > 1 - std::exp(-signal / effects_.signal_floor);
+      const bool faint = weak > arrival_probability(signal, effects_);
       if (lost < effects_.drop_out || faint || back.range < lidar_.range_min ||
           back.range > lidar_.range_max) {
         tape_.parts.resize(first);
@@ -246,6 +244,13 @@ class Insertion {
   }
 
   static double square(double x) { return x * x; }
+
+  /// What the ray's share of the beam's light brings back.
+  static double strength(const LidarTape::Part& part) {
+    if (!(part.reflectivity > 0)) return 0;
+    return part.weight *
+           returned_signal(part.reflectivity, part.hit.reflectance / part.reflectivity, part.hit.range);
+  }
 
   const PreparedFrame& prepared_;
   const LidarModel& lidar_;

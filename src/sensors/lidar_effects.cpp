@@ -5,10 +5,46 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
+#include <sstream>
 
 #include "base/error.h"
 
 namespace mirage {
+
+double arrival_probability(double signal, const LidarEffects& effects) {
+  return effects.signal_floor > 0 ? 1 - std::exp(-signal / effects.signal_floor) : 1;
+}
+
+LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergence) {
+  LidarEffects effects;
+  if (words == "ideal") return effects;
+  std::istringstream list(words == "realistic" ? "noise,drop-out,divergence" : words);
+  std::string word;
+  bool any = false;
+  while (std::getline(list, word, ',')) {
+    any = true;
+    if (word == "noise") {
+      effects.range_sigma = 0.012;
+    } else if (word == "drop-out") {
+      effects.drop_out = 0.015;
+      effects.signal_floor = 3e-5;
+    } else if (word == "divergence") {
+      effects.divergence = divergence.isZero(0) ? Vec2d::Constant(2e-3) : divergence;
+    } else if (word == "motion") {
+      effects.velocity = Vec3d(15, 0, 0);
+      effects.yaw_rate = 0.2;
+    } else if (word == "albedo") {
+      effects.albedo = true;
+    } else {
+      any = false;
+      break;
+    }
+  }
+  if (!any)
+    throw InputError("--lidar-effects", words, "is not known",
+                     "use ideal, realistic, or some of noise,drop-out,divergence,motion,albedo");
+  return effects;
+}
 
 void check_effects(const LidarEffects& effects) {
   const auto demand = [](bool good, const char* field, const char* fix) {

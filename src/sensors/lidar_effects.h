@@ -3,8 +3,10 @@
 // (scene/insertion.h).
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "base/types.h"
@@ -18,13 +20,12 @@ struct LidarEffects {
 
   /// Share of the returns that are lost without a reason.
   double drop_out = 0;
-  /// Drop-out with range and incidence: a return of signal s = reflectivity · cos^0.7(incidence) / range²
-  /// (1/m²) arrives with probability 1 − exp(−s / signal_floor). 0: all arrive.
+  /// Drop-out with range and incidence (1/m²): arrival_probability(). 0: all arrive.
   double signal_floor = 0;
 
   /// Full angle of the beam (rad; horizontal, vertical) at which a Gaussian profile has fallen to 1/e². The
   /// cone is sampled by 19 rays; those whose ranges follow each other within `pulse_length` (m) make one
-  /// echo, the echo with the largest sum of weight · reflectance / range² is the return: at the range of its
+  /// echo, the echo with the largest sum of weight · returned_signal() is the return: at the range of its
   /// strongest ray, in the direction of the beam's axis, with the weighted sum of its rays' reflectances. 0:
   /// one ray.
   Vec2d divergence = Vec2d::Zero();
@@ -54,7 +55,28 @@ struct LidarEffects {
   bool moving() const { return yaw_rate != 0 || !velocity.isZero(0); }
   /// Whether a beam is more than a ray.
   bool diverging() const { return !divergence.isZero(0); }
+  /// Whether an inserted object's returns are other than ideal.
+  bool any() const {
+    return range_sigma > 0 || drop_out > 0 || signal_floor > 0 || diverging() || albedo || moving();
+  }
 };
+
+/// The light that comes back from a surface, but for what is the unit's own (1/m²): ρ cos^0.7 θ / r². Real
+/// surfaces, rougher than Lambert's, return more at grazing incidence than his cosine says. Whole sweeps and
+/// inserted objects take their echoes' strengths and their losses from this one.
+template <class S>
+S returned_signal(S reflectivity, S cosine, S range) {
+  return reflectivity * std::pow(cosine, S(0.7)) / (range * range);
+}
+
+/// How likely a return of that signal is reported: 1 − exp(−signal / signal_floor); 1 without a floor.
+double arrival_probability(double signal, const LidarEffects& effects);
+
+/// Effects by word. "ideal": none. "realistic": noise, drop-out and divergence, which every unit has. Or a
+/// list with commas of: noise (σ 12 mm), drop-out (1.5 %, and by signal: floor 3e-5 /m²), divergence (of the
+/// unit, `divergence` in rad; where that is zero the HDL-64E's 2 mrad), motion (15 m/s and 0.2 rad/s: an
+/// uncompensated sweep), albedo (reflectance from the texels). InputError naming --lidar-effects otherwise.
+LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergence);
 
 /// InputError naming the field: a value that is not finite, a negative spread, a share beyond [0, 1], a beam
 /// wider than 0.2 rad, a speed beyond 200 m/s or 20 rad/s.
@@ -80,7 +102,7 @@ Transform start_from_moment(const LidarEffects& effects, double time);
 /// A contribution to the received light.
 struct Reflection {
   double range = 0;     ///< m
-  double strength = 0;  ///< weight · reflectance / range²
+  double strength = 0;  ///< weight · returned_signal()
 };
 
 /// The strongest echo of a firing: which reflections make it, and which of them is the strongest. Ties go to

@@ -133,7 +133,7 @@ class SweepSimulator {
               std::clamp(surface_albedo(m, p0, n, 0.02f * t / 10).mean() / mean, 0.3f, 1.8f);
       }
     }
-    result.signal = result.reflectivity * std::pow(cosine, 0.7f) / (t * t);
+    result.signal = returned_signal(result.reflectivity, cosine, t);
     if (effects_.albedo) result.reflectivity *= cosine;
     return true;
   }
@@ -173,7 +173,7 @@ class SweepSimulator {
       const Draw& draw = draws_[place];
       Return back;
       if (!gather(beam, column, draw.pane, back) || draw.lost < effects_.drop_out) continue;
-      double kept = effects_.signal_floor > 0 ? 1 - std::exp(-back.signal / effects_.signal_floor) : 1;
+      double kept = arrival_probability(back.signal, effects_);
       if (effects_.signal_floor > 0 && back.glossy) kept *= 1 - kGlossLoss;
       if (draw.weak > kept) continue;
       const double range = back.range + bias_[beam] + draw.range;
@@ -204,14 +204,11 @@ class SweepSimulator {
 }  // namespace
 
 LidarEffects generated_sweep_effects() {
-  LidarEffects effects;
-  effects.range_sigma = 0.012;
+  LidarEffects effects = parse_lidar_effects("noise,drop-out", Vec2d::Zero());
   effects.beam_bias_sigma = 0.008;
   effects.angle_sigma = 2.5e-4;
   effects.reflectance_sigma = 0.03;
-  effects.drop_out = 0.015;
   effects.dark_level = 0.06;
-  effects.signal_floor = 3e-5;
   effects.reflectance_step = 0.01;
   return effects;
 }

@@ -67,6 +67,69 @@ TEST(Attack, ResumesToTheSameBits) {
   EXPECT_EQ(read_file(folder / "whole/loss.csv"), read_file(folder / "parts/loss.csv"));
 }
 
+TEST(Attack, ARunNamesWhatItStoodOnAndOlderOnesMeanWhatTheyMeant) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
+  const DetectorPool detectors = stand_ins();
+  const auto of = [&](int iterations) {
+    auto settings = settings_for(folder / "data", folder / "run", iterations);
+    settings.rooftop = "box";  // what it was when files left it out
+    return settings;
+  };
+  const auto settings = of(3);
+  run_attack(settings, detectors);
+  const char* const names[] = {"depth", "rooftop", "sun", "defense", "parts"};
+  nlohmann::json run = read_json(folder / "run/run.json");
+  for (const char* name : names) EXPECT_TRUE(run.contains(name)) << name;
+  EXPECT_EQ(read_run(folder / "run").depth, settings.depth);
+  EXPECT_EQ(read_run(folder / "run").rooftop, settings.rooftop);
+
+  // Files of before these were written: read as what was meant, and such a run still goes on.
+  nlohmann::json checkpoint = read_json(folder / "run/checkpoint.json");
+  for (const char* name : names) run.erase(name), checkpoint["identity"].erase(name);
+  write_json(folder / "run/run.json", run);
+  write_json(folder / "run/checkpoint.json", checkpoint);
+  const mirage::Run old = read_run(folder / "run");
+  EXPECT_EQ(old.depth, "ip-basic");
+  EXPECT_EQ(old.rooftop, "box");
+  EXPECT_EQ(old.sun, "frame");
+  EXPECT_EQ(old.defense, "none");
+  EXPECT_EQ(run_attack(of(4), detectors).iterations, 4);
+  auto other = of(5);
+  other.depth = "ip-basic-bilateral";
+  EXPECT_THAT(error_text<InputError>([&] { run_attack(other, detectors); }), testing::HasSubstr("depth"));
+}
+
+TEST(Attack, LidarEffectsArePartOfARun) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
+  const DetectorPool detectors = stand_ins();
+  auto settings = settings_for(folder / "data", folder / "run", 1);
+  settings.simulation.lidar_effects =
+      parse_lidar_effects("noise,drop-out,divergence,motion,albedo", Vec2d(3e-3, 1e-3));
+  settings.simulation.lidar_effects.seed = 9;
+  run_attack(settings, detectors);
+  const LidarEffects read = read_run(folder / "run").simulation.lidar_effects,
+                     &asked = settings.simulation.lidar_effects;
+  EXPECT_EQ(read.range_sigma, asked.range_sigma);
+  EXPECT_EQ(read.drop_out, asked.drop_out);
+  EXPECT_EQ(read.signal_floor, asked.signal_floor);
+  EXPECT_EQ(read.divergence, asked.divergence);
+  EXPECT_EQ(read.pulse_length, asked.pulse_length);
+  EXPECT_EQ(read.albedo, asked.albedo);
+  EXPECT_EQ(read.velocity, asked.velocity);
+  EXPECT_EQ(read.yaw_rate, asked.yaw_rate);
+  EXPECT_EQ(read.seed, asked.seed);
+  // Another run in the same folder is another one; a run file with impossible effects is refused.
+  auto ideal = settings_for(folder / "data", folder / "run", 2);
+  EXPECT_THAT(error_text<InputError>([&] { run_attack(ideal, detectors); }),
+              testing::HasSubstr("simulation"));
+  nlohmann::json run = read_json(folder / "run/run.json");
+  run["simulation"]["lidar_effects"]["drop_out"] = 1.5;
+  write_json(folder / "run/run.json", run);
+  EXPECT_THAT(error_text<InputError>([&] { read_run(folder / "run"); }), testing::HasSubstr("drop_out"));
+}
+
 TEST(Attack, TargetsGateTheGradientNotTheSensors) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 2);
@@ -300,7 +363,7 @@ TEST(AttackSun, AFolderHoldsARunUnderOneSun) {
   };
   run("own", "frame");
   run("left", "90,30");
-  EXPECT_FALSE(read_json(folder / "own/run.json").contains("sun"));
+  EXPECT_EQ(read_json(folder / "own/run.json").at("sun"), "frame");
   EXPECT_EQ(read_run(folder / "own").sun, "frame");
   EXPECT_EQ(read_run(folder / "left").sun, "90,30");
   for (const char* other : {"frame", "photo", "90,31"})

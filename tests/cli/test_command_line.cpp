@@ -108,7 +108,6 @@ TEST(CommandLine, AQualityIsOneOfThree) {
            {"attack", "--data", folder.path(), "--config", folder / "run.toml"},
            {"simulate", "--data", folder.path(), "--frame", "0", "--mesh", "m.glb", "--quality", "best"},
            {"evaluate", "--run", folder.path(), "--quality", "best"},
-           {"export", "--run", folder.path(), "--quality", "best"},
            {"validate", "--run", folder.path(), "--quality", "best"},
            {"demo", "--quality", "best"}}) {
     const Outcome outcome = run(folder, arguments);
@@ -254,6 +253,11 @@ TEST(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   const auto [again, two] = simulated({"--threads", "2", "--rooftop", "shape"});
   EXPECT_EQ(fitted, again);
   EXPECT_EQ(one, two);
+  const auto [noisy, three] = simulated({"--lidar-effects", "realistic"});
+  EXPECT_EQ(noisy, fitted);
+  EXPECT_NE(three, one);
+  EXPECT_EQ(simulated({"--lidar-effects", "realistic"}).second, three);
+  EXPECT_EQ(simulated({"--lidar-effects", "ideal"}).second, one);
   const auto by_box = simulated({"--rooftop", "box"}).first;
   EXPECT_EQ(by_box.at("from_box"), true);
   EXPECT_NEAR(by_box.at("over_box_m").get<double>(), 0, 1e-9);
@@ -370,7 +374,9 @@ TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   EXPECT_EQ(result.at("rooftops"), read_json(folder / "run/result.json").at("rooftops"));
   EXPECT_GT(result.at("rooftops").at("fitted"), 0);
   EXPECT_EQ(result.at("sun"), "frame");
-  EXPECT_FALSE(read_json(folder / "run/run.json").contains("sun"));
+  EXPECT_EQ(result.at("depth"), "ip-basic");
+  EXPECT_EQ(result.at("rooftop"), "shape");
+  EXPECT_EQ(read_json(folder / "run/run.json").at("sun"), "frame");
   for (const char* key : {"vehicles", "fn_asr", "fp_asr", "asr", "recall_iou"})
     EXPECT_TRUE(result.contains(key)) << key;
   ASSERT_EQ(

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sensors/lidar_sweep.h"
 #include "support/gradient_check.h"
 #include "support/lidar_world.h"
 
@@ -269,6 +270,38 @@ TEST(LidarInsertion, MotionWritesPointsAsTheMovingUnitSawThem) {
   EXPECT_NEAR(shift.x(), -14 * std::atan2(5, 9) / (20 * M_PI), 0.04);
   EXPECT_NEAR(static_cast<double>(after.returns.size()), static_cast<double>(before.returns.size()),
               0.1 * static_cast<double>(before.returns.size()));
+}
+
+TEST(LidarInsertion, EchoesAreThoseOfAWholeSweep) {
+  // A board that is seen at a grazing angle, and behind its outline one that is seen head on: which of the
+  // two is the stronger echo of a beam depends on how the light falls off with the incidence.
+  TexturedMesh object;
+  object.mesh.vertices = {{9, -0.2, -2}, {9, -0.2, 1}, {13, 0.6, 1}, {13, 0.6, -2},
+                          {19, -6, -6},  {19, -6, 4},  {19, 6, 4},   {19, 6, -6}};
+  object.mesh.faces = {{0, 1, 2}, {0, 2, 3}, {4, 6, 5}, {4, 7, 6}};
+  object.atlas.resolution = 1;
+  object.atlas.texels.assign(4, Vec3d::Constant(0.5));
+  const LidarModel lidar = lidar_of_32();
+  SimulationSettings settings;
+  settings.lidar_reflectivity = 0.5;
+  settings.lidar_effects.divergence = Vec2d(8e-3, 8e-3);
+  Simulated simulated;
+  const LidarTape inserted = draw_in_lidar(lidar_frame(lidar), object, settings, simulated);
+  std::vector<Surface> surfaces(1);
+  surfaces[0].mesh = object.mesh;
+  surfaces[0].material.lidar = 0.5f;
+  const Firings swept = simulate_firings(RayScene(surfaces), lidar, 1, settings.lidar_effects);
+  const auto columns = static_cast<std::size_t>(lidar.azimuth_count());
+  int split = 0, other = 0;
+  for (const auto& back : inserted.returns) {
+    ASSERT_GE(back.firing, 0);
+    const double whole =
+        swept.ranges[static_cast<std::size_t>(back.beam) * columns + static_cast<std::size_t>(back.firing)];
+    split += back.count < 19;
+    other += std::abs(whole - back.range) > 0.05;
+  }
+  EXPECT_GT(split, 50);
+  EXPECT_LE(other, 1);  // float against double where two echoes are equal
 }
 
 TEST(LidarInsertion, DivergenceWidensTheOutlineAndKeepsTheMiddle) {

@@ -177,6 +177,28 @@ TEST(LidarEffects, StrongestEcho) {
   EXPECT_EQ(echo.strongest, -1);
 }
 
+TEST(LidarEffects, WordsNameThem) {
+  const Vec2d none = Vec2d::Zero(), beam(3e-3, 1e-3);
+  const LidarEffects ideal = parse_lidar_effects("ideal", beam);
+  EXPECT_EQ(ideal.range_sigma, 0);
+  EXPECT_FALSE(ideal.diverging() || ideal.moving());
+  const LidarEffects real = parse_lidar_effects("realistic", beam), sweeps = generated_sweep_effects();
+  EXPECT_EQ(real.range_sigma, sweeps.range_sigma);
+  EXPECT_EQ(real.drop_out, sweeps.drop_out);
+  EXPECT_EQ(real.signal_floor, sweeps.signal_floor);
+  EXPECT_EQ(real.divergence, beam);
+  EXPECT_FALSE(real.moving());
+  EXPECT_FALSE(real.albedo);
+  const LidarEffects some = parse_lidar_effects("motion,albedo,divergence", none);
+  EXPECT_TRUE(some.moving() && some.albedo);
+  EXPECT_EQ(some.divergence, Vec2d::Constant(2e-3));
+  EXPECT_EQ(some.range_sigma, 0);
+  for (const char* bad : {"", "rain", "noise,rain", "ideal,noise"})
+    EXPECT_THAT(test::error_text<InputError>([&] { parse_lidar_effects(bad, none); }),
+                testing::HasSubstr("--lidar-effects"))
+        << bad;
+}
+
 TEST(LidarEffects, BeamPattern) {
   LidarEffects effects;
   EXPECT_EQ(beam_pattern(effects).size(), 1u);

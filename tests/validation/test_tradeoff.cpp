@@ -6,6 +6,8 @@
 
 #include "attack/tiny_world.h"
 #include "base/error.h"
+#include "exchange/gltf.h"
+#include "fixture.h"
 #include "scene/quality.h"
 #include "support/files.h"
 #include "validation/tradeoff.h"
@@ -86,6 +88,29 @@ TradeoffSettings tiny(const std::filesystem::path& data, const std::filesystem::
   settings.depth_frames = 1;
   settings.quiet = true;
   return settings;
+}
+
+TEST(Tradeoff, TheRoofThatIsAskedForStandsBeforeTheRuns) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1, true);
+  for (const char* mesh : {"adversary.glb", "random.glb"})
+    write_adversary(folder / "run" / mesh, test::random_mesh(3));
+  write_json(folder / "run/run.json", {{"data", (folder / "data").string()},
+                                       {"detector", "fusion"},
+                                       {"weights", ""},
+                                       {"target", "random"},
+                                       {"rooftop", "shape"},
+                                       {"min_view", 0.0},
+                                       {"train", nlohmann::json::array()},
+                                       {"test", to_json(std::vector<HostId>{{"000000", 0}})},
+                                       {"simulation", to_json(SimulationSettings())}});
+  TradeoffSettings settings = tiny({}, folder / "out");
+  settings.run = folder / "run";
+  settings.grid = false;
+  settings.depth_frames = 0;
+  EXPECT_EQ(tradeoff(settings).at("rooftop"), "box");
+  settings.rooftop.clear();
+  EXPECT_EQ(tradeoff(settings).at("rooftop"), "shape");
 }
 
 TEST(Tradeoff, AStudyOfATinyScene) {

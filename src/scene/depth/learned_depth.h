@@ -12,11 +12,14 @@
 
 namespace mirage {
 
+/// What completes depth where nothing else is asked for.
+inline constexpr const char* kDefaultDepth = "ip-basic";
+
 /// Which back-end.
 struct DepthOptions {
   /// ip-basic, with -multiscale, -bilateral and -extrapolated appended in this order for its variants; guided
   /// (plugins/guided.so beside the program); or a plugin's path (*.so).
-  std::string backend = "ip-basic";
+  std::string backend = kDefaultDepth;
   std::filesystem::path weights = {};  ///< of a learned one; empty: the shipped ones
   bool fresh = false;                  ///< freshly initialised weights, drawn from the seed
   std::uint64_t seed = 0;
