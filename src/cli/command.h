@@ -49,6 +49,7 @@ Command export_command();
 Command validate_command();
 Command tradeoff_command();
 Command defend_command();
+Command certify_command();
 Command demo_command();
 Command depth_command();
 Command render_command();

@@ -29,10 +29,10 @@ namespace {
 constexpr int kMostThreads = 1024;
 
 std::vector<Command> all_commands() {
-  return {demo_command(),   generate_command(), simulate_command(),  fit_command(),
-          train_command(),  detect_command(),   attack_command(),    evaluate_command(),
-          export_command(), validate_command(), tradeoff_command(),  defend_command(),
-          render_command(), depth_command(),    reproduce_command(), view_command()};
+  return {demo_command(),      generate_command(), simulate_command(), fit_command(),    train_command(),
+          detect_command(),    attack_command(),   evaluate_command(), export_command(), validate_command(),
+          tradeoff_command(),  defend_command(),   certify_command(),  render_command(), depth_command(),
+          reproduce_command(), view_command()};
 }
 
 void add_common(CLI::App& app, Common& common, const std::string& default_out) {

@@ -16,6 +16,7 @@ namespace fs = std::filesystem;
 
 /// Settings as validate() completes them, in a folder with a mesh and weights.
 ValidationSettings completed(const test::TemporaryFolder& folder) {
+  fs::create_directories(folder / "run");
   write_file(folder / "run/adversary.glb", "mesh");
   write_file(folder / "weights", "weights");
   ValidationSettings settings;
@@ -80,7 +81,9 @@ TEST(ValidationKey, ChangesWithThePythonThatMakesTheLight) {
   for (const fs::path& file : renderer_programs()) {
     const fs::path name = file.filename();
     const bool worker = name == "blender_worker.py" || name == "physical_light.py";
-    write_file(home / (worker ? "validation" : "plugins/blender/mirage_blender") / name, read_file(file));
+    const fs::path to = home / (worker ? "validation" : "plugins/blender/mirage_blender");
+    fs::create_directories(to);
+    write_file(to / name, read_file(file));
   }
   ::setenv("MIRAGE_HOME", home.c_str(), 1);
   const std::string before = validation_key(settings, run, "3.4");

@@ -1,0 +1,117 @@
+// mirage certify: cars that no object on their roof can hide.
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/detector_options.h"
+#include "cli/frame_options.h"
+#include "cli/table.h"
+#include "defense/certificate.h"
+#include "scene/kitti.h"
+
+namespace mirage::cli {
+namespace {
+
+struct CertifyOptions {
+  std::filesystem::path data;
+  DetectorOptions detector;
+  CertificateSettings settings;
+  std::string depth = kDefaultDepth, rooftop = kDefaultRooftop;
+  LidarEffectsOption effects{"ideal"};
+  double min_view = 0.7;
+  std::size_t frames = 0;
+};
+
+void print_shares(const CertificateResult& result, const CertificateSettings& settings) {
+  const auto both = [](const Interval& at70, const Interval& at50) {
+    return percent(at70.value, at70.low, at70.high) + " | " + percent(at50.value, at50.low, at50.high);
+  };
+  Rows rows = {{"cars", std::to_string(result.hosts.size())}};
+  if (!result.shares.empty())
+    rows.push_back({"found as recorded, IoU 0.7 | 0.5 (95 %)",
+                    both(result.shares.front().clean70, result.shares.front().clean50)});
+  for (std::size_t s = 0; s < result.shares.size(); ++s) {
+    const CertifiedShares& of = result.shares[s];
+    rows.push_back({fmt::format("L = {:g} m, roof known: certified", of.size), both(of.known70, of.known50)});
+    if (settings.with_lattice)
+      rows.push_back({fmt::format("L = {:g} m, {} masks: certified", of.size, result.masks[s]),
+                      both(of.lattice70, of.lattice50) + fmt::format(", AP 0.7 {} (plain {})",
+                                                                     percent(result.lattice_ap70[s]),
+                                                                     percent(result.clean_ap70))});
+    if (of.objects > 0)
+      rows.push_back({fmt::format("L = {:g} m, objects that reach past the mask", of.size),
+                      fmt::format("{} of {}", of.violations, of.objects)});
+  }
+  print_table(rows);
+}
+
+}  // namespace
+
+Command certify_command() {
+  auto options = std::make_shared<CertifyOptions>();
+  Command command{
+      "certify", "cars that no object within a box on their roof can hide", "out/certify", {}, {}};
+  command.options = [options](CLI::App& app) {
+    CertificateSettings& settings = options->settings;
+    app.add_option("--data", options->data, "data set in KITTI layout")->required();
+    add_detector_options(app, options->detector);
+    add_depth_option(app, options->depth);
+    add_rooftop_option(app, options->rooftop);
+    app.add_option("--frames", options->frames, "only the first N frames; 0: all")->capture_default_str();
+    app.add_option("--min-view", options->min_view,
+                   "share of the reference adversary in view that a car needs")
+        ->check(CLI::Range(0.0, 1.0))
+        ->capture_default_str();
+    app.add_option("--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")
+        ->delimiter(',')
+        ->capture_default_str();
+    app.add_flag(
+        "--lattice", settings.with_lattice,
+        "also without knowing the roofs: masks on a grid over the ground, hundreds of passes a frame");
+    app.add_option("--step", settings.lattice.step, "with --lattice: the grid's step, m")
+        ->capture_default_str();
+    app.add_option("--farthest", settings.lattice.farthest, "with --lattice: the grid's reach, m")
+        ->capture_default_str();
+    app.add_option(
+           "--objects", settings.objects,
+           "random objects a car and size for which it is checked that the mask hides all they change")
+        ->capture_default_str();
+    app.add_option("--mask-pixels", settings.mask_pixels, "the mask's margin in the picture, pixels")
+        ->capture_default_str();
+    app.add_option("--mask-metres", settings.mask_metres, "the mask's margin around the box, m")
+        ->capture_default_str();
+    app.add_option("--score", settings.evaluation.score_threshold, "score of a detection")
+        ->capture_default_str();
+    options->effects.add(app);
+    tell_of_cache(app);
+  };
+  command.run = [options](const Common& common) -> nlohmann::json {
+    CertificateSettings settings = options->settings;
+    settings.seed = common.seed;
+    settings.evaluation.quiet = common.quiet;
+    const LidarModel lidar = lidar_of(options->data);
+    options->effects.apply(settings.simulation, lidar, common.seed);
+    FrameStore store(options->data, options->depth, options->rooftop);
+    const DetectorOptions asked = with_common(options->detector, common, options->data);
+    std::vector<std::string> frames = list_frames(options->data);
+    if (options->frames > 0 && frames.size() > options->frames) frames.resize(options->frames);
+    const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));
+    std::vector<HostId> hosts;
+    for (const Host& host : find_all_hosts(store, frames, detectors.front()->region(), settings.simulation,
+                                           options->min_view, common.quiet))
+      hosts.push_back(host.id);
+    if (hosts.empty())
+      throw InputError(options->data.string(), "label_2", "no car has the adversary in view",
+                       "give more frames or lower --min-view");
+    const CertificateResult result = certify(detectors, store, hosts, lidar, settings);
+    print_shares(result, settings);
+    nlohmann::json json = to_json(result, settings);
+    json["data"] = options->data.string();
+    json["detector"] = asked.detector;
+    json["weights"] = asked.weights.string();
+    json["defense"] = asked.defense;
+    return json;
+  };
+  return command;
+}
+
+}  // namespace mirage::cli

@@ -1,0 +1,95 @@
+// A guarantee that no object in a box on this roof can hide this car.
+//
+// The defended detector looks at every frame through masks (roof_mask.h) and keeps what it finds under any of
+// them. What is found under a mask that covers the object does not depend on the object, so a car that is
+// found under such a mask stays found. (PatchCleanser, Xiang et al., USENIX Security 2022, does this against
+// patches in pictures; here a mask is a volume of the world, and takes pixels and returns that it touches.)
+//
+// Two sets of masks:
+//   known roof  the one mask is the object's own box: what any masking defence could reach at best.
+//   lattice     boxes on a grid over the ground, at roofs' heights, that do not depend on the frame: every
+//               box of an object is inside one of them, so the guarantee needs no knowledge of the roof.
+// A certificate is for a car as it was recorded; a car that is not certified may still be found.
+#pragma once
+
+#include <optional>
+
+#include "attack/evaluation.h"
+#include "defense/roof_mask.h"
+
+namespace mirage {
+
+/// A grid of masks.
+struct LatticeSettings {
+  double step = 2;                         ///< m between centres, both ways
+  double farthest = 40;                    ///< m from the `velo` origin to a centre, in view of the camera
+  double roof_low = 1.2, roof_high = 2.1;  ///< m over the ground, which is level under the unit
+};
+
+/// The grid's boxes for objects of these limits: any object_box() whose roof point is within
+/// `farthest` − step, in view, on a roof of these heights lies inside one of them, whatever its heading.
+/// `ground`: m, z of the road in `velo`.
+std::vector<Box3> lattice(const Calibration& calibration, const AdversaryLimits& limits, double ground,
+                          const LatticeSettings& settings);
+/// Whether the second lies inside the first.
+bool covers(const Box3& mask, const Box3& box);
+
+/// What `certify` does.
+struct CertificateSettings {
+  std::vector<double> sizes = {0.2, 0.4, 0.6, 0.8};  ///< L of AdversaryLimits (limits_of_size), m
+  bool with_lattice = false;                         ///< hundreds of passes a frame
+  LatticeSettings lattice;
+  double mask_pixels = MaskMargin().pixels, mask_metres = MaskMargin().metres;
+  int objects = 20;  ///< random objects a host and size for which the premise is checked; 0: none
+  std::uint64_t seed = 0;
+  SimulationSettings simulation;  ///< of these objects
+  EvaluationSettings evaluation;
+};
+
+/// One car at one size.
+struct Certificate {
+  double known_iou = 0;     ///< best IoU with the car of what is found under its own roof's mask
+  double lattice_iou = 0;   ///< the best over the lattice's masks that cover the roof; 0 without one
+  bool covered = false;     ///< whether a mask of the lattice covers the roof
+  std::size_t removed = 0;  ///< returns that the roof's mask takes
+  double hidden_share = 0;  ///< of the picture's pixels
+};
+
+/// One car at every size.
+struct CertifiedHost {
+  HostId id;
+  int track = -1;
+  double range = 0;      ///< m
+  double clean_iou = 0;  ///< best IoU of a detection of the frame as recorded
+  std::vector<Certificate> sizes;
+};
+
+/// Shares of the cars, with 95 % intervals (base/clusters.h).
+struct CertifiedShares {
+  double size = 0;                ///< L, m
+  Interval clean70, clean50;      ///< found as recorded, of all hosts
+  Interval known70, known50;      ///< certified with the known roof, of all hosts
+  Interval lattice70, lattice50;  ///< certified by the lattice, of all hosts
+  int covered = 0;                ///< hosts whose roof a mask of the lattice covers
+  std::size_t objects = 0;        ///< for which the premise was checked
+  std::size_t violations = 0;     ///< that changed something the mask leaves
+};
+
+/// What certify() found.
+struct CertificateResult {
+  std::vector<CertifiedHost> hosts;
+  std::vector<CertifiedShares> shares;  ///< one a size
+  std::vector<std::size_t> masks;       ///< of the lattice, one a size, a frame on average
+  /// AP at 0.7 of the frame as recorded, and of the lattice's whole answer to it; one a size.
+  double clean_ap70 = 0;
+  std::vector<double> lattice_ap70;
+};
+
+/// Certifies every host. InputError for settings out of range; Interrupted between hosts.
+CertificateResult certify(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
+                          const LidarModel& lidar, const CertificateSettings& settings);
+
+/// {"hosts": N, "sizes": [{"size", "clean_iou70", …}], "outcomes": [...]}.
+nlohmann::json to_json(const CertificateResult& result, const CertificateSettings& settings);
+
+}  // namespace mirage

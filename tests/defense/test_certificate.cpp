@@ -1,0 +1,189 @@
+// Masks that hide all an object can change, and the certificates that rest on them.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "attack/tiny_world.h"
+#include "base/error.h"
+#include "base/random.h"
+#include "defense/certificate.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+using test::TemporaryFolder;
+
+Box3 random_box(RandomStream& random) {
+  Box3 box;
+  box.bev = {random.uniform(3, 40), random.uniform(-10, 10), random.uniform(0.2, 2), random.uniform(0.2, 2),
+             random.uniform(-3, 3)};
+  box.bottom = random.uniform(-1, 1);
+  box.height = random.uniform(0.1, 1.5);
+  return box;
+}
+
+TEST(RoofMask, TakesEveryRayThatMeetsTheBoxAndFewOthers) {
+  RandomStream random(3, "rays through boxes");
+  int met = 0, near_miss = 0, taken = 0;
+  for (int trial = 0; trial < 4000; ++trial) {
+    const Box3 box = random_box(random);
+    MaskMargin margin;
+    margin.metres = 0.01;
+    margin.beam_origin = 0.25;
+    const Transform box_from_velo = velo_from_box(box).inverse();
+    const Vec3d aim = velo_from_box(box) * Vec3d(random.uniform(-1.2, 1.2) * box.bev.length,
+                                                 random.uniform(-1.2, 1.2) * box.bev.width,
+                                                 random.uniform(-0.5, 1.5) * box.height);
+    const Vec3d point = aim * random.uniform(0.9, 2);
+    // The closest that any beam comes: beams from all around the unit, at many places on their way.
+    double closest = 1e9;
+    for (int beam = 0; beam < 12; ++beam) {
+      Vec3d from(random.normal(), random.normal(), random.normal());
+      from *= margin.beam_origin / from.norm();
+      for (int k = 0; k <= 200; ++k) {
+        const Vec3d q = box_from_velo * (from + (point - from) * (k / 200.0));
+        const Vec3d half(box.bev.length / 2, box.bev.width / 2, 0);
+        const Vec3d inside =
+            q.cwiseMax(Vec3d(-half.x(), -half.y(), 0)).cwiseMin(Vec3d(half.x(), half.y(), box.height));
+        closest = std::min(closest, (q - inside).norm());
+      }
+    }
+    const bool through = passes_through(point, box, margin);
+    taken += through;
+    if (closest <= margin.metres) {
+      ++met;
+      EXPECT_TRUE(through) << "trial " << trial;
+    }
+    // No beam comes nearer than the sampled ones by more than the whole spread and the sampling's step.
+    if (closest > 2 * margin.beam_origin + margin.metres + 0.2) {
+      ++near_miss;
+      EXPECT_FALSE(through) << "trial " << trial;
+    }
+  }
+  EXPECT_GT(met, 500);
+  EXPECT_GT(near_miss, 100);
+  EXPECT_LT(taken, 4000);
+  EXPECT_FALSE(passes_through(Vec3d(NAN, 0, 0), random_box(random), {}));
+}
+
+TEST(RoofMask, HidesAllThatAnyObjectChanges) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3, true);
+  FrameStore store(folder / "data", "ip-basic", "box");
+  const LidarModel lidar = lidar_of(folder / "data");
+  CertificateSettings settings;
+  settings.sizes = {0.2, 0.5, 0.8};
+  settings.objects = 25;
+  settings.evaluation.quiet = true;
+  DetectorPool detectors;
+  detectors.push_back(std::make_unique<test::StandInDetector>());
+  const std::vector<HostId> hosts = {{"000000", 0}, {"000001", 0}, {"000002", 0}};
+  const CertificateResult result = certify(detectors, store, hosts, lidar, settings);
+  ASSERT_EQ(result.shares.size(), 3u);
+  for (const CertifiedShares& shares : result.shares) {
+    EXPECT_EQ(shares.objects, 75u);
+    EXPECT_EQ(shares.violations, 0u) << shares.size;
+  }
+  // The check sees what sticks out: objects of one size under the mask of a smaller one.
+  const auto held = store.get("000000");
+  const Rooftop roof = store.rooftop(hosts[0]);
+  const Box3 small = object_box(roof, limits_of_size(0.2));
+  const MaskMargin margin{4, 0.02, beam_origin_spread(lidar)};
+  const Frame& frame = held->frame;
+  const Simulated attacked =
+      simulate(*held, frame.labels[0], roof, random_adversary(1, limits_of_size(0.8)), settings.simulation);
+  const MaskedFrame before = masked(frame.image, frame.sweep, frame.calibration, small, margin),
+                    after = masked(attacked.image, attacked.sweep, frame.calibration, small, margin);
+  EXPECT_NE(before.image.data, after.image.data);
+  EXPECT_NE(before.sweep.size(), after.sweep.size());
+}
+
+TEST(Lattice, CoversEveryRoof) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1);
+  const Calibration calibration = read_frame(folder / "data", "000000").calibration;
+  RandomStream random(5, "roofs");
+  LatticeSettings settings;
+  for (const double size : {0.2, 0.8}) {
+    const AdversaryLimits limits = limits_of_size(size);
+    const std::vector<Box3> masks = lattice(calibration, limits, -1.73, settings);
+    EXPECT_GT(masks.size(), 100u);
+    for (int trial = 0; trial < 500; ++trial) {
+      Rooftop roof;
+      const double range = random.uniform(5, settings.farthest - settings.step),
+                   turn = random.uniform(-0.6, 0.6);
+      roof.velo_from_adversary =
+          Eigen::Translation3d(range * std::cos(turn), range * std::sin(turn),
+                               -1.73 + random.uniform(settings.roof_low, settings.roof_high)) *
+          Eigen::AngleAxisd(random.uniform(-3, 3), Vec3d::UnitZ());
+      const Box3 box = object_box(roof, limits);
+      EXPECT_TRUE(
+          std::any_of(masks.begin(), masks.end(), [&](const Box3& mask) { return covers(mask, box); }));
+      Box3 higher = box;
+      higher.bottom += settings.roof_high;
+      EXPECT_FALSE(
+          std::any_of(masks.begin(), masks.end(), [&](const Box3& mask) { return covers(mask, higher); }));
+    }
+  }
+}
+
+/// Finds the first frame's car as long as enough returns are where it looks.
+class ReturnsDetector : public test::StandInDetector {
+ public:
+  explicit ReturnsDetector(bool on_roof) : on_roof_(on_roof) {}
+  std::vector<Proposal> forward(const SensorView& input, double, bool) override {
+    int count = 0;
+    for (const LidarPoint& p : input.points)
+      count += std::hypot(p.x - 11, p.y + 0.5) < 2.5 && (on_roof_ ? p.z > 0 : p.z < -0.6 && p.z > -1.6);
+    if (count < (on_roof_ ? 1 : 10)) return {};
+    return {{{11, -0.5, 3.9, 1.6, 0}, 3}};
+  }
+
+ private:
+  bool on_roof_;
+};
+
+TEST(Certificate, IsForCarsThatAreFoundWithoutWhatStandsOnTheirRoof) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1, true);
+  Frame frame = read_frame(folder / "data", "000000");
+  frame.sweep.push_back({10.8f, -0.5f, 0.1f, 0.3f});  // a thing on the roof
+  write_frame(folder / "data", frame);
+  FrameStore store(folder / "data", "ip-basic", "box");
+  CertificateSettings settings;
+  settings.sizes = {0.3, 0.6};
+  settings.with_lattice = true;
+  settings.lattice.farthest = 20;
+  settings.objects = 0;
+  settings.evaluation.quiet = true;
+  for (const bool on_roof : {false, true}) {
+    DetectorPool detectors;
+    detectors.push_back(std::make_unique<ReturnsDetector>(on_roof));
+    const CertificateResult result =
+        certify(detectors, store, {{"000000", 0}}, lidar_of(folder / "data"), settings);
+    EXPECT_GT(result.hosts.at(0).clean_iou, 0.9) << on_roof;
+    for (const CertifiedShares& shares : result.shares) {
+      EXPECT_EQ(shares.clean70.value, 1);
+      EXPECT_EQ(shares.covered, 1);
+      EXPECT_EQ(shares.known70.value, on_roof ? 0 : 1) << shares.size;
+      EXPECT_EQ(shares.lattice70.value, on_roof ? 0 : 1) << shares.size;
+    }
+    const nlohmann::json json = to_json(result, settings);
+    EXPECT_EQ(json.at("sizes").size(), 2u);
+    EXPECT_TRUE(json.at("outcomes").at(0).at("sizes").at(0).contains("lattice_iou"));
+  }
+  CertificateSettings bad = settings;
+  bad.sizes = {-1};
+  DetectorPool detectors;
+  detectors.push_back(std::make_unique<ReturnsDetector>(false));
+  EXPECT_THAT(error_text<InputError>([&] {
+                certify(detectors, store, {{"000000", 0}}, lidar_of(folder / "data"), bad);
+              }),
+              testing::HasSubstr("--sizes"));
+}
+
+}  // namespace
+}  // namespace mirage
