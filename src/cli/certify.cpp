@@ -1,6 +1,7 @@
 // mirage certify: cars that no object on their roof can hide.
 #include <memory>
 
+#include "base/error.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"

@@ -13,6 +13,7 @@
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/names.h"
+#include "scene/road_exposure.h"
 
 namespace mirage {
 namespace {
@@ -173,7 +174,7 @@ Frame read_frame(const fs::path& data, const std::string& id) {
                        "give each label its line (-1 where the vehicle is unknown)");
     for (std::size_t i = 0; i < tracks->size(); ++i) frame.labels[i].track = (*tracks)[i];
   }
-  if (fs::exists(lighting)) frame.lighting = read_lighting(lighting);
+  frame.lighting = fs::exists(lighting) ? read_lighting(lighting) : with_road_exposure(frame);
   return frame;
 }
 

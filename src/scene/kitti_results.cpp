@@ -12,7 +12,7 @@
 namespace mirage {
 namespace {
 
-constexpr double kNear = 0.1;  // m before the camera: nearer parts of a box aren't seen
+constexpr double kNearCamera = 0.1;  // m before the camera: nearer parts of a box aren't seen
 constexpr const char* kNoBox = "-1 -1 -1 -1000 -1000 -1000 -10";
 
 }  // namespace
@@ -34,8 +34,9 @@ std::optional<PictureBox> projected(const Box3& box, const Calibration& calibrat
          {std::pair(k, (k + 1) % 4), std::pair(k + 4, (k + 1) % 4 + 4), std::pair(k, k + 4)}) {
       const Vec3d a = calibration.camera_from_velo * at[from], b = calibration.camera_from_velo * at[to];
       for (const Vec3d& end : {a, b})
-        if (end.z() >= kNear) join(end);
-      if ((a.z() < kNear) != (b.z() < kNear)) join(a + (kNear - a.z()) / (b.z() - a.z()) * (b - a));
+        if (end.z() >= kNearCamera) join(end);
+      if ((a.z() < kNearCamera) != (b.z() < kNearCamera))
+        join(a + (kNearCamera - a.z()) / (b.z() - a.z()) * (b - a));
     }
   const double right = camera.width - 1, bottom = camera.height - 1;
   if (!(seen.left < right && seen.top < bottom && seen.right > 0 && seen.bottom > 0)) return std::nullopt;

@@ -1,6 +1,7 @@
 // Where the sun stands, as --sun names it:
 //
 //   frame                    the frame's own lighting: lighting/ID.json of a generated frame, else a default
+//                            as bright as the photographed road says (scene/road_exposure.h)
 //   AZIMUTH,ELEVATION        degrees in `velo`: azimuth counter-clockwise from x (forward; 90: left),
 //                            elevation above the ground, (0, 90]
 //   photo                    from the shadows of the labelled objects (scene/sun_shadows.h); a frame whose

@@ -65,8 +65,9 @@ TEST(CommandLine, HelpNamesEveryCommand) {
   TemporaryFolder folder;
   const Outcome outcome = run(folder, {"--help"});
   EXPECT_EQ(outcome.code, 0);
-  for (const char* command : {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate",
-                              "export", "validate", "tradeoff", "depth", "reproduce", "defend", "view"})
+  for (const char* command :
+       {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate", "export", "validate",
+        "tradeoff", "depth", "reproduce", "defend", "certify", "view"})
     EXPECT_THAT(outcome.out, HasSubstr(command));
 }
 

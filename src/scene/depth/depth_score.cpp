@@ -23,16 +23,16 @@ bool has_value(float depth) {
 
 /// Held-back returns without those that a nearer kept return close by contradicts.
 Mask consistent_pixels(const ImageF& held, const ImageF& kept) {
-  constexpr int kNear = 3;        // pixels
-  constexpr double kClear = 1.0;  // m
+  constexpr int kNearBand = 3;      // pixels
+  constexpr double kClearBy = 1.0;  // m
   Mask fine(held.width, held.height, 1);
   for (int v = 0; v < held.height; ++v)
     for (int u = 0; u < held.width; ++u) {
       if (!(held.at(u, v) > 0)) continue;
       bool contradicted = false;
-      for (int y = std::max(0, v - kNear); y <= std::min(held.height - 1, v + kNear); ++y)
-        for (int x = std::max(0, u - kNear); x <= std::min(held.width - 1, u + kNear); ++x)
-          contradicted |= kept.at(x, y) > 0 && kept.at(x, y) < held.at(u, v) - kClear;
+      for (int y = std::max(0, v - kNearBand); y <= std::min(held.height - 1, v + kNearBand); ++y)
+        for (int x = std::max(0, u - kNearBand); x <= std::min(held.width - 1, u + kNearBand); ++x)
+          contradicted |= kept.at(x, y) > 0 && kept.at(x, y) < held.at(u, v) - kClearBy;
       fine.at(u, v) = !contradicted;
     }
   return fine;

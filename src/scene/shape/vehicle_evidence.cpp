@@ -12,7 +12,7 @@ namespace {
 constexpr double kGroundBand = 0.4;    // m over and under the box's bottom in which ground is looked for
 constexpr double kGroundScale = 0.05;  // m, of the robust weights
 constexpr double kMaxSlope = 0.12;     // against the box's own level
-constexpr int kRounds = 8;
+constexpr int kEvidenceRounds = 8;
 
 /// Plane by iteratively reweighted least squares with Cauchy weights, started from the box's bottom; slopes
 /// are held back (0.05) so that ground seen on one side only doesn't tilt it.
@@ -24,7 +24,7 @@ std::optional<GroundPlane> fit_ground(const std::vector<Vec3d>& points, const Ev
   std::nth_element(heights.begin(), heights.begin() + static_cast<long>(heights.size() / 4), heights.end());
   GroundPlane plane{heights[heights.size() / 4], Vec2d::Zero()};
   double support = 0;
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < kEvidenceRounds; ++round) {
     Eigen::Matrix3d normal = Eigen::Vector3d(1e-9, 1, 1).asDiagonal();
     Eigen::Vector3d right = Eigen::Vector3d::Zero();
     normal *= static_cast<double>(points.size()) * 0.05 * 0.05;

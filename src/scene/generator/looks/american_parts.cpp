@@ -10,7 +10,7 @@ namespace mirage::generator::american {
 namespace {
 
 using namespace sign_color;
-constexpr double kPi = std::numbers::pi;
+constexpr double kHalfTurn = std::numbers::pi;
 
 void post(Actor& actor, double radius, double height, const Vec3f& color = kGrey) {
   Mesh mesh;
@@ -62,13 +62,14 @@ void add_signal_head(Actor& actor, double y, double z, int lit, bool yellow) {
   for (std::size_t k = 0; k < 3; ++k) {
     const double zk = z + 0.35 - 0.35 * static_cast<double>(k);
     Mesh lens;
-    append(lens, cylinder(0.14, 0.01, 18),
-           Transform(Eigen::Translation3d(-0.125, y, zk) * Eigen::AngleAxisd(-0.5 * kPi, Vec3d::UnitY())));
+    append(
+        lens, cylinder(0.14, 0.01, 18),
+        Transform(Eigen::Translation3d(-0.125, y, zk) * Eigen::AngleAxisd(-0.5 * kHalfTurn, Vec3d::UnitY())));
     Material glass = plain(dark[k], 0.3f, 0.03f);
     if (static_cast<int>(k) == lit) glass.emission = bright[k];
     actor.surfaces.push_back(surface(lens, glass));
     for (int i = 0; i < 6; ++i) {
-      const double a = kPi * i / 6, b = kPi * (i + 1) / 6, r = 0.155;
+      const double a = kHalfTurn * i / 6, b = kHalfTurn * (i + 1) / 6, r = 0.155;
       const Vec3d p(-0.12, y + r * std::cos(a), zk + r * std::sin(a)),
           q(-0.12, y + r * std::cos(b), zk + r * std::sin(b));
       add_quad(hoods, p, q, q - Vec3d(0.2, 0, 0), p - Vec3d(0.2, 0, 0));
@@ -136,8 +137,8 @@ Actor make_stop_sign(RandomStream& random) {
   const double z = random.uniform(2.1, 2.4), r = 0.40;
   post(actor, 0.03, z + 0.35);
   SignBoard sign(actor, -0.04, z);
-  sign.polygon(8, r, kPi / 8, kGrey, 0.012), sign.polygon(8, r, kPi / 8, kWhite),
-      sign.polygon(8, 0.93 * r, kPi / 8, kRed);
+  sign.polygon(8, r, kHalfTurn / 8, kGrey, 0.012), sign.polygon(8, r, kHalfTurn / 8, kWhite),
+      sign.polygon(8, 0.93 * r, kHalfTurn / 8, kRed);
   Mesh letters;
   for (int i = 0; i < 4; ++i) {
     const double y = (0.72 - 0.38 * i) * r;
@@ -186,7 +187,7 @@ Actor make_sign(RandomStream& random) {
     default:  // street names: two crossed blades over the post
       for (double turn : {0.0, 0.5}) {
         Mesh blade, name;
-        const Transform t = at(0, 0, z + 0.5 + 0.24 * turn, kPi * turn);
+        const Transform t = at(0, 0, z + 0.5 + 0.24 * turn, kHalfTurn * turn);
         Mesh flat;
         add_box(flat, {-0.012, -0.5, 0}, {0.012, 0.5, 0.2});
         append(blade, flat, t);
