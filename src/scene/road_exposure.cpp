@@ -13,7 +13,9 @@ namespace {
 constexpr double kNearest = 5, kFarthest = 20, kAside = 1.5, kThickness = 0.15;  // m
 constexpr std::size_t kFewestReturns = 50;                                       // returns
 constexpr double kGroundQuantile = 0.2;  // quantile of the heights in the corridor: under cars and kerbs
-constexpr double kDarkest = 0.25, kBrightest = 8;
+// Darker is a road in the shade of trees beside sunlit cars, brighter one that mirrors a low sun between
+// shaded ones.
+constexpr double kDarkest = 0.5, kBrightest = 3;
 
 double quantile_of(std::vector<double>& values, double q) {
   const auto at = values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));

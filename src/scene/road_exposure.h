@@ -16,8 +16,8 @@ namespace mirage {
 /// m of the ground there, in view and in no labelled box. None where fewer than 50 returns tell.
 std::optional<Vec3d> road_radiance(const Frame& frame);
 
-/// `frame.lighting` scaled so that level ground of kRoadAlbedo has that radiance, each channel by 1/4 to 8;
-/// as it is where the road is not seen.
+/// `frame.lighting` scaled so that level ground of kRoadAlbedo has that radiance, each channel by 1/2 to 3
+/// (beyond, the road is shaded or glares and says little of the rest); as it is where the road is not seen.
 Lighting with_road_exposure(const Frame& frame);
 
 }  // namespace mirage
