@@ -6,6 +6,7 @@
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
 #include "cli/table.h"
+#include "cli/trust_option.h"
 #include "defense/certificate.h"
 #include "scene/kitti.h"
 
@@ -13,7 +14,8 @@ namespace mirage::cli {
 namespace {
 
 struct CertifyOptions {
-  std::filesystem::path data;
+  std::filesystem::path data, run;
+  TrustRun trust = TrustRun::no;
   DetectorOptions detector;
   CertificateSettings settings;
   std::string depth = kDefaultDepth, rooftop = kDefaultRooftop;
@@ -30,6 +32,12 @@ void print_shares(const CertificateResult& result, const CertificateSettings& se
   if (!result.shares.empty())
     rows.push_back({"found as recorded, IoU 0.7 | 0.5 (95 %)",
                     both(result.shares.front().clean70, result.shares.front().clean50)});
+  if (settings.adversary && !result.shares.empty())
+    rows.push_back({"found with the run's adversary on the roof, without masks",
+                    both(result.shares.front().attacked70, result.shares.front().attacked50)});
+  if (!result.shares.empty())
+    rows.push_back({"control: under a mask over the car itself",
+                    both(result.shares.front().control70, result.shares.front().control50)});
   for (std::size_t s = 0; s < result.shares.size(); ++s) {
     const CertifiedShares& of = result.shares[s];
     rows.push_back({fmt::format("L = {:g} m, roof known: certified", of.size), both(of.known70, of.known50)});
@@ -54,6 +62,8 @@ Command certify_command() {
   command.options = [options](CLI::App& app) {
     CertificateSettings& settings = options->settings;
     app.add_option("--data", options->data, "data set in KITTI layout")->required();
+    app.add_option("--run", options->run, "finished mirage attack, whose adversary is told beside");
+    add_trust_option(app, options->trust);
     add_detector_options(app, options->detector);
     add_depth_option(app, options->depth);
     add_rooftop_option(app, options->rooftop);
@@ -89,6 +99,7 @@ Command certify_command() {
     CertificateSettings settings = options->settings;
     settings.seed = common.seed;
     settings.evaluation.quiet = common.quiet;
+    if (!options->run.empty()) settings.adversary = read_run(options->run, options->trust).adversary;
     const LidarModel lidar = lidar_of(options->data);
     options->effects.apply(settings.simulation, lidar, common.seed);
     FrameStore store(options->data, options->depth, options->rooftop);

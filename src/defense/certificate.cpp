@@ -116,6 +116,16 @@ class Certifier {
       host.range = std::hypot(label.box.bev.x, label.box.bev.y);
       host.clean_iou = best_iou(clean, truths.back(), score);
       host.sizes.resize(limits_.size());
+      host.control_iou =
+          best_iou(found_under(detector, prepared,
+                               masked(frame.image, frame.sweep, frame.calibration, label.box, margin_), all),
+                   truths.back(), score);
+      if (!settings_.adversary) continue;
+      const Simulated attacked =
+          simulate(prepared, label, roofs.back(), *settings_.adversary, settings_.simulation);
+      host.attacked_iou =
+          best_iou(detections(detector, {&attacked.image, attacked.sweep, &frame.calibration}, all),
+                   HostTruth(frame, label, all.plane, silhouette_box(attacked)), score);
     }
     for (std::size_t s = 0; s < limits_.size(); ++s) {
       for (std::size_t h = 0; h < work.hosts.size(); ++h) {
@@ -205,6 +215,10 @@ CertifiedShares shares_of(const std::vector<CertifiedHost>& hosts, std::size_t s
   const auto known = [s](const CertifiedHost& host) { return host.sizes[s].known_iou; };
   const auto by_lattice = [s](const CertifiedHost& host) { return host.sizes[s].lattice_iou; };
   shares.clean70 = above(clean, 0.7), shares.clean50 = above(clean, 0.5);
+  const auto control = [](const CertifiedHost& host) { return host.control_iou; };
+  const auto attacked = [](const CertifiedHost& host) { return host.attacked_iou; };
+  shares.control70 = above(control, 0.7), shares.control50 = above(control, 0.5);
+  shares.attacked70 = above(attacked, 0.7), shares.attacked50 = above(attacked, 0.5);
   shares.known70 = above(known, 0.7), shares.known50 = above(known, 0.5);
   shares.lattice70 = above(by_lattice, 0.7), shares.lattice50 = above(by_lattice, 0.5);
   for (const CertifiedHost& host : hosts) shares.covered += host.sizes[s].covered;
@@ -253,7 +267,7 @@ CertificateResult certify(const DetectorPool& detectors, FrameStore& store, cons
     const auto [at, fresh] = place.emplace(id.frame, frames.size());
     if (fresh) frames.push_back({id.frame, {}, {}, {}, {}, {}});
     frames[at->second].hosts.push_back(result.hosts.size());
-    result.hosts.push_back({id, -1, 0, 0, {}});
+    result.hosts.push_back({id, -1, 0, 0, 0, 0, {}});
   }
   const Certifier certifier(settings, store, lidar);
   Progress progress("certify", frames.size(), settings.evaluation.quiet);
@@ -295,10 +309,16 @@ nlohmann::json to_json(const CertificateResult& result, const CertificateSetting
     nlohmann::json size = {{"size", of.size},
                            {"clean_iou70", to_json(of.clean70)},
                            {"clean_iou50", to_json(of.clean50)},
+                           {"control_iou70", to_json(of.control70)},
+                           {"control_iou50", to_json(of.control50)},
                            {"known_roof_iou70", to_json(of.known70)},
                            {"known_roof_iou50", to_json(of.known50)},
                            {"objects", of.objects},
                            {"violations", of.violations}};
+    if (settings.adversary) {
+      size["attacked_iou70"] = to_json(of.attacked70);
+      size["attacked_iou50"] = to_json(of.attacked50);
+    }
     if (settings.with_lattice) {
       size["lattice_iou70"] = to_json(of.lattice70);
       size["lattice_iou50"] = to_json(of.lattice50);
@@ -321,7 +341,9 @@ nlohmann::json to_json(const CertificateResult& result, const CertificateSetting
                         {"track", host.track},
                         {"range", host.range},
                         {"clean_iou", host.clean_iou},
+                        {"control_iou", host.control_iou},
                         {"sizes", certificates}});
+    if (settings.adversary) outcomes.back()["attacked_iou"] = host.attacked_iou;
   }
   return {{"hosts", result.hosts.size()},
           {"score_threshold", settings.evaluation.score_threshold},

@@ -22,8 +22,8 @@ namespace mirage {
 /// A grid of masks.
 struct LatticeSettings {
   double step = 2;                         ///< m between centres, both ways
-  double farthest = 40;                    ///< m from the `velo` origin to a centre, in view of the camera
-  double roof_low = 1.2, roof_high = 2.1;  ///< m over the ground, which is level under the unit
+  double farthest = 50;                    ///< m from the `velo` origin to a centre, in view of the camera
+  double roof_low = 1.1, roof_high = 2.2;  ///< m over the ground, which is level under the unit
 };
 
 /// The grid's boxes for objects of these limits: any object_box() whose roof point is within
@@ -42,7 +42,8 @@ struct CertificateSettings {
   double mask_pixels = MaskMargin().pixels, mask_metres = MaskMargin().metres;
   int objects = 20;  ///< random objects a host and size for which the premise is checked; 0: none
   std::uint64_t seed = 0;
-  SimulationSettings simulation;  ///< of these objects
+  SimulationSettings simulation;          ///< of these objects
+  std::optional<TexturedMesh> adversary;  ///< attacks the detector without masks, to be told beside
   EvaluationSettings evaluation;
 };
 
@@ -61,18 +62,24 @@ struct CertifiedHost {
   int track = -1;
   double range = 0;      ///< m
   double clean_iou = 0;  ///< best IoU of a detection of the frame as recorded
+  /// Control: the same under a mask over the car itself. Who is found there is found by what is around, or
+  /// the mask takes nothing.
+  double control_iou = 0;
+  double attacked_iou = 0;  ///< the same with `adversary` on the roof, without masks
   std::vector<Certificate> sizes;
 };
 
 /// Shares of the cars, with 95 % intervals (base/clusters.h).
 struct CertifiedShares {
-  double size = 0;                ///< L, m
-  Interval clean70, clean50;      ///< found as recorded, of all hosts
-  Interval known70, known50;      ///< certified with the known roof, of all hosts
-  Interval lattice70, lattice50;  ///< certified by the lattice, of all hosts
-  int covered = 0;                ///< hosts whose roof a mask of the lattice covers
-  std::size_t objects = 0;        ///< for which the premise was checked
-  std::size_t violations = 0;     ///< that changed something the mask leaves
+  double size = 0;                  ///< L, m
+  Interval clean70, clean50;        ///< found as recorded, of all hosts
+  Interval control70, control50;    ///< found under a mask over the car itself
+  Interval attacked70, attacked50;  ///< found with the adversary on the roof
+  Interval known70, known50;        ///< certified with the known roof, of all hosts
+  Interval lattice70, lattice50;    ///< certified by the lattice, of all hosts
+  int covered = 0;                  ///< hosts whose roof a mask of the lattice covers
+  std::size_t objects = 0;          ///< for which the premise was checked
+  std::size_t violations = 0;       ///< that changed something the mask leaves
 };
 
 /// What certify() found.
