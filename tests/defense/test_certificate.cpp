@@ -167,7 +167,7 @@ TEST(Certificate, IsForCarsThatAreFoundWithoutWhatStandsOnTheirRoof) {
     EXPECT_GT(result.hosts.at(0).clean_iou, 0.9) << on_roof;
     for (const CertifiedShares& shares : result.shares) {
       EXPECT_EQ(shares.clean70.value, 1);
-      EXPECT_EQ(shares.control70.value, 0);
+      EXPECT_EQ(shares.control70.value, on_roof ? 1 : 0);
       EXPECT_EQ(shares.covered, 1);
       EXPECT_EQ(shares.known70.value, on_roof ? 0 : 1) << shares.size;
       EXPECT_EQ(shares.lattice70.value, on_roof ? 0 : 1) << shares.size;
