@@ -3,7 +3,6 @@
 #include <algorithm>
 
 #include "base/error.h"
-#include "base/parallel.h"
 #include "scene/adversary_view.h"
 #include "scene/check_inputs.h"
 #include "scene/depth_completion.h"
@@ -73,16 +72,6 @@ Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooft
   tape->lidar = draw_in_lidar(prepared, tape->placed, settings, result);
   result.tape = std::move(tape);
   return result;
-}
-
-std::vector<Simulated> simulate_batch(std::span<const InsertionJob> insertions,
-                                      const SimulationSettings& settings) {
-  std::vector<Simulated> results(insertions.size());
-  parallel_for(insertions.size(), [&](std::size_t i) {
-    const InsertionJob& one = insertions[i];
-    results[i] = simulate(*one.prepared, *one.host, *one.rooftop, *one.adversary, settings);
-  });
-  return results;
 }
 
 AdversaryGradient simulate_vjp(const Simulated& simulated, const ImageF& d_image,

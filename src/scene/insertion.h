@@ -3,7 +3,6 @@
 
 #include <array>
 #include <memory>
-#include <span>
 #include <vector>
 
 #include "geometry/mesh.h"
@@ -71,18 +70,6 @@ struct Simulated {
 /// input.
 Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooftop& rooftop,
                    const TexturedMesh& adversary, const SimulationSettings& settings = {});
-
-/// One of a batch: the arguments of simulate().
-struct InsertionJob {
-  const PreparedFrame* prepared = nullptr;
-  const Label* host = nullptr;
-  const Rooftop* rooftop = nullptr;
-  const TexturedMesh* adversary = nullptr;
-};
-
-/// Many hosts of one frame, and many frames, on all threads: each as simulate() alone, to the same bits.
-std::vector<Simulated> simulate_batch(std::span<const InsertionJob> insertions,
-                                      const SimulationSettings& settings = {});
 
 /// d loss / d vertices (adversary frame, 1/m) and d loss / d texels, as many of each as the adversary has.
 struct AdversaryGradient {

@@ -107,25 +107,6 @@ void stages(benchmark::State& state) {
       median(lidar_vjp));
 }
 
-/// Sixteen insertions in one call on one thread and on two, in alternation.
-void batch(benchmark::State& state) {
-  const auto& s = stage();
-  const std::vector<InsertionJob> insertions(16, {&s.prepared, &s.host, &s.rooftop, &s.adversary});
-  std::vector<double> times[2];
-  for (auto _ : state)
-    for (int round = 0; round < kInsertionRounds; ++round)
-      for (int threads : {1, 2}) {
-        set_thread_count(threads);
-        times[threads - 1].push_back(
-            milliseconds([&] { benchmark::DoNotOptimize(simulate_batch(insertions)); }));
-      }
-  set_thread_count(1);
-  extra_figures()["insertion_batch16_ms"] = median(times[0]);
-  extra_figures()["insertion_batch16_two_threads_speedup"] = median(times[0]) / median(times[1]);
-  std::printf("  16 insertions: %.2f ms on one thread, %.2f on two: %.2f times faster\n", median(times[0]),
-              median(times[1]), median(times[0]) / median(times[1]));
-}
-
 /// Forward + VJP under the plain light and under the one with visibility, in alternation, and what the latter
 /// does, by stage; CPU time of one thread.
 void light_models(benchmark::State& state) {
@@ -197,7 +178,6 @@ void register_insertion_benchmarks() {
       benchmark::RegisterBenchmark("depth_ip_basic_ms", completion)->Unit(benchmark::kMillisecond));
   benchmark::RegisterBenchmark("insertion_stages", stages)->Unit(benchmark::kMillisecond)->Iterations(1);
   benchmark::RegisterBenchmark("light_models", light_models)->Unit(benchmark::kMillisecond)->Iterations(1);
-  benchmark::RegisterBenchmark("insertion_batch", batch)->Unit(benchmark::kMillisecond)->Iterations(1);
 }
 
 }  // namespace mirage
