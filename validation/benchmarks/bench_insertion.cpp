@@ -3,7 +3,6 @@
 
 #include "attack/adversary.h"
 #include "base/files.h"
-#include "base/parallel.h"
 #include "bench.h"
 #include "scene/adversary_view.h"
 #include "scene/depth_completion.h"
