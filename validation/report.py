@@ -124,7 +124,7 @@ def page(result, hosts, folder, model, viewer):
         plots={"loss": plots.loss(extra.get("loss")), "recall": plots.recall(extra.get("evaluation")),
                "success": plots.success(result.get("verdict", {}).get(group)),
                "scores": plots.scores(result.get("verdict")), "ladder": plots.ladder(result),
-               "ladder_cost": plots.ladder_cost(result)},
+               "remaining": plots.remaining(result), "ladder_cost": plots.ladder_cost(result)},
         pictured=[pictured_view(folder, i, hosts[i]) for i in order[:PICTURED_HOSTS]],
         hosts=[host_view(i, host) for i, host in enumerate(hosts)])
     environment.globals["swipe"] = environment.get_template("macros.html.j2").module.swipe

@@ -109,10 +109,13 @@ void add_ladders(BlenderWorker& blender, const HostScene& scene, const Simulated
   result["ladder"] = json::array();
   double soft_change = 0, light_change = 0;
   const LightLadder light = light_ladder(blender, scene, full);
-  result["reference"] = {{"samples", light.reference_samples}, {"seconds", light.reference_seconds}};
+  result["reference"] = {{"samples", light.reference_samples},
+                         {"seconds", light.reference_seconds},
+                         {"noise", light.reference_noise}};
   for (const LadderRung& rung : light.rungs) {
     json entry = outcome(with_window(frame.image, rung.picture, full.rect), simulated.sweep);
     entry.update(change_json(rung.change));
+    entry.update(to_json(rung.error));
     entry.update({{"effect", rung.effect},
                   {"group", rung.group},
                   {"base", rung.base},
@@ -172,9 +175,10 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
   const std::size_t lost_before = context.blender.losses().size();
   const MatchedLight matched = matched_light(context.blender, scene);
   const LidarCheck lidar = check_lidar(context.blender, scene, simulated);
-  const Noise noise = measure_noise(context.blender, scene, simulated);
-  if (context.settings.noise > 0) scene.samples = samples_for(noise, context.settings.noise);
+  if (context.settings.noise > 0)
+    scene.samples = samples_for(measure_noise(context.blender, scene, simulated), context.settings.noise);
   const FullLight full = full_light(context.blender, scene, simulated);
+  const Noise noise = noise_of(full.radiance, full.mask, full.samples / 2);
   result["matched"] = {{"mask_iou", matched.mask_iou},
                        {"mae", matched.mae},
                        {"max_error", matched.max_error},
@@ -194,8 +198,9 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
       {"mean", mean_absolute_error(full.cycles, ImageF(full.mask.width, full.mask.height, 3), full.mask)},
       {"ssim", ssim(grey(seen_raster), grey(seen_cycles), full.mask)},
       {"flip", flip(seen_cycles, seen_raster, full.mask)},
-      {"noise", noise.at(scene.samples)},
+      {"noise", noise.at(full.samples)},
       {"seconds", full.seconds}};
+  result["full"].update(to_json(raster_error(scene, simulated, full)));
   EvaluationSettings judge_by = context.settings.evaluation_settings;
   judge_by.plane = context.detector.capabilities().plane();
   const std::optional<PictureBox> object = silhouette_box(simulated);

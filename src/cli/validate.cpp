@@ -32,9 +32,17 @@ void print_result(const nlohmann::json& result) {
                        percent(number(of, "relative")), number(of, "ssim"), number(of, "flip"),
                        number(of, "seconds"));
   };
+  // Without noise, as root mean square: may come out below zero, and then nothing is left that can be seen.
+  const auto left = [&](const nlohmann::json& of) {
+    if (!of.contains("error_unbiased")) return std::string();
+    const auto& interval = of.at("interval");
+    return fmt::format("; left to full {:.1f} % ({:.1f} to {:.1f}), noise floor {}",
+                       100 * number(interval, "value"), 100 * number(interval, "low"),
+                       100 * number(interval, "high"), percent(number(of, "floor")));
+  };
   for (const auto& rung : result.at("ladder"))
-    rows.push_back({rung.at("effect").get<std::string>(), fidelity(rung)});
-  rows.push_back({"full light", fidelity(result.at("full"))});
+    rows.push_back({rung.at("effect").get<std::string>(), fidelity(rung) + left(rung)});
+  rows.push_back({"full light", fidelity(result.at("full")) + left(result.at("full"))});
   const Reliance reliance = reliance_from_json(result.at("reliance"));
   const bool sees = reliance.uses_picture();  // else who drew the object says nothing about the attack
   for (auto& row : picture_rows(reliance)) rows.push_back(std::move(row));

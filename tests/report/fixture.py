@@ -69,7 +69,10 @@ def ladder():
              ("bounces 4", "cycles", 1.2)]
     return [{"effect": effect, "group": group, "base": "matched", **fidelity, "crop": fidelity,
              "to_full": {**fidelity, "relative": 0.3 / (1 + k)}, "seconds": seconds, "vehicles": 2, "detected": 2,
-             "hidden": 1, "false_positive": 0, "fn_asr": 0.5, "asr": 0.5, "mean_score": 0.6, "score_change": 0.03}
+             "hidden": 1, "false_positive": 0, "fn_asr": 0.5, "asr": 0.5, "mean_score": 0.6, "score_change": 0.03,
+             "error_plain": math.hypot(0.3 / (1 + k), 0.05 * k), "floor": 0.05 * k, "error_drawn": 0.32 / (1 + k),
+             "error_unbiased": 0.3 / (1 + k) if k < 3 else -0.02, "interval_over": "clusters",
+             "interval": share(0.3 / (1 + k) if k < 3 else -0.02, 0.05)}
             for k, (effect, group, seconds) in enumerate(rungs)]
 
 
@@ -125,7 +128,8 @@ def make(folder, uses_picture=True):
         "hosts": names, "vehicles": 2, "frames": 2, "test_frames": 1, "blender": "3.4.1", "samples": 64, "failed": [],
         "attack": {"detected_clean": 2, "hidden_raster": 1, "hidden_cycles": 1, "hidden_both": 1, "asr_raster": 0.5,
                    "asr_cycles": 0.5},
-        "full": {"relative": 0.1, "ssim": 0.9, "flip": 0.1},
+        "full": {"relative": 0.1, "ssim": 0.9, "flip": 0.1, "error_plain": 0.13, "floor": 0.05, "error_unbiased": 0.12,
+                 "interval": share(0.12, 0.03)},
         "matched": {"mask_iou": 1.0, "mask_iou_worst": 1.0, "mae": 1e-5, "pixels": 2000, "pixels_off": 0, "rays": 500,
                     "hit_disagreements": 0, "range_error_m": 1e-5},
         "reliance": reliance(uses_picture), "ladder": ladder(), "verdict": verdict(names), "budget": budget(),

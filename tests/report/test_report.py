@@ -130,11 +130,26 @@ class Page(browser.PageChecks, unittest.TestCase):
         sections = self.browser.run("[...document.querySelectorAll('section')].map(s => s.id)")
         self.assertEqual(sections, ["verdict", "adversary", "attack", "ladder", "budget", "tradeoff", "vehicles", "all",
                                     "method"])
-        self.assertGreaterEqual(self.browser.run("document.querySelectorAll('svg.plot').length"), 8)
+        self.assertGreaterEqual(self.browser.run("document.querySelectorAll('svg.plot').length"), 9)
+        self.check_floors()
         self.assertEqual(self.browser.run("document.querySelectorAll('svg.bev').length"), 6)
         self.assertEqual(self.browser.run("document.querySelectorAll('svg.seen').length"), 3)  # of the second vehicle
         self.assertEqual(self.browser.run("document.querySelectorAll('svg.seen rect.box').length"), 3 * 3 + 2)
         self.assertEqual(self.browser.run("[...document.images].filter(i => !i.naturalWidth).length"), 0)
+
+
+    def check_floors(self):
+        """Every rung with noise has its band, from 0 to its floor on the axis of the dots."""
+        bands = self.browser.run("[...document.querySelectorAll('rect.floor')].map(r => [r.x.baseVal.value, r.width.baseVal.value,"
+                                 "r.parentNode.querySelector('title').textContent])")
+        floors = [rung["floor"] for rung in fixture.ladder() if rung["floor"] > 0]
+        self.assertEqual(len(bands), len(floors))
+        self.assertEqual(len({start for start, _, _ in bands}), 1)
+        for (_, width, tip), floor in zip(bands, floors):
+            self.assertAlmostEqual(width / bands[0][1], floor / floors[0], places=1)
+            self.assertIn(f"{100 * floor:.1f}", tip)
+        below = self.browser.run("[...document.querySelectorAll('#ladder circle.dot')].map(c => c.cx.baseVal.value)")
+        self.assertLess(min(below), bands[0][0])  # what came out negative stands left of zero
 
 
 class WithoutViewer(unittest.TestCase):
