@@ -106,9 +106,10 @@ std::vector<HostId> select_hosts(const Run& run, int frames) {
   std::vector<HostId> chosen;
   std::set<std::string> seen;
   for (const auto* list : {&run.test, &run.train}) {
-    if (frames == 0 && list == &run.train) break;
     for (const HostId& id : *list) {
-      if (!seen.count(id.frame) && frames > 0 && static_cast<int>(seen.size()) >= frames) continue;
+      const bool full =
+          frames > 0 ? static_cast<int>(seen.size()) >= frames : chosen.size() >= kVerdictVehicles;
+      if (!seen.count(id.frame) && full) continue;
       seen.insert(id.frame);
       chosen.push_back(id);
     }

@@ -64,6 +64,25 @@ void print_result(const nlohmann::json& result) {
                         fmt::format("{} | {} of {}", share(variant.at("fn_asr")), share(variant.at("asr")),
                                     count(variant, "vehicles"))});
     }
+  const auto& verdict = result.at("verdict");
+  for (const auto& arm : verdict.at("arms")) {
+    const auto light = arm.at("light").get<std::string>();
+    if (!sees && light != "raster") continue;
+    const auto& gap = arm.at("difference");
+    rows.push_back({fmt::format("ASR, {}, {} returns", light, arm.at("returns").get<std::string>()),
+                    fmt::format("{} of {}; {:+.1f} points ({:.1f} to {:.1f})", share(arm.at("asr")),
+                                count(arm, "vehicles"), 100 * number(gap, "value"), 100 * number(gap, "low"),
+                                100 * number(gap, "high"))});
+  }
+  for (const auto& control : verdict.at("controls"))
+    rows.push_back({fmt::format("control: {}, {}", control.at("channel").get<std::string>(),
+                                control.at("control").get<std::string>()),
+                    fmt::format("{} outcomes of {} change, logits by {:.2f}", count(control, "flips"),
+                                count(control, "vehicles"), number(control, "mean_delta_logit"))});
+  for (const auto& [channel, what] : {std::pair("image", "drew it"), std::pair("lidar", "met it")})
+    if (verdict.at("vacuous").at(channel) == true)
+      rows.push_back({fmt::format("vacuous, {}", channel),
+                      fmt::format("without the object there nothing changes: who {} says nothing", what)});
   if (sees)
     rows.push_back({"outcome flips", fmt::format("{} vehicles", result.at("verdict").at("flips").size())});
   const bool budgeted = result.contains("budget") && result.at("budget").contains("test");
@@ -99,7 +118,8 @@ Command validate_command() {
         add_rooftop_option_of_run(app, options->rooftop);
         add_trust_option(app, options->trust);
         app.add_option("--frames", options->frames,
-                       "frames to validate, test frames first; 0: all test frames")
+                       fmt::format("frames to validate, test frames first; 0: as many as hold {} vehicles",
+                                   kVerdictVehicles))
             ->check(CLI::NonNegativeNumber);
         app.add_option("--samples", options->samples, "Cycles samples a pixel")->check(CLI::Range(1, 65536));
         app.add_option(
