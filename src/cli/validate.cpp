@@ -89,9 +89,11 @@ void print_result(const nlohmann::json& result) {
   if (budgeted && (sees || result.at("budget").at("of") != "score")) {
     const auto& test = result.at("budget").at("test");
     rows.push_back(
-        {"budget, test frames",
-         fmt::format("{} within {}, time saved {}", share(test.at("within")),
-                     percent(number(result.at("budget"), "budget")), percent(number(test, "saved")))});
+        {"budget, left-out scenes",
+         fmt::format("{} within {} (asked: {}); time saved {} against always {}", share(test.at("within")),
+                     percent(number(result.at("budget"), "budget")),
+                     percent(number(result.at("budget"), "confidence")), percent(number(test, "saved")),
+                     test.at("fixed").at("chosen").begin().key())});
   }
   if (!result.at("failed").empty())
     rows.push_back({"given up", fmt::format("{} vehicles (Blender was lost)", result.at("failed").size())});
