@@ -9,7 +9,6 @@
 #include <set>
 
 #include "base/bootstrap.h"
-#include "base/clusters.h"
 #include "base/color.h"
 #include "base/error.h"
 #include "base/random.h"
@@ -22,6 +21,7 @@ using nlohmann::json;
 
 constexpr double kRidge = 1;
 constexpr double kFloor = 1e-4;  // error at which its logarithm levels off
+constexpr int kFolds = 20;
 constexpr double kLargestLambda = 8, kLambdaStep = 0.05;
 /// Rungs that are no approximation of the full render.
 const std::set<std::string> kNotOffered = {"sRGB shading", "+clear sky", "+car paint"};
@@ -57,15 +57,15 @@ BudgetRule::BudgetRule(const std::vector<BudgetScene>& calibration, double budge
       scale_[k] += (scene.features[k] - mean_[k]) * (scene.features[k] - mean_[k]) / n;
   for (double& scale : scale_) scale = scale > 1e-18 ? std::sqrt(scale) : 1;  // a constant one says nothing
 
-  std::map<std::string, std::vector<std::size_t>> frames;
-  for (std::size_t i = 0; i < calibration.size(); ++i) frames[calibration[i].frame].push_back(i);
+  std::map<std::string, std::vector<std::size_t>> groups;
+  for (std::size_t i = 0; i < calibration.size(); ++i) groups[calibration[i].group].push_back(i);
   const auto all = pointers(calibration);
   std::vector<std::vector<double>> left_out(calibration.size(), std::vector<double>(rungs));
   for (std::size_t r = 0; r < rungs; ++r) rungs_.push_back(fit(all, r));
-  for (const auto& [frame, members] : frames) {
+  for (const auto& [group, members] : groups) {
     std::vector<const BudgetScene*> others;
     for (const BudgetScene* scene : all)
-      if (scene->frame != frame) others.push_back(scene);
+      if (scene->group != group) others.push_back(scene);
     for (std::size_t r = 0; r < rungs; ++r) {
       const Rung fitted = fit(others, r);
       for (const std::size_t i : members) left_out[i][r] = predict(fitted, calibration[i].features);
@@ -90,7 +90,7 @@ BudgetRule::BudgetRule(const std::vector<BudgetScene>& calibration, double budge
   for (int step = static_cast<int>(std::lround(kLargestLambda / kLambdaStep)); step >= 0; --step) {
     const double lambda = step * kLambdaStep;
     double risk = 0;
-    for (const auto& [frame, members] : frames) {
+    for (const auto& [group, members] : groups) {
       int beyond = 0;
       for (const std::size_t i : members) {
         const int rung = choose(left_out[i], lambda);
@@ -98,7 +98,7 @@ BudgetRule::BudgetRule(const std::vector<BudgetScene>& calibration, double budge
       }
       risk += beyond / static_cast<double>(members.size());
     }
-    if ((risk + 1) / (static_cast<double>(frames.size()) + 1) > 1 - confidence + 1e-12) break;
+    if ((risk + 1) / (static_cast<double>(groups.size()) + 1) > 1 - confidence + 1e-12) break;
     lambda_ = lambda;
   }
 }
@@ -122,7 +122,7 @@ BudgetRule::Rung BudgetRule::fit(const std::vector<const BudgetScene*>& scenes, 
     right += logarithm(scene->errors[rung]) * x;
   }
   for (Eigen::Index k = 1; k < size; ++k) normal(k, k) += kRidge;
-  if (scenes.empty()) normal(0, 0) = 1;  // nothing left when the only frame is left out: predicts log 1
+  if (scenes.empty()) normal(0, 0) = 1;  // nothing left when the only group is left out: predicts log 1
   const Eigen::VectorXd solved = normal.ldlt().solve(right);
   Rung result;
   result.coefficients.assign(solved.data(), solved.data() + size);
@@ -186,18 +186,22 @@ namespace {
 
 /// What the vehicles' results say about each rung.
 struct Table {
+  bool by_vehicle = false;  ///< an identity is known
   std::vector<std::string> features, rungs;
   std::vector<BudgetScene> scenes;
 };
 
 Table read_scenes(const std::vector<json>& vehicles, BudgetOf of) {
   Table table;
+  std::map<std::string, std::set<int>> tracks;
   for (const json& vehicle : vehicles) {
+    const int track = vehicle.value("track", -1);
+    table.by_vehicle |= track >= 0;
+    tracks[vehicle.at("frame")].insert(track);  // a vehicle without a ladder links frames as well
     if (!vehicle.contains("ladder") || !vehicle.contains("features")) continue;
     if (of == BudgetOf::score && !vehicle.at("detected").get<bool>()) continue;
     BudgetScene scene;
     scene.frame = vehicle.at("frame");
-    scene.track = vehicle.value("track", -1);
     scene.name = vehicle.at("name");
     std::vector<std::string> features, rungs;
     for (const auto& [name, value] : vehicle.at("features").items()) {
@@ -216,61 +220,106 @@ Table read_scenes(const std::vector<json>& vehicles, BudgetOf of) {
       rungs.push_back(effect);
       scene.errors.push_back(
           of == BudgetOf::radiance
-              ? rung.at("to_full").at("relative").get<double>()
+              ? std::max(0.0, rung.at("error_drawn").get<double>())
               : std::abs(rung.at("score").get<double>() - vehicle.at("cycles").at("score").get<double>()));
       const bool ours = rung.at("group") == "raster";
-      scene.seconds.push_back(light_weight + (ours ? 0 : rung.at("seconds").get<double>()));
+      scene.alone.push_back(rung.at("seconds").get<double>());
+      scene.seconds.push_back(light_weight + (ours ? 0 : scene.alone.back()));
     }
     scene.seconds_full = vehicle.at("reference").at("seconds");
+    scene.error_full = of == BudgetOf::radiance ? vehicle.at("reference").at("noise").get<double>() : 0;
     if (table.scenes.empty()) table.features = features, table.rungs = rungs;
     if (features == table.features && rungs == table.rungs) table.scenes.push_back(std::move(scene));
   }
+  const auto groups = linked_frames(tracks);
+  for (BudgetScene& scene : table.scenes) scene.group = groups.at(scene.frame);
   return table;
 }
 
-/// Frames of the calibration half, drawn by seed.
-std::set<std::string> calibration_frames(const std::vector<BudgetScene>& scenes, std::uint64_t seed) {
+/// The fold of each group: its own, or of many groups one of kFolds, drawn by seed.
+std::map<std::string, int> folds_of(const std::vector<BudgetScene>& scenes, std::uint64_t seed) {
   std::set<std::string> all;
-  for (const BudgetScene& scene : scenes) all.insert(scene.frame);
+  for (const BudgetScene& scene : scenes) all.insert(scene.group);
   std::vector<std::string> order(all.begin(), all.end());
-  RandomStream random(seed, "budget frames");
+  RandomStream random(seed, "budget folds");
   for (std::size_t i = order.size(); i > 1; --i)
     std::swap(order[i - 1], order[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
-  order.resize((order.size() + 1) / 2);
-  return {order.begin(), order.end()};
+  std::map<std::string, int> folds;
+  for (std::size_t i = 0; i < order.size(); ++i) folds[order[i]] = static_cast<int>(i) % kFolds;
+  return folds;
+}
+
+/// The cheapest rung that keeps the budget for `confidence` of the scenes (each group counts alike); −1:
+/// none.
+int fixed_rung(const std::vector<BudgetScene>& scenes, const BudgetSettings& settings) {
+  int best = -1;
+  double least = 0;
+  std::map<std::string, int> members;
+  for (const BudgetScene& scene : scenes) ++members[scene.group];
+  for (std::size_t r = 0; r < scenes.front().errors.size(); ++r) {
+    double within = 0, seconds = 0, full = 0;
+    for (const BudgetScene& scene : scenes) {
+      within += (scene.errors[r] <= settings.budget) / static_cast<double>(members[scene.group]) /
+                static_cast<double>(members.size());
+      seconds += scene.alone[r];
+      full += scene.seconds_full;
+    }
+    if (within >= settings.confidence - 1e-12 && seconds < full && (best < 0 || seconds < least))
+      best = static_cast<int>(r), least = seconds;
+  }
+  return best;
 }
 
 /// Cheapest rung that does keep the budget: what nothing can beat.
 int oracle(const BudgetScene& scene, double budget) {
   int best = -1;
   for (std::size_t r = 0; r < scene.errors.size(); ++r)
-    if (scene.errors[r] <= budget && scene.seconds[r] < scene.seconds_full &&
-        (best < 0 || scene.seconds[r] < scene.seconds[static_cast<std::size_t>(best)]))
+    if (scene.errors[r] <= budget && scene.alone[r] < scene.seconds_full &&
+        (best < 0 || scene.alone[r] < scene.alone[static_cast<std::size_t>(best)]))
       best = static_cast<int>(r);
   return best;
 }
 
+/// One way of choosing, over scenes.
 struct Tally {
-  std::map<std::string, ClusterSums> within;  ///< by cluster
-  std::set<std::string> frames;
-  double seconds = 0, seconds_full = 0;
+  std::map<std::string, ClusterSums> within;  ///< by group
+  double seconds = 0;
   std::map<std::string, int> chosen;
   int vehicles = 0;
 
+  void add(const BudgetScene& scene, double error, double cost, const std::string& rung, double budget) {
+    ++vehicles;
+    ClusterSums& sums = within[scene.group];
+    sums.numerator += error <= budget;
+    sums.denominator += 1;
+    seconds += cost;
+    ++chosen[rung];
+  }
   json result() const {
     std::vector<ClusterSums> clusters;
     for (const auto& [name, sums] : within) clusters.push_back(sums);
-    return {{"frames", frames.size()},
-            {"vehicles", vehicles},
-            {"within", to_json(bootstrap_interval(clusters))},
+    return {{"within", to_json(bootstrap_interval(clusters))},
             {"seconds", seconds / std::max(1, vehicles)},
-            {"seconds_full", seconds_full / std::max(1, vehicles)},
-            {"saved", seconds_full > 0 ? 1 - seconds / seconds_full : 0},
             {"chosen", chosen}};
   }
 };
 
 }  // namespace
+
+std::map<std::string, std::string> linked_frames(const std::map<std::string, std::set<int>>& tracks) {
+  std::map<std::string, std::string> group;
+  for (const auto& [frame, seen] : tracks) group[frame] = frame;
+  std::map<int, std::string> first;  // a frame that shows the vehicle
+  for (const auto& [frame, seen] : tracks)
+    for (const int track : seen) {
+      if (track < 0) continue;
+      const auto [other, added] = first.try_emplace(track, frame);
+      const std::string a = group.at(frame), b = group.at(other->second);
+      for (auto& [name, of] : group)
+        if (of == a || of == b) of = std::min(a, b);
+    }
+  return group;
+}
 
 json choose_rungs(const std::vector<json>& vehicles, const BudgetSettings& settings) {
   const Table table = read_scenes(vehicles, settings.of);
@@ -282,52 +331,58 @@ json choose_rungs(const std::vector<json>& vehicles, const BudgetSettings& setti
       {"rule",
        "ridge regression of each rung's log error on standardised features; the cheapest rung whose "
        "prediction plus lambda times its spread is within the budget, else the reference; lambda by "
-       "conformal risk "
-       "control over the calibration frames"}};
-  const std::set<std::string> frames = calibration_frames(table.scenes, settings.seed);
-  std::vector<BudgetScene> calibration;
-  for (const BudgetScene& scene : table.scenes)
-    if (frames.contains(scene.frame)) calibration.push_back(scene);
-  if (calibration.empty() || calibration.size() == table.scenes.size()) {
+       "conformal risk control over the groups that it is not tested on"}};
+  const std::map<std::string, int> folds = folds_of(table.scenes, settings.seed);
+  const auto count = static_cast<int>(std::min<std::size_t>(folds.size(), kFolds));
+  result["groups"] = {
+      {"by", table.by_vehicle ? "vehicle" : "frame"}, {"count", folds.size()}, {"folds", count}};
+  if (count < 2) {
     result["problem"] = "too few frames to calibrate on some and test on others";
     return result;
   }
-  const BudgetRule rule(calibration, settings.budget, settings.confidence);
-  result.update(rule.numbers());
+  const BudgetRule whole(table.scenes, settings.budget, settings.confidence);
+  result.update(whole.numbers());
   for (std::size_t r = 0; r < table.rungs.size(); ++r) result["rungs"][r]["name"] = table.rungs[r];
-  Tally halves[2], best[2];
+  Tally ruled, fixed, best;
+  std::set<std::string> frames;
   result["scenes"] = json::array();
-  for (const BudgetScene& scene : table.scenes) {
-    const bool tested = !frames.contains(scene.frame);
-    const auto score = [&](Tally& tally, int rung, double own_cost) {
-      const double error = rung < 0 ? 0 : scene.errors[static_cast<std::size_t>(rung)];
-      const double seconds =
-          rung < 0 ? own_cost + scene.seconds_full : scene.seconds[static_cast<std::size_t>(rung)];
-      ++tally.vehicles;
-      ClusterSums& sums = tally.within[cluster_of(scene.frame, scene.track)];
-      tally.frames.insert(scene.frame);
-      sums.numerator += error <= settings.budget;
-      sums.denominator += 1;
-      tally.seconds += seconds;
-      tally.seconds_full += scene.seconds_full;
-      const std::string name = rung < 0 ? "reference" : table.rungs[static_cast<std::size_t>(rung)];
-      ++tally.chosen[name];
-      return json{{"name", scene.name},
-                  {"frame", scene.frame},
-                  {"split", tested ? "test" : "calibration"},
-                  {"chosen", name},
-                  {"error", error},
-                  {"within", error <= settings.budget},
-                  {"seconds", seconds},
-                  {"seconds_full", scene.seconds_full}};
-    };
-    const double features_cost = *std::min_element(scene.seconds.begin(), scene.seconds.end());
-    result["scenes"].push_back(score(halves[tested], rule.choose(scene.features), features_cost));
-    score(best[tested], oracle(scene, settings.budget), 0);
+  for (int fold = 0; fold < count; ++fold) {
+    std::vector<BudgetScene> others;
+    for (const BudgetScene& scene : table.scenes)
+      if (folds.at(scene.group) != fold) others.push_back(scene);
+    const BudgetRule rule(others, settings.budget, settings.confidence);
+    const int always = fixed_rung(others, settings);
+    for (const BudgetScene& scene : table.scenes) {
+      if (folds.at(scene.group) != fold) continue;
+      frames.insert(scene.frame);
+      const auto take = [&](Tally& tally, int rung, const std::vector<double>& costs, double own_cost) {
+        const auto r = static_cast<std::size_t>(std::max(0, rung));
+        const double error = rung < 0 ? scene.error_full : scene.errors[r],
+                     seconds = rung < 0 ? own_cost + scene.seconds_full : costs[r];
+        const std::string name = rung < 0 ? "reference" : table.rungs[r];
+        tally.add(scene, error, seconds, name, settings.budget);
+        return json{
+            {"chosen", name}, {"error", error}, {"within", error <= settings.budget}, {"seconds", seconds}};
+      };
+      const double features_cost = *std::min_element(scene.seconds.begin(), scene.seconds.end());
+      json entry = take(ruled, rule.choose(scene.features), scene.seconds, features_cost);
+      entry["seconds_fixed"] = take(fixed, always, scene.alone, 0).at("seconds");
+      take(best, oracle(scene, settings.budget), scene.alone, 0);
+      entry.update({{"name", scene.name}, {"frame", scene.frame}, {"group", scene.group}, {"fold", fold}});
+      result["scenes"].push_back(std::move(entry));
+    }
   }
-  result["calibration"] = halves[0].result();
-  result["test"] = halves[1].result();
-  result["test"]["oracle"] = best[1].result();
+  json& test = result["test"] = ruled.result();
+  const auto saved = [&](const Tally& tally) {
+    return fixed.seconds > 0 ? 1 - tally.seconds / fixed.seconds : 0;
+  };
+  test.update({{"frames", frames.size()},
+               {"vehicles", ruled.vehicles},
+               {"kept", test.at("within").at("value").get<double>() >= settings.confidence},
+               {"saved", saved(ruled)},
+               {"fixed", fixed.result()},
+               {"oracle", best.result()}});
+  test["oracle"]["saved"] = saved(best);
   return result;
 }
 

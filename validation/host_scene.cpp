@@ -24,6 +24,24 @@ double rgba_at(const Simulated& simulated, int u, int v, int c) {
   return simulated.rgba.at(u - r.u0, v - r.v0, c);
 }
 
+ImageF radiance_of(const Simulated& simulated, const ImageF& photograph, const PixelRect& rect) {
+  ImageF window = crop(photograph, rect);
+  const PixelRect& drawn = simulated.rect;
+  for (int v = std::max(rect.v0, drawn.v0); v < std::min(rect.v1, drawn.v1); ++v)
+    for (int u = std::max(rect.u0, drawn.u0); u < std::min(rect.u1, drawn.u1); ++u)
+      for (int c = 0; c < 3; ++c)
+        window.at(u - rect.u0, v - rect.v0, c) = static_cast<float>(rgba_at(simulated, u, v, c));
+  return window;
+}
+
+ImageF coverage_of(const Simulated& simulated, const PixelRect& rect) {
+  ImageF coverage(rect.width(), rect.height(), 1);
+  for (int v = rect.v0; v < rect.v1; ++v)
+    for (int u = rect.u0; u < rect.u1; ++u)
+      coverage.at(u - rect.u0, v - rect.v0) = static_cast<float>(rgba_at(simulated, u, v, 3));
+  return coverage;
+}
+
 void composite(const Rendered& render, const ImageF& visible, ImageF& picture) {
   for (int v = 0; v < picture.height; ++v)
     for (int u = 0; u < picture.width; ++u) {
@@ -73,6 +91,33 @@ RenderJob job_for(const HostScene& scene, const PixelRect& rect) {
   job.samples = scene.samples;
   job.seed = scene.seed;
   return job;
+}
+
+RenderedHalves render_halves(BlenderWorker& blender, RenderJob job, std::uint64_t seed, RenderStream stream) {
+  job.samples = (job.samples + 1) / 2;
+  job.seed = seed + static_cast<std::uint64_t>(stream);
+  RenderedHalves halves;
+  halves.first = render(blender, job);
+  ++job.seed;
+  halves.second = render(blender, job);
+  halves.seconds = halves.first.seconds + halves.second.seconds;
+  return halves;
+}
+
+ImageF coverage_of(const RenderedHalves& rendered, const ImageF& visible) {
+  const ImageF &a = rendered.first.rgba, &b = rendered.second.rgba;
+  ImageF coverage(a.width, a.height, 1);
+  for (int v = 0; v < a.height; ++v)
+    for (int u = 0; u < a.width; ++u)
+      coverage.at(u, v) = (visible.empty() ? 1 : visible.at(u, v)) * 0.5f * (a.at(u, v, 3) + b.at(u, v, 3));
+  return coverage;
+}
+
+Halves over(const RenderedHalves& rendered, const ImageF& visible, const ImageF& photograph) {
+  Halves halves{photograph, photograph};
+  composite(rendered.first, visible, halves.first);
+  composite(rendered.second, visible, halves.second);
+  return halves;
 }
 
 PixelRect grown(const PixelRect& rect, int by, const ImageF& image) {

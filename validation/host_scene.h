@@ -8,6 +8,7 @@
 #include "scene/insertion.h"
 #include "scene/render_scene.h"
 #include "validation/blender_process.h"
+#include "validation/unbiased_error.h"
 
 namespace mirage {
 
@@ -31,12 +32,36 @@ Simulated simulate_host(const HostScene& scene, const SimulationSettings& settin
 /// Value of a channel of `simulated` at a pixel of the photograph; 0 outside its window.
 double rgba_at(const Simulated& simulated, int u, int v, int c);
 
+/// The window `rect` of `photograph` with what `simulated` drew over it, not clamped: what is over-exposed
+/// keeps its radiance.
+ImageF radiance_of(const Simulated& simulated, const ImageF& photograph, const PixelRect& rect);
+/// How much of each pixel of the window it drew the object over: its silhouette.
+ImageF coverage_of(const Simulated& simulated, const PixelRect& rect);
+
 /// Share of the object that the photograph's depth lets through at each pixel of the window. Pixels that the
 /// object covers in part only, and so not at their centre, take their neighbours' share.
 ImageF visible_share(const HostScene& scene, const PixelRect& rect);
 
 /// A job with the scene's files, samples and seed.
 RenderJob job_for(const HostScene& scene, const PixelRect& rect);
+
+/// Which random numbers a render takes: each has seeds of its own, and so is independent of the others.
+enum class RenderStream : std::uint64_t {
+  full = 0,       ///< the picture in full light, which the detector sees
+  rungs = 2,      ///< those of the ladder: noise cancels where one is compared with another
+  reference = 4,  ///< what their errors are against
+  noise = 6
+};
+/// The job's picture as two independent renders of half of its samples each (rounded up).
+struct RenderedHalves {
+  Rendered first, second;
+  double seconds = 0;  ///< of both
+};
+RenderedHalves render_halves(BlenderWorker& blender, RenderJob job, std::uint64_t seed, RenderStream stream);
+/// How much of each pixel the object covers, in the mean of the halves; scaled by `visible`.
+ImageF coverage_of(const RenderedHalves& rendered, const ImageF& visible);
+/// Each half over the photograph's window, not clamped.
+Halves over(const RenderedHalves& rendered, const ImageF& visible, const ImageF& photograph);
 /// Everything: sun with shadows, occluded sky, 4 bounces, specular, shadow on host and road.
 RenderEffects full_effects();
 

@@ -136,22 +136,22 @@ LidarCheck check_lidar(BlenderWorker& blender, const HostScene& scene, const Sim
 }
 
 Noise measure_noise(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated) {
-  Noise noise;
+  constexpr int kSamples = 8;
   RenderJob job = job_for(scene, full_rect(simulated, scene.prepared->frame.image));
   job.effects = full_effects();
-  job.samples = noise.samples;
-  ImageF pictures[2];
-  ImageF mask;
-  for (std::uint64_t i = 0; i < 2; ++i) {
-    job.seed = scene.seed + 2 + i;  // neither the full render's nor the ladder's
-    Rendered rendered = render(blender, job);
-    mask = alpha_mask(rendered.rgba);
-    ImageF& picture = pictures[i] = ImageF(mask.width, mask.height, 3);
-    composite(rendered, {}, picture);
-  }
-  const double mean = mean_absolute_error(pictures[0], ImageF(mask.width, mask.height, 3), mask);
+  job.samples = 2 * kSamples;
+  const RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::noise);
+  const ImageF mask = alpha_mask(rendered.second.rgba);
+  return noise_of(over(rendered, {}, ImageF(mask.width, mask.height, 3)), mask, kSamples);
+}
+
+Noise noise_of(const Halves& halves, const ImageF& mask, int samples) {
+  Noise noise;
+  noise.samples = samples;
+  const double mean = mean_absolute_error(halves.mean(), ImageF(mask.width, mask.height, 3), mask);
   // Two independent renders differ by √2 times what one is off.
-  if (mean > 0) noise.relative = mean_absolute_error(pictures[0], pictures[1], mask) / std::sqrt(2.0) / mean;
+  if (mean > 0)
+    noise.relative = mean_absolute_error(halves.first, halves.second, mask) / std::sqrt(2.0) / mean;
   return noise;
 }
 
@@ -166,17 +166,39 @@ FullLight full_light(BlenderWorker& blender, const HostScene& scene, const Simul
   result.rect = full_rect(simulated, photograph);
   RenderJob job = job_for(scene, result.rect);
   job.effects = full_effects();
-  const Rendered rendered = render(blender, job);
+  const RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::full);
   result.visible = visible_share(scene, result.rect);
-  const ImageF& visible = result.visible;
-  result.cycles = crop(photograph, result.rect);
-  composite(rendered, visible, result.cycles);
+  result.radiance = over(rendered, result.visible, crop(photograph, result.rect));
+  result.cycles = result.radiance.mean();
   saturate(result.cycles);
   result.raster = crop(simulated.image, result.rect);
-  result.mask = alpha_mask(rendered.rgba, visible);
+  result.coverage = coverage_of(rendered, result.visible);
+  result.mask = result.coverage;
+  for (float& value : result.mask.data) value = value > 0.5f ? 1.0f : 0.0f;
   result.image = with_window(photograph, result.cycles, result.rect);
+  result.samples = 2 * ((job.samples + 1) / 2);
   result.seconds = rendered.seconds;
   return result;
+}
+
+SquaredError error_to(const Halves& reference, const Halves& drawn, const ImageF& coverage,
+                      const FullLight& full, std::uint64_t seed) {
+  constexpr float kDrawn = 1.0f / 255;  // of a pixel; less changes nothing in a picture of 8 bits
+  ImageF region = full.mask;
+  double pixels = 0;
+  for (std::size_t i = 0; i < region.data.size(); ++i) {
+    pixels += full.mask.data[i] > 0.5f;
+    region.data[i] = full.coverage.data[i] > 0 || coverage.data[i] > kDrawn ? 1.0f : 0.0f;
+  }
+  const ImageF picture = reference.mean();
+  const double mean =
+      mean_absolute_error(picture, ImageF(picture.width, picture.height, picture.channels), full.mask);
+  return squared_error(drawn, reference, region, pixels, mean, seed);
+}
+
+SquaredError raster_error(const HostScene& scene, const Simulated& simulated, const FullLight& full) {
+  return error_to(full.radiance, {radiance_of(simulated, scene.prepared->frame.image, full.rect), {}},
+                  coverage_of(simulated, full.rect), full, scene.seed);
 }
 
 }  // namespace mirage

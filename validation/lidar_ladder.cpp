@@ -36,19 +36,26 @@ std::map<RayKey, Vec3d> by_ray(const LidarTape& tape, const Sweep& sweep) {
 
 }  // namespace
 
-std::vector<LidarRung> lidar_ladder(const HostScene& scene) {
-  const LidarEffects ideal;
-  LidarEffects noise, drop_out, divergence, motion;
-  noise.range_sigma = kRangeSigma;
-  drop_out.drop_out = kDropOut;
+LidarEffects realistic_returns(const HostScene& scene) {
+  LidarEffects all;
+  all.range_sigma = kRangeSigma;
+  all.drop_out = kDropOut;
   const Vec2d beam = scene.prepared->lidar.divergence;
-  divergence.divergence = beam.isZero(0) ? Vec2d::Constant(kDivergence) : beam;
-  motion.velocity = Vec3d(kSpeed, 0, 0);
-  motion.yaw_rate = kYawRate;
-  LidarEffects all = motion;
-  all.range_sigma = noise.range_sigma;
-  all.drop_out = drop_out.drop_out;
-  all.divergence = divergence.divergence;
+  all.divergence = beam.isZero(0) ? Vec2d::Constant(kDivergence) : beam;
+  all.velocity = Vec3d(kSpeed, 0, 0);
+  all.yaw_rate = kYawRate;
+  all.seed = scene.seed;
+  return all;
+}
+
+std::vector<LidarRung> lidar_ladder(const HostScene& scene) {
+  const LidarEffects ideal, all = realistic_returns(scene);
+  LidarEffects noise, drop_out, divergence, motion;
+  noise.range_sigma = all.range_sigma;
+  drop_out.drop_out = all.drop_out;
+  divergence.divergence = all.divergence;
+  motion.velocity = all.velocity;
+  motion.yaw_rate = all.yaw_rate;
   std::map<RayKey, Vec3d> reference;
   std::vector<LidarRung> ladder;
   for (auto& [name, effects] : std::vector<std::pair<std::string, LidarEffects>>{{"ideal", ideal},

@@ -1,6 +1,7 @@
 #include "validation/light_ladder.h"
 
 #include <chrono>
+#include <cmath>
 #include <map>
 #include <opencv2/imgproc.hpp>
 
@@ -31,6 +32,10 @@ Simulated simulate_in_srgb(const HostScene& scene, const SimulationSettings& set
     for (double& channel : texel) channel = srgb_from_linear(static_cast<float>(channel));
   Simulated simulated = simulate_host(bytes, settings);
   for (float& value : simulated.image.data) value = linear_from_srgb(value);
+  for (int v = 0; v < simulated.rgba.height; ++v)
+    for (int u = 0; u < simulated.rgba.width; ++u)
+      for (int c = 0; c < 3; ++c)
+        simulated.rgba.at(u, v, c) = linear_from_srgb(static_cast<float>(simulated.rgba.at(u, v, c)));
   return simulated;
 }
 
@@ -109,46 +114,50 @@ Change change(const ImageF& from, const ImageF& to, const ImageF& mask) {
 
 LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const FullLight& full) {
   const ImageF photograph = crop(scene.prepared->frame.image, full.rect);
-  const auto over_photograph = [&](const Rendered& rendered) {
-    ImageF picture = photograph;
-    composite(rendered, full.visible, picture);
+  const auto as_seen = [](ImageF picture) {
     saturate(picture);
     return picture;
   };
   LightLadder result;
   std::vector<LadderRung>& ladder = result.rungs;
   RenderJob job = job_for(scene, full.rect);
-  job.seed = scene.seed + 4;
   job.samples = result.reference_samples = kReferenceFactor * scene.samples;
   job.effects = full_effects();
   std::map<std::string, ImageF> pictures;
+  Halves reference;
   {
-    const Rendered rendered = render(blender, job);
+    const RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::reference);
     result.reference_seconds = rendered.seconds;
-    pictures["reference"] = over_photograph(rendered);
+    reference = over(rendered, full.visible, photograph);
+    pictures["reference"] = as_seen(reference.mean());
+    // Without noise of its own and with no error, what is left is the reference's.
+    const Halves itself{reference.mean(), {}};
+    result.reference_noise = std::sqrt(error_to(reference, itself, full.coverage, full, scene.seed).floor);
   }
   const auto add = [&](const std::string& effect, const std::string& group, const std::string& base,
-                       double seconds, ImageF picture) {
-    saturate(picture);
+                       double seconds, const Halves& drawn, const ImageF& coverage) {
+    ImageF picture = as_seen(drawn.mean());
     pictures[effect] = picture;
     const ImageF& from = pictures.at(base);
     ladder.push_back({effect, group, base, change(from, picture, full.mask), change(from, picture, {}),
-                      change(pictures.at("reference"), picture, full.mask), seconds, std::move(picture)});
+                      change(pictures.at("reference"), picture, full.mask),
+                      error_to(reference, drawn, coverage, full, scene.seed), seconds, std::move(picture)});
   };
 
   const auto timed = [&](const auto& simulate) {
     const auto start = std::chrono::steady_clock::now();
     const Simulated simulated = simulate();
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
-    return std::pair(crop(simulated.image, full.rect), seconds.count());
+    return std::pair(simulated, seconds.count());
   };
   SimulationSettings hard = hard_limit(scene.simulation, true), visible = hard;
   hard.supersampling = visible.supersampling = scene.simulation.supersampling;
   visible.light = LightModel::visible;
   const auto drawn = [&](const std::string& effect, const auto& simulate) {
-    auto [picture, seconds] = timed(simulate);
-    if (effect == "hard") pictures["hard"] = picture;
-    add(effect, "raster", "hard", seconds, std::move(picture));
+    const auto [simulated, seconds] = timed(simulate);
+    const ImageF radiance = radiance_of(simulated, scene.prepared->frame.image, full.rect);
+    if (effect == "hard") pictures["hard"] = as_seen(radiance);
+    add(effect, "raster", "hard", seconds, {radiance, {}}, coverage_of(simulated, full.rect));
   };
   drawn("hard", [&] { return simulate_host(scene, hard); });
   drawn("soft", [&] { return simulate_host(scene, scene.simulation); });
@@ -156,21 +165,25 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
   drawn("uniform ambient", [&] { return simulate_uniform(scene, hard); });
   drawn("visible light", [&] { return simulate_host(scene, visible); });
 
-  job.seed = scene.seed + 1;
   RenderJob centres = job;
   centres.effects = {};
   centres.samples = 1;
   centres.pixel_centre = true;
-  pictures["centres"] = over_photograph(render(blender, centres));
+  centres.seed = scene.seed + static_cast<std::uint64_t>(RenderStream::rungs);
+  ImageF matched = photograph;
+  composite(render(blender, centres), full.visible, matched);
+  pictures["centres"] = as_seen(std::move(matched));
   for (const Recipe& recipe : recipes(scene.samples)) {
     job.effects = recipe.effects;
     job.samples = recipe.samples > 0 ? recipe.samples : scene.samples;
     job.filter_width = recipe.filter_width;
-    Rendered rendered = render(blender, job);
-    if (recipe.blurred) blur(rendered);
-    add(recipe.effect, recipe.group, recipe.base, rendered.seconds, over_photograph(rendered));
+    RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::rungs);
+    if (recipe.blurred)
+      for (Rendered* half : {&rendered.first, &rendered.second}) blur(*half);
+    add(recipe.effect, recipe.group, recipe.base, rendered.seconds, over(rendered, full.visible, photograph),
+        coverage_of(rendered, full.visible));
   }
-  add("full", "samples", "reference", full.seconds, full.cycles);
+  add("full", "samples", "reference", full.seconds, full.radiance, full.coverage);
   return result;
 }
 

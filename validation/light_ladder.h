@@ -21,19 +21,21 @@ Change change(const ImageF& from, const ImageF& to, const ImageF& mask);
 
 struct LadderRung {
   std::string effect;
-  std::string group;  ///< "raster": ours; "cycles": effects in Cycles; "samples": the full render with fewer
-  std::string base;   ///< the rung (or "centres", "reference") that `change` is against
-  Change change;      ///< over the object's visible pixels
-  Change crop;        ///< over the whole window: the shadow that the object casts shows here
-  Change to_full;     ///< error against full Cycles over the object's visible pixels
+  std::string group;   ///< "raster": ours; "cycles": effects in Cycles; "samples": the full render with fewer
+  std::string base;    ///< the rung (or "centres", "reference") that `change` is against
+  Change change;       ///< over the object's visible pixels
+  Change crop;         ///< over the whole window: the shadow that the object casts shows here
+  Change to_full;      ///< error against the reference over the object's visible pixels, as a camera sees it
+  SquaredError error;  ///< the same before anything saturates, its noise taken out (unbiased_error.h)
   double seconds = 0;
   ImageF picture;  ///< full.rect-sized composite over the photograph
 };
 
 struct LightLadder {
   std::vector<LadderRung> rungs;
-  int reference_samples = 0;  ///< of the full render that `to_full` is against
+  int reference_samples = 0;  ///< of the full render that `to_full` is against, in both halves together
   double reference_seconds = 0;
+  double reference_noise = 0;  ///< its own error, a share of the object's mean radiance (root mean square)
 };
 
 /// Raster rungs: the picture as attacked ("soft"), with hard edges ("hard"), and that with the lighting done
@@ -41,8 +43,9 @@ struct LightLadder {
 /// light model with visibility ("visible light").
 /// Cycles rungs: matched light over the pixels' area, then that with each effect alone and with several.
 /// Samples: the full render (`full`) and that with fewer samples.
-/// The Cycles rungs share one seed, so that Monte Carlo noise cancels in `change`; the reference has another
-/// and four times the samples, so that it does not in `to_full`.
+/// Every rung of Cycles is drawn as two independent halves. Rungs share their seeds, so that Monte Carlo
+/// noise cancels in `change`; the reference has others, and two halves of twice the samples, so that it does
+/// not in `to_full`.
 LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const FullLight& full);
 
 }  // namespace mirage

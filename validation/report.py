@@ -62,6 +62,15 @@ def picture_note(result):
     return result.get("reliance", {}).get("note", "")
 
 
+def percent(arm):
+    return f"{100 * arm['asr']['value']:.1f}\u202f%"
+
+
+def arms(result):
+    """{(light, returns): place in verdict.arms}, of arms that hold a vehicle."""
+    return {(arm["light"], arm["returns"]): index for index, arm in enumerate(result.get("verdict", {}).get("arms", []))}
+
+
 def judge(result, group, checks):
     """What the page says in words."""
     missed = [check["name"].split(",")[0] for check in checks if not check["met"]]
@@ -82,8 +91,25 @@ def judge(result, group, checks):
     known = {"none": ", no significant difference", "overstates": ", weaker than learned",
              "understates": ", stronger than learned"}.get(said["difference"], "")
     success = f"{100 * traced:.1f}\u202f% in Cycles, {100 * raster:.1f}\u202f% with the rasteriser{known}"
+    found = arms(result)
+    said["arms"] = {name: index for name, index in found.items()}
+    as_learned, real = (result["verdict"]["arms"][found[name]] if name in found else None
+                        for name in (("raster", "ideal"), ("cycles", "realistic")))
+    if as_learned and real:
+        gap = real["difference"]
+        known = (", weaker than learned" if gap["high"] < 0 else ", stronger than learned" if gap["low"] > 0 else
+                 ", no significant difference")
+        success = (f"{percent(real)} in Cycles with realistic returns, {percent(as_learned)} with the rasteriser and ideal "
+                   f"ones{known}")
+    vacuous = result.get("verdict", {}).get("vacuous", {})
+    said["vacuous"] = [name for channel, name in (("image", "camera"), ("lidar", "LiDAR")) if vacuous.get(channel)]
+    if said["vacuous"]:
+        success += f"; vacuous for the {' and the '.join(said['vacuous'])}"
     if note := picture_note(result):
         success = f"{100 * raster:.1f}\u202f% with the rasteriser; {note}"
+        if ("raster", "realistic") in found:
+            real = result["verdict"]["arms"][found["raster", "realistic"]]
+            success = f"{percent(as_learned)} with the rasteriser, {percent(real)} with realistic returns; {note}"
     correct = "the renderers agree in matched light" if not missed else "correctness in matched light misses a target"
     return {**said, "title": f"Attack success: {success}; {correct}."}
 
@@ -120,11 +146,12 @@ def page(result, hosts, folder, model, viewer):
     environment.globals.update(
         result=result, fig=fig, interval=figures.interval_function(result, fig), group=group, shown=plots.SHOWN,
         verdict=judge(result, group, extra["targets"]), checks=extra["targets"], flips=flips_of(result, folder),
-        note=picture_note(result), tradeoff=extra.get("tradeoff"), pareto=plots.pareto(extra.get("tradeoff")), viewer_missing=NO_VIEWER, model=model,
+        note=picture_note(result), light_names=plots.LIGHT, tradeoff=extra.get("tradeoff"), pareto=plots.pareto(extra.get("tradeoff")), viewer_missing=NO_VIEWER, model=model,
         plots={"loss": plots.loss(extra.get("loss")), "recall": plots.recall(extra.get("evaluation")),
-               "success": plots.success(result.get("verdict", {}).get(group)),
+               "success": plots.arms(result.get("verdict"), bool(picture_note(result))) or
+               plots.success(result.get("verdict", {}).get(group)),
                "scores": plots.scores(result.get("verdict")), "ladder": plots.ladder(result),
-               "ladder_cost": plots.ladder_cost(result)},
+               "remaining": plots.remaining(result), "ladder_cost": plots.ladder_cost(result)},
         pictured=[pictured_view(folder, i, hosts[i]) for i in order[:PICTURED_HOSTS]],
         hosts=[host_view(i, host) for i, host in enumerate(hosts)])
     environment.globals["swipe"] = environment.get_template("macros.html.j2").module.swipe

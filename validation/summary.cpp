@@ -3,8 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <span>
 
 #include "attack/hosts.h"
+#include "base/bootstrap.h"
+#include "base/clusters.h"
+#include "validation/unbiased_error.h"
 
 namespace mirage {
 namespace {
@@ -63,12 +67,65 @@ class Means {
   std::map<std::string, Means> nested_;
 };
 
+/// Squared errors (unbiased_error.h) over vehicles: their means, as roots, and the interval of the unbiased
+/// one by the bootstrap over clusters (base/clusters.h); of a single cluster over its vehicles, of a single
+/// vehicle over its picture.
+class Errors {
+ public:
+  void add(const json& vehicle, const json& error) {
+    const json& squared = error.at("squared");
+    plain_ += squared.at("plain").get<double>();
+    floor_ += squared.at("floor").get<double>();
+    drawn_ += squared.at("drawn").get<double>();
+    const auto unbiased = squared.at("unbiased").get<double>();
+    vehicles_.push_back({unbiased, 1});
+    ClusterSums& cluster =
+        clusters_[cluster_of(vehicle.at("frame").get<std::string>(), vehicle.value("track", -1))];
+    cluster.numerator += unbiased;
+    cluster.denominator += 1;
+    picture_ = error.at("interval");
+  }
+  bool empty() const { return vehicles_.empty(); }
+  json result() const {
+    const auto n = static_cast<double>(vehicles_.size());
+    std::vector<ClusterSums> clusters;
+    for (const auto& [name, sums] : clusters_) clusters.push_back(sums);
+    const bool by_cluster = clusters.size() > 1;
+    const std::vector<ClusterSums>& drawn = by_cluster ? clusters : vehicles_;
+    const auto root_of_mean = [&](std::span<const int> count) {
+      ClusterSums sums;
+      for (std::size_t i = 0; i < drawn.size(); ++i) {
+        sums.numerator += count[i] * drawn[i].numerator;
+        sums.denominator += count[i] * drawn[i].denominator;
+      }
+      return signed_root(sums.numerator / sums.denominator);
+    };
+    json interval = picture_;
+    if (drawn.size() > 1) interval = to_json(bootstrap_statistic(drawn.size(), root_of_mean));
+    return {{"error_plain", signed_root(plain_ / n)},
+            {"floor", signed_root(floor_ / n)},
+            {"error_drawn", signed_root(drawn_ / n)},
+            {"error_unbiased", interval.at("value")},
+            {"interval", interval},
+            {"interval_over", drawn.size() < 2 ? "pixels"
+                              : by_cluster     ? "clusters"
+                                               : "vehicles"}};
+  }
+
+ private:
+  double plain_ = 0, floor_ = 0, drawn_ = 0;
+  std::vector<ClusterSums> vehicles_;
+  std::map<std::string, ClusterSums> clusters_;
+  json picture_;
+};
+
 /// A ladder over the vehicles that have one, in the order of its rungs. What the detector says counts
 /// vehicles found without the adversary.
 json ladder(const std::vector<json>& hosts, const char* key) {
   struct Rung {
     Means means;
     std::string group, base;
+    Errors errors;
     int vehicles = 0, detected = 0, hidden = 0, false_positive = 0, either = 0;
     double score = 0, score_change = 0;
   };
@@ -93,7 +150,10 @@ json ladder(const std::vector<json>& hosts, const char* key) {
         rung.score_change +=
             std::abs(entry.at("score").get<double>() - host.at("raster").at("score").get<double>());
       }
-      for (const char* own : {"score", "iou", "effect", "group", "base"}) entry.erase(own);
+      if (entry.contains("squared")) rung.errors.add(host, entry);
+      for (const char* own : {"score", "iou", "effect", "group", "base", "squared", "error_plain", "floor",
+                              "error_drawn", "error_unbiased", "interval"})
+        entry.erase(own);
       rung.means.add(entry);
     }
   auto list = json::array();
@@ -110,6 +170,7 @@ json ladder(const std::vector<json>& hosts, const char* key) {
                   {"asr", rung.either / base},
                   {"mean_score", rung.score / base},
                   {"score_change", rung.score_change / base}});
+    if (!rung.errors.empty()) entry.update(rung.errors.result());
     if (!rung.group.empty()) entry["group"] = rung.group;
     if (!rung.base.empty()) entry["base"] = rung.base;
     list.push_back(entry);
@@ -127,6 +188,7 @@ json summarize_vehicles(const std::vector<json>& hosts, const std::set<std::stri
   Fooled held_back, trained_on;  // an attack is judged on vehicles that it never saw
   double full_mae = 0, full_mean = 0, full_ssim = 0, full_flip = 0, full_seconds = 0;
   double worst_depth = 0, noise = 0;
+  Errors full_errors;
   for (const json& host : hosts) {
     if (!host.contains("matched")) continue;
     ++vehicles;
@@ -146,6 +208,7 @@ json summarize_vehicles(const std::vector<json>& hosts, const std::set<std::stri
     returns += m.at("returns").get<int>();
     disagreements += m.at("hit_disagreements").get<int>();
     const json& full = host.at("full");
+    if (full.contains("squared")) full_errors.add(host, full);
     full_mae += full.at("mae").get<double>();
     full_mean += full.at("mean").get<double>();
     full_ssim += full.at("ssim").get<double>();
@@ -156,6 +219,12 @@ json summarize_vehicles(const std::vector<json>& hosts, const std::set<std::stri
   const double n = std::max(1, vehicles);
   const auto tested =
       std::count_if(frames.begin(), frames.end(), [&](const auto& f) { return test_frames.count(f); });
+  json full = {{"mae", full_mae / n},
+               {"relative", full_mean > 0 ? full_mae / full_mean : 0},
+               {"ssim", full_ssim / n},
+               {"flip", full_flip / n},
+               {"seconds", full_seconds / n}};
+  if (!full_errors.empty()) full.update(full_errors.result());
   return {{"frames", frames.size()},
           {"test_frames", tested},
           {"vehicles", vehicles},
@@ -172,12 +241,7 @@ json summarize_vehicles(const std::vector<json>& hosts, const std::set<std::stri
             {"hit_disagreements", disagreements},
             {"rays", rays},
             {"returns", returns}}},
-          {"full",
-           {{"mae", full_mae / n},
-            {"relative", full_mean > 0 ? full_mae / full_mean : 0},
-            {"ssim", full_ssim / n},
-            {"flip", full_flip / n},
-            {"seconds", full_seconds / n}}},
+          {"full", full},
           {"noise", noise / n},
           {"ladder", ladder(hosts, "ladder")},
           {"lidar_ladder", ladder(hosts, "lidar_ladder")},

@@ -25,7 +25,7 @@ struct ValidationSettings {
   std::string rooftop;               ///< what finds the roofs (scene/shape/shape_rooftop.h); empty: the run's
   std::filesystem::path evaluation;  ///< result.json of mirage evaluate, or its folder; for the report only
   std::filesystem::path tradeoff;    ///< the same of mirage tradeoff
-  int frames = 0;                    ///< 0: all test frames
+  int frames = 0;                    ///< 0: as many as hold kVerdictVehicles
   std::string quality;               ///< draft, default or exact (scene/quality.h); empty: the run's
   std::string light;                 ///< plain or visible (sensors/visible_light.h); empty: the run's
   std::string sun;                   ///< where the sun stands (scene/sun.h); empty: the run's
@@ -49,8 +49,11 @@ std::string validation_key(const ValidationSettings& settings, const Run& run, c
 /// The Python programs that decide what Blender draws: the worker's own and the add-on's package.
 std::vector<std::filesystem::path> renderer_programs();
 
+/// Vehicles of a verdict where the number of frames is not given, if the data have as many: a difference of
+/// shares of 100 vehicles is told to within ten points or so.
+inline constexpr std::size_t kVerdictVehicles = 100;
 /// Hosts of the first `frames` frames of the run, test frames first, training frames when those run out;
-/// 0: all test frames.
+/// 0: of as many whole frames as hold kVerdictVehicles.
 std::vector<HostId> select_hosts(const Run& run, int frames);
 
 /// Which of the hosts get the ladders: the first of each frame in the hosts' order, then the second of each,

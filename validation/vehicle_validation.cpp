@@ -3,10 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "attack/clean_view.h"
 #include "base/image_io.h"
 #include "detection/average_precision.h"
+#include "detection/reliance.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
+#include "validation/arms.h"
 #include "validation/budget.h"
 #include "validation/fidelity.h"
 #include "validation/host_validation.h"
@@ -39,11 +42,37 @@ json boxes_json(const std::vector<Proposal>& proposals, Plane plane, Plane judge
   return list;
 }
 
-json outcome_json(const HostOutcome& outcome) {
-  return {{"iou", outcome.attacked_iou},
-          {"score", outcome.attacked_score},
-          {"hidden", outcome.hidden},
-          {"false_positive", outcome.false_positive}};
+/// What the detector makes of a view: its detections, and the logit of the proposal that speaks for the host
+/// (detection/reliance.h), which goes on below the threshold of detections.
+struct Look {
+  std::vector<Proposal> found;
+  double logit = 0;
+};
+
+Look look_at(Detector& detector, const SensorView& view, const BevBox& host,
+             const EvaluationSettings& settings) {
+  const std::vector<Proposal> proposals =
+      detector.forward(view, std::min(kFaintScore, settings.score_threshold), false);
+  Look look;
+  look.logit = speaker(proposals, host, settings.plane).logit;
+  std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(look.found),
+               [&](const Proposal& proposal) { return proposal.score() > settings.score_threshold; });
+  look.found = suppress(std::move(look.found), settings.plane);
+  return look;
+}
+
+/// A look judged.
+struct Judged {
+  HostOutcome outcome;
+  double logit = 0;
+};
+
+json outcome_json(const Judged& judged) {
+  return {{"iou", judged.outcome.attacked_iou},
+          {"score", judged.outcome.attacked_score},
+          {"logit", judged.logit},
+          {"hidden", judged.outcome.hidden},
+          {"false_positive", judged.outcome.false_positive}};
 }
 
 json bev_json(const PreparedFrame& prepared, const Label& host, const Simulated& simulated,
@@ -109,10 +138,13 @@ void add_ladders(BlenderWorker& blender, const HostScene& scene, const Simulated
   result["ladder"] = json::array();
   double soft_change = 0, light_change = 0;
   const LightLadder light = light_ladder(blender, scene, full);
-  result["reference"] = {{"samples", light.reference_samples}, {"seconds", light.reference_seconds}};
+  result["reference"] = {{"samples", light.reference_samples},
+                         {"seconds", light.reference_seconds},
+                         {"noise", light.reference_noise}};
   for (const LadderRung& rung : light.rungs) {
     json entry = outcome(with_window(frame.image, rung.picture, full.rect), simulated.sweep);
     entry.update(change_json(rung.change));
+    entry.update(to_json(rung.error));
     entry.update({{"effect", rung.effect},
                   {"group", rung.group},
                   {"base", rung.base},
@@ -172,9 +204,10 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
   const std::size_t lost_before = context.blender.losses().size();
   const MatchedLight matched = matched_light(context.blender, scene);
   const LidarCheck lidar = check_lidar(context.blender, scene, simulated);
-  const Noise noise = measure_noise(context.blender, scene, simulated);
-  if (context.settings.noise > 0) scene.samples = samples_for(noise, context.settings.noise);
+  if (context.settings.noise > 0)
+    scene.samples = samples_for(measure_noise(context.blender, scene, simulated), context.settings.noise);
   const FullLight full = full_light(context.blender, scene, simulated);
+  const Noise noise = noise_of(full.radiance, full.mask, full.samples / 2);
   result["matched"] = {{"mask_iou", matched.mask_iou},
                        {"mae", matched.mae},
                        {"max_error", matched.max_error},
@@ -194,31 +227,41 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
       {"mean", mean_absolute_error(full.cycles, ImageF(full.mask.width, full.mask.height, 3), full.mask)},
       {"ssim", ssim(grey(seen_raster), grey(seen_cycles), full.mask)},
       {"flip", flip(seen_cycles, seen_raster, full.mask)},
-      {"noise", noise.at(scene.samples)},
+      {"noise", noise.at(full.samples)},
       {"seconds", full.seconds}};
+  result["full"].update(to_json(raster_error(scene, simulated, full)));
   EvaluationSettings judge_by = context.settings.evaluation_settings;
   judge_by.plane = context.detector.capabilities().plane();
   const std::optional<PictureBox> object = silhouette_box(simulated);
-  const auto look = [&](const ImageF& image, const Sweep& sweep) {
-    return detections(context.detector, {&image, sweep, &frame.calibration}, judge_by);
-  };
   const auto [clean, added] = context.clean.try_emplace(id.frame);
-  if (added) clean->second = look(frame.image, frame.sweep);
-  const auto outcome_of = [&](const ImageF& image, const Sweep& sweep) {
-    return judge(id, frame, clean->second, look(image, sweep), judge_by, object);
+  if (added)
+    clean->second = detections(context.detector, {&frame.image, frame.sweep, &frame.calibration}, judge_by);
+  // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
+  CleanView as_recorded = clean_view(prepared, simulated);
+  as_recorded.changed = full.rect;
+  const BevBox host_box = HostTruth(frame, *scene.host, judge_by.plane).host();
+  const auto outcome_of = [&](const ImageF& image, const Sweep& sweep) -> Judged {
+    const SensorView view{&image, sweep, &frame.calibration,
+                          context.detector.capabilities().why_whole.empty() ? &as_recorded : nullptr};
+    Look look = look_at(context.detector, view, host_box, judge_by);
+    return {judge(id, frame, clean->second, std::move(look.found), judge_by, object), look.logit};
   };
-  const HostOutcome raster = outcome_of(simulated.image, simulated.sweep);
-  const HostOutcome cycles = outcome_of(full.image, simulated.sweep);
+  const Judged seen_raster_as = outcome_of(simulated.image, simulated.sweep);
+  const Judged seen_cycles_as = outcome_of(full.image, simulated.sweep);
+  const HostOutcome &raster = seen_raster_as.outcome, &cycles = seen_cycles_as.outcome;
   SimulationSettings hard_edges = hard_limit(scene.simulation, true);
   hard_edges.supersampling = scene.simulation.supersampling;
   const ImageF hard_image = simulate_host(scene, hard_edges).image;
-  const HostOutcome hard = outcome_of(hard_image, simulated.sweep);
   result["range"] = raster.range;
   result["detected"] = raster.detected;
   result["clean"] = {{"iou", raster.clean_iou}, {"score", raster.clean_score}};
-  result["raster"] = outcome_json(raster);
-  result["hard"] = outcome_json(hard);
-  result["cycles"] = outcome_json(cycles);
+  result["raster"] = outcome_json(seen_raster_as);
+  result["hard"] = outcome_json(outcome_of(hard_image, simulated.sweep));
+  result["cycles"] = outcome_json(seen_cycles_as);
+  if (raster.detected)  // else there is no outcome to change
+    result.update(look_at_arms(scene, simulated, full, [&](const ImageF& image, const Sweep& sweep) {
+      return outcome_json(outcome_of(image, sweep));
+    }));
   if (with_ladder) {
     // Where the detector misses the vehicle without the adversary there is no outcome to change.
     const auto outcome = [&](const ImageF& image, const Sweep& sweep) -> json {

@@ -5,6 +5,7 @@
 
 #include "base/bootstrap.h"
 #include "base/clusters.h"
+#include "detection/reliance.h"
 
 namespace mirage {
 namespace {
@@ -61,6 +62,81 @@ struct Variant {
   }
 };
 
+/// Variants that are compared with a first one on the same vehicles, in the order of their coming.
+class Compared {
+ public:
+  /// `names`: what tells this outcome's variant.
+  void add(const std::string& cluster, const json& outcome, const json& first,
+           const std::vector<std::string>& names) {
+    std::vector<std::string> values;
+    for (const std::string& name : names) values.push_back(outcome.at(name));
+    auto [place, added] = entries_.try_emplace(values);
+    Entry& entry = place->second;
+    if (added) {
+      order_.push_back(values);
+      for (const std::string& name : names) entry.names[name] = outcome.at(name);
+    }
+    entry.variant.add(cluster, outcome);
+    entry.difference.add(cluster, double(is_fooled(outcome)) - double(is_fooled(first)));
+    entry.flips += outcome.at("hidden") != first.at("hidden") ||
+                   outcome.at("false_positive") != first.at("false_positive");
+    entry.logit += std::abs(outcome.at("logit").get<double>() - first.at("logit").get<double>());
+    entry.score += std::abs(outcome.at("score").get<double>() - first.at("score").get<double>());
+  }
+  json result() const {
+    auto list = json::array();
+    for (const auto& values : order_) {
+      const Entry& entry = entries_.at(values);
+      json one = entry.variant.result("");
+      one.erase("name");
+      one.update(entry.names);
+      one["difference"] = to_json(entry.difference.signed_interval());
+      one["flips"] = entry.flips;
+      one["mean_delta_logit"] = entry.logit / entry.variant.vehicles;
+      one["mean_delta_score"] = entry.score / entry.variant.vehicles;
+      list.push_back(std::move(one));
+    }
+    return list;
+  }
+
+ private:
+  struct Entry {
+    json names = json::object();
+    Variant variant;
+    Share difference;
+    int flips = 0;
+    double logit = 0, score = 0;
+  };
+  std::map<std::vector<std::string>, Entry> entries_;
+  std::vector<std::vector<std::string>> order_;
+};
+
+std::string own_cluster(const json& vehicle) {
+  return cluster_of(vehicle.at("frame").get<std::string>(), vehicle.value("track", -1));
+}
+
+/// The vehicles' outcomes under `key`, against the first of their arms.
+json compared(const std::vector<const json*>& vehicles, const char* key,
+              const std::vector<std::string>& names) {
+  Compared all;
+  for (const json* vehicle : vehicles)
+    if (vehicle->contains("arms"))
+      for (const json& outcome : vehicle->at(key))
+        all.add(own_cluster(*vehicle), outcome, vehicle->at("arms").at(0), names);
+  return all.result();
+}
+
+json vacuous(const json& controls, const std::string& channel) {
+  bool looked = false, changed = false;
+  for (const json& control : controls) {
+    if (control.at("channel") != channel) continue;
+    looked = true;
+    changed |= control.at("flips").get<int>() > 0 ||
+               control.at("mean_delta_logit").get<double>() >= kLeastDeltaLogit;
+  }
+  return looked ? json(!changed) : json();
+}
+
 /// Pearson's; null where one of the two does not vary.
 json correlation(const std::vector<std::pair<double, double>>& pairs) {
   double mx = 0, my = 0, xx = 0, yy = 0, xy = 0;
@@ -114,7 +190,8 @@ json group(const std::vector<const json*>& vehicles) {
   json result = {{"frames", frames.size()},
                  {"vehicles", vehicles.size()},
                  {"clusters", to_json(clusters.count())},
-                 {"variants", json::array()}};
+                 {"variants", json::array()},
+                 {"arms", compared(vehicles, "arms", {"light", "returns"})}};
   for (const std::string& name : order)
     if (const auto found = variants.find(name); found != variants.end())
       result["variants"].push_back(found->second.result(name));
@@ -177,11 +254,19 @@ json verdict(const std::vector<json>& vehicles, const std::set<std::string>& tes
     if (vehicle.at("raster").at("hidden") != vehicle.at("cycles").at("hidden"))
       flips.push_back(flip_of(vehicle, split));
   }
-  return {{"confidence", BootstrapSettings().confidence},
-          {"held_back", group(held_back)},
-          {"all", group(all)},
-          {"pairs", pairs},
-          {"flips", flips}};
+  json result = {{"confidence", BootstrapSettings().confidence},
+                 {"held_back", group(held_back)},
+                 {"all", group(all)},
+                 {"pairs", pairs},
+                 {"flips", flips}};
+  const std::string of = held_back.empty() ? "all" : "held_back";
+  result["of"] = of;
+  result["arms"] = result.at(of).at("arms");
+  result["controls"] = compared(all, "controls", {"channel", "control"});
+  result["vacuous"] = {{"image", vacuous(result["controls"], "image")},
+                       {"lidar", vacuous(result["controls"], "lidar")},
+                       {"bound", kLeastDeltaLogit}};
+  return result;
 }
 
 }  // namespace mirage

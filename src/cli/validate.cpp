@@ -32,9 +32,17 @@ void print_result(const nlohmann::json& result) {
                        percent(number(of, "relative")), number(of, "ssim"), number(of, "flip"),
                        number(of, "seconds"));
   };
+  // Without noise, as root mean square: may come out below zero, and then nothing is left that can be seen.
+  const auto left = [&](const nlohmann::json& of) {
+    if (!of.contains("error_unbiased")) return std::string();
+    const auto& interval = of.at("interval");
+    return fmt::format("; left to full {:.1f} % ({:.1f} to {:.1f}), noise floor {}",
+                       100 * number(interval, "value"), 100 * number(interval, "low"),
+                       100 * number(interval, "high"), percent(number(of, "floor")));
+  };
   for (const auto& rung : result.at("ladder"))
-    rows.push_back({rung.at("effect").get<std::string>(), fidelity(rung)});
-  rows.push_back({"full light", fidelity(result.at("full"))});
+    rows.push_back({rung.at("effect").get<std::string>(), fidelity(rung) + left(rung)});
+  rows.push_back({"full light", fidelity(result.at("full")) + left(result.at("full"))});
   const Reliance reliance = reliance_from_json(result.at("reliance"));
   const bool sees = reliance.uses_picture();  // else who drew the object says nothing about the attack
   for (auto& row : picture_rows(reliance)) rows.push_back(std::move(row));
@@ -56,15 +64,36 @@ void print_result(const nlohmann::json& result) {
                         fmt::format("{} | {} of {}", share(variant.at("fn_asr")), share(variant.at("asr")),
                                     count(variant, "vehicles"))});
     }
+  const auto& verdict = result.at("verdict");
+  for (const auto& arm : verdict.at("arms")) {
+    const auto light = arm.at("light").get<std::string>();
+    if (!sees && light != "raster") continue;
+    const auto& gap = arm.at("difference");
+    rows.push_back({fmt::format("ASR, {}, {} returns", light, arm.at("returns").get<std::string>()),
+                    fmt::format("{} of {}; {:+.1f} points ({:.1f} to {:.1f})", share(arm.at("asr")),
+                                count(arm, "vehicles"), 100 * number(gap, "value"), 100 * number(gap, "low"),
+                                100 * number(gap, "high"))});
+  }
+  for (const auto& control : verdict.at("controls"))
+    rows.push_back({fmt::format("control: {}, {}", control.at("channel").get<std::string>(),
+                                control.at("control").get<std::string>()),
+                    fmt::format("{} outcomes of {} change, logits by {:.2f}", count(control, "flips"),
+                                count(control, "vehicles"), number(control, "mean_delta_logit"))});
+  for (const auto& [channel, what] : {std::pair("image", "drew it"), std::pair("lidar", "met it")})
+    if (verdict.at("vacuous").at(channel) == true)
+      rows.push_back({fmt::format("vacuous, {}", channel),
+                      fmt::format("without the object there nothing changes: who {} says nothing", what)});
   if (sees)
     rows.push_back({"outcome flips", fmt::format("{} vehicles", result.at("verdict").at("flips").size())});
   const bool budgeted = result.contains("budget") && result.at("budget").contains("test");
   if (budgeted && (sees || result.at("budget").at("of") != "score")) {
     const auto& test = result.at("budget").at("test");
     rows.push_back(
-        {"budget, test frames",
-         fmt::format("{} within {}, time saved {}", share(test.at("within")),
-                     percent(number(result.at("budget"), "budget")), percent(number(test, "saved")))});
+        {"budget, left-out scenes",
+         fmt::format("{} within {} (asked: {}); time saved {} against always {}", share(test.at("within")),
+                     percent(number(result.at("budget"), "budget")),
+                     percent(number(result.at("budget"), "confidence")), percent(number(test, "saved")),
+                     test.at("fixed").at("chosen").begin().key())});
   }
   if (!result.at("failed").empty())
     rows.push_back({"given up", fmt::format("{} vehicles (Blender was lost)", result.at("failed").size())});
@@ -91,7 +120,8 @@ Command validate_command() {
         add_rooftop_option_of_run(app, options->rooftop);
         add_trust_option(app, options->trust);
         app.add_option("--frames", options->frames,
-                       "frames to validate, test frames first; 0: all test frames")
+                       fmt::format("frames to validate, test frames first; 0: as many as hold {} vehicles",
+                                   kVerdictVehicles))
             ->check(CLI::NonNegativeNumber);
         app.add_option("--samples", options->samples, "Cycles samples a pixel")->check(CLI::Range(1, 65536));
         app.add_option(

@@ -20,7 +20,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kFaintScore = 1e-4;
 constexpr double kSameCar = 0.1;  // IoU
 
 fs::path picture_file(const fs::path& data, const std::string& id) {
@@ -38,17 +37,6 @@ struct Looks {
   Sight right, swapped, black;
   std::optional<Sight> none;
 };
-
-Proposal speaker(const std::vector<Proposal>& proposals, const BevBox& car, Plane plane) {
-  Proposal best{{}, std::log(kFaintScore / (1 - kFaintScore))};
-  for (const Proposal& proposal : proposals) {
-    if (proposal.logit <= best.logit) continue;
-    const BevBox box = rectangle(proposal, plane);
-    const double reach = std::hypot(car.length, car.width) + std::hypot(box.length, box.width);
-    if (2 * std::hypot(box.x - car.x, box.y - car.y) < reach && iou(box, car) >= kSameCar) best = proposal;
-  }
-  return best;
-}
 
 Sight look(Detector& detector, const SensorView& view, const GroundTruth& truth) {
   const Plane plane = detector.capabilities().plane();
@@ -116,6 +104,17 @@ Reliance summarize(const std::vector<Looks>& looks) {
 }
 
 }  // namespace
+
+Proposal speaker(std::span<const Proposal> proposals, const BevBox& car, Plane plane) {
+  Proposal best{{}, std::log(kFaintScore / (1 - kFaintScore))};
+  for (const Proposal& proposal : proposals) {
+    if (proposal.logit <= best.logit) continue;
+    const BevBox box = rectangle(proposal, plane);
+    const double reach = std::hypot(car.length, car.width) + std::hypot(box.length, box.width);
+    if (2 * std::hypot(box.x - car.x, box.y - car.y) < reach && iou(box, car) >= kSameCar) best = proposal;
+  }
+  return best;
+}
 
 bool reads_picture(const Detector& detector) {
   return detector.capabilities().reads_image;

@@ -69,21 +69,32 @@ def ladder():
              ("bounces 4", "cycles", 1.2)]
     return [{"effect": effect, "group": group, "base": "matched", **fidelity, "crop": fidelity,
              "to_full": {**fidelity, "relative": 0.3 / (1 + k)}, "seconds": seconds, "vehicles": 2, "detected": 2,
-             "hidden": 1, "false_positive": 0, "fn_asr": 0.5, "asr": 0.5, "mean_score": 0.6, "score_change": 0.03}
+             "hidden": 1, "false_positive": 0, "fn_asr": 0.5, "asr": 0.5, "mean_score": 0.6, "score_change": 0.03,
+             "error_plain": math.hypot(0.3 / (1 + k), 0.05 * k), "floor": 0.05 * k, "error_drawn": 0.32 / (1 + k),
+             "error_unbiased": 0.3 / (1 + k) if k < 3 else -0.02, "interval_over": "clusters",
+             "interval": share(0.3 / (1 + k) if k < 3 else -0.02, 0.05)}
             for k, (effect, group, seconds) in enumerate(rungs)]
 
 
-def verdict(names):
+def verdict(names, vacuous=False):
     variants = [{"name": name, "vehicles": 20, "fn_asr": share(0.3), "fp_asr": share(0.1), "asr": share(0.35),
                  "mean_score": 0.61} for name in ("soft", "hard", "bounces 4", "cycles")]
     group = {"frames": 10, "vehicles": 20, "variants": variants, "score_correlation": 0.93, "agree": 0.95,
              "difference": {key: share(0.02) for key in ("fn_asr", "fp_asr", "asr")}, "score_mean_difference": -0.01}
     pairs = [{"name": name, "frame": name[:6], "split": "test", "detected": True, "clean": 0.95, "soft": 0.4 + 0.3 * k,
               "hard": 0.5, "cycles": 0.5 + 0.2 * k} for k, name in enumerate(names)]
+    arms = [{"light": light, "returns": returns, "vehicles": 20, "fn_asr": share(0.3), "fp_asr": share(0.1), "asr": share(asr),
+             "mean_score": 0.6, "difference": share(asr - 0.35, 0.05), "flips": 2, "mean_delta_logit": 0.8, "mean_delta_score": 0.1}
+            for light, returns, asr in (("raster", "ideal", 0.35), ("raster", "realistic", 0.25), ("visible", "ideal", 0.33),
+                                        ("visible", "realistic", 0.24), ("cycles", "ideal", 0.31), ("cycles", "realistic", 0.22))]
+    controls = [{"channel": channel, "control": control, "vehicles": 20, "asr": share(0.1), "difference": share(-0.25, 0.05),
+                 "flips": 0 if vacuous else 5, "mean_delta_logit": 0.02 if vacuous else 1.4, "mean_delta_score": 0.1}
+                for channel, control in (("image", "noise"), ("image", "photograph"), ("lidar", "no returns"))]
     flip = {"name": names[0], "frame": names[0][:6], "split": "test", "range": 20.0, "from": "hidden", "to": "found",
             "soft_iou": 0.2, "soft_score": 0.25, "cycles_iou": 0.75, "cycles_score": 0.7,
             "pictures": {kind: f"pictures/{names[0]}_{kind}.png" for kind in PICTURES}}
-    return {"confidence": 0.95, "held_back": group, "all": group, "pairs": pairs, "flips": [flip]}
+    return {"confidence": 0.95, "held_back": group, "all": group, "pairs": pairs, "flips": [flip], "of": "held_back", "arms": arms,
+            "controls": controls, "vacuous": {"image": vacuous, "lidar": False, "bound": 0.5}}
 
 
 def tradeoff():
@@ -108,13 +119,15 @@ def reliance(uses_picture=True):
 
 
 def budget():
-    tested = {"frames": 6, "vehicles": 12, "within": share(0.9), "seconds": 3.0, "seconds_full": 12.0, "saved": 0.75,
-              "oracle": {"within": 1.0, "seconds": 2.0, "saved": 0.83}, "chosen": {"hemisphere": 7, "bounces 4": 5}}
-    return {"budget": 0.05, "of": "radiance", "calibration": {"frames": 6, "vehicles": 12}, "test": tested, "scenes": [],
+    tested = {"frames": 6, "vehicles": 12, "within": share(0.9), "kept": True, "seconds": 3.0, "saved": 0.75,
+              "oracle": {"within": share(1.0), "seconds": 2.0, "saved": 0.83}, "chosen": {"hemisphere": 7, "bounces 4": 5},
+              "fixed": {"within": share(0.92), "seconds": 12.0, "chosen": {"bounces 4": 12}}}
+    return {"budget": 0.05, "of": "radiance", "confidence": 0.9, "groups": {"by": "vehicle", "count": 5, "folds": 5},
+            "test": tested, "scenes": [],
             "rule": "made up for this test"}
 
 
-def make(folder, uses_picture=True):
+def make(folder, uses_picture=True, vacuous=False):
     validation, run = os.path.join(folder, "validation"), os.path.join(folder, "run")
     for path in (run, os.path.join(validation, "hosts"), os.path.join(validation, "pictures")):
         os.makedirs(path)
@@ -125,10 +138,11 @@ def make(folder, uses_picture=True):
         "hosts": names, "vehicles": 2, "frames": 2, "test_frames": 1, "blender": "3.4.1", "samples": 64, "failed": [],
         "attack": {"detected_clean": 2, "hidden_raster": 1, "hidden_cycles": 1, "hidden_both": 1, "asr_raster": 0.5,
                    "asr_cycles": 0.5},
-        "full": {"relative": 0.1, "ssim": 0.9, "flip": 0.1},
+        "full": {"relative": 0.1, "ssim": 0.9, "flip": 0.1, "error_plain": 0.13, "floor": 0.05, "error_unbiased": 0.12,
+                 "interval": share(0.12, 0.03)},
         "matched": {"mask_iou": 1.0, "mask_iou_worst": 1.0, "mae": 1e-5, "pixels": 2000, "pixels_off": 0, "rays": 500,
                     "hit_disagreements": 0, "range_error_m": 1e-5},
-        "reliance": reliance(uses_picture), "ladder": ladder(), "verdict": verdict(names), "budget": budget(),
+        "reliance": reliance(uses_picture), "ladder": ladder(), "verdict": verdict(names, vacuous), "budget": budget(),
         "lidar_ladder": [{"effect": "noise", "returns": 100, "changed": 0.9, "returns_change": 0, "detected": 2, "hidden": 1,
                           "mean_score": 0.6, "score_change": 0.01, "seconds": 0.02, "vehicles": 2}]})
     with open(os.path.join(run, "loss.csv"), "w", encoding="utf-8") as file:

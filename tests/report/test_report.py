@@ -20,8 +20,8 @@ SOURCE, BUILD = (os.path.abspath(path) for path in sys.argv[1:3])
 VIEWER = os.path.join(BUILD, "report", "model-viewer.min.js")
 
 
-def write_report(folder, viewer, uses_picture=True):
-    validation, run = fixture.make(folder, uses_picture)
+def write_report(folder, viewer, uses_picture=True, vacuous=False):
+    validation, run = fixture.make(folder, uses_picture, vacuous)
     arguments = [sys.executable, os.path.join(SOURCE, "validation", "report.py"), "--validation", validation, "--run", run,
                  "--evaluation", os.path.join(folder, "evaluation.json"), "--tradeoff",
                  os.path.join(folder, "tradeoff.json")]
@@ -130,11 +130,26 @@ class Page(browser.PageChecks, unittest.TestCase):
         sections = self.browser.run("[...document.querySelectorAll('section')].map(s => s.id)")
         self.assertEqual(sections, ["verdict", "adversary", "attack", "ladder", "budget", "tradeoff", "vehicles", "all",
                                     "method"])
-        self.assertGreaterEqual(self.browser.run("document.querySelectorAll('svg.plot').length"), 8)
+        self.assertGreaterEqual(self.browser.run("document.querySelectorAll('svg.plot').length"), 9)
+        self.check_floors()
         self.assertEqual(self.browser.run("document.querySelectorAll('svg.bev').length"), 6)
         self.assertEqual(self.browser.run("document.querySelectorAll('svg.seen').length"), 3)  # of the second vehicle
         self.assertEqual(self.browser.run("document.querySelectorAll('svg.seen rect.box').length"), 3 * 3 + 2)
         self.assertEqual(self.browser.run("[...document.images].filter(i => !i.naturalWidth).length"), 0)
+
+
+    def check_floors(self):
+        """Every rung with noise has its band, from 0 to its floor on the axis of the dots."""
+        bands = self.browser.run("[...document.querySelectorAll('rect.floor')].map(r => [r.x.baseVal.value, r.width.baseVal.value,"
+                                 "r.parentNode.querySelector('title').textContent])")
+        floors = [rung["floor"] for rung in fixture.ladder() if rung["floor"] > 0]
+        self.assertEqual(len(bands), len(floors))
+        self.assertEqual(len({start for start, _, _ in bands}), 1)
+        for (_, width, tip), floor in zip(bands, floors):
+            self.assertAlmostEqual(width / bands[0][1], floor / floors[0], places=1)
+            self.assertIn(f"{100 * floor:.1f}", tip)
+        below = self.browser.run("[...document.querySelectorAll('#ladder circle.dot')].map(c => c.cx.baseVal.value)")
+        self.assertLess(min(below), bands[0][0])  # what came out negative stands left of zero
 
 
 class WithoutViewer(unittest.TestCase):
@@ -160,14 +175,34 @@ class OfADetectorThatDoesNotSee(unittest.TestCase):
             self.assertNotIn("in Cycles", text("h1"))
             self.assertNotIn("percentage points", text("#verdict"))
             self.assertNotIn("flips", text("#verdict"))
-            self.assertEqual(chromium.run("document.querySelectorAll('#attack svg, #attack table').length"), 0)
+            # Returns are another matter: the rasteriser's two arms stay, and no other.
+            self.assertEqual(chromium.run("document.querySelectorAll('#attack svg, #attack .cards').length"), 0)
+            self.assertEqual(chromium.run("document.querySelectorAll('#arms tbody tr').length"), 2)
+            self.assertNotIn("Cycles", text("#arms"))
             self.assertNotIn("score change", chromium.run("document.querySelector('#ladder thead').textContent"))
             self.assertEqual(chromium.errors, [])
 
     def test_of_one_that_sees_the_page_is_whole(self):
         with tempfile.TemporaryDirectory(prefix="mirage-report-") as folder, browser.Browser() as chromium:
             chromium.open(write_report(folder, None))
+            text = lambda selector: chromium.run(f"document.querySelector({json.dumps(selector)}).textContent")
             self.assertNotIn(self.NOTE, chromium.run("document.body.textContent"))
+            self.assertNotIn("acuous for", chromium.run("document.body.textContent"))
+            for said in ("22.0", "35.0", "in Cycles with realistic returns", "weaker than learned"):
+                self.assertIn(said, text("h1"))
+            self.assertEqual(chromium.run("document.querySelectorAll('#arms tbody tr').length"), 6)
+            self.assertEqual(chromium.run("document.querySelectorAll('#controls tbody tr').length"), 3)
+
+
+class OfAnAttackWhoseObjectNobodySees(unittest.TestCase):
+    def test_says_vacuous(self):
+        with tempfile.TemporaryDirectory(prefix="mirage-report-") as folder, browser.Browser() as chromium:
+            chromium.open(write_report(folder, None, vacuous=True))
+            text = lambda selector: chromium.run(f"document.querySelector({json.dumps(selector)}).textContent")
+            self.assertIn("vacuous for the camera", text("h1"))
+            self.assertIn("Vacuous for the camera", text("#verdict"))
+            self.assertNotIn("acuous for the LiDAR", chromium.run("document.body.textContent"))
+            self.assertEqual(chromium.errors, [])
 
 
 if __name__ == "__main__":

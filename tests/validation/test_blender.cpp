@@ -155,6 +155,37 @@ TEST_F(Blender, TheLadderComesCloserToTheFullRender) {
   EXPECT_GT(rungs.at("+clear sky")->change.relative, 0.01);
   EXPECT_LT(rungs.at("+clear sky")->change.relative, 0.6);
   EXPECT_GT(rungs.at("+car paint")->change.mae, 0);
+  // Noise is in the floor, and no part of what is left.
+  EXPECT_DOUBLE_EQ(rungs.at("hard")->error.drawn, rungs.at("hard")->error.unbiased);
+  EXPECT_GT(rungs.at("full, 4 samples")->error.floor, 2 * rungs.at("full")->error.floor);
+  EXPECT_GT(rungs.at("full, 4 samples")->error.drawn, 4 * rungs.at("full, 4 samples")->error.unbiased);
+  EXPECT_GT(ladder.reference_noise, 0);
+  EXPECT_LT(ladder.reference_noise, std::sqrt(rungs.at("full")->error.floor));
+}
+
+TEST_F(Blender, FullLightHasNoErrorAgainstItselfButItsNoise) {
+  const PreparedFrame prepared = test::made_up_frame();
+  const auto scene = test::host_scene_of(prepared, test::random_mesh(2), "itself");
+  const Simulated simulated = simulate(prepared, *scene.host, scene.rooftop, scene.adversary);
+  const FullLight full = full_light(*worker_, scene, simulated);
+  RenderJob job = job_for(scene, full.rect);
+  job.effects = full_effects();
+  const Halves reference = over(render_halves(*worker_, job, scene.seed, RenderStream::reference),
+                                full.visible, crop(prepared.frame.image, full.rect));
+  EXPECT_NE(reference.first.data, reference.second.data);
+  EXPECT_NE(reference.first.data, full.radiance.first.data);
+  const SquaredError itself = error_to(reference, full.radiance, full.coverage, full, 0);
+  std::printf("full light against itself: plain %.3f, floor %.3f, unbiased %.3f (%.3f to %.3f)\n",
+              std::sqrt(itself.plain), std::sqrt(itself.floor), signed_root(itself.unbiased),
+              itself.interval.low, itself.interval.high);
+  EXPECT_LE(itself.interval.low, 0);
+  EXPECT_GE(itself.interval.high, 0);
+  EXPECT_GT(std::sqrt(itself.plain), 0.05);
+  EXPECT_NEAR(std::sqrt(itself.plain), std::sqrt(itself.floor), 0.1 * std::sqrt(itself.floor));
+  // The plain light model is off by far more than the noise, and stays so when it is taken out.
+  const SquaredError plain = raster_error(scene, simulated, full);
+  EXPECT_GT(plain.interval.low, 0.1);
+  EXPECT_LT(plain.unbiased, plain.plain);
 }
 
 TEST_F(Blender, NoiseFallsWithTheSamplesAsked) {

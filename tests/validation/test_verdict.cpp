@@ -2,6 +2,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
+#include <set>
 
 #include "base/error.h"
 #include "base/random.h"
@@ -91,13 +93,13 @@ std::vector<BudgetScene> scenes_of(int frames, std::uint64_t seed, double noise)
   for (int f = 0; f < frames; ++f)
     for (int k = 0; k < 3; ++k) {
       BudgetScene scene;
-      scene.frame = std::to_string(f);
+      scene.frame = scene.group = std::to_string(f);
       scene.name = scene.frame + "_" + std::to_string(k);
       const double x = random.normal(), y = random.normal();
       scene.features = {x, y, 7};  // the third says nothing
       scene.errors = {0.05 * std::exp(x + noise * random.normal()),
                       0.02 * std::exp(0.5 * y + noise * random.normal())};
-      scene.seconds = {0, 1};
+      scene.seconds = scene.alone = {0, 1};
       scene.seconds_full = 10;
       scenes.push_back(scene);
     }
@@ -126,7 +128,7 @@ TEST(Budget, ChoosesByTheFeatureThatMatters) {
   EXPECT_EQ(rule.choose({1.5, 4, 7}), -1);
 }
 
-TEST(Budget, TooFewFramesTrustNothing) {
+TEST(Budget, TooFewGroupsTrustNothing) {
   // (0 + 1) / (8 + 1) > 0.1: no choice can be backed.
   const BudgetRule rule(scenes_of(8, 3, 0.01), 0.05, 0.9);
   EXPECT_EQ(rule.choose({-3, -3, 7}), -1);
@@ -134,33 +136,83 @@ TEST(Budget, TooFewFramesTrustNothing) {
   EXPECT_EQ(BudgetRule(scenes_of(1, 3, 0.01), 0.05, 0.9).choose({-3, -3, 7}), -1);
 }
 
-TEST(Budget, CalibratesAndTestsOnDifferentFrames) {
+/// Results of vehicles with two rungs, "hard" and "full".
+std::vector<json> vehicles_of(const std::vector<BudgetScene>& scenes) {
   std::vector<json> vehicles;
-  for (const BudgetScene& scene : scenes_of(40, 5, 0.1)) {
-    json v = {
-        {"frame", scene.frame}, {"name", scene.name}, {"detected", true}, {"reference", {{"seconds", 10}}}};
+  for (const BudgetScene& scene : scenes) {
+    json v = {{"frame", scene.frame},
+              {"name", scene.name},
+              {"detected", true},
+              {"reference", {{"seconds", 10}, {"noise", 0.01}}}};
     v["features"] = {{"x", scene.features[0]}, {"y", scene.features[1]}};
     for (const auto& [effect, k] : {std::pair("hard", 0), std::pair("full", 1)})
       v["ladder"].push_back({{"effect", effect},
                              {"group", k == 0 ? "raster" : "samples"},
                              {"seconds", k == 0 ? 0.01 : 1.0},
-                             {"to_full", {{"relative", scene.errors[static_cast<std::size_t>(k)]}}}});
+                             {"error_drawn", scene.errors[static_cast<std::size_t>(k)]}});
     vehicles.push_back(v);
   }
-  const json result = choose_rungs(vehicles, {.budget = 0.05});
-  EXPECT_EQ(result.at("calibration").at("frames"), 20);
-  EXPECT_EQ(result.at("test").at("frames"), 20);
+  return vehicles;
+}
+
+TEST(Budget, KeepsItsPromiseOnGroupsThatItLeavesOut) {
+  const std::vector<json> vehicles = vehicles_of(scenes_of(40, 5, 0.1));
+  const json result = choose_rungs(vehicles, {.budget = 0.05}), &test = result.at("test");
+  EXPECT_EQ(result.at("groups"), (json{{"by", "frame"}, {"count", 40}, {"folds", 20}}));
+  EXPECT_EQ(test.at("frames"), 40);
+  EXPECT_EQ(test.at("vehicles"), 120);
   EXPECT_EQ(result.at("features"), (json{"x", "y"}));
-  EXPECT_GT(result.at("test").at("within").at("value"), 0.85);
-  EXPECT_GT(result.at("test").at("saved"), 0.5);
-  EXPECT_LT(result.at("test").at("saved"), 1);
-  std::set<std::string> calibration, test;
-  for (const json& scene : result.at("scenes"))
-    (scene.at("split") == "test" ? test : calibration).insert(scene.at("frame").get<std::string>());
-  for (const std::string& frame : test) EXPECT_FALSE(calibration.contains(frame));
+  EXPECT_GT(test.at("within").at("value"), 0.85);
+  EXPECT_EQ(test.at("kept").get<bool>(), test.at("within").at("value") >= 0.9);
+  // What is saved is against the one rung that keeps the budget everywhere, not against the reference.
+  EXPECT_EQ(test.at("fixed").at("chosen"), (json{{"full", 120}}));
+  double ruled = 0, fixed = 0;
+  std::map<std::string, std::set<int>> folds;
+  ASSERT_EQ(result.at("scenes").size(), 120u);
+  for (const json& scene : result.at("scenes")) {
+    ruled += scene.at("seconds").get<double>();
+    fixed += scene.at("seconds_fixed").get<double>();
+    folds[scene.at("group").get<std::string>()].insert(scene.at("fold").get<int>());
+    if (scene.at("chosen") == "reference") {
+      EXPECT_EQ(scene.at("error"), 0.01);
+    }
+  }
+  EXPECT_NEAR(fixed, 120, 1e-9);
+  EXPECT_NEAR(test.at("saved").get<double>(), 1 - ruled / fixed, 1e-9);
+  EXPECT_GT(test.at("oracle").at("saved"), 0.2);
+  for (const auto& [group, of] : folds) EXPECT_EQ(of.size(), 1u) << group;
   EXPECT_EQ(choose_rungs(vehicles, {.budget = 0.05}), result);
   EXPECT_TRUE(choose_rungs({}, {}).contains("problem"));
   EXPECT_THROW(parse_budget_of("colour"), InputError);
+}
+
+TEST(Budget, WhatIsChosenForAGroupDoesNotDependOnItsErrors) {
+  // Frames 0 to 4 show one vehicle: one drive. Its errors are told tenfold in the second run.
+  std::vector<json> vehicles = vehicles_of(scenes_of(15, 7, 0.1));
+  for (json& v : vehicles)
+    if (std::stoi(v.at("frame").get<std::string>()) < 5) v["track"] = 77;
+  const json before = choose_rungs(vehicles, {.budget = 0.05});
+  EXPECT_EQ(before.at("groups"), (json{{"by", "vehicle"}, {"count", 11}, {"folds", 11}}));
+  for (json& v : vehicles)
+    if (v.contains("track"))
+      for (json& rung : v["ladder"]) rung["error_drawn"] = 10 * rung["error_drawn"].get<double>();
+  const json after = choose_rungs(vehicles, {.budget = 0.05});
+  const auto chosen = [](const json& result) {
+    json of;
+    for (const json& scene : result.at("scenes"))
+      if (std::stoi(scene.at("frame").get<std::string>()) < 5) of[scene.at("name")] = scene.at("chosen");
+    return of;
+  };
+  EXPECT_EQ(chosen(before).size(), 15u);
+  EXPECT_EQ(chosen(before), chosen(after));
+  EXPECT_LT(after.at("test").at("within").at("value"), before.at("test").at("within").at("value"));
+}
+
+TEST(Budget, FramesThatShareAVehicleAreOneGroup) {
+  const auto groups =
+      linked_frames({{"a", {1, -1}}, {"b", {2}}, {"c", {1, 3}}, {"d", {-1}}, {"e", {3}}, {"f", {-1}}});
+  EXPECT_EQ(groups, (std::map<std::string, std::string>{
+                        {"a", "a"}, {"b", "b"}, {"c", "a"}, {"d", "d"}, {"e", "a"}, {"f", "f"}}));
 }
 
 }  // namespace

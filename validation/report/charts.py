@@ -135,12 +135,17 @@ class Plot:
                       f'aria-label="{escape(self.title)}">{"".join(self.parts)}</svg>')
 
 
-def intervals(title, rows, x_label, high=1.0):
-    """Values with their intervals, one row each: [(name, class, value, low, high, tip)]; shares as percentages."""
-    plot = Plot((0, high), None, title, x_label, size=(560, 62 + 27 * len(rows)), left=150, tick=percent)
+def intervals(title, rows, x_label, high=1.0, low=0, bands=()):
+    """Values with their intervals, one row each: [(name, class, value, low, high, tip)]; shares as percentages. `bands`: to
+    each row how far from 0 a band reaches, or None, and its tip."""
+    plot = Plot((low, high), None, title, x_label, size=(560, 62 + 27 * len(rows)), left=176 if bands else 150, tick=percent)
     for index, (name, kind, value, least, most, tip) in enumerate(rows):
         y = plot.row(index, len(rows))
         plot.text("name", plot.left - 12, y + 4, name, "end")
+        if bands and bands[index][0]:
+            start, end = plot.x(max(low, 0)), plot.x(bands[index][0])
+            plot.add(f'<rect class="floor" x="{start}" y="{y - 9}" width="{round(max(end - start, 0.5), 2)}" height="18"/>',
+                     bands[index][1])
         if least is not None:
             plot.line(f"interval {kind}", plot.x(least), y, plot.x(most), y)
         plot.add(f'<circle class="dot {kind}" cx="{plot.x(value)}" cy="{y}" r="5"/>', tip)

@@ -27,6 +27,22 @@ def success(group):
     return charts.intervals("Attack success by renderer", rows, "attack success rate (95 % interval)", high)
 
 
+LIGHT = {"raster": "rasteriser", "visible": "visible light", "cycles": "Cycles"}
+
+
+def arms(verdict, raster_alone):
+    """Attack success by who drew the object and which returns met it; with a detector that uses no picture the first alone."""
+    chosen = [arm for arm in (verdict or {}).get("arms", []) if not raster_alone or arm["light"] == "raster"]
+    if not chosen:
+        return None
+    kinds = {"raster": "raster", "cycles": "cycles"}
+    rows = [(f"{LIGHT[arm['light']]}, {arm['returns']}", kinds.get(arm["light"], "rung"), arm["asr"]["value"], arm["asr"]["low"],
+             arm["asr"]["high"], f"{LIGHT[arm['light']]}, {arm['returns']} returns: ASR {interval_text(arm['asr'])}, "
+             f"{arm['vehicles']} vehicles") for arm in chosen]
+    high = min(1.0, max(0.1, max(row[4] for row in rows) * 1.1))
+    return charts.intervals("Attack success by light and returns", rows, "attack success rate (95 % interval)", high)
+
+
 def scores(verdict):
     """Detector score under the rasteriser against the score under Cycles."""
     pairs = (verdict or {}).get("pairs")
@@ -53,18 +69,34 @@ def ladder(result):
     return charts.bars("What each effect changes", rows, "mean change, share of the object's radiance", charts.percent)
 
 
+def remaining(result):
+    """What each rung leaves to full Cycles without noise, and the band that noise alone would fill."""
+    rungs = [rung for rung in result.get("ladder", []) if "error_unbiased" in rung]
+    if not rungs:
+        return None
+    rows, bands = [], []
+    for rung in rungs:
+        share = rung["interval"]
+        rows.append((rung["effect"], rung.get("group", "cycles"), share["value"], share["low"], share["high"],
+                     f"{rung['effect']}: {interval_text(share)} without noise, {percent(rung['error_plain'])} with it"))
+        bands.append((rung["floor"], f"{rung['effect']}: noise alone makes {percent(rung['floor'])}"))
+    low = min(0, min(row[3] for row in rows))
+    high = max(max(row[4] for row in rows), max(rung["floor"] for rung in rungs))
+    return charts.intervals("What each rung leaves to full Cycles", rows, "error to full Cycles without noise, share of radiance",
+                            1.06 * high, 1.06 * low, bands)
+
+
 def ladder_cost(result):
-    """Remaining error against cost."""
-    rungs = [rung for rung in result.get("ladder", []) if rung.get("to_full") and rung["seconds"] > 0]
-    rungs = [rung for rung in rungs if rung["to_full"]["relative"] > 0]
+    """Remaining error of the picture as drawn, its own noise included, against cost."""
+    rungs = [rung for rung in result.get("ladder", []) if rung.get("error_drawn", 0) > 0 and rung["seconds"] > 0]
     if len(rungs) < 3:
         return None
-    costs, errors = [r["seconds"] for r in rungs], [r["to_full"]["relative"] for r in rungs]
-    points = [(r.get("group", "cycles"), r["seconds"], r["to_full"]["relative"],
-               f"{r['effect']}: {percent(r['to_full']['relative'])} from full Cycles at {r['seconds']:.3g} s")
+    costs, errors = [r["seconds"] for r in rungs], [r["error_drawn"] for r in rungs]
+    points = [(r.get("group", "cycles"), r["seconds"], r["error_drawn"],
+               f"{r['effect']}: {percent(r['error_drawn'])} from full Cycles at {r['seconds']:.3g} s")
               for r in rungs]
     return charts.scatter("Error against full Cycles over cost", points, "time a vehicle, s",
-                          "error against full Cycles, share of radiance", (*charts.around(costs, True), "log"),
+                          "error as drawn, share of radiance", (*charts.around(costs, True), "log"),
                           (0, max(errors) * 1.08), front=front(list(zip(costs, errors))), size=(560, 340))
 
 

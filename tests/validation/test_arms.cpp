@@ -1,0 +1,173 @@
+// The verdict's arms and controls with planted detectors: one that never looks at its picture, one that looks
+// at nothing else.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "fixture.h"
+#include "validation/arms.h"
+#include "validation/lidar_ladder.h"
+#include "validation/verdict.h"
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+
+json answer(double score, bool hidden, double logit) {
+  return {{"score", score}, {"logit", logit}, {"iou", 0.9}, {"hidden", hidden}, {"false_positive", false}};
+}
+
+/// A vehicle with the object on its roof, and a stand-in for Cycles' picture.
+struct Stage {
+  PreparedFrame prepared = test::made_up_frame();
+  HostScene scene = test::host_scene_of(prepared, test::random_mesh(2), "arms");
+  Simulated attacked = simulate(prepared, *scene.host, scene.rooftop, scene.adversary);
+  FullLight full;
+
+  Stage() {
+    full.rect = attacked.rect;
+    full.image = attacked.image;
+    for (int v = full.rect.v0; v < full.rect.v1; ++v)
+      for (int u = full.rect.u0; u < full.rect.u1; ++u)
+        for (int c = 0; c < 3; ++c) full.image.at(u, v, c) *= 0.5f;
+  }
+  double picture_change(const ImageF& image) const {
+    double sum = 0;
+    for (std::size_t i = 0; i < image.data.size(); ++i)
+      sum += std::abs(image.data[i] - prepared.frame.image.data[i]);
+    return sum / attacked.adversary_pixels;
+  }
+  json result(const LookAt& look, int label) const {
+    json vehicle = {{"frame", "00000" + std::to_string(label)},
+                    {"name", "v" + std::to_string(label)},
+                    {"label", label},
+                    {"range", 9},
+                    {"detected", true},
+                    {"raster", answer(0.5, true, 0)},
+                    {"cycles", answer(0.5, true, 0)}};
+    vehicle.update(look_at_arms(scene, attacked, full, look));
+    return vehicle;
+  }
+};
+
+/// Hides a vehicle that has returns on its roof; the picture moves it by a hair.
+json blind_look(const Stage& stage, const ImageF& image, const Sweep& sweep) {
+  const bool returns = sweep.size() != stage.prepared.frame.sweep.size();
+  return answer(returns ? 0.2 : 0.8, returns, (returns ? -1.4 : 1.4) + 0.01 * stage.picture_change(image));
+}
+
+/// Hides a vehicle that has something strange on its roof's pixels.
+json seeing_look(const Stage& stage, const ImageF& image, const Sweep&) {
+  const double change = stage.picture_change(image);
+  return answer(0.5, change > 0.05, 3 - 8 * change);
+}
+
+TEST(Arms, SixArmsAndThreeControlsEachOfItsOwn) {
+  const Stage stage;
+  ASSERT_GT(stage.attacked.adversary_points, 50);
+  std::vector<std::pair<ImageF, Sweep>> views;
+  const json result =
+      look_at_arms(stage.scene, stage.attacked, stage.full, [&](const ImageF& image, const Sweep& sweep) {
+        views.emplace_back(image, sweep);
+        return answer(0.5, false, 0);
+      });
+  ASSERT_EQ(result.at("arms").size(), 6u);
+  ASSERT_EQ(result.at("controls").size(), 3u);
+  EXPECT_EQ(result.at("arms")[0].at("light"), "raster");
+  EXPECT_EQ(result.at("arms")[0].at("returns"), "ideal");
+  EXPECT_EQ(result.at("arms")[5].at("light"), "cycles");
+  EXPECT_EQ(result.at("arms")[5].at("returns"), "realistic");
+  // Pictures go by light, sweeps by returns.
+  const ImageF& photograph = stage.prepared.frame.image;
+  EXPECT_EQ(views[0].first.data, stage.attacked.image.data);
+  EXPECT_EQ(views[0].first.data, views[1].first.data);
+  EXPECT_NE(views[0].first.data, views[2].first.data);
+  EXPECT_EQ(views[4].first.data, stage.full.image.data);
+  EXPECT_EQ(views[0].second.size(), stage.attacked.sweep.size());
+  EXPECT_LT(views[1].second.size(), views[0].second.size());  // some drop out
+  EXPECT_EQ(views[1].second.size(), views[5].second.size());
+  // Controls: noise on the object alone, the photograph, the sweep as recorded.
+  EXPECT_GT(stage.picture_change(views[6].first), 0.1);
+  for (int v = 0; v < photograph.height; ++v)
+    for (int u = 0; u < photograph.width; ++u)
+      if (rgba_at(stage.attacked, u, v, 3) == 0) {
+        ASSERT_EQ(views[6].first.at(u, v), photograph.at(u, v));
+      }
+  EXPECT_EQ(views[7].first.data, photograph.data);
+  EXPECT_EQ(views[8].first.data, stage.attacked.image.data);
+  EXPECT_EQ(views[8].second.size(), stage.prepared.frame.sweep.size());
+}
+
+TEST(Arms, ARunUnderVisibleLightStillHasAPlainArm) {
+  Stage stage;
+  stage.scene.simulation.light = LightModel::visible;
+  stage.attacked = simulate_host(stage.scene, stage.scene.simulation);
+  std::vector<ImageF> images;
+  look_at_arms(stage.scene, stage.attacked, stage.full, [&](const ImageF& image, const Sweep&) {
+    images.push_back(image);
+    return answer(0.5, false, 0);
+  });
+  EXPECT_NE(images[0].data, stage.attacked.image.data);
+  EXPECT_EQ(images[2].data, stage.attacked.image.data);
+}
+
+json verdict_of(const Stage& stage,
+                const std::function<json(const Stage&, const ImageF&, const Sweep&)>& look) {
+  std::vector<json> vehicles;
+  for (int label = 0; label < 3; ++label)
+    vehicles.push_back(stage.result(
+        [&](const ImageF& image, const Sweep& sweep) { return look(stage, image, sweep); }, label));
+  return verdict(vehicles, {"000000"});
+}
+
+TEST(Arms, AVerdictOnADetectorThatNeverLooksIsVacuous) {
+  const Stage stage;
+  const json result = verdict_of(stage, blind_look);
+  EXPECT_EQ(result.at("vacuous").at("image"), true);
+  EXPECT_EQ(result.at("vacuous").at("lidar"), false);
+  EXPECT_EQ(result.at("of"), "held_back");
+  ASSERT_EQ(result.at("arms").size(), 6u);
+  EXPECT_EQ(result.at("arms")[0].at("vehicles"), 1);
+  EXPECT_EQ(result.at("all").at("arms")[5].at("vehicles"), 3);
+  EXPECT_EQ(result.at("arms")[4].at("asr").at("value"), 1);
+  EXPECT_EQ(result.at("arms")[4].at("difference").at("value"), 0);
+  const json& unmet = result.at("controls").at(2);
+  EXPECT_EQ(unmet.at("control"), "no returns");
+  EXPECT_EQ(unmet.at("flips"), 3);
+  EXPECT_EQ(unmet.at("difference").at("value"), -1);
+  EXPECT_NEAR(unmet.at("mean_delta_logit").get<double>(), 2.8, 1e-9);
+  EXPECT_LT(result.at("controls").at(0).at("mean_delta_logit"), result.at("vacuous").at("bound"));
+}
+
+TEST(Arms, AVerdictOnOneThatLooksIsNot) {
+  const Stage stage;
+  const json result = verdict_of(stage, seeing_look);
+  EXPECT_EQ(result.at("vacuous").at("image"), false);
+  EXPECT_EQ(result.at("vacuous").at("lidar"), true);
+  const json& unseen = result.at("controls").at(1);
+  EXPECT_EQ(unseen.at("control"), "photograph");
+  EXPECT_EQ(unseen.at("flips"), 3);
+  EXPECT_EQ(unseen.at("asr").at("value"), 0);
+}
+
+TEST(Arms, EitherAFlipOrALogitIsEnoughAndNothingIsNothing) {
+  json vehicle = {{"frame", "a"}, {"name", "a_0"}, {"label", 0}, {"range", 1}, {"detected", true}};
+  vehicle["raster"] = vehicle["cycles"] = answer(0.5, false, 0);
+  vehicle["arms"] = json::array({answer(0.5, false, 0)});
+  vehicle["arms"][0].update({{"light", "raster"}, {"returns", "ideal"}});
+  const auto image_with = [&](const json& control) {
+    json one = vehicle;
+    one["controls"] = json::array({control});
+    one["controls"][0].update({{"channel", "image"}, {"control", "noise"}});
+    return verdict({one}, {}).at("vacuous");
+  };
+  EXPECT_EQ(image_with(answer(0.5, false, 0.49)).at("image"), true);
+  EXPECT_EQ(image_with(answer(0.5, false, 0.51)).at("image"), false);
+  EXPECT_EQ(image_with(answer(0.5, true, 0.1)).at("image"), false);
+  EXPECT_TRUE(image_with(answer(0.5, true, 0.1)).at("lidar").is_null());
+  EXPECT_TRUE(verdict({}, {}).at("vacuous").at("image").is_null());
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,55 @@
+// How far a picture is from what Cycles converges to, told from renders that are noisy themselves.
+//
+// Let R1, R2 be two independent renders of expectation r, and A1, A2 two of the picture in question, of
+// expectation a (one without noise is both of its halves). With A and R the means of the halves, at each
+// pixel and channel,
+//     plain    = (A − R)²                                what is usually reported
+//     floor    = (A1 − A2)²/4 + (R1 − R2)²/4             expectation: variance of A plus variance of R
+//     unbiased = plain − floor
+//              = ½ [(A1 − R1)(A2 − R2) + (A1 − R2)(A2 − R1)]        expectation: (a − r)²
+//     drawn    = plain − (R1 − R2)²/4                    expectation over R1, R2: (A − r)²
+// `unbiased` is the error of the way of drawing, were it given samples without end; `drawn` that of the very
+// picture at hand, whose own noise is an error of it. Both may come out negative where the error is below the
+// noise; roots keep the sign (signed_root), so that a mean over many is not bent upwards.
+//
+// Nothing may be clamped before: the mean of clamped renders is not the clamped mean, and what is
+// over-exposed counts.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+
+#include "base/bootstrap.h"
+#include "base/image.h"
+
+namespace mirage {
+
+/// A picture as two independent renders with half of the samples each, scene-linear and not clamped.
+struct Halves {
+  ImageF first, second;  ///< second empty: no noise
+  /// The picture: their mean.
+  ImageF mean() const;
+};
+
+/// √|x| with the sign of x.
+double signed_root(double x);
+
+/// Squared errors over a region as shares of the object's mean radiance, squared.
+struct SquaredError {
+  double plain = 0, floor = 0, drawn = 0, unbiased = 0;
+  /// signed_root(unbiased) with the 95 % interval of the bootstrap over tiles of 8×8 pixels: what the noise
+  /// of these renders leaves open on this one picture.
+  Interval interval;
+};
+
+/// Sums over the pixels of `region` (1 channel, > 0.5 counts) and all channels, divided by `pixels` ×
+/// channels × mean². `pixels`: how many the object has, so that what is drawn beside it adds to the error and
+/// does not dilute it. All 0 if `pixels` or `mean` is. Failure for images of different size.
+SquaredError squared_error(const Halves& drawn, const Halves& reference, const ImageF& region, double pixels,
+                           double mean, std::uint64_t seed = 0);
+
+/// {squared: {plain, floor, drawn, unbiased}, error_plain, floor, error_drawn, error_unbiased, interval:
+/// {value, low, high}}: all but the first as roots.
+nlohmann::json to_json(const SquaredError& error);
+
+}  // namespace mirage
