@@ -7,29 +7,20 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "sensors/coverage/canvas.h"
 #include "sensors/coverage/outline.h"
-#include "sensors/coverage/walk.h"
 
 namespace mirage {
 namespace {
 
+using coverage::Areas;
+using coverage::Canvas;
 using coverage::Edge;
+using coverage::Four;
+using coverage::Limit;
 using coverage::Outline;
 using coverage::Piece;
 using coverage::Visible;
-
-/// Red, green, blue and coverage.
-using Four = Eigen::Array4d;
-
-/// A part of the window that is drawn by itself: all of it but the pixels with a limit within the object, and
-/// each of these.
-struct Canvas {
-  PixelRect rect;                   ///< in the window
-  std::size_t first = 0, last = 0;  ///< its edges
-};
-
-/// How a pixel's depth limit lies to the object.
-enum class Limit : char { beyond, within, before };
 
 Four colour_of(const ScreenMesh<double>& mesh, int texel) {
   if (texel < 0) return Four::Zero();
@@ -37,67 +28,14 @@ Four colour_of(const ScreenMesh<double>& mesh, int texel) {
   return {c[0], c[1], c[2], 1};
 }
 
-/// Area to the right of each edge, summed up along the rows of a canvas.
-class Areas {
- public:
-  Areas(std::vector<Four>& memory, const PixelRect& rect)
-      : sums_(memory), width_(rect.width()), height_(rect.height()) {
-    sums_.assign(static_cast<std::size_t>(width_ + 1) * height_, Four::Zero());
-  }
-  void add(const Vec2d& from, const Vec2d& to, const Four& colour) {
-    // Counter-clockwise in (x, y): the left of an area goes towards smaller y.
-    const auto visit = [&](int i, int j, double dy, double x, double, double) {
-      Four* at = row(j) + i;
-      at[0] -= dy * (1 - x) * colour;
-      at[1] -= dy * x * colour;
-    };
-    coverage::walk(from, to, width_, height_, visit, [&](int j, double dy) { row(j)[0] -= dy * colour; });
-  }
-  /// After the last edge: the sums of row j; each pixel's is what lies in it.
-  const Four* finish(int j) {
-    Four* at = row(j);
-    for (int i = 1; i < width_; ++i) at[i] += at[i - 1];
-    return at;
-  }
-
- private:
-  Four* row(int j) { return sums_.data() + static_cast<std::size_t>(j) * (width_ + 1); }
-
-  std::vector<Four>& sums_;
-  int width_, height_;
-};
-
-/// d loss / d (colour, coverage) of a canvas's pixels, and its sums over what lies right of a pixel.
-struct Upstream4 {
-  int width = 0;
-  std::vector<Four> at, right;
-
-  template <class Of>
-  void fill(const PixelRect& rect, const Of& of) {
-    width = rect.width();
-    const auto count = static_cast<std::size_t>(width) * rect.height();
-    at.resize(count);
-    right.resize(count);
-    for (int j = 0; j < rect.height(); ++j) {
-      Four sum = Four::Zero();
-      for (int i = width; i-- > 0;) {
-        const std::size_t k = static_cast<std::size_t>(j) * width + i;
-        right[k] = sum;
-        at[k] = of(rect.u0 + i, rect.v0 + j);
-        sum += at[k];
-      }
-    }
-  }
-};
-
 }  // namespace
 
 struct ExactTape::State {
   Visible visible;
   Outline outline;
-  std::vector<Canvas> canvases;
-  std::vector<Limit> limits;  ///< of the window's pixels; empty: none within the object's reach
-  std::vector<Four> areas;    ///< scratch
+  std::vector<coverage::Canvas> canvases;
+  std::vector<coverage::Limit> limits;  ///< of the window's pixels; empty: none within the object's reach
+  std::vector<coverage::Four> areas;    ///< scratch
 };
 
 ExactTape::ExactTape() : state(std::make_unique<State>()) {}
@@ -107,7 +45,7 @@ ExactTape& ExactTape::operator=(ExactTape&&) noexcept = default;
 
 namespace {
 
-void check(const ScreenMesh<double>& mesh) {
+void check_drawable(const ScreenMesh<double>& mesh) {
   if (mesh.texture != Texture::atlas)
     throw InputError("exact coverage", "texture", "is not an atlas of texels",
                      "draw colours of vertices with the soft rasteriser");
@@ -118,7 +56,7 @@ void check(const ScreenMesh<double>& mesh) {
 
 template <class S>
 std::vector<Limit> find_limits(const Visible& visible, const RasterTarget<S>& target) {
-  std::vector<Limit> limits;
+  std::vector<coverage::Limit> limits;
   if (target.depth_limit.empty() || visible.faces.empty()) return limits;
   double nearest = 0, farthest = std::numeric_limits<double>::infinity();  // 1/z
   for (const auto& face : visible.faces) {
@@ -186,7 +124,7 @@ void draw_canvas(const ScreenMesh<double>& mesh, const RasterTarget<S>& target, 
 
 template <class S>
 void draw_exact(const ScreenMesh<double>& mesh, const RasterTarget<S>& target, ExactTape& tape) {
-  check(mesh);
+  check_drawable(mesh);
   ExactTape::State& state = *tape.state;
   const int width = target.rect.width(), height = target.rect.height();
   coverage::find_visible(mesh, target.width, target.height, target.rect, state.visible);
@@ -225,7 +163,7 @@ ScreenGradient<double> draw_exact_vjp(const ScreenMesh<double>& mesh, const Rast
   gradient.corner_barycentrics.assign(mesh.corner_barycentrics.size(), none);
 
   std::vector<Vec2d> force(points.size(), Vec2d::Zero());
-  Upstream4 upstream;
+  coverage::UpstreamSums upstream;
   for (std::size_t which = 0; which < state.canvases.size(); ++which) {
     const Canvas& canvas = state.canvases[which];
     upstream.fill(canvas.rect, [&](int u, int v) -> Four {

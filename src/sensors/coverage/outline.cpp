@@ -74,30 +74,23 @@ bool zero_line(const ScreenFace& face, const double* c, Line& line) {
 /// Divides outline.cells, parts of one face, at the borders of its texels.
 void divide(const ScreenFace& face, int index, const TextureCorners& texture, int resolution,
             Outline& outline) {
-  Pool& pool = outline.pool;
+  Polygon front, back;
   for (int family = 0; family < 3; ++family) {
+    outline.borders.clear();
+    for (int m = 1; m < resolution; ++m) {
+      double c[3];
+      for (int k = 0; k < 3; ++k) c[k] = texture.border(family, k) - double(m) / resolution;
+      Line line;
+      if (zero_line(face, c, line)) outline.borders.push_back(line);
+    }
     outline.current.swap(outline.cells);
     outline.cells.clear();
     for (Polygon rest : outline.current) {
-      double low = resolution, high = 0;
-      for (int i = 0; i < rest.count; ++i) {
-        const Vec3d b = on_face(face, pool.corner(rest, i).p);
-        double value = 0;
-        for (int k = 0; k < 3; ++k) value += b[k] * texture.border(family, k);
-        low = std::min(low, value * resolution);
-        high = std::max(high, value * resolution);
-      }
-      const int first = std::max(1, static_cast<int>(std::floor(low))),
-                last = std::min(resolution - 1, static_cast<int>(std::ceil(high)));
-      for (int m = first; m <= last && !rest.empty(); ++m) {
-        double c[3];
-        for (int k = 0; k < 3; ++k) c[k] = texture.border(family, k) - double(m) / resolution;
-        Line line;
-        if (!zero_line(face, c, line)) continue;
-        Polygon front, back;
-        split(pool, rest, line, {On::texel, 0, index, -1}, front, back);
+      for (const Line& line : outline.borders) {
+        split(outline.pool, rest, line, {On::texel, 0, index, -1}, front, back);
         if (!back.empty()) outline.cells.push_back(back);
         rest = front;
+        if (rest.empty()) break;
       }
       if (!rest.empty()) outline.cells.push_back(rest);
     }

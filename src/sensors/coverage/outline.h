@@ -26,8 +26,10 @@ struct Edge {
 struct Outline {
   std::vector<Point> points;
   std::vector<Edge> edges;
-  Pool pool;                                 ///< scratch
-  std::vector<Polygon> cells, cut, current;  ///< scratch
+  // Scratch.
+  Pool pool;
+  std::vector<Polygon> cells, current;
+  std::vector<Line> borders;
 };
 
 /// Appends the edges of a visible piece, divided by texels; of its part nearer than `limit` (m) only.

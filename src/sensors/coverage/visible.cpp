@@ -141,48 +141,62 @@ Order order_of(const ScreenFace& a, const ScreenFace& b, Line& line) {
 /// One face takes something off another.
 struct Hiding {
   int hidden = 0, by = 0;
-  double size = 0;    ///< of the overlap's bounding box: the largest goes first
-  bool part = false;  ///< only where `line` is positive
-  Line line;
+  int line = -1;    ///< where they cross: only where this one of Hidings::lines is positive
+  double size = 0;  ///< of the overlap's bounding box: the largest goes first
 };
 
-std::vector<Hiding> find_hidings(const std::vector<ScreenFace>& faces) {
-  std::vector<int> order(faces.size());
-  for (std::size_t i = 0; i < order.size(); ++i) order[i] = static_cast<int>(i);
-  const auto face = [&](int i) -> const ScreenFace& { return faces[static_cast<std::size_t>(i)]; };
-  std::sort(order.begin(), order.end(), [&](int a, int b) {
-    return face(a).low.x() != face(b).low.x() ? face(a).low.x() < face(b).low.x() : a < b;
+struct Hidings {
+  std::vector<Hiding> list;  ///< by the hidden face
+  std::vector<Line> lines;
+};
+
+/// Compares the two faces, i before j in the mesh, whose boxes have an overlap of `size`.
+void find_hiding(const std::vector<ScreenFace>& faces, int i, int j, double size, Hidings& result) {
+  Line line;
+  const Order seen = order_of(faces[static_cast<std::size_t>(i)], faces[static_cast<std::size_t>(j)], line);
+  if (seen == Order::apart) return;
+  const auto add = [&](int hidden, int by) {
+    result.list.push_back({hidden, by, -1, size});
+    if (seen != Order::crossing) return;
+    result.list.back().line = static_cast<int>(result.lines.size());
+    result.lines.push_back(line);
+    line.normal = -line.normal;
+  };
+  if (seen != Order::first) add(i, j);
+  if (seen != Order::second) add(j, i);
+}
+
+/// A face's bounding box, small enough that a sweep over many stays in the cache.
+struct Box {
+  double low_x, high_x, low_y, high_y;
+  int face;
+};
+
+Hidings find_hidings(const std::vector<ScreenFace>& faces) {
+  std::vector<Box> boxes, open;  // open: those that reach the sweep's place
+  for (std::size_t i = 0; i < faces.size(); ++i) {
+    const ScreenFace& f = faces[i];
+    boxes.push_back({f.low.x(), f.high.x(), f.low.y(), f.high.y(), static_cast<int>(i)});
+  }
+  std::sort(boxes.begin(), boxes.end(), [](const Box& a, const Box& b) {
+    return a.low_x != b.low_x ? a.low_x < b.low_x : a.face < b.face;
   });
-  std::vector<Hiding> hidings;
-  std::vector<int> open;  // faces whose box reaches the sweep's place
-  for (const int i : order) {
-    const ScreenFace& a = face(i);
+  Hidings hidings;
+  for (const Box& a : boxes) {
     std::size_t kept = 0;
-    for (const int j : open) {
-      const ScreenFace& b = face(j);
-      if (b.high.x() <= a.low.x()) continue;
-      open[kept++] = j;
-      const Vec2d size = a.high.cwiseMin(b.high) - a.low.cwiseMax(b.low);
-      if (!(size.y() > 0)) continue;
-      Hiding one{i, j, size.prod(), false, {}};
-      const int first = std::min(i, j), second = std::max(i, j);
-      const Order seen = order_of(face(first), face(second), one.line);
-      if (seen == Order::apart) continue;
-      one.part = seen == Order::crossing;
-      if (seen != Order::first) {
-        one.hidden = first, one.by = second;
-        hidings.push_back(one);
-      }
-      if (seen != Order::second) {
-        one.hidden = second, one.by = first;
-        one.line.normal = -one.line.normal;
-        hidings.push_back(one);
-      }
+    for (std::size_t k = 0; k < open.size(); ++k) {
+      const Box b = open[k];
+      if (b.high_x <= a.low_x) continue;
+      open[kept++] = b;
+      const double height = std::min(a.high_y, b.high_y) - std::max(a.low_y, b.low_y);
+      if (!(height > 0)) continue;
+      find_hiding(faces, std::min(a.face, b.face), std::max(a.face, b.face),
+                  height * (std::min(a.high_x, b.high_x) - a.low_x), hidings);
     }
     open.resize(kept);
-    open.push_back(i);
+    open.push_back(a);
   }
-  std::sort(hidings.begin(), hidings.end(), [](const Hiding& a, const Hiding& b) {
+  std::sort(hidings.list.begin(), hidings.list.end(), [](const Hiding& a, const Hiding& b) {
     return a.hidden != b.hidden ? a.hidden < b.hidden : a.size != b.size ? a.size > b.size : a.by < b.by;
   });
   return hidings;
@@ -196,13 +210,14 @@ class Subtraction {
   Pool pool;
   std::vector<Polygon> left;
 
-  void take(const Hiding& hiding) {
+  /// `part`: only where this line is positive; null: all of it.
+  void take(const Hiding& hiding, const Line* part) {
     const ScreenFace& by = faces_[static_cast<std::size_t>(hiding.by)];
     const ScreenFace& of = faces_[static_cast<std::size_t>(hiding.hidden)];
     count_ = 0;
-    if (hiding.part) {
+    if (part) {
       sides_[count_] = {On::crossing, 0, hiding.hidden, hiding.by};
-      lines_[count_++] = hiding.line;
+      lines_[count_++] = *part;
     }
     for (int k = 0; k < 3; ++k) {
       sides_[count_] = {On::edge, static_cast<std::int8_t>(k), hiding.by, -1};
@@ -292,7 +307,7 @@ void find_visible(const ScreenMesh<double>& mesh, int width, int height, const P
     if (set_up(mesh.faces[f], width, height, window, face) && !bounds.misses(face))
       visible.faces.push_back(face);
   }
-  const std::vector<Hiding> hidings = find_hidings(visible.faces);
+  const Hidings hidings = find_hidings(visible.faces);
   Subtraction subtraction(visible.faces);
   std::size_t next = 0;
   for (std::size_t i = 0; i < visible.faces.size(); ++i) {
@@ -304,8 +319,12 @@ void find_visible(const ScreenMesh<double>& mesh, int width, int height, const P
     if (!inside) start = within(subtraction.pool, start, bounds, face.slack);
     subtraction.left.clear();
     if (!start.empty()) subtraction.left.push_back(start);
-    for (; next < hidings.size() && hidings[next].hidden == index; ++next)
-      if (!subtraction.left.empty()) subtraction.take(hidings[next]);
+    for (; next < hidings.list.size() && hidings.list[next].hidden == index; ++next) {
+      const Hiding& hiding = hidings.list[next];
+      if (!subtraction.left.empty())
+        subtraction.take(hiding,
+                         hiding.line < 0 ? nullptr : &hidings.lines[static_cast<std::size_t>(hiding.line)]);
+    }
     const bool whole = inside && subtraction.left.size() == 1 && subtraction.left[0].first == start.first;
     for (const Polygon& polygon : subtraction.left) {
       visible.pieces.push_back({index, visible.pool.copy(subtraction.pool, polygon), whole});
