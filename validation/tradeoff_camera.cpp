@@ -24,6 +24,7 @@ SimulationSettings sharp(SimulationSettings settings, int samples) {
   settings.raster.dist_eps = 1e-6;
   settings.supersampling = samples;
   settings.reference = true;
+  settings.exact_coverage = false;
   return settings;
 }
 
@@ -108,6 +109,7 @@ SimulationSettings hard_render(SimulationSettings settings, int samples, bool in
   settings.raster.sigma = 1e-12;  // bounds the window only
   settings.supersampling = samples;
   settings.reference = in_double;
+  settings.exact_coverage = false;
   return settings;
 }
 

@@ -137,8 +137,10 @@ def recommended(data):
                 rows.append([html.escape(name)] + ["–"] * 8 + [html.escape(rule)])
                 continue
             s, e = figures["settings"], figures["errors"]
-            rows.append([html.escape(name), number(s["sigma"]), number(s["gamma"]), number(s["dist_eps"]),
-                         f"{s['supersampling']}×{s['supersampling']}", f"{figures['ratio']:.2f}",
+            drawing = (["exact areas", "–", "–", "–"] if s.get("exact_coverage") else
+                       [number(s["sigma"]), number(s["gamma"]), number(s["dist_eps"]),
+                        f"{s['supersampling']}×{s['supersampling']}"])
+            rows.append([html.escape(name), *drawing, f"{figures['ratio']:.2f}",
                          f"{e['image_levels']:.2f}", f"{e['gradient_cosine']:.3f} | {e['gradient_norm']:.2f}",
                          html.escape(", ".join(figures["on_front"]) or "–"), html.escape(rule)])
     return table(head, rows)

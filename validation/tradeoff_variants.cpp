@@ -19,10 +19,11 @@ std::vector<double> with(std::vector<double> values, double own) {
 bool same(const SimulationSettings& a, const SimulationSettings& b) {
   return a.raster.sigma == b.raster.sigma && a.raster.gamma == b.raster.gamma &&
          a.raster.dist_eps == b.raster.dist_eps && a.supersampling == b.supersampling &&
-         a.reference == b.reference;
+         a.reference == b.reference && a.exact_coverage == b.exact_coverage;
 }
 
 std::string grid_label(const SimulationSettings& s) {
+  if (s.exact_coverage) return "exact areas";
   return fmt::format("σ {:g}, γ {:g}, cut-off {:g}, {}×{} samples", s.raster.sigma, s.raster.gamma,
                      s.raster.dist_eps, s.supersampling, s.supersampling);
 }
@@ -49,6 +50,7 @@ std::vector<CameraVariant> axis_variants(const SimulationSettings& baseline) {
   for (int samples : {1, 2, 4})
     add("edges", fmt::format("hard, {}×{} samples", samples, samples),
         [&](auto& v) { v.simulation = hard_render(baseline, samples, false); });
+  add("edges", "exact areas", [](auto& v) { v.simulation.exact_coverage = true; });
   for (int shrink : {1, 2, 4})
     add("image_scale", shrink == 1 ? "whole size" : fmt::format("1/{} size", shrink),
         [&](auto& v) { v.shrink = shrink; });
@@ -96,6 +98,7 @@ nlohmann::json settings_json(const CameraVariant& variant) {
           {"supersampling", s.supersampling},
           {"hard", s.raster.coverage == Coverage::hard},
           {"double", s.reference},
+          {"exact_coverage", s.exact_coverage},
           {"image_scale", 1.0 / variant.shrink}};
 }
 

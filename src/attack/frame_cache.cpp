@@ -152,11 +152,12 @@ std::string lidar_identity(const LidarModel& lidar) {
 /// What of the settings a silhouette and its occlusion depend on.
 std::string camera_identity(const SimulationSettings& settings) {
   const auto& r = settings.raster;
-  return fmt::format("{:a} {:a} {:a} {:a} {} {} {} {} {} {} {} {} {} {:a}", r.sigma, r.gamma, r.epsilon,
+  return fmt::format("{:a} {:a} {:a} {:a} {} {} {} {} {} {} {} {} {} {:a}{}", r.sigma, r.gamma, r.epsilon,
                      r.dist_eps, static_cast<int>(r.coverage), static_cast<int>(r.color),
                      static_cast<int>(r.silhouette), static_cast<int>(r.background),
                      static_cast<int>(r.sides), r.perspective_texture, settings.supersampling,
-                     settings.reference, to_string(settings.light), settings.occlusion_margin);
+                     settings.reference, to_string(settings.light), settings.occlusion_margin,
+                     settings.exact_coverage ? " exact" : "");
 }
 
 std::string file_identity(const std::filesystem::path& file) {

@@ -100,6 +100,7 @@ SimulationSettings read_simulation(const JsonFields& json) {
   settings.occlusion_margin = json.number("occlusion_margin", -1e3, 1e3);
   settings.grazing_cosine = json.number("grazing_cosine", 1e-9, 1);
   settings.reference = json.has("double") && json.truth("double");
+  settings.exact_coverage = json.has("exact_coverage") && json.truth("exact_coverage");
   if (json.has("light")) settings.light = parsed(json, "light", json.text("light"), parse_light_model);
   if (json.has("lidar_effects")) settings.lidar_effects = read_lidar_effects(json.object("lidar_effects"));
   return settings;
@@ -149,6 +150,7 @@ nlohmann::json to_json(const SimulationSettings& settings) {
                          {"occlusion_margin", settings.occlusion_margin},
                          {"grazing_cosine", settings.grazing_cosine}};
   if (settings.reference) json["double"] = true;  // only then: runs of before the choice go on
+  if (settings.exact_coverage) json["exact_coverage"] = true;
   if (settings.light != LightModel::plain) json["light"] = to_string(settings.light);
   if (const LidarEffects& e = settings.lidar_effects; e.any())
     json["lidar_effects"] = {{"range_sigma", e.range_sigma},

@@ -49,7 +49,8 @@ struct QualityOption {
     app = &command;
     auto* option = command.add_option(
         "--quality", name,
-        "draft, default or exact: σ, γ, cut-off and samples of the camera (options of their own win)" +
+        "draft or default: σ, γ, cut-off and samples of the camera (options of their own win); exact: every "
+        "pixel's exact areas, and their derivative" +
             (otherwise.empty() ? "" : "; default: " + otherwise));
     std::vector<std::string> names;
     for (const Quality& quality : qualities()) names.push_back(quality.name);

@@ -18,12 +18,15 @@ std::string in_words(const nlohmann::json& figures) {
   const auto& settings = figures.at("settings");
   const auto& errors = figures.at("errors");
   const auto number = [](const nlohmann::json& from, const char* key) { return from.at(key).get<double>(); };
-  return fmt::format(
-      "σ {:g}, γ {:g}, cut-off {:g}, {} samples a side: {:.2f} × default's time, image {:.2f}/255, "
-      "gradient cosine {:.3f}",
-      number(settings, "sigma"), number(settings, "gamma"), number(settings, "dist_eps"),
-      settings.at("supersampling").get<int>(), number(figures, "ratio"), number(errors, "image_levels"),
-      number(errors, "gradient_cosine"));
+  const std::string drawing =
+      settings.at("exact_coverage").get<bool>()
+          ? "exact areas"
+          : fmt::format("σ {:g}, γ {:g}, cut-off {:g}, {} samples a side", number(settings, "sigma"),
+                        number(settings, "gamma"), number(settings, "dist_eps"),
+                        settings.at("supersampling").get<int>());
+  return fmt::format("{}: {:.2f} × default's time, image {:.2f}/255, gradient cosine {:.3f}", drawing,
+                     number(figures, "ratio"), number(errors, "image_levels"),
+                     number(errors, "gradient_cosine"));
 }
 
 void print_result(const nlohmann::json& result, const std::filesystem::path& out) {

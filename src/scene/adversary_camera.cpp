@@ -6,6 +6,7 @@
 #include "scene/check_inputs.h"
 #include "scene/depth_completion.h"
 #include "scene/light_surroundings.h"
+#include "sensors/raster/limits.h"
 #include "sensors/shading.h"
 
 namespace mirage {
@@ -48,6 +49,7 @@ double silhouette_area(const Image<S>& rgba) {
 
 /// Pixels that the object would cover with nothing in front of it and no image border.
 double unobstructed_area(const CameraTape& tape, const PinholeCamera& camera) {
+  if (tape.exact_coverage) return tape.exact.area;
   const PixelRect wide{-camera.width, -camera.height, 2 * camera.width, 2 * camera.height};
   RasterTarget<float> target;
   target.width = camera.width;
@@ -125,6 +127,8 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   for (const Vec3d& v : placed.mesh.vertices) tape.p_camera.push_back(camera_from_velo * v);
   tape.settings = settings.raster;
   set_depth_range(tape.p_camera, tape.settings);
+  tape.exact_coverage = settings.exact_coverage;
+  if (tape.exact_coverage) tape.settings.sigma = kSmallestSigma;  // edges reach no further than the faces
   tape.normals = face_normals(placed.mesh);
   tape.projected =
       project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearestVertex, Texture::atlas,
@@ -160,7 +164,10 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
     }
   obstructed |= occluded;
   if (!occluded) target.depth_limit = {};
-  if (tape.reference) {
+  if (tape.exact_coverage) {
+    draw_exact(tape.projected.screen, target, tape.exact);
+    result.rgba = tape.exact.rgba;
+  } else if (tape.reference) {
     result.rgba = rasterize(tape.projected.screen, tape.settings, to_double(target));
   } else {
     const RasterJob job{&tape.projected.screen, &tape.settings, &target};
@@ -200,7 +207,10 @@ void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, cons
     return d_rgba;
   };
   ScreenGradient<double> gradient;
-  if (tape.reference) {
+  if (tape.exact_coverage) {
+    gradient = draw_exact_vjp(tape.projected.screen, tape.target,
+                              upstream(Image<double>(rect.width(), rect.height(), 4)), tape.exact);
+  } else if (tape.reference) {
     gradient = rasterize_vjp(tape.projected.screen, tape.settings, to_double(tape.target),
                              upstream(Image<double>(rect.width(), rect.height(), 4)));
   } else {

@@ -7,6 +7,7 @@
 #include "geometry/mesh.h"
 #include "scene/adversary_lidar.h"
 #include "scene/insertion.h"
+#include "sensors/exact_coverage.h"
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"
 
@@ -25,6 +26,8 @@ struct CameraTape {
   RasterTarget<float> target;
   bool reference = false;
   mutable RasterTape raster;  ///< its VJP needs working memory
+  bool exact_coverage = false;
+  ExactTape exact;  ///< in place of `raster` where exact_coverage
 };
 
 /// Projects, shades and rasterises `placed` (in `velo`) into the photograph; fills image, rect, rgba,

@@ -38,6 +38,9 @@ struct SimulationSettings {
   /// Draw with the plain loop in double instead of the fast rasteriser: hundreds of times slower, and what
   /// derivatives are checked with.
   bool reference = false;
+  /// Draw exact areas (sensors/exact_coverage.h, in double) in place of the soft rasteriser: `raster`,
+  /// `supersampling` and `reference` are then not looked at.
+  bool exact_coverage = false;
   double lidar_reflectivity = 0.5;  ///< reflectance of the adversary at normal incidence
   /// An occluder in the photograph must be nearer than the object and than the host itself by this (m): the
   /// completed depth smears the host's rear over its roof, and a roof never hides what stands on it.

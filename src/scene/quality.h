@@ -20,6 +20,7 @@ struct Quality {
   double dist_eps;    ///< coverage below which a face is skipped (cut-off)
   int supersampling;  ///< samples a pixel along each side
   bool reference;     ///< plain loop in double in place of the fast rasteriser
+  bool exact;         ///< exact areas in place of the soft rasteriser; the rest is then not looked at
 };
 
 /// draft, default and exact, in this order. `default` is what SimulationSettings holds by itself.
@@ -28,7 +29,8 @@ std::span<const Quality> qualities();
 const Quality& quality_of(const std::string& name);
 
 /// Sets what the quality sets, but for what the user gave: given("--sigma"), "--gamma" and "--supersampling"
-/// tell which options those are. An empty name changes nothing. InputError for an unknown one.
+/// tell which options those are. An empty name changes nothing. InputError for an unknown one, and for such
+/// an option beside `exact`, which has none of them.
 void apply_quality(const std::string& name, SimulationSettings& settings,
                    const std::function<bool(const char* option)>& given = {});
 

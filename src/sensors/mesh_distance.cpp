@@ -54,7 +54,7 @@ bool visit(RTCPointQueryFunctionArguments* arguments) {
 }
 
 // One device for all meshes: each keeps some 30 MB of its own, and a shape model is learnt from hundreds.
-RTCDevice shared_device() {
+RTCDevice distance_device() {
   static const struct Device {
     RTCDevice device = rtcNewDevice("threads=1");
     ~Device() { rtcReleaseDevice(device); }
@@ -84,7 +84,7 @@ MeshDistance::MeshDistance(const Mesh& mesh) {
   state_ = std::make_unique<State>(mesh);
   State& s = *state_;
   s.turn = signed_volume(mesh) < 0 ? -1 : 1;
-  const RTCDevice device = shared_device();
+  const RTCDevice device = distance_device();
   s.scene = rtcNewScene(device);
   const RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
   auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(

@@ -122,6 +122,10 @@ void project_mesh_vjp(const ProjectedMesh& projected, const std::vector<Vec3d>& 
         if (corner.is_cut()) d_texels[b] += corner.t * d_color;
         d_t = d_color.dot(projected.vertex_texels[b] - projected.vertex_texels[a]);
       }
+      if (!gradient.corner_barycentrics.empty() && corner.is_cut()) {
+        const Vec3d& d_barycentrics = gradient.corner_barycentrics[part][k];
+        d_t += d_barycentrics[corner.place_b] - d_barycentrics[corner.place_a];
+      }
       if (!corner.is_cut()) {
         d_p_camera[corner.a] += Vec3d(dx, dy, d.z() - (dx * p.x() + dy * p.y()) / p.z());
         continue;

@@ -118,6 +118,8 @@ template <class S>
 struct ScreenGradient {
   std::vector<std::array<Vec3<S>, 3>> faces;
   std::vector<Vec3<S>> texels;
+  /// d loss / d ScreenMesh::corner_barycentrics; empty where texel borders do not count (this rasteriser).
+  std::vector<std::array<Vec3<S>, 3>> corner_barycentrics;
 };
 
 /// Exact derivative of rasterize: Σ d_rgba · ∂rgba/∂(faces, texels). The choice of fragments (cut-off, depth

@@ -390,7 +390,7 @@ TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   EXPECT_EQ(read_file(folder / "g/adversary.glb"), read_file(folder / "run/adversary.glb"));
 
   // The quality's values, but for what a config file or the command line gives.
-  std::ofstream(folder / "quality.toml") << "quality = \"exact\"\ngamma = 0.02\n";
+  std::ofstream(folder / "quality.toml") << "quality = \"draft\"\ngamma = 0.02\n";
   outcome = run(folder, {"simulate", "--data", data, "--frame", "000000", "--mesh",
                          folder / "run/adversary.glb", "--rooftop", "box", "--config",
                          folder / "quality.toml", "--supersampling", "3", "--out", folder / "s"});
@@ -399,6 +399,16 @@ TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   EXPECT_EQ(simulated.at("gamma"), 0.02);
   EXPECT_EQ(simulated.at("supersampling"), 3);
   EXPECT_NE(simulated.at("sigma"), result.at("simulation").at("sigma"));
+  const std::vector<std::string> exactly = {
+      "simulate",  "--data", data,        "--frame", "000000", "--mesh",    folder / "run/adversary.glb",
+      "--rooftop", "box",    "--quality", "exact",   "--out",  folder / "e"};
+  ASSERT_EQ(run(folder, exactly).code, 0);
+  EXPECT_EQ(read_json(folder / "e/result.json").at("simulation").at("exact_coverage"), true);
+  auto mixed = exactly;
+  mixed.insert(mixed.end(), {"--sigma", "1e-6"});
+  outcome = run(folder, mixed);
+  EXPECT_EQ(outcome.code, 2);
+  EXPECT_THAT(outcome.err, HasSubstr("--sigma"));
 }
 
 #ifdef MIRAGE_HAS_TORCHSCRIPT

@@ -262,7 +262,7 @@ class Interpreter(unittest.TestCase):
         other = threading.Thread(target=count)
         other.start()
         before, start = counted[0], time.monotonic()
-        mirage.insert(FRAME, HOST, mesh, double=True, quality="exact")
+        mirage.insert(FRAME, HOST, mesh, double=True, sigma=1e-8, gamma=1e-3, supersampling=8)
         spent = time.monotonic() - start
         during = counted[0] - before
         stop.set()

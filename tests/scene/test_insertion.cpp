@@ -37,9 +37,8 @@ SimulationSettings smooth_settings() {
   return settings;
 }
 
-TEST(InsertionGradient, VerticesAndTexelsThroughTheCamera) {
-  const World world = make_world(1);
-  const SimulationSettings settings = smooth_settings();
+/// Central differences of the camera's picture, to the vertices and the texels.
+void expect_camera_gradient(const World& world, const SimulationSettings& settings) {
   const Simulated at = simulate(world.prepared, world.host, world.rooftop, world.adversary, settings);
   ASSERT_GT(at.adversary_pixels, 50);
   RandomStream random(2, "upstream");
@@ -77,6 +76,27 @@ TEST(InsertionGradient, VerticesAndTexelsThroughTheCamera) {
       texels, d_texels, 1e-4, 1e-6, 1e-2);
   std::printf("camera, texels: %d components, worst relative error %.2e\n", on_texels.checked,
               on_texels.worst);
+}
+
+TEST(InsertionGradient, VerticesAndTexelsThroughTheCamera) {
+  expect_camera_gradient(make_world(1), smooth_settings());
+}
+
+TEST(InsertionGradient, ExactAreasThroughTheCamera) {
+  SimulationSettings settings;
+  settings.exact_coverage = true;
+  World world = make_world(1);
+  expect_camera_gradient(world, settings);
+  // With texels, their borders move too; and folded, so that faces hide and cross each other.
+  RandomStream random(3, "exact areas");
+  TexelAtlas& atlas = world.adversary.atlas;
+  atlas.resolution = 3;
+  atlas.texels.clear();
+  for (std::size_t t = 0; t < 9 * world.adversary.mesh.faces.size(); ++t)
+    atlas.texels.push_back(Vec3d(random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)));
+  for (Vec3d& v : world.adversary.mesh.vertices)
+    v += Vec3d(random.uniform(-.2, .2), random.uniform(-.2, .2), random.uniform(-.2, .2));
+  expect_camera_gradient(world, settings);
 }
 
 TEST(InsertionGradient, TexelsThroughTheVisibleLight) {

@@ -10,6 +10,7 @@
 #include "base/random.h"
 #include "bench.h"
 #include "geometry/shapes.h"
+#include "sensors/exact_coverage.h"
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"
 
@@ -26,12 +27,13 @@ struct Scene {
   RasterTarget<float> target;
   ImageF upstream;
 
-  Scene(int subdivisions, double distance, double sigma, int supersampling = 1) {
+  /// rough: up to which share of its radius a vertex is moved in as well.
+  Scene(int subdivisions, double distance, double sigma, int supersampling = 1, double rough = 0) {
     RandomStream random(1, "raster benchmark");
     const Mesh shape = icosphere(subdivisions);
     std::vector<Vec3d> p_camera;
     for (const Vec3d& v : shape.vertices)
-      p_camera.push_back(random.uniform(.8, 1) * Vec3d(.8 * v.x(), -.5 * v.z(), .8 * v.y()) +
+      p_camera.push_back(random.uniform(.8 - rough, 1) * Vec3d(.8 * v.x(), -.5 * v.z(), .8 * v.y()) +
                          Vec3d(0, -.5, distance));
     std::vector<Vec3d> texels(shape.faces.size() * 25);
     for (Vec3d& t : texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
@@ -184,6 +186,37 @@ void by_distance(benchmark::State& state) {
       }
 }
 
+/// Exact areas, and the default's soft edges after them; `rough`: a mesh whose faces hide and cross each
+/// other, as learned ones do.
+void exact_coverage(benchmark::State& state) {
+  nlohmann::json& figures = extra_figures();
+  for (auto _ : state)
+    for (const double rough : {0., .5})
+      for (const double distance : {5., 10., 20., 40.}) {
+        Scene soft(2, distance, 5e-7, 2, rough), hard(2, distance, 1e-12, 1, rough);
+        const Image<double> upstream = to_double(hard.upstream);
+        ExactTape tape;
+        std::vector<double> forward, both;
+        for (int round = 0; round < kRasterRounds; ++round) {
+          forward.push_back(milliseconds([&] { draw_exact(hard.mesh, hard.target, tape); }));
+          both.push_back(forward.back() + milliseconds([&] {
+                           benchmark::DoNotOptimize(draw_exact_vjp(hard.mesh, hard.target, upstream, tape));
+                         }));
+        }
+        std::vector<Scene> one;
+        one.push_back(std::move(soft));
+        const double standard = fast(one).both;
+        const std::string at = fmt::format("{:.0f}m{}", distance, rough > 0 ? "_crumpled" : "");
+        figures["exact_coverage_ms_" + at] = median(both);
+        figures["exact_coverage_forward_ms_" + at] = median(forward);
+        figures["exact_coverage_over_default_" + at] = median(both) / standard;
+        std::printf(
+            "  exact areas, %-8s %4.0f m: forward %.3f  both %.3f ms, %.2f times the default's rasteriser\n",
+            rough > 0 ? "crumpled" : "smooth", distance, median(forward), median(both),
+            median(both) / standard);
+      }
+}
+
 void by_faces(benchmark::State& state) {
   for (auto _ : state)
     for (const int subdivisions : {2, 3, 4})
@@ -244,7 +277,8 @@ void by_threads(benchmark::State& state) {
 void register_raster_benchmarks() {
   std::printf("instruction set: %s\n", raster_instruction_set());
   for (const auto& [name, work] :
-       {std::pair{"softras_by_distance", &by_distance}, std::pair{"softras_by_faces", &by_faces},
+       {std::pair{"softras_by_distance", &by_distance}, std::pair{"exact_coverage", &exact_coverage},
+        std::pair{"softras_by_faces", &by_faces},
         std::pair{"softras_against_plain_loop", &against_plain_loop},
         std::pair{"softras_by_threads", &by_threads}})
     benchmark::RegisterBenchmark(name, work)->Unit(benchmark::kMillisecond)->Iterations(1);

@@ -1,0 +1,58 @@
+// Which parts of a mesh's faces are seen: exact hidden-surface removal in the plane of the picture.
+//
+// On screen 1/z of a face is a linear function of (x, y), so that what a face G hides of a face F is the
+// convex polygon G ∩ {1/z_G > 1/z_F}: F's visible part is F less these polygons, taken off one after another
+// (Weiler and Atherton 1977 for the idea). Where two faces cross, the line 1/z_G = 1/z_F is an edge of both.
+// Of two faces in one plane the first in the mesh is seen. Exact but for rounding: lengths below
+// ScreenFace::slack count as none.
+#pragma once
+
+#include <vector>
+
+#include "sensors/coverage/polygon.h"
+#include "sensors/soft_rasterizer.h"
+
+namespace mirage::coverage {
+
+/// A face in pixels of the window: x right, y down, pixel (i, j) of the window is [i, i + 1] × [j, j + 1].
+struct ScreenFace {
+  int face = 0;        ///< in the screen mesh
+  int corner[3] = {};  ///< which of its corners each of these is: they go round counter-clockwise in (x, y)
+  Vec2d s[3];          ///< pixels
+  double z[3], inv_z[3];     ///< m, 1/m
+  Vec2d normal[3];           ///< inward unit normal of the edge from corner k to the next
+  double inv_altitude[3];    ///< over edge k, 1/px
+  Vec2d slope;               ///< gradient of 1/z
+  double nearest, farthest;  ///< 1/z, largest and smallest
+  Vec2d low, high;           ///< bounding box
+  double slack;              ///< px: rounding of its corners
+
+  /// Screen-space barycentrics, of any point of the plane.
+  Vec3d barycentrics(const Vec2d& p) const {
+    Vec3d b;
+    for (int k = 0; k < 3; ++k)
+      b[k] = normal[(k + 1) % 3].dot(p - s[(k + 1) % 3]) * inv_altitude[(k + 1) % 3];
+    return b;
+  }
+  double inv_depth(const Vec2d& p) const { return inv_z[0] + slope.dot(p - s[0]); }
+};
+
+/// A visible part.
+struct Piece {
+  int face = 0;  ///< of Visible::faces
+  Polygon polygon;
+  bool whole = false;  ///< all of the face
+};
+
+struct Visible {
+  std::vector<ScreenFace> faces;  ///< those with an area, finite and before the camera, near the image
+  std::vector<Piece> pieces;      ///< by face
+  Pool pool;
+  double area = 0;  ///< px²: of all pieces, to one image's size beyond the image
+};
+
+/// Fills `visible`. Faces are cut at one image's size beyond the image on each side.
+void find_visible(const ScreenMesh<double>& mesh, int width, int height, const PixelRect& window,
+                  Visible& visible);
+
+}  // namespace mirage::coverage
