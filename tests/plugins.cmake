@@ -52,6 +52,7 @@ if(TARGET mirage_fusion_objects)
   target_include_directories(test_fusion_network PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}
                                                          ${PROJECT_SOURCE_DIR}/plugins/detectors/fusion)
   target_link_libraries(test_fusion_network PRIVATE mirage_fusion_objects GTest::gtest_main mirage_options)
+  target_compile_definitions(test_fusion_network PRIVATE MIRAGE_SOURCE="${PROJECT_SOURCE_DIR}")
   gtest_discover_tests(test_fusion_network DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 600)
 endif()
 if(TARGET test_validation)

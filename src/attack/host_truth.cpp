@@ -40,8 +40,10 @@ HostTruth::HostTruth(const Frame& frame, const Label& host, Plane plane,
     return;
   }
   host_ = {rectangle(picture_box(host))};
-  for (const Label& label : frame.labels)
-    (label.type == "DontCare" ? dont_care_ : labels_).push_back(rectangle(picture_box(label)));
+  for (const Label& label : frame.labels) {
+    if (is_road_user(label)) labels_.push_back(rectangle(picture_box(label)));
+    if (label.type == "DontCare") dont_care_.push_back(rectangle(picture_box(label)));
+  }
   if (!object) return;
   host_.push_back(rectangle(joined(picture_box(host), *object)));
   labels_.push_back(host_.back());

@@ -13,7 +13,7 @@ namespace mirage {
 /// The box around the object's pixels (S > 0.5), clipped to the picture; none where it shows no pixel.
 std::optional<PictureBox> silhouette_box(const Simulated& simulated);
 
-/// The host's boxes and those of every label of its frame, as rectangles of one plane.
+/// The host's boxes and those of every road user of its frame (is_road_user), as rectangles of one plane.
 ///
 /// In the picture the host has a second box where an object is seen: its label's joined with the object's
 /// silhouette. A box around car and object is no miss, and no false positive. DontCare regions are among the

@@ -33,10 +33,14 @@ const Label& label_of(const Frame& frame, const HostId& id) {
   return frame.labels[static_cast<std::size_t>(id.label)];
 }
 
+bool is_road_user(const Label& label) {
+  return label.type != "DontCare" && label.type != "Misc";
+}
+
 std::vector<BevBox> ground_truth_boxes(const Frame& frame) {
   std::vector<BevBox> boxes;
   for (const Label& label : frame.labels)
-    if (label.type != "DontCare") boxes.push_back(label.box.bev);
+    if (is_road_user(label)) boxes.push_back(label.box.bev);
   return boxes;
 }
 

@@ -48,7 +48,11 @@ const Label& label_of(const Frame& frame, const HostId& id);
 void split_frames(std::vector<std::string> frames, std::uint64_t seed, std::vector<std::string>& train,
                   std::vector<std::string>& test);
 
-/// BEV boxes of every labelled object with a 3-D box.
+/// A box on it is no false positive. DontCare regions are none, nor is "Misc": what looks like a car and is
+/// none (the generator's hedges and stacks of goods) is background to a detector, under attack too.
+bool is_road_user(const Label& label);
+
+/// BEV boxes of every labelled road user.
 std::vector<BevBox> ground_truth_boxes(const Frame& frame);
 
 }  // namespace mirage

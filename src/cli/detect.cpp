@@ -131,8 +131,17 @@ Command detect_command() {
                       frame.calibration);
       };
     }
+    std::unique_ptr<RelianceMeter> meter;
+    ProposalObserver measure;
+    if (chosen->reliance && reads_picture(*detector)) {
+      meter = std::make_unique<RelianceMeter>(chosen->data, first_frames(chosen->data, chosen->frames));
+      measure = [&](const Frame& frame, std::span<const LidarPoint> points, const auto& proposals) {
+        meter->look(*detector, frame, points, proposals);
+      };
+    }
     const DetectionRun run =
-        detect_data_set(*detector, chosen->data, chosen->frames, tell("detect"), write_kitti);
+        detect_data_set(*detector, chosen->data, chosen->frames,
+                        tell(meter ? "detect, and use of the picture" : "detect"), write_kitti, measure);
     progress.reset();
     write_json(common.out / "detections.json", detections_json(run));
     std::vector<ScoredStratum> parts(1);
@@ -153,9 +162,7 @@ Command detect_command() {
     result["plane"] = to_string(run.plane);
     result["clusters"] = to_json(clusters_of(run.frames));
     if (chosen->reliance) {
-      Detector* const only[] = {detector.get()};
-      const Reliance reliance = measure_reliance(only, chosen->data, run.ids, tell("use of the picture"));
-      progress.reset();
+      const Reliance reliance = meter ? meter->result() : no_camera();
       result["reliance"] = to_json(reliance);
       if (!chosen->claim.empty()) write_claim(chosen->claim, options, chosen->data, reliance);
       if (!common.quiet) print_table(picture_rows(reliance));

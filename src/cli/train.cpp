@@ -76,6 +76,10 @@ Command train_command() {
     app.add_flag(
         "--joint", chosen->joint,
         "detector: what --camera, --lidar and COCO's weights gave learns too; else it stays as it is");
+    app.add_flag(
+        "--heads", chosen->heads,
+        "detector camera: the layers that find boxes learn, in place of the mask's (frames that do not "
+        "say which pixels show vehicles teach the mask nothing)");
     app.add_flag("--bfloat16", chosen->bfloat16,
                  "detector: convolutions in bfloat16; quicker where the processor has it, slower elsewhere");
     app.add_option("--without-picture", chosen->augmentation.without_picture,

@@ -1,7 +1,9 @@
 #include "detection/detect.h"
 
+#include <algorithm>
 #include <chrono>
 #include <future>
+#include <iterator>
 
 #include "base/interrupt.h"
 #include "base/parallel.h"
@@ -10,6 +12,13 @@
 
 namespace mirage {
 
+std::vector<Proposal> scored_over(std::span<const Proposal> proposals, double least) {
+  std::vector<Proposal> kept;
+  std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(kept),
+               [&](const Proposal& proposal) { return proposal.score() > least; });
+  return kept;
+}
+
 std::vector<Proposal> detect_vehicles(Detector& detector, const ImageF& image, const Sweep& sweep,
                                       const Calibration& calibration, double score_threshold) {
   const std::vector<LidarPoint> points = points_in_view(sweep, calibration);
@@ -17,14 +26,20 @@ std::vector<Proposal> detect_vehicles(Detector& detector, const ImageF& image, c
                   detector.capabilities().plane());
 }
 
+std::vector<std::string> first_frames(const std::filesystem::path& data, std::size_t limit) {
+  std::vector<std::string> ids = list_frames(data);
+  if (limit > 0 && ids.size() > limit) ids.resize(limit);
+  return ids;
+}
+
 DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit,
                              const std::function<void(std::size_t, std::size_t)>& progress,
-                             const std::function<void(const Frame&, const std::vector<Proposal>&)>& seen) {
+                             const std::function<void(const Frame&, const std::vector<Proposal>&)>& seen,
+                             const ProposalObserver& proposed) {
   using Clock = std::chrono::steady_clock;
   DetectionRun run;
   run.plane = detector.capabilities().plane();
-  run.ids = list_frames(data);
-  if (limit > 0 && run.ids.size() > limit) run.ids.resize(limit);
+  run.ids = first_frames(data, limit);
   double seconds = 0;
   const auto policy = thread_count() > 1 ? std::launch::async : std::launch::deferred;
   const auto read = [&](std::size_t i) {
@@ -38,9 +53,11 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
     if (i + 1 < run.ids.size()) next = read(i + 1);
     const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
     const auto start = Clock::now();
-    auto found = suppress(
-        detector.forward({&frame.image, points, &frame.calibration}, kScoreThresholdForAp, false), run.plane);
+    const std::vector<Proposal> proposals = detector.forward(
+        {&frame.image, points, &frame.calibration}, proposed ? kFaintScore : kScoreThresholdForAp, false);
+    auto found = suppress(scored_over(proposals, kScoreThresholdForAp), run.plane);
     seconds += std::chrono::duration<double>(Clock::now() - start).count();
+    if (proposed) proposed(frame, points, proposals);
     if (seen) seen(frame, found);
     run.frames.push_back(scored(std::move(found), ground_truth(frame, detector.region()),
                                 frame.calibration.camera.fy, run.plane));

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,11 @@ namespace mirage {
 inline constexpr double kScoreThreshold = 0.1;
 /// For AP the curve's tail matters: detections down to this score.
 inline constexpr double kScoreThresholdForAp = 0.02;
+/// What reliance.h follows a car's logit down to.
+inline constexpr double kFaintScore = 1e-4;
+
+/// Those with a score over `least`.
+std::vector<Proposal> scored_over(std::span<const Proposal> proposals, double least);
 
 /// Points in view → proposals → suppression in the plane where the detector is judged (Capabilities::plane).
 /// Sorted by falling score.
@@ -37,12 +43,19 @@ struct DetectionRun {
   Plane plane = Plane::bev;           ///< where it was judged
 };
 
+/// The frames of `data`, or the first `limit` of them (0: all).
+std::vector<std::string> first_frames(const std::filesystem::path& data, std::size_t limit);
+
+/// A frame, its points in view, and every proposal over kFaintScore, before suppression.
+using ProposalObserver =
+    std::function<void(const Frame&, std::span<const LidarPoint>, const std::vector<Proposal>&)>;
+
 /// Runs the detector on each frame of `data` (or on the first `limit`); the next frame is read meanwhile when
-/// there is more than one thread. `progress(done, total)` and `seen(frame, its detections)` may be empty.
-/// Throws Interrupted between frames.
-DetectionRun detect_data_set(
-    Detector& detector, const std::filesystem::path& data, std::size_t limit = 0,
-    const std::function<void(std::size_t, std::size_t)>& progress = {},
-    const std::function<void(const Frame&, const std::vector<Proposal>&)>& seen = {});
+/// there is more than one thread. `progress(done, total)`, `seen(frame, its detections)` and `proposed` may
+/// be empty. Throws Interrupted between frames.
+DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit = 0,
+                             const std::function<void(std::size_t, std::size_t)>& progress = {},
+                             const std::function<void(const Frame&, const std::vector<Proposal>&)>& seen = {},
+                             const ProposalObserver& proposed = {});
 
 }  // namespace mirage

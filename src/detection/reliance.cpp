@@ -16,7 +16,21 @@
 #include "scene/kitti.h"
 
 namespace mirage {
+
+/// One frame under all of its pictures.
+struct RelianceMeter::Looks {
+  /// Under one of them.
+  struct Sight {
+    ScoredFrame scored;
+    std::vector<Proposal> cars;  ///< of each labelled car: the proposal that speaks for it
+  };
+  Sight right, swapped, black;
+  std::optional<Sight> none;
+};
+
 namespace {
+
+using Sight = RelianceMeter::Looks::Sight;
 
 namespace fs = std::filesystem;
 
@@ -26,28 +40,19 @@ fs::path picture_file(const fs::path& data, const std::string& id) {
   return data / "training" / "image_2" / (id + ".png");
 }
 
-/// One frame under one picture.
-struct Sight {
-  ScoredFrame scored;
-  std::vector<Proposal> cars;  ///< of each labelled car: the proposal that speaks for it
-};
-
-/// One frame under all of them.
-struct Looks {
-  Sight right, swapped, black;
-  std::optional<Sight> none;
-};
-
-Sight look(Detector& detector, const SensorView& view, const GroundTruth& truth) {
-  const Plane plane = detector.capabilities().plane();
-  const std::vector<Proposal> proposals = detector.forward(view, kFaintScore, false);
-  std::vector<Proposal> clear;
-  std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(clear),
-               [](const Proposal& proposal) { return proposal.score() > kScoreThresholdForAp; });
+/// `proposals`: over kFaintScore.
+Sight sight_of(const std::vector<Proposal>& proposals, const GroundTruth& truth, double focal_length,
+               Plane plane) {
   Sight result;
-  result.scored = scored(suppress(std::move(clear), plane), truth, view.calibration->camera.fy, plane);
+  result.scored =
+      scored(suppress(scored_over(proposals, kScoreThresholdForAp), plane), truth, focal_length, plane);
   for (const BevBox& car : result.scored.truth.boxes) result.cars.push_back(speaker(proposals, car, plane));
   return result;
+}
+
+Sight look(Detector& detector, const SensorView& view, const GroundTruth& truth) {
+  return sight_of(detector.forward(view, kFaintScore, false), truth, view.calibration->camera.fy,
+                  detector.capabilities().plane());
 }
 
 /// Null if the detector needs a picture.
@@ -61,28 +66,18 @@ std::optional<Sight> look_without(Detector& detector, SensorView view, const Gro
   return std::nullopt;
 }
 
-Looks look_at(Detector& detector, const fs::path& data, const PicturePair& pair) {
-  const Frame frame = read_frame(data, pair.frame);
-  const ImageF other = read_srgb(picture_file(data, pair.other)),
-               black(frame.image.width, frame.image.height, 3);
-  const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
-  const GroundTruth truth = ground_truth(frame, detector.region());
-  const auto with = [&](const ImageF* image) { return SensorView{image, points, &frame.calibration}; };
-  return {look(detector, with(&frame.image), truth), look(detector, with(&other), truth),
-          look(detector, with(&black), truth), look_without(detector, with(nullptr), truth)};
-}
-
-Reliance summarize(const std::vector<Looks>& looks) {
+Reliance summarize(std::span<const std::unique_ptr<RelianceMeter::Looks>> looks) {
   Reliance result;
-  result.frames = static_cast<int>(looks.size());
   std::vector<ScoredFrame> right, swapped, black, none;
-  for (const Looks& one : looks) {
-    right.push_back(one.right.scored);
-    swapped.push_back(one.swapped.scored);
-    black.push_back(one.black.scored);
-    if (one.none) none.push_back(one.none->scored);
-    for (std::size_t i = 0; i < one.right.cars.size(); ++i) {
-      const Proposal &seen = one.right.cars[i], &misled = one.swapped.cars[i];
+  for (const auto& one : looks) {
+    if (!one) continue;  // was not looked at
+    ++result.frames;
+    right.push_back(one->right.scored);
+    swapped.push_back(one->swapped.scored);
+    black.push_back(one->black.scored);
+    if (one->none) none.push_back(one->none->scored);
+    for (std::size_t i = 0; i < one->right.cars.size(); ++i) {
+      const Proposal &seen = one->right.cars[i], &misled = one->swapped.cars[i];
       result.mean_delta_logit += std::abs(seen.logit - misled.logit);
       result.mean_delta_score += std::abs(seen.score() - misled.score());
       ++result.vehicles;
@@ -97,7 +92,7 @@ Reliance summarize(const std::vector<Looks>& looks) {
   result.ap70 = ap(right);
   result.ap70_swapped = ap(swapped);
   result.ap70_black = ap(black);
-  if (!none.empty() && none.size() == looks.size()) result.ap70_none = ap(none);
+  if (!none.empty() && none.size() == right.size()) result.ap70_none = ap(none);
   result.drop = average_precision_difference(right, swapped, kIou);
   result.clusters = clusters_of(right);
   return result;
@@ -120,6 +115,12 @@ bool reads_picture(const Detector& detector) {
   return detector.capabilities().reads_image;
 }
 
+Reliance no_camera() {
+  Reliance blind;
+  blind.reads_picture = false;
+  return blind;
+}
+
 std::vector<PicturePair> pair_pictures(const fs::path& data, const std::vector<std::string>& ids) {
   std::map<std::pair<int, int>, std::vector<std::string>> of_size;
   std::map<std::string, std::pair<int, int>> size_of;
@@ -139,29 +140,53 @@ std::vector<PicturePair> pair_pictures(const fs::path& data, const std::vector<s
   return pairs;
 }
 
+RelianceMeter::RelianceMeter(fs::path data, const std::vector<std::string>& ids)
+    : data_(std::move(data)), pairs_(pair_pictures(data_, ids)), frames_(ids.size()), looks_(pairs_.size()) {}
+
+RelianceMeter::~RelianceMeter() = default;
+
+void RelianceMeter::look(Detector& detector, const Frame& frame, std::span<const LidarPoint> points,
+                         const std::vector<Proposal>& right) {
+  const auto pair = std::find_if(pairs_.begin(), pairs_.end(),
+                                 [&](const PicturePair& one) { return one.frame == frame.id; });
+  if (pair == pairs_.end()) return;
+  const ImageF other = read_srgb(picture_file(data_, pair->other)),
+               black(frame.image.width, frame.image.height, 3);
+  const GroundTruth truth = ground_truth(frame, detector.region());
+  const auto with = [&](const ImageF* image) { return SensorView{image, points, &frame.calibration}; };
+  looks_[static_cast<std::size_t>(pair - pairs_.begin())] = std::make_unique<Looks>(
+      Looks{sight_of(right, truth, frame.calibration.camera.fy, detector.capabilities().plane()),
+            mirage::look(detector, with(&other), truth), mirage::look(detector, with(&black), truth),
+            look_without(detector, with(nullptr), truth)});
+}
+
+Reliance RelianceMeter::result() const {
+  Reliance result = summarize(looks_);
+  result.left_out = static_cast<int>(frames_ - pairs_.size());
+  return result;
+}
+
 Reliance measure_reliance(std::span<Detector* const> detectors, const fs::path& data,
                           const std::vector<std::string>& ids,
                           const std::function<void(std::size_t, std::size_t)>& progress) {
-  if (!reads_picture(*detectors.front())) {
-    Reliance blind;
-    blind.reads_picture = false;
-    return blind;
-  }
-  const std::vector<PicturePair> pairs = pair_pictures(data, ids);
-  std::vector<Looks> looks(pairs.size());
+  if (!reads_picture(*detectors.front())) return no_camera();
+  RelianceMeter meter(data, ids);
+  const std::vector<PicturePair>& pairs = meter.pairs();
   std::mutex mutex;
   std::size_t done = 0;
   parallel_for(detectors.size(), [&](std::size_t worker) {
     for (std::size_t i = worker; i < pairs.size(); i += detectors.size()) {
       throw_if_interrupted("how much the detector uses its picture is measured anew");
-      looks[i] = look_at(*detectors[worker], data, pairs[i]);
+      const Frame frame = read_frame(data, pairs[i].frame);
+      const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
+      Detector& detector = *detectors[worker];
+      meter.look(detector, frame, points,
+                 detector.forward({&frame.image, points, &frame.calibration}, kFaintScore, false));
       const std::lock_guard lock(mutex);
       if (progress) progress(++done, pairs.size());
     }
   });
-  Reliance result = summarize(looks);
-  result.left_out = static_cast<int>(ids.size() - pairs.size());
-  return result;
+  return meter.result();
 }
 
 std::string picture_note(const Reliance& reliance) {

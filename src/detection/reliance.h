@@ -13,6 +13,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
@@ -55,6 +56,9 @@ struct Reliance {
 /// Whether the picture can reach its answers at all.
 bool reads_picture(const Detector& detector);
 
+/// What is to be said of a detector without a camera.
+Reliance no_camera();
+
 /// A frame, and the one whose picture it is shown.
 struct PicturePair {
   std::string frame, other;
@@ -64,6 +68,30 @@ struct PicturePair {
 /// order of `ids`. InputError for a missing picture.
 std::vector<PicturePair> pair_pictures(const std::filesystem::path& data,
                                        const std::vector<std::string>& ids);
+
+/// The measurement frame by frame, for who looks at the frames anyway.
+class RelianceMeter {
+ public:
+  struct Looks;
+  /// Of those frames of the data set. Errors of pair_pictures.
+  RelianceMeter(std::filesystem::path data, const std::vector<std::string>& ids);
+  ~RelianceMeter();
+  /// Those that are measured.
+  const std::vector<PicturePair>& pairs() const { return pairs_; }
+  /// Shows the detector, which has a camera, one of them under the other pictures. `points`: in view;
+  /// `right`: what it proposes under the frame's own picture over kFaintScore, before suppression. Nothing
+  /// happens with a frame that has no pair. Several frames may be looked at side by side.
+  void look(Detector& detector, const Frame& frame, std::span<const LidarPoint> points,
+            const std::vector<Proposal>& right);
+  /// Over the frames that were looked at.
+  Reliance result() const;
+
+ private:
+  std::filesystem::path data_;
+  std::vector<PicturePair> pairs_;
+  std::size_t frames_;
+  std::vector<std::unique_ptr<Looks>> looks_;  ///< of each of pairs_
+};
 
 /// Looks at those frames of the data set. `detectors`: instances of one detector, at least one; each works on
 /// a thread of its own. `progress(done, total)` may be empty. For a detector without a camera nothing is run.

@@ -38,6 +38,7 @@ nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
   for (const auto& [key, file] : {std::pair("camera", options.camera), std::pair("lidar", options.lidar)})
     if (!file.empty()) json[key] = content_hash(read_file(file));
   if (options.joint) json["joint"] = true;
+  if (options.heads) json["heads"] = true;
   if (options.ground_truth_sampling > 0) json["ground_truth_sampling"] = options.ground_truth_sampling;
   if (options.thin_lidar > 0) json["thin_lidar"] = options.thin_lidar;
   return json;
@@ -63,7 +64,10 @@ TrainingResult train_detector(const TrainingOptions& options) {
   load.bfloat16 = options.bfloat16;
   load.camera = options.camera;
   load.lidar = options.lidar;
+  if (options.joint && options.heads)
+    throw InputError("--heads", "", "trains less than --joint does", "give one of the two");
   if (options.joint) load.parts = {"joint"};
+  if (options.heads) load.parts = {"heads"};
   auto detector = load_detector(load);
   if (!(options.ground_truth_sampling >= 0 && options.ground_truth_sampling <= 20))
     throw InputError("--ground-truth-sampling", "", "must be from 0 to 20", "try 2");

@@ -20,6 +20,9 @@ struct TrainingOptions {
   /// The whole network learns: branches that were taken over (`camera`, `lidar`), and the trunk of a camera
   /// network that was started from COCO's weights; boxes in the picture are a task beside.
   bool joint = false;
+  /// Of a camera network that was started from COCO's weights, the layers that find boxes learn, and nothing
+  /// else: for frames that do not say which pixels show vehicles. Not with `joint`.
+  bool heads = false;
   std::int64_t steps = 4000;
   int batch = 2;
   double learning_rate = 2e-3;  ///< peak of the one-cycle schedule

@@ -71,6 +71,29 @@ TEST(Evaluation, JudgesMissesAndFalsePositives) {
               std::hypot(30, 5), 1e-9);
 }
 
+// A hedge in a car's shape is background: a box that appears on it under attack is a false positive, in both
+// planes, where one on a pedestrian is none.
+TEST(Evaluation, ALookAlikeIsNoRoadUser) {
+  for (const Plane plane : {Plane::bev, Plane::picture})
+    for (const char* type : {"Misc", "Pedestrian"}) {
+      Frame frame = frame_with_host();
+      frame.labels[0].right = 200, frame.labels[0].bottom = 150;
+      Label other;
+      other.type = type;
+      other.box.bev = {40, 5, 4, 2, 0};
+      other.left = 300, other.top = 100, other.right = 400, other.bottom = 150;
+      frame.labels.push_back(other);
+      EvaluationSettings settings;
+      settings.plane = plane;
+      const Proposal on{kHost, 3, {0, 0, 200, 150}}, appears{other.box.bev, 3, {300, 100, 400, 150}};
+      const bool background = other.type == "Misc";
+      EXPECT_EQ(judge({"0", 0}, frame, {on}, {on, appears}, settings).false_positive, background) << type;
+      const HostTruth truth(frame, frame.labels[0], plane);
+      const ObjectiveValue value = objective(std::vector{on, appears}, truth, {});
+      EXPECT_EQ(value.false_positive < 0, background) << type;
+    }
+}
+
 TEST(Evaluation, SharesAreOfTheVehiclesDetectedClean) {
   const Frame frame = frame_with_host();
   const Proposal on{kHost, 3}, elsewhere{{40, 5, 4, 2, 0}, 3};

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "base/files.h"
+#include "detection/detect.h"
 #include "detection/reliance.h"
 #include "scene/generator/dataset.h"
 #include "scene/kitti.h"
@@ -50,6 +51,23 @@ TEST(Reliance, TellsPlantedDetectorsApart) {
   EXPECT_EQ(ignores.mean_delta_logit, 0);
   EXPECT_FALSE(ignores.uses_picture());
   EXPECT_THAT(picture_note(ignores), HasSubstr("does not use its picture: nothing follows about images"));
+}
+
+TEST(Reliance, IsTheSameWhileTheFramesAreScored) {
+  test::TemporaryFolder folder;
+  write_planted(folder.path());
+  for (const Eyes eyes : {Eyes::sees, Eyes::glances}) {
+    Planted detector(eyes);
+    RelianceMeter meter(folder.path(), first_frames(folder.path(), 0));
+    const DetectionRun run = detect_data_set(
+        detector, folder.path(), 0, {}, {},
+        [&](const Frame& frame, std::span<const LidarPoint> points, const std::vector<Proposal>& proposals) {
+          meter.look(detector, frame, points, proposals);
+        });
+    EXPECT_EQ(detector.passes, 4 * kPlaces);  // no frame is looked at twice under its own picture
+    EXPECT_EQ(to_json(meter.result()), to_json(measured(Planted(eyes), folder.path())));
+    EXPECT_EQ(run.at70.average_precision, meter.result().ap70);
+  }
 }
 
 TEST(Reliance, AGlanceIsNotEnough) {

@@ -98,7 +98,7 @@ std::vector<Tensor> FusionDetector::learning() const {
   for (const auto& item : network_->named_parameters()) {
     const bool camera = item.key().starts_with("camera.");
     const bool join = item.key().starts_with("join.");
-    const bool trunk = camera && !item.key().starts_with("camera.mask_");
+    const bool trunk = camera && !item.key().starts_with(options_.heads ? "camera.head" : "camera.mask_");
     if (camera ? camera_learns() && !(trunk && trunk_frozen_) : join || lidar_learns())
       parameters.push_back(item.value());
   }
@@ -268,6 +268,10 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
     if (lidar_learns() && options_.parts.norm == Norm::channel && !norms_frozen) own.emplace();
     const LossTerms terms =
         loss_of(samples[i], targets[i], static_cast<std::uint64_t>(samples_seen_) + i, positives, boxed);
+    if (!options_.parts.lidar && !terms.total.requires_grad())
+      throw std::runtime_error(
+          "the mask learns nothing from frames that do not say which pixels show vehicles; make them with "
+          "--truth, or train the heads with --heads");
     if (own) statistics[i] = own->seen;
     results[i].loss = {terms.total.item<float>(), static_cast<float>(terms.score),
                        static_cast<float>(terms.box)};

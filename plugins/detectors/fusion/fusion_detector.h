@@ -28,6 +28,7 @@ struct Options {
   /// only what joins them learns. Empty: none.
   std::string camera, lidar;
   bool joint = false;  ///< what was taken over learns too, boxes in the picture beside
+  bool heads = false;  ///< of a camera network whose trunk is kept, the heads learn in place of the mask
   std::uint64_t seed = 0;
   bool bfloat16 = false;  ///< convolutions of training passes in bfloat16
   int threads = 1;        ///< samples of a training step at once; a forward pass uses one
@@ -77,8 +78,8 @@ class FusionDetector {
   Options options_;
   Network network_{nullptr};
   bool camera_frozen_ = false, lidar_frozen_ = false;  ///< taken over, and left as they are
-  /// Of the camera network, which was started from COCO's weights, only the mask's layers learn: what it
-  /// knows of photographs is not given up for a few hundred generated pictures.
+  /// Of the camera network, which was started from COCO's weights, only the mask's layers learn (or the heads
+  /// alone): what it knows of photographs is not given up for a few hundred pictures.
   bool trunk_frozen_ = false;
   std::unique_ptr<torch::optim::AdamW> optimiser_;
   std::int64_t steps_ = 0, samples_seen_ = 0;

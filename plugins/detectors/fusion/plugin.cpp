@@ -35,8 +35,11 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
         options.parts.depth_gate = true;
       else if (part == "joint")
         options.joint = true;
+      else if (part == "heads")
+        options.heads = true;
       else
-        throw std::runtime_error("parts: unknown value '" + part + "'; use denoising, depth-gate or joint");
+        throw std::runtime_error("parts: unknown value '" + part +
+                                 "'; use denoising, depth-gate, joint or heads");
     }
     made = new FusionDetector(options, weights);
   });

@@ -8,7 +8,9 @@
 
 #include "camera.h"
 #include "camera_loss.h"
+#include "fusion_detector.h"
 #include "tensor_checks.h"
+#include "weights.h"
 
 namespace mirage::fusion {
 namespace {
@@ -241,6 +243,38 @@ TEST(CameraNet, TakesOverANetworkOfItsShape) {
       EXPECT_EQ(torch::equal(ours[item.key()], item.value()), !item.key().starts_with("mask_")) << item.key();
     }
   std::filesystem::remove(file);
+}
+
+TEST(CameraNet, TheHeadsLearnWhereNothingTeachesTheMask) {
+  const std::string weights =
+      std::string(MIRAGE_SOURCE) + "/plugins/detectors/fusion/weights/camera-kitti64.weights";
+  Options options;
+  options.parts = parts_named("camera");
+  options.start = true;
+  torch::manual_seed(25);
+  const Tensor picture = torch::rand({64, 96, 3});
+  const MiragePictureBox box{20, 20, 60, 50};
+  MirageSample sample{};
+  sample.input.image = picture.data_ptr<float>();
+  sample.input.width = 96, sample.input.height = 64;
+  sample.picture_boxes = &box;
+  sample.picture_box_count = 1;
+  EXPECT_THROW(FusionDetector(options, weights.c_str()).train_step({&sample, 1}, 1e-3f), std::runtime_error);
+
+  options.heads = true;
+  FusionDetector detector(options, weights.c_str());
+  detector.train_step({&sample, 1}, 1e-3f);
+  const auto file =
+      std::filesystem::temp_directory_path() / ("mirage_heads_" + std::to_string(getpid()) + ".weights");
+  detector.save(file.string(), false);
+  Network before(options.parts), after(options.parts);
+  copy_network(weights, *before);
+  copy_network(file.string(), *after);
+  std::filesystem::remove(file);
+  auto changed = after->named_parameters();
+  for (const auto& item : before->named_parameters())
+    EXPECT_EQ(!torch::equal(changed[item.key()], item.value()), item.key().starts_with("camera.head"))
+        << item.key();
 }
 
 }  // namespace
