@@ -22,6 +22,7 @@
 
 #include "base/bootstrap.h"
 #include "base/clusters.h"
+#include "detection/detect.h"
 #include "detection/detector.h"
 
 namespace mirage {
@@ -29,8 +30,6 @@ namespace mirage {
 /// Below this mean |Δlogit| of the cars a detector counts as blind, whatever its AP does.
 inline constexpr double kLeastDeltaLogit = 0.5;
 
-/// A score below this is none.
-inline constexpr double kFaintScore = 1e-4;
 /// The proposal that speaks for a car: of those that overlap its rectangle in `plane` (IoU ≥ 0.1), before
 /// suppression, the one of the largest logit; without one over kFaintScore, a proposal of that score.
 Proposal speaker(std::span<const Proposal> proposals, const BevBox& car, Plane plane);
