@@ -75,6 +75,7 @@ fuzz: setup
 KILLS ?= 100
 faults: build
 	python3 -B tests/faults/run.py . build/release --kills $(KILLS)
+	python3 -B tests/faults/refusals.py . build/release
 
 bench: build
 	cmake --build --preset release --target mirage_bench

@@ -8,6 +8,7 @@
 #include <string_view>
 #include <tuple>
 
+#include "archive_check.h"
 #include "base/files.h"
 #include "pickle_check.h"
 
@@ -102,6 +103,7 @@ torch::serialize::InputArchive open_data_archive(const std::string& file, const 
   try {
     // LibTorch takes another format by its first bytes; this one begins with a zip file's.
     if (!bytes.starts_with("PK\x03\x04")) throw std::runtime_error("no zip file");
+    check_archive(bytes);
     refuse_code(bytes);
     std::istringstream in(bytes);
     archive.load_from(in, device);
@@ -109,6 +111,9 @@ torch::serialize::InputArchive open_data_archive(const std::string& file, const 
     throw std::runtime_error(
         "holds code, and weights are data; it was not loaded (a TorchScript model is for --detector "
         "torchscript)");
+  } catch (const ArchiveTooLarge& problem) {
+    throw std::runtime_error(std::string(problem.what()) +
+                             ", and was not loaded; restore it, or train anew with mirage train");
   } catch (const std::exception&) {
     throw std::runtime_error("not a readable weights file; restore it, or train anew with mirage train");
   }

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <set>
 #include <stdexcept>
 #include <vector>
 
@@ -152,6 +153,7 @@ class Walker {
                part[2]->kind == Kind::text && part[3]->kind == Kind::text && part[4]->kind == Kind::whole,
            "names a storage wrongly");
     demand(part[3]->text == "cpu" || part[3]->text.starts_with("cuda"), "names a storage's device wrongly");
+    demand(storages_.insert(part[2]->text).second, "names a storage twice");
     const std::int64_t elements = part[4]->number;
     const auto size = storage_size_(part[2]->text);
     const std::size_t element = kElementSizes.at(part[1]->text.substr(6));
@@ -323,6 +325,7 @@ class Walker {
   std::size_t at_ = 0;
   std::vector<Reference> stack_, memory_;
   std::vector<std::size_t> marks_;
+  std::set<std::string> storages_;
 };
 
 }  // namespace

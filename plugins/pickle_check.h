@@ -15,7 +15,8 @@ namespace mirage {
 using StorageSize = std::function<std::optional<std::size_t>(const std::string& key)>;
 /// Walks over a pickle (protocol 2) as LibTorch's reader would. std::runtime_error for an instruction that
 /// OutputArchive does not write, a stack that runs empty, a name that is neither a module of the file nor
-/// what tensors are made with, or a tensor that reaches beyond its storage.
+/// what tensors are made with, a tensor that reaches beyond its storage, or a storage that is named twice
+/// (OutputArchive recalls it; LibTorch would read it as often as it is named).
 void check_pickle(std::string_view bytes, const StorageSize& storage_size);
 
 }  // namespace mirage

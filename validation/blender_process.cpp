@@ -12,6 +12,7 @@
 #include "base/interrupt.h"
 #include "base/json_depth.h"
 #include "base/logging.h"
+#include "base/names.h"
 
 namespace mirage {
 namespace {
@@ -82,6 +83,12 @@ nlohmann::json effects_json(const RenderEffects& effects) {
 }
 
 }  // namespace
+
+void require_text_path(const std::filesystem::path& out) {
+  if (printable(out.string()) != out.string())
+    throw InputError("--out", out.string(), "is no text (UTF-8), and Blender is told of it in JSON",
+                     "choose another folder");
+}
 
 BlenderWorker::BlenderWorker(std::filesystem::path log, std::string program, double start_timeout)
     : log_(std::move(log)), program_(find_program(program)), start_timeout_(start_timeout) {

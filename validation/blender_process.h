@@ -21,6 +21,9 @@ class BlenderLost : public Failure {
   using Failure::Failure;
 };
 
+/// InputError if the name of an output folder is no UTF-8: Blender is told of its files in JSON.
+void require_text_path(const std::filesystem::path& out);
+
 class BlenderWorker {
  public:
   /// How often a job is sent before it is given up.

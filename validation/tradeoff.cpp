@@ -20,6 +20,7 @@
 #include "scene/depth/learned_depth.h"
 #include "scene/kitti.h"
 #include "scene/quality.h"
+#include "validation/blender_process.h"
 #include "validation/process.h"
 #include "validation/tradeoff_attack.h"
 #include "validation/tradeoff_cycles.h"
@@ -339,6 +340,7 @@ json plot(const std::filesystem::path& out) {
 json tradeoff(const TradeoffSettings& given) {
   check(given);
   TradeoffSettings settings = given;
+  if (settings.cycles) require_text_path(settings.out);
   std::unique_ptr<Run> run;
   if (!settings.run.empty()) {
     run = std::make_unique<Run>(read_run(settings.run, settings.trust));

@@ -12,7 +12,6 @@
 #include "base/installation.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
-#include "base/names.h"
 #include "base/progress.h"
 #include "scene/data_rig.h"
 #include "scene/depth/learned_depth.h"
@@ -160,9 +159,7 @@ json validate(const ValidationSettings& given) {
   if (hosts.empty())
     throw InputError((settings.run / "run.json").string(), "test", "no vehicles to validate",
                      "run mirage attack on a data set with cars in view");
-  if (printable(settings.out.string()) != settings.out.string())
-    throw InputError("--out", settings.out.string(), "is no text (UTF-8), and Blender is told of it in JSON",
-                     "choose another folder");
+  require_text_path(settings.out);
   make_output_folder(settings.out);
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
   BlenderWorker blender(settings.out / "blender.log");

@@ -3,13 +3,12 @@
 #include <fmt/format.h>
 #include <toml++/toml.h>
 
-#include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <sstream>
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/toml_text.h"
 
 namespace mirage {
 namespace {
@@ -71,15 +70,9 @@ nlohmann::json read_toml(const std::filesystem::path& path) {
   return parse_toml(read_file(path), path.string());
 }
 
-void refuse_toml(const std::string& name, std::size_t line, std::string problem) {
-  std::replace_if(
-      problem.begin(), problem.end(), [](unsigned char c) { return std::iscntrl(c); }, ' ');
-  throw InputError(name, fmt::format("line {}", line), problem, "mend the TOML syntax");
-}
-
 nlohmann::json parse_toml(const std::string& text, const std::string& name) {
   try {
-    return to_json(toml::parse(text, name));
+    return to_json(toml::parse(toml_in_ascii(text, name), name));
   } catch (const toml::parse_error& error) {
     refuse_toml(name, error.source().begin.line, std::string(error.description()));
   }

@@ -10,13 +10,10 @@
 
 namespace mirage {
 
-/// The file as JSON. InputError naming file and line when it is not TOML. Dates are not supported.
+/// The file as JSON. InputError naming file and line when it is not TOML. Dates are read as null.
 nlohmann::json read_toml(const std::filesystem::path& path);
 /// The same from a text; `name` stands for the file in errors.
 nlohmann::json parse_toml(const std::string& text, const std::string& name);
-/// Throws the InputError of a syntax error. toml++ quotes the file in its words, line ends and all; here they
-/// become one line.
-[[noreturn]] void refuse_toml(const std::string& name, std::size_t line, std::string problem);
 /// An object of tables, lists, texts, numbers and booleans as TOML; read_toml gives it back, bit by bit.
 std::string toml_text(const nlohmann::json& object);
 

@@ -24,6 +24,9 @@ namespace fs = std::filesystem;
 std::string read_file(const fs::path& path) {
   if (fs::is_directory(path))
     throw InputError(path.string(), "", "is a folder, not a file", "give the file inside it");
+  // A pipe has no end to wait for, and a device no end at all.
+  if (std::error_code error; fs::exists(path, error) && !fs::is_regular_file(path, error))
+    throw InputError(path.string(), "", "is no regular file", "give a file, not a pipe or a device");
   std::ifstream in(path, std::ios::binary);
   if (!in) {
     const int reason = errno;

@@ -2,34 +2,12 @@
 
 #include <fmt/format.h>
 
-#include <cstdint>
+#include "base/utf8.h"
 
 namespace mirage {
 namespace {
 
 using Byte = unsigned char;
-
-/// Bytes of the UTF-8 sequence at the head; 0 if there is none. Overlong forms, surrogates and what lies past
-/// U+10FFFF are none.
-std::size_t utf8_length(std::string_view bytes) {
-  const auto lead = static_cast<Byte>(bytes[0]);
-  const std::size_t length = lead < 0x80            ? 1
-                             : lead >> 5 == 0b110   ? 2
-                             : lead >> 4 == 0b1110  ? 3
-                             : lead >> 3 == 0b11110 ? 4
-                                                    : 0;
-  if (length <= 1) return length;
-  if (bytes.size() < length) return 0;
-  std::uint32_t point = lead & (0x7fu >> length);
-  for (std::size_t i = 1; i < length; ++i) {
-    const auto next = static_cast<Byte>(bytes[i]);
-    if (next >> 6 != 0b10) return 0;
-    point = point << 6 | (next & 0x3fu);
-  }
-  constexpr std::uint32_t kSmallest[] = {0, 0, 0x80, 0x800, 0x10000};
-  const bool surrogate = point >= 0xd800 && point <= 0xdfff;
-  return point >= kSmallest[length] && point <= 0x10ffff && !surrogate ? length : 0;
-}
 
 /// C0, DEL and C1: terminals act on them.
 bool is_control(std::string_view character) {
@@ -42,7 +20,7 @@ std::string escaped(std::string_view bytes, bool backslash) {
   std::string text;
   text.reserve(bytes.size());
   while (!bytes.empty()) {
-    const std::size_t length = utf8_length(bytes);
+    const std::size_t length = first_character(bytes).bytes;
     const std::string_view character = bytes.substr(0, length == 0 ? 1 : length);
     if (length == 0 || is_control(character))
       for (const char c : character) text += fmt::format("\\x{:02x}", static_cast<Byte>(c));

@@ -43,7 +43,10 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
       ->capture_default_str();
   app.add_option("--out", common.out, "output folder")->capture_default_str();
   app.add_flag("--quiet", common.quiet, "no progress, no log lines but warnings");
-  app.add_option("--config", "TOML file whose keys are these options' names; the command line wins");
+  app.add_option(
+      "--config",
+      "TOML file whose keys are these options' names; the command line wins. What is code (a plugin, a "
+      "TorchScript model) is taken from the command line alone");
 }
 
 /// Numbers that cannot be negative: CLI11 would take -1 for the largest.

@@ -36,7 +36,10 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   require_own_data(run, data);
   const std::string depth = depth_of(run, options.depth);
   std::optional<BlenderWorker> blender;  // first: where it is missing, say so now
-  if (options.fbx) blender.emplace(common.out / "blender.log");
+  if (options.fbx) {
+    require_text_path(common.out);
+    blender.emplace(common.out / "blender.log");
+  }
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = select_hosts(run, options.frames);
   FrameStore store(data, depth, options.rooftop.empty() ? run.rooftop : options.rooftop, run.sun);

@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 
 #include <csignal>
 #include <fstream>
@@ -48,6 +49,16 @@ TEST(WriteFile, FailingHalfWayKeepsTheOldFile) {
   EXPECT_THAT(text, AllOf(HasSubstr("kept.txt"), HasSubstr("cannot be written")));
   EXPECT_EQ(read_file(folder / "kept.txt"), "old");
   EXPECT_EQ(entries(folder.path()), 1u);
+}
+
+// In a folder from somebody else a name may lead to a pipe that nobody writes to, or to a device without end.
+TEST(ReadFile, TakesRegularFilesAlone) {
+  TemporaryFolder folder;
+  ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
+  std::filesystem::create_symlink("/dev/zero", folder / "endless");
+  for (const char* name : {"pipe", "endless"})
+    EXPECT_THAT(error_text<InputError>([&] { read_file(folder / name); }),
+                AllOf(HasSubstr((folder / name).string()), HasSubstr("is no regular file")));
 }
 
 TEST(WriteFile, AFileInThePlaceOfAFolderIsAFailure) {

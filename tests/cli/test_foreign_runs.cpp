@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <csignal>
 #include <filesystem>
 
@@ -103,6 +104,55 @@ TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
   EXPECT_TRUE(marked());
 }
 
+// A configuration is settings, which people pass on; code is named on the command line.
+TEST_F(ForeignRuns, ConfigurationsRunNoCodeThatTheyName) {
+  make_run();
+  const std::string planted = kPlugins + "planted.so", at_data = " --data " + at("data"),
+                    at_run = " --run " + at("run"),
+                    to = " --quiet --out " + at("o") + " --config " + at("c.toml");
+  write_file(folder_ / "model.pt", "weights");
+  const std::string model = "weights = \"" + at("model.pt") + "\"\n";
+  for (const auto& [command, key, text] : std::vector<std::array<std::string, 3>>{
+           {"detect" + at_data, "detector", "detector = \"" + planted + "\""},
+           {"attack" + at_data, "depth", "depth = \"" + planted + "\""},
+           {"export" + at_run, "depth", "depth = \"" + planted + "\""},
+           {"depth" + at_data, "backends", "backends = \"ip-basic," + planted + "\""},
+           {"detect" + at_data, "weights", model + "detector = \"torchscript\""},
+           {"detect --detector torchscript" + at_data, "weights", model},
+           {"depth --backends " + planted + at_data, "weights", model},
+           {"evaluate" + at_run, "weights", model},
+           {"train --detector camera" + at_data, "start", "start = \"" + at("model.pt") + "\""},
+           {"evaluate" + at_run, "trust-run", "trust-run = true"}}) {
+    write_file(folder_ / "c.toml", text + "\n");
+    EXPECT_EQ(mirage(command + to), 2) << command;
+    expect_line(command);
+    EXPECT_THAT(said(),
+                AllOf(HasSubstr("c.toml: " + key + ": "), HasSubstr("on the command line: --" + key)));
+    EXPECT_FALSE(marked()) << command;
+  }
+  // What is data may stand there, and what the command line names is loaded whatever the file says.
+  write_file(folder_ / "c.toml", model + "detector = \"lidar\"\nframes = 1\n");
+  EXPECT_EQ(mirage("detect" + at_data + to), 2);
+  EXPECT_THAT(said(), AllOf(HasSubstr("model.pt"), Not(HasSubstr("c.toml"))));
+  write_file(folder_ / "c.toml", "detector = \"" + planted + "\"\n");
+  EXPECT_EQ(mirage("detect --detector " + planted + " --weights " + at("model.pt") + at_data + to), 2);
+  EXPECT_TRUE(marked());
+}
+
+TEST_F(ForeignRuns, WithARooftopOfAnyLengthAreRefusedInALine) {
+  make_run();
+  for (const std::size_t length : {300, 5000, 100'000}) {
+    change("rooftop", std::string(length, 'r'));
+    for (const char* command : {"export", "evaluate --trust-run", "validate --trust-run", "tradeoff"}) {
+      EXPECT_EQ(mirage(std::string(command) + " --quiet --run " + at("run") + " --out " + at("o")), 2)
+          << command;
+      expect_line(command);
+      EXPECT_THAT(said(), HasSubstr("run.json: rooftop: is too long")) << command;
+      EXPECT_LT(said().size(), 1000) << command;
+    }
+  }
+}
+
 TEST_F(ForeignRuns, WriteNowhereElse) {
   make_run();
   for (const char* split : {"train", "test"}) {
@@ -170,6 +220,12 @@ TEST_F(ForeignRuns, NamesOfAnyBytesAreShownEscaped) {
   EXPECT_EQ(read_json(fs::path(odd) / "o/detections.json").at("frames").at(0).at("frame"), "\\xe8");
   ASSERT_EQ(mirage("simulate --frame missing --mesh m.glb --data '" + odd + "' --out '" + odd + "/o'"), 2);
   expect_line("simulate");
+  // Blender is told of its files in JSON.
+  for (const char* command : {"tradeoff --cycles --data ", "tradeoff --cycles --run none --data "}) {
+    EXPECT_EQ(mirage(command + at("none") + " --out '" + odd + "'"), 2);
+    expect_line(command);
+    EXPECT_THAT(said(), AllOf(HasSubstr("--out"), HasSubstr("UTF-8"))) << command;
+  }
   EXPECT_EQ(mirage("detect --data '" + odd + "/none' --out " + at("o")), 2);
   expect_line("detect");
   EXPECT_THAT(said(), HasSubstr("\\xff\\x1b[31m/none"));

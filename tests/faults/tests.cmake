@@ -8,4 +8,6 @@ target_compile_options(mirage_faults PRIVATE -Wall -Wextra -Wpedantic -Wshadow -
 set_target_properties(mirage_faults PROPERTIES LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/test_plugins)
 add_test(NAME faults.quick COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/faults/run.py
                                    ${PROJECT_SOURCE_DIR} ${CMAKE_BINARY_DIR} --quick)
-set_tests_properties(faults.quick PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
+add_test(NAME faults.refusals COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/faults/refusals.py
+                                      ${PROJECT_SOURCE_DIR} ${CMAKE_BINARY_DIR} --quick)
+set_tests_properties(faults.quick faults.refusals PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <map>
 #include <stdexcept>
 
 #include "attack/checkpoint.h"
@@ -17,6 +18,7 @@
 #include "base/image_io.h"
 #include "exchange/gltf.h"
 #include "fuzz/seeds.h"
+#include "plugins/archive_check.h"
 #include "plugins/pickle_check.h"
 #include "scene/data_rig.h"
 #include "scene/generator.h"
@@ -87,12 +89,7 @@ void labels(const fs::path& file) {
 }
 
 void tracks(const fs::path& file) {
-  // Read by its place in a data set.
-  const fs::path data = scratch() / "tracks-of", place = data / "training/track_2/000000.txt";
-  static const bool made = fs::create_directories(place.parent_path());
-  static_cast<void>(made);
-  fs::copy_file(file, place, fs::copy_options::overwrite_existing);
-  const auto all = read_tracks(data, "000000");
+  const auto all = read_tracks(file.parent_path().parent_path().parent_path(), file.stem());
   for (const int track : *all) demand(track >= -1, "an identity below -1");
 }
 
@@ -189,18 +186,51 @@ void checkpoint(const fs::path& file) {
 }
 
 /// The bytes are a JSON merge patch (RFC 7386) on a whole checkpoint: one of 200 KB is too long to be found
-/// by chance.
+/// by chance. Fields that it leaves alone keep their text, since writing 50 thousand numbers takes longest.
 void checkpoint_fields(const fs::path& file) {
   static const nlohmann::json whole = nlohmann::json::parse(seed_checkpoint());
-  nlohmann::json patched = whole;
-  patched.merge_patch(read_json(file));
+  static const std::map<std::string, std::string> texts = [] {
+    std::map<std::string, std::string> all;
+    for (const auto& [key, value] : whole.items()) all[key] = value.dump();
+    return all;
+  }();
+  const auto text_of = [](const nlohmann::json& value) {
+    return value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  };
+  const nlohmann::json patch = read_json(file);
+  std::string patched = patch.is_object() ? "" : text_of(patch);
+  if (patch.is_object()) {
+    std::map<std::string, std::string> fields = texts;
+    for (const auto& [key, change] : patch.items()) {
+      nlohmann::json value = whole.contains(key) ? whole.at(key) : nlohmann::json();
+      value.merge_patch(change);
+      if (change.is_null())
+        fields.erase(key);
+      else
+        fields[key] = text_of(value);
+    }
+    for (const auto& [key, text] : fields)
+      patched += (patched.empty() ? "{" : ",") + text_of(key) + ":" + text;
+    patched += patched.empty() ? "{}" : "}";
+  }
   const fs::path place = scratch() / "patched-checkpoint.json";
-  write_bytes(place, patched.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  write_bytes(place, patched);
   check(read_checkpoint(place, seed_identity()));
 }
 
-/// The parts of a weights file that say what is in it; storages are of 64 bytes. targets/weights.cpp has the
-/// rest.
+/// The directory of a weights file.
+void archive(const fs::path& file) {
+  const std::string bytes = read_file(file);
+  try {
+    std::uint64_t all = 0;
+    for (const auto& [name, size] : check_archive(bytes)) all += size;
+    demand(all <= kArchiveGrowth * bytes.size() + kArchiveSlack, "an archive of any size");
+  } catch (const std::runtime_error& refused) {
+    throw InputError(file.string(), "", refused.what(), "train anew");
+  }
+}
+
+/// The parts of a weights file that say what is in it; storages are of 64 bytes.
 void pickle(const fs::path& file) {
   const std::string bytes = read_file(file);
   try {
@@ -213,7 +243,7 @@ void pickle(const fs::path& file) {
 
 constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
                                {"labels", "label.txt", labels},
-                               {"tracks", "track.txt", tracks},
+                               {"tracks", "training/track_2/000000.txt", tracks},
                                {"sweep", "sweep.bin", sweep},
                                {"lighting", "lighting.json", lighting},
                                {"png", "picture.png", png},
@@ -221,6 +251,7 @@ constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
                                {"toml", "any.toml", toml},
                                {"rig", "rig.toml", rig},
                                {"shape", "cars.shape", shape},
+                               {"archive", "some.weights", archive},
                                {"pickle", "data.pkl", pickle},
 
 #ifndef MIRAGE_FUZZ

@@ -11,7 +11,7 @@ namespace mirage::fuzz {
 
 struct Parser {
   const char* name;
-  const char* file;  ///< what the bytes are called while they are read: parsers go by extensions
+  const char* file;  ///< where the bytes are while they are read: parsers go by extensions and folders
   /// Reads the file and looks at what came out: std::logic_error for what no parser may hand on (numbers that
   /// are not finite, indices past their end, sizes that no machine holds).
   void (*read)(const std::filesystem::path& file);

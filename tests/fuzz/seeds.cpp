@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <cmath>
+#include <map>
 #include <stdexcept>
 
 #include "attack/checkpoint.h"
@@ -126,6 +127,43 @@ std::string pickle() {
          text("x") + "G?\xe0" + std::string(6, '\0') + "ub.";
 }
 
+/// `value` as the zip format writes it.
+template <class T>
+std::string bytes_of(T value) {
+  return {reinterpret_cast<const char*>(&value), sizeof value};
+}
+
+/// A zip file of two records without their check sums, as LibTorch's writer ends one; `with64`: sizes in 64
+/// bits.
+std::string archive(bool with64) {
+  std::string file, directory;
+  for (const char* name : {"archive/data.pkl", "archive/data/0"}) {
+    const auto length = static_cast<std::uint16_t>(std::string(name).size());
+    const auto size = with64 ? 0xffffffffu : 8u;
+    const std::string extra = with64 ? std::string("\1\0\x10\0", 4) + bytes_of(std::uint64_t{8}) +
+                                           bytes_of(std::uint64_t{8})
+                                     : "",
+                      common = std::string(14, '\0') + bytes_of(size) + bytes_of(size) + bytes_of(length) +
+                               bytes_of(static_cast<std::uint16_t>(extra.size()));
+    directory += std::string("PK\1\2\0\0", 6) + common + std::string(10, '\0') +
+                 bytes_of(static_cast<std::uint32_t>(file.size())) + name + extra;
+    file += "PK\3\4" + common + name + extra + "12345678";
+  }
+  const auto at = static_cast<std::uint32_t>(file.size()),
+             size = static_cast<std::uint32_t>(directory.size());
+  const std::string count("\2\0", 2);
+  file += directory;
+  if (with64) {
+    const auto end = static_cast<std::uint64_t>(file.size());
+    const auto entries = bytes_of(std::uint64_t{2});
+    file += "PK\6\6" + bytes_of(std::uint64_t{44}) + std::string(12, '\0') + entries + entries +
+            bytes_of(std::uint64_t{size}) + bytes_of(std::uint64_t{at});
+    file += "PK\6\7" + bytes_of(std::uint32_t{0}) + bytes_of(end) + bytes_of(std::uint32_t{1});
+  }
+  return file + "PK\5\6" + std::string(4, '\0') + count + count + bytes_of(size) + bytes_of(at) +
+         std::string(2, '\0');
+}
+
 #ifndef MIRAGE_FUZZ  // parsers.cpp says why
 std::string run() {
   return R"({"batch": 2, "buildable": [0.002, 0.05, 0.05, 0.9], "data": "data", "depth": "ip-basic",
@@ -162,6 +200,17 @@ Calibration seed_calibration() {
 
 nlohmann::json seed_identity() {
   return {{"limits", {0.8, 0.8, 0.5}}, {"vertex_rate", 1e-3}, {"texel_rate", 4e-3}, {"train", {"host"}}};
+}
+
+/// Of a run before its first step, in short numbers: a quarter of the bytes of a whole one.
+static std::string fresh_checkpoint() {
+  AttackState state = fresh_state({});
+  for (Vec3d& v : state.adversary.mesh.vertices) v.setZero();
+  for (Vec3d& texel : state.adversary.atlas.texels) texel.setZero();
+  std::string text = written("fresh-checkpoint.json",
+                             [&](const fs::path& file) { write_checkpoint(file, state, seed_identity()); });
+  for (std::size_t at = 0; (at = text.find("0.0,", at)) != std::string::npos;) text.erase(at + 1, 2);
+  return text;
 }
 
 std::string seed_checkpoint() {
@@ -205,21 +254,29 @@ std::vector<Seed> seeds() {
        rig("look = \"american\"\n",
            "rotation = \"clockwise\"\nfiring_time = [0, 2.3]\ndivergence = [3, 1.5]\n")},
       {"shape", "small", shape()},
+      {"archive", "short", archive(false)},
+      {"archive", "long", archive(true)},
       {"pickle", "module", pickle()},
 #ifndef MIRAGE_FUZZ
       {"run", "whole", run()},
 #endif
       {"checkpoint-fields", "none", "{}"},
       {"checkpoint-fields", "some", R"({"losses":[1,2,3,4,5,6],"hidden":[1,-1]})"},
+      {"checkpoint", "fresh", fresh_checkpoint()},
       {"checkpoint", "whole", seed_checkpoint()}};
   return all;
 }
 
 void write_bytes(const fs::path& file, std::string_view bytes) {
-  const int descriptor = ::open(file.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0600);
-  if (descriptor < 0 ||
-      ::write(descriptor, bytes.data(), bytes.size()) != static_cast<ssize_t>(bytes.size()) ||
-      ::close(descriptor) != 0)
+  static std::map<std::string, int> open_files;  // until the process ends: opening costs what reading does
+  auto found = open_files.find(file.native());
+  if (found == open_files.end()) {
+    fs::create_directories(file.parent_path());
+    const int descriptor = ::open(file.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0600);
+    found = open_files.emplace(file.native(), descriptor).first;
+  }
+  if (::pwrite(found->second, bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size()) ||
+      ::ftruncate(found->second, static_cast<off_t>(bytes.size())) != 0)
     throw std::runtime_error(file.string() + " cannot be written");
 }
 

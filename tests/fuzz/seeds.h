@@ -27,7 +27,8 @@ nlohmann::json seed_identity();
 /// A whole checkpoint of a fresh attack.
 std::string seed_checkpoint();
 
-/// Without the care for full disks and killed processes that base/files.h takes: thousands of times a second.
+/// Makes the file, and its folder, or writes it anew: thousands of times a second, without the care for full
+/// disks and killed processes that base/files.h takes. Nobody else may replace it.
 void write_bytes(const std::filesystem::path& file, std::string_view bytes);
 
 }  // namespace mirage::fuzz

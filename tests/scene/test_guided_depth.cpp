@@ -1,6 +1,7 @@
 // The shipped guided network and its training.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <cmath>
@@ -165,6 +166,26 @@ TEST(GuidedDepth, DamagedWeightsAreRefused) {
     EXPECT_THAT(text, HasSubstr("not a readable weights file"));
     EXPECT_THAT(text, HasSubstr((folder / "a.weights").string()));
   }
+}
+
+TEST(GuidedDepth, WeightsThatDeclareMoreThanTheyHoldAreRefusedUnread) {
+  test::TemporaryFolder folder;
+  fresh()->save(folder / "a.weights", false);
+  std::string bytes = read_file(folder / "a.weights");
+  // The directory's first entry: bytes packed at 20, unpacked at 24.
+  const std::size_t entry = bytes.find("PK\1\2");
+  ASSERT_NE(entry, std::string::npos);
+  bytes.replace(entry + 24, 4, "\xf0\xff\xff\xff");
+  write_file(folder / "a.weights", bytes);
+  rusage before{}, after{};
+  getrusage(RUSAGE_SELF, &before);
+  const std::string text = error_text<InputError>([&] {
+    load_learned_depth({"guided", folder / "a.weights", false, 0, 1});
+  });
+  getrusage(RUSAGE_SELF, &after);
+  EXPECT_THAT(text, HasSubstr((folder / "a.weights").string()));
+  EXPECT_THAT(text, HasSubstr("declares records of 4294 MB and more in a file of"));
+  EXPECT_LT(after.ru_maxrss - before.ru_maxrss, 16 * 1024);  // KB
 }
 
 /// Two frames as mirage generate --depth writes them.

@@ -1,0 +1,289 @@
+#!/usr/bin/env python3
+"""What the program opens, and how much memory it takes, when it is given files that are wrong.
+
+    tests/faults/refusals.py SOURCE BUILD [--quick] [--only WORD] [--mutations 20]
+
+Into a small run and a data set goes one bad file after another: what the fuzzers found (tests/fuzz/regressions), what
+claims to be larger than it is, what names files elsewhere, and mutations of the good file. The command that reads it
+must end with one line and exit code 2 (or take it), within PICTURES times a frame's pictures of the memory that it
+takes to refuse an empty file there; and, by strace, it must open nothing outside the folders that it was given, its
+own and the system's. Exit code 1 if one did not, 77 without the stand-in detector; without strace that half is left
+out, which is said.
+"""
+import argparse
+import collections
+import json
+import os
+import pathlib
+import random
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import zlib
+
+from program import HERE, Program, Wrong, demand, demand_one_line, fresh
+
+PICTURES = 3
+WIDTH, HEIGHT = 1242, 375  # of the default rig
+FRAME = WIDTH * HEIGHT * 4 * 4  # bytes: a colour picture and depth as floats
+# Read by the loader, the C library, libraries' own settings, and a query of the machine.
+SYSTEM = re.compile(r"/(usr|lib|lib64|sys|dev/shm)/|/etc/(ld\.so\.cache|localtime|nsswitch\.conf|passwd)$|/dev/(null|urandom)$|"
+                    r"/proc/(cpuinfo|filesystems|meminfo|mounts|stat)$|/proc/sys/|/proc/\d+/(cgroup|maps|mountinfo|stat|status)$")
+SECRET = "nobody is to read this"
+
+
+def png(width, height, rows=b"\0" * 100):
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
+            chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+
+def glb(document, binary=b"\0" * 44):
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    return (b"glTF" + struct.pack("<II", 2, 28 + len(text) + len(binary)) + struct.pack("<I", len(text)) + b"JSON" + text +
+            struct.pack("<I", len(binary)) + b"BIN\0" + binary)
+
+
+def mesh_document(uri=None, image=None, count=3):
+    document = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+                "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+                "accessors": [{"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"}],
+                "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"byteLength": 44}]}
+    if uri:
+        document["buffers"][0]["uri"] = uri
+    if image:
+        document["images"] = [{"uri": image}]
+        document["textures"] = [{"source": 0}]
+        document["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+        document["meshes"][0]["primitives"][0]["material"] = 0
+    return document
+
+
+def directory_that_claims(bytes_):
+    """An archive of LibTorch's writer whose first record claims four thousand million bytes."""
+    at = bytes_.find(b"PK\1\2")
+    return bytes_[:at + 24] + b"\xf0\xff\xff\xff" + bytes_[at + 28:]
+
+
+class Refusals:
+    def __init__(self, program, arguments):
+        self.program, self.only, self.mutations, self.quick = program, arguments.only, arguments.mutations, arguments.quick
+        self.folder, self.out = program.folder, program.folder / "out"
+        self.secret = self.folder / "elsewhere/secret.bin"
+        self.secret.parent.mkdir()
+        self.secret.write_text(SECRET)
+        self.trace = shutil.which("strace")
+        self.cases, self.refused, self.opened, self.outside = 0, 0, 0, 0
+        self.traced = set()
+        self.worst = collections.defaultdict(float)
+        self.wrong = []
+
+    def measured(self, command):
+        """Exit code, what it said and its peak of memory, bytes."""
+        fresh(self.out)
+        with tempfile.TemporaryFile() as said:
+            process = subprocess.Popen([str(part) for part in (self.program.mirage, *command)],
+                                       env=self.program.environment, cwd=self.folder, stdout=subprocess.DEVNULL,
+                                       stderr=said, start_new_session=True)
+            deadline = time.monotonic() + 20
+            while True:
+                pid, status, usage = os.wait4(process.pid, os.WNOHANG)
+                if pid:
+                    break
+                if time.monotonic() > deadline:
+                    process.kill()
+                    process.wait()
+                    raise Wrong("takes more than 20 s")
+                time.sleep(0.005)
+            process.returncode = os.waitstatus_to_exitcode(status)
+            said.seek(0)
+            return process.returncode, said.read().decode(errors="replace"), 1024 * usage.ru_maxrss
+
+    def strangers(self, command, given):
+        """What it opened, and which of that it was not given."""
+        fresh(self.out)
+        log = self.folder / "strace.log"
+        subprocess.run([self.trace, "-f", "-qq", "-y", "-e", "trace=open,openat,openat2,creat", "-s", "4096", "-o", log,
+                        self.program.mirage, *map(str, command)], env=self.program.environment, cwd=self.folder,
+                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=120)
+        allowed = [str(path.resolve()) for path in (*given, self.out, self.program.build, self.program.source)]
+        opened, strange = 0, []
+        for line in log.read_text(errors="replace").splitlines():
+            found = re.search(r" = \d+<(.*)>$", line)  # where the descriptor leads, links followed
+            if not found:
+                continue
+            opened += 1
+            path = found.group(1)
+            if not SYSTEM.match(path) and not any(path == a or path.startswith(a + "/") for a in allowed):
+                strange.append(path)
+        return opened, strange
+
+    def try_one(self, kind, name, place, bytes_, command, given, floor):
+        place.write_bytes(bytes_)
+        self.cases += 1
+        try:
+            code, said, peak = self.measured(command)
+            if code:
+                demand_one_line(code, said, (2,))
+                demand(SECRET not in said, f"quotes a file elsewhere: {said.strip()!r}")
+                self.refused += 1
+                more = (peak - floor) / FRAME
+                self.worst[kind] = max(self.worst[kind], more)
+                demand(more <= PICTURES, f"takes {more:.1f} frames' pictures of memory more than an empty file")
+            # Files that name others, and one of each other kind: strace takes three times what the program does.
+            if self.trace and (not self.quick or kind in ("gltf", "run") or kind not in self.traced):
+                self.traced.add(kind)
+                opened, strange = self.strangers(command, given)
+                demand(opened > 0, "strace saw nothing opened")
+                self.opened += opened
+                self.outside += len(strange)
+                demand(not strange, f"opens {', '.join(strange)}")
+        except Wrong as problem:
+            self.wrong.append(f"{kind}, {name}: {problem}")
+            print(f"WRONG: {self.wrong[-1]}", flush=True)
+
+    def kind(self, kind, place, command, given, bad, taken=True):
+        """Every bad file in the place of a good one; `bad`: (name, bytes)."""
+        if self.only and self.only not in kind:
+            return
+        good = place.read_bytes() if place.exists() else None
+        if taken and good is not None:
+            code, said, _ = self.measured(command)
+            demand(code == 0, f"{kind}: the good file is refused: {said.strip()!r}")
+        place.write_bytes(b"")
+        code, said, floor = self.measured(command)
+        demand(code == 2, f"{kind}: an empty file is not refused: {said.strip()!r}")
+        for name, bytes_ in bad:
+            self.try_one(kind, name, place, bytes_, command, given, floor)
+        if good is None:
+            place.unlink()
+            return
+        dice = random.Random(f"19 {kind}")
+        for number in range(self.mutations):
+            changed = bytearray(good)
+            for _ in range(dice.randint(1, 4)):
+                at = dice.randrange(len(changed))
+                choice = dice.randrange(3)
+                if choice == 0:
+                    changed[at] ^= 1 << dice.randrange(8)
+                elif choice == 1:
+                    changed[at:at + 1] = dice.choice([b"", b"-", b"1e999", b"\xff", b"\0", b"[" * 300, b"9" * 40])
+                else:
+                    changed[at:at + dice.randint(1, 64)] = b""
+                changed = changed or bytearray(b"0")
+            self.try_one(kind, f"mutation {number + 1}", place, bytes(changed), command, given, floor)
+        place.write_bytes(good)
+
+
+def found(source, parser):
+    return [(f.name, f.read_bytes()) for f in sorted((source / "tests/fuzz/regressions" / parser).glob("*"))]
+
+
+def everything(suite, source, build):
+    folder, out, program = suite.folder, suite.out, suite.program
+    data, run, given = folder / "data", folder / "run", folder / "given"
+    given.mkdir()
+    detector, weights = build / "test_plugins/fake_works.so", given / "none.weights"
+    weights.write_bytes(b"the stand-in reads none")
+    common = ["--threads", "1", "--quiet", "--out"]
+    by = ["--detector", detector, "--weights", weights]
+    attack = ["attack", "--data", data, *by, "--rooftop", "box", "--batch", "2", "--min-view", "0.1", *common, run,
+              "--iterations"]
+    for command in (["generate", "--frames", "1", "--seed", "5", *common, data], [*attack, "2"]):
+        code, said = program.run(command)
+        demand(code == 0, f"{command[0]} fails: {said}")
+    mesh = given / "mesh.glb"
+    mesh.write_bytes((run / "adversary.glb").read_bytes())
+    away = [str(suite.secret), "../elsewhere/secret.bin", "..%2felsewhere%2Fsecret.bin", f"file://{suite.secret}",
+            "/dev/zero", "/proc/self/environ"]
+    simulate = ["simulate", "--data", data, "--frame", "000000", "--mesh", mesh, "--rooftop", "box", *common, out]
+
+    frame = {"calibration": "calib/000000.txt", "labels": "label_2/000000.txt", "sweep": "velodyne/000000.bin",
+             "lighting": "lighting/000000.json", "png": "image_2/000000.png"}
+    huge = {"png": [("65000 by 65000", png(65000, 65000)), ("a thousand million rows", png(1, 10**9)),
+                    ("a bomb of its own size", png(WIDTH, HEIGHT, b"\0" * (3 * WIDTH + 1) * HEIGHT * 8))],
+            "labels": [("a line of 1 MB", b"Car " * 250000), ("a million lines", b"Car\n" * 10**6)],
+            "calibration": [("a line of 1 MB", b"P2: " + b"1 " * 500000)],
+            "lighting": [("20 000 lists", b"[" * 20000), ("1 MB of lists", b"[[]," * 250000)],
+            "sweep": [("15 bytes", b"\0" * 15), ("not finite", b"\xff" * 1600)]}
+    for kind, name in frame.items():
+        suite.kind(kind, data / "training" / name, simulate, (data, given), [*found(source, kind), *huge[kind]])
+    suite.kind("gltf", mesh, simulate, (data, given),
+               [*found(source, "gltf"), ("a thousand million vertices", glb(mesh_document(count=10**9))),
+                *((f"buffer {uri}", glb(mesh_document(uri))) for uri in away),
+                *((f"picture {uri}", glb(mesh_document(image=uri))) for uri in away)])
+    shape = given / "cars.shape"
+    shape.write_bytes(next((source / "scenes/shapes").glob("*.shape")).read_bytes())
+    by_shape = [str(shape) if part == "box" else part for part in simulate]
+    suite.kind("shape", shape, by_shape, (data, given), found(source, "shape"))
+    rig = given / "rig.toml"
+    rig.write_bytes((HERE / "small-rig.toml").read_bytes())
+    suite.kind("rig", rig, ["generate", "--rig", rig, "--frames", "1", *common, out], (given,),
+               [*found(source, "toml"), ("a picture of 10^10", rig.read_bytes().replace(b"width = 310", b"width = 9999999999")),
+                ("a step of 1e-9", rig.read_bytes().replace(b"azimuth_step = 0.5", b"azimuth_step = 1e-9")),
+                ("1 MB of lists", b"a = " + b"[" * 10**6)])
+    config = given / "config.toml"
+    config.write_text("frames = 1\n")
+    suite.kind("config", config, ["generate", "--rig", rig, "--config", config, *common, out], (given,),
+               [("a plugin", f'detector = "{detector}"'.encode()), ("letters", "é = 1".encode())], taken=False)
+    read = ["export", "--run", run, "--data", data, "--trust-run", *common, out]
+    text = json.loads((run / "run.json").read_text())
+
+    def but(**changes):
+        return json.dumps({**text, **changes}).encode()
+    suite.kind("run", run / "run.json", read, (run, data, given),
+               [("a path of 5000 bytes", but(rooftop="r" * 5000)), ("another data set", but(data=str(suite.secret.parent))),
+                ("20 000 lists", b"[" * 20000), ("a frame elsewhere", but(test=[{"frame": "../x", "label": 0}], train=[])),
+                ("a million hosts", but(test=[{"frame": "000000", "label": 0}] * 10**6)),
+                ("a defence of 1 MB", but(defense="d" * 10**6)), ("a plugin that is none", but(depth=str(suite.secret) + ".so"))])
+    suite.kind("checkpoint", run / "checkpoint.json", [*attack, "3"], (run, data, given), [("20 000 lists", b"[" * 20000)],
+               taken=False)
+    fusion = build / "plugins/weights/lidar-kitti64.weights"
+    if fusion.exists():
+        ours = given / "some.weights"
+        ours.write_bytes(fusion.read_bytes())
+        detect = ["detect", "--data", data, "--detector", "lidar", "--weights", ours, *common, out]
+        suite.kind("weights", ours, detect, (data, given),
+                   [*found(source, "archive"), ("claims 4 GB", directory_that_claims(ours.read_bytes())),
+                    ("half of it", ours.read_bytes()[:1500000])])
+
+
+def main():
+    reader = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    reader.add_argument("source", type=pathlib.Path)
+    reader.add_argument("build", type=pathlib.Path)
+    reader.add_argument("--quick", action="store_true", help="the part of make test: no mutations, less under strace")
+    reader.add_argument("--only", default="", help="kinds of files whose name holds this")
+    reader.add_argument("--mutations", type=int, default=20, help="of each good file")
+    arguments = reader.parse_args()
+    arguments.mutations = 0 if arguments.quick else arguments.mutations
+    source, build = arguments.source.resolve(), arguments.build.resolve()
+    if not (build / "test_plugins/fake_works.so").exists():
+        print("skipped: the stand-in detector was not built")
+        return 77
+    start = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="mirage-refusals-") as name:
+        program = Program(source, build, pathlib.Path(name).resolve())
+        program.source = source
+        suite = Refusals(program, arguments)
+        everything(suite, source, build)
+    for kind, more in suite.worst.items():
+        print(f"{kind:12} at most {more:5.2f} × a frame's pictures")
+    print(f"{suite.cases} files, {suite.refused} refused, {len(suite.wrong)} wrong; "
+          + (f"{suite.opened} files opened, {suite.outside} of them outside" if suite.trace else
+             "what is opened was not looked at: strace is missing (apt-get install strace)")
+          + f"; {time.monotonic() - start:.0f} s")
+    return 1 if suite.wrong or not suite.cases else 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except Wrong as problem:
+        sys.exit(f"WRONG: {problem}")
