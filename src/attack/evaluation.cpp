@@ -24,6 +24,15 @@ std::pair<double, double> best_match(const std::vector<Proposal>& detections, co
   return best;
 }
 
+/// m to the nearest detection's centre; infinite in the picture, whose boxes have no metres.
+double nearest_centre(const std::vector<Proposal>& detections, const HostTruth& truth) {
+  double nearest = std::numeric_limits<double>::infinity();
+  if (truth.plane() == Plane::picture) return nearest;
+  for (const Proposal& d : detections)
+    nearest = std::min(nearest, std::hypot(d.box.x - truth.host().x, d.box.y - truth.host().y));
+  return nearest;
+}
+
 constexpr const char* kStopped = "an evaluation writes nothing until it is done; run it again";
 
 /// Sums of several shares by cluster, and their intervals from the same draws.
@@ -75,6 +84,8 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> cl
   outcome.range = std::hypot(label.box.bev.x, label.box.bev.y);
   std::tie(outcome.clean_iou, outcome.clean_score) = best_match(clean, recorded);
   std::tie(outcome.attacked_iou, outcome.attacked_score) = best_match(attacked, truth);
+  outcome.clean_distance = nearest_centre(clean, recorded);
+  outcome.attacked_distance = nearest_centre(attacked, truth);
   outcome.detected = outcome.clean_iou > settings.detected_iou;
   outcome.hidden = outcome.detected && outcome.attacked_iou <= settings.detected_iou;
   for (const Proposal& proposal : attacked) {
@@ -122,6 +133,7 @@ Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {
     result.vehicles50 += host.clean_iou > 0.5;
   }
   result.at50 = success_rates(all, 0.5);
+  result.hiding = hiding_rates(hosts);
   result.clusters = clusters.count();
   const SuccessRates rates = success_rates(all);
   result.fn_interval = rates.fn_asr;
@@ -232,6 +244,10 @@ nlohmann::json to_json(const Evaluation& evaluation) {
                      {"hidden", h.hidden},
                      {"false_positive", h.false_positive},
                      {"false_positive_distance", h.false_positive_distance}});
+    for (const auto& [key, distance] :
+         {std::pair("clean_distance", h.clean_distance), std::pair("attacked_distance", h.attacked_distance)})
+      if (h.plane == Plane::bev)
+        hosts.back()[key] = std::isfinite(distance) ? nlohmann::json(distance) : nlohmann::json();
     if (evaluation.meshes > 1) hosts.back()["mesh"] = h.mesh;
     if (h.track >= 0) hosts.back()["track"] = h.track;
   }
@@ -262,6 +278,7 @@ nlohmann::json to_json(const Evaluation& evaluation) {
             {"fn_asr", to_json(evaluation.at50.fn_asr)},
             {"fp_asr", to_json(evaluation.at50.fp_asr)},
             {"asr", to_json(evaluation.at50.asr)}}},
+          {"hidden", to_json(evaluation.hiding)},
           {"recall_iou", recall},
           {"strata", to_json(evaluation.strata)},
           {"false_positives", false_positives_json(evaluation.hosts)},

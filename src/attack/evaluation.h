@@ -7,9 +7,9 @@
 // A detector that finds boxes in the picture alone is judged there: the host is detected attacked, too, by a
 // box around it and the object (HostTruth), and the ground truth holds DontCare regions.
 // FN ASR, FP ASR and ASR (FN or FP) are shares of the vehicles that were detected clean
-// (Tu et al., CoRL 2021, section 4). Recall–IoU runs over all hosts. Several meshes are judged as one: shares
-// are means over meshes × hosts, and the intervals' clusters stay those of one mesh: vehicles where the data
-// set knows them, else frames (base/clusters.h).
+// (Tu et al., CoRL 2021, section 4); attack/hiding.h has the misses by other rules. Recall–IoU runs over all
+// hosts. Several meshes are judged as one: shares are means over meshes × hosts, and the intervals' clusters
+// stay those of one mesh: vehicles where the data set knows them, else frames (base/clusters.h).
 #pragma once
 
 #include <filesystem>
@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "attack/detector_pool.h"
+#include "attack/hiding.h"
 #include "attack/host_truth.h"
 #include "attack/hosts.h"
 #include "base/bootstrap.h"
@@ -62,6 +63,9 @@ struct HostOutcome {
   Plane plane = Plane::bev;                    ///< where the detector was judged
   double clean_iou = 0, attacked_iou = 0;      ///< best IoU of a detection with the host's box
   double clean_score = 0, attacked_score = 0;  ///< score of that detection
+  /// m, from the host's centre to that of the nearest detection; infinite without any and in the picture.
+  double clean_distance = std::numeric_limits<double>::infinity(),
+         attacked_distance = std::numeric_limits<double>::infinity();
   bool detected = false, hidden = false, false_positive = false;
   double false_positive_distance = 0;     ///< from the host to the farthest new box, if any (NewBox)
   std::vector<NewBox> new_boxes;          ///< in the order of `attacked`
@@ -97,6 +101,7 @@ struct Evaluation {
   Interval fn_interval, fp_interval, asr_interval;      ///< 95 %
   int vehicles50 = 0;                                   ///< hosts detected clean at an IoU of 0.5
   SuccessRates at50;                                    ///< of them, at that IoU
+  HidingRates hiding;                                   ///< misses by every rule
   std::vector<double> iou;                              ///< 0 … 1
   std::vector<Interval> recall_clean, recall_attacked;  ///< of all hosts, at each of `iou`
   std::vector<StratumSuccess> strata;

@@ -137,6 +137,7 @@ def make(folder, uses_picture=True):
     iou = [k / 10 for k in range(11)]
     write_json(os.path.join(folder, "evaluation.json"), {
         "asr": 0.4, "fn_asr": 0.3, "fp_asr": 0.2, "vehicles": 20, "hosts": 22, "detected_iou": 0.7, "outcomes": [],
+        "hidden": {"vanished": {**share(0.15), "vehicles": 21}}, "net": {"vanished": share(0.1), "asr": share(0.2)},
         "recall_iou": {"iou": iou, "clean": [1 - 0.3 * k * k for k in iou], "attacked": [0.8 - 0.5 * k for k in iou]}})
     write_json(os.path.join(folder, "tradeoff.json"), tradeoff())
     return validation, run

@@ -126,6 +126,11 @@ class Page(browser.PageChecks, unittest.TestCase):
                                  "!c.querySelector('data')).map(c => c.textContent)")
         self.assertEqual(loose, [])
 
+    def test_headline_has_both_meanings_of_hidden(self):
+        text = self.browser.run("document.querySelector('#verdict, main').innerText").replace("\u202f", " ")
+        self.assertIn("nothing is found any more of 15.0 % (5.0–25.0 %) of 21 vehicles (vanished)", " ".join(text.split()))
+        self.assertIn("Net of a random mesh of its size 10.0 (0.0–20.0) points vanish", " ".join(text.split()))
+
     def test_parts_are_there(self):
         sections = self.browser.run("[...document.querySelectorAll('section')].map(s => s.id)")
         self.assertEqual(sections, ["verdict", "adversary", "attack", "ladder", "budget", "tradeoff", "vehicles", "all",

@@ -131,8 +131,9 @@ def evaluation_figures(evaluation):
     if not evaluation:
         return None
     kept = without_lists(evaluation)
-    if isinstance(kept.get("random"), dict):
-        kept["random"] = without_lists(kept["random"])
+    for control in ("random", "sized"):
+        if isinstance(kept.get(control), dict):
+            kept[control] = without_lists(kept[control])
     return kept
 
 

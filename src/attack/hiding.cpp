@@ -1,0 +1,111 @@
+#include "attack/hiding.h"
+
+#include <functional>
+#include <map>
+#include <vector>
+
+#include "attack/evaluation.h"
+#include "base/clusters.h"
+
+namespace mirage {
+namespace {
+
+using Test = std::function<bool(const HostOutcome&)>;
+
+/// Hosts for which `counts` holds, and of these those for which `works` does, by cluster.
+std::map<std::string, ClusterSums> sums_by_cluster(std::span<const HostOutcome> hosts, const Test& counts,
+                                                   const Test& works) {
+  std::map<std::string, ClusterSums> clusters;
+  for (const HostOutcome& host : hosts) {
+    ClusterSums& sums = clusters[cluster_of(host.id.frame, host.track)];
+    if (!counts(host)) continue;
+    sums.denominator += 1;
+    sums.numerator += works(host);
+  }
+  return clusters;
+}
+
+HidingRate rate(std::span<const HostOutcome> hosts, const HidingRule& rule) {
+  const auto found_clean = [&](const HostOutcome& host) { return rule.finds(host, true); };
+  std::vector<ClusterSums> clusters;
+  for (const auto& [name, sums] :
+       sums_by_cluster(hosts, found_clean, [&](const HostOutcome& host) { return !rule.finds(host, false); }))
+    clusters.push_back(sums);
+  HidingRate made{bootstrap_interval(clusters), 0};
+  for (const HostOutcome& host : hosts) made.vehicles += host.mesh == hosts.front().mesh && found_clean(host);
+  return made;
+}
+
+Interval paired(std::span<const HostOutcome> a, std::span<const HostOutcome> b, const Test& counts,
+                const Test& works) {
+  std::map<std::string, PairedSums> clusters;
+  for (const auto& [name, sums] : sums_by_cluster(a, counts, works)) clusters[name].a = sums;
+  for (const auto& [name, sums] : sums_by_cluster(b, counts, works)) clusters[name].b = sums;
+  std::vector<PairedSums> list;
+  for (const auto& [name, sums] : clusters) list.push_back(sums);
+  return bootstrap_difference(list);
+}
+
+bool has_metres(std::span<const HostOutcome> hosts) {
+  return hosts.empty() || hosts.front().plane == Plane::bev;
+}
+
+nlohmann::json rate_json(const HidingRate& rate) {
+  nlohmann::json json = to_json(rate.share);
+  json["vehicles"] = rate.vehicles;
+  return json;
+}
+
+}  // namespace
+
+bool HidingRule::finds(const HostOutcome& host, bool clean) const {
+  if (distance > 0) return (clean ? host.clean_distance : host.attacked_distance) <= distance;
+  return (clean ? host.clean_iou : host.attacked_iou) > iou;
+}
+
+HidingRates hiding_rates(std::span<const HostOutcome> hosts) {
+  const auto of = [&](std::size_t rule) { return rate(hosts, kHidingRules[rule]); };
+  HidingRates rates{of(0), of(1), of(2), {}, {}};
+  if (has_metres(hosts)) rates.distance1m = of(3), rates.distance2m = of(4);
+  return rates;
+}
+
+nlohmann::json to_json(const HidingRates& rates) {
+  const auto maybe = [](const std::optional<HidingRate>& one) {
+    return one ? rate_json(*one) : nlohmann::json();
+  };
+  return {{"vanished", rate_json(rates.vanished)},
+          {"iou50", rate_json(rates.iou50)},
+          {"iou70", rate_json(rates.iou70)},
+          {"distance1m", maybe(rates.distance1m)},
+          {"distance2m", maybe(rates.distance2m)}};
+}
+
+NetSuccess net_success(std::span<const HostOutcome> learned, std::span<const HostOutcome> other) {
+  const auto of = [&](std::size_t rule) {
+    const HidingRule& by = kHidingRules[rule];
+    return paired(
+        learned, other, [&](const HostOutcome& host) { return by.finds(host, true); },
+        [&](const HostOutcome& host) { return !by.finds(host, false); });
+  };
+  const Test detected = [](const HostOutcome& host) { return host.detected; };
+  NetSuccess net{of(0), of(1), of(2), {}, {}, {}, {}, {}};
+  if (has_metres(learned)) net.distance1m = of(3), net.distance2m = of(4);
+  net.fn = paired(learned, other, detected, [](const HostOutcome& host) { return host.hidden; });
+  net.false_positive =
+      paired(learned, other, detected, [](const HostOutcome& host) { return host.false_positive; });
+  net.asr = paired(learned, other, detected, [](const HostOutcome& host) { return host.fooled(); });
+  return net;
+}
+
+nlohmann::json to_json(const NetSuccess& net) {
+  const auto maybe = [](const std::optional<Interval>& one) {
+    return one ? to_json(*one) : nlohmann::json();
+  };
+  return {{"vanished", to_json(net.vanished)},     {"iou50", to_json(net.iou50)},
+          {"iou70", to_json(net.iou70)},           {"distance1m", maybe(net.distance1m)},
+          {"distance2m", maybe(net.distance2m)},   {"fn_asr", to_json(net.fn)},
+          {"fp_asr", to_json(net.false_positive)}, {"asr", to_json(net.asr)}};
+}
+
+}  // namespace mirage
