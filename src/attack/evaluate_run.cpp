@@ -42,21 +42,44 @@ int count_trained_on(const Run& run, const std::filesystem::path& data, const st
   return count;
 }
 
+Vec3d extents(const TexturedMesh& mesh) {
+  return bounds(mesh.mesh).sizes();
+}
+
+/// What all arms of an evaluation share, and how one fared.
+nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const Evaluation& of,
+                        const Vec3d& size, const NetSuccess* net) {
+  auto seeds = nlohmann::json::array();
+  for (int i = 0; i < of.meshes; ++i) seeds.push_back(all.run.seed + static_cast<std::uint64_t>(i));
+  nlohmann::json arm = {{"name", name},
+                        {"detector", all.detector.detector},
+                        {"rig", all.detector.rig},
+                        {"target", all.run.target},
+                        {"seeds", seeds},
+                        {"meshes", of.meshes},
+                        {"vehicles", of.vehicles},
+                        {"extents_m", {size.x(), size.y(), size.z()}},
+                        {"asr", to_json(of.hiding)},
+                        {"fn_asr", to_json(of.fn_interval)},
+                        {"fp_asr", to_json(of.fp_interval)},
+                        {"any", to_json(of.asr_interval)}};
+  if (net != nullptr) arm["net"] = to_json(*net);
+  return arm;
+}
+
 }  // namespace
 
-std::vector<TexturedMesh> random_meshes(const Run& run, int count) {
-  std::vector<TexturedMesh> meshes;
-  for (int i = 0; i < count; ++i)
-    meshes.push_back(
-        i == 0 ? run.random
-               : random_baseline(run.seed + static_cast<std::uint64_t>(i), run.limits, run.buildable));
-  return meshes;
+const BaselineArm* RunEvaluation::arm(Baseline kind) const {
+  for (const BaselineArm& one : baselines)
+    if (one.kind == kind) return &one;
+  return nullptr;
 }
 
 RunEvaluation evaluate_run(const EvaluationRequest& request) {
   if (request.random_meshes < 0)
     throw InputError("--random-meshes", std::to_string(request.random_meshes), "out of range",
                      "use 0 or more");
+  const std::vector<Baseline> kinds = parse_baselines(request.baseline);
   RunEvaluation result;
   result.run = read_run(request.run, request.trust);
   result.hosts_of = request.hosts_of;
@@ -107,16 +130,30 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                     result.settings);
   };
   result.learned = judged({&result.run.adversary, 1});
-  if (request.random_meshes > 0) result.random = judged(random_meshes(result.run, request.random_meshes));
+  if (request.random_meshes == 0) return result;
+  for (const Baseline kind : kinds) {
+    const auto meshes = baseline_meshes(result.run, kind, request.random_meshes);
+    result.baselines.push_back({kind, judged(meshes), {}, extents(meshes.front())});
+    BaselineArm& arm = result.baselines.back();
+    arm.net = net_success(result.learned.hosts, arm.evaluation.hosts);
+  }
   return result;
 }
 
 nlohmann::json to_json(const RunEvaluation& evaluation) {
   nlohmann::json result = to_json(evaluation.learned);
-  if (evaluation.random) {
-    result["random"] = to_json(*evaluation.random);
-    result["random"]["meshes"] = evaluation.random->meshes;
-  }
+  for (const auto& [kind, key] : {std::pair(Baseline::start, "random"), std::pair(Baseline::sized, "sized")})
+    if (const BaselineArm* arm = evaluation.arm(kind)) {
+      result[key] = to_json(arm->evaluation);
+      result[key]["meshes"] = arm->evaluation.meshes;
+    }
+  auto& arms = result["arms"];
+  const BaselineArm* sized = evaluation.arm(Baseline::sized);
+  arms.push_back(arm_json(evaluation, "learned", evaluation.learned, extents(evaluation.run.adversary),
+                          sized ? &sized->net : nullptr));
+  for (const BaselineArm& arm : evaluation.baselines)
+    arms.push_back(arm_json(evaluation, to_string(arm.kind), arm.evaluation, arm.extents, &arm.net));
+  if (sized) result["net"] = to_json(sized->net);
   result["run"] = evaluation.run.folder.string();
   if (!evaluation.hosts_of.empty()) result["hosts_of"] = evaluation.hosts_of.string();
   result["hosts_trained_on"] = evaluation.trained_on;

@@ -1,11 +1,12 @@
-// What `mirage evaluate` does: a run's adversary, and random meshes beside it, on the hosts that its options
-// name.
+// What `mirage evaluate` does: a run's adversary, and controls beside it (attack/baseline.h), on the hosts
+// that its options name.
 #pragma once
 
 #include <functional>
 #include <memory>
 #include <optional>
 
+#include "attack/baseline.h"
 #include "attack/cached_reliance.h"
 #include "attack/evaluation.h"
 #include "attack/run.h"
@@ -23,9 +24,18 @@ struct EvaluationRequest {
   std::string hosts;                ///< of the run: "test" (also if empty), "train" or "all"
   std::string depth, rooftop, sun;  ///< empty: the run's
   TrustRun trust = TrustRun::no;    ///< of both runs
-  int random_meshes = 1;            ///< random meshes of the seeds run-seed, run-seed + 1, …
+  int random_meshes = 1;            ///< meshes of each baseline: seeds run-seed, run-seed + 1, …; 0: none
+  std::string baseline = "start,sized";             ///< which: words of parse_baselines
   std::function<void(SimulationSettings&)> adjust;  ///< what is asked for beyond the run's simulation
   EvaluationSettings settings;
+};
+
+/// What the learned mesh is compared with, judged on the same hosts.
+struct BaselineArm {
+  Baseline kind = Baseline::start;
+  Evaluation evaluation;
+  NetSuccess net;                 ///< the learned mesh's success less this one's
+  Vec3d extents = Vec3d::Zero();  ///< m, of the first mesh along its axes
 };
 
 /// A run judged, and what it was judged on.
@@ -41,18 +51,21 @@ struct RunEvaluation {
   DetectorPool detectors;
   Reliance reliance;  ///< of the detector on the data set: whether anything follows about images
   Evaluation learned;
-  std::optional<Evaluation> random;  ///< none with random_meshes = 0
+  std::vector<BaselineArm> baselines;  ///< in the order asked for; none with random_meshes = 0
+
+  /// The arm of that kind; null if it was not judged.
+  const BaselineArm* arm(Baseline kind) const;
 };
 
 /// InputError for options that contradict each other and where there are no hosts.
 RunEvaluation evaluate_run(const EvaluationRequest& request);
 
-/// The learned mesh's Evaluation, with "random" (the same keys and "meshes", if any was judged) and what was
+/// The learned mesh's Evaluation; "random" and "sized" (the same keys and "meshes"), the baselines `start`
+/// and `sized` where they were judged; "arms": the learned mesh and all baselines, each {name, detector, rig,
+/// target, seeds, meshes, vehicles, extents_m, asr: as HidingRates, fn_asr, fp_asr, any: {value, low, high},
+/// net: as NetSuccess, of the learned mesh over that baseline}; "net": that over `sized`; and what was
 /// judged: run, data, detector, weights, defense, its reliance on its picture (detection/reliance.h),
 /// simulation, sun, thresholds; hosts_of if it was asked for.
 nlohmann::json to_json(const RunEvaluation& evaluation);
-
-/// The baseline: `count` random meshes by the run's seed, limits and rules; the first is its random.glb.
-std::vector<TexturedMesh> random_meshes(const Run& run, int count);
 
 }  // namespace mirage

@@ -1,3 +1,4 @@
+#include <array>
 #include <cstdio>
 #include <memory>
 
@@ -27,28 +28,51 @@ std::string with_interval(const Interval& share) {
   return percent(share.value, share.low, share.high);
 }
 
-void print_shares(const RunEvaluation& evaluation) {
+void print_head(const RunEvaluation& evaluation) {
   const Evaluation& learned = evaluation.learned;
-  const auto shares = [&](const auto& of) {
-    return with_interval(of(learned)) +
-           (evaluation.random ? " | " + with_interval(of(*evaluation.random)) : "");
-  };
-  const std::string meshes = evaluation.random && evaluation.random->meshes > 1
-                                 ? fmt::format("{} random meshes", evaluation.random->meshes)
-                                 : "random mesh";
-  const std::string of = (evaluation.random ? ", learned | " + meshes : std::string()) + " (95 %)";
   Rows rows = {{"hosts", std::to_string(evaluation.hosts.size())},
                {"roofs", roofs(learned.rooftops.fitted, learned.rooftops.from_box)},
-               {"vehicles detected without adversary", std::to_string(learned.vehicles)},
-               {"FN ASR" + of, shares([](const Evaluation& e) { return e.fn_interval; })},
-               {"FP ASR" + of, shares([](const Evaluation& e) { return e.fp_interval; })},
-               {"ASR" + of, shares([](const Evaluation& e) { return e.asr_interval; })}};
-  if (evaluation.settings.plane == Plane::picture) {
+               {"vehicles detected without adversary", std::to_string(learned.vehicles)}};
+  if (evaluation.settings.plane == Plane::picture)
     rows.push_back({"vehicles detected without adversary, IoU 0.5", std::to_string(learned.vehicles50)});
-    rows.push_back({"ASR, IoU 0.5" + of, shares([](const Evaluation& e) { return e.at50.asr; })});
-  }
   for (auto& row : picture_rows(evaluation.reliance)) rows.push_back(std::move(row));
   print_table(rows);
+}
+
+std::string signed_points(const Interval& difference) {
+  return fmt::format("{:+.1f} ({:+.1f} to {:+.1f})", 100 * difference.value, 100 * difference.low,
+                     100 * difference.high);
+}
+
+/// The headline: whether the box is gone, beside the seed's rule, with every control and net of it.
+void print_arms(const RunEvaluation& evaluation) {
+  const bool picture = evaluation.settings.plane == Plane::picture;
+  const auto row = [](const std::string& name, const std::array<std::string, 5>& cells) {
+    std::string text = fmt::format("{:<34}", name);
+    for (const std::string& cell : cells) text += fmt::format(" {:<23}", cell);
+    text.erase(text.find_last_not_of(' ') + 1);
+    std::fputs((text + "\n").c_str(), stdout);
+  };
+  const auto shares = [&](const std::string& name, const Evaluation& of) {
+    const HidingRates& hidden = of.hiding;
+    row(of.meshes > 1 ? fmt::format("{} × {}", of.meshes, name) : name,
+        {with_interval(hidden.vanished.share), with_interval(of.fn_interval),
+         with_interval(picture ? hidden.iou50.share : hidden.distance2m->share),
+         with_interval(of.fp_interval), with_interval(of.asr_interval)});
+  };
+  std::fputs("\n", stdout);
+  row("share of vehicles (95 %)",
+      {"vanished", fmt::format("FN ASR, IoU {:.1f}", evaluation.settings.detected_iou),
+       picture ? "missed at IoU 0.5" : "no box within 2 m", "FP ASR", "ASR (FN or FP)"});
+  shares("learned mesh", evaluation.learned);
+  for (const BaselineArm& arm : evaluation.baselines) shares(describe(arm.kind), arm.evaluation);
+  if (!evaluation.baselines.empty()) std::fputs("learned less, points:\n", stdout);
+  for (const BaselineArm& arm : evaluation.baselines) {
+    const NetSuccess& net = arm.net;
+    row("  " + describe(arm.kind), {signed_points(net.vanished), signed_points(net.fn),
+                                    signed_points(picture ? net.iou50 : *net.distance2m),
+                                    signed_points(net.false_positive), signed_points(net.asr)});
+  }
 }
 
 /// Only the parts that hold vehicles.
@@ -58,15 +82,17 @@ void print_strata(const RunEvaluation& evaluation) {
     const std::string last = random.empty() ? asr : fmt::format("{:<22} {}", asr, random);
     std::fputs(fmt::format("{:<28} {:>8} {:>8} {:>8}  {}\n", part, vehicles, fn, fp, last).c_str(), stdout);
   };
+  const BaselineArm* control = evaluation.baselines.empty() ? nullptr : &evaluation.baselines.back();
+  if (const BaselineArm* sized = evaluation.arm(Baseline::sized)) control = sized;
   std::fputs("\n", stdout);
-  row("part", "vehicles", "FN ASR", "FP ASR", "ASR (95 %)", evaluation.random ? "random mesh's ASR" : "");
+  row("part", "vehicles", "FN ASR", "FP ASR", "ASR (95 %)",
+      control ? describe(control->kind) + "'s ASR" : "");
   const auto& parts = evaluation.learned.strata;
   for (std::size_t i = 0; i < parts.size(); ++i) {
     const auto& [by, name, hosts, vehicles, rates] = parts[i];
     if (vehicles == 0) continue;
     row(by + " " + name, std::to_string(vehicles), percent(rates.fn_asr.value), percent(rates.fp_asr.value),
-        with_interval(rates.asr),
-        evaluation.random ? with_interval(evaluation.random->strata[i].rates.asr) : "");
+        with_interval(rates.asr), control ? with_interval(control->evaluation.strata[i].rates.asr) : "");
   }
   std::fflush(stdout);
 }
@@ -95,7 +121,13 @@ Command evaluate_command() {
     tell_of_cache(app);
     app.add_option("--hosts", request.hosts, "test, train or all hosts of the run; default: test");
     app.add_option("--random-meshes", request.random_meshes,
-                   "random meshes of the seeds run-seed, run-seed + 1, …, pooled; 0: none")
+                   "meshes of each baseline, of the seeds run-seed, run-seed + 1, …, pooled; 0: none")
+        ->capture_default_str();
+    app.add_option(
+           "--baseline", request.baseline,
+           "what the mesh is compared with: all, none, or some of start (a random mesh of 0.75 of the "
+           "box), sized (a random mesh of the learned one's extents), ellipsoid and cuboid (filling the "
+           "box)")
         ->capture_default_str();
     app.add_option("--pictures", options->pictures,
                    "draw up to so many hidden vehicles and as many with false positives, with the image "
@@ -117,7 +149,8 @@ Command evaluate_command() {
       options->light.apply(simulation);
     };
     const RunEvaluation evaluation = evaluate_run(request);
-    print_shares(evaluation);
+    print_head(evaluation);
+    print_arms(evaluation);
     print_strata(evaluation);
     nlohmann::json result = to_json(evaluation);
     if (options->pictures > 0)

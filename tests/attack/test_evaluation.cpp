@@ -4,20 +4,15 @@
 
 #include <cmath>
 
-#include "attack/attack.h"
-#include "attack/evaluate_run.h"
 #include "attack/evaluation_strata.h"
 #include "attack/false_positives.h"
 #include "attack/tiny_world.h"
-#include "base/error.h"
 #include "base/files.h"
-#include "exchange/gltf.h"
 #include "support/files.h"
 
 namespace mirage {
 namespace {
 
-using test::error_text;
 using test::TemporaryFolder;
 
 HostOutcome outcome(const std::string& frame, bool hidden, bool false_positive, double range = 10) {
@@ -237,143 +232,6 @@ TEST(FalsePositives, AKindIsTheDataSetsWhereItTells) {
   settings.kinds = {{"000000_0", "estate"}};
   EXPECT_EQ(judge({"000000", 0}, frame_with_host(), {}, {}, settings).kind, "estate");
   EXPECT_EQ(judge({"000000", 1}, frame_with_host(), {}, {}, settings).kind, "Van");
-}
-
-/// A finished run of a random mesh on a tiny data set, for a detector that always finds the same box.
-std::filesystem::path tiny_run(const TemporaryFolder& folder, const std::string& name, const char* data,
-                               std::vector<HostId> train, std::vector<HostId> test, std::uint64_t seed = 3) {
-  const TexturedMesh mesh = random_adversary(seed);
-  write_adversary(folder / name / "adversary.glb", mesh);
-  write_adversary(folder / name / "random.glb", mesh);
-  write_file(folder / name / "weights", "none");
-  write_json(folder / name / "run.json", {{"data", (folder / data).string()},
-                                          {"detector", MIRAGE_BUILD "/test_plugins/fake_works.so"},
-                                          {"weights", (folder / name / "weights").string()},
-                                          {"target", "random"},
-                                          {"seed", seed},
-                                          {"min_view", 0.7},
-                                          {"train", to_json(train)},
-                                          {"test", to_json(test)},
-                                          {"simulation", to_json(SimulationSettings())}});
-  return folder / name;
-}
-
-EvaluationRequest request_for(const std::filesystem::path& run) {
-  EvaluationRequest request;
-  request.run = run;
-  request.trust = TrustRun::yes;  // its detector is a plugin
-  request.detector.detector.clear();
-  request.detector.defense.clear();
-  request.settings.quiet = true;
-  return request;
-}
-
-std::vector<std::string> names(const std::vector<HostId>& hosts) {
-  std::vector<std::string> list;
-  for (const HostId& id : hosts) list.push_back(host_name(id));
-  return list;
-}
-
-TEST(EvaluateRun, AnotherRunsHostsAreThatRunsTestHostsExactly) {
-  TemporaryFolder folder;
-  test::write_tiny_data(folder / "one", 2);
-  test::write_tiny_data(folder / "two", 4);
-  EvaluationRequest request = request_for(tiny_run(folder, "a", "one", {{"000000", 0}}, {{"000001", 0}}));
-  request.hosts_of = tiny_run(folder, "b", "two", {{"000000", 0}}, {{"000001", 0}, {"000003", 0}}, 4);
-  request.random_meshes = 0;
-  const RunEvaluation judged = evaluate_run(request);
-  EXPECT_THAT(names(judged.hosts), testing::ElementsAre("000001_0", "000003_0"));
-  EXPECT_EQ(judged.stage.data, folder / "two");
-  EXPECT_EQ(judged.detector.weights, folder / "b/weights");
-  EXPECT_EQ(judged.trained_on, 0);  // the frames' names agree, the data sets do not
-  EXPECT_FALSE(judged.random);
-  const auto json = to_json(judged);
-  EXPECT_EQ(json.at("hosts_of"), (folder / "b").string());
-  EXPECT_EQ(json.at("run"), (folder / "a").string());
-  EXPECT_FALSE(json.contains("random"));
-  EXPECT_EQ(json.at("hosts"), 2);
-  // It is run a's mesh that stands there: as a's own judged on that data set.
-  EvaluationRequest direct = request_for(folder / "a");
-  direct.data = folder / "two";
-  const RunEvaluation all = evaluate_run(direct);
-  ASSERT_EQ(all.hosts.size(), 4u);
-  EXPECT_EQ(to_json(all).at("outcomes").at(3), json.at("outcomes").at(1));
-  EXPECT_FALSE(to_json(all).contains("hosts_of"));
-  EXPECT_EQ(to_json(all).at("random").at("meshes"), 1);
-
-  // The same data set, and a host of a frame that the adversary learned on.
-  request.run = tiny_run(folder, "c", "two", {{"000003", 0}}, {{"000001", 0}});
-  EXPECT_EQ(evaluate_run(request).trained_on, 1);
-}
-
-TEST(EvaluateRun, OptionsThatContradictAnotherRunsHosts) {
-  TemporaryFolder folder;
-  test::write_tiny_data(folder / "one", 2);
-  test::write_tiny_data(folder / "two", 2);
-  EvaluationRequest good = request_for(tiny_run(folder, "a", "one", {{"000000", 0}}, {{"000001", 0}}));
-  good.hosts_of = tiny_run(folder, "b", "two", {{"000000", 0}}, {{"000001", 0}});
-  const auto error = [&](const std::function<void(EvaluationRequest&)>& change) {
-    EvaluationRequest request = good;
-    change(request);
-    return error_text<InputError>([&] { evaluate_run(request); });
-  };
-  EXPECT_THAT(error([&](auto& r) { r.data = folder / "one"; }),
-              testing::AllOf(testing::HasSubstr("--data"), testing::HasSubstr("--hosts-of")));
-  EXPECT_THAT(error([](auto& r) { r.hosts = "train"; }),
-              testing::AllOf(testing::HasSubstr("--hosts: train"), testing::HasSubstr("--hosts-of")));
-  EXPECT_THAT(error([&](auto& r) { r.hosts_of = folder / "none"; }), testing::HasSubstr("run.json"));
-  EXPECT_THAT(error([](auto& r) { r.random_meshes = -1; }), testing::HasSubstr("--random-meshes"));
-  EXPECT_THAT(error([](auto& r) { r.hosts_of.clear(), r.hosts = "some"; }), testing::HasSubstr("--hosts"));
-  good.data = folder / "two";  // says the same
-  good.hosts = "test";
-  EXPECT_EQ(evaluate_run(good).hosts.size(), 1u);
-}
-
-TEST(EvaluateRun, RandomMeshesAreThoseOfTheRunsSeeds) {
-  TemporaryFolder folder;
-  test::write_tiny_data(folder / "data", 2);
-  AttackSettings attack;
-  attack.data = folder / "data";
-  attack.out = folder / "run";
-  attack.iterations = 1;
-  attack.quiet = true;
-  attack.seed = 5;
-  attack.limits.half = Vec3d(0.4, 0.4, 0.25);
-  DetectorPool detectors;
-  detectors.push_back(std::make_unique<test::StandInDetector>());
-  for (const bool buildable : {false, true}) {
-    attack.out = folder / (buildable ? "buildable" : "free");
-    attack.buildable.on = buildable;
-    run_attack(attack, detectors);
-    const mirage::Run run = read_run(attack.out);
-    EXPECT_EQ(run.seed, 5u);
-    EXPECT_EQ(run.limits.half, attack.limits.half);
-    const auto meshes = random_meshes(run, 3);
-    ASSERT_EQ(meshes.size(), 3u);
-    const auto same = [](const TexturedMesh& a, const TexturedMesh& b) {
-      return a.mesh.vertices == b.mesh.vertices && a.atlas.texels == b.atlas.texels;
-    };
-    EXPECT_TRUE(same(meshes[0], random_baseline(5, run.limits, run.buildable)));
-    EXPECT_TRUE(same(meshes[2], random_baseline(7, run.limits, run.buildable)));
-    EXPECT_FALSE(same(meshes[1], meshes[2]));
-    for (const Vec3d& v : meshes[2].mesh.vertices) EXPECT_LE(v.cwiseAbs().z(), 0.25);
-    if (buildable) {
-      EXPECT_EQ(buildable_report(meshes[1], run.buildable).at("texels_in_print_range"), 1.0);
-    }
-  }
-}
-
-TEST(EvaluateRun, PooledMeshesAreTheirMeans) {
-  TemporaryFolder folder;
-  test::write_tiny_data(folder / "data", 2);
-  EvaluationRequest request = request_for(tiny_run(folder, "a", "data", {{"000000", 0}}, {{"000001", 0}}));
-  request.hosts = "all";
-  request.random_meshes = 2;
-  const auto json = to_json(evaluate_run(request));
-  EXPECT_EQ(json.at("random").at("meshes"), 2);
-  EXPECT_EQ(json.at("random").at("hosts"), 2);
-  EXPECT_EQ(json.at("random").at("vehicles"), json.at("vehicles"));
-  EXPECT_EQ(json.at("random").at("outcomes").size(), 4u);
 }
 
 TEST(VehicleKinds, RecordedSetsTellNone) {

@@ -44,7 +44,9 @@ class Evaluate : public testing::Test {
 
 void Evaluate::check_transfer() {
   ASSERT_EQ(evaluate("--hosts-of " + at("other") + " --random-meshes 2 --pictures 1"), 0) << said();
-  EXPECT_THAT(said(), HasSubstr("2 random meshes"));
+  EXPECT_THAT(said(), testing::AllOf(HasSubstr("vanished"), HasSubstr("FN ASR, IoU 0.7"),
+                                     HasSubstr("2 × random mesh "), HasSubstr("2 × random mesh of its size"),
+                                     HasSubstr("learned less, points:")));
   EXPECT_THAT(said(), HasSubstr("range "));
   const auto result = read_json(folder_ / "e/result.json");
   EXPECT_EQ(result.at("hosts_of"), at("other"));
@@ -52,6 +54,9 @@ void Evaluate::check_transfer() {
   EXPECT_EQ(result.at("reliance").at("reads_picture"), false);
   EXPECT_THAT(said(), HasSubstr("this detector has no picture: nothing follows about images"));
   EXPECT_EQ(result.at("random").at("meshes"), 2);
+  EXPECT_EQ(result.at("arms").size(), 3u);
+  EXPECT_TRUE(result.at("hidden").at("vanished").contains("vehicles"));
+  EXPECT_TRUE(result.at("net").contains("vanished"));
   const auto known = read_json(folder_ / "other/run.json").at("test");
   ASSERT_EQ(result.at("hosts"), known.size());
   for (std::size_t i = 0; i < known.size(); ++i) {
@@ -101,6 +106,7 @@ void Evaluate::check_contradictions() {
            {"--hosts-of " + at("other") + " --hosts train", "--hosts"},
            {"--hosts some", "--hosts"},
            {"--random-meshes -1", "--random-meshes"},
+           {"--baseline sphere", "--baseline"},
            {"--pictures -1", "--pictures"}}) {
     EXPECT_EQ(evaluate(options), 2) << options;
     EXPECT_THAT(said(), testing::StartsWith("mirage: "));

@@ -1,0 +1,218 @@
+#include "attack/baseline.h"
+
+#include <algorithm>
+#include <array>
+#include <map>
+#include <sstream>
+
+#include "attack/adversary.h"
+#include "base/error.h"
+#include "base/random.h"
+
+namespace mirage {
+namespace {
+
+constexpr int kPatches = 12;     // of 320 faces: some 0.4 m across on a mesh that fills the box
+constexpr int kCuboidCells = 5;  // 300 faces, about as many as a learned mesh has
+
+constexpr std::array<std::pair<Baseline, const char*>, 4> kWords = {{{Baseline::start, "start"},
+                                                                     {Baseline::sized, "sized"},
+                                                                     {Baseline::ellipsoid, "ellipsoid"},
+                                                                     {Baseline::cuboid, "cuboid"}}};
+
+/// Faces that share an edge with each face.
+std::vector<std::vector<std::size_t>> neighbours(const Mesh& mesh) {
+  std::map<std::pair<int, int>, std::vector<std::size_t>> by_edge;
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+    for (int k = 0; k < 3; ++k)
+      by_edge[std::minmax(mesh.faces[f][k], mesh.faces[f][(k + 1) % 3])].push_back(f);
+  std::vector<std::vector<std::size_t>> beside(mesh.faces.size());
+  for (const auto& [edge, faces] : by_edge)
+    for (const std::size_t a : faces)
+      for (const std::size_t b : faces)
+        if (a != b) beside[a].push_back(b);
+  return beside;
+}
+
+void keep_rules(TexturedMesh& mesh, const TexturedMesh& start, const Run& run) {
+  project(mesh, run.limits);
+  if (run.buildable.on) keep_buildable(mesh, start, run.buildable, run.limits);
+}
+
+TexturedMesh sized_mesh(const Run& run, std::uint64_t seed) {
+  const Eigen::AlignedBox3d wanted = bounds(run.adversary.mesh);
+  TexturedMesh start = initial_adversary(run.limits);
+  if (run.buildable.on) make_buildable(start, run.buildable, run.limits);  // its base is flat
+  fit_bounds(start.mesh, wanted);
+  TexturedMesh made = start;
+  const TexturedMesh random = random_adversary(seed, run.limits);
+  // The old baseline's displacements, in metres, on the start as stretched.
+  const TexturedMesh plain = initial_adversary(run.limits);
+  for (std::size_t i = 0; i < made.mesh.vertices.size(); ++i)
+    made.mesh.vertices[i] += random.mesh.vertices[i] - plain.mesh.vertices[i];
+  fit_bounds(made.mesh, wanted);
+  paint_patches(made, kPatches, seed);
+  keep_rules(made, start, run);
+  return made;
+}
+
+TexturedMesh filling_mesh(const Run& run, Baseline kind, std::uint64_t seed) {
+  TexturedMesh made = initial_adversary(run.limits, 1);
+  if (kind == Baseline::cuboid) {
+    made.mesh = divided_cuboid(run.limits.half, kCuboidCells);
+    made.atlas.texels.assign(made.mesh.faces.size() * made.atlas.per_face(), Vec3d::Constant(0.5));
+  }
+  if (run.buildable.on &&
+      kind == Baseline::cuboid) {  // it stands on its base: cut there it would lose its sides
+    Eigen::AlignedBox3d above = bounds(made.mesh);
+    above.min().z() = -run.buildable.base * run.limits.half.z();
+    fit_bounds(made.mesh, above);
+  }
+  if (run.buildable.on) make_buildable(made, run.buildable, run.limits);
+  const TexturedMesh start = made;
+  paint_patches(made, kPatches, seed);
+  keep_rules(made, start, run);
+  return made;
+}
+
+}  // namespace
+
+std::string to_string(Baseline kind) {
+  for (const auto& [one, word] : kWords)
+    if (one == kind) return word;
+  return "";
+}
+
+std::string describe(Baseline kind) {
+  switch (kind) {
+    case Baseline::start:
+      return "random mesh";
+    case Baseline::sized:
+      return "random mesh of its size";
+    case Baseline::ellipsoid:
+      return "ellipsoid filling the box";
+    case Baseline::cuboid:
+      return "cuboid filling the box";
+  }
+  return "";
+}
+
+std::vector<Baseline> parse_baselines(const std::string& words) {
+  std::vector<Baseline> kinds;
+  std::stringstream list(words);
+  std::string word;
+  while (std::getline(list, word, ',')) {
+    bool known = word == "none" || word == "all";
+    for (const auto& [kind, name] : kWords) {
+      if (word != name && word != "all") continue;
+      known = true;
+      if (std::find(kinds.begin(), kinds.end(), kind) == kinds.end()) kinds.push_back(kind);
+    }
+    if (!known)
+      throw InputError("--baseline", word, "unknown", "use start, sized, ellipsoid, cuboid, all or none");
+  }
+  return kinds;
+}
+
+std::vector<TexturedMesh> baseline_meshes(const Run& run, Baseline kind, int count) {
+  std::vector<TexturedMesh> meshes;
+  for (int i = 0; i < count; ++i) {
+    const std::uint64_t seed = run.seed + static_cast<std::uint64_t>(i);
+    if (kind == Baseline::start)
+      meshes.push_back(i == 0 ? run.random : random_baseline(seed, run.limits, run.buildable));
+    else
+      meshes.push_back(kind == Baseline::sized ? sized_mesh(run, seed) : filling_mesh(run, kind, seed));
+  }
+  return meshes;
+}
+
+void fit_bounds(Mesh& mesh, const Eigen::AlignedBox3d& wanted) {
+  const Eigen::AlignedBox3d now = bounds(mesh);
+  for (Vec3d& v : mesh.vertices)
+    for (int c = 0; c < 3; ++c) {
+      const double low = now.min()[c], extent = now.sizes()[c];
+      if (v[c] == now.max()[c] && extent > 0)  // exact at both ends
+        v[c] = wanted.max()[c];
+      else
+        v[c] = wanted.min()[c] + (extent > 0 ? (v[c] - low) / extent * wanted.sizes()[c] : 0);
+    }
+}
+
+Mesh divided_cuboid(const Vec3d& half, int n) {
+  Mesh mesh;
+  std::map<std::array<int, 3>, int> known;
+  const auto vertex = [&](const std::array<int, 3>& at) {
+    const auto [place, added] = known.try_emplace(at, static_cast<int>(mesh.vertices.size()));
+    if (added)
+      mesh.vertices.push_back(
+          half.cwiseProduct(Vec3d(2. * at[0] / n - 1, 2. * at[1] / n - 1, 2. * at[2] / n - 1)));
+    return place->second;
+  };
+  for (int axis = 0; axis < 3; ++axis)
+    for (const int side : {0, n})
+      for (int i = 0; i < n; ++i)
+        for (int j = 0; j < n; ++j) {
+          // (axis, u, v) is right-handed, so that u × v points along +axis.
+          const auto corner = [&](int u, int v) {
+            std::array<int, 3> at{};
+            at[static_cast<std::size_t>(axis)] = side;
+            at[static_cast<std::size_t>((axis + 1) % 3)] = i + u;
+            at[static_cast<std::size_t>((axis + 2) % 3)] = j + v;
+            return vertex(at);
+          };
+          const int a = corner(0, 0), b = corner(1, 0), c = corner(1, 1), d = corner(0, 1);
+          if (side == n)
+            mesh.faces.insert(mesh.faces.end(), {{a, b, c}, {a, c, d}});
+          else
+            mesh.faces.insert(mesh.faces.end(), {{a, c, b}, {a, d, c}});
+        }
+  return mesh;
+}
+
+void paint_patches(TexturedMesh& mesh, int patches, std::uint64_t seed) {
+  const std::size_t faces = mesh.mesh.faces.size();
+  if (faces == 0) return;
+  RandomStream random(seed, "patches");
+  const auto beside = neighbours(mesh.mesh);
+  std::vector<std::size_t> front;
+  std::vector<int> patch(faces, -1);
+  std::vector<Vec3d> colours;
+  const int wanted = std::clamp(patches, 1, static_cast<int>(faces));
+  const auto begin_patch = [&](std::size_t face) {
+    patch[face] = static_cast<int>(colours.size());
+    front.push_back(face);
+    const double r = random.uniform(), g = random.uniform(), b = random.uniform();
+    colours.push_back({r, g, b});
+  };
+  while (static_cast<int>(colours.size()) < wanted) {
+    const auto face = static_cast<std::size_t>(random.below(static_cast<int>(faces)));
+    if (patch[face] < 0) begin_patch(face);
+  }
+  for (std::size_t left = faces - colours.size(); left > 0;) {  // a face at a time joins a random neighbour's
+    if (front.empty()) {  // the mesh has more parts than patches reached
+      begin_patch(static_cast<std::size_t>(std::find(patch.begin(), patch.end(), -1) - patch.begin()));
+      --left;
+      continue;
+    }
+    const auto at = static_cast<std::size_t>(random.below(static_cast<int>(front.size())));
+    std::vector<std::size_t> open;
+    for (const std::size_t other : beside[front[at]])
+      if (patch[other] < 0) open.push_back(other);
+    if (open.empty()) {
+      front[at] = front.back();
+      front.pop_back();
+      continue;
+    }
+    const std::size_t next = open[static_cast<std::size_t>(random.below(static_cast<int>(open.size())))];
+    patch[next] = patch[front[at]];
+    front.push_back(next);
+    --left;
+  }
+  const std::size_t per_face = mesh.atlas.per_face();
+  mesh.atlas.texels.resize(faces * per_face);
+  for (std::size_t f = 0; f < faces; ++f)
+    for (std::size_t t = 0; t < per_face; ++t)
+      mesh.atlas.texels[f * per_face + t] = colours[static_cast<std::size_t>(patch[f])];
+}
+
+}  // namespace mirage

@@ -1,0 +1,147 @@
+// The controls that a learned mesh is compared with.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <map>
+#include <set>
+#include <tuple>
+
+#include "attack/adversary.h"
+#include "attack/baseline.h"
+#include "base/error.h"
+#include "geometry/self_intersection.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+/// A run with a learned mesh of uneven extents off the centre.
+Run run_with_mesh(bool buildable = false) {
+  Run run;
+  run.seed = 4;
+  run.buildable.on = buildable;
+  run.adversary = initial_adversary(run.limits);
+  if (buildable) make_buildable(run.adversary, run.buildable, run.limits);
+  for (Vec3d& v : run.adversary.mesh.vertices) {
+    v.x() = 0.9 * v.x() + 0.1;
+    v.y() *= 1.3;
+    if (!buildable || v.z() > 0) v.z() *= 0.8;
+  }
+  project(run.adversary, run.limits);
+  run.random = random_adversary(run.seed, run.limits);
+  return run;
+}
+
+TEST(Baseline, WordsAreReadAndOthersRefused) {
+  EXPECT_THAT(parse_baselines("sized,cuboid,sized"), testing::ElementsAre(Baseline::sized, Baseline::cuboid));
+  EXPECT_EQ(parse_baselines("all").size(), 4u);
+  EXPECT_TRUE(parse_baselines("none").empty());
+  EXPECT_TRUE(parse_baselines("").empty());
+  for (const Baseline kind : parse_baselines("all"))
+    EXPECT_THAT(parse_baselines(to_string(kind)), testing::ElementsAre(kind));
+  EXPECT_THAT(test::error_text<InputError>([] { parse_baselines("start,sphere"); }),
+              testing::HasSubstr("--baseline: sphere: unknown; use start, sized"));
+}
+
+TEST(Baseline, ASizedMeshHasExactlyTheLearnedOnesExtentsAndCentre) {
+  for (const bool buildable : {false, true}) {
+    const mirage::Run run = run_with_mesh(buildable);
+    const Eigen::AlignedBox3d wanted = bounds(run.adversary.mesh);
+    const auto meshes = baseline_meshes(run, Baseline::sized, 3);
+    for (const TexturedMesh& mesh : meshes) {
+      const Eigen::AlignedBox3d made = bounds(mesh.mesh);
+      if (buildable) {  // whose rules may take a vertex back towards the start, which has the extents
+        EXPECT_NEAR((made.min() - wanted.min()).norm() + (made.max() - wanted.max()).norm(), 0, 0.05);
+        EXPECT_TRUE(intersecting_faces(mesh.mesh).empty());
+        EXPECT_EQ(buildable_report(mesh, run.buildable).at("texels_in_print_range"), 1.0);
+      } else {
+        EXPECT_EQ(made.min(), wanted.min());
+        EXPECT_EQ(made.max(), wanted.max());
+      }
+      EXPECT_NE(mesh.mesh.vertices, run.adversary.mesh.vertices);
+    }
+    EXPECT_NE(meshes[0].mesh.vertices, meshes[1].mesh.vertices);
+    EXPECT_NE(meshes[0].atlas.texels, meshes[1].atlas.texels);
+    EXPECT_EQ(baseline_meshes(run, Baseline::sized, 2)[1].mesh.vertices, meshes[1].mesh.vertices);
+  }
+}
+
+TEST(Baseline, EllipsoidAndCuboidFillTheBox) {
+  for (const bool buildable : {false, true}) {
+    const mirage::Run run = run_with_mesh(buildable);
+    const Vec3d half = run.limits.half;
+    const double bottom = buildable ? -run.buildable.base * half.z() : -half.z();
+    for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid}) {
+      const TexturedMesh made = baseline_meshes(run, kind, 1).at(0);
+      EXPECT_NEAR((bounds(made.mesh).max() - half).norm(), 0, 1e-12);
+      EXPECT_NEAR((bounds(made.mesh).min() - Vec3d(-half.x(), -half.y(), bottom)).norm(), 0, 1e-12);
+      EXPECT_TRUE(is_watertight(made.mesh));
+      EXPECT_TRUE(intersecting_faces(made.mesh).empty());
+      check_mesh(made, to_string(kind));
+    }
+    const double volume = signed_volume(baseline_meshes(run, Baseline::cuboid, 1).at(0).mesh);
+    EXPECT_NEAR(volume, 2 * half.x() * 2 * half.y() * (half.z() - bottom), 1e-12);  // wound outwards, too
+  }
+}
+
+TEST(Baseline, TheStartIsTheRandomMeshOfTheRun) {
+  const mirage::Run run = run_with_mesh();
+  const auto meshes = baseline_meshes(run, Baseline::start, 2);
+  EXPECT_EQ(meshes[0].mesh.vertices, run.random.mesh.vertices);
+  EXPECT_EQ(meshes[1].mesh.vertices, random_baseline(5, run.limits, run.buildable).mesh.vertices);
+}
+
+TEST(Baseline, PatchesAreLargeAndConnected) {
+  TexturedMesh mesh = initial_adversary();
+  paint_patches(mesh, 12, 7);
+  const auto key = [](const Vec3d& t) { return std::tuple(t.x(), t.y(), t.z()); };
+  std::map<std::tuple<double, double, double>, std::vector<std::size_t>> patches;
+  const std::size_t per_face = mesh.atlas.per_face();
+  for (std::size_t f = 0; f < mesh.mesh.faces.size(); ++f) {
+    for (std::size_t t = 1; t < per_face; ++t)
+      EXPECT_EQ(mesh.atlas.texels[f * per_face + t], mesh.atlas.texels[f * per_face]);
+    patches[key(mesh.atlas.texels[f * per_face])].push_back(f);
+  }
+  EXPECT_EQ(patches.size(), 12u);
+  for (const auto& [colour, faces] : patches) {  // each grows over shared edges from any of its faces
+    std::set<std::size_t> left(faces.begin(), faces.end());
+    std::vector<std::size_t> front = {*left.begin()};
+    left.erase(left.begin());
+    while (!front.empty()) {
+      const Face at = mesh.mesh.faces[front.back()];
+      front.pop_back();
+      for (auto other = left.begin(); other != left.end();) {
+        int shared = 0;
+        for (const int a : {at[0], at[1], at[2]})
+          for (const int b :
+               {mesh.mesh.faces[*other][0], mesh.mesh.faces[*other][1], mesh.mesh.faces[*other][2]})
+            shared += a == b;
+        if (shared < 2) {
+          ++other;
+          continue;
+        }
+        front.push_back(*other);
+        other = left.erase(other);
+      }
+    }
+    EXPECT_TRUE(left.empty());
+  }
+  TexturedMesh same = initial_adversary();
+  paint_patches(same, 12, 7);
+  EXPECT_EQ(same.atlas.texels, mesh.atlas.texels);
+  paint_patches(same, 100000, 7);  // no more than there are faces
+  TexturedMesh none;
+  paint_patches(none, 3, 7);
+  EXPECT_TRUE(none.atlas.texels.empty());
+}
+
+TEST(Baseline, BoundsOfDegenerateMeshesAreMoved) {
+  Mesh flat;
+  flat.vertices = {{0, 0, 2}, {1, 0, 2}, {0, 3, 2}};
+  fit_bounds(flat, Eigen::AlignedBox3d(Vec3d(-1, -1, 5), Vec3d(1, 1, 6)));
+  EXPECT_EQ(flat.vertices[1], Vec3d(1, -1, 5));
+  EXPECT_EQ(flat.vertices[2], Vec3d(-1, 1, 5));
+}
+
+}  // namespace
+}  // namespace mirage
