@@ -4,9 +4,12 @@
 
 #include "attack/hosts.h"
 #include "detection/average_precision.h"
+#include "scene/kitti_results.h"
 
 namespace mirage {
 namespace {
+
+constexpr double kCarHeight = 1.5;  // m
 
 double largest_iou(const BevBox& box, const std::vector<BevBox>& others) {
   double largest = 0;
@@ -34,14 +37,18 @@ std::optional<PictureBox> silhouette_box(const Simulated& simulated) {
 HostTruth::HostTruth(const Frame& frame, const Label& host, Plane plane,
                      const std::optional<PictureBox>& object)
     : plane_(plane) {
+  for (const Label& label : frame.labels)
+    if (label.type == "DontCare") dont_care_.push_back(rectangle(picture_box(label)));
   if (plane == Plane::bev) {
     host_ = {host.box.bev};
     labels_ = ground_truth_boxes(frame);
+    calibration_ = frame.calibration;
+    ground_ = host.box.bottom;
     return;
   }
   host_ = {rectangle(picture_box(host))};
   for (const Label& label : frame.labels)
-    (label.type == "DontCare" ? dont_care_ : labels_).push_back(rectangle(picture_box(label)));
+    if (label.type != "DontCare") labels_.push_back(rectangle(picture_box(label)));
   if (!object) return;
   host_.push_back(rectangle(joined(picture_box(host), *object)));
   labels_.push_back(host_.back());
@@ -53,9 +60,22 @@ double HostTruth::host_iou(const Proposal& proposal) const {
 
 double HostTruth::label_iou(const Proposal& proposal) const {
   const BevBox box = rectangle(proposal, plane_);
-  for (const BevBox& region : dont_care_)
-    if (intersection_area(box, region) >= box.length * box.width / 2) return 1;
+  if (plane_ == Plane::bev) return largest_iou(box, labels_);
+  if (in_dont_care(proposal)) return 1;
   return std::max(largest_iou(box, labels_), largest_iou(box, dont_care_));
+}
+
+bool HostTruth::in_dont_care(const Proposal& proposal) const {
+  if (dont_care_.empty()) return false;
+  BevBox box = rectangle(proposal, plane_);
+  if (plane_ == Plane::bev) {
+    const auto seen = projected({box, ground_, kCarHeight}, calibration_);
+    if (!seen) return false;
+    box = rectangle(*seen);
+  }
+  return std::any_of(dont_care_.begin(), dont_care_.end(), [&](const BevBox& region) {
+    return intersection_area(box, region) >= box.length * box.width / 2;
+  });
 }
 
 }  // namespace mirage

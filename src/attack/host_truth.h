@@ -34,12 +34,18 @@ class HostTruth {
   double host_iou(const Proposal& proposal) const;
   /// Largest IoU with a box of any label; 1 for a box that lies by half or more in a DontCare region.
   double label_iou(const Proposal& proposal) const;
+  /// Whether the proposal lies by half or more in a DontCare region. Regions are boxes of the picture: one
+  /// from above is projected as a box of a car's height that stands where the host stands.
+  bool in_dont_care(const Proposal& proposal) const;
   /// The labels' boxes, the host's own among them.
   const std::vector<BevBox>& labels() const { return labels_; }
 
  private:
   Plane plane_;
-  std::vector<BevBox> host_, labels_, dont_care_;
+  std::vector<BevBox> host_, labels_;
+  std::vector<BevBox> dont_care_;  ///< rectangles of the picture, in either plane
+  Calibration calibration_;        ///< in the bird's-eye view, where there are regions
+  double ground_ = 0;              ///< m, `velo`: the host's bottom
 };
 
 }  // namespace mirage

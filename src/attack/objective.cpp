@@ -2,18 +2,49 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 namespace mirage {
+namespace {
+
+/// Indices of the `most` background proposals of the largest logits, the largest first.
+std::vector<std::size_t> top_background(std::span<const Proposal> proposals, const HostTruth& truth,
+                                        std::span<const Proposal> clean, std::size_t most) {
+  std::vector<BevBox> known;
+  for (const Proposal& seen : clean) known.push_back(rectangle(seen, truth.plane()));
+  std::vector<std::size_t> heap(proposals.size()), chosen;
+  for (std::size_t i = 0; i < heap.size(); ++i) heap[i] = i;
+  const auto below = [&](std::size_t a, std::size_t b) {
+    return proposals[a].logit < proposals[b].logit || (proposals[a].logit == proposals[b].logit && a > b);
+  };
+  std::make_heap(heap.begin(), heap.end(), below);
+  while (!heap.empty() && chosen.size() < most) {
+    std::pop_heap(heap.begin(), heap.end(), below);
+    const Proposal& proposal = proposals[heap.back()];
+    const BevBox box = rectangle(proposal, truth.plane());
+    if (truth.host_iou(proposal) == 0 && truth.label_iou(proposal) == 0 && !truth.in_dont_care(proposal) &&
+        std::none_of(known.begin(), known.end(), [&](const BevBox& seen) { return iou(box, seen) > 0; }))
+      chosen.push_back(heap.back());
+    heap.pop_back();
+  }
+  return chosen;
+}
+
+}  // namespace
 
 double softplus(double x) {
   return std::max(x, 0.0) + std::log1p(std::exp(-std::abs(x)));
 }
 
 ObjectiveValue objective(std::span<const Proposal> proposals, const HostTruth& truth,
-                         const ObjectiveSettings& settings) {
+                         const ObjectiveSettings& settings, std::span<const Proposal> clean) {
   check_proposals(proposals);
   ObjectiveValue value;
   value.d_logits.assign(proposals.size(), 0.0);
+  const auto reward = [&](std::size_t i) {
+    value.false_positive -= settings.lambda_fp * softplus(proposals[i].logit);
+    value.d_logits[i] = -settings.lambda_fp * proposals[i].score();
+  };
   for (std::size_t i = 0; i < proposals.size(); ++i) {
     const Proposal& proposal = proposals[i];
     const double score = proposal.score();  // the derivative of softplus
@@ -21,11 +52,14 @@ ObjectiveValue objective(std::span<const Proposal> proposals, const HostTruth& t
     if (const double overlap = truth.host_iou(proposal); overlap > 0) {
       value.hide += overlap * softplus(proposal.logit);
       value.d_logits[i] = overlap * score;
-    } else if (truth.label_iou(proposal) == 0) {
-      value.false_positive -= settings.lambda_fp * softplus(proposal.logit);
-      value.d_logits[i] = -settings.lambda_fp * score;
+    } else if (settings.fp_top_k == 0 && truth.label_iou(proposal) == 0) {
+      reward(i);
     }
   }
+  if (settings.fp_top_k > 0)
+    for (const std::size_t i :
+         top_background(proposals, truth, clean, static_cast<std::size_t>(settings.fp_top_k)))
+      reward(i);
   return value;
 }
 

@@ -1,8 +1,15 @@
 // The attack's objective on one host vehicle (src/README.md; Tu et al., CoRL 2021), in logits:
 //     L = Σ_relevant IoU(b, b*) softplus(logit(b)) − λ_fp Σ_fp softplus(logit(b))
 // because −log(1 − sigmoid(x)) = softplus(x). relevant: score > 0.1 and overlapping the host's box b* (in the
-// picture: one of its boxes, and that with the larger IoU is b*); fp: score > 0.1 and no overlap with any
-// ground truth. IoU weights are constants: gradients go to the logits.
+// picture: one of its boxes, and that with the larger IoU is b*). fp, one of two rules:
+//     fp_top_k = k > 0   the k proposals of the largest logits, whatever their score, among those that
+//     overlap
+//                        neither ground truth, nor a DontCare region, nor a clean detection of the frame (a
+//                        car that nobody labelled: FP ASR does not count it either). The paper's set has no
+//                        threshold; its tail beyond k adds next to nothing to the gradient
+//     fp_top_k = 0       score > 0.1 and no overlap with any ground truth: a background cell below 10 % gets
+//                        no gradient at all
+// IoU weights, and which proposals are in a set, are constants: gradients go to the logits.
 #pragma once
 
 #include <span>
@@ -17,7 +24,13 @@ struct ObjectiveSettings {
   double relevant_score = 0.1;
   double lambda_fp = 1.0;
   double lambda_laplacian = 0.001;
+  int fp_top_k = 0;  ///< see above
+
+  /// Proposals of at most this score are in neither sum.
+  double least_score() const { return fp_top_k > 0 ? 0 : relevant_score; }
 };
+/// What `mirage attack` takes for k where nothing else is asked for.
+inline constexpr int kFpTopK = 50;
 
 /// The loss of one host and its derivative.
 struct ObjectiveValue {
@@ -26,9 +39,10 @@ struct ObjectiveValue {
 };
 
 /// The loss over the proposals of one host's frame, and d loss / d logit of each. Written in logits: log(1 −
-/// sigmoid(x)) = −softplus(x).
+/// sigmoid(x)) = −softplus(x). `clean`: what the detector finds in the frame without an object (attack/
+/// evaluation.h, detections); only fp_top_k takes notice. Equal logits: the earlier proposal is the larger.
 ObjectiveValue objective(std::span<const Proposal> proposals, const HostTruth& truth,
-                         const ObjectiveSettings& settings);
+                         const ObjectiveSettings& settings, std::span<const Proposal> clean = {});
 
 /// log(1 + exp(x)) without overflow.
 double softplus(double x);
