@@ -38,6 +38,18 @@ void project(TexturedMesh& adversary, const AdversaryLimits& limits) {
   for (Vec3d& t : adversary.atlas.texels) t = t.cwiseMax(0.0).cwiseMin(1.0);
 }
 
+Vec3d half_lengths(const Mesh& mesh) {
+  Vec3d half = Vec3d::Zero();
+  for (const Vec3d& v : mesh.vertices) half = half.cwiseMax(v.cwiseAbs());
+  return half;
+}
+
+Vec3d half_length_gradient(const std::vector<Vec3d>& unit, const std::vector<Vec3d>& d_vertices) {
+  Vec3d gradient = Vec3d::Zero();
+  for (std::size_t i = 0; i < unit.size(); ++i) gradient += unit[i].cwiseProduct(d_vertices[i]);
+  return gradient;
+}
+
 void Adam::step(std::vector<Vec3d>& values, const std::vector<Vec3d>& gradient) {
   first.resize(3 * values.size());
   second.resize(3 * values.size());

@@ -26,6 +26,12 @@ TexturedMesh random_adversary(std::uint64_t seed, const AdversaryLimits& limits 
 /// Clamps vertices into the box and texels into [0, 1].
 void project(TexturedMesh& adversary, const AdversaryLimits& limits);
 
+/// m, half the size along each axis of a mesh around the origin: the largest |x|, |y|, |z| of its vertices.
+Vec3d half_lengths(const Mesh& mesh);
+/// Size alone (`--parts size`): a vertex is v_i = h ∘ u_i, with h the half lengths (m) and u_i the start's
+/// place in a box of half lengths 1. d loss / d h from d loss / d v_i: Σ_i u_i ∘ d loss / d v_i.
+Vec3d half_length_gradient(const std::vector<Vec3d>& unit, const std::vector<Vec3d>& d_vertices);
+
 /// Adam (Kingma & Ba, ICLR 2015) over one group of parameters.
 struct Adam {
   double learning_rate = 1e-3, beta1 = 0.9, beta2 = 0.999, epsilon = 1e-8;

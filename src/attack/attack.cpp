@@ -5,9 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <set>
 
 #include "attack/attack_step.h"
 #include "attack/checkpoint.h"
+#include "attack/validation_part.h"
 #include "base/checkpoint_timer.h"
 #include "base/clock.h"
 #include "base/error.h"
@@ -49,6 +51,7 @@ nlohmann::json identity(const AttackSettings& settings) {
       {"lambda_laplacian", settings.objective.lambda_laplacian},
       {"relevant_score", settings.objective.relevant_score},
       {"simulation", to_json(settings.simulation)}};
+  if (settings.objective.fp_top_k > 0) id["fp_top_k"] = settings.objective.fp_top_k;
   // Only where it differs, so that runs of before the choice go on: those stood on boxes.
   if (settings.detector.defense != "none") id["defense"] = settings.detector.defense;
   if (settings.depth != AttackSettings().depth) id["depth"] = escape_name(settings.depth);
@@ -58,6 +61,7 @@ nlohmann::json identity(const AttackSettings& settings) {
   }
   if (settings.sun != kDefaultSun) id["sun"] = settings.sun;
   if (settings.parts != "both") id["parts"] = settings.parts;
+  if (settings.until_plateau > 0) id["validation_every"] = settings.validation_every;
   if (const Expectation& e = settings.expectation; e.any())
     id["expectation"] = {e.roof_shift, e.roof_yaw, e.sun, e.light, e.exposure, e.image_noise, e.range_noise};
   if (const BuildableSettings& b = settings.buildable; b.on)
@@ -92,6 +96,21 @@ std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, 
                      row.loss(), row.hide, row.false_positive, row.laplacian, hidden, hosts);
 }
 
+nlohmann::json plateau_json(const HeldOutRecord& held, const std::vector<Host>& hosts,
+                            const AttackSettings& settings) {
+  std::set<std::string> frames;
+  for (const Host& host : hosts) frames.insert(host.id.frame);
+  return {{"stopped", held.plateau(settings.until_plateau)},
+          {"best_iteration", held.best_iteration},
+          {"best", held.best},
+          {"vehicles", hosts.size()},
+          {"frames", frames.size()},
+          {"steps", settings.until_plateau},
+          {"every", settings.validation_every},
+          {"iterations", held.iterations},
+          {"values", held.values}};
+}
+
 constexpr int kLargestBatch = 65536;
 
 /// InputError for numbers that no run can use.
@@ -116,6 +135,12 @@ void check_settings(const AttackSettings& settings) {
          "--checkpoint-seconds", settings.checkpoint_seconds, "use 0 (never by time) or more");
   demand(settings.min_view >= 0 && settings.min_view <= 1, "--min-view", settings.min_view,
          "use a share in [0, 1]");
+  demand(settings.objective.fp_top_k >= 0, "--fp-top-k", settings.objective.fp_top_k,
+         "use a number of proposals, or 0 for all of a score over 0.1");
+  demand(settings.until_plateau >= 0, "--until-plateau", settings.until_plateau, "use a number of steps");
+  demand(settings.validation_every >= 1, "--validate-every", settings.validation_every, "use 1 or more");
+  if (settings.buildable.on && settings.parts == "size")
+    throw InputError("--parts", "size", "is an ellipsoid, which has no flat base", "leave --buildable out");
   if (settings.buildable.on) check_buildable(settings.buildable, settings.limits);
   demand(std::isfinite(settings.objective.lambda_fp), "--lambda-fp", settings.objective.lambda_fp,
          "use a number");
@@ -147,7 +172,8 @@ AttackParts parse_parts(const std::string& word) {
   if (word == "both") return AttackParts::both;
   if (word == "shape") return AttackParts::shape;
   if (word == "texture") return AttackParts::texture;
-  throw InputError("--parts", word, "unknown", "use both, shape or texture");
+  if (word == "size") return AttackParts::size;
+  throw InputError("--parts", word, "unknown", "use both, shape, texture or size");
 }
 
 AttackResult run_attack(const AttackSettings& settings) {
@@ -192,6 +218,12 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   nlohmann::json id = identity(settings);
   id["train"] = to_json(ids(train));
   id["test"] = to_json(ids(test));
+  ValidationPart part{train, {}};
+  if (settings.until_plateau > 0 && target != AttackTarget::random) {
+    part = split_validation(train, settings.seed);
+    id["validation"] = to_json(ids(part.held_out));
+    spdlog::info("{} of them are held out to tell when the attack is at its plateau", part.held_out.size());
+  }
   AttackState state = fresh_state(settings);
   if (std::filesystem::exists(checkpoint_file)) {
     state = read_checkpoint(checkpoint_file, id);
@@ -206,7 +238,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
     write_adversary(settings.out / "random.glb", random);
   }
 
-  const AttackStepper stepper(settings, detectors, store, train, state.adversary.mesh);
+  const AttackStepper stepper(settings, detectors, store, part.learn, state.adversary.mesh);
   const auto save = [&] {
     if (rank() > 0) return;
     write_checkpoint(checkpoint_file, state, id);
@@ -219,7 +251,16 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   const auto start = Clock::now();
   CheckpointTimer timer({settings.checkpoint_every, settings.checkpoint_seconds});
   const long first = state.iteration;
-  while (state.iteration < iterations &&
+  // The same checks at the same steps however often the run was stopped: those that are due, and no others.
+  const auto at_plateau = [&] {
+    if (part.held_out.empty()) return false;
+    HeldOutRecord& held = state.held_out;
+    if (state.iteration % settings.validation_every == 0 &&
+        (held.iterations.empty() || held.iterations.back() < state.iteration))
+      held.add(state.iteration, stepper.held_out(state.adversary, part.held_out), state.adversary);
+    return held.plateau(settings.until_plateau);
+  };
+  while (!at_plateau() && state.iteration < iterations &&
          !(settings.seconds > 0 && any_rank(seconds_since(start) >= settings.seconds))) {
     if (any_rank(interrupted())) {
       save();
@@ -235,10 +276,20 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   }
   const double seconds = seconds_since(start);
   save();
+  AttackResult result;
   if (target == AttackTarget::random) state.adversary = random;
+  if (!part.held_out.empty()) {
+    result.plateau = plateau_json(state.held_out, part.held_out, settings);
+    // Of a run that ended between two checks the last mesh is judged as well, without a trace in the
+    // checkpoint.
+    HeldOutRecord best = state.held_out;
+    if (best.iterations.back() < state.iteration)
+      best.add(state.iteration, stepper.held_out(state.adversary, part.held_out), state.adversary);
+    result.plateau["kept_iteration"] = best.best_iteration;
+    state.adversary = best.mesh;
+  }
   if (rank() == 0) write_adversary(settings.out / "adversary.glb", state.adversary);
 
-  AttackResult result;
   result.vehicles_train = static_cast<int>(train.size());
   result.vehicles_test = static_cast<int>(test.size());
   for (const auto* hosts : {&train, &test})

@@ -25,7 +25,8 @@ AttackTarget parse_target(const std::string& word);
 void check_target(AttackTarget target, const Detector& detector);
 
 /// What of the adversary is learned; the rest stays as it starts.
-enum class AttackParts { both, shape, texture };
+/// size: the half lengths of the start's ellipsoid alone, as a control (adversary.h, half_length_gradient).
+enum class AttackParts { both, shape, texture, size };
 /// InputError for any other word.
 AttackParts parse_parts(const std::string& word);
 
@@ -42,6 +43,11 @@ struct AttackSettings {
   Expectation expectation;
   BuildableSettings buildable;
   int iterations = 300;
+  /// > 0: the attack ends where the objective on vehicles held out from training (validation_part.h) has not
+  /// improved for so many steps, or after `iterations`, and the mesh with the best of its checks is what it
+  /// learned. 0: all training vehicles are learned on, and the last mesh is kept.
+  int until_plateau = 0;
+  int validation_every = 20;  ///< steps between two checks of that objective
   /// > 0: iterations end after so many seconds, which makes the result depend on the machine.
   double seconds = 0;
   int batch = 2;  ///< hosts an iteration; their losses are averaged
@@ -64,6 +70,9 @@ struct AttackResult {
   RooftopCount rooftops;     ///< of the vehicles of both splits
   nlohmann::json buildable;  ///< buildable_report of the adversary
   nlohmann::json stages;     ///< where this process's time went (attack/stages.h)
+  /// With until_plateau: {stopped, best_iteration, best, kept_iteration, vehicles, frames, steps, every,
+  /// iterations, values}; else null. kept_iteration: of the mesh that was written.
+  nlohmann::json plateau;
 };
 
 /// Runs or resumes the attack in settings.out (see attack/run.h for the files). The result is bit-identical

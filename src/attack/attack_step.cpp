@@ -12,6 +12,7 @@
 #include "attack/rank_steps.h"
 #include "base/error.h"
 #include "base/random.h"
+#include "base/ranks.h"
 
 namespace mirage {
 namespace {
@@ -34,11 +35,9 @@ bool finds(const std::vector<Proposal>& proposals, const HostTruth& truth) {
   });
 }
 
-}  // namespace
-
-HostStep attack_host(Detector& detector, const PreparedFrame& known, const Host& host,
-                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
-                     const WorldDraw* draw) {
+HostStep run_host(Detector& detector, const PreparedFrame& known, const Host& host,
+                  const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
+                  const WorldDraw* draw, std::span<const Proposal> seen_clean, bool back) {
   HostStep step;
   Stopwatch clock;
   std::optional<PreparedFrame> drawn;
@@ -64,15 +63,16 @@ HostStep attack_host(Detector& detector, const PreparedFrame& known, const Host&
     clean = clean_view(prepared, simulated);
     view.clean = &clean;
   }
-  const auto proposals = detector.forward(view, settings.objective.relevant_score, true);
+  const auto proposals = detector.forward(view, settings.objective.least_score(), back);
   step.seconds.detector_forward = clock.lap();
   const Plane plane = can.plane();
   const HostTruth truth(prepared.frame, label, plane,
                         plane == Plane::picture ? silhouette_box(simulated) : std::nullopt);
-  const ObjectiveValue value = objective(proposals, truth, settings.objective);
+  const ObjectiveValue value = objective(proposals, truth, settings.objective, seen_clean);
   step.hide = value.hide;
   step.false_positive = value.false_positive;
   step.hidden = !finds(proposals, truth);
+  if (!back) return step;
   step.gradient.vertices.assign(adversary.mesh.vertices.size(), Vec3d::Zero());
   step.gradient.texels.assign(adversary.atlas.texels.size(), Vec3d::Zero());
   const bool any = std::any_of(value.d_logits.begin(), value.d_logits.end(), [](double d) { return d != 0; });
@@ -86,6 +86,31 @@ HostStep attack_host(Detector& detector, const PreparedFrame& known, const Host&
   step.gradient = simulate_vjp(simulated, gradient.image, gradient.points);
   step.seconds.simulation_vjp = clock.lap();
   return step;
+}
+
+}  // namespace
+
+HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
+                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
+                     const WorldDraw* draw, std::span<const Proposal> clean) {
+  return run_host(detector, prepared, host, adversary, target, settings, draw, clean, true);
+}
+
+HostStep judge_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
+                    const TexturedMesh& adversary, const AttackSettings& settings, const WorldDraw* draw,
+                    std::span<const Proposal> clean) {
+  return run_host(detector, prepared, host, adversary, AttackTarget::both, settings, draw, clean, false);
+}
+
+std::vector<Proposal> CleanSights::of(const PreparedFrame& prepared, Detector& detector) {
+  const Frame& frame = prepared.frame;
+  {
+    const std::scoped_lock lock(mutex_);
+    if (const auto known = frames_.find(frame.id); known != frames_.end()) return known->second;
+  }
+  auto found = detections(detector, {&frame.image, frame.sweep, &frame.calibration}, EvaluationSettings());
+  const std::scoped_lock lock(mutex_);
+  return frames_.try_emplace(frame.id, std::move(found)).first->second;
 }
 
 std::vector<std::size_t> batch_of(std::size_t hosts, int batch, long iteration, std::uint64_t seed) {
@@ -114,7 +139,37 @@ AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool&
       hosts_(hosts),
       target_(parse_target(settings.target)),
       parts_(parse_parts(settings.parts)),
-      laplacian_(mesh) {}
+      laplacian_(mesh),
+      unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices) {}
+
+std::vector<Proposal> AttackStepper::clean_of(const PreparedFrame& prepared, Detector& detector) const {
+  if (settings_.objective.fp_top_k == 0) return {};
+  return sights_->of(prepared, detector);
+}
+
+double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const {
+  std::vector<std::vector<double>> losses(hosts.size(), std::vector<double>(1));
+  const std::vector<std::size_t> mine = own_hosts(hosts.size());
+  for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
+    Host host = hosts[mine[i]];
+    const auto prepared = store_.get(host.id.frame);
+    host.rooftop = store_.rooftop(host.id);
+    constexpr std::uint64_t kWorlds = std::uint64_t{1} << 62;  // beyond those of any step
+    const WorldDraw draw(settings_.expectation, settings_.seed, kWorlds + mine[i]);
+    const auto clean = clean_of(*prepared, detector);
+    isolated([&] {
+      const HostStep judged = judge_host(detector, *prepared, host, adversary, settings_,
+                                         settings_.expectation.any() ? &draw : nullptr, clean);
+      losses[mine[i]][0] = judged.hide + judged.false_positive;
+    });
+  });
+  share_blocks(losses);
+  double mean = 0;
+  for (const auto& loss : losses) mean += loss[0] / static_cast<double>(hosts.size());
+  const double weight = settings_.objective.lambda_laplacian;
+  std::vector<Vec3d> unused(adversary.mesh.vertices.size(), Vec3d::Zero());
+  return mean + weight * laplacian_.energy(adversary.mesh.vertices, weight, unused);
+}
 
 std::vector<std::string> AttackStepper::frames_of(long iteration) const {
   const auto chosen = batch_of(hosts_.size(), settings_.batch, iteration, settings_.seed);
@@ -145,9 +200,10 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
     host.rooftop = store_.rooftop(host.id);  // with the fitted vehicle, which the list leaves out
     const WorldDraw draw(settings.expectation, settings.seed,
                          static_cast<std::uint64_t>(state.iteration * settings.batch) + k);
+    const auto clean = clean_of(*frames[i], detector);
     isolated([&] {  // or a loop inside would take another host's work, and its time
       steps[k] = attack_host(detector, *frames[i], host, state.adversary, target_, settings,
-                             settings.expectation.any() ? &draw : nullptr);
+                             settings.expectation.any() ? &draw : nullptr, clean);
     });
   });
   for (const std::size_t k : mine) {
@@ -169,8 +225,17 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
   const double weight = settings.objective.lambda_laplacian;
   row.laplacian = weight * laplacian_.energy(state.adversary.mesh.vertices, weight, d_vertices);
   const TexturedMesh before = state.adversary;
-  if (parts_ != AttackParts::texture) state.vertices.step(state.adversary.mesh.vertices, d_vertices);
-  if (parts_ != AttackParts::shape) state.texels.step(state.adversary.atlas.texels, d_texels);
+  auto& vertices = state.adversary.mesh.vertices;
+  if (parts_ == AttackParts::size) {
+    std::vector<Vec3d> half = {half_lengths(state.adversary.mesh)};
+    state.vertices.step(half, {half_length_gradient(unit_, d_vertices)});
+    half[0] = half[0].cwiseMax(kSmallestSize).cwiseMin(settings.limits.half);
+    for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = unit_[i].cwiseProduct(half[0]);
+  } else if (parts_ != AttackParts::texture) {
+    state.vertices.step(vertices, d_vertices);
+  }
+  if (parts_ == AttackParts::both || parts_ == AttackParts::texture)
+    state.texels.step(state.adversary.atlas.texels, d_texels);
   project(state.adversary, settings.limits);
   if (settings.buildable.on) keep_buildable(state.adversary, before, settings.buildable, settings.limits);
   state.losses.push_back(row);

@@ -2,6 +2,11 @@
 // updates of the model.
 #pragma once
 
+#include <map>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "attack/attack.h"
@@ -23,10 +28,26 @@ struct HostStep {
 };
 /// One host of an iteration: simulates both sensors with the adversary on its roof (in `draw`'s world if
 /// there is one), detects, and takes the loss back to the adversary's vertices (m, adversary frame) and
-/// texels. What is no input of `target` gets no gradient, but is simulated all the same.
+/// texels. What is no input of `target` gets no gradient, but is simulated all the same. `clean`: what the
+/// detector finds in the frame as recorded, for the objective's top-k rule.
 HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
                      const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
-                     const WorldDraw* draw = nullptr);
+                     const WorldDraw* draw = nullptr, std::span<const Proposal> clean = {});
+/// The same without the way back: its gradient is empty.
+HostStep judge_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
+                    const TexturedMesh& adversary, const AttackSettings& settings,
+                    const WorldDraw* draw = nullptr, std::span<const Proposal> clean = {});
+
+/// What a detector finds in frames as recorded, kept in memory. Several threads may ask.
+class CleanSights {
+ public:
+  /// The frame's detections at the score of an evaluation; the detector is asked once for each frame.
+  std::vector<Proposal> of(const PreparedFrame& prepared, Detector& detector);
+
+ private:
+  std::mutex mutex_;
+  std::map<std::string, std::vector<Proposal>> frames_;
+};
 
 /// `count` of `hosts` indices for iteration `iteration`: an endless sequence of shuffled passes over all
 /// hosts, by seed alone.
@@ -43,8 +64,13 @@ class AttackStepper {
   /// finite: it would poison the optimiser's state and, with it, the checkpoint. The frames of the next
   /// iteration are read meanwhile. What it takes is added to `spent`.
   LossRow step(AttackState& state, StageSeconds* spent = nullptr) const;
+  /// The objective on hosts that are not learned on: mean of their losses, and the smoothness. The same
+  /// number on every rank, and for the same mesh in any iteration: what --expect draws is one world a host.
+  double held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const;
 
  private:
+  /// What the objective needs of the frame as recorded: nothing, or its detections.
+  std::vector<Proposal> clean_of(const PreparedFrame& prepared, Detector& detector) const;
   /// Names of the frames of this rank's hosts.
   std::vector<std::string> frames_of(long iteration) const;
 
@@ -55,6 +81,8 @@ class AttackStepper {
   AttackTarget target_;
   AttackParts parts_;
   Laplacian laplacian_;
+  std::vector<Vec3d> unit_;  ///< --parts size: the start's vertices in a box of half lengths 1
+  std::unique_ptr<CleanSights> sights_ = std::make_unique<CleanSights>();
 };
 
 }  // namespace mirage

@@ -1,5 +1,7 @@
 #include "attack/checkpoint.h"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "base/error.h"
@@ -38,6 +40,36 @@ void read_adam(const JsonFields& json, std::size_t count, long iteration, Adam& 
   adam.second = json.numbers("second", size, 0, kAny);
 }
 
+/// The mesh of the fields "vertices" and "texels", into one with as many of both.
+void read_mesh(const JsonFields& json, const AdversaryLimits& limits, TexturedMesh& mesh) {
+  mesh.mesh.vertices = read_points(json, "vertices", mesh.mesh.vertices.size());
+  mesh.atlas.texels = read_points(json, "texels", mesh.atlas.texels.size());
+  TexturedMesh within = mesh;
+  project(within, limits);
+  if (within.mesh.vertices != mesh.mesh.vertices)
+    json.fail("vertices", "one lies outside the box of the run's size");
+  if (within.atlas.texels != mesh.atlas.texels) json.fail("texels", "one is not in [0, 1]");
+}
+
+void read_held_out(const JsonFields& json, const AdversaryLimits& limits, AttackState& state) {
+  HeldOutRecord& held = state.held_out;
+  const std::size_t count = json.list("iterations", static_cast<std::size_t>(state.iteration) + 1).size();
+  if (count == 0) json.fail("iterations", "is empty");
+  long before = -1;
+  for (const double at : json.numbers("iterations", count, 0, static_cast<double>(state.iteration))) {
+    if (!(at > before) || at != std::floor(at)) json.fail("iterations", "does not rise");
+    held.iterations.push_back(before = static_cast<long>(at));
+  }
+  held.values = json.numbers("values", count, -kAny, kAny);
+  const auto lowest = std::min_element(held.values.begin(), held.values.end());
+  held.best = *lowest;
+  held.best_iteration = held.iterations[static_cast<std::size_t>(lowest - held.values.begin())];
+  if (json.integer("best_iteration", 0, state.iteration) != held.best_iteration)
+    json.fail("best_iteration", "is not that of the lowest value");
+  held.mesh = state.adversary;
+  read_mesh(json, limits, held.mesh);
+}
+
 /// InputError naming the first setting that differs.
 void check_identity(const std::filesystem::path& file, const nlohmann::json& saved,
                     const nlohmann::json& identity) {
@@ -55,6 +87,19 @@ void check_identity(const std::filesystem::path& file, const nlohmann::json& sav
 
 }  // namespace
 
+void HeldOutRecord::add(long iteration, double value, const TexturedMesh& adversary) {
+  iterations.push_back(iteration);
+  values.push_back(value);
+  if (best_iteration >= 0 && !(value < best)) return;
+  best_iteration = iteration;
+  best = value;
+  mesh = adversary;
+}
+
+bool HeldOutRecord::plateau(int steps) const {
+  return !iterations.empty() && iterations.back() - best_iteration >= steps;
+}
+
 AttackState fresh_state(const AttackSettings& settings) {
   AttackState state;
   state.adversary = initial_adversary(settings.limits);
@@ -70,14 +115,20 @@ void write_checkpoint(const std::filesystem::path& file, const AttackState& stat
   std::vector<int> hidden;
   for (const LossRow& row : state.losses)
     losses.insert(losses.end(), {row.hide, row.false_positive, row.laplacian}), hidden.push_back(row.hidden);
-  const nlohmann::json json = {{"identity", identity},
-                               {"iteration", state.iteration},
-                               {"vertices", flat(state.adversary.mesh.vertices)},
-                               {"texels", flat(state.adversary.atlas.texels)},
-                               {"adam_vertices", to_json(state.vertices)},
-                               {"adam_texels", to_json(state.texels)},
-                               {"losses", losses},
-                               {"hidden", hidden}};
+  nlohmann::json json = {{"identity", identity},
+                         {"iteration", state.iteration},
+                         {"vertices", flat(state.adversary.mesh.vertices)},
+                         {"texels", flat(state.adversary.atlas.texels)},
+                         {"adam_vertices", to_json(state.vertices)},
+                         {"adam_texels", to_json(state.texels)},
+                         {"losses", losses},
+                         {"hidden", hidden}};
+  if (const HeldOutRecord& held = state.held_out; !held.iterations.empty())
+    json["held_out"] = {{"iterations", held.iterations},
+                        {"values", held.values},
+                        {"best_iteration", held.best_iteration},
+                        {"vertices", flat(held.mesh.mesh.vertices)},
+                        {"texels", flat(held.mesh.atlas.texels)}};
   write_file(file, json_text(json));
 }
 
@@ -91,22 +142,20 @@ AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::j
   Vec3d half;
   for (int c = 0; c < 3; ++c) half[c] = identity.at("limits").at(static_cast<std::size_t>(c));
   state.adversary = initial_adversary({half});
-  auto& vertices = state.adversary.mesh.vertices;
-  auto& texels = state.adversary.atlas.texels;
-  vertices = read_points(json, "vertices", vertices.size());
-  texels = read_points(json, "texels", texels.size());
-  TexturedMesh within = state.adversary;
-  project(within, {half});
-  if (within.mesh.vertices != vertices) json.fail("vertices", "one lies outside the box of the run's size");
-  if (within.atlas.texels != texels) json.fail("texels", "one is not in [0, 1]");
+  const auto& vertices = state.adversary.mesh.vertices;
+  const auto& texels = state.adversary.atlas.texels;
+  read_mesh(json, {half}, state.adversary);
   state.vertices.learning_rate = identity.at("vertex_rate");
   state.texels.learning_rate = identity.at("texel_rate");
-  read_adam(json.object("adam_vertices"), 3 * vertices.size(), state.iteration, state.vertices);
+  const bool size_alone = identity.value("parts", "both") == "size";  // three numbers are learned
+  read_adam(json.object("adam_vertices"), size_alone ? 3 : 3 * vertices.size(), state.iteration,
+            state.vertices);
   read_adam(json.object("adam_texels"), 3 * texels.size(), state.iteration, state.texels);
   const auto rows = static_cast<std::size_t>(state.iteration);  // one a step
   const auto losses = json.numbers("losses", 3 * rows, -kAny, kAny);
   for (std::size_t i = 0; i < losses.size(); i += 3)
     state.losses.push_back({losses[i], losses[i + 1], losses[i + 2]});
+  if (json.has("held_out")) read_held_out(json.object("held_out"), {half}, state);
   if (!json.has("hidden")) return state;  // checkpoints of before
   const auto hidden = json.numbers("hidden", rows, -1, std::numeric_limits<int>::max());
   for (std::size_t i = 0; i < rows; ++i) state.losses[i].hidden = static_cast<int>(hidden[i]);

@@ -21,12 +21,28 @@ struct LossRow {
   double loss() const { return hide + false_positive + laplacian; }
 };
 
+/// What --until-plateau remembers: the objective on vehicles that are not learned on, and the mesh with the
+/// lowest.
+struct HeldOutRecord {
+  std::vector<long> iterations;  ///< after how many steps; rising
+  std::vector<double> values;    ///< the objective then
+  long best_iteration = -1;      ///< of the lowest value, the first of equal ones; −1 before any
+  double best = 0;               ///< that value
+  TexturedMesh mesh;             ///< as it was then
+
+  /// Adds a value; keeps the mesh if it is lower than all before.
+  void add(long iteration, double value, const TexturedMesh& adversary);
+  /// Whether the last check found that `steps` steps have brought nothing.
+  bool plateau(int steps) const;
+};
+
 /// What an attack goes on from.
 struct AttackState {
   long iteration = 0;
   TexturedMesh adversary;
   Adam vertices, texels;
   std::vector<LossRow> losses;
+  HeldOutRecord held_out;
 };
 
 /// Before the first iteration: the initial adversary and optimisers with the settings' rates.

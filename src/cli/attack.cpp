@@ -18,6 +18,14 @@ std::string buildable_words(const nlohmann::json& report) {
       1e4 * report.at("base_area_m2").get<double>(), 100 * report.at("texels_in_print_range").get<double>());
 }
 
+/// How the attack ended, in a line.
+std::string plateau_words(const nlohmann::json& plateau) {
+  return fmt::format(
+      "{}; the mesh of step {} is kept, the best on {} vehicles held out",
+      plateau.at("stopped").get<bool>() ? "reached" : "not reached, more --iterations may help",
+      plateau.at("kept_iteration").get<long>(), plateau.at("vehicles").get<int>());
+}
+
 }  // namespace
 
 Command attack_command() {
@@ -34,7 +42,9 @@ Command attack_command() {
     add_depth_option(app, settings->depth);
     add_rooftop_option(app, settings->rooftop);
     app.add_option("--target", settings->target, "both, image, lidar or random")->capture_default_str();
-    app.add_option("--parts", settings->parts, "what is learned: both, shape or texture")
+    app.add_option(
+           "--parts", settings->parts,
+           "what is learned: both, shape, texture, or size (the start's three half lengths alone, a control)")
         ->capture_default_str();
     app.add_option("--size", *size,
                    "L: the mesh stays within ±L along and across the roof and ±5/8 L in height, m")
@@ -49,6 +59,15 @@ Command attack_command() {
     app.add_option("--min-thickness", settings->buildable.min_thickness, "with --buildable: wall, m")
         ->capture_default_str();
     app.add_option("--iterations", settings->iterations, "Adam steps")->capture_default_str();
+    app.add_option(
+           "--until-plateau", settings->until_plateau,
+           "end where the objective on a part of the training vehicles that is held out (a fifth of the "
+           "frames, at most 16 vehicles) has not improved for so many steps, and keep the best mesh; 0: "
+           "after --iterations, with the last mesh")
+        ->capture_default_str();
+    app.add_option("--validate-every", settings->validation_every,
+                   "with --until-plateau: steps between two looks at that objective")
+        ->capture_default_str();
     app.add_option("--batch", settings->batch, "host vehicles a step")->capture_default_str();
     app.add_option("--checkpoint-every", settings->checkpoint_every, "steps between checkpoints")
         ->check(CLI::PositiveNumber)
@@ -60,6 +79,12 @@ Command attack_command() {
     app.add_option("--min-view", settings->min_view, "share of the adversary in view that a host needs")
         ->capture_default_str();
     app.add_option("--lambda-fp", settings->objective.lambda_fp, "weight of false positives")
+        ->capture_default_str();
+    settings->objective.fp_top_k = kFpTopK;
+    app.add_option(
+           "--fp-top-k", settings->objective.fp_top_k,
+           "false positives are sought among so many background proposals, those of the largest logits; 0: "
+           "among all of a score over 0.1")
         ->capture_default_str();
     app.add_option("--lambda-lap", settings->objective.lambda_laplacian, "weight of smoothness")
         ->capture_default_str();
@@ -80,14 +105,16 @@ Command attack_command() {
     settings->expectation = parse_expectation(*expect);
     settings->limits = limits_of_size(*size);
     const AttackResult result = run_attack(*settings);
-    print_table({{"vehicles to train on", std::to_string(result.vehicles_train)},
+    Rows rows = {{"vehicles to train on", std::to_string(result.vehicles_train)},
                  {"vehicles held back", std::to_string(result.vehicles_test)},
                  {"roofs", roofs(result.rooftops.fitted, result.rooftops.from_box)},
                  {"iterations", std::to_string(result.iterations)},
                  {"loss (mean of the last tenth)", fmt::format("{:.4f}", result.loss)},
                  {"seconds an iteration", fmt::format("{:.2f}", result.seconds_per_iteration)},
                  {"buildable", buildable_words(result.buildable)},
-                 {"adversary", (common.out / "adversary.glb").string()}});
+                 {"adversary", (common.out / "adversary.glb").string()}};
+    if (!result.plateau.is_null()) rows.insert(rows.begin() + 4, {"plateau", plateau_words(result.plateau)});
+    print_table(rows);
     return {{"vehicles_train", result.vehicles_train},
             {"vehicles_test", result.vehicles_test},
             {"rooftops", to_json(result.rooftops)},
@@ -95,7 +122,8 @@ Command attack_command() {
             {"loss", result.loss},
             {"seconds_per_iteration", result.seconds_per_iteration},
             {"stages", result.stages},
-            {"buildable", result.buildable}};
+            {"buildable", result.buildable},
+            {"plateau", result.plateau}};
   };
   command.many_ranks = true;
   return command;

@@ -55,6 +55,16 @@ TEST_F(Ranks, OneTwoAndFourProcessesLearnTheSameBits) {
   }
 }
 
+TEST_F(Ranks, ThePlateauIsTheSameOnAnyNumberOfProcesses) {
+  const std::string plateau = " --until-plateau 2 --validate-every 1 --fp-top-k 20";
+  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("one", 3) + plateau), 0)
+      << read_file(folder_ / "said");
+  ASSERT_EQ(shell(folder_, on_ranks(2, attack("two", 3) + plateau)), 0) << read_file(folder_ / "said");
+  EXPECT_EQ(read_file(folder_ / "two/adversary.glb"), read_file(folder_ / "one/adversary.glb"));
+  EXPECT_EQ(read_json(folder_ / "two/result.json").at("plateau"),
+            read_json(folder_ / "one/result.json").at("plateau"));
+}
+
 TEST_F(Ranks, ADeadRankEndsTheRunAndTheCheckpointGoesOn) {
   const auto checkpoint = folder_ / "run" / "checkpoint.json";
   std::thread killer([&] {

@@ -1,0 +1,39 @@
+#include "attack/validation_part.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <string>
+
+#include "base/error.h"
+#include "base/random.h"
+
+namespace mirage {
+
+ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t seed) {
+  std::map<std::string, std::size_t> hosts;  // of each frame
+  for (const Host& host : train) ++hosts[host.id.frame];
+  std::vector<std::string> frames;
+  for (const auto& [frame, count] : hosts) frames.push_back(frame);
+  if (frames.size() < 2)
+    throw InputError("--until-plateau", std::to_string(frames.size()) + " training frame",
+                     "has no second one to hold out", "give more frames, or leave the option out");
+  RandomStream random(seed, "validation part");
+  for (std::size_t i = frames.size(); i > 1; --i)
+    std::swap(frames[i - 1], frames[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
+  const auto most = std::clamp<std::size_t>(
+      static_cast<std::size_t>(std::lround(kHeldOutShare * static_cast<double>(frames.size()))), 1,
+      frames.size() - 1);
+  std::set<std::string> held;
+  std::size_t vehicles = 0;
+  for (std::size_t i = 0; i < most && vehicles < kMostHeldOut; ++i) {
+    held.insert(frames[i]);
+    vehicles += hosts[frames[i]];
+  }
+  ValidationPart part;
+  for (const Host& host : train) (held.contains(host.id.frame) ? part.held_out : part.learn).push_back(host);
+  return part;
+}
+
+}  // namespace mirage
