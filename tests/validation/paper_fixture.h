@@ -60,6 +60,7 @@ inline nlohmann::json evaluation_json(const MadeUp& learned, const MadeUp& rando
   json["reliance"] = to_json(made_up_reliance(uses_picture));
   json["random"] = outcomes_json(random);
   json["random"]["meshes"] = 1;
+  json["sized"] = json["random"];
   return json;
 }
 

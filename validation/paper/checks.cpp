@@ -45,17 +45,14 @@ Check check(const std::string& where, const std::vector<const Outcomes*>& used,
   Check made;
   made.rig = where;
   made.vehicles = fewest(used);
-  std::vector<Verdict> verdicts;
-  for (const Comparison& one : comparisons) verdicts.push_back(one.verdict);
   int frames = std::numeric_limits<int>::max(), clusters = frames;
   for (const Outcomes* one : used) {
     frames = std::min(frames, one->frames());
     clusters = std::min(clusters, one->clusters());
   }
-  const bool few = made.vehicles < kFewest || clusters < kFewestClusters;
-  made.verdict = few ? Verdict::open : all_of(verdicts);
+  made.few = made.vehicles < kFewest || clusters < kFewestClusters;
   made.sentence = std::move(sentence);
-  if (few)
+  if (made.few)
     made.sentence += fmt::format("; too few to tell: {} vehicle{} in {} frame{}", made.vehicles,
                                  made.vehicles == 1 ? "" : "s", frames, frames == 1 ? "" : "s");
   made.why = std::move(why);
@@ -75,9 +72,76 @@ Check about_images(Check made, const std::vector<const Outcomes*>& attacked) {
   return made;
 }
 
-Comparison more(const std::string& what, const Outcomes& a, const Outcomes& b, const Which& which) {
-  const Interval difference = success_difference(a, b, which);
-  return {what, difference, is_more(difference)};
+Comparison more(const std::string& what, const Outcomes& a, const Outcomes& b, const Which& which,
+                Claim claim) {
+  return comparison(what, success_difference(a, b, which), claim);
+}
+
+namespace {
+
+Verdict verdict_of(const Check& one) {
+  std::vector<Verdict> verdicts;
+  for (const Comparison& c : one.comparisons) verdicts.push_back(c.verdict);
+  if (one.few || verdicts.empty()) return Verdict::open;
+  if (one.agree &&
+      std::any_of(verdicts.begin(), verdicts.end(), [&](Verdict other) { return other != verdicts.front(); }))
+    return Verdict::open;
+  return all_of(verdicts);
+}
+
+std::string with_thousands(long number) {
+  std::string text = std::to_string(number);
+  for (int at = static_cast<int>(text.size()) - 3; at > 0; at -= 3)
+    text.insert(static_cast<std::size_t>(at), " ");
+  return text;
+}
+
+void settle_check(Check& one) {
+  one.verdict = verdict_of(one);
+  if (one.comparisons.empty()) return;
+  if (one.comparisons.size() > 1) {
+    std::string list;
+    for (const Comparison& c : one.comparisons)
+      list += fmt::format("{}{}: {}", list.empty() ? "" : ", ", c.what, to_string(c.verdict));
+    one.sentence += "; " + list;
+  }
+  for (const Comparison& c : one.comparisons)
+    if (!one.few && c.verdict == Verdict::open && judge(c.claim, c.difference) != Verdict::open)
+      one.sentence +=
+          fmt::format("; {} would be told alone (p = {:.3f}), not among the {} questions of this run", c.what,
+                      c.p, c.family);
+  if (one.verdict != Verdict::open) return;
+  std::optional<long> most;
+  bool never = false, unsettled = false;
+  for (const Comparison& c : one.comparisons) {
+    if (c.verdict != Verdict::open && !one.few) continue;
+    unsettled = true;
+    const auto needed = vehicles_needed(c, one.vehicles);
+    never = never || !needed;
+    if (needed) most = std::max(most.value_or(0), *needed);
+  }
+  if (!unsettled) return;  // the comparisons are told, and contradict each other
+  if (never) {
+    one.sentence +=
+        "; no number of vehicles can be given that would tell: the difference is too close to its bound, "
+        "or its spread is not known";
+    return;
+  }
+  one.vehicles_needed = one.few ? std::max<long>(*most, kFewest) : *most;
+  one.sentence += fmt::format("; it would take about {} vehicles", with_thousands(*one.vehicles_needed));
+}
+
+}  // namespace
+
+void settle(std::vector<Finding>& findings) {
+  std::vector<Comparison*> family;
+  for (Finding& finding : findings)
+    for (Check& one : finding.checks)
+      if (!one.few)
+        for (Comparison& c : one.comparisons) family.push_back(&c);
+  correct(family);
+  for (Finding& finding : findings)
+    for (Check& one : finding.checks) settle_check(one);
 }
 
 }  // namespace mirage::paper

@@ -27,9 +27,14 @@ Check check(const std::string& where, const std::vector<const Outcomes*>& used,
 /// nothing can be told, and its note stands in place of all sentences.
 Check about_images(Check made, const std::vector<const Outcomes*>& attacked);
 
-/// success(a) > success(b).
-Comparison more(const std::string& what, const Outcomes& a, const Outcomes& b,
-                const Which& which = is_fooled);
+/// The claim about success(a) − success(b).
+Comparison more(const std::string& what, const Outcomes& a, const Outcomes& b, const Which& which = is_fooled,
+                Claim claim = Claim::more);
+
+/// Corrects the comparisons of all findings as one family, and says what follows: verdicts of the checks, and
+/// in their sentences which of several comparisons tell what, what the correction leaves open, and how many
+/// vehicles it would take.
+void settle(std::vector<Finding>& findings);
 
 /// The finding's checks on each rig for which `make` finds its evaluations.
 template <class Make>

@@ -21,10 +21,10 @@ Finding defence(const Evidence& evidence, const std::string& name, const std::st
     const Outcomes *without = evidence.learned(evaluation(rig, before)),
                    *with = evidence.learned(evaluation(rig, after));
     if (!without || !with) return;
-    Comparison taken = more(quantity + " taken off", *without, *with, which);
+    const Comparison taken =
+        more(quantity + " taken off", *without, *with, which, name == "jpeg" ? Claim::no_help : Claim::more);
     std::string margin;
     if (name == "jpeg") {
-      taken.verdict = is_no_help(taken.difference);
       margin = fmt::format(" (under {:.0f} points counts as none)", 100 * kMargin);
     }
     const std::string why =
@@ -95,7 +95,7 @@ Finding harder(const Evidence& evidence) {
           }
           Check made =
               check(title(rig) + ", " + words, {none, with},
-                    {{"share of the false positives left − of the misses", difference, is_more(difference)}},
+                    {comparison("share of the false positives left − of the misses", difference)},
                     fmt::format("left are {:.0f} % of the misses (FN ASR {} → {}) and {:.0f} % of the false "
                                 "positives (FP ASR {} → {}); difference {}",
                                 100 * misses, asr(a, is_hidden), asr(b, is_hidden), 100 * positives,

@@ -58,6 +58,7 @@ struct Row {
   std::string label, rig;
   std::string evaluation;               ///< case; empty for none
   bool random = false;                  ///< the evaluation's random meshes instead of the learned one
+  bool sized = false;                   ///< its random meshes of the learned one's size
   bool image = false;                   ///< an experiment on the image: void if the detector ignores it
   bool clean = false;                   ///< the frames as recorded (recall curves)
   std::string detection;                ///< case of the clean AP; empty for none

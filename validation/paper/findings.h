@@ -1,5 +1,5 @@
 // Which findings of the paper hold in the numbers measured here: a claim is a statement about a difference of
-// shares, and its verdict follows from where the 95 % interval of that difference lies.
+// shares, and its verdict follows from where the 95 % interval of that difference lies (verdicts.h).
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -7,36 +7,16 @@
 #include <vector>
 
 #include "validation/paper/tables.h"
+#include "validation/paper/verdicts.h"
 
 namespace mirage::paper {
 
-/// open: the interval lies on both sides, so these vehicles cannot tell.
-enum class Verdict { holds, fails, open };
-std::string to_string(Verdict verdict);
-
-/// Differences below this share count as none where a claim is "no worse than" or "does not help".
-inline constexpr double kMargin = 0.05;
 /// A false positive is far from the host beyond this, m: about three lengths of a car, as the pictures of
 /// mirage evaluate have it.
 inline constexpr double kFar = 12;
 /// Fewer vehicles or false positives than this, or fewer clusters, tell nothing whatever the interval says.
 inline constexpr int kFewest = 10;
 inline constexpr int kFewestClusters = 5;
-
-/// difference > 0: holds with the whole interval above 0, fails with the whole interval below.
-Verdict is_more(const Interval& difference);
-/// difference ≥ 0 up to kMargin: holds with the whole interval above −kMargin, fails with all of it below 0.
-Verdict is_no_less(const Interval& difference);
-/// difference ≤ 0 up to kMargin: holds with the whole interval below kMargin, else fails with all above 0.
-Verdict is_no_help(const Interval& reduction);
-/// fails if one fails, else open if one is open.
-Verdict all_of(const std::vector<Verdict>& verdicts);
-
-struct Comparison {
-  std::string what;
-  Interval difference;
-  Verdict verdict = Verdict::open;
-};
 
 /// A finding on one rig's data.
 struct Check {
@@ -46,6 +26,10 @@ struct Check {
   std::string why;       ///< other evidence that speaks to the cause; may be empty
   int vehicles = 0;
   std::vector<Comparison> comparisons;
+  bool few = false;    ///< too few vehicles or clusters: open, and no part of the family
+  bool agree = false;  ///< its comparisons are the same question asked twice: open unless they agree
+  /// What it would take to tell, where it is open and a number follows.
+  std::optional<long> vehicles_needed = {};
 };
 
 struct Finding {
@@ -53,15 +37,17 @@ struct Finding {
   std::vector<Check> checks;  ///< empty: nothing was measured that could tell
 };
 
-/// The paper's findings, in its order, on every rig whose evaluations are there.
+/// The paper's findings, in its order, on every rig whose evaluations are there; their comparisons corrected
+/// as one family.
 std::vector<Finding> findings(const Evidence& evidence);
 
 /// Over the finding's checks: "holds" or "does not hold" if those that can be told agree, "holds in part" if
 /// they do not, "cannot be told", "not measured" without any.
 std::string overall(const Finding& finding);
 
-/// [{name, claim, verdict, checks: [{rig, verdict, sentence, why, vehicles, comparisons: [{what, difference:
-/// {value, low, high}, verdict}]}]}]
+/// [{name, claim, verdict, checks: [{rig, verdict, sentence, why, vehicles, vehicles_needed, comparisons:
+/// [{what, difference: {value, low, high}, verdict, p, p_family}]}]}]; vehicles_needed is null where it is
+/// told.
 nlohmann::json findings_json(const std::vector<Finding>& findings);
 
 }  // namespace mirage::paper

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <set>
 
+#include "attack/baseline.h"
 #include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
@@ -78,8 +79,9 @@ bool is_same_run(const Case& one, const json& run, const json& result, const jso
   return run.at("data") == fs::absolute(argument(one, "--data")).lexically_normal().string() &&
          run.at("detector") == argument(one, "--detector") && run.at("target") == target &&
          run.value("defense", "none") == argument(one, "--defense", "none") &&
-         run.value("parts", "both") == "both" && run.at("weights_hash") == read.at("weights") &&
-         close(run.at("seed"), number(one, "--seed", 0)) &&
+         run.value("parts", "both") == "both" && !run.contains("validation") &&
+         close(run.value("fp_top_k", 0), number(one, "--fp-top-k", 0)) &&
+         run.at("weights_hash") == read.at("weights") && close(run.at("seed"), number(one, "--seed", 0)) &&
          close(run.at("batch"), number(one, "--batch", 2)) &&
          close(run.at("vertex_rate"), number(one, "--vertex-rate", 1e-3)) &&
          close(run.at("texel_rate"), number(one, "--texel-rate", 4e-3)) && close(limits.at(0), size) &&
@@ -103,8 +105,13 @@ bool is_plausible(const Case& one, const fs::path& out, const json& result, cons
         if (fs::last_write_time(out / need / "adversary.glb") > written) return false;
       const double meshes = number(one, "--random-meshes", 0);
       if (meshes < 1) return true;
-      return result.contains("random") && result.at("random").is_object() &&
-             result.at("random").value("meshes", 1) >= meshes;
+      for (const Baseline kind : parse_baselines(argument(one, "--baseline"))) {
+        const std::string key = kind == Baseline::start ? "random" : to_string(kind);
+        if (!result.contains(key) || !result.at(key).is_object() ||
+            result.at(key).value("meshes", 1) < meshes)
+          return false;
+      }
+      return true;
     }
     case Case::Kind::detection:
       return true;

@@ -4,6 +4,8 @@
 #include <set>
 #include <tuple>
 
+#include "attack/baseline.h"
+#include "attack/hiding.h"
 #include "base/error.h"
 #include "base/files.h"
 
@@ -106,13 +108,16 @@ Judged read_evaluation(const std::filesystem::path& file, const std::string& dat
   try {
     const auto learned = read_outcomes(json, data);
     learned->reliance = json.value("reliance", nlohmann::json());
-    Judged judged{learned, nullptr};
-    if (json.contains("random") && json.at("random").is_object() && json.at("random").contains("outcomes")) {
-      const auto random = read_outcomes(json.at("random"), data);
-      random->reliance = learned->reliance;
-      judged.random = random;
-    }
-    return judged;
+    learned->name = "learned mesh";
+    const auto other = [&](const char* key, Baseline kind) -> std::shared_ptr<const Outcomes> {
+      if (!json.contains(key) || !json.at(key).is_object() || !json.at(key).contains("outcomes"))
+        return nullptr;
+      const auto made = read_outcomes(json.at(key), data);
+      made->reliance = learned->reliance;
+      made->name = describe(kind);
+      return made;
+    };
+    return {learned, other("random", Baseline::start), other("sized", Baseline::sized)};
   } catch (const nlohmann::json::exception& error) {
     throw InputError(file.string(), "", error.what(), "delete the folder and run the same command again");
   }
@@ -122,10 +127,17 @@ Interval success(const Outcomes& outcomes, const Which& which) {
   return share(by_cluster(outcomes, is_detected, which));
 }
 
+Interval vanished(const Outcomes& outcomes) {
+  const double least = kHidingRules.front().iou;
+  return share(by_cluster(
+      outcomes, [&](const Outcome& host) { return host.clean_iou > least; },
+      [&](const Outcome& host) { return !(host.attacked_iou > least); }));
+}
+
 Outcomes shared_hosts(const Outcomes& a, const Outcomes& b) {
   std::set<std::pair<std::string, int>> names;
   for (const Outcome& host : b.hosts) names.insert({host.frame, host.label});
-  Outcomes kept{a.data, {}, a.meshes, 0};
+  Outcomes kept{a.name, a.data, {}, a.meshes, 0};
   for (const Outcome& host : a.hosts) {
     if (!names.contains({host.frame, host.label})) continue;
     kept.hosts.push_back(host);

@@ -30,6 +30,7 @@ struct Outcome {
 };
 
 struct Outcomes {
+  std::string name;  ///< "learned mesh", "random mesh", "random mesh of its size"
   std::string data;  ///< which frames: hosts of equal data, frame and label are the same
   std::vector<Outcome> hosts;
   int meshes = 1;
@@ -50,13 +51,19 @@ bool is_fooled(const Outcome&);
 
 /// The outcomes of an evaluation's result.json, and those of its random meshes (null if it has none). `data`
 /// names the frames. InputError naming file and key.
+/// `sized`: those of random meshes of the learned one's extents (attack/baseline.h), of which evaluations of
+/// before know nothing.
 struct Judged {
-  std::shared_ptr<const Outcomes> learned, random;
+  std::shared_ptr<const Outcomes> learned, random, sized;
 };
 Judged read_evaluation(const std::filesystem::path& file, const std::string& data);
 
 /// Share of the vehicles detected clean for which `which` holds; 95 % interval by bootstrap over clusters.
 Interval success(const Outcomes& outcomes, const Which& which);
+
+/// Share of the vehicles found clean at all (IoU > 0.1 with a detection) of which nothing is found any more:
+/// what attack/hiding.h calls vanished.
+Interval vanished(const Outcomes& outcomes);
 
 /// success(a) − success(b), paired: both are of the same data, only hosts that stand in both count, and the
 /// clusters are drawn together.

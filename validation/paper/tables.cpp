@@ -35,6 +35,7 @@ std::string why_missing(const std::set<std::string>& names, const Evidence& evid
 }
 
 json value_of(const std::string& key, const Row& row, const Outcomes& outcomes) {
+  if (key == "vanished") return to_json(vanished(outcomes));
   if (key == "fn_asr") return to_json(success(outcomes, is_hidden));
   if (key == "fp_asr") return to_json(success(outcomes, is_false_positive));
   if (key == "asr") return to_json(success(outcomes, is_fooled));
@@ -63,7 +64,9 @@ json row_json(const Table& table, const Row& row, const Experiments& experiments
   for (const auto& [key, percent] : row.paper) made["paper"][key] = percent / 100;
   if (row.size > 0) made["size"] = row.size;
   if (!row.source.empty()) made["source"] = row.source, made["target"] = row.target;
-  const Outcomes* outcomes = row.random ? evidence.random(row.evaluation) : evidence.learned(row.evaluation);
+  const Outcomes* outcomes = row.random  ? evidence.random(row.evaluation)
+                             : row.sized ? evidence.sized(row.evaluation)
+                                         : evidence.learned(row.evaluation);
   if (outcomes) {
     made["vehicles"] = outcomes->vehicles;
     made["hosts"] = outcomes->hosts.size() / static_cast<std::size_t>(std::max(1, outcomes->meshes));
@@ -73,6 +76,10 @@ json row_json(const Table& table, const Row& row, const Experiments& experiments
     for (const Column& column : table.columns)
       if (const json value = value_of(column.key, row, *outcomes); !value.is_null())
         made["values"][column.key] = value;
+    const Outcomes* sized = row.random || row.sized ? nullptr : evidence.sized(row.evaluation);
+    for (const Column& column : table.columns)
+      if (column.key == "net" && sized)
+        made["values"]["net"] = to_json(success_difference(*outcomes, *sized, is_fooled));
     if (table.name == "fig3") made["curve"] = recall_curve(*outcomes, row.clean);
     if (table.name != "fig3") made["false_positive_distances"] = false_positive_distances(*outcomes);
   } else {
@@ -132,6 +139,16 @@ const Outcomes* Evidence::learned(const std::string& evaluation) const {
 const Outcomes* Evidence::random(const std::string& evaluation) const {
   const auto found = evaluations.find(evaluation);
   return found == evaluations.end() ? nullptr : found->second.random.get();
+}
+
+const Outcomes* Evidence::sized(const std::string& evaluation) const {
+  const auto found = evaluations.find(evaluation);
+  return found == evaluations.end() ? nullptr : found->second.sized.get();
+}
+
+const Outcomes* Evidence::control(const std::string& evaluation) const {
+  const Outcomes* of_its_size = sized(evaluation);
+  return of_its_size ? of_its_size : random(evaluation);
 }
 
 Evidence gather(const Experiments& experiments, const std::filesystem::path& out,

@@ -28,6 +28,10 @@ struct Evidence {
   /// Null where it is missing or failed.
   const Outcomes* learned(const std::string& evaluation) const;
   const Outcomes* random(const std::string& evaluation) const;
+  const Outcomes* sized(const std::string& evaluation) const;
+  /// What a learned mesh has to beat: the random meshes of its size, or where an evaluation of before has
+  /// none those of the start's.
+  const Outcomes* control(const std::string& evaluation) const;
 };
 
 /// Reads the results of the cases whose step is done; one that can't be read becomes a failed step.

@@ -1,0 +1,218 @@
+// The verdicts on the paper's findings, from made-up evaluations.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <memory>
+
+#include "base/files.h"
+#include "support/files.h"
+#include "validation/paper/findings.h"
+#include "validation/paper_fixture.h"
+
+namespace mirage::paper {
+namespace {
+
+namespace fs = std::filesystem;
+using mirage::test::evaluation_json;
+using mirage::test::MadeUp;
+using mirage::test::TemporaryFolder;
+using nlohmann::json;
+using testing::HasSubstr;
+
+/// Evidence made of evaluations by their run's name.
+class Findings : public testing::Test {
+ protected:
+  void judged(const std::string& run, const MadeUp& learned, const MadeUp& random = {},
+              bool uses_picture = true) {
+    const fs::path file = folder_ / ("evaluation-" + std::to_string(count_++) + ".json");
+    write_json(file, evaluation_json(learned, random, uses_picture));
+    evidence_.evaluations["evaluations/" + run] = read_evaluation(file, "data");
+  }
+  Check only(const std::string& name) {
+    for (const Finding& finding : findings(evidence_))
+      if (finding.name == name) return finding.checks.empty() ? Check() : finding.checks.front();
+    ADD_FAILURE() << name;
+    return {};
+  }
+  TemporaryFolder folder_;
+  Evidence evidence_;
+  int count_ = 0;
+};
+
+TEST_F(Findings, TheOrderHolds) {
+  judged("kitti64-fusion-both", {120, 5, 4, 0}, {120, 5, 0, 0});
+  judged("kitti64-fusion-image", {120, 5, 4, 0});
+  judged("kitti64-fusion-lidar", {120, 5, 2, 0});
+  judged("kitti64-lidar-lidar", {120, 5, 3, 0});
+  EXPECT_EQ(only("order").verdict, Verdict::holds);
+  EXPECT_EQ(only("fusion").verdict, Verdict::holds);
+  EXPECT_THAT(only("image").why, HasSubstr("recall at IoU 0.7 100.0 %"));
+  EXPECT_EQ(only("image").verdict, Verdict::holds);
+  EXPECT_THAT(only("image").sentence,
+              testing::AllOf(HasSubstr("60.0 %"), HasSubstr("30.0 %"), HasSubstr("+30.0")));
+}
+
+TEST_F(Findings, TheOrderDoesNotHold) {
+  judged("kitti64-fusion-both", {40, 5, 4, 0}, {40, 5, 0, 0});
+  judged("kitti64-fusion-image", {40, 5, 1, 0});
+  judged("kitti64-fusion-lidar", {40, 5, 3, 0});
+  EXPECT_EQ(only("order").verdict, Verdict::fails);
+  EXPECT_EQ(only("image").verdict, Verdict::fails);
+}
+
+TEST_F(Findings, ADetectorThatDoesNotUseItsPictureTellsNothingAboutImages) {
+  judged("kitti64-fusion-both", {120, 5, 4, 0}, {120, 5, 0, 0}, false);
+  judged("kitti64-fusion-image", {120, 5, 4, 0}, {}, false);
+  judged("kitti64-fusion-lidar", {120, 5, 2, 0}, {}, false);
+  judged("kitti64-lidar-lidar", {120, 5, 3, 0}, {}, false);
+  for (const char* name : {"order", "fusion", "image"}) {
+    EXPECT_EQ(only(name).verdict, Verdict::open) << name;
+    EXPECT_EQ(only(name).sentence, "this detector does not use its picture: nothing follows about images");
+    EXPECT_TRUE(only(name).comparisons.empty());
+    EXPECT_TRUE(only(name).why.empty());
+  }
+}
+
+TEST_F(Findings, VehiclesAreDrawnAndNotFramesWhereTheyAreKnown) {
+  // 40 frames show the same four vehicles: too few to tell what 200 boxes seem to.
+  json made = evaluation_json({40, 5, 4, 0}, {}), other = evaluation_json({40, 5, 2, 0}, {});
+  for (json* one : {&made, &other})
+    for (json& host : one->at("outcomes")) host["track"] = 1000 + host.at("label").get<int>() % 4;
+  write_json(folder_ / "a.json", made);
+  write_json(folder_ / "b.json", other);
+  evidence_.evaluations["evaluations/kitti64-fusion-image"] = read_evaluation(folder_ / "a.json", "data");
+  evidence_.evaluations["evaluations/kitti64-fusion-lidar"] = read_evaluation(folder_ / "b.json", "data");
+  EXPECT_EQ(evidence_.learned("evaluations/kitti64-fusion-image")->clusters(), 4);
+  EXPECT_EQ(only("image").verdict, Verdict::open);
+  EXPECT_THAT(only("image").sentence, HasSubstr("too few"));
+}
+
+TEST_F(Findings, AStrongerMeshFromElsewhereUnsettlesTheComparison) {
+  judged("kitti64-fusion-lidar", {40, 5, 3, 0});
+  judged("kitti64-lidar-lidar", {40, 5, 1, 0});
+  EXPECT_EQ(only("fusion").verdict, Verdict::fails);
+  judged("kitti64-fusion-both--on--kitti64-lidar-lidar", {40, 5, 3, 0});
+  EXPECT_EQ(only("fusion").verdict, Verdict::open);
+  judged("kitti64-fusion-both--on--kitti64-lidar-lidar", {40, 5, 2, 0});
+  EXPECT_EQ(only("fusion").verdict, Verdict::fails);
+}
+
+TEST_F(Findings, EqualSharesTellNothing) {
+  judged("kitti64-fusion-image", {40, 5, 2, 0});
+  judged("kitti64-fusion-lidar", {40, 5, 2, 0});
+  EXPECT_EQ(only("image").verdict, Verdict::open);
+}
+
+TEST_F(Findings, FewVehiclesTellNothing) {
+  judged("kitti64-fusion-image", {3, 3, 3, 0});
+  judged("kitti64-fusion-lidar", {3, 3, 0, 0});
+  EXPECT_EQ(only("image").verdict, Verdict::open);
+  EXPECT_THAT(only("image").sentence, HasSubstr("too few"));
+}
+
+TEST_F(Findings, OnlyHostsOfBothRunsAreCompared) {
+  judged("kitti64-fusion-image", {40, 5, 4, 0});
+  judged("kitti64-fusion-lidar", {20, 5, 2, 0});
+  const Outcomes *image = evidence_.learned("evaluations/kitti64-fusion-image"),
+                 *lidar = evidence_.learned("evaluations/kitti64-fusion-lidar");
+  EXPECT_EQ(shared_hosts(*image, *lidar).vehicles, 100);
+  EXPECT_NEAR(success_difference(*image, *lidar, is_hidden).value, 0.3, 1e-12);
+}
+
+TEST_F(Findings, PairingNarrowsTheDifference) {
+  // The same frames are hard for both: apart, each share is uncertain; together, the difference is not.
+  judged("kitti64-fusion-image", {40, 5, 4, 0});
+  judged("kitti64-fusion-lidar", {40, 5, 3, 0});
+  const Outcomes *image = evidence_.learned("evaluations/kitti64-fusion-image"),
+                 *lidar = evidence_.learned("evaluations/kitti64-fusion-lidar");
+  const Interval difference = success_difference(*image, *lidar, is_fooled), a = success(*image, is_fooled),
+                 b = success(*lidar, is_fooled);
+  EXPECT_GT(difference.low, 0);
+  EXPECT_LT(a.low, b.high);  // apart they overlap
+}
+
+TEST_F(Findings, SizeIsASlope) {
+  const int hidden[] = {0, 1, 2, 3, 4};
+  const char* runs[] = {"kitti64-fusion-both-size0.2", "kitti64-fusion-both-size0.4",
+                        "kitti64-fusion-both-size0.6", "kitti64-fusion-both", "kitti64-fusion-both-size1.0"};
+  for (std::size_t i = 0; i < 5; ++i) judged(runs[i], {40, 5, hidden[i], 0});
+  EXPECT_EQ(only("size").verdict, Verdict::holds);
+  EXPECT_NEAR(only("size").comparisons[0].difference.value, 0.075, 1e-9);  // 15 points for 0.2 m
+  for (std::size_t i = 0; i < 5; ++i) judged(runs[i], {40, 5, hidden[4 - i], 0});
+  EXPECT_EQ(only("size").verdict, Verdict::fails);
+}
+
+TEST_F(Findings, TransferIsPartialBetweenRandomAndWhiteBox) {
+  judged("kitti64-fusion-both", {40, 5, 4, 0}, {40, 5, 0, 0});
+  judged("xenith-fusion-both--on--kitti64-fusion-both", {40, 5, 2, 0});
+  EXPECT_EQ(only("transfer").verdict, Verdict::holds);
+  EXPECT_EQ(only("transfer").rig, "Xenith rig, fusion → KITTI rig, fusion");
+  judged("xenith-fusion-both--on--kitti64-fusion-both", {40, 5, 5, 0});
+  EXPECT_EQ(only("transfer").verdict, Verdict::fails);  // stronger than the white box
+  judged("xenith-fusion-both--on--kitti64-fusion-both", {40, 5, 0, 0});
+  EXPECT_EQ(only("transfer").verdict, Verdict::open);  // nothing to be seen over a random mesh
+}
+
+TEST_F(Findings, FarFalsePositives) {
+  judged("kitti64-fusion-both", {40, 5, 0, 2, 30}, {40, 5, 0, 0});
+  EXPECT_EQ(only("far").verdict, Verdict::holds);
+  EXPECT_THAT(only("far").sentence, HasSubstr("under a random mesh of its size"));
+  // As many under a random mesh: background that was about to be found is far away, too.
+  judged("kitti64-fusion-both", {40, 5, 0, 2, 30}, {40, 5, 0, 2, 30});
+  EXPECT_EQ(only("far").verdict, Verdict::open);
+  judged("kitti64-fusion-both", {40, 5, 0, 2, 4}, {40, 5, 0, 2, 30});
+  EXPECT_EQ(only("far").verdict, Verdict::fails);
+  judged("kitti64-fusion-both", {4, 2, 0, 1, 30}, {4, 2, 0, 0});
+  EXPECT_EQ(only("far").verdict, Verdict::open);
+  EXPECT_THAT(only("far").sentence, HasSubstr("too few"));
+  judged("kitti64-fusion-both", {40, 5, 2, 0});
+  EXPECT_THAT(only("far").sentence, HasSubstr("no false positive"));
+}
+
+TEST_F(Findings, EvaluationsOfBeforeTheSizedMeshAreComparedWithTheStartsRandomOne) {
+  const fs::path file = folder_ / "old.json";
+  json old = evaluation_json({40, 5, 4, 2, 30}, {40, 5, 0, 0});
+  old.erase("sized");
+  write_json(file, old);
+  evidence_.evaluations["evaluations/kitti64-fusion-both"] = read_evaluation(file, "data");
+  EXPECT_FALSE(evidence_.sized("evaluations/kitti64-fusion-both"));
+  EXPECT_EQ(only("far").verdict, Verdict::holds);
+  EXPECT_THAT(only("far").sentence, HasSubstr("under a random mesh:"));
+}
+
+TEST_F(Findings, WhatCannotBeToldSaysHowManyVehiclesItWouldTake) {
+  judged("kitti64-fusion-image", {40, 5, 3, 0});
+  judged("kitti64-fusion-lidar", {40, 5, 3, 0});
+  for (auto& [name, one] : evidence_.evaluations)  // a vehicle in frame 3 and one in 7 go the other way
+    if (name.ends_with("image")) {
+      auto changed = std::make_shared<Outcomes>(*one.learned);
+      for (Outcome& host : changed->hosts)
+        if ((host.frame == "000003" && host.label == 4) || (host.frame == "000007" && host.label == 4))
+          host.hidden = true;
+      one.learned = changed;
+    }
+  const Check check = only("image");
+  EXPECT_EQ(check.verdict, Verdict::open);
+  ASSERT_TRUE(check.vehicles_needed);
+  EXPECT_GT(*check.vehicles_needed, check.vehicles);
+  EXPECT_THAT(check.sentence, HasSubstr("it would take about"));
+  EXPECT_LT(check.comparisons.at(0).p, 1);
+}
+
+TEST_F(Findings, Defences) {
+  judged("kitti64-fusion-both", {120, 5, 4, 2});
+  judged("kitti64-fusion-both-jpeg50", {120, 5, 4, 2});
+  judged("kitti64-fusion-both-adversarial", {120, 5, 1, 1});
+  judged("kitti64-fusion-both-denoising", {120, 5, 0, 0});
+  EXPECT_EQ(only("jpeg").verdict, Verdict::holds);  // no change at all: within the margin
+  EXPECT_EQ(only("adversarial").verdict, Verdict::holds);
+  EXPECT_EQ(only("denoising").verdict, Verdict::holds);
+  EXPECT_EQ(only("harder").verdict, Verdict::holds);  // half of the positives left, a quarter of the misses
+  EXPECT_THAT(only("harder").sentence,
+              testing::AllOf(HasSubstr("25 % of the misses"), HasSubstr("50 % of the false")));
+  judged("kitti64-fusion-both-jpeg50", {120, 5, 1, 0});
+  EXPECT_EQ(only("jpeg").verdict, Verdict::fails);
+}
+
+}  // namespace
+}  // namespace mirage::paper
