@@ -115,8 +115,8 @@ ImageF coverage_of(const RenderedHalves& rendered, const ImageF& visible) {
 
 Halves over(const RenderedHalves& rendered, const ImageF& visible, const ImageF& photograph) {
   Halves halves{photograph, photograph};
-  composite(rendered.first, visible, halves.first);
-  composite(rendered.second, visible, halves.second);
+  composite({rendered.first.rgba, {}, 0}, visible, halves.first);
+  composite({rendered.second.rgba, {}, 0}, visible, halves.second);
   return halves;
 }
 

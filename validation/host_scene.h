@@ -60,7 +60,7 @@ struct RenderedHalves {
 RenderedHalves render_halves(BlenderWorker& blender, RenderJob job, std::uint64_t seed, RenderStream stream);
 /// How much of each pixel the object covers, in the mean of the halves; scaled by `visible`.
 ImageF coverage_of(const RenderedHalves& rendered, const ImageF& visible);
-/// Each half over the photograph's window, not clamped.
+/// Each half over the photograph's window, not clamped, and without the shadow that the object casts.
 Halves over(const RenderedHalves& rendered, const ImageF& visible, const ImageF& photograph);
 /// Everything: sun with shadows, occluded sky, 4 bounces, specular, shadow on host and road.
 RenderEffects full_effects();

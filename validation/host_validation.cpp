@@ -168,8 +168,12 @@ FullLight full_light(BlenderWorker& blender, const HostScene& scene, const Simul
   job.effects = full_effects();
   const RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::full);
   result.visible = visible_share(scene, result.rect);
-  result.radiance = over(rendered, result.visible, crop(photograph, result.rect));
-  result.cycles = result.radiance.mean();
+  const ImageF window = crop(photograph, result.rect);
+  result.radiance = over(rendered, result.visible, window);
+  Halves seen{window, window};
+  composite(rendered.first, result.visible, seen.first);
+  composite(rendered.second, result.visible, seen.second);
+  result.cycles = seen.mean();
   saturate(result.cycles);
   result.raster = crop(simulated.image, result.rect);
   result.coverage = coverage_of(rendered, result.visible);

@@ -54,7 +54,7 @@ struct FullLight {
   PixelRect rect;
   ImageF image;           ///< the whole photograph with the object in it
   ImageF raster, cycles;  ///< rect-sized RGB, as the photograph saturates
-  Halves radiance;        ///< rect-sized: Cycles' picture before it saturates
+  Halves radiance;        ///< rect-sized: before it saturates, and without the shadow that the object casts
   ImageF coverage;        ///< rect-sized: how much of each pixel the visible object covers in Cycles
   ImageF mask;            ///< rect-sized: visible object pixels of Cycles, where it covers more than half
   ImageF visible;         ///< rect-sized: share of the object that the photograph's occluders leave

@@ -118,6 +118,12 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
     saturate(picture);
     return picture;
   };
+  const auto picture_of = [&](const RenderedHalves& rendered) {  // with the shadow that the object casts
+    Halves seen{photograph, photograph};
+    composite(rendered.first, full.visible, seen.first);
+    composite(rendered.second, full.visible, seen.second);
+    return as_seen(seen.mean());
+  };
   LightLadder result;
   std::vector<LadderRung>& ladder = result.rungs;
   RenderJob job = job_for(scene, full.rect);
@@ -129,19 +135,18 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
     const RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::reference);
     result.reference_seconds = rendered.seconds;
     reference = over(rendered, full.visible, photograph);
-    pictures["reference"] = as_seen(reference.mean());
+    pictures["reference"] = picture_of(rendered);
     // Without noise of its own and with no error, what is left is the reference's.
     const Halves itself{reference.mean(), {}};
     result.reference_noise = std::sqrt(error_to(reference, itself, full.coverage, full, scene.seed).floor);
   }
   const auto add = [&](const std::string& effect, const std::string& group, const std::string& base,
-                       double seconds, const Halves& drawn, const ImageF& coverage) {
-    ImageF picture = as_seen(drawn.mean());
+                       double seconds, ImageF picture, const Halves& object, const ImageF& coverage) {
     pictures[effect] = picture;
     const ImageF& from = pictures.at(base);
     ladder.push_back({effect, group, base, change(from, picture, full.mask), change(from, picture, {}),
                       change(pictures.at("reference"), picture, full.mask),
-                      error_to(reference, drawn, coverage, full, scene.seed), seconds, std::move(picture)});
+                      error_to(reference, object, coverage, full, scene.seed), seconds, std::move(picture)});
   };
 
   const auto timed = [&](const auto& simulate) {
@@ -156,8 +161,10 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
   const auto drawn = [&](const std::string& effect, const auto& simulate) {
     const auto [simulated, seconds] = timed(simulate);
     const ImageF radiance = radiance_of(simulated, scene.prepared->frame.image, full.rect);
-    if (effect == "hard") pictures["hard"] = as_seen(radiance);
-    add(effect, "raster", "hard", seconds, {radiance, {}}, coverage_of(simulated, full.rect));
+    ImageF picture = as_seen(radiance);
+    if (effect == "hard") pictures["hard"] = picture;
+    add(effect, "raster", "hard", seconds, std::move(picture), {radiance, {}},
+        coverage_of(simulated, full.rect));
   };
   drawn("hard", [&] { return simulate_host(scene, hard); });
   drawn("soft", [&] { return simulate_host(scene, scene.simulation); });
@@ -180,10 +187,10 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
     RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::rungs);
     if (recipe.blurred)
       for (Rendered* half : {&rendered.first, &rendered.second}) blur(*half);
-    add(recipe.effect, recipe.group, recipe.base, rendered.seconds, over(rendered, full.visible, photograph),
-        coverage_of(rendered, full.visible));
+    add(recipe.effect, recipe.group, recipe.base, rendered.seconds, picture_of(rendered),
+        over(rendered, full.visible, photograph), coverage_of(rendered, full.visible));
   }
-  add("full", "samples", "reference", full.seconds, full.radiance, full.coverage);
+  add("full", "samples", "reference", full.seconds, full.cycles, full.radiance, full.coverage);
   return result;
 }
 

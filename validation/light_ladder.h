@@ -26,7 +26,7 @@ struct LadderRung {
   Change change;       ///< over the object's visible pixels
   Change crop;         ///< over the whole window: the shadow that the object casts shows here
   Change to_full;      ///< error against the reference over the object's visible pixels, as a camera sees it
-  SquaredError error;  ///< the same before anything saturates, its noise taken out (unbiased_error.h)
+  SquaredError error;  ///< of the object alone, before anything saturates (unbiased_error.h, error_to)
   double seconds = 0;
   ImageF picture;  ///< full.rect-sized composite over the photograph
 };
