@@ -66,7 +66,7 @@ nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& a
   return {{"data", escape_name(fs::absolute(settings.data).lexically_normal().string())},
           {"detector", settings.detector.detector},
           {"start", content_hash(read_file(weights_file(settings.detector)))},
-          {"parts", settings.detector.parts},
+          {"network_parts", settings.detector.parts},
           {"depth", settings.depth},
           {"rooftop", settings.rooftop},
           {"steps", settings.steps},
