@@ -1,6 +1,6 @@
 // --quality: the simulation's settings under three names. `mirage tradeoff` measures them;
-// `draft` and `exact` are what its rule (validation/tradeoff_points.h) chose on eight vehicles of real
-// frames.
+// `draft` is what its rule (validation/tradeoff_points.h) chose on eight vehicles of real frames; `exact` is
+// the picture of an area-sampling camera (sensors/exact_coverage.h).
 #pragma once
 
 #include <functional>

@@ -146,8 +146,11 @@ struct Hiding {
 };
 
 struct Hidings {
-  std::vector<Hiding> list;  ///< by the hidden face
+  std::vector<Hiding> list;  ///< as found
   std::vector<Line> lines;
+  std::vector<int> first;      ///< first entry of each hidden face in `sorted`, and the end
+  std::vector<Hiding> sorted;  ///< by the hidden face, the largest overlap first
+  std::vector<int> cursor;     ///< scratch
 };
 
 /// Compares the two faces, i before j in the mesh, whose boxes have an overlap of `size`.
@@ -172,8 +175,13 @@ struct Box {
   int face;
 };
 
-Hidings find_hidings(const std::vector<ScreenFace>& faces) {
-  std::vector<Box> boxes, open;  // open: those that reach the sweep's place
+/// Fills `hidings`.
+void find_hidings(const std::vector<ScreenFace>& faces, Hidings& hidings) {
+  static thread_local std::vector<Box> boxes, open;  // open: those that reach the sweep's place
+  boxes.clear();
+  open.clear();
+  hidings.list.clear();
+  hidings.lines.clear();
   for (std::size_t i = 0; i < faces.size(); ++i) {
     const ScreenFace& f = faces[i];
     boxes.push_back({f.low.x(), f.high.x(), f.low.y(), f.high.y(), static_cast<int>(i)});
@@ -181,13 +189,13 @@ Hidings find_hidings(const std::vector<ScreenFace>& faces) {
   std::sort(boxes.begin(), boxes.end(), [](const Box& a, const Box& b) {
     return a.low_x != b.low_x ? a.low_x < b.low_x : a.face < b.face;
   });
-  Hidings hidings;
   for (const Box& a : boxes) {
     std::size_t kept = 0;
     for (std::size_t k = 0; k < open.size(); ++k) {
-      const Box b = open[k];
+      const Box& b = open[k];
       if (b.high_x <= a.low_x) continue;
-      open[kept++] = b;
+      if (kept != k) open[kept] = b;
+      ++kept;
       const double height = std::min(a.high_y, b.high_y) - std::max(a.low_y, b.low_y);
       if (!(height > 0)) continue;
       find_hiding(faces, std::min(a.face, b.face), std::max(a.face, b.face),
@@ -196,10 +204,18 @@ Hidings find_hidings(const std::vector<ScreenFace>& faces) {
     open.resize(kept);
     open.push_back(a);
   }
-  std::sort(hidings.list.begin(), hidings.list.end(), [](const Hiding& a, const Hiding& b) {
-    return a.hidden != b.hidden ? a.hidden < b.hidden : a.size != b.size ? a.size > b.size : a.by < b.by;
-  });
-  return hidings;
+  // By hidden face in two steps: few entries each, but thousands in all.
+  hidings.first.assign(faces.size() + 1, 0);
+  for (const Hiding& h : hidings.list) ++hidings.first[static_cast<std::size_t>(h.hidden) + 1];
+  for (std::size_t f = 0; f < faces.size(); ++f) hidings.first[f + 1] += hidings.first[f];
+  hidings.sorted.resize(hidings.list.size());
+  hidings.cursor = hidings.first;
+  for (const Hiding& h : hidings.list)
+    hidings.sorted[static_cast<std::size_t>(hidings.cursor[static_cast<std::size_t>(h.hidden)]++)] = h;
+  for (std::size_t f = 0; f < faces.size(); ++f)
+    std::sort(
+        hidings.sorted.begin() + hidings.first[f], hidings.sorted.begin() + hidings.first[f + 1],
+        [](const Hiding& a, const Hiding& b) { return a.size != b.size ? a.size > b.size : a.by < b.by; });
 }
 
 /// Takes what one face hides off polygons of another.
@@ -307,9 +323,9 @@ void find_visible(const ScreenMesh<double>& mesh, int width, int height, const P
     if (set_up(mesh.faces[f], width, height, window, face) && !bounds.misses(face))
       visible.faces.push_back(face);
   }
-  const Hidings hidings = find_hidings(visible.faces);
+  static thread_local Hidings hidings;
+  find_hidings(visible.faces, hidings);
   Subtraction subtraction(visible.faces);
-  std::size_t next = 0;
   for (std::size_t i = 0; i < visible.faces.size(); ++i) {
     const ScreenFace& face = visible.faces[i];
     const int index = static_cast<int>(i);
@@ -319,11 +335,10 @@ void find_visible(const ScreenMesh<double>& mesh, int width, int height, const P
     if (!inside) start = within(subtraction.pool, start, bounds, face.slack);
     subtraction.left.clear();
     if (!start.empty()) subtraction.left.push_back(start);
-    for (; next < hidings.list.size() && hidings.list[next].hidden == index; ++next) {
-      const Hiding& hiding = hidings.list[next];
-      if (!subtraction.left.empty())
-        subtraction.take(hiding,
-                         hiding.line < 0 ? nullptr : &hidings.lines[static_cast<std::size_t>(hiding.line)]);
+    for (int h = hidings.first[i]; h < hidings.first[i + 1] && !subtraction.left.empty(); ++h) {
+      const Hiding& hiding = hidings.sorted[static_cast<std::size_t>(h)];
+      subtraction.take(hiding,
+                       hiding.line < 0 ? nullptr : &hidings.lines[static_cast<std::size_t>(hiding.line)]);
     }
     const bool whole = inside && subtraction.left.size() == 1 && subtraction.left[0].first == start.first;
     for (const Polygon& polygon : subtraction.left) {
