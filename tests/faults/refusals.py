@@ -6,9 +6,9 @@
 Into a small run and a data set goes one bad file after another: what the fuzzers found (tests/fuzz/regressions), what
 claims to be larger than it is, what names files elsewhere, and mutations of the good file. The command that reads it
 must end with one line and exit code 2 (or take it), within PICTURES times a frame's pictures of the memory that it
-takes to refuse an empty file there; and, by strace, it must open nothing outside the folders that it was given, its
-own and the system's. Exit code 1 if one did not, 77 without the stand-in detector; without strace that half is left
-out, which is said.
+takes to refuse an empty file there (LARGER times the file's size, where that is more); and, by strace, it must open
+nothing outside the folders that it was given, its own and the system's. Exit code 1 if one did not, 77 without the
+stand-in detector; without strace that half is left out, which is said.
 """
 import argparse
 import collections
@@ -28,6 +28,8 @@ import zlib
 from program import HERE, Program, Wrong, demand, demand_one_line, fresh
 
 PICTURES = 3
+LARGER = 32  # a text of many short keys takes this many times its bytes
+SLOWEST = 20  # s
 WIDTH, HEIGHT = 1242, 375  # of the default rig
 FRAME = WIDTH * HEIGHT * 4 * 4  # bytes: a colour picture and depth as floats
 # Read by the loader, the C library, libraries' own settings, and a query of the machine.
@@ -91,7 +93,7 @@ class Refusals:
             process = subprocess.Popen([str(part) for part in (self.program.mirage, *command)],
                                        env=self.program.environment, cwd=self.folder, stdout=subprocess.DEVNULL,
                                        stderr=said, start_new_session=True)
-            deadline = time.monotonic() + 20
+            deadline = time.monotonic() + 15 * SLOWEST  # of a machine that does other things
             while True:
                 pid, status, usage = os.wait4(process.pid, os.WNOHANG)
                 if pid:
@@ -99,8 +101,9 @@ class Refusals:
                 if time.monotonic() > deadline:
                     process.kill()
                     process.wait()
-                    raise Wrong("takes more than 20 s")
+                    raise Wrong(f"has not ended after {15 * SLOWEST} s")
                 time.sleep(0.005)
+            demand(usage.ru_utime + usage.ru_stime < SLOWEST, f"takes more than {SLOWEST} s of processor time")
             process.returncode = os.waitstatus_to_exitcode(status)
             said.seek(0)
             return process.returncode, said.read().decode(errors="replace"), 1024 * usage.ru_maxrss
@@ -135,7 +138,8 @@ class Refusals:
                 self.refused += 1
                 more = (peak - floor) / FRAME
                 self.worst[kind] = max(self.worst[kind], more)
-                demand(more <= PICTURES, f"takes {more:.1f} frames' pictures of memory more than an empty file")
+                demand(peak - floor <= max(PICTURES * FRAME, LARGER * len(bytes_)),
+                       f"takes {more:.1f} frames' pictures of memory more than an empty file")
             # Files that name others, and one of each other kind: strace takes three times what the program does.
             if self.trace and (not self.quick or kind in ("gltf", "run") or kind not in self.traced):
                 self.traced.add(kind)
@@ -148,15 +152,15 @@ class Refusals:
             self.wrong.append(f"{kind}, {name}: {problem}")
             print(f"WRONG: {self.wrong[-1]}", flush=True)
 
-    def kind(self, kind, place, command, given, bad, taken=True):
-        """Every bad file in the place of a good one; `bad`: (name, bytes)."""
+    def kind(self, kind, place, command, given, bad, taken=True, empty=b""):
+        """Every bad file in the place of a good one; `bad`: (name, bytes), `empty`: what is refused at once."""
         if self.only and self.only not in kind:
             return
         good = place.read_bytes() if place.exists() else None
         if taken and good is not None:
             code, said, _ = self.measured(command)
             demand(code == 0, f"{kind}: the good file is refused: {said.strip()!r}")
-        place.write_bytes(b"")
+        place.write_bytes(empty)
         code, said, floor = self.measured(command)
         demand(code == 2, f"{kind}: an empty file is not refused: {said.strip()!r}")
         for name, bytes_ in bad:
@@ -231,7 +235,8 @@ def everything(suite, source, build):
     config = given / "config.toml"
     config.write_text("frames = 1\n")
     suite.kind("config", config, ["generate", "--rig", rig, "--config", config, *common, out], (given,),
-               [("a plugin", f'detector = "{detector}"'.encode()), ("letters", "é = 1".encode())], taken=False)
+               [("a plugin", f'detector = "{detector}"'.encode()), ("letters", "é = 1".encode()), ("100 000 keys", b"".join(b"k%d = 1\n" % i for i in range(100000)))],
+               taken=False, empty=b"?")
     read = ["export", "--run", run, "--data", data, "--trust-run", *common, out]
     text = json.loads((run / "run.json").read_text())
 
