@@ -277,7 +277,7 @@ TEST(LidarInsertion, EchoesAreThoseOfAWholeSweep) {
   // two is the stronger echo of a beam depends on how the light falls off with the incidence.
   TexturedMesh object;
   object.mesh.vertices = {{9, -0.2, -2}, {9, -0.2, 1}, {13, 0.36, 1}, {13, 0.36, -2},
-                          {19, -6, -6},  {19, -6, 4},  {19, 6, 4},   {19, 6, -6}};
+                          {19, -6, -6},  {19, -6, 4},  {19, 6, 4},    {19, 6, -6}};
   object.mesh.faces = {{0, 1, 2}, {0, 2, 3}, {4, 6, 5}, {4, 7, 6}};
   object.atlas.resolution = 1;
   object.atlas.texels.assign(4, Vec3d::Constant(0.5));
