@@ -102,7 +102,7 @@ struct LidarEffectsOption {
   void add(CLI::App& command, const std::string& otherwise = "") {
     auto* option = command.add_option(
         "--lidar-effects", words,
-        "returns on the object: ideal, realistic (noise, drop-out, divergence), or some of "
+        "returns on the object: ideal, unit (noise, drop-out, divergence), or some of "
         "noise,drop-out,divergence,motion,albedo" +
             (otherwise.empty() ? "" : "; default: " + otherwise));
     if (otherwise.empty()) option->capture_default_str();

@@ -18,7 +18,7 @@ double arrival_probability(double signal, const LidarEffects& effects) {
 LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergence) {
   LidarEffects effects;
   if (words == "ideal") return effects;
-  std::istringstream list(words == "realistic" ? "noise,drop-out,divergence" : words);
+  std::istringstream list(words == "unit" ? "noise,drop-out,divergence" : words);
   std::string word;
   bool any = false;
   while (std::getline(list, word, ',')) {
@@ -42,7 +42,7 @@ LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergen
   }
   if (!any)
     throw InputError("--lidar-effects", words, "is not known",
-                     "use ideal, realistic, or some of noise,drop-out,divergence,motion,albedo");
+                     "use ideal, unit, or some of noise,drop-out,divergence,motion,albedo");
   return effects;
 }
 

@@ -72,7 +72,7 @@ S returned_signal(S reflectivity, S cosine, S range) {
 /// How likely a return of that signal is reported: 1 − exp(−signal / signal_floor); 1 without a floor.
 double arrival_probability(double signal, const LidarEffects& effects);
 
-/// Effects by word. "ideal": none. "realistic": noise, drop-out and divergence, which every unit has. Or a
+/// Effects by word. "ideal": none. "unit": noise, drop-out and divergence, which every unit has. Or a
 /// list with commas of: noise (σ 12 mm), drop-out (1.5 %, and by signal: floor 3e-5 /m²), divergence (of the
 /// unit, `divergence` in rad; where that is zero the HDL-64E's 2 mrad), motion (15 m/s and 0.2 rad/s: an
 /// uncompensated sweep), albedo (reflectance from the texels). InputError naming --lidar-effects otherwise.

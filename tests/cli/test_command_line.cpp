@@ -254,10 +254,10 @@ TEST(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   const auto [again, two] = simulated({"--threads", "2", "--rooftop", "shape"});
   EXPECT_EQ(fitted, again);
   EXPECT_EQ(one, two);
-  const auto [noisy, three] = simulated({"--lidar-effects", "realistic"});
+  const auto [noisy, three] = simulated({"--lidar-effects", "unit"});
   EXPECT_EQ(noisy, fitted);
   EXPECT_NE(three, one);
-  EXPECT_EQ(simulated({"--lidar-effects", "realistic"}).second, three);
+  EXPECT_EQ(simulated({"--lidar-effects", "unit"}).second, three);
   EXPECT_EQ(simulated({"--lidar-effects", "ideal"}).second, one);
   const auto by_box = simulated({"--rooftop", "box"}).first;
   EXPECT_EQ(by_box.at("from_box"), true);

@@ -182,7 +182,7 @@ TEST(LidarEffects, WordsNameThem) {
   const LidarEffects ideal = parse_lidar_effects("ideal", beam);
   EXPECT_EQ(ideal.range_sigma, 0);
   EXPECT_FALSE(ideal.diverging() || ideal.moving());
-  const LidarEffects real = parse_lidar_effects("realistic", beam), sweeps = generated_sweep_effects();
+  const LidarEffects real = parse_lidar_effects("unit", beam), sweeps = generated_sweep_effects();
   EXPECT_EQ(real.range_sigma, sweeps.range_sigma);
   EXPECT_EQ(real.drop_out, sweeps.drop_out);
   EXPECT_EQ(real.signal_floor, sweeps.signal_floor);
