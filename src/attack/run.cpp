@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <climits>
+#include <set>
 
 #include "attack/attack.h"
 #include "base/disk_cache.h"
@@ -58,10 +59,12 @@ std::string read_path(const JsonFields& json, const char* key) {
 
 std::vector<HostId> read_hosts(const JsonFields& run, const std::string& split) {
   std::vector<HostId> hosts;
+  std::set<std::pair<std::string, int>> seen;
   for (const auto& entry : run.list(split, kMostHosts)) {
     const JsonFields host = run.inner(fmt::format("{}[{}]", split, hosts.size()), entry);
     HostId id{unescape_name(host.text("frame")), static_cast<int>(host.integer("label", 0, 1'000'000))};
     if (const std::string problem = frame_id_problem(id.frame); !problem.empty()) host.fail("frame", problem);
+    if (!seen.emplace(id.frame, id.label).second) host.fail("label", "names a host for the second time");
     hosts.push_back(std::move(id));
   }
   return hosts;
