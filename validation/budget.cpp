@@ -12,6 +12,7 @@
 #include "base/color.h"
 #include "base/error.h"
 #include "base/random.h"
+#include "base/shuffle.h"
 #include "validation/host_scene.h"
 
 namespace mirage {
@@ -242,8 +243,7 @@ std::map<std::string, int> folds_of(const std::vector<BudgetScene>& scenes, std:
   for (const BudgetScene& scene : scenes) all.insert(scene.group);
   std::vector<std::string> order(all.begin(), all.end());
   RandomStream random(seed, "budget folds");
-  for (std::size_t i = order.size(); i > 1; --i)
-    std::swap(order[i - 1], order[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
+  shuffle(order, random);
   std::map<std::string, int> folds;
   for (std::size_t i = 0; i < order.size(); ++i) folds[order[i]] = static_cast<int>(i) % kFolds;
   return folds;

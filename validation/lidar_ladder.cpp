@@ -13,9 +13,6 @@ namespace {
 constexpr double kMoved = 1e-3;       // m
 constexpr double kRangeSigma = 0.02;  // m, HDL-64E's data sheet
 constexpr double kDropOut = 0.1;      // share
-constexpr double kDivergence = 2e-3;  // rad, full angle, HDL-64E's data sheet
-constexpr double kSpeed = 15;         // m/s
-constexpr double kYawRate = 0.2;      // rad/s
 
 /// What tells a ray: its beam and firing, and where it points for a return that shares both with another.
 using RayKey = std::tuple<int, int, long, long>;
@@ -37,13 +34,9 @@ std::map<RayKey, Vec3d> by_ray(const LidarTape& tape, const Sweep& sweep) {
 }  // namespace
 
 LidarEffects realistic_returns(const HostScene& scene) {
-  LidarEffects all;
+  LidarEffects all = parse_lidar_effects("divergence,motion", scene.prepared->lidar.divergence);
   all.range_sigma = kRangeSigma;
   all.drop_out = kDropOut;
-  const Vec2d beam = scene.prepared->lidar.divergence;
-  all.divergence = beam.isZero(0) ? Vec2d::Constant(kDivergence) : beam;
-  all.velocity = Vec3d(kSpeed, 0, 0);
-  all.yaw_rate = kYawRate;
   all.seed = scene.seed;
   return all;
 }

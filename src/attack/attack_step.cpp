@@ -13,6 +13,7 @@
 #include "base/error.h"
 #include "base/random.h"
 #include "base/ranks.h"
+#include "base/shuffle.h"
 
 namespace mirage {
 namespace {
@@ -122,8 +123,7 @@ std::vector<std::size_t> batch_of(std::size_t hosts, int batch, long iteration, 
     if (pass != shuffled) {
       for (std::size_t i = 0; i < hosts; ++i) order[i] = i;
       RandomStream random(seed, "host order", static_cast<std::uint64_t>(pass));
-      for (std::size_t i = hosts; i > 1; --i)
-        std::swap(order[i - 1], order[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
+      shuffle(order, random);
       shuffled = pass;
     }
     chosen.push_back(order[static_cast<std::size_t>(position % static_cast<long>(hosts))]);

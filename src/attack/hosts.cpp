@@ -15,6 +15,7 @@
 #include "base/parallel.h"
 #include "base/progress.h"
 #include "base/random.h"
+#include "base/shuffle.h"
 
 namespace mirage {
 
@@ -102,8 +103,7 @@ void split_frames(std::vector<std::string> frames, std::uint64_t seed, std::vect
                   std::vector<std::string>& test) {
   std::sort(frames.begin(), frames.end());
   RandomStream random(seed, "train test split");
-  for (std::size_t i = frames.size(); i > 1; --i)
-    std::swap(frames[i - 1], frames[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
+  shuffle(frames, random);
   std::size_t n = static_cast<std::size_t>(std::lround(0.7 * static_cast<double>(frames.size())));
   if (frames.size() >= 2) n = std::clamp<std::size_t>(n, 1, frames.size() - 1);
   train.assign(frames.begin(), frames.begin() + static_cast<std::ptrdiff_t>(n));

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/random.h"
+#include "base/shuffle.h"
 
 namespace mirage {
 
@@ -20,8 +21,7 @@ ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t se
     throw InputError("--until-plateau", std::to_string(frames.size()) + " training frame",
                      "has no second one to hold out", "give more frames, or leave the option out");
   RandomStream random(seed, "validation part");
-  for (std::size_t i = frames.size(); i > 1; --i)
-    std::swap(frames[i - 1], frames[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
+  shuffle(frames, random);
   const auto most = std::clamp<std::size_t>(
       static_cast<std::size_t>(std::lround(kHeldOutShare * static_cast<double>(frames.size()))), 1,
       frames.size() - 1);

@@ -37,19 +37,32 @@ void check_certificate(const CertificateSettings& settings) {
   demand(settings.objects >= 0, "--objects", settings.objects, "use 0 or more");
 }
 
-/// What the detector finds in a masked frame, down to the scores that AP asks for.
-std::vector<Proposal> found_under(Detector& detector, const PreparedFrame& prepared,
-                                  const MaskedFrame& masked, const EvaluationSettings& settings) {
-  SensorView view{&masked.image, masked.sweep, &prepared.frame.calibration};
-  CleanView recorded;
-  if (detector.capabilities().why_whole.empty()) {
-    Simulated changed;
-    changed.rect = masked.hidden;
-    recorded = clean_view(prepared, changed);
-    view.clean = &recorded;
+/// A frame before the detector, with what every mask of it needs.
+struct Sight {
+  Detector& detector;
+  const PreparedFrame& prepared;
+  EvaluationSettings by;  ///< down to the scores that AP asks for
+  GroundTruth truth;
+  std::vector<Proposal> clean;
+  std::optional<CleanView> recorded;  ///< where the detector computes only what a mask changes
+  std::vector<HostTruth> hosts = {};
+  std::vector<Rooftop> roofs = {};
+
+  MaskedFrame behind(const Box3& box, const MaskMargin& margin) const {
+    return masked(prepared.frame.image, prepared.frame.sweep, prepared.frame.calibration, box, margin);
   }
-  return detections(detector, view, settings);
-}
+  std::vector<Proposal> found(const MaskedFrame& masked) {
+    SensorView view{&masked.image, masked.sweep, &prepared.frame.calibration};
+    if (recorded) {
+      recorded->changed = masked.hidden;
+      view.clean = &*recorded;
+    }
+    return detections(detector, view, by);
+  }
+  ScoredFrame score(std::vector<Proposal> detected) const {
+    return scored(std::move(detected), truth, prepared.frame.calibration.camera.fy, by.plane);
+  }
+};
 
 double best_iou(const std::vector<Proposal>& found, const HostTruth& truth, double score) {
   double best = 0;
@@ -96,52 +109,49 @@ class Certifier {
     const auto held = store_.get(work.id);
     const PreparedFrame& prepared = *held;
     const Frame& frame = prepared.frame;
-    EvaluationSettings all = settings_.evaluation;
-    all.plane = detector.capabilities().plane();
-    all.score_threshold = std::min(kScoreThresholdForAp, settings_.evaluation.score_threshold);
+    EvaluationSettings by = settings_.evaluation;
+    by.plane = detector.capabilities().plane();
+    by.score_threshold = std::min(kScoreThresholdForAp, settings_.evaluation.score_threshold);
+    Sight sight{detector,
+                prepared,
+                by,
+                ground_truth(frame, detector.region()),
+                detections(detector, {&frame.image, frame.sweep, &frame.calibration}, by),
+                std::nullopt};
+    if (detector.capabilities().why_whole.empty()) sight.recorded = clean_view(prepared, {});
     const double score = settings_.evaluation.score_threshold;
-    const auto clean = detections(detector, {&frame.image, frame.sweep, &frame.calibration}, all);
-    const GroundTruth truth = ground_truth(frame, detector.region());
-    const double focal = frame.calibration.camera.fy;
-    work.clean = scored(clean, truth, focal, all.plane);
+    work.clean = sight.score(sight.clean);
     work.violations.assign(limits_.size(), 0);
-    std::vector<HostTruth> truths;
-    std::vector<Rooftop> roofs;
     for (std::size_t place : work.hosts) {
       CertifiedHost& host = hosts[place];
       const Label& label = label_of(frame, host.id);
-      truths.emplace_back(frame, label, all.plane);
-      roofs.push_back(store_.rooftop(host.id));
+      const HostTruth& truth = sight.hosts.emplace_back(frame, label, by.plane);
+      const Rooftop& roof = sight.roofs.emplace_back(store_.rooftop(host.id));
       host.track = label.track;
       host.range = std::hypot(label.box.bev.x, label.box.bev.y);
-      host.clean_iou = best_iou(clean, truths.back(), score);
+      host.clean_iou = best_iou(sight.clean, truth, score);
       host.sizes.resize(limits_.size());
-      host.control_iou =
-          best_iou(found_under(detector, prepared,
-                               masked(frame.image, frame.sweep, frame.calibration, label.box, margin_), all),
-                   truths.back(), score);
+      host.control_iou = best_iou(sight.found(sight.behind(label.box, margin_)), truth, score);
       if (!settings_.adversary) continue;
-      const Simulated attacked =
-          simulate(prepared, label, roofs.back(), *settings_.adversary, settings_.simulation);
+      const Simulated attacked = simulate(prepared, label, roof, *settings_.adversary, settings_.simulation);
       host.attacked_iou =
-          best_iou(detections(detector, {&attacked.image, attacked.sweep, &frame.calibration}, all),
-                   HostTruth(frame, label, all.plane, silhouette_box(attacked)), score);
+          best_iou(detections(detector, {&attacked.image, attacked.sweep, &frame.calibration}, by),
+                   HostTruth(frame, label, by.plane, silhouette_box(attacked)), score);
     }
     for (std::size_t s = 0; s < limits_.size(); ++s) {
       for (std::size_t h = 0; h < work.hosts.size(); ++h) {
         throw_if_interrupted(kNothingWritten);
-        Certificate& certificate = hosts[work.hosts[h]].sizes[s];
-        const Box3 box = object_box(roofs[h], limits_[s]);
-        const MaskedFrame recorded = masked(frame.image, frame.sweep, frame.calibration, box, margin_);
+        CertifiedHost& host = hosts[work.hosts[h]];
+        Certificate& certificate = host.sizes[s];
+        const Box3 box = object_box(sight.roofs[h], limits_[s]);
+        const MaskedFrame recorded = sight.behind(box, margin_);
         certificate.removed = recorded.removed;
         certificate.hidden_share = static_cast<double>(recorded.hidden.width()) * recorded.hidden.height() /
                                    (static_cast<double>(frame.image.width) * frame.image.height);
-        certificate.known_iou = best_iou(found_under(detector, prepared, recorded, all), truths[h], score);
-        work.violations[s] +=
-            violations(prepared, hosts[work.hosts[h]].id, roofs[h], limits_[s], box, recorded);
+        certificate.known_iou = best_iou(sight.found(recorded), sight.hosts[h], score);
+        work.violations[s] += violations(prepared, host.id, sight.roofs[h], limits_[s], box, recorded);
       }
-      if (settings_.with_lattice)
-        look_through_lattice(detector, prepared, all, clean, s, truths, roofs, work, hosts);
+      if (settings_.with_lattice) look_through_lattice(sight, s, work, hosts);
     }
   }
 
@@ -159,30 +169,27 @@ class Certifier {
     return count;
   }
 
-  void look_through_lattice(Detector& detector, const PreparedFrame& prepared, const EvaluationSettings& all,
-                            const std::vector<Proposal>& clean, std::size_t s,
-                            const std::vector<HostTruth>& truths, const std::vector<Rooftop>& roofs,
-                            FrameWork& work, std::vector<CertifiedHost>& hosts) const {
-    const Frame& frame = prepared.frame;
+  void look_through_lattice(Sight& sight, std::size_t s, FrameWork& work,
+                            std::vector<CertifiedHost>& hosts) const {
     const double score = settings_.evaluation.score_threshold;
-    std::vector<Proposal> united = clean;
-    const std::vector<Box3> masks = lattice(frame.calibration, limits_[s], ground_, settings_.lattice);
+    std::vector<Box3> objects;
+    for (const Rooftop& roof : sight.roofs) objects.push_back(object_box(roof, limits_[s]));
+    std::vector<Proposal> united = sight.clean;
+    const std::vector<Box3> masks =
+        lattice(sight.prepared.frame.calibration, limits_[s], ground_, settings_.lattice);
     for (const Box3& mask : masks) {
       throw_if_interrupted(kNothingWritten);
-      const auto found = found_under(detector, prepared,
-                                     masked(frame.image, frame.sweep, frame.calibration, mask, margin_), all);
-      for (std::size_t h = 0; h < truths.size(); ++h) {
-        if (!covers(mask, object_box(roofs[h], limits_[s]))) continue;
+      const auto found = sight.found(sight.behind(mask, margin_));
+      for (std::size_t h = 0; h < objects.size(); ++h) {
+        if (!covers(mask, objects[h])) continue;
         Certificate& certificate = hosts[work.hosts[h]].sizes[s];
         certificate.covered = true;
-        certificate.lattice_iou = std::max(certificate.lattice_iou, best_iou(found, truths[h], score));
+        certificate.lattice_iou = std::max(certificate.lattice_iou, best_iou(found, sight.hosts[h], score));
       }
       united.insert(united.end(), found.begin(), found.end());
     }
     work.masks.push_back(masks.size());
-    work.united.push_back(scored(suppress(std::move(united), all.plane),
-                                 ground_truth(frame, detector.region()), frame.calibration.camera.fy,
-                                 all.plane));
+    work.united.push_back(sight.score(suppress(std::move(united), sight.by.plane)));
   }
 
   const CertificateSettings& settings_;

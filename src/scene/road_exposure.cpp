@@ -4,6 +4,7 @@
 #include <cmath>
 #include <vector>
 
+#include "base/bootstrap.h"
 #include "scene/light_surroundings.h"
 #include "sensors/shading.h"
 
@@ -16,12 +17,6 @@ constexpr double kGroundQuantile = 0.2;  // quantile of the heights in the corri
 // Darker is a road in the shade of trees beside sunlit cars, brighter one that mirrors a low sun between
 // shaded ones.
 constexpr double kDarkest = 0.5, kBrightest = 3;
-
-double quantile_of(std::vector<double>& values, double q) {
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
 
 }  // namespace
 
@@ -38,7 +33,7 @@ std::optional<Vec3d> road_radiance(const Frame& frame) {
   if (corridor.size() < kFewestReturns) return std::nullopt;
   std::vector<double> heights;
   for (const Vec3d& p : corridor) heights.push_back(p.z());
-  const double ground = quantile_of(heights, kGroundQuantile);
+  const double ground = quantile(heights, kGroundQuantile);
   std::array<std::vector<double>, 3> colours;
   for (const Vec3d& p : corridor) {
     const Vec3d p_camera = frame.calibration.camera_from_velo * p;
@@ -51,7 +46,7 @@ std::optional<Vec3d> road_radiance(const Frame& frame) {
           frame.image.at(static_cast<int>(u), static_cast<int>(v), c));
   }
   if (colours[0].size() < kFewestReturns) return std::nullopt;
-  return Vec3d(quantile_of(colours[0], 0.5), quantile_of(colours[1], 0.5), quantile_of(colours[2], 0.5));
+  return Vec3d(quantile(colours[0], 0.5), quantile(colours[1], 0.5), quantile(colours[2], 0.5));
 }
 
 Lighting with_road_exposure(const Frame& frame) {
