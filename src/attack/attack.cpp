@@ -21,6 +21,7 @@
 #include "base/random.h"
 #include "base/ranks.h"
 #include "detection/given_detector.h"
+#include "detection/precision.h"
 #include "exchange/gltf.h"
 #include "scene/kitti.h"
 #include "sensors/raster/limits.h"
@@ -52,6 +53,8 @@ nlohmann::json identity(const AttackSettings& settings) {
       {"relevant_score", settings.objective.relevant_score},
       {"simulation", to_json(settings.simulation)}};
   id["defense"] = settings.detector.defense;
+  if (settings.detector.precision != kFloat) id["precision"] = settings.detector.precision;
+  if (settings.detector.locality > 0) id["locality"] = settings.detector.locality;
   id["depth"] = escape_name(settings.depth);
   id["rooftop"] = escape_name(settings.rooftop);
   if (const std::string hash = rooftop_model_hash(settings.rooftop); !hash.empty())
@@ -179,11 +182,12 @@ AttackResult run_attack(const AttackSettings& settings) {
   parse_parts(settings.parts);
   check_settings(settings);
   AttackSettings known = settings;
+  known.detector.precision = usable_precision(settings.detector.precision);
   if (const GivenDetector* given = given_detector(); given && is_given(settings.detector))
     known.weights_hash = given->content;
   else if (!settings.detector.fresh && !is_given(settings.detector))
     known.weights_hash = content_hash(read_file(weights_file(settings.detector)));
-  return run_attack(known, load_detector_pool(settings.detector, settings.batch));
+  return run_attack(known, load_detector_pool(known.detector, settings.batch));
 }
 
 AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors) {

@@ -8,6 +8,7 @@
 #include "attack/frame_cache.h"
 #include "base/error.h"
 #include "base/names.h"
+#include "detection/precision.h"
 #include "scene/data_rig.h"
 #include "scene/kitti.h"
 
@@ -96,6 +97,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.detector = request.detector;
   use_detector_of(stage, result.detector);
   result.detector.rig = data_rig(stage.data);
+  result.detector.precision = usable_precision(result.detector.precision);
   result.store = std::make_unique<FrameStore>(stage.data, stage.depth, stage.rooftop, stage.sun);
 
   if (other_data) {  // all its usable vehicles are unseen ones
@@ -162,6 +164,8 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   result["detector"] = evaluation.detector.detector;
   result["weights"] = evaluation.detector.weights.string();
   result["defense"] = evaluation.detector.defense;
+  result["precision"] = evaluation.detector.precision;
+  result["locality"] = evaluation.detector.locality;
   result["reliance"] = to_json(evaluation.reliance);
   result["simulation"] = to_json(evaluation.stage.simulation);
   result["sun"] = evaluation.stage.sun;

@@ -9,6 +9,7 @@
 #include "attack/hosts.h"
 #include "base/files.h"
 #include "detection/given_detector.h"
+#include "detection/precision.h"
 #include "scene/shape/shape_rooftop.h"
 
 namespace mirage {
@@ -261,9 +262,9 @@ std::string detector_identity(const DetectorOptions& options) {
   if (options.fresh || is_given(options)) return "";
   std::string parts;
   for (const std::string& part : options.parts) parts += part + ",";
-  return fmt::format("{} {} {} {} {} {} {}", options.detector, file_identity(plugin_file(options)),
-                     file_identity(weights_file(options)), options.defense, parts, options.bfloat16,
-                     options.start);
+  return fmt::format("{} {} {} {} {} {} {} {}", options.detector, file_identity(plugin_file(options)),
+                     file_identity(weights_file(options)), options.defense, parts,
+                     usable_precision(options.precision), options.locality, options.start);
 }
 
 std::vector<Proposal> cached_detections(FrameStore& store, const std::string& frame,

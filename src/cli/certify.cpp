@@ -104,6 +104,9 @@ Command certify_command() {
     options->effects.apply(settings.simulation, lidar, common.seed);
     FrameStore store(options->data, options->depth, options->rooftop);
     const DetectorOptions asked = with_common(options->detector, common, options->data);
+    if (asked.locality > 0)
+      throw InputError("--locality", fmt::format("{}", asked.locality),
+                       "is an approximation, and proves nothing", "leave it out");
     std::vector<std::string> frames = list_frames(options->data);
     if (options->frames > 0 && frames.size() > options->frames) frames.resize(options->frames);
     const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));

@@ -160,6 +160,7 @@ Command detect_command() {
     result["ap70_interval"] = to_json(average_precision_interval(run.frames, 0.7));
     result["detector"] = detector->name();
     result["plane"] = to_string(run.plane);
+    result["precision"] = usable_precision(options.precision);
     result["clusters"] = to_json(clusters_of(run.frames));
     if (chosen->reliance) {
       const Reliance reliance = meter ? meter->result() : no_camera();

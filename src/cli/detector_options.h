@@ -5,6 +5,7 @@
 
 #include "cli/command.h"
 #include "detection/detector.h"
+#include "detection/precision.h"
 #include "scene/data_rig.h"
 
 namespace mirage::cli {
@@ -25,6 +26,18 @@ inline void add_detector_options(CLI::App& app, DetectorOptions& options) {
          "MB of what the detector makes of frames without the object that are kept, so that only what "
          "the object changes is computed anew; 0: every pass is over the whole frame")
       ->check(CLI::Range(0, 1 << 20))
+      ->capture_default_str();
+  app.add_option(
+         "--precision", options.precision,
+         "of the detector's convolutions: float, bfloat16 (float where the processor lacks it), or double, "
+         "a slow reference")
+      ->check(CLI::IsMember({kFloat, kBfloat16, kDouble}))
+      ->capture_default_str();
+  app.add_option(
+         "--locality", options.locality,
+         "m: what the detector makes of places further from the object's changes is left as it was, which is "
+         "quicker and an approximation; 0: nothing is left out")
+      ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
 }
 

@@ -5,6 +5,7 @@
 #include "base/error.h"
 #include "base/names.h"
 #include "cli/command.h"
+#include "detection/precision.h"
 #include "detection/training.h"
 #include "scene/depth/depth_training.h"
 
@@ -80,8 +81,10 @@ Command train_command() {
         "--heads", chosen->heads,
         "detector camera: the layers that find boxes learn, in place of the mask's (frames that do not "
         "say which pixels show vehicles teach the mask nothing)");
-    app.add_flag("--bfloat16", chosen->bfloat16,
-                 "detector: convolutions in bfloat16; quicker where the processor has it, slower elsewhere");
+    app.add_option("--precision", chosen->precision,
+                   "detector: of convolutions, float or bfloat16 (float where the processor lacks it)")
+        ->check(CLI::IsMember({kFloat, kBfloat16}))
+        ->capture_default_str();
     app.add_option("--without-picture", chosen->augmentation.without_picture,
                    "depth: share of samples whose picture is one grey")
         ->capture_default_str();

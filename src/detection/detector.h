@@ -137,7 +137,11 @@ struct DetectorOptions {
   /// of `lidar` (the same network without its image branch, which then adds nothing at first).
   bool start = false;
   std::string rig = "kitti64";  ///< of the data the detector is to see (data_rig): chooses shipped weights
-  bool bfloat16 = false;        ///< training passes in bfloat16, where the plugin can
+  /// Of convolutions, where the plugin knows it (detection/precision.h): "float", "bfloat16", "double".
+  std::string precision = "float";
+  /// m; > 0: of a view with a clean one, what the detector makes of places further than this from what the
+  /// object changes is left as it was: quicker, and no longer exact. 0: nothing is left out.
+  double locality = 0;
   /// "none"; "jpeg:QUALITY" (1–100): the picture is compressed before the detector sees it; any other word
   /// chooses shipped weights that were trained to resist, DETECTOR-RIG-WORD.weights.
   std::string defense = "none";

@@ -100,12 +100,13 @@ typedef struct MirageDetectorApi {
   const char* name;     /* "fusion" */
 
   /* `options_json`: {"modality": the detector's name as the user gave it, "seed": N, "threads": N,
-   * "start": bool, "bfloat16": bool, "camera": a weights file that the image branch of a new training starts
-   * from, "lidar": the same for the LiDAR branch,
+   * "start": bool, "precision": "float", "bfloat16" or "double", of convolutions, "locality": metres (0:
+   * exact; else forward_changed may leave what lies further from the change as it was), "camera": a weights
+   * file that the image branch of a new training starts from, "lidar": the same for the LiDAR branch,
    * "clean_memory_mb": N, what forward_changed may keep of clean inputs (0: nothing, and passes are whole),
    * "parts": [names of optional parts of a fresh or starting network: "denoising", "depth-gate"]};
    * `weights`: a file, or NULL for freshly initialised weights. start: the weights begin a new training
-   * (fresh optimiser; a fusion detector may begin with a lidar detector's). bfloat16: for training passes.
+   * (fresh optimiser; a fusion detector may begin with a lidar detector's).
    * NULL on failure. */
   void* (*create)(const char* options_json, const char* weights, char* error, size_t error_size);
   /* Ends an instance that create or share gave. */

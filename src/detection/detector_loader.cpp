@@ -16,6 +16,7 @@
 #include "detection/given_detector.h"
 #include "detection/jpeg_detector.h"
 #include "detection/points_in_view.h"
+#include "detection/precision.h"
 
 namespace mirage {
 namespace {
@@ -372,7 +373,8 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
   const bool by_path = fs::path(options.detector).extension() == ".so";
   nlohmann::json settings = {{"seed", options.seed},
                              {"start", options.start},
-                             {"bfloat16", options.bfloat16},
+                             {"precision", usable_precision(options.precision)},
+                             {"locality", options.locality},
                              {"parts", options.parts},
                              {"clean_memory_mb", options.clean_memory_mb},
                              {"threads", options.threads > 0 ? options.threads : thread_count()}};

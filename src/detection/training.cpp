@@ -13,6 +13,7 @@
 #include "base/progress.h"
 #include "base/schedule.h"
 #include "base/training_state.h"
+#include "detection/precision.h"
 #include "detection/training_data.h"
 
 namespace mirage {
@@ -32,7 +33,7 @@ nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
                          {"minutes", options.minutes},
                          {"seed", options.seed},
                          {"start", options.start.empty() ? "" : content_hash(read_file(options.start))},
-                         {"bfloat16", options.bfloat16},
+                         {"bfloat16", options.precision == kBfloat16},
                          {"frames", frames}};
   // Only where they are given, so that runs of before the choice go on.
   for (const auto& [key, file] : {std::pair("camera", options.camera), std::pair("lidar", options.lidar)})
@@ -61,7 +62,7 @@ TrainingResult train_detector(const TrainingOptions& options) {
   make_output_folder(options.out);
   DetectorOptions load{options.detector, options.start, options.start.empty(), options.seed, options.threads};
   load.start = !options.start.empty();
-  load.bfloat16 = options.bfloat16;
+  load.precision = options.precision;
   load.camera = options.camera;
   load.lidar = options.lidar;
   if (options.joint && options.heads)

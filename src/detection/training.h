@@ -34,7 +34,7 @@ struct TrainingOptions {
   std::size_t frames = 0;             ///< only the first N frames (0: all)
   std::size_t validation_frames = 0;  ///< only the first N (0: all)
   std::int64_t validate_every = 0;    ///< steps between validations (0: at the end only)
-  bool bfloat16 = false;              ///< convolutions in bfloat16: quick only where the processor has it
+  std::string precision = "float";    ///< of convolutions: float or bfloat16
   std::uint64_t seed = 0;
   int threads = 0;
   bool quiet = false;

@@ -373,7 +373,7 @@ TEST(Fusion, LearnsInBfloat16WithWeightsInFloat) {
   for (const char* name : {"lidar", "camera", "painted", "fusion", "late"}) {
     DetectorOptions options{name, {}, true, 1, 1};
     const auto exact = load_detector(options);
-    options.bfloat16 = true;
+    options.precision = "bfloat16";
     const auto rounded = load_detector(options);
     // No boxes in the picture: which places answer for one is a choice that rounding may turn.
     const std::vector<TrainingSample> samples = {street.sample()};

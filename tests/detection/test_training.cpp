@@ -116,9 +116,9 @@ TEST(Training, AStoppedRunGoesOnToTheSameWeights) {
   EXPECT_EQ(log.find("\"step\":2"), log.rfind("\"step\":2"));
   EXPECT_NE(log.find("\"ap50\""), std::string::npos);
 
-  for (auto change :
-       {+[](TrainingOptions& o) { o.learning_rate = 1e-4; }, +[](TrainingOptions& o) { o.bfloat16 = true; },
-        +[](TrainingOptions& o) { o.start = o.out / "checkpoint-4.weights"; }}) {
+  for (auto change : {+[](TrainingOptions& o) { o.learning_rate = 1e-4; },
+                      +[](TrainingOptions& o) { o.precision = "bfloat16"; },
+                      +[](TrainingOptions& o) { o.start = o.out / "checkpoint-4.weights"; }}) {
     TrainingOptions other = options;
     change(other);
     EXPECT_THROW(train_detector(other), InputError);

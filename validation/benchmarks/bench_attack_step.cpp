@@ -1,9 +1,10 @@
 // One host's attack step (simulation, detector, objective, and back) over whole frames and over what the
-// object changes, in alternation, and how far their gradients lie apart. Shipped weights, KITTI's rig, CPU
-// time of one thread.
+// object changes, in bfloat16 and truncated, in alternation, and how far their gradients lie apart. Shipped
+// weights, KITTI's rig, CPU time of one thread.
 #include <benchmark/benchmark.h>
 #include <malloc.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "attack/attack_step.h"
@@ -13,6 +14,7 @@
 #include "base/files.h"
 #include "bench.h"
 #include "detection/points_in_view.h"
+#include "detection/precision.h"
 #include "scene/generator.h"
 #include "validation/thread_clock.h"
 
@@ -20,6 +22,8 @@ namespace mirage {
 namespace {
 
 constexpr int kFrames = 2, kHosts = 3, kRounds = 3;  // hosts of each frame
+constexpr std::size_t kInDouble = 4;                 // hosts whose gradients are compared in double
+constexpr double kLocalities[] = {1, 2, 4, 8};       // m
 constexpr const char* kDetectors[] = {"lidar", "camera", "painted", "fusion", "late"};
 
 struct Stand {
@@ -73,30 +77,65 @@ double difference(const AdversaryGradient& a, const AdversaryGradient& b) {
   return norm > 0 ? std::sqrt(apart / norm) : std::sqrt(apart);
 }
 
+double cosine(const AdversaryGradient& a, const AdversaryGradient& b) {
+  double product = 0, aa = 0, bb = 0;
+  const auto add = [&](const std::vector<Vec3d>& x, const std::vector<Vec3d>& y) {
+    for (std::size_t i = 0; i < x.size(); ++i)
+      product += x[i].dot(y[i]), aa += x[i].squaredNorm(), bb += y[i].squaredNorm();
+  };
+  add(a.vertices, b.vertices);
+  add(a.texels, b.texels);
+  return product / std::sqrt(std::max(aa * bb, 1e-300));
+}
+
+std::unique_ptr<Detector> variant_of(const std::string& name, int clean_memory_mb, const char* precision,
+                                     double locality = 0) {
+  DetectorOptions options;
+  options.detector = name;
+  options.threads = 1;
+  options.clean_memory_mb = clean_memory_mb;
+  options.precision = precision;
+  options.locality = locality;
+  return load_detector(options);
+}
+
+/// Another way to the same gradient, or nearly the same.
+struct Variant {
+  std::string word;  // of its figures
+  std::unique_ptr<Detector> detector;
+  std::vector<double> ms = {}, cosines = {}, errors = {};
+};
+
 void attack_steps(benchmark::State& state, const std::string& name) {
   static const Street street;
   std::unique_ptr<Detector> whole, local;
   try {
-    DetectorOptions options;
-    options.detector = name;
-    options.threads = 1;
-    local = load_detector(options);
-    options.clean_memory_mb = 0;
-    whole = load_detector(options);
+    local = variant_of(name, 2048, "float");
+    whole = variant_of(name, 0, "float");
   } catch (const InputError& error) {
     state.SkipWithError(error.what());
     return;
   }
+  std::vector<Variant> variants;
+  if (multiplies_bfloat16()) {
+    variants.push_back({"full_bfloat16", variant_of(name, 0, "bfloat16")});
+    variants.push_back({"bfloat16", variant_of(name, 2048, "bfloat16")});
+  }
+  for (const double metres : kLocalities)
+    variants.push_back(
+        {"locality_" + std::to_string(static_cast<int>(metres)), variant_of(name, 2048, "float", metres)});
   const TexturedMesh adversary = random_adversary(1);
   AttackSettings settings;
   std::vector<double> full_ms, local_ms, first_ms, full_evaluation, local_evaluation;
-  double error = 0, simulation = 0, all = 0;
+  double error = 0, float_error = 0, simulation = 0, all = 0;
   const auto step = [&](Detector& detector, const Stand& stand) {
     return attack_host(detector, *stand.prepared, stand.host, adversary, AttackTarget::both, settings,
                        nullptr);
   };
   for (auto _ : state) {
     step(*whole, street.stands[0]);  // warms up
+    for (Variant& variant : variants)
+      for (const Stand& stand : street.stands) step(*variant.detector, stand);  // and keeps the clean frames
     for (int round = 0; round < kRounds; ++round)
       for (std::size_t k = 0; k < street.stands.size(); ++k) {
         const Stand& stand = street.stands[k];
@@ -104,7 +143,13 @@ void attack_steps(benchmark::State& state, const std::string& name) {
         full_ms.push_back(cpu_ms([&] { full = step(*whole, stand); }));
         const double ms = cpu_ms([&] { changed = step(*local, stand); });
         (round == 0 && k % kHosts == 0 ? first_ms : local_ms).push_back(ms);
-        error = std::max(error, difference(changed.gradient, full.gradient));
+        float_error = std::max(float_error, difference(changed.gradient, full.gradient));
+        for (Variant& variant : variants) {
+          HostStep other;
+          variant.ms.push_back(cpu_ms([&] { other = step(*variant.detector, stand); }));
+          variant.cosines.push_back(cosine(other.gradient, changed.gradient));
+          variant.errors.push_back(difference(other.gradient, changed.gradient));
+        }
         const HostSeconds& s = changed.seconds;
         if (round > 0) {
           simulation += s.simulation_forward + s.simulation_vjp;
@@ -121,6 +166,12 @@ void attack_steps(benchmark::State& state, const std::string& name) {
           detections(*local, view, {});
         }));
       }
+    {
+      const auto whole64 = variant_of(name, 0, "double"), local64 = variant_of(name, 2048, "double");
+      for (std::size_t k = 0; k < std::min(kInDouble, street.stands.size()); ++k)
+        error = std::max(error, difference(step(*local64, street.stands[k]).gradient,
+                                           step(*whole64, street.stands[k]).gradient));
+    }
     const double before = allocated_mb();
     for (int k = 0; k < 4; ++k) {  // as clean frames of their own
       PreparedFrame other = *street.frames[0];
@@ -135,6 +186,20 @@ void attack_steps(benchmark::State& state, const std::string& name) {
   figures["attack_step_ms_" + name + "_new_frame"] = median(first_ms);
   figures["attack_step_speedup_" + name] = median(full_ms) / median(local_ms);
   figures["attack_step_gradient_error_" + name] = error;
+  figures["attack_step_gradient_error_" + name + "_float"] = float_error;
+  for (const Variant& variant : variants) {
+    const std::string of = name + "_" + variant.word;
+    figures["attack_step_ms_" + of] = median(variant.ms);
+    figures["attack_step_gradient_cosine_" + of] = median(variant.cosines);
+    figures["attack_step_gradient_cosine_least_" + of] =
+        *std::min_element(variant.cosines.begin(), variant.cosines.end());
+    figures["attack_step_gradient_error_" + of] = median(variant.errors);
+    std::printf("  %s %s: %.1f ms, cosine %.6f (least %.4f), error %.1e\n", name.c_str(),
+                variant.word.c_str(), median(variant.ms), median(variant.cosines),
+                *std::min_element(variant.cosines.begin(), variant.cosines.end()), median(variant.errors));
+    if (variant.word == "bfloat16")
+      figures["attack_step_bfloat16_speedup_" + name] = median(local_ms) / median(variant.ms);
+  }
   figures["attack_step_share_simulation_" + name] = simulation / all;
   figures["evaluation_forward_ms_" + name + "_full"] = median(full_evaluation);
   figures["evaluation_forward_ms_" + name] = median(local_evaluation);
@@ -143,11 +208,11 @@ void attack_steps(benchmark::State& state, const std::string& name) {
     figures["clean_activations_mb"] = figures["clean_activations_mb_" + name];
   }
   std::printf(
-      "  %s: whole %.1f ms, windows %.1f ms (%.2f times), new frame %.1f ms, gradient error %.1e; forward "
-      "%.1f "
-      "and %.1f ms; simulation %.1f %%\n",
+      "  %s: whole %.1f ms, windows %.1f ms (%.2f times), new frame %.1f ms, gradient error %.1e in double, "
+      "%.1e in "
+      "float; forward %.1f and %.1f ms; simulation %.1f %%\n",
       name.c_str(), median(full_ms), median(local_ms), median(full_ms) / median(local_ms), median(first_ms),
-      error, median(full_evaluation), median(local_evaluation), 100 * simulation / all);
+      error, float_error, median(full_evaluation), median(local_evaluation), 100 * simulation / all);
 }
 
 }  // namespace

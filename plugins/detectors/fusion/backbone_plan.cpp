@@ -23,8 +23,8 @@ struct BackboneBuilder {
 
 }  // namespace
 
-BackbonePlan backbone_plan(NetworkImpl& net) {
-  BackbonePlan made;
+BackbonePlan backbone_plan(NetworkImpl& net, bool bfloat16) {
+  BackbonePlan made{Plan(bfloat16)};
   Plan& plan = made.plan;
   BackboneBuilder add{plan};
   made.voxels = plan.given(kVoxelsZ + (net.parts.painted ? kPaintedChannels : 0), kVoxelsX, kVoxelsY, false);

@@ -17,6 +17,6 @@ struct BackbonePlan {
 };
 
 /// Of a network whose norms are affine (Norm::channel); folds them.
-BackbonePlan backbone_plan(NetworkImpl& network);
+BackbonePlan backbone_plan(NetworkImpl& network, bool bfloat16 = false);
 
 }  // namespace mirage::fusion

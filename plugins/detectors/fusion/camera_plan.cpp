@@ -36,8 +36,9 @@ struct CameraBuilder {
 
 }  // namespace
 
-CameraPlan camera_plan(CameraNetImpl& net, std::int64_t height, std::int64_t width, bool boxes, bool read) {
-  CameraPlan made;
+CameraPlan camera_plan(CameraNetImpl& net, std::int64_t height, std::int64_t width, bool boxes, bool read,
+                       bool bfloat16) {
+  CameraPlan made{Plan(bfloat16)};
   made.height = height, made.width = width;
   Plan& plan = made.plan;
   CameraBuilder add{plan};

@@ -21,8 +21,8 @@ struct CameraPlan {
 
 /// For pictures of a size. `boxes`: with the heads; `read`: with what continuous fusion reads. `head` of the
 /// kept maps are those of the outputs named here.
-CameraPlan camera_plan(CameraNetImpl& network, std::int64_t height, std::int64_t width, bool boxes,
-                       bool read);
+CameraPlan camera_plan(CameraNetImpl& network, std::int64_t height, std::int64_t width, bool boxes, bool read,
+                       bool bfloat16 = false);
 
 /// Places of the plan's input that pixels [top, bottom) × [left, right) lie in.
 Window focus_window(const Window& pixels);

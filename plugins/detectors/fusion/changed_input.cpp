@@ -53,7 +53,8 @@ const std::vector<MirageProposal>& FusionDetector::forward_changed(const MirageS
   auto local = std::make_unique<LocalNetwork>(
       network_,
       clean_frames_->of(change.key, [&] { return owned(view_input(*change.clean, reads_image())); }),
-      view_input(input, reads_image()), Window{change.top, change.left, change.bottom, change.right});
+      view_input(input, reads_image()), Window{change.top, change.left, change.bottom, change.right},
+      options_.locality);
   if (options_.parts.lidar)
     propose(local->output(), score_threshold);
   else
@@ -68,13 +69,15 @@ void FusionDetector::backward_changed(const Tensor& d_logits, float* d_image, fl
   if (d_image) std::fill_n(d_image, kept_image_values_, 0.f);
   if (d_image && gradient.image.defined()) {
     const Window& at = gradient.pixels;
-    const float* row = gradient.image.data_ptr<float>();
+    const Tensor image = gradient.image.to(torch::kFloat).contiguous();
+    const float* row = image.data_ptr<float>();
     for (std::int64_t v = at.top; v < at.bottom; ++v, row += 3 * at.columns())
       std::copy_n(row, 3 * at.columns(), d_image + 3 * (v * width + at.left));
   }
   if (!d_points) return;
   std::fill_n(d_points, 4 * points, 0.f);
-  const float* row = gradient.of_points.data_ptr<float>();
+  const Tensor of_points = gradient.of_points.to(torch::kFloat);
+  const float* row = of_points.data_ptr<float>();
   for (const std::int64_t point : gradient.points) {
     std::copy_n(row, 4, d_points + 4 * point);
     row += 4;

@@ -122,13 +122,13 @@ std::shared_ptr<const CameraPlan> CleanFrames::camera_plan(std::int64_t height, 
   const Parts& parts = network_->parts;
   if (!plan)
     plan = std::make_shared<const CameraPlan>(fusion::camera_plan(
-        *network_->camera, height, width, parts.late || !parts.lidar, parts.lidar && parts.image));
+        *network_->camera, height, width, parts.late || !parts.lidar, parts.lidar && parts.image, bfloat16_));
   return plan;
 }
 
 std::shared_ptr<const BackbonePlan> CleanFrames::backbone() {
   const std::scoped_lock lock(mutex_);
-  if (!backbone_) backbone_ = std::make_shared<const BackbonePlan>(backbone_plan(*network_));
+  if (!backbone_) backbone_ = std::make_shared<const BackbonePlan>(backbone_plan(*network_, bfloat16_));
   return backbone_;
 }
 
@@ -136,9 +136,9 @@ std::shared_ptr<CleanFrame> CleanFrames::make(const SensorTensors& given_input) 
   const torch::NoGradGuard guard;
   const Parts& parts = network_->parts;
   auto frame = std::make_shared<CleanFrame>();
-  SensorTensors input = given_input;
+  SensorTensors input = in_type_of(*network_, given_input);
   frame->projection = input.projection;
-  frame->points = input.points.contiguous();
+  frame->points = given_input.points.contiguous();
   if (parts.camera && input.image.defined()) {
     frame->height = input.image.size(0), frame->width = input.image.size(1);
     frame->camera_plan = camera_plan(frame->height, frame->width);

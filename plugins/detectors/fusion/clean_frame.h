@@ -23,7 +23,7 @@ struct Footprint {
 struct CleanFrame {
   std::int64_t height = 0, width = 0;
   Projection projection{};
-  torch::Tensor points;  ///< N × 4
+  torch::Tensor points;  ///< N × 4, float
   std::shared_ptr<const CameraPlan> camera_plan;
   std::shared_ptr<const BackbonePlan> backbone_plan;
   CleanMaps camera, backbone;
@@ -38,8 +38,10 @@ struct CleanFrame {
 /// threads may ask at once.
 class CleanFrames {
  public:
-  /// `most`: bytes kept. A frame alone may be larger: it is made and used, and not kept.
-  CleanFrames(Network network, std::size_t most) : network_(std::move(network)), most_(most) {}
+  /// `most`: bytes kept; bfloat16: convolutions, as plan.h says. A frame alone may be larger: it is made and
+  /// used, and not kept.
+  CleanFrames(Network network, std::size_t most, bool bfloat16 = false)
+      : network_(std::move(network)), most_(most), bfloat16_(bfloat16) {}
 
   /// Empty if the network's passes can be local, else why they cannot.
   static const char* why_whole(const Parts& parts);
@@ -56,6 +58,7 @@ class CleanFrames {
 
   Network network_;
   std::size_t most_;
+  bool bfloat16_;
   mutable std::mutex mutex_;  // of what follows
   using Kept = std::pair<std::uint64_t, std::shared_ptr<const CleanFrame>>;
   std::list<Kept> kept_;  ///< the one used last is first

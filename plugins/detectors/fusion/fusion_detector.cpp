@@ -1,5 +1,7 @@
 #include "fusion_detector.h"
 
+#include <dlfcn.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -58,12 +60,26 @@ Options with_parts(Options options, const char* weights) {
   return options;
 }
 
+/// oneDNN keeps the convolutions that it compiled for the last 1024 sizes; passes over windows have more.
+void keep_compiled_convolutions() {
+  constexpr int kKept = 8192;
+  static std::once_flag once;
+  std::call_once(once, [] {
+    void* library = dlopen("libdnnl.so.2", RTLD_LAZY | RTLD_NOLOAD);  // LibTorch's; has no header here
+    if (!library) return;
+    if (void* set = dlsym(library, "dnnl_set_primitive_cache_capacity"))
+      reinterpret_cast<int (*)(int)>(set)(kKept);
+  });
+}
+
 Network make_network(const Options& options) {
+  keep_compiled_convolutions();
   torch::manual_seed(options.seed);
   Network network(options.parts);
   network->to(best_device());
   // Only a training step turns them on.
   for (Tensor& parameter : network->parameters()) parameter.requires_grad_(false);
+  if (options.precision == Precision::double_) network->to(torch::kDouble);
   return network;
 }
 
@@ -73,7 +89,9 @@ FusionDetector::FusionDetector(const Options& options, Network network,
                                std::shared_ptr<CleanFrames> clean_frames)
     : options_(options), network_(std::move(network)), clean_frames_(std::move(clean_frames)) {
   options_.parts = network_->parts;
-  if (!clean_frames_) clean_frames_ = std::make_shared<CleanFrames>(network_, options_.clean_memory);
+  if (!clean_frames_)
+    clean_frames_ = std::make_shared<CleanFrames>(network_, options_.clean_memory,
+                                                  options_.precision == Precision::bfloat16);
   start_optimiser();
 }
 
@@ -116,10 +134,11 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
                                                            float score_threshold, bool keep_graph) {
   kept_logits_ = Tensor();
   local_.reset();
-  kept_input_ = copy_input(input, reads_image());
+  kept_input_ = in_type_of(*network_, copy_input(input, reads_image()));
   kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
   at::set_num_threads(1);
   torch::AutoGradMode mode(keep_graph);
+  const Bfloat16 rounded(options_.precision == Precision::bfloat16);
   if (keep_graph) {
     kept_input_.points.requires_grad_(true);
     if (kept_input_.image.defined()) kept_input_.image.requires_grad_(true);
@@ -131,7 +150,7 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
     propose(seen, score_threshold);
     return proposals_;
   }
-  const Tensor output = network_->forward(kept_input_);
+  const Tensor output = network_->forward(kept_input_).to(kept_input_.points.scalar_type());
   if (keep_graph) kept_logits_ = output.select(0, kLogit).reshape({-1});
   propose(output, score_threshold);
   return proposals_;
@@ -140,7 +159,7 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
 void FusionDetector::propose(const Tensor& output, float score_threshold) {
   proposals_.clear();
   proposal_cells_.clear();
-  const Tensor plain = output.detach().reshape({kOutputs, -1}).contiguous();
+  const Tensor plain = output.detach().to(torch::kFloat).reshape({kOutputs, -1}).contiguous();
   const float* value = plain.data_ptr<float>();
   const std::int64_t cells = plain.size(1);
   for (std::int64_t k = 0; k < cells; ++k) {
@@ -156,7 +175,8 @@ void FusionDetector::propose(const Tensor& output, float score_threshold) {
 void FusionDetector::propose(const CameraOutput& seen, float score_threshold) {
   proposals_.clear();
   proposal_cells_.clear();
-  const Tensor logits = seen.logits.detach().contiguous(), boxes = seen.boxes.detach().contiguous();
+  const Tensor logits = seen.logits.detach().to(torch::kFloat).contiguous(),
+               boxes = seen.boxes.detach().to(torch::kFloat).contiguous();
   const float *logit = logits.data_ptr<float>(), *box = boxes.data_ptr<float>();
   for (std::int64_t k = 0; k < logits.numel(); ++k, box += 4) {
     if (!(1 / (1 + std::exp(-logit[k])) > score_threshold)) continue;
@@ -173,18 +193,19 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
     throw std::runtime_error("backward got " + std::to_string(d_logits.size()) + " logit gradients for " +
                              std::to_string(proposal_cells_.size()) + " proposals; give one for each");
   at::set_num_threads(1);
-  Tensor seed = local_ ? torch::zeros({local_->logit_count()}) : torch::zeros_like(kept_logits_);
+  Tensor seed = torch::zeros({local_ ? local_->logit_count() : kept_logits_.numel()});
   for (std::size_t i = 0; i < d_logits.size(); ++i) seed.data_ptr<float>()[proposal_cells_[i]] = d_logits[i];
   if (local_) return backward_changed(seed, d_image, d_points);
   std::vector<Tensor> inputs = {kept_input_.points};
   if (kept_input_.image.defined()) inputs.push_back(kept_input_.image);
-  const auto gradients = torch::autograd::grad({kept_logits_}, inputs, {seed}, true, false, true);
+  const auto gradients =
+      torch::autograd::grad({kept_logits_}, inputs, {seed.to(kept_logits_.scalar_type())}, true, false, true);
   const auto copy = [](const Tensor& gradient, const Tensor& like, float* out) {
     if (!out) return;
     const auto bytes = sizeof(float) * static_cast<std::size_t>(like.numel());
     if (bytes == 0) return;
     if (gradient.defined())
-      std::memcpy(out, gradient.contiguous().data_ptr<float>(), bytes);
+      std::memcpy(out, gradient.to(torch::kFloat).contiguous().data_ptr<float>(), bytes);
     else
       std::memset(out, 0, bytes);
   };
@@ -224,7 +245,7 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
                                   double positives, double boxed) {
   const bool frozen_camera = options_.parts.camera && !camera_learns();
   SensorTensors input = copy_input(sample.input, reads_image());
-  const Bfloat16 rounded(options_.bfloat16);
+  const Bfloat16 rounded(options_.precision == Precision::bfloat16);
   if (input.image.defined() && frozen_camera) {
     input.camera = remembered(input, sample.picture_key);  // of the picture as recorded
     input = augment(input, options_.seed, index, false);
@@ -306,7 +327,7 @@ MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& inpu
   if (!reads_image()) throw std::runtime_error("this detector has no image features; use one with a camera");
   at::set_num_threads(1);
   const torch::NoGradGuard guard;
-  SensorTensors tensors = copy_input(input, true);
+  SensorTensors tensors = in_type_of(*network_, copy_input(input, true));
   if (!tensors.image.defined()) throw std::runtime_error("the input has no image; give one");
   tensors.camera = network_->see(tensors);
   Tensor map =

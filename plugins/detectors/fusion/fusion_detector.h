@@ -18,6 +18,9 @@
 
 namespace mirage::fusion {
 
+/// What convolutions are computed in. double_: the whole network, as a reference for the others.
+enum class Precision { float_, bfloat16, double_ };
+
 struct Options {
   Parts parts;  ///< of fresh weights; a starting network has denoising and gate beside its weights' own
   /// The weights are where a new training starts: the optimiser is fresh, and a detector with a picture may
@@ -30,8 +33,11 @@ struct Options {
   bool joint = false;  ///< what was taken over learns too, boxes in the picture beside
   bool heads = false;  ///< of a camera network whose trunk is kept, the heads learn in place of the mask
   std::uint64_t seed = 0;
-  bool bfloat16 = false;  ///< convolutions of training passes in bfloat16
-  int threads = 1;        ///< samples of a training step at once; a forward pass uses one
+  /// Of every pass. In bfloat16 operands and results of convolutions are rounded, products are summed in
+  /// float, and everything else is float.
+  Precision precision = Precision::float_;
+  double locality = 0;  ///< m; > 0: passes over a change are truncated (local_network.h)
+  int threads = 1;      ///< samples of a training step at once; a forward pass uses one
   std::size_t clean_memory = std::size_t{2048} << 20;  ///< bytes of clean frames kept; 0: passes are whole
 };
 

@@ -1,6 +1,7 @@
 #include "local_network.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 #include "bilinear.h"
@@ -25,18 +26,46 @@ Window whole_picture(const Tensor& image) {
 }  // namespace
 
 LocalNetwork::LocalNetwork(Network network, std::shared_ptr<const CleanFrame> clean,
-                           const SensorTensors& input, const Window& changed)
-    : network_(std::move(network)), clean_(std::move(clean)), input_(input), changed_(changed) {
+                           const SensorTensors& input, const Window& changed, double locality)
+    : network_(std::move(network)),
+      clean_(std::move(clean)),
+      input_(input),
+      changed_(changed),
+      locality_(locality) {
   const torch::NoGradGuard guard;
+  typed_ = in_type_of(*network_, input_);
   sweep_ = sweep_change(clean_->points, input_.points);
   if (clean_->camera_plan) look();
   if (!clean_->backbone_plan) return;
   backbone_.emplace(clean_->backbone_plan->plan, clean_->backbone);
+  if (locality_ > 0) confine();
   if (network_->parts.image && clean_->camera_plan) add_features();
   give_voxels();
   backbone_->forward();
   output_ = backbone_->whole(clean_->backbone_plan->output).squeeze(0);
   if (network_->parts.late && clean_->camera_plan) join();
+}
+
+double LocalNetwork::pixels_a_metre() const {
+  constexpr double kNoReturn = 10;  // m: of an object that no return tells the range of
+  const Projection& m = clean_->projection;
+  const double mixed = m[0] * m[8] + m[1] * m[9] + m[2] * m[10];
+  double focal = 0, depth = 0;
+  for (std::size_t c = 0; c < 3; ++c) focal += std::pow(m[c] - mixed * m[8 + c], 2);
+  for (const std::int64_t i : sweep_.fresh) {
+    const float* p = input_.points.data_ptr<float>() + 4 * i;
+    depth += (m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11]) / static_cast<double>(sweep_.fresh.size());
+  }
+  return std::sqrt(focal) / (sweep_.fresh.empty() ? kNoReturn : std::max(depth, 1.0));
+}
+
+void LocalNetwork::confine() {
+  Dirty moved(kVoxelsX, kVoxelsY);
+  for (const std::int64_t i : sweep_.gone) add_voxels_of(clean_->points.data_ptr<float>() + 4 * i, moved);
+  for (const std::int64_t i : sweep_.fresh) add_voxels_of(input_.points.data_ptr<float>() + 4 * i, moved);
+  if (moved.empty()) return;  // the picture alone: the bird's-eye view is as far as it goes
+  backbone_->confine(std::move(moved), static_cast<std::int64_t>(std::ceil(locality_ / kVoxel)));
+  confined_ = true;
 }
 
 void LocalNetwork::look() {
@@ -46,11 +75,13 @@ void LocalNetwork::look() {
   changed_ = intersection(changed_, whole_picture(input_.image));
   Dirty dirty(picture.rows, picture.columns);
   if (!changed_.empty()) dirty.add(focus_window(changed_));
+  if (locality_ > 0)
+    camera_->confine(dirty, static_cast<std::int64_t>(std::ceil(locality_ * pixels_a_metre() / 2)));
   std::vector<Patch> patches;
   for (const Window& at : camera_->needed(plan.picture, dirty)) {
     Patch patch;
     patch.at = at;
-    patch.value = focused(input_.image, at);
+    patch.value = focused(typed_.image, at);
     patches.push_back(std::move(patch));
   }
   camera_->give(plan.picture, std::move(dirty), std::move(patches));
@@ -69,6 +100,14 @@ void LocalNetwork::add_features() {
   for (std::size_t level = 0; level < kGrids.size(); ++level) {
     const Grid& grid = kGrids[level];
     const int number = clean_->backbone_plan->added[level];
+    if (confined_) {
+      const Dirty near = backbone_->near(grid.rows, grid.columns);
+      std::erase_if(cells_[level], [&](const ChangedCell& changed) {
+        const Dirty::Span& span = near.row(changed.cell / grid.columns);
+        const std::int64_t column = changed.cell % grid.columns;
+        return column < span.low || column >= span.high;
+      });
+    }
     std::vector<std::int64_t> cells, points;
     Dirty dirty(grid.rows, grid.columns);
     for (const auto& [cell, point] : cells_[level]) {
@@ -77,28 +116,29 @@ void LocalNetwork::add_features() {
     }
     Tensor rows;
     if (!cells.empty()) {
-      const Tensor at = input_.points.narrow(1, 0, 3).index_select(0, torch::tensor(points));
+      const Tensor at = typed_.points.narrow(1, 0, 3).index_select(0, torch::tensor(points));
       const Tensor read = bilinear(read_, places_in_map(pixels_of(at, input_.projection)));
-      rows = network_->fuse[level]->rows(read, at - centres_of(cells, grid)).contiguous();
+      rows =
+          network_->fuse[level]->rows(read, at - centres_of(cells, grid).to(at.scalar_type())).contiguous();
     }
     const Layer& layer = clean_->backbone_plan->plan[number];
-    const auto channels = static_cast<std::size_t>(layer.channels);
-    std::vector<const float*> row_of(static_cast<std::size_t>(grid.rows * grid.columns), nullptr);
-    const std::vector<float> nothing(channels, 0.f);
+    const std::size_t bytes = static_cast<std::size_t>(layer.channels) * read_.element_size();  // a cell's
+    std::vector<const std::byte*> row_of(static_cast<std::size_t>(grid.rows * grid.columns), nullptr);
+    const std::vector<std::byte> nothing(bytes);
     for (const ChangedCell& changed : cells_[level])
       row_of[static_cast<std::size_t>(changed.cell)] = nothing.data();
     for (std::size_t k = 0; k < cells.size(); ++k)
-      row_of[static_cast<std::size_t>(cells[k])] = rows.data_ptr<float>() + k * channels;
+      row_of[static_cast<std::size_t>(cells[k])] = static_cast<const std::byte*>(rows.data_ptr()) + k * bytes;
     std::vector<Patch> patches;
     for (const Window& at : windows_of(dirty, layer)) {
       Patch patch;
       patch.at = at;
       patch.value = backbone_->window(number, at);
-      float* value = patch.value.data_ptr<float>();
+      auto* value = static_cast<std::byte*>(patch.value.data_ptr());
       for (std::int64_t row = at.top; row < at.bottom; ++row)
-        for (std::int64_t column = at.left; column < at.right; ++column, value += channels)
-          if (const float* from = row_of[static_cast<std::size_t>(row * grid.columns + column)])
-            std::memcpy(value, from, sizeof(float) * channels);
+        for (std::int64_t column = at.left; column < at.right; ++column, value += bytes)
+          if (const std::byte* from = row_of[static_cast<std::size_t>(row * grid.columns + column)])
+            std::memcpy(value, from, bytes);
       patches.push_back(std::move(patch));
     }
     backbone_->give(number, std::move(dirty), std::move(patches));
@@ -112,18 +152,19 @@ void LocalNetwork::give_voxels() {
   for (const std::int64_t i : sweep_.fresh) add_voxels_of(input_.points.data_ptr<float>() + 4 * i, dirty);
   Tensor painted;
   if (network_->parts.painted) {
-    input_.camera = seen_;
-    painted = painted_voxels(input_);
+    typed_.camera = seen_;
+    painted = painted_voxels(typed_);
     if (camera_) add_painted(dirty);
   }
+  if (confined_) dirty.keep(backbone_->near(kVoxelsX, kVoxelsY));
   std::vector<Patch> patches;
   for (const Window& at : backbone_->needed(plan.voxels, dirty)) {
     Patch patch;
     patch.at = at;
-    patch.value = soft_voxels(input_.points, at);
+    patch.value = soft_voxels(typed_.points, at);
     if (painted.defined()) {
       const Window inside = intersection(at, {0, 0, kVoxelsX, kVoxelsY});
-      Tensor beside = torch::zeros({1, kPaintedChannels, at.rows(), at.columns()});
+      Tensor beside = torch::zeros({1, kPaintedChannels, at.rows(), at.columns()}, painted.options());
       part(beside,
            {inside.top - at.top, inside.left - at.left, inside.bottom - at.top, inside.right - at.left})
           .copy_(part(painted, inside));
@@ -164,22 +205,24 @@ void LocalNetwork::join() {
   const torch::AutoGradMode on(true);
   before_join_ = output_.detach().requires_grad_(true);
   logits_before_join_ = seen_.logits.detach().requires_grad_(true);
-  SensorTensors input = input_;
+  SensorTensors input = typed_;
   input.camera = seen_;
   input.camera.logits = logits_before_join_;
   joined_ = network_->join(before_join_, input);
   output_ = joined_.detach();
 }
 
-LocalNetwork::Gradient LocalNetwork::backward(const Tensor& d_logits) {
+LocalNetwork::Gradient LocalNetwork::backward(const Tensor& d_loss) {
+  const Tensor d_logits = d_loss.to(typed_.points.scalar_type());
   Gradient gradient;
   gradient.points = sweep_.fresh;
-  gradient.of_points = torch::zeros({static_cast<std::int64_t>(sweep_.fresh.size()), 4});
+  gradient.of_points =
+      torch::zeros({static_cast<std::int64_t>(sweep_.fresh.size()), 4}, typed_.points.options());
   if (!backbone_) {
     back_through_rows(d_logits);
   } else {
     const Layer& layer = clean_->backbone_plan->plan[clean_->backbone_plan->output];
-    Tensor d_output = torch::zeros({1, kOutputs, layer.rows, layer.columns});
+    Tensor d_output = torch::zeros({1, kOutputs, layer.rows, layer.columns}, output_.options());
     d_output.select(1, kLogit).copy_(d_logits.view({1, layer.rows, layer.columns}));
     if (joined_.defined()) {
       const auto before = torch::autograd::grad({joined_}, {before_join_, logits_before_join_},
@@ -208,7 +251,7 @@ void LocalNetwork::back_through_rows(const Tensor& d_logits) {
   std::int64_t from = 0;
   for (const int number : clean_->camera_plan->rows) {
     const Layer& layer = clean_->camera_plan->plan[number];
-    Tensor map = torch::zeros({1, layer.channels, layer.rows, layer.columns});
+    Tensor map = torch::zeros({1, layer.channels, layer.rows, layer.columns}, d_rows.options());
     map.narrow(1, 4, 2).copy_(
         d_rows.narrow(0, from, layer.places()).t().view({1, 2, layer.rows, layer.columns}));
     from += layer.places();
@@ -231,14 +274,14 @@ void LocalNetwork::back_through_features(Gradient& gradient) {
     const Tensor map = backbone_->gradient(number, touched);
     const auto channels = map.size(1);
     const Tensor flat = map.permute({0, 2, 3, 1}).reshape({-1, channels});
-    const Tensor loud = flat.abs().amax(1).contiguous();
+    const Tensor loud = flat.ne(0).any(1).contiguous();
     Rows& rows = levels[level];
     std::vector<std::int64_t> places;
     for (const auto& [cell, point] : cells_[level]) {
       const std::int64_t row = cell / grid.columns, column = cell % grid.columns;
       if (point < 0 || !holds(touched, {row, column, row + 1, column + 1})) continue;
       const std::int64_t place = (row - touched.top) * touched.columns() + column - touched.left;
-      if (loud.data_ptr<float>()[place] == 0) continue;
+      if (!loud.data_ptr<bool>()[place]) continue;
       rows.cells.push_back(cell), rows.points.push_back(point);
       places.push_back(place);
     }
@@ -252,7 +295,7 @@ void LocalNetwork::back_through_features(Gradient& gradient) {
     const torch::AutoGradMode on(true);
     const Tensor map = read_.detach().requires_grad_(true);
     const Tensor points =
-        input_.points.narrow(1, 0, 3).index_select(0, torch::tensor(all)).detach().requires_grad_(true);
+        typed_.points.narrow(1, 0, 3).index_select(0, torch::tensor(all)).detach().requires_grad_(true);
     const Tensor read = bilinear(map, places_in_map(pixels_of(points, input_.projection)));
     std::vector<Tensor> outputs, gradients;
     std::int64_t from = 0;
@@ -261,7 +304,8 @@ void LocalNetwork::back_through_features(Gradient& gradient) {
       if (count == 0) continue;
       outputs.push_back(network_->fuse[level]->rows(
           read.narrow(0, from, count),
-          points.narrow(0, from, count) - centres_of(levels[level].cells, kGrids[level])));
+          points.narrow(0, from, count) -
+              centres_of(levels[level].cells, kGrids[level]).to(points.scalar_type())));
       gradients.push_back(levels[level].gradient);
       from += count;
     }
@@ -284,11 +328,11 @@ void LocalNetwork::back_through_voxels(Gradient& gradient) {
     for (const Window& window : own.windows(kVoxelsX * kVoxelsY)) at = bounds(at, window);
     at = intersection(at, touched);
     if (!at.empty()) {
-      const Tensor fresh = input_.points.index_select(0, torch::tensor(sweep_.fresh));
+      const Tensor fresh = typed_.points.index_select(0, torch::tensor(sweep_.fresh));
       const Window inner{at.top - touched.top, at.left - touched.left, at.bottom - touched.top,
                          at.right - touched.left};
       add_to_points(gradient, sweep_.fresh,
-                    soft_voxels_vjp(fresh, at, soft_voxels(input_.points, at),
+                    soft_voxels_vjp(fresh, at, soft_voxels(typed_.points, at),
                                     part(d_voxels, inner).narrow(1, 0, kVoxelsZ)));
     }
   }
@@ -296,8 +340,8 @@ void LocalNetwork::back_through_voxels(Gradient& gradient) {
   std::vector<Tensor> changed;
   {
     const torch::AutoGradMode on(true);
-    SensorTensors input = input_;
-    input.points = input_.points.detach().requires_grad_(true);
+    SensorTensors input = typed_;
+    input.points = typed_.points.detach().requires_grad_(true);
     input.camera.mask = seen_.mask.detach().requires_grad_(true);
     const Tensor painted = painted_voxels(input, touched);
     if (!painted.requires_grad()) return;
@@ -320,7 +364,7 @@ void LocalNetwork::back_through_picture(Gradient& gradient) {
                    whole_picture(input_.image));
   const Tensor d_focus = camera_->gradient(number, focus_at);
   const torch::AutoGradMode on(true);
-  const Tensor picture = input_.image.narrow(0, pixels.top, pixels.rows())
+  const Tensor picture = typed_.image.narrow(0, pixels.top, pixels.rows())
                              .narrow(1, pixels.left, pixels.columns())
                              .detach()
                              .clone()
@@ -332,15 +376,16 @@ void LocalNetwork::back_through_picture(Gradient& gradient) {
 
 void LocalNetwork::add_to_points(Gradient& gradient, std::span<const std::int64_t> points,
                                  const Tensor& rows) {
-  const Tensor from = rows.contiguous();
-  const std::int64_t width = from.size(1);
+  const std::int64_t width = std::min<std::int64_t>(rows.size(1), 4);
+  std::vector<std::int64_t> from, into;
   for (std::size_t k = 0; k < points.size(); ++k) {
     const auto at = std::lower_bound(sweep_.fresh.begin(), sweep_.fresh.end(), points[k]);
     if (at == sweep_.fresh.end() || *at != points[k]) continue;  // as recorded
-    float* into = gradient.of_points.data_ptr<float>() + 4 * (at - sweep_.fresh.begin());
-    const float* row = from.data_ptr<float>() + static_cast<std::int64_t>(k) * width;
-    for (std::int64_t c = 0; c < std::min<std::int64_t>(width, 4); ++c) into[c] += row[c];
+    from.push_back(static_cast<std::int64_t>(k)), into.push_back(at - sweep_.fresh.begin());
   }
+  if (from.empty()) return;
+  gradient.of_points.narrow(1, 0, width)
+      .index_add_(0, torch::tensor(into), rows.index_select(0, torch::tensor(from)).narrow(1, 0, width));
 }
 
 double LocalNetwork::work() const {

@@ -20,8 +20,10 @@ class LocalNetwork {
  public:
   /// input: image H × W × 3 (where the network reads one) and points, float. `changed`: pixels outside are
   /// those of the clean frame.
+  /// locality > 0: the pass ends so many metres around the changes of the sweep, and as many at the object's
+  /// range in the picture; what lies beyond is left as it was (an approximation).
   LocalNetwork(Network network, std::shared_ptr<const CleanFrame> clean, const SensorTensors& input,
-               const Window& changed);
+               const Window& changed, double locality = 0);
   LocalNetwork(const LocalNetwork&) = delete;
   LocalNetwork& operator=(const LocalNetwork&) = delete;
 
@@ -45,13 +47,15 @@ class LocalNetwork {
     torch::Tensor of_points;           ///< one row each, as long as the points' rows
   };
   /// d loss / d logit, one a proposal cell or one a picture box → d loss / d what changed.
-  Gradient backward(const torch::Tensor& d_logits);
+  Gradient backward(const torch::Tensor& d_loss);
 
   /// Floating-point operations of convolutions so far, and of a whole pass forward.
   double work() const;
   double whole_work() const;
 
  private:
+  double pixels_a_metre() const;
+  void confine();
   void look();
   void add_features();
   void give_voxels();
@@ -66,7 +70,11 @@ class LocalNetwork {
   Network network_;
   std::shared_ptr<const CleanFrame> clean_;
   SensorTensors input_;
+  SensorTensors
+      typed_;  ///< the same in the type of the network's weights; discrete choices are made in float
   Window changed_;
+  double locality_;
+  bool confined_ = false;  ///< the bird's-eye view is
   SweepChange sweep_;
   std::optional<LocalPass> camera_, backbone_;
   std::array<std::vector<ChangedCell>, kGrids.size()> cells_;

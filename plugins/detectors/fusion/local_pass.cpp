@@ -14,14 +14,15 @@ constexpr auto kChannelsLast = torch::MemoryFormat::ChannelsLast;
 /// What another window costs, in floating-point operations of a convolution and in places of other layers.
 constexpr double kWindowWork = 1.5e6;
 constexpr std::int64_t kWindowPlaces = 128;
+constexpr std::int64_t kRasterSteps = 40;  // at least so many of a raster's steps across a map
 
-Tensor empty(std::int64_t channels, const Window& at) {
+Tensor empty(std::int64_t channels, const Window& at, torch::Dtype type) {
   return torch::empty({1, channels, at.rows(), at.columns()},
-                      torch::TensorOptions().memory_format(kChannelsLast));
+                      torch::TensorOptions().dtype(type).memory_format(kChannelsLast));
 }
 
-Tensor zeros(std::int64_t channels, const Window& at) {
-  return empty(channels, at).zero_();
+Tensor zeros(std::int64_t channels, const Window& at, torch::Dtype type) {
+  return empty(channels, at, type).zero_();
 }
 
 /// The part `part` of x, which covers `at`; a view.
@@ -33,7 +34,7 @@ Tensor cut(const Tensor& x, const Window& at, const Window& part) {
 Tensor around(const Tensor& x, const Window& at, const Window& wanted) {
   const Window both = intersection(at, wanted);
   if (both == wanted) return cut(x, at, wanted).contiguous(kChannelsLast);
-  Tensor y = zeros(x.size(1), wanted);
+  Tensor y = zeros(x.size(1), wanted, x.scalar_type());
   if (!both.empty()) cut(y, wanted, both).copy_(cut(x, at, both));
   return y;
 }
@@ -42,15 +43,15 @@ Tensor around(const Tensor& x, const Window& at, const Window& wanted) {
 void paste(const Tensor& from, const Window& from_at, Tensor& into, const Window& into_at) {
   const Window both = intersection(from_at, into_at);
   if (both.empty()) return;
-  const std::int64_t channels = into.size(1);
-  const float* source = from.data_ptr<float>();
-  float* target = into.data_ptr<float>();
+  const auto place = static_cast<std::int64_t>(into.element_size()) * into.size(1);  // bytes
+  const auto* source = static_cast<const std::byte*>(from.data_ptr());
+  auto* target = static_cast<std::byte*>(into.data_ptr());
   const auto offset = [&](const Window& at, std::int64_t row) {
-    return ((row - at.top) * at.columns() + both.left - at.left) * channels;
+    return ((row - at.top) * at.columns() + both.left - at.left) * place;
   };
   for (std::int64_t row = both.top; row < both.bottom; ++row)
     std::memcpy(target + offset(into_at, row), source + offset(from_at, row),
-                sizeof(float) * static_cast<std::size_t>(both.columns() * channels));
+                static_cast<std::size_t>(both.columns() * place));
 }
 
 /// Channels-last whatever its sizes say: a map of one channel or one column is any order.
@@ -64,7 +65,7 @@ void add_to(Patch& patch, const Layer& layer, const Window& at, const Tensor& gr
   const Window both = intersection(at, patch.at);
   if (both.empty()) return;
   if (!patch.gradient.defined()) {
-    patch.gradient = zeros(layer.channels, patch.at);
+    patch.gradient = zeros(layer.channels, patch.at, gradient.scalar_type());
     patch.touched = Dirty(layer.rows, layer.columns);
   }
   cut(patch.gradient, patch.at, both).add_(cut(gradient, at, both));
@@ -73,12 +74,12 @@ void add_to(Patch& patch, const Layer& layer, const Window& at, const Tensor& gr
 
 /// Places of a map that are not zero.
 Dirty support(const Tensor& map) {
-  const Tensor any = map.squeeze(0).abs().amax(0).contiguous();
+  const Tensor any = map.squeeze(0).ne(0).any(0).contiguous();
   Dirty places(any.size(0), any.size(1));
-  const float* value = any.data_ptr<float>();
+  const bool* value = any.data_ptr<bool>();
   for (std::int64_t row = 0; row < any.size(0); ++row)
     for (std::int64_t column = 0; column < any.size(1); ++column)
-      if (*value++ != 0) places.add(row, column);
+      if (*value++) places.add(row, column);
   return places;
 }
 
@@ -98,9 +99,23 @@ Tensor slope(const Layer& layer, const Patch& patch, const Window& at, const Ten
 
 std::vector<Window> windows_of(const Dirty& dirty, const Layer& layer) {
   const double work = layer.work();
-  return dirty.windows(work > 0 ? std::clamp(static_cast<std::int64_t>(kWindowWork / work), std::int64_t{16},
-                                             kWindowPlaces * 4)
-                                : kWindowPlaces);
+  if (work == 0) return dirty.windows(kWindowPlaces);
+  // On a raster: oneDNN compiles a convolution for every size that it meets and keeps a number of them. With
+  // windows of any size nearly every one would be compiled anew, for more time than it then runs.
+  std::int64_t raster = 1;
+  while (2 * raster * kRasterSteps <= layer.columns) raster *= 2;
+  std::vector<Window> windows;
+  for (Window at : dirty.windows(
+           std::clamp(static_cast<std::int64_t>(kWindowWork / work), std::int64_t{16}, kWindowPlaces * 4))) {
+    at = {at.top / raster * raster, at.left / raster * raster,
+          std::min((at.bottom + raster - 1) / raster * raster, layer.rows),
+          std::min((at.right + raster - 1) / raster * raster, layer.columns)};
+    if (!windows.empty() && windows.back().bottom > at.top)
+      windows.back() = bounds(windows.back(), at);  // they come from top to bottom, and stay disjoint
+    else
+      windows.push_back(at);
+  }
+  return windows;
 }
 
 LocalPass::LocalPass(const Plan& plan, const CleanMaps& clean)
@@ -117,7 +132,16 @@ Dirty LocalPass::spread(const Layer& layer) const {
   if (layer.op == Layer::Op::twice) return dirty(layer.from[0]).doubled(layer.rows);
   Dirty all = dirty(layer.from[0]).through(layer.reach, layer.rows, layer.columns);
   for (std::size_t k = 1; k < layer.from.size(); ++k) all.add(dirty(layer.from[k]));
+  // What reads an input that is not kept has the windows that it was asked for, and no others.
+  const Layer& first = plan_[layer.from[0]];
+  if (near_.rows() > 0 && (first.op != Layer::Op::given || first.kept))
+    all.keep(near(layer.rows, layer.columns));
   return all;
+}
+
+Dirty LocalPass::near(std::int64_t rows, std::int64_t columns) const {
+  const std::int64_t s = std::max<std::int64_t>(1, near_.columns() / columns);
+  return near_.through({2 * halo_ + s, s, halo_}, rows, columns);
 }
 
 void LocalPass::forward() {
@@ -207,7 +231,7 @@ Tensor LocalPass::window(int layer, const Window& at, float fill) const {
   const Layer& shape = plan_[layer];
   const Tensor& clean = clean_[layer];
   if (!clean.defined()) throw std::logic_error("a window reads what no pass has kept");
-  Tensor y = empty(shape.channels, at);
+  Tensor y = empty(shape.channels, at, plan_.type());
   if (!holds(shape.whole(), at)) y.fill_(fill);
   paste(clean, shape.whole(), y, at);
   for (const Patch& patch : node.patches) paste(patch.value, patch.at, y, at);
@@ -235,7 +259,7 @@ Window LocalPass::touched(int layer) const {
 }
 
 Tensor LocalPass::gradient(int layer, const Window& at) const {
-  Tensor all = zeros(plan_[layer].channels, at);
+  Tensor all = zeros(plan_[layer].channels, at, plan_.type());
   for (const Patch& patch : nodes_[static_cast<std::size_t>(layer)].patches)
     if (patch.gradient.defined()) paste(patch.gradient, patch.at, all, at);
   return all;
@@ -315,25 +339,26 @@ void LocalPass::back_conv(const Layer& layer, const Window& at, const Tensor& gr
                           wanted.left + layer.reach.padding - layer.reach.kernel + 1,
                           wanted.bottom + layer.reach.padding, wanted.right + layer.reach.padding};
       const Tensor y = around(gradient, at, needed);
-      add_to(before, plan_[from], wanted,
-             at::mkldnn_convolution(y, layer.turned, {}, {0, 0}, {1, 1}, {1, 1}, layer.groups));
+      add_to(before, plan_[from], wanted, convolve_turned(layer, y));
       work_ += layer.work() * static_cast<double>(wanted.area());
       continue;
     }
     const std::int64_t s = layer.reach.stride;
-    const auto [d_input, d_weight, d_bias] = at::convolution_backward(
-        cut(gradient, at, read).contiguous(kChannelsLast), empty(plan_[from].channels, all), layer.weight, {},
-        {s, s}, {0, 0}, {1, 1}, false, {0, 0}, layer.groups, {true, false, false});
+    const Tensor& weight = layer.weight16.defined() ? layer.weight16 : layer.weight;
+    const auto [d_input, d_weight, d_bias] =
+        at::convolution_backward(cut(gradient, at, read).contiguous(kChannelsLast).to(weight.scalar_type()),
+                                 empty(plan_[from].channels, all, weight.scalar_type()), weight, {}, {s, s},
+                                 {0, 0}, {1, 1}, false, {0, 0}, layer.groups, {true, false, false});
     work_ += layer.work() * static_cast<double>(read.area());
-    add_to(before, plan_[from], all, d_input);
+    add_to(before, plan_[from], all, d_input.to(plan_.type()));
   }
 }
 
 void LocalPass::back_pool(const Layer& layer, const Patch& patch) {
   const Window all = read_by(patch.at, layer.reach);
-  const Tensor d_input = at::max_pool2d_with_indices_backward(patch.gradient, empty(layer.channels, all),
-                                                              {layer.reach.kernel, layer.reach.kernel},
-                                                              {1, 1}, {0, 0}, {1, 1}, false, patch.highest);
+  const Tensor d_input = at::max_pool2d_with_indices_backward(
+      patch.gradient, empty(layer.channels, all, plan_.type()), {layer.reach.kernel, layer.reach.kernel},
+      {1, 1}, {0, 0}, {1, 1}, false, patch.highest);
   add_gradient(layer.from[0], all, d_input);
 }
 

@@ -35,6 +35,12 @@ class LocalPass {
   /// What changed in an input: patches that cover `dirty`, or, of an input that is not kept, what is
   /// needed().
   void give(int layer, Dirty dirty, std::vector<Patch> patches);
+  /// From here on nothing changes further than `halo` places from `changed`, both of an input's map: what
+  /// does is left as it was. The pass is then an approximation. Maps of other sizes count in steps of a power
+  /// of two.
+  void confine(Dirty changed, std::int64_t halo) { near_ = std::move(changed), halo_ = halo; }
+  /// Of a map of rows × columns: what lies near enough. Only after confine().
+  Dirty near(std::int64_t rows, std::int64_t columns) const;
   void forward();
 
   const Dirty& dirty(int layer) const { return nodes_[static_cast<std::size_t>(layer)].dirty; }
@@ -73,6 +79,8 @@ class LocalPass {
   const Plan& plan_;
   const CleanMaps& clean_;
   std::vector<Node> nodes_;
+  Dirty near_;  ///< no rows: everything may change
+  std::int64_t halo_ = 0;
   double work_ = 0;
 };
 

@@ -265,6 +265,14 @@ CameraOutput NetworkImpl::see(const SensorTensors& input, bool with_boxes) {
   return camera(input.image, with_boxes || parts.late || !parts.lidar);
 }
 
+SensorTensors in_type_of(NetworkImpl& network, SensorTensors input) {
+  const torch::Dtype type =
+      (network.head.is_empty() ? network.camera->mask_out->weight : network.head->weight).scalar_type();
+  if (input.image.defined()) input.image = input.image.to(type);
+  input.points = input.points.to(type);
+  return input;
+}
+
 Tensor NetworkImpl::forward(const SensorTensors& given) {
   SensorTensors input = given;
   input.camera = see(given);  // once, for every part that reads it

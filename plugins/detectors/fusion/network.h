@@ -147,4 +147,8 @@ struct NetworkImpl : torch::nn::Module {
 };
 TORCH_MODULE(Network);
 
+/// The picture and the points in the type of the network's weights (float, or double in tests of the float
+/// passes).
+SensorTensors in_type_of(NetworkImpl& network, SensorTensors input);
+
 }  // namespace mirage::fusion

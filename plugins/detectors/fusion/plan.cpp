@@ -16,14 +16,25 @@ Tensor padded(const Tensor& x, const Window& wanted) {
   return at::constant_pad_nd(x, {left, right, top, bottom}, 0).contiguous(kChannelsLast);
 }
 
+/// Called by name: LibTorch's own choice takes small inputs through a loop over groups. oneDNN has no double.
+Tensor convolved(const Tensor& x, const Layer& layer, const Tensor& weight, const Tensor& bias,
+                 const Tensor& weight16, const Tensor& bias16, std::int64_t stride, std::int64_t padding) {
+  if (x.scalar_type() == torch::kDouble)
+    return at::conv2d(x, weight, bias, {stride, stride}, {padding, padding}, {1, 1}, layer.groups);
+  if (weight16.defined())
+    return at::mkldnn_convolution(x.to(torch::kBFloat16), weight16, bias16, {padding, padding},
+                                  {stride, stride}, {1, 1}, layer.groups)
+        .to(torch::kFloat);
+  return at::mkldnn_convolution(x, weight, bias, {padding, padding}, {stride, stride}, {1, 1}, layer.groups);
+}
+
 /// Over the whole map, with zeros around it.
 Tensor convolve_whole(const Layer& layer, const Tensor& x) {
   const auto [kernel, stride, padding] = layer.reach;
   const auto own = [&](std::int64_t size) { return (size + 2 * padding - kernel) / stride + 1; };
   if (own(x.size(2)) != layer.rows || own(x.size(3)) != layer.columns)
     return convolve(layer, padded(x, read_by(layer.whole(), layer.reach)));
-  return at::mkldnn_convolution(x, layer.weight, layer.bias, {padding, padding}, {stride, stride}, {1, 1},
-                                layer.groups);
+  return convolved(x, layer, layer.weight, layer.bias, layer.weight16, layer.bias16, stride, padding);
 }
 
 Tensor curved(Curve curve, const Tensor& x) {
@@ -70,6 +81,11 @@ int Plan::conv(int from, const Tensor& weight, const Tensor& bias, std::int64_t 
     if (kernel % 2 == 0) throw std::logic_error("a plan's kernels of stride 1 have odd sizes");
     const Tensor flipped = layer.weight.flip({2, 3});
     layer.turned = (groups == 1 ? flipped.transpose(0, 1) : flipped).contiguous(kChannelsLast);
+  }
+  type_ = weight.scalar_type();
+  if (bfloat16_ && type_ == torch::kFloat && groups == 1 && layer.channels >= kLeastRounded) {
+    layer.weight16 = layer.weight.to(torch::kBFloat16), layer.bias16 = layer.bias.to(torch::kBFloat16);
+    if (stride == 1) layer.turned16 = layer.turned.to(torch::kBFloat16);
   }
   return add(std::move(layer));
 }
@@ -127,9 +143,11 @@ std::size_t CleanMaps::bytes() const {
 }
 
 Tensor convolve(const Layer& layer, const Tensor& x) {
-  // Called by name: LibTorch's own choice takes small inputs through a loop over groups.
-  const std::int64_t s = layer.reach.stride;
-  return at::mkldnn_convolution(x, layer.weight, layer.bias, {0, 0}, {s, s}, {1, 1}, layer.groups);
+  return convolved(x, layer, layer.weight, layer.bias, layer.weight16, layer.bias16, layer.reach.stride, 0);
+}
+
+Tensor convolve_turned(const Layer& layer, const Tensor& gradient) {
+  return convolved(gradient, layer, layer.turned, {}, layer.turned16, {}, 1, 0);
 }
 
 CleanMaps run(const Plan& plan, const std::vector<Tensor>& given) {
@@ -152,7 +170,7 @@ CleanMaps run(const Plan& plan, const std::vector<Tensor>& given) {
         y = i < given.size() && given[i].defined()
                 ? given[i].contiguous(kChannelsLast)
                 : torch::zeros({1, layer.channels, layer.rows, layer.columns},
-                               torch::TensorOptions().memory_format(kChannelsLast));
+                               torch::TensorOptions().dtype(plan.type()).memory_format(kChannelsLast));
         break;
       case Layer::Op::conv:
         y = curved(layer.curve, convolve_whole(layer, in(0)));

@@ -1,5 +1,6 @@
 // A network as a list of layers, so that the same layers can be run over whole maps and over windows of them
-// (local_pass.h). Float, on the CPU, with norms folded: nothing in it is learned.
+// (local_pass.h). On the CPU, with norms folded: nothing in it is learned. In float; in double where the
+// network is (a reference for the float passes); with large convolutions in bfloat16 where asked for.
 #pragma once
 
 #include <string>
@@ -30,7 +31,10 @@ struct Layer {
   Curve curve = Curve::none;
   torch::Tensor weight, bias;
   torch::Tensor turned;  ///< of stride 1: the kernel whose convolution is the derivative in the input
-  bool kept = false;     ///< windows of later layers read it beyond what changed: its clean map is kept
+  /// The same in bfloat16, where this convolution runs in it: operands are rounded, products summed in float,
+  /// the result is rounded once.
+  torch::Tensor weight16, bias16, turned16;
+  bool kept = false;  ///< windows of later layers read it beyond what changed: its clean map is kept
 
   std::int64_t places() const { return rows * columns; }
   Window whole() const { return {0, 0, rows, columns}; }
@@ -41,6 +45,10 @@ struct Layer {
 /// Every function adds a layer and returns its number. Maps are 1 × channels × rows × columns, channels-last.
 class Plan {
  public:
+  /// bfloat16: of convolutions over all channels with at least kLeastRounded outputs. The few numbers that
+  /// heads give stay float, and so do convolutions of single channels, which gain nothing.
+  explicit Plan(bool bfloat16 = false) : bfloat16_(bfloat16) {}
+  static constexpr std::int64_t kLeastRounded = 16;
   /// `kept`: run() keeps the map that it is given. An input that is not kept must be given, in a local pass,
   /// a margin around what changed.
   int given(std::int64_t channels, std::int64_t rows, std::int64_t columns, bool kept);
@@ -58,10 +66,13 @@ class Plan {
 
   const std::vector<Layer>& layers() const { return layers_; }
   const Layer& operator[](int layer) const { return layers_[static_cast<std::size_t>(layer)]; }
-  double work() const;  ///< of a pass over whole maps
+  double work() const;                         ///< of a pass over whole maps
+  torch::Dtype type() const { return type_; }  ///< of its maps: that of its weights
 
  private:
   int add(Layer layer);
+  bool bfloat16_;
+  torch::Dtype type_ = torch::kFloat;
   std::vector<Layer> layers_;
 };
 
@@ -78,5 +89,7 @@ CleanMaps run(const Plan& plan, const std::vector<torch::Tensor>& given);
 
 /// A layer's convolution, without padding: x holds all that the outputs read.
 torch::Tensor convolve(const Layer& layer, const torch::Tensor& x);
+/// Of a layer of stride 1: the derivative of its convolution in the input, without padding.
+torch::Tensor convolve_turned(const Layer& layer, const torch::Tensor& gradient);
 
 }  // namespace mirage::fusion

@@ -15,6 +15,15 @@ FusionDetector& instance(void* detector) {
   return *static_cast<FusionDetector*>(detector);
 }
 
+mirage::fusion::Precision precision_named(const std::string& word) {
+  using mirage::fusion::Precision;
+  for (const auto& [name, precision] : {std::pair("float", Precision::float_),
+                                        {"bfloat16", Precision::bfloat16},
+                                        {"double", Precision::double_}})
+    if (word == name) return precision;
+  throw std::runtime_error("precision: unknown value '" + word + "'; use float, bfloat16 or double");
+}
+
 void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
   FusionDetector* made = nullptr;
   guarded(error, error_size, [&] {
@@ -26,7 +35,8 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
     options.seed = json.value("seed", std::uint64_t{0});
     options.threads = json.value("threads", 1);
     options.start = json.value("start", false);
-    options.bfloat16 = json.value("bfloat16", false);
+    options.precision = precision_named(json.value("precision", "float"));
+    options.locality = json.value("locality", 0.0);
     options.clean_memory = json.value("clean_memory_mb", std::size_t{2048}) << 20;
     for (const std::string part : json.value("parts", nlohmann::json::array())) {
       if (part == "denoising")

@@ -125,14 +125,16 @@ Tensor soft_voxels(const Tensor& points) {
 
 Tensor soft_voxels(const Tensor& points, const Window& in) {
   Tensor occupancy = torch::zeros({in.rows(), in.columns(), kVoxelsZ}, points.options());
-  spread<float>(points, in, occupancy);
+  AT_DISPATCH_FLOATING_TYPES(points.scalar_type(), "soft_voxels",
+                             [&] { spread<scalar_t>(points, in, occupancy); });
   return occupancy.permute({2, 0, 1}).unsqueeze(0);
 }
 
 Tensor soft_voxels_vjp(const Tensor& points, const Window& in, const Tensor& voxels, const Tensor& gradient) {
   Tensor d_points = torch::zeros_like(points);
   const auto rows = [](const Tensor& map) { return map.squeeze(0).permute({1, 2, 0}).contiguous(); };
-  gather<float>(points, in, rows(voxels), rows(gradient), d_points);
+  AT_DISPATCH_FLOATING_TYPES(points.scalar_type(), "soft_voxels",
+                             [&] { gather<scalar_t>(points, in, rows(voxels), rows(gradient), d_points); });
   return d_points;
 }
 

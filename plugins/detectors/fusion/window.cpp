@@ -79,6 +79,13 @@ void Dirty::add(const Dirty& other) {
   for (std::size_t r = 0; r < rows_.size(); ++r) rows_[r].add(other.rows_[r]);
 }
 
+void Dirty::keep(const Dirty& other) {
+  for (std::size_t r = 0; r < rows_.size(); ++r) {
+    const Span& by = other.rows_[r];
+    rows_[r] = by.empty() ? Span{} : Span{std::max(rows_[r].low, by.low), std::min(rows_[r].high, by.high)};
+  }
+}
+
 Dirty Dirty::through(const Reach& reach, std::int64_t out_rows, std::int64_t out_columns) const {
   Dirty out(out_rows, out_columns);
   for (std::int64_t r = 0; r < rows(); ++r) {

@@ -48,6 +48,7 @@ class Dirty {
   void add(std::int64_t row, std::int64_t column) { add(Window{row, column, row + 1, column + 1}); }
   void add(const Window& window);  ///< what of it lies on the map
   void add(const Dirty& other);    ///< of a map of the same size
+  void keep(const Dirty& other);   ///< drops what is not in the other, of a map of the same size
   /// Of the output of a layer that reads this map.
   Dirty through(const Reach& reach, std::int64_t rows, std::int64_t columns) const;
   /// Of the map with every place doubled along both axes, cut to `rows`.

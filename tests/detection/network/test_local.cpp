@@ -186,6 +186,39 @@ struct Road {
   }
 };
 
+TEST(LocalNetwork, LocalityLeavesTheFarAsItWas) {
+  for (const char* name : {"lidar", "camera", "painted", "fusion", "late"}) {
+    torch::manual_seed(34);
+    Network network(parts_named(name));
+    for (Tensor& parameter : network->parameters()) parameter.requires_grad_(false);
+    CleanFrames frames(network, std::size_t{1} << 30);
+    const Road road(10, 0);
+    const auto clean = frames.of(1, [&] { return road.clean; });
+    const auto answer = [&](double locality) {
+      LocalNetwork local(network, clean, road.changed, road.pixels, locality);
+      return std::pair(
+          (local.output().defined() ? local.output().select(0, kLogit) : local.seen().logits).flatten(),
+          local.work());
+    };
+    const auto [exact, whole_work] = answer(0);
+    double before = 1e30, work = 0;
+    for (const double metres : {1.0, 4.0, 100.0}) {
+      const auto [found, spent] = answer(metres);
+      const double error = (found - exact).norm().item<double>();
+      std::printf("%-8s %3.0f m: work %.2f of the exact pass's, error of the logits %.1e\n", name, metres,
+                  spent / whole_work, error);
+      EXPECT_LE(error, before) << name << " " << metres;
+      EXPECT_GE(spent, work) << name << " " << metres;
+      before = error, work = spent;
+      if (metres == 1) {
+        EXPECT_LT(spent, 0.7 * whole_work) << name;
+      }
+    }
+    EXPECT_EQ(before, 0) << name;  // 100 m reach everywhere: nothing is cut
+    EXPECT_EQ(work, whole_work) << name;
+  }
+}
+
 TEST(LocalNetwork, DoesAShareOfTheWork) {
   for (const char* name : {"lidar", "camera", "painted", "fusion", "late"}) {
     torch::manual_seed(33);

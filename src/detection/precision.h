@@ -1,0 +1,20 @@
+// What a detector's convolutions are computed in (--precision).
+#pragma once
+
+#include <string>
+
+namespace mirage {
+
+inline constexpr const char* kFloat = "float";
+inline constexpr const char* kBfloat16 = "bfloat16";
+/// The whole network in double: a reference for the others, many times slower.
+inline constexpr const char* kDouble = "double";
+
+/// Whether this processor multiplies bfloat16 (AVX-512 BF16, which AMX comes on top of).
+bool multiplies_bfloat16();
+
+/// `asked`, or "float" where the processor has no instructions for bfloat16: elsewhere they are emulated,
+/// slower than float. Says so, once. InputError for a word that is no precision.
+std::string usable_precision(const std::string& asked, bool has_bfloat16 = multiplies_bfloat16());
+
+}  // namespace mirage
