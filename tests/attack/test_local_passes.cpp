@@ -107,7 +107,8 @@ class LocalPasses : public testing::TestWithParam<const char*> {
   }
 
   void expect_same(const PreparedFrame& prepared, const Simulated& simulated, double least) {
-    ASSERT_EQ(local_->capabilities().why_whole, "");
+    for (const auto* local : {&local_, &local64_}) ASSERT_EQ((*local)->capabilities().why_whole, "");
+    for (const auto* whole : {&whole_, &whole64_}) ASSERT_NE((*whole)->capabilities().why_whole, "");
     const CleanView clean = clean_view(prepared, simulated);
     SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
     Answer whole{whole_->forward(view, -1, true), {}}, whole64{whole64_->forward(view, -1, true), {}};
