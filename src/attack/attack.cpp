@@ -58,6 +58,9 @@ nlohmann::json identity(const AttackSettings& settings) {
     id["rooftop_model_hash"] = hash;
   id["sun"] = settings.sun;
   id["parts"] = settings.parts;
+  id["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
+  if (settings.renderer)
+    id["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
   if (settings.objective.fp_top_k > 0) id["fp_top_k"] = settings.objective.fp_top_k;
   if (settings.until_plateau > 0) id["validation_every"] = settings.validation_every;
   if (const Expectation& e = settings.expectation; e.any())
@@ -136,6 +139,9 @@ void check_settings(const AttackSettings& settings) {
   demand(settings.objective.fp_top_k >= 0, "--fp-top-k", settings.objective.fp_top_k,
          "use a number of proposals, or 0 for all of a score over 0.1");
   demand(settings.until_plateau >= 0, "--until-plateau", settings.until_plateau, "use a number of steps");
+  demand(settings.renewal.metres >= 0, "--cycles-renew", settings.renewal.metres, "use metres, or 0");
+  demand(settings.renewal.texels >= 0, "--cycles-renew-texels", settings.renewal.texels,
+         "use a number, or 0");
   demand(settings.validation_every >= 1, "--validate-every", settings.validation_every, "use 1 or more");
   if (settings.buildable.on && settings.parts == "size")
     throw InputError("--parts", "size", "is an ellipsoid, which has no flat base", "leave --buildable out");
@@ -191,6 +197,9 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   parse_parts(settings.parts);
   check_settings(settings);
   check_target(target, *detectors.front());
+  if (settings.renderer && !detectors.front()->capabilities().reads_image)
+    throw InputError("--renderer", "cycles", detectors.front()->name() + " does not read the picture",
+                     "leave it out");
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 
@@ -249,6 +258,15 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   const auto start = Clock::now();
   CheckpointTimer timer({settings.checkpoint_every, settings.checkpoint_seconds});
   const long first = state.iteration;
+  const auto step = [&] {
+    if (!settings.renderer) return stepper.step(state, &stages);
+    try {
+      return stepper.step(state, &stages);
+    } catch (const std::exception&) {  // the renderer may be lost at any step, and steps are dear
+      save();
+      throw;
+    }
+  };
   // The same checks at the same steps however often the run was stopped: those that are due, and no others.
   const auto at_plateau = [&] {
     if (part.held_out.empty()) return false;
@@ -265,7 +283,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
       throw Interrupted(fmt::format("interrupted after {} iterations; run the same command to go on from {}",
                                     state.iteration, checkpoint_file.string()));
     }
-    const LossRow row = stepper.step(state, &stages);
+    const LossRow row = step();
     progress.update(static_cast<std::size_t>(state.iteration),
                     progress_note(row, state.losses, settings.batch));
     Stopwatch clock;
