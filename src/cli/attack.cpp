@@ -122,7 +122,8 @@ Command attack_command() {
     quality->apply(settings->simulation);
     light->apply(settings->simulation);
     effects->check();
-    effects->apply(settings->simulation, lidar_of(settings->data), common.seed);
+    effects->apply(settings->simulation, lidar_of(settings->data), recorded_lidar_effects(settings->data),
+                   common.seed);
     parse_sun(settings->sun);  // complain before a detector is loaded
     settings->out = common.out;
     settings->seed = common.seed;

@@ -10,7 +10,9 @@ seed, in OUT/DETECTOR/LIGHT-SEED; what is finished is kept, and a stopped one go
 same arms (validation/arms.h): default quality, plain light, Cycles with S samples. Prints a table and writes
 OUT/attack_light.json. A seed splits the frames anew; shares are of the held-back vehicles that were found clean, pooled
 over seeds, with 95 % percentile intervals by bootstrap over frames. "kept": success in Cycles with realistic returns over
-that before the plain rasteriser with ideal ones. Differences to plain are on the same vehicles, drawn together.
+that before the plain rasteriser with ideal ones. "logit": how far the vehicle's logit falls in Cycles with realistic
+returns from that of the photograph without the object (the verdict's control); it tells meshes apart where no outcome
+does. Differences to plain, of success and of logit, are on the same vehicles, drawn together.
 """
 
 import argparse
@@ -41,15 +43,18 @@ def finished(folder, iterations):
 
 
 def outcomes(folder, seed):
-    """{(seed, frame, label): {arm: attacked successfully}} of the held-back vehicles found clean."""
+    """{(seed, frame, label): {arm: attacked successfully, "logit": its fall}} of the held-back vehicles found clean."""
     test = {(h["frame"], h["label"]) for h in json.loads((folder / "run.json").read_text())["test"]}
     found = {}
     for file in sorted((folder / "validate" / "hosts").glob("*.json")):
         host = json.loads(file.read_text())
         if (host["frame"], host["label"]) not in test or not host.get("detected"):
             continue
+        of = {(arm["light"], arm["returns"]): arm for arm in host["arms"]}
+        bare = next(control["logit"] for control in host["controls"] if control["control"] == "photograph")
         found[(seed, host["frame"], host["label"])] = {
-            (arm["light"], arm["returns"]): bool(arm["hidden"] or arm["false_positive"]) for arm in host["arms"]}
+            arm: bool(of[arm]["hidden"] or of[arm]["false_positive"]) for arm in ARMS} | {
+            "logit": bare - of[ARMS[-1]]["logit"]}
     return found
 
 
@@ -69,8 +74,8 @@ def interval(values):
     return [sum(values.values()) / len(values), means[int(0.025 * DRAWS)], means[int(0.975 * DRAWS) - 1]]
 
 
-def shown(of):
-    return "{:.1f} ({:.1f} to {:.1f})".format(*(100 * x for x in of))
+def shown(of, unit=100, digits=1):
+    return "{:.{d}f} ({:.{d}f} to {:.{d}f})".format(*(unit * x for x in of), d=digits)
 
 
 def main():
@@ -113,21 +118,24 @@ def main():
                 row["arms"][" ".join(arm)] = interval({key: of[arm] for key, of in pooled[light].items()})
             first, last = (row["arms"][" ".join(arm)][0] for arm in (ARMS[0], ARMS[-1]))
             row["kept"] = last / first if first else None
+            row["logit"] = interval({key: of["logit"] for key, of in pooled[light].items()})
             if light != "plain" and "plain" in pooled:
                 plain = pooled["plain"]
-                row["over_plain"] = interval({key: of[ARMS[-1]] - plain[key][ARMS[-1]]
-                                              for key, of in pooled[light].items() if key in plain})
+                for name, what in (("over_plain", ARMS[-1]), ("logit_over_plain", "logit")):
+                    row[name] = interval({key: of[what] - plain[key][what]
+                                          for key, of in pooled[light].items() if key in plain})
             table.append(row)
             (options.out / "attack_light.json").write_text(json.dumps(table, indent=1) + "\n")
     print("| detector, learned under | vehicles | s a step |", " | ".join(", ".join(arm) for arm in ARMS),
-          "| kept | over plain |")
-    print("|---" * (5 + len(ARMS)) + "|")
+          "| kept | over plain | logit | over plain |")
+    print("|---" * (7 + len(ARMS)) + "|")
     for row in table:
         step = "" if row["seconds_per_step"] is None else f"{row['seconds_per_step']:.2f}"
         print("|", f"{row['detector']}, {row['light']} | {row['vehicles']} | {step} |",
               " | ".join(shown(of) for of in row["arms"].values()), "|",
               "–" if row["kept"] is None else f"{100 * row['kept']:.0f} %", "|",
-              shown(row["over_plain"]) if "over_plain" in row else "", "|")
+              shown(row["over_plain"]) if "over_plain" in row else "", "|", shown(row["logit"], 1, 2), "|",
+              shown(row["logit_over_plain"], 1, 2) if "over_plain" in row else "", "|")
 
 
 if __name__ == "__main__":
