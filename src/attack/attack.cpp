@@ -58,9 +58,6 @@ nlohmann::json identity(const AttackSettings& settings) {
     id["rooftop_model_hash"] = hash;
   id["sun"] = settings.sun;
   id["parts"] = settings.parts;
-  id["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
-  if (settings.renderer)
-    id["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
   if (settings.objective.fp_top_k > 0) id["fp_top_k"] = settings.objective.fp_top_k;
   if (settings.until_plateau > 0) id["validation_every"] = settings.validation_every;
   if (const Expectation& e = settings.expectation; e.any())
@@ -68,6 +65,17 @@ nlohmann::json identity(const AttackSettings& settings) {
   if (const BuildableSettings& b = settings.buildable; b.on)
     id["buildable"] = {b.min_thickness, b.base, b.black, b.white};
   return id;
+}
+
+/// InputError for a renewal that is none, or a detector that would not look at the pictures.
+void check_renderer(const AttackSettings& settings, const Detector& detector) {
+  const auto demand = [](double value, const char* option) {
+    if (!(value >= 0)) throw InputError(option, fmt::format("{}", value), "out of range", "use 0 or more");
+  };
+  demand(settings.renewal.metres, "--cycles-renew");
+  demand(settings.renewal.texels, "--cycles-renew-texels");
+  if (settings.renderer && !detector.capabilities().reads_image)
+    throw InputError("--renderer", "cycles", detector.name() + " does not read the picture", "leave it out");
 }
 
 std::vector<HostId> ids(const std::vector<Host>& hosts) {
@@ -139,9 +147,6 @@ void check_settings(const AttackSettings& settings) {
   demand(settings.objective.fp_top_k >= 0, "--fp-top-k", settings.objective.fp_top_k,
          "use a number of proposals, or 0 for all of a score over 0.1");
   demand(settings.until_plateau >= 0, "--until-plateau", settings.until_plateau, "use a number of steps");
-  demand(settings.renewal.metres >= 0, "--cycles-renew", settings.renewal.metres, "use metres, or 0");
-  demand(settings.renewal.texels >= 0, "--cycles-renew-texels", settings.renewal.texels,
-         "use a number, or 0");
   demand(settings.validation_every >= 1, "--validate-every", settings.validation_every, "use 1 or more");
   if (settings.buildable.on && settings.parts == "size")
     throw InputError("--parts", "size", "is an ellipsoid, which has no flat base", "leave --buildable out");
@@ -197,9 +202,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   parse_parts(settings.parts);
   check_settings(settings);
   check_target(target, *detectors.front());
-  if (settings.renderer && !detectors.front()->capabilities().reads_image)
-    throw InputError("--renderer", "cycles", detectors.front()->name() + " does not read the picture",
-                     "leave it out");
+  check_renderer(settings, *detectors.front());
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 
@@ -225,6 +228,9 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   nlohmann::json id = identity(settings);
   id["train"] = to_json(ids(train));
   id["test"] = to_json(ids(test));
+  id["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
+  if (settings.renderer)
+    id["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
   ValidationPart part{train, {}};
   if (settings.until_plateau > 0 && target != AttackTarget::random) {
     part = split_validation(train, settings.seed);
