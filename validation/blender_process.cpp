@@ -141,7 +141,7 @@ bool BlenderWorker::exchange(const nlohmann::json& job, double timeout, nlohmann
         break;
       case ChildProcess::Read::interrupted:
         throw Interrupted(
-            "stopped while Blender was rendering; finished vehicles are kept, run again to go on");
+            "stopped while Blender was rendering; what is finished is kept, run again to go on");
       case ChildProcess::Read::timed_out:
         lost_ = fmt::format("gave no answer in {:g} s", timeout);
         return false;
@@ -188,6 +188,7 @@ Rendered render(BlenderWorker& blender, const RenderJob& job) {
                                        {"rect", {job.rect.u0, job.rect.v0, job.rect.u1, job.rect.v1}},
                                        {"samples", job.samples},
                                        {"seed", job.seed},
+                                       {"threads", job.threads},
                                        {"pixel", job.pixel_centre ? "centre" : "area"},
                                        {"filter_width", job.filter_width},
                                        {"effects", effects_json(job.effects)}},

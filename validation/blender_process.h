@@ -92,6 +92,7 @@ struct RenderJob {
   int samples = 1;
   std::uint64_t seed = 0;
   bool pixel_centre = false;  ///< sample the pixel's centre alone, as a rasteriser does; else its area
+  int threads = 0;            ///< of Cycles; 0: all cores. The picture is the same
   double filter_width = 0;  ///< px, of a Blackman–Harris pixel filter in place of the pixel's area; 0: area
   RenderEffects effects;
 };

@@ -5,7 +5,7 @@
 Jobs (one object a line, each answered by one line {"id", "ok": true, ...} or {"id", "ok": false, "error"}):
     {"job": "ping"}
     {"job": "render", "scene": GLB, "rect": [u0, v0, u1, v1], "output": EXR, "samples": N, "seed": S,
-     "pixel": "centre" | "area", "filter_width": PIXELS, "effects": {"shadows", "sky", "clear_sky", "bounces", "specular",
+     "threads": N (0: all cores), "pixel": "centre" | "area", "filter_width": PIXELS, "effects": {"shadows", "sky", "clear_sky", "bounces", "specular",
      "paint", "surroundings": "none" | "unseen" | "catcher"}}
     {"job": "raycast", "scene": GLB, "rays": FILE, "output": FILE}
     {"job": "fbx", "mesh": GLB, "output": FBX}

@@ -18,22 +18,6 @@ Simulated simulate_host(const HostScene& scene, const SimulationSettings& settin
   return simulate(*scene.prepared, *scene.host, scene.rooftop, scene.adversary, settings);
 }
 
-double rgba_at(const Simulated& simulated, int u, int v, int c) {
-  const PixelRect& r = simulated.rect;
-  if (u < r.u0 || u >= r.u1 || v < r.v0 || v >= r.v1) return 0;
-  return simulated.rgba.at(u - r.u0, v - r.v0, c);
-}
-
-ImageF radiance_of(const Simulated& simulated, const ImageF& photograph, const PixelRect& rect) {
-  ImageF window = crop(photograph, rect);
-  const PixelRect& drawn = simulated.rect;
-  for (int v = std::max(rect.v0, drawn.v0); v < std::min(rect.v1, drawn.v1); ++v)
-    for (int u = std::max(rect.u0, drawn.u0); u < std::min(rect.u1, drawn.u1); ++u)
-      for (int c = 0; c < 3; ++c)
-        window.at(u - rect.u0, v - rect.v0, c) = static_cast<float>(rgba_at(simulated, u, v, c));
-  return window;
-}
-
 ImageF coverage_of(const Simulated& simulated, const PixelRect& rect) {
   ImageF coverage(rect.width(), rect.height(), 1);
   for (int v = rect.v0; v < rect.v1; ++v)
@@ -123,6 +107,11 @@ Halves over(const RenderedHalves& rendered, const ImageF& visible, const ImageF&
 PixelRect grown(const PixelRect& rect, int by, const ImageF& image) {
   return {std::max(0, rect.u0 - by), std::max(0, rect.v0 - by), std::min(image.width, rect.u1 + by),
           std::min(image.height, rect.v1 + by)};
+}
+
+PixelRect full_rect(const Simulated& simulated, const ImageF& photograph) {
+  const PixelRect& touched = simulated.rect;
+  return grown(touched, std::max(8, std::max(touched.width(), touched.height()) / 4), photograph);
 }
 
 ImageF with_window(const ImageF& image, const ImageF& window, const PixelRect& rect) {

@@ -6,6 +6,7 @@
 
 #include "base/image.h"
 #include "scene/insertion.h"
+#include "scene/object_window.h"
 #include "scene/render_scene.h"
 #include "validation/blender_process.h"
 #include "validation/unbiased_error.h"
@@ -29,12 +30,6 @@ struct HostScene {
 SimulationSettings hard_limit(SimulationSettings settings, bool occluded);
 Simulated simulate_host(const HostScene& scene, const SimulationSettings& settings);
 
-/// Value of a channel of `simulated` at a pixel of the photograph; 0 outside its window.
-double rgba_at(const Simulated& simulated, int u, int v, int c);
-
-/// The window `rect` of `photograph` with what `simulated` drew over it, not clamped: what is over-exposed
-/// keeps its radiance.
-ImageF radiance_of(const Simulated& simulated, const ImageF& photograph, const PixelRect& rect);
 /// How much of each pixel of the window it drew the object over: its silhouette.
 ImageF coverage_of(const Simulated& simulated, const PixelRect& rect);
 
@@ -78,5 +73,7 @@ ImageF with_window(const ImageF& image, const ImageF& window, const PixelRect& r
 void saturate(ImageF& image);
 /// `rect` grown by `by` pixels to every side, kept inside the image.
 PixelRect grown(const PixelRect& rect, int by, const ImageF& image);
+/// Window of a render in full light: the object, and the roof around it, where its shadow falls.
+PixelRect full_rect(const Simulated& simulated, const ImageF& photograph);
 
 }  // namespace mirage

@@ -21,12 +21,6 @@ std::vector<LidarRay> rays_near(const PreparedFrame& prepared, const Mesh& mesh)
   return rays;
 }
 
-PixelRect full_rect(const Simulated& simulated, const ImageF& photograph) {
-  const PixelRect& touched = simulated.rect;
-  // The object's shadow falls on the roof around it.
-  return grown(touched, std::max(8, std::max(touched.width(), touched.height()) / 4), photograph);
-}
-
 /// Rasteriser's depth at the pixels' centres against Blender's rays through them.
 void check_depth(BlenderWorker& blender, const HostScene& scene, const MatchedLight& of, double& worst,
                  double& mean) {

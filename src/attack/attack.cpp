@@ -70,6 +70,17 @@ nlohmann::json identity(const AttackSettings& settings) {
   return id;
 }
 
+/// InputError for a renewal that is none, or a detector that would not look at the pictures.
+void check_renderer(const AttackSettings& settings, const Detector& detector) {
+  const auto demand = [](double value, const char* option) {
+    if (!(value >= 0)) throw InputError(option, fmt::format("{}", value), "out of range", "use 0 or more");
+  };
+  demand(settings.renewal.metres, "--cycles-renew");
+  demand(settings.renewal.texels, "--cycles-renew-texels");
+  if (settings.renderer && !detector.capabilities().reads_image)
+    throw InputError("--renderer", "cycles", detector.name() + " does not read the picture", "leave it out");
+}
+
 std::vector<HostId> ids(const std::vector<Host>& hosts) {
   std::vector<HostId> list;
   for (const Host& host : hosts) list.push_back(host.id);
@@ -195,6 +206,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   parse_parts(settings.parts);
   check_settings(settings);
   check_target(target, *detectors.front());
+  check_renderer(settings, *detectors.front());
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 
@@ -220,6 +232,9 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   nlohmann::json id = identity(settings);
   id["train"] = to_json(ids(train));
   id["test"] = to_json(ids(test));
+  id["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
+  if (settings.renderer)
+    id["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
   ValidationPart part{train, {}};
   if (settings.until_plateau > 0 && target != AttackTarget::random) {
     part = split_validation(train, settings.seed);
@@ -253,6 +268,15 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   const auto start = Clock::now();
   CheckpointTimer timer({settings.checkpoint_every, settings.checkpoint_seconds});
   const long first = state.iteration;
+  const auto step = [&] {
+    if (!settings.renderer) return stepper.step(state, &stages);
+    try {
+      return stepper.step(state, &stages);
+    } catch (const std::exception&) {  // the renderer may be lost at any step, and steps are dear
+      save();
+      throw;
+    }
+  };
   // The same checks at the same steps however often the run was stopped: those that are due, and no others.
   const auto at_plateau = [&] {
     if (part.held_out.empty()) return false;
@@ -269,7 +293,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
       throw Interrupted(fmt::format("interrupted after {} iterations; run the same command to go on from {}",
                                     state.iteration, checkpoint_file.string()));
     }
-    const LossRow row = stepper.step(state, &stages);
+    const LossRow row = step();
     progress.update(static_cast<std::size_t>(state.iteration),
                     progress_note(row, state.losses, settings.batch));
     Stopwatch clock;

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <string>
 
 #include "attack/adversary.h"
@@ -11,6 +12,7 @@
 #include "attack/expectation.h"
 #include "attack/hosts.h"
 #include "attack/objective.h"
+#include "attack/rendered_pictures.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_rooftop.h"
 
@@ -30,6 +32,9 @@ void check_target(AttackTarget target, const Detector& detector);
 enum class AttackParts { both, shape, texture, size };
 /// InputError for any other word.
 AttackParts parse_parts(const std::string& word);
+
+/// What run.json calls the simulation's own pictures.
+inline constexpr const char* kRasterRenderer = "raster";
 
 /// Everything that decides an attack's result: data, detector, what is attacked and learned, rates and
 /// limits.
@@ -61,6 +66,9 @@ struct AttackSettings {
   AdversaryLimits limits;
   ObjectiveSettings objective;
   SimulationSettings simulation;
+  /// Who draws the object for the detector; null: the simulation's own rasteriser.
+  std::shared_ptr<ObjectRenderer> renderer;
+  Renewal renewal;  ///< of its pictures
 };
 
 /// What an attack ends with, beside the files in AttackSettings::out.

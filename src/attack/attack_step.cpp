@@ -14,6 +14,7 @@
 #include "base/random.h"
 #include "base/ranks.h"
 #include "base/shuffle.h"
+#include "scene/object_window.h"
 
 namespace mirage {
 namespace {
@@ -38,7 +39,8 @@ bool finds(const std::vector<Proposal>& proposals, const HostTruth& truth) {
 
 HostStep run_host(Detector& detector, const PreparedFrame& known, const Host& host,
                   const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
-                  const WorldDraw* draw, std::span<const Proposal> seen_clean, bool back) {
+                  const WorldDraw* draw, std::span<const Proposal> seen_clean, const HostPictures& seen,
+                  bool back) {
   HostStep step;
   Stopwatch clock;
   std::optional<PreparedFrame> drawn;
@@ -46,11 +48,17 @@ HostStep run_host(Detector& detector, const PreparedFrame& known, const Host& ho
   const PreparedFrame& prepared = drawn ? *drawn : known;
   const Label& label = prepared.frame.labels[static_cast<std::size_t>(host.id.label)];
   step.seconds.worlds += clock.lap();
-  Simulated simulated = draw == nullptr
-                            ? simulate(prepared, label, host.rooftop, adversary, settings.simulation)
-                            : simulate(prepared, label, draw->rooftop(host.rooftop), adversary,
-                                       draw->simulation(settings.simulation));
+  const Rooftop rooftop = draw == nullptr ? host.rooftop : draw->rooftop(host.rooftop);
+  const SimulationSettings simulation =
+      draw == nullptr ? settings.simulation : draw->simulation(settings.simulation);
+  Simulated simulated = simulate(prepared, label, rooftop, adversary, simulation);
   step.seconds.simulation_forward = clock.lap();
+  PixelRect changed = simulated.rect;
+  if (seen.pictures != nullptr) {
+    const HostInWorld in_world{prepared, host, rooftop, simulation, draw == nullptr ? 0 : draw->number()};
+    changed = united(changed, seen.pictures->correct(in_world, adversary, *seen.of, simulated));
+  }
+  step.seconds.rendering = clock.lap();
   if (draw != nullptr) draw->add_noise(simulated.image);
   step.seconds.worlds += clock.lap();
 
@@ -62,6 +70,7 @@ HostStep run_host(Detector& detector, const PreparedFrame& known, const Host& ho
   CleanView clean;
   if (can.why_whole.empty() && !(own_picture && can.reads_image)) {
     clean = clean_view(prepared, simulated);
+    clean.changed = changed;
     view.clean = &clean;
   }
   const auto proposals = detector.forward(view, settings.objective.least_score(), back);
@@ -93,14 +102,15 @@ HostStep run_host(Detector& detector, const PreparedFrame& known, const Host& ho
 
 HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
                      const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
-                     const WorldDraw* draw, std::span<const Proposal> clean) {
-  return run_host(detector, prepared, host, adversary, target, settings, draw, clean, true);
+                     const WorldDraw* draw, std::span<const Proposal> clean, const HostPictures& seen) {
+  return run_host(detector, prepared, host, adversary, target, settings, draw, clean, seen, true);
 }
 
 HostStep judge_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
                     const TexturedMesh& adversary, const AttackSettings& settings, const WorldDraw* draw,
-                    std::span<const Proposal> clean) {
-  return run_host(detector, prepared, host, adversary, AttackTarget::both, settings, draw, clean, false);
+                    std::span<const Proposal> clean, const HostPictures& seen) {
+  return run_host(detector, prepared, host, adversary, AttackTarget::both, settings, draw, clean, seen,
+                  false);
 }
 
 std::vector<Proposal> CleanSights::of(const PreparedFrame& prepared, Detector& detector) {
@@ -140,7 +150,9 @@ AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool&
       target_(parse_target(settings.target)),
       parts_(parse_parts(settings.parts)),
       laplacian_(mesh),
-      unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices) {}
+      unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices) {
+  if (settings.renderer) pictures_ = std::make_unique<RenderedPictures>(*settings.renderer, settings.seed);
+}
 
 std::vector<Proposal> AttackStepper::clean_of(const PreparedFrame& prepared, Detector& detector) const {
   if (settings_.objective.fp_top_k == 0) return {};
@@ -149,6 +161,7 @@ std::vector<Proposal> AttackStepper::clean_of(const PreparedFrame& prepared, Det
 
 double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const {
   std::vector<std::vector<double>> losses(hosts.size(), std::vector<double>(1));
+  const RenderedMesh rendered{-1, pictures_ ? adversary : TexturedMesh()};
   const std::vector<std::size_t> mine = own_hosts(hosts.size());
   for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
     Host host = hosts[mine[i]];
@@ -158,8 +171,9 @@ double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<
     const WorldDraw draw(settings_.expectation, settings_.seed, kWorlds + mine[i]);
     const auto clean = clean_of(*prepared, detector);
     isolated([&] {
-      const HostStep judged = judge_host(detector, *prepared, host, adversary, settings_,
-                                         settings_.expectation.any() ? &draw : nullptr, clean);
+      const HostStep judged =
+          judge_host(detector, *prepared, host, adversary, settings_,
+                     settings_.expectation.any() ? &draw : nullptr, clean, {pictures_.get(), &rendered});
       losses[mine[i]][0] = judged.hide + judged.false_positive;
     });
   });
@@ -180,6 +194,9 @@ std::vector<std::string> AttackStepper::frames_of(long iteration) const {
 
 LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
   const AttackSettings& settings = settings_;
+  if (pictures_ &&
+      (state.rendered.iteration < 0 || has_moved(state.rendered.mesh, state.adversary, settings.renewal)))
+    state.rendered = {state.iteration, state.adversary};
   StageSeconds stages;
   Stopwatch clock;
   const std::vector<std::string> names = frames_of(state.iteration);
@@ -203,7 +220,8 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
     const auto clean = clean_of(*frames[i], detector);
     isolated([&] {  // or a loop inside would take another host's work, and its time
       steps[k] = attack_host(detector, *frames[i], host, state.adversary, target_, settings,
-                             settings.expectation.any() ? &draw : nullptr, clean);
+                             settings.expectation.any() ? &draw : nullptr, clean,
+                             {pictures_.get(), &state.rendered});
     });
   });
   for (const std::size_t k : mine) {

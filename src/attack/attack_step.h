@@ -26,17 +26,25 @@ struct HostStep {
   AdversaryGradient gradient;
   HostSeconds seconds;
 };
+/// What draws the object for the detector where it is not the simulation.
+struct HostPictures {
+  RenderedPictures* pictures = nullptr;  ///< null: the simulation
+  const RenderedMesh* of = nullptr;
+};
 /// One host of an iteration: simulates both sensors with the adversary on its roof (in `draw`'s world if
 /// there is one), detects, and takes the loss back to the adversary's vertices (m, adversary frame) and
 /// texels. What is no input of `target` gets no gradient, but is simulated all the same. `clean`: what the
-/// detector finds in the frame as recorded, for the objective's top-k rule.
+/// detector finds in the frame as recorded, for the objective's top-k rule. `seen`: see
+/// attack/rendered_pictures.h.
 HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
                      const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
-                     const WorldDraw* draw = nullptr, std::span<const Proposal> clean = {});
+                     const WorldDraw* draw = nullptr, std::span<const Proposal> clean = {},
+                     const HostPictures& seen = {});
 /// The same without the way back: its gradient is empty.
 HostStep judge_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
                     const TexturedMesh& adversary, const AttackSettings& settings,
-                    const WorldDraw* draw = nullptr, std::span<const Proposal> clean = {});
+                    const WorldDraw* draw = nullptr, std::span<const Proposal> clean = {},
+                    const HostPictures& seen = {});
 
 /// What a detector finds in frames as recorded, kept in memory. Several threads may ask.
 class CleanSights {
@@ -59,13 +67,15 @@ class AttackStepper {
   /// `mesh`: the adversary's, for its faces. InputError for a target or parts of another word.
   AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
                 const std::vector<Host>& hosts, const Mesh& mesh);
-  /// Mean gradient over the hosts of state.iteration (spread over detectors and ranks, summed in the batch's
+  /// Renews state.rendered where the mesh has moved from it. Then the
+  /// mean gradient over the hosts of state.iteration (spread over detectors and ranks, summed in the batch's
   /// order), Adam, projection; ++state.iteration, and its row of losses is kept. Failure if a gradient is not
   /// finite: it would poison the optimiser's state and, with it, the checkpoint. The frames of the next
   /// iteration are read meanwhile. What it takes is added to `spent`.
   LossRow step(AttackState& state, StageSeconds* spent = nullptr) const;
   /// The objective on hosts that are not learned on: mean of their losses, and the smoothness. The same
-  /// number on every rank, and for the same mesh in any iteration: what --expect draws is one world a host.
+  /// number on every rank, and for the same mesh in any iteration: what --expect draws is one world a host,
+  /// and a renderer draws this very mesh.
   double held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const;
 
  private:
@@ -83,6 +93,7 @@ class AttackStepper {
   Laplacian laplacian_;
   std::vector<Vec3d> unit_;  ///< --parts size: the start's vertices in a box of half lengths 1
   std::unique_ptr<CleanSights> sights_ = std::make_unique<CleanSights>();
+  std::unique_ptr<RenderedPictures> pictures_;  ///< null without a renderer
 };
 
 }  // namespace mirage

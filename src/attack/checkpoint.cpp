@@ -130,6 +130,10 @@ void write_checkpoint(const std::filesystem::path& file, const AttackState& stat
                         {"best_iteration", held.best_iteration},
                         {"vertices", flat(held.mesh.mesh.vertices)},
                         {"texels", flat(held.mesh.atlas.texels)}};
+  if (state.rendered.iteration >= 0)
+    json["rendered"] = {{"iteration", state.rendered.iteration},
+                        {"vertices", flat(state.rendered.mesh.mesh.vertices)},
+                        {"texels", flat(state.rendered.mesh.atlas.texels)}};
   write_file(file, json_text(json));
 }
 
@@ -171,6 +175,11 @@ AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::j
   for (std::size_t i = 0; i < losses.size(); i += 3)
     state.losses.push_back({losses[i], losses[i + 1], losses[i + 2]});
   if (json.has("held_out")) read_held_out(json.object("held_out"), limits, state);
+  if (json.has("rendered")) {
+    const JsonFields rendered = json.object("rendered");
+    state.rendered = {rendered.integer("iteration", 0, state.iteration), state.adversary};
+    read_mesh(rendered, limits, state.rendered.mesh);
+  }
   if (!json.has("hidden")) return state;  // checkpoints of before
   const auto hidden = json.numbers("hidden", rows, -1, std::numeric_limits<int>::max());
   for (std::size_t i = 0; i < rows; ++i) state.losses[i].hidden = static_cast<int>(hidden[i]);

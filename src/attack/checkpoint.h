@@ -43,6 +43,7 @@ struct AttackState {
   Adam vertices, texels;
   std::vector<LossRow> losses;
   HeldOutRecord held_out;
+  RenderedMesh rendered;  ///< with AttackSettings::renderer: what the pictures at hand are of
 };
 
 /// Before the first iteration: the initial adversary and optimisers with the settings' rates.

@@ -36,6 +36,8 @@ class WorldDraw {
   /// Draw number `draw` of the attack's seed.
   WorldDraw(const Expectation& expectation, std::uint64_t seed, std::uint64_t draw);
 
+  /// Which draw it is.
+  std::uint64_t number() const { return draw_; }
   /// The roof's pose, shifted and turned.
   Rooftop rooftop(const Rooftop& known) const;
   /// The frame under another light and exposure.

@@ -10,6 +10,7 @@ HostSeconds& HostSeconds::operator+=(const HostSeconds& other) {
   detector_forward += other.detector_forward;
   detector_backward += other.detector_backward;
   worlds += other.worlds;
+  rendering += other.rendering;
   rest += other.rest;
   return *this;
 }
@@ -45,6 +46,7 @@ nlohmann::json to_json(const StageSeconds& stages, double seconds, long iteratio
             {"detector_forward", t.detector_forward / n},
             {"detector_backward", t.detector_backward / n},
             {"worlds", t.worlds / n},
+            {"rendering", t.rendering / n},
             {"rest", t.rest / n}}}};
 }
 

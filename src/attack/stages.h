@@ -21,11 +21,11 @@ class Stopwatch {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-/// Of one host: its thread's seconds by the clock on the wall. `worlds`: what --expect draws; `rest`: the
-/// objective.
+/// Of one host: its thread's seconds by the clock on the wall. `worlds`: what --expect draws;
+/// `rendering`: an ObjectRenderer's pictures; `rest`: the objective.
 struct HostSeconds {
   double simulation_forward = 0, simulation_vjp = 0, detector_forward = 0, detector_backward = 0;
-  double worlds = 0, rest = 0;
+  double worlds = 0, rendering = 0, rest = 0;
   /// Adds stage by stage.
   HostSeconds& operator+=(const HostSeconds& other);
 };

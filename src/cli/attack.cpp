@@ -1,11 +1,13 @@
 #include "attack/attack.h"
 
+#include <algorithm>
 #include <memory>
 
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
 #include "cli/table.h"
+#include "validation/cycles_renderer.h"
 
 namespace mirage::cli {
 namespace {
@@ -35,9 +37,11 @@ Command attack_command() {
   auto quality = std::make_shared<QualityOption>(QualityOption{"default"});
   auto light = std::make_shared<LightOption>();
   auto effects = std::make_shared<LidarEffectsOption>(LidarEffectsOption{"ideal"});
+  auto renderer = std::make_shared<std::string>(kRasterRenderer);
+  auto cycles = std::make_shared<CyclesRenderer::Settings>();
   Command command{
       "attack", "learns the universal adversary; resumes from its checkpoint", "out/attack", {}, {}};
-  command.options = [settings, quality, light, effects, expect, size](CLI::App& app) {
+  command.options = [settings, quality, light, effects, expect, size, renderer, cycles](CLI::App& app) {
     app.add_option("--data", settings->data, "data set in KITTI layout")->required();
     add_detector_options(app, settings->detector);
     add_depth_option(app, settings->depth);
@@ -93,14 +97,33 @@ Command attack_command() {
     add_camera_options(app, settings->simulation);
     light->add(app, "plain");
     effects->add(app);
+    app.add_option(
+           "--renderer", *renderer,
+           "who draws the object for the detector: raster (--quality, --light), or cycles (Blender; the "
+           "gradient goes through raster)")
+        ->check(CLI::IsMember({kRasterRenderer, "cycles"}))
+        ->capture_default_str();
+    app.add_option("--cycles-samples", cycles->samples, "with --renderer cycles: samples a pixel")
+        ->check(CLI::Range(1, 4096))
+        ->capture_default_str();
+    app.add_option(
+           "--cycles-renew", settings->renewal.metres,
+           "with --renderer cycles: draw anew when the vertices have moved by more than this (root mean "
+           "square, m); 0: every step")
+        ->capture_default_str();
+    app.add_option("--cycles-renew-texels", settings->renewal.texels,
+                   "the same for the texels (root mean square of their channels)")
+        ->capture_default_str();
     add_sun_option(app, settings->sun);
     tell_of_cache(app);
   };
-  command.run = [settings, quality, light, effects, expect, size](const Common& common) -> nlohmann::json {
+  command.run = [settings, quality, light, effects, expect, size, renderer,
+                 cycles](const Common& common) -> nlohmann::json {
     quality->apply(settings->simulation);
     light->apply(settings->simulation);
     effects->check();
-    effects->apply(settings->simulation, lidar_of(settings->data), common.seed);
+    effects->apply(settings->simulation, lidar_of(settings->data), recorded_lidar_effects(settings->data),
+                   common.seed);
     parse_sun(settings->sun);  // complain before a detector is loaded
     settings->out = common.out;
     settings->seed = common.seed;
@@ -108,6 +131,11 @@ Command attack_command() {
     settings->detector = with_common(settings->detector, common, settings->data);
     settings->expectation = parse_expectation(*expect);
     settings->limits = limits_of_size(*size);
+    if (*renderer != kRasterRenderer && parse_target(settings->target) != AttackTarget::random) {
+      cycles->out = common.out;
+      cycles->workers = std::min(settings->batch, thread_count());
+      settings->renderer = std::make_shared<CyclesRenderer>(*cycles);
+    }
     const AttackResult result = run_attack(*settings);
     Rows rows = {{"vehicles to train on", std::to_string(result.vehicles_train)},
                  {"vehicles held back", std::to_string(result.vehicles_test)},

@@ -101,7 +101,7 @@ Command certify_command() {
     settings.evaluation.quiet = common.quiet;
     if (!options->run.empty()) settings.adversary = read_run(options->run, options->trust).adversary;
     const LidarModel lidar = lidar_of(options->data);
-    options->effects.apply(settings.simulation, lidar, common.seed);
+    options->effects.apply(settings.simulation, lidar, recorded_lidar_effects(options->data), common.seed);
     FrameStore store(options->data, options->depth, options->rooftop);
     const DetectorOptions asked = with_common(options->detector, common, options->data);
     if (asked.locality > 0)

@@ -151,7 +151,7 @@ Command evaluate_command() {
                                                    const std::filesystem::path& data) {
       options->quality.apply(simulation);
       options->light.apply(simulation);
-      options->effects.apply(simulation, lidar_of(data), seed);
+      options->effects.apply(simulation, lidar_of(data), recorded_lidar_effects(data), seed);
     };
     const RunEvaluation evaluation = evaluate_run(request);
     print_head(evaluation);

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "scene/data_rig.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/quality.h"
 #include "scene/shape/shape_rooftop.h"
@@ -96,26 +97,29 @@ struct LightOption {
 
 /// --lidar-effects: what returns on the object have of a real unit.
 struct LidarEffectsOption {
+  static constexpr const char* kAsRecorded = "as-recorded";
   std::string words;  ///< empty: none was asked for
 
   /// `words` as they stand are the default. `otherwise` says what holds without any ("the run's").
   void add(CLI::App& command, const std::string& otherwise = "") {
     auto* option = command.add_option(
         "--lidar-effects", words,
-        "returns on the object: ideal, unit (noise, drop-out, divergence), or some of "
-        "noise,drop-out,divergence,motion,albedo" +
+        "returns on the object: ideal, as-recorded (what the data set's sweeps have), unit (noise, drop-out, "
+        "divergence), or some of noise,drop-out,divergence,motion,albedo" +
             (otherwise.empty() ? "" : "; default: " + otherwise));
     if (otherwise.empty()) option->capture_default_str();
   }
-  /// Those of the unit, drawn by `seed`.
-  void apply(SimulationSettings& settings, const LidarModel& unit, std::uint64_t seed) const {
+  /// Those of the unit, or `recorded` (scene/data_rig.h) where those of the sweeps are asked for; drawn by
+  /// `seed`.
+  void apply(SimulationSettings& settings, const LidarModel& unit, const std::string& recorded,
+             std::uint64_t seed) const {
     if (words.empty()) return;
-    settings.lidar_effects = parse_lidar_effects(words, unit.divergence);
+    settings.lidar_effects = parse_lidar_effects(words == kAsRecorded ? recorded : words, unit.divergence);
     if (settings.lidar_effects.any()) settings.lidar_effects.seed = seed;
   }
   /// InputError for words that apply() would refuse.
   void check() const {
-    if (!words.empty()) parse_lidar_effects(words, Vec2d::Zero());
+    if (!words.empty() && words != kAsRecorded) parse_lidar_effects(words, Vec2d::Zero());
   }
 };
 

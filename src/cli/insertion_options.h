@@ -30,10 +30,10 @@ struct InsertionOptions {
     light.apply(simulation);
     lidar_effects.check();
   }
-  /// The settings for a sweep of this unit, with noise drawn by `seed`.
-  SimulationSettings for_unit(const LidarModel& unit, std::uint64_t seed) const {
+  /// The settings for a sweep of this unit, which has `recorded` effects, with noise drawn by `seed`.
+  SimulationSettings for_unit(const LidarModel& unit, const std::string& recorded, std::uint64_t seed) const {
     SimulationSettings settings = simulation;
-    lidar_effects.apply(settings, unit, seed);
+    lidar_effects.apply(settings, unit, recorded, seed);
     return settings;
   }
 };

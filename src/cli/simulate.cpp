@@ -76,7 +76,8 @@ Command simulate_command() {
     const double over_box = roof.translation().z() - box.bottom - box.height;
     const auto start = std::chrono::steady_clock::now();
     const Simulated simulated =
-        simulate(prepared, labels[index], rooftop, adversary, asked.for_unit(lidar, common.seed));
+        simulate(prepared, labels[index], rooftop, adversary,
+                 asked.for_unit(lidar, recorded_lidar_effects(options->data), common.seed));
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     write_srgb(common.out / "image.png", simulated.image);
     write_srgb(common.out / "mask.png",

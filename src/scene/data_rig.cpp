@@ -17,4 +17,8 @@ std::string data_rig(const std::filesystem::path& data) {
   return rig;
 }
 
+std::string recorded_lidar_effects(const std::filesystem::path& data) {
+  return std::filesystem::exists(data / "dataset.json") ? "noise,drop-out" : "unit";
+}
+
 }  // namespace mirage

@@ -259,6 +259,10 @@ TEST(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   EXPECT_NE(three, one);
   EXPECT_EQ(simulated({"--lidar-effects", "unit"}).second, three);
   EXPECT_EQ(simulated({"--lidar-effects", "ideal"}).second, one);
+  // The frame is generated: its sweep has noise and drop-out, of thin rays.
+  const auto as_recorded = simulated({"--lidar-effects", "as-recorded"}).second;
+  EXPECT_EQ(as_recorded, simulated({"--lidar-effects", "noise,drop-out"}).second);
+  EXPECT_NE(as_recorded, three);
   const auto by_box = simulated({"--rooftop", "box"}).first;
   EXPECT_EQ(by_box.at("from_box"), true);
   EXPECT_NEAR(by_box.at("over_box_m").get<double>(), 0, 1e-9);

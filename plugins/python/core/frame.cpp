@@ -29,7 +29,10 @@ std::shared_ptr<const Made> kept(const std::string& key,
 }  // namespace
 
 FrameHandle::FrameHandle(const std::filesystem::path& data, const std::string& id)
-    : data_(data), lidar_(lidar_of(data)), frame_(read_frame(data, id)) {}
+    : data_(data),
+      lidar_(lidar_of(data)),
+      recorded_(recorded_lidar_effects(data)),
+      frame_(read_frame(data, id)) {}
 
 std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const std::string& depth, const std::string& sun) {
   const std::lock_guard lock(mutex_);

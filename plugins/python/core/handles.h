@@ -23,10 +23,13 @@ class FrameHandle {
   std::shared_ptr<const PreparedFrame> prepared(const std::string& depth, const std::string& sun);
   /// The roof of a label's vehicle. InputError naming the label if it is none.
   Rooftop rooftop(const std::string& finder, int label);
+  /// What returns of the data set's sweeps have (scene/data_rig.h).
+  const std::string& recorded_effects() const { return recorded_; }
 
  private:
   std::filesystem::path data_;
   LidarModel lidar_;
+  std::string recorded_;
   Frame frame_;
   std::mutex mutex_;
   std::map<std::pair<std::string, std::string>, std::shared_ptr<const PreparedFrame>> prepared_;

@@ -18,8 +18,9 @@ using Result = std::shared_ptr<ResultHandle>;
 /// differences.
 constexpr double kCutOffInDouble = 1e-13;
 
-SimulationSettings settings_of(const cli::InsertionOptions& options, const LidarModel& unit, bool in_double) {
-  SimulationSettings settings = options.for_unit(unit, 0);
+SimulationSettings settings_of(const cli::InsertionOptions& options, const LidarModel& unit,
+                               const std::string& recorded, bool in_double) {
+  SimulationSettings settings = options.for_unit(unit, recorded, 0);
   if (in_double) {
     settings.reference = true;
     settings.raster.dist_eps = kCutOffInDouble;
@@ -38,7 +39,7 @@ Result insert(const std::shared_ptr<FrameHandle>& frame, int host, const Texture
   const Rooftop rooftop = frame->rooftop(options.rooftop, host);
   result->simulated =
       simulate(*result->prepared, result->prepared->frame.labels[static_cast<std::size_t>(host)], rooftop,
-               mesh, settings_of(options, result->prepared->lidar, in_double));
+               mesh, settings_of(options, result->prepared->lidar, frame->recorded_effects(), in_double));
   return result;
 }
 
