@@ -7,11 +7,11 @@
 #include <string>
 #include <vector>
 
+#include "cli/field_options.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/quality.h"
 #include "scene/shape/shape_rooftop.h"
 #include "scene/sun.h"
-#include "sensors/raster/limits.h"
 
 namespace mirage::cli {
 
@@ -65,19 +65,6 @@ struct QualityOption {
   }
 };
 
-/// The camera's σ, γ and samples, for commands that simulate by settings of their own.
-inline void add_camera_options(CLI::App& app, SimulationSettings& settings) {
-  app.add_option("--sigma", settings.raster.sigma, "soft rasteriser's σ")
-      ->check(CLI::Range(kSmallestSigma, kLargestSigma))
-      ->capture_default_str();
-  app.add_option("--gamma", settings.raster.gamma, "soft rasteriser's γ")
-      ->check(CLI::Range(kSmallestSigma, kLargestGamma))
-      ->capture_default_str();
-  app.add_option("--supersampling", settings.supersampling, "camera samples along a pixel's side")
-      ->check(CLI::Range(1, 8))
-      ->capture_default_str();
-}
-
 /// --light: the camera's light model.
 struct LightOption {
   std::string model;  ///< empty: none was asked for
@@ -90,7 +77,7 @@ struct LightOption {
                            otherwise);
   }
   void apply(SimulationSettings& settings) const {
-    if (!model.empty()) settings.light = parse_light_model(model);
+    if (!model.empty()) settings.light = parse_word<LightModel>(model, "light");
   }
 };
 
@@ -100,11 +87,11 @@ struct LidarEffectsOption {
 
   /// `words` as they stand are the default. `otherwise` says what holds without any ("the run's").
   void add(CLI::App& command, const std::string& otherwise = "") {
-    auto* option = command.add_option(
-        "--lidar-effects", words,
-        "returns on the object: ideal, unit (noise, drop-out, divergence), or some of "
-        "noise,drop-out,divergence,motion,albedo" +
-            (otherwise.empty() ? "" : "; default: " + otherwise));
+    auto* option =
+        command.add_option("--lidar-effects", words,
+                           "returns on the object: ideal, unit (noise, drop-out, divergence), or some of "
+                           "noise,drop-out,divergence,motion,albedo" +
+                               (otherwise.empty() ? "" : "; default: " + otherwise));
     if (otherwise.empty()) option->capture_default_str();
   }
   /// Those of the unit, drawn by `seed`.
