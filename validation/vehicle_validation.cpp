@@ -44,16 +44,16 @@ json boxes_json(const std::vector<Proposal>& proposals, Plane plane, Plane judge
 
 /// What the detector makes of a view: its detections, and the logit of the proposal that speaks for the host
 /// (detection/reliance.h), which goes on below the threshold of detections.
-struct Look {
+struct Appearance {
   std::vector<Proposal> found;
   double logit = 0;
 };
 
-Look look_at(Detector& detector, const SensorView& view, const BevBox& host,
-             const EvaluationSettings& settings) {
+Appearance look_at(Detector& detector, const SensorView& view, const BevBox& host,
+                   const EvaluationSettings& settings) {
   const std::vector<Proposal> proposals =
       detector.forward(view, std::min(kFaintScore, settings.score_threshold), false);
-  Look look;
+  Appearance look;
   look.logit = speaker(proposals, host, settings.plane).logit;
   std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(look.found),
                [&](const Proposal& proposal) { return proposal.score() > settings.score_threshold; });
@@ -243,7 +243,7 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
   const auto outcome_of = [&](const ImageF& image, const Sweep& sweep) -> Judged {
     const SensorView view{&image, sweep, &frame.calibration,
                           context.detector.capabilities().why_whole.empty() ? &as_recorded : nullptr};
-    Look look = look_at(context.detector, view, host_box, judge_by);
+    Appearance look = look_at(context.detector, view, host_box, judge_by);
     return {judge(id, frame, clean->second, std::move(look.found), judge_by, object), look.logit};
   };
   const Judged seen_raster_as = outcome_of(simulated.image, simulated.sweep);

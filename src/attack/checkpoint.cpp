@@ -134,19 +134,33 @@ void write_checkpoint(const std::filesystem::path& file, const AttackState& stat
   write_file(file, json_text(json));
 }
 
+namespace {
+
+AdversaryLimits limits_of(const nlohmann::json& identity) {
+  Vec3d half;
+  for (int c = 0; c < 3; ++c) half[c] = identity.at("limits").at(static_cast<std::size_t>(c));
+  return {half};
+}
+
+}  // namespace
+
 AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity) {
+  return read_checkpoint(file, identity, initial_adversary(limits_of(identity)));
+}
+
+AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity,
+                            const TexturedMesh& start) {
   const nlohmann::json whole = read_json(file);
   const JsonFields json(file, whole, "delete the file to start the run again");
   json.object("identity");
   check_identity(file, whole.at("identity"), identity);
   AttackState state;
   state.iteration = json.integer("iteration", 0, kMostIterations);
-  Vec3d half;
-  for (int c = 0; c < 3; ++c) half[c] = identity.at("limits").at(static_cast<std::size_t>(c));
-  state.adversary = initial_adversary({half});
+  const AdversaryLimits limits = limits_of(identity);
+  state.adversary = start;
   const auto& vertices = state.adversary.mesh.vertices;
   const auto& texels = state.adversary.atlas.texels;
-  read_mesh(json, {half}, state.adversary);
+  read_mesh(json, limits, state.adversary);
   state.vertices.learning_rate = identity.at("vertex_rate");
   state.texels.learning_rate = identity.at("texel_rate");
   const bool size_alone = identity.value("parts", "both") == "size";  // three numbers are learned
@@ -157,7 +171,7 @@ AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::j
   const auto losses = json.numbers("losses", 3 * rows, -kAny, kAny);
   for (std::size_t i = 0; i < losses.size(); i += 3)
     state.losses.push_back({losses[i], losses[i + 1], losses[i + 2]});
-  if (json.has("held_out")) read_held_out(json.object("held_out"), {half}, state);
+  if (json.has("held_out")) read_held_out(json.object("held_out"), limits, state);
   if (!json.has("hidden")) return state;  // checkpoints of before
   const auto hidden = json.numbers("hidden", rows, -1, std::numeric_limits<int>::max());
   for (std::size_t i = 0; i < rows; ++i) state.losses[i].hidden = static_cast<int>(hidden[i]);

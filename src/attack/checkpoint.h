@@ -54,5 +54,8 @@ void write_checkpoint(const std::filesystem::path& file, const AttackState& stat
 /// outside its box, more steps than rows of losses) or belongs to a run with other settings: the field is
 /// named.
 AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity);
+/// The same of a run that starts from `start`: its faces, and as many vertices and texels.
+AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity,
+                            const TexturedMesh& start);
 
 }  // namespace mirage

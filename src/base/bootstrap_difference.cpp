@@ -4,24 +4,21 @@
 #include <limits>
 #include <vector>
 
-#include "base/bootstrap.h"
-#include "base/random.h"
+#include "base/bootstrap_draws.h"
 
 namespace mirage {
 
-Interval bootstrap_statistic(std::size_t clusters,
-                             const std::function<double(std::span<const int> drawn)>& statistic,
-                             const BootstrapSettings& settings) {
+Interval statistic_of_draws(std::size_t items,
+                            const std::function<void(std::uint64_t replicate, std::span<int> drawn)>& draw,
+                            const std::function<double(std::span<const int> drawn)>& statistic,
+                            const BootstrapSettings& settings) {
   const double tail = (1 - settings.confidence) / 2, infinity = std::numeric_limits<double>::infinity();
-  std::vector<int> drawn(clusters, 1);
+  std::vector<int> drawn(items, 1);
   Interval result{statistic(drawn), -infinity, infinity};
   std::vector<double> values;
   values.reserve(static_cast<std::size_t>(settings.replicates));
-  for (int r = 0; r < settings.replicates && clusters > 0; ++r) {
-    RandomStream random(settings.seed, settings.purpose, static_cast<std::uint64_t>(r));
-    std::fill(drawn.begin(), drawn.end(), 0);
-    for (std::size_t i = 0; i < clusters; ++i)
-      ++drawn[static_cast<std::size_t>(random.below(static_cast<int>(clusters)))];
+  for (int r = 0; r < settings.replicates && items > 0; ++r) {
+    draw(static_cast<std::uint64_t>(r), drawn);
     if (const double value = statistic(drawn); !std::isnan(value)) values.push_back(value);
   }
   if (values.empty() ||
@@ -30,6 +27,22 @@ Interval bootstrap_statistic(std::size_t clusters,
   result.low = quantile(values, tail);
   result.high = quantile(std::move(values), 1 - tail);
   return result;
+}
+
+void draw_with_replacement(RandomStream& random, std::size_t draws, std::span<int> drawn) {
+  std::fill(drawn.begin(), drawn.end(), 0);
+  for (std::size_t i = 0; i < draws; ++i)
+    ++drawn[static_cast<std::size_t>(random.below(static_cast<int>(drawn.size())))];
+}
+
+Interval bootstrap_statistic(std::size_t clusters,
+                             const std::function<double(std::span<const int> drawn)>& statistic,
+                             const BootstrapSettings& settings) {
+  const auto draw = [&](std::uint64_t replicate, std::span<int> drawn) {
+    RandomStream random(settings.seed, settings.purpose, replicate);
+    draw_with_replacement(random, clusters, drawn);
+  };
+  return statistic_of_draws(clusters, draw, statistic, settings);
 }
 
 Interval with_unseen_spread(Interval difference, std::size_t clusters, double confidence) {

@@ -2,13 +2,12 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
-#include <sstream>
 
 #include "base/error.h"
 #include "base/hash.h"
@@ -27,16 +26,31 @@ std::string read_file(const fs::path& path) {
   // A pipe has no end to wait for, and a device no end at all.
   if (std::error_code error; fs::exists(path, error) && !fs::is_regular_file(path, error))
     throw InputError(path.string(), "", "is no regular file", "give a file, not a pipe or a device");
-  std::ifstream in(path, std::ios::binary);
-  if (!in) {
+  // Not by a stream: to that a disk that fails is the end of the file.
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  const auto fail = [&](const char* what) {
     const int reason = errno;
-    throw InputError(path.string(), "", std::strerror(reason), fix_for(reason));
+    if (file >= 0) ::close(file);
+    throw InputError(path.string(), "", what + std::string(std::strerror(reason)), fix_for(reason));
+  };
+  if (file < 0) fail("");
+  struct stat about;
+  const bool sized = ::fstat(file, &about) == 0 && about.st_size > 0;
+  std::string bytes(sized ? static_cast<std::size_t>(about.st_size) + 1 : 4096,
+                    '\0');  // one more: to see the end
+  std::size_t size = 0;
+  for (ssize_t got = 1; got != 0;) {
+    if (size == bytes.size())
+      bytes.resize(2 * size);  // it grows, or is one of the system's that tell no size
+    got = ::read(file, bytes.data() + size, bytes.size() - size);
+    if (got >= 0)
+      size += static_cast<std::size_t>(got);
+    else if (errno != EINTR)
+      fail("cannot be read to its end: ");
   }
-  std::ostringstream out;
-  out << in.rdbuf();
-  // A failing disk ends the stream as the file's end does; an empty file only fails to give a byte.
-  if (out.bad()) throw InputError(path.string(), "", "cannot be read to its end", fix_for(EIO));
-  return std::move(out).str();
+  bytes.resize(size);
+  ::close(file);
+  return bytes;
 }
 
 std::string content_hash(std::string_view bytes) {

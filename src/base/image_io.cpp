@@ -36,6 +36,23 @@ std::string reason(std::string text) {
   return text.empty() ? "" : " (" + text + ")";
 }
 
+/// A file whose reads give all that was asked for, or what is left of it: OpenImageIO's decoders take fewer
+/// bytes, which a system call may give at any time, for a damaged picture.
+class WholeReads : public OIIO::Filesystem::IOFile {
+ public:
+  explicit WholeReads(const std::string& path) : IOFile(path, Read) {}
+  std::size_t pread(void* bytes, std::size_t size, std::int64_t offset) override {
+    std::size_t read = 0;
+    while (read < size) {
+      const std::size_t more = IOFile::pread(static_cast<char*>(bytes) + read, size - read,
+                                             offset + static_cast<std::int64_t>(read));
+      if (more == 0 || more > size - read) break;  // its end, or −1 as a size
+      read += more;
+    }
+    return read;
+  }
+};
+
 /// A picture with its header read and judged; nothing is decoded or reserved before.
 class Picture {
  public:
@@ -43,7 +60,7 @@ class Picture {
     if (!fs::is_regular_file(path))
       throw InputError(path.string(), "", fs::exists(path) ? "is no regular file" : "no such image",
                        "check the data set's image folder");
-    auto file = std::make_unique<OIIO::Filesystem::IOFile>(path.string(), OIIO::Filesystem::IOProxy::Read);
+    auto file = std::make_unique<WholeReads>(path.string());
     if (!file->opened()) throw InputError(path.string(), "", "cannot be opened", "check its permissions");
     proxy_ = std::move(file);
     open(expected);

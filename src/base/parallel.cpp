@@ -8,11 +8,11 @@
 namespace mirage {
 namespace {
 std::unique_ptr<tbb::global_control> control;
-int count = 0;
+int threads_in_use = 0;
 }  // namespace
 
 void set_thread_count(int threads) {
-  count = threads;
+  threads_in_use = threads;
   control.reset();
   if (threads > 0)
     control = std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
@@ -20,7 +20,7 @@ void set_thread_count(int threads) {
 }
 
 int thread_count() {
-  return count > 0 ? count : tbb::info::default_concurrency();
+  return threads_in_use > 0 ? threads_in_use : tbb::info::default_concurrency();
 }
 
 }  // namespace mirage

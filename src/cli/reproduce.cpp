@@ -49,6 +49,10 @@ Command reproduce_command() {
             app.add_option("--random-meshes", options->random_meshes, "random meshes of the baseline, pooled")
                 ->check(CLI::PositiveNumber)
                 ->capture_default_str();
+            app.add_option("--seeds", options->seeds,
+                           "runs of each attack, from seeds one apart; intervals then know their spread")
+                ->check(CLI::Range(1, 100))
+                ->capture_default_str();
             app.add_option("--pictures", options->pictures, "pictures of each attack that shows some")
                 ->check(CLI::NonNegativeNumber)
                 ->capture_default_str();

@@ -2,10 +2,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
+#include <string>
 #include <vector>
 
 #include "base/binomial.h"
 #include "base/bootstrap.h"
+#include "base/crossed_bootstrap.h"
 #include "base/random.h"
 
 namespace mirage {
@@ -203,6 +206,102 @@ TEST(BootstrapStatistic, UndefinedDrawsMakeItOpen) {
       bootstrap_statistic(2, [](std::span<const int> drawn) { return drawn[0] > 0 ? 1.0 : std::nan(""); });
   EXPECT_EQ(interval.value, 1);
   EXPECT_TRUE(std::isinf(interval.low) && std::isinf(interval.high));
+}
+
+/// Shares of 40 vehicles under each of `runs` attacks, some of which are better than others: the logit of
+/// being hidden is the sum of the vehicle's own, the run's own and −0.4.
+std::map<CrossingName, ClusterSums> crossed_outcomes(int trial, int runs, double spread_of_runs) {
+  RandomStream random(11, "crossed outcomes", static_cast<std::uint64_t>(trial));
+  std::vector<double> of_run, of_vehicle;
+  for (int r = 0; r < runs; ++r) of_run.push_back(spread_of_runs * random.normal());
+  for (int v = 0; v < 40; ++v) of_vehicle.push_back(random.normal());
+  std::map<CrossingName, ClusterSums> sums;
+  for (int r = 0; r < runs; ++r)
+    for (std::size_t v = 0; v < of_vehicle.size(); ++v) {
+      if (random.uniform() < 0.2) continue;  // learned on, so not judged
+      const double logit = -0.4 + of_run[static_cast<std::size_t>(r)] + of_vehicle[v];
+      sums[{"vehicle " + std::to_string(v), r}] = {random.uniform() < 1 / (1 + std::exp(-logit)) ? 1.0 : 0.0,
+                                                   1};
+    }
+  return sums;
+}
+
+std::vector<ClusterSums> over_runs(const std::map<CrossingName, ClusterSums>& sums) {
+  std::map<std::string, ClusterSums> clusters;
+  for (const auto& [name, one] : sums) {
+    clusters[name.first].numerator += one.numerator;
+    clusters[name.first].denominator += one.denominator;
+  }
+  std::vector<ClusterSums> list;
+  for (const auto& [name, one] : clusters) list.push_back(one);
+  return list;
+}
+
+TEST(CrossedBootstrap, CoversWhatRunsDifferBy) {
+  // The truth: the share over all vehicles and all runs there could be.
+  double truth = 0;
+  for (int trial = 1000; trial < 1400; ++trial) {
+    ClusterSums all;
+    for (const ClusterSums& one : over_runs(crossed_outcomes(trial, 5, 1.2)))
+      all.numerator += one.numerator, all.denominator += one.denominator;
+    truth += all.numerator / all.denominator / 400;
+  }
+  constexpr int kTrials = 100;
+  int covered = 0, covered_by_vehicles_alone = 0;
+  BootstrapSettings settings;
+  settings.replicates = 400;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    const auto sums = crossed_outcomes(trial, 5, 1.2);
+    const Interval crossed = crossed_interval(sums, settings),
+                   alone = bootstrap_interval(over_runs(sums), settings);
+    EXPECT_DOUBLE_EQ(crossed.value, alone.value);
+    covered += crossed.low <= truth && truth <= crossed.high;
+    covered_by_vehicles_alone += alone.low <= truth && truth <= alone.high;
+  }
+  RecordProperty("covered", covered);
+  RecordProperty("covered_by_vehicles_alone", covered_by_vehicles_alone);
+  EXPECT_GE(covered, 0.87 * kTrials);  // five runs are few: percentiles have no Student's t
+  EXPECT_LT(covered_by_vehicles_alone, 0.7 * kTrials) << "the control: the runs' spread is left out";
+}
+
+TEST(CrossedBootstrap, IsTheOtherWithOneRun) {
+  const auto sums = crossed_outcomes(0, 1, 1);
+  std::map<CrossingName, PairedSums> pairs;
+  std::vector<PairedSums> list;
+  for (const auto& [name, one] : sums) pairs[name] = {one, {1 - one.numerator, 1}};
+  for (const auto& [name, one] : pairs) list.push_back(one);
+  const Interval a = crossed_interval(sums), b = bootstrap_interval(over_runs(sums));
+  EXPECT_EQ(a.low, b.low);
+  EXPECT_EQ(a.high, b.high);
+  const Interval c = crossed_difference(pairs), d = bootstrap_difference(list);
+  EXPECT_EQ(c.low, d.low);
+  EXPECT_EQ(c.high, d.high);
+}
+
+TEST(CrossedBootstrap, MoreRunsOfNothingShowNoMoreVehicles) {
+  std::map<CrossingName, ClusterSums> sums;
+  for (int r = 0; r < 5; ++r)
+    for (int v = 0; v < 20; ++v) sums[{std::to_string(v), r}] = {0, 1};
+  EXPECT_NEAR(crossed_interval(sums).high, 0.16843347, 1e-7);  // Clopper and Pearson's, 0 of 20
+  EXPECT_EQ(crossed_interval({}).high, 1);
+}
+
+TEST(CrossedBootstrap, PairsOfARunAreDrawnTogether) {
+  // Arm a is arm b and five points more in every run: however much runs differ, the difference does not.
+  std::map<CrossingName, PairedSums> pairs;
+  for (int r = 0; r < 4; ++r)
+    for (int v = 0; v < 30; ++v) {
+      const double share = 0.2 * r;
+      pairs[{std::to_string(v), r}] = {{100 * share + 5, 100}, {100 * share, 100}};
+    }
+  const Interval together = crossed_difference(pairs);
+  EXPECT_NEAR(together.value, 0.05, 1e-12);
+  EXPECT_LT(together.high - together.low, 0.25);  // none drawn, so what 30 vehicles may not have shown
+  std::map<CrossingName, PairedSums> crooked = pairs;
+  for (auto& [name, one] : crooked)
+    if (name.second % 2 == 1) one.a.numerator = 0;  // now the arms disagree by run
+  const Interval apart = crossed_difference(crooked);
+  EXPECT_GT(apart.high - apart.low, 0.3);
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <map>
 #include <stdexcept>
 
 #include "attack/checkpoint.h"
@@ -182,40 +181,18 @@ void check(const AttackState& state) {
 }
 
 void checkpoint(const fs::path& file) {
-  check(read_checkpoint(file, seed_identity()));
+  check(read_checkpoint(file, seed_identity(), seed_start()));
 }
 
-/// The bytes are a JSON merge patch (RFC 7386) on a whole checkpoint: one of 200 KB is too long to be found
-/// by chance. Fields that it leaves alone keep their text, since writing 50 thousand numbers takes longest.
+/// The bytes are a JSON merge patch (RFC 7386) on a whole checkpoint: fields that a mutation of its text
+/// would cut at once.
 void checkpoint_fields(const fs::path& file) {
-  static const nlohmann::json whole = nlohmann::json::parse(seed_checkpoint());
-  static const std::map<std::string, std::string> texts = [] {
-    std::map<std::string, std::string> all;
-    for (const auto& [key, value] : whole.items()) all[key] = value.dump();
-    return all;
-  }();
-  const auto text_of = [](const nlohmann::json& value) {
-    return value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-  };
-  const nlohmann::json patch = read_json(file);
-  std::string patched = patch.is_object() ? "" : text_of(patch);
-  if (patch.is_object()) {
-    std::map<std::string, std::string> fields = texts;
-    for (const auto& [key, change] : patch.items()) {
-      nlohmann::json value = whole.contains(key) ? whole.at(key) : nlohmann::json();
-      value.merge_patch(change);
-      if (change.is_null())
-        fields.erase(key);
-      else
-        fields[key] = text_of(value);
-    }
-    for (const auto& [key, text] : fields)
-      patched += (patched.empty() ? "{" : ",") + text_of(key) + ":" + text;
-    patched += patched.empty() ? "{}" : "}";
-  }
+  static const nlohmann::json whole = nlohmann::json::parse(seed_checkpoint(2));
+  nlohmann::json patched = whole;
+  patched.merge_patch(read_json(file));
   const fs::path place = scratch() / "patched-checkpoint.json";
-  write_bytes(place, patched);
-  check(read_checkpoint(place, seed_identity()));
+  write_bytes(place, patched.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  check(read_checkpoint(place, seed_identity(), seed_start()));
 }
 
 /// The directory of a weights file.

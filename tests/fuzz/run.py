@@ -17,7 +17,7 @@ import time
 
 HERE = pathlib.Path(__file__).resolve().parent
 # Bytes; 4096 for the others. A picture of 512 may claim four million pixels, which take their time.
-LONGEST = {"checkpoint": 300000, "gltf": 8192, "png": 512}
+LONGEST = {"gltf": 8192, "png": 512}
 LIMITS = ["-timeout=20", "-rss_limit_mb=2048", "-malloc_limit_mb=1024", "-report_slow_units=10"]
 OPTIONS = {"ASAN_OPTIONS": "detect_leaks=0:allocator_may_return_null=1", "UBSAN_OPTIONS": "print_stacktrace=1"}
 

@@ -203,26 +203,25 @@ nlohmann::json seed_identity() {
   return {{"limits", {0.8, 0.8, 0.5}}, {"vertex_rate", 1e-3}, {"texel_rate", 4e-3}, {"train", {"host"}}};
 }
 
-/// Of a run before its first step, in short numbers: a quarter of the bytes of a whole one.
-static std::string fresh_checkpoint() {
-  AttackState state = fresh_state({});
-  for (Vec3d& v : state.adversary.mesh.vertices) v.setZero();
-  for (Vec3d& texel : state.adversary.atlas.texels) texel.setZero();
-  std::string text = written("fresh-checkpoint.json",
-                             [&](const fs::path& file) { write_checkpoint(file, state, seed_identity()); });
-  for (std::size_t at = 0; (at = text.find("0.0,", at)) != std::string::npos;) text.erase(at + 1, 2);
-  return text;
+TexturedMesh seed_start() {
+  TexturedMesh start = seed_mesh();
+  for (Vec3d& v : start.mesh.vertices) v *= 0.5;
+  return start;
 }
 
-std::string seed_checkpoint() {
-  AttackState state = fresh_state({});
-  // Short numbers: what matters is how many there are.
-  for (Vec3d& v : state.adversary.mesh.vertices) v = (8 * v).array().round() / 8;
-  state.vertices.first.assign(3 * state.adversary.mesh.vertices.size(), 0);
-  state.texels.first.assign(3 * state.adversary.atlas.texels.size(), 0);
-  state.vertices.second = state.vertices.first, state.texels.second = state.texels.first;
-  state.iteration = state.vertices.step_count = state.texels.step_count = 2;
-  state.losses = {{1, 0.5, 0.25, 1}, {1, 0.5, 0.25, 0}};
+std::string seed_checkpoint(long steps) {
+  AttackState state;
+  state.adversary = seed_start();
+  state.iteration = state.vertices.step_count = state.texels.step_count = steps;
+  if (steps > 0) {
+    state.vertices.first.assign(3 * state.adversary.mesh.vertices.size(), 0.125);
+    state.texels.first.assign(3 * state.adversary.atlas.texels.size(), -0.125);
+    state.vertices.second = state.vertices.first;
+    state.texels.second.assign(state.texels.first.size(), 0.5);
+    state.held_out.add(0, 1.5, state.adversary);
+    state.held_out.add(steps, 1.25, state.adversary);
+  }
+  state.losses.assign(static_cast<std::size_t>(steps), {1, 0.5, 0.25, 1});
   return written("seed-checkpoint.json",
                  [&](const fs::path& file) { write_checkpoint(file, state, seed_identity()); });
 }
@@ -263,8 +262,8 @@ std::vector<Seed> seeds() {
 #endif
       {"checkpoint-fields", "none", "{}"},
       {"checkpoint-fields", "some", R"({"losses":[1,2,3,4,5,6],"hidden":[1,-1]})"},
-      {"checkpoint", "fresh", fresh_checkpoint()},
-      {"checkpoint", "whole", seed_checkpoint()}};
+      {"checkpoint", "fresh", seed_checkpoint(0)},
+      {"checkpoint", "whole", seed_checkpoint(2)}};
   return all;
 }
 

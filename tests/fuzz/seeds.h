@@ -24,8 +24,11 @@ TexturedMesh seed_mesh();
 Calibration seed_calibration();
 /// What a checkpoint is asked to agree with.
 nlohmann::json seed_identity();
-/// A whole checkpoint of a fresh attack.
-std::string seed_checkpoint();
+/// The mesh that its run starts from: a real one has forty thousand numbers, and all of the fuzzer's time
+/// goes into reading them.
+TexturedMesh seed_start();
+/// A checkpoint after so many steps of a run from seed_start(); with what it held out after the first.
+std::string seed_checkpoint(long steps);
 
 /// Makes the file, and its folder, or writes it anew: thousands of times a second, without the care for full
 /// disks and killed processes that base/files.h takes. Nobody else may replace it.

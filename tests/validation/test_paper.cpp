@@ -38,6 +38,7 @@ class Program {
   std::string broken;  ///< folder whose command fails
   MadeUp learned{40, 5, 3, 1, 30}, random{40, 5, 1, 0, 30};
   bool uses_picture = true;
+  int worse_by_seed = 0;  ///< so many fewer vehicles a frame are hidden in each further run
 
   void operator()(std::vector<std::string> arguments) {
     const auto after = [&](const std::string& option) {
@@ -53,7 +54,11 @@ class Program {
       write_file(out / "run.json", "{}");
       result = {{"iterations", 400}, {"seconds_per_iteration", 0.1}};
     }
-    if (arguments[0] == "evaluate") result = evaluation_json(learned, random, uses_picture);
+    if (arguments[0] == "evaluate") {
+      MadeUp mesh = learned;
+      mesh.hidden -= after("--seed").empty() ? 0 : worse_by_seed * std::stoi(after("--seed"));
+      result = evaluation_json(mesh, random, uses_picture);
+    }
     if (arguments[0] == "detect") result = {{"ap50", 0.9}, {"ap70", 0.8}};
     write_json(out / "result.json", result);
   }
@@ -153,6 +158,66 @@ TEST(PaperTables, RowsComeFromTheOutcomes) {
   EXPECT_FALSE(sized.at("values").contains("net"));
   EXPECT_THAT(text, HasSubstr("| 34.68 |"));
   EXPECT_EQ(read_json(folder / "reproduce.json").at("tables"), result.at("tables"));
+}
+
+TEST(PaperExperiments, EverySeedIsAnAttackOfItsOwn) {
+  ReproduceSettings settings = settings_in("out", "table1");
+  const Experiments once = experiments(settings);
+  settings.seeds = 3;
+  settings.seed = 10;
+  const Experiments three = experiments(settings);
+  const auto attacks_in = [](const Experiments& list) {
+    return std::count_if(list.cases.begin(), list.cases.end(),
+                         [](const Case& one) { return one.kind == Case::Kind::attack; });
+  };
+  EXPECT_EQ(attacks_in(three), 3 * attacks_in(once));
+  const Case& attack = three.at("runs/kitti64-fusion-both+2");
+  EXPECT_EQ(std::count(attack.arguments.begin(), attack.arguments.end(), "--seed"), 1);
+  EXPECT_EQ(attack.arguments.back(), "12");
+  EXPECT_EQ(attack.needs, three.at("runs/kitti64-fusion-both").needs);  // data are generated once
+  const Case& judged = three.at("evaluations/kitti64-fusion-both+2");
+  EXPECT_THAT(judged.arguments, testing::Contains("out/runs/kitti64-fusion-both+2"));
+  EXPECT_THAT(judged.arguments, testing::Not(testing::Contains("--pictures")));
+  EXPECT_EQ(judged.needs, std::vector<std::string>{attack.name});
+}
+
+TEST(PaperTables, IntervalsKnowHowMuchRunsDiffer) {
+  const auto asr = [](int seeds, int worse_by_seed) {
+    TemporaryFolder folder;
+    Program program;
+    program.worse_by_seed = worse_by_seed;
+    ReproduceSettings settings = settings_in(folder.path(), "table1");
+    settings.seeds = seeds;
+    const json result = reproduce(settings, std::ref(program));
+    const json row = result.at("tables").at(0).at("rows").at(4);
+    EXPECT_EQ(row.at("label"), "fusion, both");
+    EXPECT_EQ(row.at("vehicles"), 200);  // the same ones in every run
+    EXPECT_EQ(row.at("hosts"), 200);
+    EXPECT_EQ(row.at("runs"), seeds);
+    if (seeds > 1) {
+      EXPECT_THAT(read_file(folder / "table1.md"), HasSubstr("200 in 40 frames, 3 runs"));
+    }
+    return row.at("values").at("asr");
+  };
+  const json once = asr(1, 0), equal = asr(3, 0), different = asr(3, 1);
+  const auto width = [](const json& value) {
+    return value.at("high").get<double>() - value.at("low").get<double>();
+  };
+  EXPECT_NEAR(equal.at("value").get<double>(), once.at("value").get<double>(), 1e-12);
+  EXPECT_NEAR(width(equal), width(once), 0.05);                  // three times the same is no more vehicles
+  EXPECT_NEAR(different.at("value").get<double>(), 0.3, 1e-12);  // 3, 2 and 1 of 5, in three frames of four
+  EXPECT_GT(width(different), width(once) + 0.05);
+}
+
+TEST(PaperTables, ARepetitionThatFailsIsLeftOut) {
+  TemporaryFolder folder;
+  Program program;
+  program.broken = "runs/kitti64-fusion-both+1";
+  ReproduceSettings settings = settings_in(folder.path(), "table1");
+  settings.seeds = 3;
+  const json result = reproduce(settings, std::ref(program));
+  EXPECT_EQ(result.at("tables").at(0).at("rows").at(4).at("runs"), 2);
+  EXPECT_EQ(result.at("tables").at(0).at("rows").at(3).at("runs"), 3);
 }
 
 TEST(PaperTables, SayWhereTheDetectorDoesNotUseItsPicture) {

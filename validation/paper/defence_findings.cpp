@@ -53,25 +53,25 @@ Finding harder(const Evidence& evidence) {
           struct Sums {
             double hidden = 0, positive = 0, vehicles = 0;
           };
-          std::map<std::string, std::array<Sums, 2>> by_name;
+          std::map<CrossingName, std::array<Sums, 2>> by_name;
           const Outcomes a = shared_hosts(*none, *with), b = shared_hosts(*with, *none);
           for (int side = 0; side < 2; ++side)
             for (const Outcome& host : (side == 0 ? a : b).hosts) {
               if (!host.detected) continue;
-              Sums& sums = by_name[host.cluster()][static_cast<std::size_t>(side)];
+              Sums& sums = by_name[host.crossing()][static_cast<std::size_t>(side)];
               sums.hidden += host.hidden;
               sums.positive += host.false_positive;
               sums.vehicles += 1;
             }
-          std::vector<std::array<Sums, 2>> clusters;
-          for (const auto& [name, sums] : by_name) clusters.push_back(sums);
+          std::vector<std::array<Sums, 2>> items;
+          for (const auto& [name, sums] : by_name) items.push_back(sums);
           const auto left = [&](std::span<const int> drawn) {  // {misses left, false positives left}
             std::array<Sums, 2> sums;
-            for (std::size_t i = 0; i < clusters.size(); ++i)
+            for (std::size_t i = 0; i < items.size(); ++i)
               for (std::size_t side = 0; side < 2; ++side) {
-                sums[side].hidden += drawn[i] * clusters[i][side].hidden;
-                sums[side].positive += drawn[i] * clusters[i][side].positive;
-                sums[side].vehicles += drawn[i] * clusters[i][side].vehicles;
+                sums[side].hidden += drawn[i] * items[i][side].hidden;
+                sums[side].positive += drawn[i] * items[i][side].positive;
+                sums[side].vehicles += drawn[i] * items[i][side].vehicles;
               }
             const auto share = [&](double Sums::*part) {
               return sums[0].*part > 0 && sums[1].vehicles > 0
@@ -80,11 +80,11 @@ Finding harder(const Evidence& evidence) {
             };
             return std::pair{share(&Sums::hidden), share(&Sums::positive)};
           };
-          const Interval difference = bootstrap_statistic(clusters.size(), [&](std::span<const int> drawn) {
+          const Interval difference = crossed_statistic(crossings(by_name), [&](std::span<const int> drawn) {
             const auto [misses, positives] = left(drawn);
             return positives - misses;
           });
-          const auto [misses, positives] = left(std::vector<int>(clusters.size(), 1));
+          const auto [misses, positives] = left(std::vector<int>(items.size(), 1));
           if (std::isnan(misses) || std::isnan(positives)) {
             Check made;
             made.rig = title(rig) + ", " + words;

@@ -7,6 +7,7 @@
 
 #include "attack/objective.h"
 #include "base/error.h"
+#include "validation/paper/repetitions.h"
 
 namespace mirage::paper {
 namespace {
@@ -363,6 +364,7 @@ Experiments experiments(const ReproduceSettings& settings) {
   if (wanted("table3")) made.tables.push_back(table3(list, real));
   if (wanted("table4")) made.tables.push_back(table4(list));
   made.cases = std::move(list.cases);
+  repeat(made, settings);
   return made;
 }
 

@@ -31,7 +31,8 @@ struct ReproduceSettings {
   int frames = 120;                             ///< generated frames of a rig
   int iterations = 400;
   int random_meshes = 3;  ///< of the random baseline, pooled
-  int pictures = 3;       ///< of each attack that has pictures
+  int seeds = 1;     ///< runs of each attack, of the seeds seed, seed + 1, …; each splits the frames anew
+  int pictures = 3;  ///< of each attack that has pictures
   std::uint64_t seed = 0;
   int threads = 0;
   bool quick = false, quiet = false;
@@ -75,7 +76,9 @@ struct Table {
 
 struct Experiments {
   std::vector<Table> tables;
-  std::vector<Case> cases;  ///< in the order to run: each after what it needs, table by table
+  /// In the order to run: each after what it needs, table by table; and all of a seed before the next.
+  std::vector<Case> cases;
+  int seeds = 1;
   const Case& at(const std::string& name) const;
 };
 

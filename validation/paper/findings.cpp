@@ -37,17 +37,6 @@ Finding image_weak(const Evidence& evidence) {
       });
 }
 
-/// Those outcomes for which `keep` holds.
-Outcomes part(const Outcomes& outcomes, const Which& keep) {
-  Outcomes made{outcomes.name, outcomes.data, {}, outcomes.meshes, 0};
-  for (const Outcome& host : outcomes.hosts) {
-    if (!keep(host)) continue;
-    made.hosts.push_back(host);
-    made.vehicles += host.detected && host.mesh == 0;
-  }
-  return made;
-}
-
 /// How close to being missed the vehicles are as recorded, and what the random meshes and the learned one do
 /// to near and far ones.
 std::string margins(const Outcomes& learned, const Outcomes& random) {
@@ -129,27 +118,27 @@ Finding fusion_helps(const Evidence& evidence) {
 
 /// ASR of the drawn frames at each size, then the least-squares slope over L.
 Interval slope(const std::vector<std::pair<double, Outcomes>>& sizes) {
-  std::map<std::string, std::vector<ClusterSums>> by_name;
+  std::map<CrossingName, std::vector<ClusterSums>> by_name;
   for (std::size_t s = 0; s < sizes.size(); ++s)
     for (const Outcome& host : sizes[s].second.hosts) {
       if (!host.detected) continue;
-      auto& sums = by_name[host.cluster()];
+      auto& sums = by_name[host.crossing()];
       sums.resize(sizes.size());
       sums[s].numerator += host.fooled();
       sums[s].denominator += 1;
     }
-  std::vector<std::vector<ClusterSums>> clusters;
-  for (const auto& [name, sums] : by_name) clusters.push_back(sums);
+  std::vector<std::vector<ClusterSums>> items;
+  for (const auto& [name, sums] : by_name) items.push_back(sums);
   double mean_size = 0, spread = 0;
   for (const auto& [size, outcomes] : sizes) mean_size += size / static_cast<double>(sizes.size());
   for (const auto& [size, outcomes] : sizes) spread += (size - mean_size) * (size - mean_size);
-  return bootstrap_statistic(clusters.size(), [&](std::span<const int> drawn) {
+  return crossed_statistic(crossings(by_name), [&](std::span<const int> drawn) {
     double value = 0;
     for (std::size_t s = 0; s < sizes.size(); ++s) {
       ClusterSums sums;
-      for (std::size_t i = 0; i < clusters.size(); ++i) {
-        sums.numerator += drawn[i] * clusters[i][s].numerator;
-        sums.denominator += drawn[i] * clusters[i][s].denominator;
+      for (std::size_t i = 0; i < items.size(); ++i) {
+        sums.numerator += drawn[i] * items[i][s].numerator;
+        sums.denominator += drawn[i] * items[i][s].denominator;
       }
       value += (sizes[s].first - mean_size) * sums.numerator / sums.denominator;  // NaN without any
     }
@@ -217,19 +206,17 @@ struct Distances {
 };
 
 Distances distances(const Outcomes& outcomes) {
-  std::map<std::string, ClusterSums> by_name;
+  std::map<CrossingName, ClusterSums> by_name;
   std::vector<double> all;
   for (const Outcome& host : outcomes.hosts) {
     if (!host.detected) continue;
     for (const double distance : host.distances) {
-      by_name[host.cluster()].numerator += distance > kFar;
-      by_name[host.cluster()].denominator += 1;
+      by_name[host.crossing()].numerator += distance > kFar;
+      by_name[host.crossing()].denominator += 1;
       all.push_back(distance);
     }
   }
-  std::vector<ClusterSums> clusters;
-  for (const auto& [name, sums] : by_name) clusters.push_back(sums);
-  Distances made{static_cast<int>(all.size()), bootstrap_interval(clusters), 0};
+  Distances made{static_cast<int>(all.size()), crossed_interval(by_name), 0};
   if (!all.empty()) made.median = quantile(all, 0.5);
   return made;
 }

@@ -276,6 +276,7 @@ json reproduce(const ReproduceSettings& given, const Execute& run) {
                  {"settings",
                   {{"iterations", settings.iterations},
                    {"seed", settings.seed},
+                   {"seeds", settings.seeds},
                    {"random_meshes", settings.random_meshes},
                    {"quick", settings.quick},
                    {"kitti64", data_folder(settings, "kitti64").filename().string()},

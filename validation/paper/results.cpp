@@ -44,27 +44,29 @@ std::shared_ptr<Outcomes> read_outcomes(const nlohmann::json& item, const std::s
   return made;
 }
 
-using ByCluster = std::map<std::string, ClusterSums>;
+using Sums = std::map<CrossingName, ClusterSums>;
 
-ByCluster by_cluster(const Outcomes& outcomes, const Which& counts, const Which& which) {
-  ByCluster clusters;
+Sums sums_of(const Outcomes& outcomes, const Which& counts, const Which& which) {
+  Sums all;
   for (const Outcome& host : outcomes.hosts) {
     if (!counts(host)) continue;
-    ClusterSums& sums = clusters[host.cluster()];
+    ClusterSums& sums = all[host.crossing()];
     sums.numerator += which(host);
     sums.denominator += 1;
   }
-  return clusters;
+  return all;
+}
+
+/// Hosts detected clean, each once whatever the meshes and runs.
+int count_vehicles(const std::vector<Outcome>& hosts) {
+  std::set<std::pair<std::string, int>> names;
+  for (const Outcome& host : hosts)
+    if (host.detected) names.insert({host.frame, host.label});
+  return static_cast<int>(names.size());
 }
 
 bool is_detected(const Outcome& host) {
   return host.detected;
-}
-
-Interval share(const ByCluster& clusters) {
-  std::vector<ClusterSums> list;
-  for (const auto& [name, sums] : clusters) list.push_back(sums);
-  return bootstrap_interval(list);
 }
 
 /// IoU 0 asks for any overlap at all.
@@ -123,37 +125,57 @@ Judged read_evaluation(const std::filesystem::path& file, const std::string& dat
   }
 }
 
+Judged pooled(const std::vector<Judged>& runs) {
+  const auto all = [&](std::shared_ptr<const Outcomes> Judged::*part) -> std::shared_ptr<const Outcomes> {
+    auto made = std::make_shared<Outcomes>();
+    for (std::size_t r = 0; r < runs.size(); ++r) {
+      const Outcomes* one = (runs[r].*part).get();
+      if (!one) return nullptr;
+      if (r == 0) *made = *one, made->hosts.clear();
+      made->meshes = std::max(made->meshes, one->meshes);
+      for (Outcome host : one->hosts) {
+        host.run = static_cast<int>(r);
+        made->hosts.push_back(std::move(host));
+      }
+    }
+    made->runs = static_cast<int>(runs.size());
+    made->vehicles = count_vehicles(made->hosts);
+    return made;
+  };
+  if (runs.size() == 1) return runs.front();
+  return {all(&Judged::learned), all(&Judged::random), all(&Judged::sized)};
+}
+
 Interval success(const Outcomes& outcomes, const Which& which) {
-  return share(by_cluster(outcomes, is_detected, which));
+  return crossed_interval(sums_of(outcomes, is_detected, which));
 }
 
 Interval vanished(const Outcomes& outcomes) {
   const double least = kHidingRules.front().iou;
-  return share(by_cluster(
+  return crossed_interval(sums_of(
       outcomes, [&](const Outcome& host) { return host.clean_iou > least; },
       [&](const Outcome& host) { return !(host.attacked_iou > least); }));
 }
 
 Outcomes shared_hosts(const Outcomes& a, const Outcomes& b) {
-  std::set<std::pair<std::string, int>> names;
-  for (const Outcome& host : b.hosts) names.insert({host.frame, host.label});
-  Outcomes kept{a.name, a.data, {}, a.meshes, 0};
-  for (const Outcome& host : a.hosts) {
-    if (!names.contains({host.frame, host.label})) continue;
-    kept.hosts.push_back(host);
-    kept.vehicles += host.detected && host.mesh == 0;
-  }
-  return kept;
+  std::set<std::tuple<std::string, int, int>> names;
+  for (const Outcome& host : b.hosts) names.insert({host.frame, host.label, host.run});
+  return part(a, [&](const Outcome& host) { return names.contains({host.frame, host.label, host.run}); });
+}
+
+Outcomes part(const Outcomes& outcomes, const Which& keep) {
+  Outcomes made = outcomes;
+  std::erase_if(made.hosts, [&](const Outcome& host) { return !keep(host); });
+  made.vehicles = count_vehicles(made.hosts);
+  return made;
 }
 
 static Interval paired_difference(const Outcomes& a, const Outcomes& b, const Which& counts,
                                   const Which& which) {
-  std::map<std::string, PairedSums> clusters;
-  for (const auto& [name, sums] : by_cluster(shared_hosts(a, b), counts, which)) clusters[name].a = sums;
-  for (const auto& [name, sums] : by_cluster(shared_hosts(b, a), counts, which)) clusters[name].b = sums;
-  std::vector<PairedSums> list;
-  for (const auto& [name, sums] : clusters) list.push_back(sums);
-  return bootstrap_difference(list);
+  std::map<CrossingName, PairedSums> both;
+  for (const auto& [name, sums] : sums_of(shared_hosts(a, b), counts, which)) both[name].a = sums;
+  for (const auto& [name, sums] : sums_of(shared_hosts(b, a), counts, which)) both[name].b = sums;
+  return crossed_difference(both);
 }
 
 Interval success_difference(const Outcomes& a, const Outcomes& b, const Which& which) {
@@ -166,42 +188,29 @@ Interval clean_recall_difference(const Outcomes& a, const Outcomes& b, double io
 }
 
 Interval recall(const Outcomes& outcomes, double iou, bool clean) {
-  return share(by_cluster(
+  return crossed_interval(sums_of(
       outcomes, [](const Outcome&) { return true; },
       [&](const Outcome& host) { return found(host, iou, clean); }));
 }
 
 Interval mean_recall(const Outcomes& outcomes, bool clean) {
-  ByCluster clusters;
+  Sums all;
   for (const Outcome& host : outcomes.hosts) {
-    ClusterSums& sums = clusters[host.cluster()];
+    ClusterSums& sums = all[host.crossing()];
     for (int step = 0; step <= kSteps; ++step) {
       sums.numerator += found(host, step / double(kSteps), clean);
       sums.denominator += 1;
     }
   }
-  return share(clusters);
+  return crossed_interval(all);
 }
 
 nlohmann::json recall_curve(const Outcomes& outcomes, bool clean) {
-  std::map<std::string, std::vector<double>> clusters;  // counts at each step, then all hosts
-  for (const Outcome& host : outcomes.hosts) {
-    auto& counts = clusters[host.cluster()];
-    counts.resize(kSteps + 2);
-    for (int step = 0; step <= kSteps; ++step)
-      counts[static_cast<std::size_t>(step)] += found(host, step / double(kSteps), clean);
-    counts.back() += 1;
-  }
-  std::vector<double> denominators;
-  std::vector<std::vector<double>> numerators(kSteps + 1);
-  for (const auto& [name, counts] : clusters) {
-    for (std::size_t step = 0; step <= kSteps; ++step) numerators[step].push_back(counts[step]);
-    denominators.push_back(counts.back());
-  }
   nlohmann::json curve;
-  int step = 0;
-  for (const Interval& at : bootstrap_intervals(denominators, numerators)) {
-    curve["iou"].push_back(step++ / double(kSteps));
+  for (int step = 0; step <= kSteps; ++step) {
+    const double iou = step / double(kSteps);
+    const Interval at = recall(outcomes, iou, clean);
+    curve["iou"].push_back(iou);
     curve["recall"].push_back(at.value);
     curve["low"].push_back(at.low);
     curve["high"].push_back(at.high);

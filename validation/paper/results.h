@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "base/bootstrap.h"
 #include "base/clusters.h"
+#include "base/crossed_bootstrap.h"
 
 namespace mirage::paper {
 
@@ -19,6 +19,7 @@ namespace mirage::paper {
 struct Outcome {
   std::string frame;
   int label = 0, mesh = 0;
+  int run = 0;       ///< of the attack, from another seed
   int track = -1;    ///< the vehicle's identity; -1: unknown
   double range = 0;  ///< m
   double clean_iou = 0, attacked_iou = 0;
@@ -27,14 +28,15 @@ struct Outcome {
 
   bool fooled() const { return hidden || false_positive; }
   std::string cluster() const { return cluster_of(frame, track); }
+  CrossingName crossing() const { return {cluster(), run}; }
 };
 
 struct Outcomes {
   std::string name;  ///< "learned mesh", "random mesh", "random mesh of its size"
   std::string data;  ///< which frames: hosts of equal data, frame and label are the same
   std::vector<Outcome> hosts;
-  int meshes = 1;
-  int vehicles = 0;  ///< hosts detected clean, of one mesh
+  int meshes = 1, runs = 1;
+  int vehicles = 0;  ///< hosts detected clean, each once
   /// Whether the detector uses its picture on these frames (detection/reliance.h, to_json); null: not known.
   nlohmann::json reliance = nullptr;
 
@@ -57,8 +59,11 @@ struct Judged {
   std::shared_ptr<const Outcomes> learned, random, sized;
 };
 Judged read_evaluation(const std::filesystem::path& file, const std::string& data);
+/// The same experiment's runs as one; what one of them lacks is missing. `runs` is not empty.
+Judged pooled(const std::vector<Judged>& runs);
 
-/// Share of the vehicles detected clean for which `which` holds; 95 % interval by bootstrap over clusters.
+/// Share of the vehicles detected clean for which `which` holds; 95 % interval by bootstrap over clusters and
+/// runs (base/crossed_bootstrap.h), as of all figures below.
 Interval success(const Outcomes& outcomes, const Which& which);
 
 /// Share of the vehicles found clean at all (IoU > 0.1 with a detection) of which nothing is found any more:
@@ -72,7 +77,9 @@ Interval success_difference(const Outcomes& a, const Outcomes& b, const Which& w
 /// Recall of the frames as recorded, of two detectors on the same hosts: a − b.
 Interval clean_recall_difference(const Outcomes& a, const Outcomes& b, double iou);
 
-/// Those outcomes of `a` whose hosts also stand in `b`.
+/// Those outcomes for which `keep` holds.
+Outcomes part(const Outcomes& outcomes, const Which& keep);
+/// Those outcomes of `a` whose hosts also stand in `b`, in the run of the same number.
 Outcomes shared_hosts(const Outcomes& a, const Outcomes& b);
 
 /// Share of all hosts found at the IoU or better, clean or attacked.

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "base/files.h"
+#include "validation/paper/repetitions.h"
 
 namespace mirage::paper {
 namespace {
@@ -55,7 +56,9 @@ json false_positive_distances(const Outcomes& outcomes) {
 
 json row_json(const Table& table, const Row& row, const Experiments& experiments, const Evidence& evidence) {
   std::set<std::string> names;
-  closure(experiments, row.evaluation, names);
+  if (!row.evaluation.empty())
+    for (int number = 0; number < experiments.seeds; ++number)
+      closure(experiments, repetition(row.evaluation, number), names);
   json made = {{"label", row.label},
                {"rig", row.rig},
                {"case", row.evaluation},
@@ -69,9 +72,11 @@ json row_json(const Table& table, const Row& row, const Experiments& experiments
                                          : evidence.learned(row.evaluation);
   if (outcomes) {
     made["vehicles"] = outcomes->vehicles;
-    made["hosts"] = outcomes->hosts.size() / static_cast<std::size_t>(std::max(1, outcomes->meshes));
+    made["hosts"] =
+        outcomes->hosts.size() / static_cast<std::size_t>(std::max(1, outcomes->meshes * outcomes->runs));
     made["frames"] = outcomes->frames();
     made["meshes"] = outcomes->meshes;
+    made["runs"] = outcomes->runs;
     if (const std::string note = outcomes->note(); row.image && !note.empty()) made["note"] = note;
     for (const Column& column : table.columns)
       if (const json value = value_of(column.key, row, *outcomes); !value.is_null())
@@ -118,6 +123,12 @@ std::string cell(const json& value) {
   return in_percent({value.at("value"), value.at("low"), value.at("high")});
 }
 
+/// ", 3 runs"
+std::string more_than_one(const json& row, const char* key) {
+  const int count = row.at(key);
+  return count > 1 ? fmt::format(", {} {}", count, key) : "";
+}
+
 /// A bar in a cell would end it.
 std::string escaped(const std::string& text) {
   std::string made;
@@ -154,6 +165,7 @@ const Outcomes* Evidence::control(const std::string& evaluation) const {
 Evidence gather(const Experiments& experiments, const std::filesystem::path& out,
                 std::map<std::string, Step> steps) {
   Evidence evidence;
+  std::map<std::string, Judged> judged_runs;
   for (const Case& one : experiments.cases) {
     Step& step = steps[one.name];
     if (step.status != Step::Status::done) continue;
@@ -164,12 +176,20 @@ Evidence gather(const Experiments& experiments, const std::filesystem::path& out
       // Hosts are those of the run that is judged, or of the run whose hosts were asked for.
       const Case& judged = experiments.at(one.needs.back());
       const auto data = std::find(judged.arguments.begin(), judged.arguments.end(), "--data");
-      evidence.evaluations[one.name] =
+      judged_runs[one.name] =
           read_evaluation(file, data == judged.arguments.end() ? judged.name : *(data + 1));
     } catch (const std::exception& error) {
       step.status = Step::Status::failed;
       step.error = error.what();
     }
+  }
+  // A repetition that failed is missing; what stands in for its experiment is the first, which has the name.
+  for (const auto& [name, first] : judged_runs) {
+    std::vector<Judged> runs{first};
+    for (int number = 1; number < experiments.seeds; ++number)
+      if (const auto more = judged_runs.find(repetition(name, number)); more != judged_runs.end())
+        runs.push_back(more->second);
+    if (!is_repetition(name)) evidence.evaluations[name] = pooled(runs);
   }
   evidence.steps = std::move(steps);
   return evidence;
@@ -219,9 +239,8 @@ std::string markdown(const json& table) {
     }
     text += " ";
     if (row.contains("vehicles"))
-      text += fmt::format(
-          "{} in {} frames{}", row.at("vehicles").get<int>(), row.at("frames").get<int>(),
-          row.at("meshes").get<int>() > 1 ? fmt::format(", {} meshes", row.at("meshes").get<int>()) : "");
+      text += fmt::format("{} in {} frames{}{}", row.at("vehicles").get<int>(), row.at("frames").get<int>(),
+                          more_than_one(row, "meshes"), more_than_one(row, "runs"));
     if (row.contains("note")) text += "; " + escaped(row.at("note"));
     if (row.contains("error")) text += (row.contains("vehicles") ? "; " : "") + escaped(row.at("error"));
     text += " |";

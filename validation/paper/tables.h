@@ -22,7 +22,7 @@ struct Step {
 /// What the finished cases say.
 struct Evidence {
   std::map<std::string, Step> steps;                 ///< by case
-  std::map<std::string, Judged> evaluations;         ///< by case
+  std::map<std::string, Judged> evaluations;         ///< by case; its repetitions by other seeds pooled
   std::map<std::string, nlohmann::json> detections;  ///< result.json of mirage detect, by case
 
   /// Null where it is missing or failed.
@@ -38,10 +38,10 @@ struct Evidence {
 Evidence gather(const Experiments& experiments, const std::filesystem::path& out,
                 std::map<std::string, Step> steps);
 
-/// {name, title, note, columns: [{key, title}], rows: [{label, rig, vehicles, hosts, frames, meshes, minutes,
-/// values: {key: {value, low, high}}, paper: {key: share}, error?, note?, curve?, size?, source?, target?,
-/// case, far?}]}; shares in [0, 1]. A row without its evaluation has an error instead of values; a note says
-/// that the row's detector does not use the picture that the row is about.
+/// {name, title, note, columns: [{key, title}], rows: [{label, rig, vehicles, hosts, frames, meshes, runs,
+/// minutes, values: {key: {value, low, high}}, paper: {key: share}, error?, note?, curve?, size?, source?,
+/// target?, case, far?}]}; shares in [0, 1]. A row without its evaluation has an error instead of values; a
+/// note says that the row's detector does not use the picture that the row is about.
 nlohmann::json table_json(const Table& table, const Experiments& experiments, const Evidence& evidence);
 
 /// The same as a Markdown table, the paper's number beside each of ours.
