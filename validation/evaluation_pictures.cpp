@@ -110,8 +110,8 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
   const PreparedFrame& prepared = *held;
   const Frame& frame = prepared.frame;
   const Label& host = label_of(frame, id);
-  const Simulated simulated =
-      simulate(prepared, host, store.rooftop(id), evaluation.run.adversary, evaluation.stage.simulation);
+  const Simulated simulated = simulate(prepared, host, store.rooftop(id), evaluation.run.adversary,
+                                       evaluation.stage.settings.simulation);
   const fs::path folder = data / host_name(id);
   write_srgb(folder / "clean.png", frame.image);
   write_srgb(folder / "attacked.png", simulated.image);

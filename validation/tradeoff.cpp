@@ -344,17 +344,18 @@ json tradeoff(const TradeoffSettings& given) {
   std::unique_ptr<Run> run;
   if (!settings.run.empty()) {
     run = std::make_unique<Run>(read_run(settings.run, settings.trust));
-    if (settings.data.empty()) settings.data = run->data;
+    if (settings.data.empty()) settings.data = run->settings.data;
     require_own_data(*run, settings.data);
     settings.depth = depth_of(*run, settings.depth);
-    if (settings.rooftop.empty()) settings.rooftop = run->rooftop;
+    if (settings.rooftop.empty()) settings.rooftop = run->settings.rooftop;
   }
   if (settings.depth.empty()) settings.depth = kDefaultDepth;
   if (settings.rooftop.empty()) settings.rooftop = kDefaultRooftop;
   if (settings.data.empty())
     throw InputError("--data", "", "no data set", "give --data, or --run of a finished mirage attack");
   make_output_folder(settings.out);
-  FrameStore store(settings.data, settings.depth, settings.rooftop, run ? run->sun : kDefaultSun);
+  FrameStore store(
+      FrameSource{settings.data, settings.depth, settings.rooftop, run ? run->settings.sun : kDefaultSun});
   const Subjects subjects = choose(settings, run.get(), store);
   SensorPoints measured = sensors(settings, subjects, store);
   std::vector<TradeoffPoint> points = std::move(measured.camera);

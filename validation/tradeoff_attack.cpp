@@ -34,7 +34,7 @@ nlohmann::json attack_study(const TradeoffSettings& settings) {
     std::filesystem::remove_all(attack.out);
     const AttackResult result = run_attack(attack, detectors);
     const Run run = read_run(attack.out);
-    FrameStore store(settings.data, attack.depth, settings.rooftop);
+    FrameStore store(attack);
     EvaluationSettings by;
     by.quiet = settings.quiet;
     const Evaluation judged = evaluate(detectors, store, run.test, run.adversary, exact, by);

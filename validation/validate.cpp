@@ -98,7 +98,7 @@ std::vector<fs::path> renderer_programs() {
 }
 
 std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& blender) {
-  std::string bytes = read_file(settings.run / "adversary.glb") + to_json(run.simulation).dump();
+  std::string bytes = read_file(settings.run / "adversary.glb") + to_json(run.settings.simulation).dump();
   const auto& d = settings.detector;
   bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, blender, settings.noise,
                        d.detector, d.weights.string(), d.defense, settings.data.string(), settings.samples,
@@ -137,9 +137,11 @@ std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
 json validate(const ValidationSettings& given) {
   ValidationSettings settings = given;
   Run run = read_run(settings.run, settings.trust);
-  apply_quality(settings.quality, run.simulation);
-  if (!settings.light.empty()) run.simulation.light = parse_light_model(settings.light);
-  run.simulation.lidar_effects = {};   // rays are compared with Blender's; the LiDAR ladder adds the effects
+  apply_quality(settings.quality, run.settings.simulation);
+  if (!settings.light.empty())
+    run.settings.simulation.light = parse_word<LightModel>(settings.light, "light");
+  run.settings.simulation
+      .lidar_effects = {};             // rays are compared with Blender's; the LiDAR ladder adds the effects
   if (!settings.evaluation.empty()) {  // the report needs it in the end: complain now
     if (fs::is_directory(settings.evaluation)) settings.evaluation /= "result.json";
     read_json(settings.evaluation);
@@ -148,12 +150,12 @@ json validate(const ValidationSettings& given) {
     if (fs::is_directory(settings.tradeoff)) settings.tradeoff /= "result.json";
     read_json(settings.tradeoff);
   }
-  if (settings.data.empty()) settings.data = run.data;
+  if (settings.data.empty()) settings.data = run.settings.data;
   require_own_data(run, settings.data);
   use_detector_of(run, settings.detector);
   settings.depth = depth_of(run, settings.depth);
-  if (settings.rooftop.empty()) settings.rooftop = run.rooftop;
-  if (settings.sun.empty()) settings.sun = run.sun;
+  if (settings.rooftop.empty()) settings.rooftop = run.settings.rooftop;
+  if (settings.sun.empty()) settings.sun = run.settings.sun;
   parse_sun(settings.sun);  // complain now
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);
   if (hosts.empty())
@@ -168,7 +170,7 @@ json validate(const ValidationSettings& given) {
   detectors.push_back(load_detector(settings.detector));
   const Reliance reliance =
       cached_reliance(detectors, detector_identity(settings.detector), settings.data, settings.quiet);
-  FrameStore store(settings.data, settings.depth, settings.rooftop, settings.sun);
+  FrameStore store(FrameSource{settings.data, settings.depth, settings.rooftop, settings.sun});
   ValidationContext context{settings, run, store, *detectors.front(), blender, {}};
   const std::string key = validation_key(settings, run, blender.version());
   const std::vector<bool> has_ladder =

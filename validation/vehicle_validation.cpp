@@ -184,7 +184,7 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
   scene.rooftop = context.store.rooftop(id);
   scene.adversary = context.run.adversary;
   scene.placed = place(scene.adversary, scene.rooftop);
-  scene.simulation = context.run.simulation;
+  scene.simulation = context.run.settings.simulation;
   scene.samples = context.settings.samples;
   scene.seed = context.settings.seed;
   scene.glb = out / "scenes" / (name + ".glb");

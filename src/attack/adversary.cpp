@@ -1,11 +1,21 @@
 #include "attack/adversary.h"
 
+#include <fmt/format.h>
+
 #include <cmath>
 
 #include "base/random.h"
 #include "geometry/shapes.h"
 
 namespace mirage {
+
+void set_from_text(const std::string& text, AdversaryLimits& value) {
+  value = limits_of_size(parse_number(text, "limits"));
+}
+
+std::string text_of(const AdversaryLimits& value) {
+  return fmt::format("{}", value.half.x());
+}
 
 AdversaryLimits limits_of_size(double size) {
   AdversaryLimits limits;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "base/fields.h"
 #include "geometry/mesh.h"
 
 namespace mirage {
@@ -16,8 +17,16 @@ struct AdversaryLimits {
 /// m; half lengths outside are no object for a car's roof.
 inline constexpr double kSmallestSize = 1e-3, kLargestSize = 10;
 
+template <class Visitor, FieldsOf<AdversaryLimits> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "half", .range = {kSmallestSize, kLargestSize}}, s.half);
+}
+
 /// The box of the paper's proportions (0.8 : 0.8 : 0.5) whose half length is `size` m.
 AdversaryLimits limits_of_size(double size);
+/// That size as a text. FieldError if it is no number.
+void set_from_text(const std::string& text, AdversaryLimits& value);
+std::string text_of(const AdversaryLimits& value);
 
 /// Icosphere (162 vertices, 320 faces) stretched to `share` of the box, 5×5 mid-grey texels a face.
 TexturedMesh initial_adversary(const AdversaryLimits& limits = {}, double share = 0.75);

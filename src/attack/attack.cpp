@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <optional>
 #include <set>
 
@@ -16,7 +15,6 @@
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
-#include "base/names.h"
 #include "base/progress.h"
 #include "base/random.h"
 #include "base/ranks.h"
@@ -24,51 +22,9 @@
 #include "detection/precision.h"
 #include "exchange/gltf.h"
 #include "scene/kitti.h"
-#include "sensors/raster/limits.h"
 
 namespace mirage {
 namespace {
-
-/// What a checkpoint must agree with. Iterations are not in it: a finished run can be prolonged.
-nlohmann::json identity(const AttackSettings& settings) {
-  const auto& weights = settings.detector.weights;
-  const bool named = weights.empty() || weights == kRealWeights;
-  const auto absolute = [](const std::filesystem::path& path) {
-    return escape_name(std::filesystem::absolute(path).lexically_normal().string());
-  };
-  nlohmann::json id = {
-      {"data", absolute(settings.data)},
-      {"detector", escape_name(settings.detector.detector)},
-      {"weights", named ? weights.string() : absolute(weights)},
-      {"weights_hash", settings.weights_hash},
-      {"target", settings.target},
-      {"seed", settings.seed},
-      {"batch", settings.batch},
-      {"vertex_rate", settings.vertex_rate},
-      {"texel_rate", settings.texel_rate},
-      {"min_view", settings.min_view},
-      {"limits", {settings.limits.half.x(), settings.limits.half.y(), settings.limits.half.z()}},
-      {"lambda_fp", settings.objective.lambda_fp},
-      {"lambda_laplacian", settings.objective.lambda_laplacian},
-      {"relevant_score", settings.objective.relevant_score},
-      {"simulation", to_json(settings.simulation)}};
-  id["defense"] = settings.detector.defense;
-  if (settings.detector.precision != kFloat) id["precision"] = settings.detector.precision;
-  if (settings.detector.locality > 0) id["locality"] = settings.detector.locality;
-  id["depth"] = escape_name(settings.depth);
-  id["rooftop"] = escape_name(settings.rooftop);
-  if (const std::string hash = rooftop_model_hash(settings.rooftop); !hash.empty())
-    id["rooftop_model_hash"] = hash;
-  id["sun"] = settings.sun;
-  id["parts"] = settings.parts;
-  if (settings.objective.fp_top_k > 0) id["fp_top_k"] = settings.objective.fp_top_k;
-  if (settings.until_plateau > 0) id["validation_every"] = settings.validation_every;
-  if (const Expectation& e = settings.expectation; e.any())
-    id["expectation"] = {e.roof_shift, e.roof_yaw, e.sun, e.light, e.exposure, e.image_noise, e.range_noise};
-  if (const BuildableSettings& b = settings.buildable; b.on)
-    id["buildable"] = {b.min_thickness, b.base, b.black, b.white};
-  return id;
-}
 
 /// InputError for a renewal that is none, or a detector that would not look at the pictures.
 void check_renderer(const AttackSettings& settings, const Detector& detector) {
@@ -123,75 +79,27 @@ nlohmann::json plateau_json(const HeldOutRecord& held, const std::vector<Host>& 
           {"values", held.values}};
 }
 
-constexpr int kLargestBatch = 65536;
-
-/// InputError for numbers that no run can use.
+/// FieldError for what no run can use.
 void check_settings(const AttackSettings& settings) {
-  const auto demand = [](bool good, const char* option, double value, const char* fix) {
-    if (!good) throw InputError(option, fmt::format("{}", value), "out of range", fix);
-  };
-  const auto& raster = settings.simulation.raster;
-  const auto positive = [](double value) { return std::isfinite(value) && value > 0; };
-  demand(settings.batch >= 1 && settings.batch <= kLargestBatch, "--batch", settings.batch, "use 1 to 65536");
-  demand(settings.iterations >= 0, "--iterations", settings.iterations, "use 0 or more");
-  demand(raster.sigma >= kSmallestSigma && raster.sigma <= kLargestSigma, "--sigma", raster.sigma,
-         "use a positive number of at most 0.1");
-  demand(raster.gamma >= kSmallestSigma && raster.gamma <= kLargestGamma, "--gamma", raster.gamma,
-         "use a positive number of at most 1000");
-  demand(positive(settings.vertex_rate), "--vertex-rate", settings.vertex_rate, "use a positive number");
-  demand(positive(settings.texel_rate), "--texel-rate", settings.texel_rate, "use a positive number");
-  demand(settings.limits.half.minCoeff() >= kSmallestSize && settings.limits.half.maxCoeff() <= kLargestSize,
-         "--size", settings.limits.half.x(), "use a positive length of at most 10 m");
-  demand(settings.checkpoint_every >= 1, "--checkpoint-every", settings.checkpoint_every, "use 1 or more");
-  demand(std::isfinite(settings.checkpoint_seconds) && settings.checkpoint_seconds >= 0,
-         "--checkpoint-seconds", settings.checkpoint_seconds, "use 0 (never by time) or more");
-  demand(settings.min_view >= 0 && settings.min_view <= 1, "--min-view", settings.min_view,
-         "use a share in [0, 1]");
-  demand(settings.objective.fp_top_k >= 0, "--fp-top-k", settings.objective.fp_top_k,
-         "use a number of proposals, or 0 for all of a score over 0.1");
-  demand(settings.until_plateau >= 0, "--until-plateau", settings.until_plateau, "use a number of steps");
-  demand(settings.validation_every >= 1, "--validate-every", settings.validation_every, "use 1 or more");
-  if (settings.buildable.on && settings.parts == "size")
-    throw InputError("--parts", "size", "is an ellipsoid, which has no flat base", "leave --buildable out");
+  check_fields(settings);
+  if (settings.buildable.on && settings.parts == AttackParts::size)
+    throw FieldError("parts", "size", "is an ellipsoid, which has no flat base", "leave --buildable out");
   if (settings.buildable.on) check_buildable(settings.buildable, settings.limits);
-  demand(std::isfinite(settings.objective.lambda_fp), "--lambda-fp", settings.objective.lambda_fp,
-         "use a number");
-  demand(std::isfinite(settings.objective.lambda_laplacian), "--lambda-lap",
-         settings.objective.lambda_laplacian, "use a number");
 }
 
 }  // namespace
 
-AttackTarget parse_target(const std::string& word) {
-  if (word == "both") return AttackTarget::both;
-  if (word == "image") return AttackTarget::image;
-  if (word == "lidar") return AttackTarget::lidar;
-  if (word == "random") return AttackTarget::random;
-  throw InputError("--target", word, "unknown target", "use both, image, lidar or random");
-}
-
 void check_target(AttackTarget target, const Detector& detector) {
   const Capabilities can = detector.capabilities();
   if (target == AttackTarget::lidar && !can.reads_points)
-    throw InputError("--target", "lidar", detector.name() + " does not read the LiDAR's returns",
+    throw FieldError("target", "lidar", detector.name() + " does not read the LiDAR's returns",
                      "use image or both");
   if (target == AttackTarget::image && !can.reads_image)
-    throw InputError("--target", "image", detector.name() + " does not read the picture",
-                     "use lidar or both");
-}
-
-AttackParts parse_parts(const std::string& word) {
-  if (word == "both") return AttackParts::both;
-  if (word == "shape") return AttackParts::shape;
-  if (word == "texture") return AttackParts::texture;
-  if (word == "size") return AttackParts::size;
-  throw InputError("--parts", word, "unknown", "use both, shape, texture or size");
+    throw FieldError("target", "image", detector.name() + " does not read the picture", "use lidar or both");
 }
 
 AttackResult run_attack(const AttackSettings& settings) {
-  parse_target(settings.target);  // before the detector is loaded
-  parse_parts(settings.parts);
-  check_settings(settings);
+  check_settings(settings);  // before the detector is loaded
   AttackSettings known = settings;
   known.detector.precision = usable_precision(settings.detector.precision);
   if (const GivenDetector* given = given_detector(); given && is_given(settings.detector))
@@ -202,15 +110,14 @@ AttackResult run_attack(const AttackSettings& settings) {
 }
 
 AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors) {
-  const AttackTarget target = parse_target(settings.target);
-  parse_parts(settings.parts);
+  const AttackTarget target = settings.target;
   check_settings(settings);
   check_target(target, *detectors.front());
   check_renderer(settings, *detectors.front());
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 
-  FrameStore store(settings.data, settings.depth, settings.rooftop, settings.sun);
+  FrameStore store(settings);
   std::vector<std::string> train_frames, test_frames;
   split_frames(list_frames(settings.data), settings.seed, train_frames, test_frames);
   const auto train = find_all_hosts(store, train_frames, detectors.front()->region(), settings.simulation,

@@ -147,8 +147,8 @@ AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool&
       detectors_(detectors),
       store_(store),
       hosts_(hosts),
-      target_(parse_target(settings.target)),
-      parts_(parse_parts(settings.parts)),
+      target_(settings.target),
+      parts_(settings.parts),
       laplacian_(mesh),
       unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices) {
   if (settings.renderer) pictures_ = std::make_unique<RenderedPictures>(*settings.renderer, settings.seed);

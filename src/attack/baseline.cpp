@@ -35,19 +35,20 @@ std::vector<std::vector<std::size_t>> neighbours(const Mesh& mesh) {
 }
 
 void keep_rules(TexturedMesh& mesh, const TexturedMesh& start, const Run& run) {
-  project(mesh, run.limits);
-  if (run.buildable.on) keep_buildable(mesh, start, run.buildable, run.limits);
+  project(mesh, run.settings.limits);
+  if (run.settings.buildable.on) keep_buildable(mesh, start, run.settings.buildable, run.settings.limits);
 }
 
 TexturedMesh sized_mesh(const Run& run, std::uint64_t seed) {
   const Eigen::AlignedBox3d wanted = bounds(run.adversary.mesh);
-  TexturedMesh start = initial_adversary(run.limits);
-  if (run.buildable.on) make_buildable(start, run.buildable, run.limits);  // its base is flat
+  TexturedMesh start = initial_adversary(run.settings.limits);
+  if (run.settings.buildable.on)
+    make_buildable(start, run.settings.buildable, run.settings.limits);  // its base is flat
   fit_bounds(start.mesh, wanted);
   TexturedMesh made = start;
-  const TexturedMesh random = random_adversary(seed, run.limits);
+  const TexturedMesh random = random_adversary(seed, run.settings.limits);
   // The old baseline's displacements, in metres, on the start as stretched.
-  const TexturedMesh plain = initial_adversary(run.limits);
+  const TexturedMesh plain = initial_adversary(run.settings.limits);
   for (std::size_t i = 0; i < made.mesh.vertices.size(); ++i)
     made.mesh.vertices[i] += random.mesh.vertices[i] - plain.mesh.vertices[i];
   fit_bounds(made.mesh, wanted);
@@ -57,18 +58,18 @@ TexturedMesh sized_mesh(const Run& run, std::uint64_t seed) {
 }
 
 TexturedMesh filling_mesh(const Run& run, Baseline kind, std::uint64_t seed) {
-  TexturedMesh made = initial_adversary(run.limits, 1);
+  TexturedMesh made = initial_adversary(run.settings.limits, 1);
   if (kind == Baseline::cuboid) {
-    made.mesh = divided_cuboid(run.limits.half, kCuboidCells);
+    made.mesh = divided_cuboid(run.settings.limits.half, kCuboidCells);
     made.atlas.texels.assign(made.mesh.faces.size() * made.atlas.per_face(), Vec3d::Constant(0.5));
   }
-  if (run.buildable.on &&
+  if (run.settings.buildable.on &&
       kind == Baseline::cuboid) {  // it stands on its base: cut there it would lose its sides
     Eigen::AlignedBox3d above = bounds(made.mesh);
-    above.min().z() = -run.buildable.base * run.limits.half.z();
+    above.min().z() = -run.settings.buildable.base * run.settings.limits.half.z();
     fit_bounds(made.mesh, above);
   }
-  if (run.buildable.on) make_buildable(made, run.buildable, run.limits);
+  if (run.settings.buildable.on) make_buildable(made, run.settings.buildable, run.settings.limits);
   const TexturedMesh start = made;
   paint_patches(made, kPatches, seed);
   keep_rules(made, start, run);
@@ -117,9 +118,10 @@ std::vector<Baseline> parse_baselines(const std::string& words) {
 std::vector<TexturedMesh> baseline_meshes(const Run& run, Baseline kind, int count) {
   std::vector<TexturedMesh> meshes;
   for (int i = 0; i < count; ++i) {
-    const std::uint64_t seed = run.seed + static_cast<std::uint64_t>(i);
+    const std::uint64_t seed = run.settings.seed + static_cast<std::uint64_t>(i);
     if (kind == Baseline::start)
-      meshes.push_back(i == 0 ? run.random : random_baseline(seed, run.limits, run.buildable));
+      meshes.push_back(i == 0 ? run.random
+                              : random_baseline(seed, run.settings.limits, run.settings.buildable));
     else
       meshes.push_back(kind == Baseline::sized ? sized_mesh(run, seed) : filling_mesh(run, kind, seed));
   }

@@ -44,13 +44,11 @@ std::vector<int> offenders(const Mesh& mesh, double min_thickness) {
 }  // namespace
 
 void check_buildable(const BuildableSettings& settings, const AdversaryLimits& limits) {
-  const auto demand = [](bool good, const char* option, double value, const std::string& fix) {
-    if (!good) throw InputError(option, fmt::format("{}", value), "out of range", fix);
-  };
   // The start is 0.75 of the box: what is thinner than its walls can hold.
   const double most = 0.5 * limits.half.minCoeff();
-  demand(settings.min_thickness >= 0 && settings.min_thickness <= most, "--min-thickness",
-         settings.min_thickness, fmt::format("use 0 to {:.3g} m", most));
+  if (!Range{0, most}.contains(settings.min_thickness))
+    throw FieldError("min_thickness", fmt::format("{}", settings.min_thickness), "out of range",
+                     fmt::format("use 0 to {:.3g} m", most));
 }
 
 void make_buildable(TexturedMesh& adversary, const BuildableSettings& settings,
@@ -59,7 +57,7 @@ void make_buildable(TexturedMesh& adversary, const BuildableSettings& settings,
   for (Vec3d& v : adversary.mesh.vertices) v.z() = std::max(v.z(), base);
   print(adversary, settings);
   if (!offenders(adversary.mesh, settings.min_thickness).empty())
-    throw InputError("--min-thickness", fmt::format("{}", settings.min_thickness),
+    throw FieldError("min_thickness", fmt::format("{}", settings.min_thickness),
                      "the start is thinner than that", "use a smaller one");
 }
 

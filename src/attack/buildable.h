@@ -21,7 +21,20 @@ struct BuildableSettings {
   double black = 0.03, white = 0.85;
 };
 
-/// InputError naming the option for a value that no mesh can meet.
+template <class Visitor, FieldsOf<BuildableSettings> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "buildable",
+         .help = "keep the mesh free of self-intersection, its walls thick, its base flat and its texels "
+                 "printable"},
+        s.on);
+  visit({.name = "min_thickness", .help = "with --buildable: wall, m", .range = {0, kLargestSize}},
+        s.min_thickness);
+  visit({.name = "base", .range = {0, kLargestSize}, .option = ""}, s.base);
+  visit({.name = "black", .range = kShare, .option = ""}, s.black);
+  visit({.name = "white", .range = kShare, .option = ""}, s.white);
+}
+
+/// FieldError for a value that no mesh can meet.
 void check_buildable(const BuildableSettings& settings, const AdversaryLimits& limits);
 
 /// The start, made buildable: what lies below the base is moved up onto it, texels into the print's range.

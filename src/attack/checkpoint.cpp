@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "attack/unnamed_settings.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/json_fields.h"

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "attack/adversary.h"
-#include "attack/attack.h"
+#include "attack/attack_settings.h"
 
 namespace mirage {
 

@@ -28,7 +28,7 @@ std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
 void check_hosts_of(const EvaluationRequest& request, const Run& stage) {
   if (!request.data.empty() && is_other_data(stage, request.data))
     throw InputError("--data", request.data.string(),
-                     "is not the data set of --hosts-of's run (" + stage.data.string() + ")",
+                     "is not the data set of --hosts-of's run (" + stage.settings.data.string() + ")",
                      "leave --data out");
   if (!request.hosts.empty() && request.hosts != "test")
     throw InputError("--hosts", request.hosts, "contradicts --hosts-of, which takes the run's test hosts",
@@ -52,11 +52,11 @@ Vec3d extents(const TexturedMesh& mesh) {
 nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const Evaluation& of,
                         const Vec3d& size, const NetSuccess* net) {
   auto seeds = nlohmann::json::array();
-  for (int i = 0; i < of.meshes; ++i) seeds.push_back(all.run.seed + static_cast<std::uint64_t>(i));
+  for (int i = 0; i < of.meshes; ++i) seeds.push_back(all.run.settings.seed + static_cast<std::uint64_t>(i));
   nlohmann::json arm = {{"name", name},
                         {"detector", all.detector.detector},
                         {"rig", all.detector.rig},
-                        {"target", all.run.target},
+                        {"target", to_word(all.run.settings.target)},
                         {"seeds", seeds},
                         {"meshes", of.meshes},
                         {"vehicles", of.vehicles},
@@ -89,21 +89,21 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   Run& stage = result.stage;
   if (!request.hosts_of.empty()) check_hosts_of(request, stage);
   const bool other_data = !request.data.empty() && is_other_data(stage, request.data);
-  if (!request.data.empty()) stage.data = request.data;
-  stage.depth = depth_of(stage, request.depth);
-  if (!request.rooftop.empty()) stage.rooftop = request.rooftop;
-  if (!request.sun.empty()) stage.sun = request.sun;
-  if (request.adjust) request.adjust(stage.simulation, stage.data);
+  if (!request.data.empty()) stage.settings.data = request.data;
+  stage.settings.depth = depth_of(stage, request.depth);
+  if (!request.rooftop.empty()) stage.settings.rooftop = request.rooftop;
+  if (!request.sun.empty()) stage.settings.sun = request.sun;
+  if (request.adjust) request.adjust(stage.settings.simulation, stage.settings.data);
   result.detector = request.detector;
   use_detector_of(stage, result.detector);
-  result.detector.rig = data_rig(stage.data);
+  result.detector.rig = data_rig(stage.settings.data);
   result.detector.precision = usable_precision(result.detector.precision);
-  result.store = std::make_unique<FrameStore>(stage.data, stage.depth, stage.rooftop, stage.sun);
+  result.store = std::make_unique<FrameStore>(stage.settings);
 
   if (other_data) {  // all its usable vehicles are unseen ones
     const auto region = load_detector(result.detector)->region();
-    for (const Host& host :
-         find_all_hosts(*result.store, list_frames(stage.data), region, stage.simulation, stage.min_view))
+    for (const Host& host : find_all_hosts(*result.store, list_frames(stage.settings.data), region,
+                                           stage.settings.simulation, stage.settings.min_view))
       result.hosts.push_back(host.id);
   } else {
     result.hosts = hosts_of_split(stage, request.hosts);
@@ -111,25 +111,25 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   if (result.hosts.empty())
     throw InputError((stage.folder / "run.json").string(), request.hosts.empty() ? "test" : request.hosts,
                      "has no host vehicles", "use --hosts all or a larger data set");
-  result.trained_on = count_trained_on(result.run, stage.data, result.hosts);
+  result.trained_on = count_trained_on(result.run, stage.settings.data, result.hosts);
   if (!request.hosts_of.empty() && result.trained_on > 0)
     spdlog::warn("{} of the {} hosts stand in frames that the adversary was trained on", result.trained_on,
                  result.hosts.size());
 
   result.settings = request.settings;
   result.settings.detector_identity = detector_identity(result.detector);
-  result.settings.kinds = vehicle_kinds(stage.data, result.hosts);
+  result.settings.kinds = vehicle_kinds(stage.settings.data, result.hosts);
   result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
   const Capabilities can = result.detectors.front()->capabilities();
   result.settings.plane = can.plane();
   if (!can.why_whole.empty())
     spdlog::info("every pass of the detector is over the whole frame: {}", can.why_whole);
-  result.reliance =
-      cached_reliance(result.detectors, result.settings.detector_identity, stage.data, result.settings.quiet);
+  result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, stage.settings.data,
+                                    result.settings.quiet);
   const CleanDetections clean =
       clean_detections(result.detectors, *result.store, result.hosts, result.settings);
   const auto judged = [&](std::span<const TexturedMesh> meshes) {
-    return evaluate(result.detectors, *result.store, result.hosts, clean, meshes, stage.simulation,
+    return evaluate(result.detectors, *result.store, result.hosts, clean, meshes, stage.settings.simulation,
                     result.settings);
   };
   result.learned = judged({&result.run.adversary, 1});
@@ -160,17 +160,17 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   result["run"] = evaluation.run.folder.string();
   if (!evaluation.hosts_of.empty()) result["hosts_of"] = evaluation.hosts_of.string();
   result["hosts_trained_on"] = evaluation.trained_on;
-  result["data"] = evaluation.stage.data.string();
+  result["data"] = evaluation.stage.settings.data.string();
   result["detector"] = evaluation.detector.detector;
   result["weights"] = evaluation.detector.weights.string();
   result["defense"] = evaluation.detector.defense;
   result["precision"] = evaluation.detector.precision;
   result["locality"] = evaluation.detector.locality;
   result["reliance"] = to_json(evaluation.reliance);
-  result["simulation"] = to_json(evaluation.stage.simulation);
-  result["sun"] = evaluation.stage.sun;
-  result["depth"] = escape_name(evaluation.stage.depth);
-  result["rooftop"] = escape_name(evaluation.stage.rooftop);
+  result["simulation"] = to_json(evaluation.stage.settings.simulation);
+  result["sun"] = evaluation.stage.settings.sun;
+  result["depth"] = escape_name(evaluation.stage.settings.depth);
+  result["rooftop"] = escape_name(evaluation.stage.settings.rooftop);
   result["plane"] = to_string(evaluation.settings.plane);
   result["score_threshold"] = evaluation.settings.score_threshold;
   result["detected_iou"] = evaluation.settings.detected_iou;

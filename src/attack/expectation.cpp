@@ -54,9 +54,13 @@ Expectation parse_expectation(const std::string& words) {
       e.range_noise = 0.02;
     }
     if (!known)
-      throw InputError("--expect", word, "unknown", "use roof, sun, light, exposure, noise, all or none");
+      throw FieldError("expectation", word, "unknown", "use roof, sun, light, exposure, noise, all or none");
   }
   return e;
+}
+
+std::string text_of(const Expectation& value) {
+  return value.any() ? "some" : "none";
 }
 
 WorldDraw::WorldDraw(const Expectation& expectation, std::uint64_t seed, std::uint64_t draw)

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <string>
 
+#include "base/fields.h"
 #include "base/random.h"
 #include "scene/insertion.h"
 
@@ -26,9 +27,25 @@ struct Expectation {
   bool any_in_frame() const { return sun > 0 || light > 0 || exposure > 0; }
 };
 
+template <class Visitor, FieldsOf<Expectation> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "roof_shift", .range = {0, 10}}, s.roof_shift);
+  visit({.name = "roof_yaw", .range = {0, 10}}, s.roof_yaw);
+  visit({.name = "sun", .range = {0, 10}}, s.sun);
+  visit({.name = "light", .range = {0, 10}}, s.light);
+  visit({.name = "exposure", .range = {0, 10}}, s.exposure);
+  visit({.name = "image_noise", .range = {0, 10}}, s.image_noise);
+  visit({.name = "range_noise", .range = {0, 10}}, s.range_noise);
+}
+
 /// "none", or words of roof, sun, light, exposure, noise separated by commas, or "all": the named ones at 5
 /// cm and 2°, 20°, 0.3, 0.2, 0.01 and 2 cm. InputError for any other word.
 Expectation parse_expectation(const std::string& words);
+inline void set_from_text(const std::string& text, Expectation& value) {
+  value = parse_expectation(text);
+}
+/// "none", or "some".
+std::string text_of(const Expectation& value);
 
 /// One draw of the world around a host, from the random stream of (seed, draw).
 class WorldDraw {

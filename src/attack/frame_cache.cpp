@@ -157,7 +157,7 @@ std::string camera_identity(const SimulationSettings& settings) {
                      r.dist_eps, static_cast<int>(r.coverage), static_cast<int>(r.color),
                      static_cast<int>(r.silhouette), static_cast<int>(r.background),
                      static_cast<int>(r.sides), r.perspective_texture, settings.supersampling,
-                     settings.reference, to_string(settings.light), settings.occlusion_margin,
+                     settings.reference, to_word(settings.light), settings.occlusion_margin,
                      settings.exact_coverage ? " exact" : "");
 }
 

@@ -54,13 +54,12 @@ FrameStore::FrameStore(std::filesystem::path data, const LidarModel& lidar,
   if (!finder_) finder_ = std::make_shared<BoxRooftopFinder>();
 }
 
-FrameStore::FrameStore(const std::filesystem::path& data, const std::string& depth,
-                       const std::string& rooftop, const std::string& sun)
-    : FrameStore(data, lidar_of(data), load_depth_completion({depth})) {
-  finder_ = make_rooftop_finder(rooftop, lidar_);
-  sun_ = parse_sun(sun);
-  cache_ =
-      FrameCache(DiskCache::from_environment(), depth_identity({depth}), rooftop_identity(rooftop), lidar_);
+FrameStore::FrameStore(const FrameSource& source)
+    : FrameStore(source.data, lidar_of(source.data), load_depth_completion({source.depth})) {
+  finder_ = make_rooftop_finder(source.rooftop, lidar_);
+  sun_ = parse_sun(source.sun);
+  cache_ = FrameCache(DiskCache::from_environment(), depth_identity({source.depth}),
+                      rooftop_identity(source.rooftop), lidar_);
 }
 
 FrameStore::~FrameStore() {

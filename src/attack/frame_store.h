@@ -13,8 +13,9 @@
 #include <vector>
 
 #include "attack/frame_cache.h"
-#include "attack/run.h"
+#include "attack/host_id.h"
 #include "scene/depth_completion.h"
+#include "scene/frame_source.h"
 #include "scene/insertion.h"
 #include "scene/sun.h"
 
@@ -32,10 +33,8 @@ class FrameStore {
   FrameStore(std::filesystem::path data, const LidarModel& lidar,
              std::shared_ptr<const DepthCompletion> depth = nullptr,
              std::shared_ptr<const RooftopFinder> finder = nullptr);
-  /// As the commands name them: `--depth`, `--rooftop` and `--sun`, and the LiDAR of the data set. With
-  /// DiskCache::from_environment().
-  FrameStore(const std::filesystem::path& data, const std::string& depth, const std::string& rooftop,
-             const std::string& sun = kDefaultSun);
+  /// With the LiDAR of the data set and DiskCache::from_environment().
+  explicit FrameStore(const FrameSource& source);
   ~FrameStore();
   FrameStore(const FrameStore&) = delete;
   FrameStore& operator=(const FrameStore&) = delete;

@@ -4,7 +4,7 @@
 #include <optional>
 #include <vector>
 
-#include "attack/run.h"
+#include "attack/host_id.h"
 #include "detection/detector.h"
 #include "scene/insertion.h"
 

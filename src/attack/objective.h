@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "attack/host_truth.h"
+#include "base/fields.h"
 
 namespace mirage {
 
@@ -29,6 +30,19 @@ struct ObjectiveSettings {
   /// Proposals of at most this score are in neither sum.
   double least_score() const { return fp_top_k > 0 ? 0 : relevant_score; }
 };
+template <class Visitor, FieldsOf<ObjectiveSettings> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "relevant_score", .range = kShare, .option = ""}, s.relevant_score);
+  visit({.name = "lambda_fp", .help = "weight of false positives"}, s.lambda_fp);
+  visit({.name = "lambda_laplacian", .help = "weight of smoothness", .option = "lambda-lap"},
+        s.lambda_laplacian);
+  visit({.name = "fp_top_k",
+         .help = "false positives are sought among so many background proposals, those of the largest "
+                 "logits; 0: among all of a score over 0.1",
+         .range = {0, Range::kMost},
+         .written = s.fp_top_k > 0},
+        s.fp_top_k);
+}
 /// What `mirage attack` takes for k where nothing else is asked for.
 inline constexpr int kFpTopK = 50;
 

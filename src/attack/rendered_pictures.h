@@ -14,6 +14,7 @@
 #include <memory>
 #include <mutex>
 
+#include "attack/attack_settings.h"
 #include "attack/object_renderer.h"
 
 namespace mirage {
@@ -24,11 +25,6 @@ struct RenderedMesh {
   TexturedMesh mesh;
 };
 
-/// How far a mesh may move before it is drawn anew.
-struct Renewal {
-  double metres = 0.01;  ///< of its vertices, root mean square
-  double texels = 0.05;  ///< of its texels' channels, root mean square
-};
 /// Whether it has moved further, in either way. With 0 every change counts.
 bool has_moved(const TexturedMesh& from, const TexturedMesh& to, const Renewal& renewal);
 

@@ -16,36 +16,22 @@
 #include <string>
 #include <vector>
 
-#include "attack/buildable.h"
-#include "detection/detector.h"
-#include "geometry/mesh.h"
-#include "scene/insertion.h"
-#include "scene/sun.h"
+#include "attack/attack_settings.h"
+#include "attack/host_id.h"
 
 namespace mirage {
-
-/// One host vehicle: a label of a frame.
-struct HostId {
-  std::string frame;
-  int label = 0;  ///< index into Frame::labels
-};
 
 /// Whether code that a run names (--trust-run) may be loaded.
 enum class TrustRun { no, yes };
 
 /// A finished attack, as its folder holds it.
 struct Run {
-  std::filesystem::path folder, data, weights;  ///< weights: empty for the shipped ones
-  std::string detector, defense, target, depth, rooftop, sun;
+  std::filesystem::path folder;
+  AttackSettings settings;  ///< those that run.json says: what decides the result
   std::vector<HostId> train, test;
   TexturedMesh adversary, random;
-  SimulationSettings simulation;
-  double min_view = 0.7;
-  std::uint64_t seed = 0;
-  AdversaryLimits limits;
-  BuildableSettings buildable;
   TrustRun trust = TrustRun::no;
-  /// What run.json names that is code, unless the run is trusted; the fields above are empty then.
+  /// What run.json names that is code, unless the run is trusted; the settings are empty there.
   struct Refused {
     std::string detector, depth;
     std::filesystem::path weights;
@@ -76,13 +62,13 @@ bool is_code_made_here(const std::filesystem::path& file);
 /// have.
 Run read_run(const std::filesystem::path& folder, TrustRun trust = TrustRun::no);
 
-/// `run` (run.json, or the identity in a checkpoint) with every setting that files of before version 0.2 left
-/// out, at what it was then: the one place that says what its absence means. Today's files name them all.
-nlohmann::json with_unnamed_settings(nlohmann::json run);
-
 /// Frames as escape_name writes them.
 nlohmann::json to_json(const std::vector<HostId>& hosts);
-/// What a run says of how it simulated: the settings that change results, by name.
+/// What a run says of how it simulated.
 nlohmann::json to_json(const SimulationSettings& settings);
+/// What a run says of itself, and what a checkpoint must agree with: its settings that decide the result,
+/// and the content of the shape model that finds its roofs. Iterations are not in it: a finished run can be
+/// prolonged.
+nlohmann::json identity(const AttackSettings& settings);
 
 }  // namespace mirage

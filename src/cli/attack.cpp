@@ -32,70 +32,16 @@ std::string plateau_words(const nlohmann::json& plateau) {
 
 Command attack_command() {
   auto settings = std::make_shared<AttackSettings>();
-  auto expect = std::make_shared<std::string>("none");
-  auto size = std::make_shared<double>(AdversaryLimits().half.x());
   auto quality = std::make_shared<QualityOption>(QualityOption{"default"});
-  auto light = std::make_shared<LightOption>();
   auto effects = std::make_shared<LidarEffectsOption>(LidarEffectsOption{"ideal"});
   auto renderer = std::make_shared<std::string>(kRasterRenderer);
   auto cycles = std::make_shared<CyclesRenderer::Settings>();
   Command command{
       "attack", "learns the universal adversary; resumes from its checkpoint", "out/attack", {}, {}};
-  command.options = [settings, quality, light, effects, expect, size, renderer, cycles](CLI::App& app) {
-    app.add_option("--data", settings->data, "data set in KITTI layout")->required();
-    add_detector_options(app, settings->detector);
-    add_depth_option(app, settings->depth);
-    add_rooftop_option(app, settings->rooftop);
-    app.add_option("--target", settings->target, "both, image, lidar or random")->capture_default_str();
-    app.add_option(
-           "--parts", settings->parts,
-           "what is learned: both, shape, texture, or size (the start's three half lengths alone, a control)")
-        ->capture_default_str();
-    app.add_option("--size", *size,
-                   "L: the mesh stays within ±L along and across the roof and ±5/8 L in height, m")
-        ->capture_default_str();
-    app.add_option("--expect", *expect,
-                   "what is drawn anew for each host and step: none, all, or some of roof,sun,light,exposure,"
-                   "noise")
-        ->capture_default_str();
-    app.add_flag("--buildable", settings->buildable.on,
-                 "keep the mesh free of self-intersection, its walls thick, its base flat and its texels "
-                 "printable");
-    app.add_option("--min-thickness", settings->buildable.min_thickness, "with --buildable: wall, m")
-        ->capture_default_str();
-    app.add_option("--iterations", settings->iterations, "Adam steps")->capture_default_str();
-    app.add_option(
-           "--until-plateau", settings->until_plateau,
-           "end where the objective on a part of the training vehicles that is held out (a fifth of the "
-           "frames, at most 16 vehicles) has not improved for so many steps, and keep the best mesh; 0: "
-           "after --iterations, with the last mesh")
-        ->capture_default_str();
-    app.add_option("--validate-every", settings->validation_every,
-                   "with --until-plateau: steps between two looks at that objective")
-        ->capture_default_str();
-    app.add_option("--batch", settings->batch, "host vehicles a step")->capture_default_str();
-    app.add_option("--checkpoint-every", settings->checkpoint_every, "steps between checkpoints")
-        ->check(CLI::PositiveNumber)
-        ->capture_default_str();
-    add_checkpoint_seconds(app, settings->checkpoint_seconds);
-    app.add_option("--vertex-rate", settings->vertex_rate, "Adam's rate for vertices, m")
-        ->capture_default_str();
-    app.add_option("--texel-rate", settings->texel_rate, "Adam's rate for texels")->capture_default_str();
-    app.add_option("--min-view", settings->min_view, "share of the adversary in view that a host needs")
-        ->capture_default_str();
-    app.add_option("--lambda-fp", settings->objective.lambda_fp, "weight of false positives")
-        ->capture_default_str();
+  command.options = [settings, quality, effects, renderer, cycles](CLI::App& app) {
     settings->objective.fp_top_k = kFpTopK;
-    app.add_option(
-           "--fp-top-k", settings->objective.fp_top_k,
-           "false positives are sought among so many background proposals, those of the largest logits; 0: "
-           "among all of a score over 0.1")
-        ->capture_default_str();
-    app.add_option("--lambda-lap", settings->objective.lambda_laplacian, "weight of smoothness")
-        ->capture_default_str();
+    add_fields(app, *settings);
     quality->add(app);
-    add_camera_options(app, settings->simulation);
-    light->add(app, "plain");
     effects->add(app);
     app.add_option(
            "--renderer", *renderer,
@@ -114,24 +60,18 @@ Command attack_command() {
     app.add_option("--cycles-renew-texels", settings->renewal.texels,
                    "the same for the texels (root mean square of their channels)")
         ->capture_default_str();
-    add_sun_option(app, settings->sun);
     tell_of_cache(app);
   };
-  command.run = [settings, quality, light, effects, expect, size, renderer,
-                 cycles](const Common& common) -> nlohmann::json {
+  command.run = [settings, quality, effects, renderer, cycles](const Common& common) -> nlohmann::json {
     quality->apply(settings->simulation);
-    light->apply(settings->simulation);
     effects->check();
     effects->apply(settings->simulation, lidar_of(settings->data), recorded_lidar_effects(settings->data),
                    common.seed);
-    parse_sun(settings->sun);  // complain before a detector is loaded
     settings->out = common.out;
     settings->seed = common.seed;
     settings->quiet = common.quiet;
     settings->detector = with_common(settings->detector, common, settings->data);
-    settings->expectation = parse_expectation(*expect);
-    settings->limits = limits_of_size(*size);
-    if (*renderer != kRasterRenderer && parse_target(settings->target) != AttackTarget::random) {
+    if (*renderer != kRasterRenderer && settings->target != AttackTarget::random) {
       cycles->out = common.out;
       cycles->workers = std::min(settings->batch, thread_count());
       settings->renderer = std::make_shared<CyclesRenderer>(*cycles);

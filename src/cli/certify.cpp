@@ -64,7 +64,7 @@ Command certify_command() {
     app.add_option("--data", options->data, "data set in KITTI layout")->required();
     app.add_option("--run", options->run, "finished mirage attack, whose adversary is told beside");
     add_trust_option(app, options->trust);
-    add_detector_options(app, options->detector);
+    add_fields(app, options->detector);
     add_depth_option(app, options->depth);
     add_rooftop_option(app, options->rooftop);
     app.add_option("--frames", options->frames, "only the first N frames; 0: all")->capture_default_str();
@@ -102,7 +102,7 @@ Command certify_command() {
     if (!options->run.empty()) settings.adversary = read_run(options->run, options->trust).adversary;
     const LidarModel lidar = lidar_of(options->data);
     options->effects.apply(settings.simulation, lidar, recorded_lidar_effects(options->data), common.seed);
-    FrameStore store(options->data, options->depth, options->rooftop);
+    FrameStore store(FrameSource{options->data, options->depth, options->rooftop});
     const DetectorOptions asked = with_common(options->detector, common, options->data);
     if (asked.locality > 0)
       throw InputError("--locality", fmt::format("{}", asked.locality),

@@ -98,7 +98,7 @@ Command detect_command() {
   command.default_out = "out/detect";
   command.options = [chosen](CLI::App& app) {
     app.add_option("--data", chosen->data, "Data set in KITTI layout")->required();
-    add_detector_options(app, chosen->detector);
+    add_fields(app, chosen->detector);
     app.add_option("--frames", chosen->frames, "Only the first N frames (0: all)")->capture_default_str();
     const auto reliance = app.add_flag("--reliance", chosen->reliance,
                                        "Also measure whether the detector uses its picture: the same frames "

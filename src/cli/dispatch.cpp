@@ -20,6 +20,7 @@
 #include "cli/command.h"
 #include "cli/completion.h"
 #include "cli/config_file.h"
+#include "cli/field_options.h"
 #include "cli/named_settings.h"
 #include "cli/version.h"
 
@@ -101,8 +102,19 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
   for (const CLI::App* sub : subcommands)
     if (!arguments.empty() && arguments.front() == sub->get_name()) expanded = apply_config(arguments, *sub);
   std::reverse(expanded.begin(), expanded.end());  // CLI11 takes them from the back
+  const auto with_options = [&](const auto& work) {
+    try {
+      return work();
+    } catch (const FieldError& error) {  // a field that the user set by an option
+      const auto used = std::find_if(subcommands.begin(), subcommands.end(), [&](const CLI::App* sub) {
+        return !arguments.empty() && sub->get_name() == arguments.front();
+      });
+      if (used == subcommands.end()) throw;
+      throw InputError(option_of(**used, error.field), error.value, error.problem, error.fix);
+    }
+  };
   try {
-    app.parse(std::move(expanded));
+    with_options([&] { app.parse(std::move(expanded)); });
   } catch (const CLI::Success& help) {
     return app.exit(help);
   } catch (const CLI::ParseError& error) {
@@ -129,7 +141,7 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
     make_output_folder(std::filesystem::absolute(result_file).parent_path());
     std::optional<FolderLock> lock;
     if (rank() == 0 && commands[i].page.empty()) lock.emplace(commons[i].out);  // the only one that writes
-    nlohmann::json result = commands[i].run(commons[i]);
+    nlohmann::json result = with_options([&] { return commands[i].run(commons[i]); });
     if (rank() == 0) write_json(result_file, result);
     if (told) *told = std::move(result);
   }

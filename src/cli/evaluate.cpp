@@ -112,7 +112,7 @@ Command evaluate_command() {
                    "another run folder: judge on exactly its test hosts, with its data set and, unless asked "
                    "otherwise, its detector (black-box transfer)");
     app.add_option("--data", request.data, "data set (default: the run's)");
-    add_detector_options(app, request.detector);
+    add_fields(app, request.detector);
     add_depth_option_of_run(app, request.depth);
     add_rooftop_option_of_run(app, request.rooftop);
     options->quality.add(app, "the run's settings");

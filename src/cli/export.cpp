@@ -32,7 +32,7 @@ struct ExportOptions {
 
 nlohmann::json run(const ExportOptions& options, const Common& common) {
   const Run run = read_run(options.run, options.trust);
-  const auto data = options.data.empty() ? run.data : options.data;
+  const auto data = options.data.empty() ? run.settings.data : options.data;
   require_own_data(run, data);
   const std::string depth = depth_of(run, options.depth);
   std::optional<BlenderWorker> blender;  // first: where it is missing, say so now
@@ -42,7 +42,8 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   }
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = select_hosts(run, options.frames);
-  FrameStore store(data, depth, options.rooftop.empty() ? run.rooftop : options.rooftop, run.sun);
+  FrameStore store(FrameSource{data, depth, options.rooftop.empty() ? run.settings.rooftop : options.rooftop,
+                               run.settings.sun});
   RooftopCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);
   auto files = nlohmann::json::array({"adversary.glb"});

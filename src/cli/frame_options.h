@@ -7,12 +7,12 @@
 #include <string>
 #include <vector>
 
+#include "cli/field_options.h"
 #include "scene/data_rig.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/quality.h"
 #include "scene/shape/shape_rooftop.h"
 #include "scene/sun.h"
-#include "sensors/raster/limits.h"
 
 namespace mirage::cli {
 
@@ -66,19 +66,6 @@ struct QualityOption {
   }
 };
 
-/// The camera's σ, γ and samples, for commands that simulate by settings of their own.
-inline void add_camera_options(CLI::App& app, SimulationSettings& settings) {
-  app.add_option("--sigma", settings.raster.sigma, "soft rasteriser's σ")
-      ->check(CLI::Range(kSmallestSigma, kLargestSigma))
-      ->capture_default_str();
-  app.add_option("--gamma", settings.raster.gamma, "soft rasteriser's γ")
-      ->check(CLI::Range(kSmallestSigma, kLargestGamma))
-      ->capture_default_str();
-  app.add_option("--supersampling", settings.supersampling, "camera samples along a pixel's side")
-      ->check(CLI::Range(1, 8))
-      ->capture_default_str();
-}
-
 /// --light: the camera's light model.
 struct LightOption {
   std::string model;  ///< empty: none was asked for
@@ -91,7 +78,7 @@ struct LightOption {
                            otherwise);
   }
   void apply(SimulationSettings& settings) const {
-    if (!model.empty()) settings.light = parse_light_model(model);
+    if (!model.empty()) settings.light = parse_word<LightModel>(model, "light");
   }
 };
 

@@ -11,7 +11,6 @@ namespace mirage::cli {
 struct InsertionOptions {
   std::string depth = kDefaultDepth, rooftop = kDefaultRooftop, sun = kDefaultSun;
   QualityOption quality{"default"};
-  LightOption light;
   LidarEffectsOption lidar_effects{"ideal"};
   SimulationSettings simulation;
 
@@ -19,15 +18,13 @@ struct InsertionOptions {
     add_depth_option(app, depth);
     add_rooftop_option(app, rooftop);
     quality.add(app);
-    add_camera_options(app, simulation);
-    light.add(app, "plain");
+    add_fields(app, simulation);
     lidar_effects.add(app);
     add_sun_option(app, sun);
   }
   /// Once the options are parsed.
   void apply() {
     quality.apply(simulation);
-    light.apply(simulation);
     lidar_effects.check();
   }
   /// The settings for a sweep of this unit, which has `recorded` effects, with noise drawn by `seed`.

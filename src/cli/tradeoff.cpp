@@ -85,7 +85,7 @@ Command tradeoff_command() {
             app.add_option("--attack-seconds", options->attack_seconds,
                            "length of an attack at each quality, and its success; 0: none")
                 ->capture_default_str();
-            add_detector_options(app, options->detector);
+            add_fields(app, options->detector);
           },
           [options](const Common& common) {
             TradeoffSettings settings = *options;

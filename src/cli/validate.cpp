@@ -13,7 +13,7 @@
 namespace mirage::cli {
 namespace {
 
-void print_result(const nlohmann::json& result) {
+void print_fidelity(const nlohmann::json& result) {
   const auto& matched = result.at("matched");
   const auto& attack = result.at("attack");
   const auto number = [](const nlohmann::json& from, const char* key) { return from.at(key).get<double>(); };
@@ -155,7 +155,7 @@ Command validate_command() {
         settings.quiet = common.quiet;
         settings.detector.seed = common.seed;
         const nlohmann::json result = validate(settings);
-        print_result(result);
+        print_fidelity(result);
         return result;
       }};
 }

@@ -98,10 +98,7 @@ fs::path adversary_file(const fs::path& out, std::int64_t step) {
 class DefenseTraining {
  public:
   DefenseTraining(const DefenseSettings& settings, const std::array<double, 4>& region)
-      : settings_(settings),
-        attack_(attack_settings(settings)),
-        region_(region),
-        store_(settings.data, settings.depth, settings.rooftop) {
+      : settings_(settings), attack_(attack_settings(settings)), region_(region), store_(attack_) {
     std::vector<std::string> frames = list_frames(settings.data);
     if (settings.frames > 0 && frames.size() > settings.frames) frames.resize(settings.frames);
     hosts_ = find_all_hosts(store_, frames, region, attack_.simulation, attack_.min_view);

@@ -8,7 +8,9 @@
 #include <string>
 #include <vector>
 
+#include "base/fields.h"
 #include "base/image.h"
+#include "detection/precision.h"
 #include "geometry/box.h"
 #include "geometry/picture_box.h"
 #include "scene/frame.h"
@@ -123,6 +125,10 @@ class Detector {
   virtual ImageFeatures image_features(const SensorView& /*input*/) { return {}; }
 };
 
+/// The word for DetectorOptions::weights that names the shipped weights fine-tuned on KITTI, whose licence
+/// (CC BY-NC-SA) allows non-commercial use only. A file of that name is ./real.
+inline constexpr const char* kRealWeights = "real";
+
 /// Which detector, which weights, how it computes.
 struct DetectorOptions {
   /// "lidar", "camera", "painted", "fusion", "late", "torchscript", or a path to a plugin (*.so)
@@ -138,7 +144,7 @@ struct DetectorOptions {
   bool start = false;
   std::string rig = "kitti64";  ///< of the data the detector is to see (data_rig): chooses shipped weights
   /// Of convolutions, where the plugin knows it (detection/precision.h): "float", "bfloat16", "double".
-  std::string precision = "float";
+  std::string precision = kFloat;
   /// m; > 0: of a view with a clean one, what the detector makes of places further than this from what the
   /// object changes is left as it was: quicker, and no longer exact. 0: nothing is left out.
   double locality = 0;
@@ -156,9 +162,39 @@ struct DetectorOptions {
   int clean_memory_mb = 2048;
 };
 
-/// The word for DetectorOptions::weights that names the shipped weights fine-tuned on KITTI, whose licence
-/// (CC BY-NC-SA) allows non-commercial use only. A file of that name is ./real.
-inline constexpr const char* kRealWeights = "real";
+/// What a user chooses of a detector that is not trained.
+template <class Visitor, FieldsOf<DetectorOptions> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "detector", .help = "lidar, camera, painted, fusion, late, torchscript or a plugin (*.so)"},
+        s.detector);
+  visit({.name = "weights",
+         .help = "weights file (default: the shipped ones for the data set's rig), or real: the shipped ones "
+                 "fine-tuned on KITTI, for non-commercial use",
+         .word = kRealWeights},
+        s.weights);
+  visit({.name = "defense",
+         .help = "what the detector is defended by: none, jpeg:QUALITY, or shipped weights of mirage defend "
+                 "(adversarial, denoising, depth-gate, adversarial-depth-gate)"},
+        s.defense);
+  visit({.name = "clean_memory",
+         .help = "MB of what the detector makes of frames without the object that are kept, so that only "
+                 "what the object changes is computed anew; 0: every pass is over the whole frame",
+         .range = {0, 1 << 20},
+         .decides = false},
+        s.clean_memory_mb);
+  visit({.name = "precision",
+         .help = "of the detector's convolutions: float, bfloat16 (float where the processor lacks it), or "
+                 "double, a slow reference",
+         .written = s.precision != kFloat,
+         .check = check_precision},
+        s.precision);
+  visit({.name = "locality",
+         .help = "m: what the detector makes of places further from the object's changes is left as it was, "
+                 "which is quicker and an approximation; 0: nothing is left out",
+         .range = {0, 100},
+         .written = s.locality > 0},
+        s.locality);
+}
 
 /// The weights file that load_detector would read (empty for fresh ones). Errors as load_detector's.
 std::filesystem::path weights_file(const DetectorOptions& options);

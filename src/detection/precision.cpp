@@ -1,8 +1,9 @@
 #include "detection/precision.h"
 
+#include <array>
 #include <mutex>
 
-#include "base/error.h"
+#include "base/fields.h"
 #include "base/logging.h"
 
 namespace mirage {
@@ -15,10 +16,14 @@ bool multiplies_bfloat16() {
 #endif
 }
 
+void check_precision(const std::string& word) {
+  constexpr auto kWords = std::to_array<const char*>({kFloat, kBfloat16, kDouble});
+  place_of(word, "precision", kWords.data(), kWords.size());
+}
+
 std::string usable_precision(const std::string& asked, bool has_bfloat16) {
-  if (asked == kFloat || asked == kDouble || (asked == kBfloat16 && has_bfloat16)) return asked;
-  if (asked != kBfloat16)
-    throw InputError("--precision", asked, "is no precision", "use float, bfloat16 or double");
+  check_precision(asked);
+  if (asked != kBfloat16 || has_bfloat16) return asked;
   static std::once_flag told;
   std::call_once(
       told, [] { spdlog::warn("this processor has no instructions for bfloat16: --precision is float"); });

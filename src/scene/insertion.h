@@ -10,6 +10,7 @@
 #include "scene/occlusion.h"
 #include "scene/rooftop.h"
 #include "sensors/lidar_effects.h"
+#include "sensors/raster/limits.h"
 #include "sensors/soft_rasterizer.h"
 #include "sensors/visible_light.h"
 
@@ -51,6 +52,30 @@ struct SimulationSettings {
   LightModel light = LightModel::plain;
   VisibleLightSettings visible_light;  ///< of LightModel::visible
 };
+
+/// What a run says of how it simulated.
+template <class Visitor, FieldsOf<SimulationSettings> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "sigma", .help = "soft rasteriser's σ", .range = {kSmallestSigma, kLargestSigma}},
+        s.raster.sigma);
+  visit({.name = "gamma", .help = "soft rasteriser's γ", .range = {kSmallestSigma, kLargestGamma}},
+        s.raster.gamma);
+  visit({.name = "epsilon", .range = {-1e6, 1e6}, .option = ""}, s.raster.epsilon);
+  visit({.name = "dist_eps", .range = {1e-12, 0.49}, .option = ""}, s.raster.dist_eps);
+  visit({.name = "supersampling", .help = "camera samples along a pixel's side", .range = {1, 32}},
+        s.supersampling);
+  visit({.name = "lidar_reflectivity", .range = {0, 1e3}, .option = ""}, s.lidar_reflectivity);
+  visit({.name = "occlusion_margin", .range = {-1e3, 1e3}, .option = ""}, s.occlusion_margin);
+  visit({.name = "grazing_cosine", .range = {1e-9, 1}, .option = ""}, s.grazing_cosine);
+  visit({.name = "double", .option = "", .written = s.reference}, s.reference);
+  visit({.name = "exact_coverage", .option = "", .written = s.exact_coverage}, s.exact_coverage);
+  visit({.name = "light",
+         .help = "on the object: plain (nothing shadows or reflects) or visible (sun and sky by ray, light "
+                 "from roof and road and within the object)",
+         .written = s.light != LightModel::plain},
+        s.light);
+  visit.group({.name = "lidar_effects", .written = s.lidar_effects.any()}, s.lidar_effects);
+}
 
 /// What both sensors see once the adversary is on the roof.
 struct Simulated {

@@ -44,16 +44,16 @@ double number(const std::string& word, const std::string& text, const char* what
   const char *begin = text.data() + (text.starts_with('+') ? 1 : 0), *end = text.data() + text.size();
   const auto [stop, error] = std::from_chars(begin, end, value);
   if (error != std::errc() || stop != end || begin == end)
-    throw InputError("--sun", word, fmt::format("the {} \"{}\" is not a number", what, text), kForms);
+    throw FieldError("sun", word, fmt::format("the {} \"{}\" is not a number", what, text), kForms);
   if (!(value >= low && value <= high))
-    throw InputError("--sun", word, fmt::format("the {} {} is out of range", what, text),
+    throw FieldError("sun", word, fmt::format("the {} {} is out of range", what, text),
                      fmt::format("give degrees from {} to {}", low, high));
   return value;
 }
 
 UtcTime parse_time(const std::string& word, const std::string& text) {
   const auto wrong = [&](const std::string& problem) {
-    return InputError("--sun", word, fmt::format("the time \"{}\" {}", text, problem),
+    return FieldError("sun", word, fmt::format("the time \"{}\" {}", text, problem),
                       "give UTC as YYYY-MM-DDTHH:MM:SSZ, e.g. 2011-09-26T13:02:25Z");
   };
   constexpr const char* kForm = "dddd-dd-ddTdd:dd:dd";
@@ -83,8 +83,8 @@ Vec3d from_place(const std::string& word, const std::vector<std::string>& parts)
   const double heading = number(word, parts[3], "heading", -360, 360) * kDegree;
   const SunPosition sun = sun_position(latitude, longitude, time);
   if (!(sun.elevation > 0))
-    throw InputError(
-        "--sun", word,
+    throw FieldError(
+        "sun", word,
         fmt::format("the sun is {:.1f} degrees below the horizon there and then", -sun.elevation / kDegree),
         "give a time of day (UTC) or AZIMUTH,ELEVATION");
   return towards_sun(std::numbers::pi / 2 - sun.azimuth - heading, sun.elevation);
@@ -126,11 +126,11 @@ SunChoice parse_sun(const std::string& word) {
   if (word == "photo") return {word, {}, true};
   const std::vector<std::string> parts = split(word);
   if (parts.size() == 4) return {word, from_place(word, parts), false};
-  if (parts.size() != 2) throw InputError("--sun", word, "unknown choice", kForms);
+  if (parts.size() != 2) throw FieldError("sun", word, "unknown choice", kForms);
   const double azimuth = number(word, parts[0], "azimuth", -360, 360);
   const double elevation = number(word, parts[1], "elevation", 0, 90);
   if (!(elevation > 0))
-    throw InputError("--sun", word, "the sun is on the horizon", "give an elevation over 0 degrees");
+    throw FieldError("sun", word, "the sun is on the horizon", "give an elevation over 0 degrees");
   return {word, towards_sun(azimuth * kDegree, elevation * kDegree), false};
 }
 
@@ -143,7 +143,7 @@ Lighting with_sun(const Frame& frame, const SunChoice& choice) {
     if (found.known)
       lighting.to_sun_velo = found.to_sun_velo;
     else if (!said.test_and_set())
-      spdlog::warn("--sun photo: the shadows in frame {} do not tell; such frames keep their own lighting",
+      spdlog::warn("sun photo: the shadows in frame {} do not tell; such frames keep their own lighting",
                    frame.id);
   }
   return lighting;

@@ -17,21 +17,22 @@
 #include <optional>
 #include <string>
 
+#include "base/fields.h"
 #include "scene/frame.h"
 
 namespace mirage {
 
-/// --sun where none is given: the frame's own.
+/// The frame's own.
 inline constexpr const char* kDefaultSun = "frame";
 
-/// --sun, understood.
+/// The word, understood.
 struct SunChoice {
   std::string word = kDefaultSun;
   std::optional<Vec3d> to_sun_velo = {};  ///< unit; none: the frame's own, or the photograph's
   bool photo = false;
 };
 
-/// InputError naming --sun for any other word, numbers out of range and a sun below the horizon.
+/// FieldError for any other word, numbers out of range and a sun below the horizon.
 SunChoice parse_sun(const std::string& word);
 
 /// The frame's lighting with the sun where `choice` says. `photo` wants the frame's whole sweep; the first

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "base/types.h"
+#include "base/fields.h"
 
 namespace mirage {
 
@@ -60,6 +60,20 @@ struct LidarEffects {
     return range_sigma > 0 || drop_out > 0 || signal_floor > 0 || diverging() || albedo || moving();
   }
 };
+
+/// Those that an inserted object's returns have.
+template <class Visitor, FieldsOf<LidarEffects> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "range_sigma", .range = {0, 10}, .option = ""}, s.range_sigma);
+  visit({.name = "drop_out", .range = kShare, .option = ""}, s.drop_out);
+  visit({.name = "signal_floor", .range = {0, 1e3}, .option = ""}, s.signal_floor);
+  visit({.name = "divergence", .range = {0, 0.2}, .option = ""}, s.divergence);
+  visit({.name = "pulse_length", .range = {0, 100}, .option = ""}, s.pulse_length);
+  visit({.name = "albedo", .option = ""}, s.albedo);
+  visit({.name = "velocity", .range = {-200, 200}, .option = ""}, s.velocity);
+  visit({.name = "yaw_rate", .range = {-20, 20}, .option = ""}, s.yaw_rate);
+  visit({.name = "seed", .option = ""}, s.seed);
+}
 
 /// The light that comes back from a surface, but for what is the unit's own (1/m²): ρ cos^0.7 θ / r². Real
 /// surfaces, rougher than Lambert's, return more at grazing incidence than his cosine says. Whole sweeps and

@@ -9,16 +9,6 @@
 
 namespace mirage {
 
-LightModel parse_light_model(const std::string& word) {
-  if (word == "plain") return LightModel::plain;
-  if (word == "visible") return LightModel::visible;
-  throw InputError("--light", word, "unknown light model", "use plain or visible");
-}
-
-const char* to_string(LightModel model) {
-  return model == LightModel::plain ? "plain" : "visible";
-}
-
 namespace {
 
 /// n̂, or zero for a face without area.

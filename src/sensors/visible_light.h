@@ -17,9 +17,10 @@
 // through the normals and through the albedos that reflect.
 #pragma once
 
-#include <string>
+#include <array>
 #include <vector>
 
+#include "base/fields.h"
 #include "geometry/mesh.h"
 #include "sensors/lighting.h"
 
@@ -30,10 +31,9 @@ enum class LightModel {
   plain,    ///< sensors/shading.h: nothing shadows or reflects
   visible,  ///< this file
 };
-/// "plain" or "visible"; InputError for another word.
-LightModel parse_light_model(const std::string& word);
-/// The word that parse_light_model reads.
-const char* to_string(LightModel model);
+constexpr auto words_of(LightModel) {
+  return std::to_array<const char*>({"plain", "visible"});
+}
 
 /// What stands around an object on a vehicle's roof: rectangles parallel to the roof, and a level road.
 struct LightSurroundings {

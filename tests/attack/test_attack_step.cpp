@@ -35,7 +35,7 @@ AttackSettings settings_for(const test::TemporaryFolder& folder, const char* out
 TEST(AttackStep, AHostIsHiddenWhereNoProposalFindsIt) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 2);
-  FrameStore store(folder / "data", "ip-basic", "box");
+  FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
   const Host host = find_hosts(store, "000000", {0, 50, -25, 25}, {}).at(0);
   const auto prepared = store.get("000000");
   const BevBox box = prepared->frame.labels[0].box.bev;

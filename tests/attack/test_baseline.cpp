@@ -18,17 +18,17 @@ namespace {
 /// A run with a learned mesh of uneven extents off the centre.
 Run run_with_mesh(bool buildable = false) {
   Run run;
-  run.seed = 4;
-  run.buildable.on = buildable;
-  run.adversary = initial_adversary(run.limits);
-  if (buildable) make_buildable(run.adversary, run.buildable, run.limits);
+  run.settings.seed = 4;
+  run.settings.buildable.on = buildable;
+  run.adversary = initial_adversary(run.settings.limits);
+  if (buildable) make_buildable(run.adversary, run.settings.buildable, run.settings.limits);
   for (Vec3d& v : run.adversary.mesh.vertices) {
     v.x() = 0.9 * v.x() + 0.1;
     v.y() *= 1.3;
     if (!buildable || v.z() > 0) v.z() *= 0.8;
   }
-  project(run.adversary, run.limits);
-  run.random = random_adversary(run.seed, run.limits);
+  project(run.adversary, run.settings.limits);
+  run.random = random_adversary(run.settings.seed, run.settings.limits);
   return run;
 }
 
@@ -53,7 +53,7 @@ TEST(Baseline, ASizedMeshHasExactlyTheLearnedOnesExtentsAndCentre) {
       if (buildable) {  // whose rules may take a vertex back towards the start, which has the extents
         EXPECT_NEAR((made.min() - wanted.min()).norm() + (made.max() - wanted.max()).norm(), 0, 0.05);
         EXPECT_TRUE(intersecting_faces(mesh.mesh).empty());
-        EXPECT_EQ(buildable_report(mesh, run.buildable).at("texels_in_print_range"), 1.0);
+        EXPECT_EQ(buildable_report(mesh, run.settings.buildable).at("texels_in_print_range"), 1.0);
       } else {
         EXPECT_EQ(made.min(), wanted.min());
         EXPECT_EQ(made.max(), wanted.max());
@@ -69,8 +69,8 @@ TEST(Baseline, ASizedMeshHasExactlyTheLearnedOnesExtentsAndCentre) {
 TEST(Baseline, EllipsoidAndCuboidFillTheBox) {
   for (const bool buildable : {false, true}) {
     const mirage::Run run = run_with_mesh(buildable);
-    const Vec3d half = run.limits.half;
-    const double bottom = buildable ? -run.buildable.base * half.z() : -half.z();
+    const Vec3d half = run.settings.limits.half;
+    const double bottom = buildable ? -run.settings.buildable.base * half.z() : -half.z();
     for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid}) {
       const TexturedMesh made = baseline_meshes(run, kind, 1).at(0);
       EXPECT_NEAR((bounds(made.mesh).max() - half).norm(), 0, 1e-12);
@@ -88,7 +88,8 @@ TEST(Baseline, TheStartIsTheRandomMeshOfTheRun) {
   const mirage::Run run = run_with_mesh();
   const auto meshes = baseline_meshes(run, Baseline::start, 2);
   EXPECT_EQ(meshes[0].mesh.vertices, run.random.mesh.vertices);
-  EXPECT_EQ(meshes[1].mesh.vertices, random_baseline(5, run.limits, run.buildable).mesh.vertices);
+  EXPECT_EQ(meshes[1].mesh.vertices,
+            random_baseline(5, run.settings.limits, run.settings.buildable).mesh.vertices);
 }
 
 TEST(Baseline, PatchesAreLargeAndConnected) {

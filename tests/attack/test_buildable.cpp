@@ -98,7 +98,7 @@ TEST(Buildable, AThicknessThatNoMeshHasIsRefused) {
   BuildableSettings settings;
   settings.min_thickness = 3;
   EXPECT_THAT(test::error_text<InputError>([&] { check_buildable(settings, {}); }),
-              HasSubstr("--min-thickness"));
+              HasSubstr("min_thickness: 3"));
   settings.min_thickness = -1;
   EXPECT_THAT(test::error_text<InputError>([&] { check_buildable(settings, {}); }), HasSubstr("use 0 to"));
 }

@@ -23,15 +23,14 @@ std::filesystem::path tiny_run(const TemporaryFolder& folder, const std::string&
   write_adversary(folder / name / "adversary.glb", mesh);
   write_adversary(folder / name / "random.glb", mesh);
   write_file(folder / name / "weights", "none");
-  write_json(folder / name / "run.json", {{"data", (folder / data).string()},
-                                          {"detector", MIRAGE_BUILD "/test_plugins/fake_works.so"},
-                                          {"weights", (folder / name / "weights").string()},
-                                          {"target", "random"},
-                                          {"seed", seed},
-                                          {"min_view", 0.7},
-                                          {"train", to_json(train)},
-                                          {"test", to_json(test)},
-                                          {"simulation", to_json(SimulationSettings())}});
+  AttackSettings settings;
+  settings.data = folder / data;
+  settings.rooftop = "box";
+  settings.detector.detector = MIRAGE_BUILD "/test_plugins/fake_works.so";
+  settings.detector.weights = folder / name / "weights";
+  settings.target = AttackTarget::random;
+  settings.seed = seed;
+  test::write_run_json(folder / name, settings, train, test);
   return folder / name;
 }
 
@@ -60,7 +59,7 @@ TEST(EvaluateRun, AnotherRunsHostsAreThatRunsTestHostsExactly) {
   request.random_meshes = 0;
   const RunEvaluation judged = evaluate_run(request);
   EXPECT_THAT(names(judged.hosts), testing::ElementsAre("000001_0", "000003_0"));
-  EXPECT_EQ(judged.stage.data, folder / "two");
+  EXPECT_EQ(judged.stage.settings.data, folder / "two");
   EXPECT_EQ(judged.detector.weights, folder / "b/weights");
   EXPECT_EQ(judged.trained_on, 0);  // the frames' names agree, the data sets do not
   EXPECT_TRUE(judged.baselines.empty());
@@ -123,19 +122,19 @@ TEST(EvaluateRun, RandomMeshesAreThoseOfTheRunsSeeds) {
     attack.buildable.on = buildable;
     run_attack(attack, detectors);
     const mirage::Run run = read_run(attack.out);
-    EXPECT_EQ(run.seed, 5u);
-    EXPECT_EQ(run.limits.half, attack.limits.half);
+    EXPECT_EQ(run.settings.seed, 5u);
+    EXPECT_EQ(run.settings.limits.half, attack.limits.half);
     const auto meshes = baseline_meshes(run, Baseline::start, 3);
     ASSERT_EQ(meshes.size(), 3u);
     const auto same = [](const TexturedMesh& a, const TexturedMesh& b) {
       return a.mesh.vertices == b.mesh.vertices && a.atlas.texels == b.atlas.texels;
     };
-    EXPECT_TRUE(same(meshes[0], random_baseline(5, run.limits, run.buildable)));
-    EXPECT_TRUE(same(meshes[2], random_baseline(7, run.limits, run.buildable)));
+    EXPECT_TRUE(same(meshes[0], random_baseline(5, run.settings.limits, run.settings.buildable)));
+    EXPECT_TRUE(same(meshes[2], random_baseline(7, run.settings.limits, run.settings.buildable)));
     EXPECT_FALSE(same(meshes[1], meshes[2]));
     for (const Vec3d& v : meshes[2].mesh.vertices) EXPECT_LE(v.cwiseAbs().z(), 0.25);
     if (buildable) {
-      EXPECT_EQ(buildable_report(meshes[1], run.buildable).at("texels_in_print_range"), 1.0);
+      EXPECT_EQ(buildable_report(meshes[1], run.settings.buildable).at("texels_in_print_range"), 1.0);
     }
   }
 }

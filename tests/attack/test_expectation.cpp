@@ -29,7 +29,7 @@ TEST(Expectation, WordsSwitchWhatVaries) {
        {all.roof_shift, all.roof_yaw, all.sun, all.light, all.exposure, all.image_noise, all.range_noise})
     EXPECT_GT(spread, 0);
   EXPECT_THAT(test::error_text<InputError>([] { parse_expectation("roof,moon"); }),
-              AllOf(HasSubstr("--expect"), HasSubstr("moon")));
+              AllOf(HasSubstr("expectation: "), HasSubstr("moon")));
 }
 
 TEST(Expectation, DrawsHaveTheStatedSpreadAndDependOnTheirIndexAlone) {

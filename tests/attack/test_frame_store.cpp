@@ -84,7 +84,7 @@ std::vector<fs::path> entries(const fs::path& folder, const std::string& kind) {
 class FrameStoreTest : public testing::Test {
  protected:
   void SetUp() override { test::write_tiny_data(data_, 3, true); }
-  FrameStore store() const { return FrameStore(data_, "ip-basic", "shape"); }
+  FrameStore store() const { return FrameStore(FrameSource{data_, "ip-basic", "shape"}); }
   std::string all(FrameStore& of) const { return told(of, {"000000", "000001", "000002"}); }
   std::string without_cache() const {
     setenv("MIRAGE_CACHE", "off", 1);
@@ -183,11 +183,11 @@ TEST_F(FrameStoreTest, KeysAreContentAndSettings) {
   ASSERT_EQ(depths(), 3u);
   // The same files elsewhere are the same frames.
   fs::copy(data_, folder_ / "copy", fs::copy_options::recursive);
-  FrameStore copy(folder_ / "copy", "ip-basic", "shape");
+  FrameStore copy(FrameSource{folder_ / "copy", "ip-basic", "shape"});
   all(copy);
   EXPECT_EQ(depths(), 3u);
   // Another finder, region, camera: other results.
-  FrameStore box(data_, "ip-basic", "box");
+  FrameStore box(FrameSource{data_, "ip-basic", "box"});
   box.views("000000", {0, 50, -25, 25}, {});
   EXPECT_EQ(entries(cache_, "rooftops").size(), 4u);
   EXPECT_EQ(views(), 4u);
@@ -197,7 +197,7 @@ TEST_F(FrameStoreTest, KeysAreContentAndSettings) {
   soft.raster.sigma *= 2;
   box.views("000000", {0, 50, -25, 25}, soft);
   EXPECT_EQ(views(), 6u);
-  FrameStore multiscale(data_, "ip-basic-multiscale", "box");
+  FrameStore multiscale(FrameSource{data_, "ip-basic-multiscale", "box"});
   multiscale.get("000000");
   EXPECT_EQ(depths(), 4u);
   // A changed file is another frame.

@@ -85,9 +85,9 @@ TEST_F(HostileRun, CodeThatItNamesIsRefusedWithTheFileThatItWouldBe) {
   changed["weights"] = "/tmp/evil/weights";
   write_json(run() / "run.json", changed);
   const mirage::Run other = read_run(run());  // looking at it is safe
-  EXPECT_EQ(other.detector, "");
-  EXPECT_EQ(other.depth, "");
-  EXPECT_EQ(other.weights, "");
+  EXPECT_EQ(other.settings.detector.detector, "");
+  EXPECT_EQ(other.settings.depth, "");
+  EXPECT_EQ(other.settings.detector.weights, "");
   DetectorOptions options;
   options.detector = options.defense = "";
   EXPECT_THAT(error_text<InputError>([&] { use_detector_of(other, options); }),
@@ -254,7 +254,7 @@ TEST(NamesInRuns, AnyBytesMakeARunThatComesBack) {
   settings.iterations = 4;
   run_attack(settings, stand_in());  // the same run
   const mirage::Run run = read_run(folder / "run");
-  EXPECT_EQ(run.data, data);
+  EXPECT_EQ(run.settings.data, data);
   std::vector<std::string> frames;
   for (const auto* split : {&run.train, &run.test})
     for (const HostId& id : *split) frames.push_back(id.frame);
@@ -283,7 +283,7 @@ TEST(Checkpoints, ComeByTimeToo) {
   EXPECT_EQ(read_json(folder / "run/checkpoint.json").at("iteration"), 4);
   settings.checkpoint_every = 0;
   EXPECT_THAT(error_text<InputError>([&] { run_attack(settings, stand_in()); }),
-              HasSubstr("--checkpoint-every"));
+              HasSubstr("checkpoint_every: "));
 }
 
 }  // namespace

@@ -196,11 +196,11 @@ TEST(Plateau, ADamagedRecordIsRefused) {
   EXPECT_THAT(with("vertices", {1, 2, 3}), testing::HasSubstr("held_out.vertices"));
   EXPECT_THAT(
       error_text<InputError>([&] { run_attack(plateau_settings(folder, "other", 1, -1), detectors); }),
-      testing::HasSubstr("--until-plateau"));
+      testing::HasSubstr("until_plateau: -1"));
   auto settings = plateau_settings(folder, "other", 1, 5);
   settings.validation_every = 0;
   EXPECT_THAT(error_text<InputError>([&] { run_attack(settings, detectors); }),
-              testing::HasSubstr("--validate-every"));
+              testing::HasSubstr("validation_every: 0"));
 }
 
 TEST(SizeAlone, TheStartFillsABoxOfHalfLengthsOne) {
@@ -237,7 +237,7 @@ TEST(SizeAlone, OnlyThreeNumbersAreLearned) {
   const DetectorPool detectors = pool_of<test::StandInDetector>();
   const auto run = [&](const char* out, int iterations) {
     auto settings = plateau_settings(folder, out, iterations, 0);
-    settings.parts = "size";
+    settings.parts = AttackParts::size;
     settings.vertex_rate = 0.02;
     run_attack(settings, detectors);
     return read_run(settings.out).adversary;
@@ -256,10 +256,10 @@ TEST(SizeAlone, OnlyThreeNumbersAreLearned) {
   run("parts", 12);
   EXPECT_EQ(read_file(folder / "parts/adversary.glb"), read_file(folder / "whole/adversary.glb"));
   auto buildable = plateau_settings(folder, "b", 1, 0);
-  buildable.parts = "size";
+  buildable.parts = AttackParts::size;
   buildable.buildable.on = true;
   EXPECT_THAT(error_text<InputError>([&] { run_attack(buildable, detectors); }),
-              testing::HasSubstr("--parts: size"));
+              testing::HasSubstr("parts: size"));
 }
 
 /// Sees the picture alone: returns appear and vanish with size, which no gradient knows.
@@ -274,7 +274,7 @@ class PictureReader : public test::StandInDetector {
 TEST(SizeAlone, TheWholeChainAgainstDifferences) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 1);
-  FrameStore store(folder / "data", "ip-basic", "box");
+  FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
   AttackSettings settings;
   settings.simulation.reference = true;  // in double
   PictureReader detector;

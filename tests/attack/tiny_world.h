@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <string>
 
+#include "attack/run.h"
 #include "base/files.h"
 #include "detection/detector.h"
 #include "scene/kitti.h"
@@ -58,6 +59,15 @@ inline void write_tiny_data(const std::filesystem::path& data, int frames, bool 
     if (returns) add_returns(frame.sweep, car.box);
     write_frame(data, frame);
   }
+}
+
+/// What `mirage attack` says of a run with these settings.
+inline void write_run_json(const std::filesystem::path& run, const AttackSettings& settings,
+                           const std::vector<HostId>& train, const std::vector<HostId>& test) {
+  nlohmann::json json = identity(settings);
+  json["train"] = to_json(train);
+  json["test"] = to_json(test);
+  write_json(run / "run.json", json);
 }
 
 /// One proposal on the first frame's car. Its logit grows with the image's brightness inside a fixed window

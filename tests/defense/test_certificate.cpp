@@ -72,7 +72,7 @@ TEST(RoofMask, TakesEveryRayThatMeetsTheBoxAndFewOthers) {
 TEST(RoofMask, HidesAllThatAnyObjectChanges) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 3, true);
-  FrameStore store(folder / "data", "ip-basic", "box");
+  FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
   const LidarModel lidar = lidar_of(folder / "data");
   CertificateSettings settings;
   settings.sizes = {0.2, 0.5, 0.8};
@@ -152,7 +152,7 @@ TEST(Certificate, IsForCarsThatAreFoundWithoutWhatStandsOnTheirRoof) {
   Frame frame = read_frame(folder / "data", "000000");
   frame.sweep.push_back({10.8f, -0.5f, 0.1f, 0.3f});  // a thing on the roof
   write_frame(folder / "data", frame);
-  FrameStore store(folder / "data", "ip-basic", "box");
+  FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
   CertificateSettings settings;
   settings.sizes = {0.3, 0.6};
   settings.with_lattice = true;

@@ -167,6 +167,7 @@ std::string archive(bool with64) {
 #ifndef MIRAGE_FUZZ  // parsers.cpp says why
 std::string run() {
   return R"({"batch": 2, "buildable": [0.002, 0.05, 0.05, 0.9], "data": "data", "depth": "ip-basic",
+ "defense": "none", "parts": "both", "sun": "frame",
  "detector": "lidar", "lambda_fp": 1.0, "lambda_laplacian": 0.001, "limits": [0.8, 0.8, 0.5], "min_view": 0.7,
  "relevant_score": 0.1, "rooftop": "shape", "seed": 7,
  "simulation": {"sigma": 5e-07, "gamma": 0.01, "epsilon": 0.001, "dist_eps": 0.0001, "supersampling": 2,

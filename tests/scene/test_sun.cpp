@@ -182,7 +182,7 @@ TEST(Sun, WhatIsNotASunIsOneLineWithTheFix) {
            {"49,8,2011-09-26T12:00:00Z,north", "heading \"north\""},
            {"49,8.4,2011-09-26T23:30:00Z,0", "below the horizon"}}) {
     const std::string text = error_text<InputError>([&] { parse_sun(word); });
-    EXPECT_THAT(text, HasSubstr("--sun"));
+    EXPECT_THAT(text, HasSubstr("sun: "));
     EXPECT_THAT(text, HasSubstr(part)) << word;
     EXPECT_EQ(text.find('\n'), std::string::npos);
   }

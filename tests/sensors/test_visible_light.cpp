@@ -200,9 +200,9 @@ TEST(VisibleLight, FewerDirectionsStayNearMany) {
 }
 
 TEST(VisibleLight, UnknownWordsAreRefused) {
-  EXPECT_EQ(parse_light_model("plain"), LightModel::plain);
-  EXPECT_EQ(parse_light_model(to_string(LightModel::visible)), LightModel::visible);
-  EXPECT_THROW(parse_light_model("radiosity"), InputError);
+  EXPECT_EQ(parse_word<LightModel>("plain", "light"), LightModel::plain);
+  EXPECT_EQ(parse_word<LightModel>(to_word(LightModel::visible), "light"), LightModel::visible);
+  EXPECT_THROW(parse_word<LightModel>("radiosity", "light"), InputError);
 }
 
 }  // namespace

@@ -24,14 +24,13 @@ ValidationSettings tiny_validation(const test::TemporaryFolder& folder) {
   write_adversary(folder / "run/adversary.glb", mesh);
   write_adversary(folder / "run/random.glb", mesh);
   write_file(folder / "weights", "none");
-  write_json(folder / "run/run.json", {{"data", (folder / "data").string()},
-                                       {"detector", MIRAGE_BUILD "/test_plugins/fake_works.so"},
-                                       {"weights", (folder / "weights").string()},
-                                       {"target", "random"},
-                                       {"min_view", 0.7},
-                                       {"train", to_json(std::vector<HostId>{{"000000", 0}})},
-                                       {"test", to_json(std::vector<HostId>{{"000001", 0}})},
-                                       {"simulation", to_json(SimulationSettings())}});
+  AttackSettings attack;
+  attack.data = folder / "data";
+  attack.rooftop = "box";
+  attack.detector.detector = MIRAGE_BUILD "/test_plugins/fake_works.so";
+  attack.detector.weights = folder / "weights";
+  attack.target = AttackTarget::random;
+  test::write_run_json(folder / "run", attack, {{"000000", 0}}, {{"000001", 0}});
   ValidationSettings settings;
   settings.run = folder / "run";
   settings.trust = TrustRun::yes;  // its detector is a plugin

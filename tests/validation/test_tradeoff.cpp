@@ -95,15 +95,10 @@ TEST(Tradeoff, TheRoofThatIsAskedForStandsBeforeTheRuns) {
   test::write_tiny_data(folder / "data", 1, true);
   for (const char* mesh : {"adversary.glb", "random.glb"})
     write_adversary(folder / "run" / mesh, test::random_mesh(3));
-  write_json(folder / "run/run.json", {{"data", (folder / "data").string()},
-                                       {"detector", "fusion"},
-                                       {"weights", ""},
-                                       {"target", "random"},
-                                       {"rooftop", "shape"},
-                                       {"min_view", 0.0},
-                                       {"train", nlohmann::json::array()},
-                                       {"test", to_json(std::vector<HostId>{{"000000", 0}})},
-                                       {"simulation", to_json(SimulationSettings())}});
+  AttackSettings attack;
+  attack.data = folder / "data";
+  attack.min_view = 0;
+  test::write_run_json(folder / "run", attack, {}, {{"000000", 0}});
   TradeoffSettings settings = tiny({}, folder / "out");
   settings.run = folder / "run";
   settings.grid = false;

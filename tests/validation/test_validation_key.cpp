@@ -57,8 +57,8 @@ TEST(ValidationKey, ChangesWithEveryThingThatAResultDependsOn) {
   differs("noise", [](S& s, R&) { s.noise = 0.05; });
   differs("seed", [](S& s, R&) { ++s.seed; });
   differs("score", [](S& s, R&) { s.evaluation_settings.score_threshold = 0.5; });
-  differs("light", [](S&, R& r) { r.simulation.light = LightModel::visible; });
-  differs("σ", [](S&, R& r) { r.simulation.raster.sigma *= 2; });
+  differs("light", [](S&, R& r) { r.settings.simulation.light = LightModel::visible; });
+  differs("σ", [](S&, R& r) { r.settings.simulation.raster.sigma *= 2; });
   write_file(settings.detector.weights, "others");
   differs("content of the weights", [](S&, R&) {});
   write_file(settings.run / "adversary.glb", "other");

@@ -94,7 +94,7 @@ struct Sum {
 int study(const std::filesystem::path& data, const std::string& mesh, const std::filesystem::path& out,
           int vehicles, int samples, bool all) {
   make_output_folder(out);
-  FrameStore store(data, "ip-basic", "shape");
+  FrameStore store(FrameSource{.data = data});
   BlenderWorker blender(out / "blender.log");
   std::map<std::string, std::map<std::string, Sum>> sums;  // light and reference; variant
   const auto list = variants(all);

@@ -57,12 +57,11 @@ std::vector<bool> missing(const Sweep& whole, const Sweep& candidates, const Swe
 /// A run's adversary on its hosts, and what its detector says.
 class Attacker {
  public:
-  Attacker(const ViewSettings& settings, Run& run)
-      : run_(run), store_(run.data, run.depth, run.rooftop, run.sun) {
+  Attacker(const ViewSettings& settings, Run& run) : run_(run), store_(run.settings) {
     if (!settings.detect) return;
     DetectorOptions options = settings.detector;
     use_detector_of(run, options);
-    options.rig = data_rig(run.data);
+    options.rig = data_rig(run.settings.data);
     detector_ = load_detector(options);
     name_ = detector_->name();
     evaluation_.plane = detector_->capabilities().plane();
@@ -83,7 +82,7 @@ class Attacker {
     for (const HostId& id : hosts) {
       const Label& host = label_of(seen, id);
       const Simulated simulated =
-          simulate(*prepared, host, store_.rooftop(id), run_.adversary, run_.simulation);
+          simulate(*prepared, host, store_.rooftop(id), run_.adversary, run_.settings.simulation);
       ViewAttack attack;
       attack.name = host_name(id);
       attack.label = id.label;
@@ -168,9 +167,9 @@ json make_view(const ViewSettings& given) {
   std::vector<std::string> ids;
   if (!settings.run.empty()) {
     run = read_run(settings.run);
-    if (settings.data.empty()) settings.data = run->data;
+    if (settings.data.empty()) settings.data = run->settings.data;
     require_own_data(*run, settings.data);
-    run->data = settings.data;
+    run->settings.data = settings.data;
     for (const HostId& id : select_hosts(*run, settings.frames)) hosts[id.frame].push_back(id);
     for (const auto& [id, of_frame] : hosts) ids.push_back(id);
     if (ids.empty())

@@ -1,0 +1,135 @@
+// What an attack is asked for. Each setting is said once, in its struct's visit_fields (base/fields.h):
+// option, key of run.json, range, and whether it decides the result.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "attack/adversary.h"
+#include "attack/buildable.h"
+#include "attack/expectation.h"
+#include "attack/objective.h"
+#include "base/fields.h"
+#include "detection/detector.h"
+#include "scene/frame_source.h"
+#include "scene/insertion.h"
+
+namespace mirage {
+
+/// Whose gradient reaches the adversary. Both sensors always see it (modality gating). random: no sensor's;
+/// the adversary is the random mesh.
+enum class AttackTarget { both, image, lidar, random };
+constexpr auto words_of(AttackTarget) {
+  return std::to_array<const char*>({"both", "image", "lidar", "random"});
+}
+
+/// What of the adversary is learned; the rest stays as it starts.
+/// size: the half lengths of the start's ellipsoid alone, as a control (adversary.h, half_length_gradient).
+enum class AttackParts { both, shape, texture, size };
+constexpr auto words_of(AttackParts) {
+  return std::to_array<const char*>({"both", "shape", "texture", "size"});
+}
+
+class ObjectRenderer;
+
+/// What run.json calls the simulation's own pictures.
+inline constexpr const char* kRasterRenderer = "raster";
+
+/// How far a mesh may move before an ObjectRenderer draws it anew (attack/rendered_pictures.h).
+struct Renewal {
+  double metres = 0.01;  ///< of its vertices, root mean square
+  double texels = 0.05;  ///< of its texels' channels, root mean square
+};
+
+/// The data, the detector, what is attacked and learned, rates and limits.
+struct AttackSettings : FrameSource {
+  std::filesystem::path out;
+  DetectorOptions detector;
+  std::string weights_hash;  ///< content_hash of the weights; run_attack(settings) fills it in
+  AttackTarget target = AttackTarget::both;
+  AttackParts parts = AttackParts::both;
+  Expectation expectation;
+  BuildableSettings buildable;
+  int iterations = 300;
+  /// > 0: the attack ends where the objective on vehicles held out from training (validation_part.h) has not
+  /// improved for so many steps, or after `iterations`, and the mesh with the best of its checks is what it
+  /// learned. 0: all training vehicles are learned on, and the last mesh is kept.
+  int until_plateau = 0;
+  int validation_every = 20;  ///< steps between two checks of that objective
+  /// > 0: iterations end after so many seconds, which makes the result depend on the machine.
+  double seconds = 0;
+  int batch = 2;  ///< hosts an iteration; their losses are averaged
+  std::uint64_t seed = 0;
+  double vertex_rate = 1e-3, texel_rate = 4e-3;
+  double min_view = 0.7;
+  int checkpoint_every = 10;      ///< iterations
+  double checkpoint_seconds = 0;  ///< > 0: also where so many seconds have passed since the last one
+  bool quiet = false;
+  AdversaryLimits limits;
+  ObjectiveSettings objective;
+  SimulationSettings simulation;
+  /// Who draws the object for the detector; null: the simulation's own rasteriser.
+  std::shared_ptr<ObjectRenderer> renderer;
+  Renewal renewal;  ///< of its pictures
+};
+
+template <class Visitor, FieldsOf<AttackSettings> S>
+void visit_fields(Visitor& visit, S& s) {
+  using Source = std::conditional_t<std::is_const_v<S>, const FrameSource, FrameSource>;
+  visit_fields(visit, static_cast<Source&>(s));
+  visit_fields(visit, s.detector);
+  visit({.name = "weights_hash", .option = ""}, s.weights_hash);
+  visit({.name = "target", .help = "whose gradient reaches the adversary; random: none, the random mesh"},
+        s.target);
+  visit({.name = "parts", .help = "what is learned; size: the start's three half lengths alone, a control"},
+        s.parts);
+  visit.list({.name = "limits",
+              .help = "L: the mesh stays within ±L along and across the roof and ±5/8 L in height, m",
+              .option = "size"},
+             s.limits);
+  visit.list({.name = "expectation",
+              .help = "what is drawn anew for each host and step: none, all, or some of "
+                      "roof,sun,light,exposure,noise",
+              .option = "expect",
+              .written = s.expectation.any()},
+             s.expectation);
+  visit.list({.name = "buildable", .written = s.buildable.on}, s.buildable);
+  visit({.name = "iterations", .help = "Adam steps", .range = {0, 1e9}, .decides = false}, s.iterations);
+  visit(
+      {.name = "until_plateau",
+       .help = "end where the objective on a part of the training vehicles that is held out (a fifth of the "
+               "frames, at most 16 vehicles) has not improved for so many steps, and keep the best mesh; "
+               "0: after --iterations, with the last mesh",
+       .range = {0, Range::kMost},
+       .decides = false},  // but for the vehicles held out, which run.json names
+      s.until_plateau);
+  visit({.name = "validation_every",
+         .help = "with --until-plateau: steps between two looks at that objective",
+         .range = {1, Range::kMost},
+         .option = "validate-every",
+         .written = s.until_plateau > 0},
+        s.validation_every);
+  visit({.name = "batch", .help = "host vehicles a step", .range = {1, 65536}}, s.batch);
+  visit({.name = "seed", .option = ""}, s.seed);  // every command has one
+  visit({.name = "checkpoint_every",
+         .help = "steps between checkpoints",
+         .range = {1, Range::kMost},
+         .decides = false},
+        s.checkpoint_every);
+  visit({.name = "checkpoint_seconds",
+         .help = "also a checkpoint where so many seconds have passed since the last one; 0: by steps alone",
+         .range = {0, Range::kMost},
+         .decides = false},
+        s.checkpoint_seconds);
+  visit({.name = "vertex_rate", .help = "Adam's rate for vertices, m", .range = kPositive}, s.vertex_rate);
+  visit({.name = "texel_rate", .help = "Adam's rate for texels", .range = kPositive}, s.texel_rate);
+  visit({.name = "min_view", .help = "share of the adversary in view that a host needs", .range = kShare},
+        s.min_view);
+  visit_fields(visit, s.objective);
+  visit.group({.name = "simulation"}, s.simulation);
+}
+
+}  // namespace mirage

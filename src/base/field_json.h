@@ -1,0 +1,145 @@
+// Settings as JSON, by their list of fields (base/fields.h): out, in, and the part of them that decides a
+// result.
+#pragma once
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "base/fields.h"
+#include "base/json_fields.h"
+
+namespace mirage {
+
+/// A path as files hold it: absolute, escaped (base/names.h); `word` and no path stay as they are.
+std::string written_path(const std::filesystem::path& path, const char* word);
+/// A text as files hold it: escaped, since it may be a file's name.
+std::string written_text(const std::string& text);
+/// The text as it was written. InputError if it is longer than a path can be.
+std::string read_text(const JsonFields& json, const char* name);
+
+/// Of fields_json.
+class JsonWriter {
+ public:
+  template <class T>
+  void operator()(const Field& field, const T& value) {
+    if (!field.decides || !field.written) return;
+    nlohmann::json& out = json[field.name];
+    if constexpr (HasWords<T>)
+      out = to_word(value);
+    else if constexpr (NumberVector<T>)
+      out = std::vector<double>(value.data(), value.data() + value.size());
+    else if constexpr (std::same_as<T, std::filesystem::path>)
+      out = written_path(value, field.word);
+    else if constexpr (std::same_as<T, std::string>)
+      out = written_text(value);
+    else
+      out = value;
+  }
+  template <class T>
+  void group(const Field& field, const T& inner) {
+    if (!field.decides || !field.written) return;
+    JsonWriter within;
+    visit_fields(within, inner);
+    json[field.name] = std::move(within.json);
+  }
+  template <class T>
+  void list(const Field& field, const T& inner) {
+    if (!field.decides || !field.written) return;
+    auto& out = json[field.name] = nlohmann::json::array();
+    for (const auto& [number, own] : numbers_of(inner)) out.push_back(*number);
+  }
+  nlohmann::json json = nlohmann::json::object();
+};
+
+/// The fields that decide the result, by name.
+template <class S>
+nlohmann::json fields_json(const S& s) {
+  JsonWriter writer;
+  visit_fields(writer, s);
+  return std::move(writer.json);
+}
+
+/// Of read_fields.
+class JsonReader {
+ public:
+  explicit JsonReader(const JsonFields& from) : json(from) {}
+  template <class T>
+  void operator()(const Field& field, T& value) {
+    if (!wants(field)) return;
+    const std::string name = field.name;
+    const auto [low, high] = std::pair(field.range.low, field.range.high);
+    if constexpr (std::same_as<T, bool>) {
+      value = json.truth(name);
+    } else if constexpr (std::same_as<T, std::uint64_t>) {
+      value = json.counter(name);
+      named(field, [&] { check_number(field, static_cast<double>(value)); });
+    } else if constexpr (std::integral<T>) {
+      using Limits = std::numeric_limits<T>;
+      value = static_cast<T>(json.integer(
+          name, static_cast<std::int64_t>(std::max({low, static_cast<double>(Limits::min()), -9e18})),
+          static_cast<std::int64_t>(std::min({high, static_cast<double>(Limits::max()), 9e18}))));
+    } else if constexpr (Number<T>) {
+      value = json.number(name, low, high);
+    } else if constexpr (NumberVector<T>) {
+      value = T(json.numbers(name, static_cast<std::size_t>(value.size()), low, high).data());
+    } else {
+      const std::string text = read_text(json, field.name);
+      named(field, [&] {
+        if constexpr (HasWords<T>)
+          value = parse_word<T>(text, field.name);
+        else
+          value = text;
+        if constexpr (std::same_as<T, std::string>)
+          if (field.check) field.check(text);
+      });
+    }
+  }
+  template <class T>
+  void group(const Field& field, T& inner) {
+    if (!wants(field)) return;
+    const JsonFields object = json.object(field.name);
+    JsonReader within(object);
+    visit_fields(within, inner);
+  }
+  /// A list that is there switches on what it belongs to.
+  template <class T>
+  void list(const Field& field, T& inner) {
+    if (!wants(field)) return;
+    const auto numbers = numbers_of(inner);
+    const auto read = json.numbers(field.name, numbers.size(), -Range::kMost, Range::kMost);
+    for (std::size_t i = 0; i < read.size(); ++i)
+      named(field, i, [&] { check_number(numbers[i].second, *numbers[i].first = read[i]); });
+    if constexpr (requires { inner.on; }) inner.on = true;
+  }
+
+ private:
+  /// Whether it is to be read: what need not be written may be missing.
+  bool wants(const Field& field) const { return field.decides && (field.written || json.has(field.name)); }
+  /// Runs `read`, whose complaint is about the field of the file.
+  template <class Read>
+  void named(const Field& field, const Read& read) const {
+    named(field.name, read);
+  }
+  template <class Read>
+  void named(const Field& field, std::size_t place, const Read& read) const {
+    named(std::string(field.name) + "[" + std::to_string(place) + "]", read);
+  }
+  template <class Read>
+  void named(const std::string& name, const Read& read) const {
+    try {
+      read();
+    } catch (const FieldError& error) {
+      json.fail(name, error.value + ": " + error.problem + ", " + error.fix);
+    }
+  }
+  const JsonFields& json;
+};
+
+/// Fills in what fields_json() wrote. InputError naming file and field for what is missing or out of range.
+template <class S>
+void read_fields(const JsonFields& json, S& s) {
+  JsonReader reader(json);
+  visit_fields(reader, s);
+}
+
+}  // namespace mirage

@@ -1,0 +1,48 @@
+#include "base/fields.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+
+namespace mirage {
+
+std::string Range::words() const {
+  if (low == kPositive.low)
+    return high == kMost ? "a positive number" : fmt::format("a positive number of at most {:g}", high);
+  if (low == -kMost && high == kMost) return "a number";
+  if (high == kMost) return fmt::format("{:g} or more", low);
+  return fmt::format("{} to {}", low, high);
+}
+
+std::string Field::option_name() const {
+  std::string text = option ? option : name;
+  std::replace(text.begin(), text.end(), '_', '-');
+  return text;
+}
+
+std::size_t place_of(const std::string& word, const std::string& field, const char* const* words,
+                     std::size_t count) {
+  std::string known;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (word == words[i]) return i;
+    known += std::string(i == 0 ? "" : i + 1 == count ? " or " : ", ") + words[i];
+  }
+  throw FieldError(field, word, "unknown", "use " + known);
+}
+
+double parse_number(const std::string& text, const std::string& field) {
+  double value = 0;
+  const char *begin = text.data() + (text.starts_with('+') ? 1 : 0), *end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(begin, end, value);
+  if (error != std::errc() || stop != end || begin == end)
+    throw FieldError(field, text, "is no number", "use a number");
+  return value;
+}
+
+void check_number(const Field& field, double value) {
+  if (!field.range.contains(value))
+    throw FieldError(field.name, fmt::format("{}", value), "out of range", "use " + field.range.words());
+}
+
+}  // namespace mirage

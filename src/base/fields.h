@@ -1,0 +1,171 @@
+// Settings, each said once. A struct lists its fields beside its definition, nested ones included:
+//
+//     template <class Visitor, FieldsOf<Shape> S>
+//     void visit_fields(Visitor& visit, S& s) {
+//       visit({.name = "width", .help = "of the mesh, m", .range = {0.1, 10}}, s.width);
+//       visit_fields(visit, s.limits);                    // its fields are among this struct's
+//       visit.group({.name = "simulation"}, s.simulation);  // its fields are an object of their own
+//       visit.list({.name = "expectation"}, s.expectation);  // its numbers are one list
+//     }
+//
+// and visitors make of the list: JSON out, JSON in and a run's identity (base/field_json.h), the check of
+// ranges (check_fields), a field set by its name (set_field), options of the command line
+// (cli/field_options.h).
+//
+// A field is a number, truth, text, path, vector or enum; a nested struct may also be written as one text. An
+// enum has one table of words, found beside it:    constexpr auto words_of(Target) { return
+// std::to_array<const char*>({"both", "image"}); }    in the enumerators' order. A struct has two functions:
+// set_from_text(text, value), which throws FieldError, and text_of(value).
+#pragma once
+
+#include <concepts>
+#include <cstddef>
+#include <filesystem>
+#include <limits>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "base/error.h"
+#include "base/types.h"
+
+namespace mirage {
+
+/// A setting that nothing can be done with. The library names the field; the command line names its option.
+class FieldError : public InputError {
+ public:
+  FieldError(std::string name, std::string given, std::string wrong, std::string mend)
+      : InputError(name, given, wrong, mend),
+        field(std::move(name)),
+        value(std::move(given)),
+        problem(std::move(wrong)),
+        fix(std::move(mend)) {}
+  std::string field, value, problem, fix;
+};
+
+/// Both ends belong to it; not a number is in none.
+struct Range {
+  static constexpr double kMost = std::numeric_limits<double>::max();
+  double low = -kMost, high = kMost;
+  bool contains(double value) const { return value >= low && value <= high; }
+  /// "a number", "0 or more", "1 to 65536", …
+  std::string words() const;
+};
+/// Over 0.
+inline constexpr Range kPositive{std::numeric_limits<double>::denorm_min(), Range::kMost};
+/// Of a whole.
+inline constexpr Range kShare{0, 1};
+
+/// What is said of a field.
+struct Field {
+  const char* name = "";         ///< in files and errors; the option is --name, with dashes
+  const char* help = "";         ///< of the option
+  Range range = {};              ///< of a number, or of each of a vector's
+  const char* option = nullptr;  ///< the option's name where it is another; "": there is none
+  bool required = false;         ///< the option must be given
+  bool decides = true;           ///< the result: it belongs to a run's identity
+  bool written = true;           ///< false where it means nothing beside the others: not in the file
+  const char* word = "";         ///< a path's value that names none
+  void (*check)(const std::string&) = nullptr;  ///< of a text: throws FieldError
+
+  /// "": none.
+  std::string option_name() const;
+};
+
+/// S is T, or T that is const.
+template <class S, class T>
+concept FieldsOf = std::same_as<std::remove_const_t<S>, T>;
+
+template <class T>
+concept HasWords = std::is_enum_v<T> && requires(T value) {
+  words_of(value);
+};
+template <class T>
+concept HasText = requires(const std::string& text, T& value) {
+  set_from_text(text, value);
+  { text_of(value) } -> std::convertible_to<std::string>;
+};
+template <class T>
+concept Number = std::is_arithmetic_v<T> && !std::same_as<T, bool>;
+template <class T>
+concept NumberVector = std::same_as<T, Vec2d> || std::same_as<T, Vec3d>;
+
+/// The value's word.
+template <HasWords E>
+const char* to_word(E value) {
+  return words_of(value)[static_cast<std::size_t>(value)];
+}
+
+/// The place of `word` among `words`. FieldError that names them all if it is none.
+std::size_t place_of(const std::string& word, const std::string& field, const char* const* words,
+                     std::size_t count);
+
+/// The value of that word.
+template <HasWords E>
+E parse_word(const std::string& word, const std::string& field) {
+  const auto words = words_of(E());
+  return static_cast<E>(place_of(word, field, words.data(), words.size()));
+}
+
+/// The number that the text is. FieldError if it is none.
+double parse_number(const std::string& text, const std::string& field);
+
+/// FieldError if the field's range does not hold the value.
+void check_number(const Field& field, double value);
+
+/// A list's numbers in their order: each a pointer to it and what is said of it.
+template <class T>
+class NumbersOf {
+ public:
+  template <class Value>
+  void operator()(const Field& field, Value& value) {
+    if constexpr (NumberVector<std::remove_const_t<Value>>)
+      for (int i = 0; i < value.size(); ++i) numbers.emplace_back(&value[i], field);
+    else if constexpr (std::same_as<std::remove_const_t<Value>, double>)
+      numbers.emplace_back(&value, field);
+  }
+  std::vector<std::pair<T*, Field>> numbers;
+};
+template <class S>
+auto numbers_of(S& s) {
+  NumbersOf<std::conditional_t<std::is_const_v<S>, const double, double>> all;
+  visit_fields(all, s);
+  return all.numbers;
+}
+
+/// FieldError for the first field that is out of its range or of no known word.
+template <class S>
+void check_fields(const S& s);
+
+/// Of check_fields.
+class FieldCheck {
+ public:
+  template <class T>
+  void operator()(const Field& field, const T& value) {
+    if constexpr (Number<T>)
+      check_number(field, static_cast<double>(value));
+    else if constexpr (NumberVector<T>)
+      for (int i = 0; i < value.size(); ++i) check_number(field, value[i]);
+    else if constexpr (std::same_as<T, std::string>)
+      if (field.check) field.check(value);
+  }
+  template <class T>
+  void group(const Field&, const T& inner) {
+    visit_fields(*this, inner);
+  }
+  template <class T>
+  void list(const Field& field, const T& inner) {
+    for (auto& [number, own] : numbers_of(inner)) {
+      if constexpr (HasText<T>) own.name = field.name;  // its numbers are set together
+      check_number(own, *number);
+    }
+  }
+};
+
+template <class S>
+void check_fields(const S& s) {
+  FieldCheck check;
+  visit_fields(check, s);
+}
+
+}  // namespace mirage

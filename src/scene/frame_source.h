@@ -1,0 +1,41 @@
+// Which frames, and what is found in them before anything is inserted.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "base/fields.h"
+#include "scene/depth/learned_depth.h"
+#include "scene/shape/shape_rooftop.h"
+#include "scene/sun.h"
+
+namespace mirage {
+
+/// A data set and how its frames are prepared.
+struct FrameSource {
+  std::filesystem::path data = {};        ///< KITTI layout
+  std::string depth = kDefaultDepth;      ///< depth completion of the photographs (learned_depth.h)
+  std::string rooftop = kDefaultRooftop;  ///< what finds the roofs (shape_rooftop.h)
+  std::string sun = kDefaultSun;          ///< where the sun stands (sun.h)
+};
+
+template <class Visitor, FieldsOf<FrameSource> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "data", .help = "data set in KITTI layout", .required = true}, s.data);
+  visit({.name = "depth",
+         .help = "depth completion of the photographs: ip-basic, guided (learned) or a plugin (*.so)"},
+        s.depth);
+  visit(
+      {.name = "rooftop",
+       .help = "roof the adversary stands on: shape (fitted to the vehicle's returns), box (the label's) or "
+               "a shape model (*.shape)"},
+      s.rooftop);
+  visit({.name = "sun",
+         .help = "where the sun stands: frame (the frame's own lighting), photo (from its shadows), "
+                 "AZIMUTH,ELEVATION (degrees; azimuth counter-clockwise from forward) or "
+                 "LAT,LON,YYYY-MM-DDTHH:MM:SSZ,HEADING (degrees; heading counter-clockwise from east)",
+         .check = [](const std::string& word) { parse_sun(word); }},
+        s.sun);
+}
+
+}  // namespace mirage
