@@ -160,8 +160,9 @@ void run(const fs::path& file) {
   }();
   static_cast<void>(made);
   const Run read = read_run(file.parent_path());
-  demand(std::isfinite(read.min_view) && read.limits.half.allFinite(), "a number is not finite");
-  const auto& raster = read.simulation.raster;
+  demand(std::isfinite(read.settings.min_view) && read.settings.limits.half.allFinite(),
+         "a number is not finite");
+  const auto& raster = read.settings.simulation.raster;
   demand(std::isfinite(raster.sigma + raster.gamma + raster.epsilon + raster.dist_eps),
          "a number is not finite");
   for (const auto* hosts : {&read.train, &read.test})
