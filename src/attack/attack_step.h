@@ -11,6 +11,7 @@
 
 #include "attack/attack.h"
 #include "attack/checkpoint.h"
+#include "attack/rendered_pictures.h"
 #include "attack/stages.h"
 #include "geometry/laplacian.h"
 

@@ -7,6 +7,7 @@
 
 #include "attack/adversary.h"
 #include "attack/attack_settings.h"
+#include "attack/rendered_pictures.h"
 
 namespace mirage {
 

@@ -48,7 +48,7 @@ class KnownRenderer : public ObjectRenderer {
 struct OneHost {
   explicit OneHost(const test::TemporaryFolder& folder) : data(folder / "data") {
     test::write_tiny_data(data, 1);
-    store = std::make_unique<FrameStore>(data, "ip-basic", "box");
+    store = std::make_unique<FrameStore>(FrameSource{data, "ip-basic", "box"});
     prepared = store->get("000000");
     host = find_hosts(*store, "000000", {0, 50, -25, 25}, {}).at(0);
     RandomStream random(4, "rendered pictures");
