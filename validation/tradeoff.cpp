@@ -88,12 +88,12 @@ Subjects choose(const TradeoffSettings& settings, const Run* run, FrameStore& st
     all.insert(all.end(), run->train.begin(), run->train.end());
     all = evenly(all, static_cast<std::size_t>(4 * settings.hosts));
   } else {
-    const auto frames = evenly(list_frames(settings.data), static_cast<std::size_t>(settings.frames));
+    const auto frames = evenly(list_frames(settings.source.data), static_cast<std::size_t>(settings.frames));
     for (const Host& host : find_all_hosts(store, frames, kRegion, {}, kInView)) all.push_back(host.id);
   }
   if (all.empty())
     throw InputError(
-        settings.data.string(), "label_2",
+        settings.source.data.string(), "label_2",
         fmt::format("no car with {:.0f} % of the object in view in the frames looked at", 100 * kInView),
         "give --frames 0 or another data set");
   const auto distance = [&](const HostId& id) {
@@ -249,13 +249,13 @@ std::vector<TradeoffPoint> depth_points(const TradeoffSettings& settings, const 
     }
   }
   DepthScoreOptions options;
-  options.data = settings.data;
+  options.data = settings.source.data;
   options.frames = static_cast<std::size_t>(settings.depth_frames);
   options.seed = settings.seed;
-  auto ids = list_frames(settings.data);
+  auto ids = list_frames(settings.source.data);
   if (ids.size() > options.frames) ids.resize(options.frames);
   const bool truth = std::all_of(ids.begin(), ids.end(), [&](const std::string& id) {
-    return std::filesystem::exists(true_depth_file(settings.data, id));
+    return std::filesystem::exists(true_depth_file(settings.source.data, id));
   });
   options.hidden = truth ? 0 : 0.2;
   reference = truth ? "true depth" : "a fifth of the returns, held back";
@@ -344,18 +344,17 @@ json tradeoff(const TradeoffSettings& given) {
   std::unique_ptr<Run> run;
   if (!settings.run.empty()) {
     run = std::make_unique<Run>(read_run(settings.run, settings.trust));
-    if (settings.data.empty()) settings.data = run->settings.data;
-    require_own_data(*run, settings.data);
-    settings.depth = depth_of(*run, settings.depth);
-    if (settings.rooftop.empty()) settings.rooftop = run->settings.rooftop;
+    override_settings(*run, settings.asked, settings.seed);
+    settings.source = run->settings;
+  } else {
+    AttackSettings plain;
+    override_settings(plain, settings.asked, settings.seed);
+    settings.source = plain;
   }
-  if (settings.depth.empty()) settings.depth = kDefaultDepth;
-  if (settings.rooftop.empty()) settings.rooftop = kDefaultRooftop;
-  if (settings.data.empty())
+  if (settings.source.data.empty())
     throw InputError("--data", "", "no data set", "give --data, or --run of a finished mirage attack");
   make_output_folder(settings.out);
-  FrameStore store(
-      FrameSource{settings.data, settings.depth, settings.rooftop, run ? run->settings.sun : kDefaultSun});
+  FrameStore store(settings.source);
   const Subjects subjects = choose(settings, run.get(), store);
   SensorPoints measured = sensors(settings, subjects, store);
   std::vector<TradeoffPoint> points = std::move(measured.camera);
@@ -390,9 +389,9 @@ json tradeoff(const TradeoffSettings& given) {
                  {"pixels", measured.pixels},
                  {"seed", settings.seed},
                  {"repeats", settings.repeats},
-                 {"data", settings.data.filename().string()},
-                 {"depth", escape_name(settings.depth)},
-                 {"rooftop", escape_name(settings.rooftop)},
+                 {"data", settings.source.data.filename().string()},
+                 {"depth", escape_name(settings.source.depth)},
+                 {"rooftop", escape_name(settings.source.rooftop)},
                  {"reference",
                   {{"image", fmt::format("hard edges, plain loop in double, {0}×{0} samples a pixel",
                                          settings.reference_samples)},

@@ -9,19 +9,18 @@
 
 #include "attack/run.h"
 #include "detection/detector.h"
-#include "scene/shape/shape_rooftop.h"
 
 namespace mirage {
 
 struct TradeoffSettings {
-  std::filesystem::path data, run, out;  ///< run: whose adversary and hosts; empty: a random mesh on any car
-  TrustRun trust = TrustRun::no;         ///< whether code that the run names may be loaded
-  std::string depth;                     ///< depth completion; empty: the run's, or ip-basic
-  std::string rooftop;         ///< what finds the roofs (scene/shape/shape_rooftop.h); empty: the run's
-  int hosts = 8;               ///< at most, evenly over the range of distances
-  int frames = 12;             ///< looked at for hosts, evenly over the set; 0: all
-  int repeats = 5;             ///< of each timing
-  int reference_samples = 16;  ///< along a pixel's side (CameraStudySettings)
+  Overrides asked;                 ///< in place of the run's settings, or of the defaults
+  FrameSource source;              ///< what follows; filled in by tradeoff()
+  std::filesystem::path run, out;  ///< run: whose adversary and hosts; empty: a random mesh on any car
+  TrustRun trust = TrustRun::no;   ///< whether code that the run names may be loaded
+  int hosts = 8;                   ///< at most, evenly over the range of distances
+  int frames = 12;                 ///< looked at for hosts, evenly over the set; 0: all
+  int repeats = 5;                 ///< of each timing
+  int reference_samples = 16;      ///< along a pixel's side (CameraStudySettings)
   int sharp_samples = 8;
   int directions = 24;
   bool grid = true;      ///< the joint grid of σ, γ, cut-off and samples: recommendations need it

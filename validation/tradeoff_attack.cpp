@@ -12,10 +12,8 @@ namespace mirage {
 
 nlohmann::json attack_study(const TradeoffSettings& settings) {
   AttackSettings attack;
-  attack.data = settings.data;
+  static_cast<FrameSource&>(attack) = settings.source;
   attack.detector = settings.detector;
-  attack.depth = settings.depth;
-  attack.rooftop = settings.rooftop;
   attack.seed = settings.seed;
   attack.quiet = settings.quiet;
   attack.iterations = std::numeric_limits<int>::max();

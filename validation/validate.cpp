@@ -100,10 +100,11 @@ std::vector<fs::path> renderer_programs() {
 std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& blender) {
   std::string bytes = read_file(settings.run / "adversary.glb") + to_json(run.settings.simulation).dump();
   const auto& d = settings.detector;
+  const FrameSource& source = run.settings;
   bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, blender, settings.noise,
-                       d.detector, d.weights.string(), d.defense, settings.data.string(), settings.samples,
+                       d.detector, d.weights.string(), d.defense, source.data.string(), settings.samples,
                        settings.seed, settings.evaluation_settings.score_threshold,
-                       rooftop_model_hash(settings.rooftop), settings.sun, depth_identity({settings.depth}));
+                       rooftop_model_hash(source.rooftop), source.sun, depth_identity({source.depth}));
   for (const fs::path& program : renderer_programs()) bytes += content_hash(read_file(program));
   return content_hash(bytes + read_file(weights_file(d)));
 }
@@ -137,11 +138,10 @@ std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
 json validate(const ValidationSettings& given) {
   ValidationSettings settings = given;
   Run run = read_run(settings.run, settings.trust);
-  apply_quality(settings.quality, run.settings.simulation);
-  if (!settings.light.empty())
-    run.settings.simulation.light = parse_word<LightModel>(settings.light, "light");
-  run.settings.simulation
-      .lidar_effects = {};             // rays are compared with Blender's; the LiDAR ladder adds the effects
+  override_settings(run, settings.asked, settings.seed);
+  check_fields(run.settings);
+  // Rays are compared with Blender's; the LiDAR ladder adds the effects.
+  run.settings.simulation.lidar_effects = {};
   if (!settings.evaluation.empty()) {  // the report needs it in the end: complain now
     if (fs::is_directory(settings.evaluation)) settings.evaluation /= "result.json";
     read_json(settings.evaluation);
@@ -150,13 +150,7 @@ json validate(const ValidationSettings& given) {
     if (fs::is_directory(settings.tradeoff)) settings.tradeoff /= "result.json";
     read_json(settings.tradeoff);
   }
-  if (settings.data.empty()) settings.data = run.settings.data;
-  require_own_data(run, settings.data);
   use_detector_of(run, settings.detector);
-  settings.depth = depth_of(run, settings.depth);
-  if (settings.rooftop.empty()) settings.rooftop = run.settings.rooftop;
-  if (settings.sun.empty()) settings.sun = run.settings.sun;
-  parse_sun(settings.sun);  // complain now
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);
   if (hosts.empty())
     throw InputError((settings.run / "run.json").string(), "test", "no vehicles to validate",
@@ -165,12 +159,12 @@ json validate(const ValidationSettings& given) {
   make_output_folder(settings.out);
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
   BlenderWorker blender(settings.out / "blender.log");
-  settings.detector.rig = data_rig(settings.data);
+  settings.detector.rig = data_rig(run.settings.data);
   DetectorPool detectors;
   detectors.push_back(load_detector(settings.detector));
   const Reliance reliance =
-      cached_reliance(detectors, detector_identity(settings.detector), settings.data, settings.quiet);
-  FrameStore store(FrameSource{settings.data, settings.depth, settings.rooftop, settings.sun});
+      cached_reliance(detectors, detector_identity(settings.detector), run.settings.data, settings.quiet);
+  FrameStore store(run.settings);
   ValidationContext context{settings, run, store, *detectors.front(), blender, {}};
   const std::string key = validation_key(settings, run, blender.version());
   const std::vector<bool> has_ladder =
@@ -194,7 +188,7 @@ json validate(const ValidationSettings& given) {
       result["key"] = key;
       write_json(file, result);
     }
-    if (const int track = track_of(settings.data, hosts[i]); track >= 0) result["track"] = track;
+    if (const int track = track_of(run.settings.data, hosts[i]); track >= 0) result["track"] = track;
     results.push_back(std::move(result));
     progress.update(i + 1, host_name(hosts[i]));
   }

@@ -16,19 +16,15 @@
 namespace mirage {
 
 struct ValidationSettings {
-  std::filesystem::path run, data, out;  ///< data: empty for the run's
+  std::filesystem::path run, out;
+  Overrides asked;  ///< in place of the run's settings
   DetectorOptions detector = {
       .detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0, .defense = ""};
   EvaluationSettings evaluation_settings;
   TrustRun trust = TrustRun::no;     ///< whether code that the run names may be loaded
-  std::string depth;                 ///< depth completion (scene/depth/learned_depth.h); empty: the run's
-  std::string rooftop;               ///< what finds the roofs (scene/shape/shape_rooftop.h); empty: the run's
   std::filesystem::path evaluation;  ///< result.json of mirage evaluate, or its folder; for the report only
   std::filesystem::path tradeoff;    ///< the same of mirage tradeoff
   int frames = 0;                    ///< 0: as many as hold kVerdictVehicles
-  std::string quality;               ///< draft, default or exact (scene/quality.h); empty: the run's
-  std::string light;                 ///< plain or visible (sensors/visible_light.h); empty: the run's
-  std::string sun;                   ///< where the sun stands (scene/sun.h); empty: the run's
   int samples = 64;                  ///< Cycles samples a pixel
   double noise = 0;                  ///< > 0: samples are chosen for this noise (share of the mean radiance)
   int ladder = -1;    ///< vehicles with all rungs of the ladders; −1: 4, or all with a budget
@@ -41,9 +37,9 @@ struct ValidationSettings {
 /// Runs it and returns result.json (src/README.md); writes OUT/{hosts,scenes,pictures}/, OUT/report.html.
 nlohmann::json validate(const ValidationSettings& settings);
 
-/// What a kept vehicle's result depends on, as a hash; one of another key is made again. `settings` as
-/// validate() completes them from the run, `run` with the simulation that is asked for, `blender`: its
-/// version. Failure if a program or the weights can't be read.
+/// What a kept vehicle's result depends on, as a hash; one of another key is made again. `settings`: with
+/// the run's detector, `run`: with what is asked for in its settings, `blender`: its version. Failure if a
+/// program or the weights can't be read.
 std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& blender);
 
 /// The Python programs that decide what Blender draws: the worker's own and the add-on's package.

@@ -26,8 +26,9 @@ std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
 
 /// Complains about what --hosts-of leaves no choice in.
 void check_hosts_of(const EvaluationRequest& request, const Run& stage) {
-  if (!request.data.empty() && is_other_data(stage, request.data))
-    throw InputError("--data", request.data.string(),
+  const auto data = request.asked.find("data");
+  if (data != request.asked.end() && is_other_data(stage, data->second))
+    throw InputError("--data", data->second,
                      "is not the data set of --hosts-of's run (" + stage.settings.data.string() + ")",
                      "leave --data out");
   if (!request.hosts.empty() && request.hosts != "test")
@@ -88,12 +89,9 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.stage = request.hosts_of.empty() ? result.run : read_run(request.hosts_of, request.trust);
   Run& stage = result.stage;
   if (!request.hosts_of.empty()) check_hosts_of(request, stage);
-  const bool other_data = !request.data.empty() && is_other_data(stage, request.data);
-  if (!request.data.empty()) stage.settings.data = request.data;
-  stage.settings.depth = depth_of(stage, request.depth);
-  if (!request.rooftop.empty()) stage.settings.rooftop = request.rooftop;
-  if (!request.sun.empty()) stage.settings.sun = request.sun;
-  if (request.adjust) request.adjust(stage.settings.simulation, stage.settings.data);
+  const auto data = request.asked.find("data");
+  const bool other_data = data != request.asked.end() && is_other_data(stage, data->second);
+  override_settings(stage, request.asked, request.detector.seed, true);
   result.detector = request.detector;
   use_detector_of(stage, result.detector);
   result.detector.rig = data_rig(stage.settings.data);

@@ -2,7 +2,6 @@
 // that its options name.
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <optional>
 
@@ -19,15 +18,12 @@ struct EvaluationRequest {
   /// Black-box transfer: the hosts are exactly this other run's test hosts, and its data set, detector,
   /// roofs, sun, depth and simulation stand where nothing else is asked for. Empty: the run's own.
   std::filesystem::path hosts_of;
-  std::filesystem::path data;       ///< empty: the run's; of another data set all usable vehicles are judged
-  DetectorOptions detector;         ///< what is empty: the run's; `rig` is set by the data set
-  std::string hosts;                ///< of the run: "test" (also if empty), "train" or "all"
-  std::string depth, rooftop, sun;  ///< empty: the run's
-  TrustRun trust = TrustRun::no;    ///< of both runs
-  int random_meshes = 1;            ///< meshes of each baseline: seeds run-seed, run-seed + 1, …; 0: none
+  DetectorOptions detector;       ///< what is empty: the run's; `rig` is set by the data set
+  std::string hosts;              ///< of the run: "test" (also if empty), "train" or "all"
+  Overrides asked;                ///< of another data set all usable vehicles are judged
+  TrustRun trust = TrustRun::no;  ///< of both runs
+  int random_meshes = 1;          ///< meshes of each baseline: seeds run-seed, run-seed + 1, …; 0: none
   std::string baseline = "start,sized";  ///< which: words of parse_baselines
-  /// What is asked for beyond the run's simulation, given the data set that is judged on.
-  std::function<void(SimulationSettings&, const std::filesystem::path& data)> adjust;
   EvaluationSettings settings;
 };
 

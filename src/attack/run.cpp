@@ -4,16 +4,20 @@
 
 #include <set>
 
+#include "attack/frame_store.h"
 #include "attack/unnamed_settings.h"
 #include "base/disk_cache.h"
 #include "base/error.h"
 #include "base/field_json.h"
+#include "base/field_text.h"
 #include "base/files.h"
 #include "base/names.h"
 #include "detection/detector_words.h"
 #include "detection/given_detector.h"
 #include "exchange/gltf.h"
+#include "scene/data_rig.h"
 #include "scene/depth/learned_depth.h"
+#include "scene/quality.h"
 
 namespace mirage {
 namespace {
@@ -152,10 +156,26 @@ void use_detector_of(const Run& run, DetectorOptions& options) {
   options.weights = run.settings.detector.weights;
 }
 
-std::string depth_of(const Run& run, const std::string& asked) {
-  if (!asked.empty()) return asked;
+void override_settings(AttackSettings& settings, const Overrides& asked, std::uint64_t seed) {
+  for (const auto& [name, text] : asked)
+    if (name == "quality")
+      apply_quality(text, settings.simulation);
+    else if (name != "lidar_effects")
+      set_field(settings, name, text);
+  if (const auto words = asked.find("lidar_effects"); words != asked.end()) {  // of the unit that records
+    settings.simulation.lidar_effects = parse_lidar_effects(
+        words->second == kAsRecorded ? recorded_lidar_effects(settings.data) : words->second,
+        lidar_of(settings.data).divergence);
+    if (settings.simulation.lidar_effects.any()) settings.simulation.lidar_effects.seed = seed;
+  }
+}
+
+void override_settings(Run& run, const Overrides& asked, std::uint64_t seed, bool other_data) {
+  if (const auto data = asked.find("data"); data != asked.end() && !other_data)
+    require_own_data(run, data->second);
+  if (asked.contains("depth")) run.refused.depth.clear();
   if (!run.refused.depth.empty()) refuse(run, "depth", "a plugin", run.refused.depth, "--depth");
-  return run.settings.depth;
+  override_settings(run.settings, asked, seed);
 }
 
 Run read_run(const fs::path& folder, TrustRun trust) {

@@ -12,6 +12,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -44,13 +45,20 @@ bool is_other_data(const Run& run, const std::filesystem::path& data);
 /// InputError if it is.
 void require_own_data(const Run& run, const std::filesystem::path& data);
 
+/// What is asked for in place of other settings: texts as the options take them, by field (base/fields.h),
+/// and those that set several: "quality" (scene/quality.h) and "lidar_effects" (sensors/lidar_effects.h).
+using Overrides = std::map<std::string, std::string>;
+/// Puts them into the settings; `seed` draws the noise of the LiDAR's effects. FieldError for a text that a
+/// field does not take.
+void override_settings(AttackSettings& settings, const Overrides& asked, std::uint64_t seed);
+/// The same for a run: its own depth completion may be used only if it is no code, or trusted (InputError as
+/// use_detector_of's), and if not `other_data`, its own data set alone (InputError).
+void override_settings(Run& run, const Overrides& asked, std::uint64_t seed, bool other_data = false);
+
 /// Fills in what `options` leaves open (empty): the run's detector, and its weights and defence if it is that
 /// detector. Weights of the user's own keep none of the run's defences but JPEG. InputError naming the file
 /// that would be loaded if that is code and the run is not trusted.
 void use_detector_of(const Run& run, DetectorOptions& options);
-
-/// The depth completion `asked` for, or if that is empty the run's. InputError as use_detector_of's.
-std::string depth_of(const Run& run, const std::string& asked);
 
 /// Remembers that this user's own program wrote a file of code (by its whole content, in the disk cache), so
 /// that a run which holds it is read without --trust-run. Failure if it can't be read.

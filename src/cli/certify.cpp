@@ -2,6 +2,7 @@
 #include <memory>
 
 #include "base/error.h"
+#include "base/names.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
@@ -13,12 +14,11 @@
 namespace mirage::cli {
 namespace {
 
-struct CertifyOptions {
-  std::filesystem::path data, run;
+struct CertifyOptions : FrameSource {
+  std::filesystem::path run;
   TrustRun trust = TrustRun::no;
   DetectorOptions detector;
   CertificateSettings settings;
-  std::string depth = kDefaultDepth, rooftop = kDefaultRooftop;
   LidarEffectsOption effects{"ideal"};
   double min_view = 0.7;
   std::size_t frames = 0;
@@ -61,12 +61,10 @@ Command certify_command() {
       "certify", "cars that no object within a box on their roof can hide", "out/certify", {}, {}};
   command.options = [options](CLI::App& app) {
     CertificateSettings& settings = options->settings;
-    app.add_option("--data", options->data, "data set in KITTI layout")->required();
+    add_fields(app, static_cast<FrameSource&>(*options));
     app.add_option("--run", options->run, "finished mirage attack, whose adversary is told beside");
     add_trust_option(app, options->trust);
     add_fields(app, options->detector);
-    add_depth_option(app, options->depth);
-    add_rooftop_option(app, options->rooftop);
     app.add_option("--frames", options->frames, "only the first N frames; 0: all")->capture_default_str();
     app.add_option("--min-view", options->min_view,
                    "share of the reference adversary in view that a car needs")
@@ -102,7 +100,7 @@ Command certify_command() {
     if (!options->run.empty()) settings.adversary = read_run(options->run, options->trust).adversary;
     const LidarModel lidar = lidar_of(options->data);
     options->effects.apply(settings.simulation, lidar, recorded_lidar_effects(options->data), common.seed);
-    FrameStore store(FrameSource{options->data, options->depth, options->rooftop});
+    FrameStore store(*options);
     const DetectorOptions asked = with_common(options->detector, common, options->data);
     if (asked.locality > 0)
       throw InputError("--locality", fmt::format("{}", asked.locality),
@@ -121,6 +119,9 @@ Command certify_command() {
     print_shares(result, settings);
     nlohmann::json json = to_json(result, settings);
     json["data"] = options->data.string();
+    json["depth"] = escape_name(options->depth);
+    json["rooftop"] = escape_name(options->rooftop);
+    json["sun"] = options->sun;
     json["detector"] = asked.detector;
     json["weights"] = asked.weights.string();
     json["defense"] = asked.defense;

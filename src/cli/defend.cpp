@@ -42,7 +42,7 @@ Command defend_command() {
                   {}};
   command.options = [options](CLI::App& app) {
     DefenseSettings& settings = options->settings;
-    app.add_option("--data", settings.data, "data set in KITTI layout to train on")->required();
+    add_fields(app, static_cast<FrameSource&>(settings));
     app.add_option("--validation", settings.validation, "data set that scores it, clean, before and after");
     app.add_option("--detector", settings.detector.detector, "fusion or lidar")->capture_default_str();
     app.add_option("--weights", settings.detector.weights,
@@ -52,8 +52,6 @@ Command defend_command() {
                    "image branch); depth-gate (fusion weighs image features by agreement in depth, trained "
                    "clean); adversarial-depth-gate (both)")
         ->capture_default_str();
-    add_depth_option(app, settings.depth);
-    add_rooftop_option(app, settings.rooftop);
     app.add_option("--steps", settings.steps, "updates of the model")->capture_default_str();
     app.add_option("--batch", settings.batch, "samples an update")->capture_default_str();
     app.add_option("--attacked", settings.attacked, "share of a batch that carries the adversary")

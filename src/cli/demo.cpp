@@ -4,13 +4,14 @@
 #include "cli/dispatch.h"
 #include "cli/frame_options.h"
 #include "cli/table.h"
+#include "scene/frame_source.h"
 
 namespace mirage::cli {
 namespace {
 
 struct DemoOptions {
   int frames = 20, iterations = 250, validated = 5;
-  std::string rooftop = kDefaultRooftop;
+  FrameSource source;
   QualityOption quality{"default"};
   bool quick = false;
 };
@@ -30,7 +31,7 @@ Command demo_command() {
   command.options = [options](CLI::App& app) {
     app.add_option("--frames", options->frames, "generated frames")->capture_default_str();
     app.add_option("--iterations", options->iterations, "attack steps")->capture_default_str();
-    add_rooftop_option(app, options->rooftop);
+    add_fields(app, options->source, {"data", "depth", "sun"});
     options->quality.add(app);
     app.add_option("--validated", options->validated, "frames rendered in Blender")->capture_default_str();
     app.add_flag("--quick", options->quick,
@@ -58,7 +59,7 @@ Command demo_command() {
     step("1/5 generate frames", {"generate", "--rig", "kitti64", "--frames", std::to_string(options->frames),
                                  "--seed", seed, "--out", data});
     step("2/5 learn the adversary",
-         {"attack", "--data", data, "--rooftop", options->rooftop, "--quality", options->quality.name,
+         {"attack", "--data", data, "--rooftop", options->source.rooftop, "--quality", options->quality.name,
           "--iterations", std::to_string(options->iterations),
           // Five times the paper's rates: hundreds of steps instead of thousands.
           "--vertex-rate", "5e-3", "--texel-rate", "2e-2", "--seed", std::to_string(common.seed), "--out",

@@ -16,7 +16,6 @@ namespace {
 struct EvaluateOptions {
   EvaluationRequest request;
   QualityOption quality;
-  LightOption light;
   LidarEffectsOption effects;
   int pictures = 0;
 
@@ -111,14 +110,11 @@ Command evaluate_command() {
     app.add_option("--hosts-of", request.hosts_of,
                    "another run folder: judge on exactly its test hosts, with its data set and, unless asked "
                    "otherwise, its detector (black-box transfer)");
-    app.add_option("--data", request.data, "data set (default: the run's)");
+    add_overrides<FrameSource>(app, request.asked);
     add_fields(app, request.detector);
-    add_depth_option_of_run(app, request.depth);
-    add_rooftop_option_of_run(app, request.rooftop);
     options->quality.add(app, "the run's settings");
-    options->light.add(app, "the run's");
+    add_overrides<SimulationSettings>(app, request.asked, {"light"});
     options->effects.add(app, "the run's");
-    add_sun_option_of_run(app, request.sun);
     add_trust_option(app, request.trust);
     tell_of_cache(app);
     app.add_option("--hosts", request.hosts, "test, train or all hosts of the run; default: test");
@@ -147,12 +143,8 @@ Command evaluate_command() {
     request.detector.threads = common.threads;
     request.settings.quiet = common.quiet;
     options->effects.check();
-    request.adjust = [options, seed = common.seed](SimulationSettings& simulation,
-                                                   const std::filesystem::path& data) {
-      options->quality.apply(simulation);
-      options->light.apply(simulation);
-      options->effects.apply(simulation, lidar_of(data), recorded_lidar_effects(data), seed);
-    };
+    options->quality.ask(request.asked);
+    options->effects.ask(request.asked);
     const RunEvaluation evaluation = evaluate_run(request);
     print_head(evaluation);
     print_arms(evaluation);

@@ -23,18 +23,16 @@ namespace mirage::cli {
 namespace {
 
 struct ExportOptions {
-  std::filesystem::path run, data;
-  std::string depth, rooftop;
+  std::filesystem::path run;
+  Overrides asked;
   TrustRun trust = TrustRun::no;
   int frames = 1;
   bool fbx = false, obj = false;
 };
 
 nlohmann::json run(const ExportOptions& options, const Common& common) {
-  const Run run = read_run(options.run, options.trust);
-  const auto data = options.data.empty() ? run.settings.data : options.data;
-  require_own_data(run, data);
-  const std::string depth = depth_of(run, options.depth);
+  Run run = read_run(options.run, options.trust);
+  override_settings(run, options.asked, common.seed);
   std::optional<BlenderWorker> blender;  // first: where it is missing, say so now
   if (options.fbx) {
     require_text_path(common.out);
@@ -42,8 +40,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   }
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = select_hosts(run, options.frames);
-  FrameStore store(FrameSource{data, depth, options.rooftop.empty() ? run.settings.rooftop : options.rooftop,
-                               run.settings.sun});
+  FrameStore store(run.settings);
   RooftopCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);
   auto files = nlohmann::json::array({"adversary.glb"});
@@ -86,9 +83,7 @@ Command export_command() {
       "export", "write the adversary and scenes of a run as .glb (and .fbx, .obj)", "out/export",
       [options](CLI::App& app) {
         app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
-        app.add_option("--data", options->data, "data set (default: the run's)");
-        add_depth_option_of_run(app, options->depth);
-        add_rooftop_option_of_run(app, options->rooftop);
+        add_overrides<FrameSource>(app, options->asked);
         add_trust_option(app, options->trust);
         app.add_option("--frames", options->frames, "frames to export, test frames first; 0: all test frames")
             ->check(CLI::NonNegativeNumber);

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <map>
+#include <set>
 #include <string>
 
 #include "base/fields.h"
@@ -18,11 +20,11 @@ CLI::Validator within(const Range& range);
 /// Of add_fields.
 class FieldOptions {
  public:
-  explicit FieldOptions(CLI::App& to) : app(to) {}
+  FieldOptions(CLI::App& to, std::set<std::string> without) : app(to), skip(std::move(without)) {}
   template <class T>
   void operator()(const Field& field, T& value) {
     const std::string name = field.option_name();
-    if (name.empty()) return;
+    if (name.empty() || skip.contains(field.name)) return;
     name_option(field);
     if constexpr (std::same_as<T, bool>) {
       app.add_flag("--" + name, value, field.help);
@@ -64,13 +66,46 @@ class FieldOptions {
         ->default_str(otherwise);
   }
   CLI::App& app;
+  std::set<std::string> skip;
 };
 
-/// An option for each field that has one; `s` lives as long as the command.
+/// An option for each field that has one, but those to skip; `s` lives as long as the command.
 template <class S>
-void add_fields(CLI::App& app, S& s) {
-  FieldOptions options(app);
+void add_fields(CLI::App& app, S& s, std::set<std::string> skip = {}) {
+  FieldOptions options(app, std::move(skip));
   visit_fields(options, s);
+}
+
+/// Of add_overrides.
+class OverrideOptions {
+ public:
+  template <class T>
+  void operator()(const Field& field, const T&) {
+    const std::string name = field.option_name();
+    if (name.empty() || (!only.empty() && !only.contains(field.name))) return;
+    name_option(field);
+    app.add_option_function<std::string>(
+        "--" + name, [to = &asked, key = field.name](const std::string& text) { (*to)[key] = text; },
+        std::string(field.help) + "; default: " + otherwise);
+  }
+  template <class T>
+  void group(const Field&, const T& inner) {
+    visit_fields(*this, inner);
+  }
+  CLI::App& app;
+  std::map<std::string, std::string>& asked;  ///< by field (attack/run.h, Overrides)
+  std::set<std::string> only;
+  std::string otherwise;
+};
+
+/// Options that ask for other values of S's fields (of `only` those, if any are named) than `otherwise`,
+/// which their help names; `asked` lives as long as the command.
+template <class S>
+void add_overrides(CLI::App& app, std::map<std::string, std::string>& asked, std::set<std::string> only = {},
+                   std::string otherwise = "the run's") {
+  OverrideOptions options{app, asked, std::move(only), std::move(otherwise)};
+  const S fields;
+  visit_fields(options, fields);
 }
 
 }  // namespace mirage::cli

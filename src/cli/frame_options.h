@@ -7,38 +7,12 @@
 #include <string>
 #include <vector>
 
+#include "attack/run.h"
 #include "cli/field_options.h"
 #include "scene/data_rig.h"
-#include "scene/depth/learned_depth.h"
 #include "scene/quality.h"
-#include "scene/shape/shape_rooftop.h"
-#include "scene/sun.h"
 
 namespace mirage::cli {
-
-inline void add_depth_option(CLI::App& app, std::string& depth) {
-  app.add_option("--depth", depth,
-                 "depth completion of the photographs: ip-basic, guided (learned) or a plugin (*.so)")
-      ->capture_default_str();
-}
-
-/// For the commands that read a run; empty stands for the run's.
-inline void add_depth_option_of_run(CLI::App& app, std::string& depth) {
-  app.add_option("--depth", depth, "ip-basic, guided or a plugin (*.so); default: the run's");
-}
-
-inline constexpr const char* kRooftopHelp =
-    "roof the adversary stands on: shape (fitted to the vehicle's returns), box (the label's) or a shape "
-    "model (*.shape)";
-
-inline void add_rooftop_option(CLI::App& app, std::string& rooftop) {
-  app.add_option("--rooftop", rooftop, kRooftopHelp)->capture_default_str();
-}
-
-/// For the commands that read a run; empty stands for the run's.
-inline void add_rooftop_option_of_run(CLI::App& app, std::string& rooftop) {
-  app.add_option("--rooftop", rooftop, std::string(kRooftopHelp) + "; default: the run's");
-}
 
 /// --quality beside the options that it stands in for.
 struct QualityOption {
@@ -58,6 +32,10 @@ struct QualityOption {
     option->check(CLI::IsMember(names));
     if (otherwise.empty()) option->capture_default_str();
   }
+  /// In place of a run's.
+  void ask(Overrides& asked) const {
+    if (!name.empty()) asked["quality"] = name;
+  }
   void apply(SimulationSettings& settings) const {
     apply_quality(name, settings, [this](const char* option) {
       const auto* known = app->get_option_no_throw(option);
@@ -66,25 +44,8 @@ struct QualityOption {
   }
 };
 
-/// --light: the camera's light model.
-struct LightOption {
-  std::string model;  ///< empty: none was asked for
-
-  /// `otherwise` says what holds without one ("the run's").
-  void add(CLI::App& command, const std::string& otherwise) {
-    command.add_option("--light", model,
-                       "light on the object: plain (nothing shadows or reflects) or visible (sun and sky by "
-                       "ray, light from roof and road and within the object); default: " +
-                           otherwise);
-  }
-  void apply(SimulationSettings& settings) const {
-    if (!model.empty()) settings.light = parse_word<LightModel>(model, "light");
-  }
-};
-
 /// --lidar-effects: what returns on the object have of a real unit.
 struct LidarEffectsOption {
-  static constexpr const char* kAsRecorded = "as-recorded";
   std::string words;  ///< empty: none was asked for
 
   /// `words` as they stand are the default. `otherwise` says what holds without any ("the run's").
@@ -95,6 +56,10 @@ struct LidarEffectsOption {
         "divergence), or some of noise,drop-out,divergence,motion,albedo" +
             (otherwise.empty() ? "" : "; default: " + otherwise));
     if (otherwise.empty()) option->capture_default_str();
+  }
+  /// In place of a run's.
+  void ask(Overrides& asked) const {
+    if (!words.empty()) asked["lidar_effects"] = words;
   }
   /// Those of the unit, or `recorded` (scene/data_rig.h) where those of the sweeps are asked for; drawn by
   /// `seed`.
@@ -109,20 +74,6 @@ struct LidarEffectsOption {
     if (!words.empty() && words != kAsRecorded) parse_lidar_effects(words, Vec2d::Zero());
   }
 };
-
-inline constexpr const char* kSunHelp =
-    "where the sun stands: frame (the frame's own lighting), photo (from its shadows), AZIMUTH,ELEVATION "
-    "(degrees; azimuth counter-clockwise from forward) or LAT,LON,YYYY-MM-DDTHH:MM:SSZ,HEADING (degrees; "
-    "heading counter-clockwise from east)";
-
-inline void add_sun_option(CLI::App& app, std::string& sun) {
-  app.add_option("--sun", sun, kSunHelp)->capture_default_str();
-}
-
-/// For the commands that read a run; empty stands for the run's.
-inline void add_sun_option_of_run(CLI::App& app, std::string& sun) {
-  app.add_option("--sun", sun, std::string(kSunHelp) + "; default: the run's");
-}
 
 /// For the commands that keep what frames cost to prepare (attack/frame_cache.h).
 inline void tell_of_cache(CLI::App& app) {

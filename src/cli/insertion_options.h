@@ -1,6 +1,7 @@
 // The options of one insertion.
 #pragma once
 
+#include <set>
 #include <string>
 
 #include "cli/frame_options.h"
@@ -8,19 +9,17 @@
 namespace mirage::cli {
 
 /// What an insertion can be asked for: one table for `mirage simulate` and for mirage.insert in Python.
-struct InsertionOptions {
-  std::string depth = kDefaultDepth, rooftop = kDefaultRooftop, sun = kDefaultSun;
+struct InsertionOptions : FrameSource {
   QualityOption quality{"default"};
   LidarEffectsOption lidar_effects{"ideal"};
   SimulationSettings simulation;
 
-  void add(CLI::App& app) {
-    add_depth_option(app, depth);
-    add_rooftop_option(app, rooftop);
+  /// `skip`: fields that are no options there.
+  void add(CLI::App& app, std::set<std::string> skip = {}) {
+    add_fields(app, static_cast<FrameSource&>(*this), std::move(skip));
     quality.add(app);
     add_fields(app, simulation);
     lidar_effects.add(app);
-    add_sun_option(app, sun);
   }
   /// Once the options are parsed.
   void apply() {

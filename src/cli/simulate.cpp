@@ -20,7 +20,7 @@ namespace mirage::cli {
 namespace {
 
 struct SimulateOptions {
-  std::filesystem::path data, mesh;
+  std::filesystem::path mesh;
   std::string frame;
   int vehicle = 0;
   InsertionOptions insertion;
@@ -45,7 +45,6 @@ Command simulate_command() {
                   {},
                   {}};
   command.options = [options](CLI::App& app) {
-    app.add_option("--data", options->data, "data set in KITTI layout")->required();
     app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();
     app.add_option("--vehicle", options->vehicle, "label index of the host, from 0")->capture_default_str();
     app.add_option("--mesh", options->mesh, "adversary (.glb)")->required();
@@ -56,10 +55,10 @@ Command simulate_command() {
     asked.apply();
     const SunChoice sun = parse_sun(asked.sun);
     const TexturedMesh adversary = read_adversary(options->mesh);
-    const LidarModel lidar = lidar_of(options->data);
+    const LidarModel lidar = lidar_of(asked.data);
     const auto depth = load_depth_completion({asked.depth});
     const auto finder = make_rooftop_finder(asked.rooftop, lidar);
-    Frame frame = read_frame(options->data, options->frame);
+    Frame frame = read_frame(asked.data, options->frame);
     frame.lighting = with_sun(frame, sun);
     const PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
     const auto& labels = prepared.frame.labels;

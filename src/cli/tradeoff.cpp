@@ -54,14 +54,10 @@ Command tradeoff_command() {
   auto options = std::make_shared<TradeoffSettings>();
   return {"tradeoff", "the speed–accuracy study: fronts and recommended settings", "out/tradeoff",
           [options](CLI::App& app) {
-            app.add_option("--data", options->data, "data set in KITTI layout (default: the run's)");
+            add_overrides<FrameSource>(app, options->asked, {}, "the run's, or as mirage attack has it");
             app.add_option("--run", options->run,
                            "finished mirage attack, for its adversary and hosts (default: a random mesh)");
-            app.add_option("--depth", options->depth,
-                           "ip-basic, guided or a plugin (*.so); default: the run's, or ip-basic");
             add_trust_option(app, options->trust);
-            app.add_option("--rooftop", options->rooftop,
-                           std::string(kRooftopHelp) + "; default: the run's, or shape");
             app.add_option("--hosts", options->hosts, "vehicles at most, evenly over their distances")
                 ->capture_default_str();
             app.add_option("--frames", options->frames, "frames looked at for hosts; 0: all")

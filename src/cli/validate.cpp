@@ -106,18 +106,15 @@ void print_fidelity(const nlohmann::json& result) {
 Command validate_command() {
   auto options = std::make_shared<ValidationSettings>();
   auto quality = std::make_shared<QualityOption>();
-  auto light = std::make_shared<LightOption>();
   auto budget_of = std::make_shared<std::string>("radiance");
   return {
       "validate", "re-render in Blender, compare, write the fidelity report", "out/validate",
-      [options, budget_of, quality, light](CLI::App& app) {
+      [options, budget_of, quality](CLI::App& app) {
         app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
-        app.add_option("--data", options->data, "data set (default: the run's)");
+        add_overrides<FrameSource>(app, options->asked);
         app.add_option("--detector", options->detector.detector, "detector (default: the run's)");
         app.add_option("--weights", options->detector.weights, "the detector's weights (default: the run's)");
         app.add_option("--defense", options->detector.defense, "the detector's defence (default: the run's)");
-        add_depth_option_of_run(app, options->depth);
-        add_rooftop_option_of_run(app, options->rooftop);
         add_trust_option(app, options->trust);
         app.add_option("--frames", options->frames,
                        fmt::format("frames to validate, test frames first; 0: as many as hold {} vehicles",
@@ -138,17 +135,15 @@ Command validate_command() {
         app.add_option("--budget-of", *budget_of, "radiance or score: what the budget is a share of")
             ->capture_default_str();
         quality->add(app, "the run's");
-        light->add(app, "the run's");
-        add_sun_option_of_run(app, options->sun);
+        add_overrides<SimulationSettings>(app, options->asked, {"light"});
         app.add_option("--evaluation", options->evaluation,
                        "result.json (or folder) of mirage evaluate, for the report");
         app.add_option("--tradeoff", options->tradeoff,
                        "result.json (or folder) of mirage tradeoff, for the report");
       },
-      [options, budget_of, quality, light](const Common& common) {
+      [options, budget_of, quality](const Common& common) {
         ValidationSettings settings = *options;
-        settings.quality = quality->name;
-        settings.light = light->model;
+        quality->ask(settings.asked);
         settings.budget_of = parse_budget_of(*budget_of);
         settings.out = common.out;
         settings.seed = common.seed;

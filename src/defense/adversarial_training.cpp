@@ -34,6 +34,7 @@ void check_settings(const DefenseSettings& settings) {
   if (settings.detector.detector == "lidar" && !settings.detector.parts.empty())
     throw InputError("--method", settings.detector.parts.front(),
                      "is of the image branch, and lidar has none", "use adversarial, or --detector fusion");
+  check_fields(static_cast<const FrameSource&>(settings));
   demand(settings.steps >= 1, "--steps", static_cast<double>(settings.steps), "use 1 or more");
   demand(settings.batch >= 1, "--batch", settings.batch, "use 1 or more");
   demand(settings.adversary_updates >= 0, "--adversary-updates", settings.adversary_updates, "use 0 or more");
@@ -49,10 +50,8 @@ void check_settings(const DefenseSettings& settings) {
 /// The adversary's side of the training as an attack's settings.
 AttackSettings attack_settings(const DefenseSettings& settings) {
   AttackSettings attack;
-  attack.data = settings.data;
+  static_cast<FrameSource&>(attack) = settings;
   attack.detector = settings.detector;
-  attack.depth = settings.depth;
-  attack.rooftop = settings.rooftop;
   attack.batch = settings.adversary_batch;
   attack.seed = settings.seed;
   attack.vertex_rate = settings.vertex_rate;
@@ -63,23 +62,25 @@ AttackSettings attack_settings(const DefenseSettings& settings) {
 
 /// What must agree for a run to go on. "limits", "vertex_rate" and "texel_rate" are read by read_checkpoint.
 nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& attack, std::size_t hosts) {
-  return {{"data", escape_name(fs::absolute(settings.data).lexically_normal().string())},
-          {"detector", settings.detector.detector},
-          {"start", content_hash(read_file(weights_file(settings.detector)))},
-          {"network_parts", settings.detector.parts},
-          {"depth", settings.depth},
-          {"rooftop", settings.rooftop},
-          {"steps", settings.steps},
-          {"batch", settings.batch},
-          {"attacked", settings.attacked},
-          {"adversary_updates", settings.adversary_updates},
-          {"adversary_batch", settings.adversary_batch},
-          {"learning_rate", settings.learning_rate},
-          {"vertex_rate", attack.vertex_rate},
-          {"texel_rate", attack.texel_rate},
-          {"limits", {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()}},
-          {"hosts", hosts},
-          {"seed", settings.seed}};
+  nlohmann::json id = {{"data", escape_name(fs::absolute(settings.data).lexically_normal().string())},
+                       {"detector", settings.detector.detector},
+                       {"start", content_hash(read_file(weights_file(settings.detector)))},
+                       {"network_parts", settings.detector.parts},
+                       {"depth", settings.depth},
+                       {"rooftop", settings.rooftop},
+                       {"steps", settings.steps},
+                       {"batch", settings.batch},
+                       {"attacked", settings.attacked},
+                       {"adversary_updates", settings.adversary_updates},
+                       {"adversary_batch", settings.adversary_batch},
+                       {"learning_rate", settings.learning_rate},
+                       {"vertex_rate", attack.vertex_rate},
+                       {"texel_rate", attack.texel_rate},
+                       {"limits", {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()}},
+                       {"hosts", hosts},
+                       {"seed", settings.seed}};
+  if (settings.sun != kDefaultSun) id["sun"] = settings.sun;
+  return id;
 }
 
 /// The trained detector and instances on the same weights that compute the adversary's gradients beside it.

@@ -15,17 +15,15 @@
 #include "base/interrupt.h"
 #include "detection/average_precision.h"
 #include "detection/training.h"
-#include "scene/depth/learned_depth.h"
-#include "scene/shape/shape_rooftop.h"
+#include "scene/frame_source.h"
 
 namespace mirage {
 
 /// What adversarial training starts from, how long it goes on, and how strong its adversary is.
-struct DefenseSettings {
-  std::filesystem::path data, validation, out;  ///< `validation` may be empty
+struct DefenseSettings : FrameSource {
+  std::filesystem::path validation, out;  ///< `validation` may be empty
   /// Where training starts (empty weights: the shipped clean ones) and what is added to the network (parts).
   DetectorOptions detector;
-  std::string depth = kDefaultDepth, rooftop = kDefaultRooftop;
   std::int64_t steps = 400;
   int batch = 2;
   double attacked = 0.5;      ///< share of a batch that carries the adversary (rounded)

@@ -70,7 +70,7 @@ TEST(EvaluateRun, AnotherRunsHostsAreThatRunsTestHostsExactly) {
   EXPECT_EQ(json.at("hosts"), 2);
   // It is run a's mesh that stands there: as a's own judged on that data set.
   EvaluationRequest direct = request_for(folder / "a");
-  direct.data = folder / "two";
+  direct.asked["data"] = folder / "two";
   const RunEvaluation all = evaluate_run(direct);
   ASSERT_EQ(all.hosts.size(), 4u);
   EXPECT_EQ(to_json(all).at("outcomes").at(3), json.at("outcomes").at(1));
@@ -93,14 +93,14 @@ TEST(EvaluateRun, OptionsThatContradictAnotherRunsHosts) {
     change(request);
     return error_text<InputError>([&] { evaluate_run(request); });
   };
-  EXPECT_THAT(error([&](auto& r) { r.data = folder / "one"; }),
+  EXPECT_THAT(error([&](auto& r) { r.asked["data"] = folder / "one"; }),
               testing::AllOf(testing::HasSubstr("--data"), testing::HasSubstr("--hosts-of")));
   EXPECT_THAT(error([](auto& r) { r.hosts = "train"; }),
               testing::AllOf(testing::HasSubstr("--hosts: train"), testing::HasSubstr("--hosts-of")));
   EXPECT_THAT(error([&](auto& r) { r.hosts_of = folder / "none"; }), testing::HasSubstr("run.json"));
   EXPECT_THAT(error([](auto& r) { r.random_meshes = -1; }), testing::HasSubstr("--random-meshes"));
   EXPECT_THAT(error([](auto& r) { r.hosts_of.clear(), r.hosts = "some"; }), testing::HasSubstr("--hosts"));
-  good.data = folder / "two";  // says the same
+  good.asked["data"] = folder / "two";  // says the same
   good.hosts = "test";
   EXPECT_EQ(evaluate_run(good).hosts.size(), 1u);
 }

@@ -84,7 +84,7 @@ TEST_F(HostileRun, CodeThatItNamesIsRefusedWithTheFileThatItWouldBe) {
   changed["depth"] = "evil-depth.so";
   changed["weights"] = "/tmp/evil/weights";
   write_json(run() / "run.json", changed);
-  const mirage::Run other = read_run(run());  // looking at it is safe
+  mirage::Run other = read_run(run());  // looking at it is safe
   EXPECT_EQ(other.settings.detector.detector, "");
   EXPECT_EQ(other.settings.depth, "");
   EXPECT_EQ(other.settings.detector.weights, "");
@@ -93,10 +93,12 @@ TEST_F(HostileRun, CodeThatItNamesIsRefusedWithTheFileThatItWouldBe) {
   EXPECT_THAT(error_text<InputError>([&] { use_detector_of(other, options); }),
               AllOf(HasSubstr("run.json: detector"), HasSubstr("/tmp/evil/detector.so"),
                     HasSubstr("--detector"), HasSubstr("--trust-run")));
-  EXPECT_THAT(error_text<InputError>([&] { depth_of(other, ""); }),
+  EXPECT_THAT(error_text<InputError>([&] { override_settings(other, {}, 0); }),
               AllOf(HasSubstr("run.json: depth"), HasSubstr((fs::current_path() / "evil-depth.so").string()),
                     HasSubstr("--depth"), HasSubstr("--trust-run")));
-  EXPECT_EQ(depth_of(other, "guided"), "guided");
+  mirage::Run guided = other;
+  override_settings(guided, {{"depth", "guided"}}, 0);
+  EXPECT_EQ(guided.settings.depth, "guided");
 
   options.detector = "/tmp/evil/detector.so";  // as the user's own choice, but not with the run's weights
   EXPECT_THAT(error_text<InputError>([&] { use_detector_of(other, options); }),
@@ -105,12 +107,13 @@ TEST_F(HostileRun, CodeThatItNamesIsRefusedWithTheFileThatItWouldBe) {
   use_detector_of(other, options);
   EXPECT_EQ(options.weights, "");
 
-  const mirage::Run trusted = read_run(run(), TrustRun::yes);
+  mirage::Run trusted = read_run(run(), TrustRun::yes);
   options.detector = options.defense = "";
   use_detector_of(trusted, options);
   EXPECT_EQ(options.detector, "/tmp/evil/detector.so");
   EXPECT_EQ(options.weights, "/tmp/evil/weights");
-  EXPECT_EQ(depth_of(trusted, ""), "evil-depth.so");
+  override_settings(trusted, {}, 0);
+  EXPECT_EQ(trusted.settings.depth, "evil-depth.so");
 }
 
 TEST_F(HostileRun, ATorchScriptModelIsCodeAndOwnWeightsAreData) {

@@ -76,9 +76,9 @@ TEST(TradeoffPoints, AMedianOfAnyCount) {
 
 TradeoffSettings tiny(const std::filesystem::path& data, const std::filesystem::path& out) {
   TradeoffSettings settings;
-  settings.data = data;
+  if (!data.empty()) settings.asked["data"] = data;
   settings.out = out;
-  settings.rooftop = "box";
+  settings.asked["rooftop"] = "box";
   settings.hosts = 1;
   settings.frames = 1;
   settings.repeats = 1;
@@ -104,7 +104,7 @@ TEST(Tradeoff, TheRoofThatIsAskedForStandsBeforeTheRuns) {
   settings.grid = false;
   settings.depth_frames = 0;
   EXPECT_EQ(tradeoff(settings).at("rooftop"), "box");
-  settings.rooftop.clear();
+  settings.asked.erase("rooftop");
   EXPECT_EQ(tradeoff(settings).at("rooftop"), "shape");
 }
 

@@ -135,7 +135,7 @@ void bind_frames(py::module_& module) {
       .def(py::init([](const cli::NamedSettings& named, const std::string& where) {
              auto options = std::make_shared<InsertionOptions>();
              CLI::App table;
-             options->add(table);
+             options->add(table, {"data"});
              cli::parse_settings(table, named, where);
              options->apply();
              options->quality.app = nullptr;  // the table ends here
