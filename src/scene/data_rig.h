@@ -9,10 +9,10 @@ namespace mirage {
 /// The `rig` of DATA/dataset.json (generated sets have it), else "kitti64". InputError if it is no text.
 std::string data_rig(const std::filesystem::path& data);
 
-/// The word for them.
-inline constexpr const char* kAsRecorded = "as-recorded";
 /// What returns of the set's own sweeps have, in words of parse_lidar_effects (sensors/lidar_effects.h).
 /// Generated (dataset.json): noise and drop-out, of thin rays (sensors/lidar_sweep.h). Recorded: the unit's.
 std::string recorded_lidar_effects(const std::filesystem::path& data);
+/// The word that asks for them.
+inline constexpr const char* kAsRecorded = "as-recorded";
 
 }  // namespace mirage
