@@ -76,7 +76,7 @@ Command simulate_command() {
     const auto start = std::chrono::steady_clock::now();
     const Simulated simulated =
         simulate(prepared, labels[index], rooftop, adversary,
-                 asked.for_unit(lidar, recorded_lidar_effects(options->data), common.seed));
+                 asked.for_unit(lidar, recorded_lidar_effects(asked.data), common.seed));
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     write_srgb(common.out / "image.png", simulated.image);
     write_srgb(common.out / "mask.png",
