@@ -24,8 +24,8 @@ namespace {
 /// zero to rounding is on in one pass and off in the other, so that single gradients, those of the whole pass
 /// as well, are further from the ones in double.
 constexpr double kTolerance = 1e-5;
-/// Of the middle case's gradient in float.
-constexpr double kMedianTolerance = 3e-5;
+/// Of the middle case's gradient in float; or so many times what the whole pass is off itself.
+constexpr double kMedianTolerance = 3e-5, kTimesWhole = 3;
 
 PreparedFrame generated(std::uint64_t seed) {
   const Rig rig = test::small_rig();
@@ -164,7 +164,9 @@ class LocalPasses : public testing::TestWithParam<const char*> {
           "float median %.1e, at most %.1e, whole in float median %.1e, at most %.1e\n",
           what, errors->exact.size(), largest(errors->exact), quantile(errors->local, 0.5),
           largest(errors->local), quantile(errors->whole, 0.5), largest(errors->whole));
-      EXPECT_LT(quantile(errors->local, 0.5), kMedianTolerance) << what;
+      EXPECT_LT(quantile(errors->local, 0.5),
+                std::max(kMedianTolerance, kTimesWhole * quantile(errors->whole, 0.5)))
+          << what;
     }
   }
 

@@ -94,9 +94,10 @@ void change(const Field& field, T& value) {
   else if constexpr (std::same_as<T, std::filesystem::path>)
     value = "/elsewhere";
   else
-    value = std::string(field.name) == "rooftop" ? "box"
-            : std::string(field.name) == "sun"   ? "30,40"
-                                                 : value + "x";
+    value = std::string(field.name) == "rooftop"     ? "box"
+            : std::string(field.name) == "sun"       ? "30,40"
+            : std::string(field.name) == "precision" ? "bfloat16"
+                                                     : value + "x";
 }
 
 TEST(Settings, EachFieldThatDecidesTheResultChangesTheIdentityAndNoOtherDoes) {
