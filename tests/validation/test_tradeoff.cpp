@@ -194,8 +194,8 @@ TEST(Tradeoff, NumbersOutOfRangeAreNamed) {
   EXPECT_THAT(complaint([](auto& s) { s.directions = 1; }), HasSubstr("--directions"));
   EXPECT_THAT(complaint([](auto& s) { s.attack_seconds = -1; }), HasSubstr("--attack-seconds"));
   EXPECT_THAT(complaint([](auto& s) { s.attack_seconds = std::nan(""); }), HasSubstr("--attack-seconds"));
-  EXPECT_THAT(complaint([](auto& s) { s.data.clear(); }), HasSubstr("--data"));
-  EXPECT_THAT(complaint([&](auto& s) { s.data = folder / "none"; }), HasSubstr("none"));
+  EXPECT_THAT(complaint([](auto& s) { s.asked.erase("data"); }), HasSubstr("--data"));
+  EXPECT_THAT(complaint([&](auto& s) { s.asked["data"] = folder / "none"; }), HasSubstr("none"));
 }
 
 }  // namespace
