@@ -80,6 +80,7 @@ faults: build
 bench: build
 	cmake --build --preset release --target mirage_bench
 	build/release/mirage_bench
+	python3 -B validation/benchmarks/rank_efficiency.py build/release/mirage --json build/release/bench.json
 
 .PHONY: deb deb-test manual docs
 

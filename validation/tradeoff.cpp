@@ -16,6 +16,7 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/progress.h"
+#include "scene/data_rig.h"
 #include "scene/depth/depth_score.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/kitti.h"
@@ -24,6 +25,7 @@
 #include "validation/process.h"
 #include "validation/tradeoff_attack.h"
 #include "validation/tradeoff_cycles.h"
+#include "validation/tradeoff_detector.h"
 #include "validation/tradeoff_lidar.h"
 #include "validation/tradeoff_points.h"
 #include "validation/tradeoff_variants.h"
@@ -58,6 +60,7 @@ void check(const TradeoffSettings& s) {
   demand(s.reference_samples >= 2 && s.reference_samples <= 32, "--reference-samples", s.reference_samples,
          "use 2 to 32");
   demand(s.directions >= 2, "--directions", s.directions, "use 2 or more");
+  demand(s.detector_hosts >= 0, "--detector-hosts", s.detector_hosts, "use 0 (none) or more");
   demand(s.cycles_samples >= 4, "--cycles-samples", s.cycles_samples, "use 4 or more");
   demand(s.cycles_hosts >= 1, "--cycles-hosts", s.cycles_hosts, "use 1 or more");
   demand(std::isfinite(s.attack_seconds) && s.attack_seconds >= 0, "--attack-seconds", s.attack_seconds,
@@ -280,6 +283,22 @@ std::vector<TradeoffPoint> depth_points(const TradeoffSettings& settings, const 
   return points;
 }
 
+std::vector<TradeoffPoint> pass_points(const TradeoffSettings& settings, const Subjects& subjects,
+                                       FrameStore& store) {
+  std::vector<std::shared_ptr<const PreparedFrame>> held;
+  std::vector<DetectorHost> hosts;
+  if (settings.detector_hosts > 0)
+    for (const HostId& id : evenly(subjects.hosts, static_cast<std::size_t>(settings.detector_hosts))) {
+      held.push_back(store.get(id.frame));
+      hosts.push_back({held.back().get(), {id, store.rooftop(id)}});
+    }
+  if (hosts.empty()) return {};
+  DetectorOptions options = settings.detector;
+  options.rig = data_rig(settings.source.data);
+  const OneThread bound;
+  return detector_points(options, hosts, subjects.adversary, settings.repeats);
+}
+
 std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const Subjects& subjects,
                                          FrameStore& store) {
   BlenderWorker blender(settings.out / "blender.log");
@@ -364,6 +383,7 @@ json tradeoff(const TradeoffSettings& given) {
   append(std::move(measured.lidar));
   json depth_reference;
   append(depth_points(settings, subjects.adversary, depth_reference));
+  append(pass_points(settings, subjects, store));
   if (settings.cycles) append(cycles_points(settings, subjects, store));
   for (const auto& [group, error] :
        std::vector<std::pair<const char*, const char*>>{{"camera", "image_levels"},
@@ -371,6 +391,7 @@ json tradeoff(const TradeoffSettings& given) {
                                                         {"lidar", "range_error_m"},
                                                         {"lidar", "gradient"},
                                                         {"depth", "mae_mm"},
+                                                        {"detector", "gradient"},
                                                         {"cycles", "image_levels"}})
     mark_front(points, group, error);
 

@@ -23,12 +23,13 @@ struct TradeoffSettings {
   int reference_samples = 16;      ///< along a pixel's side (CameraStudySettings)
   int sharp_samples = 8;
   int directions = 24;
-  bool grid = true;      ///< the joint grid of σ, γ, cut-off and samples: recommendations need it
-  int depth_frames = 6;  ///< on which depth completion is scored; 0: leave that out
-  bool cycles = false;   ///< light effects and samples of Blender Cycles as well
+  bool grid = true;        ///< the joint grid of σ, γ, cut-off and samples: recommendations need it
+  int depth_frames = 6;    ///< on which depth completion is scored; 0: leave that out
+  int detector_hosts = 4;  ///< on which the detector's passes are timed and compared; 0: leave that out
+  bool cycles = false;     ///< light effects and samples of Blender Cycles as well
   int cycles_hosts = 2, cycles_samples = 256;  ///< samples: of the reference
-  double attack_seconds = 0;                   ///< > 0: an attack of so long at each quality, and its success
-  DetectorOptions detector;                    ///< of these attacks
+  double attack_seconds = 0;  ///< > 0: attacks of so long at each quality, precision and locality
+  DetectorOptions detector;   ///< of these attacks and of the passes
   std::uint64_t seed = 0;
   bool quiet = false;
 };

@@ -27,13 +27,15 @@ INK, MUTED, LINE = "#1c2430", "#667085", "#e4e7ec"
 COLOURS = ["#2563eb", "#dc2626", "#16a34a", "#d97706", "#7c3aed", "#db2777", "#0891b2", "#65a30d"]
 NAMES = {"sigma": "σ", "gamma": "γ", "cut_off": "cut-off", "edges": "hard edges", "samples": "samples a pixel",
          "image_scale": "image scale", "arithmetic": "arithmetic", "grid": "joint grid", "quality": "--quality",
-         "rays": "rays left out", "beam": "rays a beam", "back_end": "back-end", "rung": "light effects"}
+         "rays": "rays left out", "beam": "rays a beam", "back_end": "back-end", "passes": "passes", "precision": "--precision",
+         "locality": "--locality", "rung": "light effects"}
 # group, error, title, label of the error's axis
 PANELS = [("camera", "image_levels", "Camera: image error", "mean |Δ| of the object, levels of 255"),
           ("camera", "gradient", "Camera: gradient error", "1 − cosine with finite differences"),
           ("lidar", "range_error_m", "LiDAR: range error", "mean |Δ range|, m"),
           ("lidar", "gradient", "LiDAR: gradient error", "1 − cosine with the double reference"),
           ("depth", "mae_mm", "Depth completion", "mean |Δ depth|, mm"),
+          ("detector", "gradient", "Detector: gradient error of a step", "1 − cosine with whole passes in double"),
           ("cycles", "image_levels", "Cycles: light and samples", "mean |Δ| of the object, levels of 255")]
 
 plt.rcParams.update({
@@ -160,8 +162,8 @@ def page(data, svg):
         parts += ["<h2>Recommended settings</h2>", recommended(data)]
     if data["attack"]:
         parts += ["<h2>Attack success at equal time</h2>",
-                  table(["quality", "seconds", "iterations", "vehicles", "ASR", "FN", "FP"],
-                        [[a["quality"], number(a["seconds"]), a["iterations"], a["vehicles"], f"{100 * a['asr']:.1f} %",
+                  table(["attack", "seconds", "iterations", "vehicles", "ASR", "FN", "FP"],
+                        [[html.escape(a["name"]), number(a["seconds"]), a["iterations"], a["vehicles"], f"{100 * a['asr']:.1f} % ({100 * a['asr_interval'][0]:.1f}–{100 * a['asr_interval'][1]:.1f})",
                           f"{100 * a['fn_asr']:.1f} %", f"{100 * a['fp_asr']:.1f} %"] for a in data["attack"]])]
     parts += ["<h2>Fronts</h2>", svg, "<h2>References</h2><ul>",
               f"<li>Image: {html.escape(reference['image'])}.</li>",

@@ -11,9 +11,7 @@
 #include "attack/evaluation.h"
 #include "attack/rank_steps.h"
 #include "base/error.h"
-#include "base/random.h"
 #include "base/ranks.h"
-#include "base/shuffle.h"
 #include "scene/object_window.h"
 
 namespace mirage {
@@ -124,29 +122,13 @@ std::vector<Proposal> CleanSights::of(const PreparedFrame& prepared, Detector& d
   return frames_.try_emplace(frame.id, std::move(found)).first->second;
 }
 
-std::vector<std::size_t> batch_of(std::size_t hosts, int batch, long iteration, std::uint64_t seed) {
-  std::vector<std::size_t> chosen;
-  std::vector<std::size_t> order(hosts);
-  long shuffled = -1;
-  for (int k = 0; k < batch; ++k) {
-    const long position = iteration * batch + k, pass = position / static_cast<long>(hosts);
-    if (pass != shuffled) {
-      for (std::size_t i = 0; i < hosts; ++i) order[i] = i;
-      RandomStream random(seed, "host order", static_cast<std::uint64_t>(pass));
-      shuffle(order, random);
-      shuffled = pass;
-    }
-    chosen.push_back(order[static_cast<std::size_t>(position % static_cast<long>(hosts))]);
-  }
-  return chosen;
-}
-
 AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
                              const std::vector<Host>& hosts, const Mesh& mesh)
     : settings_(settings),
       detectors_(detectors),
       store_(store),
       hosts_(hosts),
+      order_(hosts, settings.batch, settings.seed),
       target_(settings.target),
       parts_(settings.parts),
       laplacian_(mesh),
@@ -186,7 +168,7 @@ double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<
 }
 
 std::vector<std::string> AttackStepper::frames_of(long iteration) const {
-  const auto chosen = batch_of(hosts_.size(), settings_.batch, iteration, settings_.seed);
+  const auto chosen = order_.batch(iteration);
   std::vector<std::string> frames;
   for (const std::size_t k : own_hosts(chosen.size())) frames.push_back(hosts_[chosen[k]].id.frame);
   return frames;
@@ -208,7 +190,7 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
   std::vector<Vec3d> d_vertices(state.adversary.mesh.vertices.size(), Vec3d::Zero());
   std::vector<Vec3d> d_texels(state.adversary.atlas.texels.size(), Vec3d::Zero());
   LossRow row;
-  const auto chosen = batch_of(hosts_.size(), settings.batch, state.iteration, settings.seed);
+  const auto chosen = order_.batch(state.iteration);
   std::vector<HostStep> steps(chosen.size());
   const std::vector<std::size_t> mine = own_hosts(chosen.size());
   for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {

@@ -11,6 +11,7 @@
 
 #include "attack/attack.h"
 #include "attack/checkpoint.h"
+#include "attack/host_order.h"
 #include "attack/rendered_pictures.h"
 #include "attack/stages.h"
 #include "geometry/laplacian.h"
@@ -58,10 +59,6 @@ class CleanSights {
   std::map<std::string, std::vector<Proposal>> frames_;
 };
 
-/// `count` of `hosts` indices for iteration `iteration`: an endless sequence of shuffled passes over all
-/// hosts, by seed alone.
-std::vector<std::size_t> batch_of(std::size_t hosts, int count, long iteration, std::uint64_t seed);
-
 /// Steps of one attack. What it is given outlives it.
 class AttackStepper {
  public:
@@ -89,6 +86,7 @@ class AttackStepper {
   const DetectorPool& detectors_;
   FrameStore& store_;
   const std::vector<Host>& hosts_;
+  HostOrder order_;
   AttackTarget target_;
   AttackParts parts_;
   Laplacian laplacian_;

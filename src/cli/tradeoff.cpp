@@ -41,7 +41,7 @@ void print_result(const nlohmann::json& result, const std::filesystem::path& out
                       one.contains("settings") ? in_words(one) : "no point satisfies the rule"});
   }
   for (const auto& one : result.at("attack"))
-    rows.push_back({"attack at " + one.at("quality").get<std::string>(),
+    rows.push_back({"attack, " + one.at("name").get<std::string>(),
                     fmt::format("{} iterations, ASR {} of {} vehicles", one.at("iterations").get<int>(),
                                 percent(one.at("asr").get<double>()), one.at("vehicles").get<int>())});
   rows.push_back({"page", result.value("page", (out / "tradeoff.json").string())});
@@ -73,13 +73,17 @@ Command tradeoff_command() {
                            "frames on which depth completion is scored; 0: none")
                 ->check(CLI::NonNegativeNumber)
                 ->capture_default_str();
+            app.add_option("--detector-hosts", options->detector_hosts,
+                           "vehicles on which ways of the detector's passes are timed and compared; 0: none")
+                ->capture_default_str();
             app.add_flag("--cycles", options->cycles, "light effects and samples of Blender Cycles as well");
             app.add_option("--cycles-hosts", options->cycles_hosts, "vehicles rendered in Cycles")
                 ->capture_default_str();
             app.add_option("--cycles-samples", options->cycles_samples, "samples of Cycles' reference")
                 ->capture_default_str();
-            app.add_option("--attack-seconds", options->attack_seconds,
-                           "length of an attack at each quality, and its success; 0: none")
+            app.add_option(
+                   "--attack-seconds", options->attack_seconds,
+                   "length of an attack at each quality, precision and locality, and its success; 0: none")
                 ->capture_default_str();
             add_fields(app, options->detector);
           },

@@ -116,7 +116,7 @@ class DefenseTraining {
 
   /// The samples of a step: those that carry the adversary first. They depend on (seed, step) and the mesh.
   std::vector<PreparedSample> samples(std::int64_t step, const TexturedMesh& adversary) {
-    const auto chosen = batch_of(hosts_.size(), settings_.batch, step, settings_.seed + 1);
+    const auto chosen = HostOrder(hosts_, settings_.batch, settings_.seed + 1).batch(step);
     const auto attacked = settings_.adversary_updates > 0
                               ? static_cast<std::size_t>(std::lround(settings_.attacked * settings_.batch))
                               : 0;

@@ -129,7 +129,7 @@ TEST(ImageFiles, AHeaderThatClaimsTooMuchIsRefusedBeforeDecoding) {
   TemporaryFolder folder;
   rlimit before{};
   ASSERT_EQ(getrlimit(RLIMIT_AS, &before), 0);
-  rlimit small = before;
+  [[maybe_unused]] rlimit small = before;
   std::ifstream statm("/proc/self/statm");
   rlim_t pages = 0;
   statm >> pages;

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 
 #include "attack/tiny_world.h"
 #include "base/error.h"
@@ -86,6 +87,7 @@ TradeoffSettings tiny(const std::filesystem::path& data, const std::filesystem::
   settings.sharp_samples = 2;
   settings.directions = 4;
   settings.depth_frames = 1;
+  settings.detector_hosts = 0;
   settings.quiet = true;
   return settings;
 }
@@ -180,6 +182,28 @@ TEST(Tradeoff, AStudyOfATinyScene) {
   }
 }
 
+TEST(Tradeoff, TheDetectorsPassesAreJudgedByThatInDouble) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1, true);
+  TradeoffSettings settings = tiny(folder / "data", folder / "out");
+  settings.grid = false;
+  settings.depth_frames = 0;
+  settings.detector_hosts = 1;
+  settings.detector.detector = "lidar";
+  std::map<std::string, nlohmann::json> points;
+  for (const auto& p : tradeoff(settings).at("points"))
+    if (p.at("group") == "detector") points[p.at("label").get<std::string>()] = p;
+  ASSERT_TRUE(points.contains("what the object changes") && points.contains("the whole frame"));
+  const auto cosine = [&](const char* label) {
+    return points.at(label).at("errors").at("gradient_cosine").get<double>();
+  };
+  EXPECT_GT(cosine("the whole frame"), 0.999) << "float against double";
+  EXPECT_GT(cosine("what the object changes"), 0.999) << "exact but for rounding";
+  EXPECT_LE(cosine("1 m"), cosine("what the object changes") + 1e-9);
+  EXPECT_LT(cosine("1 m"), 0.99999) << "a window that leaves things out can be told from one that does not";
+  for (const auto& [label, p] : points) EXPECT_GT(p.at("ms").get<double>(), 0) << label;
+}
+
 TEST(Tradeoff, NumbersOutOfRangeAreNamed) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 1);
@@ -189,6 +213,7 @@ TEST(Tradeoff, NumbersOutOfRangeAreNamed) {
     return test::error_text<InputError>([&] { tradeoff(settings); });
   };
   EXPECT_THAT(complaint([](auto& s) { s.hosts = 0; }), HasSubstr("--hosts"));
+  EXPECT_THAT(complaint([](auto& s) { s.detector_hosts = -1; }), HasSubstr("--detector-hosts"));
   EXPECT_THAT(complaint([](auto& s) { s.repeats = 0; }), HasSubstr("--repeats"));
   EXPECT_THAT(complaint([](auto& s) { s.reference_samples = 64; }), HasSubstr("--reference-samples"));
   EXPECT_THAT(complaint([](auto& s) { s.directions = 1; }), HasSubstr("--directions"));

@@ -1,0 +1,101 @@
+#include "attack/host_order.h"
+
+#include <algorithm>
+#include <map>
+#include <string>
+
+#include "base/random.h"
+#include "base/shuffle.h"
+
+namespace mirage {
+namespace {
+
+constexpr double kMostUneven = 1.25;
+
+using FrameHosts = std::vector<std::size_t>;
+
+std::size_t hosts_of(const std::vector<FrameHosts>& lane) {
+  std::size_t sum = 0;
+  for (const FrameHosts& frame : lane) sum += frame.size();
+  return sum;
+}
+
+/// Frames of most hosts first, each to the lane that has the fewest.
+std::vector<std::vector<FrameHosts>> deal(const std::vector<FrameHosts>& frames, std::size_t lanes) {
+  std::vector<std::vector<FrameHosts>> dealt(lanes);
+  for (const FrameHosts& frame : frames)
+    std::min_element(dealt.begin(), dealt.end(), [](const auto& a, const auto& b) {
+      return hosts_of(a) < hosts_of(b);
+    })->push_back(frame);
+  return dealt;
+}
+
+bool even(const std::vector<std::vector<FrameHosts>>& lanes) {
+  std::size_t least = hosts_of(lanes.front()), most = least;
+  for (const auto& lane : lanes) {
+    least = std::min(least, hosts_of(lane));
+    most = std::max(most, hosts_of(lane));
+  }
+  return static_cast<double>(most) <= kMostUneven * static_cast<double>(least);
+}
+
+}  // namespace
+
+HostOrder::HostOrder(std::span<const Host> hosts, int batch, std::uint64_t seed)
+    : batch_(batch), seed_(seed) {
+  std::map<std::string, FrameHosts> by_frame;
+  for (std::size_t i = 0; i < hosts.size(); ++i) by_frame[hosts[i].id.frame].push_back(i);
+  std::vector<FrameHosts> frames;
+  for (const auto& [name, list] : by_frame) frames.push_back(list);
+  RandomStream random(seed, "lanes of frames");
+  shuffle(frames, random);
+  std::stable_sort(frames.begin(), frames.end(),
+                   [](const FrameHosts& a, const FrameHosts& b) { return a.size() > b.size(); });
+  std::size_t lanes = std::min(static_cast<std::size_t>(batch), frames.size());
+  while (!even(lanes_ = deal(frames, lanes))) --lanes;  // one lane is even
+}
+
+std::vector<std::size_t> HostOrder::order(std::size_t lane, long pass) const {
+  RandomStream random(seed_, "host order", static_cast<std::uint64_t>(pass) * lanes_.size() + lane);
+  Lane waiting = lanes_[lane];
+  shuffle(waiting, random);
+  const std::size_t most = std::max<std::size_t>(1, kOpenFrames / lanes_.size());
+  std::vector<std::size_t> order;
+  Lane open;
+  const std::size_t all = hosts_of(waiting);
+  while (order.size() < all) {
+    while (open.size() < most && !waiting.empty()) {
+      open.push_back(std::move(waiting.back()));
+      waiting.pop_back();
+    }
+    auto drawn = static_cast<std::size_t>(random.below(static_cast<int>(hosts_of(open))));
+    auto frame = open.begin();
+    for (; drawn >= frame->size(); ++frame) drawn -= frame->size();
+    order.push_back((*frame)[drawn]);
+    frame->erase(frame->begin() + static_cast<std::ptrdiff_t>(drawn));
+    if (frame->empty()) open.erase(frame);
+  }
+  return order;
+}
+
+std::vector<std::size_t> HostOrder::batch(long iteration) const {
+  std::vector<std::size_t> chosen;
+  const auto places = static_cast<std::size_t>(batch_);
+  struct Pass {
+    long number = -1;
+    std::vector<std::size_t> hosts;
+  };
+  std::vector<Pass> passes(lanes_.size());
+  for (std::size_t k = 0; k < places; ++k) {
+    const std::size_t lane = k % lanes_.size();
+    const std::size_t of_lane = (places - lane + lanes_.size() - 1) / lanes_.size();  // places of a batch
+    const long position = iteration * static_cast<long>(of_lane) + static_cast<long>(k / lanes_.size());
+    const auto hosts = static_cast<long>(hosts_of(lanes_[lane]));
+    Pass& pass = passes[lane];
+    if (pass.number != position / hosts) pass = {position / hosts, order(lane, position / hosts)};
+    chosen.push_back(pass.hosts[static_cast<std::size_t>(position % hosts)]);
+  }
+  return chosen;
+}
+
+}  // namespace mirage
