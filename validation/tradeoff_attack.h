@@ -3,7 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "validation/tradeoff.h"
+#include "validation/tradeoff_settings.h"
 
 namespace mirage {
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "attack/clean_view.h"
+#include "attack/road_users.h"
 #include "base/image_io.h"
 #include "detection/average_precision.h"
 #include "detection/reliance.h"

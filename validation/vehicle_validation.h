@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "validation/blender_process.h"
-#include "validation/validate.h"
+#include "validation/validation_settings.h"
 
 namespace mirage {
 

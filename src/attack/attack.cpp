@@ -8,6 +8,7 @@
 
 #include "attack/attack_step.h"
 #include "attack/checkpoint.h"
+#include "attack/run.h"
 #include "attack/validation_part.h"
 #include "base/checkpoint_timer.h"
 #include "base/clock.h"

@@ -9,25 +9,18 @@
 #include <string>
 #include <vector>
 
-#include "attack/attack.h"
+#include "attack/attack_settings.h"
 #include "attack/checkpoint.h"
+#include "attack/detector_pool.h"
 #include "attack/host_order.h"
+#include "attack/host_step.h"
+#include "attack/hosts.h"
 #include "attack/rendered_pictures.h"
 #include "attack/stages.h"
 #include "geometry/laplacian.h"
 
 namespace mirage {
 
-/// Loss and gradient of one host: simulation, detector, objective and their VJPs. With a draw, of the host in
-/// that world.
-struct HostStep {
-  double hide = 0, false_positive = 0;
-  /// No proposal of this step finds the host at the score and IoU of an evaluation (EvaluationSettings). An
-  /// indication that costs no forward pass: taken before suppression, and never used by the optimiser.
-  bool hidden = false;
-  AdversaryGradient gradient;
-  HostSeconds seconds;
-};
 /// What draws the object for the detector where it is not the simulation.
 struct HostPictures {
   RenderedPictures* pictures = nullptr;  ///< null: the simulation

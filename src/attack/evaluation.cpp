@@ -5,7 +5,9 @@
 #include <map>
 #include <mutex>
 
+#include "attack/cached_detections.h"
 #include "attack/clean_view.h"
+#include "attack/cluster_shares.h"
 #include "attack/evaluation_strata.h"
 #include "attack/false_positives.h"
 #include "attack/frame_cache.h"
@@ -34,32 +36,6 @@ double nearest_centre(const std::vector<Proposal>& detections, const HostTruth& 
 }
 
 constexpr const char* kStopped = "an evaluation writes nothing until it is done; run it again";
-
-/// Sums of several shares by cluster, and their intervals from the same draws.
-class ClusterShares {
- public:
-  explicit ClusterShares(std::size_t shares) : shares_(shares) {}
-  /// Counts `host` once; returns its cluster's sums.
-  std::vector<double>& count(const HostOutcome& host) {
-    auto& [hosts, sums] = clusters_[cluster_of(host.id.frame, host.track)];
-    hosts += 1;
-    sums.resize(shares_);
-    return sums;
-  }
-  std::vector<Interval> intervals() const {
-    std::vector<double> denominators;
-    std::vector<std::vector<double>> numerators(shares_);
-    for (const auto& [cluster, counted] : clusters_) {
-      denominators.push_back(counted.first);
-      for (std::size_t k = 0; k < shares_; ++k) numerators[k].push_back(counted.second[k]);
-    }
-    return bootstrap_intervals(denominators, numerators);
-  }
-
- private:
-  std::size_t shares_;
-  std::map<std::string, std::pair<double, std::vector<double>>> clusters_;
-};
 
 }  // namespace
 
@@ -103,20 +79,6 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> cl
   outcome.clean = std::move(clean);
   outcome.attacked = std::move(attacked);
   return outcome;
-}
-
-SuccessRates success_rates(std::span<const HostOutcome* const> hosts, std::optional<double> iou) {
-  ClusterShares shares(3);
-  for (const HostOutcome* host : hosts) {
-    if (!(iou ? host->clean_iou > *iou : host->detected)) continue;
-    const bool hidden = iou ? host->attacked_iou <= *iou : host->hidden;
-    auto& sums = shares.count(*host);
-    sums[0] += hidden;
-    sums[1] += host->false_positive;
-    sums[2] += hidden || host->false_positive;
-  }
-  const std::vector<Interval> rates = shares.intervals();
-  return {rates[0], rates[1], rates[2]};
 }
 
 Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {

@@ -20,9 +20,11 @@
 #include <vector>
 
 #include "attack/detector_pool.h"
+#include "attack/evaluation_strata.h"
 #include "attack/hiding.h"
 #include "attack/host_truth.h"
 #include "attack/hosts.h"
+#include "attack/success_rates.h"
 #include "base/bootstrap.h"
 #include "base/clusters.h"
 
@@ -40,56 +42,6 @@ struct EvaluationSettings {
   std::string detector_identity = {};
   /// What kind of vehicle a host is, by host_name; the label's type where it is not in here.
   std::map<std::string, std::string> kinds = {};
-};
-
-/// A false positive: a detection that the adversary made.
-struct NewBox {
-  BevBox box;  ///< a rectangle of the plane where the detector is judged
-  double score = 0;
-  double distance = 0;  ///< m (in the picture: pixels), from the host's centre to the box's
-  double range = 0;     ///< m, from the `velo` origin; 0 in the picture
-};
-
-/// What the detector says about one host, clean and attacked.
-struct HostOutcome {
-  HostId id;
-  int mesh = 0;                                ///< which of the judged meshes
-  int track = -1;                              ///< the label's
-  bool from_box = true;                        ///< the roof's pose is the labelled box's (Rooftop)
-  double range = 0;                            ///< m, host's box centre from the `velo` origin
-  int occluded = 0;                            ///< the label's
-  double truncated = 0;                        ///< the label's
-  std::string kind;                            ///< EvaluationSettings::kinds
-  Plane plane = Plane::bev;                    ///< where the detector was judged
-  double clean_iou = 0, attacked_iou = 0;      ///< best IoU of a detection with the host's box
-  double clean_score = 0, attacked_score = 0;  ///< score of that detection
-  /// m, from the host's centre to that of the nearest detection; infinite without any and in the picture.
-  double clean_distance = std::numeric_limits<double>::infinity(),
-         attacked_distance = std::numeric_limits<double>::infinity();
-  bool detected = false, hidden = false, false_positive = false;
-  double false_positive_distance = 0;     ///< from the host to the farthest new box, if any (NewBox)
-  std::vector<NewBox> new_boxes;          ///< in the order of `attacked`
-  std::vector<Proposal> clean, attacked;  ///< detections after suppression
-
-  /// Whether the attack worked on this host, in either way: what ASR counts.
-  bool fooled() const { return hidden || false_positive; }
-};
-
-/// Shares of the vehicles that were detected clean, with 95 % intervals (base/clusters.h).
-struct SuccessRates {
-  Interval fn_asr, fp_asr, asr;
-};
-/// Over those outcomes that count: `hosts` whose detection was clean. With `iou`, as if that were
-/// EvaluationSettings::detected_iou.
-SuccessRates success_rates(std::span<const HostOutcome* const> hosts, std::optional<double> iou = {});
-
-/// One part of the hosts (evaluation_strata.h).
-struct StratumSuccess {
-  std::string by;    ///< "range", "occlusion", "truncation" or "kind"
-  std::string name;  ///< "15-30 m", "partly occluded", …
-  int hosts = 0;     ///< of one mesh
-  int vehicles = 0;  ///< of these: detected clean
-  SuccessRates rates;
 };
 
 /// Outcomes, the rates over them, and their intervals.

@@ -1,13 +1,24 @@
 // Attack success by what a host vehicle is and where: range, occlusion, truncation, kind.
 #pragma once
 
+#include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
-#include "attack/evaluation.h"
+#include "attack/success_rates.h"
 
 namespace mirage {
+
+/// One part of the hosts.
+struct StratumSuccess {
+  std::string by;    ///< "range", "occlusion", "truncation" or "kind"
+  std::string name;  ///< "15-30 m", "partly occluded", …
+  int hosts = 0;     ///< of one mesh
+  int vehicles = 0;  ///< of these: detected clean
+  SuccessRates rates;
+};
 
 /// Range: 0-15, 15-30, 30-50, 50+ m (the nearer end belongs to the part). Occlusion: KITTI's four levels.
 /// Truncation: up to 0.15 (KITTI's "easy") and more. Kind: HostOutcome::kind, in alphabetical order. All

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
-#include "attack/evaluation.h"
+#include "attack/host_outcome.h"
 
 namespace mirage {
 

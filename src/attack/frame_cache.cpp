@@ -6,7 +6,6 @@
 #include <span>
 #include <type_traits>
 
-#include "attack/hosts.h"
 #include "base/files.h"
 #include "detection/given_detector.h"
 #include "detection/precision.h"
@@ -265,14 +264,6 @@ std::string detector_identity(const DetectorOptions& options) {
   return fmt::format("{} {} {} {} {} {} {} {}", options.detector, file_identity(plugin_file(options)),
                      file_identity(weights_file(options)), options.defense, parts,
                      usable_precision(options.precision), options.locality, options.start);
-}
-
-std::vector<Proposal> cached_detections(FrameStore& store, const std::string& frame,
-                                        const std::string& detector, double score_threshold,
-                                        const std::function<std::vector<Proposal>(const Frame&)>& compute) {
-  const auto now = [&] { return compute(store.get(frame)->frame); };
-  if (detector.empty() || !store.cache().on()) return now();
-  return store.cache().detections(store.content(frame), detector, score_threshold, now);
 }
 
 }  // namespace mirage

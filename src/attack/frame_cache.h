@@ -15,8 +15,6 @@
 
 namespace mirage {
 
-class FrameStore;
-
 /// Share in view of the reference adversary on a label's roof.
 struct HostView {
   int label = 0;
@@ -59,11 +57,5 @@ std::string rooftop_identity(const std::string& rooftop);
 /// What a detector's answers depend on besides the frame: plugin and weights by content, options, --defense.
 /// Empty for fresh weights: those are not to be kept.
 std::string detector_identity(const DetectorOptions& options);
-
-/// The detections of a frame as recorded: the kept ones, or else compute(frame)'s. `detector`:
-/// detector_identity(); empty: not cached.
-std::vector<Proposal> cached_detections(FrameStore& store, const std::string& frame,
-                                        const std::string& detector, double score_threshold,
-                                        const std::function<std::vector<Proposal>(const Frame&)>& compute);
 
 }  // namespace mirage

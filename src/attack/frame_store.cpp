@@ -3,7 +3,6 @@
 #include <algorithm>
 
 #include "attack/host_views.h"
-#include "attack/hosts.h"
 #include "base/files.h"
 #include "base/parallel.h"
 #include "detection/points_in_view.h"

@@ -4,7 +4,7 @@
 #include <map>
 #include <vector>
 
-#include "attack/evaluation.h"
+#include "attack/host_outcome.h"
 #include "base/clusters.h"
 
 namespace mirage {

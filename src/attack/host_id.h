@@ -3,6 +3,8 @@
 
 #include <string>
 
+#include "scene/frame.h"
+
 namespace mirage {
 
 /// One host vehicle: a label of a frame.
@@ -10,5 +12,10 @@ struct HostId {
   std::string frame;
   int label = 0;  ///< index into Frame::labels
 };
+
+/// "000008_0": frame and label, for messages, results and names of files: the frame as escape_name writes it.
+std::string host_name(const HostId& id);
+/// The host's label. InputError if the frame has none of that number.
+const Label& label_of(const Frame& frame, const HostId& id);
 
 }  // namespace mirage

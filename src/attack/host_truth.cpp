@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "attack/hosts.h"
+#include "attack/road_users.h"
 #include "detection/average_precision.h"
 #include "scene/kitti_results.h"
 

@@ -1,7 +1,5 @@
 #include "attack/hosts.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
 #include <exception>
@@ -9,9 +7,7 @@
 
 #include "attack/adversary.h"
 #include "attack/host_views.h"
-#include "base/error.h"
 #include "base/interrupt.h"
-#include "base/names.h"
 #include "base/parallel.h"
 #include "base/progress.h"
 #include "base/random.h"
@@ -21,28 +17,6 @@ namespace mirage {
 
 nlohmann::json to_json(const RooftopCount& count) {
   return {{"fitted", count.fitted}, {"from_box", count.from_box}};
-}
-
-std::string host_name(const HostId& id) {
-  return fmt::format("{}_{}", escape_name(id.frame), id.label);
-}
-
-const Label& label_of(const Frame& frame, const HostId& id) {
-  if (id.label < 0 || static_cast<std::size_t>(id.label) >= frame.labels.size())
-    throw InputError("run.json", "host " + host_name(id), "is not in the data set",
-                     "give the --data folder that the run was made with");
-  return frame.labels[static_cast<std::size_t>(id.label)];
-}
-
-bool is_road_user(const Label& label) {
-  return label.type != "DontCare" && label.type != "Misc";
-}
-
-std::vector<BevBox> ground_truth_boxes(const Frame& frame) {
-  std::vector<BevBox> boxes;
-  for (const Label& label : frame.labels)
-    if (is_road_user(label)) boxes.push_back(label.box.bev);
-  return boxes;
 }
 
 std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vector<Rooftop>& rooftops,

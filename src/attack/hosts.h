@@ -2,11 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 #include "attack/frame_store.h"
-#include "attack/run.h"
+#include "attack/host_id.h"
 #include "detection/detector.h"
 #include "scene/insertion.h"
 
@@ -38,21 +39,9 @@ struct RooftopCount {
 /// {"fitted": N, "from_box": N}
 nlohmann::json to_json(const RooftopCount& count);
 
-/// "000008_0": frame and label, for messages, results and names of files: the frame as escape_name writes it.
-std::string host_name(const HostId& id);
-/// The host's label. InputError if the frame has none of that number.
-const Label& label_of(const Frame& frame, const HostId& id);
-
 /// Splits frames (not hosts) train : test = 7 : 3 at random by seed. At least one frame each when there are
 /// two.
 void split_frames(std::vector<std::string> frames, std::uint64_t seed, std::vector<std::string>& train,
                   std::vector<std::string>& test);
-
-/// A box on it is no false positive. DontCare regions are none, nor is "Misc": what looks like a car and is
-/// none (the generator's hedges and stacks of goods) is background to a detector, under attack too.
-bool is_road_user(const Label& label);
-
-/// BEV boxes of every labelled road user.
-std::vector<BevBox> ground_truth_boxes(const Frame& frame);
 
 }  // namespace mirage

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "attack/attack_step.h"
+#include "attack/host_step.h"
 
 namespace mirage {
 

@@ -4,7 +4,6 @@
 
 #include <set>
 
-#include "attack/frame_store.h"
 #include "attack/unnamed_settings.h"
 #include "base/disk_cache.h"
 #include "base/error.h"

@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "base/color.h"
-#include "scene/generator/dataset.h"
 #include "scene/kitti.h"
+#include "scene/truth_files.h"
 
 namespace mirage {
 namespace {

@@ -8,8 +8,8 @@
 #include "base/image_io.h"
 #include "base/logging.h"
 #include "base/random.h"
+#include "detection/compact_frame.h"
 #include "detection/points_in_view.h"
-#include "detection/training_data.h"
 #include "scene/kitti.h"
 
 namespace mirage {

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "detection/training_data.h"
+#include "detection/compact_frame.h"
 
 namespace mirage {
 

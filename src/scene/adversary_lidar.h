@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "geometry/mesh.h"
-#include "scene/insertion.h"
+#include "scene/simulation.h"
 #include "sensors/lidar_return.h"
 
 namespace mirage {

@@ -6,7 +6,7 @@
 
 #include "geometry/mesh.h"
 #include "scene/adversary_lidar.h"
-#include "scene/insertion.h"
+#include "scene/simulation.h"
 #include "sensors/exact_coverage.h"
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"

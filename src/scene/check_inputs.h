@@ -2,7 +2,7 @@
 // and gradient that it touches. Each check throws one InputError that names the input.
 #pragma once
 
-#include "scene/insertion.h"
+#include "scene/simulation.h"
 #include "scene/upstream.h"
 
 namespace mirage {

@@ -2,107 +2,23 @@
 #pragma once
 
 #include <array>
-#include <memory>
 #include <vector>
 
-#include "geometry/mesh.h"
-#include "scene/frame.h"
-#include "scene/occlusion.h"
-#include "scene/rooftop.h"
-#include "sensors/lidar_effects.h"
-#include "sensors/raster/limits.h"
-#include "sensors/soft_rasterizer.h"
-#include "sensors/visible_light.h"
+#include "scene/simulation.h"
 
 namespace mirage {
 
 class DepthCompletion;
 
-/// A frame with everything that does not depend on the adversary.
-struct PreparedFrame {
-  Frame frame;
-  ImageF depth;      ///< dense depth of the photograph, m (kFarDepth where unknown)
-  LidarModel lidar;  ///< the unit that recorded the sweep
-  SweepIndex index;  ///< the sweep by beam and azimuth
-};
-
 /// InputError, naming it, for a number in the frame or the model that is not finite, and for an image that is
 /// not of the calibration's size. The photograph's depth comes from `depth`; without one, from IpBasic.
 PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletion* depth = nullptr);
-
-/// Defaults of the simulation, in one place.
-struct SimulationSettings {
-  SoftRasterSettings<double> raster;  ///< near and far are set per object by simulate()
-  /// Samples a pixel along each side, averaged: a 5×5 atlas has texels smaller than a pixel at most ranges,
-  /// and an attack on point samples learns aliasing that no real camera shows.
-  int supersampling = 2;
-  /// Draw with the plain loop in double instead of the fast rasteriser: hundreds of times slower, and what
-  /// derivatives are checked with.
-  bool reference = false;
-  /// Draw exact areas (sensors/exact_coverage.h, in double) in place of the soft rasteriser: `raster`,
-  /// `supersampling` and `reference` are then not looked at.
-  bool exact_coverage = false;
-  double lidar_reflectivity = 0.5;  ///< reflectance of the adversary at normal incidence
-  /// An occluder in the photograph must be nearer than the object and than the host itself by this (m): the
-  /// completed depth smears the host's rear over its roof, and a roof never hides what stands on it.
-  double occlusion_margin = 0.3;
-  /// Incidence below which a LiDAR return keeps its place but its gradient is scaled down: |n·d| / |n|.
-  double grazing_cosine = 0.05;
-  LidarEffects lidar_effects;  ///< all off
-  LightModel light = LightModel::plain;
-  VisibleLightSettings visible_light;  ///< of LightModel::visible
-};
-
-/// What a run says of how it simulated.
-template <class Visitor, FieldsOf<SimulationSettings> S>
-void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "sigma", .help = "soft rasteriser's σ", .range = {kSmallestSigma, kLargestSigma}},
-        s.raster.sigma);
-  visit({.name = "gamma", .help = "soft rasteriser's γ", .range = {kSmallestSigma, kLargestGamma}},
-        s.raster.gamma);
-  visit({.name = "epsilon", .range = {-1e6, 1e6}, .option = ""}, s.raster.epsilon);
-  visit({.name = "dist_eps", .range = {1e-12, 0.49}, .option = ""}, s.raster.dist_eps);
-  visit({.name = "supersampling", .help = "camera samples along a pixel's side", .range = {1, 32}},
-        s.supersampling);
-  visit({.name = "lidar_reflectivity", .range = {0, 1e3}, .option = ""}, s.lidar_reflectivity);
-  visit({.name = "occlusion_margin", .range = {-1e3, 1e3}, .option = ""}, s.occlusion_margin);
-  visit({.name = "grazing_cosine", .range = {1e-9, 1}, .option = ""}, s.grazing_cosine);
-  visit({.name = "double", .option = "", .written = s.reference}, s.reference);
-  visit({.name = "exact_coverage", .option = "", .written = s.exact_coverage}, s.exact_coverage);
-  visit({.name = "light",
-         .help = "on the object: plain (nothing shadows or reflects) or visible (sun and sky by ray, light "
-                 "from roof and road and within the object)",
-         .written = s.light != LightModel::plain},
-        s.light);
-  visit.group({.name = "lidar_effects", .written = s.lidar_effects.any()}, s.lidar_effects);
-}
-
-/// What both sensors see once the adversary is on the roof.
-struct Simulated {
-  ImageF image;              ///< the photograph with the object in it
-  Sweep sweep;               ///< the sweep with the object in it; new returns come last
-  PixelRect rect;            ///< pixels that may have changed
-  Image<double> rgba;        ///< rect-sized: composited colour and silhouette S
-  double visible_share = 0;  ///< visible / total silhouette, counting what falls outside the image as hidden
-  int adversary_pixels = 0;  ///< pixels with S > 0.5
-  int adversary_points = 0;  ///< returns on the object
-  int removed_points = 0;    ///< measured returns that the object hides
-  int lost_points = 0;       ///< would-be returns on the object that drop out (LidarEffects)
-  int occluded_points = 0;   ///< would-be returns on the object hidden by the scene
-  struct Tape;               ///< what the VJP needs
-  std::shared_ptr<const Tape> tape;
-};
 
 /// `adversary` in the adversary frame; its lowest vertex is set on the roof point's height. Faces that
 /// cross the camera's near plane are clipped. InputError, naming it, for a number that is not finite in any
 /// input.
 Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooftop& rooftop,
                    const TexturedMesh& adversary, const SimulationSettings& settings = {});
-
-/// d loss / d vertices (adversary frame, 1/m) and d loss / d texels, as many of each as the adversary has.
-struct AdversaryGradient {
-  std::vector<Vec3d> vertices, texels;
-};
 
 /// VJP: d loss / d image (H×W×3, whole image) and d loss / d (x, y, z, reflectance) of every point of
 /// simulated.sweep → adversary. Either may be empty (modality gating). InputError if what is

@@ -87,15 +87,10 @@ Vec3d from_place(const std::string& word, const std::vector<std::string>& parts)
         "sun", word,
         fmt::format("the sun is {:.1f} degrees below the horizon there and then", -sun.elevation / kDegree),
         "give a time of day (UTC) or AZIMUTH,ELEVATION");
-  return towards_sun(std::numbers::pi / 2 - sun.azimuth - heading, sun.elevation);
+  return unit_vector(std::numbers::pi / 2 - sun.azimuth - heading, sun.elevation);
 }
 
 }  // namespace
-
-Vec3d towards_sun(double azimuth, double elevation) {
-  return {std::cos(azimuth) * std::cos(elevation), std::sin(azimuth) * std::cos(elevation),
-          std::sin(elevation)};
-}
 
 SunPosition sun_position(double latitude, double longitude, const UtcTime& time) {
   ln_date date{time.year, time.month, time.day, time.hour, time.minute, time.second};
@@ -131,7 +126,7 @@ SunChoice parse_sun(const std::string& word) {
   const double elevation = number(word, parts[1], "elevation", 0, 90);
   if (!(elevation > 0))
     throw FieldError("sun", word, "the sun is on the horizon", "give an elevation over 0 degrees");
-  return {word, towards_sun(azimuth * kDegree, elevation * kDegree), false};
+  return {word, unit_vector(azimuth * kDegree, elevation * kDegree), false};
 }
 
 Lighting with_sun(const Frame& frame, const SunChoice& choice) {

@@ -56,7 +56,4 @@ struct UtcTime {
 /// elevation: it has standard air (1010 mbar, 10 °C) and leaves out the parallax (≤ 0.0025°).
 SunPosition sun_position(double latitude, double longitude, const UtcTime& time);
 
-/// Unit vector in `velo` from an azimuth counter-clockwise from x and an elevation, radians.
-Vec3d towards_sun(double azimuth, double elevation);
-
 }  // namespace mirage

@@ -10,7 +10,6 @@
 
 #include "base/angles.h"
 #include "base/color.h"
-#include "scene/sun.h"
 
 namespace mirage {
 namespace {
@@ -218,7 +217,7 @@ SunEstimate sun_from_shadows(const Frame& frame) {
       for (const Sample& sample : samples) local[c].push_back(near[c]->local(sample.p_velo));
     Eigen::VectorXd shaded(static_cast<Eigen::Index>(samples.size()));
     for (std::size_t k = 0; k < score.size(); ++k) {
-      const Vec3d way = towards_sun(static_cast<double>(k / kHeights) * 360 / kAzimuths * kDegree,
+      const Vec3d way = unit_vector(static_cast<double>(k / kHeights) * 360 / kAzimuths * kDegree,
                                     kElevations[k % kHeights] * kDegree);
       shaded.setZero();
       for (std::size_t c = 0; c < near.size(); ++c) {
@@ -243,7 +242,7 @@ SunEstimate sun_from_shadows(const Frame& frame) {
     if (std::min(apart, kAzimuths - apart) * 360 / kAzimuths > kElsewhere)
       other = std::max(other, highest[i]);
   }
-  best.to_sun_velo = towards_sun(azimuth * 360.0 / kAzimuths * kDegree, kElevations[k % kHeights] * kDegree);
+  best.to_sun_velo = unit_vector(azimuth * 360.0 / kAzimuths * kDegree, kElevations[k % kHeights] * kDegree);
   best.score = highest[k];
   best.contrast = kContrasts[std::max_element(score[k].begin(), score[k].end()) - score[k].begin()];
   best.confidence = best.score - other;

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "scene/insertion.h"
+#include "scene/simulation.h"
 
 namespace mirage {
 

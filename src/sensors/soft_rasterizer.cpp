@@ -197,22 +197,6 @@ void sample_vjp(const std::vector<Fragment<S>>& fragments, const Blend<S>& resul
 }  // namespace
 
 template <class S>
-S cut_off(const SoftRasterSettings<S>& settings) {
-  return settings.sigma * std::log(1 / settings.dist_eps - 1);
-}
-
-template <class S>
-int texel_index(S b0, S b1, int resolution) {
-  const S x = b0 * S(resolution), y = b1 * S(resolution);
-  const int last = resolution - 1;
-  const int ix = std::clamp(static_cast<int>(x), 0, last), iy = std::clamp(static_cast<int>(y), 0, last);
-  // On the far edge x + y − ix − iy is 1 up to rounding: a tolerance picks the lower half.
-  if (x + y - S(ix) - S(iy) <= 1 + S(64) * std::numeric_limits<S>::epsilon() * S(resolution))
-    return iy * resolution + ix;
-  return (last - iy) * resolution + (last - ix);
-}
-
-template <class S>
 PixelRect touched_pixels(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings, int width,
                          int height, const PixelRect& clip) {
   const S half_longer = S(std::max(width, height)) / 2;
@@ -271,8 +255,6 @@ ScreenGradient<S> rasterize_vjp(const ScreenMesh<S>& mesh, const SoftRasterSetti
 }
 
 #define MIRAGE_INSTANTIATE(S)                                                                        \
-  template S cut_off<S>(const SoftRasterSettings<S>&);                                               \
-  template int texel_index<S>(S, S, int);                                                            \
   template PixelRect touched_pixels<S>(const ScreenMesh<S>&, const SoftRasterSettings<S>&, int, int, \
                                        const PixelRect&);                                            \
   template Image<S> rasterize<S>(const ScreenMesh<S>&, const SoftRasterSettings<S>&,                 \

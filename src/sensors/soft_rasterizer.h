@@ -10,117 +10,18 @@
 //     S_i  = 1 − Π_j (1 − D_ij)                                      silhouette         (eq. 4)
 // Faces outside which d² ≥ T = σ log(1/dist_eps − 1), and samples outside the face's bounding box grown by
 // √T, are skipped. The silhouette counts every face, whatever side it shows; colour only fragments of the
-// chosen sides with near ≤ z ≤ far. The enums below are the options of Liu et al.'s public code.
+// chosen sides with near ≤ z ≤ far. The enums of screen_mesh.h are the options of Liu et
+// al.'s public code.
 #pragma once
 
-#include <array>
-#include <vector>
-
-#include "base/image.h"
-#include "base/types.h"
+#include "sensors/screen_mesh.h"
 
 namespace mirage {
-
-/// How the photograph behind the object enters.
-enum class Background {
-  paper_logit,  ///< the paper's: background logit ε. Dilates the object to where D exp(z̄/γ) ≈ exp(ε/γ), that
-                ///< is by √T, because γ is small
-  authors_logit,  ///< as the authors' code: logit 2ε (golden values only)
-  silhouette,     ///< I = S · (colour among faces) + (1 − S) · background: edges stay where they are
-};
-
-/// Coverage D.
-enum class Coverage {
-  euclidean,    ///< sigmoid(δ d² / σ)
-  barycentric,  ///< sigmoid(δ b² / σ), b the smallest barycentric; skipped where −δ b² ≥ T
-  hard,         ///< 1 inside, skipped outside; no gradient
-};
-
-/// Colour among faces.
-enum class ColorBlend {
-  softmax,  ///< weights w above
-  hard,     ///< the nearest face that contains the sample; gradient to its texture, and to the face by
-            ///< its barycentrics there (Texture::vertex)
-};
-
-/// How the coverages D of a pixel's faces make its silhouette S.
-enum class SilhouetteBlend {
-  product,  ///< 1 − Π(1 − D)
-  sum,      ///< Σ D / number of faces, as the authors' code has it
-  hard,     ///< 1 where any D > 1/2; no gradient
-};
-
-/// Faces that give colour, by their winding on screen (y up). The authors' one-sided mode is `clockwise`.
-enum class Sides { both, counter_clockwise, clockwise };
-
-/// What colours a face.
-enum class Texture {
-  atlas,   ///< C² texels a face, nearest (TexelAtlas)
-  vertex,  ///< three colours a face, interpolated
-};
-
-/// Every option of the soft rasteriser (Liu et al., ICCV 2019), with the defaults of Mirage.
-template <class S>
-struct SoftRasterSettings {
-  S sigma = S(5e-7);            ///< edge softness in NDC²; 1 px of a 1242 px image is 2.6e-6
-  S gamma = S(1e-2);            ///< softness of depth ordering, in units of (far − near)
-  S epsilon = S(1e-3);          ///< ε of the background logit
-  S dist_eps = S(1e-4);         ///< coverage below which a face is skipped
-  S near = S(1), far = S(100);  ///< depth range, m; set it per object (src/README.md)
-  Coverage coverage = Coverage::euclidean;
-  ColorBlend color = ColorBlend::softmax;
-  SilhouetteBlend silhouette = SilhouetteBlend::product;
-  Background background = Background::silhouette;
-  Sides sides = Sides::both;
-  bool perspective_texture = true;   ///< texture by perspective-correct barycentrics (false: screen-space)
-  bool frozen_barycentrics = false;  ///< the authors' gradient: barycentrics held constant in z
-  /// Faces whose smallest altitude on screen is below this (NDC) have their barycentric slope scaled by
-  /// altitude / edge_on_altitude in the VJP, so that it is bounded by 1 / edge_on_altitude.
-  S edge_on_altitude = S(1e-6);
-};
-
-/// A face whose altitude on screen (NDC) is smaller covers nothing: it has no barycentrics.
-inline constexpr double kNoArea = 1e-12;
-
-/// What is drawn. Screen frame: x right, y up in NDC of the longer image side (pixel (u, v) has its centre at
-/// ((2u + 1 − W)/L, (H − 1 − 2v)/L), L = max(W, H)); z is depth in metres, > 0. A face with a coordinate that
-/// is not finite or a depth ≤ 0 is skipped.
-template <class S>
-struct ScreenMesh {
-  std::vector<std::array<Vec3<S>, 3>> faces;
-  std::vector<Vec3<S>> texels;  ///< colours with the light already multiplied in; see `texture`
-  int resolution = 1;           ///< C
-  Texture texture = Texture::atlas;
-  /// Parts of clipped faces (projection.h), atlas only. Both empty: every face is whole and has its own
-  /// texels. Otherwise one entry a face: whose texels it uses, and the barycentrics there of its corners.
-  std::vector<int> texel_face;
-  std::vector<std::array<Vec3<S>, 3>> corner_barycentrics;
-};
-
-/// Where it is drawn: a window of an image.
-template <class S>
-struct RasterTarget {
-  int width = 0, height = 0;  ///< of the whole image
-  PixelRect rect;             ///< the window
-  /// Samples a pixel along each side, on a regular grid, averaged. 1: the pixel's centre.
-  int supersampling = 1;
-  Image<S> background;   ///< window-sized RGB
-  Image<S> depth_limit;  ///< window-sized, or empty: fragments with z > limit are dropped (both I and S)
-};
 
 /// Window-sized RGBA: I and S.
 template <class S>
 Image<S> rasterize(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings,
                    const RasterTarget<S>& target);
-
-/// d loss / d the three corners of each face, as ScreenMesh has them, and d loss / d texels.
-template <class S>
-struct ScreenGradient {
-  std::vector<std::array<Vec3<S>, 3>> faces;
-  std::vector<Vec3<S>> texels;
-  /// d loss / d ScreenMesh::corner_barycentrics; empty where texel borders do not count (this rasteriser).
-  std::vector<std::array<Vec3<S>, 3>> corner_barycentrics;
-};
 
 /// Exact derivative of rasterize: Σ d_rgba · ∂rgba/∂(faces, texels). The choice of fragments (cut-off, depth
 /// limit, near / far, texel index, nearest face) is piecewise constant and contributes nothing.
@@ -128,25 +29,10 @@ template <class S>
 ScreenGradient<S> rasterize_vjp(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings,
                                 const RasterTarget<S>& target, const Image<S>& d_rgba);
 
-/// NDC of the centre of pixel (u, v).
-template <class S>
-Vec2<S> ndc_from_pixel(S u, S v, int width, int height) {
-  const S longer = S(width > height ? width : height);
-  return {(2 * u + 1 - S(width)) / longer, (S(height) - 1 - 2 * v) / longer};
-}
-
-/// T: squared distance (NDC², or barycentric²) outside a face from which on it is skipped.
-template <class S>
-S cut_off(const SoftRasterSettings<S>& settings);
-
 /// Pixels that the mesh can touch in an image of width × height: its faces' bounding boxes grown by √T,
 /// clipped to `clip` (which may reach beyond the image).
 template <class S>
 PixelRect touched_pixels(const ScreenMesh<S>& mesh, const SoftRasterSettings<S>& settings, int width,
                          int height, const PixelRect& clip);
-
-/// Index within a face of the texel at barycentrics (b0, b1) (see TexelAtlas).
-template <class S>
-int texel_index(S b0, S b1, int resolution);
 
 }  // namespace mirage

@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "attack/attack.h"
+#include "attack/cached_detections.h"
 #include "attack/frame_cache.h"
 #include "attack/hosts.h"
 #include "attack/tiny_world.h"

@@ -5,6 +5,7 @@
 
 #include <set>
 
+#include "attack/attack.h"
 #include "attack/attack_step.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"

@@ -5,6 +5,7 @@
 #include <numbers>
 #include <utility>
 
+#include "base/angles.h"
 #include "base/error.h"
 #include "base/random.h"
 #include "scene/sun.h"
@@ -129,7 +130,7 @@ Frame street(const Vec3d& to_sun, double shade) {
 
 TEST(Sun, ShadowsInThePhotographTellWhereItStands) {
   for (const double azimuth : {-150.0, -60.0, 25.0, 100.0}) {
-    const Frame frame = street(towards_sun(azimuth * kDegree, 30 * kDegree), 0.35);
+    const Frame frame = street(unit_vector(azimuth * kDegree, 30 * kDegree), 0.35);
     const SunEstimate found = sun_from_shadows(frame);
     EXPECT_TRUE(found.known) << azimuth;
     const double error = std::atan2(found.to_sun_velo.y(), found.to_sun_velo.x()) / kDegree - azimuth;
@@ -147,7 +148,7 @@ TEST(Sun, APhotographWithoutShadowsKeepsTheFramesLighting) {
     EXPECT_EQ(with_sun(frame, parse_sun("photo")).to_sun_velo, frame.lighting.to_sun_velo);
   }
   // Shadows, but neither labels nor returns that say whose and where.
-  Frame frame = street(towards_sun(1, 0.5), 0.35);
+  Frame frame = street(unit_vector(1, 0.5), 0.35);
   const Sweep sweep = std::exchange(frame.sweep, {});
   EXPECT_FALSE(sun_from_shadows(frame).known);
   frame.sweep = sweep;

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "network.h"
+#include "sensor_tensors.h"
 
 namespace mirage::fusion {
 namespace {

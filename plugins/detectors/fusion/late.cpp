@@ -7,8 +7,8 @@
 #include <optional>
 
 #include "loss.h"
-#include "network.h"
 #include "region.h"
+#include "sensor_tensors.h"
 
 namespace mirage::fusion {
 namespace {

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "network.h"
 #include "region.h"
+#include "sensor_tensors.h"
 
 namespace mirage::fusion {
 namespace {

@@ -8,31 +8,16 @@
 // continuous fusion of features, proposals joined with boxes (late.h).
 #pragma once
 
-#include "camera.h"
 #include "late.h"
-#include "nearest.h"
 #include "norm.h"
+#include "sensor_tensors.h"
 #include "torch_headers.h"
 
 namespace mirage::fusion {
 
-/// Channels of the output, one proposal a cell.
-enum Output { kLogit, kDx, kDy, kLogLength, kLogWidth, kSin2Yaw, kCos2Yaw, kOutputs };
-
 enum class Norm {
   group,   ///< group norm, which joins all places of a map
   channel  ///< batch norm with frozen statistics: local, and folded into the convolution (norm.h)
-};
-
-/// Pixels a side of a place of the image branch's map.
-inline constexpr int kImageStride = 8;
-
-/// On the CPU, whatever device the network is on.
-struct SensorTensors {
-  torch::Tensor image;   ///< H × W × 3 scene-linear, or undefined: LiDAR alone
-  torch::Tensor points;  ///< N × 4
-  Projection projection{};
-  CameraOutput camera = {};  ///< what the camera network says of the picture, where that is known already
 };
 
 /// Convolution (no bias), norm, optional ReLU. Output i of stride 2 is centred on the two cells that it

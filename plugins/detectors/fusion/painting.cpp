@@ -3,8 +3,8 @@
 #include <cmath>
 
 #include "bilinear.h"
-#include "network.h"
 #include "region.h"
+#include "sensor_tensors.h"
 
 namespace mirage::fusion {
 

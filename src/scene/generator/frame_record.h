@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <string>
 
-#include "scene/generator/dataset.h"
+#include "scene/truth_files.h"
 
 namespace mirage {
 

@@ -1,26 +1,12 @@
 // Lays out a street around the ego vehicle.
 #pragma once
 
-#include <vector>
+#include <cstdint>
 
-#include "geometry/box.h"
 #include "scene/generator/look.h"
-#include "scene/generator/parts.h"
+#include "scene/generator/placed.h"
 
 namespace mirage::generator {
-
-/// A labelled thing where it stands.
-struct Placed {
-  std::string type;
-  Box3 box;               ///< `velo`
-  std::string kind = {};  ///< Actor::kind
-};
-
-/// Surfaces in `velo`; a labelled thing's surfaces carry its index in `placed` as object.
-struct Street {
-  std::vector<Surface> surfaces;
-  std::vector<Placed> placed;
-};
 
 /// Whether the surface is something that lies on the roof of `placed`: part of the thing, but not of its
 /// boxes.

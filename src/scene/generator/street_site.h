@@ -7,7 +7,7 @@
 #include <numbers>
 #include <string>
 
-#include "scene/generator/street.h"
+#include "scene/generator/placed.h"
 
 namespace mirage::generator {
 

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "sensors/soft_rasterizer.h"
+#include "sensors/screen_mesh.h"
 
 namespace mirage::plain_raster {
 

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "sensors/soft_rasterizer.h"
+#include "sensors/screen_mesh.h"
 
 namespace mirage::raster {
 

@@ -1,0 +1,24 @@
+// What the network takes, and the channels of what it gives.
+#pragma once
+
+#include "camera.h"
+#include "nearest.h"
+#include "torch_headers.h"
+
+namespace mirage::fusion {
+
+/// Channels of the output, one proposal a cell.
+enum Output { kLogit, kDx, kDy, kLogLength, kLogWidth, kSin2Yaw, kCos2Yaw, kOutputs };
+
+/// Pixels a side of a place of the image branch's map.
+inline constexpr int kImageStride = 8;
+
+/// On the CPU, whatever device the network is on.
+struct SensorTensors {
+  torch::Tensor image;   ///< H × W × 3 scene-linear, or undefined: LiDAR alone
+  torch::Tensor points;  ///< N × 4
+  Projection projection{};
+  CameraOutput camera = {};  ///< what the camera network says of the picture, where that is known already
+};
+
+}  // namespace mirage::fusion

@@ -1,0 +1,20 @@
+// What one host adds to a step of the attack.
+#pragma once
+
+#include "attack/stages.h"
+#include "scene/simulation.h"
+
+namespace mirage {
+
+/// Loss and gradient of one host: simulation, detector, objective and their VJPs. With a draw, of the host in
+/// that world.
+struct HostStep {
+  double hide = 0, false_positive = 0;
+  /// No proposal of this step finds the host at the score and IoU of an evaluation (EvaluationSettings). An
+  /// indication that costs no forward pass: taken before suppression, and never used by the optimiser.
+  bool hidden = false;
+  AdversaryGradient gradient;
+  HostSeconds seconds;
+};
+
+}  // namespace mirage

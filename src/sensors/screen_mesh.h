@@ -1,0 +1,137 @@
+// What is rasterised, where, and with which options of the soft rasteriser (soft_rasterizer.h has the
+// equations).
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "base/image.h"
+#include "base/types.h"
+
+namespace mirage {
+
+/// How the photograph behind the object enters.
+enum class Background {
+  paper_logit,  ///< the paper's: background logit ε. Dilates the object to where D exp(z̄/γ) ≈ exp(ε/γ), that
+                ///< is by √T, because γ is small
+  authors_logit,  ///< as the authors' code: logit 2ε (golden values only)
+  silhouette,     ///< I = S · (colour among faces) + (1 − S) · background: edges stay where they are
+};
+
+/// Coverage D.
+enum class Coverage {
+  euclidean,    ///< sigmoid(δ d² / σ)
+  barycentric,  ///< sigmoid(δ b² / σ), b the smallest barycentric; skipped where −δ b² ≥ T
+  hard,         ///< 1 inside, skipped outside; no gradient
+};
+
+/// Colour among faces.
+enum class ColorBlend {
+  softmax,  ///< weights w above
+  hard,     ///< the nearest face that contains the sample; gradient to its texture, and to the face by
+            ///< its barycentrics there (Texture::vertex)
+};
+
+/// How the coverages D of a pixel's faces make its silhouette S.
+enum class SilhouetteBlend {
+  product,  ///< 1 − Π(1 − D)
+  sum,      ///< Σ D / number of faces, as the authors' code has it
+  hard,     ///< 1 where any D > 1/2; no gradient
+};
+
+/// Faces that give colour, by their winding on screen (y up). The authors' one-sided mode is `clockwise`.
+enum class Sides { both, counter_clockwise, clockwise };
+
+/// What colours a face.
+enum class Texture {
+  atlas,   ///< C² texels a face, nearest (TexelAtlas)
+  vertex,  ///< three colours a face, interpolated
+};
+
+/// Every option of the soft rasteriser (Liu et al., ICCV 2019), with the defaults of Mirage.
+template <class S>
+struct SoftRasterSettings {
+  S sigma = S(5e-7);            ///< edge softness in NDC²; 1 px of a 1242 px image is 2.6e-6
+  S gamma = S(1e-2);            ///< softness of depth ordering, in units of (far − near)
+  S epsilon = S(1e-3);          ///< ε of the background logit
+  S dist_eps = S(1e-4);         ///< coverage below which a face is skipped
+  S near = S(1), far = S(100);  ///< depth range, m; set it per object (src/README.md)
+  Coverage coverage = Coverage::euclidean;
+  ColorBlend color = ColorBlend::softmax;
+  SilhouetteBlend silhouette = SilhouetteBlend::product;
+  Background background = Background::silhouette;
+  Sides sides = Sides::both;
+  bool perspective_texture = true;   ///< texture by perspective-correct barycentrics (false: screen-space)
+  bool frozen_barycentrics = false;  ///< the authors' gradient: barycentrics held constant in z
+  /// Faces whose smallest altitude on screen is below this (NDC) have their barycentric slope scaled by
+  /// altitude / edge_on_altitude in the VJP, so that it is bounded by 1 / edge_on_altitude.
+  S edge_on_altitude = S(1e-6);
+};
+
+/// A face whose altitude on screen (NDC) is smaller covers nothing: it has no barycentrics.
+inline constexpr double kNoArea = 1e-12;
+
+/// What is drawn. Screen frame: x right, y up in NDC of the longer image side (pixel (u, v) has its centre at
+/// ((2u + 1 − W)/L, (H − 1 − 2v)/L), L = max(W, H)); z is depth in metres, > 0. A face with a coordinate that
+/// is not finite or a depth ≤ 0 is skipped.
+template <class S>
+struct ScreenMesh {
+  std::vector<std::array<Vec3<S>, 3>> faces;
+  std::vector<Vec3<S>> texels;  ///< colours with the light already multiplied in; see `texture`
+  int resolution = 1;           ///< C
+  Texture texture = Texture::atlas;
+  /// Parts of clipped faces (projection.h), atlas only. Both empty: every face is whole and has its own
+  /// texels. Otherwise one entry a face: whose texels it uses, and the barycentrics there of its corners.
+  std::vector<int> texel_face;
+  std::vector<std::array<Vec3<S>, 3>> corner_barycentrics;
+};
+
+/// Where it is drawn: a window of an image.
+template <class S>
+struct RasterTarget {
+  int width = 0, height = 0;  ///< of the whole image
+  PixelRect rect;             ///< the window
+  /// Samples a pixel along each side, on a regular grid, averaged. 1: the pixel's centre.
+  int supersampling = 1;
+  Image<S> background;   ///< window-sized RGB
+  Image<S> depth_limit;  ///< window-sized, or empty: fragments with z > limit are dropped (both I and S)
+};
+
+/// d loss / d the three corners of each face, as ScreenMesh has them, and d loss / d texels.
+template <class S>
+struct ScreenGradient {
+  std::vector<std::array<Vec3<S>, 3>> faces;
+  std::vector<Vec3<S>> texels;
+  /// d loss / d ScreenMesh::corner_barycentrics; empty where texel borders do not count (this rasteriser).
+  std::vector<std::array<Vec3<S>, 3>> corner_barycentrics;
+};
+
+/// NDC of the centre of pixel (u, v).
+template <class S>
+Vec2<S> ndc_from_pixel(S u, S v, int width, int height) {
+  const S longer = S(width > height ? width : height);
+  return {(2 * u + 1 - S(width)) / longer, (S(height) - 1 - 2 * v) / longer};
+}
+
+/// T: squared distance (NDC², or barycentric²) outside a face from which on it is skipped.
+template <class S>
+S cut_off(const SoftRasterSettings<S>& settings) {
+  return settings.sigma * std::log(1 / settings.dist_eps - 1);
+}
+
+/// Index within a face of the texel at barycentrics (b0, b1) (see TexelAtlas).
+template <class S>
+int texel_index(S b0, S b1, int resolution) {
+  const S x = b0 * S(resolution), y = b1 * S(resolution);
+  const int last = resolution - 1;
+  const int ix = std::clamp(static_cast<int>(x), 0, last), iy = std::clamp(static_cast<int>(y), 0, last);
+  // On the far edge x + y − ix − iy is 1 up to rounding: a tolerance picks the lower half.
+  if (x + y - S(ix) - S(iy) <= 1 + S(64) * std::numeric_limits<S>::epsilon() * S(resolution))
+    return iy * resolution + ix;
+  return (last - iy) * resolution + (last - ix);
+}
+
+}  // namespace mirage

@@ -1,0 +1,121 @@
+"""The structure that src/README.md promises, read off the sources: no two units include each other, directly or in a round (a unit is
+a header with its source file), and a layer of the table includes only what its row names.
+
+    python3 tests/structure/test_includes.py SOURCE
+"""
+
+import os
+import re
+import sys
+
+TOPS = ("src", "validation", "plugins")
+INCLUDE = re.compile(r'^\s*#\s*include "([^"]+)"', re.MULTILINE)
+
+
+def units(source):
+    """{unit: {units that it includes}}; a unit is a path without its ending."""
+    found = {}
+    for top in TOPS:
+        for folder, _, names in os.walk(os.path.join(source, top)):
+            for name in sorted(names):
+                if not name.endswith((".h", ".cpp")):
+                    continue
+                path = os.path.relpath(os.path.join(folder, name), source)
+                unit = os.path.splitext(path)[0]
+                mine = found.setdefault(unit, set())
+                with open(os.path.join(source, path), encoding="utf-8") as file:
+                    text = file.read()
+                for include in INCLUDE.findall(text):
+                    for place in (os.path.join("src", include), include, os.path.join(os.path.dirname(path), include)):
+                        if os.path.exists(os.path.join(source, place)):
+                            other = os.path.splitext(os.path.normpath(place))[0]
+                            if other != unit:
+                                mine.add(other)
+                            break
+    return found
+
+
+def rounds(graph):
+    """Strongly connected sets of more than one unit (Tarjan, SIAM J. Comput. 1972), without recursion."""
+    index, low, stack, on_stack, found = {}, {}, [], set(), []
+    for root in graph:
+        if root in index:
+            continue
+        work = [(root, iter(sorted(graph[root])))]
+        index[root] = low[root] = len(index)
+        stack.append(root)
+        on_stack.add(root)
+        while work:
+            unit, others = work[-1]
+            for other in others:
+                if other not in graph:
+                    continue
+                if other not in index:
+                    index[other] = low[other] = len(index)
+                    stack.append(other)
+                    on_stack.add(other)
+                    work.append((other, iter(sorted(graph[other]))))
+                    break
+                if other in on_stack:
+                    low[unit] = min(low[unit], index[other])
+            else:
+                work.pop()
+                if work:
+                    low[work[-1][0]] = min(low[work[-1][0]], low[unit])
+                if low[unit] == index[unit]:
+                    members = []
+                    while not members or members[-1] != unit:
+                        members.append(stack.pop())
+                        on_stack.discard(members[-1])
+                    if len(members) > 1:
+                        found.append(sorted(members))
+    return found
+
+
+def allowed(source):
+    """{layer: layers that it may include}, from the table of src/README.md."""
+    rows, above = {}, []
+    with open(os.path.join(source, "src/README.md"), encoding="utf-8") as file:
+        for line in file:
+            cells = [cell.strip() for cell in line.split("|")[1:-1]]
+            layer = re.match(r"`src/(\w+)`$", cells[0]) if len(cells) == 4 else None
+            if not layer:
+                continue
+            may = cells[2]
+            rows[layer[1]] = set(above) if may in ("everything", "all of the above") else set(re.findall(r"\w+", may))
+            above.append(layer[1])
+    rows["cli"].add("validation")
+    return rows
+
+
+def main(source):
+    graph = units(source)
+    wrong = ["these include each other: " + ", ".join(members) for members in rounds(graph)]
+    rows = allowed(source)
+    if len(rows) < 8 or len(graph) < 200:
+        sys.exit(f"{source}: {len(rows)} layers and {len(graph)} units were found: neither the table nor the sources are where they were")
+    for unit, others in sorted(graph.items()):
+        parts = unit.split(os.sep)
+        if parts[0] != "src" or parts[1] not in rows:
+            continue
+        for other in sorted(others):
+            to = other.split(os.sep)
+            layer = to[1] if to[0] == "src" else to[0]
+            if layer != parts[1] and layer not in rows[parts[1]]:
+                wrong.append(f"{unit} includes {other}, which the row of src/{parts[1]} in src/README.md does not name")
+    for line in wrong:
+        print(line)
+    print(f"{len(graph)} units, {sum(map(len, graph.values()))} includes, {len(wrong)} wrong")
+    sys.exit(1 if wrong else 0)
+
+
+def planted():
+    """The search finds what is planted; or it could find nothing."""
+    loop = {"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set(), "e": {"d", "a"}}
+    assert rounds(loop) == [["a", "b", "c"]], rounds(loop)
+    assert rounds({"a": {"b"}, "b": set()}) == []
+
+
+if __name__ == "__main__":
+    planted()
+    main(sys.argv[1])
