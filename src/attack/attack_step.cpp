@@ -142,7 +142,8 @@ std::vector<std::size_t> batch_of(std::size_t hosts, int batch, long iteration, 
 }
 
 AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
-                             const std::vector<Host>& hosts, const Mesh& mesh)
+                             const std::vector<Host>& hosts, const Mesh& mesh,
+                             std::shared_ptr<CleanSights> sights)
     : settings_(settings),
       detectors_(detectors),
       store_(store),
@@ -150,7 +151,8 @@ AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool&
       target_(settings.target),
       parts_(settings.parts),
       laplacian_(mesh),
-      unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices) {
+      unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices),
+      sights_(std::move(sights)) {
   if (settings.renderer) pictures_ = std::make_unique<RenderedPictures>(*settings.renderer, settings.seed);
 }
 
