@@ -8,6 +8,7 @@
 
 #include "attack/attack_step.h"
 #include "attack/checkpoint.h"
+#include "attack/portfolio.h"
 #include "attack/run.h"
 #include "attack/validation_part.h"
 #include "base/checkpoint_timer.h"
@@ -44,15 +45,6 @@ std::vector<HostId> ids(const std::vector<Host>& hosts) {
   return list;
 }
 
-void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows) {
-  std::string text = "iteration,loss,hide,false_positive,laplacian,hidden\n";
-  for (std::size_t i = 0; i < rows.size(); ++i)
-    text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{}\n", i, rows[i].loss(), rows[i].hide,
-                        rows[i].false_positive, rows[i].laplacian,
-                        rows[i].hidden < 0 ? "" : std::to_string(rows[i].hidden));
-  write_file(file, text);
-}
-
 /// Loss terms of the last iteration, and how many of the hosts attacked last are hidden.
 std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, int batch) {
   constexpr int kHosts = 50;
@@ -86,6 +78,26 @@ void check_settings(const AttackSettings& settings) {
   if (settings.buildable.on && settings.parts == AttackParts::size)
     throw FieldError("parts", "size", "is an ellipsoid, which has no flat base", "leave --buildable out");
   if (settings.buildable.on) check_buildable(settings.buildable, settings.limits);
+  check_auto(settings);
+}
+
+/// The files of the mesh that was learned, and what a result says of a run however it was learned. `steps`:
+/// those of this process; `seconds` they took, on `workers` detectors.
+void finish(const AttackSettings& settings, const AttackState& state, const std::vector<Host>& train,
+            const std::vector<Host>& test, long steps, double seconds, const StageSeconds& stages,
+            std::size_t workers, AttackResult& result) {
+  if (rank() == 0) write_adversary(settings.out / "adversary.glb", state.adversary);
+  result.vehicles_train = static_cast<int>(train.size());
+  result.vehicles_test = static_cast<int>(test.size());
+  for (const auto* hosts : {&train, &test})
+    for (const Host& host : *hosts) result.rooftops.add(host.rooftop);
+  result.buildable = buildable_report(state.adversary, settings.buildable);
+  const std::size_t tail = std::max<std::size_t>(1, state.losses.size() / 10);
+  for (std::size_t i = state.losses.size() - std::min(tail, state.losses.size()); i < state.losses.size();
+       ++i)
+    result.loss += state.losses[i].loss() / static_cast<double>(tail);
+  if (steps > 0) result.seconds_per_iteration = seconds / static_cast<double>(steps);
+  result.stages = to_json(stages, seconds, steps, workers);
 }
 
 }  // namespace
@@ -143,6 +155,21 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   id["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
   if (settings.renderer)
     id["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
+  const TexturedMesh random = random_baseline(settings.seed, settings.limits, settings.buildable);
+  if (settings.attack == AttackSearch::automatic) {
+    const auto began = Clock::now();
+    const AutoOutcome outcome = run_portfolio({settings, detectors, store, train, id});
+    if (rank() == 0) {
+      write_adversary(settings.out / "random.glb", random);
+      write_losses(settings.out / "loss.csv", outcome.state.losses);
+    }
+    AttackResult result;
+    result.automatic = outcome.report;
+    result.iterations = static_cast<int>(outcome.steps);
+    finish(settings, outcome.state, train, test, outcome.steps - outcome.first, seconds_since(began),
+           outcome.stages, detectors.size(), result);
+    return result;
+  }
   ValidationPart part{train, {}};
   if (settings.until_plateau > 0 && target != AttackTarget::random) {
     part = split_validation(train, settings.seed);
@@ -157,7 +184,6 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   if (any_rank(state.iteration != first_rank_value(state.iteration)))
     throw Failure(checkpoint_file.string(), "processes see different checkpoints",
                   "give --out a folder that all machines share");
-  const TexturedMesh random = random_baseline(settings.seed, settings.limits, settings.buildable);
   if (rank() == 0) {
     write_json(settings.out / "run.json", id);
     write_adversary(settings.out / "random.glb", random);
@@ -222,21 +248,8 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
     result.plateau["kept_iteration"] = best.best_iteration;
     state.adversary = best.mesh;
   }
-  if (rank() == 0) write_adversary(settings.out / "adversary.glb", state.adversary);
-
-  result.vehicles_train = static_cast<int>(train.size());
-  result.vehicles_test = static_cast<int>(test.size());
-  for (const auto* hosts : {&train, &test})
-    for (const Host& host : *hosts) result.rooftops.add(host.rooftop);
-  result.buildable = buildable_report(state.adversary, settings.buildable);
   result.iterations = static_cast<int>(state.iteration);
-  const std::size_t tail = std::max<std::size_t>(1, state.losses.size() / 10);
-  for (std::size_t i = state.losses.size() - std::min(tail, state.losses.size()); i < state.losses.size();
-       ++i)
-    result.loss += state.losses[i].loss() / static_cast<double>(tail);
-  if (state.iteration > first)
-    result.seconds_per_iteration = seconds / static_cast<double>(state.iteration - first);
-  result.stages = to_json(stages, seconds, state.iteration - first, detectors.size());
+  finish(settings, state, train, test, state.iteration - first, seconds, stages, detectors.size(), result);
   return result;
 }
 

@@ -26,6 +26,10 @@ struct AttackResult {
   /// With until_plateau: {stopped, best_iteration, best, kept_iteration, vehicles, frames, steps, every,
   /// iterations, values}; else null. kept_iteration: of the mesh that was written.
   nlohmann::json plateau;
+  /// With AttackSearch::automatic: {candidates: [{start, target, vertex_rate, texel_rate, seed, steps,
+  /// rounds, held_out, kept_iteration}], chosen, starts, search, vehicles, steps} (attack/portfolio.h); else
+  /// null.
+  nlohmann::json automatic;
 };
 
 /// Runs or resumes the attack in settings.out (see attack/run.h for the files). The result is bit-identical

@@ -33,6 +33,13 @@ constexpr auto words_of(AttackParts) {
   return std::to_array<const char*>({"both", "shape", "texture", "size"});
 }
 
+/// plain: one start, one rate, Adam. automatic ("auto"): many of them, judged on vehicles held out from
+/// training (attack/portfolio.h).
+enum class AttackSearch { plain, automatic };
+constexpr auto words_of(AttackSearch) {
+  return std::to_array<const char*>({"plain", "auto"});
+}
+
 class ObjectRenderer;
 
 /// What run.json calls the simulation's own pictures.
@@ -49,6 +56,7 @@ struct AttackSettings : FrameSource {
   std::filesystem::path out;
   DetectorOptions detector;
   std::string weights_hash;  ///< content_hash of the weights; run_attack(settings) fills it in
+  AttackSearch attack = AttackSearch::plain;
   AttackTarget target = AttackTarget::both;
   AttackParts parts = AttackParts::both;
   Expectation expectation;
@@ -82,6 +90,11 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, static_cast<Source&>(s));
   visit_fields(visit, s.detector);
   visit({.name = "weights_hash", .option = ""}, s.weights_hash);
+  visit({.name = "attack",
+         .help = "plain: one start and rate; auto: shapes searched without gradients, starts, targets and "
+                 "rates, chosen on vehicles held out from training; --iterations is what all of it may cost",
+         .written = s.attack != AttackSearch::plain},
+        s.attack);
   visit({.name = "target", .help = "whose gradient reaches the adversary; random: none, the random mesh"},
         s.target);
   visit({.name = "parts", .help = "what is learned; size: the start's three half lengths alone, a control"},
@@ -107,10 +120,10 @@ void visit_fields(Visitor& visit, S& s) {
        .decides = false},  // but for the vehicles held out, which run.json names
       s.until_plateau);
   visit({.name = "validation_every",
-         .help = "with --until-plateau: steps between two looks at that objective",
+         .help = "with --until-plateau or --attack auto: steps between two looks at that objective",
          .range = {1, Range::kMost},
          .option = "validate-every",
-         .written = s.until_plateau > 0},
+         .written = s.until_plateau > 0 || s.attack != AttackSearch::plain},
         s.validation_every);
   visit({.name = "batch", .help = "host vehicles a step", .range = {1, 65536}}, s.batch);
   visit({.name = "seed", .option = ""}, s.seed);  // every command has one

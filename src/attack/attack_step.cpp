@@ -123,7 +123,8 @@ std::vector<Proposal> CleanSights::of(const PreparedFrame& prepared, Detector& d
 }
 
 AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
-                             const std::vector<Host>& hosts, const Mesh& mesh)
+                             const std::vector<Host>& hosts, const Mesh& mesh,
+                             std::shared_ptr<CleanSights> sights)
     : settings_(settings),
       detectors_(detectors),
       store_(store),
@@ -132,7 +133,8 @@ AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool&
       target_(settings.target),
       parts_(settings.parts),
       laplacian_(mesh),
-      unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices) {
+      unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices),
+      sights_(std::move(sights)) {
   if (settings.renderer) pictures_ = std::make_unique<RenderedPictures>(*settings.renderer, settings.seed);
 }
 

@@ -55,9 +55,11 @@ class CleanSights {
 /// Steps of one attack. What it is given outlives it.
 class AttackStepper {
  public:
-  /// `mesh`: the adversary's, for its faces. InputError for a target or parts of another word.
+  /// `mesh`: the adversary's, for its faces. `sights`: what other steppers of the same detector have seen.
+  /// InputError for a target or parts of another word.
   AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
-                const std::vector<Host>& hosts, const Mesh& mesh);
+                const std::vector<Host>& hosts, const Mesh& mesh,
+                std::shared_ptr<CleanSights> sights = std::make_shared<CleanSights>());
   /// Renews state.rendered where the mesh has moved from it. Then the
   /// mean gradient over the hosts of state.iteration (spread over detectors and ranks, summed in the batch's
   /// order), Adam, projection; ++state.iteration, and its row of losses is kept. Failure if a gradient is not
@@ -84,7 +86,7 @@ class AttackStepper {
   AttackParts parts_;
   Laplacian laplacian_;
   std::vector<Vec3d> unit_;  ///< --parts size: the start's vertices in a box of half lengths 1
-  std::unique_ptr<CleanSights> sights_ = std::make_unique<CleanSights>();
+  std::shared_ptr<CleanSights> sights_;
   std::unique_ptr<RenderedPictures> pictures_;  ///< null without a renderer
 };
 

@@ -58,19 +58,8 @@ TexturedMesh sized_mesh(const Run& run, std::uint64_t seed) {
 }
 
 TexturedMesh filling_mesh(const Run& run, Baseline kind, std::uint64_t seed) {
-  TexturedMesh made = initial_adversary(run.settings.limits, 1);
-  if (kind == Baseline::cuboid) {
-    made.mesh = divided_cuboid(run.settings.limits.half, kCuboidCells);
-    made.atlas.texels.assign(made.mesh.faces.size() * made.atlas.per_face(), Vec3d::Constant(0.5));
-  }
-  if (run.settings.buildable.on &&
-      kind == Baseline::cuboid) {  // it stands on its base: cut there it would lose its sides
-    Eigen::AlignedBox3d above = bounds(made.mesh);
-    above.min().z() = -run.settings.buildable.base * run.settings.limits.half.z();
-    fit_bounds(made.mesh, above);
-  }
-  if (run.settings.buildable.on) make_buildable(made, run.settings.buildable, run.settings.limits);
-  const TexturedMesh start = made;
+  const TexturedMesh start = filling_shape(kind, run.settings.limits, run.settings.buildable);
+  TexturedMesh made = start;
   paint_patches(made, kPatches, seed);
   keep_rules(made, start, run);
   return made;
@@ -126,6 +115,21 @@ std::vector<TexturedMesh> baseline_meshes(const Run& run, Baseline kind, int cou
       meshes.push_back(kind == Baseline::sized ? sized_mesh(run, seed) : filling_mesh(run, kind, seed));
   }
   return meshes;
+}
+
+TexturedMesh filling_shape(Baseline kind, const AdversaryLimits& limits, const BuildableSettings& buildable) {
+  TexturedMesh made = initial_adversary(limits, 1);
+  if (kind == Baseline::cuboid) {
+    made.mesh = divided_cuboid(limits.half, kCuboidCells);
+    made.atlas.texels.assign(made.mesh.faces.size() * made.atlas.per_face(), Vec3d::Constant(0.5));
+  }
+  if (buildable.on && kind == Baseline::cuboid) {  // it stands on its base: cut there it would lose its sides
+    Eigen::AlignedBox3d above = bounds(made.mesh);
+    above.min().z() = -buildable.base * limits.half.z();
+    fit_bounds(made.mesh, above);
+  }
+  if (buildable.on) make_buildable(made, buildable, limits);
+  return made;
 }
 
 void fit_bounds(Mesh& mesh, const Eigen::AlignedBox3d& wanted) {

@@ -31,6 +31,9 @@ std::vector<Baseline> parse_baselines(const std::string& words);
 /// buildable.
 std::vector<TexturedMesh> baseline_meshes(const Run& run, Baseline kind, int count);
 
+/// Ellipsoid or cuboid that fills the box, mid-grey; with `buildable` on, a buildable one.
+TexturedMesh filling_shape(Baseline kind, const AdversaryLimits& limits, const BuildableSettings& buildable);
+
 /// Moves and stretches the mesh along each axis so that its bounds are exactly `wanted`. Axes along which it
 /// has no extent are only moved.
 void fit_bounds(Mesh& mesh, const Eigen::AlignedBox3d& wanted);

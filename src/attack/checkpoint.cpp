@@ -1,5 +1,7 @@
 #include "attack/checkpoint.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -71,7 +73,8 @@ void read_held_out(const JsonFields& json, const AdversaryLimits& limits, Attack
   read_mesh(json, limits, held.mesh);
 }
 
-/// InputError naming the first setting that differs.
+}  // namespace
+
 void check_identity(const std::filesystem::path& file, const nlohmann::json& written,
                     const nlohmann::json& asked) {
   const nlohmann::json saved = with_unnamed_settings(written), identity = with_unnamed_settings(asked);
@@ -86,8 +89,6 @@ void check_identity(const std::filesystem::path& file, const nlohmann::json& wri
       if (key != hosts) compare(key);
   compare(hosts);
 }
-
-}  // namespace
 
 void HeldOutRecord::add(long iteration, double value, const TexturedMesh& adversary) {
   iterations.push_back(iteration);
@@ -109,6 +110,15 @@ AttackState fresh_state(const AttackSettings& settings) {
   state.vertices.learning_rate = settings.vertex_rate;
   state.texels.learning_rate = settings.texel_rate;
   return state;
+}
+
+void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows) {
+  std::string text = "iteration,loss,hide,false_positive,laplacian,hidden\n";
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{}\n", i, rows[i].loss(), rows[i].hide,
+                        rows[i].false_positive, rows[i].laplacian,
+                        rows[i].hidden < 0 ? "" : std::to_string(rows[i].hidden));
+  write_file(file, text);
 }
 
 void write_checkpoint(const std::filesystem::path& file, const AttackState& state,

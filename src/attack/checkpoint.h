@@ -52,6 +52,12 @@ AttackState fresh_state(const AttackSettings& settings);
 /// Atomic. Doubles are written so that they read back bit for bit.
 void write_checkpoint(const std::filesystem::path& file, const AttackState& state,
                       const nlohmann::json& identity);
+/// The file loss.csv (attack/run.h). Atomic.
+void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows);
+/// InputError naming the first setting in which the identity `written` in the file differs from that asked
+/// for.
+void check_identity(const std::filesystem::path& file, const nlohmann::json& written,
+                    const nlohmann::json& asked);
 /// InputError when the file is damaged, holds what no run can reach (numbers that are not finite, a mesh
 /// outside its box, more steps than rows of losses) or belongs to a run with other settings: the field is
 /// named.

@@ -73,7 +73,8 @@ nlohmann::json with_unnamed_settings(nlohmann::json run) {
   if (!run.is_object()) return run;
   for (const auto& [name, meant] :
        {std::pair("defense", "none"), std::pair("depth", "ip-basic"), std::pair("rooftop", "box"),
-        std::pair("sun", "frame"), std::pair("parts", "both"), std::pair("renderer", kRasterRenderer)})
+        std::pair("sun", "frame"), std::pair("parts", "both"), std::pair("attack", "plain"),
+        std::pair("renderer", kRasterRenderer)})
     if (!run.contains(name)) run[name] = meant;
   return run;
 }

@@ -12,13 +12,14 @@
 
 namespace mirage {
 
-ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t seed) {
+ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t seed, std::size_t at_most,
+                                const char* option) {
   std::map<std::string, std::size_t> hosts;  // of each frame
   for (const Host& host : train) ++hosts[host.id.frame];
   std::vector<std::string> frames;
   for (const auto& [frame, count] : hosts) frames.push_back(frame);
   if (frames.size() < 2)
-    throw InputError("--until-plateau", std::to_string(frames.size()) + " training frame",
+    throw InputError(option, std::to_string(frames.size()) + " training frame",
                      "has no second one to hold out", "give more frames, or leave the option out");
   RandomStream random(seed, "validation part");
   shuffle(frames, random);
@@ -27,7 +28,7 @@ ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t se
       frames.size() - 1);
   std::set<std::string> held;
   std::size_t vehicles = 0;
-  for (std::size_t i = 0; i < most && vehicles < kMostHeldOut; ++i) {
+  for (std::size_t i = 0; i < most && vehicles < at_most; ++i) {
     held.insert(frames[i]);
     vehicles += hosts[frames[i]];
   }

@@ -18,8 +18,9 @@ struct ValidationPart {
   std::vector<Host> learn, held_out;
 };
 
-/// Draws frames of `train` at random by seed: one at least, and one at least is left. InputError naming
-/// --until-plateau if the hosts stand in fewer than two frames.
-ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t seed);
+/// Draws frames of `train` at random by seed: one at least, and one at least is left; no more than show
+/// `most` hosts. InputError naming `option` if the hosts stand in fewer than two frames.
+ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t seed,
+                                std::size_t most = kMostHeldOut, const char* option = "--until-plateau");
 
 }  // namespace mirage

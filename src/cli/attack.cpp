@@ -28,6 +28,16 @@ std::string plateau_words(const nlohmann::json& plateau) {
       plateau.at("kept_iteration").get<long>(), plateau.at("vehicles").get<int>());
 }
 
+/// What --attack auto chose, in a line.
+std::string auto_words(const nlohmann::json& report) {
+  const auto& list = report.at("candidates");
+  const auto& chosen = list.at(report.at("chosen").get<std::size_t>());
+  return fmt::format("of {} the one from {}, target {}, after {} steps: {:.4f} on {} vehicles held out",
+                     list.size(), chosen.at("start").get<std::string>(),
+                     chosen.at("target").get<std::string>(), chosen.at("kept_iteration").get<long>(),
+                     chosen.at("held_out").get<double>(), report.at("vehicles").get<int>());
+}
+
 }  // namespace
 
 Command attack_command() {
@@ -86,16 +96,20 @@ Command attack_command() {
                  {"buildable", buildable_words(result.buildable)},
                  {"adversary", (common.out / "adversary.glb").string()}};
     if (!result.plateau.is_null()) rows.insert(rows.begin() + 4, {"plateau", plateau_words(result.plateau)});
+    if (!result.automatic.is_null())
+      rows.insert(rows.begin() + 4, {"candidates", auto_words(result.automatic)});
     print_table(rows);
-    return {{"vehicles_train", result.vehicles_train},
-            {"vehicles_test", result.vehicles_test},
-            {"rooftops", to_json(result.rooftops)},
-            {"iterations", result.iterations},
-            {"loss", result.loss},
-            {"seconds_per_iteration", result.seconds_per_iteration},
-            {"stages", result.stages},
-            {"buildable", result.buildable},
-            {"plateau", result.plateau}};
+    nlohmann::json said = {{"vehicles_train", result.vehicles_train},
+                           {"vehicles_test", result.vehicles_test},
+                           {"rooftops", to_json(result.rooftops)},
+                           {"iterations", result.iterations},
+                           {"loss", result.loss},
+                           {"seconds_per_iteration", result.seconds_per_iteration},
+                           {"stages", result.stages},
+                           {"buildable", result.buildable},
+                           {"plateau", result.plateau}};
+    if (!result.automatic.is_null()) said["auto"] = result.automatic;
+    return said;
   };
   command.many_ranks = true;
   return command;

@@ -65,6 +65,17 @@ TEST_F(Ranks, ThePlateauIsTheSameOnAnyNumberOfProcesses) {
             read_json(folder_ / "one/result.json").at("plateau"));
 }
 
+TEST_F(Ranks, ThePortfolioIsTheSameOnAnyNumberOfProcesses) {
+  const std::string portfolio = " --attack auto --detector lidar --validate-every 5";
+  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("one", 32) + portfolio), 0)
+      << read_file(folder_ / "said");
+  ASSERT_EQ(shell(folder_, on_ranks(2, attack("two", 32) + portfolio)), 0) << read_file(folder_ / "said");
+  EXPECT_EQ(read_file(folder_ / "two/adversary.glb"), read_file(folder_ / "one/adversary.glb"));
+  const auto report = read_json(folder_ / "one/result.json").at("auto");
+  EXPECT_EQ(read_json(folder_ / "two/result.json").at("auto"), report);
+  EXPECT_EQ(report.at("candidates").size(), 4u);
+}
+
 TEST_F(Ranks, ADeadRankEndsTheRunAndTheCheckpointGoesOn) {
   const auto checkpoint = folder_ / "run" / "checkpoint.json";
   std::thread killer([&] {

@@ -1,0 +1,380 @@
+#include "attack/portfolio.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <optional>
+#include <set>
+
+#include "attack/baseline.h"
+#include "attack/checkpoint.h"
+#include "attack/run.h"
+#include "attack/shape_search.h"
+#include "attack/validation_part.h"
+#include "base/checkpoint_timer.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/json_fields.h"
+#include "base/progress.h"
+#include "base/random.h"
+#include "base/ranks.h"
+#include "base/shuffle.h"
+
+namespace mirage {
+namespace {
+
+constexpr double kSearchSigma = 0.3;  // m, of a control point's first displacements
+/// Times --vertex-rate and --texel-rate. Both rates at once: one factor a candidate.
+constexpr double kRates[] = {5, 1};
+constexpr const char* kAutoAgain = "delete the file to do its part of the run again";
+constexpr std::size_t kMostLooks = 1'000'000;
+
+struct NamedStart {
+  std::string name;
+  TexturedMesh mesh;
+  double held_out = 0;
+};
+
+struct Candidate {
+  std::string start;
+  AttackSettings settings;
+  nlohmann::json identity;
+  std::filesystem::path file;
+  std::unique_ptr<AttackStepper> stepper;
+  AttackState state;
+  int rounds = 0;  // taken part in
+};
+
+/// Lowest of the first values, those after at most `step` steps.
+double best_until(const HeldOutRecord& held, long step) {
+  double best = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < held.values.size() && held.iterations[i] <= step; ++i)
+    best = std::min(best, held.values[i]);
+  return best;
+}
+
+class Portfolio {
+ public:
+  explicit Portfolio(const AutoRun& run)
+      : run_(run),
+        settings_(run.settings),
+        folder_(settings_.out / "auto"),
+        part_(split_validation(run.train, settings_.seed, kChoosingHosts, "--attack auto")),
+        identity_(run.identity),
+        sights_(std::make_shared<CleanSights>()),
+        timer_({settings_.checkpoint_every, settings_.checkpoint_seconds}),
+        progress_("attack", static_cast<std::size_t>(settings_.iterations), settings_.quiet) {
+    identity_["iterations"] = settings_.iterations;
+    std::vector<HostId> held;
+    for (const Host& host : part_.held_out) held.push_back(host.id);
+    identity_["validation"] = to_json(held);
+  }
+
+  AutoOutcome run() {
+    plan();
+    open();
+    AutoOutcome outcome;
+    search();
+    judge_starts();
+    enter();
+    outcome.first = known_;
+    for (const Candidate& candidate : candidates_) outcome.first += candidate.state.iteration;
+    halve();
+    const auto chosen = std::min_element(
+        candidates_.begin(), candidates_.end(),
+        [](const Candidate& a, const Candidate& b) { return a.state.held_out.best < b.state.held_out.best; });
+    outcome.state = chosen->state;
+    outcome.state.adversary = chosen->state.held_out.mesh;
+    outcome.report = report(static_cast<std::size_t>(chosen - candidates_.begin()));
+    outcome.stages = stages_;
+    outcome.steps = spent();
+    spdlog::info("candidate {} is chosen: {}, {:.4f} on {} vehicles held out", chosen - candidates_.begin(),
+                 chosen->start, chosen->state.held_out.best, part_.held_out.size());
+    return outcome;
+  }
+
+ private:
+  bool learns_shape() const {
+    return settings_.parts == AttackParts::both || settings_.parts == AttackParts::shape;
+  }
+
+  void plan() {
+    targets_ = auto_targets(settings_.target, run_.detectors.front()->capabilities());
+    searched_ = part_.learn;
+    RandomStream random(settings_.seed, "search hosts");
+    shuffle(searched_, random);
+    searched_.resize(std::min(searched_.size(), kSearchHosts));
+    const long looks = kShapesAGeneration * static_cast<long>(searched_.size());
+    const std::size_t starts = learns_shape() ? 2 : 1;
+    budget_ = auto_budget(settings_.iterations, starts * targets_.size() * std::size(kRates),
+                          learns_shape() ? (looks + 2 * settings_.batch - 1) / (2 * settings_.batch) : 0);
+    long end = 0;
+    for (const AutoBudget::Round& round : budget_.rounds) ends_.insert(end += round.steps);
+  }
+
+  /// Takes up what an earlier process left; the run's own file is there from now on.
+  void open() {
+    const auto check = [&](const std::filesystem::path& file, const nlohmann::json& known) {
+      JsonFields(file, known, kAutoAgain).object("identity");
+      check_identity(file, known.at("identity"), identity_);
+    };
+    const auto own = settings_.out / "checkpoint.json", file = folder_ / "looks.json";
+    if (exists(own)) check(own, read_json(own));
+    if (exists(file)) {
+      const nlohmann::json known = read_json(file);
+      check(file, known);
+      const JsonFields json(file, known, kAutoAgain);
+      const auto read = [&](const char* key) {
+        return json.numbers(key, json.list(key, kMostLooks).size(), -std::numeric_limits<double>::max(),
+                            std::numeric_limits<double>::max());
+      };
+      shapes_ = read("shapes");
+      starts_ = read("starts");
+    }
+    const auto looks = static_cast<long>(shapes_.size() + starts_.size());
+    if (any_rank(looks != first_rank_value(looks)))
+      throw Failure(file.string(), "processes see different files",
+                    "give --out a folder that all machines share");
+    if (rank() > 0) return;
+    std::filesystem::create_directories(folder_);
+    write_json(settings_.out / "run.json", identity_);
+    write_total();
+  }
+
+  void write_total() const {
+    if (rank() > 0) return;
+    write_json(settings_.out / "checkpoint.json", {{"identity", identity_}, {"iteration", spent()}});
+  }
+  void write_looks() const {
+    if (rank() > 0) return;
+    write_json(folder_ / "looks.json", {{"identity", identity_}, {"shapes", shapes_}, {"starts", starts_}});
+  }
+  long spent() const {
+    long steps = spent_;
+    for (const Candidate& candidate : candidates_) steps += candidate.state.iteration;
+    return steps;
+  }
+  void stop_if_interrupted() const {
+    if (!any_rank(interrupted())) return;
+    throw Interrupted(fmt::format("interrupted after {} of {} steps; run the same command to go on", spent(),
+                                  settings_.iterations));
+  }
+
+  /// The objective of a mesh as it is on these vehicles; the same on every rank.
+  double look(const TexturedMesh& mesh, const std::vector<Host>& hosts) {
+    stop_if_interrupted();
+    return AttackStepper(settings_, run_.detectors, run_.store, part_.learn, mesh.mesh, sights_)
+        .held_out(mesh, hosts);
+  }
+
+  void search() {
+    if (budget_.generations == 0) return;
+    const TexturedMesh cuboid = filling_shape(Baseline::cuboid, settings_.limits, settings_.buildable);
+    CrossEntropy method(kWarpNumbers, kShapesAGeneration, kSearchSigma, settings_.seed);
+    const auto total = static_cast<std::size_t>(budget_.generations) * kShapesAGeneration;
+    const auto shape = [&](const std::vector<double>& numbers) {
+      TexturedMesh mesh = warped(cuboid, settings_.limits, numbers);
+      if (settings_.buildable.on) keep_buildable(mesh, cuboid, settings_.buildable, settings_.limits);
+      return mesh;
+    };
+    if (shapes_.size() > total) shapes_.resize(total);
+    known_ = budget_.search * static_cast<long>(shapes_.size()) / static_cast<long>(total);
+    double lowest = std::numeric_limits<double>::infinity();
+    for (std::size_t i = 0; i < total; ++i) {
+      if (i == shapes_.size()) {
+        shapes_.push_back(look(shape(method.next()), searched_));
+        write_looks();
+      }
+      lowest = std::min(lowest, shapes_[i]);
+      method.add(shapes_[i]);
+      spent_ = budget_.search * static_cast<long>(i + 1) / static_cast<long>(total);
+      progress_.update(static_cast<std::size_t>(spent_), fmt::format("search {:.4f}", lowest));
+      if ((i + 1) % kShapesAGeneration == 0)
+        spdlog::info("search, generation {} of {}: the lowest objective so far is {:.4f}",
+                     (i + 1) / kShapesAGeneration, budget_.generations, lowest);
+    }
+    found_ = shape(method.centre());
+  }
+
+  void judge_starts() {
+    TexturedMesh paper = initial_adversary(settings_.limits);
+    if (settings_.buildable.on) make_buildable(paper, settings_.buildable, settings_.limits);
+    named_.push_back({"paper", paper});
+    if (learns_shape())
+      for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid})
+        named_.push_back({to_string(kind), filling_shape(kind, settings_.limits, settings_.buildable)});
+    if (found_) named_.push_back({"searched", *found_});
+    starts_.resize(std::min(starts_.size(), named_.size()));
+    for (std::size_t i = 0; i < named_.size(); ++i) {
+      if (i == starts_.size()) {
+        starts_.push_back(look(named_[i].mesh, part_.held_out));
+        write_looks();
+      }
+      named_[i].held_out = starts_[i];
+      spdlog::info("start {}: {:.4f} on {} vehicles held out", named_[i].name, named_[i].held_out,
+                   part_.held_out.size());
+    }
+    kept_ = named_;
+    std::stable_sort(kept_.begin(), kept_.end(),
+                     [](const NamedStart& a, const NamedStart& b) { return a.held_out < b.held_out; });
+    kept_.resize(std::min<std::size_t>(kept_.size(), 2));
+  }
+
+  /// The candidates, from their checkpoints where there are some.
+  void enter() {
+    for (const NamedStart& start : kept_)
+      for (const AttackTarget target : targets_)
+        for (const double rate : kRates) {
+          Candidate c;
+          c.start = start.name;
+          c.settings = settings_;
+          c.settings.target = target;
+          c.settings.vertex_rate *= rate;
+          c.settings.texel_rate *= rate;
+          c.settings.seed += candidates_.size();
+          c.identity = identity_;
+          c.identity["start"] = start.name;
+          c.identity["target"] = to_word(target);
+          c.identity["vertex_rate"] = c.settings.vertex_rate;
+          c.identity["texel_rate"] = c.settings.texel_rate;
+          c.identity["seed"] = c.settings.seed;
+          c.file = folder_ / fmt::format("candidate-{}.json", candidates_.size());
+          c.state = fresh_state(c.settings);
+          c.state.adversary = start.mesh;
+          if (exists(c.file)) c.state = read_checkpoint(c.file, c.identity, start.mesh);
+          candidates_.push_back(std::move(c));
+        }
+    for (Candidate& c : candidates_) {
+      if (any_rank(c.state.iteration != first_rank_value(c.state.iteration)))
+        throw Failure(c.file.string(), "processes see different checkpoints",
+                      "give --out a folder that all machines share");
+      c.stepper = std::make_unique<AttackStepper>(c.settings, run_.detectors, run_.store, part_.learn,
+                                                  c.state.adversary.mesh, sights_);
+    }
+  }
+
+  void save(const Candidate& c) const {
+    if (rank() == 0) write_checkpoint(c.file, c.state, c.identity);
+    write_total();
+  }
+
+  void advance(Candidate& c, long until) {
+    HeldOutRecord& held = c.state.held_out;
+    for (;;) {
+      const long at = c.state.iteration;
+      if ((at == 0 || at % settings_.validation_every == 0 || ends_.contains(at)) &&
+          (held.iterations.empty() || held.iterations.back() < at))
+        held.add(at, c.stepper->held_out(c.state.adversary, part_.held_out), c.state.adversary);
+      if (at >= until) break;
+      if (any_rank(interrupted())) {
+        save(c);
+        stop_if_interrupted();
+      }
+      const double share = static_cast<double>(at) / static_cast<double>(budget_.longest());
+      const double decay = (1 + std::cos(std::numbers::pi * share)) / 2;
+      c.state.vertices.learning_rate = decay * c.settings.vertex_rate;
+      c.state.texels.learning_rate = decay * c.settings.texel_rate;
+      const LossRow row = c.stepper->step(c.state, &stages_);
+      progress_.update(static_cast<std::size_t>(spent()),
+                       fmt::format("{} loss {:.3f} (hide {:.3f})", c.start, row.loss(), row.hide));
+      if (timer_.due(c.state.iteration)) save(c);
+    }
+    save(c);
+  }
+
+  void halve() {
+    std::vector<std::size_t> alive(candidates_.size());
+    for (std::size_t i = 0; i < alive.size(); ++i) alive[i] = i;
+    long until = 0;
+    for (const AutoBudget::Round& round : budget_.rounds) {
+      until += round.steps;
+      alive.resize(round.candidates);
+      for (const std::size_t i : alive) {
+        Candidate& c = candidates_[i];
+        advance(c, until);
+        ++c.rounds;
+        spdlog::info("candidate {} ({}, target {}, rates {:g} and {:g}): {:.4f} held out after {} steps", i,
+                     c.start, to_word(c.settings.target), c.settings.vertex_rate, c.settings.texel_rate,
+                     best_until(c.state.held_out, until), until);
+      }
+      std::stable_sort(alive.begin(), alive.end(), [&](std::size_t a, std::size_t b) {
+        return best_until(candidates_[a].state.held_out, until) <
+               best_until(candidates_[b].state.held_out, until);
+      });
+    }
+  }
+
+  nlohmann::json report(std::size_t chosen) const {
+    auto list = nlohmann::json::array(), starts = nlohmann::json::array();
+    for (const Candidate& c : candidates_)
+      list.push_back({{"start", c.start},
+                      {"target", to_word(c.settings.target)},
+                      {"vertex_rate", c.settings.vertex_rate},
+                      {"texel_rate", c.settings.texel_rate},
+                      {"seed", c.settings.seed},
+                      {"steps", c.state.iteration},
+                      {"rounds", c.rounds},
+                      {"held_out", c.state.held_out.best},
+                      {"kept_iteration", c.state.held_out.best_iteration}});
+    for (const NamedStart& start : named_)
+      starts.push_back({{"start", start.name}, {"held_out", start.held_out}});
+    return {{"candidates", list},
+            {"chosen", chosen},
+            {"starts", starts},
+            {"search",
+             {{"generations", budget_.generations},
+              {"shapes", shapes_.size()},
+              {"vehicles", searched_.size()},
+              {"steps", budget_.search},
+              {"values", shapes_}}},
+            {"vehicles", part_.held_out.size()},
+            {"steps", spent()}};
+  }
+
+  const AutoRun& run_;
+  const AttackSettings& settings_;
+  std::filesystem::path folder_;
+  ValidationPart part_;
+  nlohmann::json identity_;
+  std::shared_ptr<CleanSights> sights_;
+  CheckpointTimer timer_;
+  Progress progress_;
+  AutoBudget budget_;
+  std::set<long> ends_;  // of the rounds, in a candidate's steps
+  std::vector<AttackTarget> targets_;
+  std::vector<Host> searched_;
+  std::vector<double> shapes_, starts_;  // values looked at so far
+  std::optional<TexturedMesh> found_;
+  std::vector<NamedStart> named_, kept_;
+  std::vector<Candidate> candidates_;
+  StageSeconds stages_;
+  long spent_ = 0, known_ = 0;  // by the search; by that of earlier processes
+};
+
+}  // namespace
+
+void check_auto(const AttackSettings& settings) {
+  if (settings.attack == AttackSearch::plain) return;
+  const auto refuse = [](const char* field, const std::string& value, const char* why, const char* fix) {
+    throw FieldError(field, value, std::string("does not go with --attack auto: ") + why, fix);
+  };
+  if (settings.target == AttackTarget::random)
+    refuse("target", "random", "nothing is learned", "leave --attack out");
+  if (settings.until_plateau > 0)
+    refuse("until_plateau", std::to_string(settings.until_plateau), "it spends all of its --iterations",
+           "leave --until-plateau out");
+  if (settings.renderer)
+    refuse("renderer", "cycles", "its candidates would need pictures of each", "use --renderer raster");
+  if (settings.seconds > 0)
+    refuse("seconds", fmt::format("{}", settings.seconds), "its budget is in steps", "use --iterations");
+}
+
+AutoOutcome run_portfolio(const AutoRun& run) {
+  return Portfolio(run).run();
+}
+
+}  // namespace mirage

@@ -1,0 +1,62 @@
+// `mirage attack --attack auto`: what an attack can do at best within a budget, in the spirit of AutoAttack
+// (Croce & Hein, ICML 2020), for one mesh over many vehicles.
+//
+//   1. Search. A cuboid that fills the box is warped without gradients (attack/shape_search.h), at most three
+//      quarters of the budget, by the objective on a fixed sample of the vehicles that are learned on.
+//   2. Starts. The paper's ellipsoid, ellipsoid and cuboid filling the box, and what was found, as they are:
+//      the better half by the objective on the held-out vehicles go on.
+//   3. Successive halving (Jamieson & Talwalkar, AISTATS 2016). Starts × targets × rates, each with an order
+//   of
+//      the hosts of its own (a restart), learn by Adam; each round has an equal share of the steps that are
+//      left, and the better half of the candidates comes into the next. Rates fall along a half cosine.
+//   4. The mesh of the lowest held-out objective that any candidate had at any look is what was learned; a
+//      start that no step improves is kept as it is.
+//
+// Held out are whole frames of the training part (attack/validation_part.h); the run's test vehicles are
+// never looked at. The objective chooses, not the share that vanished: over some 30 vehicles that share moves
+// in steps of 3 points.
+//
+//     OUT/checkpoint.json       the run's identity, and how many steps were spent
+//     OUT/auto/looks.json       values of the search and of the starts
+//     OUT/auto/candidate-N.json checkpoint of a candidate (attack/checkpoint.h)
+//
+// Each is written atomically, and the order of work follows from them: a stopped run, on any number of
+// processes, ends with the same bits.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "attack/attack_step.h"
+#include "attack/auto_budget.h"
+
+namespace mirage {
+
+/// Shapes a generation of the search, and of how many vehicles each is judged (if there are so many).
+inline constexpr int kShapesAGeneration = 24;
+inline constexpr std::size_t kSearchHosts = 24;
+/// At most so many vehicles are held out to choose by.
+inline constexpr std::size_t kChoosingHosts = 32;
+
+/// FieldError for settings that do not go with --attack auto; none if it was not asked for.
+void check_auto(const AttackSettings& settings);
+
+/// What the portfolio needs of a run that is set up (attack.cpp).
+struct AutoRun {
+  const AttackSettings& settings;
+  const DetectorPool& detectors;
+  FrameStore& store;
+  const std::vector<Host>& train;
+  nlohmann::json identity;
+};
+/// What came of it.
+struct AutoOutcome {
+  AttackState state;          ///< of the chosen candidate, its mesh the chosen one
+  nlohmann::json report;      ///< result.json's "auto"
+  StageSeconds stages;        ///< of the steps of this process
+  long steps = 0, first = 0;  ///< spent in all, and before this process
+};
+/// Writes run.json (with the vehicles held out) and the files above.
+AutoOutcome run_portfolio(const AutoRun& run);
+
+}  // namespace mirage

@@ -1,0 +1,338 @@
+// --attack auto: shapes searched without gradients, and candidates of which the best on held-out vehicles is
+// kept.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <set>
+
+#include "attack/baseline.h"
+#include "attack/checkpoint.h"
+#include "attack/portfolio.h"
+#include "attack/shape_search.h"
+#include "attack/tiny_world.h"
+#include "base/error.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+using testing::HasSubstr;
+
+AttackSettings auto_settings(const test::TemporaryFolder& folder, const char* out, int iterations) {
+  AttackSettings settings;
+  settings.attack = AttackSearch::automatic;
+  settings.data = folder / "data";
+  settings.out = folder / out;
+  settings.iterations = iterations;
+  settings.validation_every = 2;
+  settings.checkpoint_every = 5;
+  settings.texel_rate = 0.02;
+  settings.objective.lambda_fp = 0;
+  settings.rooftop = "box";
+  settings.quiet = true;
+  return settings;
+}
+
+template <class Kind>
+DetectorPool one_of() {
+  DetectorPool pool;
+  pool.push_back(std::make_unique<Kind>());
+  return pool;
+}
+
+TEST(ShapeSearch, TheWarpIsLinearInItsControlPoints) {
+  const AdversaryLimits limits;
+  const TexturedMesh start = initial_adversary(limits, 0.5);
+  std::vector<double> numbers(kWarpNumbers, 0.0);
+  EXPECT_EQ(warped(start, limits, numbers).mesh.vertices, start.mesh.vertices);
+  for (std::size_t i = 0; i < numbers.size(); i += 3) numbers[i] = 0.1;  // all of them: a translation
+  const auto moved = warped(start, limits, numbers).mesh.vertices;
+  for (std::size_t v = 0; v < moved.size(); ++v)
+    EXPECT_NEAR((moved[v] - start.mesh.vertices[v] - Vec3d(0.1, 0, 0)).norm(), 0, 1e-12);
+  // Control points displaced by a linear map of where they stand: every vertex is (linear precision).
+  std::size_t at = 0;
+  const auto place = [](int i) { return 2.0 * i / (kWarpPoints - 1) - 1; };
+  for (int i = 0; i < kWarpPoints; ++i)
+    for (int j = 0; j < kWarpPoints; ++j)
+      for (int k = 0; k < kWarpPoints; ++k) {
+        numbers[at++] = 0.1 * place(i) + 0.05 * place(k);
+        numbers[at++] = 0.02 * place(j);
+        numbers[at++] = -0.03 * place(i);
+      }
+  const auto sheared = warped(start, limits, numbers).mesh.vertices;
+  for (std::size_t v = 0; v < sheared.size(); ++v) {
+    const Vec3d x = start.mesh.vertices[v], u = x.cwiseQuotient(limits.half);
+    const Vec3d wanted = x + Vec3d(0.1 * u.x() + 0.05 * u.z(), 0.02 * u.y(), -0.03 * u.x());
+    EXPECT_NEAR((sheared[v] - wanted).norm(), 0, 1e-12);
+  }
+  std::fill(numbers.begin(), numbers.end(), 9.0);  // clamped into the box
+  for (const Vec3d& v : warped(start, limits, numbers).mesh.vertices) EXPECT_EQ(v, limits.half);
+}
+
+TEST(ShapeSearch, FindsALowestValueAndIsRestoredByItsValues) {
+  const auto f = [](const std::vector<double>& x) {
+    double sum = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) sum += std::pow(x[i] - 0.1 * static_cast<double>(i), 2);
+    return sum;
+  };
+  CrossEntropy search(6, 16, 0.3, 4);
+  const double start = f(search.centre());
+  std::vector<double> values;
+  for (int i = 0; i < 30 * 16; ++i) search.add((values.push_back(f(search.next())), values.back()));
+  EXPECT_LT(f(search.centre()), 0.1 * start);
+  CrossEntropy again(6, 16, 0.3, 4), other(6, 16, 0.3, 5);
+  for (const double value : values) again.add(value);
+  EXPECT_EQ(again.centre(), search.centre());
+  EXPECT_EQ(again.next(), search.next());
+  EXPECT_NE(other.next(), CrossEntropy(6, 16, 0.3, 4).next());
+}
+
+TEST(AutoBudget, SpendsExactlyWhatItIsGiven) {
+  for (const long generation : {0L, 10L, 37L})
+    for (const std::size_t candidates : {1u, 2u, 4u, 5u, 12u})
+      for (const long iterations : {120L, 121L, 1000L, 4096L}) {
+        const AutoBudget budget = auto_budget(iterations, candidates, generation);
+        long spent = budget.search, end = 0;
+        for (std::size_t r = 0; r < budget.rounds.size(); ++r) {
+          const auto& round = budget.rounds[r];
+          spent += round.steps * static_cast<long>(round.candidates);
+          end += round.steps;
+          EXPECT_GT(round.steps, 0);
+          const std::size_t before = r > 0 ? budget.rounds[r - 1].candidates : 2 * candidates;
+          EXPECT_EQ(round.candidates, (before + 1) / 2);
+        }
+        EXPECT_EQ(spent, iterations);
+        EXPECT_EQ(end, budget.longest());
+        EXPECT_EQ(budget.rounds.back().candidates, 1u);
+        EXPECT_LE(budget.search, 3 * iterations / 4);
+        EXPECT_EQ(budget.generations > 0, generation > 0);
+        EXPECT_EQ(budget.search, budget.generations * generation);
+      }
+  EXPECT_EQ(auto_budget(24, 4, 0).rounds.front().steps, 2);
+  EXPECT_THAT(error_text<InputError>([] { auto_budget(7, 4, 0); }), HasSubstr("--iterations: 7"));
+}
+
+TEST(AutoTargets, AreThoseThatTheDetectorsSensorsAllow) {
+  using enum AttackTarget;
+  const Capabilities fusion{true, true, false, false}, one = test::PictureStandIn().capabilities();
+  EXPECT_THAT(auto_targets(both, fusion), testing::ElementsAre(both, lidar, image));
+  EXPECT_THAT(auto_targets(image, fusion), testing::ElementsAre(image));
+  EXPECT_THAT(auto_targets(both, one), testing::ElementsAre(both));
+}
+
+/// Finds the car of every frame of the tiny data, the surer the brighter the picture.
+class Everywhere : public test::StandInDetector {
+ public:
+  std::vector<Proposal> forward(const SensorView& input, double threshold, bool keep) override {
+    returns_ = input.points.size();
+    const auto one = StandInDetector::forward({input.image, {}, input.calibration}, 0, keep);
+    const double sure = one.empty() ? 0 : logit(input, one[0].logit);
+    std::vector<Proposal> found;
+    for (int i = 0; i < 6; ++i) found.push_back({{11.0 + i, 0.5 * i - 0.5, 3.9, 1.6, 0.1 * i}, sure});
+    return found[0].score() > threshold ? found : std::vector<Proposal>();
+  }
+  SensorGradient backward(std::span<const double> d_logits) override {
+    double sum = 0;
+    for (const double d : d_logits) sum += d;
+    SensorGradient gradient = StandInDetector::backward({{sum}});
+    gradient.points.resize(returns_);
+    return gradient;
+  }
+
+ protected:
+  virtual double logit(const SensorView&, double stand_in) const { return stand_in; }
+
+ private:
+  std::size_t returns_ = 0;
+};
+
+/// The more returns above the roofs, the less sure of the car; no gradient tells it.
+class Counting : public Everywhere {
+ public:
+  SensorGradient backward(std::span<const double> d_logits) override {
+    SensorGradient none = Everywhere::backward(d_logits);
+    for (float& d : none.image.data) d = 0;
+    for (auto& d : none.points) d = {};
+    return none;
+  }
+
+ protected:
+  double logit(const SensorView& input, double) const override {
+    const auto high = std::count_if(input.points.begin(), input.points.end(),
+                                    [](const LidarPoint& p) { return p.z > -0.2f; });
+    return 3 - 0.002 * static_cast<double>(high);
+  }
+};
+
+TEST(Auto, TheStartThatHidesMostIsKeptWhereNoGradientHelps) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 6, true);
+  auto settings = auto_settings(folder, "run", 120);
+  settings.objective.lambda_laplacian = 0;
+  const nlohmann::json report = run_attack(settings, one_of<Counting>()).automatic;
+  std::string lowest;
+  double value = 1e9, paper = 0;
+  for (const auto& start : report.at("starts")) {
+    if (start.at("start") == "paper") paper = start.at("held_out");
+    if (start.at("held_out") < value) value = start.at("held_out"), lowest = start.at("start");
+  }
+  EXPECT_GT(report.at("search").at("generations"), 0);
+  EXPECT_LT(value, paper - 0.01) << report;
+  const auto& chosen = report.at("candidates").at(report.at("chosen").get<std::size_t>());
+  EXPECT_EQ(chosen.at("start"), lowest);
+  EXPECT_EQ(chosen.at("held_out"), value);
+  EXPECT_EQ(report.at("steps"), 120);
+  for (const auto& candidate : report.at("candidates")) EXPECT_NE(candidate.at("start"), "paper");
+  // The mesh is that start, and other commands read it.
+  const Vec3d size = bounds(read_run(folder / "run").adversary.mesh).sizes();
+  EXPECT_GT(size.x(), 1.2) << size.transpose();  // the paper's is 1.2 long
+}
+
+/// Its way back through the picture points the wrong way.
+class Misled : public Everywhere {
+ public:
+  SensorGradient backward(std::span<const double> d_logits) override {
+    SensorGradient gradient = Everywhere::backward(d_logits);
+    for (float& d : gradient.image.data) d *= -1;
+    return gradient;
+  }
+};
+
+TEST(Auto, TheCandidateThatMustWinWins) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 6, true);
+  auto settings = auto_settings(folder, "run", 60);
+  settings.parts = AttackParts::texture;  // the shape is every candidate's: returns do not change
+  settings.objective.lambda_laplacian = 0;
+  const auto misled = run_attack(settings, one_of<Misled>()).automatic;
+  settings.out = folder / "right";
+  const auto right = run_attack(settings, one_of<Everywhere>()).automatic;
+  const auto chosen = [](const nlohmann::json& report) {
+    return report.at("candidates").at(report.at("chosen").get<std::size_t>());
+  };
+  // Misled, no step of a texture helps; else the larger rate of one that reads the picture gets furthest.
+  EXPECT_EQ(chosen(misled).at("kept_iteration"), 0);
+  EXPECT_GT(chosen(right).at("kept_iteration"), 0);
+  EXPECT_NE(chosen(right).at("target"), "lidar");
+  EXPECT_EQ(chosen(right).at("texel_rate"), 0.1);
+  EXPECT_LT(chosen(right).at("held_out"), chosen(misled).at("held_out"));
+  double lowest = 1e9;
+  std::set<long> steps;
+  for (const auto& candidate : right.at("candidates")) {
+    lowest = std::min(lowest, candidate.at("held_out").get<double>());
+    steps.insert(candidate.at("steps").get<long>());
+  }
+  EXPECT_EQ(chosen(right).at("held_out"), lowest);
+  EXPECT_GT(steps.size(), 2u);  // halving: some went further than others
+  // The mesh written is the candidate's best.
+  const auto file =
+      folder / ("right/auto/candidate-" + std::to_string(right.at("chosen").get<int>()) + ".json");
+  const auto held = read_json(file).at("held_out").at("texels").get<std::vector<double>>();
+  const auto texels = read_run(folder / "right").adversary.atlas.texels;
+  ASSERT_EQ(held.size(), 3 * texels.size());
+  for (std::size_t i = 0; i < texels.size(); ++i) EXPECT_EQ(texels[i].x(), held[3 * i]);
+}
+
+/// Dies in the middle of its work, as a killed program does.
+class Mortal : public Everywhere {
+ public:
+  static inline int calls_left = 0;
+  std::vector<Proposal> forward(const SensorView& input, double threshold, bool keep) override {
+    if (calls_left-- <= 0) throw Failure("detector", "died", "try again");
+    return Everywhere::forward(input, threshold, keep);
+  }
+};
+
+TEST(Auto, ResumesToTheSameBits) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 5, true);
+  Mortal::calls_left = 1 << 30;
+  const auto whole = run_attack(auto_settings(folder, "whole", 100), one_of<Mortal>()).automatic;
+  int deaths = 0;
+  nlohmann::json parts;
+  for (int life = 60; parts.is_null(); life += 20) {
+    Mortal::calls_left = life;
+    try {
+      parts = run_attack(auto_settings(folder, "parts", 100), one_of<Mortal>()).automatic;
+    } catch (const Failure&) {
+      ++deaths;
+    }
+    ASSERT_LT(deaths, 100);
+  }
+  EXPECT_GE(deaths, 3);
+  EXPECT_EQ(parts, whole);
+  for (const char* file : {"adversary.glb", "loss.csv", "run.json", "auto/looks.json", "checkpoint.json"})
+    EXPECT_EQ(read_file(folder / "parts" / file), read_file(folder / "whole" / file)) << file;
+  // On two detectors at once, too; and a finished run is not begun again.
+  DetectorPool two = one_of<Everywhere>();
+  two.push_back(std::make_unique<Everywhere>());
+  EXPECT_EQ(run_attack(auto_settings(folder, "two", 100), two).automatic, whole);
+  EXPECT_EQ(read_file(folder / "two/adversary.glb"), read_file(folder / "whole/adversary.glb"));
+  // Another budget is another run, and so is a plain attack.
+  EXPECT_THAT(error_text<InputError>(
+                  [&] { run_attack(auto_settings(folder, "whole", 110), one_of<test::StandInDetector>()); }),
+              HasSubstr("iterations"));
+  auto plain = auto_settings(folder, "whole", 100);
+  plain.attack = AttackSearch::plain;
+  EXPECT_THAT(error_text<InputError>([&] { run_attack(plain, one_of<test::StandInDetector>()); }),
+              HasSubstr("attack"));
+  // A damaged record is refused by its field.
+  const auto file = folder / "parts/auto/looks.json";
+  auto bad = read_json(file);
+  bad["shapes"][0] = "x";
+  write_json(file, bad);
+  EXPECT_THAT(error_text<InputError>(
+                  [&] { run_attack(auto_settings(folder, "parts", 100), one_of<test::StandInDetector>()); }),
+              HasSubstr("shapes"));
+}
+
+TEST(Auto, NeverLooksAtTestVehicles) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 6, true);
+  run_attack(auto_settings(folder, "before", 120), one_of<Everywhere>());
+  const auto run = read_json(folder / "before/run.json");
+  ASSERT_GT(run.at("test").size(), 0u);
+  EXPECT_FALSE(run.at("validation").empty());
+  for (const auto& host : run.at("validation")) EXPECT_THAT(run.at("train"), testing::Contains(host));
+  const std::string other = run.at("train").at(0).at("frame");
+  for (const auto& host : run.at("test"))  // what the sensors saw there is now something else
+    for (const char* file : {"image_2/X.png", "velodyne/X.bin"}) {
+      const auto path = [&](std::string frame) {
+        std::string name = file;
+        return folder / "data/training" / name.replace(name.find('X'), 1, frame);
+      };
+      std::filesystem::copy_file(path(other), path(host.at("frame")),
+                                 std::filesystem::copy_options::overwrite_existing);
+    }
+  run_attack(auto_settings(folder, "after", 120), one_of<Everywhere>());
+  EXPECT_EQ(read_json(folder / "after/run.json").at("test"), run.at("test"));
+  EXPECT_EQ(read_file(folder / "after/adversary.glb"), read_file(folder / "before/adversary.glb"));
+}
+
+TEST(Auto, WhatDoesNotGoWithItIsRefusedInALine) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 6, true);
+  const DetectorPool detectors = one_of<test::StandInDetector>();
+  const auto told = [&](const auto& change) {
+    auto settings = auto_settings(folder, "bad", 60);
+    change(settings);
+    return error_text<InputError>([&] { run_attack(settings, detectors); });
+  };
+  EXPECT_THAT(told([](AttackSettings& s) { s.target = AttackTarget::random; }), HasSubstr("target: random"));
+  EXPECT_THAT(told([](AttackSettings& s) { s.until_plateau = 5; }), HasSubstr("until_plateau: 5"));
+  EXPECT_THAT(told([](AttackSettings& s) { s.seconds = 5; }), HasSubstr("seconds: 5"));
+  EXPECT_THAT(told([](AttackSettings& s) { s.iterations = 3; }), HasSubstr("--iterations: 3"));
+  test::TemporaryFolder few;
+  test::write_tiny_data(few / "data", 2, true);  // one frame to train on: none is left to choose by
+  EXPECT_THAT(error_text<InputError>([&] { run_attack(auto_settings(few, "bad", 60), detectors); }),
+              HasSubstr("--attack auto"));
+  auto plain = auto_settings(folder, "plain", 1);
+  plain.attack = AttackSearch::plain;
+  EXPECT_TRUE(run_attack(plain, detectors).automatic.is_null());
+  EXPECT_FALSE(read_json(folder / "plain/run.json").contains("attack"));
+}
+
+}  // namespace
+}  // namespace mirage
