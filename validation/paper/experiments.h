@@ -10,6 +10,8 @@
 //     table3   transfer between rigs and between detectors, black box
 //     table4   defences, each attacked anew (white box), with clean AP
 //     real     table1 and transfer onto it, on frames of the user (--real), with table1 and all
+//     fusions  not in the paper: five detectors, each attacked through each of its sensors, and every mesh
+//              judged by all five (fusions.h); fusions-xenith: the same with the other rig
 //
 // The order is that of the experiments in the paper; which number its own tables carry is not known to us.
 // Numbers of the paper are facts that are quoted where they are certain, in per cent as printed; a cell
@@ -50,6 +52,9 @@ struct Case {
   std::vector<std::string> needs;  ///< names of the cases that come before; an evaluation's first is its run
 };
 
+/// The argument after `option`, or `otherwise`.
+std::string argument(const Case& one, const std::string& option, const std::string& otherwise = "");
+
 /// A column: a quantity with its interval (tables.h computes it).
 struct Column {
   std::string key, title;
@@ -60,10 +65,11 @@ struct Row {
   std::string evaluation;               ///< case; empty for none
   bool random = false;                  ///< the evaluation's random meshes instead of the learned one
   bool sized = false;                   ///< its random meshes of the learned one's size
+  bool cuboid = false;                  ///< its cuboids that fill the box
   bool image = false;                   ///< an experiment on the image: void if the detector ignores it
   bool clean = false;                   ///< the frames as recorded (recall curves)
   std::string detection;                ///< case of the clean AP; empty for none
-  std::string source, target;           ///< table3: who learned the mesh, who is attacked
+  std::string source, target;           ///< table3, fusions: who learned the mesh, who is attacked
   double size = 0;                      ///< fig4: L, m
   std::map<std::string, double> paper;  ///< key of a column to the printed number, per cent
 };
@@ -72,6 +78,7 @@ struct Table {
   std::string name, title, note;
   std::vector<Column> columns;
   std::vector<Row> rows;
+  bool matrix = false;  ///< shown by source and target, a matrix a quantity
 };
 
 struct Experiments {

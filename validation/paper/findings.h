@@ -37,8 +37,8 @@ struct Finding {
   std::vector<Check> checks;  ///< empty: nothing was measured that could tell
 };
 
-/// The paper's findings, in its order, on every rig whose evaluations are there; their comparisons corrected
-/// as one family.
+/// The paper's findings, in its order, and those about kinds of fusion, on every rig whose evaluations are
+/// there; the comparisons of either are corrected as one family.
 std::vector<Finding> findings(const Evidence& evidence);
 
 /// Over the finding's checks: "holds" or "does not hold" if those that can be told agree, "holds in part" if
