@@ -143,11 +143,11 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
 
 nlohmann::json to_json(const RunEvaluation& evaluation) {
   nlohmann::json result = to_json(evaluation.learned);
-  for (const auto& [kind, key] : {std::pair(Baseline::start, "random"), std::pair(Baseline::sized, "sized")})
-    if (const BaselineArm* arm = evaluation.arm(kind)) {
-      result[key] = to_json(arm->evaluation);
-      result[key]["meshes"] = arm->evaluation.meshes;
-    }
+  for (const BaselineArm& arm : evaluation.baselines) {
+    const std::string key = arm.kind == Baseline::start ? "random" : to_string(arm.kind);
+    result[key] = to_json(arm.evaluation);
+    result[key]["meshes"] = arm.evaluation.meshes;
+  }
   auto& arms = result["arms"];
   const BaselineArm* sized = evaluation.arm(Baseline::sized);
   arms.push_back(arm_json(evaluation, "learned", evaluation.learned, extents(evaluation.run.adversary),

@@ -57,8 +57,8 @@ struct RunEvaluation {
 /// InputError for options that contradict each other and where there are no hosts.
 RunEvaluation evaluate_run(const EvaluationRequest& request);
 
-/// The learned mesh's Evaluation; "random" and "sized" (the same keys and "meshes"), the baselines `start`
-/// and `sized` where they were judged; "arms": the learned mesh and all baselines, each {name, detector, rig,
+/// The learned mesh's Evaluation; of each baseline the same keys and "meshes", under its word, `start` under
+/// "random"; "arms": the learned mesh and all baselines, each {name, detector, rig,
 /// target, seeds, meshes, vehicles, extents_m, asr: as HidingRates, fn_asr, fp_asr, any: {value, low, high},
 /// net: as NetSuccess, of the learned mesh over that baseline}; "net": that over `sized`; and what was
 /// judged: run, data, depth, rooftop, detector, weights, defense, its reliance on its picture

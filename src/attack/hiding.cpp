@@ -59,8 +59,8 @@ nlohmann::json rate_json(const HidingRate& rate) {
 }  // namespace
 
 bool HidingRule::finds(const HostOutcome& host, bool clean) const {
-  if (distance > 0) return (clean ? host.clean_distance : host.attacked_distance) <= distance;
-  return (clean ? host.clean_iou : host.attacked_iou) > iou;
+  return clean ? finds(host.clean_iou, host.clean_distance)
+               : finds(host.attacked_iou, host.attacked_distance);
 }
 
 HidingRates hiding_rates(std::span<const HostOutcome> hosts) {

@@ -26,6 +26,10 @@ struct HostOutcome;
 struct HidingRule {
   const char* name;
   double iou = 0, distance = 0;
+  /// Given the best IoU of a detection, and m to the nearest one's centre.
+  bool finds(double best_iou, double nearest) const {
+    return distance > 0 ? nearest <= distance : best_iou > iou;
+  }
   /// In the frame as recorded (`clean`) or with the adversary.
   bool finds(const HostOutcome& host, bool clean) const;
 };

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import xml.etree.ElementTree
 
 import browser
 import paper_fixture
@@ -44,8 +45,8 @@ class Page(browser.PageChecks, unittest.TestCase):
 
     def test_parts_are_there(self):
         sections = self.browser.run("[...document.querySelectorAll('section')].map(s => s.id)")
-        self.assertEqual(sections, ["findings", "pictures-used", "table1", "table2", "fig3", "fig4", "table3", "table4", "pictures", "method"])
-        self.assertEqual(self.count("svg.plot"), 2 + 2 + 2 + 1 + 2)
+        self.assertEqual(sections, ["findings", "pictures-used", "table1", "table2", "fig3", "fig4", "table3", "table4", "fusions", "pictures", "method"])
+        self.assertEqual(self.count("svg.plot"), 2 + 2 + 2 + 1 + 2 + 1)
         self.assertEqual(self.browser.run("[...document.images].filter(i => !i.naturalWidth).length"), 0)
         self.assertEqual(self.count("#pictures img"), 3)
 
@@ -60,6 +61,24 @@ class Page(browser.PageChecks, unittest.TestCase):
     def test_rows_about_a_picture_that_is_not_used_say_so(self):
         self.assertIn("nothing follows about images", self.browser.run("document.querySelector('#table1').textContent"))
         self.assertEqual(self.count("#pictures-used tbody tr"), 2)
+
+    def test_the_heat_map_shows_each_cell_twice_and_what_is_told_in_bold(self):
+        figures = self.browser.run("[...document.querySelectorAll('#fusions .heat text.figure')].map(t => "
+                                   "[t.textContent, t.style.fontWeight])")
+        self.assertEqual(len(figures), 2 * (9 - 1))  # one cell failed
+        self.assertEqual(figures[0], ["−8.0", "700"])
+        self.assertEqual(figures[3], ["0.0", ""])  # a column after the other
+        fills = self.browser.run("[...document.querySelectorAll('#fusions .heat g > rect:first-child')].map(r => r.getAttribute('fill'))")
+        self.assertEqual(fills[3], "#ffffff")
+        self.assertNotEqual(fills[0], fills[5])
+        self.assertIn("made to fail", self.browser.run("document.querySelector('#fusions td.error').textContent"))
+
+    def test_the_heat_map_is_a_file_of_its_own(self):
+        path = os.path.join(self.folder.name, "fusions.svg")
+        self.assertLess(os.path.getsize(path), 300_000)
+        root = xml.etree.ElementTree.parse(path).getroot()
+        self.assertTrue(root.tag.endswith("svg"))
+        self.assertGreater(int(root.get("width")), 500)
 
     def test_every_figure_is_in_the_result(self):
         with open(os.path.join(self.folder.name, "reproduce.json"), encoding="utf-8") as file:

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "validation/paper/findings.h"
+#include "validation/paper/finding.h"
 
 namespace mirage::paper {
 
@@ -31,9 +31,9 @@ Check about_images(Check made, const std::vector<const Outcomes*>& attacked);
 Comparison more(const std::string& what, const Outcomes& a, const Outcomes& b, const Which& which = is_fooled,
                 Claim claim = Claim::more);
 
-/// Corrects the comparisons of all findings as one family, and says what follows: verdicts of the checks, and
-/// in their sentences which of several comparisons tell what, what the correction leaves open, and how many
-/// vehicles it would take.
+/// Corrects the comparisons of these findings as one family, and says what follows: verdicts of the checks,
+/// and in their sentences which of several comparisons tell what, what the correction leaves open, and how
+/// many vehicles it would take.
 void settle(std::vector<Finding>& findings);
 
 /// The finding's checks on each rig for which `make` finds its evaluations.
@@ -44,7 +44,8 @@ Finding on_each_rig(const std::string& name, const std::string& claim, const Mak
   return finding;
 }
 
-/// The findings about defences; findings() has them all.
+/// The findings about defences, and those about kinds of fusion; findings() has them all.
 std::vector<Finding> defence_findings(const Evidence& evidence);
+std::vector<Finding> fusion_findings(const Evidence& evidence);
 
 }  // namespace mirage::paper

@@ -3,10 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <stdexcept>
 
-#include "attack/objective.h"
 #include "base/error.h"
+#include "validation/paper/case_list.h"
+#include "validation/paper/fusions.h"
 #include "validation/paper/repetitions.h"
 
 namespace mirage::paper {
@@ -35,116 +35,12 @@ std::string join(const Strings& parts) {
   return all;
 }
 
-/// Collects the cases that the rows name.
-class List {
- public:
-  explicit List(const ReproduceSettings& settings) : settings_(settings) {}
-
-  std::string attack(const std::string& rig, const std::string& detector, const std::string& target,
-                     double size = 0, const std::string& defense = "") {
-    std::string name = fmt::format("runs/{}-{}-{}", rig, detector, target);
-    Strings arguments = {"attack",
-                         "--data",
-                         data(rig).string(),
-                         "--detector",
-                         detector,
-                         "--target",
-                         target,
-                         "--iterations",
-                         std::to_string(settings_.iterations),
-                         "--batch",
-                         "2",
-                         "--vertex-rate",
-                         "5e-3",
-                         "--texel-rate",
-                         "2e-2",
-                         "--fp-top-k",
-                         std::to_string(kFpTopK),
-                         "--seed",
-                         std::to_string(settings_.seed)};
-    if (size > 0) {
-      name += fmt::format("-size{:.1f}", size);
-      arguments.insert(arguments.end(), {"--size", fmt::format("{:.1f}", size)});
-    }
-    if (!defense.empty()) {
-      std::string folder = defense;
-      folder.erase(std::remove(folder.begin(), folder.end(), ':'), folder.end());
-      name += "-" + folder;
-      arguments.insert(arguments.end(), {"--defense", defense});
-    }
-    return add({name, Case::Kind::attack, arguments, data_case(rig)});
-  }
-
-  /// Of a run on its own held-back hosts, beside random meshes of its size, and with `start` the paper's too.
-  std::string evaluate(const std::string& run, bool start, bool pictures) {
-    Strings arguments = {"evaluate",
-                         "--run",
-                         folder(run),
-                         "--random-meshes",
-                         std::to_string(settings_.random_meshes),
-                         "--baseline",
-                         start ? "start,sized" : "sized"};
-    if (pictures) arguments.insert(arguments.end(), {"--pictures", std::to_string(settings_.pictures)});
-    return add({"evaluations" + run.substr(run.find('/')), Case::Kind::evaluation, arguments, {run}});
-  }
-
-  /// Of a run on the held-back hosts, data and detector of another.
-  std::string transfer(const std::string& from, const std::string& onto) {
-    const std::string name = fmt::format("evaluations/{}--on--{}", from.substr(from.find('/') + 1),
-                                         onto.substr(onto.find('/') + 1));
-    return add({name,
-                Case::Kind::evaluation,
-                {"evaluate", "--run", folder(from), "--hosts-of", folder(onto), "--random-meshes", "0"},
-                {from, onto}});
-  }
-
-  std::string detect(const std::string& rig, const std::string& detector, const std::string& defense) {
-    std::string name = fmt::format("detect/{}-{}", rig, detector);
-    Strings arguments = {"detect", "--data", data(rig).string(), "--detector", detector};
-    if (!defense.empty()) {
-      std::string part = defense;
-      part.erase(std::remove(part.begin(), part.end(), ':'), part.end());
-      name += "-" + part;
-      arguments.insert(arguments.end(), {"--defense", defense});
-    }
-    return add({name, Case::Kind::detection, arguments, data_case(rig)});
-  }
-
-  std::vector<Case> cases;
-
- private:
-  std::filesystem::path data(const std::string& rig) const { return data_folder(settings_, rig); }
-  std::string folder(const std::string& name) const { return (settings_.out / name).string(); }
-
-  /// The case that makes the rig's data, if it is not the user's.
-  Strings data_case(const std::string& rig) {
-    if (rig == "real" || !(rig == "kitti64" ? settings_.kitti64 : settings_.xenith).empty()) return {};
-    return {add({"data/" + rig,
-                 Case::Kind::data,
-                 {"generate", "--rig", rig, "--frames", std::to_string(settings_.frames), "--seed", "3"},
-                 {}})};
-  }
-
-  /// Tables share cases: one of a name that is there already must be the same.
-  std::string add(Case one) {
-    const auto known =
-        std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == one.name; });
-    if (known == cases.end())
-      cases.push_back(one);
-    else if (known->arguments != one.arguments || known->needs != one.needs)
-      throw std::logic_error("two cases named " + one.name);
-    return one.name;
-  }
-
-  const ReproduceSettings& settings_;
-};
-
 /// The attacks on one rig, which tables 1 and 2 count and figure 3 draws.
 struct RigAttacks {
   std::string lidar_only, image, lidar, both;
 };
 
-RigAttacks rig_attacks(List& list, const std::string& rig) {
+RigAttacks rig_attacks(CaseList& list, const std::string& rig) {
   RigAttacks made;
   made.both = list.evaluate(list.attack(rig, "fusion", "both"), true, true);
   made.image = list.evaluate(list.attack(rig, "fusion", "image"), false, false);
@@ -162,7 +58,7 @@ Row row(const std::string& label, const std::string& rig, const std::string& eva
   return made;
 }
 
-Table attack_table(List& list, const std::string& name, const std::string& rig,
+Table attack_table(CaseList& list, const std::string& name, const std::string& rig,
                    const std::vector<Printed>& paper) {
   const RigAttacks a = rig_attacks(list, rig);
   Table table{name, "Attack success, " + kRigTitles.at(rig), "", kSuccess, {}};
@@ -188,13 +84,13 @@ std::vector<Printed> on_kitti() {
           printed(32.76, 4.38, 34.68), printed(31.85, 4.84, 33.23)};
 }
 
-Table table1(List& list) {
+Table table1(CaseList& list) {
   Table table = attack_table(list, "table1", "kitti64", on_kitti());
   table.note = "Beside the paper's numbers on KITTI.";
   return table;
 }
 
-Table table2(List& list) {
+Table table2(CaseList& list) {
   Table table =
       attack_table(list, "table2", "xenith",
                    {printed(5.06, 4.15, 9.17), printed(9.52, 6.21, 15.33), printed(42.81, 10.78, 49.59),
@@ -205,7 +101,7 @@ Table table2(List& list) {
   return table;
 }
 
-Table fig3(List& list, const Strings& rigs) {
+Table fig3(CaseList& list, const Strings& rigs) {
   Table table{"fig3", "Recall over IoU", "The paper shows curves; its numbers are not printed.", kRecall, {}};
   for (const std::string& rig : rigs) {
     const RigAttacks a = rig_attacks(list, rig);
@@ -222,7 +118,7 @@ Table fig3(List& list, const Strings& rigs) {
   return table;
 }
 
-Table fig4(List& list) {
+Table fig4(CaseList& list) {
   Table table{
       "fig4",
       "Attack success against the size of the box",
@@ -240,7 +136,7 @@ Table fig4(List& list) {
   return table;
 }
 
-Table table3(List& list, bool real) {
+Table table3(CaseList& list, bool real) {
   Table table{
       "table3",
       "Transfer of the learned mesh, black box",
@@ -285,7 +181,7 @@ Table table3(List& list, bool real) {
   return table;
 }
 
-Table table4(List& list) {
+Table table4(CaseList& list) {
   Table table{
       "table4",
       "Defences of the fusion detector, each attacked anew with the defence known",
@@ -314,7 +210,7 @@ Table table4(List& list) {
   return table;
 }
 
-Table real_table(List& list) {
+Table real_table(CaseList& list) {
   Table table = attack_table(list, "real", "real", on_kitti());
   table.note =
       "Learned on one part of the given frames, judged on the held-back vehicles of the rest. Beside the "
@@ -332,23 +228,13 @@ void make_quick(ReproduceSettings& settings) {
   settings.quick = true;
 }
 
-std::filesystem::path data_folder(const ReproduceSettings& settings, const std::string& rig) {
-  const auto& given = rig == "real" ? settings.real : rig == "xenith" ? settings.xenith : settings.kitti64;
-  return given.empty() ? settings.out / "data" / rig : given;
-}
-
-const Case& Experiments::at(const std::string& name) const {
-  const auto found = std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == name; });
-  if (found == cases.end()) throw InputError("experiments", name, "no such case", "name one of the list");
-  return *found;
-}
-
 Experiments experiments(const ReproduceSettings& settings) {
-  const Strings words = {"table1", "table2", "fig3", "fig4", "table3", "table4", "all"};
+  const Strings words = {"table1", "table2",  "fig3",           "fig4", "table3",
+                         "table4", "fusions", "fusions-xenith", "all"};
   if (std::find(words.begin(), words.end(), settings.what) == words.end())
     throw InputError("mirage reproduce", settings.what, "no such table or figure",
                      "use one of " + join(words));
-  List list(settings);
+  CaseList list(settings);
   Experiments made;
   const bool all = settings.what == "all", real = !settings.real.empty();
   const auto wanted = [&](const char* name) { return all || settings.what == name; };
@@ -363,6 +249,9 @@ Experiments experiments(const ReproduceSettings& settings) {
   if (wanted("fig4")) made.tables.push_back(fig4(list));
   if (wanted("table3")) made.tables.push_back(table3(list, real));
   if (wanted("table4")) made.tables.push_back(table4(list));
+  if (wanted("fusions")) made.tables.push_back(fusions_table(list, "kitti64"));
+  if (wanted("fusions") && real) made.tables.push_back(fusions_on_real(list));
+  if (wanted("fusions-xenith")) made.tables.push_back(fusions_table(list, "xenith"));
   made.cases = std::move(list.cases);
   repeat(made, settings);
   return made;

@@ -10,82 +10,25 @@
 //     table3   transfer between rigs and between detectors, black box
 //     table4   defences, each attacked anew (white box), with clean AP
 //     real     table1 and transfer onto it, on frames of the user (--real), with table1 and all
+//     fusions  not in the paper: five detectors, each attacked through each of its sensors, and every mesh
+//              judged by all five (fusions.h); fusions-xenith: the same with the other rig
 //
 // The order is that of the experiments in the paper; which number its own tables carry is not known to us.
 // Numbers of the paper are facts that are quoted where they are certain, in per cent as printed; a cell
 // without one stays empty.
 #pragma once
 
-#include <cstdint>
 #include <filesystem>
-#include <map>
 #include <string>
-#include <vector>
+
+#include "validation/paper/cases.h"
 
 namespace mirage::paper {
-
-struct ReproduceSettings {
-  std::string what = "all";
-  std::filesystem::path out;
-  std::filesystem::path kitti64, xenith, real;  ///< data sets; the first two empty: generated in OUT/data
-  int frames = 120;                             ///< generated frames of a rig
-  int iterations = 400;
-  int random_meshes = 3;  ///< of the random baseline, pooled
-  int seeds = 1;     ///< runs of each attack, of the seeds seed, seed + 1, …; each splits the frames anew
-  int pictures = 3;  ///< of each attack that has pictures
-  std::uint64_t seed = 0;
-  int threads = 0;
-  bool quick = false, quiet = false;
-};
 
 /// Fewer frames and iterations, as far as they are still at their defaults: minutes, and wide intervals.
 void make_quick(ReproduceSettings& settings);
 
-/// One command of mirage and its folder.
-struct Case {
-  enum class Kind { data, attack, evaluation, detection };
-  std::string name;  ///< folder under OUT: "runs/kitti64-fusion-both"
-  Kind kind = Kind::attack;
-  std::vector<std::string> arguments;  ///< without --out, --threads and --quiet
-  std::vector<std::string> needs;  ///< names of the cases that come before; an evaluation's first is its run
-};
-
-/// A column: a quantity with its interval (tables.h computes it).
-struct Column {
-  std::string key, title;
-};
-
-struct Row {
-  std::string label, rig;
-  std::string evaluation;               ///< case; empty for none
-  bool random = false;                  ///< the evaluation's random meshes instead of the learned one
-  bool sized = false;                   ///< its random meshes of the learned one's size
-  bool image = false;                   ///< an experiment on the image: void if the detector ignores it
-  bool clean = false;                   ///< the frames as recorded (recall curves)
-  std::string detection;                ///< case of the clean AP; empty for none
-  std::string source, target;           ///< table3: who learned the mesh, who is attacked
-  double size = 0;                      ///< fig4: L, m
-  std::map<std::string, double> paper;  ///< key of a column to the printed number, per cent
-};
-
-struct Table {
-  std::string name, title, note;
-  std::vector<Column> columns;
-  std::vector<Row> rows;
-};
-
-struct Experiments {
-  std::vector<Table> tables;
-  /// In the order to run: each after what it needs, table by table; and all of a seed before the next.
-  std::vector<Case> cases;
-  int seeds = 1;
-  const Case& at(const std::string& name) const;
-};
-
 /// What `settings.what` asks for. InputError for another word.
 Experiments experiments(const ReproduceSettings& settings);
-
-/// The folder of a rig's data: what was given, or OUT/data/RIG.
-std::filesystem::path data_folder(const ReproduceSettings& settings, const std::string& rig);
 
 }  // namespace mirage::paper

@@ -6,39 +6,12 @@
 #include <string>
 #include <vector>
 
-#include "validation/paper/tables.h"
-#include "validation/paper/verdicts.h"
+#include "validation/paper/finding.h"
 
 namespace mirage::paper {
 
-/// A false positive is far from the host beyond this, m: about three lengths of a car, as the pictures of
-/// mirage evaluate have it.
-inline constexpr double kFar = 12;
-/// Fewer vehicles or false positives than this, or fewer clusters, tell nothing whatever the interval says.
-inline constexpr int kFewest = 10;
-inline constexpr int kFewestClusters = 5;
-
-/// A finding on one rig's data.
-struct Check {
-  std::string rig;
-  Verdict verdict = Verdict::open;
-  std::string sentence;  ///< the numbers, in words
-  std::string why;       ///< other evidence that speaks to the cause; may be empty
-  int vehicles = 0;
-  std::vector<Comparison> comparisons;
-  bool few = false;    ///< too few vehicles or clusters: open, and no part of the family
-  bool agree = false;  ///< its comparisons are the same question asked twice: open unless they agree
-  /// What it would take to tell, where it is open and a number follows.
-  std::optional<long> vehicles_needed = {};
-};
-
-struct Finding {
-  std::string name, claim;
-  std::vector<Check> checks;  ///< empty: nothing was measured that could tell
-};
-
-/// The paper's findings, in its order, on every rig whose evaluations are there; their comparisons corrected
-/// as one family.
+/// The paper's findings, in its order, and those about kinds of fusion, on every rig whose evaluations are
+/// there; the comparisons of either are corrected as one family.
 std::vector<Finding> findings(const Evidence& evidence);
 
 /// Over the finding's checks: "holds" or "does not hold" if those that can be told agree, "holds in part" if

@@ -2,7 +2,8 @@
 
     python3 paper_page.py DIR
 
-Reads DIR/reproduce.json and the pictures under DIR/evaluations; writes DIR/reproduce.html. Every figure of the page
+Reads DIR/reproduce.json and the pictures under DIR/evaluations; writes DIR/reproduce.html, and DIR/fusions*.svg, the heat maps
+alone. Every figure of the page
 stands in reproduce.json. What was not measured is left out, never made up.
 """
 
@@ -21,6 +22,7 @@ try:
 
     import figures
     import files
+    import paper_heat
     import paper_plots as plots
     import pictures
 except ImportError as error:
@@ -28,7 +30,8 @@ except ImportError as error:
 
 TAGS = {"holds": "good", "does not hold": "bad", "holds in part": "raster"}
 SECTIONS = [("table1", "attack"), ("real", "attack"), ("table2", "attack"), ("fig3", "recall"), ("fig4", "size"),
-            ("table3", "transfer"), ("table4", "defences")]
+            ("table3", "transfer"), ("table4", "defences"),
+            ("fusions", "heat"), ("fusions-real", "heat"), ("fusions-xenith", "heat")]
 PICTURED = {"hidden": 3, "false_positives": 2, "features": 2}  # of an evaluation
 WIDE = 1400  # pixels of a picture, at most
 
@@ -104,6 +107,8 @@ def plots_of(table):
                 rigs.append(row["rig"])
         return {"recall": [(plots.RIGS[rig], plots.recall([r for r in rows if r["rig"] == rig])) for rig in rigs],
                 "legend": plots.legend(rows)}
+    if table.get("matrix"):
+        return {"heat": paper_heat.heat(table)}
     if table["name"] == "fig4":
         return {"size": plots.size(rows)}
     if table["name"] == "table3":
@@ -130,6 +135,10 @@ def page(result, folder):
 def main(folder):
     result = figures.read_json(os.path.join(folder, "reproduce.json"))
     files.write(os.path.join(folder, "reproduce.html"), page(result, folder))
+    for table in result["tables"]:  # for pages of others
+        svg = paper_heat.heat(table) if table.get("matrix") else None
+        if svg:
+            files.write(os.path.join(folder, table["name"] + ".svg"), paper_heat.standalone(svg))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "validation/paper/experiments.h"
+#include "validation/paper/cases.h"
 
 namespace mirage::paper {
 

@@ -16,6 +16,7 @@
 #include "detection/detector.h"
 #include "detection/reliance.h"
 #include "scene/data_rig.h"
+#include "validation/paper/evaluation_arms.h"
 #include "validation/paper/findings.h"
 #include "validation/process.h"
 
@@ -24,12 +25,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-
-/// The argument after `option`, or `otherwise`.
-std::string argument(const Case& one, const std::string& option, const std::string& otherwise = "") {
-  const auto found = std::find(one.arguments.begin(), one.arguments.end(), option);
-  return found == one.arguments.end() || found + 1 == one.arguments.end() ? otherwise : *(found + 1);
-}
 
 double number(const Case& one, const std::string& option, double otherwise) {
   const std::string text = argument(one, option);
@@ -152,12 +147,14 @@ void write_page(const fs::path& out, json& result) {
 json reliance_json(const Evidence& evidence) {
   json list = json::array();
   std::set<std::string> seen;
-  for (const auto& [name, judged] : evidence.evaluations) {
-    const json& measured = judged.learned->reliance;
-    if (!measured.is_object() || !seen.insert(judged.learned->data + measured.dump()).second) continue;
-    list.push_back(measured);
-    list.back()["case"] = name.substr(name.find('/') + 1);
-  }
+  for (const bool own : {true, false})  // a detector's own runs name it best
+    for (const auto& [name, judged] : evidence.evaluations) {
+      if (own == (name.find("--on--") != std::string::npos)) continue;
+      const json& measured = judged.learned->reliance;
+      if (!measured.is_object() || !seen.insert(judged.learned->data + measured.dump()).second) continue;
+      list.push_back(measured);
+      list.back()["case"] = name.substr(name.find('/') + 1);
+    }
   return list;
 }
 
@@ -285,6 +282,7 @@ json reproduce(const ReproduceSettings& given, const Execute& run) {
                    {"confidence", BootstrapSettings().confidence},
                    {"replicates", BootstrapSettings().replicates}}},
                  {"tables", tables},
+                 {"arms", arms_json(list, settings, evidence)},
                  {"findings", found},
                  {"reliance", reliance},
                  {"steps", steps}};

@@ -30,8 +30,8 @@ bool is_finished(const Case& one, const std::filesystem::path& out);
 std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
                                     const Execute& run);
 
-/// All of it; returns what reproduce.json holds: {what, settings, tables, findings, reliance, steps,
-/// page?}.
+/// All of it; returns what reproduce.json holds: {what, settings, tables, arms (evaluation_arms.h), findings,
+/// reliance, steps, page?}.
 nlohmann::json reproduce(const ReproduceSettings& settings, const Execute& run);
 
 }  // namespace mirage::paper

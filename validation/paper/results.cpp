@@ -1,11 +1,12 @@
 #include "validation/paper/results.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <set>
 #include <tuple>
 
 #include "attack/baseline.h"
-#include "attack/hiding.h"
 #include "base/error.h"
 #include "base/files.h"
 
@@ -21,6 +22,9 @@ Outcome read_outcome(const nlohmann::json& item) {
   one.range = item.at("range");
   one.clean_iou = item.at("clean_iou");
   one.attacked_iou = item.at("attacked_iou");
+  for (const auto& [key, distance] : {std::pair("clean_distance", &one.clean_distance),
+                                      std::pair("attacked_distance", &one.attacked_distance)})
+    if (item.contains(key) && item.at(key).is_number()) *distance = item.at(key);
   one.detected = item.at("detected");
   one.hidden = item.at("hidden");
   one.false_positive = item.at("false_positive");
@@ -37,7 +41,8 @@ std::shared_ptr<Outcomes> read_outcomes(const nlohmann::json& item, const std::s
   }
   std::map<std::tuple<std::string, int, int>, std::vector<double>> distances;
   for (const auto& box : item.at("false_positives").at("list"))
-    distances[{box.at("frame"), box.at("label"), box.at("mesh")}].push_back(box.at("distance_from_host"));
+    if (!box.contains("distance_from_host_px"))  // in the picture's plane there are no metres
+      distances[{box.at("frame"), box.at("label"), box.at("mesh")}].push_back(box.at("distance_from_host"));
   for (Outcome& host : made->hosts)
     if (const auto found = distances.find({host.frame, host.label, host.mesh}); found != distances.end())
       host.distances = found->second;
@@ -119,7 +124,8 @@ Judged read_evaluation(const std::filesystem::path& file, const std::string& dat
       made->name = describe(kind);
       return made;
     };
-    return {learned, other("random", Baseline::start), other("sized", Baseline::sized)};
+    return {learned, other("random", Baseline::start), other("sized", Baseline::sized),
+            other("cuboid", Baseline::cuboid)};
   } catch (const nlohmann::json::exception& error) {
     throw InputError(file.string(), "", error.what(), "delete the folder and run the same command again");
   }
@@ -143,18 +149,35 @@ Judged pooled(const std::vector<Judged>& runs) {
     return made;
   };
   if (runs.size() == 1) return runs.front();
-  return {all(&Judged::learned), all(&Judged::random), all(&Judged::sized)};
+  return {all(&Judged::learned), all(&Judged::random), all(&Judged::sized), all(&Judged::cuboid)};
 }
 
 Interval success(const Outcomes& outcomes, const Which& which) {
   return crossed_interval(sums_of(outcomes, is_detected, which));
 }
 
+static Sums hiding_sums(const Outcomes& outcomes, const HidingRule& rule) {
+  return sums_of(
+      outcomes, [&](const Outcome& host) { return rule.finds(host.clean_iou, host.clean_distance); },
+      [&](const Outcome& host) { return !rule.finds(host.attacked_iou, host.attacked_distance); });
+}
+
+std::optional<Interval> hiding(const Outcomes& outcomes, const HidingRule& rule) {
+  const auto has_metres = [](const Outcome& host) { return std::isfinite(host.clean_distance); };
+  if (rule.distance > 0 && std::none_of(outcomes.hosts.begin(), outcomes.hosts.end(), has_metres))
+    return std::nullopt;
+  return crossed_interval(hiding_sums(outcomes, rule));
+}
+
+int found_clean(const Outcomes& outcomes, const HidingRule& rule) {
+  std::set<std::pair<std::string, int>> names;
+  for (const Outcome& host : outcomes.hosts)
+    if (rule.finds(host.clean_iou, host.clean_distance)) names.insert({host.frame, host.label});
+  return static_cast<int>(names.size());
+}
+
 Interval vanished(const Outcomes& outcomes) {
-  const double least = kHidingRules.front().iou;
-  return crossed_interval(sums_of(
-      outcomes, [&](const Outcome& host) { return host.clean_iou > least; },
-      [&](const Outcome& host) { return !(host.attacked_iou > least); }));
+  return *hiding(outcomes, kHidingRules.front());
 }
 
 Outcomes shared_hosts(const Outcomes& a, const Outcomes& b) {
@@ -176,6 +199,37 @@ static Interval paired_difference(const Outcomes& a, const Outcomes& b, const Wh
   for (const auto& [name, sums] : sums_of(shared_hosts(a, b), counts, which)) both[name].a = sums;
   for (const auto& [name, sums] : sums_of(shared_hosts(b, a), counts, which)) both[name].b = sums;
   return crossed_difference(both);
+}
+
+Interval hiding_difference(const Outcomes& a, const Outcomes& b, const HidingRule& rule) {
+  std::map<CrossingName, PairedSums> both;
+  for (const auto& [name, sums] : hiding_sums(shared_hosts(a, b), rule)) both[name].a = sums;
+  for (const auto& [name, sums] : hiding_sums(shared_hosts(b, a), rule)) both[name].b = sums;
+  return crossed_difference(both);
+}
+
+Interval net_difference(const NetOf& a, const NetOf& b, const HidingRule& rule) {
+  const std::array<const Outcomes*, 4> of = {a.learned, a.control, b.learned, b.control};
+  std::map<CrossingName, std::array<ClusterSums, 4>> by_name;
+  for (std::size_t k = 0; k < of.size(); ++k) {
+    Outcomes shared = *of[k];
+    for (const Outcomes* other : of) shared = shared_hosts(shared, *other);
+    for (const auto& [name, sums] : hiding_sums(shared, rule)) by_name[name][k] = sums;
+  }
+  std::vector<std::array<ClusterSums, 4>> items;
+  for (const auto& [name, sums] : by_name) items.push_back(sums);
+  return crossed_statistic(crossings(by_name), [&](std::span<const int> drawn) {
+    std::array<double, 4> share{};
+    for (std::size_t k = 0; k < share.size(); ++k) {
+      ClusterSums sums;
+      for (std::size_t i = 0; i < items.size(); ++i) {
+        sums.numerator += drawn[i] * items[i][k].numerator;
+        sums.denominator += drawn[i] * items[i][k].denominator;
+      }
+      share[k] = sums.numerator / sums.denominator;  // NaN without any
+    }
+    return share[0] - share[1] - share[2] + share[3];
+  });
 }
 
 Interval success_difference(const Outcomes& a, const Outcomes& b, const Which& which) {

@@ -4,12 +4,15 @@
 
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "attack/hiding.h"
 #include "base/clusters.h"
 #include "base/crossed_bootstrap.h"
 
@@ -23,6 +26,9 @@ struct Outcome {
   int track = -1;    ///< the vehicle's identity; -1: unknown
   double range = 0;  ///< m
   double clean_iou = 0, attacked_iou = 0;
+  /// m to the nearest detection's centre; infinite without any, and where boxes have no metres.
+  double clean_distance = std::numeric_limits<double>::infinity(),
+         attacked_distance = std::numeric_limits<double>::infinity();
   bool detected = false, hidden = false, false_positive = false;
   std::vector<double> distances;  ///< m from the host to each of its false positives
 
@@ -32,7 +38,7 @@ struct Outcome {
 };
 
 struct Outcomes {
-  std::string name;  ///< "learned mesh", "random mesh", "random mesh of its size"
+  std::string name;  ///< "learned mesh", "random mesh", "random mesh of its size", …
   std::string data;  ///< which frames: hosts of equal data, frame and label are the same
   std::vector<Outcome> hosts;
   int meshes = 1, runs = 1;
@@ -53,10 +59,10 @@ bool is_fooled(const Outcome&);
 
 /// The outcomes of an evaluation's result.json, and those of its random meshes (null if it has none). `data`
 /// names the frames. InputError naming file and key.
-/// `sized`: those of random meshes of the learned one's extents (attack/baseline.h), of which evaluations of
-/// before know nothing.
+/// `sized`: those of random meshes of the learned one's extents, `cuboid`: those of cuboids that fill the box
+/// (attack/baseline.h); evaluations of before know nothing of them.
 struct Judged {
-  std::shared_ptr<const Outcomes> learned, random, sized;
+  std::shared_ptr<const Outcomes> learned, random, sized, cuboid;
 };
 Judged read_evaluation(const std::filesystem::path& file, const std::string& data);
 /// The same experiment's runs as one; what one of them lacks is missing. `runs` is not empty.
@@ -69,6 +75,23 @@ Interval success(const Outcomes& outcomes, const Which& which);
 /// Share of the vehicles found clean at all (IoU > 0.1 with a detection) of which nothing is found any more:
 /// what attack/hiding.h calls vanished.
 Interval vanished(const Outcomes& outcomes);
+
+/// Of the vehicles that the rule (attack/hiding.h) finds clean, the share that it does not find any more;
+/// none by distance where no detection has one (the picture's plane).
+std::optional<Interval> hiding(const Outcomes& outcomes, const HidingRule& rule);
+/// Vehicles that the rule finds clean, each once.
+int found_clean(const Outcomes& outcomes, const HidingRule& rule);
+
+/// hiding(a) − hiding(b), paired as below.
+Interval hiding_difference(const Outcomes& a, const Outcomes& b, const HidingRule& rule);
+
+/// A mesh and the control beside it, judged together.
+struct NetOf {
+  const Outcomes *learned, *control;
+};
+/// (hiding(a.learned) − hiding(a.control)) − (hiding(b.learned) − hiding(b.control)), on the vehicles that
+/// all four have: which of two attacks has learned more beyond its mesh's size.
+Interval net_difference(const NetOf& a, const NetOf& b, const HidingRule& rule);
 
 /// success(a) − success(b), paired: both are of the same data, only hosts that stand in both count, and the
 /// clusters are drawn together.

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "base/files.h"
+#include "validation/paper/matrix_markdown.h"
 #include "validation/paper/repetitions.h"
 
 namespace mirage::paper {
@@ -46,6 +47,14 @@ json value_of(const std::string& key, const Row& row, const Outcomes& outcomes) 
   return nullptr;
 }
 
+/// The learned mesh less a control; null for a column that is not net.
+json net_of(const std::string& key, const Outcomes& learned, const Outcomes& control) {
+  if (key == "net") return to_json(success_difference(learned, control, is_fooled));
+  if (key == "net_vanished") return to_json(hiding_difference(learned, control, kHidingRules.front()));
+  if (key == "net_fn_asr") return to_json(success_difference(learned, control, is_hidden));
+  return nullptr;
+}
+
 json false_positive_distances(const Outcomes& outcomes) {
   json list = json::array();
   for (const Outcome& host : outcomes.hosts)
@@ -67,9 +76,10 @@ json row_json(const Table& table, const Row& row, const Experiments& experiments
   for (const auto& [key, percent] : row.paper) made["paper"][key] = percent / 100;
   if (row.size > 0) made["size"] = row.size;
   if (!row.source.empty()) made["source"] = row.source, made["target"] = row.target;
-  const Outcomes* outcomes = row.random  ? evidence.random(row.evaluation)
-                             : row.sized ? evidence.sized(row.evaluation)
-                                         : evidence.learned(row.evaluation);
+  const Outcomes* outcomes = row.random   ? evidence.random(row.evaluation)
+                             : row.sized  ? evidence.sized(row.evaluation)
+                             : row.cuboid ? evidence.cuboid(row.evaluation)
+                                          : evidence.learned(row.evaluation);
   if (outcomes) {
     made["vehicles"] = outcomes->vehicles;
     made["hosts"] =
@@ -83,13 +93,15 @@ json row_json(const Table& table, const Row& row, const Experiments& experiments
         made["values"][column.key] = value;
     const Outcomes* sized = row.random || row.sized ? nullptr : evidence.sized(row.evaluation);
     for (const Column& column : table.columns)
-      if (column.key == "net" && sized)
-        made["values"]["net"] = to_json(success_difference(*outcomes, *sized, is_fooled));
+      if (const json net = sized ? net_of(column.key, *outcomes, *sized) : json(); !net.is_null())
+        made["values"][column.key] = net;
     if (table.name == "fig3") made["curve"] = recall_curve(*outcomes, row.clean);
-    if (table.name != "fig3") made["false_positive_distances"] = false_positive_distances(*outcomes);
+    if (table.name != "fig3" && !table.matrix)
+      made["false_positive_distances"] = false_positive_distances(*outcomes);
   } else {
     const std::string why = why_missing(names, evidence);
-    made["error"] = why.empty() ? row.evaluation + ": judged no random mesh" : why;
+    made["error"] =
+        why.empty() ? row.evaluation + (row.cuboid ? ": judged no cuboid" : ": judged no random mesh") : why;
   }
   if (!row.detection.empty()) {
     closure(experiments, row.detection, names);
@@ -157,6 +169,11 @@ const Outcomes* Evidence::sized(const std::string& evaluation) const {
   return found == evaluations.end() ? nullptr : found->second.sized.get();
 }
 
+const Outcomes* Evidence::cuboid(const std::string& evaluation) const {
+  const auto found = evaluations.find(evaluation);
+  return found == evaluations.end() ? nullptr : found->second.cuboid.get();
+}
+
 const Outcomes* Evidence::control(const std::string& evaluation) const {
   const Outcomes* of_its_size = sized(evaluation);
   return of_its_size ? of_its_size : random(evaluation);
@@ -173,11 +190,11 @@ Evidence gather(const Experiments& experiments, const std::filesystem::path& out
     try {
       if (one.kind == Case::Kind::detection) evidence.detections[one.name] = read_json(file);
       if (one.kind != Case::Kind::evaluation) continue;
-      // Hosts are those of the run that is judged, or of the run whose hosts were asked for.
+      // Hosts are those of the data that were asked for, or else of the run that is judged or named for it.
       const Case& judged = experiments.at(one.needs.back());
-      const auto data = std::find(judged.arguments.begin(), judged.arguments.end(), "--data");
-      judged_runs[one.name] =
-          read_evaluation(file, data == judged.arguments.end() ? judged.name : *(data + 1));
+      std::string data = argument(one, "--data");
+      if (data.empty()) data = argument(judged, "--data", judged.name);
+      judged_runs[one.name] = read_evaluation(file, data);
     } catch (const std::exception& error) {
       step.status = Step::Status::failed;
       step.error = error.what();
@@ -200,14 +217,12 @@ json table_json(const Table& table, const Experiments& experiments, const Eviden
   for (const Column& column : table.columns)
     columns.push_back({{"key", column.key}, {"title", column.title}});
   for (const Row& row : table.rows) rows.push_back(row_json(table, row, experiments, evidence));
-  return {{"name", table.name},
-          {"title", table.title},
-          {"note", table.note},
-          {"columns", columns},
-          {"rows", rows}};
+  return {{"name", table.name},     {"title", table.title}, {"note", table.note},
+          {"matrix", table.matrix}, {"columns", columns},   {"rows", rows}};
 }
 
 std::string markdown(const json& table) {
+  if (table.value("matrix", false)) return matrix_markdown(table);
   const auto& columns = table.at("columns");
   std::string text =
       fmt::format("## {}: {}\n\n", table.at("name").get<std::string>(), table.at("title").get<std::string>());

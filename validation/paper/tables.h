@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "validation/paper/experiments.h"
+#include "validation/paper/cases.h"
 #include "validation/paper/results.h"
 
 namespace mirage::paper {
@@ -29,6 +29,7 @@ struct Evidence {
   const Outcomes* learned(const std::string& evaluation) const;
   const Outcomes* random(const std::string& evaluation) const;
   const Outcomes* sized(const std::string& evaluation) const;
+  const Outcomes* cuboid(const std::string& evaluation) const;
   /// What a learned mesh has to beat: the random meshes of its size, or where an evaluation of before has
   /// none those of the start's.
   const Outcomes* control(const std::string& evaluation) const;
@@ -38,13 +39,14 @@ struct Evidence {
 Evidence gather(const Experiments& experiments, const std::filesystem::path& out,
                 std::map<std::string, Step> steps);
 
-/// {name, title, note, columns: [{key, title}], rows: [{label, rig, vehicles, hosts, frames, meshes, runs,
-/// minutes, values: {key: {value, low, high}}, paper: {key: share}, error?, note?, curve?, size?, source?,
-/// target?, case, far?}]}; shares in [0, 1]. A row without its evaluation has an error instead of values; a
-/// note says that the row's detector does not use the picture that the row is about.
+/// {name, title, note, matrix, columns: [{key, title}], rows: [{label, rig, vehicles, hosts, frames, meshes,
+/// runs, minutes, values: {key: {value, low, high}}, paper: {key: share}, error?, note?, curve?, size?,
+/// source?, target?, case, far?}]}; shares in [0, 1]. A row without its evaluation has an error instead of
+/// values; a note says that the row's detector does not use the picture that the row is about.
 nlohmann::json table_json(const Table& table, const Experiments& experiments, const Evidence& evidence);
 
-/// The same as a Markdown table, the paper's number beside each of ours.
+/// The same as a Markdown table, the paper's number beside each of ours; a matrix as matrix_markdown.h has
+/// it.
 std::string markdown(const nlohmann::json& table);
 
 /// "31.9 (24.1–40.0)", per cent.

@@ -131,7 +131,7 @@ def evaluation_figures(evaluation):
     if not evaluation:
         return None
     kept = without_lists(evaluation)
-    for control in ("random", "sized"):
+    for control in ("random", "sized", "ellipsoid", "cuboid"):
         if isinstance(kept.get(control), dict):
             kept[control] = without_lists(kept[control])
     return kept

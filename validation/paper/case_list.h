@@ -1,0 +1,50 @@
+// The commands that the tables' rows need, each once: two rows that name the same experiment share its case.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "validation/paper/cases.h"
+
+namespace mirage::paper {
+
+/// Collects the cases that the rows name. Each function returns the case's name.
+class CaseList {
+ public:
+  explicit CaseList(const ReproduceSettings& settings) : settings_(settings) {}
+
+  std::string attack(const std::string& rig, const std::string& detector, const std::string& target,
+                     double size = 0, const std::string& defense = "");
+
+  /// Of a run on its own held-back hosts, beside random meshes of its size; with `start` also beside the
+  /// paper's and beside the cuboid that fills the box.
+  std::string evaluate(const std::string& run, bool start, bool pictures);
+
+  /// Of a run on the held-back hosts, data and detector of another, beside random meshes of its size.
+  std::string transfer(const std::string& from, const std::string& onto);
+
+  /// Of a run on all usable vehicles of the user's frames, judged by the detector, beside random meshes of
+  /// its size; with `cuboid` beside that, too.
+  std::string on_real(const std::string& run, const std::string& detector, bool cuboid);
+
+  std::string detect(const std::string& rig, const std::string& detector, const std::string& defense);
+
+  bool quick() const { return settings_.quick; }
+
+  std::vector<Case> cases;
+
+ private:
+  std::filesystem::path data(const std::string& rig) const { return data_folder(settings_, rig); }
+  std::string folder(const std::string& name) const { return (settings_.out / name).string(); }
+  std::vector<std::string> beside(const std::string& baselines) const;
+
+  /// The case that makes the rig's data, if it is not the user's.
+  std::vector<std::string> data_case(const std::string& rig);
+
+  /// Tables share cases: one of a name that is there already must be the same.
+  std::string add(Case one);
+
+  const ReproduceSettings& settings_;
+};
+
+}  // namespace mirage::paper

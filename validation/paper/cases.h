@@ -1,0 +1,76 @@
+// What an experiment is made of: the commands that it needs, and the rows and columns that they fill
+// (experiments.h has the list).
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+namespace mirage::paper {
+
+struct ReproduceSettings {
+  std::string what = "all";
+  std::filesystem::path out;
+  std::filesystem::path kitti64, xenith, real;  ///< data sets; the first two empty: generated in OUT/data
+  int frames = 120;                             ///< generated frames of a rig
+  int iterations = 400;
+  int random_meshes = 3;  ///< of the random baseline, pooled
+  int seeds = 1;     ///< runs of each attack, of the seeds seed, seed + 1, …; each splits the frames anew
+  int pictures = 3;  ///< of each attack that has pictures
+  std::uint64_t seed = 0;
+  int threads = 0;
+  bool quick = false, quiet = false;
+};
+
+/// One command of mirage and its folder.
+struct Case {
+  enum class Kind { data, attack, evaluation, detection };
+  std::string name;  ///< folder under OUT: "runs/kitti64-fusion-both"
+  Kind kind = Kind::attack;
+  std::vector<std::string> arguments;  ///< without --out, --threads and --quiet
+  std::vector<std::string> needs;  ///< names of the cases that come before; an evaluation's first is its run
+};
+
+/// The argument after `option`, or `otherwise`.
+std::string argument(const Case& one, const std::string& option, const std::string& otherwise = "");
+
+/// A column: a quantity with its interval (tables.h computes it).
+struct Column {
+  std::string key, title;
+};
+
+struct Row {
+  std::string label, rig;
+  std::string evaluation;               ///< case; empty for none
+  bool random = false;                  ///< the evaluation's random meshes instead of the learned one
+  bool sized = false;                   ///< its random meshes of the learned one's size
+  bool cuboid = false;                  ///< its cuboids that fill the box
+  bool image = false;                   ///< an experiment on the image: void if the detector ignores it
+  bool clean = false;                   ///< the frames as recorded (recall curves)
+  std::string detection;                ///< case of the clean AP; empty for none
+  std::string source, target;           ///< table3, fusions: who learned the mesh, who is attacked
+  double size = 0;                      ///< fig4: L, m
+  std::map<std::string, double> paper;  ///< key of a column to the printed number, per cent
+};
+
+struct Table {
+  std::string name, title, note;
+  std::vector<Column> columns;
+  std::vector<Row> rows;
+  bool matrix = false;  ///< shown by source and target, a matrix a quantity
+};
+
+struct Experiments {
+  std::vector<Table> tables;
+  /// In the order to run: each after what it needs, table by table; and all of a seed before the next.
+  std::vector<Case> cases;
+  int seeds = 1;
+  const Case& at(const std::string& name) const;
+};
+
+/// The folder of a rig's data: what was given, or OUT/data/RIG.
+std::filesystem::path data_folder(const ReproduceSettings& settings, const std::string& rig);
+
+}  // namespace mirage::paper
