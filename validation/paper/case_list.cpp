@@ -56,7 +56,7 @@ std::string CaseList::attack(const std::string& rig, const std::string& detector
     arguments.insert(arguments.end(), {"--size", fmt::format("{:.1f}", size)});
   }
   if (!defense.empty()) {
-    name += "-" + in_a_name(defense);
+    name += fmt::format("-{}", in_a_name(defense));
     arguments.insert(arguments.end(), {"--defense", defense});
   }
   return add({name, Case::Kind::attack, arguments, data_case(rig)});
@@ -93,7 +93,7 @@ std::string CaseList::detect(const std::string& rig, const std::string& detector
   std::string name = fmt::format("detect/{}-{}", rig, detector);
   Words arguments = {"detect", "--data", data(rig).string(), "--detector", detector};
   if (!defense.empty()) {
-    name += "-" + in_a_name(defense);
+    name += fmt::format("-{}", in_a_name(defense));
     arguments.insert(arguments.end(), {"--defense", defense});
   }
   return add({name, Case::Kind::detection, arguments, data_case(rig)});

@@ -92,7 +92,8 @@ Verdict verdict_of(const Check& one) {
 std::string with_thousands(long number) {
   std::string text = std::to_string(number);
   for (int at = static_cast<int>(text.size()) - 3; at > 0; at -= 3)
-    text.insert(static_cast<std::size_t>(at), " ");
+    text = fmt::format("{} {}", text.substr(0, static_cast<std::size_t>(at)),
+                       text.substr(static_cast<std::size_t>(at)));
   return text;
 }
 
