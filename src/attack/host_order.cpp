@@ -55,7 +55,7 @@ HostOrder::HostOrder(std::span<const Host> hosts, int batch, std::uint64_t seed)
   while (!even(lanes_ = deal(frames, lanes))) --lanes;  // one lane is even
 }
 
-std::vector<std::size_t> HostOrder::order(std::size_t lane, long pass) const {
+std::vector<std::size_t> HostOrder::drawn_order(std::size_t lane, long pass) const {
   RandomStream random(seed_, "host order", static_cast<std::uint64_t>(pass) * lanes_.size() + lane);
   Lane waiting = lanes_[lane];
   shuffle(waiting, random);
@@ -78,18 +78,40 @@ std::vector<std::size_t> HostOrder::order(std::size_t lane, long pass) const {
   return order;
 }
 
+std::size_t HostOrder::places(std::size_t lane) const {
+  return (static_cast<std::size_t>(batch_) - lane + lanes_.size() - 1) / lanes_.size();
+}
+
+std::vector<std::size_t> HostOrder::order(std::size_t lane, long pass) const {
+  std::vector<std::size_t> order = drawn_order(lane, pass);
+  const std::size_t head = places(lane) - 1;  // places that may share a batch with the end of the pass before
+  if (head == 0 || pass == 0 || order.size() < 3 * head) return order;
+  const std::vector<std::size_t> before = drawn_order(lane, pass - 1);
+  const auto just_met = [&](std::size_t host) {
+    return std::find(before.end() - static_cast<std::ptrdiff_t>(head), before.end(), host) != before.end();
+  };
+  // Exchanged with the middle alone, so that the end stays as drawn, on which the next pass relies.
+  std::size_t other = head;
+  for (std::size_t i = 0; i < head; ++i) {
+    if (!just_met(order[i])) continue;
+    while (other < order.size() - head && just_met(order[other])) ++other;
+    if (other == order.size() - head) break;
+    std::swap(order[i], order[other++]);
+  }
+  return order;
+}
+
 std::vector<std::size_t> HostOrder::batch(long iteration) const {
   std::vector<std::size_t> chosen;
-  const auto places = static_cast<std::size_t>(batch_);
+  const auto batch = static_cast<std::size_t>(batch_);
   struct Pass {
     long number = -1;
     std::vector<std::size_t> hosts;
   };
   std::vector<Pass> passes(lanes_.size());
-  for (std::size_t k = 0; k < places; ++k) {
+  for (std::size_t k = 0; k < batch; ++k) {
     const std::size_t lane = k % lanes_.size();
-    const std::size_t of_lane = (places - lane + lanes_.size() - 1) / lanes_.size();  // places of a batch
-    const long position = iteration * static_cast<long>(of_lane) + static_cast<long>(k / lanes_.size());
+    const long position = iteration * static_cast<long>(places(lane)) + static_cast<long>(k / lanes_.size());
     const auto hosts = static_cast<long>(hosts_of(lanes_[lane]));
     Pass& pass = passes[lane];
     if (pass.number != position / hosts) pass = {position / hosts, order(lane, position / hosts)};

@@ -18,8 +18,8 @@ inline constexpr std::size_t kOpenFrames = 16;
 /// is a lane, so has each of several processes (a process has certain places, attack/rank_steps.h): no two of
 /// them make the same frame's clean activations. A lane is an endless sequence of passes over its hosts. In a
 /// pass its frames are opened in random order, some at a time; the next host is drawn among all that are left
-/// of the open ones, and a frame of which none is left makes room for the next. Known by (hosts, batch, seed)
-/// alone.
+/// of the open ones, and a frame of which none is left makes room for the next. A batch meets no host twice
+/// where there are enough. Known by (hosts, batch, seed) alone.
 class HostOrder {
  public:
   /// As many lanes as the batch has places, fewer where frames could not be dealt so that the hosts of no
@@ -34,7 +34,12 @@ class HostOrder {
  private:
   /// Frames, each a list of hosts.
   using Lane = std::vector<std::vector<std::size_t>>;
-  /// The hosts of a lane in the order of pass `pass`.
+  /// Of a batch, the lane's.
+  std::size_t places(std::size_t lane) const;
+  /// The hosts of a lane in the order of pass `pass`, as drawn.
+  std::vector<std::size_t> drawn_order(std::size_t lane, long pass) const;
+  /// The same; those of its first batch were not met in it by the end of the pass before, if the lane has
+  /// three times as many hosts as that takes.
   std::vector<std::size_t> order(std::size_t lane, long pass) const;
 
   int batch_;

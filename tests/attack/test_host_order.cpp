@@ -96,6 +96,26 @@ TEST(HostOrder, ABatchLargerThanTheFramesOrUnevenFramesMakeFewerLanes) {
   for (const auto& [host, n] : times) EXPECT_EQ(n, 2) << host;
 }
 
+TEST(HostOrder, ABatchMeetsNoHostTwice) {
+  for (const auto& counts : {std::vector<int>{1, 1, 1}, std::vector<int>{7}, std::vector<int>{9, 1, 2}}) {
+    const auto hosts = hosts_in_frames(counts);
+    for (const int batch : {2, 3}) {
+      if (hosts.size() < 3 * static_cast<std::size_t>(batch - 1)) continue;
+      for (std::uint64_t seed = 0; seed < 20; ++seed) {
+        const HostOrder order(hosts, batch, seed);
+        std::map<std::size_t, int> times;
+        for (long i = 0; i < static_cast<long>(hosts.size()); ++i) {
+          const auto met = order.batch(i);
+          EXPECT_EQ(std::set<std::size_t>(met.begin(), met.end()).size(), met.size());
+          for (const std::size_t host : met) ++times[host];
+        }
+        if (order.lanes() > 1) continue;
+        for (const auto& [host, n] : times) EXPECT_EQ(n, batch) << "every pass is whole";
+      }
+    }
+  }
+}
+
 TEST(HostOrder, TheSeedDecidesTheOrder) {
   const auto hosts = hosts_in_frames(std::vector<int>(12, 4));
   const auto first = met(HostOrder(hosts, 2, 1), 0, 24);
