@@ -56,7 +56,7 @@ if(TARGET mirage_fusion_objects)
   if(MIRAGE_SANITIZE)  # GCC 12 then sees LibTorch's empty optionals as uninitialised
     target_compile_options(test_fusion_network PRIVATE -Wno-maybe-uninitialized)
   endif()
-  gtest_discover_tests(test_fusion_network DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 600)
+  gtest_discover_tests(test_fusion_network DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT ${MIRAGE_TEST_SECONDS})
 endif()
 if(TARGET test_validation)
   add_dependencies(test_validation fake_works)
