@@ -169,8 +169,7 @@ double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<
   return mean + weight * laplacian_.energy(adversary.mesh.vertices, weight, unused);
 }
 
-std::vector<std::string> AttackStepper::frames_of(long iteration) const {
-  const auto chosen = order_.batch(iteration);
+std::vector<std::string> AttackStepper::frames_of(std::span<const std::size_t> chosen) const {
   std::vector<std::string> frames;
   for (const std::size_t k : own_hosts(chosen.size())) frames.push_back(hosts_[chosen[k]].id.frame);
   return frames;
@@ -183,16 +182,16 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
     state.rendered = {state.iteration, state.adversary};
   StageSeconds stages;
   Stopwatch clock;
-  const std::vector<std::string> names = frames_of(state.iteration);
+  const auto chosen = order_.batch(state.iteration);
+  const std::vector<std::string> names = frames_of(chosen);
   std::vector<std::shared_ptr<const PreparedFrame>> frames(names.size());
   parallel_for(names.size(), [&](std::size_t i) { frames[i] = store_.get(names[i]); });
-  store_.prefetch(frames_of(state.iteration + 1));
+  store_.prefetch(frames_of(order_.batch(state.iteration + 1)));
   stages.input = clock.lap();
 
   std::vector<Vec3d> d_vertices(state.adversary.mesh.vertices.size(), Vec3d::Zero());
   std::vector<Vec3d> d_texels(state.adversary.atlas.texels.size(), Vec3d::Zero());
   LossRow row;
-  const auto chosen = order_.batch(state.iteration);
   std::vector<HostStep> steps(chosen.size());
   const std::vector<std::size_t> mine = own_hosts(chosen.size());
   for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {

@@ -106,6 +106,7 @@ class DefenseTraining {
     if (hosts_.empty())
       throw InputError(settings.data.string(), "label_2", "no car has enough of its roof in view",
                        "give more frames");
+    order_.emplace(hosts_, settings.batch, settings.seed + 1);
     spdlog::info("{} host vehicles to train on", hosts_.size());
   }
 
@@ -116,7 +117,7 @@ class DefenseTraining {
 
   /// The samples of a step: those that carry the adversary first. They depend on (seed, step) and the mesh.
   std::vector<PreparedSample> samples(std::int64_t step, const TexturedMesh& adversary) {
-    const auto chosen = HostOrder(hosts_, settings_.batch, settings_.seed + 1).batch(step);
+    const auto chosen = order_->batch(step);
     const auto attacked = settings_.adversary_updates > 0
                               ? static_cast<std::size_t>(std::lround(settings_.attacked * settings_.batch))
                               : 0;
@@ -143,6 +144,7 @@ class DefenseTraining {
   std::array<double, 4> region_;
   FrameStore store_;
   std::vector<Host> hosts_;
+  std::optional<HostOrder> order_;  ///< known once the hosts are
 };
 
 }  // namespace

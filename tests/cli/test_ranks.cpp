@@ -41,6 +41,19 @@ class Ranks : public testing::Test {
     return "attack --batch 4 --expect all --threads 1 --data " + (folder_ / "data").string() +
            " --iterations " + std::to_string(iterations) + " --out " + (folder_ / out).string();
   }
+  /// Attacks with the same options on one process and on two; their meshes and what result.json says under
+  /// `report` are the same, and this is it.
+  nlohmann::json learn_on_one_and_two(int iterations, const std::string& options,
+                                      const std::string& report) const {
+    EXPECT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("one", iterations) + options), 0)
+        << read_file(folder_ / "said");
+    EXPECT_EQ(shell(folder_, on_ranks(2, attack("two", iterations) + options)), 0)
+        << read_file(folder_ / "said");
+    EXPECT_EQ(read_file(folder_ / "two/adversary.glb"), read_file(folder_ / "one/adversary.glb"));
+    const nlohmann::json on_one = read_json(folder_ / "one/result.json").at(report);
+    EXPECT_EQ(read_json(folder_ / "two/result.json").at(report), on_one);
+    return on_one;
+  }
   test::TemporaryFolder folder_;
 };
 
@@ -59,23 +72,11 @@ TEST_F(Ranks, OneTwoAndFourProcessesLearnTheSameBits) {
 }
 
 TEST_F(Ranks, ThePlateauIsTheSameOnAnyNumberOfProcesses) {
-  const std::string plateau = " --until-plateau 2 --validate-every 1 --fp-top-k 20";
-  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("one", 3) + plateau), 0)
-      << read_file(folder_ / "said");
-  ASSERT_EQ(shell(folder_, on_ranks(2, attack("two", 3) + plateau)), 0) << read_file(folder_ / "said");
-  EXPECT_EQ(read_file(folder_ / "two/adversary.glb"), read_file(folder_ / "one/adversary.glb"));
-  EXPECT_EQ(read_json(folder_ / "two/result.json").at("plateau"),
-            read_json(folder_ / "one/result.json").at("plateau"));
+  learn_on_one_and_two(3, " --until-plateau 2 --validate-every 1 --fp-top-k 20", "plateau");
 }
 
 TEST_F(Ranks, ThePortfolioIsTheSameOnAnyNumberOfProcesses) {
-  const std::string portfolio = " --attack auto --detector lidar --validate-every 5";
-  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("one", 32) + portfolio), 0)
-      << read_file(folder_ / "said");
-  ASSERT_EQ(shell(folder_, on_ranks(2, attack("two", 32) + portfolio)), 0) << read_file(folder_ / "said");
-  EXPECT_EQ(read_file(folder_ / "two/adversary.glb"), read_file(folder_ / "one/adversary.glb"));
-  const auto report = read_json(folder_ / "one/result.json").at("auto");
-  EXPECT_EQ(read_json(folder_ / "two/result.json").at("auto"), report);
+  const auto report = learn_on_one_and_two(32, " --attack auto --detector lidar --validate-every 5", "auto");
   EXPECT_EQ(report.at("candidates").size(), 4u);
 }
 

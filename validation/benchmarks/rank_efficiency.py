@@ -17,6 +17,9 @@ import subprocess
 import sys
 import tempfile
 
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "report"))
+import atomic  # noqa: E402
+
 ROOT_FLAGS = ["--allow-run-as-root"] if os.geteuid() == 0 else []
 
 
@@ -72,10 +75,8 @@ def main():
     if os.path.exists(options.json):
         with open(options.json, encoding="utf-8") as file:
             known = json.load(file)
-    with open(options.json + ".tmp", "w", encoding="utf-8") as file:
-        json.dump({**known, **figures}, file, indent=1)
-    os.replace(options.json + ".tmp", options.json)
+    atomic.write(options.json, json.dumps({**known, **figures}, indent=1))
 
 
 if __name__ == "__main__":
-    main()
+    atomic.run(main)
