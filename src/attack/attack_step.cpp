@@ -13,6 +13,7 @@
 #include "base/error.h"
 #include "base/ranks.h"
 #include "scene/object_window.h"
+#include "scene/upstream.h"
 
 namespace mirage {
 namespace {
@@ -71,6 +72,12 @@ HostStep run_host(Detector& detector, const PreparedFrame& known, const Host& ho
     clean.changed = changed;
     view.clean = &clean;
   }
+  LidarSilhouette silhouette;
+  if (back && can.knows_presence && simulation.lidar_gradient == LidarGradient::silhouette &&
+      target != AttackTarget::image)
+    silhouette = lidar_silhouette(prepared, placed_adversary(simulated));
+  view.watched = silhouette.places;
+  step.seconds.simulation_forward += clock.lap();
   const auto proposals = detector.forward(view, settings.objective.least_score(), back);
   step.seconds.detector_forward = clock.lap();
   const Plane plane = can.plane();
@@ -89,9 +96,13 @@ HostStep run_host(Detector& detector, const PreparedFrame& known, const Host& ho
   SensorGradient gradient = detector.backward(value.d_logits);
   step.seconds.detector_backward = clock.lap();
 
-  if (target == AttackTarget::lidar) gradient.image = ImageF();
-  if (target == AttackTarget::image) gradient.points.clear();
-  step.gradient = simulate_vjp(simulated, gradient.image, gradient.points);
+  Upstream<float> upstream;
+  if (target != AttackTarget::lidar && !gradient.image.empty())
+    upstream = {gradient.image.data.data(), gradient.image.width, gradient.image.height};
+  if (target != AttackTarget::image) upstream.points = gradient.points;
+  upstream.silhouette = &silhouette;
+  upstream.presence = gradient.presence;
+  step.gradient = simulate_vjp(simulated, upstream);
   step.seconds.simulation_vjp = clock.lap();
   return step;
 }

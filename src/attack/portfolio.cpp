@@ -29,7 +29,7 @@ namespace {
 
 constexpr double kSearchSigma = 0.3;  // m, of a control point's first displacements
 /// Times --vertex-rate and --texel-rate. Both rates at once: one factor a candidate.
-constexpr double kRates[] = {5, 1};
+constexpr double kRates[] = {20, 5};
 constexpr const char* kAutoAgain = "delete the file to do its part of the run again";
 constexpr std::size_t kMostLooks = 1'000'000;
 
@@ -218,10 +218,13 @@ class Portfolio {
       spdlog::info("start {}: {:.4f} on {} vehicles held out", named_[i].name, named_[i].held_out,
                    part_.held_out.size());
     }
-    kept_ = named_;
-    std::stable_sort(kept_.begin(), kept_.end(),
-                     [](const NamedStart& a, const NamedStart& b) { return a.held_out < b.held_out; });
-    kept_.resize(std::min<std::size_t>(kept_.size(), 2));
+    // A start that fills the box is good at once and has little room to learn; the paper's is the other way
+    // round.
+    kept_ = {named_.front()};
+    const auto other =
+        std::min_element(named_.begin() + 1, named_.end(),
+                         [](const NamedStart& a, const NamedStart& b) { return a.held_out < b.held_out; });
+    if (other != named_.end()) kept_.push_back(*other);
   }
 
   /// The candidates, from their checkpoints where there are some.

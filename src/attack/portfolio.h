@@ -1,10 +1,10 @@
 // `mirage attack --attack auto`: what an attack can do at best within a budget, in the spirit of AutoAttack
 // (Croce & Hein, ICML 2020), for one mesh over many vehicles.
 //
-//   1. Search. A cuboid that fills the box is warped without gradients (attack/shape_search.h), at most three
-//      quarters of the budget, by the objective on a fixed sample of the vehicles that are learned on.
+//   1. Search. A cuboid that fills the box is warped without gradients (attack/shape_search.h), at most a
+//      quarter of the budget, by the objective on a fixed sample of the vehicles that are learned on.
 //   2. Starts. The paper's ellipsoid, ellipsoid and cuboid filling the box, and what was found, as they are:
-//      the better half by the objective on the held-out vehicles go on.
+//      the paper's goes on, and of the others the best by the objective on the held-out vehicles.
 //   3. Successive halving (Jamieson & Talwalkar, AISTATS 2016). Starts × targets × rates, each with an order
 //   of
 //      the hosts of its own (a restart), learn by Adam; each round has an equal share of the steps that are

@@ -4,6 +4,7 @@
 
 #include <set>
 
+#include "attack/frame_store.h"
 #include "attack/unnamed_settings.h"
 #include "base/disk_cache.h"
 #include "base/error.h"
@@ -76,6 +77,9 @@ nlohmann::json with_unnamed_settings(nlohmann::json run) {
         std::pair("sun", "frame"), std::pair("parts", "both"), std::pair("attack", "plain"),
         std::pair("renderer", kRasterRenderer)})
     if (!run.contains(name)) run[name] = meant;
+  if (const auto simulation = run.find("simulation"); simulation != run.end() && simulation->is_object())
+    if (!simulation->contains("lidar_gradient"))
+      (*simulation)["lidar_gradient"] = to_word(LidarGradient::fixed);
   return run;
 }
 

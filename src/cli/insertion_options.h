@@ -18,7 +18,7 @@ struct InsertionOptions : FrameSource {
   void add(CLI::App& app, std::set<std::string> skip = {}) {
     add_fields(app, static_cast<FrameSource&>(*this), std::move(skip));
     quality.add(app);
-    add_fields(app, simulation);
+    add_fields(app, simulation, {"lidar_gradient"});  // an insertion alone has no detector that knows
     lidar_effects.add(app);
   }
   /// Once the options are parsed.

@@ -36,6 +36,7 @@ BevBox rectangle(const Proposal& proposal, Plane plane);
 struct Capabilities {
   bool reads_image = true, reads_points = true;
   bool finds_bev = true, finds_picture = false;  ///< Proposal::box, Proposal::picture
+  bool knows_presence = false;                   ///< SensorView::watched
   /// Empty: SensorView::clean saves it work. Else why every pass is over the whole frame.
   std::string why_whole = "its plugin knows no other passes";
   /// Where it is judged: in the picture if it finds boxes nowhere else.
@@ -59,12 +60,16 @@ struct SensorView {
   /// If given, backward() gives the gradient of the changed pixels and of the points that are not in the
   /// clean sweep, and may give zero elsewhere. The calibration is the same.
   const CleanView* clean = nullptr;
+  /// Places (m, `velo`) where a return may come or go: backward() of a detector that knows_presence says what
+  /// one more there would change. The answers are the same with and without.
+  std::span<const LidarPoint> watched = {};
 };
 
 /// d loss / d pixel (H×W×3) and d loss / d (x, y, z, reflectance) of each point.
 struct SensorGradient {
   ImageF image;
   std::vector<std::array<float, 4>> points;
+  std::vector<float> presence = {};  ///< d loss / d number of returns at each watched place; empty: not known
 };
 
 /// Ground truth for one training sample.

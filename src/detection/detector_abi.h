@@ -72,7 +72,10 @@ typedef struct MirageSample {
 #define MIRAGE_FINDS_PICTURE                                                                                \
   8u                             /* MirageProposal.picture; boxes of a detector with both flags go together \
                                   */
-#define MIRAGE_KNOWS_CHANGES 16u /* the table ends with why_whole and forward_changed */
+#define MIRAGE_KNOWS_CHANGES 16u /* the table goes on to why_whole and forward_changed */
+/* The table goes on to watch and presence, over why_whole and forward_changed, which may be NULL without the
+ * flag above. */
+#define MIRAGE_KNOWS_PRESENCE 32u
 
 /* An input that is another one with something put in. The points may differ anywhere; outside the rectangle
  * (left, top) to (right, bottom), exclusive, pixels, the pictures are the same. */
@@ -150,6 +153,14 @@ typedef struct MirageDetectorApi {
   int (*forward_changed)(void* detector, const MirageSensorInput* input, const MirageChange* change,
                          float score_threshold, int32_t keep_graph, const MirageProposal** proposals,
                          int64_t* count, char* error, size_t error_size);
+
+  /* Only with MIRAGE_KNOWS_PRESENCE. Places (count x 4: x, y, z in m, velo; the fourth is 0) of which the
+   * next forward or forward_changed that keeps its graph is to know what a further return there would change.
+   * Its answers are the same. */
+  int (*watch)(void* detector, const float* places, int64_t count, char* error, size_t error_size);
+  /* After backward: d loss / d number of returns at each of these places, where the number counts as if it
+   * could be any; count as in watch. */
+  int (*presence)(void* detector, float* d_presence, int64_t count, char* error, size_t error_size);
 } MirageDetectorApi;
 
 typedef const MirageDetectorApi* (*MirageDetectorEntry)(void);

@@ -124,7 +124,8 @@ class PluginDetector : public Detector {
     std::uint32_t flags = 0;
     call_plugin(plugin_.file, "capabilities", [&] { flags = plugin_.api->capabilities(instance_); });
     capabilities_ = {(flags & MIRAGE_READS_IMAGE) != 0, (flags & MIRAGE_READS_POINTS) != 0,
-                     (flags & MIRAGE_FINDS_BEV) != 0, (flags & MIRAGE_FINDS_PICTURE) != 0};
+                     (flags & MIRAGE_FINDS_BEV) != 0, (flags & MIRAGE_FINDS_PICTURE) != 0,
+                     (flags & MIRAGE_KNOWS_PRESENCE) != 0};
     if (flags & MIRAGE_KNOWS_CHANGES)
       call_plugin(plugin_.file, "why_whole",
                   [&] { capabilities_.why_whole = plugin_.api->why_whole(instance_); });
@@ -146,6 +147,12 @@ class PluginDetector : public Detector {
     const MirageSensorInput input = raw_input(view);
     const MirageProposal* found = nullptr;
     std::int64_t count = 0;
+    kept_watched_ = capabilities_.knows_presence && keep_graph ? view.watched.size() : 0;
+    if (kept_watched_ > 0)
+      run("watch", [&](char* error) {
+        return plugin_.api->watch(instance_, reinterpret_cast<const float*>(view.watched.data()),
+                                  static_cast<std::int64_t>(kept_watched_), error, kPluginErrorSize);
+      });
     if (view.clean && capabilities_.why_whole.empty()) {
       const MirageSensorInput clean = raw_input({view.clean->image, view.clean->points, view.calibration});
       const PixelRect& rect = view.clean->changed;
@@ -189,6 +196,12 @@ class PluginDetector : public Detector {
       return plugin_.api->backward(instance_, raw.data(), static_cast<std::int64_t>(raw.size()), d_image,
                                    d_points, error, kPluginErrorSize);
     });
+    gradient.presence.resize(kept_watched_);
+    if (kept_watched_ > 0)
+      run("presence", [&](char* error) {
+        return plugin_.api->presence(instance_, gradient.presence.data(),
+                                     static_cast<std::int64_t>(kept_watched_), error, kPluginErrorSize);
+      });
     return gradient;
   }
 
@@ -258,7 +271,7 @@ class PluginDetector : public Detector {
   Capabilities capabilities_;
   fs::path given_;
   int kept_width_ = 0, kept_height_ = 0;  // of the last input
-  std::size_t kept_points_ = 0;
+  std::size_t kept_points_ = 0, kept_watched_ = 0;
 };
 
 /// JPEG's quality in "jpeg:QUALITY"; 0 for another defence.

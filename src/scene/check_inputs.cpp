@@ -148,6 +148,13 @@ void check_upstream(const Simulated& simulated, const Upstream<S>& upstream) {
                       fix);
     }
   }
+  const auto& presence = upstream.presence;
+  if (!presence.empty() && (!upstream.silhouette || upstream.silhouette->places.size() != presence.size()))
+    throw InputError(where, "presence", "does not have one entry a place of the silhouette",
+                     "give a number for every place");
+  for (std::size_t i = 0; i < presence.size(); ++i)
+    if (!std::isfinite(presence[i]))
+      throw Failure(where, fmt::format("presence of place {} is {}", i, kNotFinite), fix);
   const auto& d_points = upstream.points;
   if (d_points.empty()) return;
   if (d_points.size() != simulated.sweep.size())

@@ -95,6 +95,7 @@ AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream<S>& up
                        d_placed, gradient.texels);
   if (!upstream.points.empty())
     draw_in_lidar_vjp(tape.lidar, tape.placed, tape.settings, upstream.points, d_placed, gradient.texels);
+  if (!upstream.presence.empty()) lidar_silhouette_vjp(*upstream.silhouette, upstream.presence, d_placed);
   // placed = R (v − (0, 0, lowest z)) + t
   double lifted = 0;
   for (const Vec3d& d : d_placed) {

@@ -28,6 +28,18 @@ int nearest_beam(const LidarModel& lidar, const std::vector<double>& slopes, dou
   return static_cast<int>(std::abs(height_at(low) - z) <= std::abs(height_at(high) - z) ? low : high);
 }
 
+std::vector<double> slopes_of(const LidarModel& lidar) {
+  std::vector<double> slopes;
+  for (const LidarBeam& beam : lidar.beams) slopes.push_back(std::tan(beam.elevation));
+  return slopes;
+}
+
+/// The firing's azimuth at which a laser passes a point (rad; in the unit's frame, not wrapped).
+double firing_through(const LidarBeam& beam, const Vec3d& p) {
+  const double sideways = std::asin(std::clamp(beam.lateral / horizontal_distance(p), -1.0, 1.0));
+  return std::atan2(p.y(), p.x()) - beam.azimuth_offset - sideways;
+}
+
 /// Angle between a return and a ray, seen from the ray's origin.
 double angle_to(const LidarRay& ray, const Vec3d& p) {
   const Vec3d offset = p - ray.origin;
@@ -49,8 +61,7 @@ int nearest_firing(const std::vector<double>& firings, double azimuth, double re
 }  // namespace
 
 std::vector<int> beams_of(std::span<const LidarPoint> points, const LidarModel& lidar) {
-  std::vector<double> slopes;
-  for (const LidarBeam& beam : lidar.beams) slopes.push_back(std::tan(beam.elevation));
+  const std::vector<double> slopes = slopes_of(lidar);
   const Transform lidar_from_velo = lidar.velo_from_lidar.inverse();
   std::vector<int> beams;
   beams.reserve(points.size());
@@ -75,9 +86,8 @@ SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lid
       ++skipped_;
       continue;
     }
-    const LidarBeam& b = lidar.beams[static_cast<std::size_t>(beam)];
-    const double sideways = std::asin(std::clamp(b.lateral / horizontal_distance(p), -1.0, 1.0));
-    returns_.push_back({p_velo, beam, wrap_angle(std::atan2(p.y(), p.x()) - b.azimuth_offset - sideways)});
+    returns_.push_back(
+        {p_velo, beam, wrap_angle(firing_through(lidar.beams[static_cast<std::size_t>(beam)], p))});
   }
   find_firings();
   for (const LidarBeam& b : lidar.beams) {
@@ -85,6 +95,7 @@ SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lid
     offsets_.push_back({std::cos(b.azimuth_offset), std::sin(b.azimuth_offset)});
   }
   for (double azimuth : firings_) turns_.push_back({std::cos(azimuth), std::sin(azimuth)});
+  slopes_ = slopes_of(lidar);
   assign();
 }
 
@@ -188,6 +199,43 @@ std::vector<SweepRay> SweepIndex::rays_through(const Vec3d& centre_velo, double 
   }
   for (int point : extra_) add(ray_of(point, -1));
   return rays;
+}
+
+std::optional<RasterCell> SweepIndex::cell_at(const Vec3d& p_velo) const {
+  const std::size_t lasers = lidar_.beams.size();
+  if (lasers < 2 || firings_.empty() || !p_velo.allFinite()) return std::nullopt;
+  const Vec3d p = lidar_.velo_from_lidar.inverse() * p_velo;
+  const double rho = horizontal_distance(p);
+  const auto b = static_cast<std::size_t>(nearest_beam(lidar_, slopes_, rho, p.z()));
+  const auto height = [&](std::size_t k) { return lidar_.beams[k].height + rho * slopes_[k]; };
+  const double above = b > 0 ? height(b - 1) - height(b) : height(0) - height(1),
+               below = b + 1 < lasers ? height(b) - height(b + 1) : above;
+  const double pitch = (above + below) / 2, off = p.z() - height(b);
+  if (!(pitch > 0) || off > above / 2 || -off > below / 2) return std::nullopt;
+
+  const LidarBeam& beam = lidar_.beams[b];
+  const double azimuth = wrap_angle(firing_through(beam, p));
+  const int firing = nearest_firing(firings_, azimuth, lidar_.azimuth_step);
+  if (firing < 0) return std::nullopt;
+  const auto f = static_cast<std::size_t>(firing), count = firings_.size();
+  // A gap in the firings is none of the cell's.
+  const auto to = [&](std::size_t other) {
+    return std::min(std::abs(wrap_angle(firings_[other] - firings_[f])), 2 * lidar_.azimuth_step);
+  };
+  const double turn =
+      count < 3 ? lidar_.azimuth_step : (to((f + 1) % count) + to((f + count - 1) % count)) / 2;
+  if (!(turn > 0)) return std::nullopt;
+
+  RasterCell cell;
+  const int point = cells_[b * count + f];
+  cell.ray = point >= 0 ? ray_of(point, firing)
+                        : SweepRay{ray_of_cell(b, f), static_cast<int>(b), firing, firings_[f], -1, 0};
+  const Vec3d outward(p.x() / rho, p.y() / rho, 0), left(-outward.y(), outward.x(), 0);
+  const double sine = std::clamp(beam.lateral / rho, -0.999, 0.999);
+  const Eigen::Matrix3d& turned = lidar_.velo_from_lidar.linear();
+  cell.left_per_metre = turned * (left + sine / std::sqrt(1 - sine * sine) * outward) / (rho * turn);
+  cell.up_per_metre = turned * (Vec3d::UnitZ() - (p.z() - beam.height) / rho * outward) / pitch;
+  return cell;
 }
 
 }  // namespace mirage

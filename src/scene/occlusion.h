@@ -7,6 +7,7 @@
 // the same.
 #pragma once
 
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -28,6 +29,14 @@ struct SweepRay {
   double range = 0;    ///< m from the ray's origin to the return; 0 where none
 };
 
+/// The part of the unit's raster that a ray stands for: halfway to the next lasers and firings.
+struct RasterCell {
+  SweepRay ray;
+  /// How a point moves over the raster: cells to the left and up, a metre (`velo`). Along the ray it does
+  /// not.
+  Vec3d left_per_metre, up_per_metre;
+};
+
 /// An index over a sweep; it keeps no reference to it.
 class SweepIndex {
  public:
@@ -38,6 +47,11 @@ class SweepIndex {
   /// belongs to exactly one ray. Order: by beam and firing; returns that share both with a better one come
   /// last.
   std::vector<SweepRay> rays_through(const Vec3d& centre_velo, double radius) const;
+
+  /// The cell that a point (`velo`) lies in, seen from its laser; none above the first and below the last
+  /// laser by more than half a pitch, where nothing was fired, for a point that is not finite, and of a unit
+  /// with one laser.
+  std::optional<RasterCell> cell_at(const Vec3d& p_velo) const;
 
   /// Firings found, over the whole turn.
   int firing_count() const { return static_cast<int>(firings_.size()); }
@@ -65,6 +79,7 @@ class SweepIndex {
   std::vector<Return> returns_;                     ///< beam −1: not finite, skipped
   std::vector<double> firings_;                     ///< rad, rising, in [−π, π)
   std::vector<Turn> elevations_, offsets_, turns_;  ///< of the beams, their azimuth offsets, the firings
+  std::vector<double> slopes_;                      ///< tangents of the beams' elevations
   std::vector<int> cells_;                          ///< beams × firings: point, −1 where none
   std::vector<int> extra_;                          ///< returns without a cell of their own
   double assigned_share_ = 0;

@@ -17,6 +17,13 @@
 
 namespace mirage {
 
+/// What the derivative of returns knows: how those that there are move (adversary_lidar.h); and that they
+/// come and go (lidar_silhouette.h).
+enum class LidarGradient { fixed, silhouette };
+constexpr auto words_of(LidarGradient) {
+  return std::to_array<const char*>({"fixed", "silhouette"});
+}
+
 /// A frame with everything that does not depend on the adversary.
 struct PreparedFrame {
   Frame frame;
@@ -43,7 +50,8 @@ struct SimulationSettings {
   double occlusion_margin = 0.3;
   /// Incidence below which a LiDAR return keeps its place but its gradient is scaled down: |n·d| / |n|.
   double grazing_cosine = 0.05;
-  LidarEffects lidar_effects;  ///< all off
+  LidarGradient lidar_gradient = LidarGradient::silhouette;  ///< of an attack
+  LidarEffects lidar_effects;                                ///< all off
   LightModel light = LightModel::plain;
   VisibleLightSettings visible_light;  ///< of LightModel::visible
 };
@@ -62,6 +70,11 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "lidar_reflectivity", .range = {0, 1e3}, .option = ""}, s.lidar_reflectivity);
   visit({.name = "occlusion_margin", .range = {-1e3, 1e3}, .option = ""}, s.occlusion_margin);
   visit({.name = "grazing_cosine", .range = {1e-9, 1}, .option = ""}, s.grazing_cosine);
+  visit(
+      {.name = "lidar_gradient",
+       .help = "fixed: which rays meet the object is taken as given; silhouette: its outline may also catch "
+               "more of them, or fewer"},
+      s.lidar_gradient);
   visit({.name = "double", .option = "", .written = s.reference}, s.reference);
   visit({.name = "exact_coverage", .option = "", .written = s.exact_coverage}, s.exact_coverage);
   visit({.name = "light",

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "scene/lidar_silhouette.h"
 #include "scene/simulation.h"
 
 namespace mirage {
@@ -18,6 +19,8 @@ struct Upstream {
   const S* image = nullptr;  ///< height × width × 3, row-major; null: none
   int width = 0, height = 0;
   std::span<const std::array<S, 4>> points = {};  ///< one a point of Simulated::sweep; empty: none
+  const LidarSilhouette* silhouette = nullptr;    ///< of the placed adversary; null: held fixed
+  std::span<const S> presence = {};               ///< one a place of it; empty: none
 };
 
 /// As simulate_vjp of scene/insertion.h, S float or double. In double, what was drawn with

@@ -5,6 +5,7 @@
 #include "attack/tiny_world.h"
 #include "base/files.h"
 #include "support/files.h"
+#include "support/insertion_world.h"
 
 namespace mirage {
 namespace {
@@ -52,6 +53,74 @@ TEST(AttackStep, AHostIsHiddenWhereNoProposalFindsIt) {
   EXPECT_FALSE(hidden(0.9, 0.15 * box.length));  // IoU 0.74
   EXPECT_TRUE(hidden(0.9, 0.2 * box.length));    // IoU 0.67
   EXPECT_TRUE(hidden(0.9, 10));
+}
+
+/// Sees returns alone, and knows what they are worth.
+class CountingDetector : public test::StandInDetector {
+ public:
+  Capabilities capabilities() const override {
+    Capabilities can = StandInDetector::capabilities();
+    can.knows_presence = true;
+    return can;
+  }
+  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
+    watched.assign(input.watched.begin(), input.watched.end());
+    const ImageF blank(input.image->width, input.image->height, 3, 0.3f);
+    return StandInDetector::forward({&blank, input.points, input.calibration}, score_threshold, keep_graph);
+  }
+  SensorGradient backward(std::span<const double> d_logits) override {
+    SensorGradient gradient = StandInDetector::backward(d_logits);
+    for (const LidarPoint& place : watched)
+      gradient.presence.push_back(static_cast<float>(kPoints * weight(place) * d_logits[0]));
+    return gradient;
+  }
+  std::vector<LidarPoint> watched;
+};
+
+TEST(AttackStep, TheSilhouetteTellsThatALargerObjectCatchesMoreReturns) {
+  const test::World world = test::make_world(1);
+  // Of the mean over places of the unit's raster.
+  std::vector<PreparedFrame> rasters;
+  for (int row = 0; row < 8; ++row)
+    for (int column = 0; column < 4; ++column) {
+      rasters.push_back(world.prepared);
+      LidarModel& lidar = rasters.back().lidar;
+      for (LidarBeam& beam : lidar.beams) beam.elevation += row / 8. * 0.4 * M_PI / 180;
+      lidar.azimuth_min += column / 4. * lidar.azimuth_step,
+          lidar.azimuth_max += column / 4. * lidar.azimuth_step;
+      rasters.back().index = SweepIndex(world.prepared.frame.sweep, lidar);
+    }
+  Host host;
+  host.rooftop = world.rooftop;
+  const TexturedMesh mesh = initial_adversary();
+  CountingDetector detector;
+  AttackSettings settings;
+  const auto slope = [&](AttackTarget target, LidarGradient kind) {
+    settings.simulation.lidar_gradient = kind;
+    double sum = 0;
+    for (const PreparedFrame& prepared : rasters) {
+      const HostStep step = attack_host(detector, prepared, host, mesh, target, settings);
+      for (std::size_t i = 0; i < mesh.mesh.vertices.size(); ++i)
+        sum += step.gradient.vertices[i].dot(mesh.mesh.vertices[i]);
+    }
+    return sum / static_cast<double>(rasters.size());
+  };
+  const auto hide = [&](double scale) {
+    TexturedMesh other = mesh;
+    for (Vec3d& v : other.mesh.vertices) v *= scale;
+    double sum = 0;
+    for (const PreparedFrame& prepared : rasters)
+      sum += judge_host(detector, prepared, host, other, settings).hide;
+    return sum / static_cast<double>(rasters.size());
+  };
+  const double difference = (hide(1.05) - hide(0.95)) / 0.1;
+  EXPECT_LT(difference, -0.01);
+  EXPECT_NEAR(slope(AttackTarget::lidar, LidarGradient::silhouette), difference, -0.1 * difference);
+  EXPECT_FALSE(detector.watched.empty());
+  EXPECT_GT(slope(AttackTarget::lidar, LidarGradient::fixed), 0.7 * difference);
+  EXPECT_TRUE(detector.watched.empty());
+  slope(AttackTarget::image, LidarGradient::silhouette);  // what reaches no LiDAR is not asked for
+  EXPECT_TRUE(detector.watched.empty());
 }
 
 TEST(AttackStep, StagesAddUpToTheHostsTime) {

@@ -64,10 +64,22 @@ struct Answer {
   SensorGradient gradient;
 };
 
-/// Of the pixels in the changed rectangle, and of the adversary's points: norm of a − b over the norm of b.
+/// Places beside the adversary's returns, and a few elsewhere in the sweep.
+std::vector<LidarPoint> places_beside(const Simulated& simulated) {
+  std::vector<LidarPoint> places;
+  const Sweep& sweep = simulated.sweep;
+  const std::size_t first = sweep.size() - static_cast<std::size_t>(simulated.adversary_points);
+  for (const std::size_t i : {first / 4, first / 2}) places.push_back(sweep[i]);
+  for (std::size_t i = first; i < sweep.size(); i += 7) places.push_back(sweep[i]);
+  for (LidarPoint& place : places) place.z += 0.3f;
+  return places;
+}
+
+/// Of the pixels in the changed rectangle, of the adversary's points, and of what a further return would
+/// change: norm of a − b over the norm of b.
 struct GradientError {
-  double pixels = 0, points = 0;
-  bool any_pixels = false, any_points = false;
+  double pixels = 0, points = 0, presence = 0;
+  bool any_pixels = false, any_points = false, any_presence = false;
 
   GradientError(const SensorGradient& a, const SensorGradient& b, const Simulated& simulated) {
     double difference = 0, norm = 0;
@@ -86,6 +98,13 @@ struct GradientError {
         norm += std::pow(b.points[i][c], 2);
       }
     points = apart(difference, norm), any_points = norm > 0;
+    difference = norm = 0;
+    EXPECT_EQ(a.presence.size(), b.presence.size());
+    for (std::size_t i = 0; i < a.presence.size(); ++i) {
+      difference += std::pow(a.presence[i] - b.presence[i], 2);
+      norm += std::pow(b.presence[i], 2);
+    }
+    presence = apart(difference, norm), any_presence = norm > 0;
   }
 };
 
@@ -110,7 +129,8 @@ class LocalPasses : public testing::TestWithParam<const char*> {
     for (const auto* local : {&local_, &local64_}) ASSERT_EQ((*local)->capabilities().why_whole, "");
     for (const auto* whole : {&whole_, &whole64_}) ASSERT_NE((*whole)->capabilities().why_whole, "");
     const CleanView clean = clean_view(prepared, simulated);
-    SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
+    const std::vector<LidarPoint> places = places_beside(simulated);
+    SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration, nullptr, places};
     Answer whole{whole_->forward(view, -1, true), {}}, whole64{whole64_->forward(view, -1, true), {}};
     view.clean = &clean;
     Answer local{local_->forward(view, -1, true), {}}, local64{local64_->forward(view, -1, true), {}};
@@ -130,6 +150,9 @@ class LocalPasses : public testing::TestWithParam<const char*> {
         now(local.gradient, whole64.gradient, simulated), full(whole.gradient, whole64.gradient, simulated);
     EXPECT_LT(exact.pixels, kTolerance) << "pixels";
     EXPECT_LT(exact.points, kTolerance) << "points";
+    EXPECT_LT(exact.presence, kTolerance) << "presence";
+    EXPECT_EQ(whole.gradient.presence.size(), whole_->capabilities().knows_presence ? places.size() : 0);
+    EXPECT_EQ(exact.any_presence, local_->capabilities().knows_presence);
     if (exact.any_pixels) pixels_.add(exact.pixels, now.pixels, full.pixels);
     if (exact.any_points) points_.add(exact.points, now.points, full.points);
     EXPECT_TRUE(exact.any_points || simulated.adversary_points == 0 || !local_->capabilities().reads_points);

@@ -106,8 +106,8 @@ TEST(AutoBudget, SpendsExactlyWhatItIsGiven) {
         EXPECT_EQ(spent, iterations);
         EXPECT_EQ(end, budget.longest());
         EXPECT_EQ(budget.rounds.back().candidates, 1u);
-        EXPECT_LE(budget.search, 3 * iterations / 4);
-        EXPECT_EQ(budget.generations > 0, generation > 0);
+        EXPECT_LE(budget.search, iterations / 4);
+        EXPECT_EQ(budget.generations > 0, generation > 0 && iterations >= 4 * generation);
         EXPECT_EQ(budget.search, budget.generations * generation);
       }
   EXPECT_EQ(auto_budget(24, 4, 0).rounds.front().steps, 2);
@@ -169,7 +169,7 @@ class Counting : public Everywhere {
 TEST(Auto, TheStartThatHidesMostIsKeptWhereNoGradientHelps) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 6, true);
-  auto settings = auto_settings(folder, "run", 120);
+  auto settings = auto_settings(folder, "run", 240);
   settings.objective.lambda_laplacian = 0;
   const nlohmann::json report = run_attack(settings, one_of<Counting>()).automatic;
   std::string lowest;
@@ -183,8 +183,9 @@ TEST(Auto, TheStartThatHidesMostIsKeptWhereNoGradientHelps) {
   const auto& chosen = report.at("candidates").at(report.at("chosen").get<std::size_t>());
   EXPECT_EQ(chosen.at("start"), lowest);
   EXPECT_EQ(chosen.at("held_out"), value);
-  EXPECT_EQ(report.at("steps"), 120);
-  for (const auto& candidate : report.at("candidates")) EXPECT_NE(candidate.at("start"), "paper");
+  EXPECT_EQ(report.at("steps"), 240);
+  for (const auto& candidate : report.at("candidates"))  // the paper's, and the best of the others
+    EXPECT_THAT(candidate.at("start").get<std::string>(), testing::AnyOf("paper", lowest));
   // The mesh is that start, and other commands read it.
   const Vec3d size = bounds(read_run(folder / "run").adversary.mesh).sizes();
   EXPECT_GT(size.x(), 1.2) << size.transpose();  // the paper's is 1.2 long
@@ -216,7 +217,7 @@ TEST(Auto, TheCandidateThatMustWinWins) {
   EXPECT_EQ(chosen(misled).at("kept_iteration"), 0);
   EXPECT_GT(chosen(right).at("kept_iteration"), 0);
   EXPECT_NE(chosen(right).at("target"), "lidar");
-  EXPECT_EQ(chosen(right).at("texel_rate"), 0.1);
+  EXPECT_EQ(chosen(right).at("texel_rate"), 20 * settings.texel_rate);
   EXPECT_LT(chosen(right).at("held_out"), chosen(misled).at("held_out"));
   double lowest = 1e9;
   std::set<long> steps;

@@ -98,11 +98,13 @@ class StandInDetector : public Detector {
   TrainingLoss train_step(std::span<const TrainingSample>, double) override { return {}; }
   void save(const std::filesystem::path&, bool) override {}
 
- private:
+ protected:
   static constexpr double kImage = 1e-2, kPoints = -2e-2;
   static double weight(const LidarPoint& p) {
     return std::exp(-(p.x - 11) * (p.x - 11) - p.y * p.y - p.z * p.z);
   }
+
+ private:
   ImageF image_;
   std::vector<LidarPoint> points_;
 };

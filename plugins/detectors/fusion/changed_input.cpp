@@ -50,11 +50,12 @@ const std::vector<MirageProposal>& FusionDetector::forward_changed(const MirageS
   kept_input_ = {};
   kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
   at::set_num_threads(1);
+  SensorTensors now = view_input(input, reads_image());
+  take_watched(now, keep_graph);
   auto local = std::make_unique<LocalNetwork>(
       network_,
-      clean_frames_->of(change.key, [&] { return owned(view_input(*change.clean, reads_image())); }),
-      view_input(input, reads_image()), Window{change.top, change.left, change.bottom, change.right},
-      options_.locality);
+      clean_frames_->of(change.key, [&] { return owned(view_input(*change.clean, reads_image())); }), now,
+      Window{change.top, change.left, change.bottom, change.right}, options_.locality);
   if (options_.parts.lidar)
     propose(local->output(), score_threshold);
   else
@@ -66,6 +67,7 @@ const std::vector<MirageProposal>& FusionDetector::forward_changed(const MirageS
 void FusionDetector::backward_changed(const Tensor& d_logits, float* d_image, float* d_points) {
   const LocalNetwork::Gradient gradient = local_->backward(d_logits);
   const auto [width, points] = local_->input_size();
+  if (gradient.masses.defined()) keep_presence(gradient.masses, gradient.masses.size(0));
   if (d_image) std::fill_n(d_image, kept_image_values_, 0.f);
   if (d_image && gradient.image.defined()) {
     const Window& at = gradient.pixels;

@@ -127,6 +127,7 @@ std::uint32_t FusionDetector::capabilities() const {
   const Parts& parts = options_.parts;
   std::uint32_t flags = parts.lidar ? MIRAGE_READS_POINTS | MIRAGE_FINDS_BEV : MIRAGE_FINDS_PICTURE;
   if (reads_image()) flags |= MIRAGE_READS_IMAGE;
+  if (parts.lidar) flags |= MIRAGE_KNOWS_PRESENCE;
   return flags | MIRAGE_KNOWS_CHANGES;
 }
 
@@ -134,7 +135,9 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
                                                            float score_threshold, bool keep_graph) {
   kept_logits_ = Tensor();
   local_.reset();
-  kept_input_ = in_type_of(*network_, copy_input(input, reads_image()));
+  kept_input_ = copy_input(input, reads_image());
+  take_watched(kept_input_, keep_graph);
+  kept_input_ = in_type_of(*network_, kept_input_);
   kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
   at::set_num_threads(1);
   torch::AutoGradMode mode(keep_graph);
@@ -142,6 +145,7 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
   if (keep_graph) {
     kept_input_.points.requires_grad_(true);
     if (kept_input_.image.defined()) kept_input_.image.requires_grad_(true);
+    if (kept_input_.masses.defined()) kept_input_.masses.requires_grad_(true);
   }
   if (!options_.parts.lidar) {
     const CameraOutput seen = network_->see(kept_input_);
@@ -198,6 +202,8 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
   if (local_) return backward_changed(seed, d_image, d_points);
   std::vector<Tensor> inputs = {kept_input_.points};
   if (kept_input_.image.defined()) inputs.push_back(kept_input_.image);
+  const std::size_t of_masses = inputs.size();
+  if (kept_input_.masses.defined()) inputs.push_back(kept_input_.masses);
   const auto gradients =
       torch::autograd::grad({kept_logits_}, inputs, {seed.to(kept_logits_.scalar_type())}, true, false, true);
   const auto copy = [](const Tensor& gradient, const Tensor& like, float* out) {
@@ -210,10 +216,34 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
       std::memset(out, 0, bytes);
   };
   copy(gradients[0], kept_input_.points, d_points);
-  if (inputs.size() > 1)
+  if (of_masses < inputs.size()) keep_presence(gradients[of_masses], kept_input_.masses.size(0));
+  if (kept_input_.image.defined())
     copy(gradients[1], kept_input_.image, d_image);
   else if (d_image)
     std::fill_n(d_image, kept_image_values_, 0.f);
+}
+
+void FusionDetector::watch(const float* places, std::int64_t count) {
+  watched_ = Tensor();
+  if (count == 0) return;
+  watched_ = torch::empty({count, 4});
+  std::memcpy(watched_.data_ptr<float>(), places, sizeof(float) * watched_.numel());
+}
+
+void FusionDetector::take_watched(SensorTensors& input, bool keep_graph) {
+  presence_.clear();
+  if (keep_graph && watched_.defined() && options_.parts.lidar) {
+    input.watched = watched_;
+    input.masses = torch::zeros({watched_.size(0)});
+  }
+  watched_ = Tensor();
+}
+
+void FusionDetector::keep_presence(const Tensor& masses, std::int64_t count) {
+  presence_.assign(static_cast<std::size_t>(count), 0.f);
+  if (!masses.defined()) return;
+  const Tensor values = masses.to(torch::kFloat).contiguous();
+  std::copy_n(values.data_ptr<float>(), count, presence_.begin());
 }
 
 CameraOutput FusionDetector::remembered(const SensorTensors& input, std::uint64_t key) {

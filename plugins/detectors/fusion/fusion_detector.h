@@ -59,6 +59,10 @@ class FusionDetector {
                                                      const MirageChange& change, float score_threshold,
                                                      bool keep_graph);
   void backward(std::span<const float> d_logits, float* d_image, float* d_points);
+  /// Places (count × 4) of which the next forward that keeps its graph is to know what a further return would
+  /// change; that of the last backward's loss, one value a place.
+  void watch(const float* places, std::int64_t count);
+  std::span<const float> presence() const { return presence_; }
   /// Total, score and box loss.
   std::array<float, 3> train_step(std::span<const MirageSample> samples, float learning_rate);
   void save(const std::string& file, bool with_optimiser);
@@ -79,6 +83,9 @@ class FusionDetector {
                     double boxed);
   void propose(const torch::Tensor& output, float score_threshold);
   void propose(const CameraOutput& seen, float score_threshold);
+  /// Takes what is watched into an input.
+  void take_watched(SensorTensors& input, bool keep_graph);
+  void keep_presence(const torch::Tensor& masses, std::int64_t count);
   void backward_changed(const torch::Tensor& d_logits, float* d_image, float* d_points);
 
   Options options_;
@@ -99,6 +106,8 @@ class FusionDetector {
   std::vector<MirageProposal> proposals_;
   std::vector<std::int64_t> proposal_cells_;
   SensorTensors kept_input_;
+  torch::Tensor watched_;  ///< for the next forward
+  std::vector<float> presence_;
   std::size_t kept_image_values_ = 0;
   torch::Tensor kept_map_, kept_bev_;  ///< norms of the image features
   torch::Tensor kept_logits_;          ///< undefined unless the last forward kept its graph

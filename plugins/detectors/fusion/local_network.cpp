@@ -14,6 +14,10 @@ namespace {
 
 using torch::Tensor;
 
+/// Voxel columns that a window may take in beside what is asked of it: as dear as another pass over the
+/// sweep.
+constexpr std::int64_t kApart = 4096;
+
 /// The part of a map that covers (0, 0), ….
 Tensor part(const Tensor& map, const Window& at) {
   return map.narrow(2, at.top, at.rows()).narrow(3, at.left, at.columns());
@@ -150,6 +154,9 @@ void LocalNetwork::give_voxels() {
   Dirty dirty(kVoxelsX, kVoxelsY);
   for (const std::int64_t i : sweep_.gone) add_voxels_of(clean_->points.data_ptr<float>() + 4 * i, dirty);
   for (const std::int64_t i : sweep_.fresh) add_voxels_of(input_.points.data_ptr<float>() + 4 * i, dirty);
+  // Where a return may come the value is as it was; the slope must be known.
+  for (std::int64_t i = 0; i < watched_count(); ++i)
+    add_voxels_of(input_.watched.data_ptr<float>() + 4 * i, dirty);
   Tensor painted;
   if (network_->parts.painted) {
     typed_.camera = seen_;
@@ -199,6 +206,7 @@ void LocalNetwork::add_painted(Dirty& dirty) const {
   };
   for (const std::int64_t i : sweep_.gone) add_columns(clean_->points.data_ptr<float>() + 4 * i);
   for (const std::int64_t i : sweep_.fresh) add_columns(input_.points.data_ptr<float>() + 4 * i);
+  for (std::int64_t i = 0; i < watched_count(); ++i) add_columns(input_.watched.data_ptr<float>() + 4 * i);
 }
 
 void LocalNetwork::join() {
@@ -218,6 +226,7 @@ LocalNetwork::Gradient LocalNetwork::backward(const Tensor& d_loss) {
   gradient.points = sweep_.fresh;
   gradient.of_points =
       torch::zeros({static_cast<std::int64_t>(sweep_.fresh.size()), 4}, typed_.points.options());
+  if (watched_count() > 0) gradient.masses = torch::zeros({watched_count()}, typed_.points.options());
   if (!backbone_) {
     back_through_rows(d_logits);
   } else {
@@ -336,6 +345,7 @@ void LocalNetwork::back_through_voxels(Gradient& gradient) {
                                     part(d_voxels, inner).narrow(1, 0, kVoxelsZ)));
     }
   }
+  if (watched_count() > 0) back_to_masses(touched, d_voxels, gradient);
   if (!network_->parts.painted || !camera_) return;
   std::vector<Tensor> changed;
   {
@@ -343,15 +353,33 @@ void LocalNetwork::back_through_voxels(Gradient& gradient) {
     SensorTensors input = typed_;
     input.points = typed_.points.detach().requires_grad_(true);
     input.camera.mask = seen_.mask.detach().requires_grad_(true);
+    std::vector<Tensor> leaves = {input.camera.mask, input.points};
+    if (watched_count() > 0)
+      leaves.push_back(input.masses = torch::zeros_like(typed_.masses).requires_grad_(true));
     const Tensor painted = painted_voxels(input, touched);
     if (!painted.requires_grad()) return;
-    changed = torch::autograd::grad({part(painted, touched)}, {input.camera.mask, input.points},
+    changed = torch::autograd::grad({part(painted, touched)}, leaves,
                                     {d_voxels.narrow(1, kVoxelsZ, kPaintedChannels)}, {}, false, true);
   }
   const torch::NoGradGuard guard;
+  if (changed.size() > 2 && changed[2].defined()) gradient.masses += changed[2];
   if (changed[1].defined() && !sweep_.fresh.empty())
     add_to_points(gradient, sweep_.fresh, changed[1].index_select(0, torch::tensor(sweep_.fresh)));
   if (changed[0].defined()) camera_->add_gradient(clean_->camera_plan->mask, changed[0]);
+}
+
+void LocalNetwork::back_to_masses(const Window& touched, const Tensor& d_voxels, Gradient& gradient) {
+  Dirty near(kVoxelsX, kVoxelsY);
+  for (std::int64_t i = 0; i < watched_count(); ++i)
+    add_voxels_of(input_.watched.data_ptr<float>() + 4 * i, near);
+  for (const Window& window : near.windows(kApart)) {
+    const Window at = intersection(window, touched);
+    if (at.empty()) continue;
+    const Window inner{at.top - touched.top, at.left - touched.left, at.bottom - touched.top,
+                       at.right - touched.left};
+    gradient.masses += soft_voxels_masses(typed_.watched, at, soft_voxels(typed_.points, at),
+                                          part(d_voxels, inner).narrow(1, 0, kVoxelsZ));
+  }
 }
 
 void LocalNetwork::back_through_picture(Gradient& gradient) {

@@ -45,6 +45,7 @@ class LocalNetwork {
     Window pixels;                     ///< what it covers
     std::vector<std::int64_t> points;  ///< that are not in the clean sweep
     torch::Tensor of_points;           ///< one row each, as long as the points' rows
+    torch::Tensor masses;              ///< d loss / d mass of each watched point; undefined: none
   };
   /// d loss / d logit, one a proposal cell or one a picture box → d loss / d what changed.
   Gradient backward(const torch::Tensor& d_loss);
@@ -55,6 +56,7 @@ class LocalNetwork {
 
  private:
   double pixels_a_metre() const;
+  std::int64_t watched_count() const { return input_.watched.defined() ? input_.watched.size(0) : 0; }
   void confine();
   void look();
   void add_features();
@@ -64,6 +66,7 @@ class LocalNetwork {
   void back_through_rows(const torch::Tensor& d_logits);
   void back_through_features(Gradient& gradient);
   void back_through_voxels(Gradient& gradient);
+  void back_to_masses(const Window& touched, const torch::Tensor& d_voxels, Gradient& gradient);
   void back_through_picture(Gradient& gradient);
   void add_to_points(Gradient& gradient, std::span<const std::int64_t> points, const torch::Tensor& rows);
 

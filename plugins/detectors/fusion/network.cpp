@@ -270,6 +270,7 @@ SensorTensors in_type_of(NetworkImpl& network, SensorTensors input) {
       (network.head.is_empty() ? network.camera->mask_out->weight : network.head->weight).scalar_type();
   if (input.image.defined()) input.image = input.image.to(type);
   input.points = input.points.to(type);
+  if (input.watched.defined()) input.watched = input.watched.to(type), input.masses = input.masses.to(type);
   return input;
 }
 
@@ -282,7 +283,7 @@ Tensor NetworkImpl::forward(const SensorTensors& given) {
   const auto with = [&](std::size_t level, const Tensor& x) {
     return added[level].defined() ? x + added[level] : x;
   };
-  Tensor voxels = soft_voxels(input.points);
+  Tensor voxels = soft_voxels(input.points, input.watched, input.masses);
   if (parts.painted) voxels = torch::cat({voxels, painted_voxels(input)}, 1);
   const Tensor x1 = group1(with(0, stem(voxels.to(head->weight.device()))));
   const Tensor x2 = group2b(group2a(with(1, down2(x1))));

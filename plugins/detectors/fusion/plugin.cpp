@@ -125,9 +125,36 @@ int forward_changed(void* detector, const MirageSensorInput* input, const Mirage
   });
 }
 
-const MirageDetectorApi kApi = {
-    MIRAGE_DETECTOR_ABI, "fusion", create,       destroy, region,         forward,   backward,
-    train_step,          save,     capabilities, share,   image_features, why_whole, forward_changed};
+int watch(void* detector, const float* places, int64_t count, char* error, size_t error_size) {
+  return guarded(error, error_size, [&] { instance(detector).watch(places, count); });
+}
+
+int presence(void* detector, float* d_presence, int64_t count, char* error, size_t error_size) {
+  return guarded(error, error_size, [&] {
+    const auto known = instance(detector).presence();
+    if (static_cast<int64_t>(known.size()) != count)
+      throw std::runtime_error("presence: the last backward was of a forward that watched " +
+                               std::to_string(known.size()) + " places, not " + std::to_string(count));
+    std::copy(known.begin(), known.end(), d_presence);
+  });
+}
+
+const MirageDetectorApi kApi = {MIRAGE_DETECTOR_ABI,
+                                "fusion",
+                                create,
+                                destroy,
+                                region,
+                                forward,
+                                backward,
+                                train_step,
+                                save,
+                                capabilities,
+                                share,
+                                image_features,
+                                why_whole,
+                                forward_changed,
+                                watch,
+                                presence};
 
 }  // namespace
 

@@ -18,6 +18,9 @@ struct SensorTensors {
   torch::Tensor image;   ///< H × W × 3 scene-linear, or undefined: LiDAR alone
   torch::Tensor points;  ///< N × 4
   Projection projection{};
+  torch::Tensor watched = {};  ///< K × 4: further points, whose mass is `masses` (K, zero) instead of one;
+                               ///< undefined: none. They feed voxels and paint, and no cell of fusion
+  torch::Tensor masses = {};
   CameraOutput camera = {};  ///< what the camera network says of the picture, where that is known already
 };
 

@@ -65,8 +65,8 @@ uint32_t capabilities(void* detector) {
 }
 
 const MirageDetectorApi kApi = {
-    MIRAGE_DETECTOR_ABI, "torchscript", create,       destroy, region,  forward, backward,
-    train_step,          save,          capabilities, nullptr, nullptr, nullptr, nullptr};
+    MIRAGE_DETECTOR_ABI, "torchscript", create,  destroy, region,  forward, backward, train_step, save,
+    capabilities,        nullptr,       nullptr, nullptr, nullptr, nullptr, nullptr};
 
 }  // namespace
 

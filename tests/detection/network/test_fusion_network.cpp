@@ -37,6 +37,30 @@ TEST(FusionKernels, VoxelsMoveWithTheirPoints) {
   EXPECT_EQ(soft_voxels(tensor_of({NAN, 1, 1, 0}, {1, 4})).sum().item<double>(), 0);
 }
 
+TEST(FusionKernels, VoxelsKnowWhatAFurtherReturnWouldChange) {
+  const Tensor points = tensor_of({10.1, 0.2, -1, 0, 10.3, 0.1, -0.9, 0, 30, 5, 0, 0}, {3, 4});
+  // Among returns, on its own, beyond the grid, not finite.
+  const Tensor further = tensor_of({10.2, 0.2, -1, 0, 40, -7, -0.5, 0, 500, 0, 0, 0, NAN, 1, 1, 0}, {4, 4});
+  torch::manual_seed(1);
+  const Tensor weights = torch::randn({1, kVoxelsZ, kVoxelsX, kVoxelsY}, torch::kDouble);
+  const auto loss = [&](const Tensor& masses) {
+    return (soft_voxels(points, further, masses) * weights).sum();
+  };
+  for (const double mass : {0.0, 0.7}) check(torch::full({4}, mass, torch::kDouble), loss);
+  // Without mass they are not there.
+  const Tensor none = torch::zeros({4}, torch::kDouble).requires_grad_(true);
+  EXPECT_TRUE(torch::equal(soft_voxels(points, further, none), soft_voxels(points)));
+  const Tensor slopes = torch::autograd::grad({loss(none)}, {none})[0];
+  EXPECT_NE(slopes[0].item<double>(), 0);
+  EXPECT_NE(slopes[1].item<double>(), 0);
+  EXPECT_EQ(slopes[2].item<double>(), 0);
+  EXPECT_EQ(slopes[3].item<double>(), 0);
+  // One of mass one is a point.
+  const Tensor one = torch::cat({points, further.narrow(0, 0, 1)});
+  EXPECT_TRUE(torch::allclose(soft_voxels(points, further.narrow(0, 0, 1), torch::ones({1}, torch::kDouble)),
+                              soft_voxels(one)));
+}
+
 TEST(FusionKernels, ReadingTheMapMovesWithMapAndPlace) {
   torch::manual_seed(2);
   const Tensor map = torch::randn({1, 5, 4, 6}, torch::kDouble),

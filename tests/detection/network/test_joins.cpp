@@ -80,6 +80,15 @@ TEST(Painting, GradientOfMaskAndReturnsMatchesDifferences) {
         return (painted_voxels(input) * weights).sum();
       },
       1e-8, 1e-3, [](std::size_t i) { return i % 3 == 0; });
+  // What further returns would change: in view, beside others, out of view.
+  street.input.watched = tensor_of({20.3, 2.1, -1, 0, 20.1, 2, -0.8, 0, -5, 0, -1, 0}, {3, 4});
+  for (const double mass : {0.0, 0.6})
+    check(torch::full({3}, mass, torch::kDouble), [&](const Tensor& masses) {
+      SensorTensors input = street.input;
+      input.masses = masses;
+      return (painted_voxels(input) * weights).sum();
+    });
+  street.input.watched = Tensor();
   // Three returns in one place.
   street.input.points = tensor_of({20.1, 2, -1, 0, 20.1, 2, -1, 0, 20.1, 2, -1, 0}, {3, 4});
   check(

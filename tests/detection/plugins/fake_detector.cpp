@@ -51,6 +51,8 @@ const MirageDetectorApi api = {abi(MIRAGE_DETECTOR_ABI),
                                nullptr,
                                nullptr,
                                nullptr,
+                               nullptr,
+                               nullptr,
                                nullptr};
 
 }  // namespace

@@ -1,0 +1,189 @@
+#include "scene/lidar_silhouette.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+
+#include "sensors/ray_caster.h"
+
+namespace mirage {
+namespace {
+
+/// How far outside the silhouette it is looked at what lies behind it (rad).
+constexpr double kOutside = 5e-5;
+/// What is not further behind the silhouette than this (m) is the object's surface there.
+constexpr double kSameSurface = 1e-3;
+constexpr double kSamplesPerCell = 2;
+constexpr double kMostSamples = 4096;  // of an edge: a unit that is almost inside the object
+
+struct Edge {
+  int a = 0, b = 0;
+  std::array<int, 2> faces = {-1, -1};  ///< −1: a border
+};
+
+/// Edges of one or two faces. Where more meet, no two of them are the ones that border on what is behind.
+std::vector<Edge> edges_of(const Mesh& mesh) {
+  std::vector<std::array<int, 3>> sides;
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto [a, b] = std::minmax(mesh.faces[f][k], mesh.faces[f][(k + 1) % 3]);
+      if (a != b) sides.push_back({a, b, static_cast<int>(f)});
+    }
+  std::sort(sides.begin(), sides.end());
+  std::vector<Edge> edges;
+  for (std::size_t i = 0; i < sides.size();) {
+    std::size_t next = i + 1;
+    while (next < sides.size() && sides[next][0] == sides[i][0] && sides[next][1] == sides[i][1]) ++next;
+    if (next - i <= 2)
+      edges.push_back({sides[i][0], sides[i][1], {sides[i][2], next - i == 2 ? sides[i + 1][2] : -1}});
+    i = next;
+  }
+  return edges;
+}
+
+class Tracer {
+ public:
+  Tracer(const PreparedFrame& prepared, const TexturedMesh& placed)
+      : prepared_(prepared), mesh_(placed.mesh), centre_(bounds(placed.mesh).center()) {}
+
+  LidarSilhouette run() {
+    for (const Edge& edge : edges_of(mesh_)) sample(edge);
+    if (candidates_.empty()) return {};
+    const RayCaster caster(std::span(&mesh_, 1), centre_);
+    RayTable rays(1, candidates_.size());
+    for (std::size_t i = 0; i < candidates_.size(); ++i)
+      rays.set(0, i, (candidates_[i].cell.ray.ray.origin - centre_).cast<float>(),
+               candidates_[i].past.cast<float>());
+    HitTable hits;
+    caster.intersect(rays, 0, 1e30f, hits);
+    for (std::size_t i = 0; i < candidates_.size(); ++i)
+      settle(candidates_[i], hits.face[i] < 0 ? std::nullopt : std::optional<double>(hits.t[i]));
+    return std::move(silhouette_);
+  }
+
+ private:
+  struct Candidate {
+    Edge edge;
+    double share = 0;
+    Vec3d p, span;  ///< the point, and the part of the edge that it stands for
+    Vec3d past;     ///< direction of a ray that just misses the object here
+    RasterCell cell;
+  };
+
+  const Vec3d& vertex(int i) const { return mesh_.vertices[static_cast<std::size_t>(i)]; }
+
+  /// Of a face's plane to a point, times twice the face's area; positive on its front.
+  double height_over(int face, const Vec3d& origin) const {
+    const Face& f = mesh_.faces[static_cast<std::size_t>(face)];
+    const Vec3d n = (vertex(f[1]) - vertex(f[0])).cross(vertex(f[2]) - vertex(f[0]));
+    return n.dot(origin - vertex(f[0]));
+  }
+
+  /// The edge's face that is seen, if behind the edge the object turns away; −1: it does not.
+  int seen_face(const Edge& edge, const Vec3d& origin) const {
+    if (edge.faces[1] < 0) return edge.faces[0];
+    const bool first = height_over(edge.faces[0], origin) > 0,
+               second = height_over(edge.faces[1], origin) > 0;
+    if (first == second) return -1;
+    return edge.faces[first ? 0 : 1];
+  }
+
+  /// Unit vector away from the face, across the edge and the ray; 0 where these are parallel.
+  Vec3d outward(const Candidate& c, int face) const {
+    const Vec3d across = (c.p - c.cell.ray.ray.origin).cross(c.span);
+    double side = 0;
+    for (const int i : mesh_.faces[static_cast<std::size_t>(face)])
+      if (i != c.edge.a && i != c.edge.b) side = across.dot(vertex(i) - c.p);
+    const double length = across.norm();
+    if (!(length > 0) || side == 0) return Vec3d::Zero();
+    return across * ((side > 0 ? -1 : 1) / length);
+  }
+
+  void sample(const Edge& edge) {
+    const Vec3d &a = vertex(edge.a), &b = vertex(edge.b);
+    std::optional<RasterCell> cell;
+    for (const double share : {0.5, 0.0, 1.0})
+      if (!cell) cell = prepared_.index.cell_at(a + share * (b - a));
+    if (!cell) return;
+    const int face = seen_face(edge, cell->ray.ray.origin);
+    if (face < 0) return;
+    const double cells =
+        std::max(std::abs(cell->left_per_metre.dot(b - a)), std::abs(cell->up_per_metre.dot(b - a)));
+    const int count = static_cast<int>(std::clamp(std::ceil(kSamplesPerCell * cells), 1.0, kMostSamples));
+    for (int k = 0; k < count; ++k) {
+      Candidate c{edge, (k + 0.5) / count, {}, (b - a) / count, {}, {}};
+      c.p = a + c.share * (b - a);
+      const auto here = prepared_.index.cell_at(c.p);
+      if (!here) continue;
+      c.cell = *here;
+      const Vec3d out = outward(c, face), towards = c.p - c.cell.ray.ray.origin;
+      if (out.isZero(0)) continue;
+      c.past = (towards + kOutside * towards.norm() * out).normalized();
+      candidates_.push_back(c);
+    }
+  }
+
+  int place(const Vec3d& p) {
+    const Vec3f at = p.cast<float>();
+    silhouette_.places.push_back({at.x(), at.y(), at.z(), 0});
+    return static_cast<int>(silhouette_.places.size()) - 1;
+  }
+
+  /// `met`: how far off the ray just beside the object meets another part of it.
+  void settle(const Candidate& c, std::optional<double> met) {
+    const SweepRay& ray = c.cell.ray;
+    const Vec3d towards = c.p - ray.ray.origin;
+    const double range = towards.norm();
+    if (met && *met < range + kSameSurface) return;  // in front of the edge, or the surface itself
+    const auto in_range = [&](double r) {
+      return r >= prepared_.lidar.range_min && r <= prepared_.lidar.range_max;
+    };
+    if (!in_range(range)) return;
+    if (ray.point >= 0 && ray.range <= range) return;  // of two returns the nearer stays
+    LidarSilhouette::Sample sample;
+    sample.vertices = {c.edge.a, c.edge.b};
+    sample.share = c.share;
+    // The area over the raster that the point's part of the edge sweeps.
+    const double left = c.cell.left_per_metre.dot(c.span), up = c.cell.up_per_metre.dot(c.span);
+    sample.gain = left * c.cell.up_per_metre - up * c.cell.left_per_metre;
+    if (sample.gain.dot(c.past * range - towards) < 0) sample.gain = -sample.gain;
+    sample.near = place(c.p);
+    if (ray.point >= 0 && (!met || ray.range <= *met)) {
+      const LidarPoint& measured = prepared_.frame.sweep[static_cast<std::size_t>(ray.point)];
+      sample.behind = place(measured.position().cast<double>());
+    } else if (met && in_range(*met)) {
+      sample.behind = place(ray.ray.origin + *met * c.past);
+    }
+    silhouette_.samples.push_back(sample);
+  }
+
+  const PreparedFrame& prepared_;
+  const Mesh& mesh_;
+  Vec3d centre_;
+  std::vector<Candidate> candidates_;
+  LidarSilhouette silhouette_;
+};
+
+}  // namespace
+
+LidarSilhouette lidar_silhouette(const PreparedFrame& prepared, const TexturedMesh& placed) {
+  if (placed.mesh.faces.empty()) return {};
+  return Tracer(prepared, placed).run();
+}
+
+template <class S>
+void lidar_silhouette_vjp(const LidarSilhouette& silhouette, std::span<const S> presence,
+                          std::vector<Vec3d>& d_vertices) {
+  const auto at = [&](int place) { return static_cast<double>(presence[static_cast<std::size_t>(place)]); };
+  for (const LidarSilhouette::Sample& sample : silhouette.samples) {
+    const double gained = at(sample.near) - (sample.behind >= 0 ? at(sample.behind) : 0);
+    const Vec3d d_point = gained * sample.gain;
+    d_vertices[static_cast<std::size_t>(sample.vertices[0])] += (1 - sample.share) * d_point;
+    d_vertices[static_cast<std::size_t>(sample.vertices[1])] += sample.share * d_point;
+  }
+}
+template void lidar_silhouette_vjp(const LidarSilhouette&, std::span<const float>, std::vector<Vec3d>&);
+template void lidar_silhouette_vjp(const LidarSilhouette&, std::span<const double>, std::vector<Vec3d>&);
+
+}  // namespace mirage
