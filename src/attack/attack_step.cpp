@@ -74,7 +74,7 @@ HostStep run_host(Detector& detector, const PreparedFrame& known, const Host& ho
   }
   LidarSilhouette silhouette;
   if (back && can.knows_presence && simulation.lidar_gradient == LidarGradient::silhouette &&
-      target != AttackTarget::image)
+      target != AttackTarget::image && settings.parts != AttackParts::texture)
     silhouette = lidar_silhouette(prepared, placed_adversary(simulated));
   view.watched = silhouette.places;
   step.seconds.simulation_forward += clock.lap();

@@ -7,7 +7,7 @@
 namespace mirage {
 namespace {
 
-/// Of the budget, at most: what is learned from the paper's start ends below what is found (README.md).
+/// Of the budget, at most: steps by gradient end below warped shapes (README.md).
 constexpr double kSearchShare = 0.25;
 
 }  // namespace

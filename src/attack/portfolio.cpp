@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numbers>
 #include <optional>
 #include <set>
@@ -30,6 +31,8 @@ namespace {
 constexpr double kSearchSigma = 0.3;  // m, of a control point's first displacements
 /// Times --vertex-rate and --texel-rate. Both rates at once: one factor a candidate.
 constexpr double kRates[] = {20, 5};
+/// Of rates, shares and choices in this file: a folder of another one is not gone on with.
+constexpr int kRecipe = 2;
 constexpr const char* kAutoAgain = "delete the file to do its part of the run again";
 constexpr std::size_t kMostLooks = 1'000'000;
 
@@ -69,6 +72,7 @@ class Portfolio {
         timer_({settings_.checkpoint_every, settings_.checkpoint_seconds}),
         progress_("attack", static_cast<std::size_t>(settings_.iterations), settings_.quiet) {
     identity_["iterations"] = settings_.iterations;
+    identity_["recipe"] = kRecipe;
     std::vector<HostId> held;
     for (const Host& host : part_.held_out) held.push_back(host.id);
     identity_["validation"] = to_json(held);
@@ -308,7 +312,19 @@ class Portfolio {
         return best_until(candidates_[a].state.held_out, until) <
                best_until(candidates_[b].state.held_out, until);
       });
+      if (&round == &budget_.rounds.front()) best_of_each_start_first(alive);
     }
+  }
+
+  /// Sorted by value, the candidates of each start in turn: in the first round each start has its own better
+  /// half, since one that fills the box is ahead of the paper's before it has learned anything.
+  void best_of_each_start_first(std::vector<std::size_t>& alive) const {
+    std::map<std::string, int> before;
+    std::vector<std::pair<int, std::size_t>> placed;
+    for (const std::size_t i : alive) placed.emplace_back(before[candidates_[i].start]++, i);
+    std::stable_sort(placed.begin(), placed.end(),
+                     [](const auto& a, const auto& b) { return a.first < b.first; });
+    for (std::size_t k = 0; k < alive.size(); ++k) alive[k] = placed[k].second;
   }
 
   nlohmann::json report(std::size_t chosen) const {

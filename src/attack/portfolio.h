@@ -8,7 +8,8 @@
 //   3. Successive halving (Jamieson & Talwalkar, AISTATS 2016). Starts × targets × rates, each with an order
 //   of
 //      the hosts of its own (a restart), learn by Adam; each round has an equal share of the steps that are
-//      left, and the better half of the candidates comes into the next. Rates fall along a half cosine.
+//      left, and the better half of the candidates comes into the next (of the first round, of each start's).
+//      Rates fall along a half cosine.
 //   4. The mesh of the lowest held-out objective that any candidate had at any look is what was learned; a
 //      start that no step improves is kept as it is.
 //

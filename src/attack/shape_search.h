@@ -1,6 +1,5 @@
-// Shapes found without a gradient. A LiDAR return appears or does not, so no derivative tells that a larger
-// object meets more rays: by vertex gradients the object had better shrink where, measured, it had better
-// grow. What is left is to try shapes and look.
+// Shapes found without a gradient: large changes of the whole, which no slope at the start foretells, and all
+// there is where a detector cannot say what a return is worth.
 //
 // A shape is a start warped as a whole: free-form deformation (Sederberg & Parry, SIGGRAPH 1986) with n³
 // control points of the box, x' = x + Σ_ijk B_i(x) B_j(y) B_k(z) d_ijk, B the Bernstein polynomials of degree

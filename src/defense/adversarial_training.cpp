@@ -80,6 +80,8 @@ nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& a
                        {"hosts", hosts},
                        {"seed", settings.seed}};
   if (settings.sun != kDefaultSun) id["sun"] = settings.sun;
+  id["lidar_gradient"] =
+      to_word(attack.simulation.lidar_gradient);  // a training of before has none: other steps
   return id;
 }
 

@@ -134,7 +134,7 @@ typedef struct MirageDetectorApi {
   /* Saves weights (with_optimiser != 0: and the optimiser's state, for resuming) to `file`. */
   int (*save)(void* detector, const char* file, int32_t with_optimiser, char* error, size_t error_size);
 
-  /* MIRAGE_READS_… | MIRAGE_FINDS_… of this instance. */
+  /* MIRAGE_READS_… | MIRAGE_FINDS_… | MIRAGE_KNOWS_… of this instance. */
   uint32_t (*capabilities)(void* detector);
 
   /* May be NULL. Another instance on the same weights, for another thread; NULL on failure. Only one of them

@@ -126,6 +126,11 @@ class PluginDetector : public Detector {
     capabilities_ = {(flags & MIRAGE_READS_IMAGE) != 0, (flags & MIRAGE_READS_POINTS) != 0,
                      (flags & MIRAGE_FINDS_BEV) != 0, (flags & MIRAGE_FINDS_PICTURE) != 0,
                      (flags & MIRAGE_KNOWS_PRESENCE) != 0};
+    const auto* api = plugin_.api;
+    if (((flags & MIRAGE_KNOWS_CHANGES) && (!api->why_whole || !api->forward_changed)) ||
+        ((flags & MIRAGE_KNOWS_PRESENCE) && (!api->watch || !api->presence)))
+      throw InputError(plugin_.file.string(), "mirage_detector_api",
+                       "a function that its flags promise is missing", "rebuild the plugin");
     if (flags & MIRAGE_KNOWS_CHANGES)
       call_plugin(plugin_.file, "why_whole",
                   [&] { capabilities_.why_whole = plugin_.api->why_whole(instance_); });
@@ -147,8 +152,9 @@ class PluginDetector : public Detector {
     const MirageSensorInput input = raw_input(view);
     const MirageProposal* found = nullptr;
     std::int64_t count = 0;
-    kept_watched_ = capabilities_.knows_presence && keep_graph ? view.watched.size() : 0;
-    if (kept_watched_ > 0)
+    const bool watches = capabilities_.knows_presence && keep_graph;
+    kept_watched_ = watches ? view.watched.size() : 0;
+    if (watches)
       run("watch", [&](char* error) {
         return plugin_.api->watch(instance_, reinterpret_cast<const float*>(view.watched.data()),
                                   static_cast<std::int64_t>(kept_watched_), error, kPluginErrorSize);

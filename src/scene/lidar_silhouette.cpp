@@ -106,8 +106,6 @@ class Tracer {
     for (const double share : {0.5, 0.0, 1.0})
       if (!cell) cell = prepared_.index.cell_at(a + share * (b - a));
     if (!cell) return;
-    const int face = seen_face(edge, cell->ray.ray.origin);
-    if (face < 0) return;
     const double cells =
         std::max(std::abs(cell->left_per_metre.dot(b - a)), std::abs(cell->up_per_metre.dot(b - a)));
     const int count = static_cast<int>(std::clamp(std::ceil(kSamplesPerCell * cells), 1.0, kMostSamples));
@@ -117,6 +115,8 @@ class Tracer {
       const auto here = prepared_.index.cell_at(c.p);
       if (!here) continue;
       c.cell = *here;
+      const int face = seen_face(edge, c.cell.ray.ray.origin);  // lasers start off the unit's centre
+      if (face < 0) continue;
       const Vec3d out = outward(c, face), towards = c.p - c.cell.ray.ray.origin;
       if (out.isZero(0)) continue;
       c.past = (towards + kOutside * towards.norm() * out).normalized();

@@ -29,7 +29,8 @@ struct SweepRay {
   double range = 0;    ///< m from the ray's origin to the return; 0 where none
 };
 
-/// The part of the unit's raster that a ray stands for: halfway to the next lasers and firings.
+/// The part of the unit's raster that a ray stands for: halfway to the next lasers and firings (into a gap
+/// between firings, a pitch).
 struct RasterCell {
   SweepRay ray;
   /// How a point moves over the raster: cells to the left and up, a metre (`velo`). Along the ray it does

@@ -49,6 +49,8 @@ std::string CaseList::attack(const std::string& rig, const std::string& detector
                      "2e-2",
                      "--fp-top-k",
                      std::to_string(kFpTopK),
+                     "--lidar-gradient",
+                     to_word(LidarGradient::silhouette),
                      "--seed",
                      std::to_string(settings_.seed)};
   if (size > 0) {

@@ -75,6 +75,8 @@ bool is_same_run(const Case& one, const json& run, const json& result, const jso
          run.at("detector") == argument(one, "--detector") && run.at("target") == target &&
          run.value("defense", "none") == argument(one, "--defense", "none") &&
          run.value("parts", "both") == "both" && !run.contains("validation") &&
+         run.at("simulation").value("lidar_gradient", "fixed") ==
+             argument(one, "--lidar-gradient", "fixed") &&
          close(run.value("fp_top_k", 0), number(one, "--fp-top-k", 0)) &&
          run.at("weights_hash") == read.at("weights") && close(run.at("seed"), number(one, "--seed", 0)) &&
          close(run.at("batch"), number(one, "--batch", 2)) &&
