@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <set>
 
 #include "attack/attack.h"
@@ -41,7 +42,8 @@ class KnownRenderer : public ObjectRenderer {
   }
   nlohmann::json identity() const override { return {{"name", "known"}, {"samples", samples}}; }
 
-  int calls = 0, fails_at = -1, samples = 1;
+  std::atomic<int> calls = 0;  // hosts of a step are drawn side by side
+  int fails_at = -1, samples = 1;
   std::set<std::uint64_t> seeds;
 };
 
