@@ -8,6 +8,7 @@
 #include "attack/adversary.h"
 #include "base/error.h"
 #include "base/random.h"
+#include "geometry/edges.h"
 
 namespace mirage {
 namespace {
@@ -22,15 +23,11 @@ constexpr std::array<std::pair<Baseline, const char*>, 4> kWords = {{{Baseline::
 
 /// Faces that share an edge with each face.
 std::vector<std::vector<std::size_t>> neighbours(const Mesh& mesh) {
-  std::map<std::pair<int, int>, std::vector<std::size_t>> by_edge;
-  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
-    for (int k = 0; k < 3; ++k)
-      by_edge[std::minmax(mesh.faces[f][k], mesh.faces[f][(k + 1) % 3])].push_back(f);
   std::vector<std::vector<std::size_t>> beside(mesh.faces.size());
-  for (const auto& [edge, faces] : by_edge)
-    for (const std::size_t a : faces)
-      for (const std::size_t b : faces)
-        if (a != b) beside[a].push_back(b);
+  for (const MeshEdge& edge : edges_of(mesh))
+    for (const int a : edge.faces)
+      for (const int b : edge.faces)
+        if (a != b) beside[static_cast<std::size_t>(a)].push_back(static_cast<std::size_t>(b));
   return beside;
 }
 

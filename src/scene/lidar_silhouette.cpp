@@ -5,6 +5,7 @@
 #include <cmath>
 #include <optional>
 
+#include "geometry/edges.h"
 #include "sensors/ray_caster.h"
 
 namespace mirage {
@@ -17,38 +18,16 @@ constexpr double kSameSurface = 1e-3;
 constexpr double kSamplesPerCell = 2;
 constexpr double kMostSamples = 4096;  // of an edge: a unit that is almost inside the object
 
-struct Edge {
-  int a = 0, b = 0;
-  std::array<int, 2> faces = {-1, -1};  ///< −1: a border
-};
-
-/// Edges of one or two faces. Where more meet, no two of them are the ones that border on what is behind.
-std::vector<Edge> edges_of(const Mesh& mesh) {
-  std::vector<std::array<int, 3>> sides;
-  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
-    for (std::size_t k = 0; k < 3; ++k) {
-      const auto [a, b] = std::minmax(mesh.faces[f][k], mesh.faces[f][(k + 1) % 3]);
-      if (a != b) sides.push_back({a, b, static_cast<int>(f)});
-    }
-  std::sort(sides.begin(), sides.end());
-  std::vector<Edge> edges;
-  for (std::size_t i = 0; i < sides.size();) {
-    std::size_t next = i + 1;
-    while (next < sides.size() && sides[next][0] == sides[i][0] && sides[next][1] == sides[i][1]) ++next;
-    if (next - i <= 2)
-      edges.push_back({sides[i][0], sides[i][1], {sides[i][2], next - i == 2 ? sides[i + 1][2] : -1}});
-    i = next;
-  }
-  return edges;
-}
-
 class Tracer {
  public:
   Tracer(const PreparedFrame& prepared, const TexturedMesh& placed)
       : prepared_(prepared), mesh_(placed.mesh), centre_(bounds(placed.mesh).center()) {}
 
   LidarSilhouette run() {
-    for (const Edge& edge : edges_of(mesh_)) sample(edge);
+    const std::vector<MeshEdge> edges = edges_of(mesh_);  // candidates point into it
+    for (const MeshEdge& edge : edges)
+      // Where more faces meet, no two of them are the ones that border on what is behind.
+      if (edge.faces.size() <= 2) sample(edge);
     if (candidates_.empty()) return {};
     const RayCaster caster(std::span(&mesh_, 1), centre_);
     RayTable rays(1, candidates_.size());
@@ -64,7 +43,7 @@ class Tracer {
 
  private:
   struct Candidate {
-    Edge edge;
+    const MeshEdge* edge = nullptr;
     double share = 0;
     Vec3d p, span;  ///< the point, and the part of the edge that it stands for
     Vec3d past;     ///< direction of a ray that just misses the object here
@@ -81,8 +60,8 @@ class Tracer {
   }
 
   /// The edge's face that is seen, if behind the edge the object turns away; −1: it does not.
-  int seen_face(const Edge& edge, const Vec3d& origin) const {
-    if (edge.faces[1] < 0) return edge.faces[0];
+  int seen_face(const MeshEdge& edge, const Vec3d& origin) const {
+    if (edge.faces.size() < 2) return edge.faces[0];  // a border
     const bool first = height_over(edge.faces[0], origin) > 0,
                second = height_over(edge.faces[1], origin) > 0;
     if (first == second) return -1;
@@ -94,14 +73,14 @@ class Tracer {
     const Vec3d across = (c.p - c.cell.ray.ray.origin).cross(c.span);
     double side = 0;
     for (const int i : mesh_.faces[static_cast<std::size_t>(face)])
-      if (i != c.edge.a && i != c.edge.b) side = across.dot(vertex(i) - c.p);
+      if (i != c.edge->vertices[0] && i != c.edge->vertices[1]) side = across.dot(vertex(i) - c.p);
     const double length = across.norm();
     if (!(length > 0) || side == 0) return Vec3d::Zero();
     return across * ((side > 0 ? -1 : 1) / length);
   }
 
-  void sample(const Edge& edge) {
-    const Vec3d &a = vertex(edge.a), &b = vertex(edge.b);
+  void sample(const MeshEdge& edge) {
+    const Vec3d &a = vertex(edge.vertices[0]), &b = vertex(edge.vertices[1]);
     std::optional<RasterCell> cell;
     for (const double share : {0.5, 0.0, 1.0})
       if (!cell) cell = prepared_.index.cell_at(a + share * (b - a));
@@ -110,7 +89,7 @@ class Tracer {
         std::max(std::abs(cell->left_per_metre.dot(b - a)), std::abs(cell->up_per_metre.dot(b - a)));
     const int count = static_cast<int>(std::clamp(std::ceil(kSamplesPerCell * cells), 1.0, kMostSamples));
     for (int k = 0; k < count; ++k) {
-      Candidate c{edge, (k + 0.5) / count, {}, (b - a) / count, {}, {}};
+      Candidate c{&edge, (k + 0.5) / count, {}, (b - a) / count, {}, {}};
       c.p = a + c.share * (b - a);
       const auto here = prepared_.index.cell_at(c.p);
       if (!here) continue;
@@ -142,7 +121,7 @@ class Tracer {
     if (!in_range(range)) return;
     if (ray.point >= 0 && ray.range <= range) return;  // of two returns the nearer stays
     LidarSilhouette::Sample sample;
-    sample.vertices = {c.edge.a, c.edge.b};
+    sample.vertices = c.edge->vertices;
     sample.share = c.share;
     // The area over the raster that the point's part of the edge sweeps.
     const double left = c.cell.left_per_metre.dot(c.span), up = c.cell.up_per_metre.dot(c.span);
