@@ -49,7 +49,7 @@ std::vector<HostId> ids(const std::vector<Host>& hosts) {
 std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, int batch) {
   constexpr int kHosts = 50;
   int hosts = 0, hidden = 0;
-  for (auto past = rows.rbegin(); past != rows.rend() && past->hidden >= 0 && hosts < kHosts; ++past) {
+  for (auto past = rows.rbegin(); past != rows.rend() && hosts < kHosts; ++past) {
     hosts += batch;
     hidden += past->hidden;
   }

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <limits>
 
-#include "attack/unnamed_settings.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/json_fields.h"
@@ -77,14 +76,13 @@ void read_held_out(const JsonFields& json, const AdversaryLimits& limits, Attack
 
 void check_identity(const std::filesystem::path& file, const nlohmann::json& written,
                     const nlohmann::json& asked) {
-  const nlohmann::json saved = with_unnamed_settings(written), identity = with_unnamed_settings(asked);
   const auto compare = [&](const std::string& key) {
-    if (saved.value(key, nlohmann::json()) != identity.value(key, nlohmann::json()))
+    if (written.value(key, nlohmann::json()) != asked.value(key, nlohmann::json()))
       throw InputError(file.string(), printable(key), "the folder holds a run with another value",
                        "use another --out folder or the run's own settings");
   };
   const std::string hosts = "train";  // follows from the settings, so the setting is named where one differs
-  for (const nlohmann::json* all : {&identity, &saved})  // a key that only one of them has differs as well
+  for (const nlohmann::json* all : {&asked, &written})  // a key that only one of them has differs as well
     for (const auto& [key, value] : all->items())
       if (key != hosts) compare(key);
   compare(hosts);
@@ -116,8 +114,7 @@ void write_losses(const std::filesystem::path& file, const std::vector<LossRow>&
   std::string text = "iteration,loss,hide,false_positive,laplacian,hidden\n";
   for (std::size_t i = 0; i < rows.size(); ++i)
     text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{}\n", i, rows[i].loss(), rows[i].hide,
-                        rows[i].false_positive, rows[i].laplacian,
-                        rows[i].hidden < 0 ? "" : std::to_string(rows[i].hidden));
+                        rows[i].false_positive, rows[i].laplacian, rows[i].hidden);
   write_file(file, text);
 }
 
@@ -191,8 +188,7 @@ AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::j
     state.rendered = {rendered.integer("iteration", 0, state.iteration), state.adversary};
     read_mesh(rendered, limits, state.rendered.mesh);
   }
-  if (!json.has("hidden")) return state;  // checkpoints of before
-  const auto hidden = json.numbers("hidden", rows, -1, std::numeric_limits<int>::max());
+  const auto hidden = json.numbers("hidden", rows, 0, std::numeric_limits<int>::max());
   for (std::size_t i = 0; i < rows; ++i) state.losses[i].hidden = static_cast<int>(hidden[i]);
   return state;
 }

@@ -17,7 +17,7 @@ inline constexpr long kMostIterations = 1'000'000'000;
 /// Loss terms of one iteration, means over its hosts.
 struct LossRow {
   double hide = 0, false_positive = 0, laplacian = 0;
-  int hidden = -1;  ///< hosts that no proposal found (HostStep); −1 where an older checkpoint did not say
+  int hidden = 0;  ///< hosts that no proposal found (HostStep)
   /// The objective: the sum of its terms.
   double loss() const { return hide + false_positive + laplacian; }
 };

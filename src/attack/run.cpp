@@ -5,7 +5,6 @@
 #include <set>
 
 #include "attack/frame_store.h"
-#include "attack/unnamed_settings.h"
 #include "base/disk_cache.h"
 #include "base/error.h"
 #include "base/field_json.h"
@@ -69,19 +68,6 @@ void refuse_code(const JsonFields& json, Run& run) {
 }
 
 }  // namespace
-
-nlohmann::json with_unnamed_settings(nlohmann::json run) {
-  if (!run.is_object()) return run;
-  for (const auto& [name, meant] :
-       {std::pair("defense", "none"), std::pair("depth", "ip-basic"), std::pair("rooftop", "box"),
-        std::pair("sun", "frame"), std::pair("parts", "both"), std::pair("attack", "plain"),
-        std::pair("renderer", kRasterRenderer)})
-    if (!run.contains(name)) run[name] = meant;
-  if (const auto simulation = run.find("simulation"); simulation != run.end() && simulation->is_object())
-    if (!simulation->contains("lidar_gradient"))
-      (*simulation)["lidar_gradient"] = to_word(LidarGradient::fixed);
-  return run;
-}
 
 nlohmann::json to_json(const std::vector<HostId>& hosts) {
   auto list = nlohmann::json::array();
@@ -190,7 +176,7 @@ Run read_run(const fs::path& folder, TrustRun trust) {
   if (!fs::exists(folder / "adversary.glb"))
     throw InputError(folder.string(), "adversary.glb", "missing: the attack has not finished",
                      "run the same mirage attack again; it resumes");
-  const nlohmann::json whole = with_unnamed_settings(read_json(file));
+  const nlohmann::json whole = read_json(file);
   const JsonFields json(file, whole, kAgain);
   Run run;
   run.folder = folder;

@@ -68,6 +68,8 @@ nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& a
                        {"network_parts", settings.detector.parts},
                        {"depth", settings.depth},
                        {"rooftop", settings.rooftop},
+                       {"sun", settings.sun},
+                       {"lidar_gradient", to_word(attack.simulation.lidar_gradient)},
                        {"steps", settings.steps},
                        {"batch", settings.batch},
                        {"attacked", settings.attacked},
@@ -79,9 +81,6 @@ nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& a
                        {"limits", {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()}},
                        {"hosts", hosts},
                        {"seed", settings.seed}};
-  if (settings.sun != kDefaultSun) id["sun"] = settings.sun;
-  id["lidar_gradient"] =
-      to_word(attack.simulation.lidar_gradient);  // a training of before has none: other steps
   return id;
 }
 

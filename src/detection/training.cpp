@@ -35,7 +35,6 @@ nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
                          {"start", options.start.empty() ? "" : content_hash(read_file(options.start))},
                          {"bfloat16", options.precision == kBfloat16},
                          {"frames", frames}};
-  // Only where they are given, so that runs of before the choice go on.
   for (const auto& [key, file] : {std::pair("camera", options.camera), std::pair("lidar", options.lidar)})
     if (!file.empty()) json[key] = content_hash(read_file(file));
   if (options.joint) json["joint"] = true;

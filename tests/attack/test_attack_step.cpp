@@ -1,4 +1,4 @@
-// What a step tells besides its gradient, and checkpoints of before it told.
+// What a step tells besides its gradient.
 #include <gtest/gtest.h>
 
 #include "attack/attack_step.h"
@@ -141,28 +141,6 @@ TEST(AttackStep, StagesAddUpToTheHostsTime) {
   EXPECT_GT(stages.at("thread_seconds").at("worlds").get<double>(), 0);
   EXPECT_EQ(stages.at("iterations"), 3);
   EXPECT_EQ(stages.at("threads"), 1);
-}
-
-TEST(AttackStep, CheckpointsWithoutTheCountGoOnToTheSameMesh) {
-  test::TemporaryFolder folder;
-  test::write_tiny_data(folder / "data", 3);
-  DetectorPool detectors;
-  detectors.push_back(std::make_unique<test::StandInDetector>());
-  run_attack(settings_for(folder, "whole", 5), detectors);
-  run_attack(settings_for(folder, "parts", 2), detectors);
-  auto checkpoint = read_json(folder / "parts/checkpoint.json");
-  ASSERT_EQ(checkpoint.at("hidden").size(), 2u);
-  checkpoint.erase("hidden");
-  write_file(folder / "parts/checkpoint.json", checkpoint.dump());
-  run_attack(settings_for(folder, "parts", 5), detectors);
-  EXPECT_EQ(read_file(folder / "parts/adversary.glb"), read_file(folder / "whole/adversary.glb"));
-  // The losses are the same; the count is empty where nobody counted.
-  std::istringstream parts(read_file(folder / "parts/loss.csv")), whole(read_file(folder / "whole/loss.csv"));
-  std::string a, b;
-  for (int row = -1; std::getline(parts, a) && std::getline(whole, b); ++row) {
-    EXPECT_EQ(a.substr(0, a.rfind(',')), b.substr(0, b.rfind(',')));
-    EXPECT_EQ(a.back() == ',', row == 0 || row == 1) << a;
-  }
 }
 
 }  // namespace

@@ -327,28 +327,6 @@ TEST(RenderedPictures, ARunNamesItsRenderer) {
   EXPECT_THAT(error_text<InputError>([&] { attack.run(); }), HasSubstr("renewal"));
   attack.settings.renderer = nullptr;
   EXPECT_THAT(error_text<InputError>([&] { attack.run(); }), HasSubstr("renderer"));
-
-  // Before it was named, it was the rasteriser.
-  RenderedAttack old(folder, "old", 1);
-  old.settings.renderer = nullptr;
-  old.run();
-  EXPECT_EQ(read_json(folder / "old/run.json").at("renderer"), "raster");
-  nlohmann::json checkpoint = checkpoint_of(folder, "old");
-  checkpoint["identity"].erase("renderer");
-  write_json(folder / "old/checkpoint.json", checkpoint);
-  old.settings.iterations = 2;
-  EXPECT_EQ(old.run().iterations, 2);
-  // And the LiDAR's silhouette was held fixed.
-  for (const char* name : {"old/checkpoint.json", "old/run.json"}) {
-    nlohmann::json file = read_json(folder / name);
-    (file.contains("identity") ? file["identity"] : file)["simulation"].erase("lidar_gradient");
-    write_json(folder / name, file);
-  }
-  EXPECT_EQ(read_run(folder / "old").settings.simulation.lidar_gradient, LidarGradient::fixed);
-  old.settings.iterations = 3;
-  EXPECT_THAT(error_text<InputError>([&] { old.run(); }), HasSubstr("simulation"));
-  old.settings.simulation.lidar_gradient = LidarGradient::fixed;
-  EXPECT_EQ(old.run().iterations, 3);
 }
 
 /// Does not look at pictures.

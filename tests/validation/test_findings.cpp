@@ -169,17 +169,6 @@ TEST_F(Findings, FarFalsePositives) {
   EXPECT_THAT(only("far").sentence, HasSubstr("no false positive"));
 }
 
-TEST_F(Findings, EvaluationsOfBeforeTheSizedMeshAreComparedWithTheStartsRandomOne) {
-  const fs::path file = folder_ / "old.json";
-  json old = evaluation_json({40, 5, 4, 2, 30}, {40, 5, 0, 0});
-  old.erase("sized");
-  write_json(file, old);
-  evidence_.evaluations["evaluations/kitti64-fusion-both"] = read_evaluation(file, "data");
-  EXPECT_FALSE(evidence_.sized("evaluations/kitti64-fusion-both"));
-  EXPECT_EQ(only("far").verdict, Verdict::holds);
-  EXPECT_THAT(only("far").sentence, HasSubstr("under a random mesh:"));
-}
-
 TEST_F(Findings, WhatCannotBeToldSaysHowManyVehiclesItWouldTake) {
   judged("kitti64-fusion-image", {40, 5, 3, 0});
   judged("kitti64-fusion-lidar", {40, 5, 3, 0});

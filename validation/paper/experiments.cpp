@@ -223,7 +223,7 @@ Table real_table(CaseList& list) {
 void make_quick(ReproduceSettings& settings) {
   const ReproduceSettings standing;
   if (settings.frames == standing.frames) settings.frames = 12;
-  if (settings.iterations == standing.iterations) settings.iterations = 20;
+  if (settings.iterations == standing.iterations) settings.iterations = 8;
   if (settings.random_meshes == standing.random_meshes) settings.random_meshes = 1;
   settings.quick = true;
 }

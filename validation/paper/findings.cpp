@@ -58,10 +58,10 @@ Finding order(const Evidence& evidence) {
       "order", "Attacking both ≥ image > LiDAR > a random mesh",
       [&](const std::string& rig, std::vector<Check>& checks) {
         const Outcomes *both = evidence.learned(evaluation(rig, "fusion-both")),
-                       *control = evidence.control(evaluation(rig, "fusion-both")),
+                       *control = evidence.sized(evaluation(rig, "fusion-both")),
                        *image = evidence.learned(evaluation(rig, "fusion-image")),
                        *lidar = evidence.learned(evaluation(rig, "fusion-lidar")),
-                       *own = evidence.control(evaluation(rig, "fusion-lidar"));
+                       *own = evidence.sized(evaluation(rig, "fusion-lidar"));
         if (!both || !control || !image || !lidar) return;
         if (!own) own = control;  // of the LiDAR's mesh, where it was judged
         const Comparison first = more("both − image", *both, *image, is_fooled, Claim::no_less),
@@ -85,8 +85,8 @@ Finding fusion_helps(const Evidence& evidence) {
       [&](const std::string& rig, std::vector<Check>& checks) {
         const Outcomes *alone = evidence.learned(evaluation(rig, "lidar-lidar")),
                        *fused = evidence.learned(evaluation(rig, "fusion-lidar")),
-                       *alone_random = evidence.control(evaluation(rig, "lidar-lidar")),
-                       *fused_random = evidence.control(evaluation(rig, "fusion-both"));
+                       *alone_random = evidence.sized(evaluation(rig, "lidar-lidar")),
+                       *fused_random = evidence.sized(evaluation(rig, "fusion-both"));
         if (!alone || !fused) return;
         const Comparison gap = more("ASR on the LiDAR-only detector − on fusion", *alone, *fused);
         std::string why;
@@ -185,7 +185,7 @@ Finding transfer(const Evidence& evidence) {
     for (const std::string& from : runs) {
       const Outcomes *moved = evidence.learned("evaluations/" + from + "--on--" + onto),
                      *own = evidence.learned("evaluations/" + onto),
-                     *random = evidence.control("evaluations/" + onto);
+                     *random = evidence.sized("evaluations/" + onto);
       if (!moved || !own || !random) continue;
       const Comparison above = more("transferred − random", *moved, *random),
                        below = more("white box − transferred", *own, *moved);
@@ -233,7 +233,7 @@ Finding far_away(const Evidence& evidence) {
       "far", "False positives appear far away from the mesh",
       [&](const std::string& rig, std::vector<Check>& checks) {
         const Outcomes *both = evidence.learned(evaluation(rig, "fusion-both")),
-                       *random = evidence.control(evaluation(rig, "fusion-both"));
+                       *random = evidence.sized(evaluation(rig, "fusion-both"));
         if (!both) return;
         const Distances near = distances(*both);
         std::string sentence = near.count == 0

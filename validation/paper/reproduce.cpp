@@ -26,11 +26,6 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-double number(const Case& one, const std::string& option, double otherwise) {
-  const std::string text = argument(one, option);
-  return text.empty() ? otherwise : std::stod(text);
-}
-
 fs::path record_file(const Case& one, const fs::path& out) {
   std::string name = one.name;
   std::replace(name.begin(), name.end(), '/', '_');
@@ -65,72 +60,11 @@ json inputs(const Case& one, const fs::path& out) {
   return read;
 }
 
-/// Whether run.json, which mirage attack writes, says the same as the arguments.
-bool is_same_run(const Case& one, const json& run, const json& result, const json& read) {
-  const double size = number(one, "--size", 0.8);
-  const auto& limits = run.at("limits");
-  const auto close = [](double a, double b) { return std::abs(a - b) < 1e-9; };
-  const std::string target = argument(one, "--target", "both");
-  return run.at("data") == fs::absolute(argument(one, "--data")).lexically_normal().string() &&
-         run.at("detector") == argument(one, "--detector") && run.at("target") == target &&
-         run.value("defense", "none") == argument(one, "--defense", "none") &&
-         run.value("parts", "both") == "both" && !run.contains("validation") &&
-         run.at("simulation").value("lidar_gradient", "fixed") ==
-             argument(one, "--lidar-gradient", "fixed") &&
-         close(run.value("fp_top_k", 0), number(one, "--fp-top-k", 0)) &&
-         run.at("weights_hash") == read.at("weights") && close(run.at("seed"), number(one, "--seed", 0)) &&
-         close(run.at("batch"), number(one, "--batch", 2)) &&
-         close(run.at("vertex_rate"), number(one, "--vertex-rate", 1e-3)) &&
-         close(run.at("texel_rate"), number(one, "--texel-rate", 4e-3)) && close(limits.at(0), size) &&
-         close(limits.at(1), size) && close(limits.at(2), 0.625 * size) && !run.contains("expectation") &&
-         !run.contains("buildable") && close(result.at("iterations"), number(one, "--iterations", 300));
-}
-
-/// For a result without a record of its own.
-bool is_plausible(const Case& one, const fs::path& out, const json& result, const json& read) {
-  const fs::path folder = out / one.name;
-  switch (one.kind) {
-    case Case::Kind::attack:
-      return fs::exists(folder / "adversary.glb") &&
-             is_same_run(one, read_json(folder / "run.json"), result, read);
-    case Case::Kind::data:
-      return result.at("rig") == argument(one, "--rig") &&
-             result.at("frames").get<double>() >= number(one, "--frames", 0);
-    case Case::Kind::evaluation: {
-      const auto written = fs::last_write_time(folder / "result.json");
-      for (const std::string& need : one.needs)
-        if (fs::last_write_time(out / need / "adversary.glb") > written) return false;
-      const double meshes = number(one, "--random-meshes", 0);
-      if (meshes < 1) return true;
-      for (const Baseline kind : parse_baselines(argument(one, "--baseline"))) {
-        const std::string key = kind == Baseline::start ? "random" : to_string(kind);
-        if (!result.contains(key) || !result.at(key).is_object() ||
-            result.at(key).value("meshes", 1) < meshes)
-          return false;
-      }
-      return true;
-    }
-    case Case::Kind::detection:
-      return true;
-  }
-  return false;
-}
-
-/// Seconds by the record; for a run that was started elsewhere its iterations' time.
-void fill_in_time(const Case& one, const fs::path& out, Step& step) {
-  if (fs::exists(record_file(one, out)))
-    step.seconds = read_json(record_file(one, out)).value("seconds", 0.0);
-  if (one.kind != Case::Kind::attack) return;
-  const json result = read_json(out / one.name / "result.json");
-  const double iterating = result.value("iterations", 0) * result.value("seconds_per_iteration", 0.0);
-  if (iterating > step.seconds) step.seconds = iterating, step.counted = true;
-}
-
 json to_json(const Step& step) {
   const char* words[] = {"missing", "done", "failed"};
   json made = {{"status", words[static_cast<int>(step.status)]}};
   if (!step.error.empty()) made["error"] = step.error;
-  if (step.seconds > 0) made["seconds"] = step.seconds, made["counted"] = step.counted;
+  if (step.seconds > 0) made["seconds"] = step.seconds;
   return made;
 }
 
@@ -192,12 +126,9 @@ std::string findings_markdown(const json& findings) {
 bool is_finished(const Case& one, const fs::path& out) {
   if (!fs::exists(out / one.name / "result.json")) return false;
   try {
-    const json result = read_json(out / one.name / "result.json"), read = inputs(one, out);
-    // An evaluation of before the gate does not say whether anything follows about images.
-    if (one.kind == Case::Kind::evaluation && !result.contains("reliance")) return false;
-    if (!fs::exists(record_file(one, out))) return is_plausible(one, out, result, read);
     const json record = read_json(record_file(one, out));
-    return movable(one, record.at("arguments")) == movable(one, one.arguments) && record.at("inputs") == read;
+    return movable(one, record.at("arguments")) == movable(one, one.arguments) &&
+           record.at("inputs") == inputs(one, out);
   } catch (const std::exception&) {
     return false;  // the command itself will say what is wrong
   }
@@ -245,7 +176,7 @@ std::map<std::string, Step> execute(const Experiments& experiments, const Reprod
                                                     {"seconds", seconds_since(start)}});
       }
       step.status = Step::Status::done;
-      fill_in_time(one, settings.out, step);
+      step.seconds = read_json(record_file(one, settings.out)).at("seconds");
     } catch (const Interrupted&) {
       throw;
     } catch (const std::exception& error) {

@@ -57,10 +57,10 @@ bool is_hidden(const Outcome&);
 bool is_false_positive(const Outcome&);
 bool is_fooled(const Outcome&);
 
-/// The outcomes of an evaluation's result.json, and those of its random meshes (null if it has none). `data`
-/// names the frames. InputError naming file and key.
+/// The outcomes of an evaluation's result.json, and those of the controls that it was asked for (others are
+/// null). `data` names the frames. InputError naming file and key.
 /// `sized`: those of random meshes of the learned one's extents, `cuboid`: those of cuboids that fill the box
-/// (attack/baseline.h); evaluations of before know nothing of them.
+/// (attack/baseline.h).
 struct Judged {
   std::shared_ptr<const Outcomes> learned, random, sized, cuboid;
 };

@@ -117,16 +117,15 @@ json row_json(const Table& table, const Row& row, const Experiments& experiments
     }
   }
   double seconds = 0;
-  bool known = false, counted = false;
+  bool known = false;
   for (const std::string& name : names) {
     if (experiments.at(name).kind == Case::Kind::data) continue;
     const auto found = evidence.steps.find(name);
     if (found == evidence.steps.end() || !(found->second.seconds > 0)) continue;
     seconds += found->second.seconds;
     known = true;
-    counted = counted || found->second.counted;
   }
-  if (known) made["minutes"] = seconds / 60, made["minutes_counted"] = counted;
+  if (known) made["minutes"] = seconds / 60;
   return made;
 }
 
@@ -172,11 +171,6 @@ const Outcomes* Evidence::sized(const std::string& evaluation) const {
 const Outcomes* Evidence::cuboid(const std::string& evaluation) const {
   const auto found = evaluations.find(evaluation);
   return found == evaluations.end() ? nullptr : found->second.cuboid.get();
-}
-
-const Outcomes* Evidence::control(const std::string& evaluation) const {
-  const Outcomes* of_its_size = sized(evaluation);
-  return of_its_size ? of_its_size : random(evaluation);
 }
 
 Evidence gather(const Experiments& experiments, const std::filesystem::path& out,

@@ -14,9 +14,8 @@ namespace mirage::paper {
 /// How a case went.
 struct Step {
   enum class Status { missing, done, failed } status = Status::missing;
-  std::string error;     ///< of a failed one
-  double seconds = 0;    ///< that it took when it was run; 0: unknown
-  bool counted = false;  ///< the time is iterations × seconds an iteration: the run was not started from here
+  std::string error;   ///< of a failed one
+  double seconds = 0;  ///< that it took when it was run; 0: unknown
 };
 
 /// What the finished cases say.
@@ -30,9 +29,6 @@ struct Evidence {
   const Outcomes* random(const std::string& evaluation) const;
   const Outcomes* sized(const std::string& evaluation) const;
   const Outcomes* cuboid(const std::string& evaluation) const;
-  /// What a learned mesh has to beat: the random meshes of its size, or where an evaluation of before has
-  /// none those of the start's.
-  const Outcomes* control(const std::string& evaluation) const;
 };
 
 /// Reads the results of the cases whose step is done; one that can't be read becomes a failed step.
