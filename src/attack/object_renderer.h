@@ -1,6 +1,6 @@
 // A renderer that an attack's detector looks through in the place of the rasteriser: its pictures are better,
 // take their time and have no derivative. The attack knows no more of it than this
-// (validation/cycles_renderer.h is Blender Cycles).
+// (validation/blender/cycles_renderer.h is Blender Cycles).
 #pragma once
 
 #include <cstdint>

@@ -7,7 +7,7 @@
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
 #include "cli/table.h"
-#include "validation/cycles_renderer.h"
+#include "validation/blender/cycles_renderer.h"
 
 namespace mirage::cli {
 namespace {

@@ -11,7 +11,7 @@
 #include "cli/picture_rows.h"
 #include "detection/detection_files.h"
 #include "detection/reliance.h"
-#include "validation/detection_plot.h"
+#include "validation/report/detection_plot.h"
 
 namespace mirage::cli {
 namespace {

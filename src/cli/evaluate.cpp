@@ -8,7 +8,7 @@
 #include "cli/frame_options.h"
 #include "cli/picture_rows.h"
 #include "cli/trust_option.h"
-#include "validation/evaluation_pictures.h"
+#include "validation/report/evaluation_pictures.h"
 
 namespace mirage::cli {
 namespace {

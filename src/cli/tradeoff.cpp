@@ -1,5 +1,5 @@
 // mirage tradeoff: the speed–accuracy study.
-#include "validation/tradeoff.h"
+#include "validation/tradeoff/tradeoff.h"
 
 #include <fmt/format.h>
 

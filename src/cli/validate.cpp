@@ -1,5 +1,5 @@
 // mirage validate: re-render in Blender Cycles, compare, write the report.
-#include "validation/validate.h"
+#include "validation/fidelity/validate.h"
 
 #include <fmt/format.h>
 

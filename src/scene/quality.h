@@ -1,5 +1,5 @@
 // --quality: the simulation's settings under three names. `mirage tradeoff` measures them;
-// `draft` is what its rule (validation/tradeoff_points.h) chose on eight vehicles of real frames; `exact` is
+// `draft` is what its rule (validation/tradeoff/points.h) chose on eight vehicles of real frames; `exact` is
 // the picture of an area-sampling camera (sensors/exact_coverage.h).
 #pragma once
 

@@ -33,7 +33,7 @@ fi
 if [ -e "$prefix/lib/mirage/plugins/fusion.so" ]; then
   "$prefix/bin/mirage" detect --data data --detector lidar --quiet --out detected > detect.log
 fi
-for script in blender_worker.py report.py report/page.html.j2; do
+for script in blender/blender_worker.py report/report.py report/page.html.j2; do
   [ -f "$prefix/share/mirage/validation/$script" ] || fail "validation/$script is not installed"
 done
 python=/usr/bin/python3

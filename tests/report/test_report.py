@@ -22,7 +22,7 @@ VIEWER = os.path.join(BUILD, "report", "model-viewer.min.js")
 
 def write_report(folder, viewer, uses_picture=True, vacuous=False):
     validation, run = fixture.make(folder, uses_picture, vacuous)
-    arguments = [sys.executable, os.path.join(SOURCE, "validation", "report.py"), "--validation", validation, "--run", run,
+    arguments = [sys.executable, os.path.join(SOURCE, "validation", "report", "report.py"), "--validation", validation, "--run", run,
                  "--evaluation", os.path.join(folder, "evaluation.json"), "--tradeoff",
                  os.path.join(folder, "tradeoff.json")]
     if viewer:

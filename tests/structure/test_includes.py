@@ -1,5 +1,5 @@
 """The structure that src/README.md promises, read off the sources: no two units include each other, directly or in a round (a unit is
-a header with its source file), and a layer of the table includes only what its row names.
+a header with its source file), a layer of the table includes only what its row names, and so does a room of validation/README.md.
 
     python3 tests/structure/test_includes.py SOURCE
 """
@@ -88,6 +88,18 @@ def allowed(source):
     return rows
 
 
+def rooms(source):
+    """{room: rooms that it may include}, from the table of validation/README.md."""
+    rows = {}
+    with open(os.path.join(source, "validation/README.md"), encoding="utf-8") as file:
+        for line in file:
+            cells = [cell.strip() for cell in line.split("|")[1:-1]]
+            room = re.match(r"\[?`validation/(\w+)`", cells[0]) if len(cells) == 3 else None
+            if room:
+                rows[room[1]] = set(re.findall(r"\w+", cells[2]))
+    return rows
+
+
 def main(source):
     graph = units(source)
     wrong = ["these include each other: " + ", ".join(members) for members in rounds(graph)]
@@ -103,6 +115,20 @@ def main(source):
             layer = to[1] if to[0] == "src" else to[0]
             if layer != parts[1] and layer not in rows[parts[1]]:
                 wrong.append(f"{unit} includes {other}, which the row of src/{parts[1]} in src/README.md does not name")
+    inside = rooms(source)
+    if len(inside) < 8:
+        sys.exit(f"{source}: {len(inside)} rooms were found in validation/README.md")
+    for unit, others in sorted(graph.items()):
+        parts = unit.split(os.sep)
+        if parts[0] != "validation" or len(parts) < 3:
+            continue
+        if parts[1] not in inside:
+            wrong.append(f"{unit} lies in no room of validation/README.md")
+            continue
+        for other in sorted(others):
+            to = other.split(os.sep)
+            if to[0] == "validation" and len(to) > 2 and to[1] != parts[1] and to[1] not in inside[parts[1]]:
+                wrong.append(f"{unit} includes {other}, which the row of {parts[1]} in validation/README.md does not name")
     for line in wrong:
         print(line)
     print(f"{len(graph)} units, {sum(map(len, graph.values()))} includes, {len(wrong)} wrong")

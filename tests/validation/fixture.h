@@ -9,7 +9,7 @@
 #include "exchange/host_proxy.h"
 #include "geometry/shapes.h"
 #include "scene/insertion.h"
-#include "validation/host_validation.h"
+#include "validation/fidelity/host_validation.h"
 
 namespace mirage::test {
 

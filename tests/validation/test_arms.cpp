@@ -5,9 +5,9 @@
 #include <cmath>
 
 #include "fixture.h"
-#include "validation/arms.h"
-#include "validation/lidar_ladder.h"
-#include "validation/verdict.h"
+#include "validation/fidelity/arms.h"
+#include "validation/fidelity/lidar_ladder.h"
+#include "validation/fidelity/verdict.h"
 
 namespace mirage {
 namespace {

@@ -10,9 +10,9 @@
 #include "base/error.h"
 #include "base/image_io.h"
 #include "fixture.h"
-#include "validation/fidelity.h"
-#include "validation/lidar_ladder.h"
-#include "validation/light_ladder.h"
+#include "validation/fidelity/lidar_ladder.h"
+#include "validation/fidelity/light_ladder.h"
+#include "validation/fidelity/picture_errors.h"
 
 namespace mirage {
 namespace {

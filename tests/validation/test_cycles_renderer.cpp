@@ -10,8 +10,8 @@
 #include "base/error.h"
 #include "fixture.h"
 #include "support/files.h"
-#include "validation/cycles_renderer.h"
-#include "validation/fidelity.h"
+#include "validation/blender/cycles_renderer.h"
+#include "validation/fidelity/picture_errors.h"
 
 namespace mirage {
 namespace {

@@ -10,7 +10,7 @@
 #include "exchange/tessellation.h"
 #include "fixture.h"
 #include "support/files.h"
-#include "validation/fbx_export.h"
+#include "validation/blender/fbx_export.h"
 
 namespace mirage {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "validation/fidelity.h"
+#include "validation/fidelity/picture_errors.h"
 
 namespace mirage {
 namespace {

@@ -9,7 +9,7 @@
 #include "exchange/gltf.h"
 #include "fixture.h"
 #include "support/files.h"
-#include "validation/validate.h"
+#include "validation/fidelity/validate.h"
 
 namespace mirage {
 namespace {

@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "base/error.h"
-#include "validation/validate.h"
+#include "validation/fidelity/validate.h"
 
 namespace mirage {
 namespace {

@@ -14,9 +14,9 @@
 #include "scene/quality.h"
 #include "support/files.h"
 #include "support/small_rig.h"
-#include "validation/tradeoff.h"
-#include "validation/tradeoff_detector.h"
-#include "validation/tradeoff_points.h"
+#include "validation/tradeoff/detector_study.h"
+#include "validation/tradeoff/points.h"
+#include "validation/tradeoff/tradeoff.h"
 
 namespace mirage {
 namespace {

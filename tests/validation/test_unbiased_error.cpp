@@ -5,8 +5,8 @@
 
 #include "base/error.h"
 #include "base/random.h"
-#include "validation/summary.h"
-#include "validation/unbiased_error.h"
+#include "validation/blender/unbiased_error.h"
+#include "validation/fidelity/summary.h"
 
 namespace mirage {
 namespace {

@@ -7,7 +7,8 @@
 
 #include "base/files.h"
 #include "support/files.h"
-#include "validation/validate.h"
+#include "validation/blender/blender_process.h"
+#include "validation/fidelity/validate.h"
 
 namespace mirage {
 namespace {

@@ -7,9 +7,9 @@
 
 #include "base/error.h"
 #include "base/random.h"
-#include "validation/budget.h"
-#include "validation/summary.h"
-#include "validation/verdict.h"
+#include "validation/fidelity/budget.h"
+#include "validation/fidelity/summary.h"
+#include "validation/fidelity/verdict.h"
 
 namespace mirage {
 namespace {

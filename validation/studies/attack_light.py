@@ -7,7 +7,7 @@ their success in Cycles with realistic returns:
 
 Everything after -- goes to every `mirage attack`. One attack and one `mirage validate` for each detector, light and
 seed, in OUT/DETECTOR/LIGHT-SEED; what is finished is kept, and a stopped one goes on. All meshes are judged by the
-same arms (validation/arms.h): default quality, plain light, Cycles with S samples. Prints a table and writes
+same arms (validation/fidelity/arms.h): default quality, plain light, Cycles with S samples. Prints a table and writes
 OUT/attack_light.json. A seed splits the frames anew; shares are of the held-back vehicles that were found clean, pooled
 over seeds, with 95 % percentile intervals by bootstrap over frames. "kept": success in Cycles with realistic returns over
 that before the plain rasteriser with ideal ones. "logit": how far the vehicle's logit falls in Cycles with realistic

@@ -26,8 +26,8 @@
 #include "scene/kitti.h"
 #include "scene/object_window.h"
 #include "scene/render_scene.h"
-#include "validation/cycles_renderer.h"
-#include "validation/fidelity.h"
+#include "validation/blender/cycles_renderer.h"
+#include "validation/fidelity/picture_errors.h"
 
 namespace mirage {
 namespace {

@@ -25,8 +25,8 @@
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
 #include "scene/kitti.h"
-#include "validation/fidelity.h"
-#include "validation/host_scene.h"
+#include "validation/blender/host_scene.h"
+#include "validation/fidelity/picture_errors.h"
 
 namespace mirage {
 namespace {

@@ -24,7 +24,7 @@
 #include "scene/data_rig.h"
 #include "scene/kitti.h"
 #include "scene/render_scene.h"
-#include "validation/validate.h"
+#include "validation/fidelity/validate.h"
 #include "validation/view/frame_pack.h"
 
 namespace mirage {

@@ -13,7 +13,7 @@ bl_info = {
 
 
 def modules():
-    # Imported late: validation/blender_worker.py uses parts of the package without the add-on.
+    # Imported late: validation/blender/blender_worker.py uses parts of the package without the add-on.
     from . import engine, operators, panels, properties
 
     return properties, operators, panels, engine

@@ -1,0 +1,72 @@
+#include "validation/fidelity/arms.h"
+
+#include <utility>
+#include <vector>
+
+#include "base/random.h"
+#include "scene/adversary_lidar.h"
+#include "validation/fidelity/lidar_ladder.h"
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+
+Sweep sweep_with(const HostScene& scene, const LidarEffects& effects) {
+  SimulationSettings settings = scene.simulation;
+  settings.lidar_effects = effects;
+  Simulated simulated;
+  draw_in_lidar(*scene.prepared, scene.placed, settings, simulated);
+  return std::move(simulated.sweep);
+}
+
+ImageF picture_under(const HostScene& scene, const Simulated& attacked, LightModel light) {
+  if (scene.simulation.light == light) return attacked.image;
+  SimulationSettings settings = scene.simulation;
+  settings.light = light;
+  return simulate_host(scene, settings).image;
+}
+
+json labelled(json outcome, const char* key, const char* value, const char* other_key,
+              const char* other_value) {
+  outcome[key] = value;
+  outcome[other_key] = other_value;
+  return outcome;
+}
+
+}  // namespace
+
+ImageF noise_in_place(const Simulated& simulated, const ImageF& photograph, std::uint64_t seed) {
+  ImageF image = photograph;
+  RandomStream random(seed, "noise in the object's place");
+  for (int v = simulated.rect.v0; v < simulated.rect.v1; ++v)
+    for (int u = simulated.rect.u0; u < simulated.rect.u1; ++u) {
+      const double covered = rgba_at(simulated, u, v, 3);
+      for (int c = 0; c < image.channels; ++c)
+        image.at(u, v, c) =
+            static_cast<float>((1 - covered) * image.at(u, v, c) + covered * random.uniform());
+    }
+  return image;
+}
+
+json look_at_arms(const HostScene& scene, const Simulated& attacked, const FullLight& full,
+                  const LookAt& look) {
+  const Frame& frame = scene.prepared->frame;
+  const Sweep ideal = sweep_with(scene, {}), realistic = sweep_with(scene, realistic_returns(scene));
+  const ImageF raster = picture_under(scene, attacked, LightModel::plain),
+               visible = picture_under(scene, attacked, LightModel::visible);
+  json result = {{"arms", json::array()}, {"controls", json::array()}};
+  for (const auto& [light, image] :
+       {std::pair("raster", &raster), std::pair("visible", &visible), std::pair("cycles", &full.image)})
+    for (const auto& [returns, sweep] : {std::pair("ideal", &ideal), std::pair("realistic", &realistic)})
+      result["arms"].push_back(labelled(look(*image, *sweep), "light", light, "returns", returns));
+  const auto control = [&](const char* channel, const char* name, const ImageF& image, const Sweep& sweep) {
+    result["controls"].push_back(labelled(look(image, sweep), "channel", channel, "control", name));
+  };
+  control("image", "noise", noise_in_place(attacked, frame.image, scene.seed), ideal);
+  control("image", "photograph", frame.image, ideal);
+  control("lidar", "no returns", raster, frame.sweep);
+  return result;
+}
+
+}  // namespace mirage

@@ -1,0 +1,215 @@
+#include "validation/fidelity/validate.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <map>
+#include <set>
+
+#include "attack/cached_reliance.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/installation.h"
+#include "base/interrupt.h"
+#include "base/logging.h"
+#include "base/progress.h"
+#include "scene/data_rig.h"
+#include "scene/depth/learned_depth.h"
+#include "scene/kitti.h"
+#include "scene/quality.h"
+#include "scene/shape/shape_rooftop.h"
+#include "validation/blender/blender_process.h"
+#include "validation/fidelity/budget.h"
+#include "validation/fidelity/summary.h"
+#include "validation/fidelity/vehicle_validation.h"
+#include "validation/fidelity/verdict.h"
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+constexpr int kLadder = 4;
+constexpr int kStoredVersion = 6;  // of hosts/*.json; raise it when their content changes
+
+/// A path that stays below the folder that it is relative to.
+bool is_inside(const fs::path& path) {
+  return path.is_relative() && std::find(path.begin(), path.end(), "..") == path.end();
+}
+
+/// Whether the pictures that a stored result names are still there: the report embeds them.
+bool pictures_exist(const fs::path& out, const json& stored) {
+  const json pictures = stored.value("pictures", json());
+  for (const auto& [name, file] : pictures.items())
+    if (!file.is_string() || !is_inside(file.get<std::string>()) ||
+        !fs::exists(out / file.get<std::string>()))
+      return false;
+  return true;
+}
+
+/// The vehicle's stored result if it is of the same key and whole; null otherwise: it is made again.
+json stored_result(const fs::path& out, const fs::path& file, const std::string& key, bool with_ladder) {
+  if (!fs::exists(file)) return nullptr;
+  json stored = json::parse(read_file(file), nullptr, false);
+  if (!stored.is_object() || stored.value("key", json()) != key || !pictures_exist(out, stored))
+    return nullptr;
+  if (with_ladder && stored.contains("matched") && !stored.contains("ladder")) return nullptr;
+  if (!with_ladder)
+    for (const char* part : {"ladder", "lidar_ladder", "features", "reference"}) stored.erase(part);
+  return stored;
+}
+
+/// The host's identity, as its data set has it now: stored results need not be made again for it.
+int track_of(const fs::path& data, const HostId& host) {
+  const auto tracks = read_tracks(data, host.frame);
+  const auto label = static_cast<std::size_t>(host.label);
+  return tracks && label < tracks->size() ? (*tracks)[label] : -1;
+}
+
+void write_report(const ValidationSettings& settings) {
+  const std::string python = plotting_python().string();
+  if (python.empty())
+    throw InputError("python3", "", "not found on PATH", "install it with apt-get install python3-jinja2");
+  std::vector<std::string> arguments = {python,         shipped_file("validation/report/report.py").string(),
+                                        "--validation", settings.out.string(),
+                                        "--run",        settings.run.string()};
+  if (!settings.evaluation.empty())
+    arguments.insert(arguments.end(), {"--evaluation", settings.evaluation.string()});
+  if (!settings.tradeoff.empty())
+    arguments.insert(arguments.end(), {"--tradeoff", settings.tradeoff.string()});
+  if (const fs::path viewer = built_file("report/model-viewer.min.js"); fs::exists(viewer))
+    arguments.insert(arguments.end(), {"--viewer", viewer.string()});
+  if (const int status = run_program(arguments); status != 0)
+    throw Failure("report.py", fmt::format("ended with status {}", status),
+                  "install python3-jinja2 and python3-pil; finished vehicles are kept");
+}
+
+}  // namespace
+
+std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& blender) {
+  std::string bytes = read_file(settings.run / "adversary.glb") + to_json(run.settings.simulation).dump();
+  const auto& d = settings.detector;
+  const FrameSource& source = run.settings;
+  bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, blender, settings.noise,
+                       d.detector, d.weights.string(), d.defense, source.data.string(), settings.samples,
+                       settings.seed, settings.evaluation_settings.score_threshold,
+                       rooftop_model_hash(source.rooftop), source.sun, depth_identity({source.depth}));
+  for (const fs::path& program : renderer_programs()) bytes += content_hash(read_file(program));
+  return content_hash(bytes + read_file(weights_file(d)));
+}
+
+std::vector<HostId> select_hosts(const Run& run, int frames) {
+  std::vector<HostId> chosen;
+  std::set<std::string> seen;
+  for (const auto* list : {&run.test, &run.train}) {
+    for (const HostId& id : *list) {
+      const bool full =
+          frames > 0 ? static_cast<int>(seen.size()) >= frames : chosen.size() >= kVerdictVehicles;
+      if (!seen.count(id.frame) && full) continue;
+      seen.insert(id.frame);
+      chosen.push_back(id);
+    }
+  }
+  return chosen;
+}
+
+std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
+  std::vector<bool> chosen(hosts.size(), count < 0);
+  std::map<std::string, int> of_frame;
+  std::vector<std::pair<int, std::size_t>> order;  // place within the frame, place in the list
+  for (std::size_t i = 0; i < hosts.size(); ++i) order.emplace_back(of_frame[hosts[i].frame]++, i);
+  std::sort(order.begin(), order.end());
+  for (std::size_t k = 0; k < order.size() && static_cast<int>(k) < count; ++k)
+    chosen[order[k].second] = true;
+  return chosen;
+}
+
+json validate(const ValidationSettings& given) {
+  ValidationSettings settings = given;
+  Run run = read_run(settings.run, settings.trust);
+  override_settings(run, settings.asked, settings.seed);
+  check_fields(run.settings);
+  // Rays are compared with Blender's; the LiDAR ladder adds the effects.
+  run.settings.simulation.lidar_effects = {};
+  if (!settings.evaluation.empty()) {  // the report needs it in the end: complain now
+    if (fs::is_directory(settings.evaluation)) settings.evaluation /= "result.json";
+    read_json(settings.evaluation);
+  }
+  if (!settings.tradeoff.empty()) {
+    if (fs::is_directory(settings.tradeoff)) settings.tradeoff /= "result.json";
+    read_json(settings.tradeoff);
+  }
+  use_detector_of(run, settings.detector);
+  const std::vector<HostId> hosts = select_hosts(run, settings.frames);
+  if (hosts.empty())
+    throw InputError((settings.run / "run.json").string(), "test", "no vehicles to validate",
+                     "run mirage attack on a data set with cars in view");
+  require_text_path(settings.out);
+  make_output_folder(settings.out);
+  for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
+  BlenderWorker blender(settings.out / "blender.log");
+  settings.detector.rig = data_rig(run.settings.data);
+  DetectorPool detectors;
+  detectors.push_back(load_detector(settings.detector));
+  const Reliance reliance =
+      cached_reliance(detectors, detector_identity(settings.detector), run.settings.data, settings.quiet);
+  FrameStore store(run.settings);
+  ValidationContext context{settings, run, store, *detectors.front(), blender, {}};
+  const std::string key = validation_key(settings, run, blender.version());
+  const std::vector<bool> has_ladder =
+      ladder_hosts(hosts, settings.ladder < 0 && !(settings.budget > 0) ? kLadder : settings.ladder);
+  Progress progress("validate", hosts.size(), settings.quiet);
+  std::vector<json> results;
+  auto failed = json::array();
+  for (std::size_t i = 0; i < hosts.size(); ++i) {
+    throw_if_interrupted("finished vehicles are kept; run the same command again to go on");
+    const fs::path file = settings.out / "hosts" / (host_name(hosts[i]) + ".json");
+    const bool with_ladder = has_ladder[i];
+    json result = stored_result(settings.out, file, key, with_ladder);
+    if (result.is_null()) {
+      try {
+        result = validate_vehicle(context, hosts[i], with_ladder);
+      } catch (const BlenderLost& lost) {  // the other vehicles' renders may well succeed
+        spdlog::warn("{}: given up; {}", host_name(hosts[i]), lost.what());
+        failed.push_back({{"name", host_name(hosts[i])}, {"problem", lost.what()}});
+        continue;
+      }
+      result["key"] = key;
+      write_json(file, result);
+    }
+    if (const int track = track_of(run.settings.data, hosts[i]); track >= 0) result["track"] = track;
+    results.push_back(std::move(result));
+    progress.update(i + 1, host_name(hosts[i]));
+  }
+  if (results.empty()) throw Failure("blender", "was lost on every vehicle", "look at blender.log");
+  std::error_code ignored;
+  fs::remove_all(settings.out / "scratch", ignored);
+  std::set<std::string> test_frames;
+  for (const HostId& id : run.test) test_frames.insert(id.frame);
+  json result = summarize_vehicles(results, test_frames);
+  result["verdict"] = verdict(results, test_frames);
+  if (settings.budget > 0)
+    result["budget"] = choose_rungs(results, {settings.budget, settings.budget_of, settings.seed});
+  auto names = json::array(), losses = json::array();
+  for (const json& host : results) {
+    names.push_back(host.at("name"));
+    for (json loss : host.value("blender_losses", json::array())) {
+      loss["vehicle"] = host.at("name");
+      losses.push_back(std::move(loss));
+    }
+  }
+  result["reliance"] = to_json(reliance);
+  result["hosts"] = names;
+  result["blender_losses"] = losses;
+  result["failed"] = failed;
+  result["samples"] = settings.samples;
+  result["blender"] = blender.version();
+  result["blender_restarts"] = losses.size();  // of the stopped runs before this one as well
+  result["report"] = (settings.out / "report.html").string();
+  write_json(settings.out / "result.json", result);  // the report reads it
+  write_report(settings);
+  return read_json(settings.out / "result.json");  // with the figures that the report took from other files
+}
+
+}  // namespace mirage

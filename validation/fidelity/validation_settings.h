@@ -1,0 +1,32 @@
+// What a validation is asked for.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+
+#include "attack/evaluation.h"
+#include "attack/run.h"
+#include "validation/fidelity/budget.h"
+
+namespace mirage {
+
+struct ValidationSettings {
+  std::filesystem::path run, out;
+  Overrides asked;  ///< in place of the run's settings
+  DetectorOptions detector = {
+      .detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0, .defense = ""};
+  EvaluationSettings evaluation_settings;
+  TrustRun trust = TrustRun::no;     ///< whether code that the run names may be loaded
+  std::filesystem::path evaluation;  ///< result.json of mirage evaluate, or its folder; for the report only
+  std::filesystem::path tradeoff;    ///< the same of mirage tradeoff
+  int frames = 0;                    ///< 0: as many as hold kVerdictVehicles
+  int samples = 64;                  ///< Cycles samples a pixel
+  double noise = 0;                  ///< > 0: samples are chosen for this noise (share of the mean radiance)
+  int ladder = -1;    ///< vehicles with all rungs of the ladders; −1: 4, or all with a budget
+  double budget = 0;  ///< > 0: choose the cheapest rung within this error (budget.h); ladder on all
+  BudgetOf budget_of = BudgetOf::radiance;
+  std::uint64_t seed = 0;
+  bool quiet = false;
+};
+
+}  // namespace mirage

@@ -1,0 +1,304 @@
+#include "validation/fidelity/vehicle_validation.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "attack/clean_view.h"
+#include "attack/road_users.h"
+#include "base/image_io.h"
+#include "detection/average_precision.h"
+#include "detection/reliance.h"
+#include "exchange/gltf.h"
+#include "exchange/host_proxy.h"
+#include "validation/fidelity/arms.h"
+#include "validation/fidelity/budget.h"
+#include "validation/fidelity/host_validation.h"
+#include "validation/fidelity/lidar_ladder.h"
+#include "validation/fidelity/light_ladder.h"
+#include "validation/fidelity/picture_errors.h"
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+constexpr double kBevReach = 16;  // m around the host that the report's bird's-eye view shows
+
+json box_json(const BevBox& b) {
+  return {b.x, b.y, b.length, b.width, b.yaw};
+}
+
+json box_json(const PictureBox& b) {
+  return {b.left, b.top, b.right, b.bottom};
+}
+
+/// None of a detector without boxes there.
+json boxes_json(const std::vector<Proposal>& proposals, Plane plane, Plane judged_in) {
+  auto list = json::array();
+  if (plane != judged_in) return list;
+  for (const Proposal& p : proposals)
+    list.push_back(
+        {{"box", plane == Plane::bev ? box_json(p.box) : box_json(p.picture)}, {"score", p.score()}});
+  return list;
+}
+
+/// What the detector makes of a view: its detections, and the logit of the proposal that speaks for the host
+/// (detection/reliance.h), which goes on below the threshold of detections.
+struct Appearance {
+  std::vector<Proposal> found;
+  double logit = 0;
+};
+
+Appearance look_at(Detector& detector, const SensorView& view, const BevBox& host,
+                   const EvaluationSettings& settings) {
+  const std::vector<Proposal> proposals =
+      detector.forward(view, std::min(kFaintScore, settings.score_threshold), false);
+  Appearance look;
+  look.logit = speaker(proposals, host, settings.plane).logit;
+  std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(look.found),
+               [&](const Proposal& proposal) { return proposal.score() > settings.score_threshold; });
+  look.found = suppress(std::move(look.found), settings.plane);
+  return look;
+}
+
+/// A look judged.
+struct Judged {
+  HostOutcome outcome;
+  double logit = 0;
+};
+
+json outcome_json(const Judged& judged) {
+  return {{"iou", judged.outcome.attacked_iou},
+          {"score", judged.outcome.attacked_score},
+          {"logit", judged.logit},
+          {"hidden", judged.outcome.hidden},
+          {"false_positive", judged.outcome.false_positive}};
+}
+
+json bev_json(const PreparedFrame& prepared, const Label& host, const Simulated& simulated,
+              const HostOutcome& raster, const HostOutcome& cycles) {
+  const auto near_host = [&](double x, double y) {
+    return std::abs(x - host.box.bev.x) <= kBevReach && std::abs(y - host.box.bev.y) <= kBevReach;
+  };
+  auto measured = json::array(), added = json::array(), truth = json::array();
+  const auto millimetres = [](float value) { return std::round(1000.0 * value) / 1000; };
+  const std::size_t first = simulated.sweep.size() - static_cast<std::size_t>(simulated.adversary_points);
+  for (std::size_t i = 0; i < simulated.sweep.size(); ++i) {
+    const LidarPoint& p = simulated.sweep[i];
+    if (near_host(p.x, p.y)) (i < first ? measured : added).push_back({millimetres(p.x), millimetres(p.y)});
+  }
+  for (const BevBox& box : ground_truth_boxes(prepared.frame)) truth.push_back(box_json(box));
+  return {{"host", box_json(host.box.bev)},
+          {"reach", kBevReach},
+          {"points", measured},
+          {"adversary_points", added},
+          {"truth", truth},
+          {"clean", boxes_json(raster.clean, Plane::bev, raster.plane)},
+          {"raster", boxes_json(raster.attacked, Plane::bev, raster.plane)},
+          {"cycles", boxes_json(cycles.attacked, Plane::bev, raster.plane)}};
+}
+
+/// Boxes in the picture, for a detector that is judged there.
+json picture_json(const Frame& frame, const Label& host, const std::optional<PictureBox>& object,
+                  const HostOutcome& raster, const HostOutcome& cycles) {
+  auto truth = json::array();
+  for (const Label& label : frame.labels) truth.push_back(box_json(picture_box(label)));
+  return {{"host", box_json(picture_box(host))},
+          {"object", object ? box_json(*object) : json()},
+          {"truth", truth},
+          {"clean", boxes_json(raster.clean, Plane::picture, raster.plane)},
+          {"raster", boxes_json(raster.attacked, Plane::picture, raster.plane)},
+          {"cycles", boxes_json(cycles.attacked, Plane::picture, raster.plane)}};
+}
+
+/// |a − b| of the encoded pictures, times `gain`.
+ImageF difference(const ImageF& a, const ImageF& b, float gain) {
+  ImageF out = encoded(a);
+  const ImageF other = encoded(b);
+  // write_srgb encodes once more; the picture is for the eye only, so undo nothing.
+  for (std::size_t i = 0; i < out.data.size(); ++i)
+    out.data[i] = std::min(1.0f, gain * std::abs(out.data[i] - other.data[i]));
+  return out;
+}
+
+json change_json(const Change& change) {
+  return {{"mae", change.mae},
+          {"relative", change.relative},
+          {"psnr", std::isfinite(change.psnr) ? json(change.psnr) : json()},  // equal pictures: null
+          {"ssim", change.ssim},
+          {"flip", change.flip}};
+}
+
+/// The ladders of light and LiDAR, each rung with what the detector makes of it, and the features by which a
+/// budget chooses (budget.h).
+template <class Outcome>
+void add_ladders(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated,
+                 const FullLight& full, const Outcome& outcome, json& result) {
+  const Frame& frame = scene.prepared->frame;
+  result["ladder"] = json::array();
+  double soft_change = 0, light_change = 0;
+  const LightLadder light = light_ladder(blender, scene, full);
+  result["reference"] = {{"samples", light.reference_samples},
+                         {"seconds", light.reference_seconds},
+                         {"noise", light.reference_noise}};
+  for (const LadderRung& rung : light.rungs) {
+    json entry = outcome(with_window(frame.image, rung.picture, full.rect), simulated.sweep);
+    entry.update(change_json(rung.change));
+    entry.update(to_json(rung.error));
+    entry.update({{"effect", rung.effect},
+                  {"group", rung.group},
+                  {"base", rung.base},
+                  {"crop", change_json(rung.crop)},
+                  {"to_full", change_json(rung.to_full)},
+                  {"seconds", rung.seconds}});
+    if (rung.effect == "soft") soft_change = rung.change.relative;
+    if (rung.effect == "visible light") light_change = rung.change.relative;
+    result["ladder"].push_back(std::move(entry));
+  }
+  result["lidar_ladder"] = json::array();
+  for (const LidarRung& rung : lidar_ladder(scene)) {
+    json entry = outcome(simulated.image, rung.sweep);
+    entry.update({{"effect", rung.effect},
+                  {"returns", rung.returns},
+                  {"changed", rung.changed},
+                  {"returns_change", rung.returns_change},
+                  {"seconds", rung.seconds}});
+    result["lidar_ladder"].push_back(std::move(entry));
+  }
+  result["features"] = scene_features(scene, simulated);
+  result["features"]["soft_change"] = soft_change;
+  result["features"]["light_change"] = light_change;
+}
+
+}  // namespace
+
+json validate_vehicle(ValidationContext& context, const HostId& id, bool with_ladder) {
+  const auto held = context.store.get(id.frame);
+  const PreparedFrame& prepared = *held;
+  const Frame& frame = prepared.frame;
+  const fs::path& out = context.settings.out;
+  const std::string name = host_name(id);
+  HostScene scene;
+  scene.prepared = &prepared;
+  scene.host = &label_of(frame, id);
+  scene.rooftop = context.store.rooftop(id);
+  scene.adversary = context.run.adversary;
+  scene.placed = place(scene.adversary, scene.rooftop);
+  scene.simulation = context.run.settings.simulation;
+  scene.samples = context.settings.samples;
+  scene.seed = context.settings.seed;
+  scene.glb = out / "scenes" / (name + ".glb");
+  scene.scratch = out / "scratch";
+  fs::create_directories(scene.scratch);
+  write_scene(scene.glb, host_scene(frame, *scene.host, scene.rooftop, scene.adversary, name));
+
+  const Simulated simulated =
+      simulate(prepared, *scene.host, scene.rooftop, scene.adversary, scene.simulation);
+  json result = {{"frame", id.frame},
+                 {"label", id.label},
+                 {"name", name},
+                 {"from_box", scene.rooftop.from_box},
+                 {"visible_share", simulated.visible_share},
+                 {"adversary_points", simulated.adversary_points}};
+  if (simulated.rect.empty()) return result;
+  const std::size_t lost_before = context.blender.losses().size();
+  const MatchedLight matched = matched_light(context.blender, scene);
+  const LidarCheck lidar = check_lidar(context.blender, scene, simulated);
+  if (context.settings.noise > 0)
+    scene.samples = samples_for(measure_noise(context.blender, scene, simulated), context.settings.noise);
+  const FullLight full = full_light(context.blender, scene, simulated);
+  const Noise noise = noise_of(full.radiance, full.mask, full.samples / 2);
+  result["matched"] = {{"mask_iou", matched.mask_iou},
+                       {"mae", matched.mae},
+                       {"max_error", matched.max_error},
+                       {"depth_error_m", matched.depth_error},
+                       {"depth_error_mean_m", matched.depth_error_mean},
+                       {"mask_both", matched.mask_both},
+                       {"mask_either", matched.mask_either},
+                       {"range_error_m", lidar.range_error},
+                       {"rays", lidar.rays},
+                       {"returns", lidar.returns},
+                       {"hit_disagreements", lidar.disagreements},
+                       {"pixels_off", matched.pixels_off}};
+  result["samples"] = scene.samples;
+  const ImageF seen_raster = encoded(full.raster), seen_cycles = encoded(full.cycles);
+  result["full"] = {
+      {"mae", mean_absolute_error(full.raster, full.cycles, full.mask)},
+      {"mean", mean_absolute_error(full.cycles, ImageF(full.mask.width, full.mask.height, 3), full.mask)},
+      {"ssim", ssim(grey(seen_raster), grey(seen_cycles), full.mask)},
+      {"flip", flip(seen_cycles, seen_raster, full.mask)},
+      {"noise", noise.at(full.samples)},
+      {"seconds", full.seconds}};
+  result["full"].update(to_json(raster_error(scene, simulated, full)));
+  EvaluationSettings judge_by = context.settings.evaluation_settings;
+  judge_by.plane = context.detector.capabilities().plane();
+  const std::optional<PictureBox> object = silhouette_box(simulated);
+  const auto [clean, added] = context.clean.try_emplace(id.frame);
+  if (added)
+    clean->second = detections(context.detector, {&frame.image, frame.sweep, &frame.calibration}, judge_by);
+  // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
+  CleanView as_recorded = clean_view(prepared, simulated);
+  as_recorded.changed = full.rect;
+  const BevBox host_box = HostTruth(frame, *scene.host, judge_by.plane).host();
+  const auto outcome_of = [&](const ImageF& image, const Sweep& sweep) -> Judged {
+    const SensorView view{&image, sweep, &frame.calibration,
+                          context.detector.capabilities().why_whole.empty() ? &as_recorded : nullptr};
+    Appearance look = look_at(context.detector, view, host_box, judge_by);
+    return {judge(id, frame, clean->second, std::move(look.found), judge_by, object), look.logit};
+  };
+  const Judged seen_raster_as = outcome_of(simulated.image, simulated.sweep);
+  const Judged seen_cycles_as = outcome_of(full.image, simulated.sweep);
+  const HostOutcome &raster = seen_raster_as.outcome, &cycles = seen_cycles_as.outcome;
+  SimulationSettings hard_edges = hard_limit(scene.simulation, true);
+  hard_edges.supersampling = scene.simulation.supersampling;
+  const ImageF hard_image = simulate_host(scene, hard_edges).image;
+  result["range"] = raster.range;
+  result["detected"] = raster.detected;
+  result["clean"] = {{"iou", raster.clean_iou}, {"score", raster.clean_score}};
+  result["raster"] = outcome_json(seen_raster_as);
+  result["hard"] = outcome_json(outcome_of(hard_image, simulated.sweep));
+  result["cycles"] = outcome_json(seen_cycles_as);
+  if (raster.detected)  // else there is no outcome to change
+    result.update(look_at_arms(scene, simulated, full, [&](const ImageF& image, const Sweep& sweep) {
+      return outcome_json(outcome_of(image, sweep));
+    }));
+  if (with_ladder) {
+    // Where the detector misses the vehicle without the adversary there is no outcome to change.
+    const auto outcome = [&](const ImageF& image, const Sweep& sweep) -> json {
+      if (!raster.detected) return json::object();
+      return outcome_json(outcome_of(image, sweep));
+    };
+    add_ladders(context.blender, scene, simulated, full, outcome, result);
+  }
+  result["bev"] = bev_json(prepared, *scene.host, simulated, raster, cycles);
+  if (judge_by.plane == Plane::picture)
+    result["picture_boxes"] = picture_json(frame, *scene.host, object, raster, cycles);
+
+  const auto save = [&](const std::string& picture, const ImageF& image) {
+    const std::string file = "pictures/" + name + "_" + picture + ".png";
+    write_srgb(out / file, image);
+    result["pictures"][picture] = file;
+  };
+  const Label& host = *scene.host;
+  result["host_rect"] = {host.left, host.top, host.right, host.bottom};
+  result["crop_rect"] = {full.rect.u0, full.rect.v0, full.rect.u1, full.rect.v1};
+  save("clean", frame.image);
+  save("attacked", simulated.image);
+  save("cycles", full.image);
+  save("raster_crop", full.raster);
+  save("cycles_crop", full.cycles);
+  save("difference", difference(full.raster, full.cycles, 1));
+  save("matched_raster", matched.raster);
+  save("matched_cycles", matched.cycles);
+  save("matched_difference", difference(matched.raster, matched.cycles, 10));
+  auto losses = json::array();
+  for (std::size_t i = lost_before; i < context.blender.losses().size(); ++i) {
+    const BlenderWorker::Loss& loss = context.blender.losses()[i];
+    losses.push_back({{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}});
+  }
+  result["blender_losses"] = losses;
+  return result;
+}
+
+}  // namespace mirage

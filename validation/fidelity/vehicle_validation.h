@@ -1,0 +1,28 @@
+// Everything that `mirage validate` finds out about one vehicle, as the JSON that is stored for it.
+#pragma once
+
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "validation/blender/blender_process.h"
+#include "validation/fidelity/validation_settings.h"
+
+namespace mirage {
+
+/// What the vehicles of a validation share.
+struct ValidationContext {
+  const ValidationSettings& settings;
+  const Run& run;
+  FrameStore& store;
+  Detector& detector;
+  BlenderWorker& blender;
+  std::map<std::string, std::vector<Proposal>> clean;  ///< a frame's clean detections serve all its vehicles
+};
+
+/// Writes the vehicle's scene and pictures under settings.out. An object of which nothing is in view has no
+/// figures. BlenderLost if Blender was lost too often on one of its renders.
+nlohmann::json validate_vehicle(ValidationContext& context, const HostId& id, bool with_ladder);
+
+}  // namespace mirage

@@ -1,0 +1,231 @@
+#include "validation/report/evaluation_pictures.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+#include <set>
+
+#include "base/files.h"
+#include "base/image_io.h"
+#include "base/interrupt.h"
+#include "base/logging.h"
+#include "detection/average_precision.h"
+#include "detection/upright.h"
+#include "validation/process.h"
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+/// Raw little-endian floats, for numpy.fromfile.
+void write_floats(const fs::path& file, const std::vector<float>& values) {
+  std::string bytes(values.size() * sizeof(float), '\0');
+  std::memcpy(bytes.data(), values.data(), bytes.size());
+  write_file(file, bytes);
+}
+
+json bev_json(const BevBox& box) {
+  auto outline = json::array();
+  for (const Vec2d& c : corners(box)) outline.push_back({c.x(), c.y()});
+  return outline;
+}
+
+/// The eight corners' pixels; null if one lies behind the camera.
+json pixels_json(const Box3& box, const Calibration& calibration) {
+  auto list = json::array();
+  for (const Vec3d& corner : corners(box)) {
+    const Vec3d p = calibration.camera_from_velo * corner;
+    if (p.z() < 0.1) return nullptr;
+    const Vec2d uv = calibration.camera.project(p);
+    list.push_back({uv.x(), uv.y()});
+  }
+  return list;
+}
+
+/// A detection's box as it stands in the image: on the host's ground with the mean car's height
+/// (kNominalHeight) where it overlaps no label, else as high as the label.
+Box3 standing(const BevBox& box, const Frame& frame, const Label& host) {
+  Box3 result{box, host.box.bottom, kNominalHeight};
+  double best = 0;
+  for (const Label& label : frame.labels) {
+    if (label.type == "DontCare") continue;
+    if (const double overlap = iou(box, label.box.bev); overlap > best) {
+      best = overlap;
+      result.bottom = label.box.bottom;
+      result.height = label.box.height;
+    }
+  }
+  return result;
+}
+
+/// The four corners of a box in the picture.
+json pixels_json(const PictureBox& box) {
+  return {{box.left, box.top}, {box.right, box.top}, {box.right, box.bottom}, {box.left, box.bottom}};
+}
+
+json detections_json(const std::vector<Proposal>& found, const Frame& frame, const Label& host, Plane plane) {
+  auto list = json::array();
+  for (const Proposal& d : found) {
+    const BevBox box = rectangle(d, plane);
+    list.push_back(
+        {{"score", d.score()},
+         {"outline", bev_json(box)},
+         {"pixels", plane == Plane::picture ? pixels_json(d.picture)
+                                            : pixels_json(standing(box, frame, host), frame.calibration)}});
+  }
+  return list;
+}
+
+/// {file, width, height} of a map.
+json map_json(const ImageF& map, const fs::path& folder, const std::string& name) {
+  write_floats(folder / name, map.data);
+  return {{"file", name}, {"width", map.width}, {"height", map.height}};
+}
+
+/// Null where the detector has no image features.
+json features_json(Detector& detector, const SensorView& clean, const SensorView& attacked,
+                   const fs::path& folder) {
+  const ImageFeatures before = detector.image_features(clean);
+  if (!(before.stride > 0) || before.map.empty()) return nullptr;
+  const ImageFeatures after = detector.image_features(attacked);
+  json result = {{"stride", before.stride},
+                 {"clean", map_json(before.map, folder, "features_clean.f32")},
+                 {"attacked", map_json(after.map, folder, "features_attacked.f32")}};
+  if (!before.bev.empty() && before.cell > 0)
+    result["bev"] = {{"cell", before.cell},
+                     {"clean", map_json(before.bev, folder, "features_bev_clean.f32")},
+                     {"attacked", map_json(after.bev, folder, "features_bev_attacked.f32")}};
+  return result;
+}
+
+/// Simulates the host again and writes what its pictures show.
+json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, const fs::path& data) {
+  FrameStore& store = *evaluation.store;
+  Detector& detector = *evaluation.detectors.front();
+  const HostId& id = outcome.id;
+  const auto held = store.get(id.frame);
+  const PreparedFrame& prepared = *held;
+  const Frame& frame = prepared.frame;
+  const Label& host = label_of(frame, id);
+  const Simulated simulated = simulate(prepared, host, store.rooftop(id), evaluation.run.adversary,
+                                       evaluation.stage.settings.simulation);
+  const fs::path folder = data / host_name(id);
+  write_srgb(folder / "clean.png", frame.image);
+  write_srgb(folder / "attacked.png", simulated.image);
+  std::vector<float> points;  // x, y, whether it is a return on the adversary
+  const auto first = simulated.sweep.size() - static_cast<std::size_t>(simulated.adversary_points);
+  for (std::size_t i = 0; i < simulated.sweep.size(); ++i)
+    points.insert(points.end(), {simulated.sweep[i].x, simulated.sweep[i].y, i >= first ? 1.0f : 0.0f});
+  write_floats(folder / "points.f32", points);
+  auto truth = json::array();
+  const HostTruth labelled(frame, host, outcome.plane);
+  for (const BevBox& box : labelled.labels()) truth.push_back(bev_json(box));
+  auto made = json::array();
+  for (const NewBox& box : outcome.new_boxes)
+    made.push_back({{"outline", bev_json(box.box)},
+                    {"x", box.box.x},
+                    {"y", box.box.y},
+                    {"score", box.score},
+                    {"distance", box.distance}});
+  const SensorView clean{&frame.image, frame.sweep, &frame.calibration};
+  const SensorView attacked{&simulated.image, simulated.sweep, &frame.calibration};
+  return {{"name", host_name(id)},
+          {"folder", folder.filename().string()},
+          {"range", outcome.range},
+          {"clean_score", outcome.clean_score},
+          {"clean_iou", outcome.clean_iou},
+          {"attacked_score", outcome.attacked_score},
+          {"attacked_iou", outcome.attacked_iou},
+          {"window", {host.left, host.top, host.right, host.bottom}},
+          {"host",
+           {{"x", host.box.bev.x},
+            {"y", host.box.bev.y},
+            {"outline", bev_json(host.box.bev)},
+            {"pixels", outcome.plane == Plane::picture ? pixels_json(picture_box(host))
+                                                       : pixels_json(host.box, frame.calibration)}}},
+          {"truth", truth},
+          {"clean", detections_json(outcome.clean, frame, host, outcome.plane)},
+          {"attacked", detections_json(outcome.attacked, frame, host, outcome.plane)},
+          {"new", made},
+          {"features", features_json(detector, clean, attacked, folder)}};
+}
+
+/// `count` of `places`, in their order, hosts of frames that have none yet before the others.
+std::vector<std::size_t> spread_over_frames(const std::vector<HostOutcome>& hosts,
+                                            const std::vector<std::size_t>& places, int count) {
+  std::vector<std::size_t> first, others;
+  std::set<std::string> frames;
+  for (const std::size_t i : places) (frames.insert(hosts[i].id.frame).second ? first : others).push_back(i);
+  first.insert(first.end(), others.begin(), others.end());
+  first.resize(std::min(first.size(), static_cast<std::size_t>(std::max(0, count))));
+  return first;
+}
+
+}  // namespace
+
+PicturedHosts pictured_hosts(const std::vector<HostOutcome>& hosts, int count) {
+  std::vector<std::size_t> hidden, made;
+  for (std::size_t i = 0; i < hosts.size(); ++i) {
+    if (!hosts[i].detected) continue;
+    if (hosts[i].hidden) hidden.push_back(i);
+    if (hosts[i].false_positive) made.push_back(i);
+  }
+  std::stable_sort(hidden.begin(), hidden.end(), [&](std::size_t a, std::size_t b) {
+    return std::pair(hosts[a].attacked_iou, -hosts[a].clean_score) <
+           std::pair(hosts[b].attacked_iou, -hosts[b].clean_score);
+  });
+  std::stable_sort(made.begin(), made.end(), [&](std::size_t a, std::size_t b) {
+    return hosts[a].false_positive_distance > hosts[b].false_positive_distance;
+  });
+  return {spread_over_frames(hosts, hidden, count), spread_over_frames(hosts, made, count)};
+}
+
+std::vector<std::string> draw_evaluation_pictures(const RunEvaluation& evaluation, int count,
+                                                  const fs::path& out) {
+  const auto& hosts = evaluation.learned.hosts;
+  const PicturedHosts chosen = pictured_hosts(hosts, count);
+  std::set<std::size_t> all(chosen.hidden.begin(), chosen.hidden.end());
+  all.insert(chosen.false_positives.begin(), chosen.false_positives.end());
+  if (all.empty()) {
+    if (count > 0) spdlog::warn("no pictures: no vehicle was hidden and no false positive made");
+    return {};
+  }
+  const auto region = evaluation.detectors.front()->region();
+  json about = {{"region", region},
+                {"plane", to_string(evaluation.settings.plane)},
+                {"score_threshold", evaluation.settings.score_threshold},
+                {"detected_iou", evaluation.settings.detected_iou},
+                {"nominal_height", kNominalHeight},
+                {"hosts", json::array()}};
+  const auto contains = [](const std::vector<std::size_t>& list, std::size_t i) {
+    return std::find(list.begin(), list.end(), i) != list.end();
+  };
+  std::vector<std::string> names;
+  for (const std::size_t i : all) {
+    throw_if_interrupted("an evaluation writes its result after the pictures; run it again");
+    json host = host_json(evaluation, hosts[i], out / "data");
+    const std::string name = host.at("name");
+    auto pictures = json::array();
+    if (contains(chosen.hidden, i)) pictures.push_back("hidden");
+    if (contains(chosen.false_positives, i)) pictures.push_back("false_positives");
+    if (!host.at("features").is_null()) pictures.push_back("features");
+    for (const auto& kind : pictures) names.push_back(kind.get<std::string>() + "_" + name + ".png");
+    host["pictures"] = pictures;
+    about["hosts"].push_back(std::move(host));
+  }
+  write_json(out / "data" / "pictures.json", about);
+  const std::string python = plotting_python().string();
+  if (python.empty() ||
+      run_program(
+          {python, shipped_file("validation/report/evaluation_pictures.py").string(), out.string()}) != 0) {
+    spdlog::warn("no pictures: install python3-matplotlib (what they show is in {})",
+                 (out / "data").string());
+    return {};
+  }
+  return names;
+}
+
+}  // namespace mirage

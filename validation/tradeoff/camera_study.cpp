@@ -1,0 +1,291 @@
+#include "validation/tradeoff/camera_study.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "base/error.h"
+#include "base/parallel.h"
+#include "base/random.h"
+#include "scene/depth_completion.h"
+#include "validation/blender/host_scene.h"
+#include "validation/fidelity/picture_errors.h"
+#include "validation/thread_clock.h"
+#include "validation/tradeoff/points.h"
+
+namespace mirage {
+namespace {
+
+/// The double reference of the gradient: edges of a fifth of a KITTI pixel, which its samples resolve, and
+/// depths told apart at 3 mm.
+SimulationSettings sharp(SimulationSettings settings, int samples) {
+  settings.raster.sigma = 1e-7;
+  settings.raster.gamma = 1e-3;
+  settings.raster.dist_eps = 1e-6;
+  settings.supersampling = samples;
+  settings.reference = true;
+  settings.exact_coverage = false;
+  return settings;
+}
+
+constexpr int kReach = 48;  // px around the object over which the upstream field is made
+
+std::vector<double> flat(const std::vector<Vec3d>& values) {
+  std::vector<double> out;
+  out.reserve(3 * values.size());
+  for (const Vec3d& v : values) out.insert(out.end(), v.data(), v.data() + 3);
+  return out;
+}
+
+/// The camera's part of a frame at 1/factor: colours averaged, the nearest depth kept.
+PreparedFrame shrink(const PreparedFrame& prepared, int factor) {
+  PreparedFrame small;
+  Calibration& calibration = small.frame.calibration = prepared.frame.calibration;
+  small.frame.lighting = prepared.frame.lighting;
+  PinholeCamera& camera = calibration.camera;
+  const double half = (factor - 1) / 2.0;
+  camera = {camera.fx / factor,          camera.fy / factor,    (camera.cx - half) / factor,
+            (camera.cy - half) / factor, camera.width / factor, camera.height / factor};
+  small.frame.image = ImageF(camera.width, camera.height, 3);
+  small.depth = ImageF(camera.width, camera.height, 1, kFarDepth);
+  const float share = 1.0f / static_cast<float>(factor * factor);
+  for (int v = 0; v < camera.height * factor; ++v)
+    for (int u = 0; u < camera.width * factor; ++u) {
+      for (int c = 0; c < 3; ++c)
+        small.frame.image.at(u / factor, v / factor, c) += share * prepared.frame.image.at(u, v, c);
+      float& depth = small.depth.at(u / factor, v / factor);
+      depth = std::min(depth, prepared.depth.at(u, v));
+    }
+  return small;
+}
+
+/// Where pixel u of the whole picture lies between the small one's pixels.
+struct Between {
+  int first, second;
+  float share;  ///< of the second
+};
+Between between(int u, int factor, int size) {
+  const double x = std::clamp((u - (factor - 1) / 2.0) / factor, 0.0, size - 1.0);
+  const int first = std::min(static_cast<int>(x), size - 1);
+  return {first, std::min(first + 1, size - 1), static_cast<float>(x - first)};
+}
+
+/// Calls visit(u, v, small u, small v, weight) for each of the four small pixels that a pixel of `rect` (of
+/// the small picture, grown) shows.
+template <class Visit>
+void enlarge(const PixelRect& rect, int factor, int small_width, int small_height, int width, int height,
+             const Visit& visit) {
+  const int u0 = std::max(0, (rect.u0 - 1) * factor), u1 = std::min(width, (rect.u1 + 1) * factor);
+  const int v0 = std::max(0, (rect.v0 - 1) * factor), v1 = std::min(height, (rect.v1 + 1) * factor);
+  for (int v = v0; v < v1; ++v) {
+    const Between y = between(v, factor, small_height);
+    for (int u = u0; u < u1; ++u) {
+      const Between x = between(u, factor, small_width);
+      visit(u, v, x.first, y.first, (1 - x.share) * (1 - y.share));
+      visit(u, v, x.second, y.first, x.share * (1 - y.share));
+      visit(u, v, x.first, y.second, (1 - x.share) * y.share);
+      visit(u, v, x.second, y.second, x.share * y.share);
+    }
+  }
+}
+
+}  // namespace
+
+Agreement agreement(const std::vector<double>& own, const std::vector<double>& reference) {
+  double dot = 0, a = 0, b = 0;
+  for (std::size_t i = 0; i < own.size(); ++i) {
+    dot += own[i] * reference[i];
+    a += own[i] * own[i];
+    b += reference[i] * reference[i];
+  }
+  if (!(a > 0) || !(b > 0)) return {};
+  return {dot / std::sqrt(a * b), std::sqrt(a / b)};
+}
+
+SimulationSettings hard_render(SimulationSettings settings, int samples, bool in_double) {
+  settings.raster.coverage = Coverage::hard;
+  settings.raster.color = ColorBlend::hard;
+  settings.raster.silhouette = SilhouetteBlend::hard;
+  settings.raster.sigma = 1e-12;  // bounds the window only
+  settings.supersampling = samples;
+  settings.reference = in_double;
+  settings.exact_coverage = false;
+  return settings;
+}
+
+CameraStudy::CameraStudy(const PreparedFrame& prepared, const Label& host, TexturedMesh placed,
+                         const CameraStudySettings& settings)
+    : prepared_(prepared), host_(host), placed_(std::move(placed)), settings_(settings) {
+  half_ = shrink(prepared, 2);
+  quarter_ = shrink(prepared, 4);
+  Simulated reference;
+  draw_in_camera(prepared_, host_, placed_, hard_render(settings.baseline, settings.reference_samples, true),
+                 reference);
+  if (reference.rect.empty())
+    throw InputError("tradeoff", "host", "does not show the object", "choose another vehicle");
+  rect_ = grown(reference.rect, 1, prepared.frame.image);
+  reference_ = crop(reference.image, rect_);
+  make_mask(reference);
+  make_upstream(reference.rect);
+
+  RandomStream random(settings.seed, "trade-off directions");
+  for (int k = 0; k < settings.directions; ++k) {
+    std::vector<Vec3d> direction(placed_.mesh.vertices.size());
+    for (Vec3d& d : direction)
+      for (int c = 0; c < 3; ++c) d[c] = random.normal() / std::sqrt(3.0);
+    directions_.push_back(std::move(direction));
+  }
+  differences_ = finite_differences(settings.step);
+  self_cosine_ = agreement(finite_differences(settings.step / 2), differences_).cosine;
+  sharp_ = draw({"", "", sharp(settings.baseline, settings.sharp_samples)}, placed_, true).gradient;
+  hard_ = draw({"", "", hard_render(settings.baseline, settings.reference_samples, false)}, placed_, true)
+              .gradient;
+  sharp_agreement_ = agreement(along_directions(sharp_.vertices), differences_);
+}
+
+std::vector<double> CameraStudy::along_directions(const std::vector<double>& gradient) const {
+  std::vector<double> along;
+  for (const auto& direction : directions_) {
+    double sum = 0;
+    for (std::size_t i = 0; i < direction.size(); ++i)
+      for (int c = 0; c < 3; ++c) sum += gradient[3 * i + static_cast<std::size_t>(c)] * direction[i][c];
+    along.push_back(sum);
+  }
+  return along;
+}
+
+const PreparedFrame& CameraStudy::shrunk(int factor) const {
+  return factor == 1 ? prepared_ : factor == 2 ? half_ : quarter_;
+}
+
+void CameraStudy::make_upstream(const PixelRect& rect) {
+  struct Wave {
+    double x, y, phase, size;
+  };
+  RandomStream random(settings_.seed, "trade-off upstream");
+  std::array<std::array<Wave, 6>, 3> waves;
+  for (auto& channel : waves)
+    for (Wave& wave : channel) {
+      const double angle = random.uniform(0, 2 * std::numbers::pi);
+      const double k = 2 * std::numbers::pi / random.uniform(6, 24);
+      wave = {k * std::cos(angle), k * std::sin(angle), random.uniform(0, 2 * std::numbers::pi),
+              random.normal()};
+    }
+  const ImageF& photograph = prepared_.frame.image;
+  upstream_ = ImageF(photograph.width, photograph.height, 3);
+  for (int v = std::max(0, rect.v0 - kReach); v < std::min(photograph.height, rect.v1 + kReach); ++v)
+    for (int u = std::max(0, rect.u0 - kReach); u < std::min(photograph.width, rect.u1 + kReach); ++u)
+      for (int c = 0; c < 3; ++c) {
+        double sum = 0;
+        for (const Wave& wave : waves[static_cast<std::size_t>(c)])
+          sum += wave.size * std::cos(wave.x * u + wave.y * v + wave.phase);
+        upstream_.at(u, v, c) = static_cast<float>(sum);
+      }
+}
+
+void CameraStudy::make_mask(const Simulated& reference) {
+  mask_ = ImageF(rect_.width(), rect_.height(), 1);
+  const PixelRect& rect = reference.rect;
+  for (int v = rect.v0; v < rect.v1; ++v)
+    for (int u = rect.u0; u < rect.u1; ++u) {
+      if (!(reference.rgba.at(u - rect.u0, v - rect.v0, 3) > 0)) continue;
+      ++pixels_;
+      for (int y = std::max(rect_.v0, v - 1); y <= std::min(rect_.v1 - 1, v + 1); ++y)
+        for (int x = std::max(rect_.u0, u - 1); x <= std::min(rect_.u1 - 1, u + 1); ++x)
+          mask_.at(x - rect_.u0, y - rect_.v0) = 1;
+    }
+}
+
+CameraStudy::Drawing CameraStudy::draw(const CameraVariant& variant, const TexturedMesh& placed,
+                                       bool with_gradient) const {
+  const PreparedFrame& prepared = shrunk(variant.shrink);
+  const bool small = variant.shrink != 1;
+  Simulated result;
+  const CameraTape tape = draw_in_camera(prepared, host_, placed, variant.simulation, result);
+  Drawing drawing;
+  const ImageF& photograph = prepared.frame.image;
+  if (small) {
+    drawing.image = prepared_.frame.image;
+    enlarge(result.rect, variant.shrink, photograph.width, photograph.height, drawing.image.width,
+            drawing.image.height, [&](int u, int v, int x, int y, float weight) {
+              for (int c = 0; c < 3; ++c)
+                drawing.image.at(u, v, c) += weight * (result.image.at(x, y, c) - photograph.at(x, y, c));
+            });
+  } else {
+    drawing.image = std::move(result.image);
+  }
+  if (!with_gradient) return drawing;
+  std::vector<Vec3d> d_vertices(placed.mesh.vertices.size(), Vec3d::Zero()),
+      d_texels(placed.atlas.texels.size(), Vec3d::Zero());
+  ImageF d_small;
+  if (small) {
+    d_small = ImageF(photograph.width, photograph.height, 3);
+    enlarge(result.rect, variant.shrink, photograph.width, photograph.height, upstream_.width,
+            upstream_.height, [&](int u, int v, int x, int y, float weight) {
+              for (int c = 0; c < 3; ++c) d_small.at(x, y, c) += weight * upstream_.at(u, v, c);
+            });
+  }
+  draw_in_camera_vjp(tape, placed, prepared.frame.calibration, prepared.frame.lighting, result,
+                     small ? d_small : upstream_, d_vertices, d_texels);
+  drawing.gradient = {flat(d_vertices), flat(d_texels)};
+  return drawing;
+}
+
+double CameraStudy::loss(const CameraVariant& variant, const TexturedMesh& placed) const {
+  Simulated result;
+  draw_in_camera(prepared_, host_, placed, variant.simulation, result);
+  const PixelRect& rect = result.rect;
+  double sum = 0;
+  for (int v = rect.v0; v < rect.v1; ++v)
+    for (int u = rect.u0; u < rect.u1; ++u)
+      for (int c = 0; c < 3; ++c)
+        sum += upstream_.at(u, v, c) * (std::clamp(result.rgba.at(u - rect.u0, v - rect.v0, c), 0.0, 1.0) -
+                                        prepared_.frame.image.at(u, v, c));
+  return sum;
+}
+
+std::vector<double> CameraStudy::finite_differences(double step) const {
+  const CameraVariant hard{"", "", hard_render(settings_.baseline, settings_.reference_samples, false)};
+  std::vector<double> differences(directions_.size());
+  parallel_for(directions_.size(), [&](std::size_t k) {
+    const auto at = [&](double move) {
+      TexturedMesh moved = placed_;
+      for (std::size_t i = 0; i < moved.mesh.vertices.size(); ++i)
+        moved.mesh.vertices[i] += move * directions_[k][i];
+      return loss(hard, moved);
+    };
+    differences[k] = (at(step) - at(-step)) / (2 * step);
+  });
+  return differences;
+}
+
+CameraFigures CameraStudy::measure(const CameraVariant& variant, bool timed) const {
+  const Drawing drawing = draw(variant, placed_, true);
+  CameraFigures figures;
+  const ImageF own = crop(drawing.image, rect_);
+  figures.image_levels = 255 * mean_absolute_error(encoded(own), encoded(reference_), mask_);
+  figures.image_mae = mean_absolute_error(own, reference_, mask_);
+  figures.image_max = max_absolute_error(own, reference_, mask_);
+  const Agreement differences = agreement(along_directions(drawing.gradient.vertices), differences_),
+                  sharply = agreement(drawing.gradient.vertices, sharp_.vertices),
+                  texels = agreement(drawing.gradient.texels, hard_.texels);
+  figures.gradient_cosine = differences.cosine, figures.gradient_norm = differences.norm;
+  figures.double_cosine = sharply.cosine, figures.double_norm = sharply.norm;
+  figures.texel_cosine = texels.cosine, figures.texel_norm = texels.norm;
+
+  if (!timed) return figures;
+  const CameraVariant baseline{"", "", settings_.baseline};
+  std::vector<double> own_ms, baseline_ms, ratios;
+  for (int repeat = 0; repeat < settings_.repeats; ++repeat) {
+    baseline_ms.push_back(cpu_ms([&] { draw(baseline, placed_, true); }));
+    own_ms.push_back(cpu_ms([&] { draw(variant, placed_, true); }));
+    ratios.push_back(own_ms.back() / baseline_ms.back());
+    if (own_ms.back() > 200 && repeat > 0) break;  // what takes long varies little
+  }
+  figures.ms = median_of(own_ms);
+  figures.baseline_ms = median_of(baseline_ms);
+  figures.ratio = median_of(ratios);
+  return figures;
+}
+
+}  // namespace mirage

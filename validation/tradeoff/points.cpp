@@ -1,0 +1,79 @@
+#include "validation/tradeoff/points.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <limits>
+
+namespace mirage {
+void mark_front(std::vector<TradeoffPoint>& points, const std::string& group, const std::string& error) {
+  std::vector<TradeoffPoint*> members;
+  for (TradeoffPoint& point : points)
+    if (point.group == group && point.errors.count(error)) members.push_back(&point);
+  for (TradeoffPoint* point : members) {
+    const double own = point->errors.at(error);
+    const bool beaten = std::any_of(members.begin(), members.end(), [&](const TradeoffPoint* other) {
+      const double theirs = other->errors.at(error);
+      return other->ms <= point->ms && theirs <= own && (other->ms < point->ms || theirs < own);
+    });
+    if (!beaten) point->front.push_back(error);
+  }
+}
+
+nlohmann::json to_json(const TradeoffPoint& point) {
+  return {{"group", point.group},       {"axis", point.axis},     {"label", point.label},
+          {"settings", point.settings}, {"ms", point.ms},         {"baseline_ms", point.baseline_ms},
+          {"ratio", point.ratio},       {"errors", point.errors}, {"front", point.front}};
+}
+
+std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
+                                      const TradeoffPoint& standard) {
+  std::vector<const TradeoffPoint*> usable, affordable;
+  for (const TradeoffPoint& point : points) {
+    if (point.group != "camera" || point.axis != "grid") continue;
+    usable.push_back(&point);
+    if (point.ms <= kExactTime * standard.ms) affordable.push_back(&point);
+  }
+  const auto image = [](const TradeoffPoint* p) { return p->errors.at("image_levels"); };
+  const auto cosine = [](const TradeoffPoint* p) { return p->errors.at("gradient_cosine"); };
+
+  std::vector<const TradeoffPoint*> rough;
+  double shortest = std::numeric_limits<double>::infinity();
+  for (const TradeoffPoint* point : usable)
+    if (image(point) <= kDraftImage * image(&standard) &&
+        cosine(point) >= cosine(&standard) - kDraftGradient) {
+      rough.push_back(point);
+      shortest = std::min(shortest, point->ms);
+    }
+  const TradeoffPoint* draft = nullptr;
+  for (const TradeoffPoint* point : rough)
+    if (point->ms <= kSameTime * shortest && (!draft || cosine(point) > cosine(draft))) draft = point;
+
+  double least = std::numeric_limits<double>::infinity();
+  for (const TradeoffPoint* point : affordable) least = std::min(least, image(point));
+  const TradeoffPoint* exact = nullptr;
+  for (const TradeoffPoint* point : affordable)
+    if (image(point) <= kExactImage * least && (!exact || cosine(point) > cosine(exact))) exact = point;
+
+  return {
+      {"draft",
+       fmt::format("best gradient cosine within {} times the least time, with an image error of at most {} "
+                   "times the default's and a cosine at most {} below the default's",
+                   kSameTime, kDraftImage, kDraftGradient),
+       draft},
+      {"default", "the program's standing settings", &standard},
+      {"exact",
+       fmt::format("best gradient cosine within {} times the default's time and {} times the least image "
+                   "error to be had in it",
+                   kExactTime, kExactImage),
+       exact}};
+}
+
+double median_of(std::vector<double> values) {
+  if (values.empty()) return 0;
+  std::sort(values.begin(), values.end());
+  const std::size_t half = values.size() / 2;
+  return values.size() % 2 ? values[half] : (values[half - 1] + values[half]) / 2;
+}
+
+}  // namespace mirage
