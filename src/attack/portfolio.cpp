@@ -30,9 +30,9 @@ namespace {
 
 constexpr double kSearchSigma = 0.3;  // m, of a control point's first displacements
 /// Times --vertex-rate and --texel-rate. Both rates at once: one factor a candidate.
-constexpr double kRates[] = {20, 5};
+constexpr double kRates[] = {1, 0.25};
 /// Of rates, shares and choices in this file: a folder of another one is not gone on with.
-constexpr int kRecipe = 2;
+constexpr int kRecipe = 3;
 constexpr const char* kAutoAgain = "delete the file to do its part of the run again";
 constexpr std::size_t kMostLooks = 1'000'000;
 

@@ -10,14 +10,14 @@ namespace mirage::cli {
 namespace {
 
 struct DemoOptions {
-  int frames = 20, iterations = 250, validated = 5;
+  int frames = 20, iterations = 60, validated = 5;
   FrameSource source;
   QualityOption quality{"default"};
   bool quick = false;
 };
 
 /// Sizes of --quick: enough to see every step.
-constexpr int kQuickFrames = 6, kQuickIterations = 30, kQuickValidated = 2;
+constexpr int kQuickFrames = 6, kQuickIterations = 8, kQuickValidated = 2;
 
 }  // namespace
 
@@ -60,9 +60,7 @@ Command demo_command() {
                                  "--seed", seed, "--out", data});
     step("2/5 learn the adversary",
          {"attack", "--data", data, "--rooftop", options->source.rooftop, "--quality", options->quality.name,
-          "--iterations", std::to_string(options->iterations),
-          // Five times the paper's rates: hundreds of steps instead of thousands.
-          "--vertex-rate", "5e-3", "--texel-rate", "2e-2", "--seed", std::to_string(common.seed), "--out",
+          "--iterations", std::to_string(options->iterations), "--seed", std::to_string(common.seed), "--out",
           run});
     step("3/5 evaluate on held-back vehicles",
          {"evaluate", "--run", run, "--data", data, "--out", path("evaluate")});

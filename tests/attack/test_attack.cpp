@@ -21,7 +21,7 @@ using test::TemporaryFolder;
 
 AttackSettings settings_for(const std::filesystem::path& data, const std::filesystem::path& out,
                             int iterations) {
-  AttackSettings settings;
+  AttackSettings settings = test::tiny_attack();
   settings.data = data;
   settings.out = out;
   settings.iterations = iterations;

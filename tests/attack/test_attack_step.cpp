@@ -24,7 +24,7 @@ class FixedDetector : public test::StandInDetector {
 };
 
 AttackSettings settings_for(const test::TemporaryFolder& folder, const char* out, int iterations) {
-  AttackSettings settings;
+  AttackSettings settings = test::tiny_attack();
   settings.data = folder / "data";
   settings.out = folder / out;
   settings.iterations = iterations;
@@ -94,7 +94,7 @@ TEST(AttackStep, TheSilhouetteTellsThatALargerObjectCatchesMoreReturns) {
   host.rooftop = world.rooftop;
   const TexturedMesh mesh = initial_adversary();
   CountingDetector detector;
-  AttackSettings settings;
+  AttackSettings settings = test::tiny_attack();
   const auto slope = [&](AttackTarget target, LidarGradient kind) {
     settings.simulation.lidar_gradient = kind;
     double sum = 0;

@@ -138,7 +138,7 @@ TEST(TopBackground, AnAttackLooksAtEachCleanFrameOnce) {
   auto owned = std::make_unique<UnlabelledCar>();
   UnlabelledCar& detector = *owned;
   detectors.push_back(std::move(owned));
-  AttackSettings settings;
+  AttackSettings settings = test::tiny_attack();
   settings.data = folder / "data";
   settings.out = folder / "run";
   settings.iterations = 6;

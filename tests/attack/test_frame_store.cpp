@@ -356,7 +356,7 @@ TEST(AttackCache, RunsWithAndWithoutItLearnTheSameBits) {
   const auto run = [&](const char* out, int iterations) {
     DetectorPool detectors;
     for (int i = 0; i < 2; ++i) detectors.push_back(std::make_unique<test::StandInDetector>());
-    AttackSettings settings;
+    AttackSettings settings = test::tiny_attack();
     settings.data = folder / "data";
     settings.out = folder / out;
     settings.iterations = iterations;

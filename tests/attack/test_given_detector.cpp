@@ -32,7 +32,7 @@ class GivenDetectorTest : public testing::Test {
   }
 
   test::TemporaryFolder folder_;
-  AttackSettings settings_;
+  AttackSettings settings_ = test::tiny_attack();
 };
 
 TEST_F(GivenDetectorTest, IsAttackedAndGoesOnWithTheSameContentOnly) {

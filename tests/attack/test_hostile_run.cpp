@@ -30,7 +30,7 @@ DetectorPool stand_in() {
 }
 
 AttackSettings settings_for(const fs::path& data, const fs::path& out, int iterations) {
-  AttackSettings settings;
+  AttackSettings settings = test::tiny_attack();
   settings.data = data;
   settings.out = out;
   settings.iterations = iterations;

@@ -21,7 +21,7 @@ using test::error_text;
 
 AttackSettings plateau_settings(const test::TemporaryFolder& folder, const char* out, int iterations,
                                 int until) {
-  AttackSettings settings;
+  AttackSettings settings = test::tiny_attack();
   settings.data = folder / "data";
   settings.out = folder / out;
   settings.iterations = iterations;
@@ -276,7 +276,7 @@ TEST(SizeAlone, TheWholeChainAgainstDifferences) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 1);
   FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
-  AttackSettings settings;
+  AttackSettings settings = test::tiny_attack();
   settings.simulation.reference = true;  // in double
   PictureReader detector;
   const Host host = find_hosts(store, "000000", detector.region(), settings.simulation).at(0);

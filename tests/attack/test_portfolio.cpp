@@ -21,14 +21,15 @@ using test::error_text;
 using testing::HasSubstr;
 
 AttackSettings auto_settings(const test::TemporaryFolder& folder, const char* out, int iterations) {
-  AttackSettings settings;
+  AttackSettings settings = test::tiny_attack();
   settings.attack = AttackSearch::automatic;
   settings.data = folder / "data";
   settings.out = folder / out;
   settings.iterations = iterations;
   settings.validation_every = 2;
   settings.checkpoint_every = 5;
-  settings.texel_rate = 0.02;
+  settings.vertex_rate = 0.02;
+  settings.texel_rate = 0.4;
   settings.objective.lambda_fp = 0;
   settings.rooftop = "box";
   settings.quiet = true;
@@ -226,7 +227,7 @@ TEST(Auto, TheCandidateThatMustWinWins) {
   EXPECT_EQ(chosen(misled).at("kept_iteration"), 0);
   EXPECT_GT(chosen(right).at("kept_iteration"), 0);
   EXPECT_NE(chosen(right).at("target"), "lidar");
-  EXPECT_EQ(chosen(right).at("texel_rate"), 20 * settings.texel_rate);
+  EXPECT_EQ(chosen(right).at("texel_rate"), settings.texel_rate);
   EXPECT_LT(chosen(right).at("held_out"), chosen(misled).at("held_out"));
   double lowest = 1e9;
   std::set<long> steps;

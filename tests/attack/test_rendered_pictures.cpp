@@ -239,7 +239,7 @@ struct RenderedAttack {
   }
   AttackResult run() { return run_attack(settings, detectors); }
   std::shared_ptr<KnownRenderer> renderer = std::make_shared<KnownRenderer>();
-  AttackSettings settings;
+  AttackSettings settings = test::tiny_attack();
   DetectorPool detectors;
 };
 

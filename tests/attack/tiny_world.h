@@ -36,6 +36,15 @@ inline void add_returns(Sweep& sweep, const Box3& box) {
     }
 }
 
+/// Few hosts a step, and the paper's slow rates.
+inline AttackSettings tiny_attack() {
+  AttackSettings settings;
+  settings.batch = 2;
+  settings.vertex_rate = 1e-3;
+  settings.texel_rate = 4e-3;
+  return settings;
+}
+
 /// Flat ground and one car a frame, with or without LiDAR returns on it; a fifth of KITTI's image.
 inline void write_tiny_data(const std::filesystem::path& data, int frames, bool returns = false) {
   setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);  // where scenes/rigs is

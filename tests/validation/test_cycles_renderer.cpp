@@ -63,7 +63,7 @@ TEST(CyclesRenderer, AnAttackLooksAtItAndGoesOnToTheSameBits) {
   DetectorPool detectors;
   detectors.push_back(std::make_unique<test::StandInDetector>());
   const auto attack = [&](const char* out, int iterations, bool cycles) {
-    AttackSettings settings;
+    AttackSettings settings = test::tiny_attack();
     settings.data = folder / "data";
     settings.out = folder / out;
     settings.iterations = iterations;

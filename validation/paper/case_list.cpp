@@ -5,16 +5,13 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "attack/attack_settings.h"
 #include "attack/objective.h"
 
 namespace mirage::paper {
 namespace {
 
 using Words = std::vector<std::string>;
-
-// What found meshes that hide more than their size does (src/attack/README.md, "What it takes"): steps of two
-// vehicles, or rates of a quarter of these, find none in the time that there is.
-constexpr int kAttackBatch = 8;
 
 /// "jpeg:50" as part of a folder's name.
 std::string in_a_name(std::string defense) {
@@ -36,6 +33,7 @@ Words CaseList::beside(const std::string& baselines) const {
 std::string CaseList::attack(const std::string& rig, const std::string& detector, const std::string& target,
                              double size, const std::string& defense) {
   std::string name = fmt::format("runs/{}-{}-{}", rig, detector, target);
+  const AttackSettings recipe;
   Words arguments = {"attack",
                      "--data",
                      data(rig).string(),
@@ -46,11 +44,11 @@ std::string CaseList::attack(const std::string& rig, const std::string& detector
                      "--iterations",
                      std::to_string(settings_.iterations),
                      "--batch",
-                     std::to_string(kAttackBatch),
+                     std::to_string(recipe.batch),
                      "--vertex-rate",
-                     "2e-2",
+                     fmt::format("{}", recipe.vertex_rate),
                      "--texel-rate",
-                     "2e-2",
+                     fmt::format("{}", recipe.texel_rate),
                      "--fp-top-k",
                      std::to_string(kFpTopK),
                      "--lidar-gradient",

@@ -86,7 +86,7 @@ def main():
     parser.add_argument("--detectors", default="camera,late,fusion")
     parser.add_argument("--lights", default=",".join(LIGHTS))
     parser.add_argument("--seeds", default="1,2,3,4,5")
-    parser.add_argument("--iterations", type=int, default=1000)
+    parser.add_argument("--iterations", type=int, default=200)
     parser.add_argument("--frames", type=int, default=0, help="to validate, held-back ones first; 0: all held back")
     parser.add_argument("--samples", type=int, default=32)
     parser.add_argument("--threads", type=int, default=0)
@@ -101,8 +101,7 @@ def main():
                 folder = options.out / detector / f"{light}-{seed}"
                 if not finished(folder, options.iterations):
                     run([options.mirage, "attack", "--data", options.data, "--detector", detector, "--seed", seed,
-                         "--iterations", options.iterations, "--vertex-rate", 5e-3, "--texel-rate", 2e-2, "--quiet",
-                         "--out", folder, *threads, *LIGHTS[light], *more])
+                         "--iterations", options.iterations, "--quiet", "--out", folder, *threads, *LIGHTS[light], *more])
                 result = json.loads((folder / "result.json").read_text())
                 steps += result["stages"]["iterations"]
                 seconds += result["stages"]["iterations"] * result["seconds_per_iteration"]

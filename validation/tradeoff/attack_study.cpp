@@ -45,8 +45,6 @@ nlohmann::json attack_study(const TradeoffSettings& settings) {
   attack.quiet = settings.quiet;
   attack.iterations = std::numeric_limits<int>::max();
   attack.seconds = settings.attack_seconds;
-  attack.vertex_rate = 5e-3;  // five times the paper's: seconds, not hours
-  attack.texel_rate = 2e-2;
   DetectorOptions options = settings.detector;
   options.rig = data_rig(settings.source.data);
   const DetectorPool judges = load_detector_pool(options, attack.batch);

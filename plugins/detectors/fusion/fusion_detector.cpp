@@ -60,9 +60,10 @@ Options with_parts(Options options, const char* weights) {
   return options;
 }
 
-/// oneDNN keeps the convolutions that it compiled for the last 1024 sizes; passes over windows have more.
+/// oneDNN keeps the convolutions that it compiled for the last 1024 sizes; passes over windows have tens of
+/// thousands. Once its store is full, each new one searches all of it for the oldest.
 void keep_compiled_convolutions() {
-  constexpr int kKept = 8192;
+  constexpr int kKept = 1 << 16;
   static std::once_flag once;
   std::call_once(once, [] {
     void* library = dlopen("libdnnl.so.2", RTLD_LAZY | RTLD_NOLOAD);  // LibTorch's; has no header here
