@@ -168,10 +168,10 @@ std::string archive(bool with64) {
 std::string run() {
   return R"({"batch": 2, "buildable": [0.002, 0.05, 0.05, 0.9], "data": "data", "depth": "ip-basic",
  "defense": "none", "parts": "both", "sun": "frame",
- "detector": "lidar", "lambda_fp": 1.0, "lambda_laplacian": 0.001, "limits": [0.8, 0.8, 0.5], "min_view": 0.7,
+ "detector": "lidar", "fp_top_k": 50, "lambda_fp": 1.0, "lambda_laplacian": 0.001, "limits": [0.8, 0.8, 0.5], "min_view": 0.7,
  "relevant_score": 0.1, "rooftop": "shape", "seed": 7,
  "simulation": {"sigma": 5e-07, "gamma": 0.01, "epsilon": 0.001, "dist_eps": 0.0001, "supersampling": 2,
-  "lidar_reflectivity": 0.5, "occlusion_margin": 0.3, "grazing_cosine": 0.05},
+  "lidar_gradient": "silhouette", "lidar_reflectivity": 0.5, "occlusion_margin": 0.3, "grazing_cosine": 0.05},
  "target": "both", "test": [{"frame": "000003", "label": 1}],
  "train": [{"frame": "000001", "label": 0}, {"frame": "000002", "label": 3}], "vertex_rate": 0.001,
  "texel_rate": 0.004, "weights": "", "weights_hash": "0123456789abcdef"})";
@@ -261,7 +261,7 @@ std::vector<Seed> seeds() {
       {"run", "whole", run()},
 #endif
       {"checkpoint-fields", "none", "{}"},
-      {"checkpoint-fields", "some", R"({"losses":[1,2,3,4,5,6],"hidden":[1,-1]})"},
+      {"checkpoint-fields", "some", R"({"losses":[1,2,3,4,5,6],"hidden":[1,0]})"},
       {"checkpoint", "fresh", seed_checkpoint(0)},
       {"checkpoint", "whole", seed_checkpoint(2)}};
   return all;

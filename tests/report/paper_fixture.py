@@ -113,7 +113,7 @@ def make(folder):
                             "ap70_swapped": 0.79, "ap70_black": 0.7, "drop": 0.01, "drop_low": -0.02, "drop_high": 0.03,
                             "mean_delta_logit": 0.1}, {"case": "kitti64-lidar-lidar", "reads_picture": False,
                                                        "uses_picture": False}],
-              "settings": {"iterations": 400, "seed": 0, "random_meshes": 3, "quick": False, "kitti64": "k", "xenith": "x",
+              "settings": {"iterations": 400, "batch": 8, "vertex_rate": 0.02, "texel_rate": 0.02, "seed": 0, "random_meshes": 3, "quick": False, "kitti64": "k", "xenith": "x",
                            "real": "", "confidence": 0.95, "replicates": 10000},
               "steps": {"runs/kitti64-fusion-both": {"status": "done", "seconds": 61.5},
                         "runs/kitti64-fusion-lidar": {"status": "failed", "error": "made to fail"}}}

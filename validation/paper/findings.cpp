@@ -62,8 +62,7 @@ Finding order(const Evidence& evidence) {
                        *image = evidence.learned(evaluation(rig, "fusion-image")),
                        *lidar = evidence.learned(evaluation(rig, "fusion-lidar")),
                        *own = evidence.sized(evaluation(rig, "fusion-lidar"));
-        if (!both || !control || !image || !lidar) return;
-        if (!own) own = control;  // of the LiDAR's mesh, where it was judged
+        if (!both || !image || !lidar || !own) return;
         const Comparison first = more("both − image", *both, *image, is_fooled, Claim::no_less),
                          second = more("image − LiDAR", *image, *lidar),
                          third = more("LiDAR − random", *lidar, *own);

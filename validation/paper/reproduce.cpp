@@ -3,11 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <set>
 
-#include "attack/baseline.h"
+#include "attack/attack_settings.h"
 #include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
@@ -202,9 +201,13 @@ json reproduce(const ReproduceSettings& given, const Execute& run) {
   }
   for (const auto& [name, step] : evidence.steps) steps[name] = to_json(step);
   const json found = findings_json(findings(evidence)), reliance = reliance_json(evidence);
+  const AttackSettings recipe;  // CaseList takes these from it
   json result = {{"what", settings.what},
                  {"settings",
                   {{"iterations", settings.iterations},
+                   {"batch", recipe.batch},
+                   {"vertex_rate", recipe.vertex_rate},
+                   {"texel_rate", recipe.texel_rate},
                    {"seed", settings.seed},
                    {"seeds", settings.seeds},
                    {"random_meshes", settings.random_meshes},
