@@ -193,6 +193,28 @@ TEST(LidarSilhouette, IsHiddenBehindTheScene) {
   EXPECT_TRUE(lidar_silhouette(lidar_frame(lidar, near), ball).samples.empty());
 }
 
+// The lasers look over the box's top, the unit's centre does not.
+TEST(LidarSilhouette, IsSeenFromTheLasersAndNotFromTheUnitsCentre) {
+  LidarModel above = lidar_of_32(), raised = above;
+  for (LidarBeam& beam : above.beams) beam.height = 0.3;
+  raised.velo_from_lidar.translation().z() = 0.3;
+  TexturedMesh box;
+  box.mesh = box_mesh({1, 1.6, 0.8});
+  for (Vec3d& v : box.mesh.vertices) v += Vec3d(10, 0, -0.2);  // to 0.2 m
+  const LidarSilhouette one = lidar_silhouette(lidar_frame(above), box),
+                        same = lidar_silhouette(lidar_frame(raised), box);
+  ASSERT_EQ(one.samples.size(), same.samples.size());
+  int rear = 0;
+  for (std::size_t i = 0; i < one.samples.size(); ++i) {
+    EXPECT_EQ(one.samples[i].vertices, same.samples[i].vertices);
+    EXPECT_NEAR((one.samples[i].gain - same.samples[i].gain).norm(), 0, 1e-9);
+    const auto at = [&](int k) { return box.mesh.vertices[static_cast<std::size_t>(k)]; };
+    const Vec3d a = at(one.samples[i].vertices[0]), b = at(one.samples[i].vertices[1]);
+    rear += a.x() > 10.4 && b.x() > 10.4 && a.z() > 0.1 && b.z() > 0.1;
+  }
+  EXPECT_GT(rear, 10);
+}
+
 TEST(LidarSilhouette, OfDegenerateMeshesIsFinite) {
   const PreparedFrame frame = lidar_frame(lidar_of_32());
   const TexturedMesh ball = dented_ball({10, 0.4, -0.9}, 0.8, 3);
