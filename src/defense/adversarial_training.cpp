@@ -62,26 +62,25 @@ AttackSettings attack_settings(const DefenseSettings& settings) {
 
 /// What must agree for a run to go on. "limits", "vertex_rate" and "texel_rate" are read by read_checkpoint.
 nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& attack, std::size_t hosts) {
-  nlohmann::json id = {{"data", escape_name(fs::absolute(settings.data).lexically_normal().string())},
-                       {"detector", settings.detector.detector},
-                       {"start", content_hash(read_file(weights_file(settings.detector)))},
-                       {"network_parts", settings.detector.parts},
-                       {"depth", settings.depth},
-                       {"rooftop", settings.rooftop},
-                       {"sun", settings.sun},
-                       {"lidar_gradient", to_word(attack.simulation.lidar_gradient)},
-                       {"steps", settings.steps},
-                       {"batch", settings.batch},
-                       {"attacked", settings.attacked},
-                       {"adversary_updates", settings.adversary_updates},
-                       {"adversary_batch", settings.adversary_batch},
-                       {"learning_rate", settings.learning_rate},
-                       {"vertex_rate", attack.vertex_rate},
-                       {"texel_rate", attack.texel_rate},
-                       {"limits", {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()}},
-                       {"hosts", hosts},
-                       {"seed", settings.seed}};
-  return id;
+  return {{"data", escape_name(fs::absolute(settings.data).lexically_normal().string())},
+          {"detector", settings.detector.detector},
+          {"start", content_hash(read_file(weights_file(settings.detector)))},
+          {"network_parts", settings.detector.parts},
+          {"depth", settings.depth},
+          {"rooftop", settings.rooftop},
+          {"sun", settings.sun},
+          {"lidar_gradient", to_word(attack.simulation.lidar_gradient)},
+          {"steps", settings.steps},
+          {"batch", settings.batch},
+          {"attacked", settings.attacked},
+          {"adversary_updates", settings.adversary_updates},
+          {"adversary_batch", settings.adversary_batch},
+          {"learning_rate", settings.learning_rate},
+          {"vertex_rate", attack.vertex_rate},
+          {"texel_rate", attack.texel_rate},
+          {"limits", {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()}},
+          {"hosts", hosts},
+          {"seed", settings.seed}};
 }
 
 /// The trained detector and instances on the same weights that compute the adversary's gradients beside it.

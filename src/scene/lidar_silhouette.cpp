@@ -21,15 +21,17 @@ constexpr double kMostSamples = 4096;  // of an edge: a unit that is almost insi
 class Tracer {
  public:
   Tracer(const PreparedFrame& prepared, const TexturedMesh& placed)
-      : prepared_(prepared), mesh_(placed.mesh), centre_(bounds(placed.mesh).center()) {
+      : prepared_(prepared),
+        mesh_(placed.mesh),
+        centre_(bounds(placed.mesh).center()),
+        normals_(face_normals(placed.mesh)) {
     double off = 0;  // m, of a laser from the unit's centre
     for (const LidarBeam& beam : prepared.lidar.beams)
       off = std::max(off, std::hypot(beam.lateral, beam.height));
     const Vec3d unit = prepared.lidar.velo_from_lidar.translation();
-    for (const Face& f : mesh_.faces) {
-      const Vec3d n = (vertex(f[1]) - vertex(f[0])).cross(vertex(f[2]) - vertex(f[0]));
-      const double height = n.dot(unit - vertex(f[0])), unsure = n.norm() * off;
-      planes_.push_back({n, height > unsure ? 1 : height < -unsure ? -1 : 0});
+    for (std::size_t f = 0; f < normals_.size(); ++f) {
+      const double height = height_over(static_cast<int>(f), unit), unsure = normals_[f].norm() * off;
+      sides_.push_back(height > unsure ? 1 : height < -unsure ? -1 : 0);
     }
   }
 
@@ -60,24 +62,19 @@ class Tracer {
     RasterCell cell;
   };
 
-  struct Plane {
-    Vec3d normal;  ///< as long as twice the face's area
-    int side;      ///< of it all lasers are on: 1 front, −1 back, 0 they may differ
-  };
-
   const Vec3d& vertex(int i) const { return mesh_.vertices[static_cast<std::size_t>(i)]; }
 
   /// Of a face's plane to a point, times twice the face's area; positive on its front.
   double height_over(int face, const Vec3d& origin) const {
     const auto f = static_cast<std::size_t>(face);
-    return planes_[f].normal.dot(origin - vertex(mesh_.faces[f][0]));
+    return normals_[f].dot(origin - vertex(mesh_.faces[f][0]));
   }
 
   /// Whether no laser can have the edge on its silhouette: most edges, and cells are dear to look up.
   bool is_inner(const MeshEdge& edge) const {
     if (edge.faces.size() < 2) return false;
-    const int first = planes_[static_cast<std::size_t>(edge.faces[0])].side;
-    return first != 0 && first == planes_[static_cast<std::size_t>(edge.faces[1])].side;
+    const int first = sides_[static_cast<std::size_t>(edge.faces[0])];
+    return first != 0 && first == sides_[static_cast<std::size_t>(edge.faces[1])];
   }
 
   /// The edge's face that is seen, if behind the edge the object turns away; −1: it does not.
@@ -161,7 +158,8 @@ class Tracer {
   const PreparedFrame& prepared_;
   const Mesh& mesh_;
   Vec3d centre_;
-  std::vector<Plane> planes_;  ///< of the faces
+  std::vector<Vec3d> normals_;  ///< of the faces, as long as twice their areas
+  std::vector<int> sides_;      ///< of each face all lasers are on: 1 front, −1 back, 0 they may differ
   std::vector<Candidate> candidates_;
   LidarSilhouette silhouette_;
 };

@@ -381,6 +381,7 @@ TEST(AttackRooftop, AFolderHoldsOneFindersRun) {
   EXPECT_THAT(error_text<InputError>([&] { run("shape", "box"); }), testing::HasSubstr("rooftop"));
   EXPECT_THAT(error_text<InputError>([&] { run("box", "shape"); }), testing::HasSubstr("rooftop"));
   EXPECT_THAT(error_text<InputError>([&] { run("new", "cone"); }), testing::HasSubstr("--rooftop: cone"));
+  EXPECT_EQ(read_json(folder / "box/run.json").at("rooftop"), "box");
 }
 
 TEST(AttackThreads, OneAndTwoDetectorsGiveTheSameBits) {

@@ -327,6 +327,11 @@ TEST(RenderedPictures, ARunNamesItsRenderer) {
   EXPECT_THAT(error_text<InputError>([&] { attack.run(); }), HasSubstr("renewal"));
   attack.settings.renderer = nullptr;
   EXPECT_THAT(error_text<InputError>([&] { attack.run(); }), HasSubstr("renderer"));
+
+  RenderedAttack plain(folder, "plain", 1);
+  plain.settings.renderer = nullptr;
+  plain.run();
+  EXPECT_EQ(read_json(folder / "plain/run.json").at("renderer"), "raster");
 }
 
 /// Does not look at pictures.

@@ -72,32 +72,31 @@ def rounds(graph):
     return found
 
 
+def table(path, name, width):
+    """(name, cells) of the rows with `width` cells whose first one matches `name`."""
+    with open(path, encoding="utf-8") as file:
+        for line in file:
+            cells = [cell.strip() for cell in line.split("|")[1:-1]]
+            match = re.match(name, cells[0]) if len(cells) == width else None
+            if match:
+                yield match[1], cells
+
+
 def allowed(source):
     """{layer: layers that it may include}, from the table of src/README.md."""
     rows, above = {}, []
-    with open(os.path.join(source, "src/README.md"), encoding="utf-8") as file:
-        for line in file:
-            cells = [cell.strip() for cell in line.split("|")[1:-1]]
-            layer = re.match(r"`src/(\w+)`$", cells[0]) if len(cells) == 4 else None
-            if not layer:
-                continue
-            may = cells[2]
-            rows[layer[1]] = set(above) if may in ("everything", "all of the above") else set(re.findall(r"\w+", may))
-            above.append(layer[1])
+    for layer, cells in table(os.path.join(source, "src/README.md"), r"`src/(\w+)`$", 4):
+        may = cells[2]
+        rows[layer] = set(above) if may in ("everything", "all of the above") else set(re.findall(r"\w+", may))
+        above.append(layer)
     rows["cli"].add("validation")
     return rows
 
 
 def rooms(source):
     """{room: rooms that it may include}, from the table of validation/README.md."""
-    rows = {}
-    with open(os.path.join(source, "validation/README.md"), encoding="utf-8") as file:
-        for line in file:
-            cells = [cell.strip() for cell in line.split("|")[1:-1]]
-            room = re.match(r"\[?`validation/(\w+)`", cells[0]) if len(cells) == 3 else None
-            if room:
-                rows[room[1]] = set(re.findall(r"\w+", cells[2]))
-    return rows
+    rows = table(os.path.join(source, "validation/README.md"), r"\[?`validation/(\w+)`", 3)
+    return {room: set(re.findall(r"\w+", cells[2])) for room, cells in rows}
 
 
 def main(source):

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "attack/attack_settings.h"
+
 namespace mirage::paper {
 
 struct ReproduceSettings {
@@ -15,8 +17,8 @@ struct ReproduceSettings {
   std::filesystem::path out;
   std::filesystem::path kitti64, xenith, real;  ///< data sets; the first two empty: generated in OUT/data
   int frames = 120;                             ///< generated frames of a rig
-  int iterations = 200;                         ///< of an attack
-  int random_meshes = 3;                        ///< of the random baseline, pooled
+  int iterations = AttackSettings().iterations;
+  int random_meshes = 3;  ///< of the random baseline, pooled
   int seeds = 1;     ///< runs of each attack, of the seeds seed, seed + 1, …; each splits the frames anew
   int pictures = 3;  ///< of each attack that has pictures
   std::uint64_t seed = 0;

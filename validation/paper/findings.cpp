@@ -233,7 +233,7 @@ Finding far_away(const Evidence& evidence) {
       [&](const std::string& rig, std::vector<Check>& checks) {
         const Outcomes *both = evidence.learned(evaluation(rig, "fusion-both")),
                        *random = evidence.sized(evaluation(rig, "fusion-both"));
-        if (!both) return;
+        if (!both || !random) return;
         const Distances near = distances(*both);
         std::string sentence = near.count == 0
                                    ? "no false positive"
@@ -242,10 +242,10 @@ Finding far_away(const Evidence& evidence) {
                                          "beyond {:.0f} m",
                                          near.count, near.median, percent(near.far), kFar);
         Check made;
-        if (near.count == 0 || !random) {
+        if (near.count == 0) {
           made.rig = title(rig);
           made.vehicles = both->vehicles;
-          made.sentence = sentence + (near.count > 0 ? "; no random mesh was judged beside it" : "");
+          made.sentence = sentence;
         } else {
           const Comparison more_far =
               more("vehicles with one beyond that distance, learned − random", *both, *random, has_far_one);
