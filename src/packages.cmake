@@ -2,7 +2,7 @@
 # An installed Mirage takes this file along: packaging/MirageConfig.cmake.in includes it to find for somebody
 # else's program what the layers that it links (MIRAGE_LAYERS) need. Hence the targets made here are imported ones.
 if(NOT DEFINED MIRAGE_LAYERS)
-  set(MIRAGE_LAYERS base geometry sensors scene exchange detection attack defense cli)
+  set(MIRAGE_LAYERS base geometry sensors scene simulation generator exchange detection frames attack defense cli)
 endif()
 
 # Ends the configuration, or says to somebody else's find_package(Mirage) what is missing.
@@ -94,6 +94,7 @@ mirage_library(mirage_simd LAYER sensors DEBIAN libhwy-dev HEADER hwy/highway.h 
 mirage_library(mirage_opencv LAYER scene DEBIAN libopencv-imgproc-dev HEADER opencv2/imgproc.hpp IN opencv4
                LIBRARY opencv_imgproc opencv_core)
 mirage_library(mirage_nova LAYER scene DEBIAN libnova-dev HEADER libnova/solar.h LIBRARY nova)
+mirage_library(mirage_tinyxml2 LAYER scene DEBIAN libtinyxml2-dev HEADER tinyxml2.h LIBRARY tinyxml2)
 mirage_library(mirage_gltf LAYER exchange DEBIAN libtinygltf-dev HEADER tiny_gltf.h LIBRARY tinygltf)
 mirage_library(mirage_turbojpeg LAYER detection DEBIAN libturbojpeg0-dev HEADER turbojpeg.h LIBRARY turbojpeg)
 if(TARGET mirage_image_files AND TARGET mirage_imath)

@@ -24,12 +24,7 @@ AdversaryLimits limits_of_size(double size) {
 }
 
 TexturedMesh initial_adversary(const AdversaryLimits& limits, double share) {
-  TexturedMesh adversary;
-  adversary.mesh = icosphere(2);
-  for (Vec3d& v : adversary.mesh.vertices) v = v.cwiseProduct(limits.half) * share;
-  adversary.atlas.texels.assign(adversary.mesh.faces.size() * adversary.atlas.per_face(),
-                                Vec3d::Constant(0.5));
-  return adversary;
+  return grey_ellipsoid(limits.half, share);
 }
 
 TexturedMesh random_adversary(std::uint64_t seed, const AdversaryLimits& limits, double amplitude) {

@@ -5,13 +5,13 @@
 #include <vector>
 
 #include "base/fields.h"
-#include "geometry/mesh.h"
+#include "geometry/shapes.h"
 
 namespace mirage {
 
 /// Vertex box, metres: |x| ≤ half.x, |y| ≤ half.y, |z| ≤ half.z; texels stay in [0, 1].
 struct AdversaryLimits {
-  Vec3d half = Vec3d(0.8, 0.8, 0.5);
+  Vec3d half = kRoofBox;
 };
 
 /// m; half lengths outside are no object for a car's roof.
@@ -28,7 +28,7 @@ AdversaryLimits limits_of_size(double size);
 void set_from_text(const std::string& text, AdversaryLimits& value);
 std::string text_of(const AdversaryLimits& value);
 
-/// Icosphere (162 vertices, 320 faces) stretched to `share` of the box, 5×5 mid-grey texels a face.
+/// grey_ellipsoid (geometry/shapes.h: 162 vertices, 320 faces) that fills `share` of the box.
 TexturedMesh initial_adversary(const AdversaryLimits& limits = {}, double share = 0.75);
 /// The baseline: the same start with every vertex moved by up to `amplitude` m (projected) and random texels.
 TexturedMesh random_adversary(std::uint64_t seed, const AdversaryLimits& limits = {}, double amplitude = 0.1);

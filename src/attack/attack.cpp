@@ -23,7 +23,7 @@
 #include "detection/given_detector.h"
 #include "detection/precision.h"
 #include "exchange/gltf.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
 namespace {

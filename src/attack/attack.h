@@ -7,7 +7,7 @@
 
 #include "attack/attack_settings.h"
 #include "attack/detector_pool.h"
-#include "attack/hosts.h"
+#include "frames/hosts.h"
 
 namespace mirage {
 

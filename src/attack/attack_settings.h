@@ -15,7 +15,7 @@
 #include "base/fields.h"
 #include "detection/detector.h"
 #include "scene/frame_source.h"
-#include "scene/insertion.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
 

@@ -12,8 +12,8 @@
 #include "attack/rank_steps.h"
 #include "base/error.h"
 #include "base/ranks.h"
-#include "scene/object_window.h"
-#include "scene/upstream.h"
+#include "simulation/object_window.h"
+#include "simulation/upstream.h"
 
 namespace mirage {
 namespace {

@@ -14,9 +14,9 @@
 #include "attack/detector_pool.h"
 #include "attack/host_order.h"
 #include "attack/host_step.h"
-#include "attack/hosts.h"
 #include "attack/rendered_pictures.h"
 #include "attack/stages.h"
+#include "frames/hosts.h"
 #include "geometry/laplacian.h"
 
 namespace mirage {

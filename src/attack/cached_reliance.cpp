@@ -6,7 +6,7 @@
 
 #include "base/disk_cache.h"
 #include "base/progress.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
 namespace {

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "detection/detector.h"
-#include "scene/insertion.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
 

@@ -5,12 +5,12 @@
 #include <set>
 
 #include "attack/evaluation_strata.h"
-#include "attack/frame_cache.h"
 #include "base/error.h"
 #include "base/names.h"
 #include "detection/precision.h"
-#include "scene/data_rig.h"
-#include "scene/kitti.h"
+#include "frames/frame_cache.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
 namespace {

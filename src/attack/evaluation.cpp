@@ -5,15 +5,15 @@
 #include <map>
 #include <mutex>
 
-#include "attack/cached_detections.h"
 #include "attack/clean_view.h"
 #include "attack/cluster_shares.h"
 #include "attack/evaluation_strata.h"
 #include "attack/false_positives.h"
-#include "attack/frame_cache.h"
 #include "base/error.h"
 #include "base/interrupt.h"
 #include "base/progress.h"
+#include "frames/cached_detections.h"
+#include "frames/frame_cache.h"
 
 namespace mirage {
 namespace {

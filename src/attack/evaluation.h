@@ -23,10 +23,10 @@
 #include "attack/evaluation_strata.h"
 #include "attack/hiding.h"
 #include "attack/host_truth.h"
-#include "attack/hosts.h"
 #include "attack/success_rates.h"
 #include "base/bootstrap.h"
 #include "base/clusters.h"
+#include "frames/hosts.h"
 
 namespace mirage {
 
@@ -38,7 +38,7 @@ struct EvaluationSettings {
   /// Where the detector is judged (Capabilities::plane); evaluate() sets it.
   Plane plane = Plane::bev;
   bool quiet = false;
-  /// Of the pool's options (attack/frame_cache.h); empty: clean detections are not cached.
+  /// Of the pool's options (frames/frame_cache.h); empty: clean detections are not cached.
   std::string detector_identity = {};
   /// What kind of vehicle a host is, by host_name; the label's type where it is not in here.
   std::map<std::string, std::string> kinds = {};

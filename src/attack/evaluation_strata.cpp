@@ -4,8 +4,8 @@
 #include <set>
 
 #include "base/image_io.h"
-#include "scene/generator/vehicle_truth.h"
-#include "scene/kitti.h"
+#include "generator/vehicle_truth.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
 namespace {
@@ -84,11 +84,7 @@ std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& da
   for (const auto& [frame, ids] : of_frame) {
     const auto index = generator::index_of(frame);
     if (!index) continue;
-    const auto training = data / "training";
-    int width = 0, height = 0;
-    read_image_size(training / "image_2" / (frame + ".png"), width, height);
-    const Calibration calibration = read_calibration(training / "calib" / (frame + ".txt"), width, height);
-    const std::vector<Label> labels = read_labels(training / "label_2" / (frame + ".txt"), calibration);
+    const std::vector<Label> labels = read_annotations(data, frame).labels;
     const auto vehicles = generator::true_vehicles(source->seed, *index, mount, source->look);
     for (const HostId* id : ids) {
       if (id->label < 0 || static_cast<std::size_t>(id->label) >= labels.size()) continue;

@@ -7,7 +7,7 @@
 
 #include "base/fields.h"
 #include "base/random.h"
-#include "scene/insertion.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
 

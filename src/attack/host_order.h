@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "attack/hosts.h"
+#include "frames/hosts.h"
 
 namespace mirage {
 

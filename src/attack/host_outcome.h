@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "attack/host_id.h"
 #include "detection/detector.h"
+#include "frames/host_id.h"
 
 namespace mirage {
 

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "attack/stages.h"
-#include "scene/simulation.h"
+#include "simulation/simulation.h"
 
 namespace mirage {
 

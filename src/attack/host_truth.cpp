@@ -4,7 +4,7 @@
 
 #include "attack/road_users.h"
 #include "detection/average_precision.h"
-#include "scene/kitti_results.h"
+#include "scene/data/kitti_results.h"
 
 namespace mirage {
 namespace {

@@ -4,9 +4,9 @@
 #include <optional>
 #include <vector>
 
-#include "attack/host_id.h"
 #include "detection/detector.h"
-#include "scene/insertion.h"
+#include "frames/host_id.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
 

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <nlohmann/json.hpp>
 
-#include "attack/hosts.h"
+#include "frames/hosts.h"
 
 namespace mirage {
 

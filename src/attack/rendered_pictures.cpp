@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include "base/random.h"
-#include "scene/object_window.h"
+#include "simulation/object_window.h"
 
 namespace mirage {
 namespace {

@@ -4,7 +4,6 @@
 
 #include <set>
 
-#include "attack/frame_store.h"
 #include "base/disk_cache.h"
 #include "base/error.h"
 #include "base/field_json.h"
@@ -14,9 +13,10 @@
 #include "detection/detector_words.h"
 #include "detection/given_detector.h"
 #include "exchange/gltf.h"
-#include "scene/data_rig.h"
+#include "frames/frame_store.h"
+#include "scene/data/data_rig.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/quality.h"
+#include "simulation/quality.h"
 
 namespace mirage {
 namespace {

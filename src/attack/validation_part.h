@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "attack/hosts.h"
+#include "frames/hosts.h"
 
 namespace mirage {
 

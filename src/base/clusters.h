@@ -1,9 +1,9 @@
 // Which observations the bootstrap (base/bootstrap.h) draws together, for every command.
 //
 // A drive's frames show the same cars again and again, so boxes are no independent trials. Where the data set
-// says who is who (training/track_2, scene/kitti.h) all that is seen of one vehicle, in whatever frames, is
-// one cluster; boxes of unknown identity, and what belongs to no vehicle at all (a detector's false alarms),
-// go with their frame. A data set without identities has its frames for clusters.
+// says who is who (training/track_2, scene/data/kitti.h) all that is seen of one vehicle, in whatever frames,
+// is one cluster; boxes of unknown identity, and what belongs to no vehicle at all (a detector's false
+// alarms), go with their frame. A data set without identities has its frames for clusters.
 //
 // Frames that share a vehicle are not merged into one cluster. Along a drive all of them would be (25 frames
 // in a row are connected through their cars), and a single cluster has no spread to estimate from. What a

@@ -24,6 +24,11 @@ class ConfigTable {
   /// The whole file as a table. Errors as read_toml's.
   static ConfigTable read(const std::filesystem::path& path) { return {path.string(), "", read_toml(path)}; }
 
+  /// A table that was put together elsewhere: `file` and "KEY." stand for it in errors.
+  static ConfigTable of(const std::filesystem::path& file, const std::string& key, nlohmann::json values) {
+    return {file.string(), key + ".", std::move(values)};
+  }
+
   /// Whether an optional key is there.
   bool has(const std::string& key) const { return values_.contains(key); }
   /// Whether the key is there and holds a text.

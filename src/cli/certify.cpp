@@ -9,7 +9,7 @@
 #include "cli/table.h"
 #include "cli/trust_option.h"
 #include "defense/certificate.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage::cli {
 namespace {

@@ -7,9 +7,10 @@
 #include "base/progress.h"
 #include "cli/command.h"
 #include "cli/table.h"
-#include "scene/depth/depth_score.h"
+#include "scene/data/kitti.h"
+#include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/kitti.h"
+#include "simulation/depth_score.h"
 
 namespace mirage::cli {
 namespace {

@@ -97,7 +97,8 @@ Command detect_command() {
       "detector of that alone)";
   command.default_out = "out/detect";
   command.options = [chosen](CLI::App& app) {
-    app.add_option("--data", chosen->data, "Data set in KITTI layout")->required();
+    app.add_option("--data", chosen->data, "Data set (KITTI's object, tracking or raw layout, nuScenes)")
+        ->required();
     add_fields(app, chosen->detector);
     app.add_option("--frames", chosen->frames, "Only the first N frames (0: all)")->capture_default_str();
     const auto reliance = app.add_flag("--reliance", chosen->reliance,

@@ -4,7 +4,7 @@
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "detection/detector.h"
-#include "scene/data_rig.h"
+#include "scene/data/data_rig.h"
 
 namespace mirage::cli {
 

@@ -4,7 +4,6 @@
 #include <memory>
 #include <optional>
 
-#include "attack/hosts.h"
 #include "attack/run.h"
 #include "base/files.h"
 #include "base/interrupt.h"
@@ -16,6 +15,7 @@
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
 #include "exchange/obj_file.h"
+#include "frames/hosts.h"
 #include "validation/blender/fbx_export.h"
 #include "validation/fidelity/validate.h"
 

@@ -5,7 +5,6 @@
 #include <memory>
 #include <mutex>
 
-#include "attack/hosts.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
@@ -15,8 +14,10 @@
 #include "cli/command.h"
 #include "cli/table.h"
 #include "exchange/mesh_files.h"
-#include "scene/kitti.h"
-#include "scene/shape/fit_dataset.h"
+#include "frames/hosts.h"
+#include "generator/car_family.h"
+#include "generator/fit_dataset.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage::cli {
 namespace {
@@ -148,7 +149,8 @@ Command fit_command() {
   Command command{
       "fit", "Fits the vehicle shape manifold: meshes, rooftops, fitting error", "out/fit", {}, {}};
   command.options = [options](CLI::App& app) {
-    auto* data = app.add_option("--data", options->data, "Data set in KITTI layout");
+    auto* data = app.add_option("--data", options->data,
+                                "Data set (KITTI's object, tracking or raw layout, nuScenes)");
     auto* build = app.add_option("--build-model", options->build_model,
                                  "Learn the manifold and write it here (*.shape)");
     data->excludes(build);

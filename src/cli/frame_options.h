@@ -9,8 +9,8 @@
 
 #include "attack/run.h"
 #include "cli/field_options.h"
-#include "scene/data_rig.h"
-#include "scene/quality.h"
+#include "scene/data/data_rig.h"
+#include "simulation/quality.h"
 
 namespace mirage::cli {
 
@@ -61,8 +61,8 @@ struct LidarEffectsOption {
   void ask(Overrides& asked) const {
     if (!words.empty()) asked["lidar_effects"] = words;
   }
-  /// Those of the unit, or `recorded` (scene/data_rig.h) where those of the sweeps are asked for; drawn by
-  /// `seed`.
+  /// Those of the unit, or `recorded` (scene/data/data_rig.h) where those of the sweeps are asked for; drawn
+  /// by `seed`.
   void apply(SimulationSettings& settings, const LidarModel& unit, const std::string& recorded,
              std::uint64_t seed) const {
     if (words.empty()) return;
@@ -75,7 +75,7 @@ struct LidarEffectsOption {
   }
 };
 
-/// For the commands that keep what frames cost to prepare (attack/frame_cache.h).
+/// For the commands that keep what frames cost to prepare (frames/frame_cache.h).
 inline void tell_of_cache(CLI::App& app) {
   app.footer(
       "Completed depth, fitted roofs, hosts in view and clean detections are kept on disk by content, in "

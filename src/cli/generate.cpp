@@ -10,8 +10,8 @@
 #include "base/names.h"
 #include "base/progress.h"
 #include "cli/command.h"
-#include "scene/generator.h"
-#include "scene/generator/dataset.h"
+#include "generator/dataset.h"
+#include "generator/generator.h"
 
 namespace mirage::cli {
 

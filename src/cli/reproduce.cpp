@@ -41,8 +41,7 @@ Command reproduce_command() {
                            "data set of the KITTI rig (default: generated in OUT/data)");
             app.add_option("--xenith", options->xenith,
                            "data set of the Xenith rig (default: generated in OUT/data)");
-            app.add_option("--real", options->real,
-                           "real frames in KITTI layout: the same on their vehicles");
+            app.add_option("--real", options->real, "real frames: the same on their vehicles");
             app.add_option("--frames", options->frames, "generated frames of a rig")
                 ->check(CLI::PositiveNumber)
                 ->capture_default_str();

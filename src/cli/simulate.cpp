@@ -4,15 +4,16 @@
 #include <cmath>
 #include <memory>
 
-#include "attack/hosts.h"
 #include "base/error.h"
 #include "base/image_io.h"
 #include "cli/command.h"
 #include "cli/insertion_options.h"
 #include "cli/table.h"
 #include "exchange/gltf.h"
+#include "frames/hosts.h"
+#include "scene/data/kitti.h"
+#include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/kitti.h"
 #include "scene/shape/shape_rooftop.h"
 #include "scene/sun.h"
 

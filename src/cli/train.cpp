@@ -1,4 +1,4 @@
-// mirage train: trains a detector, or learned depth completion, on a data set in KITTI layout.
+// mirage train: trains a detector, or learned depth completion, on a data set.
 #include <cstdio>
 #include <memory>
 
@@ -62,7 +62,8 @@ Command train_command() {
     app.add_option("what", chosen->what, "detector, or depth: learned depth completion")
         ->check(CLI::IsMember({"detector", "depth"}))
         ->capture_default_str();
-    app.add_option("--data", chosen->data, "Training set in KITTI layout")->required();
+    app.add_option("--data", chosen->data, "Training set (KITTI's object, tracking or raw layout, nuScenes)")
+        ->required();
     app.add_option("--detector", chosen->detector, "lidar, camera, painted, fusion or late")
         ->capture_default_str();
     app.add_option("--depth", chosen->backend, "depth: guided, or a plugin's path (*.so)")

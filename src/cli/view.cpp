@@ -19,7 +19,7 @@ Command view_command() {
   command.default_out = "out/view";
   command.page = "view.html";
   command.options = [options, no_detector](CLI::App& app) {
-    app.add_option("dir,--data", options->data, "data set in KITTI layout (default with --run: the run's)");
+    app.add_option("dir,--data", options->data, "data set (default with --run: the run's)");
     app.add_option(
         "--run", options->run,
         "folder of a finished mirage attack: its vehicles, as recorded and attacked, side by side");

@@ -17,7 +17,7 @@
 #include "base/training_state.h"
 #include "detection/training_data.h"
 #include "exchange/gltf.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
 namespace {

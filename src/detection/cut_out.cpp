@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "base/color.h"
-#include "scene/kitti.h"
-#include "scene/truth_files.h"
+#include "scene/data/read_frames.h"
+#include "scene/data/truth_files.h"
 
 namespace mirage {
 namespace {

@@ -8,7 +8,7 @@
 #include "base/interrupt.h"
 #include "base/parallel.h"
 #include "detection/points_in_view.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "detection/detector.h"
-#include "scene/kitti_results.h"
+#include "scene/data/kitti_results.h"
 
 namespace mirage {
 

@@ -10,7 +10,7 @@
 #include "base/random.h"
 #include "detection/compact_frame.h"
 #include "detection/points_in_view.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
 namespace {
@@ -340,14 +340,9 @@ GroundTruthSampler::GroundTruthSampler(const fs::path& data, const std::vector<s
                  data.string());
     return;
   }
-  for (std::size_t f = 0; f < ids_.size(); ++f) {
-    int width = 0, height = 0;
-    read_image_size(data / "training" / "image_2" / (ids_[f] + ".png"), width, height);
-    const Calibration calibration =
-        read_calibration(data / "training" / "calib" / (ids_[f] + ".txt"), width, height);
-    for (const Label& label : read_labels(data / "training" / "label_2" / (ids_[f] + ".txt"), calibration))
+  for (std::size_t f = 0; f < ids_.size(); ++f)
+    for (const Label& label : read_annotations(data, ids_[f]).labels)
       if (may_be_cut_out(label, region_)) candidates_.push_back(f);
-  }
 }
 
 const std::vector<CutOut>& GroundTruthSampler::cars_of(std::size_t frame) {

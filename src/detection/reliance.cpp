@@ -13,7 +13,7 @@
 #include "base/parallel.h"
 #include "detection/detect.h"
 #include "detection/points_in_view.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
 
@@ -35,10 +35,6 @@ using Sight = RelianceMeter::Looks::Sight;
 namespace fs = std::filesystem;
 
 constexpr double kSameCar = 0.1;  // IoU
-
-fs::path picture_file(const fs::path& data, const std::string& id) {
-  return data / "training" / "image_2" / (id + ".png");
-}
 
 /// `proposals`: over kFaintScore.
 Sight sight_of(const std::vector<Proposal>& proposals, const GroundTruth& truth, double focal_length,
@@ -124,11 +120,10 @@ Reliance no_camera() {
 std::vector<PicturePair> pair_pictures(const fs::path& data, const std::vector<std::string>& ids) {
   std::map<std::pair<int, int>, std::vector<std::string>> of_size;
   std::map<std::string, std::pair<int, int>> size_of;
+  const auto set = open_data_set(data);
   for (const std::string& id : ids) {
-    int width = 0, height = 0;
-    read_image_size(picture_file(data, id), width, height);
-    size_of[id] = {width, height};
-    of_size[{width, height}].push_back(id);
+    size_of[id] = set->picture_size(id);
+    of_size[size_of[id]].push_back(id);
   }
   std::map<std::string, std::string> others;
   for (const auto& [size, members] : of_size)

@@ -10,8 +10,8 @@
 #include "base/srgb_bytes.h"
 #include "detection/lidar_thinning.h"
 #include "detection/points_in_view.h"
-#include "scene/kitti.h"
-#include "scene/truth_files.h"
+#include "scene/data/read_frames.h"
+#include "scene/data/truth_files.h"
 
 namespace mirage {
 namespace {

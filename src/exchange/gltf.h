@@ -10,7 +10,7 @@
 
 #include "geometry/mesh.h"
 #include "scene/frame.h"
-#include "scene/render_scene.h"
+#include "simulation/render_scene.h"
 
 namespace mirage {
 

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "exchange/gltf.h"
-#include "scene/insertion.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
 

@@ -8,7 +8,7 @@
 namespace mirage {
 
 /// The mesh as other programs place it: moved down or up so that its lowest vertex lies at z = 0. Its origin
-/// is then the point that is set on a vehicle's roof (place(), scene/insertion.h), and the pivot there.
+/// is then the point that is set on a vehicle's roof (place(), simulation/insertion.h), and the pivot there.
 TexturedMesh standing_on_origin(TexturedMesh adversary);
 
 /// Writes FILE.obj, FILE.mtl and FILE.png (8-bit sRGB, a pixel a texel), each atomically: metres, x forward,

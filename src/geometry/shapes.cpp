@@ -38,6 +38,15 @@ Mesh icosphere(int subdivisions) {
   return mesh;
 }
 
+TexturedMesh grey_ellipsoid(const Vec3d& half_lengths, double share) {
+  TexturedMesh ellipsoid;
+  ellipsoid.mesh = icosphere(2);
+  for (Vec3d& v : ellipsoid.mesh.vertices) v = v.cwiseProduct(half_lengths) * share;
+  ellipsoid.atlas.texels.assign(ellipsoid.mesh.faces.size() * ellipsoid.atlas.per_face(),
+                                Vec3d::Constant(0.5));
+  return ellipsoid;
+}
+
 Mesh box_mesh(const Vec3d& size) {
   Mesh mesh;
   for (int i = 0; i < 8; ++i)

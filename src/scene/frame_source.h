@@ -13,7 +13,7 @@ namespace mirage {
 
 /// A data set and how its frames are prepared.
 struct FrameSource {
-  std::filesystem::path data = {};        ///< KITTI layout
+  std::filesystem::path data = {};        ///< a layout of scene/data/data_set.h
   std::string depth = kDefaultDepth;      ///< depth completion of the photographs (learned_depth.h)
   std::string rooftop = kDefaultRooftop;  ///< what finds the roofs (shape_rooftop.h)
   std::string sun = kDefaultSun;          ///< where the sun stands (sun.h)
@@ -21,7 +21,10 @@ struct FrameSource {
 
 template <class Visitor, FieldsOf<FrameSource> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "data", .help = "data set in KITTI layout", .required = true}, s.data);
+  visit({.name = "data",
+         .help = "data set: KITTI's object, tracking or raw layout, or nuScenes",
+         .required = true},
+        s.data);
   visit({.name = "depth",
          .help = "depth completion of the photographs: ip-basic, guided (learned) or a plugin (*.so)"},
         s.depth);

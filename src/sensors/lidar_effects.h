@@ -1,6 +1,6 @@
 // What a spinning LiDAR does beyond one thin, noiseless ray a firing. Every effect is off at its default; the
 // same settings serve whole generated sweeps (sensors/lidar_sweep.h) and returns on an inserted object
-// (scene/insertion.h).
+// (simulation/insertion.h).
 #pragma once
 
 #include <cmath>

@@ -53,20 +53,45 @@ RayTable ray_table(const LidarModel& lidar) {
   return table;
 }
 
+namespace {
+
+/// The unit's file, if it does not lead to another one.
+std::filesystem::path own_table_of(const std::filesystem::path& unit) {
+  const nlohmann::json file = read_toml(unit);
+  const nlohmann::json table = file.value("lidar", nlohmann::json());
+  if (table.is_string() || table.contains("unit"))
+    throw InputError(unit.string(), "lidar", "names another unit", "write the unit's [lidar] table");
+  return unit;
+}
+
+}  // namespace
+
+nlohmann::json lidar_table(const std::filesystem::path& path) {
+  const nlohmann::json file = read_toml(path);
+  if (!file.contains("lidar"))
+    throw InputError(path.string(), "lidar", "missing", "add the table, or name a unit of scenes/lidars");
+  const nlohmann::json& own = file.at("lidar");
+  if (own.is_string()) return lidar_table(own_table_of(lidar_file(own)));
+  if (!own.is_object()) throw InputError(path.string(), "lidar", "is no table", "write it as [lidar]");
+  if (!own.contains("unit")) return own;
+  if (!own.at("unit").is_string())
+    throw InputError(path.string(), "lidar.unit", "is no text", "name a unit of scenes/lidars");
+  nlohmann::json table = lidar_table(own_table_of(lidar_file(own.at("unit"))));
+  for (const auto& [key, value] : own.items())
+    if (key != "unit") table[key] = value;
+  return table;
+}
+
 std::filesystem::path lidar_file(const std::string& name) {
   return name.ends_with(".toml") ? std::filesystem::path(name)
                                  : shipped_file("scenes/lidars/" + name + ".toml");
 }
 
 LidarModel read_lidar_model(const std::filesystem::path& path) {
-  ConfigTable file = ConfigTable::read(path);
-  if (file.is_text("lidar")) {
-    const std::filesystem::path unit = lidar_file(file.text("lidar"));
-    if (ConfigTable::read(unit).is_text("lidar"))
-      throw InputError(unit.string(), "lidar", "names another unit", "write the unit's [lidar] table");
-    return read_lidar_model(unit);
-  }
-  ConfigTable table = file.table("lidar");
+  const nlohmann::json file = read_toml(path);
+  if (file.contains("lidar") && file.at("lidar").is_string())
+    return read_lidar_model(own_table_of(lidar_file(file.at("lidar"))));
+  ConfigTable table = ConfigTable::of(path, "lidar", lidar_table(path));
   const auto demand = [&](bool good, const char* key, const char* problem, const char* fix) {
     if (!good) throw InputError(path.string(), std::string("lidar.") + key, problem, fix);
   };

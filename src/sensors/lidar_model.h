@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 
@@ -70,9 +71,12 @@ struct LidarModel {
 RayTable ray_table(const LidarModel& lidar);
 
 /// Reads the [lidar] table of a file (scenes/rigs/kitti64.toml says what each key means). A rig may name a
-/// unit instead: lidar = "vlp16" at its head. InputError naming file and key: missing, unknown, out of range,
-/// beams not from the top down.
+/// unit instead: lidar = "vlp16" at its head; or in its table, unit = "vlp16", beside the keys that are
+/// another way on this car. InputError naming file and key: missing, unknown, out of range, beams not from
+/// the top down.
 LidarModel read_lidar_model(const std::filesystem::path& file);
+/// The [lidar] table of a file, with the unit's keys where it names one.
+nlohmann::json lidar_table(const std::filesystem::path& file);
 /// The file of a unit: scenes/lidars/NAME.toml, or the file itself if the name ends in .toml.
 std::filesystem::path lidar_file(const std::string& name);
 

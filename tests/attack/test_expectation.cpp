@@ -5,9 +5,9 @@
 #include <numbers>
 
 #include "attack/expectation.h"
-#include "attack/hosts.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
+#include "frames/hosts.h"
 #include "support/files.h"
 
 namespace mirage {

@@ -7,7 +7,7 @@
 #include "attack/attack.h"
 #include "attack/tiny_world.h"
 #include "base/files.h"
-#include "scene/generator.h"
+#include "generator/generator.h"
 
 namespace mirage {
 namespace {

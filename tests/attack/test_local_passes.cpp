@@ -13,7 +13,7 @@
 #include "base/random.h"
 #include "detection/points_in_view.h"
 #include "detection/precision.h"
-#include "scene/generator.h"
+#include "generator/generator.h"
 #include "support/small_rig.h"
 
 #ifdef MIRAGE_HAS_FUSION

@@ -11,8 +11,8 @@
 #include "attack/tiny_world.h"
 #include "base/error.h"
 #include "base/random.h"
-#include "scene/object_window.h"
-#include "scene/render_scene.h"
+#include "simulation/object_window.h"
+#include "simulation/render_scene.h"
 #include "support/files.h"
 #include "support/gradient_check.h"
 

@@ -10,8 +10,8 @@
 #include "attack/run.h"
 #include "base/files.h"
 #include "detection/detector.h"
-#include "scene/kitti.h"
-#include "scene/shape/car_family.h"
+#include "generator/car_family.h"
+#include "scene/data/kitti.h"
 #include "sensors/ray_caster.h"
 
 namespace mirage::test {

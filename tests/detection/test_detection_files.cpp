@@ -10,7 +10,7 @@
 #include "base/random.h"
 #include "detection/detection_files.h"
 #include "detection/upright.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 #include "support/files.h"
 
 namespace mirage {

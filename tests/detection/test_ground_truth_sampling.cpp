@@ -13,9 +13,9 @@
 #include "detection/ground_truth_sampling.h"
 #include "detection/points_in_view.h"
 #include "detection/training_data.h"
+#include "generator/dataset.h"
 #include "geometry/shapes.h"
-#include "scene/generator/dataset.h"
-#include "scene/kitti.h"
+#include "scene/data/kitti.h"
 #include "sensors/ray_caster.h"
 #include "support/files.h"
 

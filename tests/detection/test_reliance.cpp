@@ -8,8 +8,9 @@
 #include "base/files.h"
 #include "detection/detect.h"
 #include "detection/reliance.h"
-#include "scene/generator/dataset.h"
-#include "scene/kitti.h"
+#include "generator/dataset.h"
+#include "scene/data/kitti.h"
+#include "scene/data/read_frames.h"
 #include "support/files.h"
 #include "support/planted.h"
 

@@ -17,11 +17,12 @@
 #include "base/image_io.h"
 #include "exchange/gltf.h"
 #include "fuzz/seeds.h"
+#include "generator/generator.h"
 #include "plugins/archive_check.h"
 #include "plugins/pickle_check.h"
-#include "scene/data_rig.h"
-#include "scene/generator.h"
-#include "scene/kitti.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/kitti.h"
+#include "scene/data/read_frames.h"
 #include "scene/shape/shape_model.h"
 
 namespace mirage::fuzz {
@@ -75,15 +76,65 @@ void calibration(const fs::path& file) {
   check(read.rect_from_velo());
 }
 
-void labels(const fs::path& file) {
-  static const Calibration known = seed_calibration();
-  for (const Label& label : read_labels(file, known)) {
+void check(const std::vector<Label>& labels) {
+  for (const Label& label : labels) {
     demand(std::isfinite(label.truncated + label.left + label.top + label.right + label.bottom),
            "a label is not finite");
     if (label.type == "DontCare") continue;
     const Box3& box = label.box;
     demand(std::isfinite(box.bev.x + box.bev.y + box.bev.yaw + box.bottom), "a box is not finite");
     demand(box.bev.length > 0 && box.bev.width > 0 && box.height > 0, "a box without size");
+  }
+}
+
+void labels(const fs::path& file) {
+  static const Calibration known = seed_calibration();
+  check(read_labels(file, known));
+}
+
+void check(const Annotations& known) {
+  check(known.calibration.camera);
+  check(known.calibration.camera_from_velo);
+  check(known.labels);
+}
+
+/// A sequence's labels; its calibration does not change.
+void tracking(const fs::path& file) {
+  const fs::path data = file.parent_path().parent_path().parent_path();
+  static const bool made = (write_bytes(data / "training/calib/0000.txt", seed_calibration_text()), true);
+  static_cast<void>(made);
+  check(open_data_set(data)->annotations("0000_000000", kWidth, kHeight));
+}
+
+/// A drive's tracklets; its calibration does not change.
+void tracklets(const fs::path& file) {
+  const fs::path data = file.parent_path().parent_path();
+  static const bool made = [&] {
+    for (const auto& [name, text] : seed_raw_calibration()) write_bytes(data / name, text);
+    return true;
+  }();
+  static_cast<void>(made);
+  check(open_data_set(data)->annotations(file.parent_path().filename().string() + "_0", kWidth, kHeight));
+}
+
+/// The bytes are a JSON merge patch on all tables of a set of one sample: {"sample_data": …, …}.
+void nuscenes(const fs::path& file) {
+  nlohmann::json tables = seed_tables();
+  tables.merge_patch(read_json(file));
+  const fs::path folder = scratch() / "nuscenes/v1.0-fuzz";
+  if (!tables.is_object()) return;
+  for (const auto& [name, rows] : tables.items()) {
+    if (name.empty() || name.size() > 40 || name.find_first_of(std::string("/.\0", 3)) != std::string::npos)
+      continue;
+    fs::remove(folder / (name + ".json"));  // another file, not the same one at the same moment
+    write_bytes(folder / (name + ".json"),
+                rows.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  }
+  const auto set = open_data_set(folder.parent_path());
+  for (const std::string& id : set->frames()) {
+    const fs::path picture = set->parts(id).at(1).file.lexically_relative(folder.parent_path());
+    demand(!picture.empty() && *picture.begin() != "..", "a picture outside the data set");
+    check(set->annotations(id, kWidth, kHeight));
   }
 }
 
@@ -222,6 +273,9 @@ void pickle(const fs::path& file) {
 constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
                                {"labels", "label.txt", labels},
                                {"tracks", "training/track_2/000000.txt", tracks},
+                               {"tracking", "tracking/training/label_02/0000.txt", tracking},
+                               {"tracklets", "raw/day_drive_0001_sync/tracklet_labels.xml", tracklets},
+                               {"nuscenes", "tables.json", nuscenes},
                                {"sweep", "sweep.bin", sweep},
                                {"lighting", "lighting.json", lighting},
                                {"png", "picture.png", png},

@@ -12,8 +12,9 @@
 #include "base/image_io.h"
 #include "exchange/gltf.h"
 #include "fuzz/parsers.h"
-#include "scene/kitti.h"
+#include "scene/data/kitti.h"
 #include "scene/shape/shape_model.h"
+#include "support/layouts.h"
 
 namespace mirage::fuzz {
 namespace {
@@ -42,6 +43,13 @@ std::vector<Label> seed_labels() {
   any.type = "DontCare";
   any.right = 100, any.bottom = 50;
   return {car, any};
+}
+
+Frame seed_frame() {
+  Frame frame;
+  frame.calibration = seed_calibration();
+  frame.labels = seed_labels();
+  return frame;
 }
 
 /// A unit of two lasers; `more` goes into its table.
@@ -199,6 +207,19 @@ Calibration seed_calibration() {
   return calibration;
 }
 
+std::string seed_calibration_text() {
+  return test::tracking_calibration(scratch(), seed_calibration());
+}
+
+std::map<std::string, std::string> seed_raw_calibration() {
+  return test::raw_calibration(scratch(), seed_calibration());
+}
+
+const nlohmann::json& seed_tables() {
+  static const nlohmann::json tables = test::nuscenes_tables({seed_frame()});
+  return tables;
+}
+
 nlohmann::json seed_identity() {
   return {{"limits", {0.8, 0.8, 0.5}}, {"vertex_rate", 1e-3}, {"texel_rate", 4e-3}, {"train", {"host"}}};
 }
@@ -236,6 +257,11 @@ std::vector<Seed> seeds() {
       {"labels", "two",
        written("seed.txt", [&](const fs::path& file) { write_labels(file, seed_labels(), calibration); })},
       {"tracks", "three", "0\n-1\r\n12\n"},
+      {"tracking", "two", test::tracking_labels(scratch(), 0, seed_frame())},
+      {"tracklets", "one", test::tracklets({seed_frame()})},
+      {"nuscenes", "change",
+       R"({"sensor": [], "sample_annotation": null, "ego_pose": [{"token": "t", "rotation": [1, 0, 0, 0]}]})"},
+      {"nuscenes", "whole", seed_tables().dump()},
       {"sweep", "three",
        written("seed.bin",
                [](const fs::path& file) {

@@ -1,7 +1,7 @@
 // A small shape model, learnt once for all tests of an executable.
 #pragma once
 
-#include "scene/shape/shape_model.h"
+#include "generator/car_family.h"
 
 namespace mirage::test {
 

@@ -4,7 +4,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "scene/data_rig.h"
+#include "scene/data/data_rig.h"
 #include "support/files.h"
 
 namespace mirage {

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "base/random.h"
+#include "scene/data/read_frames.h"
 #include "scene/depth_completion.h"
-#include "scene/kitti.h"
 #include "support/files.h"
 
 namespace mirage {

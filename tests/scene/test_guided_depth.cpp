@@ -11,10 +11,10 @@
 #include "base/image_io.h"
 #include "base/random.h"
 #include "base/schedule.h"
+#include "generator/generator.h"
+#include "scene/data/kitti.h"
 #include "scene/depth/depth_errors.h"
 #include "scene/depth/depth_training.h"
-#include "scene/generator.h"
-#include "scene/kitti.h"
 #include "support/files.h"
 
 #ifdef MIRAGE_HAS_GUIDED

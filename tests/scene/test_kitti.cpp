@@ -11,7 +11,8 @@
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/random.h"
-#include "scene/kitti.h"
+#include "scene/data/kitti.h"
+#include "scene/data/read_frames.h"
 #include "support/files.h"
 
 namespace mirage {

@@ -10,8 +10,8 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/random.h"
-#include "scene/kitti.h"
-#include "scene/kitti_results.h"
+#include "scene/data/kitti.h"
+#include "scene/data/kitti_results.h"
 #include "support/files.h"
 
 namespace mirage {

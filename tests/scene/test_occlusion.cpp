@@ -6,7 +6,8 @@
 #include <set>
 
 #include "base/random.h"
-#include "scene/kitti.h"
+#include "scene/data/kitti.h"
+#include "scene/data/read_frames.h"
 #include "scene/occlusion.h"
 #include "support/files.h"
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "base/random.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 #include "scene/light_surroundings.h"
 #include "scene/road_exposure.h"
 #include "sensors/shading.h"

@@ -5,8 +5,8 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "generator/car_family.h"
 #include "geometry/shapes.h"
-#include "scene/shape/car_family.h"
 #include "scene/shape/shape_fit.h"
 #include "shape_fixture.h"
 #include "support/files.h"

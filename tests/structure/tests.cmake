@@ -8,3 +8,6 @@ if(MIRAGE_CLANG_FORMAT)
        ${PROJECT_SOURCE_DIR}/validation/*.cpp ${PROJECT_SOURCE_DIR}/tests/*.h ${PROJECT_SOURCE_DIR}/tests/*.cpp)
   add_test(NAME structure.format COMMAND ${MIRAGE_CLANG_FORMAT} --dry-run --Werror ${formatted})
 endif()
+# What no test runs.
+add_test(NAME structure.compiles COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/structure/test_compiles.py ${CMAKE_BINARY_DIR}
+         ${PROJECT_SOURCE_DIR}/validation/benchmarks ${PROJECT_SOURCE_DIR}/validation/studies)

@@ -5,7 +5,7 @@
 
 #include "base/random.h"
 #include "geometry/shapes.h"
-#include "scene/insertion.h"
+#include "simulation/insertion.h"
 
 namespace mirage::test {
 

@@ -5,7 +5,7 @@
 
 #include "base/random.h"
 #include "geometry/shapes.h"
-#include "scene/adversary_lidar.h"
+#include "simulation/adversary_lidar.h"
 
 namespace mirage::test {
 

@@ -8,7 +8,7 @@
 
 #include "base/error.h"
 #include "detection/detector.h"
-#include "scene/kitti.h"
+#include "scene/data/kitti.h"
 
 namespace mirage::test {
 

@@ -3,7 +3,7 @@
 
 #include <numbers>
 
-#include "scene/generator.h"
+#include "generator/generator.h"
 
 namespace mirage::test {
 

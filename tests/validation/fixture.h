@@ -8,7 +8,7 @@
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
 #include "geometry/shapes.h"
-#include "scene/insertion.h"
+#include "simulation/insertion.h"
 #include "validation/fidelity/host_validation.h"
 
 namespace mirage::test {

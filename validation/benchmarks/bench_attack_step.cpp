@@ -15,7 +15,7 @@
 #include "bench.h"
 #include "detection/points_in_view.h"
 #include "detection/precision.h"
-#include "scene/generator.h"
+#include "generator/generator.h"
 #include "validation/thread_clock.h"
 
 namespace mirage {

@@ -13,8 +13,8 @@
 #include "bench.h"
 #include "detection/points_in_view.h"
 #include "detection/training_data.h"
-#include "scene/generator.h"
-#include "scene/generator/dataset.h"
+#include "generator/dataset.h"
+#include "generator/generator.h"
 
 namespace mirage {
 namespace {

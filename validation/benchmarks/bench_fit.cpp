@@ -8,7 +8,7 @@
 
 #include "base/files.h"
 #include "bench.h"
-#include "scene/generator/street.h"
+#include "generator/street.h"
 #include "scene/shape/shape_fit.h"
 #include "sensors/lidar_sweep.h"
 

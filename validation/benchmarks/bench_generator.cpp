@@ -9,11 +9,11 @@
 #include "base/files.h"
 #include "base/parallel.h"
 #include "bench.h"
-#include "scene/generator/appearance.h"
-#include "scene/generator/dataset.h"
-#include "scene/generator/labels.h"
-#include "scene/generator/street.h"
-#include "scene/kitti.h"
+#include "generator/appearance.h"
+#include "generator/dataset.h"
+#include "generator/labels.h"
+#include "generator/street.h"
+#include "scene/data/kitti.h"
 #include "sensors/lidar_sweep.h"
 
 namespace mirage {

@@ -4,10 +4,11 @@
 #include "attack/adversary.h"
 #include "base/files.h"
 #include "bench.h"
-#include "scene/adversary_view.h"
+#include "generator/generator.h"
 #include "scene/depth_completion.h"
-#include "scene/generator.h"
 #include "scene/light_surroundings.h"
+#include "simulation/adversary_view.h"
+#include "simulation/insertion.h"
 #include "validation/thread_clock.h"
 
 namespace mirage {

@@ -17,9 +17,10 @@
 #include "base/parallel.h"
 #include "bench.h"
 #include "geometry/shapes.h"
-#include "scene/adversary_lidar.h"
 #include "sensors/lidar_model.h"
 #include "sensors/ray_caster.h"
+#include "simulation/adversary_lidar.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
 namespace {

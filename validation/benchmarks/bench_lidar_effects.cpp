@@ -13,9 +13,9 @@
 #include "base/files.h"
 #include "base/random.h"
 #include "bench.h"
-#include "scene/adversary_lidar.h"
-#include "scene/generator/street.h"
+#include "generator/street.h"
 #include "sensors/lidar_sweep.h"
+#include "simulation/adversary_lidar.h"
 
 namespace mirage {
 namespace {

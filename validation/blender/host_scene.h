@@ -5,9 +5,9 @@
 #include <filesystem>
 
 #include "base/image.h"
-#include "scene/insertion.h"
-#include "scene/object_window.h"
-#include "scene/render_scene.h"
+#include "simulation/insertion.h"
+#include "simulation/object_window.h"
+#include "simulation/render_scene.h"
 #include "validation/blender/blender_process.h"
 #include "validation/blender/unbiased_error.h"
 

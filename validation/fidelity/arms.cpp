@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "base/random.h"
-#include "scene/adversary_lidar.h"
+#include "simulation/adversary_lidar.h"
 #include "validation/fidelity/lidar_ladder.h"
 
 namespace mirage {

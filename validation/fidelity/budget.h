@@ -29,7 +29,7 @@
 #include <string>
 #include <vector>
 
-#include "scene/insertion.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
 

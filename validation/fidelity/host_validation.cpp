@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "scene/render_scene.h"
 #include "sensors/ray_caster.h"
+#include "simulation/render_scene.h"
 #include "validation/fidelity/picture_errors.h"
 
 namespace mirage {

@@ -5,7 +5,7 @@
 #include <map>
 #include <tuple>
 
-#include "scene/adversary_lidar.h"
+#include "simulation/adversary_lidar.h"
 
 namespace mirage {
 namespace {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "scene/insertion.h"
+#include "simulation/insertion.h"
 #include "validation/blender/host_scene.h"
 
 namespace mirage {

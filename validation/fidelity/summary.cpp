@@ -5,9 +5,9 @@
 #include <map>
 #include <span>
 
-#include "attack/hosts.h"
 #include "base/bootstrap.h"
 #include "base/clusters.h"
+#include "frames/hosts.h"
 #include "validation/blender/unbiased_error.h"
 
 namespace mirage {

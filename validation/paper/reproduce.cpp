@@ -14,7 +14,7 @@
 #include "base/logging.h"
 #include "detection/detector.h"
 #include "detection/reliance.h"
-#include "scene/data_rig.h"
+#include "scene/data/data_rig.h"
 #include "validation/paper/evaluation_arms.h"
 #include "validation/paper/findings.h"
 #include "validation/process.h"

@@ -23,9 +23,9 @@
 #include "base/image_io.h"
 #include "base/random.h"
 #include "exchange/gltf.h"
-#include "scene/kitti.h"
-#include "scene/object_window.h"
-#include "scene/render_scene.h"
+#include "scene/data/read_frames.h"
+#include "simulation/object_window.h"
+#include "simulation/render_scene.h"
 #include "validation/blender/cycles_renderer.h"
 #include "validation/fidelity/picture_errors.h"
 

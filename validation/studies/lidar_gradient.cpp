@@ -18,7 +18,7 @@
 #include "attack/attack_step.h"
 #include "base/error.h"
 #include "base/random.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
 namespace {

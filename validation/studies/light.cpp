@@ -17,14 +17,14 @@
 #include <memory>
 
 #include "attack/adversary.h"
-#include "attack/hosts.h"
 #include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
-#include "scene/kitti.h"
+#include "frames/hosts.h"
+#include "scene/data/read_frames.h"
 #include "validation/blender/host_scene.h"
 #include "validation/fidelity/picture_errors.h"
 

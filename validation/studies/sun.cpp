@@ -15,7 +15,7 @@
 
 #include "base/angles.h"
 #include "base/error.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 #include "scene/sun_shadows.h"
 
 namespace mirage {

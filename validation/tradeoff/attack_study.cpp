@@ -8,8 +8,8 @@
 #include "attack/run.h"
 #include "base/interrupt.h"
 #include "detection/precision.h"
-#include "scene/data_rig.h"
-#include "scene/quality.h"
+#include "scene/data/data_rig.h"
+#include "simulation/quality.h"
 
 namespace mirage {
 namespace {

@@ -15,7 +15,7 @@
 #include <string>
 #include <vector>
 
-#include "scene/adversary_view.h"
+#include "simulation/adversary_view.h"
 
 namespace mirage {
 

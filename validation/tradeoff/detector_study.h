@@ -4,8 +4,8 @@
 
 #include <vector>
 
-#include "attack/hosts.h"
 #include "detection/detector.h"
+#include "frames/hosts.h"
 #include "geometry/mesh.h"
 #include "validation/tradeoff/points.h"
 

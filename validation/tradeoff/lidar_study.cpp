@@ -5,8 +5,8 @@
 #include <map>
 #include <optional>
 
-#include "scene/adversary_lidar.h"
 #include "sensors/ray_caster.h"
+#include "simulation/adversary_lidar.h"
 #include "validation/thread_clock.h"
 #include "validation/tradeoff/camera_study.h"
 #include "validation/tradeoff/points.h"

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "scene/quality.h"
+#include "simulation/quality.h"
 
 namespace mirage {
 namespace {

@@ -10,7 +10,7 @@
 #include "detection/average_precision.h"
 #include "detection/jpeg_detector.h"
 #include "detection/points_in_view.h"
-#include "scene/truth_files.h"
+#include "scene/data/truth_files.h"
 #include "validation/view/encode.h"
 
 namespace mirage {

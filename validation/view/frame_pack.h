@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "scene/data/kitti_results.h"
 #include "scene/frame.h"
-#include "scene/kitti_results.h"
 
 namespace mirage {
 

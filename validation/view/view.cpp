@@ -10,8 +10,6 @@
 #include <set>
 
 #include "attack/evaluation.h"
-#include "attack/frame_store.h"
-#include "attack/hosts.h"
 #include "attack/run.h"
 #include "attack/stages.h"
 #include "base/error.h"
@@ -21,9 +19,11 @@
 #include "base/progress.h"
 #include "detection/detect.h"
 #include "detection/detection_files.h"
-#include "scene/data_rig.h"
-#include "scene/kitti.h"
-#include "scene/render_scene.h"
+#include "frames/frame_store.h"
+#include "frames/hosts.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/read_frames.h"
+#include "simulation/render_scene.h"
 #include "validation/fidelity/validate.h"
 #include "validation/view/frame_pack.h"
 

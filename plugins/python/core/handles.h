@@ -7,7 +7,7 @@
 #include <string>
 
 #include "cli/insertion_options.h"
-#include "scene/insertion.h"
+#include "simulation/insertion.h"
 
 namespace mirage::python {
 
@@ -23,7 +23,7 @@ class FrameHandle {
   std::shared_ptr<const PreparedFrame> prepared(const std::string& depth, const std::string& sun);
   /// The roof of a label's vehicle. InputError naming the label if it is none.
   Rooftop rooftop(const std::string& finder, int label);
-  /// What returns of the data set's sweeps have (scene/data_rig.h).
+  /// What returns of the data set's sweeps have (scene/data/data_rig.h).
   const std::string& recorded_effects() const { return recorded_; }
 
  private:

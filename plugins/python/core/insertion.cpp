@@ -5,8 +5,8 @@
 #include "base/error.h"
 #include "bind.h"
 #include "handles.h"
-#include "scene/upstream.h"
 #include "sensors/ray_caster.h"
+#include "simulation/upstream.h"
 #include "validation/thread_clock.h"
 
 namespace mirage::python {

@@ -10,7 +10,7 @@ from ._settings import insertion_settings
 
 
 def read_frame(folder: str | os.PathLike, id: str) -> _core.Frame:
-    """Reads a frame of a data set in KITTI's layout: folder/training/{image_2,velodyne,calib,label_2}/ID.*.
+    """Reads a frame of a data set (KITTI's object, tracking or raw layout, or nuScenes).
 
     The frame has .image (H×W×3 float32, scene-linear RGB in [0, 1]), .points (N×4 float32: x, y, z in m and
     reflectance), .pixel_from_velo (3×4 float32), .labels, .depth (H×W float32, m) and .hosts().

@@ -54,7 +54,7 @@ def _samples(data: str) -> list:
 
 def attack(detector: Callable | str = "fusion", *, data: str | os.PathLike, out: str | os.PathLike,
            quiet: bool = True, copy: bool = True, **settings: Any) -> dict[str, Any]:
-    """Learns one mesh that hides the vehicles of a data set (KITTI layout) from a detector; goes on from where it was
+    """Learns one mesh that hides the vehicles of a data set from a detector; goes on from where it was
     stopped. Returns what OUT/result.json holds.
 
     detector: a callable (image, points, pixel_from_velo) -> (boxes, logits) on torch tensors, in PyTorch's own

@@ -4,8 +4,9 @@
 #include "base/error.h"
 #include "base/image_io.h"
 #include "base/random.h"
+#include "scene/data/kitti.h"
+#include "scene/data/read_frames.h"
 #include "scene/depth/depth_training.h"
-#include "scene/kitti.h"
 
 namespace mirage {
 namespace {

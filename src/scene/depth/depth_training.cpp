@@ -14,7 +14,7 @@
 #include "base/random.h"
 #include "base/schedule.h"
 #include "base/training_state.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
 namespace {

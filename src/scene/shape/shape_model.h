@@ -88,8 +88,6 @@ ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeMo
 std::vector<float> normalised_distances(const Mesh& mesh, const ShapeModel& model);
 /// Code of a vehicle that the model need not have seen: least squares on the grid.
 ShapeParameters project(const ShapeModel& model, const Mesh& mesh);
-/// `each` vehicles of every body style of the car family (car_family.h).
-std::vector<ShapeSample> family_samples(int each, std::uint64_t seed);
 
 /// What read_shape_model reads, atomically.
 void write_shape_model(const std::filesystem::path& file, const ShapeModel& model);

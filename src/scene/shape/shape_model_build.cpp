@@ -7,7 +7,6 @@
 #include "base/error.h"
 #include "base/interrupt.h"
 #include "base/parallel.h"
-#include "scene/shape/car_family.h"
 #include "scene/shape/shape_model.h"
 #include "sensors/mesh_distance.h"
 
@@ -118,16 +117,6 @@ ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeMo
   model.prior_covariance = centred * centred.transpose() / static_cast<double>(n - 1);
   model.prior_covariance.diagonal().array() += kRidge;
   return model;
-}
-
-std::vector<ShapeSample> family_samples(int each, std::uint64_t seed) {
-  std::vector<ShapeSample> samples;
-  for (BodyStyle style : kBodyStyles)
-    for (int i = 0; i < each; ++i) {
-      RandomStream random(seed, "car family", 1000000 * static_cast<std::uint64_t>(style) + i);
-      samples.push_back({car_mesh(draw_body(style, random)), std::string(name_of(style))});
-    }
-  return samples;
 }
 
 }  // namespace mirage

@@ -4,8 +4,8 @@
 
 #include "exchange/gltf.h"
 #include "geometry/shapes.h"
-#include "scene/insertion.h"
-#include "scene/kitti.h"
+#include "scene/data/read_frames.h"
+#include "simulation/insertion.h"
 
 int main(int, char** argv) {
   using namespace mirage;

@@ -1,0 +1,62 @@
+// What of a frame does not depend on the adversary, kept on disk (base/disk_cache.h) by content: completed
+// depth, roofs with their fitted vehicles, how much of the reference adversary each host shows, and clean
+// detections. Keys hold the hash of the frame's files, of the models that were asked, of the settings, and of
+// the program: a result from the cache is the one that would be computed, to the bit.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/disk_cache.h"
+#include "detection/detector.h"
+#include "simulation/insertion.h"
+
+namespace mirage {
+
+/// Share in view of the reference adversary on a label's roof.
+struct HostView {
+  int label = 0;
+  double share = 0;
+};
+
+/// The entries of one data set's frames. `frame` is frame_hash() of scene/data/kitti.h. Several threads may
+/// ask.
+class FrameCache {
+ public:
+  /// Keeps nothing.
+  FrameCache();
+  /// `depth`, `rooftop`: depth_identity() and rooftop_identity() of what the store asks, with its LiDAR.
+  FrameCache(std::unique_ptr<DiskCache> disk, const std::string& depth, const std::string& rooftop,
+             const LidarModel& lidar);
+
+  /// Whether anything is kept on disk.
+  bool on() const { return disk_ && disk_->on(); }
+  /// Each gives what is kept, or else computes and keeps it.
+  ImageF depth(const std::string& frame, int width, int height, const std::function<ImageF()>& compute);
+  /// One a label, in their order.
+  std::vector<Rooftop> rooftops(const std::string& frame,
+                                const std::function<std::vector<Rooftop>()>& compute);
+  /// How well each host of the frame is seen in `region` (m, `velo`) under these settings.
+  std::vector<HostView> views(const std::string& frame, const std::array<double, 4>& region,
+                              const SimulationSettings& simulation,
+                              const std::function<std::vector<HostView>()>& compute);
+  /// The clean frame's proposals of a detector (its name and weights' hash) with a score over the threshold.
+  std::vector<Proposal> detections(const std::string& frame, const std::string& detector,
+                                   double score_threshold,
+                                   const std::function<std::vector<Proposal>()>& compute);
+
+ private:
+  std::unique_ptr<DiskCache> disk_;
+  std::string depth_, rooftop_, lidar_;
+};
+
+/// "box", or the name and content of the shape model.
+std::string rooftop_identity(const std::string& rooftop);
+
+/// What a detector's answers depend on besides the frame: plugin and weights by content, options, --defense.
+/// Empty for fresh weights: those are not to be kept.
+std::string detector_identity(const DetectorOptions& options);
+
+}  // namespace mirage

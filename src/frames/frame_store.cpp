@@ -1,0 +1,231 @@
+#include "frames/frame_store.h"
+
+#include <algorithm>
+
+#include "base/files.h"
+#include "base/parallel.h"
+#include "detection/points_in_view.h"
+#include "frames/host_views.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/read_frames.h"
+#include "scene/depth/learned_depth.h"
+#include "scene/shape/shape_rooftop.h"
+
+namespace mirage {
+namespace {
+
+/// A frame's depth from the cache, in the place of the back-end that would compute it.
+class KeptDepth : public DepthCompletion {
+ public:
+  KeptDepth(FrameCache& cache, std::string frame, const DepthCompletion* depth)
+      : cache_(cache), frame_(std::move(frame)), depth_(depth) {}
+  std::string name() const override { return "kept"; }
+  ImageF complete(const ImageF& image, const ImageF& sparse) const override {
+    return cache_.depth(frame_, sparse.width, sparse.height,
+                        [&] { return depth_ ? depth_->complete(image, sparse) : complete_depth(sparse); });
+  }
+
+ private:
+  FrameCache& cache_;
+  std::string frame_;
+  const DepthCompletion* depth_;
+};
+
+/// What a frame takes in memory, nearly: the index keeps some 48 bytes a return and a cell a ray.
+std::size_t bytes_of(const PreparedFrame& prepared, const std::vector<Rooftop>& rooftops) {
+  std::size_t bytes =
+      sizeof(float) * (prepared.frame.image.data.size() + prepared.depth.data.size()) +
+      (sizeof(LidarPoint) + 48) * prepared.frame.sweep.size() +
+      sizeof(int) * prepared.lidar.beams.size() * static_cast<std::size_t>(prepared.index.firing_count());
+  for (const Rooftop& rooftop : rooftops)
+    if (rooftop.vehicle)
+      bytes +=
+          sizeof(Vec3d) * rooftop.vehicle->vertices.size() + sizeof(Face) * rooftop.vehicle->faces.size();
+  return bytes;
+}
+
+}  // namespace
+
+FrameStore::FrameStore(std::filesystem::path data, const LidarModel& lidar,
+                       std::shared_ptr<const DepthCompletion> depth,
+                       std::shared_ptr<const RooftopFinder> finder)
+    : data_(std::move(data)), lidar_(lidar), depth_(std::move(depth)), finder_(std::move(finder)) {
+  if (!finder_) finder_ = std::make_shared<BoxRooftopFinder>();
+}
+
+FrameStore::FrameStore(const FrameSource& source)
+    : FrameStore(source.data, lidar_of(source.data), load_depth_completion({source.depth})) {
+  finder_ = make_rooftop_finder(source.rooftop, lidar_);
+  sun_ = parse_sun(source.sun);
+  cache_ = FrameCache(DiskCache::from_environment(), depth_identity({source.depth}),
+                      rooftop_identity(source.rooftop), lidar_);
+}
+
+FrameStore::~FrameStore() {
+  {
+    const std::lock_guard lock(ahead_mutex_);
+    stop_ = true;
+  }
+  ahead_changed_.notify_one();
+  if (ahead_thread_.joinable()) ahead_thread_.join();
+}
+
+std::string FrameStore::content(const std::string& id) const {
+  return frame_hash(data_, id);
+}
+
+std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id) const {
+  Frame frame = read_frame(data_, id);
+  const std::string hash = cache_.on() ? content(id) : "";
+  frame.lighting = with_sun(frame, sun_);
+  auto entry = std::make_shared<Entry>();
+  entry->rooftops = cache_.rooftops(hash, [&] {
+    std::vector<Rooftop> rooftops(frame.labels.size());
+    parallel_for(frame.labels.size(), [&](std::size_t i) {
+      if (frame.labels[i].type != "DontCare") rooftops[i] = finder_->find(frame, frame.labels[i]);
+    });
+    return rooftops;
+  });
+  frame.sweep = points_in_view(frame.sweep, frame.calibration);
+  const KeptDepth depth(cache_, hash, depth_.get());
+  entry->prepared = prepare(std::move(frame), lidar_, &depth);
+  entry->bytes = bytes_of(entry->prepared, entry->rooftops);
+  return entry;
+}
+
+std::shared_ptr<const FrameStore::Entry> FrameStore::at(const std::string& id) {
+  std::shared_ptr<Slot> slot;
+  {
+    const std::lock_guard lock(mutex_);
+    auto& known = slots_[id];
+    if (!known) known = std::make_shared<Slot>();
+    slot = known;
+    if (auto entry = in_memory(id, *slot)) return entry;
+  }
+  const std::lock_guard reading(slot->reading);
+  {
+    const std::lock_guard lock(mutex_);
+    if (auto entry = in_memory(id, *slot)) return entry;
+  }
+  std::shared_ptr<const Entry> entry;
+  isolated([&] { entry = read(id); });
+  const std::lock_guard lock(mutex_);
+  ++reads_;
+  hold(id, *slot, entry);
+  return entry;
+}
+
+std::shared_ptr<const FrameStore::Entry> FrameStore::in_memory(const std::string& id, Slot& slot) {
+  if (slot.held) {
+    held_.splice(held_.begin(), held_, slot.place);
+    return slot.place->second;
+  }
+  auto entry = slot.entry.lock();  // somebody still uses it
+  if (entry) hold(id, slot, entry);
+  return entry;
+}
+
+void FrameStore::hold(const std::string& id, Slot& slot, std::shared_ptr<const Entry> entry) {
+  bytes_ += entry->bytes;
+  slot.entry = entry;
+  held_.emplace_front(id, std::move(entry));
+  slot.place = held_.begin();
+  slot.held = true;
+  drop_oldest();
+}
+
+void FrameStore::drop_oldest() {
+  while (bytes_ > limit_ && !held_.empty()) {
+    const auto& [id, entry] = held_.back();
+    bytes_ -= entry->bytes;
+    slots_.at(id)->held = false;
+    held_.pop_back();
+  }
+}
+
+void FrameStore::set_memory_limit(std::size_t bytes) {
+  const std::lock_guard lock(mutex_);
+  limit_ = bytes;
+  drop_oldest();
+}
+
+std::size_t FrameStore::memory() const {
+  const std::lock_guard lock(mutex_);
+  return bytes_;
+}
+
+std::size_t FrameStore::reads() const {
+  const std::lock_guard lock(mutex_);
+  return reads_;
+}
+
+std::shared_ptr<const PreparedFrame> FrameStore::get(const std::string& id) {
+  auto entry = at(id);
+  const PreparedFrame* prepared = &entry->prepared;
+  return {std::move(entry), prepared};
+}
+
+std::vector<Rooftop> FrameStore::rooftops(const std::string& id) {
+  if (cache_.on()) {
+    {
+      const std::lock_guard lock(mutex_);
+      const auto slot = slots_.find(id);
+      if (slot != slots_.end())
+        if (const auto entry = in_memory(id, *slot->second)) return entry->rooftops;
+    }
+    return cache_.rooftops(content(id), [&] { return at(id)->rooftops; });
+  }
+  return at(id)->rooftops;
+}
+
+Rooftop FrameStore::rooftop(const HostId& host) {
+  const auto entry = at(host.frame);
+  label_of(entry->prepared.frame, host);
+  return entry->rooftops[static_cast<std::size_t>(host.label)];
+}
+
+std::vector<HostView> FrameStore::views(const std::string& id, const std::array<double, 4>& region,
+                                        const SimulationSettings& simulation) {
+  const auto look = [&] {
+    const auto entry = at(id);
+    return host_views(entry->prepared, entry->rooftops, region, simulation);
+  };
+  return cache_.views(cache_.on() ? content(id) : "", region, simulation, look);
+}
+
+void FrameStore::prefetch(std::vector<std::string> ids) {
+  {
+    const std::lock_guard lock(ahead_mutex_);
+    wanted_ = std::move(ids);
+    std::reverse(wanted_.begin(), wanted_.end());  // taken from the back
+    ahead_.clear();
+    if (!ahead_thread_.joinable()) ahead_thread_ = std::thread([this] { read_ahead(); });
+  }
+  ahead_changed_.notify_one();
+}
+
+void FrameStore::read_ahead() {
+  std::unique_lock lock(ahead_mutex_);
+  while (true) {
+    ahead_changed_.wait(lock, [&] { return stop_ || !wanted_.empty(); });
+    if (stop_) return;
+    const std::string id = std::move(wanted_.back());
+    wanted_.pop_back();
+    lock.unlock();
+    std::shared_ptr<const Entry> entry;
+    try {
+      entry = at(id);
+    } catch (const std::exception&) {
+      // get() meets the same and reports it.
+    }
+    lock.lock();
+    if (entry) ahead_.push_back(std::move(entry));
+  }
+}
+
+LidarModel lidar_of(const std::filesystem::path& data) {
+  if (const auto own = data / "rig.toml"; std::filesystem::exists(own)) return read_lidar_model(own);
+  return read_lidar_model(shipped_file("scenes/rigs/" + data_rig(data) + ".toml"));
+}
+
+}  // namespace mirage

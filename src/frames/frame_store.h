@@ -1,0 +1,115 @@
+// The frames of a data set, streamed: read and prepared when they are asked for, held while there is room.
+#pragma once
+
+#include <condition_variable>
+#include <cstddef>
+#include <filesystem>
+#include <list>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "frames/frame_cache.h"
+#include "frames/host_id.h"
+#include "scene/depth_completion.h"
+#include "scene/frame_source.h"
+#include "scene/sun.h"
+#include "simulation/insertion.h"
+
+namespace mirage {
+
+/// Frames with the roofs of their vehicles, by id. Several threads may ask at once. What was used last stays
+/// in memory; the rest is read again, and what is costly in preparing it comes from the disk cache.
+class FrameStore {
+ public:
+  /// Bytes of frames held, besides those in use.
+  static constexpr std::size_t kMemoryLimit = 2ull << 30;
+
+  /// `depth` completes the photographs' depth; without one, IpBasic. `finder` finds the roofs; without one,
+  /// BoxRooftopFinder. Nothing is cached on disk: what these are can't be told.
+  FrameStore(std::filesystem::path data, const LidarModel& lidar,
+             std::shared_ptr<const DepthCompletion> depth = nullptr,
+             std::shared_ptr<const RooftopFinder> finder = nullptr);
+  /// With the LiDAR of the data set and DiskCache::from_environment().
+  explicit FrameStore(const FrameSource& source);
+  ~FrameStore();
+  FrameStore(const FrameStore&) = delete;
+  FrameStore& operator=(const FrameStore&) = delete;
+
+  /// The frame, to be held on to while it is used; only measured points inside the photograph are kept, as
+  /// KITTI's detectors do.
+  std::shared_ptr<const PreparedFrame> get(const std::string& id);
+  /// Roofs of the frame's labels, in their order. They are found in the whole sweep: a vehicle that the
+  /// photograph cuts off is seen whole. The frame itself is read only if they are not cached.
+  std::vector<Rooftop> rooftops(const std::string& id);
+  /// The roof of a vehicle. InputError if the frame has no such label.
+  Rooftop rooftop(const HostId& host);
+  /// Share in view of the reference adversary on each car inside `region`.
+  std::vector<HostView> views(const std::string& id, const std::array<double, 4>& region,
+                              const SimulationSettings& simulation);
+
+  /// Reads these on a thread of its own, so that get() need not wait; they are held until the next call.
+  void prefetch(std::vector<std::string> ids);
+  /// Bytes of frames to hold at most; those not used for longest go.
+  void set_memory_limit(std::size_t bytes);
+  /// Bytes of frames held now.
+  std::size_t memory() const;
+  /// Frames read and prepared so far, again or for the first time.
+  std::size_t reads() const;
+
+  /// What is kept on disk of these frames.
+  FrameCache& cache() { return cache_; }
+  /// frame_hash() of the frame as it is on disk.
+  std::string content(const std::string& id) const;
+
+ private:
+  struct Entry {
+    PreparedFrame prepared;
+    std::vector<Rooftop> rooftops;  ///< of the labels, in their order
+    std::size_t bytes = 0;
+  };
+  using Held = std::list<std::pair<std::string, std::shared_ptr<const Entry>>>;
+  struct Slot {
+    std::mutex reading;                ///< one reads a frame, others wait for it
+    std::weak_ptr<const Entry> entry;  ///< alive while held or in use
+    Held::iterator place;              ///< if `held`
+    bool held = false;
+  };
+
+  std::shared_ptr<const Entry> at(const std::string& id);
+  /// The frame if it is in memory; it moves to the head. Under mutex_.
+  std::shared_ptr<const Entry> in_memory(const std::string& id, Slot& slot);
+  void hold(const std::string& id, Slot& slot, std::shared_ptr<const Entry> entry);
+  void drop_oldest();
+  std::shared_ptr<const Entry> read(const std::string& id) const;
+  void read_ahead();
+
+  std::filesystem::path data_;
+  LidarModel lidar_;
+  std::shared_ptr<const DepthCompletion> depth_;
+  std::shared_ptr<const RooftopFinder> finder_;
+  SunChoice sun_;
+  mutable FrameCache cache_;
+
+  mutable std::mutex mutex_;  // of what follows
+  std::map<std::string, std::shared_ptr<Slot>> slots_;
+  Held held_;  ///< the one used last is first
+  std::size_t bytes_ = 0, limit_ = kMemoryLimit;
+  mutable std::size_t reads_ = 0;
+
+  std::mutex ahead_mutex_;  // of what follows
+  std::condition_variable ahead_changed_;
+  std::vector<std::string> wanted_;
+  std::vector<std::shared_ptr<const Entry>> ahead_;
+  bool stop_ = false;
+  std::thread ahead_thread_;
+};
+
+/// The LiDAR that recorded a data set: the set's own rig.toml (generated ones have it), else the rig that
+/// dataset.json names, else KITTI's HDL-64E.
+LidarModel lidar_of(const std::filesystem::path& data);
+
+}  // namespace mirage

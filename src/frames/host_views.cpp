@@ -1,0 +1,24 @@
+#include "frames/host_views.h"
+
+#include "geometry/shapes.h"
+#include "simulation/insertion.h"
+
+namespace mirage {
+
+std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vector<Rooftop>& rooftops,
+                                 const std::array<double, 4>& region, const SimulationSettings& simulation) {
+  const TexturedMesh reference = grey_ellipsoid(kRoofBox);
+  const auto& labels = prepared.frame.labels;
+  std::vector<HostView> views;
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    const BevBox& box = labels[i].box.bev;
+    if (labels[i].type != "Car" || box.x < region[0] || box.x > region[1] || box.y < region[2] ||
+        box.y > region[3])
+      continue;
+    const Simulated seen = simulate(prepared, labels[i], rooftops[i], reference, simulation);
+    views.push_back({static_cast<int>(i), seen.visible_share});
+  }
+  return views;
+}
+
+}  // namespace mirage

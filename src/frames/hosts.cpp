@@ -1,0 +1,71 @@
+#include "frames/hosts.h"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <mutex>
+
+#include "base/interrupt.h"
+#include "base/parallel.h"
+#include "base/progress.h"
+#include "base/random.h"
+#include "base/shuffle.h"
+
+namespace mirage {
+
+nlohmann::json to_json(const RooftopCount& count) {
+  return {{"fitted", count.fitted}, {"from_box", count.from_box}};
+}
+
+std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const std::array<double, 4>& region,
+                             const SimulationSettings& simulation, double min_view) {
+  std::vector<Host> hosts;
+  std::vector<Rooftop> rooftops;
+  for (const HostView& view : store.views(frame, region, simulation)) {
+    if (!(view.share >= min_view)) continue;
+    if (rooftops.empty()) rooftops = store.rooftops(frame);
+    hosts.push_back({{frame, view.label}, rooftops.at(static_cast<std::size_t>(view.label))});
+  }
+  return hosts;
+}
+
+std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::string>& frames,
+                                 const std::array<double, 4>& region, const SimulationSettings& simulation,
+                                 double min_view, bool quiet) {
+  std::vector<std::vector<Host>> found(frames.size());
+  std::vector<std::exception_ptr> problems(frames.size());
+  Progress progress("look for hosts", frames.size(), quiet);
+  std::mutex mutex;
+  std::size_t done = 0;
+  parallel_for(frames.size(), [&](std::size_t i) {
+    try {
+      throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
+      found[i] = find_hosts(store, frames[i], region, simulation, min_view);
+      for (Host& host : found[i]) host.rooftop.vehicle.reset();
+    } catch (...) {
+      problems[i] = std::current_exception();
+    }
+    const std::lock_guard lock(mutex);
+    progress.update(++done);
+  });
+  for (const std::exception_ptr& problem : problems)  // the first frame's, whichever came first
+    if (problem) std::rethrow_exception(problem);
+  std::vector<Host> hosts;
+  for (const auto& of_frame : found) hosts.insert(hosts.end(), of_frame.begin(), of_frame.end());
+  return hosts;
+}
+
+void split_frames(std::vector<std::string> frames, std::uint64_t seed, std::vector<std::string>& train,
+                  std::vector<std::string>& test) {
+  std::sort(frames.begin(), frames.end());
+  RandomStream random(seed, "train test split");
+  shuffle(frames, random);
+  std::size_t n = static_cast<std::size_t>(std::lround(0.7 * static_cast<double>(frames.size())));
+  if (frames.size() >= 2) n = std::clamp<std::size_t>(n, 1, frames.size() - 1);
+  train.assign(frames.begin(), frames.begin() + static_cast<std::ptrdiff_t>(n));
+  test.assign(frames.begin() + static_cast<std::ptrdiff_t>(n), frames.end());
+  std::sort(train.begin(), train.end());
+  std::sort(test.begin(), test.end());
+}
+
+}  // namespace mirage

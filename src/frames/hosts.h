@@ -1,0 +1,47 @@
+// Host vehicles: which cars of which frames can carry the adversary, and their split.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "detection/detector.h"
+#include "frames/frame_store.h"
+#include "frames/host_id.h"
+#include "simulation/insertion.h"
+
+namespace mirage {
+
+/// A vehicle with its roof pose.
+struct Host {
+  HostId id;
+  Rooftop rooftop;
+};
+
+/// Cars of the frame that can be hosts: labelled "Car", box centre inside the detector's region, and at least
+/// `min_view` of the reference adversary in view after occlusion.
+std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const std::array<double, 4>& region,
+                             const SimulationSettings& simulation, double min_view = 0.7);
+
+/// Hosts of every frame of a data set. Their rooftops come without the fitted vehicle's mesh, which would
+/// fill the memory: FrameStore::rooftop has it. Shows progress unless `quiet`.
+std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::string>& frames,
+                                 const std::array<double, 4>& region, const SimulationSettings& simulation,
+                                 double min_view, bool quiet = true);
+
+/// On what the hosts of a run stand.
+struct RooftopCount {
+  int fitted = 0, from_box = 0;
+  /// Counts one roof.
+  void add(const Rooftop& rooftop) { ++(rooftop.from_box ? from_box : fitted); }
+};
+/// {"fitted": N, "from_box": N}
+nlohmann::json to_json(const RooftopCount& count);
+
+/// Splits frames (not hosts) train : test = 7 : 3 at random by seed. At least one frame each when there are
+/// two.
+void split_frames(std::vector<std::string> frames, std::uint64_t seed, std::vector<std::string>& train,
+                  std::vector<std::string>& test);
+
+}  // namespace mirage

@@ -1,0 +1,339 @@
+// A lofted body with wheels, lamps, plates, wipers, rails, seats and mirrors.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "generator/car_assembly.h"
+#include "geometry/shapes.h"
+
+namespace mirage::generator {
+namespace {
+
+struct Paint {
+  Vec3f color;
+  float lidar;
+  double share;
+};
+
+// What is parked in a central European street: mostly silver, grey, black and white, some blue, red, green.
+const std::array<Paint, 14> kPaints = {{
+    {{0.42f, 0.43f, 0.44f}, 0.42f, 0.16},     // silver
+    {{0.28f, 0.29f, 0.30f}, 0.36f, 0.08},     // light grey
+    {{0.10f, 0.105f, 0.115f}, 0.25f, 0.10},   // dark grey
+    {{0.012f, 0.012f, 0.013f}, 0.10f, 0.21},  // black
+    {{0.70f, 0.70f, 0.68f}, 0.60f, 0.11},     // white
+    {{0.015f, 0.035f, 0.13f}, 0.22f, 0.09},   // dark blue
+    {{0.05f, 0.12f, 0.34f}, 0.30f, 0.05},     // blue
+    {{0.36f, 0.02f, 0.018f}, 0.40f, 0.06},    // red
+    {{0.16f, 0.012f, 0.02f}, 0.25f, 0.03},    // dark red
+    {{0.015f, 0.07f, 0.04f}, 0.22f, 0.03},    // green
+    {{0.30f, 0.26f, 0.18f}, 0.40f, 0.03},     // beige
+    {{0.10f, 0.06f, 0.03f}, 0.25f, 0.01},     // brown
+    {{0.60f, 0.45f, 0.04f}, 0.50f, 0.01},     // yellow
+    {{0.18f, 0.30f, 0.38f}, 0.38f, 0.03},     // light blue
+}};
+
+Material window(RandomStream& random) {
+  Material m = plain(Vec3f::Constant(0.01f), 0.25f, 0.05f);
+  m.transparency = static_cast<float>(random.uniform(0.3, 0.65));
+  return m;
+}
+
+const Material kTyre = plain(Vec3f::Constant(0.02f), 0.08f);
+const Material kArch = plain(Vec3f::Constant(0.006f), 0.05f);
+const Material kTrim = plain(Vec3f::Constant(0.018f), 0.12f, 0.01f);
+const Material kPlate = plain(Vec3f(0.6f, 0.6f, 0.58f), 1.6f);
+const Material kPlateBand = plain(Vec3f(0.01f, 0.05f, 0.35f), 1.2f);
+const Material kAmber = plain(Vec3f(0.50f, 0.16f, 0.01f), 0.9f, 0.06f);
+const Material kClear = plain(Vec3f(0.5f, 0.48f, 0.46f), 0.6f, 0.06f);
+
+void add_wheel(Actor& car, const Hull& hull, double x, double radius, bool alloy) {
+  for (int side : {1, -1}) {
+    // The body's outermost point over the wheel.
+    double y = 0;
+    for (const Vec3d& v : hull.all.vertices)
+      if (std::abs(v.x() - x) < radius && v.z() < 3.2 * radius) y = std::max(y, side * v.y());
+    const Eigen::AngleAxisd turn(side > 0 ? -0.5 * std::numbers::pi : 0.5 * std::numbers::pi, Vec3d::UnitX());
+    const auto place = [&](double outwards, double z) {
+      return Transform(Eigen::Translation3d(x, side * (y + outwards), z) * turn);
+    };
+    // A dark opening that stands a little over the side, cut at the sill.
+    Mesh arch;
+    const double r = 1.15 * radius;
+    for (int i = 0; i < 14; ++i) {
+      const double a = std::numbers::pi * (-0.06 + 1.12 * i / 14),
+                   b = std::numbers::pi * (-0.06 + 1.12 * (i + 1) / 14);
+      const double yo = side * (y + 0.002);
+      add_quad(arch, {x, yo, radius}, {x + r * std::cos(a), yo, radius + r * std::sin(a)},
+               {x + r * std::cos(b), yo, radius + r * std::sin(b)}, {x, yo, radius});
+    }
+    // add_quad made one empty triangle a step: drop it.
+    std::vector<Face> kept;
+    for (std::size_t f = 0; f < arch.faces.size(); f += 2) kept.push_back(arch.faces[f]);
+    arch.faces = kept;
+    car.surfaces.push_back(surface(arch, kArch));
+    Mesh tyre;
+    append(tyre, cylinder(radius, 0.2, 22), place(0.006 - 0.2, radius));
+    car.surfaces.push_back(surface(tyre, kTyre));
+    Mesh rim;
+    const double hub = radius * 0.66;
+    if (alloy) {
+      for (int s = 0; s < 5; ++s) {
+        const double a = 2 * std::numbers::pi * s / 5 + 0.3, w = 0.26;
+        const double yo = side * (y + 0.009);
+        const auto on = [&](double angle, double rr) {
+          return Vec3d(x + rr * std::cos(angle), yo, radius + rr * std::sin(angle));
+        };
+        add_quad(rim, on(a - 0.6, 0.2 * hub), on(a - w, hub), on(a + w, hub), on(a + 0.6, 0.2 * hub));
+      }
+      for (int s = 0; s < 20; ++s) {
+        const double a = 2 * std::numbers::pi * s / 20, b = 2 * std::numbers::pi * (s + 1) / 20,
+                     yo = side * (y + 0.009);
+        const auto on = [&](double angle, double rr) {
+          return Vec3d(x + rr * std::cos(angle), yo, radius + rr * std::sin(angle));
+        };
+        add_quad(rim, on(a, 0.9 * hub), on(a, 1.05 * hub), on(b, 1.05 * hub), on(b, 0.9 * hub));
+      }
+      append(rim, cylinder(0.22 * hub, 0.01, 10), place(0.0, radius));
+    } else {
+      append(rim, cylinder(hub, 0.012, 20), place(-0.003, radius));
+    }
+    Material metal = plain(Vec3f::Constant(alloy ? 0.42f : 0.22f), 0.45f, 0.1f);
+    car.surfaces.push_back(surface(rim, metal));
+  }
+}
+
+void add_patch(Actor& car, const Hull& hull, int axis, int side, Vec2d low, Vec2d high, double lift,
+               const Material& material, int columns = 4, int rows = 3) {
+  Mesh mesh = patch(hull.all, axis, side, low, high, lift, columns, rows);
+  if (!mesh.faces.empty()) car.surfaces.push_back(surface(std::move(mesh), material));
+}
+
+// A number plate: the white board, a blue band at its left edge, and seven dark characters with a gap.
+// `side`: +1 on the front, −1 on the rear.
+void add_plate(Actor& car, const Hull& hull, int side, double z, double half_height, bool american) {
+  const double half_width = american ? 0.155 : 0.26;
+  if (american) half_height = 0.078;
+  Mesh board =
+      patch(hull.all, 0, side, {-half_width, z - half_height}, {half_width, z + half_height}, 0.012, 1, 1);
+  if (board.faces.empty()) return;
+  // add_quad's corners: low right, low left, high left, high right of +y.
+  const Vec3d lift(0.003 * side, 0, 0), a = board.vertices[0] + lift, b = board.vertices[1] + lift,
+                                        c = board.vertices[2] + lift, d = board.vertices[3] + lift;
+  const auto on = [&](double s, double t) -> Vec3d {
+    const double along = side < 0 ? s : 1 - s;  // as read from outside, left to right… the band comes first
+    return (1 - t) * ((1 - along) * b + along * a) + t * ((1 - along) * c + along * d);
+  };
+  Mesh band, letters;
+  add_quad(band, on(0, 0), on(0.085, 0), on(0.085, 1), on(0, 1));
+  for (int i = 0; i < 8; ++i) {
+    if (i == 3) continue;
+    const double s = 0.13 + 0.105 * i;
+    add_quad(letters, on(s, 0.2), on(s + 0.065, 0.2), on(s + 0.065, 0.8), on(s, 0.8));
+  }
+  car.surfaces.push_back(surface(std::move(board), kPlate));
+  if (!american) car.surfaces.push_back(surface(band, kPlateBand));
+  car.surfaces.push_back(surface(letters, plain(Vec3f::Constant(0.02f), 0.3f)));
+}
+
+void add_front(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& extras,
+               RandomStream& random) {
+  const double w = 0.5 * s.width, h = s.height;
+  const double inner = w * random.uniform(0.42, 0.58), low = h * (s.nose - random.uniform(0.13, 0.17));
+  const double high = h * (s.nose - 0.015), outer = w * 0.90;
+  Material lamp =
+      plain(Vec3f(0.30f, 0.31f, 0.33f) * static_cast<float>(random.uniform(0.6, 1.3)), 0.4f, 0.12f);
+  if (random.uniform() < 0.12) lamp.emission = Vec3f::Constant(2.5f);
+  for (int side : {1, -1}) {
+    const double a = side > 0 ? inner : -outer, b = side > 0 ? outer : -inner;
+    add_patch(car, hull, 0, 1, {a, low}, {b, high}, 0.008, lamp);
+  }
+  Material grille = plain(Vec3f::Constant(0.02f), 0.1f, 0.02f);
+  grille.pattern = Pattern::grille;
+  const double g = inner * random.uniform(0.5, 0.95);
+  add_patch(car, hull, 0, 1, {-g, low + 0.02}, {g, high - 0.01}, 0.006, grille);
+  const double intake = w * random.uniform(0.45, 0.75), z = h * (s.clearance + 0.07);
+  add_patch(car, hull, 0, 1, {-intake, z}, {intake, z + h * random.uniform(0.05, 0.11)}, 0.006, grille);
+  const double plate = h * (s.nose - random.uniform(0.19, 0.22));
+  add_plate(car, hull, 1, plate, 0.055, extras.american);
+  // Inside each lamp a dark reflector's edge and an amber indicator at the outer end.
+  for (int side : {1, -1}) {
+    const double a = inner + 0.30 * (outer - inner), b = inner + 0.38 * (outer - inner);
+    const double c = inner + 0.92 * (outer - inner);
+    add_patch(car, hull, 0, 1, {std::min(side * a, side * b), low}, {std::max(side * a, side * b), high},
+              0.011, kTrim, 1, 2);
+    add_patch(car, hull, 0, 1, {std::min(side * c, side * outer), low},
+              {std::max(side * c, side * outer), high}, 0.011, kAmber, 1, 2);
+  }
+}
+
+void add_rear(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& extras, RandomStream& random) {
+  const double w = 0.5 * s.width, h = s.height;
+  Material lamp = plain(Vec3f(0.42f, 0.012f, 0.012f), 1.2f, 0.06f);
+  if (random.uniform() < 0.15) lamp.emission = Vec3f(1.6f, 0.06f, 0.04f);
+  const bool upright = random.uniform() < 0.45;
+  const double top = h * (s.tail - 0.03), low = top - h * (upright ? 0.22 : random.uniform(0.09, 0.13));
+  const double inner = w * (upright ? 0.74 : random.uniform(0.5, 0.62));
+  for (int side : {1, -1}) {
+    const double a = side > 0 ? inner : -0.92 * w, b = side > 0 ? 0.92 * w : -inner;
+    add_patch(car, hull, 0, -1, {a, low}, {b, top}, 0.008, lamp);
+  }
+  const bool high_plate = random.uniform() < 0.6;
+  const double plate = high_plate ? h * (s.tail - random.uniform(0.13, 0.17)) : h * (s.clearance + 0.17);
+  add_plate(car, hull, -1, plate, 0.06, extras.american);
+  // Indicator and reversing lamp: two bands of the rear lamp.
+  for (int side : {1, -1}) {
+    const double a = std::min(side * inner, side * 0.92 * w), b = std::max(side * inner, side * 0.92 * w);
+    const double cut = std::lerp(low, top, 0.36), middle = std::lerp(low, top, 0.58);
+    if (upright || extras.split_lamps) {
+      add_patch(car, hull, 0, -1, {a, cut}, {b, middle}, 0.011, upright && !extras.american ? kAmber : kClear,
+                2, 1);
+    } else {
+      const double m = side > 0 ? inner + 0.3 * (0.92 * w - inner) : -inner;
+      const double n = side > 0 ? inner : -(inner + 0.3 * (0.92 * w - inner));
+      add_patch(car, hull, 0, -1, {n, low}, {m, middle}, 0.011, kClear, 2, 1);
+    }
+  }
+  add_patch(car, hull, 0, -1, {-0.34, plate + 0.07}, {0.34, plate + 0.10}, 0.01, kTrim, 2, 1);
+  const double z = h * (s.clearance + 0.065);
+  add_patch(car, hull, 0, -1, {-0.78 * w, z}, {0.78 * w, z + 0.06 * h}, 0.006, kTrim);
+}
+
+void add_sides(Actor& car, const Hull& hull, const BodyShape& s, RandomStream& random) {
+  const double h = s.height, l = s.length;
+  const auto x_of = [&](double u) { return l * (0.5 - u); };
+  const double b_post = std::lerp(s.roof_front_u, s.roof_rear_u, 0.34);
+  const bool strip = random.uniform() < 0.4;
+  for (int side : {1, -1}) {
+    for (double u : {b_post + 0.07, std::min(b_post + 0.27, s.rear_axle_u + 0.01)})
+      add_patch(car, hull, 1, side, {x_of(u) - 0.09, h * s.belt_front - 0.11},
+                {x_of(u) + 0.09, h * s.belt_front - 0.075}, 0.02,
+                random.uniform() < 0.5 ? kTrim : plain(Vec3f::Constant(0.3f), 0.3f, 0.05f), 1, 1);
+    // Shut lines of the doors.
+    for (double u : {s.cowl_u + 0.05, b_post, std::min(b_post + 0.21, s.rear_axle_u - 0.03)})
+      add_patch(car, hull, 1, side, {x_of(u) - 0.005, h * (s.clearance + 0.06)},
+                {x_of(u) + 0.005, h * s.belt_front - 0.02}, 0.003, kArch, 1, 5);
+    if (strip)
+      add_patch(car, hull, 1, side, {x_of(s.rear_axle_u - 0.09), h * 0.33},
+                {x_of(s.front_axle_u + 0.09), h * 0.36}, 0.012, kTrim, 8, 1);
+  }
+}
+
+// Roof rails, wipers, an aerial, a pick-up's bed.
+void add_top(Actor& car, const Hull& hull, const BodyShape& s, const CarTrim& extras) {
+  const auto x_of = [&](double u) { return s.length * (0.5 - u); };
+  const auto top = [&](double x, double y) { return top_at(hull.all, x, y); };
+  if (extras.rails) {
+    Mesh rails;
+    const double y = 0.5 * s.width * (1 - s.tumblehome) * 0.88;
+    const double a = s.roof_front_u + 0.06, b = s.roof_rear_u - 0.01;
+    for (int side : {1, -1})
+      for (int i = 0; i < 6; ++i) {
+        const double x0 = x_of(std::lerp(a, b, i / 6.0)), x1 = x_of(std::lerp(a, b, (i + 1) / 6.0));
+        const double z = std::min(0.5 * (top(x0, side * y) + top(x1, side * y)), s.height - 0.02);
+        add_box(rails, {x1, side * y - 0.018, i % 5 == 0 ? z - 0.03 : z - 0.01},
+                {x0, side * y + 0.018, z + 0.018});
+      }
+    car.surfaces.push_back(
+        surface(rails, extras.bright_rails ? plain(Vec3f::Constant(0.4f), 0.5f, 0.1f) : kTrim));
+  }
+  Mesh wipers;
+  const double u = s.cowl_u + 0.02, v = std::lerp(s.cowl_u, s.roof_front_u, 0.55), w = 0.5 * s.width;
+  for (double y : {-0.62 * w, -0.02 * w}) {
+    const double x0 = x_of(u), x1 = x_of(v), z0 = top(x0, y) + 0.012, z1 = top(x1, y + 0.5 * w) + 0.012;
+    add_quad(wipers, {x0, y - 0.012, z0}, {x0, y + 0.012, z0},
+             {std::lerp(x0, x1, 0.5), y + 0.5 * w + 0.012, std::lerp(z0, z1, 0.5) + 0.01},
+             {std::lerp(x0, x1, 0.5), y + 0.5 * w - 0.012, std::lerp(z0, z1, 0.5) + 0.01});
+  }
+  car.surfaces.push_back(surface(wipers, kTrim));
+  if (extras.bed) {  // seen from above and behind: the bed's dark cover between its walls
+    Mesh cover;
+    const double front = s.window_foot_u + 0.02;
+    for (int i = 0; i < 6; ++i) {
+      const double x0 = x_of(std::lerp(front, 0.97, i / 6.0)),
+                   x1 = x_of(std::lerp(front, 0.97, (i + 1) / 6.0)), y = 0.36 * s.width;
+      const double z0 = top(x0, 0) + 0.006, z1 = top(x1, 0) + 0.006;
+      add_quad(cover, {x1, -y, z1}, {x0, -y, z0}, {x0, y, z0}, {x1, y, z1});
+    }
+    car.surfaces.push_back(surface(cover, kTrim));
+  }
+}
+
+void add_seats(Actor& car, const BodyShape& s) {
+  Mesh seats;
+  const double w = 0.5 * s.width, h = s.height;
+  const auto x_of = [&](double u) { return s.length * (0.5 - u); };
+  const double front = x_of(std::lerp(s.roof_front_u, s.roof_rear_u, 0.30)),
+               rear = x_of(std::lerp(s.roof_front_u, s.roof_rear_u, 0.80));
+  for (int side : {1, -1}) {
+    const double y = side * 0.42 * w;
+    add_box(seats, {front - 0.12, y - 0.24, 0.3 * h}, {front + 0.08, y + 0.24, 0.70 * h});
+    add_box(seats, {front - 0.10, y - 0.13, 0.70 * h}, {front, y + 0.13, 0.84 * h});
+    add_box(seats, {rear - 0.05, y - 0.13, 0.66 * h}, {rear + 0.05, y + 0.13, 0.78 * h});
+  }
+  add_box(seats, {rear - 0.10, -0.75 * w, 0.3 * h}, {rear + 0.10, 0.75 * w, 0.67 * h});
+  add_box(seats, {rear, -0.8 * w, 0.22 * h}, {x_of(s.cowl_u + 0.02), 0.8 * w, 0.34 * h});
+  add_box(seats, {x_of(s.cowl_u + 0.12), -0.75 * w, 0.34 * h},
+          {x_of(s.cowl_u + 0.03), 0.75 * w, 0.63 * h});  // dashboard
+  car.surfaces.push_back(surface(seats, plain(Vec3f::Constant(0.03f), 0.15f)));
+}
+
+}  // namespace
+
+Material paint_of(RandomStream& random) {
+  double sum = 0, pick = random.uniform();
+  for (const Paint& p : kPaints) sum += p.share;
+  pick *= sum;
+  const Paint* chosen = &kPaints.back();
+  for (const Paint& p : kPaints) {
+    if ((pick -= p.share) < 0) {
+      chosen = &p;
+      break;
+    }
+  }
+  Material m = plain(chosen->color * static_cast<float>(random.uniform(0.8, 1.15)),
+                     0.24f * chosen->lidar * static_cast<float>(std::exp(random.uniform(-1.2, 1.2))), 0.045f);
+  if (random.uniform() < 0.25) m.gloss = 0.02f;  // dusty
+  return m;
+}
+
+Material tyre_rubber() {
+  return kTyre;
+}
+
+Material dark_plastic() {
+  return kTrim;
+}
+
+Actor assemble(const BodyShape& s, const std::string& type, const Vec3d& size, const CarTrim& extras,
+               RandomStream& random) {
+  Actor car;
+  car.type = type;
+  const Hull hull = loft(s);
+  const Material paint = paint_of(random);
+  car.surfaces.push_back(surface(hull.paint, paint, true));
+  car.surfaces.push_back(surface(hull.glass, window(random), true));
+  car.surfaces.push_back(surface(hull.trim, kTrim, true));
+  const auto x_of = [&](double u) { return s.length * (0.5 - u); };
+  const bool alloy = random.uniform() < 0.6;
+  add_wheel(car, hull, x_of(s.front_axle_u), s.wheel_radius, alloy);
+  add_wheel(car, hull, x_of(s.rear_axle_u), s.wheel_radius, alloy);
+  add_front(car, hull, s, extras, random);
+  add_rear(car, hull, s, extras, random);
+  add_sides(car, hull, s, random);
+  add_seats(car, s);
+  add_top(car, hull, s, extras);
+  fit_label_box(car);
+  Mesh mirrors;
+  for (int side : {1, -1}) {
+    const double x = x_of(s.cowl_u + 0.06), y = side * 0.50 * s.width;
+    const double z = s.height * (s.belt_front + 0.05);
+    append(mirrors, ellipsoid({0.07, 0.10, 0.075}), at(x, y + side * 0.06, z));
+  }
+  car.surfaces.push_back(surface(mirrors, random.uniform() < 0.5 ? kTrim : paint));
+  stretch(car, size);
+  return car;
+}
+
+}  // namespace mirage::generator

@@ -1,0 +1,229 @@
+#include "generator/fit_dataset.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <limits>
+
+#include "base/random.h"
+#include "sensors/mesh_distance.h"
+#include "sensors/ray_caster.h"
+
+namespace mirage {
+namespace {
+
+/// Value below which the share p of the numbers lies; 0 for none.
+double lower_quantile(std::vector<double> values, double p) {
+  if (values.empty()) return 0;
+  std::sort(values.begin(), values.end());
+  return values[std::min(values.size() - 1,
+                         static_cast<std::size_t>(p * static_cast<double>(values.size())))];
+}
+
+/// Mean distance of the mesh's vertices to a surface, over those that `count` accepts.
+double mean_distance(const Mesh& mesh, const MeshDistance& surface,
+                     const std::function<bool(const Vec3d&)>& count) {
+  double sum = 0;
+  std::size_t counted = 0;
+  for (const Vec3d& v : mesh.vertices) {
+    if (!count(v)) continue;
+    sum += surface.distance(v);
+    ++counted;
+  }
+  return counted == 0 ? 0 : sum / static_cast<double>(counted);
+}
+
+FitError measure(const ShapeFit& fit, const Rooftop& box_roof, const generator::TrueVehicle& truth) {
+  const Transform truth_from_velo = velo_from_box(truth.box).inverse();
+  const auto moved = [&](Mesh mesh) {
+    for (Vec3d& v : mesh.vertices) v = truth_from_velo * v;
+    return mesh;
+  };
+  const Mesh true_mesh = moved(truth.mesh), fitted = moved(fit.mesh);
+  const Vec3d roof = roof_point(true_mesh);
+  FitError error;
+  error.roof = truth_from_velo * Vec3d(fit.velo_from_roof.translation()) - roof;
+  error.box = truth_from_velo * Vec3d(box_roof.velo_from_adversary.translation()) - roof;
+  const Vec3d heading = truth_from_velo.linear() * fit.velo_from_vehicle.linear().col(0);
+  error.yaw = std::atan2(heading.y(), heading.x());
+  error.to_truth = mean_distance(fitted, MeshDistance(true_mesh), [](const Vec3d&) { return true; });
+  // The outer surface: what a ray along some axis can leave from. Seats can't be left.
+  const RayCaster caster({&true_mesh, 1});
+  const auto outer = [&](const Vec3d& p) {
+    for (const Vec3d& d : {Vec3d(1, 0, 0), Vec3d(-1, 0, 0), Vec3d(0, 1, 0), Vec3d(0, -1, 0), Vec3d(0, 0, 1)})
+      if (!caster.occluded({(p + 0.02 * d).cast<float>(), d.cast<float>()})) return true;
+    return false;
+  };
+  error.from_truth = mean_distance(true_mesh, MeshDistance(fitted), outer);
+  return error;
+}
+
+Box3 disturbed(const Box3& box, double strength, RandomStream& random) {
+  const auto error = [&](double sigma) { return strength * sigma * std::clamp(random.normal(), -2.5, 2.5); };
+  Box3 out = box;
+  out.bev.x += error(0.07);
+  out.bev.y += error(0.07);
+  out.bottom += error(0.05);
+  out.bev.yaw += error(0.02);
+  out.bev.length *= 1 + error(0.03);
+  out.bev.width *= 1 + error(0.03);
+  out.height *= 1 + error(0.03);
+  return out;
+}
+
+}  // namespace
+
+std::vector<FittedVehicle> fit_frame(const ShapeRooftopFinder& finder, const Frame& frame,
+                                     const LidarModel& lidar, const FitFrameSettings& settings,
+                                     const std::vector<generator::TrueVehicle>* truth) {
+  const SweepIndex index(frame.sweep, lidar);
+  const BoxRooftopFinder by_box;
+  std::vector<FittedVehicle> vehicles;
+  for (std::size_t i = 0; i < frame.labels.size(); ++i) {
+    Label label = frame.labels[i];
+    if (std::find(settings.types.begin(), settings.types.end(), label.type) == settings.types.end()) continue;
+    const Box3 given = label.box;
+    RandomStream random(settings.seed, "label noise " + frame.id, i);
+    if (settings.label_noise > 0) label.box = disturbed(given, settings.label_noise, random);
+    FittedVehicle vehicle;
+    vehicle.frame = frame.id;
+    vehicle.label = static_cast<int>(i);
+    vehicle.range = std::hypot(label.box.bev.x, label.box.bev.y);
+    vehicle.occluded = label.occluded;
+    vehicle.rooftop = by_box.find(frame, label);
+    const auto start = std::chrono::steady_clock::now();
+    vehicle.fit = finder.fit(index, label);
+    vehicle.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    if (vehicle.fit.fitted) {
+      const Vec3d roof = vehicle.fit.velo_from_roof.translation();
+      vehicle.roof_over_box = roof.z() - label.box.bottom - label.box.height;
+      const MeshDistance surface(vehicle.fit.mesh);
+      std::vector<double> off, heights;
+      for (const Vec3d& p : vehicle.fit.returns_velo) {
+        off.push_back(surface.distance(p));
+        heights.push_back(p.z());
+      }
+      vehicle.residual = lower_quantile(std::move(off), 0.5);
+      vehicle.roof_over_returns = roof.z() - lower_quantile(std::move(heights), 0.99);
+      if (truth)
+        if (const auto* true_vehicle = generator::find_vehicle(*truth, label.type, given))
+          vehicle.error = measure(vehicle.fit, vehicle.rooftop, *true_vehicle);
+      vehicle.rooftop = {vehicle.fit.velo_from_roof, false};
+    }
+    vehicles.push_back(std::move(vehicle));
+  }
+  return vehicles;
+}
+
+namespace {
+
+nlohmann::json spread(const std::vector<double>& values) {
+  return {{"median", lower_quantile(values, 0.5)}, {"p95", lower_quantile(values, 0.95)}};
+}
+
+nlohmann::json range_of(const std::vector<double>& values) {
+  return {{"p05", lower_quantile(values, 0.05)},
+          {"median", lower_quantile(values, 0.5)},
+          {"p95", lower_quantile(values, 0.95)}};
+}
+
+nlohmann::json summary(const std::vector<const FittedVehicle*>& group) {
+  std::vector<double> residual, over_box, over_returns, seconds, yaw, to, from, total;
+  std::vector<double> roof[3], box[3];
+  for (const FittedVehicle* v : group) {
+    if (!v->fit.fitted) continue;
+    residual.push_back(v->residual);
+    over_box.push_back(v->roof_over_box);
+    over_returns.push_back(v->roof_over_returns);
+    seconds.push_back(v->seconds);
+    if (!v->error) continue;
+    for (int a = 0; a < 3; ++a) {
+      roof[a].push_back(std::abs(v->error->roof[a]));
+      box[a].push_back(std::abs(v->error->box[a]));
+    }
+    total.push_back(v->error->roof.norm());
+    yaw.push_back(std::abs(v->error->yaw));
+    to.push_back(v->error->to_truth);
+    from.push_back(v->error->from_truth);
+  }
+  nlohmann::json out = {{"vehicles", group.size()},
+                        {"fitted", residual.size()},
+                        {"from_box", group.size() - residual.size()},
+                        {"residual_m", spread(residual)},
+                        {"roof_over_box_m", range_of(over_box)},
+                        {"roof_over_returns_m", range_of(over_returns)},
+                        {"seconds", spread(seconds)}};
+  if (!total.empty())
+    out["error"] = {
+        {"vehicles", total.size()},       {"roof_x_m", spread(roof[0])},     {"roof_y_m", spread(roof[1])},
+        {"roof_z_m", spread(roof[2])},    {"roof_m", spread(total)},         {"box_x_m", spread(box[0])},
+        {"box_y_m", spread(box[1])},      {"box_z_m", spread(box[2])},       {"yaw_rad", spread(yaw)},
+        {"fitted_to_true_m", spread(to)}, {"true_to_fitted_m", spread(from)}};
+  return out;
+}
+
+nlohmann::json list(const Vec3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+}  // namespace
+
+nlohmann::json summarise_fits(const std::vector<FittedVehicle>& vehicles) {
+  const auto where = [&](const std::function<bool(const FittedVehicle&)>& in) {
+    std::vector<const FittedVehicle*> group;
+    for (const FittedVehicle& v : vehicles)
+      if (in(v)) group.push_back(&v);
+    return summary(group);
+  };
+  nlohmann::json out = {{"all", where([](const auto&) { return true; })},
+                        {"within_30_m", where([](const auto& v) { return v.range < 30; })}};
+  const double ranges[] = {0, 10, 20, 30, 40, 1e9};
+  for (int i = 0; i < 5; ++i) {
+    nlohmann::json entry =
+        where([&](const auto& v) { return v.range >= ranges[i] && v.range < ranges[i + 1]; });
+    entry["range_m"] = i < 4 ? nlohmann::json{ranges[i], ranges[i + 1]} : nlohmann::json{ranges[i], nullptr};
+    out["by_range"].push_back(std::move(entry));
+  }
+  const int counts[] = {0, 20, 40, 100, 300, 1000, std::numeric_limits<int>::max()};
+  for (int i = 0; i < 6; ++i) {
+    nlohmann::json entry =
+        where([&](const auto& v) { return v.fit.points >= counts[i] && v.fit.points < counts[i + 1]; });
+    entry["returns"] = i < 5 ? nlohmann::json{counts[i], counts[i + 1]} : nlohmann::json{counts[i], nullptr};
+    out["by_returns"].push_back(std::move(entry));
+  }
+  return out;
+}
+
+nlohmann::json to_json(const FittedVehicle& v) {
+  const Transform& roof = v.rooftop.velo_from_adversary;
+  nlohmann::json out = {{"frame", v.frame},
+                        {"label", v.label},
+                        {"range_m", v.range},
+                        {"returns", v.fit.points},
+                        {"from_box", v.rooftop.from_box},
+                        {"roof_velo", list(roof.translation())},
+                        {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
+                        {"seconds", v.seconds}};
+  if (!v.fit.fitted) {
+    out["reason"] = v.fit.reason;
+    return out;
+  }
+  out["size_m"] = list(v.fit.size);
+  out["centre_velo"] = list(v.fit.velo_from_vehicle.translation());
+  out["code"] =
+      std::vector<double>(v.fit.shape.code.data(), v.fit.shape.code.data() + v.fit.shape.code.size());
+  out["residual_m"] = v.residual;
+  out["roof_over_box_m"] = v.roof_over_box;
+  out["roof_over_returns_m"] = v.roof_over_returns;
+  out["iterations"] = v.fit.iterations;
+  if (v.error)
+    out["error"] = {{"roof_m", list(v.error->roof)},
+                    {"box_m", list(v.error->box)},
+                    {"yaw_rad", v.error->yaw},
+                    {"fitted_to_true_m", v.error->to_truth},
+                    {"true_to_fitted_m", v.error->from_truth}};
+  return out;
+}
+
+}  // namespace mirage

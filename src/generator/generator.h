@@ -1,0 +1,48 @@
+// Generated driving frames: streets rendered by the ray-traced camera and the LiDAR model.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "generator/look.h"
+#include "scene/frame.h"
+
+namespace mirage {
+
+/// A rig file (scenes/rigs/NAME.toml): [camera], [lidar], their mount, and the look that generated streets
+/// have.
+struct Rig {
+  std::string name;
+  Calibration calibration;
+  LidarModel lidar;
+  Look look = Look::european;
+  std::string text;  ///< a rig file that holds this camera and this unit
+};
+/// Reads a rig file (scenes/rigs/kitti64.toml says what each key means). InputError naming file and key.
+Rig read_rig(const std::filesystem::path& file);
+/// The same rig with another unit (see lidar_file) in place of its own, at the mount pose that the unit's
+/// file gives; the velo origin keeps its height over the ground. The name becomes "RIG+UNIT".
+Rig with_lidar(Rig rig, const std::string& unit);
+/// The same rig with another look, in its text too.
+Rig with_look(Rig rig, Look look);
+
+/// What a generated frame knows beyond its labels. Pixels: of the ray nearest to the pixel's centre.
+struct FrameTruth {
+  ImageF depth;                        ///< H×W, planar depth (m); 0 where the ray meets nothing (sky)
+  Image<std::uint16_t> instance;       ///< H×W: k + 1 where the pixel shows the thing of label k, else 0
+  std::vector<std::uint32_t> returns;  ///< one a point of the sweep: (k + 1) << 16 | class, as below
+};
+/// Class of a label's type in SemanticKITTI's numbers (Behley et al., ICCV 2019): 10 car (vans with one body
+/// are cars there), 18 truck, 20 other vehicle, 30 person, 31 bicyclist, 0 for anything else. A return's
+/// class tells what it is from even where k + 1 is 0: things that the image doesn't show have no label.
+std::uint16_t semantic_class(const std::string& type);
+
+/// One frame; depends only on (rig, seed, index), and not on whether `truth` is asked for. Labels follow
+/// KITTI (2-D box, truncation, occlusion from what the camera sees of each vehicle). Labelled is what a
+/// return came from or what shows 25 pixels of height, within the picture's frame. Things that look like cars
+/// to a LiDAR alone are labelled "Misc", and so is a school bus.
+Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, FrameTruth* truth = nullptr);
+
+}  // namespace mirage

@@ -1,0 +1,91 @@
+#include "generator/labels.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel.h"
+
+namespace mirage::generator {
+namespace {
+
+constexpr double kNearPlane = 0.3;  // m, geometry nearer than this to the camera's plane isn't projected
+constexpr int kProbes = 3000;       // rays a thing to count its own pixels
+constexpr int kRows = 25;  // pixels of height that make a thing without returns one to be found (KITTI)
+
+struct Extent {
+  double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
+  void add(const Vec2d& p) {
+    left = std::min(left, p.x()), right = std::max(right, p.x());
+    top = std::min(top, p.y()), bottom = std::max(bottom, p.y());
+  }
+  double area() const { return std::max(0.0, right - left) * std::max(0.0, bottom - top); }
+};
+
+}  // namespace
+
+StreetLabels label_street(const Street& street, const Calibration& calibration, const Image<int>& object,
+                          std::span<const int> returned) {
+  const PinholeCamera& camera = calibration.camera;
+  const Transform velo_from_camera = calibration.camera_from_velo.inverse();
+  const std::size_t count = street.placed.size();
+  std::vector<int> visible(count, 0), first(count, object.height), last(count, -1), returns(count, 0);
+  for (int v = 0; v < object.height; ++v)
+    for (int u = 0; u < object.width; ++u)
+      if (const int id = object.at(u, v); id >= 0)
+        ++visible[id], first[id] = std::min(first[id], v), last[id] = v;
+  for (int id : returned)
+    if (id >= 0) ++returns[id];
+
+  std::vector<Label> labels(count);
+  parallel_for(count, [&](std::size_t i) {
+    if (returns[i] == 0 && last[i] - first[i] + 1 < kRows) return;
+    const BevBox& place = street.placed[i].box.bev;
+    if (visible[i] == 0 && (calibration.camera_from_velo * Vec3d(place.x, place.y, 0)).z() < kNearPlane)
+      return;
+    std::vector<Mesh> meshes;
+    Extent full;
+    for (const Surface& s : street.surfaces) {
+      if (s.object != static_cast<int>(i)) continue;
+      meshes.push_back(s.mesh);
+      if (on_roof(s, street.placed[i])) continue;
+      for (const Vec3d& v : s.mesh.vertices) {
+        Vec3d p = calibration.camera_from_velo * v;
+        p.z() = std::max(p.z(), kNearPlane);
+        full.add(camera.project(p));
+      }
+    }
+    Extent seen = full;
+    seen.left = std::clamp(full.left, 0.0, camera.width - 1.0),
+    seen.right = std::clamp(full.right, 0.0, camera.width - 1.0);
+    seen.top = std::clamp(full.top, 0.0, camera.height - 1.0),
+    seen.bottom = std::clamp(full.bottom, 0.0, camera.height - 1.0);
+    if (seen.right - seen.left < 1 || seen.bottom - seen.top < 1) return;
+    // The thing alone: how many pixels would it cover?
+    const RayCaster alone(meshes);
+    const int step = std::max(1, static_cast<int>(std::sqrt(seen.area() / kProbes)));
+    int own = 0, shown = 0;
+    for (int v = static_cast<int>(seen.top); v <= static_cast<int>(seen.bottom); v += step)
+      for (int u = static_cast<int>(seen.left); u <= static_cast<int>(seen.right); u += step) {
+        const Ray ray{velo_from_camera.translation().cast<float>(),
+                      (velo_from_camera.linear() * camera.unproject(u, v, 1)).cast<float>(), 0.05f};
+        if (!alone.occluded(ray)) continue;
+        ++own;
+        if (object.at(u, v) == static_cast<int>(i)) ++shown;
+      }
+    const double share = own > 0 ? static_cast<double>(shown) / own : 1;
+    Label& label = labels[i];
+    label.type = street.placed[i].type;
+    label.box = street.placed[i].box;
+    label.truncated = std::clamp(1 - seen.area() / std::max(full.area(), 1e-9), 0.0, 1.0);
+    label.occluded = visible[i] == 0 ? 3 : share > 0.8 ? 0 : share > 0.35 ? 1 : 2;
+    label.left = seen.left, label.top = seen.top, label.right = seen.right, label.bottom = seen.bottom;
+  });
+  StreetLabels out;
+  for (Label& label : labels) {
+    out.line.push_back(label.type.empty() ? -1 : static_cast<int>(out.labels.size()));
+    if (!label.type.empty()) out.labels.push_back(std::move(label));
+  }
+  return out;
+}
+
+}  // namespace mirage::generator

@@ -1,0 +1,185 @@
+// The European look: which street it is, its road and its traffic.
+#include "generator/looks/european.h"
+
+namespace mirage::generator {
+
+void EuropeanStreet::choose() {
+  const double pick = random_.uniform();
+  kind_ = pick < 0.42   ? Kind::residential
+          : pick < 0.62 ? Kind::avenue
+          : pick < 0.74 ? Kind::rural
+          : pick < 0.9  ? Kind::crossing
+                        : Kind::square;
+  lane_ = u(2.9, 3.6);
+  lanes_left_ = kind_ == Kind::avenue && chance(0.4) ? 2 : 1;
+  lanes_right_ = kind_ == Kind::avenue && chance(0.5) ? 2 : 1;
+  const double parking = kind_ == Kind::residential ? 0.85
+                         : kind_ == Kind::crossing  ? 0.5
+                         : kind_ == Kind::avenue    ? 0.35
+                         : kind_ == Kind::square    ? 0.9
+                                                    : 0.05;
+  for (int side = 0; side < 2; ++side) {
+    strip_[side] = chance(parking) ? (chance(kind_ == Kind::square ? 0.7 : 0.15) ? 5.0 : u(2.0, 2.4)) : 0;
+    half_[side] = lane_ * (side ? lanes_left_ : lanes_right_) + strip_[side] + u(0.0, 0.4);
+    pavement_[side] = kind_ == Kind::rural ? 0 : u(1.5, 4.0);
+    front_[side] = kind_ == Kind::residential ? (chance(0.5) ? u(0, 1) : u(2, 7))
+                   : kind_ == Kind::rural     ? u(4, 12)
+                                              : u(2, 12);
+  }
+  heading_ = 0.02 * random_.normal();
+  curvature_ = chance(0.4) ? 0.0025 * random_.normal() : 0;
+  ego_d_ = -0.5 * lane_ + 0.25 * random_.normal();
+  if (lanes_right_ == 2 && chance(0.5)) ego_d_ -= lane_;
+  slope_ = 0.010 * random_.normal();
+  wave_ = 0.10 * random_.uniform(), wave_length_ = u(30, 80), wave_phase_ = u(0, 2 * kPi);
+  cross_s_ = kind_ == Kind::crossing || chance(0.15) ? u(14, 45) : 1e9;
+  cross_half_ = u(3, 6);
+  kerb_ = kind_ == Kind::rural ? 0.04 : kKerb;
+}
+
+void EuropeanStreet::lay_ground() {
+  for (double& bank : bank_) bank = chance(0.35) ? u(-0.03, 0.12) : 0;
+  Material tar = plain(Vec3f(1, 1, 1.03f) * f(0.065, 0.15), f(0.16, 0.32));
+  tar.pattern = Pattern::asphalt, tar.variant = random_.next_u32();
+  Mesh road;
+  add_strip(road, -half_[0], half_[1], -12, kFar, 2);
+  add_cross_road(road, 60);
+  surfaces_.push_back(surface(road, tar));
+
+  Material stone = plain(Vec3f(1.0f, 0.97f, 0.92f) * f(0.12, 0.28), f(0.25, 0.4));
+  stone.pattern = Pattern::paving, stone.variant = random_.next_u32();
+  Material lawn = plain(Vec3f(f(0.03, 0.06), f(0.05, 0.10), 0.018f), 0.4f);
+  lawn.pattern = Pattern::grass, lawn.second = Vec3f(f(0.07, 0.15), f(0.08, 0.13), 0.035f),
+  lawn.variant = random_.next_u32();
+  Material kerb = plain(Vec3f::Constant(f(0.2, 0.36)), 0.3f);
+  Mesh pavement, grass, kerbs;
+  const bool green = kind_ == Kind::rural || kind_ == Kind::avenue || chance(0.5);
+  for (int side : {0, 1}) {
+    const double sign = side ? 1 : -1, edge = half_[side], outer = edge + pavement_[side];
+    for (int piece = 0; piece < 2; ++piece) {
+      double s0 = piece == 0 ? -12 : cross_s_ + cross_half_,
+             s1 = piece == 0 ? std::min(kFar, cross_s_ - cross_half_) : kFar;
+      if (s1 <= s0) continue;
+      s0 += 0.01, s1 -= 0.01;
+      const auto lay = [&](Mesh& mesh, double a, double b, double step) {
+        // Wound upwards on either side.
+        if (sign > 0)
+          add_strip(mesh, a, b, s0, s1, step);
+        else
+          add_strip(mesh, -b, -a, s0, s1, step);
+      };
+      if (kind_ != Kind::rural) {
+        lay(kerbs, edge + 0.06, edge + 0.2, 3);
+        for (double s = s0; s < s1; s += 3) {
+          const double e = std::min(s + 3, s1);
+          add_quad(kerbs, on_ground(s, sign * edge), on_ground(e, sign * edge),
+                   on_ground(e, sign * (edge + 0.06), 0), on_ground(s, sign * (edge + 0.06), 0));
+        }
+        lay(pavement, edge + 0.2, outer, 2);
+      }
+      lay(green ? grass : pavement, outer, outer + 6, 2);
+      lay(green ? grass : pavement, outer + 6, outer + 24, 2);
+      lay(grass, outer + 24, outer + 80, 2);
+    }
+  }
+  add_earth();
+  add_manhole_covers(random_.below(4));
+  surfaces_.push_back(surface(pavement, stone));
+  surfaces_.push_back(surface(grass, lawn));
+  surfaces_.push_back(surface(kerbs, kerb));
+
+  Mesh paint;
+  const double mark = 0.12;
+  if (kind_ != Kind::residential || chance(0.3)) {
+    const auto dashes = [&](double d, double on, double off) {
+      for (double s = -10 + u(0, 6); s < kFar; s += on + off)
+        if (!in_cross(s, on)) add_strip(paint, d - 0.5 * mark, d + 0.5 * mark, s, s + on, 2, 0.008);
+    };
+    const auto solid = [&](double d) {
+      for (double s = -10; s < kFar; s += 2)
+        if (!in_cross(s, 2)) add_strip(paint, d - 0.5 * mark, d + 0.5 * mark, s, s + 2, 2, 0.008);
+    };
+    if (chance(0.8))
+      dashes(0, u(2.5, 4), u(3, 6));
+    else
+      solid(0);
+    for (int k = 1; k < lanes_left_; ++k) dashes(k * lane_, 3, 6);
+    for (int k = 1; k < lanes_right_; ++k) dashes(-k * lane_, 3, 6);
+    if (kind_ == Kind::rural || kind_ == Kind::avenue) {
+      solid(lanes_left_ * lane_ - 0.1);
+      solid(-lanes_right_ * lane_ + 0.1);
+    }
+  }
+  if (cross_s_ < kFar && chance(0.7)) {
+    const double s = cross_s_ - cross_half_ - 1.2;
+    add_strip(paint, -lanes_right_ * lane_ + 0.2, -0.2, s, s + 0.5, 1, 0.008);
+    if (chance(0.5))
+      for (double d = -half_[0] + 0.4; d < half_[1] - 0.4; d += 1.0)
+        add_strip(paint, d, d + 0.5, s - 4.2, s - 1.2, 2, 0.008);
+  }
+  surfaces_.push_back(surface(paint, plain(Vec3f::Constant(f(0.4, 0.7)), 0.75f)));
+}
+
+void EuropeanStreet::place_vehicles() {
+  const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
+  const double flow = kind_ == Kind::avenue ? 0.85 : kind_ == Kind::rural ? 0.8 : 0.65;
+  // Ahead in our own lane and in the next one.
+  if (chance(flow)) {
+    double s = u(7, 35);
+    const int count = 1 + (chance(0.45) ? 1 + random_.below(2) : 0);
+    for (int i = 0; i < count; ++i, s += u(7, 22))
+      put(vehicle(kAlikeOnLanes), s, ego_d_ + wobble(0.25), wobble(0.02));
+  }
+  if (lanes_right_ == 2)
+    for (double s = u(3, 20); s < 65; s += u(8, 35)) {
+      const double d = ego_d_ > -lane_ ? -1.5 * lane_ : -0.5 * lane_;
+      put(vehicle(kAlikeOnLanes), s, d + wobble(0.25), wobble(0.02));
+    }
+  for (int lane = 0; lane < lanes_left_; ++lane)
+    if (chance(flow))
+      for (double s = u(4, 40); s < 66; s += u(8, 45))
+        put(vehicle(kAlikeOnLanes), s, (lane + 0.5) * lane_ + wobble(0.3), kPi + wobble(0.03));
+  if (cross_s_ < kFar) {
+    const int count = random_.below(5);
+    for (int i = 0; i < count; ++i) {
+      const bool left = chance(0.5);
+      put(vehicle(kAlikeOnLanes), cross_s_ + (left ? 0.5 : -0.5) * cross_half_ + wobble(0.4), u(-22, 22),
+          (left ? 0.5 : -0.5) * kPi + wobble(0.12));
+    }
+    if (chance(0.4)) put(vehicle(kAlikeOnLanes), cross_s_ + wobble(2.0), u(-5, 5), u(-kPi, kPi));  // turning
+  }
+  for (int side : {0, 1}) {
+    const double sign = side ? 1 : -1;
+    if (strip_[side] == 0) continue;
+    const double share = u(0.5, 1.0);
+    const bool across = strip_[side] > 4, slanted = across && chance(0.4);
+    const double slant = slanted ? u(0.5, 1.1) : 0.5 * kPi;
+    const double d = sign * (half_[side] - 0.5 * strip_[side] + (across ? 0 : u(-0.1, 0.3)));
+    for (double s = -4 + u(0, 5); s < 66; s += across ? u(2.4, 2.9) / std::sin(slant) : u(5.0, 6.3)) {
+      if (!chance(share) || in_cross(s, 6)) continue;
+      double turn = 0;
+      if (across)
+        turn = (chance(0.75) ? 1 : -1) * sign * slant;
+      else
+        turn = chance(side ? 0.7 : 0.12) ? kPi : 0;
+      put(vehicle(kAlikeParked), s, d + wobble(0.1), turn + wobble(0.025), 0.12);
+    }
+  }
+  // Cars off the street: drives, yards, car parks.
+  for (int side : {0, 1}) {
+    const double sign = side ? 1 : -1;
+    const int count = chance(0.45) ? 1 + random_.below(4) : 0;
+    for (int i = 0; i < count; ++i)
+      put(vehicle(kAlikeParked), u(8, 60), sign * (half_[side] + pavement_[side] + u(2.5, 12)), u(-kPi, kPi),
+          0.3);
+    // At the roadside, half on the pavement or the verge.
+    for (int i = 1 + random_.below(4); i > 0; --i) {
+      const double s = u(6, 64), d = half_[side] + u(1.2, std::max(2.0, pavement_[side] + 0.5));
+      if (in_cross(s, 3)) continue;
+      put(vehicle(kAlikeParked), s, sign * d,
+          chance(0.8) ? (chance(0.5) ? 0 : kPi) + wobble(0.06) : u(-kPi, kPi), 0.2);
+    }
+  }
+}
+
+}  // namespace mirage::generator

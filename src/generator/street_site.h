@@ -1,0 +1,147 @@
+// The ground that every look of a street is laid on: its course, its heights, and the placing of things. The
+// looks (looks/european.h, looks/american.h) say what stands where.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <string>
+
+#include "generator/placed.h"
+
+namespace mirage::generator {
+
+inline constexpr double kPi = std::numbers::pi;
+inline constexpr double kFar = 110;    // m of street that is built
+inline constexpr double kKerb = 0.11;  // m
+
+// Street coordinates: s along the centre line (0 at the ego vehicle), d to its left.
+class StreetSite {
+ protected:
+  /// Streams "PURPOSE" (the layout) and "PURPOSE actors" (what things look like) of (seed, index). `height`:
+  /// of the `velo` origin over the road.
+  StreetSite(std::uint64_t seed, const std::string& purpose, std::uint64_t index, double height)
+      : random_(seed, purpose, index), actors_(seed, purpose + " actors", index), height_(height) {}
+
+  Street finish() {
+    Street out;
+    for (Surface& s : surfaces_)
+      if (!s.mesh.faces.empty()) out.surfaces.push_back(std::move(s));
+    out.placed = std::move(placed_);
+    return out;
+  }
+
+  double u(double a, double b) { return random_.uniform(a, b); }
+  bool chance(double p) { return random_.uniform() < p; }
+  float f(double a, double b) { return static_cast<float>(random_.uniform(a, b)); }
+
+  Vec2d xy(double s, double d) const {
+    // A shallow arc: heading θ0 + κ s.
+    const double a = heading_ + curvature_ * s, m = heading_ + 0.5 * curvature_ * s;
+    const Vec2d centre =
+        -ego_d_ * Vec2d(-std::sin(heading_), std::cos(heading_)) + s * Vec2d(std::cos(m), std::sin(m));
+    return centre + d * Vec2d(-std::sin(a), std::cos(a));
+  }
+  double yaw(double s) const { return heading_ + curvature_ * s; }
+  double road_z(double s, double d) const {
+    const auto wave = [&](double t) { return wave_ * std::sin(2 * kPi * t / wave_length_ + wave_phase_); };
+    return -height_ + slope_ * s + wave(s) - wave(0) - 0.018 * (std::abs(d) - std::abs(ego_d_));
+  }
+  bool in_cross(double s, double margin = 0) const { return std::abs(s - cross_s_) < cross_half_ + margin; }
+  double ground_z(double s, double d) const {
+    const double edge = half_[d > 0];
+    double z = road_z(s, std::clamp(d, -half_[0], half_[1]));
+    if (std::abs(d) > edge + 0.05 && !in_cross(s)) {
+      z += kerb_;
+      const double out = std::abs(d) - edge - pavement_[d > 0];
+      if (out > 0)
+        z += std::min(out, 25.0) * bank_[d > 0] + 0.06 * std::sin(0.7 * s + d) * std::min(1.0, out);
+    }
+    return z;
+  }
+  Vec3d on_ground(double s, double d, double lift = 0) const {
+    const Vec2d p = xy(s, d);
+    return {p.x(), p.y(), ground_z(s, d) + lift};
+  }
+
+  void add_strip(Mesh& mesh, double d0, double d1, double s0, double s1, double step, double lift = 0) {
+    for (double s = s0; s < s1 - 1e-6; s += step) {
+      const double e = std::min(s + step, s1);
+      add_quad(mesh, on_ground(s, d0, lift), on_ground(e, d0, lift), on_ground(e, d1, lift),
+               on_ground(s, d1, lift));
+    }
+  }
+  /// The crossing road's surface beside the street's own, out to `reach` m from its middle; none without one.
+  void add_cross_road(Mesh& road, double reach) {
+    if (!(cross_s_ < kFar)) return;
+    for (int side : {-1, 1})
+      for (double s = cross_s_ - cross_half_; s < cross_s_ + cross_half_ - 0.1; s += cross_half_ / 3)
+        for (double d = half_[side > 0]; d < reach; d += 6) {
+          const double e = std::min(s + cross_half_ / 3, cross_s_ + cross_half_);
+          add_quad(road, on_ground(s, side * d), on_ground(e, side * d), on_ground(e, side * (d + 6)),
+                   on_ground(s, side * (d + 6)));
+        }
+  }
+
+  // Stands an actor at (s, d), heading `turn` from the street's; false where it would overlap another.
+  bool put(Actor actor, double s, double d, double turn, double margin = 0.25) {
+    const Vec2d p = xy(s, d);
+    const double heading = yaw(s) + turn, z = ground_z(s, d);
+    const BevBox box{p.x(), p.y(), actor.size.x() + 2 * margin, actor.size.y() + 2 * margin, heading};
+    if (intersection_area(box, BevBox{-0.3, 0, 7, 2.6, 0}) > 0) return false;  // the ego vehicle
+    for (const BevBox& other : taken_)
+      if (intersection_area(box, other) > 0) return false;
+    taken_.push_back(box);
+    int object = -1;
+    if (!actor.type.empty()) {
+      object = static_cast<int>(placed_.size());
+      placed_.push_back({actor.type,
+                         {{p.x(), p.y(), actor.size.x(), actor.size.y(), std::remainder(heading, 2 * kPi)},
+                          z,
+                          actor.size.z()},
+                         actor.kind});
+    }
+    add_surfaces(actor, at(p.x(), p.y(), z, heading), object);
+    return true;
+  }
+
+  void add_surfaces(Actor& actor, const Transform& velo_from_actor, int object) {
+    for (Surface& s : actor.surfaces) {
+      for (Vec3d& v : s.mesh.vertices) v = velo_from_actor * v;
+      s.object = object;
+      surfaces_.push_back(std::move(s));
+    }
+  }
+
+  /// Nothing that was put stands in the way of the box.
+  bool free(const BevBox& box) const {
+    return std::none_of(taken_.begin(), taken_.end(),
+                        [&](const BevBox& b) { return intersection_area(b, box) > 0; });
+  }
+
+  /// Stands something without a label at (s, d), heading `turn` from the street's, and keeps nothing free.
+  void stand(Actor actor, double s, double d, double turn = 0) {
+    const Vec2d p = xy(s, d);
+    add_surfaces(actor, at(p.x(), p.y(), ground_z(s, d), yaw(s) + turn), -1);
+  }
+
+  // Plants and fences (site_plants.cpp).
+  void add_fence(double s0, double s1, double d);
+  void add_woods(int side, double from);
+  /// What the earth under kerbs and side roads looks like, so that no sky shows between them.
+  void add_earth();
+  void add_manhole_covers(int count);
+
+  RandomStream random_, actors_;
+  double height_;
+  double kerb_ = kKerb;  ///< height of what lies beside the road (m)
+  double lane_ = 3, half_[2] = {4, 4}, strip_[2] = {}, pavement_[2] = {}, front_[2] = {}, bank_[2] = {};
+  int lanes_left_ = 1, lanes_right_ = 1;
+  double heading_ = 0, curvature_ = 0, ego_d_ = 0, slope_ = 0, wave_ = 0, wave_length_ = 50, wave_phase_ = 0;
+  double cross_s_ = 1e9, cross_half_ = 4;
+  std::vector<Surface> surfaces_;
+  std::vector<Placed> placed_;
+  std::vector<BevBox> taken_;
+};
+
+}  // namespace mirage::generator

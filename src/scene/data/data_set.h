@@ -1,0 +1,82 @@
+// Data sets: folders of frames in one of the layouts that Mirage reads. What a layout is stands in one class
+// (kitti.cpp, kitti_tracking.cpp, kitti_raw.cpp, nuscenes.cpp); read_frames.h opens them.
+//
+//   kitti-object    DATA/training/{image_2,velodyne,calib,label_2}, and what Mirage adds to it (kitti.h)
+//   kitti-tracking  DATA/training/{image_02,velodyne,calib,label_02}, a folder or file for each sequence
+//   kitti-raw       DATA/[DATE/]calib_*.txt, DATA/[DATE/]DATE_drive_NNNN_sync/…, labels from its tracklets
+//   nuscenes        DATA/v1.0-*/*.json, DATA/samples/…: keyframes of LIDAR_TOP and CAM_FRONT
+//
+// DATA/dataset.json and DATA/rig.toml may say which rig recorded a set of any layout (data_rig.h).
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "scene/frame.h"
+
+namespace mirage {
+
+/// What is known of a frame beside what its sensors measured.
+struct Annotations {
+  Calibration calibration;
+  std::vector<Label> labels;  ///< with their identities where the set knows them
+};
+
+/// A data set of one layout. It holds a path and no frame; several threads may ask at once.
+class DataSet {
+ public:
+  explicit DataSet(std::filesystem::path data) : data_(std::move(data)) {}
+  virtual ~DataSet() = default;
+
+  /// "kitti-object"
+  virtual const char* layout() const = 0;
+  /// Ids of the frames, sorted. InputError if there are none.
+  virtual std::vector<std::string> frames() const = 0;
+  /// The rig that recorded sets of this layout, if the set itself does not say (scenes/rigs).
+  virtual std::string rig() const { return "kitti64"; }
+
+  /// A file of a frame, and what the frame misses without it.
+  struct Part {
+    std::filesystem::path file;
+    const char* what;  ///< "the sweep"
+  };
+  /// Files of a frame: its sweep, its picture, and those that hold its annotations.
+  virtual std::vector<Part> parts(const std::string& id) const = 0;
+  /// Calibration and labels, which neither sweep nor picture is read for. InputError naming file and field.
+  virtual Annotations annotations(const std::string& id, int width, int height) const = 0;
+  /// The frame's sweep in `velo`.
+  virtual Sweep sweep(const std::string& id) const = 0;
+  /// The frame's own light; none: it follows from the road (road_exposure.h).
+  virtual std::optional<Lighting> lighting(const std::string& id) const;
+  /// Changes with anything that annotations() says of the frame.
+  virtual std::string annotations_hash(const std::string& id) const;
+  /// Identities of the frame's labels, in their order; none where the set does not know them.
+  virtual std::optional<std::vector<int>> tracks(const std::string& id) const;
+
+  /// The frame, whole. InputError naming file, field and fix, for: a missing file; a sweep that is cut off or
+  /// holds non-finite values; a calibration that is none, or that the picture's size contradicts; a label
+  /// that no vehicle can have.
+  Frame read(const std::string& id) const;
+  /// The picture's width and height, from its header.
+  std::pair<int, int> picture_size(const std::string& id) const;
+  /// Tells whether a frame is the same as before: a hash over its sweep, picture and annotations (not of its
+  /// lighting, nor of its labels' identities). InputError for a missing file.
+  std::string hash(const std::string& id) const;
+
+  /// The folder.
+  const std::filesystem::path& data() const { return data_; }
+
+ protected:
+  /// InputError if `id` can be no frame's name.
+  void check_id(const std::string& id) const;
+  /// parts(), all of which are there.
+  std::vector<Part> existing_parts(const std::string& id) const;
+
+ private:
+  std::filesystem::path data_;
+};
+
+}  // namespace mirage

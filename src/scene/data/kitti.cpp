@@ -1,0 +1,206 @@
+#include "scene/data/kitti.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <sstream>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/image_io.h"
+#include "base/names.h"
+#include "scene/data/layouts.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+
+const char* kRestore = "restore the file from its source";
+
+fs::path part(const fs::path& data, const char* folder, const std::string& id, const char* extension) {
+  return data / "training" / folder / (id + extension);
+}
+
+fs::path track_file(const fs::path& data, const std::string& id) {
+  return part(data, "track_2", id, ".txt");
+}
+
+/// A whole number a line.
+std::vector<int> read_track_file(const fs::path& file) {
+  std::vector<int> tracks;
+  std::istringstream lines(read_file(file));
+  int row = 0;
+  for (std::string line; std::getline(lines, line);) {
+    ++row;
+    while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
+    if (line.empty()) continue;
+    int track = 0;
+    const char* end = line.data() + line.size();
+    const auto [read, error] = std::from_chars(line.data(), end, track);
+    if (error != std::errc() || read != end || track < -1) {
+      line.resize(std::min<std::size_t>(line.size(), 40));
+      std::replace(line.begin(), line.end(), '\r', ' ');
+      throw InputError(file.string(), fmt::format("row {}", row), fmt::format("'{}' is no identity", line),
+                       "write the vehicle's number, or -1");
+    }
+    tracks.push_back(track);
+  }
+  return tracks;
+}
+
+Vec3d read_triple(const nlohmann::json& json, const char* key, const fs::path& file, double low) {
+  const auto bad = [&](const char* problem) {
+    return InputError(file.string(), key, problem, "write it as three numbers, e.g. [0.5, 0.5, 0.7]");
+  };
+  if (!json.is_object() || !json.contains(key)) throw bad("missing");
+  const auto& value = json[key];
+  if (!value.is_array() || value.size() != 3) throw bad("not a list of three numbers");
+  Vec3d result;
+  for (int i = 0; i < 3; ++i) {
+    if (!value[i].is_number()) throw bad("not a list of three numbers");
+    result[i] = value[i].get<double>();
+  }
+  if (!result.allFinite() || result.minCoeff() < low || result.maxCoeff() > 1e3) throw bad("out of range");
+  return result;
+}
+
+class KittiObject : public DataSet {
+ public:
+  using DataSet::DataSet;
+
+  const char* layout() const override { return "kitti-object"; }
+
+  std::vector<std::string> frames() const override {
+    const fs::path folder = data() / "training" / "velodyne";
+    if (!fs::is_directory(folder))
+      throw InputError(data().string(), "training/velodyne", "no such folder",
+                       "give a data set in KITTI's object, tracking or raw layout or in nuScenes' (made by "
+                       "`mirage generate`, for one)");
+    std::vector<std::string> ids;
+    for (const auto& entry : fs::directory_iterator(folder)) {
+      if (entry.path().extension() != ".bin") continue;
+      ids.push_back(entry.path().stem().string());
+      if (const std::string problem = frame_id_problem(ids.back()); !problem.empty())
+        throw InputError(entry.path().string(), "name", problem, "give the frame's files a shorter name");
+    }
+    if (ids.empty())
+      throw InputError(data().string(), "training/velodyne", "holds no .bin file",
+                       "give a data set with at least one frame");
+    std::sort(ids.begin(), ids.end());
+    return ids;
+  }
+
+  std::vector<Part> parts(const std::string& id) const override {
+    return {{part(data(), "velodyne", id, ".bin"), "the sweep"},
+            {part(data(), "image_2", id, ".png"), "the image"},
+            {part(data(), "calib", id, ".txt"), "the calibration"},
+            {part(data(), "label_2", id, ".txt"), "the labels"}};
+  }
+
+  Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
+
+  Annotations annotations(const std::string& id, int width, int height) const override {
+    Annotations known;
+    known.calibration = read_calibration(part(data(), "calib", id, ".txt"), width, height);
+    const fs::path labels = part(data(), "label_2", id, ".txt");
+    known.labels = read_labels(labels, known.calibration);
+    if (const auto numbers = tracks(id)) {
+      if (numbers->size() != known.labels.size())
+        throw InputError(track_file(data(), id).string(), fmt::format("{} lines", numbers->size()),
+                         fmt::format("{} has {} labels", labels.string(), known.labels.size()),
+                         "give each label its line (-1 where the vehicle is unknown)");
+      for (std::size_t i = 0; i < numbers->size(); ++i) known.labels[i].track = (*numbers)[i];
+    }
+    return known;
+  }
+
+  std::optional<Lighting> lighting(const std::string& id) const override {
+    const fs::path file = part(data(), "lighting", id, ".json");
+    return fs::exists(file) ? std::optional(read_lighting(file)) : std::nullopt;
+  }
+
+  std::optional<std::vector<int>> tracks(const std::string& id) const override {
+    const fs::path file = track_file(data(), id);
+    return fs::exists(file) ? std::optional(read_track_file(file)) : std::nullopt;
+  }
+};
+
+}  // namespace
+
+std::shared_ptr<const DataSet> open_kitti_object(const fs::path& data) {
+  return std::make_shared<KittiObject>(data);
+}
+
+Sweep read_points(const fs::path& file, std::size_t columns) {
+  const std::string bytes = read_file(file);
+  const std::size_t row = columns * sizeof(float);
+  if (bytes.empty()) throw InputError(file.string(), "byte 0", "the sweep is empty", kRestore);
+  if (bytes.size() % row != 0)
+    throw InputError(file.string(), fmt::format("byte {}", bytes.size() - bytes.size() % row),
+                     fmt::format("truncated: {} bytes are no multiple of {}", bytes.size(), row), kRestore);
+  Sweep sweep(bytes.size() / row);
+  for (std::size_t i = 0; i < sweep.size(); ++i) {
+    LidarPoint& p = sweep[i];
+    std::memcpy(&p, bytes.data() + i * row, sizeof p);
+    if (!p.position().allFinite() || !std::isfinite(p.reflectance))
+      throw InputError(file.string(), fmt::format("point {} (byte {})", i, i * row), "not a finite number",
+                       kRestore);
+    if (p.position().cwiseAbs().maxCoeff() > 1000)
+      throw InputError(file.string(), fmt::format("point {} (byte {})", i, i * row), "further than 1 km away",
+                       kRestore);
+  }
+  return sweep;
+}
+
+Sweep read_sweep(const fs::path& file) {
+  return read_points(file, 4);
+}
+
+void write_sweep(const fs::path& file, const Sweep& sweep) {
+  write_file(file, {reinterpret_cast<const char*>(sweep.data()), sweep.size() * sizeof(LidarPoint)});
+}
+
+Lighting read_lighting(const fs::path& file) {
+  const nlohmann::json json = read_json(file);
+  Lighting lighting;
+  lighting.to_sun_velo = read_triple(json, "to_sun_velo", file, -1e3);
+  if (lighting.to_sun_velo.norm() < 1e-6)
+    throw InputError(file.string(), "to_sun_velo", "has no length", "give the direction towards the sun");
+  lighting.to_sun_velo.normalize();
+  lighting.sun = read_triple(json, "sun", file, 0);
+  lighting.ambient = read_triple(json, "ambient", file, 0);
+  lighting.hemisphere = read_triple(json, "hemisphere", file, 0);
+  return lighting;
+}
+
+void write_lighting(const fs::path& file, const Lighting& lighting) {
+  const auto list = [](const Vec3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
+  write_json(file, {{"to_sun_velo", list(lighting.to_sun_velo)},
+                    {"sun", list(lighting.sun)},
+                    {"ambient", list(lighting.ambient)},
+                    {"hemisphere", list(lighting.hemisphere)}});
+}
+
+fs::path true_depth_file(const fs::path& data, const std::string& id) {
+  return part(data, "depth", id, ".png");
+}
+
+void write_frame(const fs::path& data, const Frame& frame) {
+  write_srgb(part(data, "image_2", frame.id, ".png"), frame.image);
+  write_calibration(part(data, "calib", frame.id, ".txt"), frame.calibration);
+  write_labels(part(data, "label_2", frame.id, ".txt"), frame.labels, frame.calibration);
+  write_lighting(part(data, "lighting", frame.id, ".json"), frame.lighting);
+  if (std::any_of(frame.labels.begin(), frame.labels.end(), [](const Label& l) { return l.track >= 0; })) {
+    std::string tracks;
+    for (const Label& label : frame.labels) tracks += fmt::format("{}\n", label.track);
+    write_file(track_file(data, frame.id), tracks);
+  }
+  // Last: list_frames goes by the sweeps, so a frame that was cut short isn't listed.
+  write_sweep(part(data, "velodyne", frame.id, ".bin"), frame.sweep);
+}
+
+}  // namespace mirage

@@ -1,0 +1,50 @@
+// Files of KITTI's object-benchmark layout (Geiger et al., CVPR 2012):
+// DIR/training/{image_2,velodyne,calib,label_2}. Generated data sets add training/lighting/ID.json (the
+// Lighting of the frame) and dataset.json. Where it is known which boxes show the same vehicle,
+// training/track_2/ID.txt says so: a line for each line of label_2/ID.txt, the vehicle's number, or -1 where
+// it is unknown.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "scene/frame.h"
+
+namespace mirage {
+
+/// Writes the frame's files (atomically, each); track_2 if a label has an identity. Labels' 2-D boxes,
+/// truncation and occlusion are written as they are. The image is encoded to 8-bit sRGB.
+void write_frame(const std::filesystem::path& data, const Frame& frame);
+
+/// KITTI's .bin: four floats a point. InputError naming file and byte: it can't be read, is empty or cut off,
+/// or a point is not finite or farther than 1 km.
+Sweep read_sweep(const std::filesystem::path& file);
+/// KITTI's .bin, atomically.
+void write_sweep(const std::filesystem::path& file, const Sweep& sweep);
+/// `width`, `height`: the image's.
+///
+/// R0_rect and Tr_velo_to_cam are printed with 7 digits; their product is replaced by the nearest rotation.
+/// InputError if it is further than 1e-3 from one, or if P2 is not K·[I | t] with an upright K.
+Calibration read_calibration(const std::filesystem::path& file, int width, int height);
+/// KITTI's calib/ID.txt, 13 digits a number, atomically.
+void write_calibration(const std::filesystem::path& file, const Calibration& calibration);
+
+/// A label's (x, y, z) is the bottom centre in `rect`; its heading there is (cos ry, 0, −sin ry). The box in
+/// `velo` has the same bottom centre, sizes and the yaw of that heading turned into `velo` and laid flat
+/// (the two frames' verticals differ by about 1°, which upright boxes can't express).
+std::vector<Label> read_labels(const std::filesystem::path& file, const Calibration& calibration);
+/// The exact inverse; alpha = ry − atan2(x, z).
+void write_labels(const std::filesystem::path& file, const std::vector<Label>& labels,
+                  const Calibration& calibration);
+
+/// Where generated sets keep a frame's true depth: DIR/training/depth/ID.png (write_depth_png; sky is 0).
+std::filesystem::path true_depth_file(const std::filesystem::path& data, const std::string& id);
+
+/// {"to_sun_velo": [x, y, z], "sun": [r, g, b], "ambient": …, "hemisphere": …}
+Lighting read_lighting(const std::filesystem::path& file);
+/// What read_lighting reads, atomically.
+void write_lighting(const std::filesystem::path& file, const Lighting& lighting);
+
+}  // namespace mirage

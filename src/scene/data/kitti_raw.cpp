@@ -1,0 +1,205 @@
+// KITTI's raw recordings (Geiger et al., IJRR 2013), synchronised and rectified: a folder for each day with
+// its calibration, in it one for each drive. Labels are the drive's tracklets: boxes in `velo`, which the
+// picture's boxes are projected from. A frame's id is DRIVE_FRAME,
+// "2011_09_26_drive_0009_sync_0000000012".
+#include <fmt/format.h>
+#include <tinyxml2.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/names.h"
+#include "scene/data/kitti.h"
+#include "scene/data/kitti_rows.h"
+#include "scene/data/layouts.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using tinyxml2::XMLElement;
+
+constexpr const char* kPose = "calib_velo_to_cam.txt";
+constexpr const char* kCameras = "calib_cam_to_cam.txt";
+constexpr const char* kFix = "restore the drive's tracklets";
+
+/// Elements of a tracklet file: what is missing or no number is an InputError that names it.
+class Tracklets {
+ public:
+  explicit Tracklets(fs::path file) : file_(std::move(file)) {
+    const std::string text = read_file(file_);
+    if (document_.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS)
+      throw InputError(
+          file_.string(), fmt::format("line {}", document_.ErrorLineNum()),
+          std::string("no XML (") + tinyxml2::XMLDocument::ErrorIDToName(document_.ErrorID()) + ")", kFix);
+    const XMLElement* root = document_.FirstChildElement("boost_serialization");
+    list_ = root != nullptr ? root->FirstChildElement("tracklets") : nullptr;
+    if (list_ == nullptr) throw InputError(file_.string(), "tracklets", "missing", kFix);
+  }
+
+  const XMLElement* first() const { return list_->FirstChildElement("item"); }
+
+  const XMLElement& child(const XMLElement& of, const char* name) const {
+    const XMLElement* found = of.FirstChildElement(name);
+    if (found == nullptr) throw wrong(of, name, "missing");
+    return *found;
+  }
+  double number(const XMLElement& of, const char* name) const {
+    double value = 0;
+    if (child(of, name).QueryDoubleText(&value) != tinyxml2::XML_SUCCESS || !std::isfinite(value))
+      throw wrong(of, name, "is no finite number");
+    return value;
+  }
+  int whole(const XMLElement& of, const char* name, int low, int high) const {
+    const double value = number(of, name);
+    if (!(value >= low && value <= high) || value != std::floor(value))
+      throw wrong(of, name, fmt::format("is no whole number from {} to {}", low, high));
+    return static_cast<int>(value);
+  }
+  std::string text(const XMLElement& of, const char* name) const {
+    const char* found = child(of, name).GetText();
+    if (found == nullptr) throw wrong(of, name, "is empty");
+    return found;
+  }
+  InputError wrong(const XMLElement& at, const char* field, const std::string& problem) const {
+    return {file_.string(), fmt::format("line {}, {}", at.GetLineNum(), field), problem, kFix};
+  }
+
+ private:
+  fs::path file_;
+  tinyxml2::XMLDocument document_;  // refuses more than 500 elements within each other
+  const XMLElement* list_ = nullptr;
+};
+
+class KittiRaw : public DataSet {
+ public:
+  using DataSet::DataSet;
+
+  const char* layout() const override { return "kitti-raw"; }
+
+  std::vector<std::string> frames() const override {
+    std::vector<std::string> ids;
+    for (const fs::path& drive : drives()) {
+      const fs::path sweeps = drive / "velodyne_points" / "data";
+      if (!fs::is_directory(sweeps)) continue;
+      for (const auto& entry : fs::directory_iterator(sweeps)) {
+        if (entry.path().extension() != ".bin") continue;
+        ids.push_back(drive.filename().string() + "_" + entry.path().stem().string());
+        if (!frame_id_problem(ids.back()).empty() || !split_id(ids.back()))
+          throw InputError(entry.path().string(), "name", "is no frame's name",
+                           "give the frame its number, as 0000000012.bin");
+      }
+    }
+    if (ids.empty())
+      throw InputError(
+          data().string(), "velodyne_points/data", "no drive holds a .bin file",
+          "give the folder of a day (with calib_*.txt and its *_sync folders) or of several days");
+    std::sort(ids.begin(), ids.end());
+    return ids;
+  }
+
+  std::vector<Part> parts(const std::string& id) const override {
+    const Place at = place(id);
+    return {{at.drive / "velodyne_points" / "data" / (at.name + ".bin"), "the sweep"},
+            {at.drive / "image_02" / "data" / (at.name + ".png"), "the image"},
+            {at.drive.parent_path() / kCameras, "the cameras' calibration"},
+            {at.drive.parent_path() / kPose, "the LiDAR's calibration"},
+            {at.drive / "tracklet_labels.xml", "the labels"}};
+  }
+
+  Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
+
+  Annotations annotations(const std::string& id, int width, int height) const override {
+    const Place at = place(id);
+    const std::vector<Part> files = parts(id);
+    const CalibrationFile cameras(files[2].file), pose(files[3].file);
+    const MatrixRow projection = cameras.row("P_rect_02", 12), rectification = cameras.row("R_rect_00", 9);
+    const MatrixRow r = pose.row("R", 9), t = pose.row("T", 3);
+    MatrixRow whole{files[3].file, "R, T", {}};
+    for (std::size_t row = 0; row < 3; ++row) {
+      for (std::size_t column = 0; column < 3; ++column) whole.values.push_back(r.values[3 * row + column]);
+      whole.values.push_back(t.values[row]);
+    }
+    Annotations known;
+    known.calibration = calibration_of(projection, rectification, whole, width, height);
+    add_labels(files[4].file, at, known);
+    return known;
+  }
+
+ private:
+  struct Place {
+    fs::path drive;
+    std::string name;  ///< "0000000012"
+    int frame = 0;
+    std::size_t drive_number = 0;
+  };
+
+  std::vector<fs::path> drives() const {
+    std::vector<fs::path> days = {data()}, found;
+    for (const auto& entry : fs::directory_iterator(data()))
+      if (entry.is_directory() && fs::exists(entry.path() / kPose)) days.push_back(entry.path());
+    for (const fs::path& day : days)
+      for (const auto& entry : fs::directory_iterator(day))
+        if (entry.is_directory() && entry.path().filename().string().find("_drive_") != std::string::npos)
+          found.push_back(entry.path());
+    std::sort(found.begin(), found.end());
+    return found;
+  }
+
+  Place place(const std::string& id) const {
+    check_id(id);
+    if (const auto parts = split_id(id)) {
+      const std::vector<fs::path> all = drives();
+      for (std::size_t i = 0; i < all.size(); ++i)
+        if (all[i].filename() == parts->first)
+          return {all[i], id.substr(parts->first.size() + 1), parts->second, i};
+    }
+    throw InputError(data().string(), "frame \"" + id + "\"", "is of no drive here",
+                     "give drive and number, as 2011_09_26_drive_0009_sync_0000000012");
+  }
+
+  static void add_labels(const fs::path& file, const Place& at, Annotations& known) {
+    const Tracklets tracklets(file);
+    std::size_t index = 0;
+    for (const XMLElement* item = tracklets.first(); item != nullptr;
+         item = item->NextSiblingElement("item"), ++index) {
+      constexpr int kMostFrames = 1000000;
+      const int first = tracklets.whole(*item, "first_frame", 0, kMostFrames);
+      const XMLElement* pose = tracklets.child(*item, "poses").FirstChildElement("item");
+      for (int frame = first; pose != nullptr && frame < at.frame; ++frame)
+        pose = pose->NextSiblingElement("item");
+      if (pose == nullptr || first > at.frame) continue;
+      const Box3 box{
+          {tracklets.number(*pose, "tx"), tracklets.number(*pose, "ty"), tracklets.number(*item, "l"),
+           tracklets.number(*item, "w"), tracklets.number(*pose, "rz")},
+          tracklets.number(*pose, "tz"),
+          tracklets.number(*item, "h")};
+      if (const std::string problem = box_problem(box); !problem.empty())
+        throw tracklets.wrong(*pose, "tx", "the box " + problem);
+      std::string type = tracklets.text(*item, "objectType");
+      if (type == "Person (sitting)") type = "Person_sitting";  // as the benchmarks call it
+      auto label = projected_label(type, box, known.calibration);
+      if (!label) continue;
+      const int hidden = tracklets.whole(*pose, "occlusion", -1, 3);
+      label->occluded = hidden < 0 ? 3 : hidden;  // -1: nobody said
+      label->track = track_number(at.drive_number, index);
+      known.labels.push_back(std::move(*label));
+    }
+  }
+};
+
+}  // namespace
+
+std::shared_ptr<const DataSet> open_kitti_raw(const fs::path& data) {
+  std::error_code error;
+  bool found = fs::exists(data / kPose, error);
+  for (fs::directory_iterator entry(data, error), end; !found && !error && entry != end;
+       entry.increment(error))
+    found = fs::exists(entry->path() / kPose, error);
+  if (!found) return nullptr;
+  return std::make_shared<KittiRaw>(data);
+}
+
+}  // namespace mirage

@@ -1,0 +1,128 @@
+#include "scene/data/kitti_rows.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+#include "base/angles.h"
+#include "base/error.h"
+#include "base/files.h"
+
+namespace mirage {
+namespace {
+
+/// velo's (x, y) components of a heading (cos ry, 0, −sin ry) in `rect`, as a matrix on (cos ry, sin ry).
+Eigen::Matrix2d flat_heading(const Transform& rect_from_velo) {
+  const Eigen::Matrix3d velo_from_rect = rect_from_velo.linear().transpose();
+  Eigen::Matrix2d matrix;
+  matrix.col(0) = velo_from_rect.col(0).head<2>();
+  matrix.col(1) = -velo_from_rect.col(2).head<2>();
+  return matrix;
+}
+
+/// "row 3, left".
+std::string place(int row, int column) {
+  static constexpr const char* kColumns[] = {"type",  "truncated", "occluded",   "alpha", "left",   "top",
+                                             "right", "bottom",    "height",     "width", "length", "x",
+                                             "y",     "z",         "rotation_y", "score"};
+  return fmt::format("row {}, {}", row, kColumns[column]);
+}
+
+}  // namespace
+
+std::vector<std::string_view> split(std::string_view text, std::string_view separators) {
+  std::vector<std::string_view> parts;
+  while (true) {
+    const auto begin = text.find_first_not_of(separators);
+    if (begin == std::string_view::npos) return parts;
+    text.remove_prefix(begin);
+    const auto end = std::min(text.find_first_of(separators), text.size());
+    parts.push_back(text.substr(0, end));
+    text.remove_prefix(end);
+  }
+}
+
+std::string_view shown(std::string_view word) {
+  return word.substr(0, 40);
+}
+
+double to_number(std::string_view text, const std::filesystem::path& file, const std::string& field) {
+  if (text.starts_with('+')) text.remove_prefix(1);
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size())
+    throw InputError(file.string(), field, fmt::format("'{}' is not a number", shown(text)),
+                     "correct the row");
+  if (!std::isfinite(value))
+    throw InputError(file.string(), field, fmt::format("'{}' is not finite", shown(text)), "correct the row");
+  return value;
+}
+
+Box3 velo_box(const RectBox& box, const Calibration& calibration) {
+  const Transform rect_from_velo = calibration.rect_from_velo();
+  const Vec3d bottom = rect_from_velo.inverse() * Vec3d(box.x, box.y, box.z);
+  const Vec2d along = flat_heading(rect_from_velo) * Vec2d(std::cos(box.ry), std::sin(box.ry));
+  return {{bottom.x(), bottom.y(), box.length, box.width, std::atan2(along.y(), along.x())},
+          bottom.z(),
+          box.height};
+}
+
+RectBox rect_box(const Box3& box, const Calibration& calibration) {
+  const Transform rect_from_velo = calibration.rect_from_velo();
+  const BevBox& bev = box.bev;
+  const Vec3d p = rect_from_velo * Vec3d(bev.x, bev.y, box.bottom);
+  const Vec2d along = flat_heading(rect_from_velo).inverse() * Vec2d(std::cos(bev.yaw), std::sin(bev.yaw));
+  return {box.height, bev.width, bev.length, p.x(), p.y(), p.z(), std::atan2(along.y(), along.x())};
+}
+
+double observation_angle(const RectBox& box) {
+  return wrap_angle(box.ry - std::atan2(box.x, box.z));
+}
+
+std::string to_row(const RectBox& box) {
+  return fmt::format("{:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f} {:.6f}", box.height, box.width, box.length,
+                     box.x, box.y, box.z, box.ry);
+}
+
+void KittiRow::demand(bool good, int column, const std::string& problem) const {
+  if (!good)
+    throw InputError(file.string(), place(number, column),
+                     fmt::format("{} {}", shown(words[static_cast<std::size_t>(column)]), problem),
+                     advice.fix_value);
+}
+
+Box3 KittiRow::box(const Calibration& calibration) const {
+  for (int i = 8; i < 11; ++i) demand(value[i] > 0 && value[i] <= 50, i, "m is no size of a road user");
+  for (int i = 11; i < 14; ++i) demand(std::abs(value[i]) <= 1000, i, "m is further than 1 km away");
+  return velo_box({value[8], value[9], value[10], value[11], value[12], value[13], value[14]}, calibration);
+}
+
+void for_each_row(const std::filesystem::path& file, const RowAdvice& advice,
+                  const std::function<void(const KittiRow&)>& visit) {
+  const std::string text = read_file(file);
+  int number = 0;
+  for (std::string_view rest = text; !rest.empty();) {
+    ++number;
+    const auto end = std::min(rest.find('\n'), rest.size());
+    const auto words = split(rest.substr(0, end), " \t\r");
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+    if (words.empty()) continue;
+    if (words.size() != advice.before + 15 && words.size() != advice.before + 16)
+      throw InputError(file.string(), fmt::format("row {}", number),
+                       fmt::format("{} columns where {} belong", words.size(), advice.columns),
+                       advice.fix_columns);
+    std::vector<double> before;
+    for (std::size_t i = 0; i < advice.before; ++i)
+      before.push_back(to_number(words[i], file, fmt::format("row {}, column {}", number, i + 1)));
+    KittiRow row{file, advice, number, before, std::span(words).subspan(advice.before)};
+    row.value[15] = 1;
+    for (std::size_t i = 1; i < row.words.size(); ++i)
+      row.value[i] = to_number(row.words[i], file, place(number, static_cast<int>(i)));
+    visit(row);
+  }
+}
+
+}  // namespace mirage

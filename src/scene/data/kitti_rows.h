@@ -1,0 +1,92 @@
+// What the text files of KITTI's layouts share (kitti_text.cpp, kitti_results.cpp, kitti_tracking.cpp,
+// kitti_raw.cpp): rows, numbers, matrices, and a box's seven numbers.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "scene/frame.h"
+
+namespace mirage {
+
+/// The parts between any of `separators`; none is empty.
+std::vector<std::string_view> split(std::string_view text, std::string_view separators);
+/// A word of the file in a message: a damaged file may have no blanks.
+std::string_view shown(std::string_view word);
+/// InputError naming file and field for what is no finite number.
+double to_number(std::string_view text, const std::filesystem::path& file, const std::string& field);
+
+/// A box as KITTI's rows have it: (x, y, z) is the bottom centre in `rect` (m), the heading there is
+/// (cos ry, 0, −sin ry).
+struct RectBox {
+  double height = 0, width = 0, length = 0, x = 0, y = 0, z = 0, ry = 0;
+};
+/// The upright box in `velo`: same bottom centre and sizes, the heading laid flat (kitti.h).
+Box3 velo_box(const RectBox& box, const Calibration& calibration);
+/// The exact inverse.
+RectBox rect_box(const Box3& box, const Calibration& calibration);
+/// The observation angle ry − atan2(x, z), in [−π, π].
+double observation_angle(const RectBox& box);
+/// "h w l x y z ry" to a micrometre and a microradian.
+std::string to_row(const RectBox& box);
+
+/// What the errors of a file of rows say.
+struct RowAdvice {
+  const char* columns;      ///< how many belong into a row
+  const char* fix_columns;  ///< of a row with another number of them
+  const char* fix_value;    ///< of a value that cannot be
+  std::size_t before = 0;   ///< numbers before the type: frame and identity in the tracking benchmark
+};
+/// A row of a label or result file.
+struct KittiRow {
+  const std::filesystem::path& file;
+  const RowAdvice& advice;
+  int number;                      ///< from 1
+  std::span<const double> before;  ///< the numbers before the type
+  std::span<const std::string_view> words;
+  /// By column: left, top, right, bottom are 4 to 7, the box's seven numbers 8 to 14; the score, 15, is 1
+  /// where the row has none. 0, the type, is a word.
+  std::array<double, 16> value = {};
+
+  /// InputError naming file, row and column, and the word there, unless `good`.
+  void demand(bool good, int column, const std::string& problem) const;
+  /// The row's box. InputError for a size or a place that no road user has.
+  Box3 box(const Calibration& calibration) const;
+};
+/// Visits the rows that are not empty. InputError, at its row, for a number of columns that is neither 15 nor
+/// 16 (and those before) and for what is no finite number.
+void for_each_row(const std::filesystem::path& file, const RowAdvice& advice,
+                  const std::function<void(const KittiRow&)>& visit);
+/// The row as a label of the object benchmark. InputError, at row and column, for what no label can be.
+Label label_of(const KittiRow& row, const Calibration& calibration);
+
+/// A row of a calibration file, and where it stands.
+struct MatrixRow {
+  std::filesystem::path file;
+  std::string name;            ///< "P2"
+  std::vector<double> values;  ///< row by row
+};
+/// A calibration file: rows "NAME: numbers"; the tracking benchmark leaves some colons out.
+class CalibrationFile {
+ public:
+  explicit CalibrationFile(std::filesystem::path file);
+  /// InputError if the row is missing, does not hold `count` words or one of them is no finite number.
+  MatrixRow row(const std::string& name, std::size_t count) const;
+
+ private:
+  std::filesystem::path file_;
+  std::string text_;
+  std::map<std::string, std::vector<std::string_view>, std::less<>> rows_;
+};
+/// From a projection (12 numbers), the rectifying rotation (9) and the LiDAR's pose in the reference camera
+/// (12); `width`, `height`: the picture's. Errors as read_calibration's (kitti.h).
+Calibration calibration_of(const MatrixRow& projection, const MatrixRow& rectification, const MatrixRow& pose,
+                           int width, int height);
+
+}  // namespace mirage

@@ -1,0 +1,111 @@
+// KITTI's tracking benchmark (Geiger et al., CVPR 2012): a sequence is a folder of pictures and sweeps, one
+// calibration and one file of labels. A frame's id is SEQUENCE_FRAME, "0003_000012".
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "base/error.h"
+#include "base/names.h"
+#include "scene/data/kitti.h"
+#include "scene/data/kitti_rows.h"
+#include "scene/data/layouts.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The benchmark tells truncation in three steps. The shares put what is cut off a little among the moderate
+/// cars of the object benchmark, and what is cut off by a lot beyond all of them.
+constexpr double kTruncated[] = {0, 0.3, 0.8};
+
+class KittiTracking : public DataSet {
+ public:
+  using DataSet::DataSet;
+
+  const char* layout() const override { return "kitti-tracking"; }
+
+  std::vector<std::string> frames() const override {
+    const fs::path folder = data() / "training" / "velodyne";
+    if (!fs::is_directory(folder))
+      throw InputError(data().string(), "training/velodyne", "no such folder",
+                       "add the tracking benchmark's sweeps");
+    std::vector<std::string> ids;
+    for (const auto& sequence : fs::directory_iterator(folder)) {
+      if (!sequence.is_directory()) continue;
+      for (const auto& entry : fs::directory_iterator(sequence.path())) {
+        if (entry.path().extension() != ".bin") continue;
+        ids.push_back(sequence.path().filename().string() + "_" + entry.path().stem().string());
+        if (!frame_id_problem(ids.back()).empty() || !split_id(ids.back()))
+          throw InputError(entry.path().string(), "name", "is no frame's name",
+                           "give the frame its number, as 000012.bin");
+      }
+    }
+    if (ids.empty())
+      throw InputError(data().string(), "training/velodyne", "holds no SEQUENCE/FRAME.bin",
+                       "add the tracking benchmark's sweeps");
+    std::sort(ids.begin(), ids.end());
+    return ids;
+  }
+
+  std::vector<Part> parts(const std::string& id) const override {
+    const Place at = place(id);
+    const fs::path training = data() / "training";
+    return {{training / "velodyne" / at.sequence / (at.name + ".bin"), "the sweep"},
+            {training / "image_02" / at.sequence / (at.name + ".png"), "the image"},
+            {training / "calib" / (at.sequence + ".txt"), "the calibration"},
+            {training / "label_02" / (at.sequence + ".txt"), "the labels"}};
+  }
+
+  Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
+
+  Annotations annotations(const std::string& id, int width, int height) const override {
+    const Place at = place(id);
+    const std::vector<Part> files = parts(id);
+    const CalibrationFile rows(files[2].file);
+    const MatrixRow projection = rows.row("P2", 12), rectification = rows.row("R_rect", 9);
+    Annotations known;
+    known.calibration = calibration_of(projection, rectification, rows.row("Tr_velo_cam", 12), width, height);
+    constexpr RowAdvice kAdvice{"17", "complete the row", "correct the label or delete its row", 2};
+    for_each_row(files[3].file, kAdvice, [&](const KittiRow& given) {
+      if (given.before[0] != at.frame) return;
+      KittiRow row = given;
+      const double step = row.value[1];
+      row.demand(step == -1 || step == 0 || step == 1 || step == 2, 1, "is not one of 0, 1, 2");
+      if (step > 0) row.value[1] = kTruncated[static_cast<std::size_t>(step)];
+      Label label = label_of(row, known.calibration);
+      const double track = row.before[1];
+      if (track >= 0 && track < 1e6)
+        label.track = track_number(at.sequence_number, static_cast<std::size_t>(track));
+      known.labels.push_back(std::move(label));
+    });
+    return known;
+  }
+
+ private:
+  struct Place {
+    std::string sequence, name;  ///< "0003", "000012"
+    int frame = 0;
+    std::size_t sequence_number = 0;
+  };
+  Place place(const std::string& id) const {
+    check_id(id);
+    const auto parts = split_id(id);
+    if (!parts)
+      throw InputError(data().string(), "frame \"" + id + "\"", "is no SEQUENCE_FRAME",
+                       "give its sequence and number, as 0003_000012");
+    const auto& [sequence, frame] = *parts;
+    const bool number = !sequence.empty() && sequence.size() < 7 &&
+                        sequence.find_first_not_of("0123456789") == std::string::npos;
+    return {sequence, id.substr(sequence.size() + 1), frame, number ? std::stoul(sequence) : 0};
+  }
+};
+
+}  // namespace
+
+std::shared_ptr<const DataSet> open_kitti_tracking(const fs::path& data) {
+  if (!fs::is_directory(data / "training" / "label_02")) return nullptr;
+  return std::make_shared<KittiTracking>(data);
+}
+
+}  // namespace mirage

@@ -1,0 +1,32 @@
+// The layouts (data_set.h), one function each: the data set, or null if the folder is of another layout.
+// A new one is a file with such a function, and its line in open_data_set (read_frames.cpp).
+#pragma once
+
+#include "scene/data/data_set.h"
+
+namespace mirage {
+
+/// Never null: what is no other layout is taken for this one.
+std::shared_ptr<const DataSet> open_kitti_object(const std::filesystem::path& data);
+/// DATA/training/label_02.
+std::shared_ptr<const DataSet> open_kitti_tracking(const std::filesystem::path& data);
+/// calib_velo_to_cam.txt in the folder or in one below.
+std::shared_ptr<const DataSet> open_kitti_raw(const std::filesystem::path& data);
+/// sample_data.json in the folder or in one DATA/v1.0-*.
+std::shared_ptr<const DataSet> open_nuscenes(const std::filesystem::path& data);
+
+/// A label of a set that knows boxes in space and none in the picture: projects the box (m, `velo`), and says
+/// how much of it the picture's frame cuts off. None if the camera sees nothing of it.
+std::optional<Label> projected_label(std::string type, const Box3& box, const Calibration& calibration);
+/// Why the box can be no road user's; empty if it can.
+std::string box_problem(const Box3& box);
+/// The number that stands for the `index`-th vehicle of the `group`-th drive, scene or sequence.
+int track_number(std::size_t group, std::size_t index);
+/// A sweep of `columns` floats a point, of which the first four are x, y, z and reflectance; kitti.h's
+/// read_sweep says what is refused.
+Sweep read_points(const std::filesystem::path& file, std::size_t columns);
+/// The part of the name behind the last underscore, as a number, and what stands before it; none for another
+/// name. "0003_000012": {"0003", 12}.
+std::optional<std::pair<std::string, int>> split_id(const std::string& id);
+
+}  // namespace mirage

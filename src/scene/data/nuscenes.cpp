@@ -1,0 +1,335 @@
+// nuScenes (Caesar et al., CVPR 2020): tables of tokens in v1.0-*/*.json, and the files that they name. A
+// frame is a sample, its id the sample's token: the keyframe of LIDAR_TOP and that of CAM_FRONT, each at the
+// pose that the car had then.
+//
+// `velo` has the car's axes and the unit's origin: the unit stands turned by a quarter (x right, y forward)
+// and is tilted by more than a degree. Boxes are kept where the camera sees any of them and either a return
+// fell on them or they show kFewestRows pixels of height. Written for v1.0-mini and tables of its size: they
+// are held in memory.
+#include <fmt/format.h>
+#include <sys/stat.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <mutex>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/json_fields.h"
+#include "base/names.h"
+#include "scene/data/kitti_rows.h"
+#include "scene/data/layouts.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kLidar = "LIDAR_TOP";
+constexpr const char* kCamera = "CAM_FRONT";
+constexpr const char* kFix = "restore the table from the data set's archive";
+constexpr double kFewestRows = 25;     // pixels
+constexpr float kFullIntensity = 255;  // of a return
+
+struct Sensor {
+  Transform ego_from_sensor = Transform::Identity();
+  std::vector<double> intrinsics;  ///< 9 of a camera
+};
+
+/// One sensor's part of a sample.
+struct Shot {
+  std::string file;  ///< below the data set's folder; empty: the sample has none
+  const Sensor* sensor = nullptr;
+  Transform global_from_ego = Transform::Identity();
+  Transform global_from_sensor() const { return global_from_ego * sensor->ego_from_sensor; }
+};
+
+struct Annotation {
+  std::string type;
+  Vec3d centre = Vec3d::Zero(), size = Vec3d::Zero();  ///< global; width, length, height (m)
+  Vec3d heading = Vec3d::UnitX();                      ///< global
+  int visibility = 0;                                  ///< 1 … 4: under 40, 60, 80, 100 % is seen
+  std::int64_t returns = 0;
+  int track = -1;
+};
+
+struct Sample {
+  Shot lidar, camera;
+  std::vector<Annotation> annotations;
+};
+
+struct Tables {
+  std::map<std::string, Sensor> sensors;  ///< calibrated ones of the two channels, by token
+  std::map<std::string, Sample> samples;  ///< by token
+};
+
+/// KITTI's word for a category: what AP, hosts and objectives ask for.
+std::string type_of(const std::string& category) {
+  constexpr std::array<std::pair<std::string_view, const char*>, 10> kTypes = {
+      {{"vehicle.car", "Car"},
+       {"vehicle.emergency", "Van"},
+       {"vehicle.truck", "Truck"},
+       {"vehicle.trailer", "Truck"},
+       {"vehicle.construction", "Truck"},
+       {"vehicle.bus", "Bus"},
+       {"vehicle.bicycle", "Cyclist"},
+       {"vehicle.motorcycle", "Cyclist"},
+       {"human.pedestrian", "Pedestrian"},
+       {"animal", "Animal"}}};
+  for (const auto& [prefix, type] : kTypes)
+    if (category.starts_with(prefix)) return type;
+  return "Misc";  // cones, barriers and other things that stand about
+}
+
+Transform pose_of(const JsonFields& row) {
+  constexpr double kFar = 1e7;  // m; maps are kilometres wide
+  const auto t = row.numbers("translation", 3, -kFar, kFar), q = row.numbers("rotation", 4, -1.01, 1.01);
+  const Eigen::Quaterniond rotation(q[0], q[1], q[2], q[3]);
+  if (std::abs(rotation.norm() - 1) > 1e-3) row.fail("rotation", "is no rotation");
+  Transform pose = Transform::Identity();
+  pose.linear() = rotation.normalized().toRotationMatrix();
+  pose.translation() = Vec3d(t[0], t[1], t[2]);
+  return pose;
+}
+
+template <class Visit>
+void for_each_row_of(const fs::path& file, const Visit& visit) {
+  const nlohmann::json rows = read_json(file);
+  if (!rows.is_array()) throw InputError(file.string(), "", "is no list of rows", kFix);
+  const nlohmann::json whole = nlohmann::json::object();
+  const JsonFields table(file, whole, kFix);
+  for (std::size_t i = 0; i < rows.size(); ++i) visit(table.inner(fmt::format("[{}]", i), rows[i]));
+}
+
+/// A path below the data set's folder: tables come from anybody, and reach no further.
+std::string file_of(const JsonFields& row) {
+  const std::string name = row.text("filename");
+  const fs::path path(name);
+  const bool leads_out = path.is_absolute() || std::find(path.begin(), path.end(), "..") != path.end();
+  if (name.empty() || leads_out || name.find('\0') != std::string::npos)
+    row.fail("filename", "names no file below the data set's folder");
+  return name;
+}
+
+std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
+  auto tables = std::make_shared<Tables>();
+  std::map<std::string, std::string> channels;
+  for_each_row_of(folder / "sensor.json", [&](const JsonFields& row) {
+    const std::string channel = row.text("channel");
+    if (channel == kLidar || channel == kCamera) channels[row.text("token")] = channel;
+  });
+  std::map<std::string, std::string> channel_of;
+  for_each_row_of(folder / "calibrated_sensor.json", [&](const JsonFields& row) {
+    const auto channel = channels.find(row.text("sensor_token"));
+    if (channel == channels.end()) return;
+    Sensor sensor{pose_of(row), {}};
+    if (channel->second == kCamera) {
+      for (const nlohmann::json& line : row.list("camera_intrinsic", 3))
+        for (const nlohmann::json& value : line)
+          if (value.is_number()) sensor.intrinsics.push_back(value.get<double>());
+      if (sensor.intrinsics.size() != 9) row.fail("camera_intrinsic", "is no matrix of 3 × 3 numbers");
+    }
+    const std::string token = row.text("token");
+    channel_of[token] = channel->second;
+    tables->sensors.insert_or_assign(token, std::move(sensor));
+  });
+  std::map<std::string, std::vector<Shot*>> waiting;  // by the token of their pose
+  for_each_row_of(folder / "sample_data.json", [&](const JsonFields& row) {
+    if (!row.truth("is_key_frame")) return;
+    const auto sensor = tables->sensors.find(row.text("calibrated_sensor_token"));
+    if (sensor == tables->sensors.end()) return;
+    const std::string token = row.text("sample_token");
+    if (!frame_id_problem(token).empty()) row.fail("sample_token", "can be no frame's name");
+    Sample& sample = tables->samples[token];
+    Shot& shot = channel_of[sensor->first] == kLidar ? sample.lidar : sample.camera;
+    shot.file = file_of(row);
+    shot.sensor = &sensor->second;
+    waiting[row.text("ego_pose_token")].push_back(&shot);
+  });
+  for_each_row_of(folder / "ego_pose.json", [&](const JsonFields& row) {
+    const auto shots = waiting.find(row.text("token"));
+    if (shots == waiting.end()) return;
+    for (Shot* shot : shots->second) shot->global_from_ego = pose_of(row);
+    waiting.erase(shots);
+  });
+  if (!waiting.empty())
+    throw InputError((folder / "ego_pose.json").string(), waiting.begin()->first, "no such pose", kFix);
+  std::map<std::string, std::string> category_of, type_of_instance;
+  for_each_row_of(folder / "category.json",
+                  [&](const JsonFields& row) { category_of[row.text("token")] = row.text("name"); });
+  for_each_row_of(folder / "instance.json", [&](const JsonFields& row) {
+    type_of_instance[row.text("token")] = type_of(category_of[row.text("category_token")]);
+  });
+  for_each_row_of(folder / "sample_annotation.json", [&](const JsonFields& row) {
+    const auto sample = tables->samples.find(row.text("sample_token"));
+    if (sample == tables->samples.end()) return;
+    const auto instance = type_of_instance.find(row.text("instance_token"));
+    if (instance == type_of_instance.end()) row.fail("instance_token", "no such instance");
+    const Transform pose = pose_of(row);
+    const auto size = row.numbers("size", 3, 0, 100);
+    const std::string visibility = row.text("visibility_token");
+    sample->second.annotations.push_back(
+        {instance->second, pose.translation(), Vec3d(size[0], size[1], size[2]), pose.linear().col(0),
+         visibility.size() == 1 && visibility[0] >= '1' && visibility[0] <= '4' ? visibility[0] - '0' : 0,
+         row.integer("num_lidar_pts", 0, 1 << 30),
+         track_number(0, static_cast<std::size_t>(std::distance(type_of_instance.begin(), instance)))});
+  });
+  std::erase_if(tables->samples, [](const auto& sample) {
+    return sample.second.lidar.file.empty() || sample.second.camera.file.empty();
+  });
+  return tables;
+}
+
+/// The tables of a folder, read again once one of them has changed.
+std::shared_ptr<const Tables> tables_of(const fs::path& folder) {
+  static std::mutex mutex;
+  static std::map<fs::path, std::pair<std::string, std::shared_ptr<const Tables>>> kept;
+  const std::scoped_lock lock(mutex);
+  std::string state;
+  for (const char* name : {"sensor.json", "calibrated_sensor.json", "sample_data.json", "ego_pose.json",
+                           "category.json", "instance.json", "sample_annotation.json"}) {
+    const fs::path file = folder / name;
+    struct stat about {};
+    if (::stat(file.c_str(), &about) != 0 || !S_ISREG(about.st_mode))
+      throw InputError(file.string(), "", "missing", kFix);
+    state +=
+        fmt::format("{} {} {}.{} ", about.st_ino, about.st_size, about.st_mtim.tv_sec, about.st_mtim.tv_nsec);
+  }
+  const auto same = kept.find(folder);
+  if (same != kept.end() && same->second.first == state) return same->second.second;
+  auto tables = read_tables(folder);
+  constexpr std::size_t kMostSets = 4;  // at hand in one program
+  if (kept.size() >= kMostSets) kept.clear();
+  kept[folder] = {state, tables};
+  return tables;
+}
+
+class NuScenes : public DataSet {
+ public:
+  /// `tables`: the folder of the tables.
+  NuScenes(fs::path data, fs::path tables) : DataSet(std::move(data)), tables_(std::move(tables)) {}
+
+  const char* layout() const override { return "nuscenes"; }
+  std::string rig() const override { return "nuscenes"; }
+
+  std::vector<std::string> frames() const override {
+    std::vector<std::string> ids;
+    for (const auto& [token, sample] : tables_of(tables_)->samples) ids.push_back(token);
+    if (ids.empty())
+      throw InputError((tables_ / "sample_data.json").string(), "",
+                       fmt::format("no sample has keyframes of {} and {}", kLidar, kCamera), kFix);
+    return ids;
+  }
+
+  std::vector<Part> parts(const std::string& id) const override {
+    const auto tables = tables_of(tables_);
+    const Sample& sample = of(*tables, id);
+    const fs::path root = tables_.parent_path();
+    return {{root / sample.lidar.file, "the sweep"}, {root / sample.camera.file, "the image"}};
+  }
+
+  Sweep sweep(const std::string& id) const override {
+    const auto tables = tables_of(tables_);
+    const Sample& sample = of(*tables, id);
+    Sweep points = read_points(tables_.parent_path() / sample.lidar.file, 5);  // the fifth is the beam
+    const Eigen::Matrix3f turn = velo_from_lidar(sample).linear().cast<float>();
+    for (LidarPoint& p : points) {
+      const Vec3f at = turn * p.position();
+      p = {at.x(), at.y(), at.z(), p.reflectance / kFullIntensity};
+    }
+    return points;
+  }
+
+  Annotations annotations(const std::string& id, int width, int height) const override {
+    const auto tables = tables_of(tables_);
+    const Sample& sample = of(*tables, id);
+    const Transform global_from_velo = sample.lidar.global_from_sensor() * velo_from_lidar(sample).inverse();
+    const Transform camera_from_velo = sample.camera.global_from_sensor().inverse() * global_from_velo;
+    const fs::path file = tables_ / "calibrated_sensor.json";
+    const auto& k = sample.camera.sensor->intrinsics;
+    const MatrixRow projection{
+        file, "camera_intrinsic", {k[0], k[1], k[2], 0, k[3], k[4], k[5], 0, k[6], k[7], k[8], 0}};
+    const MatrixRow upright{file, "rotation", {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    MatrixRow pose{file, "translation, rotation", {}};
+    for (int i = 0; i < 12; ++i) pose.values.push_back(camera_from_velo.matrix()(i / 4, i % 4));
+    Annotations known;
+    known.calibration = calibration_of(projection, upright, pose, width, height);
+    const Transform velo_from_global = global_from_velo.inverse();
+    for (const Annotation& annotation : sample.annotations) {
+      const Vec3d centre = velo_from_global * annotation.centre,
+                  along = velo_from_global.linear() * annotation.heading;
+      const Box3 box{{centre.x(), centre.y(), annotation.size.y(), annotation.size.x(),
+                      std::atan2(along.y(), along.x())},
+                     centre.z() - annotation.size.z() / 2,
+                     annotation.size.z()};
+      if (const std::string problem = box_problem(box); !problem.empty())
+        throw InputError((tables_ / "sample_annotation.json").string(), "sample " + id, "a box " + problem,
+                         kFix);
+      auto label = projected_label(annotation.type, box, known.calibration);
+      if (!label || (annotation.returns == 0 && label->bottom - label->top < kFewestRows)) continue;
+      constexpr int kOccluded[] = {3, 3, 2, 1, 0};  // by visibility
+      label->occluded = kOccluded[annotation.visibility];
+      label->track = annotation.track;
+      known.labels.push_back(std::move(*label));
+    }
+    return known;
+  }
+
+  std::string annotations_hash(const std::string& id) const override {
+    const auto [width, height] = picture_size(id);
+    const Annotations known = annotations(id, width, height);
+    std::string text;
+    const auto add = [&](double value) { text += fmt::format("{:.9g} ", value); };
+    const PinholeCamera& camera = known.calibration.camera;
+    for (const double value : {camera.fx, camera.fy, camera.cx, camera.cy}) add(value);
+    for (int i = 0; i < 12; ++i) add(known.calibration.camera_from_velo.matrix()(i / 4, i % 4));
+    for (const Label& label : known.labels) {
+      const BevBox& bev = label.box.bev;
+      text += fmt::format("{} {} ", label.type, label.occluded);
+      for (const double value :
+           {bev.x, bev.y, bev.length, bev.width, bev.yaw, label.box.bottom, label.box.height})
+        add(value);
+    }
+    return content_hash(text);
+  }
+
+ private:
+  const Sample& of(const Tables& tables, const std::string& id) const {
+    check_id(id);
+    const auto sample = tables.samples.find(id);
+    if (sample == tables.samples.end())
+      throw InputError(data().string(), "frame \"" + id + "\"", "no such sample", "give a sample's token");
+    return sample->second;
+  }
+
+  static Transform velo_from_lidar(const Sample& sample) {
+    Transform turn = Transform::Identity();
+    turn.linear() = sample.lidar.sensor->ego_from_sensor.linear();
+    return turn;
+  }
+
+  fs::path tables_;
+};
+
+}  // namespace
+
+std::shared_ptr<const DataSet> open_nuscenes(const fs::path& data) {
+  std::error_code error;
+  if (fs::exists(data / "sample_data.json", error))
+    return std::make_shared<NuScenes>(data, fs::absolute(data));
+  std::vector<fs::path> versions;
+  for (fs::directory_iterator entry(data, error), end; !error && entry != end; entry.increment(error))
+    if (entry->path().filename().string().starts_with("v1.0-") &&
+        fs::exists(entry->path() / "sample_data.json", error))
+      versions.push_back(entry->path());
+  if (versions.empty()) return nullptr;
+  if (versions.size() > 1)
+    throw InputError(data.string(), "v1.0-*", fmt::format("{} versions of the tables", versions.size()),
+                     "give the folder of one of them");
+  return std::make_shared<NuScenes>(data, fs::absolute(versions.front()));
+}
+
+}  // namespace mirage

@@ -1,0 +1,317 @@
+#include "simulation/adversary_lidar.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/hash.h"
+#include "base/random.h"
+#include "sensors/ray_caster.h"
+#include "sensors/soft_rasterizer.h"
+
+namespace mirage {
+namespace {
+
+std::array<Vec3d, 3> face_of(const Mesh& mesh, int face) {
+  const Face& f = mesh.faces[static_cast<std::size_t>(face)];
+  return {mesh.vertices[static_cast<std::size_t>(f[0])], mesh.vertices[static_cast<std::size_t>(f[1])],
+          mesh.vertices[static_cast<std::size_t>(f[2])]};
+}
+
+/// The caster works in float and may pick a face that the exact ray just misses. On needles and near-grazing
+/// faces the plane is then met far off the face: the return is kept on the face.
+void keep_on_face(FaceReturn<double>& hit, const LidarRay& ray, const std::array<Vec3d, 3>& face) {
+  constexpr double kBeside = 1e-3;
+  if ((hit.barycentric.array() >= -kBeside).all() && (hit.barycentric.array() <= 1 + kBeside).all()) return;
+  if (!hit.barycentric.allFinite()) hit.barycentric.setOnes();
+  hit.barycentric = hit.barycentric.cwiseMax(0.0).cwiseMin(1.0);
+  hit.barycentric /= hit.barycentric.sum();
+  hit.range = 0;
+  for (int k = 0; k < 3; ++k)
+    hit.range += hit.barycentric[k] * (face[static_cast<std::size_t>(k)] - ray.origin).dot(ray.direction);
+}
+
+class Insertion {
+ public:
+  Insertion(const PreparedFrame& prepared, const TexturedMesh& placed, const SimulationSettings& settings,
+            Simulated& result)
+      : prepared_(prepared),
+        lidar_(prepared.lidar),
+        placed_(placed),
+        settings_(settings),
+        effects_(settings.lidar_effects),
+        pattern_(beam_pattern(effects_)),
+        box_(bounds(placed.mesh)),
+        result_(result) {}
+
+  LidarTape run() {
+    trace();
+    for (std::size_t i = 0; i < sent_.size(); ++i) receive(i);
+    merge();
+    return std::move(tape_);
+  }
+
+ private:
+  /// The unit's pose when the ray was fired, in the frame of moment 0.
+  Transform pose(const SweepRay& sent) const {
+    if (!effects_.moving()) return Transform::Identity();
+    return start_from_moment(effects_, lidar_.firing_time(sent.beam, sent.azimuth));
+  }
+
+  /// Rays that can meet the object. Motion shifts where the unit sees it, by an amount that changes over the
+  /// firings that pass it: the ball is grown by that change.
+  void find_rays() {
+    Vec3d centre = box_.center();
+    double radius = box_.diagonal().norm() / 2;
+    if (effects_.moving()) {
+      double last = 0;
+      for (const LidarBeam& beam : lidar_.beams) last = std::max(last, beam.time);
+      const Vec3d seen = lidar_.velo_from_lidar.inverse() * centre;
+      const double middle = lidar_.firing_time(0, std::atan2(seen.y(), seen.x())) - lidar_.beams[0].time;
+      const double speed = effects_.velocity.norm() + std::abs(effects_.yaw_rate) * centre.norm();
+      // Beams look up to a few degrees beside the firing's azimuth: a quarter turn is ample unless the object
+      // is next to the unit.
+      const bool apart = centre.norm() > 2 * (radius + speed / lidar_.rate);
+      radius += speed * ((apart ? 0.25 : 0.5) / lidar_.rate + last);
+      centre = start_from_moment(effects_, apart ? middle : 0).inverse() * centre;
+    }
+    const double spread = effects_.divergence.norm() / 2;
+    sent_ = prepared_.index.rays_through(centre, radius + spread * (centre.norm() + radius));
+  }
+
+  void trace() {
+    find_rays();
+    const std::size_t count = sent_.size();
+    if (count == 0) return;
+    const Vec3d centre = box_.center();
+    const RayCaster caster(std::span(&placed_.mesh, 1), centre);
+    traced_.resize(count * pattern_.size());
+    RayTable rays(1, traced_.size());
+    for (std::size_t i = 0; i < count; ++i) {
+      const Transform velo_from_unit = pose(sent_[i]);
+      const LidarRay& ray = sent_[i].ray;
+      for (std::size_t k = 0; k < pattern_.size(); ++k) {
+        LidarRay& sub = traced_[k * count + i];
+        sub = ray;
+        if (k > 0) sub.direction = turned(sub.direction, pattern_[k].angle);
+        if (effects_.moving()) sub = {velo_from_unit * sub.origin, velo_from_unit.linear() * sub.direction};
+        rays.set(0, k * count + i, (sub.origin - centre).cast<float>(), sub.direction.cast<float>());
+      }
+    }
+    caster.intersect(rays, 0, 1e30f, hits_);
+  }
+
+  /// A ray of the cone: false if it does not meet the object within the unit's range.
+  bool meet(std::size_t at, double weight, LidarTape::Part& part) const {
+    if (hits_.face[at] < 0) return false;
+    const LidarRay& ray = traced_[at];
+    part.face = hits_.face[at];
+    const auto face = face_of(placed_.mesh, part.face);
+    FaceReturn<double> unit = intersect_face<double>(ray.origin, ray.direction, face, 1);
+    if (!unit.valid) return false;
+    keep_on_face(unit, ray, face);
+    if (!(unit.range >= lidar_.range_min && unit.range <= lidar_.range_max)) return false;
+    part.direction = ray.direction;
+    part.weight = weight;
+    part.reflectivity = settings_.lidar_reflectivity;
+    part.texel = -1;
+    if (effects_.albedo) {
+      const TexelAtlas& atlas = placed_.atlas;
+      part.texel = static_cast<int>(static_cast<std::size_t>(part.face) * atlas.per_face()) +
+                   texel_index<double>(unit.barycentric[0], unit.barycentric[1], atlas.resolution);
+      part.reflectivity = atlas.texels[static_cast<std::size_t>(part.texel)].mean();
+    }
+    part.hit = unit;
+    part.hit.reflectance = part.reflectivity * unit.reflectance;
+    return true;
+  }
+
+  void receive(std::size_t i) {
+    const SweepRay& sent = sent_[i];
+    const bool measured = sent.point >= 0;
+    const std::size_t first = tape_.parts.size();
+    bool met = false;
+    reflections_.clear();
+    double behind = 0;  // share of the light that passes by the object to the measured return
+    for (std::size_t k = 0; k < pattern_.size(); ++k) {
+      LidarTape::Part part;
+      const bool here = meet(k * sent_.size() + i, pattern_[k].weight, part);
+      met |= here;
+      // The nearer of the two returns stays; a ray without a measured one has nothing in front.
+      if (!here || (measured && sent.range <= part.hit.range)) {
+        behind += pattern_[k].weight;
+        continue;
+      }
+      tape_.parts.push_back(part);
+      reflections_.push_back({part.hit.range, strength(part)});
+    }
+    if (!met) return;
+    if (tape_.parts.size() == first) {
+      ++result_.occluded_points;
+      return;
+    }
+    int strongest = 0;
+    if (pattern_.size() > 1) {
+      if (!win(sent, first, behind, strongest)) {
+        tape_.parts.resize(first);
+        if (measured) ++result_.occluded_points;
+        return;
+      }
+    }
+    if (measured) {
+      removed_.push_back(sent.point);
+      ++result_.removed_points;
+    }
+    add(sent, first, strongest);
+  }
+
+  /// Whether the strongest echo of the cone is the object's; drops the parts that are not in it.
+  bool win(const SweepRay& sent, std::size_t first, double behind, int& strongest) {
+    constexpr double kLeast = 0.01;  // reflectance: what is reported as 0 still came back
+    const int background = static_cast<int>(reflections_.size());
+    if (sent.point >= 0 && behind > 0) {
+      const double reflectance = prepared_.frame.sweep[static_cast<std::size_t>(sent.point)].reflectance;
+      reflections_.push_back({sent.range, behind * std::max(reflectance, kLeast) / square(sent.range)});
+    }
+    strongest_echo(reflections_, effects_.pulse_length, echo_);
+    if (echo_.strongest < 0 || echo_.strongest == background) return false;
+    std::vector<LidarTape::Part> kept;
+    for (int i : echo_.members) {
+      if (i == background) continue;
+      if (i == echo_.strongest) strongest = static_cast<int>(kept.size());
+      kept.push_back(tape_.parts[first + static_cast<std::size_t>(i)]);
+    }
+    tape_.parts.resize(first);
+    tape_.parts.insert(tape_.parts.end(), kept.begin(), kept.end());
+    return true;
+  }
+
+  void add(const SweepRay& sent, std::size_t first, int strongest) {
+    LidarTape::Return back;
+    back.ray = sent.ray;
+    back.beam = sent.beam, back.firing = sent.firing;
+    back.first = static_cast<int>(first);
+    back.count = static_cast<int>(tape_.parts.size() - first);
+    back.strongest = strongest;
+    const LidarTape::Part& best = tape_.parts[first + static_cast<std::size_t>(strongest)];
+    back.face = best.face;
+    back.hit = best.hit;
+    back.hit.reflectance = 0;
+    double signal = 0;
+    for (std::size_t p = first; p < tape_.parts.size(); ++p) {
+      const LidarTape::Part& part = tape_.parts[p];
+      back.hit.reflectance += part.weight * part.hit.reflectance;
+      signal += strength(part);
+    }
+    back.range = back.hit.range;
+    if (effects_.range_sigma > 0 || effects_.drop_out > 0 || effects_.signal_floor > 0) {
+      const std::uint64_t place = sent.firing >= 0 ? (static_cast<std::uint64_t>(sent.beam) << 32) |
+                                                         static_cast<std::uint64_t>(sent.firing)
+                                                   : (1ull << 63) | static_cast<std::uint64_t>(sent.point);
+      RandomStream random(effects_.seed ^ fnv1a(prepared_.frame.id), "inserted return", place);
+      back.range += effects_.range_sigma * random.normal();
+      const double lost = random.uniform(), weak = random.uniform();
+      const bool faint = weak > arrival_probability(signal, effects_);
+      if (lost < effects_.drop_out || faint || back.range < lidar_.range_min ||
+          back.range > lidar_.range_max) {
+        tape_.parts.resize(first);
+        ++result_.lost_points;  // the object hides what is behind it all the same
+        return;
+      }
+    }
+    tape_.returns.push_back(back);
+  }
+
+  void merge() {
+    const Sweep& measured = prepared_.frame.sweep;
+    std::sort(removed_.begin(), removed_.end());
+    Sweep& sweep = result_.sweep;
+    sweep.clear();
+    sweep.reserve(measured.size() - removed_.size() + tape_.returns.size());
+    auto from = measured.begin();
+    for (int point : removed_) {
+      const auto to = measured.begin() + point;
+      sweep.insert(sweep.end(), from, to);
+      from = to + 1;
+    }
+    sweep.insert(sweep.end(), from, measured.end());
+    tape_.first = sweep.size();
+    for (const auto& added : tape_.returns) {
+      const Vec3d p = added.ray.origin + added.range * added.ray.direction;
+      sweep.push_back({static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()),
+                       static_cast<float>(added.hit.reflectance)});
+    }
+    result_.adversary_points = static_cast<int>(tape_.returns.size());
+  }
+
+  static double square(double x) { return x * x; }
+
+  /// What the ray's share of the beam's light brings back.
+  static double strength(const LidarTape::Part& part) {
+    if (!(part.reflectivity > 0)) return 0;
+    return part.weight *
+           returned_signal(part.reflectivity, part.hit.reflectance / part.reflectivity, part.hit.range);
+  }
+
+  const PreparedFrame& prepared_;
+  const LidarModel& lidar_;
+  const TexturedMesh& placed_;
+  const SimulationSettings& settings_;
+  const LidarEffects& effects_;
+  std::vector<SubRay> pattern_;
+  Eigen::AlignedBox3d box_;
+  Simulated& result_;
+  std::vector<SweepRay> sent_;
+  std::vector<LidarRay> traced_;  ///< pattern × sent, in the frame of moment 0
+  HitTable hits_;
+  std::vector<Reflection> reflections_;
+  Echo echo_;
+  std::vector<int> removed_;
+  LidarTape tape_;
+};
+
+}  // namespace
+
+LidarTape draw_in_lidar(const PreparedFrame& prepared, const TexturedMesh& placed,
+                        const SimulationSettings& settings, Simulated& result) {
+  check_effects(settings.lidar_effects);
+  if (placed.mesh.faces.empty()) {
+    LidarTape tape;
+    result.sweep = prepared.frame.sweep;
+    tape.first = result.sweep.size();
+    return tape;
+  }
+  return Insertion(prepared, placed, settings, result).run();
+}
+
+template <class S>
+void draw_in_lidar_vjp(const LidarTape& tape, const TexturedMesh& placed, const SimulationSettings& settings,
+                       std::span<const std::array<S, 4>> d_points, std::vector<Vec3d>& d_vertices,
+                       std::vector<Vec3d>& d_texels) {
+  for (std::size_t i = 0; i < tape.returns.size(); ++i) {
+    const auto& added = tape.returns[i];
+    const auto& d = d_points[tape.first + i];
+    const double d_range = Vec3d(d[0], d[1], d[2]).dot(added.ray.direction);
+    for (int p = 0; p < added.count; ++p) {
+      const auto& part = tape.parts[static_cast<std::size_t>(added.first + p)];
+      const auto face = face_of(placed.mesh, part.face);
+      const double d_reflectance = part.weight * d[3];
+      const Vec3d d_point = p == added.strongest ? Vec3d(d_range * part.direction) : Vec3d::Zero();
+      const auto d_face = intersect_face_vjp<double>(part.direction, face, part.hit, part.reflectivity,
+                                                     settings.grazing_cosine, d_point, d_reflectance);
+      const Face& corners = placed.mesh.faces[static_cast<std::size_t>(part.face)];
+      for (std::size_t k = 0; k < 3; ++k) d_vertices[static_cast<std::size_t>(corners[k])] += d_face[k];
+      if (part.texel < 0) continue;
+      const Vec3d n = (face[1] - face[0]).cross(face[2] - face[0]);
+      const double cosine = std::abs(n.dot(part.direction)) / n.norm();
+      d_texels[static_cast<std::size_t>(part.texel)] += Vec3d::Constant(d_reflectance * cosine / 3);
+    }
+  }
+}
+template void draw_in_lidar_vjp(const LidarTape&, const TexturedMesh&, const SimulationSettings&,
+                                std::span<const std::array<float, 4>>, std::vector<Vec3d>&,
+                                std::vector<Vec3d>&);
+template void draw_in_lidar_vjp(const LidarTape&, const TexturedMesh&, const SimulationSettings&,
+                                std::span<const std::array<double, 4>>, std::vector<Vec3d>&,
+                                std::vector<Vec3d>&);
+
+}  // namespace mirage

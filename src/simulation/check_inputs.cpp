@@ -1,0 +1,172 @@
+#include "simulation/check_inputs.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+
+#include "base/error.h"
+#include "sensors/raster/setup.h"
+
+namespace mirage {
+namespace {
+
+constexpr const char* kNotFinite = "not finite";
+
+bool is_finite(const BevBox& b) {
+  return std::isfinite(b.x) && std::isfinite(b.y) && std::isfinite(b.length) && std::isfinite(b.width) &&
+         std::isfinite(b.yaw);
+}
+
+bool is_finite(const Box3& box) {
+  return is_finite(box.bev) && std::isfinite(box.bottom) && std::isfinite(box.height);
+}
+
+void check_camera(const PinholeCamera& camera, const std::string& where) {
+  const auto positive = [](double value) { return std::isfinite(value) && value > 0; };
+  if (!positive(camera.fx) || !positive(camera.fy))
+    throw InputError(where, "camera fx, fy", "not positive numbers", "correct the calibration");
+  if (!std::isfinite(camera.cx) || !std::isfinite(camera.cy))
+    throw InputError(where, "camera cx, cy", kNotFinite, "correct the calibration");
+  if (camera.width < 1 || camera.height < 1)
+    throw InputError(where, "camera width, height", "not positive", "correct the calibration");
+}
+
+void check_image(const ImageF& image, const PinholeCamera& camera, const std::string& where) {
+  if (image.width != camera.width || image.height != camera.height || image.channels != 3)
+    throw InputError(where, "image",
+                     fmt::format("is {}×{}×{}, the calibration says {}×{}×3", image.width, image.height,
+                                 image.channels, camera.width, camera.height),
+                     "give the photograph that belongs to the calibration");
+  const auto bad = std::find_if_not(image.data.begin(), image.data.end(),
+                                    [](float value) { return std::isfinite(value); });
+  if (bad == image.data.end()) return;
+  const auto pixel = (bad - image.data.begin()) / 3;
+  throw InputError(where, fmt::format("image pixel ({}, {})", pixel % image.width, pixel / image.width),
+                   kNotFinite, "repair the photograph");
+}
+
+}  // namespace
+
+void check_frame(const Frame& frame) {
+  const std::string where = frame.id.empty() ? "frame" : "frame " + frame.id;
+  const Calibration& calibration = frame.calibration;
+  check_camera(calibration.camera, where);
+  if (!calibration.camera_from_velo.matrix().allFinite() ||
+      !calibration.camera_from_rect.matrix().allFinite() || !calibration.rect_from_cam0.allFinite())
+    throw InputError(where, "calibration", "a transform is not finite", "correct the calibration");
+  check_image(frame.image, calibration.camera, where);
+  for (std::size_t i = 0; i < frame.sweep.size(); ++i) {
+    const LidarPoint& p = frame.sweep[i];
+    if (!p.position().allFinite() || !std::isfinite(p.reflectance))
+      throw InputError(where, fmt::format("sweep point {}", i), kNotFinite, "remove the point");
+  }
+  for (std::size_t i = 0; i < frame.labels.size(); ++i)
+    if (frame.labels[i].type != "DontCare" && !is_finite(frame.labels[i].box))
+      throw InputError(where, fmt::format("label {}", i), "its box is not finite", "correct the label");
+  const Lighting& light = frame.lighting;
+  if (!light.to_sun_velo.allFinite() || !light.sun.allFinite() || !light.ambient.allFinite() ||
+      !light.hemisphere.allFinite())
+    throw InputError(where, "lighting", kNotFinite, "correct the lighting");
+}
+
+void check_lidar(const LidarModel& lidar) {
+  const std::string where = lidar.name.empty() ? "LiDAR model" : "LiDAR model " + lidar.name;
+  if (lidar.beams.empty()) throw InputError(where, "beams", "there are none", "give at least one beam");
+  for (std::size_t i = 0; i < lidar.beams.size(); ++i) {
+    const LidarBeam& beam = lidar.beams[i];
+    if (!std::isfinite(beam.elevation) || !std::isfinite(beam.height) || !std::isfinite(beam.lateral) ||
+        !std::isfinite(beam.azimuth_offset))
+      throw InputError(where, fmt::format("beam {}", i), kNotFinite, "correct the table of beams");
+  }
+  if (!std::isfinite(lidar.azimuth_step) || !std::isfinite(lidar.encoder_step) ||
+      !std::isfinite(lidar.azimuth_min) || !std::isfinite(lidar.azimuth_max))
+    throw InputError(where, "azimuths", kNotFinite, "correct the model");
+  if (std::isnan(lidar.range_min) || std::isnan(lidar.range_max))
+    throw InputError(where, "range limits", "not numbers", "correct the model");
+  if (!lidar.velo_from_lidar.matrix().allFinite())
+    throw InputError(where, "mount pose", kNotFinite, "correct the model");
+}
+
+void check_placement(const Label& host, const Rooftop& rooftop) {
+  if (!is_finite(host.box))
+    throw InputError("host label", host.type, "its box is not finite", "correct the label");
+  if (!rooftop.velo_from_adversary.matrix().allFinite())
+    throw InputError("rooftop", "velo_from_adversary", kNotFinite, "give a pose on the roof");
+}
+
+void check_window(const PreparedFrame& prepared, const PixelRect& rect) {
+  const ImageF &image = prepared.frame.image, &depth = prepared.depth;
+  const PinholeCamera& camera = prepared.frame.calibration.camera;
+  const std::string where = "prepared frame", fix = "prepare the frame again";
+  for (const auto& [name, picture, channels] :
+       {std::tuple{"image", &image, 3}, std::tuple{"depth", &depth, 1}}) {
+    if (picture->width != camera.width || picture->height != camera.height || picture->channels != channels)
+      throw InputError(where, name, "is not of the calibration's size", fix);
+    for (int v = rect.v0; v < rect.v1; ++v)
+      for (int u = rect.u0; u < rect.u1; ++u)
+        for (int c = 0; c < channels; ++c) {
+          const float value = picture->at(u, v, c);
+          if (std::isnan(value) || (channels == 3 && std::isinf(value)))
+            throw InputError(where, fmt::format("{} pixel ({}, {})", name, u, v), kNotFinite, fix);
+        }
+  }
+}
+
+void check_settings(const SimulationSettings& settings) {
+  SoftRasterSettings<double> raster = settings.raster;
+  raster.near = 1;
+  raster.far = 2;
+  raster::check_settings(raster);
+  const auto demand = [](bool good, const char* field, const char* problem, const char* fix) {
+    if (!good) throw InputError("simulation settings", field, problem, fix);
+  };
+  demand(settings.supersampling >= 1 && settings.supersampling <= raster::kTile, "supersampling",
+         "out of range", "use 1 to 32");
+  demand(std::isfinite(settings.lidar_reflectivity) && settings.lidar_reflectivity >= 0, "lidar_reflectivity",
+         "not a number from 0", "use a share in [0, 1]");
+  demand(std::isfinite(settings.occlusion_margin), "occlusion_margin", kNotFinite, "use metres, e.g. 0.3");
+  demand(settings.grazing_cosine > 0 && settings.grazing_cosine <= 1, "grazing_cosine", "not in (0, 1]",
+         "use e.g. 0.05");
+}
+
+template <class S>
+void check_upstream(const Simulated& simulated, const Upstream<S>& upstream) {
+  const std::string where = "upstream gradient", fix = "check the detector and the loss that it comes from";
+  if (upstream.image) {
+    const PixelRect& rect = simulated.rect;
+    if (upstream.width != simulated.image.width || upstream.height != simulated.image.height)
+      throw InputError(where, "d_image", "is not of the image's size", "give height × width × 3 values");
+    for (int v = rect.v0; v < rect.v1; ++v) {
+      const S* from = upstream.image + 3 * (static_cast<std::size_t>(v) * upstream.width + rect.u0);
+      const S* to = from + 3 * static_cast<std::size_t>(rect.width());
+      const S* bad = std::find_if_not(from, to, [](S value) { return std::isfinite(value); });
+      if (bad != to)
+        throw Failure(where,
+                      fmt::format("d_image pixel ({}, {}) is {}", rect.u0 + (bad - from) / 3, v, kNotFinite),
+                      fix);
+    }
+  }
+  const auto& presence = upstream.presence;
+  if (!presence.empty() && (!upstream.silhouette || upstream.silhouette->places.size() != presence.size()))
+    throw InputError(where, "presence", "does not have one entry a place of the silhouette",
+                     "give a number for every place");
+  for (std::size_t i = 0; i < presence.size(); ++i)
+    if (!std::isfinite(presence[i]))
+      throw Failure(where, fmt::format("presence of place {} is {}", i, kNotFinite), fix);
+  const auto& d_points = upstream.points;
+  if (d_points.empty()) return;
+  if (d_points.size() != simulated.sweep.size())
+    throw InputError(where, "d_points", "does not have one entry a point of the simulated sweep",
+                     "give a gradient for every point");
+  const std::size_t first = d_points.size() - static_cast<std::size_t>(simulated.adversary_points);
+  for (std::size_t i = first; i < d_points.size(); ++i)
+    for (S value : d_points[i])
+      if (!std::isfinite(value))
+        throw Failure(where, fmt::format("d_points point {} is {}", i, kNotFinite), fix);
+}
+template void check_upstream(const Simulated&, const Upstream<float>&);
+template void check_upstream(const Simulated&, const Upstream<double>&);
+
+}  // namespace mirage

@@ -1,0 +1,26 @@
+// What the simulation refuses to work with: a number that is not finite would spread into every pixel, point
+// and gradient that it touches. Each check throws one InputError that names the input.
+#pragma once
+
+#include "simulation/simulation.h"
+#include "simulation/upstream.h"
+
+namespace mirage {
+
+/// Photograph (finite, of the calibration's size), sweep, calibration, labels (DontCare has no box),
+/// lighting.
+void check_frame(const Frame& frame);
+/// Beams (at least one), steps and limits.
+void check_lidar(const LidarModel& lidar);
+/// The host's box and the pose on its roof.
+void check_placement(const Label& host, const Rooftop& rooftop);
+/// The window of the photograph and of its depth, which must be of the image's size; +∞ is a depth.
+void check_window(const PreparedFrame& prepared, const PixelRect& rect);
+/// Everything but raster.near and far, which simulate() sets itself.
+void check_settings(const SimulationSettings& settings);
+/// Sizes of the upstream gradients, and the part of them that simulate_vjp reads: the window's pixels and the
+/// new returns. Failure for a number that is not finite: it comes from a detector, not from the user's files.
+template <class S>
+void check_upstream(const Simulated& simulated, const Upstream<S>& upstream);
+
+}  // namespace mirage

@@ -1,0 +1,126 @@
+#include "simulation/insertion.h"
+
+#include <algorithm>
+
+#include "base/error.h"
+#include "scene/depth_completion.h"
+#include "simulation/adversary_view.h"
+#include "simulation/check_inputs.h"
+#include "simulation/upstream.h"
+
+namespace mirage {
+
+struct Simulated::Tape {
+  TexturedMesh placed;
+  Eigen::Matrix3d velo_from_adversary;
+  std::vector<std::size_t> lowest;  ///< vertices that stand on the roof: more than one at a tie
+  Calibration calibration;
+  Lighting lighting;
+  SimulationSettings settings;
+  CameraTape camera;
+  LidarTape lidar;
+};
+
+namespace {
+
+std::size_t lowest_vertex(const Mesh& mesh) {
+  const auto lower = [](const Vec3d& a, const Vec3d& b) { return a.z() < b.z(); };
+  return static_cast<std::size_t>(std::min_element(mesh.vertices.begin(), mesh.vertices.end(), lower) -
+                                  mesh.vertices.begin());
+}
+
+}  // namespace
+
+PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletion* depth) {
+  check_frame(frame);
+  check_lidar(lidar);
+  PreparedFrame prepared;
+  const ImageF sparse = sparse_depth(frame.sweep, frame.calibration);
+  prepared.depth = depth ? depth->complete(frame.image, sparse) : complete_depth(sparse);
+  prepared.index = SweepIndex(frame.sweep, lidar);
+  prepared.lidar = lidar;
+  prepared.frame = std::move(frame);
+  return prepared;
+}
+
+TexturedMesh place(const TexturedMesh& adversary, const Rooftop& rooftop) {
+  TexturedMesh placed = adversary;
+  if (placed.mesh.vertices.empty()) return placed;
+  const double lowest = adversary.mesh.vertices[lowest_vertex(adversary.mesh)].z();
+  for (Vec3d& v : placed.mesh.vertices) v = rooftop.velo_from_adversary * (v - Vec3d(0, 0, lowest));
+  return placed;
+}
+
+Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooftop& rooftop,
+                   const TexturedMesh& adversary, const SimulationSettings& settings) {
+  check_mesh(adversary, "adversary");
+  if (adversary.mesh.vertices.empty() || adversary.atlas.texels.empty())
+    throw InputError("adversary", "mesh", "has no vertices or no texels", "give a textured mesh");
+  check_placement(host, rooftop);
+  check_settings(settings);
+  auto tape = std::make_shared<Simulated::Tape>();
+  tape->placed = place(adversary, rooftop);
+  tape->velo_from_adversary = rooftop.velo_from_adversary.linear();
+  const double bottom = adversary.mesh.vertices[lowest_vertex(adversary.mesh)].z();
+  for (std::size_t i = 0; i < adversary.mesh.vertices.size(); ++i)
+    if (adversary.mesh.vertices[i].z() == bottom) tape->lowest.push_back(i);
+  tape->calibration = prepared.frame.calibration;
+  tape->lighting = prepared.frame.lighting;
+  tape->settings = settings;
+  Simulated result;
+  tape->camera = draw_in_camera(prepared, host, tape->placed, settings, result, &rooftop);
+  tape->lidar = draw_in_lidar(prepared, tape->placed, settings, result);
+  result.tape = std::move(tape);
+  return result;
+}
+
+AdversaryGradient simulate_vjp(const Simulated& simulated, const ImageF& d_image,
+                               const std::vector<std::array<float, 4>>& d_points) {
+  if (!d_image.empty() && d_image.channels != 3)
+    throw InputError("upstream gradient", "d_image", "is not of the image's size",
+                     "give height × width × 3 values");
+  return simulate_vjp(simulated, Upstream<float>{d_image.empty() ? nullptr : d_image.data.data(),
+                                                 d_image.width, d_image.height, d_points});
+}
+
+template <class S>
+AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream<S>& upstream) {
+  check_upstream(simulated, upstream);
+  const Simulated::Tape& tape = *simulated.tape;
+  AdversaryGradient gradient;
+  std::vector<Vec3d> d_placed(tape.placed.mesh.vertices.size(), Vec3d::Zero());
+  gradient.texels.assign(tape.placed.atlas.texels.size(), Vec3d::Zero());
+  if (upstream.image)
+    draw_in_camera_vjp(tape.camera, tape.placed, tape.calibration, tape.lighting, simulated, upstream.image,
+                       d_placed, gradient.texels);
+  if (!upstream.points.empty())
+    draw_in_lidar_vjp(tape.lidar, tape.placed, tape.settings, upstream.points, d_placed, gradient.texels);
+  if (!upstream.presence.empty()) lidar_silhouette_vjp(*upstream.silhouette, upstream.presence, d_placed);
+  // placed = R (v − (0, 0, lowest z)) + t
+  double lifted = 0;
+  for (const Vec3d& d : d_placed) {
+    gradient.vertices.push_back(tape.velo_from_adversary.transpose() * d);
+    lifted += gradient.vertices.back().z();
+  }
+  // At a tie (an icosphere stands on an edge) they share it: what a central difference says of two.
+  for (const std::size_t i : tape.lowest)
+    gradient.vertices[i].z() -= lifted / static_cast<double>(tape.lowest.size());
+  return gradient;
+}
+template AdversaryGradient simulate_vjp(const Simulated&, const Upstream<float>&);
+template AdversaryGradient simulate_vjp(const Simulated&, const Upstream<double>&);
+
+std::vector<std::array<double, 4>> object_returns(const Simulated& simulated) {
+  std::vector<std::array<double, 4>> points;
+  for (const auto& added : simulated.tape->lidar.returns) {
+    const Vec3d p = added.ray.origin + added.range * added.ray.direction;
+    points.push_back({p.x(), p.y(), p.z(), added.hit.reflectance});
+  }
+  return points;
+}
+
+const TexturedMesh& placed_adversary(const Simulated& simulated) {
+  return simulated.tape->placed;
+}
+
+}  // namespace mirage

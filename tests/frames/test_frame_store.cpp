@@ -1,0 +1,387 @@
+// Streaming of frames, and what of them is kept on disk.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <spdlog/sinks/ostream_sink.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <functional>
+#include <sstream>
+#include <thread>
+
+#include "attack/attack.h"
+#include "attack/tiny_world.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/logging.h"
+#include "frames/cached_detections.h"
+#include "frames/frame_cache.h"
+#include "frames/hosts.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+/// MIRAGE_CACHE for a test's duration.
+class CacheIn {
+ public:
+  explicit CacheIn(const fs::path& folder) { setenv("MIRAGE_CACHE", folder.c_str(), 1); }
+  ~CacheIn() { setenv("MIRAGE_CACHE", "off", 1); }
+};
+
+/// What is logged while it lives.
+class Heard {
+ public:
+  Heard() : before_(spdlog::default_logger()) {
+    spdlog::set_default_logger(
+        std::make_shared<spdlog::logger>("test", std::make_shared<spdlog::sinks::ostream_sink_mt>(text_)));
+  }
+  ~Heard() { spdlog::set_default_logger(before_); }
+  std::string text() const { return text_.str(); }
+  int warnings() const {
+    int count = 0;
+    for (std::size_t at = 0; (at = text().find("[warning]", at)) != std::string::npos; ++at) ++count;
+    return count;
+  }
+
+ private:
+  std::ostringstream text_;
+  std::shared_ptr<spdlog::logger> before_;
+};
+
+/// Everything of a store's frames that could differ, by bits.
+std::string told(FrameStore& store, const std::vector<std::string>& ids) {
+  std::string text;
+  const auto add = [&](const void* bytes, std::size_t size) {
+    text.append(static_cast<const char*>(bytes), size);
+  };
+  for (const std::string& id : ids) {
+    for (const HostView& view : store.views(id, {0, 50, -25, 25}, {})) add(&view.share, sizeof view.share);
+    for (const Rooftop& rooftop : store.rooftops(id)) {
+      add(rooftop.velo_from_adversary.matrix().data(), 16 * sizeof(double));
+      text += rooftop.reason + (rooftop.from_box ? "box" : "fitted");
+      if (!rooftop.vehicle) continue;
+      for (const Vec3d& v : rooftop.vehicle->vertices) add(v.data(), 3 * sizeof(double));
+      for (const Face& f : rooftop.vehicle->faces) add(f.data(), 3 * sizeof(int));
+    }
+    const auto frame = store.get(id);
+    add(frame->depth.data.data(), frame->depth.data.size() * sizeof(float));
+    add(frame->frame.sweep.data(), frame->frame.sweep.size() * sizeof(LidarPoint));
+    add(frame->frame.image.data.data(), frame->frame.image.data.size() * sizeof(float));
+  }
+  return text;
+}
+
+std::vector<fs::path> entries(const fs::path& folder, const std::string& kind) {
+  std::vector<fs::path> found;
+  if (fs::exists(folder / kind))
+    for (const auto& entry : fs::directory_iterator(folder / kind)) found.push_back(entry.path());
+  return found;
+}
+
+class FrameStoreTest : public testing::Test {
+ protected:
+  void SetUp() override { test::write_tiny_data(data_, 3, true); }
+  FrameStore store() const { return FrameStore(FrameSource{data_, "ip-basic", "shape"}); }
+  std::string all(FrameStore& of) const { return told(of, {"000000", "000001", "000002"}); }
+  std::string without_cache() const {
+    setenv("MIRAGE_CACHE", "off", 1);
+    FrameStore plain = store();
+    return all(plain);
+  }
+
+  test::TemporaryFolder folder_;
+  fs::path data_ = folder_ / "data", cache_ = folder_ / "cache";
+};
+
+TEST_F(FrameStoreTest, HoldsNoMoreThanItsLimitAndGivesTheSameBits) {
+  FrameStore roomy = store(), tight = store();
+  const std::string bits = all(roomy);
+  EXPECT_EQ(roomy.reads(), 3u);
+  const std::size_t frame = roomy.memory() / 3;
+  tight.set_memory_limit(frame + frame / 2);
+  EXPECT_EQ(all(tight), bits);
+  EXPECT_EQ(all(tight), bits);
+  EXPECT_GT(tight.reads(), 3u);  // read again
+  EXPECT_LE(tight.memory(), frame + frame / 2);
+  EXPECT_GT(tight.memory(), 0u);
+}
+
+TEST_F(FrameStoreTest, WhatIsUsedLastStaysAndAFrameInUseIsNeverReadAgain) {
+  FrameStore frames = store();
+  const auto first = frames.get("000000");
+  const std::size_t frame = frames.memory();
+  frames.set_memory_limit(2 * frame + frame / 2);
+  frames.get("000001");
+  frames.get("000000");
+  frames.get("000002");  // drops 000001
+  EXPECT_EQ(frames.reads(), 3u);
+  frames.get("000000");
+  frames.get("000002");
+  EXPECT_EQ(frames.reads(), 3u);
+  frames.get("000001");
+  EXPECT_EQ(frames.reads(), 4u);
+  frames.set_memory_limit(0);
+  EXPECT_EQ(frames.memory(), 0u);
+  EXPECT_EQ(frames.get("000000").get(), first.get());  // alive, though no longer held
+  EXPECT_EQ(frames.reads(), 4u);
+}
+
+TEST_F(FrameStoreTest, ReadsAhead) {
+  FrameStore frames = store();
+  frames.set_memory_limit(0);  // only what is wanted next is alive
+  frames.prefetch({"000001", "no such frame", "000002"});
+  for (int i = 0; i < 2000 && frames.reads() < 2; ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  EXPECT_EQ(frames.reads(), 2u);
+  frames.get("000001");
+  EXPECT_EQ(frames.reads(), 2u);
+  EXPECT_THROW(frames.get("no such frame"), InputError);
+}
+
+TEST_F(FrameStoreTest, ManyThreadsReadAFrameOnce) {
+  FrameStore frames = store();
+  std::vector<std::thread> threads;
+  std::vector<std::shared_ptr<const PreparedFrame>> got(6);
+  for (std::size_t i = 0; i < got.size(); ++i)
+    threads.emplace_back([&, i] { got[i] = frames.get(i % 2 ? "000001" : "000000"); });
+  for (auto& thread : threads) thread.join();
+  EXPECT_EQ(frames.reads(), 2u);
+  EXPECT_EQ(got[0].get(), got[4].get());
+  EXPECT_EQ(got[1].get(), got[5].get());
+}
+
+TEST_F(FrameStoreTest, TheDiskCacheChangesNoBitAndSparesTheWork) {
+  const std::string bits = without_cache();
+  const CacheIn here(cache_);
+  FrameStore cold = store();
+  EXPECT_EQ(all(cold), bits);
+  EXPECT_EQ(entries(cache_, "depth").size(), 3u);
+  EXPECT_EQ(entries(cache_, "rooftops").size(), 3u);
+  EXPECT_EQ(entries(cache_, "views").size(), 3u);
+  FrameStore warm = store();
+  EXPECT_EQ(all(warm), bits);
+  // Hosts are found without a frame being read at all.
+  FrameStore hosts = store();
+  const auto found =
+      find_all_hosts(hosts, {"000000", "000001", "000002"}, {0, 50, -25, 25}, SimulationSettings(), 0.7);
+  EXPECT_EQ(found.size(), 3u);
+  EXPECT_EQ(hosts.reads(), 0u);
+  EXPECT_FALSE(found[0].rooftop.from_box);
+  EXPECT_EQ(found[0].rooftop.vehicle, nullptr);
+  EXPECT_NE(hosts.rooftop(found[0].id).vehicle, nullptr);
+}
+
+TEST_F(FrameStoreTest, KeysAreContentAndSettings) {
+  const CacheIn here(cache_);
+  FrameStore first = store();
+  all(first);
+  const auto depths = [&] { return entries(cache_, "depth").size(); };
+  const auto views = [&] { return entries(cache_, "views").size(); };
+  ASSERT_EQ(depths(), 3u);
+  // The same files elsewhere are the same frames.
+  fs::copy(data_, folder_ / "copy", fs::copy_options::recursive);
+  FrameStore copy(FrameSource{folder_ / "copy", "ip-basic", "shape"});
+  all(copy);
+  EXPECT_EQ(depths(), 3u);
+  // Another finder, region, camera: other results.
+  FrameStore box(FrameSource{data_, "ip-basic", "box"});
+  box.views("000000", {0, 50, -25, 25}, {});
+  EXPECT_EQ(entries(cache_, "rooftops").size(), 4u);
+  EXPECT_EQ(views(), 4u);
+  box.views("000000", {0, 51, -25, 25}, {});
+  EXPECT_EQ(views(), 5u);
+  SimulationSettings soft;
+  soft.raster.sigma *= 2;
+  box.views("000000", {0, 50, -25, 25}, soft);
+  EXPECT_EQ(views(), 6u);
+  FrameStore multiscale(FrameSource{data_, "ip-basic-multiscale", "box"});
+  multiscale.get("000000");
+  EXPECT_EQ(depths(), 4u);
+  // A changed file is another frame.
+  const fs::path sweep = data_ / "training/velodyne/000000.bin";
+  std::string bytes = read_file(sweep);
+  write_file(sweep, bytes.substr(16));
+  FrameStore changed = store();
+  changed.get("000000");
+  EXPECT_EQ(depths(), 5u);
+}
+
+TEST_F(FrameStoreTest, DamagedEntriesAreComputedAgainWithOneWarning) {
+  const std::string bits = without_cache();
+  const CacheIn here(cache_);
+  FrameStore cold = store();
+  all(cold);
+  const auto damage = [&](const std::string& kind, const std::function<std::string(std::string)>& change) {
+    for (const fs::path& file : entries(cache_, kind)) write_file(file, change(read_file(file)));
+  };
+  for (const std::string kind : {"depth", "rooftops", "views"}) {
+    const std::vector<std::function<std::string(std::string)>> ways = {
+        [](std::string s) { return s.substr(0, s.size() / 2); },
+        [](std::string s) { return s.substr(0, 7); },
+        [](std::string) { return std::string(); },
+        [](std::string s) { return s[s.size() - 3] = static_cast<char>(s[s.size() - 3] ^ 4), s; },
+        [](std::string s) { return s[10] = '\x7f', s; },  // the sizes
+        [](std::string s) { return s + "more"; }};
+    for (const auto& way : ways) {
+      damage(kind, way);
+      const Heard heard;
+      FrameStore frames = store();
+      EXPECT_EQ(all(frames), bits) << kind;
+      EXPECT_EQ(heard.warnings(), 1) << kind << "\n" << heard.text();
+      EXPECT_THAT(heard.text(), HasSubstr("damaged cache entry"));
+      const Heard after;
+      FrameStore mended = store();
+      EXPECT_EQ(all(mended), bits) << kind;
+      EXPECT_EQ(after.warnings(), 0) << after.text();
+    }
+  }
+}
+
+TEST_F(FrameStoreTest, AFolderThatCannotBeWrittenCostsOneWarning) {
+  const std::string bits = without_cache();
+  write_file(folder_ / "file", "not a folder");
+  const CacheIn here(folder_ / "file");
+  const Heard heard;
+  FrameStore frames = store();
+  EXPECT_EQ(all(frames), bits);
+  EXPECT_EQ(heard.warnings(), 1) << heard.text();
+  EXPECT_THAT(heard.text(), HasSubstr("nothing more is cached"));
+}
+
+TEST_F(FrameStoreTest, CleanDetectionsAreKeptByDetectorAndThreshold) {
+  const CacheIn here(cache_);
+  FrameStore frames = store();
+  int asked = 0;
+  const auto detect = [&](const Frame& frame) {
+    ++asked;
+    return std::vector<Proposal>{{{frame.labels[0].box.bev.x, 1, 2, 3, 0.1}, 0.3},
+                                 {{5, 1, 2, 3, 0.1}, 1e-300}};
+  };
+  const auto first = cached_detections(frames, "000001", "one", 0.3, detect);
+  FrameStore later = store();
+  const auto again = cached_detections(later, "000001", "one", 0.3, detect);
+  EXPECT_EQ(asked, 1);
+  EXPECT_EQ(later.reads(), 0u);
+  ASSERT_EQ(again.size(), 2u);
+  for (std::size_t i = 0; i < again.size(); ++i) {
+    EXPECT_EQ(again[i].box.x, first[i].box.x);
+    EXPECT_EQ(again[i].box.yaw, first[i].box.yaw);
+    EXPECT_EQ(again[i].logit, first[i].logit);
+  }
+  cached_detections(later, "000001", "two", 0.3, detect);
+  cached_detections(later, "000001", "one", 0.2, detect);
+  cached_detections(later, "000002", "one", 0.3, detect);
+  EXPECT_EQ(asked, 4);
+  cached_detections(later, "000001", "", 0.3, detect);  // cannot be told apart
+  cached_detections(later, "000001", "", 0.3, detect);
+  EXPECT_EQ(asked, 6);
+}
+
+TEST(DetectorIdentity, IsPluginWeightsAndDefence) {
+  test::TemporaryFolder folder;
+  DetectorOptions options;
+  options.detector = (folder / "one.so").string();
+  options.weights = folder / "one.weights";
+  write_file(options.detector, "code");
+  write_file(options.weights, "numbers");
+  const std::string known = detector_identity(options);
+  EXPECT_EQ(detector_identity(options), known);
+  DetectorOptions defended = options;
+  defended.defense = "jpeg:50";
+  EXPECT_NE(detector_identity(defended), known);
+  write_file(options.weights, "other numbers");
+  const std::string retrained = detector_identity(options);
+  EXPECT_NE(retrained, known);
+  write_file(options.detector, "other code");
+  EXPECT_NE(detector_identity(options), retrained);
+  options.fresh = true;
+  EXPECT_EQ(detector_identity(options), "");
+}
+
+TEST(DiskCache, WhatWasNotUsedForLongestGoesFirst) {
+  test::TemporaryFolder folder;
+  DiskCache cache(folder / "cache", 10000);
+  const std::string kilobyte(1000, 'x');
+  write_file(folder / "cache/mine.txt", std::string(20000, 'm'));  // not the cache's
+  const auto age = [&](int minutes) {
+    for (const auto& file : entries(folder / "cache", "kind"))
+      if (fs::last_write_time(file) > fs::file_time_type::clock::now() - std::chrono::minutes(1))
+        fs::last_write_time(file, fs::file_time_type::clock::now() - std::chrono::minutes(minutes));
+  };
+  for (int i = 0; i < 8; ++i) {
+    cache.write("kind", std::to_string(i), kilobyte);
+    age(100 - i);
+  }
+  EXPECT_TRUE(cache.read("kind", "0"));  // used again
+  for (int i = 8; i < 14; ++i) {
+    cache.write("kind", std::to_string(i), kilobyte);
+    age(100 - i);
+  }
+  std::uint64_t total = 0;
+  for (const auto& file : entries(folder / "cache", "kind")) total += fs::file_size(file);
+  EXPECT_LE(total, 11000u);
+  EXPECT_FALSE(cache.read("kind", "1"));
+  EXPECT_TRUE(cache.read("kind", "13"));
+  EXPECT_EQ(read_file(folder / "cache/mine.txt").size(), 20000u);
+}
+
+TEST(DiskCache, TheEnvironmentNamesTheFolder) {
+  test::TemporaryFolder folder;
+  const char* home = std::getenv("HOME");
+  const std::string before = home ? home : "";
+  const auto made_in = [&](const fs::path& place) {
+    DiskCache::from_environment()->write("kind", "key", "value");
+    return fs::exists(place / "kind");
+  };
+  setenv("MIRAGE_CACHE", (folder / "named").c_str(), 1);
+  EXPECT_TRUE(made_in(folder / "named"));
+  unsetenv("MIRAGE_CACHE");
+  setenv("XDG_CACHE_HOME", (folder / "xdg").c_str(), 1);
+  EXPECT_TRUE(made_in(folder / "xdg/mirage"));
+  unsetenv("XDG_CACHE_HOME");
+  setenv("HOME", (folder / "home").c_str(), 1);
+  EXPECT_TRUE(made_in(folder / "home/.cache/mirage"));
+  setenv("MIRAGE_CACHE", "off", 1);
+  EXPECT_FALSE(DiskCache::from_environment()->on());
+  setenv("HOME", before.c_str(), 1);
+}
+
+TEST(AttackCache, RunsWithAndWithoutItLearnTheSameBits) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3, true);
+  const auto run = [&](const char* out, int iterations) {
+    DetectorPool detectors;
+    for (int i = 0; i < 2; ++i) detectors.push_back(std::make_unique<test::StandInDetector>());
+    AttackSettings settings = test::tiny_attack();
+    settings.data = folder / "data";
+    settings.out = folder / out;
+    settings.iterations = iterations;
+    settings.batch = 3;
+    settings.quiet = true;
+    const AttackResult result = run_attack(settings, detectors);
+    EXPECT_EQ(result.rooftops.fitted, 3);
+    return result;
+  };
+  setenv("MIRAGE_CACHE", "off", 1);
+  const auto plain = run("plain", 4);
+  const auto& wall = plain.stages.at("wall_seconds");
+  const auto& thread = plain.stages.at("thread_seconds");
+  EXPECT_GT(thread.at("simulation_forward").get<double>(), 0);
+  EXPECT_GT(thread.at("detector_forward").get<double>(), 0);
+  EXPECT_LE(wall.at("hosts").get<double>(), wall.at("total").get<double>());
+  EXPECT_NEAR(wall.at("total").get<double>(), plain.seconds_per_iteration, 1e-9);
+  const CacheIn here(folder / "cache");
+  run("cold", 4);
+  run("warm", 2);
+  run("warm", 4);
+  for (const char* out : {"cold", "warm"})
+    for (const char* file : {"adversary.glb", "loss.csv", "run.json"})
+      EXPECT_EQ(read_file(folder / out / file), read_file(folder / "plain" / file)) << out << " " << file;
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,214 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/image_io.h"
+#include "base/parallel.h"
+#include "generator/car_body.h"
+#include "generator/dataset.h"
+#include "generator/generator.h"
+#include "generator/parts.h"
+#include "scene/data/kitti.h"
+#include "scene/data/read_frames.h"
+#include "scene/depth_completion.h"
+#include "support/small_rig.h"
+
+namespace mirage {
+namespace {
+
+using test::small_rig;
+
+bool same(const Frame& a, const Frame& b) {
+  if (a.image.data != b.image.data || a.sweep.size() != b.sweep.size() || a.labels.size() != b.labels.size())
+    return false;
+  for (std::size_t i = 0; i < a.sweep.size(); ++i)
+    if (a.sweep[i].position() != b.sweep[i].position() || a.sweep[i].reflectance != b.sweep[i].reflectance)
+      return false;
+  for (std::size_t i = 0; i < a.labels.size(); ++i)
+    if (a.labels[i].type != b.labels[i].type || a.labels[i].left != b.labels[i].left ||
+        a.labels[i].box.bev.x != b.labels[i].box.bev.x)
+      return false;
+  return true;
+}
+
+TEST(Generator, DependsOnSeedAndIndexOnly) {
+  const Rig rig = small_rig();
+  set_thread_count(1);
+  const Frame one = generate_frame(rig, 7, 3);
+  set_thread_count(0);
+  EXPECT_TRUE(same(one, generate_frame(rig, 7, 3)));
+  EXPECT_FALSE(same(one, generate_frame(rig, 7, 4)));
+  EXPECT_FALSE(same(one, generate_frame(rig, 8, 3)));
+}
+
+TEST(Generator, LabelsFitImageAndPoints) {
+  const Rig rig = small_rig();
+  int cars = 0;
+  for (int index = 0; index < 6; ++index) {
+    FrameTruth truth;
+    const Frame frame = generate_frame(rig, 1, index, &truth);
+    EXPECT_GT(frame.sweep.size(), 3000u);
+    for (const LidarPoint& p : frame.sweep) {
+      ASSERT_TRUE(p.position().allFinite());
+      ASSERT_GE(p.reflectance, 0);
+      ASSERT_LE(p.reflectance, 1);
+    }
+    for (float value : frame.image.data) ASSERT_TRUE(std::isfinite(value) && value >= 0);
+    for (const Label& label : frame.labels) {
+      EXPECT_GE(label.left, 0);
+      EXPECT_GE(label.top, 0);
+      EXPECT_LE(label.right, frame.image.width - 1);
+      EXPECT_LE(label.bottom, frame.image.height - 1);
+      EXPECT_LT(label.left, label.right);
+      EXPECT_LT(label.top, label.bottom);
+      EXPECT_GE(label.truncated, 0);
+      EXPECT_LE(label.truncated, 1);
+      EXPECT_TRUE(label.occluded >= 0 && label.occluded <= 3);
+      const auto line = static_cast<std::uint32_t>(&label - frame.labels.data()) + 1;
+      const bool returned = std::any_of(truth.returns.begin(), truth.returns.end(),
+                                        [&](std::uint32_t word) { return word >> 16 == line; });
+      EXPECT_TRUE(returned || label.bottom - label.top >= 23) << label.type;
+      if (label.type != "Car") continue;
+      ++cars;
+      // The 2-D box lies within the projected 3-D box.
+      if (label.truncated > 0) continue;
+      double left = 1e9, right = -1e9;
+      for (const Vec3d& corner : corners(label.box)) {
+        const Vec2d pixel =
+            frame.calibration.camera.project<double>(frame.calibration.camera_from_velo * corner);
+        left = std::min(left, pixel.x());
+        right = std::max(right, pixel.x());
+      }
+      EXPECT_GT(label.left, left - 3);  // mirrors stand out of the labelled box
+      EXPECT_LT(label.right, right + 3);
+    }
+  }
+  EXPECT_GT(cars, 12);
+}
+
+TEST(Generator, DatasetGoesOnWhereItStopped) {
+  const std::filesystem::path out = std::filesystem::path(testing::TempDir()) / "mirage_generated";
+  std::filesystem::remove_all(out);
+  const auto silent = [](std::size_t) {};
+  DatasetSummary sum = generate_dataset(small_rig(), 3, 0, 2, out, silent);
+  EXPECT_EQ(sum.written, 2);
+  EXPECT_GT(sum.points, 6000u);
+  std::filesystem::remove(out / "training/label_2/000001.txt");
+  sum = generate_dataset(small_rig(), 3, 0, 3, out, silent);
+  EXPECT_EQ(sum.written, 2);
+  EXPECT_EQ(sum.kept, 1);
+  EXPECT_EQ(list_frames(out).size(), 3u);
+  const Frame frame = read_frame(out, "000002"), made = generate_frame(small_rig(), 3, 2);
+  EXPECT_EQ(frame.sweep.size(), made.sweep.size());
+  EXPECT_EQ(frame.labels.size(), made.labels.size());
+  EXPECT_NEAR((frame.lighting.sun - made.lighting.sun).norm(), 0, 1e-6);
+  EXPECT_THROW(generate_dataset(small_rig(), 4, 0, 1, out, silent), InputError);
+  std::filesystem::remove_all(out);
+}
+
+TEST(Generator, TrueDepthChangesNothingElseAndMeetsTheSweep) {
+  const Rig rig = small_rig();
+  FrameTruth truth;
+  const Frame with = generate_frame(rig, 7, 3, &truth);
+  const ImageF& depth = truth.depth;
+  EXPECT_TRUE(same(with, generate_frame(rig, 7, 3)));
+  const ImageF sparse = sparse_depth(with.sweep, with.calibration);
+  ASSERT_EQ(depth.data.size(), sparse.data.size());
+  std::size_t returns = 0, close = 0;
+  for (std::size_t i = 0; i < depth.data.size(); ++i) {
+    if (!(sparse.data[i] > 0)) continue;
+    ++returns;
+    close += std::abs(depth.data[i] - sparse.data[i]) < 0.05f * sparse.data[i] + 0.1f;
+  }
+  ASSERT_GT(returns, 2000u);
+  EXPECT_GT(static_cast<double>(close), 0.8 * static_cast<double>(returns));  // the rest sees past edges
+  EXPECT_GT(std::count(depth.data.begin(), depth.data.end(), 0.f), 500);      // sky
+}
+
+TEST(Generator, ADatasetCanBeGivenItsTrueDepthLater) {
+  const std::filesystem::path out = std::filesystem::path(testing::TempDir()) / "mirage_generated_depth";
+  std::filesystem::remove_all(out);
+  const auto silent = [](std::size_t) {};
+  generate_dataset(small_rig(), 3, 0, 1, out, silent);
+  const std::string picture = read_file(out / "training/image_2/000000.png");
+  EXPECT_FALSE(std::filesystem::exists(true_depth_file(out, "000000")));
+  EXPECT_EQ(generate_dataset(small_rig(), 3, 0, 1, out, silent, Truth::depth).written, 1);
+  EXPECT_EQ(generate_dataset(small_rig(), 3, 0, 1, out, silent, Truth::depth).kept, 1);
+  EXPECT_EQ(read_file(out / "training/image_2/000000.png"), picture);
+  FrameTruth truth;
+  generate_frame(small_rig(), 3, 0, &truth);
+  const ImageF& depth = truth.depth;
+  const ImageF stored = read_depth_png(true_depth_file(out, "000000"));
+  for (std::size_t i = 0; i < depth.data.size(); ++i)
+    ASSERT_NEAR(stored.data[i], std::min(depth.data[i], 65535.f / 256), 1.f / 511);
+  std::filesystem::remove_all(out);
+}
+
+TEST(Generator, RigFilesAreReadStrictly) {
+  const std::filesystem::path shipped = std::filesystem::path(MIRAGE_SOURCE) / "scenes/rigs/kitti64.toml";
+  const Rig rig = read_rig(shipped);
+  EXPECT_EQ(rig.name, "kitti64");
+  EXPECT_EQ(rig.calibration.camera.width, 1242);
+  EXPECT_EQ(rig.lidar.beams.size(), 64u);
+  EXPECT_NEAR(rig.calibration.camera_from_velo.linear().determinant(), 1, 1e-4);
+  const std::filesystem::path bad = std::filesystem::path(testing::TempDir()) / "bad_rig.toml";
+  std::string text = read_file(shipped);
+  write_file(bad, text.substr(0, text.find("fx =")) + "zoom = 3\n" + text.substr(text.find("fx =")));
+  EXPECT_THROW(read_rig(bad), InputError);
+  const auto at = text.find("-0.999944177");
+  write_file(bad, text.replace(at, 12, "-0.899944177"));
+  EXPECT_THROW(read_rig(bad), InputError);
+  std::filesystem::remove(bad);
+}
+
+// Points on a car must neither stick out of its box nor leave a side of it bare.
+TEST(Generator, CarsFillTheirBoxes) {
+  RandomStream random(5, "test cars");
+  Vec3d mean = Vec3d::Zero();
+  constexpr int count = 60;
+  int loaded = 0;
+  for (int i = 0; i < count; ++i) {
+    const generator::Actor car = generator::make_car(random);
+    EXPECT_TRUE(car.size.x() > 3.0 && car.size.x() < 5.6) << car.size.transpose();
+    EXPECT_TRUE(car.size.y() > 1.4 && car.size.y() < 2.0) << car.size.transpose();
+    EXPECT_TRUE(car.size.z() > 1.2 && car.size.z() < 2.0) << car.size.transpose();
+    mean += car.size / count;
+    Eigen::AlignedBox3d box;  // all surfaces but the mirrors, which come last
+    for (std::size_t s = 0; s + 1 < car.surfaces.size(); ++s) box.extend(bounds(car.surfaces[s].mesh));
+    if (box.max().z() > car.size.z() + 1e-6) {  // something on its roof, which is not part of the box
+      ++loaded;
+      continue;
+    }
+    EXPECT_LT((box.sizes() - car.size).cwiseAbs().maxCoeff(), 1e-9);
+    EXPECT_NEAR(box.center().x(), 0, 1e-9);
+    EXPECT_NEAR(box.center().y(), 0, 1e-9);
+    EXPECT_NEAR(box.min().z(), 0, 1e-9);
+  }
+  EXPECT_LT(loaded, count / 5);
+  // KITTI's mean car: 3.88 × 1.63 × 1.53 m.
+  EXPECT_NEAR(mean.x(), 3.9, 0.2);
+  EXPECT_NEAR(mean.y(), 1.63, 0.07);
+  EXPECT_NEAR(mean.z(), 1.53, 0.06);
+}
+
+TEST(Generator, HullsAreClosedAndWoundOutwards) {
+  for (double roof_rear : {0.70, 0.86, 0.92}) {
+    generator::BodyShape shape;
+    shape.roof_rear_u = roof_rear;
+    if (roof_rear < 0.8) shape.window_foot_u = 0.84;
+    const generator::Hull hull = generator::loft(shape);
+    EXPECT_TRUE(is_watertight(hull.all));
+    EXPECT_GT(signed_volume(hull.all), 0.4 * shape.length * shape.width * shape.height);
+    EXPECT_LT(signed_volume(hull.all), 0.9 * shape.length * shape.width * shape.height);
+    EXPECT_EQ(hull.paint.faces.size() + hull.glass.faces.size() + hull.trim.faces.size(),
+              hull.all.faces.size());
+    EXPECT_GT(hull.glass.faces.size(), 50u);
+  }
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,263 @@
+// The layouts beside KITTI's object benchmark, on generated frames written in each of them.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <fstream>
+
+#include "base/error.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/kitti_results.h"
+#include "support/files.h"
+#include "support/layouts.h"
+#include "support/small_rig.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+using test::TemporaryFolder;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+
+const std::vector<Frame>& frames() {
+  static const std::vector<Frame> made = [] {
+    std::vector<Frame> two;
+    for (int i = 0; i < 2; ++i) {
+      Frame frame = generate_frame(test::small_rig(), 5, i);
+      for (std::size_t k = 0; k < frame.labels.size(); ++k) frame.labels[k].track = static_cast<int>(k);
+      two.push_back(std::move(frame));
+    }
+    return two;
+  }();
+  return made;
+}
+
+struct Layout {
+  const char* name;
+  void (*write)(const std::filesystem::path&, const std::vector<Frame>&);
+  std::vector<std::string> ids;
+  const char* rig;
+  double accuracy;  // of places in space (m) and reflectances: what the layout's own numbers can hold
+};
+
+const Layout kLayouts[] = {
+    {"kitti-tracking", test::write_tracking, {"0000_000000", "0000_000001"}, "kitti64", 2e-6},
+    {"kitti-raw",
+     test::write_raw,
+     {"2011_09_26_drive_0001_sync_0000000000", "2011_09_26_drive_0001_sync_0000000001"},
+     "kitti64",
+     2e-6},
+    {"nuscenes", test::write_nuscenes, {"sample0", "sample1"}, "nuscenes", 2e-5}};
+
+class DataSets : public testing::TestWithParam<Layout> {
+ protected:
+  DataSets() { GetParam().write(folder_.path(), frames()); }
+  TemporaryFolder folder_;
+};
+
+TEST_P(DataSets, IsKnownByItsFolder) {
+  const auto set = open_data_set(folder_.path());
+  EXPECT_STREQ(set->layout(), GetParam().name);
+  EXPECT_EQ(set->frames(), GetParam().ids);
+  EXPECT_EQ(data_rig(folder_.path()), GetParam().rig);
+  write_file(folder_ / "dataset.json", R"({"rig": "xenith"})");
+  EXPECT_EQ(data_rig(folder_.path()), "xenith");
+}
+
+TEST_P(DataSets, GivesTheFrameThatWasWritten) {
+  int cars = 0;
+  for (std::size_t i = 0; i < frames().size(); ++i) {
+    const Frame& meant = frames()[i];
+    const Frame frame = read_frame(folder_.path(), GetParam().ids[i]);
+    EXPECT_EQ(frame.id, GetParam().ids[i]);
+    ASSERT_EQ(frame.sweep.size(), meant.sweep.size());
+    for (std::size_t k = 0; k < frame.sweep.size(); ++k) {
+      ASSERT_LT((frame.sweep[k].position() - meant.sweep[k].position()).norm(), GetParam().accuracy);
+      ASSERT_NEAR(frame.sweep[k].reflectance, meant.sweep[k].reflectance, GetParam().accuracy);
+    }
+    const auto file = folder_ / "as-kitti";
+    write_frame(file, meant);
+    EXPECT_EQ(frame.image.data, read_frame(file, meant.id).image.data);
+    EXPECT_LT((frame.calibration.camera_from_velo.matrix() - meant.calibration.camera_from_velo.matrix())
+                  .cwiseAbs()
+                  .maxCoeff(),
+              1e-9);
+    EXPECT_DOUBLE_EQ(frame.calibration.camera.fx, meant.calibration.camera.fx);
+    EXPECT_DOUBLE_EQ(frame.calibration.camera.cy, meant.calibration.camera.cy);
+    // Sets without boxes in the picture leave out what the camera does not see.
+    std::vector<Label> seen;
+    for (const Label& label : meant.labels)
+      if (projected(label.box, meant.calibration)) seen.push_back(label);
+    ASSERT_EQ(frame.labels.size(), seen.size());
+    for (std::size_t k = 0; k < seen.size(); ++k) {
+      const Label &read = frame.labels[k], &known = seen[k];
+      EXPECT_EQ(read.type, known.type);
+      EXPECT_EQ(read.occluded, known.occluded);
+      EXPECT_NEAR(read.box.bev.x, known.box.bev.x, GetParam().accuracy);
+      EXPECT_NEAR(read.box.bev.y, known.box.bev.y, GetParam().accuracy);
+      EXPECT_NEAR(read.box.bottom, known.box.bottom, GetParam().accuracy);
+      EXPECT_NEAR(read.box.height, known.box.height, 1e-6);
+      EXPECT_NEAR(read.box.bev.length, known.box.bev.length, 1e-6);
+      EXPECT_NEAR(read.box.bev.width, known.box.bev.width, 1e-6);
+      EXPECT_NEAR(std::remainder(read.box.bev.yaw - known.box.bev.yaw, 2 * std::numbers::pi), 0, 2e-6);
+      EXPECT_GE(read.track, 0);
+      cars += read.type == "Car";
+    }
+  }
+  EXPECT_GE(cars, 4);  // or the loop above saw nothing
+}
+
+TEST_P(DataSets, TellsVehiclesApart) {
+  std::vector<int> all;
+  for (const std::string& id : GetParam().ids)
+    for (const int track : read_tracks(folder_.path(), id).value()) all.push_back(track);
+  std::sort(all.begin(), all.end());
+  const bool differ = std::adjacent_find(all.begin(), all.end()) == all.end();
+  // In the tracking benchmark a number names one vehicle of the whole sequence.
+  EXPECT_EQ(differ, std::string(GetParam().name) != "kitti-tracking");
+}
+
+TEST_P(DataSets, HashTellsOfWhatChanged) {
+  const std::string id = GetParam().ids[0], before = frame_hash(folder_.path(), id);
+  EXPECT_EQ(frame_hash(folder_.path(), id), before);
+  std::vector<Frame> edited = frames();
+  edited[0].labels.at(0).box.bev.x += 0.5;
+  TemporaryFolder other;
+  GetParam().write(other.path(), edited);
+  EXPECT_NE(frame_hash(other.path(), id), before);
+  edited = frames();
+  edited[0].sweep.pop_back();
+  GetParam().write(other.path(), edited);
+  EXPECT_NE(frame_hash(other.path(), id), before);
+}
+
+TEST_P(DataSets, MissingAndDamagedFilesAreNamed) {
+  const auto set = open_data_set(folder_.path());
+  const std::string id = GetParam().ids[1];
+  const auto one_line = AllOf(Not(HasSubstr("\n")));
+  for (const DataSet::Part& part : set->parts(id)) {
+    const std::string whole = read_file(part.file);
+    std::filesystem::remove(part.file);
+    EXPECT_THAT(error_text<InputError>([&] { set->read(id); }),
+                AllOf(HasSubstr(part.file.filename().string()), HasSubstr("missing"), one_line));
+    write_file(part.file, whole.substr(0, whole.size() / 2 + 1));
+    EXPECT_THAT(error_text<InputError>([&] { set->read(id); }),
+                AllOf(HasSubstr(part.file.filename().string()), one_line));
+    write_file(part.file, whole);
+  }
+  EXPECT_NO_THROW(set->read(id));
+  for (const char* none : {"", "no", "../x_1", "0000_99x", "a_b_1"})
+    EXPECT_THAT(error_text<InputError>([&] { set->read(none); }), one_line) << none;
+}
+
+INSTANTIATE_TEST_SUITE_P(, DataSets, testing::ValuesIn(kLayouts), [](const auto& one) {
+  std::string name = one.param.name;
+  name.erase(std::remove(name.begin(), name.end(), '-'), name.end());
+  return name;
+});
+
+TEST(DataSet, IsKittisObjectBenchmarkElse) {
+  const TemporaryFolder folder;
+  EXPECT_STREQ(open_data_set(folder.path())->layout(), "kitti-object");
+  EXPECT_THAT(error_text<InputError>([&] { list_frames(folder.path()); }),
+              AllOf(HasSubstr("training/velodyne"), HasSubstr("nuScenes")));
+  EXPECT_STREQ(open_data_set(folder / "nothing")->layout(), "kitti-object");
+}
+
+TEST(KittiTracking, TruncationIsTheObjectBenchmarks) {
+  const TemporaryFolder folder;
+  std::vector<Frame> edited = {frames()[0]};
+  ASSERT_GE(edited[0].labels.size(), 3u);
+  edited[0].labels[0].truncated = 0, edited[0].labels[1].truncated = 0.2, edited[0].labels[2].truncated = 0.9;
+  test::write_tracking(folder.path(), edited);
+  const auto labels = read_annotations(folder.path(), "0000_000000").labels;
+  EXPECT_EQ(labels[0].truncated, 0);
+  EXPECT_EQ(labels[1].truncated, 0.3);
+  EXPECT_EQ(labels[2].truncated, 0.8);
+}
+
+TEST(KittiRaw, DaysMayLieInOneFolder) {
+  const TemporaryFolder folder;
+  test::write_raw(folder / "2011_09_26", frames());
+  const auto set = open_data_set(folder.path());
+  EXPECT_STREQ(set->layout(), "kitti-raw");
+  EXPECT_EQ(set->frames().size(), 2u);
+  EXPECT_NO_THROW(set->read(set->frames()[1]));
+}
+
+TEST(KittiRaw, TruncationIsWhatThePictureCutsOff) {
+  const TemporaryFolder folder;
+  std::vector<Frame> edited = {frames()[0]};
+  Label& label = edited[0].labels.at(0);
+  label.box.bev = {6, 6.0, 4, 1.7, 0};  // the small rig's camera sees 40 degrees to each side
+  test::write_raw(folder.path(), edited);
+  const Label read = read_annotations(folder.path(), open_data_set(folder.path())->frames()[0]).labels.at(0);
+  EXPECT_GT(read.truncated, 0.1);
+  EXPECT_LT(read.truncated, 0.95);
+  EXPECT_EQ(read.left, 0);
+}
+
+TEST(NuScenes, NamesNoFileOutsideItsFolder) {
+  const TemporaryFolder folder;
+  test::write_nuscenes(folder / "set", frames());
+  const auto table = folder / "set" / "v1.0-mini" / "sample_data.json";
+  const nlohmann::json good = read_json(table);
+  for (const char* name : {"/etc/passwd", "../secret.png", "samples/../../secret.png", ""}) {
+    nlohmann::json bad = good;
+    bad[1]["filename"] = name;
+    write_json(table, bad);
+    EXPECT_THAT(error_text<InputError>([&] { list_frames(folder / "set"); }),
+                AllOf(HasSubstr("sample_data.json"), HasSubstr("[1].filename")));
+  }
+}
+
+TEST(NuScenes, FieldsAreChecked) {
+  const TemporaryFolder folder;
+  test::write_nuscenes(folder.path(), frames());
+  const auto bad = [&](const char* name, const char* key, const nlohmann::json& value) {
+    const auto table = folder / "v1.0-mini" / (std::string(name) + ".json");
+    const nlohmann::json good = read_json(table);
+    nlohmann::json edited = good;
+    edited[0][key] = value;
+    write_json(table, edited);
+    const std::string error = error_text<InputError>([&] { read_frame(folder.path(), "sample0"); });
+    EXPECT_THAT(error, AllOf(HasSubstr(std::string(name) + ".json"), HasSubstr(key), Not(HasSubstr("\n"))));
+    write_json(table, good);
+  };
+  bad("ego_pose", "rotation", {1, 1, 0, 0});
+  bad("ego_pose", "translation", {1, 2});
+  bad("calibrated_sensor", "rotation", "none");
+  bad("sample_data", "is_key_frame", 1);
+  bad("sample_data", "sample_token", "a/b");
+  bad("sample_annotation", "size", {-1, 2, 3});
+  bad("sample_annotation", "instance_token", "nobody");
+  EXPECT_NO_THROW(read_frame(folder.path(), "sample0"));
+}
+
+TEST(NuScenes, AVersionIsChosenByItsFolder) {
+  const TemporaryFolder folder;
+  test::write_nuscenes(folder.path(), frames());
+  EXPECT_EQ(list_frames(folder / "v1.0-mini").size(), 2u);
+  EXPECT_NO_THROW(read_frame(folder / "v1.0-mini", "sample1"));
+  std::filesystem::copy(folder / "v1.0-mini", folder / "v1.0-other",
+                        std::filesystem::copy_options::recursive);
+  EXPECT_THAT(error_text<InputError>([&] { list_frames(folder.path()); }), HasSubstr("2 versions"));
+}
+
+TEST(NuScenes, ReadsPicturesOfItsOwnKind) {
+  const TemporaryFolder folder;
+  test::write_nuscenes(folder.path(), frames());
+  nlohmann::json table = read_json(folder / "v1.0-mini" / "sample_data.json");
+  EXPECT_EQ(list_frames(folder.path()).size(), 2u);
+  // A sweep between keyframes and a camera that nobody asks for change nothing.
+  nlohmann::json between = table[0];
+  between["is_key_frame"] = false, between["filename"] = "sweeps/LIDAR_TOP/x.pcd.bin";
+  table.insert(table.begin(), between);
+  write_json(folder / "v1.0-mini" / "sample_data.json", table);
+  EXPECT_EQ(open_data_set(folder.path())->parts("sample0")[0].file.filename(), "0.pcd.bin");
+}
+
+}  // namespace
+}  // namespace mirage

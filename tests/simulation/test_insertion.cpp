@@ -1,0 +1,260 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "base/random.h"
+#include "scene/depth_completion.h"
+#include "simulation/adversary_view.h"
+#include "support/gradient_check.h"
+#include "support/insertion_world.h"
+
+namespace mirage {
+namespace {
+
+using test::check_gradient;
+using test::make_world;
+using test::World;
+
+std::vector<double> vertices_of(const TexturedMesh& mesh) {
+  std::vector<double> x;
+  for (const Vec3d& v : mesh.mesh.vertices) x.insert(x.end(), v.data(), v.data() + 3);
+  return x;
+}
+
+TexturedMesh with_vertices(const TexturedMesh& like, const std::vector<double>& x) {
+  TexturedMesh mesh = like;
+  for (std::size_t i = 0; i < mesh.mesh.vertices.size(); ++i)
+    mesh.mesh.vertices[i] = Vec3d(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
+  return mesh;
+}
+
+SimulationSettings smooth_settings() {
+  SimulationSettings settings;
+  settings.raster.sigma = 1e-4;
+  settings.raster.gamma = 5e-2;
+  settings.raster.dist_eps = 1e-13;  // no jump at the cut-off
+  settings.reference = true;         // differences of float images are noise
+  return settings;
+}
+
+/// Central differences of the camera's picture, to the vertices and the texels.
+void expect_camera_gradient(const World& world, const SimulationSettings& settings) {
+  const Simulated at = simulate(world.prepared, world.host, world.rooftop, world.adversary, settings);
+  ASSERT_GT(at.adversary_pixels, 50);
+  RandomStream random(2, "upstream");
+  ImageF d_image(at.image.width, at.image.height, 3);
+  for (float& value : d_image.data) value = static_cast<float>(random.uniform(-1, 1));
+  const auto loss = [&](const TexturedMesh& adversary) {
+    const Simulated s = simulate(world.prepared, world.host, world.rooftop, adversary, settings);
+    double sum = 0;
+    for (int v = s.rect.v0; v < s.rect.v1; ++v)
+      for (int u = s.rect.u0; u < s.rect.u1; ++u)
+        for (int c = 0; c < 3; ++c)  // relative to the background, so that the window's size doesn't matter
+          sum += d_image.at(u, v, c) *
+                 (s.rgba.at(u - s.rect.u0, v - s.rect.v0, c) - world.prepared.frame.image.at(u, v, c));
+    return sum;
+  };
+  const AdversaryGradient gradient = simulate_vjp(at, d_image, {});
+  std::vector<double> d_vertices;
+  for (const Vec3d& d : gradient.vertices) d_vertices.insert(d_vertices.end(), d.data(), d.data() + 3);
+  const auto on_vertices =
+      check_gradient([&](const auto& x) { return loss(with_vertices(world.adversary, x)); },
+                     vertices_of(world.adversary), d_vertices, 1e-7, 1e-4, 1.0);
+  std::printf("camera, vertices: %d components, worst relative error %.2e\n", on_vertices.checked,
+              on_vertices.worst);
+
+  std::vector<double> texels, d_texels;
+  for (const Vec3d& t : world.adversary.atlas.texels) texels.insert(texels.end(), t.data(), t.data() + 3);
+  for (const Vec3d& t : gradient.texels) d_texels.insert(d_texels.end(), t.data(), t.data() + 3);
+  const auto on_texels = check_gradient(
+      [&](const auto& x) {
+        TexturedMesh mesh = world.adversary;
+        for (std::size_t i = 0; i < mesh.atlas.texels.size(); ++i)
+          mesh.atlas.texels[i] = Vec3d(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
+        return loss(mesh);
+      },
+      texels, d_texels, 1e-4, 1e-6, 1e-2);
+  std::printf("camera, texels: %d components, worst relative error %.2e\n", on_texels.checked,
+              on_texels.worst);
+}
+
+TEST(InsertionGradient, VerticesAndTexelsThroughTheCamera) {
+  expect_camera_gradient(make_world(1), smooth_settings());
+}
+
+TEST(InsertionGradient, ExactAreasThroughTheCamera) {
+  SimulationSettings settings;
+  settings.exact_coverage = true;
+  World world = make_world(1);
+  expect_camera_gradient(world, settings);
+  // With texels, their borders move too; and folded, so that faces hide and cross each other.
+  RandomStream random(3, "exact areas");
+  TexelAtlas& atlas = world.adversary.atlas;
+  atlas.resolution = 3;
+  atlas.texels.clear();
+  for (std::size_t t = 0; t < 9 * world.adversary.mesh.faces.size(); ++t)
+    atlas.texels.push_back(Vec3d(random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)));
+  for (Vec3d& v : world.adversary.mesh.vertices)
+    v += Vec3d(random.uniform(-.2, .2), random.uniform(-.2, .2), random.uniform(-.2, .2));
+  expect_camera_gradient(world, settings);
+}
+
+TEST(InsertionGradient, TexelsThroughTheVisibleLight) {
+  const World world = make_world(5);
+  SimulationSettings settings = smooth_settings();
+  settings.light = LightModel::visible;  // rays do not depend on texels: nothing need be held
+  const auto draw = [&](const TexturedMesh& adversary) {
+    return simulate(world.prepared, world.host, world.rooftop, adversary, settings);
+  };
+  const Simulated at = draw(world.adversary);
+  RandomStream random(6, "upstream");
+  ImageF d_image(at.image.width, at.image.height, 3);
+  for (float& value : d_image.data) value = static_cast<float>(random.uniform(-1, 1));
+  std::vector<double> texels, d_texels;
+  for (const Vec3d& t : world.adversary.atlas.texels) texels.insert(texels.end(), t.data(), t.data() + 3);
+  const AdversaryGradient gradient = simulate_vjp(at, d_image, {});
+  for (const Vec3d& t : gradient.texels) d_texels.insert(d_texels.end(), t.data(), t.data() + 3);
+  const auto check = check_gradient(
+      [&](const auto& x) {
+        TexturedMesh mesh = world.adversary;
+        for (std::size_t i = 0; i < mesh.atlas.texels.size(); ++i)
+          mesh.atlas.texels[i] = Vec3d(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
+        const Simulated s = draw(mesh);
+        double sum = 0;
+        for (int v = s.rect.v0; v < s.rect.v1; ++v)
+          for (int u = s.rect.u0; u < s.rect.u1; ++u)
+            for (int c = 0; c < 3; ++c)
+              sum += d_image.at(u, v, c) * s.rgba.at(u - s.rect.u0, v - s.rect.v0, c);
+        return sum;
+      },
+      texels, d_texels, 1e-4, 1e-6, 1e-2);
+  std::printf("visible light, texels: %d components, worst relative error %.2e\n", check.checked,
+              check.worst);
+}
+
+TEST(InsertionGradient, VerticesThroughTheLidar) {
+  const World world = make_world(3);
+  const SimulationSettings settings;
+  Simulated at;
+  const auto d_points_of = [](std::size_t n) {
+    std::vector<std::array<float, 4>> d(n);
+    RandomStream random(4, "upstream points");
+    for (auto& row : d)
+      for (float& value : row) value = static_cast<float>(random.uniform(-1, 1));
+    return d;
+  };
+  // The tape keeps the returns in double.
+  const auto returns = [&](const TexturedMesh& adversary, Simulated& result) {
+    return draw_in_lidar(world.prepared, place(adversary, world.rooftop), settings, result);
+  };
+  const LidarTape tape = returns(world.adversary, at);
+  ASSERT_GT(tape.returns.size(), 50u);
+  const auto d_points = d_points_of(tape.returns.size());
+  const auto loss = [&](const std::vector<double>& x) {
+    Simulated ignored;
+    const LidarTape now = returns(with_vertices(world.adversary, x), ignored);
+    EXPECT_EQ(now.returns.size(), tape.returns.size());
+    double sum = 0;
+    for (std::size_t i = 0; i < std::min(now.returns.size(), tape.returns.size()); ++i) {
+      if (now.returns[i].face != tape.returns[i].face) return std::nan("");
+      const Vec3d p = now.returns[i].ray.origin + now.returns[i].hit.range * now.returns[i].ray.direction;
+      sum += d_points[i][0] * p.x() + d_points[i][1] * p.y() + d_points[i][2] * p.z() +
+             d_points[i][3] * now.returns[i].hit.reflectance;
+    }
+    return sum;
+  };
+  const Simulated simulated = simulate(world.prepared, world.host, world.rooftop, world.adversary, settings);
+  const AdversaryGradient gradient = simulate_vjp(simulated, ImageF(), d_points);
+  std::vector<double> d_vertices;
+  for (const Vec3d& d : gradient.vertices) d_vertices.insert(d_vertices.end(), d.data(), d.data() + 3);
+  // A vertex whose move makes a ray change its face has no derivative there; the others must agree.
+  int jumps = 0;
+  const auto x0 = vertices_of(world.adversary);
+  const auto smooth = [&](std::size_t i) {
+    auto above = x0, below = x0;
+    above[i] += 1e-7;
+    below[i] -= 1e-7;
+    const bool ok = std::isfinite(loss(above)) && std::isfinite(loss(below));
+    jumps += !ok;
+    return ok;
+  };
+  const auto result = check_gradient(loss, x0, d_vertices, 1e-7, 1e-4, 1e-1, smooth);
+  std::printf("LiDAR, vertices: %d components, worst relative error %.2e, %d at a face change\n",
+              result.checked, result.worst, jumps);
+  EXPECT_GT(result.checked, 100);
+}
+
+TEST(Insertion, TheAdversaryStandsOnTheRoof) {
+  const World world = make_world(5);
+  const TexturedMesh placed = place(world.adversary, world.rooftop);
+  EXPECT_NEAR(bounds(placed.mesh).min().z(), world.host.box.bottom + world.host.box.height, 1e-12);
+}
+
+TEST(Insertion, MeasuredReturnsBehindItGoAndThoseInFrontStay) {
+  // A wall 30 m away and a pole 6 m away, both across the object's rays.
+  World empty = make_world(6);
+  const TexturedMesh placed = place(empty.adversary, empty.rooftop);
+  const Vec3d centre = bounds(placed.mesh).center();
+  Sweep sweep;
+  const auto at_range = [&](double azimuth, double elevation, double range) {
+    sweep.push_back({static_cast<float>(range * std::cos(elevation) * std::cos(azimuth)),
+                     static_cast<float>(range * std::cos(elevation) * std::sin(azimuth)),
+                     static_cast<float>(range * std::sin(elevation)), 0.3f});
+  };
+  const double azimuth = std::atan2(centre.y(), centre.x()),
+               elevation = std::atan2(centre.z(), centre.head<2>().norm());
+  for (int i = -3; i <= 3; ++i) at_range(azimuth + 0.0035 * i, elevation, 30);         // behind
+  for (int i = -3; i <= 3; ++i) at_range(azimuth + 0.0035 * i, elevation - 0.014, 6);  // in front
+  at_range(azimuth + 0.5, elevation, 20);                                              // elsewhere
+  const World world = make_world(6, sweep);
+  const Simulated s = simulate(world.prepared, world.host, world.rooftop, world.adversary);
+  EXPECT_EQ(s.removed_points, 7);
+  EXPECT_EQ(s.occluded_points, 7);
+  EXPECT_GT(s.adversary_points, 7);
+  EXPECT_EQ(s.sweep.size(), sweep.size() - 7 + static_cast<std::size_t>(s.adversary_points));
+  const auto survives = [&](const LidarPoint& p) {
+    return std::any_of(s.sweep.begin(), s.sweep.end(),
+                       [&](const LidarPoint& q) { return p.x == q.x && p.y == q.y && p.z == q.z; });
+  };
+  for (int i = 0; i < 7; ++i) EXPECT_FALSE(survives(sweep[static_cast<std::size_t>(i)]));
+  for (std::size_t i = 7; i < sweep.size(); ++i) EXPECT_TRUE(survives(sweep[i]));
+}
+
+TEST(Insertion, AnOccluderInThePhotographHidesItAndSkyDoesNot) {
+  World world = make_world(7);
+  const Simulated open = simulate(world.prepared, world.host, world.rooftop, world.adversary);
+  EXPECT_EQ(open.visible_share, 1);
+  for (float& depth : world.prepared.depth.data) depth = 5;  // something everywhere, nearer than the host
+  const Simulated hidden = simulate(world.prepared, world.host, world.rooftop, world.adversary);
+  EXPECT_EQ(hidden.adversary_pixels, 0);
+  EXPECT_EQ(hidden.visible_share, 0);
+  EXPECT_EQ(hidden.image.data, world.prepared.frame.image.data);
+  for (float& depth : world.prepared.depth.data) depth = 14;  // behind the object
+  EXPECT_EQ(simulate(world.prepared, world.host, world.rooftop, world.adversary).adversary_pixels,
+            open.adversary_pixels);
+}
+
+TEST(Insertion, ModalityGatingLeavesTheOtherSensorOut) {
+  const World world = make_world(8);
+  const Simulated s = simulate(world.prepared, world.host, world.rooftop, world.adversary);
+  const ImageF d_image(s.image.width, s.image.height, 3, 1.f);
+  const std::vector<std::array<float, 4>> d_points(s.sweep.size(), {1, 1, 1, 1});
+  const auto image = simulate_vjp(s, d_image, {}), lidar = simulate_vjp(s, ImageF(), d_points),
+             both = simulate_vjp(s, d_image, d_points);
+  double lidar_texels = 0, lidar_vertices = 0, image_texels = 0;
+  for (std::size_t i = 0; i < both.vertices.size(); ++i) {
+    EXPECT_LT((both.vertices[i] - image.vertices[i] - lidar.vertices[i]).norm(),
+              1e-9 * (1 + both.vertices[i].norm()));
+    lidar_vertices += lidar.vertices[i].norm();
+  }
+  for (std::size_t i = 0; i < both.texels.size(); ++i) {
+    lidar_texels += lidar.texels[i].norm();
+    image_texels += image.texels[i].norm();
+  }
+  EXPECT_GT(lidar_vertices, 0);
+  EXPECT_GT(image_texels, 0);
+  EXPECT_EQ(lidar_texels, 0);  // the LiDAR's reflectivity is the material's, not the paint's
+}
+
+}  // namespace
+}  // namespace mirage
