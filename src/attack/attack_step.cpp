@@ -128,9 +128,10 @@ std::vector<Proposal> CleanSights::of(const PreparedFrame& prepared, Detector& d
     const std::scoped_lock lock(mutex_);
     if (const auto known = frames_.find(frame.id); known != frames_.end()) return known->second;
   }
-  auto found = detections(detector, {&frame.image, frame.sweep, &frame.calibration}, EvaluationSettings());
+  auto proposals =
+      detections(detector, {&frame.image, frame.sweep, &frame.calibration}, EvaluationSettings());
   const std::scoped_lock lock(mutex_);
-  return frames_.try_emplace(frame.id, std::move(found)).first->second;
+  return frames_.try_emplace(frame.id, std::move(proposals)).first->second;
 }
 
 AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
@@ -180,9 +181,9 @@ double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<
   return mean + weight * laplacian_.energy(adversary.mesh.vertices, weight, unused);
 }
 
-std::vector<std::string> AttackStepper::frames_of(std::span<const std::size_t> chosen) const {
+std::vector<std::string> AttackStepper::frames_of(std::span<const std::size_t> batch) const {
   std::vector<std::string> frames;
-  for (const std::size_t k : own_hosts(chosen.size())) frames.push_back(hosts_[chosen[k]].id.frame);
+  for (const std::size_t k : own_hosts(batch.size())) frames.push_back(hosts_[batch[k]].id.frame);
   return frames;
 }
 
@@ -193,8 +194,8 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
     state.rendered = {state.iteration, state.adversary};
   StageSeconds stages;
   Stopwatch clock;
-  const auto chosen = order_.batch(state.iteration);
-  const std::vector<std::string> names = frames_of(chosen);
+  const auto batch = order_.batch(state.iteration);
+  const std::vector<std::string> names = frames_of(batch);
   std::vector<std::shared_ptr<const PreparedFrame>> frames(names.size());
   parallel_for(names.size(), [&](std::size_t i) { frames[i] = store_.get(names[i]); });
   store_.prefetch(frames_of(order_.batch(state.iteration + 1)));
@@ -203,11 +204,11 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
   std::vector<Vec3d> d_vertices(state.adversary.mesh.vertices.size(), Vec3d::Zero());
   std::vector<Vec3d> d_texels(state.adversary.atlas.texels.size(), Vec3d::Zero());
   LossRow row;
-  std::vector<HostStep> steps(chosen.size());
-  const std::vector<std::size_t> mine = own_hosts(chosen.size());
+  std::vector<HostStep> steps(batch.size());
+  const std::vector<std::size_t> mine = own_hosts(batch.size());
   for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
     const std::size_t k = mine[i];
-    Host host = hosts_[chosen[k]];
+    Host host = hosts_[batch[k]];
     host.rooftop = store_.rooftop(host.id);  // with the fitted vehicle, which the list leaves out
     const WorldDraw draw(settings.expectation, settings.seed,
                          static_cast<std::uint64_t>(state.iteration * settings.batch) + k);
@@ -219,7 +220,7 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
     });
   });
   for (const std::size_t k : mine) {
-    check_finite(steps[k], hosts_[chosen[k]].id, state.iteration);
+    check_finite(steps[k], hosts_[batch[k]].id, state.iteration);
     stages.threads += steps[k].seconds;
   }
   stages.hosts = clock.lap();

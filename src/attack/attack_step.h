@@ -75,7 +75,7 @@ class AttackStepper {
   /// What the objective needs of the frame as recorded: nothing, or its detections.
   std::vector<Proposal> clean_of(const PreparedFrame& prepared, Detector& detector) const;
   /// Names of the frames of this rank's hosts of a batch.
-  std::vector<std::string> frames_of(std::span<const std::size_t> chosen) const;
+  std::vector<std::string> frames_of(std::span<const std::size_t> batch) const;
 
   const AttackSettings& settings_;
   const DetectorPool& detectors_;

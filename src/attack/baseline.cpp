@@ -42,31 +42,31 @@ TexturedMesh sized_mesh(const Run& run, std::uint64_t seed) {
   if (run.settings.buildable.on)
     make_buildable(start, run.settings.buildable, run.settings.limits);  // its base is flat
   fit_bounds(start.mesh, wanted);
-  TexturedMesh made = start;
+  TexturedMesh baseline = start;
   const TexturedMesh random = random_adversary(seed, run.settings.limits);
   // The old baseline's displacements, in metres, on the start as stretched.
   const TexturedMesh plain = initial_adversary(run.settings.limits);
-  for (std::size_t i = 0; i < made.mesh.vertices.size(); ++i)
-    made.mesh.vertices[i] += random.mesh.vertices[i] - plain.mesh.vertices[i];
-  fit_bounds(made.mesh, wanted);
-  paint_patches(made, kPatches, seed);
-  keep_rules(made, start, run);
-  return made;
+  for (std::size_t i = 0; i < baseline.mesh.vertices.size(); ++i)
+    baseline.mesh.vertices[i] += random.mesh.vertices[i] - plain.mesh.vertices[i];
+  fit_bounds(baseline.mesh, wanted);
+  paint_patches(baseline, kPatches, seed);
+  keep_rules(baseline, start, run);
+  return baseline;
 }
 
 TexturedMesh filling_mesh(const Run& run, Baseline kind, std::uint64_t seed) {
   const TexturedMesh start = filling_shape(kind, run.settings.limits, run.settings.buildable);
-  TexturedMesh made = start;
-  paint_patches(made, kPatches, seed);
-  keep_rules(made, start, run);
-  return made;
+  TexturedMesh baseline = start;
+  paint_patches(baseline, kPatches, seed);
+  keep_rules(baseline, start, run);
+  return baseline;
 }
 
 }  // namespace
 
 std::string to_string(Baseline kind) {
-  for (const auto& [one, word] : kWords)
-    if (one == kind) return word;
+  for (const auto& [baseline, word] : kWords)
+    if (baseline == kind) return word;
   return "";
 }
 
@@ -115,18 +115,18 @@ std::vector<TexturedMesh> baseline_meshes(const Run& run, Baseline kind, int cou
 }
 
 TexturedMesh filling_shape(Baseline kind, const AdversaryLimits& limits, const BuildableSettings& buildable) {
-  TexturedMesh made = initial_adversary(limits, 1);
+  TexturedMesh shape = initial_adversary(limits, 1);
   if (kind == Baseline::cuboid) {
-    made.mesh = divided_cuboid(limits.half, kCuboidCells);
-    made.atlas.texels.assign(made.mesh.faces.size() * made.atlas.per_face(), Vec3d::Constant(0.5));
+    shape.mesh = divided_cuboid(limits.half, kCuboidCells);
+    shape.atlas.texels.assign(shape.mesh.faces.size() * shape.atlas.per_face(), Vec3d::Constant(0.5));
   }
   if (buildable.on && kind == Baseline::cuboid) {  // it stands on its base: cut there it would lose its sides
-    Eigen::AlignedBox3d above = bounds(made.mesh);
+    Eigen::AlignedBox3d above = bounds(shape.mesh);
     above.min().z() = -buildable.base * limits.half.z();
-    fit_bounds(made.mesh, above);
+    fit_bounds(shape.mesh, above);
   }
-  if (buildable.on) make_buildable(made, buildable, limits);
-  return made;
+  if (buildable.on) make_buildable(shape, buildable, limits);
+  return shape;
 }
 
 void fit_bounds(Mesh& mesh, const Eigen::AlignedBox3d& wanted) {

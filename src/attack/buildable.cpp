@@ -30,11 +30,11 @@ std::vector<int> offenders(const Mesh& mesh, double min_thickness) {
     add(pair[0]);
     add(pair[1]);
   }
-  const std::vector<Wall> found = walls(mesh);
-  for (std::size_t f = 0; f < found.size(); ++f)
-    if (found[f].thickness < min_thickness) {
+  const std::vector<Wall> face_walls = walls(mesh);
+  for (std::size_t f = 0; f < face_walls.size(); ++f)
+    if (face_walls[f].thickness < min_thickness) {
       add(static_cast<int>(f));
-      add(found[f].opposite);
+      add(face_walls[f].opposite);
     }
   std::sort(vertices.begin(), vertices.end());
   vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());

@@ -73,8 +73,8 @@ nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const
 }  // namespace
 
 const BaselineArm* RunEvaluation::arm(Baseline kind) const {
-  for (const BaselineArm& one : baselines)
-    if (one.kind == kind) return &one;
+  for (const BaselineArm& baseline : baselines)
+    if (baseline.kind == kind) return &baseline;
   return nullptr;
 }
 

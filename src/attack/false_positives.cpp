@@ -14,23 +14,23 @@ std::vector<double> even_edges(double last, int bins) {
 }
 
 /// The box and how far it is off, by the names of its plane.
-nlohmann::json box_json(const NewBox& made, Plane plane) {
+nlohmann::json box_json(const NewBox& new_box, Plane plane) {
   if (plane == Plane::picture) {
-    const PictureBox box = picture_box(made.box);
+    const PictureBox box = picture_box(new_box.box);
     return {{"left", box.left},
             {"top", box.top},
             {"right", box.right},
             {"bottom", box.bottom},
-            {"distance_from_host_px", made.distance}};
+            {"distance_from_host_px", new_box.distance}};
   }
-  const auto& [x, y, length, width, yaw] = made.box;
+  const auto& [x, y, length, width, yaw] = new_box.box;
   return {{"x", x},
           {"y", y},
           {"length", length},
           {"width", width},
           {"yaw", yaw},
-          {"distance_from_host", made.distance},
-          {"distance_from_sensor", made.range}};
+          {"distance_from_host", new_box.distance},
+          {"distance_from_sensor", new_box.range}};
 }
 
 nlohmann::json to_json(const Distribution& d, bool any) {

@@ -31,9 +31,10 @@ HidingRate rate(std::span<const HostOutcome> hosts, const HidingRule& rule) {
   for (const auto& [name, sums] :
        sums_by_cluster(hosts, found_clean, [&](const HostOutcome& host) { return !rule.finds(host, false); }))
     clusters.push_back(sums);
-  HidingRate made{bootstrap_interval(clusters), 0};
-  for (const HostOutcome& host : hosts) made.vehicles += host.mesh == hosts.front().mesh && found_clean(host);
-  return made;
+  HidingRate result{bootstrap_interval(clusters), 0};
+  for (const HostOutcome& host : hosts)
+    result.vehicles += host.mesh == hosts.front().mesh && found_clean(host);
+  return result;
 }
 
 Interval paired(std::span<const HostOutcome> a, std::span<const HostOutcome> b, const Test& counts,
@@ -71,8 +72,8 @@ HidingRates hiding_rates(std::span<const HostOutcome> hosts) {
 }
 
 nlohmann::json to_json(const HidingRates& rates) {
-  const auto maybe = [](const std::optional<HidingRate>& one) {
-    return one ? rate_json(*one) : nlohmann::json();
+  const auto maybe = [](const std::optional<HidingRate>& rate) {
+    return rate ? rate_json(*rate) : nlohmann::json();
   };
   return {{"vanished", rate_json(rates.vanished)},
           {"iou50", rate_json(rates.iou50)},
@@ -99,8 +100,8 @@ NetSuccess net_success(std::span<const HostOutcome> learned, std::span<const Hos
 }
 
 nlohmann::json to_json(const NetSuccess& net) {
-  const auto maybe = [](const std::optional<Interval>& one) {
-    return one ? to_json(*one) : nlohmann::json();
+  const auto maybe = [](const std::optional<Interval>& interval) {
+    return interval ? to_json(*interval) : nlohmann::json();
   };
   return {{"vanished", to_json(net.vanished)},     {"iou50", to_json(net.iou50)},
           {"iou70", to_json(net.iou70)},           {"distance1m", maybe(net.distance1m)},

@@ -102,7 +102,7 @@ std::vector<std::size_t> HostOrder::order(std::size_t lane, long pass) const {
 }
 
 std::vector<std::size_t> HostOrder::batch(long iteration) const {
-  std::vector<std::size_t> chosen;
+  std::vector<std::size_t> indices;
   const auto batch = static_cast<std::size_t>(batch_);
   struct Pass {
     long number = -1;
@@ -115,9 +115,9 @@ std::vector<std::size_t> HostOrder::batch(long iteration) const {
     const auto hosts = static_cast<long>(hosts_of(lanes_[lane]));
     Pass& pass = passes[lane];
     if (pass.number != position / hosts) pass = {position / hosts, order(lane, position / hosts)};
-    chosen.push_back(pass.hosts[static_cast<std::size_t>(position % hosts)]);
+    indices.push_back(pass.hosts[static_cast<std::size_t>(position % hosts)]);
   }
-  return chosen;
+  return indices;
 }
 
 }  // namespace mirage

@@ -12,22 +12,22 @@ std::vector<std::size_t> top_background(std::span<const Proposal> proposals, con
                                         std::span<const Proposal> clean, std::size_t most) {
   std::vector<BevBox> known;
   for (const Proposal& seen : clean) known.push_back(rectangle(seen, truth.plane()));
-  std::vector<std::size_t> heap(proposals.size()), chosen;
+  std::vector<std::size_t> heap(proposals.size()), top;
   for (std::size_t i = 0; i < heap.size(); ++i) heap[i] = i;
   const auto below = [&](std::size_t a, std::size_t b) {
     return proposals[a].logit < proposals[b].logit || (proposals[a].logit == proposals[b].logit && a > b);
   };
   std::make_heap(heap.begin(), heap.end(), below);
-  while (!heap.empty() && chosen.size() < most) {
+  while (!heap.empty() && top.size() < most) {
     std::pop_heap(heap.begin(), heap.end(), below);
     const Proposal& proposal = proposals[heap.back()];
     const BevBox box = rectangle(proposal, truth.plane());
     if (truth.host_iou(proposal) == 0 && truth.label_iou(proposal) == 0 && !truth.in_dont_care(proposal) &&
         std::none_of(known.begin(), known.end(), [&](const BevBox& seen) { return iou(box, seen) > 0; }))
-      chosen.push_back(heap.back());
+      top.push_back(heap.back());
     heap.pop_back();
   }
-  return chosen;
+  return top;
 }
 
 }  // namespace

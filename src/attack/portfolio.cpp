@@ -88,16 +88,16 @@ class Portfolio {
     outcome.first = known_;
     for (const Candidate& candidate : candidates_) outcome.first += candidate.state.iteration;
     halve();
-    const auto chosen = std::min_element(
+    const auto best = std::min_element(
         candidates_.begin(), candidates_.end(),
         [](const Candidate& a, const Candidate& b) { return a.state.held_out.best < b.state.held_out.best; });
-    outcome.state = chosen->state;
-    outcome.state.adversary = chosen->state.held_out.mesh;
-    outcome.report = report(static_cast<std::size_t>(chosen - candidates_.begin()));
+    outcome.state = best->state;
+    outcome.state.adversary = best->state.held_out.mesh;
+    outcome.report = report(static_cast<std::size_t>(best - candidates_.begin()));
     outcome.stages = stages_;
     outcome.steps = spent();
-    spdlog::info("candidate {} is chosen: {}, {:.4f} on {} vehicles held out", chosen - candidates_.begin(),
-                 chosen->start, chosen->state.held_out.best, part_.held_out.size());
+    spdlog::info("candidate {} is chosen: {}, {:.4f} on {} vehicles held out", best - candidates_.begin(),
+                 best->start, best->state.held_out.best, part_.held_out.size());
     return outcome;
   }
 
@@ -201,7 +201,7 @@ class Portfolio {
         spdlog::info("search, generation {} of {}: the lowest objective so far is {:.4f}",
                      (i + 1) / kShapesAGeneration, budget_.generations, lowest);
     }
-    found_ = shape(method.centre());
+    searched_shape_ = shape(method.centre());
   }
 
   void judge_starts() {
@@ -211,7 +211,7 @@ class Portfolio {
     if (learns_shape())
       for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid})
         named_.push_back({to_string(kind), filling_shape(kind, settings_.limits, settings_.buildable)});
-    if (found_) named_.push_back({"searched", *found_});
+    if (searched_shape_) named_.push_back({"searched", *searched_shape_});
     starts_.resize(std::min(starts_.size(), named_.size()));
     for (std::size_t i = 0; i < named_.size(); ++i) {
       if (i == starts_.size()) {
@@ -367,7 +367,7 @@ class Portfolio {
   std::vector<AttackTarget> targets_;
   std::vector<Host> searched_;
   std::vector<double> shapes_, starts_;  // values looked at so far
-  std::optional<TexturedMesh> found_;
+  std::optional<TexturedMesh> searched_shape_;
   std::vector<NamedStart> named_, kept_;
   std::vector<Candidate> candidates_;
   StageSeconds stages_;

@@ -29,8 +29,8 @@ std::array<double, kWarpPoints> bernstein(double t) {
 
 TexturedMesh warped(const TexturedMesh& start, const AdversaryLimits& limits,
                     std::span<const double> displacements) {
-  TexturedMesh made = start;
-  for (Vec3d& v : made.mesh.vertices) {
+  TexturedMesh shape = start;
+  for (Vec3d& v : shape.mesh.vertices) {
     const Vec3d t = (v.cwiseQuotient(limits.half) + Vec3d::Ones()) / 2;
     const auto bx = bernstein(t.x()), by = bernstein(t.y()), bz = bernstein(t.z());
     std::size_t at = 0;
@@ -39,8 +39,8 @@ TexturedMesh warped(const TexturedMesh& start, const AdversaryLimits& limits,
         for (const double z : bz)
           for (int c = 0; c < 3; ++c) v[c] += x * y * z * displacements[at++];
   }
-  project(made, limits);
-  return made;
+  project(shape, limits);
+  return shape;
 }
 
 CrossEntropy::CrossEntropy(std::size_t numbers, int samples, double sigma, std::uint64_t seed)

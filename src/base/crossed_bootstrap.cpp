@@ -59,8 +59,8 @@ Interval crossed_interval(const std::map<CrossingName, ClusterSums>& sums,
   const std::vector<Crossing> items = crossings(used);
   std::vector<ClusterSums> list;
   for (const auto& [name, value] : used) list.push_back(value);
-  const bool same = std::all_of(list.begin(), list.end(), [&](const ClusterSums& one) {
-    return one.numerator * list[0].denominator == list[0].numerator * one.denominator;
+  const bool same = std::all_of(list.begin(), list.end(), [&](const ClusterSums& cluster) {
+    return cluster.numerator * list[0].denominator == list[0].numerator * cluster.denominator;
   });
   if (one_run(items) || same) {
     std::map<std::string, ClusterSums> by_name;

@@ -31,11 +31,11 @@ std::string plateau_words(const nlohmann::json& plateau) {
 /// What --attack auto chose, in a line.
 std::string auto_words(const nlohmann::json& report) {
   const auto& list = report.at("candidates");
-  const auto& chosen = list.at(report.at("chosen").get<std::size_t>());
+  const auto& candidate = list.at(report.at("chosen").get<std::size_t>());
   return fmt::format("of {} the one from {}, target {}, after {} steps: {:.4f} on {} vehicles held out",
-                     list.size(), chosen.at("start").get<std::string>(),
-                     chosen.at("target").get<std::string>(), chosen.at("kept_iteration").get<long>(),
-                     chosen.at("held_out").get<double>(), report.at("vehicles").get<int>());
+                     list.size(), candidate.at("start").get<std::string>(),
+                     candidate.at("target").get<std::string>(), candidate.at("kept_iteration").get<long>(),
+                     candidate.at("held_out").get<double>(), report.at("vehicles").get<int>());
 }
 
 }  // namespace

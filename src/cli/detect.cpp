@@ -51,16 +51,16 @@ nlohmann::json box_json(const BevBox& rectangle, Plane plane) {
 nlohmann::json detections_json(const DetectionRun& run) {
   nlohmann::json frames = nlohmann::json::array();
   for (std::size_t i = 0; i < run.ids.size(); ++i) {
-    nlohmann::json found = nlohmann::json::array(), boxes = nlohmann::json::array();
+    nlohmann::json detections = nlohmann::json::array(), boxes = nlohmann::json::array();
     for (const Proposal& proposal : run.frames[i].detections) {
       nlohmann::json entry = box_json(rectangle(proposal, run.plane), run.plane);
       if (run.plane == Plane::bev && area(proposal.picture) > 0)
         entry["picture"] = box_json(proposal.picture);
       entry["score"] = proposal.score();
-      found.push_back(std::move(entry));
+      detections.push_back(std::move(entry));
     }
     for (const BevBox& box : run.frames[i].truth.boxes) boxes.push_back(box_json(box, run.plane));
-    frames.push_back({{"frame", run.ids[i]}, {"detections", found}, {"vehicles", boxes}});
+    frames.push_back({{"frame", run.ids[i]}, {"detections", detections}, {"vehicles", boxes}});
   }
   return {{"frames", frames}};
 }
@@ -89,34 +89,34 @@ void print_scores(const std::vector<ScoredStratum>& parts) {
 }  // namespace
 
 Command detect_command() {
-  const auto chosen = std::make_shared<DetectOptions>();
+  const auto options = std::make_shared<DetectOptions>();
   Command command;
   command.name = "detect";
   command.help =
       "Runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for a "
       "detector of that alone)";
   command.default_out = "out/detect";
-  command.options = [chosen](CLI::App& app) {
-    app.add_option("--data", chosen->data, "Data set (KITTI's object, tracking or raw layout, nuScenes)")
+  command.options = [options](CLI::App& app) {
+    app.add_option("--data", options->data, "Data set (KITTI's object, tracking or raw layout, nuScenes)")
         ->required();
-    add_fields(app, chosen->detector);
-    app.add_option("--frames", chosen->frames, "Only the first N frames (0: all)")->capture_default_str();
-    const auto reliance = app.add_flag("--reliance", chosen->reliance,
+    add_fields(app, options->detector);
+    app.add_option("--frames", options->frames, "Only the first N frames (0: all)")->capture_default_str();
+    const auto reliance = app.add_flag("--reliance", options->reliance,
                                        "Also measure whether the detector uses its picture: the same frames "
                                        "with another frame's picture, with a black one and with none");
-    app.add_option("--claim", chosen->claim,
+    app.add_option("--claim", options->claim,
                    "With --reliance: put what was measured under the weights' name into this file "
                    "(plugins/detectors/fusion/weights/reliance.json is what the tests check)")
         ->needs(reliance);
     app.add_option(
-        "--kitti", chosen->kitti,
+        "--kitti", options->kitti,
         "Also write KITTI result files ID.txt into this folder, for the official evaluation and other "
         "people's viewers (heights from the sweep: detectors find boxes in the bird's-eye view)");
   };
-  command.run = [chosen](const Common& common) -> nlohmann::json {
+  command.run = [options](const Common& common) -> nlohmann::json {
     make_output_folder(common.out);
-    const DetectorOptions options = with_common(chosen->detector, common, chosen->data);
-    const auto detector = load_detector(options);
+    const DetectorOptions detector_options = with_common(options->detector, common, options->data);
+    const auto detector = load_detector(detector_options);
     std::unique_ptr<Progress> progress;
     const auto tell = [&](const char* what) {
       return [&progress, what, quiet = common.quiet](std::size_t done, std::size_t total) {
@@ -125,23 +125,23 @@ Command detect_command() {
       };
     };
     std::function<void(const Frame&, const std::vector<Proposal>&)> write_kitti;
-    if (!chosen->kitti.empty()) {
-      make_output_folder(chosen->kitti);
-      write_kitti = [&, plane = detector->capabilities().plane()](const Frame& frame, const auto& found) {
-        write_results(chosen->kitti / (frame.id + ".txt"), kitti_detections(found, plane, frame),
+    if (!options->kitti.empty()) {
+      make_output_folder(options->kitti);
+      write_kitti = [&, plane = detector->capabilities().plane()](const Frame& frame, const auto& proposals) {
+        write_results(options->kitti / (frame.id + ".txt"), kitti_detections(proposals, plane, frame),
                       frame.calibration);
       };
     }
     std::unique_ptr<RelianceMeter> meter;
     ProposalObserver measure;
-    if (chosen->reliance && reads_picture(*detector)) {
-      meter = std::make_unique<RelianceMeter>(chosen->data, first_frames(chosen->data, chosen->frames));
+    if (options->reliance && reads_picture(*detector)) {
+      meter = std::make_unique<RelianceMeter>(options->data, first_frames(options->data, options->frames));
       measure = [&](const Frame& frame, std::span<const LidarPoint> points, const auto& proposals) {
         meter->look(*detector, frame, points, proposals);
       };
     }
     const DetectionRun run =
-        detect_data_set(*detector, chosen->data, chosen->frames,
+        detect_data_set(*detector, options->data, options->frames,
                         tell(meter ? "detect, and use of the picture" : "detect"), write_kitti, measure);
     progress.reset();
     write_json(common.out / "detections.json", detections_json(run));
@@ -161,12 +161,12 @@ Command detect_command() {
     result["ap70_interval"] = to_json(average_precision_interval(run.frames, 0.7));
     result["detector"] = detector->name();
     result["plane"] = to_string(run.plane);
-    result["precision"] = usable_precision(options.precision);
+    result["precision"] = usable_precision(detector_options.precision);
     result["clusters"] = to_json(clusters_of(run.frames));
-    if (chosen->reliance) {
+    if (options->reliance) {
       const Reliance reliance = meter ? meter->result() : no_camera();
       result["reliance"] = to_json(reliance);
-      if (!chosen->claim.empty()) write_claim(chosen->claim, options, chosen->data, reliance);
+      if (!options->claim.empty()) write_claim(options->claim, detector_options, options->data, reliance);
       if (!common.quiet) print_table(picture_rows(reliance));
     }
     result["seconds_per_frame"] = run.seconds_per_frame;

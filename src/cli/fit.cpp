@@ -103,7 +103,7 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   FitFrameSettings frame_settings = options.frame;
   frame_settings.seed = common.seed;
 
-  std::vector<std::vector<FittedVehicle>> found(ids.size());
+  std::vector<std::vector<FittedVehicle>> fits(ids.size());
   Progress progress("fit", ids.size(), common.quiet);
   std::mutex mutex;
   std::size_t done = 0;
@@ -113,9 +113,9 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
     std::vector<generator::TrueVehicle> truth;
     const auto index = source ? generator::index_of(ids[i]) : std::nullopt;
     if (index) truth = generator::true_vehicles(source->seed, *index, lidar.height, source->look);
-    found[i] = fit_frame(finder, frame, lidar, frame_settings, index ? &truth : nullptr);
+    fits[i] = fit_frame(finder, frame, lidar, frame_settings, index ? &truth : nullptr);
     if (options.format != "none")
-      for (const FittedVehicle& v : found[i])
+      for (const FittedVehicle& v : fits[i])
         if (v.fit.fitted)
           write_mesh(
               common.out / "meshes" / fmt::format("{}_{}.{}", escape_name(v.frame), v.label, options.format),
@@ -125,7 +125,7 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   });
   throw_if_interrupted("meshes written so far are kept");
   std::vector<FittedVehicle> all;
-  for (auto& frame : found)
+  for (auto& frame : fits)
     all.insert(all.end(), std::make_move_iterator(frame.begin()), std::make_move_iterator(frame.end()));
   nlohmann::json vehicles = nlohmann::json::array();
   for (const FittedVehicle& v : all) vehicles.push_back(to_json(v));

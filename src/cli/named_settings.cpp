@@ -37,7 +37,8 @@ std::vector<std::string> arguments_of(const NamedSettings& settings, const CLI::
     const std::string option = option_of(name);
     if (!is_setting(option) || !command.get_option_no_throw(option)) {
       std::string known;
-      for (const std::string& one : setting_names(command)) known += (known.empty() ? "" : ", ") + one;
+      for (const std::string& setting : setting_names(command))
+        known += (known.empty() ? "" : ", ") + setting;
       throw InputError(where, name, "unknown setting", "use one of: " + known);
     }
     arguments.push_back(option + "=" + value);

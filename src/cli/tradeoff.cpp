@@ -33,17 +33,17 @@ void print_result(const nlohmann::json& result, const std::filesystem::path& out
   Rows rows = {{"vehicles", fmt::format("{} in {} frames", result.at("vehicles").get<int>(),
                                         result.at("frames").get<int>())},
                {"points", std::to_string(result.at("points").size())}};
-  for (const auto& one : result.at("recommended")) {
-    const auto name = one.at("name").get<std::string>();
-    rows.push_back({name + ", shipped", in_words(one.at("shipped"))});
+  for (const auto& advice : result.at("recommended")) {
+    const auto name = advice.at("name").get<std::string>();
+    rows.push_back({name + ", shipped", in_words(advice.at("shipped"))});
     if (name != "default")
       rows.push_back({name + ", by these points",
-                      one.contains("settings") ? in_words(one) : "no point satisfies the rule"});
+                      advice.contains("settings") ? in_words(advice) : "no point satisfies the rule"});
   }
-  for (const auto& one : result.at("attack"))
-    rows.push_back({"attack, " + one.at("name").get<std::string>(),
-                    fmt::format("{} iterations, ASR {} of {} vehicles", one.at("iterations").get<int>(),
-                                percent(one.at("asr").get<double>()), one.at("vehicles").get<int>())});
+  for (const auto& attack : result.at("attack"))
+    rows.push_back({"attack, " + attack.at("name").get<std::string>(),
+                    fmt::format("{} iterations, ASR {} of {} vehicles", attack.at("iterations").get<int>(),
+                                percent(attack.at("asr").get<double>()), attack.at("vehicles").get<int>())});
   rows.push_back({"page", result.value("page", (out / "tradeoff.json").string())});
   print_table(rows);
 }

@@ -117,13 +117,13 @@ class DefenseTraining {
 
   /// The samples of a step: those that carry the adversary first. They depend on (seed, step) and the mesh.
   std::vector<PreparedSample> samples(std::int64_t step, const TexturedMesh& adversary) {
-    const auto chosen = order_->batch(step);
+    const auto batch = order_->batch(step);
     const auto attacked = settings_.adversary_updates > 0
                               ? static_cast<std::size_t>(std::lround(settings_.attacked * settings_.batch))
                               : 0;
-    std::vector<PreparedSample> made(chosen.size());
-    parallel_for(chosen.size(), [&](std::size_t i) {
-      const Host& host = hosts_[chosen[i]];
+    std::vector<PreparedSample> result(batch.size());
+    parallel_for(batch.size(), [&](std::size_t i) {
+      const Host& host = hosts_[batch[i]];
       const auto prepared = store_.get(host.id.frame);
       Frame frame = prepared->frame;
       if (i < attacked) {
@@ -132,10 +132,10 @@ class DefenseTraining {
         frame.image = simulated.image;
         frame.sweep = simulated.sweep;
       }
-      const auto index = static_cast<std::uint64_t>(step) * chosen.size() + i;
-      made[i] = prepared_sample(compact(frame, region_), random_pose(settings_.seed, index), region_);
+      const auto index = static_cast<std::uint64_t>(step) * batch.size() + i;
+      result[i] = prepared_sample(compact(frame, region_), random_pose(settings_.seed, index), region_);
     });
-    return made;
+    return result;
   }
 
  private:

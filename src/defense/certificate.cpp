@@ -64,9 +64,9 @@ struct Sight {
   }
 };
 
-double best_iou(const std::vector<Proposal>& found, const HostTruth& truth, double score) {
+double best_iou(const std::vector<Proposal>& proposals, const HostTruth& truth, double score) {
   double best = 0;
-  for (const Proposal& proposal : found)
+  for (const Proposal& proposal : proposals)
     if (proposal.score() >= score) best = std::max(best, truth.host_iou(proposal));
   return best;
 }
@@ -179,14 +179,15 @@ class Certifier {
         lattice(sight.prepared.frame.calibration, limits_[s], ground_, settings_.lattice);
     for (const Box3& mask : masks) {
       throw_if_interrupted(kNothingWritten);
-      const auto found = sight.found(sight.behind(mask, margin_));
+      const auto proposals = sight.found(sight.behind(mask, margin_));
       for (std::size_t h = 0; h < objects.size(); ++h) {
         if (!covers(mask, objects[h])) continue;
         Certificate& certificate = hosts[work.hosts[h]].sizes[s];
         certificate.covered = true;
-        certificate.lattice_iou = std::max(certificate.lattice_iou, best_iou(found, sight.hosts[h], score));
+        certificate.lattice_iou =
+            std::max(certificate.lattice_iou, best_iou(proposals, sight.hosts[h], score));
       }
-      united.insert(united.end(), found.begin(), found.end());
+      united.insert(united.end(), proposals.begin(), proposals.end());
     }
     work.masks.push_back(masks.size());
     work.united.push_back(sight.score(suppress(std::move(united), sight.by.plane)));

@@ -58,17 +58,17 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
     const ScoredFrame& frame = frames[detection.frame];
     const BevBox box = rectangle(frame.detections[detection.place], frame.plane);
     double best = min_iou;
-    std::size_t found = frame.truth.boxes.size();
+    std::size_t match = frame.truth.boxes.size();
     for (std::size_t i = 0; i < frame.truth.boxes.size(); ++i) {
       const double overlap = claimed[detection.frame][i] ? 0 : iou(box, frame.truth.boxes[i]);
-      if (overlap >= best && (overlap > best || found == frame.truth.boxes.size())) {
+      if (overlap >= best && (overlap > best || match == frame.truth.boxes.size())) {
         best = overlap;
-        found = i;
+        match = i;
       }
     }
-    if (found < frame.truth.boxes.size()) {
-      claimed[detection.frame][found] = 1;
-      result.push_back({detection.frame, true, found});
+    if (match < frame.truth.boxes.size()) {
+      claimed[detection.frame][match] = 1;
+      result.push_back({detection.frame, true, match});
       continue;
     }
     const auto covers = [&](const BevBox& other) {
@@ -183,8 +183,8 @@ bool counts_by_label(const Label& label, const std::array<double, 4>& region) {
 }
 
 Difficulty easiest_level(const Label& label) {
-  for (const Difficulty one : {Difficulty::easy, Difficulty::moderate})
-    if (meets(label, level(one))) return one;
+  for (const Difficulty difficulty : {Difficulty::easy, Difficulty::moderate})
+    if (meets(label, level(difficulty))) return difficulty;
   return Difficulty::hard;
 }
 
@@ -334,9 +334,9 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
       const ApparentSize seen = apparent_size(proposal, frame);
       const bool high = seen.height >= level(stratum.hardest).least_height;
       const BevBox there = rectangle(proposal, frame.plane);
-      const auto found = [&](const BevBox& box) { return iou(there, box) >= min_iou; };
+      const auto matches = [&](const BevBox& box) { return iou(there, box) >= min_iou; };
       if ((high && (in_range(seen.distance) || std::isinf(seen.distance))) ||
-          std::any_of(part.truth.boxes.begin(), part.truth.boxes.end(), found))
+          std::any_of(part.truth.boxes.begin(), part.truth.boxes.end(), matches))
         part.detections.push_back(proposal);
     }
     kept.push_back(std::move(part));

@@ -55,11 +55,11 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
     const auto start = Clock::now();
     const std::vector<Proposal> proposals = detector.forward(
         {&frame.image, points, &frame.calibration}, proposed ? kFaintScore : kScoreThresholdForAp, false);
-    auto found = suppress(scored_over(proposals, kScoreThresholdForAp), run.plane);
+    auto detections = suppress(scored_over(proposals, kScoreThresholdForAp), run.plane);
     seconds += std::chrono::duration<double>(Clock::now() - start).count();
     if (proposed) proposed(frame, points, proposals);
-    if (seen) seen(frame, found);
-    run.frames.push_back(scored(std::move(found), ground_truth(frame, detector.region()),
+    if (seen) seen(frame, detections);
+    run.frames.push_back(scored(std::move(detections), ground_truth(frame, detector.region()),
                                 frame.calibration.camera.fy, run.plane));
     if (progress) progress(i + 1, run.ids.size());
   }

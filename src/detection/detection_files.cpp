@@ -17,11 +17,11 @@ using nlohmann::json;
 
 /// The ID.txt of a folder, by ID.
 std::map<std::string, fs::path> texts_of(const fs::path& folder) {
-  std::map<std::string, fs::path> found;
+  std::map<std::string, fs::path> texts;
   for (const auto& entry : fs::directory_iterator(folder))
     if (entry.is_regular_file() && entry.path().extension() == ".txt")
-      found[entry.path().stem().string()] = entry.path();
-  return found;
+      texts[entry.path().stem().string()] = entry.path();
+  return texts;
 }
 
 double number(const json& from, const char* key, const fs::path& file, const std::string& where) {
@@ -39,15 +39,15 @@ PictureBox picture_of(const json& from, const fs::path& file, const std::string&
 
 }  // namespace
 
-std::vector<KittiDetection> kitti_detections(std::span<const Proposal> found, Plane plane,
+std::vector<KittiDetection> kitti_detections(std::span<const Proposal> proposals, Plane plane,
                                              const Frame& frame) {
   std::vector<KittiDetection> result;
-  for (const Proposal& proposal : found) {
-    KittiDetection one;
-    one.score = proposal.score();
-    if (plane == Plane::bev) one.box = upright(proposal.box, frame.sweep);
-    if (area(proposal.picture) > 0) one.picture = proposal.picture;
-    result.push_back(one);
+  for (const Proposal& proposal : proposals) {
+    KittiDetection detection;
+    detection.score = proposal.score();
+    if (plane == Plane::bev) detection.box = upright(proposal.box, frame.sweep);
+    if (area(proposal.picture) > 0) detection.picture = proposal.picture;
+    result.push_back(detection);
   }
   return result;
 }
@@ -88,30 +88,31 @@ bool DetectionFiles::has(const std::string& id) const {
 }
 
 std::vector<KittiDetection> DetectionFiles::of(const Frame& frame) const {
-  std::vector<KittiDetection> found;
+  std::vector<KittiDetection> detections;
   if (const auto text = texts_.find(frame.id); text != texts_.end()) {
-    found = read_results(text->second, frame.calibration);
+    detections = read_results(text->second, frame.calibration);
   } else if (const auto listed = frames_.find(frame.id); listed != frames_.end()) {
     for (std::size_t i = 0; i < listed->second.size(); ++i) {
       const json& from = listed->second[i];
       const std::string where = fmt::format("frame {}, detection {}", frame.id, i);
-      KittiDetection one;
-      one.score = number(from, "score", path_, where);
+      KittiDetection detection;
+      detection.score = number(from, "score", path_, where);
       if (from.contains("left")) {  // a detector of the picture alone
-        one.picture = picture_of(from, path_, where);
+        detection.picture = picture_of(from, path_, where);
       } else {
         const BevBox box{number(from, "x", path_, where), number(from, "y", path_, where),
                          number(from, "length", path_, where), number(from, "width", path_, where),
                          number(from, "yaw", path_, where)};
-        one.box = upright(box, frame.sweep);
-        if (from.contains("picture")) one.picture = picture_of(from["picture"], path_, where + ".picture");
+        detection.box = upright(box, frame.sweep);
+        if (from.contains("picture"))
+          detection.picture = picture_of(from["picture"], path_, where + ".picture");
       }
-      found.push_back(one);
+      detections.push_back(detection);
     }
   }
-  std::stable_sort(found.begin(), found.end(),
+  std::stable_sort(detections.begin(), detections.end(),
                    [](const auto& a, const auto& b) { return a.score > b.score; });
-  return found;
+  return detections;
 }
 
 }  // namespace mirage

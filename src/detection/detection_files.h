@@ -15,7 +15,7 @@ namespace mirage {
 
 /// Proposals as KITTI's results hold them: class Car, upright() in the whole sweep; a detector of the picture
 /// alone (Plane::picture) gives no box in space.
-std::vector<KittiDetection> kitti_detections(std::span<const Proposal> found, Plane plane,
+std::vector<KittiDetection> kitti_detections(std::span<const Proposal> proposals, Plane plane,
                                              const Frame& frame);
 
 /// The detections of a data set's frames.

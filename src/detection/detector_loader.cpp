@@ -150,7 +150,7 @@ class PluginDetector : public Detector {
 
   std::vector<Proposal> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
     const MirageSensorInput input = raw_input(view);
-    const MirageProposal* found = nullptr;
+    const MirageProposal* raw_proposals = nullptr;
     std::int64_t count = 0;
     const bool watches = capabilities_.knows_presence && keep_graph;
     kept_watched_ = watches ? view.watched.size() : 0;
@@ -165,12 +165,12 @@ class PluginDetector : public Detector {
       const MirageChange change = {&clean, view.clean->key, rect.u0, rect.v0, rect.u1, rect.v1};
       run("forward_changed", [&](char* error) {
         return plugin_.api->forward_changed(instance_, &input, &change, static_cast<float>(score_threshold),
-                                            keep_graph, &found, &count, error, kPluginErrorSize);
+                                            keep_graph, &raw_proposals, &count, error, kPluginErrorSize);
       });
     } else {
       run("forward", [&](char* error) {
         return plugin_.api->forward(instance_, &input, static_cast<float>(score_threshold), keep_graph,
-                                    &found, &count, error, kPluginErrorSize);
+                                    &raw_proposals, &count, error, kPluginErrorSize);
       });
     }
     kept_width_ = view.image ? view.image->width : 0;
@@ -178,12 +178,12 @@ class PluginDetector : public Detector {
     kept_points_ = view.points.size();
     std::vector<Proposal> proposals;
     for (std::int64_t i = 0; i < count; ++i) {
-      const MirageBox& b = found[i].box;
-      const MiragePictureBox& p = found[i].picture;
+      const MirageBox& b = raw_proposals[i].box;
+      const MiragePictureBox& p = raw_proposals[i].picture;
       const Proposal proposal{
-          {b.x, b.y, b.length, b.width, b.yaw}, found[i].logit, {p.left, p.top, p.right, p.bottom}};
+          {b.x, b.y, b.length, b.width, b.yaw}, raw_proposals[i].logit, {p.left, p.top, p.right, p.bottom}};
       if (!std::isfinite(b.x + b.y + b.length + b.width + b.yaw + p.left + p.top + p.right + p.bottom +
-                         found[i].logit))
+                         raw_proposals[i].logit))
         throw Failure(plugin_.file.string(), "forward gave a proposal that is not finite",
                       "check the weights and the input");
       proposals.push_back(proposal);

@@ -74,11 +74,11 @@ std::string encode_jpeg(const ImageF& linear, int quality) {
   const TurboJpeg compressor(tjInitCompress());
   if (!compressor) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
   const std::vector<std::uint8_t> bytes = srgb_bytes(linear);
-  unsigned char* made = nullptr;
+  unsigned char* encoded = nullptr;
   unsigned long size = 0;
   const int status = tjCompress2(compressor.get(), bytes.data(), linear.width, 0, linear.height, TJPF_RGB,
-                                 &made, &size, TJSAMP_420, quality, TJFLAG_ACCURATEDCT);
-  const std::unique_ptr<unsigned char, void (*)(unsigned char*)> owner(made, tjFree);
+                                 &encoded, &size, TJSAMP_420, quality, TJFLAG_ACCURATEDCT);
+  const std::unique_ptr<unsigned char, void (*)(unsigned char*)> owner(encoded, tjFree);
   check(status, compressor);
   return {reinterpret_cast<const char*>(owner.get()), size};
 }

@@ -65,15 +65,15 @@ std::optional<Sight> look_without(Detector& detector, SensorView view, const Gro
 Reliance summarize(std::span<const std::unique_ptr<RelianceMeter::Looks>> looks) {
   Reliance result;
   std::vector<ScoredFrame> right, swapped, black, none;
-  for (const auto& one : looks) {
-    if (!one) continue;  // was not looked at
+  for (const auto& sights : looks) {
+    if (!sights) continue;  // was not looked at
     ++result.frames;
-    right.push_back(one->right.scored);
-    swapped.push_back(one->swapped.scored);
-    black.push_back(one->black.scored);
-    if (one->none) none.push_back(one->none->scored);
-    for (std::size_t i = 0; i < one->right.cars.size(); ++i) {
-      const Proposal &seen = one->right.cars[i], &misled = one->swapped.cars[i];
+    right.push_back(sights->right.scored);
+    swapped.push_back(sights->swapped.scored);
+    black.push_back(sights->black.scored);
+    if (sights->none) none.push_back(sights->none->scored);
+    for (std::size_t i = 0; i < sights->right.cars.size(); ++i) {
+      const Proposal &seen = sights->right.cars[i], &misled = sights->swapped.cars[i];
       result.mean_delta_logit += std::abs(seen.logit - misled.logit);
       result.mean_delta_score += std::abs(seen.score() - misled.score());
       ++result.vehicles;
@@ -143,7 +143,7 @@ RelianceMeter::~RelianceMeter() = default;
 void RelianceMeter::look(Detector& detector, const Frame& frame, std::span<const LidarPoint> points,
                          const std::vector<Proposal>& right) {
   const auto pair = std::find_if(pairs_.begin(), pairs_.end(),
-                                 [&](const PicturePair& one) { return one.frame == frame.id; });
+                                 [&](const PicturePair& candidate) { return candidate.frame == frame.id; });
   if (pair == pairs_.end()) return;
   const ImageF other = read_srgb(picture_file(data_, pair->other)),
                black(frame.image.width, frame.image.height, 3);

@@ -21,14 +21,14 @@ constexpr double kMirrored = 5;
 /// z of the returns over the box grown by `margin`.
 std::vector<double> heights(const BevBox& box, std::span<const LidarPoint> sweep, double margin) {
   const double c = std::cos(box.yaw), s = std::sin(box.yaw);
-  std::vector<double> found;
+  std::vector<double> z_values;
   for (const LidarPoint& p : sweep) {
     const double dx = p.x - box.x, dy = p.y - box.y;
     if (std::abs(c * dx + s * dy) <= box.length / 2 + margin &&
         std::abs(c * dy - s * dx) <= box.width / 2 + margin)
-      found.push_back(p.z);
+      z_values.push_back(p.z);
   }
-  return found;
+  return z_values;
 }
 
 }  // namespace

@@ -38,20 +38,20 @@ fs::path FolderFiles::find(const std::string& name, const std::string& field) co
   };
   if (name.empty() || name.find('\0') != std::string::npos) throw bad("names no file");
   std::error_code error;
-  const fs::path found = fs::canonical(folder_ / name, error);  // an absolute name replaces the folder
+  const fs::path path = fs::canonical(folder_ / name, error);  // an absolute name replaces the folder
   const bool inside =
       !error &&
-      std::mismatch(folder_.begin(), folder_.end(), found.begin(), found.end()).first == folder_.end();
+      std::mismatch(folder_.begin(), folder_.end(), path.begin(), path.end()).first == folder_.end();
   // One answer for both: whether a file exists elsewhere is no business of the naming file's author.
   if (!inside) throw bad("names a file that is not in its folder");
-  if (!fs::is_regular_file(found, error)) throw bad("names something that is no regular file");
-  return found;
+  if (!fs::is_regular_file(path, error)) throw bad("names something that is no regular file");
+  return path;
 }
 
 std::string FolderFiles::read(const std::string& name, const std::string& field, std::size_t most) const {
-  const fs::path found = find(name, field);
+  const fs::path path = find(name, field);
   try {
-    return read_regular_file(found, most);
+    return read_regular_file(path, most);
   } catch (const InputError&) {
     throw InputError(given_.string(), field, "names a file that cannot be read", "check its permissions");
   }

@@ -76,8 +76,8 @@ class Checker {
   static const json& member(const json& parent, const char* key) {
     static const json nothing;
     if (!parent.is_object()) return nothing;
-    const auto found = parent.find(key);
-    return found == parent.end() ? nothing : *found;
+    const auto entry = parent.find(key);
+    return entry == parent.end() ? nothing : *entry;
   }
 
   std::size_t size(const char* array) const { return member(document_, array).size(); }

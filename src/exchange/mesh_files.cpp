@@ -60,12 +60,12 @@ class FolderSystem : public Assimp::IOSystem {
     text_ = std::move(text);
   }
 
-  bool Exists(const char* name) const override { return name == pretended_ || found(name).has_value(); }
+  bool Exists(const char* name) const override { return name == pretended_ || locate(name).has_value(); }
   char getOsSeparator() const override { return '/'; }
   Assimp::IOStream* Open(const char* name, const char* mode) override {
     if (!std::strchr(mode, 'r')) return nullptr;
     if (name == pretended_) return stream(text_);
-    const auto file = found(name);
+    const auto file = locate(name);
     if (!file) return nullptr;
     try {
       return stream(read_regular_file(*file, std::numeric_limits<std::size_t>::max()));
@@ -81,7 +81,7 @@ class FolderSystem : public Assimp::IOSystem {
     std::memcpy(copy, bytes.data(), bytes.size());
     return new Assimp::MemoryIOStream(copy, bytes.size(), true);
   }
-  std::optional<fs::path> found(const std::string& name) const {
+  std::optional<fs::path> locate(const std::string& name) const {
     const auto decoded = uris_ ? percent_decoded(name) : std::nullopt;
     for (const std::string& spelt : {decoded.value_or(name), name}) {
       try {

@@ -237,16 +237,16 @@ std::vector<Proposal> FrameCache::detections(const std::string& frame, const std
       disk_.get(), "detections", fmt::format("detections\n{}\n{}\n{:a}", frame, detector, score_threshold),
       compute,
       [](Reader& reader) {
-        std::vector<Proposal> found(reader.get_count(10 * sizeof(double)));
-        for (Proposal& p : found)
+        std::vector<Proposal> proposals(reader.get_count(10 * sizeof(double)));
+        for (Proposal& p : proposals)
           for (double* value : {&p.box.x, &p.box.y, &p.box.length, &p.box.width, &p.box.yaw, &p.logit,
                                 &p.picture.left, &p.picture.top, &p.picture.right, &p.picture.bottom})
             *value = reader.get<double>();
-        return found;
+        return proposals;
       },
-      [](Writer& writer, const std::vector<Proposal>& found) {
-        writer.put<std::uint64_t>(found.size());
-        for (const Proposal& p : found)
+      [](Writer& writer, const std::vector<Proposal>& proposals) {
+        writer.put<std::uint64_t>(proposals.size());
+        for (const Proposal& p : proposals)
           for (const double value : {p.box.x, p.box.y, p.box.length, p.box.width, p.box.yaw, p.logit,
                                      p.picture.left, p.picture.top, p.picture.right, p.picture.bottom})
             writer.put(value);

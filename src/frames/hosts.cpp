@@ -32,7 +32,7 @@ std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const 
 std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::string>& frames,
                                  const std::array<double, 4>& region, const SimulationSettings& simulation,
                                  double min_view, bool quiet) {
-  std::vector<std::vector<Host>> found(frames.size());
+  std::vector<std::vector<Host>> by_frame(frames.size());
   std::vector<std::exception_ptr> problems(frames.size());
   Progress progress("look for hosts", frames.size(), quiet);
   std::mutex mutex;
@@ -40,8 +40,8 @@ std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::strin
   parallel_for(frames.size(), [&](std::size_t i) {
     try {
       throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
-      found[i] = find_hosts(store, frames[i], region, simulation, min_view);
-      for (Host& host : found[i]) host.rooftop.vehicle.reset();
+      by_frame[i] = find_hosts(store, frames[i], region, simulation, min_view);
+      for (Host& host : by_frame[i]) host.rooftop.vehicle.reset();
     } catch (...) {
       problems[i] = std::current_exception();
     }
@@ -51,7 +51,7 @@ std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::strin
   for (const std::exception_ptr& problem : problems)  // the first frame's, whichever came first
     if (problem) std::rethrow_exception(problem);
   std::vector<Host> hosts;
-  for (const auto& of_frame : found) hosts.insert(hosts.end(), of_frame.begin(), of_frame.end());
+  for (const auto& of_frame : by_frame) hosts.insert(hosts.end(), of_frame.begin(), of_frame.end());
   return hosts;
 }
 

@@ -285,15 +285,15 @@ Material paint_of(RandomStream& random) {
   double sum = 0, pick = random.uniform();
   for (const Paint& p : kPaints) sum += p.share;
   pick *= sum;
-  const Paint* chosen = &kPaints.back();
+  const Paint* paint = &kPaints.back();
   for (const Paint& p : kPaints) {
     if ((pick -= p.share) < 0) {
-      chosen = &p;
+      paint = &p;
       break;
     }
   }
-  Material m = plain(chosen->color * static_cast<float>(random.uniform(0.8, 1.15)),
-                     0.24f * chosen->lidar * static_cast<float>(std::exp(random.uniform(-1.2, 1.2))), 0.045f);
+  Material m = plain(paint->color * static_cast<float>(random.uniform(0.8, 1.15)),
+                     0.24f * paint->lidar * static_cast<float>(std::exp(random.uniform(-1.2, 1.2))), 0.045f);
   if (random.uniform() < 0.25) m.gloss = 0.02f;  // dusty
   return m;
 }

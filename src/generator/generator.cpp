@@ -36,8 +36,8 @@ FrameTruth make_truth(const generator::Street& street, const std::vector<int>& l
 std::uint16_t semantic_class(const std::string& type) {
   static const std::map<std::string, std::uint16_t> classes = {
       {"Car", 10}, {"Van", 10}, {"Truck", 18}, {"Misc", 20}, {"Pedestrian", 30}, {"Cyclist", 31}};
-  const auto found = classes.find(type);
-  return found == classes.end() ? 0 : found->second;
+  const auto entry = classes.find(type);
+  return entry == classes.end() ? 0 : entry->second;
 }
 
 Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, FrameTruth* truth) {

@@ -86,13 +86,13 @@ std::vector<std::array<int, 2>> intersecting_faces(const Mesh& mesh) {
 std::vector<Wall> walls(const Mesh& mesh) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   const int faces = static_cast<int>(mesh.faces.size());
-  std::vector<Wall> found(mesh.faces.size(), Wall{kInfinity, -1});
+  std::vector<Wall> result(mesh.faces.size(), Wall{kInfinity, -1});
   for (int f = 0; f < faces; ++f) {
     const Triangle t = corners(mesh, f);
     const Vec3d normal = (t[1] - t[0]).cross(t[2] - t[0]);
     if (!(normal.norm() > 0)) continue;
     const Vec3d inwards = -normal.normalized(), middle = (t[0] + t[1] + t[2]) / 3;
-    Wall& wall = found[static_cast<std::size_t>(f)];
+    Wall& wall = result[static_cast<std::size_t>(f)];
     for (const Vec3d& from :
          {middle, Vec3d((middle + t[0]) / 2), Vec3d((middle + t[1]) / 2), Vec3d((middle + t[2]) / 2)})
       for (int k = 0; k < faces; ++k) {
@@ -101,7 +101,7 @@ std::vector<Wall> walls(const Mesh& mesh) {
         if (distance >= 0 && distance < wall.thickness) wall = {distance, k};
       }
   }
-  return found;
+  return result;
 }
 
 }  // namespace mirage

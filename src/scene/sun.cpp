@@ -133,10 +133,10 @@ Lighting with_sun(const Frame& frame, const SunChoice& choice) {
   Lighting lighting = frame.lighting;
   if (choice.to_sun_velo) lighting.to_sun_velo = *choice.to_sun_velo;
   if (choice.photo) {
-    const SunEstimate found = sun_from_shadows(frame);
+    const SunEstimate estimate = sun_from_shadows(frame);
     static std::atomic_flag said;
-    if (found.known)
-      lighting.to_sun_velo = found.to_sun_velo;
+    if (estimate.known)
+      lighting.to_sun_velo = estimate.to_sun_velo;
     else if (!said.test_and_set())
       spdlog::warn("sun photo: the shadows in frame {} do not tell; such frames keep their own lighting",
                    frame.id);

@@ -203,9 +203,9 @@ SunEstimate sun_from_shadows(const Frame& frame) {
   SunEstimate best;
   for (const Label& label : frame.labels) {
     if (!is_vehicle(label) || std::hypot(label.box.bev.x, label.box.bev.y) > kFarthest) continue;
-    std::vector<Sample> found = ground_around(frame, Caster(label.box), casters, outlines);
-    if (found.size() < kFewest) continue;
-    const Ground ground(std::move(found));
+    std::vector<Sample> ground_samples = ground_around(frame, Caster(label.box), casters, outlines);
+    if (ground_samples.size() < kFewest) continue;
+    const Ground ground(std::move(ground_samples));
     const auto& samples = ground.samples();
     ++best.vehicles;
     std::vector<const Caster*> near;

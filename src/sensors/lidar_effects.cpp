@@ -15,6 +15,14 @@ double arrival_probability(double signal, const LidarEffects& effects) {
   return effects.signal_floor > 0 ? 1 - std::exp(-signal / effects.signal_floor) : 1;
 }
 
+std::optional<double> reported_range(double range, double arrives, const FiringChance& chance,
+                                     const LidarEffects& effects, double range_min, double range_max) {
+  const double reported = range + chance.range_error;
+  if (chance.lost < effects.drop_out || chance.weak > arrives || reported < range_min || reported > range_max)
+    return std::nullopt;
+  return reported;
+}
+
 LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergence) {
   LidarEffects effects;
   if (words == "ideal") return effects;

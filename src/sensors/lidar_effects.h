@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -85,6 +86,17 @@ S returned_signal(S reflectivity, S cosine, S range) {
 
 /// How likely a return of that signal is reported: 1 − exp(−signal / signal_floor); 1 without a floor.
 double arrival_probability(double signal, const LidarEffects& effects);
+
+/// What chance does to a firing, drawn whatever it meets.
+struct FiringChance {
+  double range_error = 0;  ///< m
+  double lost = 1;         ///< uniform in [0, 1): below drop_out the return is lost without a reason
+  double weak = 0;         ///< uniform in [0, 1): above the share of such signals that arrive it is lost
+};
+/// The range (m) that a unit of that reach reports of an echo; none if the return is lost. `arrives`:
+/// arrival_probability() of its signal.
+std::optional<double> reported_range(double range, double arrives, const FiringChance& chance,
+                                     const LidarEffects& effects, double range_min, double range_max);
 
 /// Effects by word. "ideal": none. "unit": noise, drop-out and divergence, which every unit has. Or a
 /// list with commas of: noise (σ 12 mm), drop-out (1.5 %, and by signal: floor 3e-5 /m²), divergence (of the

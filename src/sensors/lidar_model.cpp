@@ -69,7 +69,7 @@ std::filesystem::path own_table_of(const std::filesystem::path& unit) {
 nlohmann::json lidar_table(const std::filesystem::path& path) {
   const nlohmann::json file = read_toml(path);
   if (!file.contains("lidar"))
-    throw InputError(path.string(), "lidar", "missing", "add the table, or name a unit of scenes/lidars");
+    throw InputError(path.string(), "lidar", "missing key", "add the table, or name a unit of scenes/lidars");
   const nlohmann::json& own = file.at("lidar");
   if (own.is_string()) return lidar_table(own_table_of(lidar_file(own)));
   if (!own.is_object()) throw InputError(path.string(), "lidar", "is no table", "write it as [lidar]");

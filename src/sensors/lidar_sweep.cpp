@@ -16,7 +16,8 @@ constexpr double kGlossLoss = 0.15;  // share that a clear coat or a polished su
 
 /// What one firing draws, whatever it meets.
 struct Draw {
-  double range, reflectance, lost, weak, pane;
+  FiringChance chance;
+  double reflectance = 0, pane = 0;
 };
 
 /// Reflectance as a unit reports it: weak signals fade to 0, as recorded sweeps show for dark paint at any
@@ -74,9 +75,9 @@ class SweepSimulator {
     for (std::size_t column = 0; column < columns_; ++column) {
       Draw& draw = draws_[beam * columns_ + column];
       const double da = random.normal() * effects_.angle_sigma, de = random.normal() * effects_.angle_sigma;
-      draw.range = random.normal() * effects_.range_sigma;
+      draw.chance.range_error = random.normal() * effects_.range_sigma;
       draw.reflectance = random.normal() * effects_.reflectance_sigma;
-      draw.lost = random.uniform(), draw.weak = random.uniform();
+      draw.chance.lost = random.uniform(), draw.chance.weak = random.uniform();
       draw.pane = random.uniform();
       const double azimuth = model_.firing_azimuth(static_cast<int>(column));
       const LidarRay fired = model_.ray_at(static_cast<int>(beam), azimuth);
@@ -172,17 +173,17 @@ class SweepSimulator {
       const std::size_t place = beam * columns_ + column;
       const Draw& draw = draws_[place];
       Return back;
-      if (!gather(beam, column, draw.pane, back) || draw.lost < effects_.drop_out) continue;
-      double kept = arrival_probability(back.signal, effects_);
-      if (effects_.signal_floor > 0 && back.glossy) kept *= 1 - kGlossLoss;
-      if (draw.weak > kept) continue;
-      const double range = back.range + bias_[beam] + draw.range;
-      if (range < model_.range_min || range > model_.range_max) continue;
+      if (!gather(beam, column, draw.pane, back)) continue;
+      double arrives = arrival_probability(back.signal, effects_);
+      if (effects_.signal_floor > 0 && back.glossy) arrives *= 1 - kGlossLoss;
+      const auto range = reported_range(back.range + bias_[beam], arrives, draw.chance, effects_,
+                                        model_.range_min, model_.range_max);
+      if (!range) continue;
       const std::size_t i = axis_.index(beam, column);
-      const Vec3f p = axis_.origin_at(i) + static_cast<float>(range) * axis_.direction_at(i);
+      const Vec3f p = axis_.origin_at(i) + static_cast<float>(*range) * axis_.direction_at(i);
       firings_.points[place] = {p.x(), p.y(), p.z(),
                                 reported(back.reflectivity, back.signal, effects_, draw.reflectance)};
-      firings_.ranges[place] = range;
+      firings_.ranges[place] = *range;
       firings_.objects[place] = back.object;
     }
   }

@@ -58,8 +58,8 @@ RTCDevice distance_device() {
   static const struct Device {
     RTCDevice device = rtcNewDevice("threads=1");
     ~Device() { rtcReleaseDevice(device); }
-  } one;
-  return one.device;
+  } owner;
+  return owner.device;
 }
 
 }  // namespace

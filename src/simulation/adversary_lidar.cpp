@@ -208,15 +208,17 @@ class Insertion {
                                                          static_cast<std::uint64_t>(sent.firing)
                                                    : (1ull << 63) | static_cast<std::uint64_t>(sent.point);
       RandomStream random(effects_.seed ^ fnv1a(prepared_.frame.id), "inserted return", place);
-      back.range += effects_.range_sigma * random.normal();
-      const double lost = random.uniform(), weak = random.uniform();
-      const bool faint = weak > arrival_probability(signal, effects_);
-      if (lost < effects_.drop_out || faint || back.range < lidar_.range_min ||
-          back.range > lidar_.range_max) {
+      FiringChance chance;
+      chance.range_error = effects_.range_sigma * random.normal();
+      chance.lost = random.uniform(), chance.weak = random.uniform();
+      const auto range = reported_range(back.range, arrival_probability(signal, effects_), chance, effects_,
+                                        lidar_.range_min, lidar_.range_max);
+      if (!range) {
         tape_.parts.resize(first);
         ++result_.lost_points;  // the object hides what is behind it all the same
         return;
       }
+      back.range = *range;
     }
     tape_.returns.push_back(back);
   }

@@ -15,7 +15,6 @@ struct Simulated::Tape {
   Eigen::Matrix3d velo_from_adversary;
   std::vector<std::size_t> lowest;  ///< vertices that stand on the roof: more than one at a tie
   Calibration calibration;
-  Lighting lighting;
   SimulationSettings settings;
   CameraTape camera;
   LidarTape lidar;
@@ -65,7 +64,6 @@ Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooft
   for (std::size_t i = 0; i < adversary.mesh.vertices.size(); ++i)
     if (adversary.mesh.vertices[i].z() == bottom) tape->lowest.push_back(i);
   tape->calibration = prepared.frame.calibration;
-  tape->lighting = prepared.frame.lighting;
   tape->settings = settings;
   Simulated result;
   tape->camera = draw_in_camera(prepared, host, tape->placed, settings, result, &rooftop);
@@ -91,8 +89,8 @@ AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream<S>& up
   std::vector<Vec3d> d_placed(tape.placed.mesh.vertices.size(), Vec3d::Zero());
   gradient.texels.assign(tape.placed.atlas.texels.size(), Vec3d::Zero());
   if (upstream.image)
-    draw_in_camera_vjp(tape.camera, tape.placed, tape.calibration, tape.lighting, simulated, upstream.image,
-                       d_placed, gradient.texels);
+    draw_in_camera_vjp(tape.camera, tape.placed, tape.calibration, simulated, upstream.image, d_placed,
+                       gradient.texels);
   if (!upstream.points.empty())
     draw_in_lidar_vjp(tape.lidar, tape.placed, tape.settings, upstream.points, d_placed, gradient.texels);
   if (!upstream.presence.empty()) lidar_silhouette_vjp(*upstream.silhouette, upstream.presence, d_placed);

@@ -10,7 +10,7 @@
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"
 #include "sensors/ray_camera.h"
-#include "sensors/shading.h"
+#include "simulation/object_light.h"
 
 namespace mirage {
 namespace {
@@ -137,13 +137,8 @@ void render_soft(const RenderScene& scene, const SceneRenderSettings& settings, 
   raster.near = std::max(kNearPlane / 2, nearest - kDepthMargin);
   raster.far = std::max(raster.near + 1, farthest + kDepthMargin);
   raster.gamma = settings.gamma.value_or(kDepthSoftness / (raster.far - raster.near));
-  std::vector<Vec3d> lit = all.atlas.texels;
-  const std::vector<Vec3d> normals = face_normals(all.mesh);
-  for (std::size_t f = 0; f < normals.size(); ++f) {
-    const Vec3d light = shade<double>(normals[f], scene.lighting);
-    for (std::size_t t = f * all.atlas.per_face(); t < (f + 1) * all.atlas.per_face(); ++t)
-      lit[t] = lit[t].cwiseProduct(light);
-  }
+  std::vector<Vec3d> lit =
+      plain_light(face_normals(all.mesh), all.atlas.per_face(), scene.lighting)->lit(all.atlas.texels);
   const ProjectedMesh projected = project_mesh(p_camera, all.mesh.faces, scene.camera, kNearPlane,
                                                Texture::atlas, all.atlas.resolution, std::move(lit));
   RasterTarget<float> target;

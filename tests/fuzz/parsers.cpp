@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <fstream>
 #include <stdexcept>
 
 #include "attack/checkpoint.h"
@@ -123,12 +124,14 @@ void nuscenes(const fs::path& file) {
   tables.merge_patch(read_json(file));
   const fs::path folder = scratch() / "nuscenes/v1.0-fuzz";
   if (!tables.is_object()) return;
+  fs::create_directories(folder);
   for (const auto& [name, rows] : tables.items()) {
     if (name.empty() || name.size() > 40 || name.find_first_of(std::string("/.\0", 3)) != std::string::npos)
       continue;
-    fs::remove(folder / (name + ".json"));  // another file, not the same one at the same moment
-    write_bytes(folder / (name + ".json"),
-                rows.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+    // Another file, not the same one at the same moment: tables are read again once they have changed.
+    fs::remove(folder / (name + ".json"));
+    std::ofstream(folder / (name + ".json"))
+        << rows.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   }
   const auto set = open_data_set(folder.parent_path());
   for (const std::string& id : set->frames()) {

@@ -260,7 +260,7 @@ std::vector<Seed> seeds() {
       {"tracking", "two", test::tracking_labels(scratch(), 0, seed_frame())},
       {"tracklets", "one", test::tracklets({seed_frame()})},
       {"nuscenes", "change",
-       R"({"sensor": [], "sample_annotation": null, "ego_pose": [{"token": "t", "rotation": [1, 0, 0, 0]}]})"},
+       R"({"sample_annotation": [], "category": [{"token": "category-Car", "name": "vehicle.truck"}]})"},
       {"nuscenes", "whole", seed_tables().dump()},
       {"sweep", "three",
        written("seed.bin",

@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/kitti_results.h"
+#include "scene/data/read_frames.h"
 #include "support/files.h"
 #include "support/layouts.h"
 #include "support/small_rig.h"
@@ -111,8 +112,10 @@ TEST_P(DataSets, GivesTheFrameThatWasWritten) {
 
 TEST_P(DataSets, TellsVehiclesApart) {
   std::vector<int> all;
-  for (const std::string& id : GetParam().ids)
-    for (const int track : read_tracks(folder_.path(), id).value()) all.push_back(track);
+  for (const std::string& id : GetParam().ids) {
+    const auto tracks = read_tracks(folder_.path(), id);
+    all.insert(all.end(), tracks.value().begin(), tracks.value().end());
+  }
   std::sort(all.begin(), all.end());
   const bool differ = std::adjacent_find(all.begin(), all.end()) == all.end();
   // In the tracking benchmark a number names one vehicle of the whole sequence.

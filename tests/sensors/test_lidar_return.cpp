@@ -7,12 +7,6 @@
 namespace mirage {
 namespace {
 
-std::vector<double> flat(const std::array<Vec3d, 3>& face) {
-  std::vector<double> x;
-  for (const Vec3d& v : face) x.insert(x.end(), v.data(), v.data() + 3);
-  return x;
-}
-
 std::array<Vec3d, 3> face_from(const std::vector<double>& x) {
   return {Vec3d(x[0], x[1], x[2]), Vec3d(x[3], x[4], x[5]), Vec3d(x[6], x[7], x[8])};
 }
@@ -60,7 +54,8 @@ TEST(LidarReturn, GradientAgainstCentralDifferences) {
     const auto hit = intersect_face<double>(p.origin, p.direction, p.face, 0.5);
     const auto gradient =
         intersect_face_vjp<double>(p.direction, p.face, hit, 0.5, 1e-6, d_point, d_reflectance);
-    worst = std::max(worst, test::check_gradient(loss, flat(p.face), flat(gradient), 1e-6, 1e-6, 1e-2).worst);
+    worst = std::max(
+        worst, test::check_gradient(loss, test::flat(p.face), test::flat(gradient), 1e-6, 1e-6, 1e-2).worst);
   }
   std::printf("worst relative error %.2e\n", worst);
 }

@@ -15,12 +15,6 @@ using test::check_gradient;
 using test::make_world;
 using test::World;
 
-std::vector<double> vertices_of(const TexturedMesh& mesh) {
-  std::vector<double> x;
-  for (const Vec3d& v : mesh.mesh.vertices) x.insert(x.end(), v.data(), v.data() + 3);
-  return x;
-}
-
 TexturedMesh with_vertices(const TexturedMesh& like, const std::vector<double>& x) {
   TexturedMesh mesh = like;
   for (std::size_t i = 0; i < mesh.mesh.vertices.size(); ++i)
@@ -59,7 +53,7 @@ void expect_camera_gradient(const World& world, const SimulationSettings& settin
   for (const Vec3d& d : gradient.vertices) d_vertices.insert(d_vertices.end(), d.data(), d.data() + 3);
   const auto on_vertices =
       check_gradient([&](const auto& x) { return loss(with_vertices(world.adversary, x)); },
-                     vertices_of(world.adversary), d_vertices, 1e-7, 1e-4, 1.0);
+                     test::flat(world.adversary.mesh.vertices), d_vertices, 1e-7, 1e-4, 1.0);
   std::printf("camera, vertices: %d components, worst relative error %.2e\n", on_vertices.checked,
               on_vertices.worst);
 
@@ -169,7 +163,7 @@ TEST(InsertionGradient, VerticesThroughTheLidar) {
   for (const Vec3d& d : gradient.vertices) d_vertices.insert(d_vertices.end(), d.data(), d.data() + 3);
   // A vertex whose move makes a ray change its face has no derivative there; the others must agree.
   int jumps = 0;
-  const auto x0 = vertices_of(world.adversary);
+  const auto x0 = test::flat(world.adversary.mesh.vertices);
   const auto smooth = [&](std::size_t i) {
     auto above = x0, below = x0;
     above[i] += 1e-7;

@@ -15,12 +15,6 @@ using test::dented_ball;
 using test::lidar_frame;
 using test::lidar_of_32;
 
-std::vector<double> vertices_of(const TexturedMesh& mesh) {
-  std::vector<double> x;
-  for (const Vec3d& v : mesh.mesh.vertices) x.insert(x.end(), v.data(), v.data() + 3);
-  return x;
-}
-
 /// What must not change for the derivative to exist: rays, faces and echoes.
 std::vector<int> choices(const LidarTape& tape) {
   std::vector<int> all;
@@ -72,7 +66,7 @@ void check_vjp(const char* name, const LidarEffects& effects, const PreparedFram
   };
   std::vector<double> flat;
   for (const Vec3d& d : d_vertices) flat.insert(flat.end(), d.data(), d.data() + 3);
-  const auto x0 = vertices_of(object);
+  const auto x0 = test::flat(object.mesh.vertices);
   constexpr double step = 1e-7;
   const auto smooth = [&](std::size_t i) {
     if (i % 2 == 1) return false;  // half of them, for speed

@@ -6,9 +6,19 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <span>
 #include <vector>
 
+#include "base/types.h"
+
 namespace mirage::test {
+
+/// x, y, z of one after the other.
+inline std::vector<double> flat(std::span<const Vec3d> points) {
+  std::vector<double> x;
+  for (const Vec3d& p : points) x.insert(x.end(), p.data(), p.data() + 3);
+  return x;
+}
 
 struct GradientCheck {
   double worst = 0;  ///< largest |analytic − numeric| / max(scale, |numeric|)

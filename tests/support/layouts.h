@@ -44,8 +44,8 @@ inline std::map<std::string, std::string> calibration_rows(const std::filesystem
 inline std::string tracking_calibration(const std::filesystem::path& scratch,
                                         const Calibration& calibration) {
   const auto rows = calibration_rows(scratch, calibration);
-  return "P0: " + rows.at("P0") + "\nP2: " + rows.at("P2") + "\nR_rect " + rows.at("R0_rect") +
-         "\nTr_velo_cam " + rows.at("Tr_velo_to_cam") + "\n";
+  return fmt::format("P0: {}\nP2: {}\nR_rect {}\nTr_velo_cam {}\n", rows.at("P0"), rows.at("P2"),
+                     rows.at("R0_rect"), rows.at("Tr_velo_to_cam"));
 }
 
 /// Rows of label_02/SEQUENCE.txt for one frame.
@@ -87,10 +87,11 @@ inline std::map<std::string, std::string> raw_calibration(const std::filesystem:
   const auto rows = calibration_rows(scratch, calibration);
   const auto pose = split(rows.at("Tr_velo_to_cam"), " ");
   std::string r, t;
-  for (std::size_t i = 0; i < 12; ++i) (i % 4 == 3 ? t : r) += " " + std::string(pose[i]);
-  return {{"calib_cam_to_cam.txt", "calib_time: 09-Jan-2012 13:57:47\nR_rect_00: " + rows.at("R0_rect") +
-                                       "\nP_rect_02: " + rows.at("P2") + "\n"},
-          {"calib_velo_to_cam.txt", "calib_time: 15-Mar-2012 11:37:16\nR:" + r + "\nT:" + t + "\n"}};
+  for (std::size_t i = 0; i < 12; ++i) (i % 4 == 3 ? t : r) += fmt::format(" {}", pose[i]);
+  return {
+      {"calib_cam_to_cam.txt", fmt::format("calib_time: 09-Jan-2012 13:57:47\nR_rect_00: {}\nP_rect_02: {}\n",
+                                           rows.at("R0_rect"), rows.at("P2"))},
+      {"calib_velo_to_cam.txt", fmt::format("calib_time: 15-Mar-2012 11:37:16\nR:{}\nT:{}\n", r, t)}};
 }
 
 /// tracklet_labels.xml: one tracklet of one pose for each label.
@@ -158,7 +159,7 @@ inline nlohmann::json nuscenes_tables(const std::vector<Frame>& frames) {
       {"Truck", "vehicle.truck"},     {"Pedestrian", "human.pedestrian.adult"},
       {"Cyclist", "vehicle.bicycle"}, {"Misc", "static_object.bicycle_rack"}};
   for (const auto& [type, name] : categories)
-    tables["category"].push_back({{"token", "category-" + type}, {"name", name}});
+    tables["category"].push_back({{"token", fmt::format("category-{}", type)}, {"name", name}});
   for (const char* name : {"calibrated_sensor", "ego_pose", "sample_data", "instance", "sample_annotation"})
     tables[name] = json::array();
   const Transform ego_from_lidar = tilted_mount();
@@ -176,24 +177,25 @@ inline nlohmann::json nuscenes_tables(const std::vector<Frame>& frames) {
                                 Eigen::AngleAxisd(0.01, Vec3d::UnitY()))
                                    .toRotationMatrix();
     const Transform ego_from_camera = ego_from_velo * frame.calibration.camera_from_velo.inverse();
-    tables["calibrated_sensor"].push_back(pose({{"token", "mount-lidar-" + n},
+    tables["calibrated_sensor"].push_back(pose({{"token", fmt::format("mount-lidar-{}", n)},
                                                 {"sensor_token", "sensor-lidar"},
                                                 {"camera_intrinsic", json::array()}},
                                                ego_from_lidar));
     tables["calibrated_sensor"].push_back(
-        pose({{"token", "mount-camera-" + n},
+        pose({{"token", fmt::format("mount-camera-{}", n)},
               {"sensor_token", "sensor-camera"},
               {"camera_intrinsic", {{camera.fx, 0, camera.cx}, {0, camera.fy, camera.cy}, {0, 0, 1}}}},
              moved.inverse() * ego_from_camera));
-    tables["ego_pose"].push_back(pose({{"token", "pose-lidar-" + n}}, global_from_ego));
-    tables["ego_pose"].push_back(pose({{"token", "pose-camera-" + n}}, global_from_ego * moved));
+    tables["ego_pose"].push_back(pose({{"token", fmt::format("pose-lidar-{}", n)}}, global_from_ego));
+    tables["ego_pose"].push_back(
+        pose({{"token", fmt::format("pose-camera-{}", n)}}, global_from_ego * moved));
     for (const auto& [sensor, file] :
-         {std::pair<std::string, std::string>{"lidar", "samples/LIDAR_TOP/" + n + ".pcd.bin"},
-          {"camera", "samples/CAM_FRONT/" + n + ".png"}})
-      tables["sample_data"].push_back({{"token", sensor + "-" + n},
-                                       {"sample_token", "sample" + n},
-                                       {"ego_pose_token", "pose-" + sensor + "-" + n},
-                                       {"calibrated_sensor_token", "mount-" + sensor + "-" + n},
+         {std::pair<std::string, std::string>{"lidar", fmt::format("samples/LIDAR_TOP/{}.pcd.bin", n)},
+          {"camera", fmt::format("samples/CAM_FRONT/{}.png", n)}})
+      tables["sample_data"].push_back({{"token", fmt::format("{}-{}", sensor, n)},
+                                       {"sample_token", fmt::format("sample{}", n)},
+                                       {"ego_pose_token", fmt::format("pose-{}-{}", sensor, n)},
+                                       {"calibrated_sensor_token", fmt::format("mount-{}-{}", sensor, n)},
                                        {"is_key_frame", true},
                                        {"filename", file}});
     for (std::size_t k = 0; k < frame.labels.size(); ++k) {
@@ -204,10 +206,11 @@ inline nlohmann::json nuscenes_tables(const std::vector<Frame>& frames) {
       Transform velo_from_box = Transform::Identity();
       velo_from_box.translation() = Vec3d(box.bev.x, box.bev.y, box.bottom + box.height / 2);
       velo_from_box.linear() = Eigen::AngleAxisd(box.bev.yaw, Vec3d::UnitZ()).toRotationMatrix();
-      tables["instance"].push_back({{"token", instance}, {"category_token", "category-" + label.type}});
+      tables["instance"].push_back(
+          {{"token", instance}, {"category_token", fmt::format("category-{}", label.type)}});
       tables["sample_annotation"].push_back(
           pose({{"token", instance + "-annotation"},
-                {"sample_token", "sample" + n},
+                {"sample_token", fmt::format("sample{}", n)},
                 {"instance_token", instance},
                 {"visibility_token", std::to_string(label.occluded > 2 ? 1 : 4 - label.occluded)},
                 {"size", {box.bev.width, box.bev.length, box.height}},
@@ -220,8 +223,8 @@ inline nlohmann::json nuscenes_tables(const std::vector<Frame>& frames) {
 
 /// Samples sample0, sample1, …
 inline void write_nuscenes(const std::filesystem::path& data, const std::vector<Frame>& frames) {
-  for (const auto& [name, rows] : nuscenes_tables(frames).items())
-    write_json(data / "v1.0-mini" / (name + ".json"), rows);
+  const nlohmann::json tables = nuscenes_tables(frames);
+  for (const auto& [name, rows] : tables.items()) write_json(data / "v1.0-mini" / (name + ".json"), rows);
   const Eigen::Matrix3f lidar_from_ego = tilted_mount().linear().transpose().cast<float>();
   for (std::size_t i = 0; i < frames.size(); ++i) {
     write_srgb(data / fmt::format("samples/CAM_FRONT/{}.png", i), frames[i].image);

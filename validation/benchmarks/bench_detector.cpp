@@ -78,8 +78,8 @@ void passes(benchmark::State& state, const std::string& rig_name) {
   Rounds rounds;
   const auto pass = [&](Detector& detector, const SensorView& view, bool back) {
     // Threshold −1: every proposal, so that the same gradient arrives everywhere.
-    const auto found = detector.forward(view, -1, back);
-    if (back) benchmark::DoNotOptimize(detector.backward(std::vector<double>(found.size(), 1)));
+    const auto proposals = detector.forward(view, -1, back);
+    if (back) benchmark::DoNotOptimize(detector.backward(std::vector<double>(proposals.size(), 1)));
   };
   for (auto _ : state)
     for (int round = -1; round < kRounds; ++round) {  // the first warms up

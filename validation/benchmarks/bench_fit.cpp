@@ -35,11 +35,11 @@ void fit(benchmark::State& state) {
         if (thing.type != "Car" || std::hypot(thing.box.bev.x, thing.box.bev.y) > kFarthest) continue;
         VehicleEvidence evidence;
         const double gather = milliseconds([&] { evidence = gather_evidence(sweep, thing.box); });
-        ShapeFit found;
-        const double solve = milliseconds([&] { found = fit_shape(model, evidence, thing.box); });
-        if (!found.fitted) continue;
+        ShapeFit fit;
+        const double solve = milliseconds([&] { fit = fit_shape(model, evidence, thing.box); });
+        if (!fit.fitted) continue;
         Mesh mesh;
-        mesh_ms.push_back(milliseconds([&] { mesh = model.mesh(found.shape); }));
+        mesh_ms.push_back(milliseconds([&] { mesh = model.mesh(fit.shape); }));
         roof_ms.push_back(milliseconds([&] { benchmark::DoNotOptimize(roof_point(mesh)); }));
         evidence_ms.push_back(gather);
         fit_ms.push_back(solve);

@@ -43,8 +43,8 @@ struct Stage {
 };
 
 const Stage& stage() {
-  static const Stage one;
-  return one;
+  static const Stage stage;
+  return stage;
 }
 
 void insertion(benchmark::State& state, double sigma, int supersampling) {
@@ -87,8 +87,8 @@ void stages(benchmark::State& state) {
           d_texels(placed.atlas.texels.size(), Vec3d::Zero());
       const std::vector<std::array<float, 4>> d_points(drawn.sweep.size(), {1, 1, 1, 1});
       camera_vjp.push_back(milliseconds([&] {
-        draw_in_camera_vjp(camera_tape, placed, s.prepared.frame.calibration, s.prepared.frame.lighting,
-                           drawn, d_image, d_vertices, d_texels);
+        draw_in_camera_vjp(camera_tape, placed, s.prepared.frame.calibration, drawn, d_image, d_vertices,
+                           d_texels);
       }));
       lidar_vjp.push_back(milliseconds(
           [&] { draw_in_lidar_vjp(lidar_tape, placed, settings, d_points, d_vertices, d_texels); }));

@@ -168,13 +168,13 @@ void by_distance(benchmark::State& state) {
     for (const double distance : {5., 10., 20., 40.})
       for (const auto& [name, sigma, samples] :
            {std::tuple{"1e-5", 1e-5, 1}, {"1e-4", 1e-4, 1}, {"5e-7", 5e-7, 1}, {"5e-7_2x2", 5e-7, 2}}) {
-        std::vector<Scene> one;
-        one.emplace_back(2, distance, sigma, samples);
-        const Times t = fast(one);
+        std::vector<Scene> scenes;
+        scenes.emplace_back(2, distance, sigma, samples);
+        const Times t = fast(scenes);
         const std::string at = fmt::format("{:.0f}m_sigma_{}", distance, name);
         figures["softras_ms_" + at] = t.both;
         figures["softras_forward_ms_" + at] = t.forward;
-        const long count = samples == 1 ? pairs(one[0]) : 0;
+        const long count = samples == 1 ? pairs(scenes[0]) : 0;
         if (samples == 1) figures["softras_pairs_" + at] = count;
         const double gflops = kOperations * static_cast<double>(count) / t.both / 1e6;
         if (distance == 10 && samples == 1) figures["softras_share_of_peak_" + at] = gflops / peak;
@@ -226,10 +226,10 @@ void by_faces(benchmark::State& state) {
   for (auto _ : state)
     for (const int subdivisions : {2, 3, 4})
       for (const auto& [name, sigma] : {std::pair{"1e-5", 1e-5}, {"1e-4", 1e-4}}) {
-        std::vector<Scene> one;
-        one.emplace_back(subdivisions, 10., sigma);
-        const Times t = fast(one);
-        const auto faces = one[0].mesh.faces.size();
+        std::vector<Scene> scenes;
+        scenes.emplace_back(subdivisions, 10., sigma);
+        const Times t = fast(scenes);
+        const auto faces = scenes[0].mesh.faces.size();
         extra_figures()[fmt::format("softras_ms_{}_faces_sigma_{}", faces, name)] = t.both;
         std::printf("  %4zu faces 10 m  sigma %s  forward %.3f  both %.3f ms\n", faces, name, t.forward,
                     t.both);
@@ -239,10 +239,10 @@ void by_faces(benchmark::State& state) {
 void against_plain_loop(benchmark::State& state) {
   for (auto _ : state)
     for (const auto& [name, sigma] : {std::pair{"1e-5", 1e-5}, {"1e-4", 1e-4}}) {
-      std::vector<Scene> one;
-      one.emplace_back(2, 10., sigma);
-      const double ours = fast(one).both, window = plain(one[0], 3);
-      Scene whole = one[0];
+      std::vector<Scene> scenes;
+      scenes.emplace_back(2, 10., sigma);
+      const double ours = fast(scenes).both, window = plain(scenes[0], 3);
+      Scene whole = scenes[0];
       whole.target.rect = {0, 0, kCamera.width, kCamera.height};
       whole.resize();
       const double all = plain(whole, 1);
@@ -262,18 +262,18 @@ void by_threads(benchmark::State& state) {
   std::vector<Scene> batch;
   for (int i = 0; i < 16; ++i) batch.emplace_back(2, 6. + 2 * i, 1e-5);
   for (auto _ : state) {
-    std::vector<double> one, two;
+    std::vector<double> one_thread, two_threads;
     for (int round = 0; round < 3; ++round) {
       set_thread_count(1);
-      one.push_back(fast(batch).both);
+      one_thread.push_back(fast(batch).both);
       set_thread_count(2);
-      two.push_back(fast(batch).both);
+      two_threads.push_back(fast(batch).both);
     }
     set_thread_count(1);
-    extra_figures()["softras_batch16_ms"] = median(one);
-    extra_figures()["softras_two_threads_speedup"] = median(one) / median(two);
-    std::printf("  batch of 16: %.2f ms on one thread, %.2f on two: %.2f times faster\n", median(one),
-                median(two), median(one) / median(two));
+    extra_figures()["softras_batch16_ms"] = median(one_thread);
+    extra_figures()["softras_two_threads_speedup"] = median(one_thread) / median(two_threads);
+    std::printf("  batch of 16: %.2f ms on one thread, %.2f on two: %.2f times faster\n", median(one_thread),
+                median(two_threads), median(one_thread) / median(two_threads));
   }
 }
 

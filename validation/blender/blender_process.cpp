@@ -30,8 +30,8 @@ std::string shown(const std::string& line) {
 }
 
 std::string text_of(const nlohmann::json& answer, const char* key, const std::string& otherwise) {
-  const auto found = answer.find(key);
-  return found != answer.end() && found->is_string() ? found->get<std::string>() : otherwise;
+  const auto field = answer.find(key);
+  return field != answer.end() && field->is_string() ? field->get<std::string>() : otherwise;
 }
 
 /// Whether a line is the protocol's answer to job `id`.

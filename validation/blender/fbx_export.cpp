@@ -14,17 +14,17 @@ void write_fbx(BlenderWorker& blender, const std::filesystem::path& file, const 
   const auto beside = [&](const char* extension) {
     return fs::absolute(file).parent_path() / fmt::format(".{}.part{}", file.stem().string(), extension);
   };
-  const fs::path mesh = beside(".glb"), made = beside(".fbx");
+  const fs::path mesh = beside(".glb"), fbx = beside(".fbx");
   struct Remove {
     const fs::path& file;
     ~Remove() {
       std::error_code ignored;
       fs::remove(file, ignored);
     }
-  } const mesh_after{mesh}, made_after{made};
+  } const mesh_after{mesh}, fbx_after{fbx};
   write_adversary(mesh, standing_on_origin(adversary));
-  blender.request({{"job", "fbx"}, {"mesh", mesh.string()}, {"output", made.string()}}, kTimeout);
-  replace_file(made, file);
+  blender.request({{"job", "fbx"}, {"mesh", mesh.string()}, {"output", fbx.string()}}, kTimeout);
+  replace_file(fbx, file);
 }
 
 }  // namespace mirage

@@ -45,13 +45,13 @@ void check_depth(BlenderWorker& blender, const HostScene& scene, const MatchedLi
       rays.push_back({velo_from_camera.translation(), velo_from_camera.linear() * towards.normalized()});
       expected.emplace_back(depth.at(u, v), 1 / towards.norm());
     }
-  const std::vector<double> found = raycast(blender, scene.glb, rays, scene.scratch);
+  const std::vector<double> distances = raycast(blender, scene.glb, rays, scene.scratch);
   worst = mean = 0;
-  for (std::size_t i = 0; i < found.size(); ++i) {
-    if (found[i] < 0) continue;  // the pixel's centre lies on the silhouette; the mask IoU has it
-    const double off = std::abs(found[i] * expected[i].second - expected[i].first);
+  for (std::size_t i = 0; i < distances.size(); ++i) {
+    if (distances[i] < 0) continue;  // the pixel's centre lies on the silhouette; the mask IoU has it
+    const double off = std::abs(distances[i] * expected[i].second - expected[i].first);
     worst = std::max(worst, off);
-    mean += off / static_cast<double>(found.size());
+    mean += off / static_cast<double>(distances.size());
   }
 }
 
@@ -101,7 +101,7 @@ LidarCheck check_lidar(BlenderWorker& blender, const HostScene& scene, const Sim
   result.returns = simulated.adversary_points;
   const std::vector<LidarRay> rays = rays_near(*scene.prepared, scene.placed.mesh);
   result.rays = static_cast<int>(rays.size());
-  const std::vector<double> found = raycast(blender, scene.glb, rays, scene.scratch);
+  const std::vector<double> distances = raycast(blender, scene.glb, rays, scene.scratch);
   const RayCaster caster(std::span<const Mesh>(&scene.placed.mesh, 1));
   std::vector<Vec3d> hits;  // Blender's
   for (std::size_t i = 0; i < rays.size(); ++i) {
@@ -109,11 +109,11 @@ LidarCheck check_lidar(BlenderWorker& blender, const HostScene& scene, const Sim
     ray.origin = rays[i].origin.cast<float>();
     ray.direction = rays[i].direction.cast<float>();
     const Hit hit = caster.intersect(ray);
-    if (found[i] >= 0) hits.push_back(rays[i].origin + found[i] * rays[i].direction);
-    if ((found[i] < 0) == hit.hit())
+    if (distances[i] >= 0) hits.push_back(rays[i].origin + distances[i] * rays[i].direction);
+    if ((distances[i] < 0) == hit.hit())
       ++result.disagreements;
     else if (hit.hit())
-      result.range_error = std::max(result.range_error, std::abs(found[i] - static_cast<double>(hit.t)));
+      result.range_error = std::max(result.range_error, std::abs(distances[i] - static_cast<double>(hit.t)));
   }
   // Each return that the simulation put into the sweep is a place that Blender's rays hit as well.
   const std::size_t first = simulated.sweep.size() - static_cast<std::size_t>(simulated.adversary_points);

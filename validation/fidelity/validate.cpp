@@ -100,29 +100,29 @@ std::string validation_key(const ValidationSettings& settings, const Run& run, c
 }
 
 std::vector<HostId> select_hosts(const Run& run, int frames) {
-  std::vector<HostId> chosen;
+  std::vector<HostId> selected;
   std::set<std::string> seen;
   for (const auto* list : {&run.test, &run.train}) {
     for (const HostId& id : *list) {
       const bool full =
-          frames > 0 ? static_cast<int>(seen.size()) >= frames : chosen.size() >= kVerdictVehicles;
+          frames > 0 ? static_cast<int>(seen.size()) >= frames : selected.size() >= kVerdictVehicles;
       if (!seen.count(id.frame) && full) continue;
       seen.insert(id.frame);
-      chosen.push_back(id);
+      selected.push_back(id);
     }
   }
-  return chosen;
+  return selected;
 }
 
 std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
-  std::vector<bool> chosen(hosts.size(), count < 0);
+  std::vector<bool> on_ladder(hosts.size(), count < 0);
   std::map<std::string, int> of_frame;
   std::vector<std::pair<int, std::size_t>> order;  // place within the frame, place in the list
   for (std::size_t i = 0; i < hosts.size(); ++i) order.emplace_back(of_frame[hosts[i].frame]++, i);
   std::sort(order.begin(), order.end());
   for (std::size_t k = 0; k < order.size() && static_cast<int>(k) < count; ++k)
-    chosen[order[k].second] = true;
-  return chosen;
+    on_ladder[order[k].second] = true;
+  return on_ladder;
 }
 
 json validate(const ValidationSettings& given) {

@@ -87,14 +87,14 @@ class Compared {
     auto list = json::array();
     for (const auto& values : order_) {
       const Entry& entry = entries_.at(values);
-      json one = entry.variant.result("");
-      one.erase("name");
-      one.update(entry.names);
-      one["difference"] = to_json(entry.difference.signed_interval());
-      one["flips"] = entry.flips;
-      one["mean_delta_logit"] = entry.logit / entry.variant.vehicles;
-      one["mean_delta_score"] = entry.score / entry.variant.vehicles;
-      list.push_back(std::move(one));
+      json row = entry.variant.result("");
+      row.erase("name");
+      row.update(entry.names);
+      row["difference"] = to_json(entry.difference.signed_interval());
+      row["flips"] = entry.flips;
+      row["mean_delta_logit"] = entry.logit / entry.variant.vehicles;
+      row["mean_delta_score"] = entry.score / entry.variant.vehicles;
+      list.push_back(std::move(row));
     }
     return list;
   }
@@ -193,8 +193,8 @@ json group(const std::vector<const json*>& vehicles) {
                  {"variants", json::array()},
                  {"arms", compared(vehicles, "arms", {"light", "returns"})}};
   for (const std::string& name : order)
-    if (const auto found = variants.find(name); found != variants.end())
-      result["variants"].push_back(found->second.result(name));
+    if (const auto variant = variants.find(name); variant != variants.end())
+      result["variants"].push_back(variant->second.result(name));
   const double n = std::max<double>(1, static_cast<double>(vehicles.size()));
   double score_difference = 0;
   for (const auto& [soft, cycles] : scores) score_difference += std::abs(soft - cycles);

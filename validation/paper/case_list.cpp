@@ -111,14 +111,14 @@ Words CaseList::data_case(const std::string& rig) {
                {}})};
 }
 
-std::string CaseList::add(Case one) {
+std::string CaseList::add(Case command) {
   const auto known =
-      std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == one.name; });
+      std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == command.name; });
   if (known == cases.end())
-    cases.push_back(one);
-  else if (known->arguments != one.arguments || known->needs != one.needs)
-    throw std::logic_error("two cases named " + one.name);
-  return one.name;
+    cases.push_back(command);
+  else if (known->arguments != command.arguments || known->needs != command.needs)
+    throw std::logic_error("two cases named " + command.name);
+  return command.name;
 }
 
 }  // namespace mirage::paper

@@ -42,7 +42,7 @@ class CaseList {
   std::vector<std::string> data_case(const std::string& rig);
 
   /// Tables share cases: one of a name that is there already must be the same.
-  std::string add(Case one);
+  std::string add(Case command);
 
   const ReproduceSettings& settings_;
 };

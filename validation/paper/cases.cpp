@@ -11,15 +11,15 @@ std::filesystem::path data_folder(const ReproduceSettings& settings, const std::
   return given.empty() ? settings.out / "data" / rig : given;
 }
 
-std::string argument(const Case& one, const std::string& option, const std::string& otherwise) {
-  const auto found = std::find(one.arguments.begin(), one.arguments.end(), option);
-  return found == one.arguments.end() || found + 1 == one.arguments.end() ? otherwise : *(found + 1);
+std::string argument(const Case& command, const std::string& option, const std::string& otherwise) {
+  const auto flag = std::find(command.arguments.begin(), command.arguments.end(), option);
+  return flag == command.arguments.end() || flag + 1 == command.arguments.end() ? otherwise : *(flag + 1);
 }
 
 const Case& Experiments::at(const std::string& name) const {
-  const auto found = std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == name; });
-  if (found == cases.end()) throw InputError("experiments", name, "no such case", "name one of the list");
-  return *found;
+  const auto match = std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == name; });
+  if (match == cases.end()) throw InputError("experiments", name, "no such case", "name one of the list");
+  return *match;
 }
 
 }  // namespace mirage::paper

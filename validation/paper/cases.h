@@ -36,7 +36,7 @@ struct Case {
 };
 
 /// The argument after `option`, or `otherwise`.
-std::string argument(const Case& one, const std::string& option, const std::string& otherwise = "");
+std::string argument(const Case& command, const std::string& option, const std::string& otherwise = "");
 
 /// A column: a quantity with its interval (tables.h computes it).
 struct Column {

@@ -32,7 +32,7 @@ std::string asr(const Outcomes& outcomes, const Which& which) {
 
 int fewest(const std::vector<const Outcomes*>& all) {
   int least = std::numeric_limits<int>::max();
-  for (const Outcomes* one : all) least = std::min(least, one->vehicles);
+  for (const Outcomes* outcomes : all) least = std::min(least, outcomes->vehicles);
   return least;
 }
 
@@ -42,34 +42,34 @@ std::string evaluation(const std::string& rig, const std::string& run) {
 
 Check check(const std::string& where, const std::vector<const Outcomes*>& used,
             std::vector<Comparison> comparisons, std::string sentence, std::string why) {
-  Check made;
-  made.rig = where;
-  made.vehicles = fewest(used);
+  Check check;
+  check.rig = where;
+  check.vehicles = fewest(used);
   int frames = std::numeric_limits<int>::max(), clusters = frames;
-  for (const Outcomes* one : used) {
-    frames = std::min(frames, one->frames());
-    clusters = std::min(clusters, one->clusters());
+  for (const Outcomes* outcomes : used) {
+    frames = std::min(frames, outcomes->frames());
+    clusters = std::min(clusters, outcomes->clusters());
   }
-  made.few = made.vehicles < kFewest || clusters < kFewestClusters;
-  made.sentence = std::move(sentence);
-  if (made.few)
-    made.sentence += fmt::format("; too few to tell: {} vehicle{} in {} frame{}", made.vehicles,
-                                 made.vehicles == 1 ? "" : "s", frames, frames == 1 ? "" : "s");
-  made.why = std::move(why);
-  made.comparisons = std::move(comparisons);
-  return made;
+  check.few = check.vehicles < kFewest || clusters < kFewestClusters;
+  check.sentence = std::move(sentence);
+  if (check.few)
+    check.sentence += fmt::format("; too few to tell: {} vehicle{} in {} frame{}", check.vehicles,
+                                  check.vehicles == 1 ? "" : "s", frames, frames == 1 ? "" : "s");
+  check.why = std::move(why);
+  check.comparisons = std::move(comparisons);
+  return check;
 }
 
-Check about_images(Check made, const std::vector<const Outcomes*>& attacked) {
-  for (const Outcomes* one : attacked)
-    if (const std::string note = one->note(); !note.empty()) {
-      made.verdict = Verdict::open;
-      made.sentence = note;
-      made.why.clear();
-      made.comparisons.clear();
+Check about_images(Check check, const std::vector<const Outcomes*>& attacked) {
+  for (const Outcomes* outcomes : attacked)
+    if (const std::string note = outcomes->note(); !note.empty()) {
+      check.verdict = Verdict::open;
+      check.sentence = note;
+      check.why.clear();
+      check.comparisons.clear();
       break;
     }
-  return made;
+  return check;
 }
 
 Comparison more(const std::string& what, const Outcomes& a, const Outcomes& b, const Which& which,
@@ -79,11 +79,11 @@ Comparison more(const std::string& what, const Outcomes& a, const Outcomes& b, c
 
 namespace {
 
-Verdict verdict_of(const Check& one) {
+Verdict verdict_of(const Check& check) {
   std::vector<Verdict> verdicts;
-  for (const Comparison& c : one.comparisons) verdicts.push_back(c.verdict);
-  if (one.few || verdicts.empty()) return Verdict::open;
-  if (one.agree &&
+  for (const Comparison& c : check.comparisons) verdicts.push_back(c.verdict);
+  if (check.few || verdicts.empty()) return Verdict::open;
+  if (check.agree &&
       std::any_of(verdicts.begin(), verdicts.end(), [&](Verdict other) { return other != verdicts.front(); }))
     return Verdict::open;
   return all_of(verdicts);
@@ -97,39 +97,39 @@ std::string with_thousands(long number) {
   return text;
 }
 
-void settle_check(Check& one) {
-  one.verdict = verdict_of(one);
-  if (one.comparisons.empty()) return;
-  if (one.comparisons.size() > 1) {
+void settle_check(Check& check) {
+  check.verdict = verdict_of(check);
+  if (check.comparisons.empty()) return;
+  if (check.comparisons.size() > 1) {
     std::string list;
-    for (const Comparison& c : one.comparisons)
+    for (const Comparison& c : check.comparisons)
       list += fmt::format("{}{}: {}", list.empty() ? "" : ", ", c.what, to_string(c.verdict));
-    one.sentence += "; " + list;
+    check.sentence += "; " + list;
   }
-  for (const Comparison& c : one.comparisons)
-    if (!one.few && c.verdict == Verdict::open && judge(c.claim, c.difference) != Verdict::open)
-      one.sentence +=
+  for (const Comparison& c : check.comparisons)
+    if (!check.few && c.verdict == Verdict::open && judge(c.claim, c.difference) != Verdict::open)
+      check.sentence +=
           fmt::format("; {} would be told alone (p = {:.3f}), not among the {} questions of this run", c.what,
                       c.p, c.family);
-  if (one.verdict != Verdict::open) return;
+  if (check.verdict != Verdict::open) return;
   std::optional<long> most;
   bool never = false, unsettled = false;
-  for (const Comparison& c : one.comparisons) {
-    if (c.verdict != Verdict::open && !one.few) continue;
+  for (const Comparison& c : check.comparisons) {
+    if (c.verdict != Verdict::open && !check.few) continue;
     unsettled = true;
-    const auto needed = vehicles_needed(c, one.vehicles);
+    const auto needed = vehicles_needed(c, check.vehicles);
     never = never || !needed;
     if (needed) most = std::max(most.value_or(0), *needed);
   }
   if (!unsettled) return;  // the comparisons are told, and contradict each other
   if (never) {
-    one.sentence +=
+    check.sentence +=
         "; no number of vehicles can be given that would tell: the difference is too close to its bound, "
         "or its spread is not known";
     return;
   }
-  one.vehicles_needed = one.few ? std::max<long>(*most, kFewest) : *most;
-  one.sentence += fmt::format("; it would take about {} vehicles", with_thousands(*one.vehicles_needed));
+  check.vehicles_needed = check.few ? std::max<long>(*most, kFewest) : *most;
+  check.sentence += fmt::format("; it would take about {} vehicles", with_thousands(*check.vehicles_needed));
 }
 
 }  // namespace
@@ -137,12 +137,12 @@ void settle_check(Check& one) {
 void settle(std::vector<Finding>& findings) {
   std::vector<Comparison*> family;
   for (Finding& finding : findings)
-    for (Check& one : finding.checks)
-      if (!one.few)
-        for (Comparison& c : one.comparisons) family.push_back(&c);
+    for (Check& check : finding.checks)
+      if (!check.few)
+        for (Comparison& c : check.comparisons) family.push_back(&c);
   correct(family);
   for (Finding& finding : findings)
-    for (Check& one : finding.checks) settle_check(one);
+    for (Check& check : finding.checks) settle_check(check);
 }
 
 }  // namespace mirage::paper

@@ -25,7 +25,7 @@ Check check(const std::string& where, const std::vector<const Outcomes*>& used,
 
 /// A check of a claim about images. Where one of the detectors that were attacked does not use its picture,
 /// nothing can be told, and its note stands in place of all sentences.
-Check about_images(Check made, const std::vector<const Outcomes*>& attacked);
+Check about_images(Check check, const std::vector<const Outcomes*>& attacked);
 
 /// The claim about success(a) − success(b).
 Comparison more(const std::string& what, const Outcomes& a, const Outcomes& b, const Which& which = is_fooled,

@@ -30,13 +30,13 @@ Finding defence(const Evidence& evidence, const std::string& name, const std::st
     const std::string why =
         fmt::format("misses {} → {}, false positives {} → {}", asr(*without, is_hidden),
                     asr(*with, is_hidden), asr(*without, is_false_positive), asr(*with, is_false_positive));
-    Check made = check(title(rig), {without, with}, {taken},
-                       fmt::format("{} {} {}: {} taken off{}", quantity,
-                                   fmt::format("{} → {}", asr(*without, which), asr(*with, which)), words,
-                                   points(taken.difference), margin),
-                       why);
+    Check rig_check = check(title(rig), {without, with}, {taken},
+                            fmt::format("{} {} {}: {} taken off{}", quantity,
+                                        fmt::format("{} → {}", asr(*without, which), asr(*with, which)),
+                                        words, points(taken.difference), margin),
+                            why);
     // Adversarial training is the one defence that is not of the image.
-    checks.push_back(name == "adversarial" ? made : about_images(made, {without, with}));
+    checks.push_back(name == "adversarial" ? rig_check : about_images(rig_check, {without, with}));
   });
 }
 
@@ -86,21 +86,22 @@ Finding harder(const Evidence& evidence) {
           });
           const auto [misses, positives] = left(std::vector<int>(items.size(), 1));
           if (std::isnan(misses) || std::isnan(positives)) {
-            Check made;
-            made.rig = title(rig) + ", " + words;
-            made.vehicles = fewest({none, with});
-            made.sentence = "the undefended detector has no miss or no false positive that could be removed";
-            checks.push_back(made);
+            Check rig_check;
+            rig_check.rig = title(rig) + ", " + words;
+            rig_check.vehicles = fewest({none, with});
+            rig_check.sentence =
+                "the undefended detector has no miss or no false positive that could be removed";
+            checks.push_back(rig_check);
             continue;
           }
-          Check made =
+          Check rig_check =
               check(title(rig) + ", " + words, {none, with},
                     {comparison("share of the false positives left − of the misses", difference)},
                     fmt::format("left are {:.0f} % of the misses (FN ASR {} → {}) and {:.0f} % of the false "
                                 "positives (FP ASR {} → {}); difference {}",
                                 100 * misses, asr(a, is_hidden), asr(b, is_hidden), 100 * positives,
                                 asr(a, is_false_positive), asr(b, is_false_positive), points(difference)));
-          checks.push_back(defense == "denoising" ? about_images(made, {none, with}) : made);
+          checks.push_back(defense == "denoising" ? about_images(rig_check, {none, with}) : rig_check);
         }
       });
 }

@@ -35,12 +35,12 @@ json net_json(const Outcomes& learned, const Outcomes& sized) {
 
 json arms_json(const Experiments& experiments, const ReproduceSettings& settings, const Evidence& evidence) {
   json list = json::array();
-  for (const Case& one : experiments.cases) {
-    if (one.kind != Case::Kind::evaluation || is_repetition(one.name)) continue;
-    const auto judged = evidence.evaluations.find(one.name);
+  for (const Case& command : experiments.cases) {
+    if (command.kind != Case::Kind::evaluation || is_repetition(command.name)) continue;
+    const auto judged = evidence.evaluations.find(command.name);
     if (judged == evidence.evaluations.end()) continue;
-    const Case &attack = experiments.at(one.needs.front()), &stage = experiments.at(one.needs.back());
-    const std::string name = one.name.substr(one.name.find('/') + 1);
+    const Case &attack = experiments.at(command.needs.front()), &stage = experiments.at(command.needs.back());
+    const std::string name = command.name.substr(command.name.find('/') + 1);
     const Outcomes* sized = judged->second.sized.get();
     for (const auto& [mesh, outcomes] :
          {std::pair("learned", judged->second.learned), std::pair("start", judged->second.random),
@@ -53,7 +53,7 @@ json arms_json(const Experiments& experiments, const ReproduceSettings& settings
                   {"detector", argument(attack, "--detector")},
                   {"target", argument(attack, "--target")},
                   {"rig", rig_of(name)},
-                  {"judge", argument(one, "--detector", argument(stage, "--detector"))},
+                  {"judge", argument(command, "--detector", argument(stage, "--detector"))},
                   {"mesh", mesh},
                   {"seeds", seeds},
                   {"vehicles", outcomes->vehicles},

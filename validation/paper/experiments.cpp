@@ -41,21 +41,21 @@ struct RigAttacks {
 };
 
 RigAttacks rig_attacks(CaseList& list, const std::string& rig) {
-  RigAttacks made;
-  made.both = list.evaluate(list.attack(rig, "fusion", "both"), true, true);
-  made.image = list.evaluate(list.attack(rig, "fusion", "image"), false, false);
-  made.lidar = list.evaluate(list.attack(rig, "fusion", "lidar"), false, false);
-  made.lidar_only = list.evaluate(list.attack(rig, "lidar", "lidar"), true, false);
-  return made;
+  RigAttacks attacks;
+  attacks.both = list.evaluate(list.attack(rig, "fusion", "both"), true, true);
+  attacks.image = list.evaluate(list.attack(rig, "fusion", "image"), false, false);
+  attacks.lidar = list.evaluate(list.attack(rig, "fusion", "lidar"), false, false);
+  attacks.lidar_only = list.evaluate(list.attack(rig, "lidar", "lidar"), true, false);
+  return attacks;
 }
 
 Row row(const std::string& label, const std::string& rig, const std::string& evaluation, Printed paper = {}) {
-  Row made;
-  made.label = label;
-  made.rig = rig;
-  made.evaluation = evaluation;
-  made.paper = std::move(paper);
-  return made;
+  Row row;
+  row.label = label;
+  row.rig = rig;
+  row.evaluation = evaluation;
+  row.paper = std::move(paper);
+  return row;
 }
 
 Table attack_table(CaseList& list, const std::string& name, const std::string& rig,
@@ -129,9 +129,9 @@ Table fig4(CaseList& list) {
   for (const double size : {0.2, 0.4, 0.6, 0.8, 1.0}) {
     const bool standing = size == 0.8;  // the default of every other table
     const std::string run = list.attack("kitti64", "fusion", "both", standing ? 0 : size);
-    Row one = row(fmt::format("L = {:.1f} m", size), "kitti64", list.evaluate(run, standing, standing));
-    one.size = size;
-    table.rows.push_back(one);
+    Row size_row = row(fmt::format("L = {:.1f} m", size), "kitti64", list.evaluate(run, standing, standing));
+    size_row.size = size;
+    table.rows.push_back(size_row);
   }
   return table;
 }
@@ -157,12 +157,12 @@ Table table3(CaseList& list, bool real) {
   };
   const auto add = [&](const End& from, const End& onto) {
     const bool own = from.rig == onto.rig && from.detector == onto.detector;
-    Row one = row(from.name() + " → " + onto.name(), onto.rig,
-                  own ? list.evaluate(run(from), true, from.detector == "fusion")
-                      : list.transfer(run(from), run(onto)));
-    one.source = from.name();
-    one.target = onto.name();
-    table.rows.push_back(one);
+    Row transfer_row = row(from.name() + " → " + onto.name(), onto.rig,
+                           own ? list.evaluate(run(from), true, from.detector == "fusion")
+                               : list.transfer(run(from), run(onto)));
+    transfer_row.source = from.name();
+    transfer_row.target = onto.name();
+    table.rows.push_back(transfer_row);
   };
   for (const End& onto : ends)
     for (const End& from : ends)  // to another rig or to another detector, not both at once
@@ -196,10 +196,11 @@ Table table4(CaseList& list) {
       {}};
   const auto add = [&](const std::string& label, const std::string& defense, Printed paper) {
     const std::string run = list.attack("kitti64", "fusion", "both", 0, defense);
-    Row one = row(label, "kitti64", list.evaluate(run, defense.empty(), defense.empty()), std::move(paper));
-    one.detection = list.detect("kitti64", "fusion", defense);
-    one.image = !defense.empty() && defense != "adversarial";
-    table.rows.push_back(one);
+    Row defense_row =
+        row(label, "kitti64", list.evaluate(run, defense.empty(), defense.empty()), std::move(paper));
+    defense_row.detection = list.detect("kitti64", "fusion", defense);
+    defense_row.image = !defense.empty() && defense != "adversarial";
+    table.rows.push_back(defense_row);
   };
   add("none", "", {{"asr", 49.76}, {"ap70", 84.64}});
   add("JPEG, quality 50", "jpeg:50", {{"asr", 49.60}, {"ap70", 84.52}});
@@ -235,26 +236,26 @@ Experiments experiments(const ReproduceSettings& settings) {
     throw InputError("mirage reproduce", settings.what, "no such table or figure",
                      "use one of " + join(words));
   CaseList list(settings);
-  Experiments made;
+  Experiments experiments;
   const bool all = settings.what == "all", real = !settings.real.empty();
   const auto wanted = [&](const char* name) { return all || settings.what == name; };
-  if (wanted("table1")) made.tables.push_back(table1(list));
-  if (wanted("table1") && real) made.tables.push_back(real_table(list));
-  if (wanted("table2")) made.tables.push_back(table2(list));
+  if (wanted("table1")) experiments.tables.push_back(table1(list));
+  if (wanted("table1") && real) experiments.tables.push_back(real_table(list));
+  if (wanted("table2")) experiments.tables.push_back(table2(list));
   if (wanted("fig3")) {
     Strings rigs = {"kitti64", "xenith"};
     if (real) rigs.push_back("real");
-    made.tables.push_back(fig3(list, rigs));
+    experiments.tables.push_back(fig3(list, rigs));
   }
-  if (wanted("fig4")) made.tables.push_back(fig4(list));
-  if (wanted("table3")) made.tables.push_back(table3(list, real));
-  if (wanted("table4")) made.tables.push_back(table4(list));
-  if (wanted("fusions")) made.tables.push_back(fusions_table(list, "kitti64"));
-  if (wanted("fusions") && real) made.tables.push_back(fusions_on_real(list));
-  if (wanted("fusions-xenith")) made.tables.push_back(fusions_table(list, "xenith"));
-  made.cases = std::move(list.cases);
-  repeat(made, settings);
-  return made;
+  if (wanted("fig4")) experiments.tables.push_back(fig4(list));
+  if (wanted("table3")) experiments.tables.push_back(table3(list, real));
+  if (wanted("table4")) experiments.tables.push_back(table4(list));
+  if (wanted("fusions")) experiments.tables.push_back(fusions_table(list, "kitti64"));
+  if (wanted("fusions") && real) experiments.tables.push_back(fusions_on_real(list));
+  if (wanted("fusions-xenith")) experiments.tables.push_back(fusions_table(list, "xenith"));
+  experiments.cases = std::move(list.cases);
+  repeat(experiments, settings);
+  return experiments;
 }
 
 }  // namespace mirage::paper

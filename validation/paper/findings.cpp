@@ -94,24 +94,25 @@ Finding fusion_helps(const Evidence& evidence) {
           why = fmt::format("under a {}: {} on the LiDAR-only detector, {} on fusion, {}", alone_random->name,
                             asr(*alone_random), asr(*fused_random), points(random.difference));
         }
-        Check made = check(title(rig), {alone, fused}, {gap},
-                           fmt::format("ASR through LiDAR {} on the LiDAR-only detector, {} on fusion: {}",
-                                       asr(*alone), asr(*fused), points(gap.difference)),
-                           why);
+        Check rig_check =
+            check(title(rig), {alone, fused}, {gap},
+                  fmt::format("ASR through LiDAR {} on the LiDAR-only detector, {} on fusion: {}",
+                              asr(*alone), asr(*fused), points(gap.difference)),
+                  why);
         // A mesh that was learned elsewhere and does better says that the run here has not found the best:
         // the claim has to fare the same with it.
         const Outcomes* moved = evidence.learned(evaluation(rig, "fusion-both--on--" + rig + "-lidar-lidar"));
         if (moved && more("", *moved, *alone).verdict == Verdict::holds) {
           const Comparison stronger = more("the same with the mesh learned on fusion", *moved, *fused);
-          made.sentence += fmt::format(
+          rig_check.sentence += fmt::format(
               "; the mesh learned on fusion is stronger on the LiDAR-only detector than the one learned on "
               "it: ASR "
               "{}, and then the difference is {}",
               asr(*moved), points(stronger.difference));
-          made.agree = true;
-          made.comparisons.push_back(stronger);
+          rig_check.agree = true;
+          rig_check.comparisons.push_back(stronger);
         }
-        checks.push_back(about_images(std::move(made), {fused}));
+        checks.push_back(about_images(std::move(rig_check), {fused}));
       });
 }
 
@@ -151,7 +152,8 @@ Finding larger(const Evidence& evidence) {
         std::vector<std::pair<double, Outcomes>> sizes;
         for (const double size : {0.2, 0.4, 0.6, 0.8, 1.0}) {
           const std::string run = size == 0.8 ? "fusion-both" : fmt::format("fusion-both-size{:.1f}", size);
-          if (const Outcomes* one = evidence.learned(evaluation(rig, run))) sizes.push_back({size, *one});
+          if (const Outcomes* learned = evidence.learned(evaluation(rig, run)))
+            sizes.push_back({size, *learned});
         }
         if (sizes.size() < 2) return;
         for (auto& [size, outcomes] : sizes)  // the hosts that all sizes have
@@ -215,9 +217,9 @@ Distances distances(const Outcomes& outcomes) {
       all.push_back(distance);
     }
   }
-  Distances made{static_cast<int>(all.size()), crossed_interval(by_name), 0};
-  if (!all.empty()) made.median = quantile(all, 0.5);
-  return made;
+  Distances summary{static_cast<int>(all.size()), crossed_interval(by_name), 0};
+  if (!all.empty()) summary.median = quantile(all, 0.5);
+  return summary;
 }
 
 bool has_far_one(const Outcome& host) {
@@ -241,11 +243,11 @@ Finding far_away(const Evidence& evidence) {
                                          "{} false positives, median {:.1f} m from the host, {} of them "
                                          "beyond {:.0f} m",
                                          near.count, near.median, percent(near.far), kFar);
-        Check made;
+        Check rig_check;
         if (near.count == 0) {
-          made.rig = title(rig);
-          made.vehicles = both->vehicles;
-          made.sentence = sentence;
+          rig_check.rig = title(rig);
+          rig_check.vehicles = both->vehicles;
+          rig_check.sentence = sentence;
         } else {
           const Comparison more_far =
               more("vehicles with one beyond that distance, learned − random", *both, *random, has_far_one);
@@ -253,15 +255,15 @@ Finding far_away(const Evidence& evidence) {
               fmt::format("; {} of the vehicles get one that far, {} under a {}: {}",
                           percent(success(*both, has_far_one)), percent(success(*random, has_far_one)),
                           random->name, points(more_far.difference));
-          made = check(title(rig), {both, random}, {more_far}, sentence);
+          rig_check = check(title(rig), {both, random}, {more_far}, sentence);
         }
         // Without an image there is no wrong pixel–point association.
         const Outcomes* alone = evidence.learned(evaluation(rig, "lidar-lidar"));
         if (const std::string note = both->note(); !note.empty()) {
-          made.why = note;
+          rig_check.why = note;
         } else if (alone) {
           const Distances theirs = distances(*alone);
-          made.why =
+          rig_check.why =
               theirs.count == 0
                   ? "the LiDAR-only detector, which associates no pixels, has none"
                   : fmt::format(
@@ -269,7 +271,7 @@ Finding far_away(const Evidence& evidence) {
                         "{:.0f} m",
                         theirs.count, theirs.median, percent(theirs.far), kFar);
         }
-        checks.push_back(made);
+        checks.push_back(rig_check);
       });
 }
 
@@ -290,7 +292,7 @@ std::vector<Finding> findings(const Evidence& evidence) {
 std::string overall(const Finding& finding) {
   const auto any = [&](Verdict verdict) {
     return std::any_of(finding.checks.begin(), finding.checks.end(),
-                       [&](const Check& one) { return one.verdict == verdict; });
+                       [&](const Check& check) { return check.verdict == verdict; });
   };
   if (finding.checks.empty()) return "not measured";
   if (any(Verdict::holds) && any(Verdict::fails)) return "holds in part";
@@ -303,22 +305,22 @@ nlohmann::json findings_json(const std::vector<Finding>& findings) {
   auto list = nlohmann::json::array();
   for (const Finding& finding : findings) {
     auto checks = nlohmann::json::array();
-    for (const Check& one : finding.checks) {
+    for (const Check& check : finding.checks) {
       auto comparisons = nlohmann::json::array();
-      for (const Comparison& c : one.comparisons)
+      for (const Comparison& c : check.comparisons)
         comparisons.push_back({{"what", c.what},
                                {"difference", to_json(c.difference)},
                                {"verdict", to_string(c.verdict)},
                                {"p", c.p},
                                {"p_family", c.p_family}});
-      checks.push_back(
-          {{"rig", one.rig},
-           {"verdict", to_string(one.verdict)},
-           {"sentence", one.sentence},
-           {"why", one.why},
-           {"vehicles", one.vehicles},
-           {"vehicles_needed", one.vehicles_needed ? nlohmann::json(*one.vehicles_needed) : nlohmann::json()},
-           {"comparisons", comparisons}});
+      checks.push_back({{"rig", check.rig},
+                        {"verdict", to_string(check.verdict)},
+                        {"sentence", check.sentence},
+                        {"why", check.why},
+                        {"vehicles", check.vehicles},
+                        {"vehicles_needed",
+                         check.vehicles_needed ? nlohmann::json(*check.vehicles_needed) : nlohmann::json()},
+                        {"comparisons", comparisons}});
     }
     list.push_back({{"name", finding.name},
                     {"claim", finding.claim},

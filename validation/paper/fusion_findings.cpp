@@ -42,16 +42,16 @@ Check by_both(const std::string& where, const std::vector<const Outcomes*>& used
 }
 
 /// The mesh's share and its control's.
-std::string beside(const Cell& one, const HidingRule& rule) {
-  return fmt::format("{} learned, {} random of its size", percent(*hiding(*one.learned, rule)),
-                     percent(*hiding(*one.sized, rule)));
+std::string beside(const Cell& cell, const HidingRule& rule) {
+  return fmt::format("{} learned, {} random of its size", percent(*hiding(*cell.learned, rule)),
+                     percent(*hiding(*cell.sized, rule)));
 }
 
-Check more_than_its_size(const std::string& where, const Cell& one) {
+Check more_than_its_size(const std::string& where, const Cell& cell) {
   return by_both(
-      where, {one.learned, one.sized},
-      [&](const HidingRule& rule) { return hiding_difference(*one.learned, *one.sized, rule); },
-      [&](const HidingRule& rule) { return beside(one, rule); });
+      where, {cell.learned, cell.sized},
+      [&](const HidingRule& rule) { return hiding_difference(*cell.learned, *cell.sized, rule); },
+      [&](const HidingRule& rule) { return beside(cell, rule); });
 }
 
 Finding net(const Evidence& evidence) {
@@ -72,8 +72,8 @@ Finding sides(const Evidence& evidence) {
           const Cell image = cell(evidence, rig, {detector, "image"}, detector),
                      lidar = cell(evidence, rig, {detector, "lidar"}, detector);
           if (!image || !lidar) continue;
-          const auto net_words = [](const Cell& one, const HidingRule& rule) {
-            return points(hiding_difference(*one.learned, *one.sized, rule));
+          const auto net_words = [](const Cell& cell, const HidingRule& rule) {
+            return points(hiding_difference(*cell.learned, *cell.sized, rule));
           };
           checks.push_back(about_images(
               by_both(

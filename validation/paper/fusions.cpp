@@ -26,15 +26,15 @@ std::vector<Attacked> attacks(bool quick) {
   return all;
 }
 
-std::string words(const Attacked& one) {
-  return one.detector + ", " + (one.target == "lidar" ? "LiDAR" : one.target);
+std::string words(const Attacked& attacked) {
+  return attacked.detector + ", " + (attacked.target == "lidar" ? "LiDAR" : attacked.target);
 }
 
 /// One row for each mesh and judge; `judged` names, and adds, the evaluation.
 template <class Judged>
 void add_rows(Table& table, const std::string& rig, bool quick, const Judged& judged) {
   std::set<std::string> judges;
-  for (const Attacked& one : attacks(quick)) judges.insert(one.detector);
+  for (const Attacked& attacked : attacks(quick)) judges.insert(attacked.detector);
   const auto add = [&](const std::string& source, const std::string& judge, const std::string& evaluation) {
     Row row;
     row.label = source + " → " + judge;
@@ -45,10 +45,11 @@ void add_rows(Table& table, const std::string& rig, bool quick, const Judged& ju
     table.rows.push_back(row);
     return &table.rows.back();
   };
-  for (const Attacked& one : attacks(quick))
+  for (const Attacked& attacked : attacks(quick))
     for (const std::string& judge : fusion_detectors())
       if (judges.contains(judge))
-        add(words(one), judge, judged(one, judge))->image = one.target == "image" && one.detector == judge;
+        add(words(attacked), judge, judged(attacked, judge))->image =
+            attacked.target == "image" && attacked.detector == judge;
   for (const std::string& judge : fusion_detectors())
     if (judges.contains(judge)) add(kCuboid, judge, judged(through_all(judge), judge))->cuboid = true;
 }
@@ -89,12 +90,14 @@ Table fusions_table(CaseList& list, const std::string& rig) {
               kCell,
               {},
               true};
-  const auto run = [&](const Attacked& one) { return list.attack(rig, one.detector, one.target); };
-  add_rows(table, rig, list.quick(), [&](const Attacked& one, const std::string& judge) {
+  const auto run = [&](const Attacked& attacked) {
+    return list.attack(rig, attacked.detector, attacked.target);
+  };
+  add_rows(table, rig, list.quick(), [&](const Attacked& attacked, const std::string& judge) {
     const Attacked own = through_all(judge);
-    if (one.detector != judge) return list.transfer(run(one), run(own));
-    const bool all = one.target == own.target;
-    return list.evaluate(run(one), all, all && judge == "fusion");
+    if (attacked.detector != judge) return list.transfer(run(attacked), run(own));
+    const bool all = attacked.target == own.target;
+    return list.evaluate(run(attacked), all, all && judge == "fusion");
   });
   return table;
 }
@@ -109,10 +112,10 @@ Table fusions_on_real(CaseList& list) {
       kCell,
       {},
       true};
-  add_rows(table, "real", list.quick(), [&](const Attacked& one, const std::string& judge) {
+  add_rows(table, "real", list.quick(), [&](const Attacked& attacked, const std::string& judge) {
     const Attacked own = through_all(judge);
-    return list.on_real(list.attack("kitti64", one.detector, one.target), judge,
-                        one.detector == judge && one.target == own.target);
+    return list.on_real(list.attack("kitti64", attacked.detector, attacked.target), judge,
+                        attacked.detector == judge && attacked.target == own.target);
   });
   return table;
 }

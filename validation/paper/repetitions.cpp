@@ -7,29 +7,29 @@ namespace {
 
 constexpr char kMark = '+';
 
-bool is_repeated(const Case& one) {
-  return one.kind == Case::Kind::attack || one.kind == Case::Kind::evaluation;
+bool is_repeated(const Case& command) {
+  return command.kind == Case::Kind::attack || command.kind == Case::Kind::evaluation;
 }
 
 /// With another seed, and on the runs of that; pictures are made once.
-Case repeated(const Case& one, int number, const ReproduceSettings& settings) {
-  Case made{repetition(one.name, number), one.kind, {}, {}};
-  for (const std::string& need : one.needs)
-    made.needs.push_back(one.kind == Case::Kind::evaluation ? repetition(need, number) : need);
-  for (std::size_t i = 0; i < one.arguments.size(); ++i) {
-    if (one.arguments[i] == "--seed" || one.arguments[i] == "--pictures") {
+Case repeated(const Case& command, int number, const ReproduceSettings& settings) {
+  Case rerun{repetition(command.name, number), command.kind, {}, {}};
+  for (const std::string& need : command.needs)
+    rerun.needs.push_back(command.kind == Case::Kind::evaluation ? repetition(need, number) : need);
+  for (std::size_t i = 0; i < command.arguments.size(); ++i) {
+    if (command.arguments[i] == "--seed" || command.arguments[i] == "--pictures") {
       ++i;
       continue;
     }
-    std::string argument = one.arguments[i];
-    for (std::size_t n = 0; n < one.needs.size(); ++n)
-      if (argument == (settings.out / one.needs[n]).string())
-        argument = (settings.out / made.needs[n]).string();
-    made.arguments.push_back(std::move(argument));
+    std::string argument = command.arguments[i];
+    for (std::size_t n = 0; n < command.needs.size(); ++n)
+      if (argument == (settings.out / command.needs[n]).string())
+        argument = (settings.out / rerun.needs[n]).string();
+    rerun.arguments.push_back(std::move(argument));
   }
-  made.arguments.insert(made.arguments.end(),
-                        {"--seed", std::to_string(settings.seed + static_cast<std::uint64_t>(number))});
-  return made;
+  rerun.arguments.insert(rerun.arguments.end(),
+                         {"--seed", std::to_string(settings.seed + static_cast<std::uint64_t>(number))});
+  return rerun;
 }
 
 }  // namespace

@@ -25,33 +25,33 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-fs::path record_file(const Case& one, const fs::path& out) {
-  std::string name = one.name;
+fs::path record_file(const Case& command, const fs::path& out) {
+  std::string name = command.name;
   std::replace(name.begin(), name.end(), '/', '_');
   return out / "steps" / (name + ".json");
 }
 
 /// The arguments with the folders of other cases by their names, so that OUT may be moved.
-std::vector<std::string> movable(const Case& one, std::vector<std::string> arguments) {
+std::vector<std::string> movable(const Case& command, std::vector<std::string> arguments) {
   for (std::string& argument : arguments)
-    for (const std::string& need : one.needs)
+    for (const std::string& need : command.needs)
       if (argument.ends_with("/" + need)) argument = need;
   return arguments;
 }
 
 /// What the command reads that may change under the same arguments, as hashes of the content.
-json inputs(const Case& one, const fs::path& out) {
+json inputs(const Case& command, const fs::path& out) {
   json read = json::object();
-  if (one.kind == Case::Kind::evaluation) {
-    read["adversary"] = content_hash(read_file(out / one.needs.front() / "adversary.glb"));
-    read["hosts"] = content_hash(read_file(out / one.needs.back() / "run.json"));
-  } else if (one.kind != Case::Kind::data) {
+  if (command.kind == Case::Kind::evaluation) {
+    read["adversary"] = content_hash(read_file(out / command.needs.front() / "adversary.glb"));
+    read["hosts"] = content_hash(read_file(out / command.needs.back() / "run.json"));
+  } else if (command.kind != Case::Kind::data) {
     read["weights"] = "";  // without the file the command itself says what is missing
     try {
       DetectorOptions detector;
-      detector.detector = argument(one, "--detector");
-      detector.rig = data_rig(argument(one, "--data"));
-      detector.defense = argument(one, "--defense", "none");
+      detector.detector = argument(command, "--detector");
+      detector.rig = data_rig(argument(command, "--data"));
+      detector.defense = argument(command, "--defense", "none");
       read["weights"] = content_hash(read_file(weights_file(detector)));
     } catch (const InputError&) {
     }
@@ -61,10 +61,10 @@ json inputs(const Case& one, const fs::path& out) {
 
 json to_json(const Step& step) {
   const char* words[] = {"missing", "done", "failed"};
-  json made = {{"status", words[static_cast<int>(step.status)]}};
-  if (!step.error.empty()) made["error"] = step.error;
-  if (step.seconds > 0) made["seconds"] = step.seconds;
-  return made;
+  json entry = {{"status", words[static_cast<int>(step.status)]}};
+  if (!step.error.empty()) entry["error"] = step.error;
+  if (step.seconds > 0) entry["seconds"] = step.seconds;
+  return entry;
 }
 
 void write_page(const fs::path& out, json& result) {
@@ -95,10 +95,10 @@ json reliance_json(const Evidence& evidence) {
 
 std::string reliance_markdown(const json& list) {
   std::string text = "## Whether the detectors use their pictures\n\n";
-  for (const auto& one : list) {
-    const Reliance reliance = reliance_from_json(one);
+  for (const auto& entry : list) {
+    const Reliance reliance = reliance_from_json(entry);
     const std::string note = picture_note(reliance);
-    text += fmt::format("- {}: {}{}.\n", one.at("case").get<std::string>(), describe(reliance),
+    text += fmt::format("- {}: {}{}.\n", entry.at("case").get<std::string>(), describe(reliance),
                         note.empty() ? "" : "; " + note);
   }
   return text + "\n";
@@ -122,12 +122,12 @@ std::string findings_markdown(const json& findings) {
 
 }  // namespace
 
-bool is_finished(const Case& one, const fs::path& out) {
-  if (!fs::exists(out / one.name / "result.json")) return false;
+bool is_finished(const Case& command, const fs::path& out) {
+  if (!fs::exists(out / command.name / "result.json")) return false;
   try {
-    const json record = read_json(record_file(one, out));
-    return movable(one, record.at("arguments")) == movable(one, one.arguments) &&
-           record.at("inputs") == inputs(one, out);
+    const json record = read_json(record_file(command, out));
+    return movable(command, record.at("arguments")) == movable(command, command.arguments) &&
+           record.at("inputs") == inputs(command, out);
   } catch (const std::exception&) {
     return false;  // the command itself will say what is wrong
   }
@@ -137,51 +137,51 @@ std::map<std::string, Step> execute(const Experiments& experiments, const Reprod
                                     const Execute& run) {
   std::map<std::string, Step> steps;
   std::size_t number_of = 0;
-  for (const Case& one : experiments.cases) {
+  for (const Case& command : experiments.cases) {
     throw_if_interrupted("finished steps are kept; run the same command to go on");
-    Step& step = steps[one.name];
+    Step& step = steps[command.name];
     const auto say = [&](const char* what) {
       if (settings.quiet) return;
-      std::fputs(
-          fmt::format("\n== {}/{} {}{} ==\n", number_of, experiments.cases.size(), one.name, what).c_str(),
-          stdout);
+      std::fputs(fmt::format("\n== {}/{} {}{} ==\n", number_of, experiments.cases.size(), command.name, what)
+                     .c_str(),
+                 stdout);
       std::fflush(stdout);
     };
     ++number_of;
-    const auto broken = std::find_if(one.needs.begin(), one.needs.end(), [&](const std::string& need) {
-      return steps[need].status != Step::Status::done;
-    });
-    if (broken != one.needs.end()) {
+    const auto broken =
+        std::find_if(command.needs.begin(), command.needs.end(),
+                     [&](const std::string& need) { return steps[need].status != Step::Status::done; });
+    if (broken != command.needs.end()) {
       step.status = Step::Status::failed;
       step.error = "needs " + *broken;
       say(": left out, it needs what failed");
       continue;
     }
     try {
-      if (is_finished(one, settings.out)) {
+      if (is_finished(command, settings.out)) {
         say(": kept");
       } else {
         say("");
-        auto arguments = one.arguments;
-        arguments.insert(arguments.end(), {"--out", (settings.out / one.name).string(), "--threads",
+        auto arguments = command.arguments;
+        arguments.insert(arguments.end(), {"--out", (settings.out / command.name).string(), "--threads",
                                            std::to_string(settings.threads)});
         if (settings.quiet) arguments.push_back("--quiet");
-        fs::remove(record_file(one, settings.out));
+        fs::remove(record_file(command, settings.out));
         const auto start = Clock::now();
         run(std::move(arguments));
-        write_json(record_file(one, settings.out), {{"case", one.name},
-                                                    {"arguments", movable(one, one.arguments)},
-                                                    {"inputs", inputs(one, settings.out)},
-                                                    {"seconds", seconds_since(start)}});
+        write_json(record_file(command, settings.out), {{"case", command.name},
+                                                        {"arguments", movable(command, command.arguments)},
+                                                        {"inputs", inputs(command, settings.out)},
+                                                        {"seconds", seconds_since(start)}});
       }
       step.status = Step::Status::done;
-      step.seconds = read_json(record_file(one, settings.out)).at("seconds");
+      step.seconds = read_json(record_file(command, settings.out)).at("seconds");
     } catch (const Interrupted&) {
       throw;
     } catch (const std::exception& error) {
       step.status = Step::Status::failed;
       step.error = error.what();
-      spdlog::warn("{}: {}", one.name, error.what());
+      spdlog::warn("{}: {}", command.name, error.what());
     }
   }
   return steps;
@@ -200,7 +200,7 @@ json reproduce(const ReproduceSettings& given, const Execute& run) {
     text += markdown(tables.back());
   }
   for (const auto& [name, step] : evidence.steps) steps[name] = to_json(step);
-  const json found = findings_json(findings(evidence)), reliance = reliance_json(evidence);
+  const json judged = findings_json(findings(evidence)), reliance = reliance_json(evidence);
   const AttackSettings recipe;  // CaseList takes these from it
   json result = {{"what", settings.what},
                  {"settings",
@@ -219,11 +219,11 @@ json reproduce(const ReproduceSettings& given, const Execute& run) {
                    {"replicates", BootstrapSettings().replicates}}},
                  {"tables", tables},
                  {"arms", arms_json(list, settings, evidence)},
-                 {"findings", found},
+                 {"findings", judged},
                  {"reliance", reliance},
                  {"steps", steps}};
   write_json(settings.out / "reproduce.json", result);
-  write_file(settings.out / "reproduce.md", text + reliance_markdown(reliance) + findings_markdown(found));
+  write_file(settings.out / "reproduce.md", text + reliance_markdown(reliance) + findings_markdown(judged));
   write_page(settings.out, result);
   return result;
 }

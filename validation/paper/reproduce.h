@@ -23,7 +23,7 @@ using Execute = std::function<void(std::vector<std::string> arguments)>;
 
 /// Whether the case's folder holds the result of exactly these arguments, made of what its inputs are now. A
 /// run that was not started from here counts if its run.json says the same.
-bool is_finished(const Case& one, const std::filesystem::path& out);
+bool is_finished(const Case& command, const std::filesystem::path& out);
 
 /// Executes the cases that are not finished, in order. One that fails, and all that need it, become failed
 /// steps; an interrupt (base/error.h, Interrupted) ends everything.

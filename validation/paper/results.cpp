@@ -14,39 +14,39 @@ namespace mirage::paper {
 namespace {
 
 Outcome read_outcome(const nlohmann::json& item) {
-  Outcome one;
-  one.frame = item.at("frame");
-  one.label = item.at("label");
-  one.mesh = item.value("mesh", 0);
-  one.track = item.value("track", -1);
-  one.range = item.at("range");
-  one.clean_iou = item.at("clean_iou");
-  one.attacked_iou = item.at("attacked_iou");
-  for (const auto& [key, distance] : {std::pair("clean_distance", &one.clean_distance),
-                                      std::pair("attacked_distance", &one.attacked_distance)})
+  Outcome outcome;
+  outcome.frame = item.at("frame");
+  outcome.label = item.at("label");
+  outcome.mesh = item.value("mesh", 0);
+  outcome.track = item.value("track", -1);
+  outcome.range = item.at("range");
+  outcome.clean_iou = item.at("clean_iou");
+  outcome.attacked_iou = item.at("attacked_iou");
+  for (const auto& [key, distance] : {std::pair("clean_distance", &outcome.clean_distance),
+                                      std::pair("attacked_distance", &outcome.attacked_distance)})
     if (item.contains(key) && item.at(key).is_number()) *distance = item.at(key);
-  one.detected = item.at("detected");
-  one.hidden = item.at("hidden");
-  one.false_positive = item.at("false_positive");
-  return one;
+  outcome.detected = item.at("detected");
+  outcome.hidden = item.at("hidden");
+  outcome.false_positive = item.at("false_positive");
+  return outcome;
 }
 
 std::shared_ptr<Outcomes> read_outcomes(const nlohmann::json& item, const std::string& data) {
-  auto made = std::make_shared<Outcomes>();
-  made->data = data;
-  made->vehicles = item.at("vehicles");
+  auto outcomes = std::make_shared<Outcomes>();
+  outcomes->data = data;
+  outcomes->vehicles = item.at("vehicles");
   for (const auto& host : item.at("outcomes")) {
-    made->hosts.push_back(read_outcome(host));
-    made->meshes = std::max(made->meshes, made->hosts.back().mesh + 1);
+    outcomes->hosts.push_back(read_outcome(host));
+    outcomes->meshes = std::max(outcomes->meshes, outcomes->hosts.back().mesh + 1);
   }
   std::map<std::tuple<std::string, int, int>, std::vector<double>> distances;
   for (const auto& box : item.at("false_positives").at("list"))
     if (!box.contains("distance_from_host_px"))  // in the picture's plane there are no metres
       distances[{box.at("frame"), box.at("label"), box.at("mesh")}].push_back(box.at("distance_from_host"));
-  for (Outcome& host : made->hosts)
-    if (const auto found = distances.find({host.frame, host.label, host.mesh}); found != distances.end())
-      host.distances = found->second;
-  return made;
+  for (Outcome& host : outcomes->hosts)
+    if (const auto own = distances.find({host.frame, host.label, host.mesh}); own != distances.end())
+      host.distances = own->second;
+  return outcomes;
 }
 
 using Sums = std::map<CrossingName, ClusterSums>;
@@ -119,10 +119,10 @@ Judged read_evaluation(const std::filesystem::path& file, const std::string& dat
     const auto other = [&](const char* key, Baseline kind) -> std::shared_ptr<const Outcomes> {
       if (!json.contains(key) || !json.at(key).is_object() || !json.at(key).contains("outcomes"))
         return nullptr;
-      const auto made = read_outcomes(json.at(key), data);
-      made->reliance = learned->reliance;
-      made->name = describe(kind);
-      return made;
+      const auto outcomes = read_outcomes(json.at(key), data);
+      outcomes->reliance = learned->reliance;
+      outcomes->name = describe(kind);
+      return outcomes;
     };
     return {learned, other("random", Baseline::start), other("sized", Baseline::sized),
             other("cuboid", Baseline::cuboid)};
@@ -133,20 +133,20 @@ Judged read_evaluation(const std::filesystem::path& file, const std::string& dat
 
 Judged pooled(const std::vector<Judged>& runs) {
   const auto all = [&](std::shared_ptr<const Outcomes> Judged::*part) -> std::shared_ptr<const Outcomes> {
-    auto made = std::make_shared<Outcomes>();
+    auto pool = std::make_shared<Outcomes>();
     for (std::size_t r = 0; r < runs.size(); ++r) {
-      const Outcomes* one = (runs[r].*part).get();
-      if (!one) return nullptr;
-      if (r == 0) *made = *one, made->hosts.clear();
-      made->meshes = std::max(made->meshes, one->meshes);
-      for (Outcome host : one->hosts) {
+      const Outcomes* outcomes = (runs[r].*part).get();
+      if (!outcomes) return nullptr;
+      if (r == 0) *pool = *outcomes, pool->hosts.clear();
+      pool->meshes = std::max(pool->meshes, outcomes->meshes);
+      for (Outcome host : outcomes->hosts) {
         host.run = static_cast<int>(r);
-        made->hosts.push_back(std::move(host));
+        pool->hosts.push_back(std::move(host));
       }
     }
-    made->runs = static_cast<int>(runs.size());
-    made->vehicles = count_vehicles(made->hosts);
-    return made;
+    pool->runs = static_cast<int>(runs.size());
+    pool->vehicles = count_vehicles(pool->hosts);
+    return pool;
   };
   if (runs.size() == 1) return runs.front();
   return {all(&Judged::learned), all(&Judged::random), all(&Judged::sized), all(&Judged::cuboid)};
@@ -187,10 +187,10 @@ Outcomes shared_hosts(const Outcomes& a, const Outcomes& b) {
 }
 
 Outcomes part(const Outcomes& outcomes, const Which& keep) {
-  Outcomes made = outcomes;
-  std::erase_if(made.hosts, [&](const Outcome& host) { return !keep(host); });
-  made.vehicles = count_vehicles(made.hosts);
-  return made;
+  Outcomes kept = outcomes;
+  std::erase_if(kept.hosts, [&](const Outcome& host) { return !keep(host); });
+  kept.vehicles = count_vehicles(kept.hosts);
+  return kept;
 }
 
 static Interval paired_difference(const Outcomes& a, const Outcomes& b, const Which& counts,

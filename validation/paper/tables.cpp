@@ -25,12 +25,12 @@ void closure(const Experiments& experiments, const std::string& name, std::set<s
 std::string why_missing(const std::set<std::string>& names, const Evidence& evidence) {
   std::string why;
   for (const std::string& name : names) {
-    const auto found = evidence.steps.find(name);
-    if (found == evidence.steps.end() || found->second.status == Step::Status::missing) {
+    const auto step = evidence.steps.find(name);
+    if (step == evidence.steps.end() || step->second.status == Step::Status::missing) {
       if (why.empty()) why = name + ": not run";
-    } else if (found->second.status == Step::Status::failed) {
-      why = name + ": " + found->second.error;
-      if (!found->second.error.starts_with("needs ")) return why;
+    } else if (step->second.status == Step::Status::failed) {
+      why = name + ": " + step->second.error;
+      if (!step->second.error.starts_with("needs ")) return why;
     }
   }
   return why;
@@ -68,65 +68,65 @@ json row_json(const Table& table, const Row& row, const Experiments& experiments
   if (!row.evaluation.empty())
     for (int number = 0; number < experiments.seeds; ++number)
       closure(experiments, repetition(row.evaluation, number), names);
-  json made = {{"label", row.label},
-               {"rig", row.rig},
-               {"case", row.evaluation},
-               {"values", json::object()},
-               {"paper", json::object()}};
-  for (const auto& [key, percent] : row.paper) made["paper"][key] = percent / 100;
-  if (row.size > 0) made["size"] = row.size;
-  if (!row.source.empty()) made["source"] = row.source, made["target"] = row.target;
+  json entry = {{"label", row.label},
+                {"rig", row.rig},
+                {"case", row.evaluation},
+                {"values", json::object()},
+                {"paper", json::object()}};
+  for (const auto& [key, percent] : row.paper) entry["paper"][key] = percent / 100;
+  if (row.size > 0) entry["size"] = row.size;
+  if (!row.source.empty()) entry["source"] = row.source, entry["target"] = row.target;
   const Outcomes* outcomes = row.random   ? evidence.random(row.evaluation)
                              : row.sized  ? evidence.sized(row.evaluation)
                              : row.cuboid ? evidence.cuboid(row.evaluation)
                                           : evidence.learned(row.evaluation);
   if (outcomes) {
-    made["vehicles"] = outcomes->vehicles;
-    made["hosts"] =
+    entry["vehicles"] = outcomes->vehicles;
+    entry["hosts"] =
         outcomes->hosts.size() / static_cast<std::size_t>(std::max(1, outcomes->meshes * outcomes->runs));
-    made["frames"] = outcomes->frames();
-    made["meshes"] = outcomes->meshes;
-    made["runs"] = outcomes->runs;
-    if (const std::string note = outcomes->note(); row.image && !note.empty()) made["note"] = note;
+    entry["frames"] = outcomes->frames();
+    entry["meshes"] = outcomes->meshes;
+    entry["runs"] = outcomes->runs;
+    if (const std::string note = outcomes->note(); row.image && !note.empty()) entry["note"] = note;
     for (const Column& column : table.columns)
       if (const json value = value_of(column.key, row, *outcomes); !value.is_null())
-        made["values"][column.key] = value;
+        entry["values"][column.key] = value;
     const Outcomes* sized = row.random || row.sized ? nullptr : evidence.sized(row.evaluation);
     for (const Column& column : table.columns)
       if (const json net = sized ? net_of(column.key, *outcomes, *sized) : json(); !net.is_null())
-        made["values"][column.key] = net;
-    if (table.name == "fig3") made["curve"] = recall_curve(*outcomes, row.clean);
+        entry["values"][column.key] = net;
+    if (table.name == "fig3") entry["curve"] = recall_curve(*outcomes, row.clean);
     if (table.name != "fig3" && !table.matrix)
-      made["false_positive_distances"] = false_positive_distances(*outcomes);
+      entry["false_positive_distances"] = false_positive_distances(*outcomes);
   } else {
     const std::string why = why_missing(names, evidence);
-    made["error"] =
+    entry["error"] =
         why.empty() ? row.evaluation + (row.cuboid ? ": judged no cuboid" : ": judged no random mesh") : why;
   }
   if (!row.detection.empty()) {
     closure(experiments, row.detection, names);
-    const auto found = evidence.detections.find(row.detection);
-    if (found != evidence.detections.end()) {
+    const auto detection = evidence.detections.find(row.detection);
+    if (detection != evidence.detections.end()) {
       for (const char* key : {"ap50", "ap70"})
-        if (const std::string interval = std::string(key) + "_interval"; found->second.contains(interval))
-          made["values"][key] = found->second.at(interval);
-        else if (found->second.contains(key))
-          made["values"][key] = {{"value", found->second.at(key)}};
-    } else if (!made.contains("error")) {
-      made["error"] = why_missing(names, evidence);
+        if (const std::string interval = std::string(key) + "_interval"; detection->second.contains(interval))
+          entry["values"][key] = detection->second.at(interval);
+        else if (detection->second.contains(key))
+          entry["values"][key] = {{"value", detection->second.at(key)}};
+    } else if (!entry.contains("error")) {
+      entry["error"] = why_missing(names, evidence);
     }
   }
   double seconds = 0;
   bool known = false;
   for (const std::string& name : names) {
     if (experiments.at(name).kind == Case::Kind::data) continue;
-    const auto found = evidence.steps.find(name);
-    if (found == evidence.steps.end() || !(found->second.seconds > 0)) continue;
-    seconds += found->second.seconds;
+    const auto step = evidence.steps.find(name);
+    if (step == evidence.steps.end() || !(step->second.seconds > 0)) continue;
+    seconds += step->second.seconds;
     known = true;
   }
-  if (known) made["minutes"] = seconds / 60;
-  return made;
+  if (known) entry["minutes"] = seconds / 60;
+  return entry;
 }
 
 std::string cell(const json& value) {
@@ -142,9 +142,9 @@ std::string more_than_one(const json& row, const char* key) {
 
 /// A bar in a cell would end it.
 std::string escaped(const std::string& text) {
-  std::string made;
-  for (const char c : text) made += c == '|' ? "\\|" : c == '\n' ? " " : std::string(1, c);
-  return made;
+  std::string escaped_text;
+  for (const char c : text) escaped_text += c == '|' ? "\\|" : c == '\n' ? " " : std::string(1, c);
+  return escaped_text;
 }
 
 }  // namespace
@@ -154,41 +154,41 @@ std::string in_percent(const Interval& interval) {
 }
 
 const Outcomes* Evidence::learned(const std::string& evaluation) const {
-  const auto found = evaluations.find(evaluation);
-  return found == evaluations.end() ? nullptr : found->second.learned.get();
+  const auto judged = evaluations.find(evaluation);
+  return judged == evaluations.end() ? nullptr : judged->second.learned.get();
 }
 
 const Outcomes* Evidence::random(const std::string& evaluation) const {
-  const auto found = evaluations.find(evaluation);
-  return found == evaluations.end() ? nullptr : found->second.random.get();
+  const auto judged = evaluations.find(evaluation);
+  return judged == evaluations.end() ? nullptr : judged->second.random.get();
 }
 
 const Outcomes* Evidence::sized(const std::string& evaluation) const {
-  const auto found = evaluations.find(evaluation);
-  return found == evaluations.end() ? nullptr : found->second.sized.get();
+  const auto judged = evaluations.find(evaluation);
+  return judged == evaluations.end() ? nullptr : judged->second.sized.get();
 }
 
 const Outcomes* Evidence::cuboid(const std::string& evaluation) const {
-  const auto found = evaluations.find(evaluation);
-  return found == evaluations.end() ? nullptr : found->second.cuboid.get();
+  const auto judged = evaluations.find(evaluation);
+  return judged == evaluations.end() ? nullptr : judged->second.cuboid.get();
 }
 
 Evidence gather(const Experiments& experiments, const std::filesystem::path& out,
                 std::map<std::string, Step> steps) {
   Evidence evidence;
   std::map<std::string, Judged> judged_runs;
-  for (const Case& one : experiments.cases) {
-    Step& step = steps[one.name];
+  for (const Case& command : experiments.cases) {
+    Step& step = steps[command.name];
     if (step.status != Step::Status::done) continue;
-    const auto file = out / one.name / "result.json";
+    const auto file = out / command.name / "result.json";
     try {
-      if (one.kind == Case::Kind::detection) evidence.detections[one.name] = read_json(file);
-      if (one.kind != Case::Kind::evaluation) continue;
+      if (command.kind == Case::Kind::detection) evidence.detections[command.name] = read_json(file);
+      if (command.kind != Case::Kind::evaluation) continue;
       // Hosts are those of the data that were asked for, or else of the run that is judged or named for it.
-      const Case& judged = experiments.at(one.needs.back());
-      std::string data = argument(one, "--data");
+      const Case& judged = experiments.at(command.needs.back());
+      std::string data = argument(command, "--data");
       if (data.empty()) data = argument(judged, "--data", judged.name);
-      judged_runs[one.name] = read_evaluation(file, data);
+      judged_runs[command.name] = read_evaluation(file, data);
     } catch (const std::exception& error) {
       step.status = Step::Status::failed;
       step.error = error.what();

@@ -49,8 +49,8 @@ Verdict judge(Claim claim, const Interval& difference) {
 }
 
 Verdict all_of(const std::vector<Verdict>& verdicts) {
-  const auto any = [&](Verdict one) {
-    return std::find(verdicts.begin(), verdicts.end(), one) != verdicts.end();
+  const auto any = [&](Verdict verdict) {
+    return std::find(verdicts.begin(), verdicts.end(), verdict) != verdicts.end();
   };
   return verdicts.empty() || (!any(Verdict::fails) && any(Verdict::open)) ? Verdict::open
          : any(Verdict::fails)                                            ? Verdict::fails
@@ -66,13 +66,13 @@ double p_value(Claim claim, const Interval& difference) {
 }
 
 Comparison comparison(std::string what, const Interval& difference, Claim claim) {
-  Comparison made;
-  made.what = std::move(what);
-  made.difference = difference;
-  made.claim = claim;
-  made.verdict = judge(claim, difference);
-  made.p = made.p_family = p_value(claim, difference);
-  return made;
+  Comparison comparison;
+  comparison.what = std::move(what);
+  comparison.difference = difference;
+  comparison.claim = claim;
+  comparison.verdict = judge(claim, difference);
+  comparison.p = comparison.p_family = p_value(claim, difference);
+  return comparison;
 }
 
 void correct(const std::vector<Comparison*>& family) {
@@ -81,22 +81,22 @@ void correct(const std::vector<Comparison*>& family) {
                    [](const Comparison* a, const Comparison* b) { return a->p < b->p; });
   double largest = 0;
   for (std::size_t i = 0; i < sorted.size(); ++i) {
-    Comparison& one = *sorted[i];
-    one.rank = static_cast<int>(i);
-    one.family = static_cast<int>(sorted.size());
-    largest = std::max(largest, std::min(1.0, static_cast<double>(sorted.size() - i) * one.p));
-    one.p_family = largest;
-    if (!(largest < kAlpha)) one.verdict = Verdict::open;
+    Comparison& comparison = *sorted[i];
+    comparison.rank = static_cast<int>(i);
+    comparison.family = static_cast<int>(sorted.size());
+    largest = std::max(largest, std::min(1.0, static_cast<double>(sorted.size() - i) * comparison.p));
+    comparison.p_family = largest;
+    if (!(largest < kAlpha)) comparison.verdict = Verdict::open;
   }
 }
 
-std::optional<long> vehicles_needed(const Comparison& one, int vehicles) {
-  const Above above = as_above(one.claim, one.difference);
+std::optional<long> vehicles_needed(const Comparison& comparison, int vehicles) {
+  const Above above = as_above(comparison.claim, comparison.difference);
   const double away = std::abs(above.difference.value - above.bound),
                error = reach(above) / two_sided_z(kAlpha);
   if (!(away > 0) || !std::isfinite(error) || vehicles <= 0) return std::nullopt;
   constexpr double kPower = 0.8416;  // a normal variable exceeds −0.8416 with a chance of 80 %
-  const double threshold = kAlpha / std::max(1, one.family - one.rank);
+  const double threshold = kAlpha / std::max(1, comparison.family - comparison.rank);
   const double more = (two_sided_z(threshold) + kPower) * error / away;
   const double wanted = std::ceil(vehicles * more * more);
   if (!(wanted <= 1e6)) return std::nullopt;

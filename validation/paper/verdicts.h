@@ -68,6 +68,6 @@ void correct(const std::vector<Comparison*>& family);
 /// what it is and intervals narrow with the root of the vehicles: with a chance of 80 %, against the family's
 /// threshold at its rank. Rounded up to two digits. None where the difference lies on the bound or a million
 /// is too few.
-std::optional<long> vehicles_needed(const Comparison& one, int vehicles);
+std::optional<long> vehicles_needed(const Comparison& comparison, int vehicles);
 
 }  // namespace mirage::paper

@@ -66,9 +66,10 @@ json pixels_json(const PictureBox& box) {
   return {{box.left, box.top}, {box.right, box.top}, {box.right, box.bottom}, {box.left, box.bottom}};
 }
 
-json detections_json(const std::vector<Proposal>& found, const Frame& frame, const Label& host, Plane plane) {
+json detections_json(const std::vector<Proposal>& proposals, const Frame& frame, const Label& host,
+                     Plane plane) {
   auto list = json::array();
-  for (const Proposal& d : found) {
+  for (const Proposal& d : proposals) {
     const BevBox box = rectangle(d, plane);
     list.push_back(
         {{"score", d.score()},
@@ -123,13 +124,13 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
   auto truth = json::array();
   const HostTruth labelled(frame, host, outcome.plane);
   for (const BevBox& box : labelled.labels()) truth.push_back(bev_json(box));
-  auto made = json::array();
+  auto new_boxes = json::array();
   for (const NewBox& box : outcome.new_boxes)
-    made.push_back({{"outline", bev_json(box.box)},
-                    {"x", box.box.x},
-                    {"y", box.box.y},
-                    {"score", box.score},
-                    {"distance", box.distance}});
+    new_boxes.push_back({{"outline", bev_json(box.box)},
+                         {"x", box.box.x},
+                         {"y", box.box.y},
+                         {"score", box.score},
+                         {"distance", box.distance}});
   const SensorView clean{&frame.image, frame.sweep, &frame.calibration};
   const SensorView attacked{&simulated.image, simulated.sweep, &frame.calibration};
   return {{"name", host_name(id)},
@@ -149,7 +150,7 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
           {"truth", truth},
           {"clean", detections_json(outcome.clean, frame, host, outcome.plane)},
           {"attacked", detections_json(outcome.attacked, frame, host, outcome.plane)},
-          {"new", made},
+          {"new", new_boxes},
           {"features", features_json(detector, clean, attacked, folder)}};
 }
 
@@ -167,28 +168,28 @@ std::vector<std::size_t> spread_over_frames(const std::vector<HostOutcome>& host
 }  // namespace
 
 PicturedHosts pictured_hosts(const std::vector<HostOutcome>& hosts, int count) {
-  std::vector<std::size_t> hidden, made;
+  std::vector<std::size_t> hidden, false_positives;
   for (std::size_t i = 0; i < hosts.size(); ++i) {
     if (!hosts[i].detected) continue;
     if (hosts[i].hidden) hidden.push_back(i);
-    if (hosts[i].false_positive) made.push_back(i);
+    if (hosts[i].false_positive) false_positives.push_back(i);
   }
   std::stable_sort(hidden.begin(), hidden.end(), [&](std::size_t a, std::size_t b) {
     return std::pair(hosts[a].attacked_iou, -hosts[a].clean_score) <
            std::pair(hosts[b].attacked_iou, -hosts[b].clean_score);
   });
-  std::stable_sort(made.begin(), made.end(), [&](std::size_t a, std::size_t b) {
+  std::stable_sort(false_positives.begin(), false_positives.end(), [&](std::size_t a, std::size_t b) {
     return hosts[a].false_positive_distance > hosts[b].false_positive_distance;
   });
-  return {spread_over_frames(hosts, hidden, count), spread_over_frames(hosts, made, count)};
+  return {spread_over_frames(hosts, hidden, count), spread_over_frames(hosts, false_positives, count)};
 }
 
 std::vector<std::string> draw_evaluation_pictures(const RunEvaluation& evaluation, int count,
                                                   const fs::path& out) {
   const auto& hosts = evaluation.learned.hosts;
-  const PicturedHosts chosen = pictured_hosts(hosts, count);
-  std::set<std::size_t> all(chosen.hidden.begin(), chosen.hidden.end());
-  all.insert(chosen.false_positives.begin(), chosen.false_positives.end());
+  const PicturedHosts pictured = pictured_hosts(hosts, count);
+  std::set<std::size_t> all(pictured.hidden.begin(), pictured.hidden.end());
+  all.insert(pictured.false_positives.begin(), pictured.false_positives.end());
   if (all.empty()) {
     if (count > 0) spdlog::warn("no pictures: no vehicle was hidden and no false positive made");
     return {};
@@ -209,8 +210,8 @@ std::vector<std::string> draw_evaluation_pictures(const RunEvaluation& evaluatio
     json host = host_json(evaluation, hosts[i], out / "data");
     const std::string name = host.at("name");
     auto pictures = json::array();
-    if (contains(chosen.hidden, i)) pictures.push_back("hidden");
-    if (contains(chosen.false_positives, i)) pictures.push_back("false_positives");
+    if (contains(pictured.hidden, i)) pictures.push_back("hidden");
+    if (contains(pictured.false_positives, i)) pictures.push_back("false_positives");
     if (!host.at("features").is_null()) pictures.push_back("features");
     for (const auto& kind : pictures) names.push_back(kind.get<std::string>() + "_" + name + ".png");
     host["pictures"] = pictures;

@@ -97,9 +97,9 @@ void study(const std::string& data, const std::string& name, std::size_t vehicle
   if (hosts.empty())
     throw InputError(data, "label_2", "no car has enough of its roof in view", "give more frames");
   RandomStream random(3, "vehicles");
-  std::vector<Host> chosen;
+  std::vector<Host> sampled;
   for (std::size_t i = 0; i < vehicles; ++i)
-    chosen.push_back(hosts[static_cast<std::size_t>(random.uniform() * static_cast<double>(hosts.size()))]);
+    sampled.push_back(hosts[static_cast<std::size_t>(random.uniform() * static_cast<double>(hosts.size()))]);
 
   CleanSights sights;
   std::array<std::vector<double>, 3> slopes;  // fixed, silhouette, differences
@@ -108,7 +108,7 @@ void study(const std::string& data, const std::string& name, std::size_t vehicle
     const std::vector<Motion> all = motions(mesh.mesh.vertices);
     std::vector<std::array<double, 3>> along(all.size(), {0, 0, 0});
     std::array<std::vector<std::vector<Vec3d>>, 2> gradients;
-    for (Host host : chosen) {
+    for (Host host : sampled) {
       const auto prepared = store.get(host.id.frame);
       host.rooftop = store.rooftop(host.id);
       const auto clean = sights.of(*prepared, *detector);

@@ -72,7 +72,7 @@ struct Place {
 
 /// The nearest usable car of each frame, nearest first.
 std::vector<Place> places(FrameStore& store, const std::filesystem::path& data, int count) {
-  std::vector<Place> found;
+  std::vector<Place> nearest;
   for (const std::string& id : list_frames(data)) {
     Place best{{id, -1}, 1e9};
     for (const Host& host : find_hosts(store, id, {2, 60, -40, 40}, {}, 0.95)) {
@@ -80,11 +80,11 @@ std::vector<Place> places(FrameStore& store, const std::filesystem::path& data, 
       const BevBox& box = label_of(held->frame, host.id).box.bev;
       if (const double range = std::hypot(box.x, box.y); range < best.range) best = {host.id, range};
     }
-    if (best.id.label >= 0) found.push_back(best);
+    if (best.id.label >= 0) nearest.push_back(best);
   }
-  std::sort(found.begin(), found.end(), [](const Place& a, const Place& b) { return a.range < b.range; });
-  if (static_cast<int>(found.size()) > count) found.resize(static_cast<std::size_t>(count));
-  return found;
+  std::sort(nearest.begin(), nearest.end(), [](const Place& a, const Place& b) { return a.range < b.range; });
+  if (static_cast<int>(nearest.size()) > count) nearest.resize(static_cast<std::size_t>(count));
+  return nearest;
 }
 
 struct Sum {

@@ -43,8 +43,8 @@ void study(const std::filesystem::path& data) {
     if (!std::filesystem::exists(truth_file))
       throw InputError(truth_file.string(), "to_sun_velo", "missing", "give a set of mirage generate");
     const Frame frame = read_frame(data, id);
-    const SunEstimate found = sun_from_shadows(frame);
-    const Vec3d &truth = frame.lighting.to_sun_velo, &guess = found.to_sun_velo;
+    const SunEstimate estimate = sun_from_shadows(frame);
+    const Vec3d &truth = frame.lighting.to_sun_velo, &guess = estimate.to_sun_velo;
     const double true_azimuth = std::atan2(truth.y(), truth.x()) / kDegree;
     const double azimuth = std::atan2(guess.y(), guess.x()) / kDegree;
     const double error = std::abs(std::remainder(azimuth - true_azimuth, 360));
@@ -53,12 +53,12 @@ void study(const std::filesystem::path& data) {
         "{} {} error {:5.1f}° of azimuth {:6.1f}°, {:+5.1f}° of elevation {:4.1f}°; contrast {:.2f}, score "
         "{:6.2f}, "
         "confidence {:.2f}, {} vehicles; sun/sky {:.2f}\n",
-        id, found.known ? "known  " : "unknown", error, true_azimuth,
+        id, estimate.known ? "known  " : "unknown", error, true_azimuth,
         (std::asin(guess.z()) - std::asin(truth.z())) / kDegree, std::asin(truth.z()) / kDegree,
-        found.contrast, found.score, found.confidence, found.vehicles,
+        estimate.contrast, estimate.score, estimate.confidence, estimate.vehicles,
         frame.lighting.sun.y() * truth.z() / sky.y());
-    if (found.known) known.push_back(error);
-    if (found.score > 0) all.push_back(error);
+    if (estimate.known) known.push_back(error);
+    if (estimate.score > 0) all.push_back(error);
   }
   summary("known", known, frames.size());
   summary("with a guess", all, frames.size());

@@ -48,19 +48,19 @@ class Study {
                         {"arithmetic", arithmetic == Arithmetic::embree ? "float"
                                        : arithmetic == Arithmetic::face ? "float face, double range"
                                                                         : "double"}};
-    const std::vector<std::size_t> chosen = every(stride), all = every(1);
-    const std::vector<Met> met = trace(chosen, arithmetic);
-    figures.rays = static_cast<int>(chosen.size());
-    compare(chosen, met, figures);
+    const std::vector<std::size_t> sampled = every(stride), all = every(1);
+    const std::vector<Met> met = trace(sampled, arithmetic);
+    figures.rays = static_cast<int>(sampled.size());
+    compare(sampled, met, figures);
     figures.has_gradient = arithmetic != Arithmetic::embree;
     if (figures.has_gradient) {
-      const Agreement gradients = agreement(gradient(chosen, met), gradient(all, reference_));
+      const Agreement gradients = agreement(gradient(sampled, met), gradient(all, reference_));
       figures.gradient_cosine = gradients.cosine, figures.gradient_norm = gradients.norm;
     }
     std::vector<double> own, baseline, ratios;
     for (int repeat = 0; repeat < repeats; ++repeat) {
       baseline.push_back(cpu_ms([&] { trace(all, Arithmetic::face); }));
-      own.push_back(cpu_ms([&] { trace(chosen, arithmetic); }));
+      own.push_back(cpu_ms([&] { trace(sampled, arithmetic); }));
       ratios.push_back(own.back() / baseline.back());
     }
     figures.ms = median_of(own), figures.baseline_ms = median_of(baseline), figures.ratio = median_of(ratios);
@@ -70,36 +70,36 @@ class Study {
  private:
   /// Indices of every stride-th ray of each beam.
   std::vector<std::size_t> every(std::size_t stride) const {
-    std::vector<std::size_t> chosen;
+    std::vector<std::size_t> sampled;
     std::size_t in_beam = 0;
     for (std::size_t i = 0; i < sent_.size(); ++i) {
       if (i > 0 && sent_[i].beam != sent_[i - 1].beam) in_beam = 0;
-      if (in_beam++ % stride == 0) chosen.push_back(i);
+      if (in_beam++ % stride == 0) sampled.push_back(i);
     }
-    return chosen;
+    return sampled;
   }
 
-  std::vector<Met> trace(const std::vector<std::size_t>& chosen, Arithmetic arithmetic) const {
-    std::vector<Met> met(chosen.size());
+  std::vector<Met> trace(const std::vector<std::size_t>& sampled, Arithmetic arithmetic) const {
+    std::vector<Met> met(sampled.size());
     if (arithmetic == Arithmetic::plain) {
-      for (std::size_t i = 0; i < chosen.size(); ++i) met[i] = nearest(sent_[chosen[i]].ray);
+      for (std::size_t i = 0; i < sampled.size(); ++i) met[i] = nearest(sent_[sampled[i]].ray);
       return met;
     }
     const Vec3d centre = box_.center();
     const RayCaster caster(std::span(&placed_.mesh, 1), centre);
-    RayTable rays(1, chosen.size());
-    for (std::size_t i = 0; i < chosen.size(); ++i) {
-      const LidarRay& ray = sent_[chosen[i]].ray;
+    RayTable rays(1, sampled.size());
+    for (std::size_t i = 0; i < sampled.size(); ++i) {
+      const LidarRay& ray = sent_[sampled[i]].ray;
       rays.set(0, i, (ray.origin - centre).cast<float>(), ray.direction.cast<float>());
     }
     HitTable table;
     caster.intersect(rays, 0, 1e30f, table);
-    for (std::size_t i = 0; i < chosen.size(); ++i) {
+    for (std::size_t i = 0; i < sampled.size(); ++i) {
       met[i].face = table.face[i];
       if (met[i].face < 0) continue;
       met[i].range = table.t[i];
       if (arithmetic == Arithmetic::embree) continue;
-      const LidarRay& ray = sent_[chosen[i]].ray;
+      const LidarRay& ray = sent_[sampled[i]].ray;
       met[i].hit = intersect_face<double>(ray.origin, ray.direction,
                                           corners_[static_cast<std::size_t>(met[i].face)], 1);
       met[i].range = met[i].hit.range;
@@ -118,17 +118,17 @@ class Study {
   }
 
   /// Every ray takes the range of the nearest traced one of its beam.
-  void compare(const std::vector<std::size_t>& chosen, const std::vector<Met>& met,
+  void compare(const std::vector<std::size_t>& sampled, const std::vector<Met>& met,
                LidarFigures& figures) const {
     double sum = 0;
     int both = 0, disagreed = 0;
     std::size_t at = 0;
     for (std::size_t i = 0; i < sent_.size(); ++i) {
-      while (
-          at + 1 < chosen.size() && sent_[chosen[at + 1]].beam == sent_[i].beam &&
-          (sent_[chosen[at]].beam != sent_[i].beam || distance(chosen[at + 1], i) < distance(chosen[at], i)))
+      while (at + 1 < sampled.size() && sent_[sampled[at + 1]].beam == sent_[i].beam &&
+             (sent_[sampled[at]].beam != sent_[i].beam ||
+              distance(sampled[at + 1], i) < distance(sampled[at], i)))
         ++at;
-      while (at + 1 < chosen.size() && sent_[chosen[at]].beam != sent_[i].beam) ++at;
+      while (at + 1 < sampled.size() && sent_[sampled[at]].beam != sent_[i].beam) ++at;
       const bool here = met[at].face >= 0, there = reference_[i].face >= 0;
       if (here && there) {
         const double error = std::abs(met[at].range - reference_[i].range);
@@ -144,15 +144,15 @@ class Study {
 
   static std::size_t distance(std::size_t a, std::size_t b) { return a > b ? a - b : b - a; }
 
-  std::vector<double> gradient(const std::vector<std::size_t>& chosen, const std::vector<Met>& met) const {
+  std::vector<double> gradient(const std::vector<std::size_t>& sampled, const std::vector<Met>& met) const {
     std::vector<double> d_vertices(3 * placed_.mesh.vertices.size());
-    for (std::size_t i = 0; i < chosen.size(); ++i) {
+    for (std::size_t i = 0; i < sampled.size(); ++i) {
       if (met[i].face < 0) continue;
-      const LidarRay& ray = sent_[chosen[i]].ray;
+      const LidarRay& ray = sent_[sampled[i]].ray;
       const Vec3d& d = ray.direction;
       const double azimuth = std::atan2(d.y(), d.x()), elevation = std::asin(std::clamp(d.z(), -1.0, 1.0));
       const double weight = (std::cos(150 * azimuth + 0.4) + std::sin(210 * elevation)) *
-                            static_cast<double>(sent_.size()) / static_cast<double>(chosen.size());
+                            static_cast<double>(sent_.size()) / static_cast<double>(sampled.size());
       const std::size_t f = static_cast<std::size_t>(met[i].face);
       const auto d_face =
           intersect_face_vjp<double>(d, corners_[f], met[i].hit, 1, settings_.grazing_cosine, weight * d, 0);
@@ -213,14 +213,14 @@ std::vector<LidarFigures> beams(const PreparedFrame& prepared, const TexturedMes
   const double hits = std::max<double>(1, static_cast<double>(cone.size()));
   ray.disagreements =
       static_cast<double>(cone.size() + narrow.size() - 2 * static_cast<std::size_t>(both)) / hits;
-  std::vector<double> one, many, ratios;
+  std::vector<double> thin_ms, wide_ms, ratios;
   for (int repeat = 0; repeat < repeats; ++repeat) {
-    one.push_back(cpu_ms([&] { insert(thin); }));
-    many.push_back(cpu_ms([&] { insert(wide); }));
-    ratios.push_back(many.back() / one.back());
+    thin_ms.push_back(cpu_ms([&] { insert(thin); }));
+    wide_ms.push_back(cpu_ms([&] { insert(wide); }));
+    ratios.push_back(wide_ms.back() / thin_ms.back());
   }
-  ray.ms = ray.baseline_ms = rays.baseline_ms = median_of(one);
-  rays.ms = median_of(many), rays.ratio = median_of(ratios);
+  ray.ms = ray.baseline_ms = rays.baseline_ms = median_of(thin_ms);
+  rays.ms = median_of(wide_ms), rays.ratio = median_of(ratios);
   return {ray, rays};
 }
 

@@ -72,10 +72,10 @@ void check(const TradeoffSettings& s) {
 template <class T>
 std::vector<T> evenly(const std::vector<T>& list, std::size_t count) {
   if (count == 0 || count >= list.size()) return list;
-  std::vector<T> chosen;
+  std::vector<T> spread;
   for (std::size_t i = 0; i < count; ++i)
-    chosen.push_back(list[count == 1 ? list.size() / 2 : i * (list.size() - 1) / (count - 1)]);
-  return chosen;
+    spread.push_back(list[count == 1 ? list.size() / 2 : i * (list.size() - 1) / (count - 1)]);
+  return spread;
 }
 
 struct Subjects {
@@ -334,11 +334,11 @@ json recommended_json(const std::vector<TradeoffPoint>& points) {
             {"on_front", p.front}};
   };
   for (const Recommendation& advice : recommend(points, *standard)) {
-    json one = advice.point ? figures(*advice.point) : json::object();
-    one["name"] = advice.name;
-    one["rule"] = advice.rule;
-    one["shipped"] = figures(*find("quality", advice.name));
-    list.push_back(std::move(one));
+    json entry = advice.point ? figures(*advice.point) : json::object();
+    entry["name"] = advice.name;
+    entry["rule"] = advice.rule;
+    entry["shipped"] = figures(*find("quality", advice.name));
+    list.push_back(std::move(entry));
   }
   return list;
 }

@@ -42,14 +42,14 @@ json labels_json(const ViewFrame& view) {
   json list = json::array();
   for (std::size_t k = 0; k < view.frame.labels.size(); ++k) {
     const Label& label = view.frame.labels[k];
-    json one = {{"type", label.type}, {"picture", page_box(picture_box(label))}};
+    json entry = {{"type", label.type}, {"picture", page_box(picture_box(label))}};
     if (label.type != "DontCare")
-      one.update({{"box", page_box(label.box)},
-                  {"occluded", label.occluded},
-                  {"truncated", rounded(label.truncated, 100)},
-                  {"returns", returns[k]}});
-    if (label.track >= 0) one["track"] = label.track;
-    list.push_back(one);
+      entry.update({{"box", page_box(label.box)},
+                    {"occluded", label.occluded},
+                    {"truncated", rounded(label.truncated, 100)},
+                    {"returns", returns[k]}});
+    if (label.track >= 0) entry["track"] = label.track;
+    list.push_back(entry);
   }
   return list;
 }
@@ -58,11 +58,11 @@ json labels_json(const ViewFrame& view) {
 json detections_json(const ViewDetections& detections) {
   if (!detections.looked) return nullptr;
   json list = json::array();
-  for (const KittiDetection& found : detections.found) {
-    json one = {{"type", found.type}, {"score", rounded(found.score)}};
-    if (found.box) one["box"] = page_box(*found.box);
-    if (found.picture) one["picture"] = page_box(*found.picture);
-    list.push_back(one);
+  for (const KittiDetection& detection : detections.found) {
+    json entry = {{"type", detection.type}, {"score", rounded(detection.score)}};
+    if (detection.box) entry["box"] = page_box(*detection.box);
+    if (detection.picture) entry["picture"] = page_box(*detection.picture);
+    list.push_back(entry);
   }
   return list;
 }
@@ -130,16 +130,16 @@ std::string container(const ViewFrame& view, const std::string& photo, const std
     Sweep added = attack.added;
     std::erase_if(added, [](const LidarPoint& p) { return !within_reach(p); });
     const PixelRect& r = attack.rect;
-    json one = {{"name", attack.name},
-                {"label", attack.label},
-                {"removed", blobs.add(words(removed))},
-                {"added", blobs.add(packed_points(added, std::vector<unsigned char>(added.size())))},
-                {"found", detections_json(attack.found)},
-                {"outcome", attack.outcome}};
+    json entry = {{"name", attack.name},
+                  {"label", attack.label},
+                  {"removed", blobs.add(words(removed))},
+                  {"added", blobs.add(packed_points(added, std::vector<unsigned char>(added.size())))},
+                  {"found", detections_json(attack.found)},
+                  {"outcome", attack.outcome}};
     if (!r.empty())
-      one.update({{"rect", {r.u0, r.v0, r.width(), r.height()}},
-                  {"patch", blobs.add(encode_jpeg(attack.patch, kPatchQuality))}});
-    about["attacks"].push_back(one);
+      entry.update({{"rect", {r.u0, r.v0, r.width(), r.height()}},
+                    {"patch", blobs.add(encode_jpeg(attack.patch, kPatchQuality))}});
+    about["attacks"].push_back(entry);
   }
   const std::string text = about.dump();
   return words({static_cast<std::uint32_t>(text.size())}) + text + blobs.bytes;

@@ -107,9 +107,9 @@ class Attacker {
     attack.found = {kitti_detections(attacked, evaluation_.plane, whole), true};
     EvaluationSettings judging = evaluation_;
     judging.score_threshold = judged_at();
-    const auto sure = [&](std::vector<Proposal> found) {
-      std::erase_if(found, [&](const Proposal& p) { return p.score() < judging.score_threshold; });
-      return found;
+    const auto sure = [&](std::vector<Proposal> proposals) {
+      std::erase_if(proposals, [&](const Proposal& p) { return p.score() < judging.score_threshold; });
+      return proposals;
     };
     const HostOutcome outcome =
         judge(id, seen, sure(clean), sure(attacked), judging, silhouette_box(simulated));
@@ -221,15 +221,15 @@ json make_view(const ViewSettings& given) {
       packed[i] = pack(views[i], static_cast<std::size_t>(limit), {PackSettings{}.quality, coarsest.step});
     });
     for (std::size_t i = 0; i < count; ++i) {
-      const PackedFrame& one = packed[i];
-      frames += element(fmt::format("frame-{}", first + i), "text/plain", one.text);
-      coarsest.step = std::max(coarsest.step, one.settings.step);
-      coarsest.quality = std::min(coarsest.quality, one.settings.quality);
-      lowest = std::min(lowest, one.lowest);
-      highest = std::max(highest, one.highest);
-      brightest = std::max(brightest, one.brightest);
-      points += one.points;
-      kept += one.kept;
+      const PackedFrame& frame = packed[i];
+      frames += element(fmt::format("frame-{}", first + i), "text/plain", frame.text);
+      coarsest.step = std::max(coarsest.step, frame.settings.step);
+      coarsest.quality = std::min(coarsest.quality, frame.settings.quality);
+      lowest = std::min(lowest, frame.lowest);
+      highest = std::max(highest, frame.highest);
+      brightest = std::max(brightest, frame.brightest);
+      points += frame.points;
+      kept += frame.kept;
       vehicles += views[i].attacks.size();
     }
     progress.update(first + count);

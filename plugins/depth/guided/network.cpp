@@ -12,10 +12,10 @@ constexpr double kFreeLogDepth = 3, kFreeLogSpan = 2;                    // the 
 constexpr double kMostCorrection = 0.25;                                 // |r|
 
 nn::Conv2d conv(int in, int out, int kernel, int stride = 1) {
-  nn::Conv2d made(nn::Conv2dOptions(in, out, kernel).stride(stride).padding((kernel - 1) / 2));
-  nn::init::kaiming_normal_(made->weight, 0, torch::kFanIn, torch::kReLU);
-  nn::init::zeros_(made->bias);
-  return made;
+  nn::Conv2d layer(nn::Conv2dOptions(in, out, kernel).stride(stride).padding((kernel - 1) / 2));
+  nn::init::kaiming_normal_(layer->weight, 0, torch::kFanIn, torch::kReLU);
+  nn::init::zeros_(layer->bias);
+  return layer;
 }
 
 Tensor doubled(const Tensor& x) {

@@ -14,15 +14,15 @@ GuidedCompletion& instance(void* completion) {
 }
 
 void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
-  GuidedCompletion* made = nullptr;
+  GuidedCompletion* completion = nullptr;
   guarded(error, error_size, [&] {
     const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
     mirage::guided::Options options;
     options.seed = json.value("seed", std::uint64_t{0});
     options.threads = json.value("threads", 1);
-    made = new GuidedCompletion(options, weights);
+    completion = new GuidedCompletion(options, weights);
   });
-  return made;
+  return completion;
 }
 
 void destroy(void* completion) {

@@ -129,12 +129,13 @@ LossTerms picture_loss(const CameraOutput& output, std::span<const MiragePicture
   if (!matched.silent.empty()) weight.index_fill_(0, torch::tensor(matched.silent), 0);
   Tensor box_loss = torch::zeros({});
   if (!matched.places.empty()) {
-    const Tensor chosen = torch::tensor(matched.places);
+    const Tensor matched_places = torch::tensor(matched.places);
     std::vector<float> wanted;
     for (const std::int64_t b : matched.boxes)
       wanted.insert(wanted.end(), {boxes[b].left, boxes[b].top, boxes[b].right, boxes[b].bottom});
-    const Tensor iou = row_iou(output.boxes.index_select(0, chosen), torch::tensor(wanted).view({-1, 4}));
-    target.index_copy_(0, chosen, iou.detach());
+    const Tensor iou =
+        row_iou(output.boxes.index_select(0, matched_places), torch::tensor(wanted).view({-1, 4}));
+    target.index_copy_(0, matched_places, iou.detach());
     box_loss = (1 - iou.square()).sum() / answering;
   }
   // −t log p − (1 − t) log(1 − p), without overflow.

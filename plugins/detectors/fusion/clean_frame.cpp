@@ -71,7 +71,7 @@ const char* CleanFrames::why_whole(const Parts& parts) {
 std::shared_ptr<const CleanFrame> CleanFrames::of(std::uint64_t key,
                                                   const std::function<SensorTensors()>& input) {
   std::unique_lock lock(mutex_);
-  made_.wait(lock, [&] { return !making_.contains(key); });  // another thread is at it
+  ready_.wait(lock, [&] { return !making_.contains(key); });  // another thread is at it
   const auto at = std::find_if(kept_.begin(), kept_.end(), [&](const Kept& k) { return k.first == key; });
   if (at != kept_.end()) {
     kept_.splice(kept_.begin(), kept_, at);
@@ -79,28 +79,28 @@ std::shared_ptr<const CleanFrame> CleanFrames::of(std::uint64_t key,
   }
   making_.insert(key);
   lock.unlock();
-  std::shared_ptr<const CleanFrame> made;
+  std::shared_ptr<const CleanFrame> frame;
   const auto done = [&] {
     lock.lock();
     making_.erase(key);
-    made_.notify_all();
+    ready_.notify_all();
   };
   try {
-    made = make(input());
+    frame = make(input());
   } catch (...) {
     done();
     throw;
   }
   done();
-  const std::size_t bytes = made->bytes();
-  if (bytes > most_) return made;
+  const std::size_t bytes = frame->bytes();
+  if (bytes > most_) return frame;
   while (bytes_ + bytes > most_) {
     bytes_ -= kept_.back().second->bytes();
     kept_.pop_back();
   }
-  kept_.emplace_front(key, made);
+  kept_.emplace_front(key, frame);
   bytes_ += bytes;
-  return made;
+  return frame;
 }
 
 void CleanFrames::forget() {

@@ -63,7 +63,7 @@ class CleanFrames {
   using Kept = std::pair<std::uint64_t, std::shared_ptr<const CleanFrame>>;
   std::list<Kept> kept_;  ///< the one used last is first
   std::set<std::uint64_t> making_;
-  std::condition_variable made_;
+  std::condition_variable ready_;
   std::size_t bytes_ = 0;
   std::map<std::pair<std::int64_t, std::int64_t>, std::shared_ptr<const CameraPlan>> camera_plans_;
   std::shared_ptr<const BackbonePlan> backbone_;

@@ -15,7 +15,7 @@ constexpr double kSoftness = 0.05;
 }  // namespace
 
 std::vector<std::int64_t> nearest_before(std::span<const float> points, const Projection& projection,
-                                         int width, int height, std::span<const std::int64_t> chosen) {
+                                         int width, int height, std::span<const std::int64_t> indices) {
   const int columns = (width + kImageStride - 1) / kImageStride,
             rows = (height + kImageStride - 1) / kImageStride;
   struct Front {
@@ -32,7 +32,7 @@ std::vector<std::int64_t> nearest_before(std::span<const float> points, const Pr
     Front& front = fronts[static_cast<std::size_t>(cell_of(at->v) * columns + cell_of(at->u))];
     if (at->depth < front.depth) front = {at->depth, static_cast<std::int64_t>(i)};
   }
-  std::vector<std::int64_t> before(chosen.begin(), chosen.end());
+  std::vector<std::int64_t> before(indices.begin(), indices.end());
   for (std::int64_t& point : before) {
     const auto at = seen_at(points.data() + 4 * point, projection, width, height);
     if (!at) continue;

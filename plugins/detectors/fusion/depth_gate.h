@@ -24,7 +24,7 @@ namespace mirage::fusion {
 /// cells of 8 pixels around its own (itself where none is nearer; of equals the first). Discrete: no
 /// gradient.
 std::vector<std::int64_t> nearest_before(std::span<const float> points, const Projection& projection,
-                                         int width, int height, std::span<const std::int64_t> chosen);
+                                         int width, int height, std::span<const std::int64_t> indices);
 
 /// g for depths z and z_front (n each, m, positive); differentiable in both.
 torch::Tensor depth_gate(const torch::Tensor& depth, const torch::Tensor& front);

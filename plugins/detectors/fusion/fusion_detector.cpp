@@ -366,12 +366,12 @@ MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& inpu
   const Grid& grid = kGrids[0];
   kept_bev_ = torch::zeros({grid.rows, grid.columns});
   if (options_.parts.image) {
-    const ReadFeatures found = network_->read_image(tensors);
-    if (found.read.defined()) {
-      const std::vector<std::int64_t>& cells = found.nearest[0].cells;  // the first rows are this scale's
+    const ReadFeatures features = network_->read_image(tensors);
+    if (features.read.defined()) {
+      const std::vector<std::int64_t>& cells = features.nearest[0].cells;  // the first rows are this scale's
       const auto count = static_cast<std::int64_t>(cells.size());
       kept_bev_.view({-1}).index_copy_(0, torch::tensor(cells),
-                                       found.read.narrow(0, 0, count).norm(2, 1).to(torch::kFloat));
+                                       features.read.narrow(0, 0, count).norm(2, 1).to(torch::kFloat));
     }
   } else if (options_.parts.painted) {
     kept_bev_ = torch::avg_pool2d(painted_voxels(tensors).narrow(1, 0, 1), 2)[0][0];

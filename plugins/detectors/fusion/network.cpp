@@ -142,7 +142,7 @@ Tensor ContinuousFusionImpl::forward(const Tensor& read, const Tensor& offset, c
   return dense.view({1, grid.rows, grid.columns, out_}).permute({0, 3, 1, 2});
 }
 
-NetworkImpl::NetworkImpl(const Parts& chosen) : parts(chosen) {
+NetworkImpl::NetworkImpl(const Parts& given_parts) : parts(given_parts) {
   if (parts.camera) camera = register_module("camera", CameraNet());
   if (!parts.lidar) return;
   const auto layer = [&](const char* name, int in, int out, int kernel, int stride, bool relu = true) {
@@ -196,36 +196,36 @@ Tensor places_in_map(const Tensor& pixels) {
 }
 
 ReadFeatures NetworkImpl::read_image(const SensorTensors& input) {
-  ReadFeatures found;
+  ReadFeatures sampled;
   const int width = static_cast<int>(input.image.size(1)), height = static_cast<int>(input.image.size(0));
   const Tensor rows =  // for the discrete choice of points only
       input.points.detach().to(torch::kFloat).contiguous();
   const std::span<const float> flat(rows.data_ptr<float>(), static_cast<std::size_t>(rows.numel()));
-  found.nearest = nearest_points(flat, input.projection, width, height);
+  sampled.nearest = nearest_points(flat, input.projection, width, height);
   // All scales read the same map: one look-up for all of them.
-  std::vector<std::int64_t> chosen;
-  for (const NearestPoints& level : found.nearest)
-    chosen.insert(chosen.end(), level.points.begin(), level.points.end());
-  if (chosen.empty()) return found;
+  std::vector<std::int64_t> indices;
+  for (const NearestPoints& level : sampled.nearest)
+    indices.insert(indices.end(), level.points.begin(), level.points.end());
+  if (indices.empty()) return sampled;
   const Tensor all = input.points.narrow(1, 0, 3);
-  found.points = all.index_select(0, torch::tensor(chosen));
-  const Tensor uvw = projected(found.points, input.projection);
+  sampled.points = all.index_select(0, torch::tensor(indices));
+  const Tensor uvw = projected(sampled.points, input.projection);
   const Tensor uv = uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
 
   if (parts.camera) {
     const CameraOutput seen = see(input);
     const Tensor features = denoise.is_empty() ? seen.features : denoise(seen.features);
-    found.map = torch::cat({features, torch::avg_pool2d(seen.mask, kFeatureStride / kMaskStride)}, 1);
+    sampled.map = torch::cat({features, torch::avg_pool2d(seen.mask, kFeatureStride / kMaskStride)}, 1);
   } else {
-    found.map = image(input.image.to(head->weight.device()));
+    sampled.map = image(input.image.to(head->weight.device()));
   }
-  found.read = bilinear(found.map.to(torch::kCPU), places_in_map(uv));
+  sampled.read = bilinear(sampled.map.to(torch::kCPU), places_in_map(uv));
   if (parts.depth_gate) {
-    const auto before = nearest_before(flat, input.projection, width, height, chosen);
+    const auto before = nearest_before(flat, input.projection, width, height, indices);
     const Tensor front = projected(all.index_select(0, torch::tensor(before)), input.projection).select(1, 2);
-    found.read = found.read * depth_gate(uvw.select(1, 2), front).unsqueeze(1);
+    sampled.read = sampled.read * depth_gate(uvw.select(1, 2), front).unsqueeze(1);
   }
-  return found;
+  return sampled;
 }
 
 Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid) {
@@ -241,18 +241,18 @@ Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid) {
 
 std::array<Tensor, kGrids.size()> NetworkImpl::fused(const SensorTensors& input) {
   std::array<Tensor, kGrids.size()> added;
-  const ReadFeatures found = read_image(input);
-  if (!found.read.defined()) return added;
+  const ReadFeatures sampled = read_image(input);
+  if (!sampled.read.defined()) return added;
   const torch::Device device = head->weight.device();
   std::int64_t from = 0;
   for (std::size_t level = 0; level < kGrids.size(); ++level) {
     const Grid& grid = kGrids[level];
-    const std::vector<std::int64_t>& cells = found.nearest[level].cells;
+    const std::vector<std::int64_t>& cells = sampled.nearest[level].cells;
     const auto count = static_cast<std::int64_t>(cells.size());
     if (count == 0) continue;
     const Tensor centres = centres_of(cells, grid);
-    const Tensor offset = found.points.narrow(0, from, count) - centres.to(found.points.dtype());
-    added[level] = fuse[level](found.read.narrow(0, from, count).to(device), offset.to(device),
+    const Tensor offset = sampled.points.narrow(0, from, count) - centres.to(sampled.points.dtype());
+    added[level] = fuse[level](sampled.read.narrow(0, from, count).to(device), offset.to(device),
                                torch::tensor(cells).to(device), grid);
     from += count;
   }

@@ -24,7 +24,7 @@ Tensor painted_voxels(const SensorTensors& input, const Window& within) {
   const Tensor rows = all.detach().to(torch::kFloat).contiguous();
   const float* p = rows.data_ptr<float>();
   // Which columns a return reaches is discrete; its shares of them are not.
-  std::vector<std::int64_t> chosen, column_x, column_y;
+  std::vector<std::int64_t> visible, column_x, column_y;
   for (std::int64_t i = 0; i < rows.size(0); ++i, p += 3) {
     const double x = (p[0] - kXMin) / kVoxel - 0.5, y = (p[1] - kYMin) / kVoxel - 0.5;
     if (!(x > 0 && x < kVoxelsX - 1 && y > 0 && y < kVoxelsY - 1 && std::isfinite(p[2]))) continue;
@@ -33,12 +33,12 @@ Tensor painted_voxels(const SensorTensors& input, const Window& within) {
         low_column >= within.right)
       continue;
     if (!seen_at(p, input.projection, width, height)) continue;
-    chosen.push_back(i);
+    visible.push_back(i);
     column_x.push_back(low_row);
     column_y.push_back(low_column);
   }
-  if (chosen.empty()) return nothing;
-  const Tensor which = torch::tensor(chosen), points = all.index_select(0, which);
+  if (visible.empty()) return nothing;
+  const Tensor which = torch::tensor(visible), points = all.index_select(0, which);
   const Tensor evidence = torch::sigmoid(
       bilinear(input.camera.mask, (pixels_of(points, input.projection) + 0.5) / kMaskStride - 0.5)
           .select(1, 0));

@@ -25,7 +25,7 @@ mirage::fusion::Precision precision_named(const std::string& word) {
 }
 
 void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
-  FusionDetector* made = nullptr;
+  FusionDetector* detector = nullptr;
   guarded(error, error_size, [&] {
     const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
     mirage::fusion::Options options;
@@ -51,9 +51,9 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
         throw std::runtime_error("parts: unknown value '" + part +
                                  "'; use denoising, depth-gate, joint or heads");
     }
-    made = new FusionDetector(options, weights);
+    detector = new FusionDetector(options, weights);
   });
-  return made;
+  return detector;
 }
 
 void destroy(void* detector) {
@@ -70,9 +70,9 @@ void region(void*, float out[4]) {
 int forward(void* detector, const MirageSensorInput* input, float score_threshold, int32_t keep_graph,
             const MirageProposal** proposals, int64_t* count, char* error, size_t error_size) {
   return guarded(error, error_size, [&] {
-    const auto& found = instance(detector).forward(*input, score_threshold, keep_graph != 0);
-    *proposals = found.data();
-    *count = static_cast<int64_t>(found.size());
+    const auto& outputs = instance(detector).forward(*input, score_threshold, keep_graph != 0);
+    *proposals = outputs.data();
+    *count = static_cast<int64_t>(outputs.size());
   });
 }
 
@@ -119,9 +119,10 @@ int forward_changed(void* detector, const MirageSensorInput* input, const Mirage
                     float score_threshold, int32_t keep_graph, const MirageProposal** proposals,
                     int64_t* count, char* error, size_t error_size) {
   return guarded(error, error_size, [&] {
-    const auto& found = instance(detector).forward_changed(*input, *change, score_threshold, keep_graph != 0);
-    *proposals = found.data();
-    *count = static_cast<int64_t>(found.size());
+    const auto& outputs =
+        instance(detector).forward_changed(*input, *change, score_threshold, keep_graph != 0);
+    *proposals = outputs.data();
+    *count = static_cast<int64_t>(outputs.size());
   });
 }
 

@@ -106,24 +106,24 @@ Dirty Dirty::doubled(std::int64_t out_rows) const {
 }
 
 std::vector<Window> Dirty::windows(std::int64_t worth) const {
-  std::vector<Window> found;
+  std::vector<Window> merged;
   std::int64_t open_area = 0;  // of the last window's own spans
   for (std::int64_t r = 0; r < rows(); ++r) {
     const Span& span = row(r);
     if (span.empty()) continue;
     const Window line{r, span.low, r + 1, span.high};
-    if (!found.empty()) {
-      const Window both = bounds(found.back(), line);
+    if (!merged.empty()) {
+      const Window both = bounds(merged.back(), line);
       if (both.area() - open_area - line.area() < worth) {
-        found.back() = both;
+        merged.back() = both;
         open_area += line.area();
         continue;
       }
     }
-    found.push_back(line);
+    merged.push_back(line);
     open_area = line.area();
   }
-  return found;
+  return merged;
 }
 
 bool Dirty::operator==(const Dirty& other) const {

@@ -18,14 +18,14 @@ TorchScriptDetector& instance(void* detector) {
 }
 
 void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
-  TorchScriptDetector* made = nullptr;
+  TorchScriptDetector* detector = nullptr;
   guarded(error, error_size, [&] {
     if (!weights) throw BadFile(kNoTraining);
     const auto json = nlohmann::json::parse(options_json ? options_json : "{}");
     if (json.value("start", false)) throw BadFile(kNoTraining);
-    made = new TorchScriptDetector(weights, json.value("threads", 1));
+    detector = new TorchScriptDetector(weights, json.value("threads", 1));
   });
-  return made;
+  return detector;
 }
 
 void destroy(void* detector) {
@@ -39,9 +39,9 @@ void region(void* detector, float out[4]) {
 int forward(void* detector, const MirageSensorInput* input, float score_threshold, int32_t keep_graph,
             const MirageProposal** proposals, int64_t* count, char* error, size_t error_size) {
   return guarded(error, error_size, [&] {
-    const auto& found = instance(detector).forward(*input, score_threshold, keep_graph != 0);
-    *proposals = found.data();
-    *count = static_cast<int64_t>(found.size());
+    const auto& outputs = instance(detector).forward(*input, score_threshold, keep_graph != 0);
+    *proposals = outputs.data();
+    *count = static_cast<int64_t>(outputs.size());
   });
 }
 

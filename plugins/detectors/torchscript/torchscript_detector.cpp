@@ -257,9 +257,9 @@ void TorchScriptDetector::probe() {
   input.point_count = static_cast<std::int64_t>(points.size() / 4);
   const double projection[] = {609.6, -721.5, 0, 0, 172.9, 0, -721.5, 0, 1, 0, 0, 0};
   std::copy(std::begin(projection), std::end(projection), input.pixel_from_velo);
-  const std::size_t found = forward(input, 0, true).size();
+  const std::size_t proposal_count = forward(input, 0, true).size();
   std::vector<float> d_image(image.size()), d_points(points.size());
-  backward(std::vector<float>(found, 1), d_image.data(), d_points.data());
+  backward(std::vector<float>(proposal_count, 1), d_image.data(), d_points.data());
   logits_ = image_ = points_ = Tensor();
 }
 

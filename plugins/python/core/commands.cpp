@@ -47,7 +47,7 @@ class PythonDetector : public Detector {
     const auto borrowed = std::shared_ptr<const void>(&input, [](const void*) {});
     const auto matrix = pixel_from_velo(*input.calibration);
     try {
-      const auto found =
+      const auto output =
           adapter_
               ->attr("forward")(seen
                                     ? view(image.data.data(), {image.height, image.width, 3}, borrowed, false)
@@ -57,7 +57,7 @@ class PythonDetector : public Detector {
                                 own(std::vector<float>(matrix.begin(), matrix.end()), {3, 4}), keep_graph)
               .cast<std::pair<py::array_t<float, py::array::c_style | py::array::forcecast>,
                               py::array_t<float, py::array::c_style | py::array::forcecast>>>();
-      return proposals(found.first, found.second, score_threshold);
+      return proposals(output.first, output.second, score_threshold);
     } catch (const py::error_already_set& error) {
       if (seen) throw;  // the caller's own error, with its trace
       throw InputError("detector", "image", std::string("cannot do without a picture (") + error.what() + ")",
@@ -95,7 +95,7 @@ class PythonDetector : public Detector {
                                   double score_threshold) {
     count_ = static_cast<std::size_t>(logits.shape(0));
     places_.clear();
-    std::vector<Proposal> found;
+    std::vector<Proposal> kept;
     const float* box = boxes.data();
     for (std::size_t i = 0; i < count_; ++i, box += boxes.shape(1)) {
       Proposal proposal;
@@ -105,10 +105,10 @@ class PythonDetector : public Detector {
         proposal.picture = {box[0], box[1], box[2], box[3]};
       else
         proposal.box = {box[0], box[1], box[2], box[3], box[4]};
-      found.push_back(proposal);
+      kept.push_back(proposal);
       places_.push_back(i);
     }
-    return found;
+    return kept;
   }
 
   std::shared_ptr<py::object> adapter_;

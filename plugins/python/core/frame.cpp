@@ -19,11 +19,11 @@ template <class Made>
 std::shared_ptr<const Made> kept(const std::string& key,
                                  const std::function<std::shared_ptr<const Made>()>& make) {
   static std::mutex mutex;
-  static std::map<std::string, std::shared_ptr<const Made>> made;
+  static std::map<std::string, std::shared_ptr<const Made>> cache;
   const std::lock_guard lock(mutex);
-  auto& one = made[key];
-  if (!one) one = make();
-  return one;
+  auto& entry = cache[key];
+  if (!entry) entry = make();
+  return entry;
 }
 
 }  // namespace

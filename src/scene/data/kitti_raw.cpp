@@ -42,9 +42,9 @@ class Tracklets {
   const XMLElement* first() const { return list_->FirstChildElement("item"); }
 
   const XMLElement& child(const XMLElement& of, const char* name) const {
-    const XMLElement* found = of.FirstChildElement(name);
-    if (found == nullptr) throw wrong(of, name, "missing");
-    return *found;
+    const XMLElement* element = of.FirstChildElement(name);
+    if (element == nullptr) throw wrong(of, name, "missing");
+    return *element;
   }
   double number(const XMLElement& of, const char* name) const {
     double value = 0;
@@ -59,9 +59,9 @@ class Tracklets {
     return static_cast<int>(value);
   }
   std::string text(const XMLElement& of, const char* name) const {
-    const char* found = child(of, name).GetText();
-    if (found == nullptr) throw wrong(of, name, "is empty");
-    return found;
+    const char* content = child(of, name).GetText();
+    if (content == nullptr) throw wrong(of, name, "is empty");
+    return content;
   }
   InputError wrong(const XMLElement& at, const char* field, const std::string& problem) const {
     return {file_.string(), fmt::format("line {}, {}", at.GetLineNum(), field), problem, kFix};
@@ -137,15 +137,15 @@ class KittiRaw : public DataSet {
   };
 
   std::vector<fs::path> drives() const {
-    std::vector<fs::path> days = {data()}, found;
+    std::vector<fs::path> days = {data()}, folders;
     for (const auto& entry : fs::directory_iterator(data()))
       if (entry.is_directory() && fs::exists(entry.path() / kPose)) days.push_back(entry.path());
     for (const fs::path& day : days)
       for (const auto& entry : fs::directory_iterator(day))
         if (entry.is_directory() && entry.path().filename().string().find("_drive_") != std::string::npos)
-          found.push_back(entry.path());
-    std::sort(found.begin(), found.end());
-    return found;
+          folders.push_back(entry.path());
+    std::sort(folders.begin(), folders.end());
+    return folders;
   }
 
   Place place(const std::string& id) const {

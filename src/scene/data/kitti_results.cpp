@@ -55,18 +55,19 @@ double cut_off_share(const Box3& box, const Calibration& calibration) {
   return seen ? std::clamp(1 - area(*seen) / area(extent(box, calibration)), 0.0, 1.0) : 1;
 }
 
-void write_results(const std::filesystem::path& file, std::span<const KittiDetection> found,
+void write_results(const std::filesystem::path& file, std::span<const KittiDetection> detections,
                    const Calibration& calibration) {
   std::string text;
-  for (const KittiDetection& one : found) {
+  for (const KittiDetection& detection : detections) {
     const PictureBox in_picture =
-        one.picture ? *one.picture
-                    : (one.box ? projected(*one.box, calibration) : std::nullopt).value_or(PictureBox{});
+        detection.picture
+            ? *detection.picture
+            : (detection.box ? projected(*detection.box, calibration) : std::nullopt).value_or(PictureBox{});
     const std::optional<RectBox> box =
-        one.box ? std::optional(rect_box(*one.box, calibration)) : std::nullopt;
-    text += fmt::format("{} -1 -1 {:.6f} {:.2f} {:.2f} {:.2f} {:.2f} {} {:.12g}\n", one.type,
+        detection.box ? std::optional(rect_box(*detection.box, calibration)) : std::nullopt;
+    text += fmt::format("{} -1 -1 {:.6f} {:.2f} {:.2f} {:.2f} {:.2f} {} {:.12g}\n", detection.type,
                         box ? observation_angle(*box) : -10.0, in_picture.left, in_picture.top,
-                        in_picture.right, in_picture.bottom, box ? to_row(*box) : kNoBox, one.score);
+                        in_picture.right, in_picture.bottom, box ? to_row(*box) : kNoBox, detection.score);
   }
   write_file(file, text);
 }
@@ -74,20 +75,21 @@ void write_results(const std::filesystem::path& file, std::span<const KittiDetec
 std::vector<KittiDetection> read_results(const std::filesystem::path& file, const Calibration& calibration) {
   constexpr RowAdvice kAdvice{"16", "write the rows that KITTI's development kit asks for",
                               "correct the row or delete it"};
-  std::vector<KittiDetection> found;
+  std::vector<KittiDetection> detections;
   for_each_row(file, kAdvice, [&](const KittiRow& row) {
     if (row.words[0] == "DontCare") return;
     const auto& value = row.value;
-    KittiDetection one;
-    one.type = row.words[0];
-    one.score = value[15];
-    if (value[6] > value[4] && value[7] > value[5]) one.picture = {value[4], value[5], value[6], value[7]};
+    KittiDetection detection;
+    detection.type = row.words[0];
+    detection.score = value[15];
+    if (value[6] > value[4] && value[7] > value[5])
+      detection.picture = {value[4], value[5], value[6], value[7]};
     const bool left_out = value[8] <= 0 && value[9] <= 0 && value[10] <= 0;
-    if (!left_out) one.box = row.box(calibration);
-    row.demand(one.box || one.picture, 8, "is no size, and the 2-D box is empty");
-    found.push_back(one);
+    if (!left_out) detection.box = row.box(calibration);
+    row.demand(detection.box || detection.picture, 8, "is no size, and the 2-D box is empty");
+    detections.push_back(detection);
   });
-  return found;
+  return detections;
 }
 
 }  // namespace mirage

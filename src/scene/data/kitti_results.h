@@ -32,7 +32,7 @@ double cut_off_share(const Box3& box, const Calibration& calibration);
 
 /// Writes a frame's detections, atomically; a file without rows for none. The 2-D box is `picture`, else
 /// projected(), else 0 0 0 0.
-void write_results(const std::filesystem::path& file, std::span<const KittiDetection> found,
+void write_results(const std::filesystem::path& file, std::span<const KittiDetection> detections,
                    const Calibration& calibration);
 
 /// Reads results of any detector: rows of 16 columns (15, a label's, have score 1), of which DontCare is left

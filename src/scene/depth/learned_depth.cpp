@@ -144,8 +144,8 @@ std::unique_ptr<DepthCompletion> classical(const std::string& backend) {
   for (const bool multi_scale : {false, true})
     for (const auto blur : {IpBasicOptions::Blur::gaussian, IpBasicOptions::Blur::bilateral})
       for (const bool extrapolate : {false, true}) {
-        auto made = std::make_unique<IpBasic>(IpBasicOptions{multi_scale, blur, extrapolate});
-        if (made->name() == backend) return made;
+        auto completion = std::make_unique<IpBasic>(IpBasicOptions{multi_scale, blur, extrapolate});
+        if (completion->name() == backend) return completion;
       }
   return nullptr;
 }
@@ -187,7 +187,7 @@ std::string depth_identity(const DepthOptions& options) {
 }
 
 std::unique_ptr<DepthCompletion> load_depth_completion(const DepthOptions& options) {
-  if (auto made = classical(options.backend)) return made;
+  if (auto completion = classical(options.backend)) return completion;
   return load_learned_depth(options);
 }
 

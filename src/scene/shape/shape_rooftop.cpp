@@ -58,11 +58,11 @@ std::shared_ptr<const SweepIndex> ShapeRooftopFinder::index_of(const Sweep& swee
 }
 
 Rooftop ShapeRooftopFinder::find(const Frame& frame, const Label& label) const {
-  ShapeFit found = fit(*index_of(frame.sweep), label);
-  if (found.fitted)
-    return {found.velo_from_roof, false, {}, std::make_shared<const Mesh>(std::move(found.mesh))};
+  ShapeFit shape = fit(*index_of(frame.sweep), label);
+  if (shape.fitted)
+    return {shape.velo_from_roof, false, {}, std::make_shared<const Mesh>(std::move(shape.mesh))};
   Rooftop rooftop = BoxRooftopFinder().find(frame, label);
-  rooftop.reason = found.reason;
+  rooftop.reason = shape.reason;
   return rooftop;
 }
 

@@ -1,0 +1,89 @@
+#include "simulation/object_light.h"
+
+#include "sensors/shading.h"
+
+namespace mirage {
+namespace {
+
+class PlainLight : public ObjectLight {
+ public:
+  PlainLight(std::vector<Vec3d> normals, std::size_t per_face, const Lighting& lighting)
+      : normals_(std::move(normals)), per_face_(per_face), lighting_(lighting) {
+    for (const Vec3d& normal : normals_) factors_.push_back(shade<double>(normal, lighting));
+  }
+
+  std::vector<Vec3d> lit(const std::vector<Vec3d>& texels) const override {
+    std::vector<Vec3d> radiance = texels;
+    for (std::size_t t = 0; t < radiance.size(); ++t)
+      radiance[t] = radiance[t].cwiseProduct(factors_[t / per_face_]);
+    return radiance;
+  }
+
+  void vjp(const std::vector<Vec3d>& texels, const std::vector<Vec3d>& d_lit, std::vector<Vec3d>& d_normals,
+           std::vector<Vec3d>& d_texels) const override {
+    for (std::size_t f = 0; f < normals_.size(); ++f) {
+      Vec3d d_factor = Vec3d::Zero();
+      for (std::size_t t = f * per_face_; t < (f + 1) * per_face_; ++t) {
+        d_texels[t] += d_lit[t].cwiseProduct(factors_[f]);
+        d_factor += d_lit[t].cwiseProduct(texels[t]);
+      }
+      d_normals[f] += shade_vjp<double>(normals_[f], lighting_, d_factor);
+    }
+  }
+
+ private:
+  std::vector<Vec3d> normals_;
+  std::size_t per_face_;
+  Lighting lighting_;
+  std::vector<Vec3d> factors_;  ///< of each face
+};
+
+class LightWithVisibility : public ObjectLight {
+ public:
+  LightWithVisibility(const TexturedMesh& placed, const Lighting& lighting, const LightSurroundings* around,
+                      const Vec3d& eye, const VisibleLightSettings& settings)
+      : normals_(face_normals(placed.mesh)),
+        lighting_(lighting),
+        gloss_(Vec3d::Constant(settings.gloss)),
+        visibility_(find_visibility(placed, lighting, around, &eye, settings)),
+        visible_(visible_light(normals_, placed.atlas.texels, lighting, visibility_, settings.bounces)) {}
+
+  std::vector<Vec3d> lit(const std::vector<Vec3d>& texels) const override {
+    std::vector<Vec3d> radiance = texels;
+    for (std::size_t t = 0; t < radiance.size(); ++t)
+      radiance[t] = (radiance[t] + gloss_).cwiseProduct(visible_.factor[t]);
+    return radiance;
+  }
+
+  void vjp(const std::vector<Vec3d>& texels, const std::vector<Vec3d>& d_lit, std::vector<Vec3d>& d_normals,
+           std::vector<Vec3d>& d_texels) const override {
+    std::vector<Vec3d> d_factor(d_lit.size());
+    for (std::size_t t = 0; t < d_lit.size(); ++t) {
+      d_texels[t] += d_lit[t].cwiseProduct(visible_.factor[t]);
+      d_factor[t] = d_lit[t].cwiseProduct(texels[t] + gloss_);
+    }
+    visible_light_vjp(normals_, texels, lighting_, visibility_, visible_, d_factor, d_normals, d_texels);
+  }
+
+ private:
+  std::vector<Vec3d> normals_;
+  Lighting lighting_;
+  Vec3d gloss_;
+  LightVisibility visibility_;    ///< what stands in the light's way
+  VisibleLight<double> visible_;  ///< the light of each texel
+};
+
+}  // namespace
+
+std::unique_ptr<ObjectLight> plain_light(std::vector<Vec3d> normals, std::size_t texels_per_face,
+                                         const Lighting& lighting) {
+  return std::make_unique<PlainLight>(std::move(normals), texels_per_face, lighting);
+}
+
+std::unique_ptr<ObjectLight> light_with_visibility(const TexturedMesh& placed, const Lighting& lighting,
+                                                   const LightSurroundings* around, const Vec3d& eye,
+                                                   const VisibleLightSettings& settings) {
+  return std::make_unique<LightWithVisibility>(placed, lighting, around, eye, settings);
+}
+
+}  // namespace mirage
