@@ -12,7 +12,7 @@ import zipfile
 
 from wheel.wheelfile import WheelFile
 
-CONTENT = ("*.py", "*.pyi", "py.typed", "*.so", "plugins/*.so", "plugins/weights/*.weights", "scenes/rigs/*.toml",
+CONTENT = ("*.py", "*.pyi", "py.typed", "*.so", "plugins/*.so", "plugins/*.json", "plugins/weights/*.weights", "scenes/rigs/*.toml",
            "scenes/lidars/*.toml", "scenes/shapes/*.shape")
 METADATA = """Metadata-Version: 2.1
 Name: mirage

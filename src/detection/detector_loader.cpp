@@ -30,25 +30,20 @@ struct Plugin {
 
 }  // namespace
 
-bool is_own_detector(const std::string& word) {
-  constexpr const char* kOwn[] = {"lidar", "camera", "painted", "fusion", "late"};
-  return std::find(std::begin(kOwn), std::end(kOwn), word) != std::end(kOwn);
-}
-
 fs::path plugin_file(const DetectorOptions& options) {
   if (fs::path(options.detector).extension() == ".so") {
     if (!fs::exists(options.detector))
       throw InputError(options.detector, "", "no such detector plugin", "check --detector");
     return fs::absolute(options.detector);
   }
-  const bool own = is_own_detector(options.detector);
-  if (!is_shipped_detector(options.detector))
-    throw InputError("--detector", options.detector, "unknown detector",
-                     "use lidar, camera, painted, fusion, late, torchscript or a plugin (*.so)");
-  const fs::path beside = built_file(own ? "plugins/fusion.so" : "plugins/torchscript.so");
-  if (fs::exists(beside)) return beside;
-  throw InputError(beside.string(), "", "the detector plugin is missing",
-                   "build it with MIRAGE_DETECTORS=ON (make build)");
+  const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, options.detector);
+  if (plugin && fs::exists(plugin->file)) return plugin->file;
+  const std::string known = shipped_words(kDetectorPlugins);
+  if (plugin || known.empty())
+    throw InputError(plugin ? plugin->file.string() : built_file("plugins").string(), "",
+                     "the detector plugin is missing", "build it with MIRAGE_DETECTORS=ON (make build)");
+  throw InputError("--detector", options.detector, "unknown detector",
+                   "use " + known + " or a plugin (*.so)");
 }
 
 namespace {

@@ -3,21 +3,23 @@
 
 #include <string>
 
+#include "base/shipped_plugins.h"
+
 namespace mirage {
 
-/// One of the fusion plugin's: lidar, camera, painted, fusion, late. Its weights are data
-/// (plugins/data_archive.h).
-bool is_own_detector(const std::string& word);
+/// The kind of detector plugins (base/shipped_plugins.h).
+inline constexpr const char* kDetectorPlugins = "detector";
 
 /// A detector that ships with the program; other names are paths of plugins: code.
 inline bool is_shipped_detector(const std::string& word) {
-  return is_own_detector(word) || word == "torchscript";
+  return shipped_plugin(kDetectorPlugins, word) != nullptr;
 }
 
 /// Whether the weights of such a detector may run code when they are loaded: TorchScript is a program, and
 /// nobody knows what somebody else's plugin does with its.
 inline bool weights_are_code(const std::string& detector) {
-  return !is_own_detector(detector);
+  const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, detector);
+  return plugin == nullptr || plugin->weights_are_code;
 }
 
 }  // namespace mirage

@@ -4,10 +4,10 @@ set(parts lib/mirage)   # built: plugins, and weights beside them
 set(data share/mirage)  # read: rigs, shapes, and the Python of the Blender worker and of the reports
 
 install(TARGETS mirage RUNTIME DESTINATION bin COMPONENT program)
-foreach(plugin fusion torchscript guided)
-  if(TARGET mirage_${plugin})
-    install(TARGETS mirage_${plugin} LIBRARY DESTINATION ${parts}/plugins COMPONENT program)
-  endif()
+get_property(plugins GLOBAL PROPERTY MIRAGE_PLUGINS)
+foreach(plugin ${plugins})
+  install(TARGETS mirage_${plugin} LIBRARY DESTINATION ${parts}/plugins COMPONENT program)
+  install(FILES ${CMAKE_BINARY_DIR}/plugins/${plugin}.json DESTINATION ${parts}/plugins COMPONENT program)
 endforeach()
 if(MIRAGE_DETECTORS)
   file(GLOB weights CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/plugins/*/*/weights/*.weights)

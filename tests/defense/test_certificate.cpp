@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/random.h"
 #include "defense/certificate.h"
+#include "scene/data/read_frames.h"
 #include "support/files.h"
 
 namespace mirage {

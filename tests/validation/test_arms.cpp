@@ -14,8 +14,17 @@ namespace {
 
 using nlohmann::json;
 
-json answer(double score, bool hidden, double logit) {
-  return {{"score", score}, {"logit", logit}, {"iou", 0.9}, {"hidden", hidden}, {"false_positive", false}};
+OutcomeResult answer(double score, bool hidden, double logit) {
+  return {0.9, score, logit, hidden, false};
+}
+
+/// A vehicle that the detector finds without the object.
+VehicleResult seen_vehicle(const std::string& frame, int label) {
+  VehicleResult vehicle;
+  vehicle.host = {frame, label};
+  vehicle.name = host_name(vehicle.host);
+  vehicle.seen.emplace().detected = true;
+  return vehicle;
 }
 
 /// A vehicle with the object on its roof, and a stand-in for Cycles' picture.
@@ -38,27 +47,22 @@ struct Stage {
       sum += std::abs(image.data[i] - prepared.frame.image.data[i]);
     return sum / attacked.adversary_pixels;
   }
-  json result(const LookAt& look, int label) const {
-    json vehicle = {{"frame", "00000" + std::to_string(label)},
-                    {"name", "v" + std::to_string(label)},
-                    {"label", label},
-                    {"range", 9},
-                    {"detected", true},
-                    {"raster", answer(0.5, true, 0)},
-                    {"cycles", answer(0.5, true, 0)}};
-    vehicle.update(look_at_arms(scene, attacked, full, look));
+  VehicleResult result(const LookAt& look, int label) const {
+    VehicleResult vehicle = seen_vehicle("00000" + std::to_string(label), label);
+    vehicle.seen->raster = vehicle.seen->cycles = answer(0.5, true, 0);
+    vehicle.seen->arms = look_at_arms(scene, attacked, full, look);
     return vehicle;
   }
 };
 
 /// Hides a vehicle that has returns on its roof; the picture moves it by a hair.
-json blind_look(const Stage& stage, const ImageF& image, const Sweep& sweep) {
+OutcomeResult blind_look(const Stage& stage, const ImageF& image, const Sweep& sweep) {
   const bool returns = sweep.size() != stage.prepared.frame.sweep.size();
   return answer(returns ? 0.2 : 0.8, returns, (returns ? -1.4 : 1.4) + 0.01 * stage.picture_change(image));
 }
 
 /// Hides a vehicle that has something strange on its roof's pixels.
-json seeing_look(const Stage& stage, const ImageF& image, const Sweep&) {
+OutcomeResult seeing_look(const Stage& stage, const ImageF& image, const Sweep&) {
   const double change = stage.picture_change(image);
   return answer(0.5, change > 0.05, 3 - 8 * change);
 }
@@ -67,17 +71,17 @@ TEST(Arms, SixArmsAndThreeControlsEachOfItsOwn) {
   const Stage stage;
   ASSERT_GT(stage.attacked.adversary_points, 50);
   std::vector<std::pair<ImageF, Sweep>> views;
-  const json result =
+  const ArmsResult result =
       look_at_arms(stage.scene, stage.attacked, stage.full, [&](const ImageF& image, const Sweep& sweep) {
         views.emplace_back(image, sweep);
         return answer(0.5, false, 0);
       });
-  ASSERT_EQ(result.at("arms").size(), 6u);
-  ASSERT_EQ(result.at("controls").size(), 3u);
-  EXPECT_EQ(result.at("arms")[0].at("light"), "raster");
-  EXPECT_EQ(result.at("arms")[0].at("returns"), "ideal");
-  EXPECT_EQ(result.at("arms")[5].at("light"), "cycles");
-  EXPECT_EQ(result.at("arms")[5].at("returns"), "realistic");
+  ASSERT_EQ(result.arms.size(), 6u);
+  ASSERT_EQ(result.controls.size(), 3u);
+  EXPECT_EQ(result.arms[0].light, "raster");
+  EXPECT_EQ(result.arms[0].returns, "ideal");
+  EXPECT_EQ(result.arms[5].light, "cycles");
+  EXPECT_EQ(result.arms[5].returns, "realistic");
   // Pictures go by light, sweeps by returns.
   const ImageF& photograph = stage.prepared.frame.image;
   EXPECT_EQ(views[0].first.data, stage.attacked.image.data);
@@ -113,8 +117,8 @@ TEST(Arms, ARunUnderVisibleLightStillHasAPlainArm) {
 }
 
 json verdict_of(const Stage& stage,
-                const std::function<json(const Stage&, const ImageF&, const Sweep&)>& look) {
-  std::vector<json> vehicles;
+                const std::function<OutcomeResult(const Stage&, const ImageF&, const Sweep&)>& look) {
+  std::vector<VehicleResult> vehicles;
   for (int label = 0; label < 3; ++label)
     vehicles.push_back(stage.result(
         [&](const ImageF& image, const Sweep& sweep) { return look(stage, image, sweep); }, label));
@@ -152,15 +156,12 @@ TEST(Arms, AVerdictOnOneThatLooksIsNot) {
 }
 
 TEST(Arms, EitherAFlipOrALogitIsEnoughAndNothingIsNothing) {
-  json vehicle = {{"frame", "a"}, {"name", "a_0"}, {"label", 0}, {"range", 1}, {"detected", true}};
-  vehicle["raster"] = vehicle["cycles"] = answer(0.5, false, 0);
-  vehicle["arms"] = json::array({answer(0.5, false, 0)});
-  vehicle["arms"][0].update({{"light", "raster"}, {"returns", "ideal"}});
-  const auto image_with = [&](const json& control) {
-    json one = vehicle;
-    one["controls"] = json::array({control});
-    one["controls"][0].update({{"channel", "image"}, {"control", "noise"}});
-    return verdict({one}, {}).at("vacuous");
+  const auto image_with = [&](const OutcomeResult& control) {
+    VehicleResult vehicle = seen_vehicle("a", 0);
+    vehicle.seen->raster = vehicle.seen->cycles = answer(0.5, false, 0);
+    vehicle.seen->arms =
+        ArmsResult{{{"raster", "ideal", answer(0.5, false, 0)}}, {{"image", "noise", control}}};
+    return verdict({vehicle}, {}).at("vacuous");
   };
   EXPECT_EQ(image_with(answer(0.5, false, 0.49)).at("image"), true);
   EXPECT_EQ(image_with(answer(0.5, false, 0.51)).at("image"), false);

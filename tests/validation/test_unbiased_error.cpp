@@ -136,19 +136,22 @@ TEST(UnbiasedError, OverExposedPixelsAndWhatLiesBesideTheObjectCount) {
 }
 
 /// A vehicle with one rung whose squared errors are given.
-nlohmann::json vehicle_with(const std::string& frame, double unbiased, double floor) {
-  SquaredError error;
+VehicleResult vehicle_with(const std::string& frame, double unbiased, double floor) {
+  VehicleResult vehicle;
+  vehicle.host.frame = frame;
+  LightRungResult rung;
+  rung.effect = "soft";
+  SquaredError& error = rung.error;
   error.plain = unbiased + floor;
   error.floor = floor;
   error.unbiased = error.drawn = unbiased;
   error.interval = {signed_root(unbiased), signed_root(unbiased) - 0.1, signed_root(unbiased) + 0.1};
-  nlohmann::json rung = to_json(error);
-  rung.update({{"effect", "soft"}, {"seconds", 1}});
-  return {{"frame", frame}, {"ladder", {rung}}};
+  vehicle.seen.emplace().ladder.emplace().light = {rung};
+  return vehicle;
 }
 
 TEST(UnbiasedError, RowsPoolTheSquaresOfTheVehicles) {
-  std::vector<nlohmann::json> vehicles;
+  std::vector<VehicleResult> vehicles;
   for (int i = 0; i < 20; ++i)
     vehicles.push_back(vehicle_with(std::to_string(i), i % 2 ? 0.04 : -0.02, 0.09));
   const auto row = summarize_vehicles(vehicles, {}).at("ladder").at(0);
@@ -160,7 +163,7 @@ TEST(UnbiasedError, RowsPoolTheSquaresOfTheVehicles) {
   EXPECT_EQ(row.at("interval_over"), "clusters");
   EXPECT_EQ(row.at("interval").at("value"), row.at("error_unbiased"));
   // One frame alone: its vehicles; one vehicle alone: its picture's own.
-  const std::vector<nlohmann::json> frame{vehicle_with("a", 0.01, 0.1), vehicle_with("a", 0.03, 0.1)};
+  const std::vector<VehicleResult> frame{vehicle_with("a", 0.01, 0.1), vehicle_with("a", 0.03, 0.1)};
   EXPECT_EQ(summarize_vehicles(frame, {}).at("ladder").at(0).at("interval_over"), "vehicles");
   const auto one = summarize_vehicles({frame[0]}, {}).at("ladder").at(0);
   EXPECT_EQ(one.at("interval_over"), "pixels");

@@ -16,17 +16,22 @@ namespace {
 
 using nlohmann::json;
 
-json outcome(double score, bool hidden, bool false_positive = false) {
-  return {
-      {"score", score}, {"iou", hidden ? 0.2 : 0.9}, {"hidden", hidden}, {"false_positive", false_positive}};
+OutcomeResult outcome(double score, bool hidden, bool false_positive = false) {
+  return {hidden ? 0.2 : 0.9, score, 0, hidden, false_positive};
 }
 
-json vehicle(const std::string& frame, int label, bool detected, const json& soft, const json& cycles) {
-  return {{"frame", frame},       {"name", frame + "_" + std::to_string(label)},
-          {"label", label},       {"range", 12.5},
-          {"detected", detected}, {"clean", {{"score", 0.9}, {"iou", 0.9}}},
-          {"raster", soft},       {"hard", soft},
-          {"cycles", cycles}};
+VehicleResult vehicle(const std::string& frame, int label, bool detected, const OutcomeResult& soft,
+                      const OutcomeResult& cycles) {
+  VehicleResult vehicle;
+  vehicle.host = {frame, label};
+  vehicle.name = host_name(vehicle.host);
+  SeenResult& seen = vehicle.seen.emplace();
+  seen.range = 12.5;
+  seen.detected = detected;
+  seen.clean_score = seen.clean_iou = 0.9;
+  seen.raster = seen.hard = soft;
+  seen.cycles = cycles;
+  return vehicle;
 }
 
 const json* variant(const json& group, const std::string& name) {
@@ -37,12 +42,18 @@ const json* variant(const json& group, const std::string& name) {
 
 TEST(Verdict, CountsSharesFlipsAndSplits) {
   const auto hidden = outcome(0.1, true), found = outcome(0.8, false), false_box = outcome(0.7, false, true);
-  std::vector<json> vehicles = {
-      vehicle("a", 0, true, hidden, hidden),   vehicle("a", 1, true, hidden, found),
-      vehicle("b", 0, true, found, false_box), vehicle("b", 1, false, found, hidden),
-      vehicle("c", 0, true, found, found),     json{{"frame", "c"}, {"name", "c_1"}}};
-  vehicles[0]["ladder"] = json::array({hidden});
-  vehicles[0]["ladder"][0]["effect"] = "+shadows";
+  VehicleResult unseen;
+  unseen.host = {"c", 1};
+  std::vector<VehicleResult> vehicles;
+  vehicles.push_back(vehicle("a", 0, true, hidden, hidden));
+  vehicles.push_back(vehicle("a", 1, true, hidden, found));
+  vehicles.push_back(vehicle("b", 0, true, found, false_box));
+  vehicles.push_back(vehicle("b", 1, false, found, hidden));
+  vehicles.push_back(vehicle("c", 0, true, found, found));
+  vehicles.push_back(unseen);
+  LightRungResult shadows;
+  shadows.effect = "+shadows", shadows.outcome = hidden;
+  vehicles[0].seen->ladder.emplace().light = {shadows};
   const json result = verdict(vehicles, {"a", "b"});
   const json &held_back = result.at("held_back"), &all = result.at("all");
   EXPECT_EQ(held_back.at("vehicles"), 3);
@@ -64,13 +75,13 @@ TEST(Verdict, CountsSharesFlipsAndSplits) {
 }
 
 TEST(Verdict, IntervalsAreByVehicleWhereItIsKnown) {
-  std::vector<json> vehicles;
+  std::vector<VehicleResult> vehicles;
   for (int i = 0; i < 40; ++i)
     vehicles.push_back(vehicle(std::to_string(i), 0, true, outcome(i < 10 ? 0.1 : 0.8, i < 10),
                                outcome(i < 10 ? 0.1 : 0.8, i < 10)));
   const json apart = verdict(vehicles, {}).at("all");
   EXPECT_EQ(apart.at("clusters"), (json{{"by", "frame"}, {"count", 40}}));
-  for (int i = 0; i < 40; ++i) vehicles[static_cast<std::size_t>(i)]["track"] = i / 10;
+  for (int i = 0; i < 40; ++i) vehicles[static_cast<std::size_t>(i)].track = i / 10;
   const json together = verdict(vehicles, {}).at("all");
   EXPECT_EQ(together.at("clusters"), (json{{"by", "vehicle"}, {"count", 4}}));
   EXPECT_EQ(variant(together, "soft")->at("asr").at("value"), 0.25);
@@ -137,26 +148,32 @@ TEST(Budget, TooFewGroupsTrustNothing) {
 }
 
 /// Results of vehicles with two rungs, "hard" and "full".
-std::vector<json> vehicles_of(const std::vector<BudgetScene>& scenes) {
-  std::vector<json> vehicles;
+std::vector<VehicleResult> vehicles_of(const std::vector<BudgetScene>& scenes) {
+  std::vector<VehicleResult> vehicles;
   for (const BudgetScene& scene : scenes) {
-    json v = {{"frame", scene.frame},
-              {"name", scene.name},
-              {"detected", true},
-              {"reference", {{"seconds", 10}, {"noise", 0.01}}}};
-    v["features"] = {{"x", scene.features[0]}, {"y", scene.features[1]}};
-    for (const auto& [effect, k] : {std::pair("hard", 0), std::pair("full", 1)})
-      v["ladder"].push_back({{"effect", effect},
-                             {"group", k == 0 ? "raster" : "samples"},
-                             {"seconds", k == 0 ? 0.01 : 1.0},
-                             {"error_drawn", scene.errors[static_cast<std::size_t>(k)]}});
-    vehicles.push_back(v);
+    VehicleResult vehicle;
+    vehicle.host.frame = scene.frame;
+    vehicle.name = scene.name;
+    vehicle.seen.emplace().detected = true;
+    LadderResult& ladder = vehicle.seen->ladder.emplace();
+    ladder.reference_seconds = 10, ladder.reference_noise = 0.01;
+    ladder.features = {{"x", scene.features[0]}, {"y", scene.features[1]}};
+    for (const auto& [effect, k] : {std::pair("hard", 0), std::pair("full", 1)}) {
+      LightRungResult rung;
+      rung.effect = effect;
+      rung.group = k == 0 ? "raster" : "samples";
+      rung.seconds = k == 0 ? 0.01 : 1.0;
+      const double error = scene.errors[static_cast<std::size_t>(k)];
+      rung.error.drawn = error * error;
+      ladder.light.push_back(std::move(rung));
+    }
+    vehicles.push_back(std::move(vehicle));
   }
   return vehicles;
 }
 
 TEST(Budget, KeepsItsPromiseOnGroupsThatItLeavesOut) {
-  const std::vector<json> vehicles = vehicles_of(scenes_of(40, 5, 0.1));
+  const std::vector<VehicleResult> vehicles = vehicles_of(scenes_of(40, 5, 0.1));
   const json result = choose_rungs(vehicles, {.budget = 0.05}), &test = result.at("test");
   EXPECT_EQ(result.at("groups"), (json{{"by", "frame"}, {"count", 40}, {"folds", 20}}));
   EXPECT_EQ(test.at("frames"), 40);
@@ -188,14 +205,14 @@ TEST(Budget, KeepsItsPromiseOnGroupsThatItLeavesOut) {
 
 TEST(Budget, WhatIsChosenForAGroupDoesNotDependOnItsErrors) {
   // Frames 0 to 4 show one vehicle: one drive. Its errors are told tenfold in the second run.
-  std::vector<json> vehicles = vehicles_of(scenes_of(15, 7, 0.1));
-  for (json& v : vehicles)
-    if (std::stoi(v.at("frame").get<std::string>()) < 5) v["track"] = 77;
+  std::vector<VehicleResult> vehicles = vehicles_of(scenes_of(15, 7, 0.1));
+  for (VehicleResult& vehicle : vehicles)
+    if (std::stoi(vehicle.host.frame) < 5) vehicle.track = 77;
   const json before = choose_rungs(vehicles, {.budget = 0.05});
   EXPECT_EQ(before.at("groups"), (json{{"by", "vehicle"}, {"count", 11}, {"folds", 11}}));
-  for (json& v : vehicles)
-    if (v.contains("track"))
-      for (json& rung : v["ladder"]) rung["error_drawn"] = 10 * rung["error_drawn"].get<double>();
+  for (VehicleResult& vehicle : vehicles)
+    if (vehicle.track >= 0)
+      for (LightRungResult& rung : vehicle.seen->ladder->light) rung.error.drawn *= 100;
   const json after = choose_rungs(vehicles, {.budget = 0.05});
   const auto chosen = [](const json& result) {
     json of;

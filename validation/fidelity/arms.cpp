@@ -10,8 +10,6 @@
 namespace mirage {
 namespace {
 
-using nlohmann::json;
-
 Sweep sweep_with(const HostScene& scene, const LidarEffects& effects) {
   SimulationSettings settings = scene.simulation;
   settings.lidar_effects = effects;
@@ -25,13 +23,6 @@ ImageF picture_under(const HostScene& scene, const Simulated& attacked, LightMod
   SimulationSettings settings = scene.simulation;
   settings.light = light;
   return simulate_host(scene, settings).image;
-}
-
-json labelled(json outcome, const char* key, const char* value, const char* other_key,
-              const char* other_value) {
-  outcome[key] = value;
-  outcome[other_key] = other_value;
-  return outcome;
 }
 
 }  // namespace
@@ -49,19 +40,19 @@ ImageF noise_in_place(const Simulated& simulated, const ImageF& photograph, std:
   return image;
 }
 
-json look_at_arms(const HostScene& scene, const Simulated& attacked, const FullLight& full,
-                  const LookAt& look) {
+ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const FullLight& full,
+                        const LookAt& look) {
   const Frame& frame = scene.prepared->frame;
   const Sweep ideal = sweep_with(scene, {}), realistic = sweep_with(scene, realistic_returns(scene));
   const ImageF raster = picture_under(scene, attacked, LightModel::plain),
                visible = picture_under(scene, attacked, LightModel::visible);
-  json result = {{"arms", json::array()}, {"controls", json::array()}};
+  ArmsResult result;
   for (const auto& [light, image] :
        {std::pair("raster", &raster), std::pair("visible", &visible), std::pair("cycles", &full.image)})
     for (const auto& [returns, sweep] : {std::pair("ideal", &ideal), std::pair("realistic", &realistic)})
-      result["arms"].push_back(labelled(look(*image, *sweep), "light", light, "returns", returns));
+      result.arms.push_back({light, returns, look(*image, *sweep)});
   const auto control = [&](const char* channel, const char* name, const ImageF& image, const Sweep& sweep) {
-    result["controls"].push_back(labelled(look(image, sweep), "channel", channel, "control", name));
+    result.controls.push_back({channel, name, look(image, sweep)});
   };
   control("image", "noise", noise_in_place(attacked, frame.image, scene.seed), ideal);
   control("image", "photograph", frame.image, ideal);

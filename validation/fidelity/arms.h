@@ -3,27 +3,26 @@
 #pragma once
 
 #include <functional>
-#include <nlohmann/json.hpp>
 
 #include "validation/fidelity/host_validation.h"
+#include "validation/fidelity/vehicle_result.h"
 
 namespace mirage {
 
-/// What the detector makes of a picture of the frame and a sweep: {score, logit, hidden, false_positive,
-/// iou}.
-using LookAt = std::function<nlohmann::json(const ImageF& image, const Sweep& sweep)>;
+/// What the detector makes of a picture of the frame and a sweep.
+using LookAt = std::function<OutcomeResult(const ImageF& image, const Sweep& sweep)>;
 
-/// {arms, controls} of a vehicle.
-///   arms: [{light, returns, …}] with light "raster" (the plain model), "visible" (with visibility, edges as
+/// Arms and controls of a vehicle.
+///   arms: light "raster" (the plain model), "visible" (with visibility, edges as
 ///     the run's) or "cycles" (`full`), and returns "ideal" (thin noiseless rays) or "realistic" (all effects
 ///     of realistic_returns); the first is raster × ideal.
-///   controls: [{channel, control, …}] against that first arm.
+///   controls, by channel, against that first arm.
 ///     image, "noise": the object's pixels replaced by noise, uniform in each pixel and channel;
 ///     image, "photograph": the picture as recorded, the object unseen;
 ///     lidar, "no returns": the sweep as recorded, the object unmet.
-/// `…` is what `look` says. `attacked`: simulate() with the scene's settings.
-nlohmann::json look_at_arms(const HostScene& scene, const Simulated& attacked, const FullLight& full,
-                            const LookAt& look);
+/// `attacked`: simulate() with the scene's settings.
+ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const FullLight& full,
+                        const LookAt& look);
 
 /// `photograph` with noise in the place of what `simulated` drew, as far as its silhouette covers each pixel.
 ImageF noise_in_place(const Simulated& simulated, const ImageF& photograph, std::uint64_t seed);

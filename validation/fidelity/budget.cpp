@@ -159,7 +159,7 @@ json BudgetRule::numbers() const {
           {"rungs", rungs}};
 }
 
-json scene_features(const HostScene& scene, const Simulated& simulated) {
+std::map<std::string, double> scene_features(const HostScene& scene, const Simulated& simulated) {
   const Frame& frame = scene.prepared->frame;
   const Lighting& light = frame.lighting;
   const Vec3d roof = bounds(scene.placed.mesh).center();
@@ -192,43 +192,38 @@ struct Table {
   std::vector<BudgetScene> scenes;
 };
 
-Table read_scenes(const std::vector<json>& vehicles, BudgetOf of) {
+Table read_scenes(const std::vector<VehicleResult>& vehicles, BudgetOf of) {
   Table table;
   std::map<std::string, std::set<int>> tracks;
-  for (const json& vehicle : vehicles) {
-    const int track = vehicle.value("track", -1);
-    table.by_vehicle |= track >= 0;
-    tracks[vehicle.at("frame")].insert(track);  // a vehicle without a ladder links frames as well
-    if (!vehicle.contains("ladder") || !vehicle.contains("features")) continue;
-    if (of == BudgetOf::score && !vehicle.at("detected").get<bool>()) continue;
+  for (const VehicleResult& vehicle : vehicles) {
+    table.by_vehicle |= vehicle.track >= 0;
+    tracks[vehicle.host.frame].insert(vehicle.track);  // one without a ladder links frames as well
+    if (!vehicle.seen || !vehicle.seen->ladder) continue;
+    const SeenResult& seen = *vehicle.seen;
+    const LadderResult& ladder = *seen.ladder;
+    if (of == BudgetOf::score && !seen.detected) continue;
     BudgetScene scene;
-    scene.frame = vehicle.at("frame");
-    scene.name = vehicle.at("name");
+    scene.frame = vehicle.host.frame;
+    scene.name = vehicle.name;
     std::vector<std::string> features, rungs;
-    for (const auto& [name, value] : vehicle.at("features").items()) {
+    for (const auto& [name, value] : ladder.features) {
       features.push_back(name);
-      scene.features.push_back(value.get<double>());
+      scene.features.push_back(value);
     }
     double light_weight = 0;  // the features' renders are paid for whatever is chosen
-    for (const json& rung : vehicle.at("ladder")) {
-      const auto effect = rung.at("effect").get<std::string>();
-      if (effect == "hard" || effect == "soft" || effect == "visible light")
-        light_weight += rung.at("seconds").get<double>();
+    for (const LightRungResult& rung : ladder.light)
+      if (rung.effect == "hard" || rung.effect == "soft" || rung.effect == "visible light")
+        light_weight += rung.seconds;
+    for (const LightRungResult& rung : ladder.light) {
+      if (kNotOffered.contains(rung.effect)) continue;
+      rungs.push_back(rung.effect);
+      scene.errors.push_back(of == BudgetOf::radiance ? std::max(0.0, signed_root(rung.error.drawn))
+                                                      : std::abs(rung.outcome->score - seen.cycles.score));
+      scene.alone.push_back(rung.seconds);
+      scene.seconds.push_back(light_weight + (rung.group == "raster" ? 0 : rung.seconds));
     }
-    for (const json& rung : vehicle.at("ladder")) {
-      const auto effect = rung.at("effect").get<std::string>();
-      if (kNotOffered.contains(effect)) continue;
-      rungs.push_back(effect);
-      scene.errors.push_back(
-          of == BudgetOf::radiance
-              ? std::max(0.0, rung.at("error_drawn").get<double>())
-              : std::abs(rung.at("score").get<double>() - vehicle.at("cycles").at("score").get<double>()));
-      const bool ours = rung.at("group") == "raster";
-      scene.alone.push_back(rung.at("seconds").get<double>());
-      scene.seconds.push_back(light_weight + (ours ? 0 : scene.alone.back()));
-    }
-    scene.seconds_full = vehicle.at("reference").at("seconds");
-    scene.error_full = of == BudgetOf::radiance ? vehicle.at("reference").at("noise").get<double>() : 0;
+    scene.seconds_full = ladder.reference_seconds;
+    scene.error_full = of == BudgetOf::radiance ? ladder.reference_noise : 0;
     if (table.scenes.empty()) table.features = features, table.rungs = rungs;
     if (features == table.features && rungs == table.rungs) table.scenes.push_back(std::move(scene));
   }
@@ -321,7 +316,7 @@ std::map<std::string, std::string> linked_frames(const std::map<std::string, std
   return group;
 }
 
-json choose_rungs(const std::vector<json>& vehicles, const BudgetSettings& settings) {
+json choose_rungs(const std::vector<VehicleResult>& vehicles, const BudgetSettings& settings) {
   const Table table = read_scenes(vehicles, settings.of);
   json result = {
       {"budget", settings.budget},

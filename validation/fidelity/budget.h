@@ -30,6 +30,7 @@
 #include <vector>
 
 #include "simulation/insertion.h"
+#include "validation/fidelity/vehicle_result.h"
 
 namespace mirage {
 
@@ -92,7 +93,7 @@ class BudgetRule {
 /// pixels, its visible share. validate_vehicle adds what two light-weight renders tell: soft_change and
 /// light_change, the relative change from hard edges to soft ones and from the plain light model to the one
 /// with visibility.
-nlohmann::json scene_features(const HostScene& scene, const Simulated& simulated);
+std::map<std::string, double> scene_features(const HostScene& scene, const Simulated& simulated);
 
 /// Tests the rule on every scene, each time fitted and calibrated on the other groups (leave one group out;
 /// of more than 20 groups, drawn into 20 folds by seed, leave one fold out): result.json's "budget".
@@ -107,6 +108,6 @@ nlohmann::json scene_features(const HostScene& scene, const Simulated& simulated
 ///   lambda, feature_mean, feature_scale, rungs: the rule from all scenes, for others to use.
 /// Of vehicles without ladder or features nothing is used; for the score, only those found without the
 /// adversary. The rungs' order is the ladder's.
-nlohmann::json choose_rungs(const std::vector<nlohmann::json>& vehicles, const BudgetSettings& settings);
+nlohmann::json choose_rungs(const std::vector<VehicleResult>& vehicles, const BudgetSettings& settings);
 
 }  // namespace mirage

@@ -19,15 +19,14 @@ using nlohmann::json;
 struct Fooled {
   int detected = 0, hidden_raster = 0, hidden_cycles = 0, hidden_both = 0, raster = 0, cycles = 0;
 
-  void add(const json& host) {
-    if (!host.at("detected").get<bool>()) return;
+  void add(const SeenResult& seen) {
+    if (!seen.detected) return;
     ++detected;
-    const bool in_raster = host.at("raster").at("hidden"), in_cycles = host.at("cycles").at("hidden");
-    hidden_raster += in_raster;
-    hidden_cycles += in_cycles;
-    hidden_both += in_raster && in_cycles;
-    raster += in_raster || host.at("raster").at("false_positive").get<bool>();
-    cycles += in_cycles || host.at("cycles").at("false_positive").get<bool>();
+    hidden_raster += seen.raster.hidden;
+    hidden_cycles += seen.cycles.hidden;
+    hidden_both += seen.raster.hidden && seen.cycles.hidden;
+    raster += seen.raster.fooled();
+    cycles += seen.cycles.fooled();
   }
   json to_json() const {
     const double base = std::max(1, detected);
@@ -72,18 +71,15 @@ class Means {
 /// vehicle over its picture.
 class Errors {
  public:
-  void add(const json& vehicle, const json& error) {
-    const json& squared = error.at("squared");
-    plain_ += squared.at("plain").get<double>();
-    floor_ += squared.at("floor").get<double>();
-    drawn_ += squared.at("drawn").get<double>();
-    const auto unbiased = squared.at("unbiased").get<double>();
-    vehicles_.push_back({unbiased, 1});
-    ClusterSums& cluster =
-        clusters_[cluster_of(vehicle.at("frame").get<std::string>(), vehicle.value("track", -1))];
-    cluster.numerator += unbiased;
+  void add(const VehicleResult& vehicle, const SquaredError& error) {
+    plain_ += error.plain;
+    floor_ += error.floor;
+    drawn_ += error.drawn;
+    vehicles_.push_back({error.unbiased, 1});
+    ClusterSums& cluster = clusters_[cluster_of(vehicle.host.frame, vehicle.track)];
+    cluster.numerator += error.unbiased;
     cluster.denominator += 1;
-    picture_ = error.at("interval");
+    picture_ = error.interval;
   }
   bool empty() const { return vehicles_.empty(); }
   json result() const {
@@ -100,13 +96,12 @@ class Errors {
       }
       return signed_root(sums.numerator / sums.denominator);
     };
-    json interval = picture_;
-    if (drawn.size() > 1) interval = to_json(bootstrap_statistic(drawn.size(), root_of_mean));
+    const Interval interval = drawn.size() > 1 ? bootstrap_statistic(drawn.size(), root_of_mean) : picture_;
     return {{"error_plain", signed_root(plain_ / n)},
             {"floor", signed_root(floor_ / n)},
             {"error_drawn", signed_root(drawn_ / n)},
-            {"error_unbiased", interval.at("value")},
-            {"interval", interval},
+            {"error_unbiased", interval.value},
+            {"interval", to_json(interval)},
             {"interval_over", drawn.size() < 2 ? "pixels"
                               : by_cluster     ? "clusters"
                                                : "vehicles"}};
@@ -116,49 +111,56 @@ class Errors {
   double plain_ = 0, floor_ = 0, drawn_ = 0;
   std::vector<ClusterSums> vehicles_;
   std::map<std::string, ClusterSums> clusters_;
-  json picture_;
+  Interval picture_;
+};
+
+/// A rung over the vehicles that have it.
+struct RungMeans {
+  Means means;
+  std::string group, base;
+  Errors errors;
+  int vehicles = 0, detected = 0, hidden = 0, false_positive = 0, either = 0;
+  double score = 0, score_change = 0;
+
+  void add(const VehicleResult& vehicle, const LightRungResult& rung) {
+    group = rung.group, base = rung.base;
+    errors.add(vehicle, rung.error);
+    add_outcome(vehicle, rung.outcome);
+    means.add(figures(rung));
+  }
+  void add(const VehicleResult& vehicle, const LidarRungResult& rung) {
+    add_outcome(vehicle, rung.outcome);
+    means.add(figures(rung));
+  }
+  void add_outcome(const VehicleResult& vehicle, const std::optional<OutcomeResult>& outcome) {
+    ++vehicles;
+    if (!outcome) return;
+    ++detected;
+    hidden += outcome->hidden;
+    false_positive += outcome->false_positive;
+    either += outcome->fooled();
+    score += outcome->score;
+    score_change += std::abs(outcome->score - vehicle.seen->raster.score);
+  }
 };
 
 /// A ladder over the vehicles that have one, in the order of its rungs. What the detector says counts
 /// vehicles found without the adversary.
-json ladder(const std::vector<json>& hosts, const char* key) {
-  struct Rung {
-    Means means;
-    std::string group, base;
-    Errors errors;
-    int vehicles = 0, detected = 0, hidden = 0, false_positive = 0, either = 0;
-    double score = 0, score_change = 0;
-  };
-  std::map<std::string, Rung> rungs;
+template <class Rung>
+json ladder(const std::vector<VehicleResult>& vehicles, std::vector<Rung> LadderResult::*which) {
+  std::map<std::string, RungMeans> rungs;
   std::vector<std::string> order;
-  for (const json& host : hosts)
-    for (json entry : host.value(key, json::array())) {
-      const auto effect = entry.at("effect").get<std::string>();
-      auto [place, added] = rungs.try_emplace(effect);
-      if (added) order.push_back(effect);
-      Rung& rung = place->second;
-      ++rung.vehicles;
-      rung.group = entry.value("group", "");
-      rung.base = entry.value("base", "");
-      if (entry.contains("score")) {
-        const bool hidden = entry.at("hidden"), false_positive = entry.at("false_positive");
-        ++rung.detected;
-        rung.hidden += hidden;
-        rung.false_positive += false_positive;
-        rung.either += hidden || false_positive;
-        rung.score += entry.at("score").get<double>();
-        rung.score_change +=
-            std::abs(entry.at("score").get<double>() - host.at("raster").at("score").get<double>());
-      }
-      if (entry.contains("squared")) rung.errors.add(host, entry);
-      for (const char* own : {"score", "iou", "effect", "group", "base", "squared", "error_plain", "floor",
-                              "error_drawn", "error_unbiased", "interval"})
-        entry.erase(own);
-      rung.means.add(entry);
+  for (const VehicleResult& vehicle : vehicles) {
+    if (!vehicle.seen || !vehicle.seen->ladder) continue;
+    for (const Rung& rung : (*vehicle.seen->ladder).*which) {
+      const auto [place, added] = rungs.try_emplace(rung.effect);
+      if (added) order.push_back(rung.effect);
+      place->second.add(vehicle, rung);
     }
+  }
   auto list = json::array();
   for (const std::string& effect : order) {
-    const Rung& rung = rungs.at(effect);
+    const RungMeans& rung = rungs.at(effect);
     json entry = rung.means.result();
     const double base = std::max(1, rung.detected);
     entry.update({{"effect", effect},
@@ -180,7 +182,7 @@ json ladder(const std::vector<json>& hosts, const char* key) {
 
 }  // namespace
 
-json summarize_vehicles(const std::vector<json>& hosts, const std::set<std::string>& test_frames) {
+json summarize_vehicles(const std::vector<VehicleResult>& all, const std::set<std::string>& test_frames) {
   std::set<std::string> frames;
   double both = 0, either = 0, error = 0, largest = 0, range_error = 0, worst_iou = 1;
   RooftopCount rooftops;
@@ -189,32 +191,32 @@ json summarize_vehicles(const std::vector<json>& hosts, const std::set<std::stri
   double full_mae = 0, full_mean = 0, full_ssim = 0, full_flip = 0, full_seconds = 0;
   double worst_depth = 0, noise = 0;
   Errors full_errors;
-  for (const json& host : hosts) {
-    if (!host.contains("matched")) continue;
+  for (const VehicleResult& vehicle : all) {
+    if (!vehicle.seen) continue;
+    const SeenResult& seen = *vehicle.seen;
     ++vehicles;
-    ++(host.at("from_box").get<bool>() ? rooftops.from_box : rooftops.fitted);
-    frames.insert(host.at("frame").get<std::string>());
-    const json& m = host.at("matched");
-    both += m.at("mask_both").get<double>();
-    either += m.at("mask_either").get<double>();
-    error += m.at("mae").get<double>() * m.at("mask_either").get<double>();
-    largest = std::max(largest, m.at("max_error").get<double>());
-    worst_iou = std::min(worst_iou, m.at("mask_iou").get<double>());
-    range_error = std::max(range_error, m.at("range_error_m").get<double>());
-    worst_depth = std::max(worst_depth, m.at("depth_error_m").get<double>());
-    noise += host.at("full").at("noise").get<double>();
-    rays += m.at("rays").get<int>();
-    pixels_off += m.at("pixels_off").get<int>();
-    returns += m.at("returns").get<int>();
-    disagreements += m.at("hit_disagreements").get<int>();
-    const json& full = host.at("full");
-    if (full.contains("squared")) full_errors.add(host, full);
-    full_mae += full.at("mae").get<double>();
-    full_mean += full.at("mean").get<double>();
-    full_ssim += full.at("ssim").get<double>();
-    full_flip += full.at("flip").get<double>();
-    full_seconds += full.at("seconds").get<double>();
-    (test_frames.count(host.at("frame").get<std::string>()) ? held_back : trained_on).add(host);
+    ++(vehicle.from_box ? rooftops.from_box : rooftops.fitted);
+    frames.insert(vehicle.host.frame);
+    const MatchedResult& m = seen.matched;
+    both += m.mask_both;
+    either += m.mask_either;
+    error += m.mae * m.mask_either;
+    largest = std::max(largest, m.max_error);
+    worst_iou = std::min(worst_iou, m.mask_iou);
+    range_error = std::max(range_error, m.range_error);
+    worst_depth = std::max(worst_depth, m.depth_error);
+    noise += seen.full.noise;
+    rays += m.rays;
+    pixels_off += m.pixels_off;
+    returns += m.returns;
+    disagreements += m.hit_disagreements;
+    full_errors.add(vehicle, seen.full.error);
+    full_mae += seen.full.mae;
+    full_mean += seen.full.mean;
+    full_ssim += seen.full.ssim;
+    full_flip += seen.full.flip;
+    full_seconds += seen.full.seconds;
+    (test_frames.contains(vehicle.host.frame) ? held_back : trained_on).add(seen);
   }
   const double n = std::max(1, vehicles);
   const auto tested =
@@ -243,8 +245,8 @@ json summarize_vehicles(const std::vector<json>& hosts, const std::set<std::stri
             {"returns", returns}}},
           {"full", full},
           {"noise", noise / n},
-          {"ladder", ladder(hosts, "ladder")},
-          {"lidar_ladder", ladder(hosts, "lidar_ladder")},
+          {"ladder", ladder(all, &LadderResult::light)},
+          {"lidar_ladder", ladder(all, &LadderResult::lidar)},
           {"attack", held_back.to_json()},
           {"attack_train", trained_on.to_json()}};
 }

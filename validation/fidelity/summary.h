@@ -6,11 +6,13 @@
 #include <string>
 #include <vector>
 
+#include "validation/fidelity/vehicle_result.h"
+
 namespace mirage {
 
-/// The figures of result.json over the vehicles' results (OUT/hosts/*.json); vehicles without a figure are
-/// left out of its mean. `test_frames`: frames that the attack never saw.
-nlohmann::json summarize_vehicles(const std::vector<nlohmann::json>& vehicles,
+/// The figures of result.json over the vehicles; those without a figure are left out of its mean.
+/// `test_frames`: frames that the attack never saw.
+nlohmann::json summarize_vehicles(const std::vector<VehicleResult>& vehicles,
                                   const std::set<std::string>& test_frames);
 
 }  // namespace mirage

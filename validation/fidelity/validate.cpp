@@ -38,26 +38,26 @@ bool is_inside(const fs::path& path) {
   return path.is_relative() && std::find(path.begin(), path.end(), "..") == path.end();
 }
 
-/// Whether the pictures that a stored result names are still there: the report embeds them.
-bool pictures_exist(const fs::path& out, const json& stored) {
-  const json pictures = stored.value("pictures", json());
-  for (const auto& [name, file] : pictures.items())
-    if (!file.is_string() || !is_inside(file.get<std::string>()) ||
-        !fs::exists(out / file.get<std::string>()))
-      return false;
-  return true;
-}
-
-/// The vehicle's stored result if it is of the same key and whole; null otherwise: it is made again.
-json stored_result(const fs::path& out, const fs::path& file, const std::string& key, bool with_ladder) {
-  if (!fs::exists(file)) return nullptr;
-  json stored = json::parse(read_file(file), nullptr, false);
-  if (!stored.is_object() || stored.value("key", json()) != key || !pictures_exist(out, stored))
-    return nullptr;
-  if (with_ladder && stored.contains("matched") && !stored.contains("ladder")) return nullptr;
-  if (!with_ladder)
-    for (const char* part : {"ladder", "lidar_ladder", "features", "reference"}) stored.erase(part);
-  return stored;
+/// The vehicle's stored result if it is of the same key and whole, and if the pictures that it names are
+/// still there (the report embeds them); none otherwise: it is made again.
+std::optional<VehicleResult> stored_result(const fs::path& out, const fs::path& file, const std::string& key,
+                                           bool with_ladder) {
+  if (!fs::exists(file)) return std::nullopt;
+  const json stored = json::parse(read_file(file), nullptr, false);
+  if (!stored.is_object() || stored.value("key", json()) != key) return std::nullopt;
+  VehicleResult vehicle;
+  try {
+    vehicle = read_vehicle(file, stored);
+  } catch (const InputError& damaged) {
+    spdlog::warn("{}; made again", damaged.what());
+    return std::nullopt;
+  }
+  if (!vehicle.seen) return vehicle;
+  for (const auto& [name, picture] : vehicle.seen->pictures)
+    if (!is_inside(picture) || !fs::exists(out / picture)) return std::nullopt;
+  if (with_ladder && !vehicle.seen->ladder) return std::nullopt;
+  if (!with_ladder) vehicle.seen->ladder.reset();
+  return vehicle;
 }
 
 /// The host's identity, as its data set has it now: stored results need not be made again for it.
@@ -160,14 +160,14 @@ json validate(const ValidationSettings& given) {
   const std::vector<bool> has_ladder =
       ladder_hosts(hosts, settings.ladder < 0 && !(settings.budget > 0) ? kLadder : settings.ladder);
   Progress progress("validate", hosts.size(), settings.quiet);
-  std::vector<json> results;
+  std::vector<VehicleResult> results;
   auto failed = json::array();
   for (std::size_t i = 0; i < hosts.size(); ++i) {
     throw_if_interrupted("finished vehicles are kept; run the same command again to go on");
     const fs::path file = settings.out / "hosts" / (host_name(hosts[i]) + ".json");
     const bool with_ladder = has_ladder[i];
-    json result = stored_result(settings.out, file, key, with_ladder);
-    if (result.is_null()) {
+    std::optional<VehicleResult> result = stored_result(settings.out, file, key, with_ladder);
+    if (!result) {
       try {
         result = validate_vehicle(context, hosts[i], with_ladder);
       } catch (const BlenderLost& lost) {  // the other vehicles' renders may well succeed
@@ -175,11 +175,12 @@ json validate(const ValidationSettings& given) {
         failed.push_back({{"name", host_name(hosts[i])}, {"problem", lost.what()}});
         continue;
       }
-      result["key"] = key;
-      write_json(file, result);
+      json stored = to_json(*result);
+      stored["key"] = key;
+      write_json(file, stored);
     }
-    if (const int track = track_of(run.settings.data, hosts[i]); track >= 0) result["track"] = track;
-    results.push_back(std::move(result));
+    result->track = track_of(run.settings.data, hosts[i]);
+    results.push_back(std::move(*result));
     progress.update(i + 1, host_name(hosts[i]));
   }
   if (results.empty()) throw Failure("blender", "was lost on every vehicle", "look at blender.log");
@@ -192,12 +193,11 @@ json validate(const ValidationSettings& given) {
   if (settings.budget > 0)
     result["budget"] = choose_rungs(results, {settings.budget, settings.budget_of, settings.seed});
   auto names = json::array(), losses = json::array();
-  for (const json& host : results) {
-    names.push_back(host.at("name"));
-    for (json loss : host.value("blender_losses", json::array())) {
-      loss["vehicle"] = host.at("name");
-      losses.push_back(std::move(loss));
-    }
+  for (const VehicleResult& vehicle : results) {
+    names.push_back(vehicle.name);
+    for (const BlenderWorker::Loss& loss : vehicle.blender_losses)
+      losses.push_back(
+          {{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}, {"vehicle", vehicle.name}});
   }
   result["reliance"] = to_json(reliance);
   result["hosts"] = names;

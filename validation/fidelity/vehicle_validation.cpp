@@ -66,15 +66,10 @@ Appearance look_at(Detector& detector, const SensorView& view, const BevBox& hos
 struct Judged {
   HostOutcome outcome;
   double logit = 0;
+  OutcomeResult result() const {
+    return {outcome.attacked_iou, outcome.attacked_score, logit, outcome.hidden, outcome.false_positive};
+  }
 };
-
-json outcome_json(const Judged& judged) {
-  return {{"iou", judged.outcome.attacked_iou},
-          {"score", judged.outcome.attacked_score},
-          {"logit", judged.logit},
-          {"hidden", judged.outcome.hidden},
-          {"false_positive", judged.outcome.false_positive}};
-}
 
 json bev_json(const PreparedFrame& prepared, const Label& host, const Simulated& simulated,
               const HostOutcome& raster, const HostOutcome& cycles) {
@@ -122,58 +117,35 @@ ImageF difference(const ImageF& a, const ImageF& b, float gain) {
   return out;
 }
 
-json change_json(const Change& change) {
-  return {{"mae", change.mae},
-          {"relative", change.relative},
-          {"psnr", std::isfinite(change.psnr) ? json(change.psnr) : json()},  // equal pictures: null
-          {"ssim", change.ssim},
-          {"flip", change.flip}};
-}
-
 /// The ladders of light and LiDAR, each rung with what the detector makes of it, and the features by which a
 /// budget chooses (budget.h).
 template <class Outcome>
-void add_ladders(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated,
-                 const FullLight& full, const Outcome& outcome, json& result) {
+LadderResult ladders(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated,
+                     const FullLight& full, const Outcome& outcome) {
   const Frame& frame = scene.prepared->frame;
-  result["ladder"] = json::array();
-  double soft_change = 0, light_change = 0;
-  const LightLadder light = light_ladder(blender, scene, full);
-  result["reference"] = {{"samples", light.reference_samples},
-                         {"seconds", light.reference_seconds},
-                         {"noise", light.reference_noise}};
-  for (const LadderRung& rung : light.rungs) {
-    json entry = outcome(with_window(frame.image, rung.picture, full.rect), simulated.sweep);
-    entry.update(change_json(rung.change));
-    entry.update(to_json(rung.error));
-    entry.update({{"effect", rung.effect},
-                  {"group", rung.group},
-                  {"base", rung.base},
-                  {"crop", change_json(rung.crop)},
-                  {"to_full", change_json(rung.to_full)},
-                  {"seconds", rung.seconds}});
-    if (rung.effect == "soft") soft_change = rung.change.relative;
-    if (rung.effect == "visible light") light_change = rung.change.relative;
-    result["ladder"].push_back(std::move(entry));
+  LadderResult result;
+  LightLadder light = light_ladder(blender, scene, full);
+  result.reference_samples = light.reference_samples;
+  result.reference_seconds = light.reference_seconds;
+  result.reference_noise = light.reference_noise;
+  result.features = scene_features(scene, simulated);
+  result.features["soft_change"] = result.features["light_change"] = 0;
+  for (LadderRung& rung : light.rungs) {
+    const auto seen = outcome(with_window(frame.image, rung.picture, full.rect), simulated.sweep);
+    if (rung.effect == "soft") result.features["soft_change"] = rung.change.relative;
+    if (rung.effect == "visible light") result.features["light_change"] = rung.change.relative;
+    result.light.push_back({std::move(rung.effect), std::move(rung.group), std::move(rung.base), rung.change,
+                            rung.crop, rung.to_full, rung.error, rung.seconds, seen});
   }
-  result["lidar_ladder"] = json::array();
-  for (const LidarRung& rung : lidar_ladder(scene)) {
-    json entry = outcome(simulated.image, rung.sweep);
-    entry.update({{"effect", rung.effect},
-                  {"returns", rung.returns},
-                  {"changed", rung.changed},
-                  {"returns_change", rung.returns_change},
-                  {"seconds", rung.seconds}});
-    result["lidar_ladder"].push_back(std::move(entry));
-  }
-  result["features"] = scene_features(scene, simulated);
-  result["features"]["soft_change"] = soft_change;
-  result["features"]["light_change"] = light_change;
+  for (const LidarRung& rung : lidar_ladder(scene))
+    result.lidar.push_back({rung.effect, rung.returns, rung.changed, rung.returns_change, rung.seconds,
+                            outcome(simulated.image, rung.sweep)});
+  return result;
 }
 
 }  // namespace
 
-json validate_vehicle(ValidationContext& context, const HostId& id, bool with_ladder) {
+VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, bool with_ladder) {
   const auto held = context.store.get(id.frame);
   const PreparedFrame& prepared = *held;
   const Frame& frame = prepared.frame;
@@ -195,13 +167,14 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
 
   const Simulated simulated =
       simulate(prepared, *scene.host, scene.rooftop, scene.adversary, scene.simulation);
-  json result = {{"frame", id.frame},
-                 {"label", id.label},
-                 {"name", name},
-                 {"from_box", scene.rooftop.from_box},
-                 {"visible_share", simulated.visible_share},
-                 {"adversary_points", simulated.adversary_points}};
+  VehicleResult result;
+  result.host = id;
+  result.name = name;
+  result.from_box = scene.rooftop.from_box;
+  result.visible_share = simulated.visible_share;
+  result.adversary_points = simulated.adversary_points;
   if (simulated.rect.empty()) return result;
+  SeenResult& seen = result.seen.emplace();
   const std::size_t lost_before = context.blender.losses().size();
   const MatchedLight matched = matched_light(context.blender, scene);
   const LidarCheck lidar = check_lidar(context.blender, scene, simulated);
@@ -209,28 +182,21 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
     scene.samples = samples_for(measure_noise(context.blender, scene, simulated), context.settings.noise);
   const FullLight full = full_light(context.blender, scene, simulated);
   const Noise noise = noise_of(full.radiance, full.mask, full.samples / 2);
-  result["matched"] = {{"mask_iou", matched.mask_iou},
-                       {"mae", matched.mae},
-                       {"max_error", matched.max_error},
-                       {"depth_error_m", matched.depth_error},
-                       {"depth_error_mean_m", matched.depth_error_mean},
-                       {"mask_both", matched.mask_both},
-                       {"mask_either", matched.mask_either},
-                       {"range_error_m", lidar.range_error},
-                       {"rays", lidar.rays},
-                       {"returns", lidar.returns},
-                       {"hit_disagreements", lidar.disagreements},
-                       {"pixels_off", matched.pixels_off}};
-  result["samples"] = scene.samples;
+  MatchedResult& m = seen.matched;
+  m.mask_iou = matched.mask_iou, m.mask_both = matched.mask_both, m.mask_either = matched.mask_either;
+  m.mae = matched.mae, m.max_error = matched.max_error, m.pixels_off = matched.pixels_off;
+  m.depth_error = matched.depth_error, m.depth_error_mean = matched.depth_error_mean;
+  m.range_error = lidar.range_error, m.rays = lidar.rays, m.returns = lidar.returns;
+  m.hit_disagreements = lidar.disagreements;
+  seen.samples = scene.samples;
   const ImageF seen_raster = encoded(full.raster), seen_cycles = encoded(full.cycles);
-  result["full"] = {
-      {"mae", mean_absolute_error(full.raster, full.cycles, full.mask)},
-      {"mean", mean_absolute_error(full.cycles, ImageF(full.mask.width, full.mask.height, 3), full.mask)},
-      {"ssim", ssim(grey(seen_raster), grey(seen_cycles), full.mask)},
-      {"flip", flip(seen_cycles, seen_raster, full.mask)},
-      {"noise", noise.at(full.samples)},
-      {"seconds", full.seconds}};
-  result["full"].update(to_json(raster_error(scene, simulated, full)));
+  seen.full.mae = mean_absolute_error(full.raster, full.cycles, full.mask);
+  seen.full.mean = mean_absolute_error(full.cycles, ImageF(full.mask.width, full.mask.height, 3), full.mask);
+  seen.full.ssim = ssim(grey(seen_raster), grey(seen_cycles), full.mask);
+  seen.full.flip = flip(seen_cycles, seen_raster, full.mask);
+  seen.full.noise = noise.at(full.samples);
+  seen.full.seconds = full.seconds;
+  seen.full.error = raster_error(scene, simulated, full);
   EvaluationSettings judge_by = context.settings.evaluation_settings;
   judge_by.plane = context.detector.capabilities().plane();
   const std::optional<PictureBox> object = silhouette_box(simulated);
@@ -253,36 +219,35 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
   SimulationSettings hard_edges = hard_limit(scene.simulation, true);
   hard_edges.supersampling = scene.simulation.supersampling;
   const ImageF hard_image = simulate_host(scene, hard_edges).image;
-  result["range"] = raster.range;
-  result["detected"] = raster.detected;
-  result["clean"] = {{"iou", raster.clean_iou}, {"score", raster.clean_score}};
-  result["raster"] = outcome_json(seen_raster_as);
-  result["hard"] = outcome_json(outcome_of(hard_image, simulated.sweep));
-  result["cycles"] = outcome_json(seen_cycles_as);
-  if (raster.detected)  // else there is no outcome to change
-    result.update(look_at_arms(scene, simulated, full, [&](const ImageF& image, const Sweep& sweep) {
-      return outcome_json(outcome_of(image, sweep));
-    }));
+  seen.range = raster.range;
+  seen.detected = raster.detected;
+  seen.clean_iou = raster.clean_iou, seen.clean_score = raster.clean_score;
+  seen.raster = seen_raster_as.result();
+  seen.hard = outcome_of(hard_image, simulated.sweep).result();
+  seen.cycles = seen_cycles_as.result();
+  const auto look = [&](const ImageF& image, const Sweep& sweep) {
+    return outcome_of(image, sweep).result();
+  };
+  if (raster.detected) seen.arms = look_at_arms(scene, simulated, full, look);  // else no outcome to change
   if (with_ladder) {
     // Where the detector misses the vehicle without the adversary there is no outcome to change.
-    const auto outcome = [&](const ImageF& image, const Sweep& sweep) -> json {
-      if (!raster.detected) return json::object();
-      return outcome_json(outcome_of(image, sweep));
+    const auto outcome = [&](const ImageF& image, const Sweep& sweep) {
+      return raster.detected ? std::optional(look(image, sweep)) : std::nullopt;
     };
-    add_ladders(context.blender, scene, simulated, full, outcome, result);
+    seen.ladder = ladders(context.blender, scene, simulated, full, outcome);
   }
-  result["bev"] = bev_json(prepared, *scene.host, simulated, raster, cycles);
+  result.shown["bev"] = bev_json(prepared, *scene.host, simulated, raster, cycles);
   if (judge_by.plane == Plane::picture)
-    result["picture_boxes"] = picture_json(frame, *scene.host, object, raster, cycles);
+    result.shown["picture_boxes"] = picture_json(frame, *scene.host, object, raster, cycles);
 
   const auto save = [&](const std::string& picture, const ImageF& image) {
     const std::string file = "pictures/" + name + "_" + picture + ".png";
     write_srgb(out / file, image);
-    result["pictures"][picture] = file;
+    seen.pictures[picture] = file;
   };
   const Label& host = *scene.host;
-  result["host_rect"] = {host.left, host.top, host.right, host.bottom};
-  result["crop_rect"] = {full.rect.u0, full.rect.v0, full.rect.u1, full.rect.v1};
+  result.shown["host_rect"] = {host.left, host.top, host.right, host.bottom};
+  result.shown["crop_rect"] = {full.rect.u0, full.rect.v0, full.rect.u1, full.rect.v1};
   save("clean", frame.image);
   save("attacked", simulated.image);
   save("cycles", full.image);
@@ -292,12 +257,8 @@ json validate_vehicle(ValidationContext& context, const HostId& id, bool with_la
   save("matched_raster", matched.raster);
   save("matched_cycles", matched.cycles);
   save("matched_difference", difference(matched.raster, matched.cycles, 10));
-  auto losses = json::array();
-  for (std::size_t i = lost_before; i < context.blender.losses().size(); ++i) {
-    const BlenderWorker::Loss& loss = context.blender.losses()[i];
-    losses.push_back({{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}});
-  }
-  result["blender_losses"] = losses;
+  const auto& losses = context.blender.losses();
+  result.blender_losses.assign(losses.begin() + static_cast<std::ptrdiff_t>(lost_before), losses.end());
   return result;
 }
 

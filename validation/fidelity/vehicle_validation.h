@@ -1,13 +1,13 @@
-// Everything that `mirage validate` finds out about one vehicle, as the JSON that is stored for it.
+// Finds out about one vehicle everything that `mirage validate` says of it.
 #pragma once
 
 #include <map>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 #include "validation/blender/blender_process.h"
 #include "validation/fidelity/validation_settings.h"
+#include "validation/fidelity/vehicle_result.h"
 
 namespace mirage {
 
@@ -23,6 +23,6 @@ struct ValidationContext {
 
 /// Writes the vehicle's scene and pictures under settings.out. An object of which nothing is in view has no
 /// figures. BlenderLost if Blender was lost too often on one of its renders.
-nlohmann::json validate_vehicle(ValidationContext& context, const HostId& id, bool with_ladder);
+VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, bool with_ladder);
 
 }  // namespace mirage

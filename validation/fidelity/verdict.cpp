@@ -1,5 +1,6 @@
 #include "validation/fidelity/verdict.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -11,10 +12,6 @@ namespace mirage {
 namespace {
 
 using nlohmann::json;
-
-bool is_fooled(const json& outcome) {
-  return outcome.at("hidden").get<bool>() || outcome.at("false_positive").get<bool>();
-}
 
 /// A share's numerators and denominators by cluster.
 class Share {
@@ -45,12 +42,12 @@ struct Variant {
   double score = 0;
   Share hidden, false_positive, fooled;
 
-  void add(const std::string& cluster, const json& outcome) {
+  void add(const std::string& cluster, const OutcomeResult& outcome) {
     ++vehicles;
-    score += outcome.at("score").get<double>();
-    hidden.add(cluster, outcome.at("hidden").get<bool>());
-    false_positive.add(cluster, outcome.at("false_positive").get<bool>());
-    fooled.add(cluster, is_fooled(outcome));
+    score += outcome.score;
+    hidden.add(cluster, outcome.hidden);
+    false_positive.add(cluster, outcome.false_positive);
+    fooled.add(cluster, outcome.fooled());
   }
   json result(const std::string& name) const {
     return {{"name", name},
@@ -62,77 +59,74 @@ struct Variant {
   }
 };
 
-/// Variants that are compared with a first one on the same vehicles, in the order of their coming.
-class Compared {
- public:
-  /// `names`: what tells this outcome's variant.
-  void add(const std::string& cluster, const json& outcome, const json& first,
-           const std::vector<std::string>& names) {
-    std::vector<std::string> values;
-    for (const std::string& name : names) values.push_back(outcome.at(name));
-    auto [place, added] = entries_.try_emplace(values);
-    Entry& entry = place->second;
-    if (added) {
-      order_.push_back(values);
-      for (const std::string& name : names) entry.names[name] = outcome.at(name);
-    }
-    entry.variant.add(cluster, outcome);
-    entry.difference.add(cluster, double(is_fooled(outcome)) - double(is_fooled(first)));
-    entry.flips += outcome.at("hidden") != first.at("hidden") ||
-                   outcome.at("false_positive") != first.at("false_positive");
-    entry.logit += std::abs(outcome.at("logit").get<double>() - first.at("logit").get<double>());
-    entry.score += std::abs(outcome.at("score").get<double>() - first.at("score").get<double>());
-  }
-  json result() const {
-    auto list = json::array();
-    for (const auto& values : order_) {
-      const Entry& entry = entries_.at(values);
-      json row = entry.variant.result("");
-      row.erase("name");
-      row.update(entry.names);
-      row["difference"] = to_json(entry.difference.signed_interval());
-      row["flips"] = entry.flips;
-      row["mean_delta_logit"] = entry.logit / entry.variant.vehicles;
-      row["mean_delta_score"] = entry.score / entry.variant.vehicles;
-      list.push_back(std::move(row));
-    }
-    return list;
-  }
+/// The words that tell a variant from the others, as the file has them: {"light": "raster", …}.
+using Names = std::map<std::string, std::string>;
 
- private:
-  struct Entry {
-    json names = json::object();
-    Variant variant;
-    Share difference;
-    int flips = 0;
-    double logit = 0, score = 0;
-  };
-  std::map<std::vector<std::string>, Entry> entries_;
-  std::vector<std::vector<std::string>> order_;
+/// A variant that is compared with a first one on the same vehicles.
+struct Compared {
+  Names names;
+  Variant variant;
+  Share difference;
+  int flips = 0;
+  double logit = 0, score = 0;  ///< sums of |Δ|
+
+  void add(const std::string& cluster, const OutcomeResult& outcome, const OutcomeResult& first) {
+    variant.add(cluster, outcome);
+    difference.add(cluster, double(outcome.fooled()) - double(first.fooled()));
+    flips += outcome.hidden != first.hidden || outcome.false_positive != first.false_positive;
+    logit += std::abs(outcome.logit - first.logit);
+    score += std::abs(outcome.score - first.score);
+  }
+  double mean_delta_logit() const { return logit / variant.vehicles; }
+  json result() const {
+    json row = variant.result("");
+    row.erase("name");
+    row.update(names);
+    row["difference"] = to_json(difference.signed_interval());
+    row["flips"] = flips;
+    row["mean_delta_logit"] = mean_delta_logit();
+    row["mean_delta_score"] = score / variant.vehicles;
+    return row;
+  }
 };
 
-std::string own_cluster(const json& vehicle) {
-  return cluster_of(vehicle.at("frame").get<std::string>(), vehicle.value("track", -1));
+Names names_of(const ArmResult& arm) {
+  return {{"light", arm.light}, {"returns", arm.returns}};
+}
+Names names_of(const ControlResult& control) {
+  return {{"channel", control.channel}, {"control", control.control}};
 }
 
-/// The vehicles' outcomes under `key`, against the first of their arms.
-json compared(const std::vector<const json*>& vehicles, const char* key,
-              const std::vector<std::string>& names) {
-  Compared all;
-  for (const json* vehicle : vehicles)
-    if (vehicle->contains("arms"))
-      for (const json& outcome : vehicle->at(key))
-        all.add(own_cluster(*vehicle), outcome, vehicle->at("arms").at(0), names);
-  return all.result();
+/// The vehicles' arms or controls against the first of their arms, in the order of their coming.
+template <class Entry>
+std::vector<Compared> compared(const std::vector<const VehicleResult*>& vehicles,
+                               std::vector<Entry> ArmsResult::*which) {
+  std::vector<Compared> all;
+  for (const VehicleResult* vehicle : vehicles) {
+    if (!vehicle->seen->arms) continue;
+    const ArmsResult& looks = *vehicle->seen->arms;
+    for (const Entry& entry : looks.*which) {
+      const Names names = names_of(entry);
+      auto place = std::find_if(all.begin(), all.end(), [&](const Compared& c) { return c.names == names; });
+      if (place == all.end()) place = all.insert(all.end(), Compared{names, {}, {}});
+      place->add(cluster_of(vehicle->host.frame, vehicle->track), entry.outcome, looks.arms.at(0).outcome);
+    }
+  }
+  return all;
 }
 
-json vacuous(const json& controls, const std::string& channel) {
+json rows(const std::vector<Compared>& all) {
+  auto list = json::array();
+  for (const Compared& variant : all) list.push_back(variant.result());
+  return list;
+}
+
+json vacuous(const std::vector<Compared>& controls, const std::string& channel) {
   bool looked = false, changed = false;
-  for (const json& control : controls) {
-    if (control.at("channel") != channel) continue;
+  for (const Compared& control : controls) {
+    if (control.names.at("channel") != channel) continue;
     looked = true;
-    changed |= control.at("flips").get<int>() > 0 ||
-               control.at("mean_delta_logit").get<double>() >= kLeastDeltaLogit;
+    changed |= control.flips > 0 || control.mean_delta_logit() >= kLeastDeltaLogit;
   }
   return looked ? json(!changed) : json();
 }
@@ -152,7 +146,7 @@ json correlation(const std::vector<std::pair<double, double>>& pairs) {
   return xy / std::sqrt(xx * yy);
 }
 
-json group(const std::vector<const json*>& vehicles) {
+json group(const std::vector<const VehicleResult*>& vehicles) {
   std::vector<std::string> order{"soft", "hard"};
   std::map<std::string, Variant> variants;
   std::set<std::string> frames;
@@ -160,38 +154,34 @@ json group(const std::vector<const json*>& vehicles) {
   std::vector<std::pair<double, double>> scores;
   Share hidden, false_positive, fooled;
   int agree = 0;
-  for (const json* vehicle : vehicles) {
-    const auto frame = vehicle->at("frame").get<std::string>();
-    const int track = vehicle->value("track", -1);
-    const std::string cluster = cluster_of(frame, track);
-    frames.insert(frame);
-    clusters.add(frame, track);
-    const json &soft = vehicle->at("raster"), &cycles = vehicle->at("cycles");
+  for (const VehicleResult* vehicle : vehicles) {
+    const SeenResult& seen = *vehicle->seen;
+    const std::string cluster = cluster_of(vehicle->host.frame, vehicle->track);
+    frames.insert(vehicle->host.frame);
+    clusters.add(vehicle->host.frame, vehicle->track);
+    const OutcomeResult &soft = seen.raster, &cycles = seen.cycles;
     variants["soft"].add(cluster, soft);
-    if (vehicle->contains("hard")) variants["hard"].add(cluster, vehicle->at("hard"));
-    for (const json& rung : vehicle->value("ladder", json::array())) {
-      const auto effect = rung.at("effect").get<std::string>();
-      if (!rung.contains("score") || effect == "soft" || effect == "hard" || effect == "full") continue;
-      if (!variants.contains(effect)) order.push_back(effect);
-      variants[effect].add(cluster, rung);
-    }
+    variants["hard"].add(cluster, seen.hard);
+    if (seen.ladder)
+      for (const LightRungResult& rung : seen.ladder->light) {
+        const std::string& effect = rung.effect;
+        if (!rung.outcome || effect == "soft" || effect == "hard" || effect == "full") continue;
+        if (!variants.contains(effect)) order.push_back(effect);
+        variants[effect].add(cluster, *rung.outcome);
+      }
     variants["cycles"].add(cluster, cycles);
-    const auto difference = [&](const char* key) {
-      return double(soft.at(key).get<bool>()) - double(cycles.at(key).get<bool>());
-    };
-    hidden.add(cluster, difference("hidden"));
-    false_positive.add(cluster, difference("false_positive"));
-    fooled.add(cluster, double(is_fooled(soft)) - double(is_fooled(cycles)));
-    agree +=
-        soft.at("hidden") == cycles.at("hidden") && soft.at("false_positive") == cycles.at("false_positive");
-    scores.emplace_back(soft.at("score").get<double>(), cycles.at("score").get<double>());
+    hidden.add(cluster, double(soft.hidden) - double(cycles.hidden));
+    false_positive.add(cluster, double(soft.false_positive) - double(cycles.false_positive));
+    fooled.add(cluster, double(soft.fooled()) - double(cycles.fooled()));
+    agree += soft.hidden == cycles.hidden && soft.false_positive == cycles.false_positive;
+    scores.emplace_back(soft.score, cycles.score);
   }
   order.push_back("cycles");
   json result = {{"frames", frames.size()},
                  {"vehicles", vehicles.size()},
                  {"clusters", to_json(clusters.count())},
                  {"variants", json::array()},
-                 {"arms", compared(vehicles, "arms", {"light", "returns"})}};
+                 {"arms", rows(compared(vehicles, &ArmsResult::arms))}};
   for (const std::string& name : order)
     if (const auto variant = variants.find(name); variant != variants.end())
       result["variants"].push_back(variant->second.result(name));
@@ -207,52 +197,48 @@ json group(const std::vector<const json*>& vehicles) {
   return result;
 }
 
-json flip_of(const json& vehicle, const std::string& split) {
-  const auto word = [](const json& outcome) { return outcome.at("hidden").get<bool>() ? "hidden" : "found"; };
-  const json &soft = vehicle.at("raster"), &cycles = vehicle.at("cycles");
+json flip_of(const VehicleResult& vehicle, const std::string& split) {
+  const SeenResult& seen = *vehicle.seen;
+  const auto word = [](const OutcomeResult& outcome) { return outcome.hidden ? "hidden" : "found"; };
   json pictures = json::object();
   for (const char* name : {"attacked", "cycles", "raster_crop", "cycles_crop", "difference"})
-    if (vehicle.value("pictures", json::object()).contains(name))
-      pictures[name] = vehicle.at("pictures").at(name);
-  return {{"name", vehicle.at("name")},
-          {"frame", vehicle.at("frame")},
+    if (const auto file = seen.pictures.find(name); file != seen.pictures.end())
+      pictures[name] = file->second;
+  return {{"name", vehicle.name},
+          {"frame", vehicle.host.frame},
           {"split", split},
-          {"range", vehicle.at("range")},
-          {"from", word(soft)},
-          {"to", word(cycles)},
-          {"soft_iou", soft.at("iou")},
-          {"soft_score", soft.at("score")},
-          {"cycles_iou", cycles.at("iou")},
-          {"cycles_score", cycles.at("score")},
+          {"range", seen.range},
+          {"from", word(seen.raster)},
+          {"to", word(seen.cycles)},
+          {"soft_iou", seen.raster.iou},
+          {"soft_score", seen.raster.score},
+          {"cycles_iou", seen.cycles.iou},
+          {"cycles_score", seen.cycles.score},
           {"pictures", pictures}};
 }
 
 }  // namespace
 
-json verdict(const std::vector<json>& vehicles, const std::set<std::string>& test_frames) {
-  std::vector<const json*> held_back, all;
+json verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::string>& test_frames) {
+  std::vector<const VehicleResult*> held_back, all;
   auto pairs = json::array(), flips = json::array();
-  for (const json& vehicle : vehicles) {
-    if (!vehicle.contains("cycles")) continue;
-    const bool tested = test_frames.contains(vehicle.at("frame").get<std::string>());
+  for (const VehicleResult& vehicle : vehicles) {
+    if (!vehicle.seen) continue;
+    const SeenResult& seen = *vehicle.seen;
+    const bool tested = test_frames.contains(vehicle.host.frame);
     const std::string split = tested ? "test" : "train";
-    const bool detected = vehicle.at("detected");
-    const auto score = [&](const char* key) {
-      return vehicle.contains(key) ? vehicle.at(key).at("score") : json();
-    };
-    pairs.push_back({{"name", vehicle.at("name")},
-                     {"frame", vehicle.at("frame")},
+    pairs.push_back({{"name", vehicle.name},
+                     {"frame", vehicle.host.frame},
                      {"split", split},
-                     {"detected", detected},
-                     {"clean", score("clean")},
-                     {"soft", score("raster")},
-                     {"hard", score("hard")},
-                     {"cycles", score("cycles")}});
-    if (!detected) continue;
+                     {"detected", seen.detected},
+                     {"clean", seen.clean_score},
+                     {"soft", seen.raster.score},
+                     {"hard", seen.hard.score},
+                     {"cycles", seen.cycles.score}});
+    if (!seen.detected) continue;
     all.push_back(&vehicle);
     if (tested) held_back.push_back(&vehicle);
-    if (vehicle.at("raster").at("hidden") != vehicle.at("cycles").at("hidden"))
-      flips.push_back(flip_of(vehicle, split));
+    if (seen.raster.hidden != seen.cycles.hidden) flips.push_back(flip_of(vehicle, split));
   }
   json result = {{"confidence", BootstrapSettings().confidence},
                  {"held_back", group(held_back)},
@@ -260,11 +246,12 @@ json verdict(const std::vector<json>& vehicles, const std::set<std::string>& tes
                  {"pairs", pairs},
                  {"flips", flips}};
   const std::string of = held_back.empty() ? "all" : "held_back";
+  const std::vector<Compared> controls = compared(all, &ArmsResult::controls);
   result["of"] = of;
   result["arms"] = result.at(of).at("arms");
-  result["controls"] = compared(all, "controls", {"channel", "control"});
-  result["vacuous"] = {{"image", vacuous(result["controls"], "image")},
-                       {"lidar", vacuous(result["controls"], "lidar")},
+  result["controls"] = rows(controls);
+  result["vacuous"] = {{"image", vacuous(controls, "image")},
+                       {"lidar", vacuous(controls, "lidar")},
                        {"bound", kLeastDeltaLogit}};
   return result;
 }

@@ -7,9 +7,11 @@
 #include <string>
 #include <vector>
 
+#include "validation/fidelity/vehicle_result.h"
+
 namespace mirage {
 
-/// Of the results of vehicles (OUT/hosts/*.json): {confidence, held_back, all, pairs, flips, of, arms,
+/// Of the vehicles: {confidence, held_back, all, pairs, flips, of, arms,
 /// controls, vacuous}.
 ///   held_back, all: {frames, vehicles, clusters, variants, difference, agree, score_correlation,
 ///   score_mean_difference}
@@ -33,6 +35,6 @@ namespace mirage {
 ///     flips under any of the channel's controls, and the mean |Δlogit| stays below bound
 ///     (kLeastDeltaLogit) under each. Then who drew the object there says nothing about the attack. Null
 ///     without vehicles.
-nlohmann::json verdict(const std::vector<nlohmann::json>& vehicles, const std::set<std::string>& test_frames);
+nlohmann::json verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::string>& test_frames);
 
 }  // namespace mirage

@@ -3,7 +3,7 @@
 their success in Cycles with realistic returns:
 
     python3 validation/studies/attack_light.py --data DATA --out OUT [--detectors camera,late,fusion]
-        [--lights plain,visible,exact,cycles] [--seeds 1,2,3,4,5] [--iterations N] [--frames F] [--samples S] [-- ...]
+        [--lights plain,visible,exact,exact-visible,cycles] [--seeds 1,2,3,4,5] [--iterations N] [--frames F] [--samples S] [-- ...]
 
 Everything after -- goes to every `mirage attack`. One attack and one `mirage validate` for each detector, light and
 seed, in OUT/DETECTOR/LIGHT-SEED; what is finished is kept, and a stopped one goes on. All meshes are judged by the
@@ -25,7 +25,7 @@ import time
 
 HERE = pathlib.Path(__file__).resolve().parents[2]
 LIGHTS = {"plain": [], "visible": ["--light", "visible"], "exact": ["--quality", "exact"],
-          "cycles": ["--renderer", "cycles"]}
+          "exact-visible": ["--quality", "exact", "--light", "visible"], "cycles": ["--renderer", "cycles"]}
 ARMS = [("raster", "ideal"), ("visible", "ideal"), ("cycles", "ideal"), ("cycles", "realistic")]
 DRAWS = 10000
 
@@ -39,7 +39,7 @@ def run(arguments):
 
 def finished(folder, iterations):
     result = folder / "result.json"
-    return result.exists() and json.loads(result.read_text()).get("iterations", 0) >= iterations
+    return result.exists() and json.loads(result.read_text()).get("iterations", 0) >= max(1, iterations)
 
 
 def outcomes(folder, seed):
@@ -86,13 +86,14 @@ def main():
     parser.add_argument("--detectors", default="camera,late,fusion")
     parser.add_argument("--lights", default=",".join(LIGHTS))
     parser.add_argument("--seeds", default="1,2,3,4,5")
-    parser.add_argument("--iterations", type=int, default=200)
+    parser.add_argument("--iterations", type=int, default=0, help="0: as many as mirage attack takes by itself")
     parser.add_argument("--frames", type=int, default=0, help="to validate, held-back ones first; 0: all held back")
     parser.add_argument("--samples", type=int, default=32)
     parser.add_argument("--threads", type=int, default=0)
     parser.add_argument("--mirage", default=str(HERE / "build" / "release" / "mirage"))
     options = parser.parse_args(sys.argv[1:split])
     more, table, threads = sys.argv[split + 1:], [], ["--threads", options.threads]
+    steps_asked = ["--iterations", options.iterations] if options.iterations else []
     for detector in options.detectors.split(","):
         pooled = {}
         for light in options.lights.split(","):
@@ -101,7 +102,7 @@ def main():
                 folder = options.out / detector / f"{light}-{seed}"
                 if not finished(folder, options.iterations):
                     run([options.mirage, "attack", "--data", options.data, "--detector", detector, "--seed", seed,
-                         "--iterations", options.iterations, "--quiet", "--out", folder, *threads, *LIGHTS[light], *more])
+                         *steps_asked, "--quiet", "--out", folder, *threads, *LIGHTS[light], *more])
                 result = json.loads((folder / "result.json").read_text())
                 steps += result["stages"]["iterations"]
                 seconds += result["stages"]["iterations"] * result["seconds_per_iteration"]

@@ -10,6 +10,7 @@
 #include "base/installation.h"
 #include "base/parallel.h"
 #include "base/shared_library.h"
+#include "base/shipped_plugins.h"
 #include "scene/depth/depth_abi.h"
 
 namespace mirage {
@@ -17,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kShipped = "guided";
+constexpr const char* kDepthPlugins = "depth";
 
 bool is_path(const std::string& backend) {
   return fs::path(backend).extension() == ".so";
@@ -29,13 +30,15 @@ fs::path find_plugin(const std::string& backend) {
       throw InputError(backend, "", "no such depth completion plugin", "check --depth");
     return fs::absolute(backend);
   }
-  if (backend != kShipped)
-    throw InputError("--depth", backend, "unknown depth completion",
-                     "use ip-basic, guided or a plugin (*.so)");
-  const fs::path beside = built_file("plugins/" + backend + ".so");
-  if (fs::exists(beside)) return beside;
-  throw InputError(beside.string(), "", "the depth completion plugin is missing",
-                   "build it with MIRAGE_DETECTORS=ON (make build), or use --depth ip-basic");
+  const ShippedPlugin* plugin = shipped_plugin(kDepthPlugins, backend);
+  if (plugin && fs::exists(plugin->file)) return plugin->file;
+  const std::string known = shipped_words(kDepthPlugins);
+  if (plugin || known.empty())
+    throw InputError(plugin ? plugin->file.string() : built_file("plugins").string(), "",
+                     "the depth completion plugin is missing",
+                     "build it with MIRAGE_DETECTORS=ON (make build), or use --depth ip-basic");
+  throw InputError("--depth", backend, "unknown depth completion",
+                   "use ip-basic, " + known + " or a plugin (*.so)");
 }
 
 fs::path find_weights(const DepthOptions& options, const fs::path& plugin) {
@@ -153,7 +156,7 @@ std::unique_ptr<DepthCompletion> classical(const std::string& backend) {
 }  // namespace
 
 bool is_shipped_depth(const std::string& backend) {
-  return backend == kShipped || classical(backend) != nullptr;
+  return shipped_plugin(kDepthPlugins, backend) != nullptr || classical(backend) != nullptr;
 }
 
 std::unique_ptr<LearnedDepth> load_learned_depth(const DepthOptions& options) {

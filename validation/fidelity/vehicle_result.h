@@ -1,0 +1,151 @@
+// What a validation knows of one vehicle, as it is stored (OUT/hosts/NAME.json) and as summary, verdict and
+// budget read it.
+#pragma once
+
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/fields.h"
+#include "frames/host_id.h"
+#include "validation/blender/blender_process.h"
+#include "validation/blender/unbiased_error.h"
+#include "validation/fidelity/light_ladder.h"
+
+namespace mirage {
+
+/// What the detector makes of one picture and one sweep, at the vehicle.
+struct OutcomeResult {
+  double iou = 0, score = 0;  ///< of the best box on it; 0: none
+  double logit = 0;           ///< of the proposal that speaks for it (detection/reliance.h)
+  bool hidden = false, false_positive = false;
+  bool fooled() const { return hidden || false_positive; }
+};
+template <class Visitor, FieldsOf<OutcomeResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "iou"}, s.iou);
+  visit({.name = "score"}, s.score);
+  visit({.name = "logit"}, s.logit);
+  visit({.name = "hidden"}, s.hidden);
+  visit({.name = "false_positive"}, s.false_positive);
+}
+
+/// One of the arms of arms.h.
+struct ArmResult {
+  std::string light, returns;
+  OutcomeResult outcome;
+};
+/// One of its controls.
+struct ControlResult {
+  std::string channel, control;
+  OutcomeResult outcome;
+};
+/// {arms, controls} of arms.h: none of a vehicle that is not found without the adversary.
+struct ArmsResult {
+  std::vector<ArmResult> arms;
+  std::vector<ControlResult> controls;
+};
+
+/// Rasteriser and rays against Blender's, light for light (host_validation.h).
+struct MatchedResult {
+  double mask_iou = 1, mae = 0, max_error = 0;
+  double depth_error = 0, depth_error_mean = 0;        ///< m
+  int mask_both = 0, mask_either = 0, pixels_off = 0;  ///< pixels
+  double range_error = 0;                              ///< m
+  int rays = 0, returns = 0, hit_disagreements = 0;
+};
+template <class Visitor, FieldsOf<MatchedResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "mask_iou"}, s.mask_iou);
+  visit({.name = "mae"}, s.mae);
+  visit({.name = "max_error"}, s.max_error);
+  visit({.name = "depth_error_m"}, s.depth_error);
+  visit({.name = "depth_error_mean_m"}, s.depth_error_mean);
+  visit({.name = "mask_both"}, s.mask_both);
+  visit({.name = "mask_either"}, s.mask_either);
+  visit({.name = "pixels_off"}, s.pixels_off);
+  visit({.name = "range_error_m"}, s.range_error);
+  visit({.name = "rays"}, s.rays);
+  visit({.name = "returns"}, s.returns);
+  visit({.name = "hit_disagreements"}, s.hit_disagreements);
+}
+
+/// The rasteriser's picture against full Cycles.
+struct FullResult {
+  double mae = 0, mean = 0, ssim = 1, flip = 0;
+  double noise = 0, seconds = 0;  ///< of Cycles' picture
+  SquaredError error;
+};
+template <class Visitor, FieldsOf<FullResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "mae"}, s.mae);
+  visit({.name = "mean"}, s.mean);
+  visit({.name = "ssim"}, s.ssim);
+  visit({.name = "flip"}, s.flip);
+  visit({.name = "noise"}, s.noise);
+  visit({.name = "seconds"}, s.seconds);
+}
+
+/// A rung of the ladder of light (light_ladder.h).
+struct LightRungResult {
+  std::string effect, group, base;
+  Change change, crop, to_full;
+  SquaredError error;
+  double seconds = 0;
+  std::optional<OutcomeResult> outcome;  ///< of a vehicle that is found without the adversary
+};
+/// A rung of the LiDAR's (lidar_ladder.h).
+struct LidarRungResult {
+  std::string effect;
+  int returns = 0;
+  double changed = 0, returns_change = 0, seconds = 0;
+  std::optional<OutcomeResult> outcome;
+};
+/// What is found out of a vehicle that is on the ladder.
+struct LadderResult {
+  std::vector<LightRungResult> light;
+  std::vector<LidarRungResult> lidar;
+  int reference_samples = 0;
+  double reference_seconds = 0, reference_noise = 0;
+  std::map<std::string, double> features;  ///< scene_features (budget.h), and what two renders tell
+};
+
+/// What is known of a vehicle of which the object shows anything.
+struct SeenResult {
+  MatchedResult matched;
+  int samples = 0;
+  FullResult full;
+  double range = 0;  ///< m
+  bool detected = false;
+  double clean_iou = 0, clean_score = 0;
+  OutcomeResult raster, hard, cycles;
+  std::optional<ArmsResult> arms;
+  std::optional<LadderResult> ladder;
+  std::map<std::string, std::string> pictures;  ///< files, relative to OUT
+};
+
+struct VehicleResult {
+  HostId host;
+  std::string name;  ///< host_name()
+  bool from_box = false;
+  double visible_share = 0;
+  int adversary_points = 0;
+  int track = -1;  ///< identity in the data set; not stored: the set may learn it later
+  std::optional<SeenResult> seen;
+  std::vector<BlenderWorker::Loss> blender_losses;
+  /// What the report alone shows: bev, picture_boxes, host_rect, crop_rect.
+  nlohmann::json shown = nlohmann::json::object();
+};
+
+/// As it is stored.
+nlohmann::json to_json(const VehicleResult& vehicle);
+/// What to_json wrote. InputError naming file and field for what is missing or of another type.
+VehicleResult read_vehicle(const std::filesystem::path& file, const nlohmann::json& json);
+
+/// The numbers of a rung that a mean over vehicles may be taken of, by key; those of a change in an object.
+nlohmann::json figures(const LightRungResult& rung);
+nlohmann::json figures(const LidarRungResult& rung);
+
+}  // namespace mirage
