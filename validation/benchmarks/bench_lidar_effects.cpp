@@ -16,6 +16,7 @@
 #include "generator/street.h"
 #include "sensors/lidar_sweep.h"
 #include "simulation/adversary_lidar.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
 namespace {
