@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "attack/host_outcome.h"
+#include "base/clustered_share.h"
 #include "base/clusters.h"
 
 namespace mirage {
@@ -12,26 +13,22 @@ namespace {
 
 using Test = std::function<bool(const HostOutcome&)>;
 
-/// Hosts for which `counts` holds, and of these those for which `works` does, by cluster.
-std::map<std::string, ClusterSums> sums_by_cluster(std::span<const HostOutcome> hosts, const Test& counts,
-                                                   const Test& works) {
-  std::map<std::string, ClusterSums> clusters;
+/// Of the hosts for which `counts` holds the share for which `works` does.
+ClusteredShare share_of(std::span<const HostOutcome> hosts, const Test& counts, const Test& works) {
+  ClusteredShare share;
   for (const HostOutcome& host : hosts) {
-    ClusterSums& sums = clusters[cluster_of(host.id.frame, host.track)];
-    if (!counts(host)) continue;
-    sums.denominator += 1;
-    sums.numerator += works(host);
+    const std::string cluster = cluster_of(host.id.frame, host.track);
+    share.note(cluster);
+    if (counts(host)) share.add(cluster, works(host));
   }
-  return clusters;
+  return share;
 }
 
 HidingRate rate(std::span<const HostOutcome> hosts, const HidingRule& rule) {
   const auto found_clean = [&](const HostOutcome& host) { return rule.finds(host, true); };
-  std::vector<ClusterSums> clusters;
-  for (const auto& [name, sums] :
-       sums_by_cluster(hosts, found_clean, [&](const HostOutcome& host) { return !rule.finds(host, false); }))
-    clusters.push_back(sums);
-  HidingRate result{bootstrap_interval(clusters), 0};
+  const ClusteredShare hidden =
+      share_of(hosts, found_clean, [&](const HostOutcome& host) { return !rule.finds(host, false); });
+  HidingRate result{hidden.interval(), 0};
   for (const HostOutcome& host : hosts)
     result.vehicles += host.mesh == hosts.front().mesh && found_clean(host);
   return result;
@@ -40,8 +37,9 @@ HidingRate rate(std::span<const HostOutcome> hosts, const HidingRule& rule) {
 Interval paired(std::span<const HostOutcome> a, std::span<const HostOutcome> b, const Test& counts,
                 const Test& works) {
   std::map<std::string, PairedSums> clusters;
-  for (const auto& [name, sums] : sums_by_cluster(a, counts, works)) clusters[name].a = sums;
-  for (const auto& [name, sums] : sums_by_cluster(b, counts, works)) clusters[name].b = sums;
+  const ClusteredShare of_a = share_of(a, counts, works), of_b = share_of(b, counts, works);
+  for (const auto& [name, sums] : of_a.by_name()) clusters[name].a = sums;
+  for (const auto& [name, sums] : of_b.by_name()) clusters[name].b = sums;
   std::vector<PairedSums> list;
   for (const auto& [name, sums] : clusters) list.push_back(sums);
   return bootstrap_difference(list);

@@ -9,6 +9,8 @@
 #include <mutex>
 
 #include "attack/clean_view.h"
+#include "base/clustered_share.h"
+#include "base/clusters.h"
 #include "base/error.h"
 #include "base/interrupt.h"
 #include "base/progress.h"
@@ -203,15 +205,9 @@ class Certifier {
 /// Share of the hosts for which `holds`.
 template <class Holds>
 Interval share_of(const std::vector<CertifiedHost>& hosts, const Holds& holds) {
-  std::map<std::string, ClusterSums> clusters;
-  for (const CertifiedHost& host : hosts) {
-    ClusterSums& sums = clusters[cluster_of(host.id.frame, host.track)];
-    sums.denominator += 1;
-    sums.numerator += holds(host);
-  }
-  std::vector<ClusterSums> list;
-  for (const auto& [name, sums] : clusters) list.push_back(sums);
-  return bootstrap_interval(list);
+  ClusteredShare share;
+  for (const CertifiedHost& host : hosts) share.add(cluster_of(host.id.frame, host.track), holds(host));
+  return share.interval();
 }
 
 CertifiedShares shares_of(const std::vector<CertifiedHost>& hosts, std::size_t s) {

@@ -8,7 +8,7 @@
 #include <numeric>
 #include <set>
 
-#include "base/bootstrap.h"
+#include "base/clustered_share.h"
 #include "base/color.h"
 #include "base/error.h"
 #include "base/random.h"
@@ -277,23 +277,19 @@ int oracle(const BudgetScene& scene, double budget) {
 
 /// One way of choosing, over scenes.
 struct Tally {
-  std::map<std::string, ClusterSums> within;  ///< by group
+  ClusteredShare within;  ///< by group
   double seconds = 0;
   std::map<std::string, int> chosen;
   int vehicles = 0;
 
   void add(const BudgetScene& scene, double error, double cost, const std::string& rung, double budget) {
     ++vehicles;
-    ClusterSums& sums = within[scene.group];
-    sums.numerator += error <= budget;
-    sums.denominator += 1;
+    within.add(scene.group, error <= budget);
     seconds += cost;
     ++chosen[rung];
   }
   json result() const {
-    std::vector<ClusterSums> clusters;
-    for (const auto& [name, sums] : within) clusters.push_back(sums);
-    return {{"within", to_json(bootstrap_interval(clusters))},
+    return {{"within", to_json(within.interval())},
             {"seconds", seconds / std::max(1, vehicles)},
             {"chosen", chosen}};
   }

@@ -5,7 +5,7 @@
 #include <map>
 #include <span>
 
-#include "base/bootstrap.h"
+#include "base/clustered_share.h"
 #include "base/clusters.h"
 #include "frames/hosts.h"
 #include "validation/blender/unbiased_error.h"
@@ -76,16 +76,13 @@ class Errors {
     floor_ += error.floor;
     drawn_ += error.drawn;
     vehicles_.push_back({error.unbiased, 1});
-    ClusterSums& cluster = clusters_[cluster_of(vehicle.host.frame, vehicle.track)];
-    cluster.numerator += error.unbiased;
-    cluster.denominator += 1;
+    clusters_.add(cluster_of(vehicle.host.frame, vehicle.track), error.unbiased);
     picture_ = error.interval;
   }
   bool empty() const { return vehicles_.empty(); }
   json result() const {
     const auto n = static_cast<double>(vehicles_.size());
-    std::vector<ClusterSums> clusters;
-    for (const auto& [name, sums] : clusters_) clusters.push_back(sums);
+    const std::vector<ClusterSums> clusters = clusters_.sums();
     const bool by_cluster = clusters.size() > 1;
     const std::vector<ClusterSums>& drawn = by_cluster ? clusters : vehicles_;
     const auto root_of_mean = [&](std::span<const int> count) {
@@ -110,7 +107,7 @@ class Errors {
  private:
   double plain_ = 0, floor_ = 0, drawn_ = 0;
   std::vector<ClusterSums> vehicles_;
-  std::map<std::string, ClusterSums> clusters_;
+  ClusteredShare clusters_;
   Interval picture_;
 };
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <map>
 
-#include "base/bootstrap.h"
+#include "base/clustered_share.h"
 #include "base/clusters.h"
 #include "detection/reliance.h"
 
@@ -13,34 +13,10 @@ namespace {
 
 using nlohmann::json;
 
-/// A share's numerators and denominators by cluster.
-class Share {
- public:
-  void add(const std::string& cluster, double value) {
-    ClusterSums& sums = clusters_[cluster];
-    sums.numerator += value;
-    sums.denominator += 1;
-  }
-  Interval interval() const {
-    std::vector<ClusterSums> clusters;
-    for (const auto& [name, sums] : clusters_) clusters.push_back(sums);
-    return bootstrap_interval(clusters);
-  }
-  /// Of a difference of shares: without any it may go either way.
-  Interval signed_interval() const {
-    Interval result = interval();
-    if (result.value == 0 && result.low == 0) result.low = -result.high;
-    return result;
-  }
-
- private:
-  std::map<std::string, ClusterSums> clusters_;
-};
-
 struct Variant {
   int vehicles = 0;
   double score = 0;
-  Share hidden, false_positive, fooled;
+  ClusteredShare hidden, false_positive, fooled;
 
   void add(const std::string& cluster, const OutcomeResult& outcome) {
     ++vehicles;
@@ -66,7 +42,7 @@ using Names = std::map<std::string, std::string>;
 struct Compared {
   Names names;
   Variant variant;
-  Share difference;
+  ClusteredShare difference;
   int flips = 0;
   double logit = 0, score = 0;  ///< sums of |Δ|
 
@@ -152,7 +128,7 @@ json group(const std::vector<const VehicleResult*>& vehicles) {
   std::set<std::string> frames;
   Clusters clusters;
   std::vector<std::pair<double, double>> scores;
-  Share hidden, false_positive, fooled;
+  ClusteredShare hidden, false_positive, fooled;
   int agree = 0;
   for (const VehicleResult* vehicle : vehicles) {
     const SeenResult& seen = *vehicle->seen;
