@@ -51,6 +51,9 @@ struct Renewal {
   double texels = 0.05;  ///< of its texels' channels, root mean square
 };
 
+/// More than any machine does: of an attack that ends by the clock, and the most that a file may say.
+inline constexpr int kMostIterations = 1'000'000'000;
+
 /// The data, the detector, what is attacked and learned, rates and limits.
 struct AttackSettings : FrameSource {
   std::filesystem::path out;
@@ -112,7 +115,8 @@ void visit_fields(Visitor& visit, S& s) {
               .written = s.expectation.any()},
              s.expectation);
   visit.list({.name = "buildable", .written = s.buildable.on}, s.buildable);
-  visit({.name = "iterations", .help = "Adam steps", .range = {0, 1e9}, .decides = false}, s.iterations);
+  visit({.name = "iterations", .help = "Adam steps", .range = {0, kMostIterations}, .decides = false},
+        s.iterations);
   visit(
       {.name = "until_plateau",
        .help = "end where the objective on a part of the training vehicles that is held out (a fifth of the "

@@ -11,9 +11,6 @@
 
 namespace mirage {
 
-/// More than any machine does; also the most that --iterations takes.
-inline constexpr long kMostIterations = 1'000'000'000;
-
 /// Loss terms of one iteration, means over its hosts.
 struct LossRow {
   double hide = 0, false_positive = 0, laplacian = 0;

@@ -14,6 +14,7 @@
 #include "simulation/quality.h"
 #include "support/files.h"
 #include "support/small_rig.h"
+#include "validation/tradeoff/attack_study.h"
 #include "validation/tradeoff/detector_study.h"
 #include "validation/tradeoff/points.h"
 #include "validation/tradeoff/tradeoff.h"
@@ -211,6 +212,24 @@ TEST(Tradeoff, TheDetectorsPassesAreJudgedByThatInDouble) {
   for (const auto& [label, p] : points) EXPECT_GT(p.ms, 0) << label;
 }
 #endif
+
+TEST(Tradeoff, AttacksOfEqualTimeAreJudgedByOne) {
+  const test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3, true);
+  write_file(folder / "weights", "none");
+  TradeoffSettings settings = tiny(folder / "data", folder / "out");
+  settings.source.data = folder / "data";
+  settings.source.rooftop = "box";
+  settings.detector.detector = MIRAGE_BUILD "/test_plugins/fake_works.so";
+  settings.detector.weights = folder / "weights";
+  settings.attack_seconds = 0.05;
+  const auto rows = attack_study(settings);
+  ASSERT_GE(rows.size(), 5u);
+  for (const auto& row : rows) {
+    EXPECT_GE(row.at("iterations").get<int>(), 1) << row.dump();
+    EXPECT_GE(row.at("asr").get<double>(), 0) << row.dump();
+  }
+}
 
 TEST(Tradeoff, NumbersOutOfRangeAreNamed) {
   test::TemporaryFolder folder;

@@ -1,7 +1,6 @@
 #include "validation/tradeoff/attack_study.h"
 
 #include <algorithm>
-#include <limits>
 
 #include "attack/attack.h"
 #include "attack/evaluation.h"
@@ -43,7 +42,7 @@ nlohmann::json attack_study(const TradeoffSettings& settings) {
   static_cast<FrameSource&>(attack) = settings.source;
   attack.seed = settings.seed;
   attack.quiet = settings.quiet;
-  attack.iterations = std::numeric_limits<int>::max();
+  attack.iterations = kMostIterations;
   attack.seconds = settings.attack_seconds;
   DetectorOptions options = settings.detector;
   options.rig = data_rig(settings.source.data);
