@@ -31,8 +31,6 @@ class ConfigTable {
 
   /// Whether an optional key is there.
   bool has(const std::string& key) const { return values_.contains(key); }
-  /// Whether the key is there and holds a text.
-  bool is_text(const std::string& key) const { return has(key) && values_.at(key).is_string(); }
   /// A number in [low, high].
   double number(const std::string& key, double low, double high);
   /// A text, which may be empty.

@@ -20,6 +20,8 @@ class JsonFields {
 
   /// Whether the field is there.
   bool has(const std::string& key) const { return json_.contains(key); }
+  /// Whether the field is there and null.
+  bool is_null(const std::string& key) const { return has(key) && json_.at(key).is_null(); }
   /// true or false.
   bool truth(const std::string& key) const;
   /// A whole number in [low, high].

@@ -1,7 +1,7 @@
 // The placed adversary as each sensor draws it; the pieces that insertion.h composes.
 #pragma once
 
-#include <array>
+#include <memory>
 #include <vector>
 
 #include "geometry/mesh.h"

@@ -244,12 +244,14 @@ TEST(NuScenes, AVersionIsChosenByItsFolder) {
   test::write_nuscenes(folder.path(), frames());
   EXPECT_EQ(list_frames(folder / "v1.0-mini").size(), 2u);
   EXPECT_NO_THROW(read_frame(folder / "v1.0-mini", "sample1"));
+  EXPECT_NO_THROW(read_frame(folder / "v1.0-mini/", "sample1"));
+  EXPECT_NO_THROW(read_frame(folder / "v1.0-mini/.", "sample1"));
   std::filesystem::copy(folder / "v1.0-mini", folder / "v1.0-other",
                         std::filesystem::copy_options::recursive);
   EXPECT_THAT(error_text<InputError>([&] { list_frames(folder.path()); }), HasSubstr("2 versions"));
 }
 
-TEST(NuScenes, ReadsPicturesOfItsOwnKind) {
+TEST(NuScenes, SweepsBetweenKeyframesAreNotTaken) {
   const TemporaryFolder folder;
   test::write_nuscenes(folder.path(), frames());
   nlohmann::json table = read_json(folder / "v1.0-mini" / "sample_data.json");

@@ -25,8 +25,9 @@ def check(entry):
 def main(build, folders):
     with open(os.path.join(build, "compile_commands.json"), encoding="utf-8") as file:
         entries = [e for e in json.load(file) if any(e["file"].startswith(os.path.join(f, "")) for f in folders)]
-    if not entries:
-        sys.exit(f"{build}/compile_commands.json names no source in {', '.join(folders)}")
+    for folder in folders:
+        if not any(e["file"].startswith(os.path.join(folder, "")) for e in entries):
+            sys.exit(f"{build}/compile_commands.json names no source in {folder}")
     with ThreadPoolExecutor(2) as pool:
         results = list(pool.map(check, entries))
     for path, code, said in results:

@@ -49,7 +49,7 @@ std::optional<VehicleResult> stored_result(const fs::path& out, const fs::path& 
   try {
     vehicle = read_vehicle(file, stored);
   } catch (const InputError& damaged) {
-    spdlog::warn("{}; made again", damaged.what());
+    spdlog::warn("{}", damaged.what());
     return std::nullopt;
   }
   if (!vehicle.seen) return vehicle;

@@ -22,12 +22,11 @@ json change_json(const Change& change) {
           {"flip", change.flip}};
 }
 
-Change read_change(const JsonFields& from, const json& raw) {
+Change read_change(const JsonFields& from) {
   Change change;
   change.mae = from.number("mae", -kAny, kAny);
   change.relative = from.number("relative", -kAny, kAny);
-  const bool equal = raw.contains("psnr") && raw.at("psnr").is_null();
-  change.psnr = equal ? HUGE_VAL : from.number("psnr", -kAny, kAny);
+  change.psnr = from.is_null("psnr") ? HUGE_VAL : from.number("psnr", -kAny, kAny);
   change.ssim = from.number("ssim", -kAny, kAny);
   change.flip = from.number("flip", -kAny, kAny);
   return change;
@@ -59,12 +58,12 @@ std::optional<OutcomeResult> read_outcome_if_any(const JsonFields& from) {
   return from.has("score") ? std::optional(read_outcome(from)) : std::nullopt;
 }
 
-/// The entries of a list, each read by `read`(fields, raw).
+/// The entries of a list, each read by `read`.
 template <class T, class Read>
 std::vector<T> read_list(const JsonFields& from, const char* key, const Read& read) {
   std::vector<T> list;
   for (const json& entry : from.list(key, kMostRungs))
-    list.push_back(read(from.inner(fmt::format("{}[{}]", key, list.size()), entry), entry));
+    list.push_back(read(from.inner(fmt::format("{}[{}]", key, list.size()), entry)));
   return list;
 }
 
@@ -107,18 +106,18 @@ void add_ladder(const LadderResult& ladder, json& out) {
 
 LadderResult read_ladder(const JsonFields& from, const json& raw) {
   LadderResult ladder;
-  ladder.light = read_list<LightRungResult>(from, "ladder", [](const JsonFields& entry, const json& own) {
+  ladder.light = read_list<LightRungResult>(from, "ladder", [](const JsonFields& entry) {
     LightRungResult rung;
     rung.effect = entry.text("effect"), rung.group = entry.text("group"), rung.base = entry.text("base");
-    rung.change = read_change(entry, own);
-    rung.crop = read_change(entry.object("crop"), own.at("crop"));
-    rung.to_full = read_change(entry.object("to_full"), own.at("to_full"));
+    rung.change = read_change(entry);
+    rung.crop = read_change(entry.object("crop"));
+    rung.to_full = read_change(entry.object("to_full"));
     rung.error = read_error(entry);
     rung.seconds = entry.number("seconds", 0, kAny);
     rung.outcome = read_outcome_if_any(entry);
     return rung;
   });
-  ladder.lidar = read_list<LidarRungResult>(from, "lidar_ladder", [](const JsonFields& entry, const json&) {
+  ladder.lidar = read_list<LidarRungResult>(from, "lidar_ladder", [](const JsonFields& entry) {
     LidarRungResult rung;
     rung.effect = entry.text("effect");
     rung.returns = static_cast<int>(entry.integer("returns", 0, 1 << 30));
@@ -175,15 +174,18 @@ SeenResult read_seen(const JsonFields& from, const json& raw) {
   seen.cycles = read_outcome(from.object("cycles"));
   if (from.has("arms")) {
     seen.arms.emplace();
-    seen.arms->arms = read_list<ArmResult>(from, "arms", [](const JsonFields& entry, const json&) {
+    seen.arms->arms = read_list<ArmResult>(from, "arms", [](const JsonFields& entry) {
       return ArmResult{entry.text("light"), entry.text("returns"), read_outcome(entry)};
     });
-    seen.arms->controls =
-        read_list<ControlResult>(from, "controls", [](const JsonFields& entry, const json&) {
-          return ControlResult{entry.text("channel"), entry.text("control"), read_outcome(entry)};
-        });
+    seen.arms->controls = read_list<ControlResult>(from, "controls", [](const JsonFields& entry) {
+      return ControlResult{entry.text("channel"), entry.text("control"), read_outcome(entry)};
+    });
   }
   if (from.has("ladder")) seen.ladder = read_ladder(from, raw);
+  if (seen.arms && seen.arms->arms.empty()) from.fail("arms", "has no entries");
+  if (seen.ladder && seen.detected)
+    for (const LightRungResult& rung : seen.ladder->light)
+      if (!rung.outcome) from.fail("ladder", rung.effect + " has no score");
   const JsonFields pictures = from.object("pictures");
   for (const auto& [name, file] : raw.at("pictures").items()) seen.pictures[name] = pictures.text(name);
   return seen;
@@ -218,7 +220,7 @@ VehicleResult read_vehicle(const std::filesystem::path& file, const json& raw) {
   if (!from.has("matched")) return vehicle;
   vehicle.seen = read_seen(from, raw);
   vehicle.blender_losses =
-      read_list<BlenderWorker::Loss>(from, "blender_losses", [](const JsonFields& entry, const json&) {
+      read_list<BlenderWorker::Loss>(from, "blender_losses", [](const JsonFields& entry) {
         return BlenderWorker::Loss{entry.text("job"), entry.text("how"),
                                    static_cast<int>(entry.integer("attempt", 0, 1000))};
       });

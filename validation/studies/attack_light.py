@@ -100,7 +100,7 @@ def main():
             steps = seconds = 0
             for seed in options.seeds.split(","):
                 folder = options.out / detector / f"{light}-{seed}"
-                if not finished(folder, options.iterations):
+                if not options.iterations or not finished(folder, options.iterations):  # it goes on where it was
                     run([options.mirage, "attack", "--data", options.data, "--detector", detector, "--seed", seed,
                          *steps_asked, "--quiet", "--out", folder, *threads, *LIGHTS[light], *more])
                 result = json.loads((folder / "result.json").read_text())

@@ -77,9 +77,10 @@ class KittiObject : public DataSet {
   std::vector<std::string> frames() const override {
     const fs::path folder = data() / "training" / "velodyne";
     if (!fs::is_directory(folder))
-      throw InputError(data().string(), "training/velodyne", "no such folder",
-                       "give a data set in KITTI's object, tracking or raw layout or in nuScenes' (made by "
-                       "`mirage generate`, for one)");
+      throw InputError(
+          data().string(), "training/velodyne", "no such folder",
+          "give a data set in KITTI's object layout (`mirage generate` makes one), in its tracking "
+          "or raw layout, or in nuScenes'");
     std::vector<std::string> ids;
     for (const auto& entry : fs::directory_iterator(folder)) {
       if (entry.path().extension() != ".bin") continue;
@@ -95,6 +96,7 @@ class KittiObject : public DataSet {
   }
 
   std::vector<Part> parts(const std::string& id) const override {
+    check_id(id);
     return {{part(data(), "velodyne", id, ".bin"), "the sweep"},
             {part(data(), "image_2", id, ".png"), "the image"},
             {part(data(), "calib", id, ".txt"), "the calibration"},

@@ -23,6 +23,7 @@ using tinyxml2::XMLElement;
 
 constexpr const char* kPose = "calib_velo_to_cam.txt";
 constexpr const char* kCameras = "calib_cam_to_cam.txt";
+constexpr const char* kLabels = "tracklet_labels.xml";
 constexpr const char* kFix = "restore the drive's tracklets";
 
 /// Elements of a tracklet file: what is missing or no number is an InputError that names it.
@@ -83,7 +84,7 @@ class KittiRaw : public DataSet {
     std::vector<std::string> ids;
     for (const fs::path& drive : drives()) {
       const fs::path sweeps = drive / "velodyne_points" / "data";
-      if (!fs::is_directory(sweeps)) continue;
+      if (!fs::is_directory(sweeps) || !fs::exists(drive / kLabels)) continue;
       for (const auto& entry : fs::directory_iterator(sweeps)) {
         if (entry.path().extension() != ".bin") continue;
         ids.push_back(drive.filename().string() + "_" + entry.path().stem().string());
@@ -94,7 +95,7 @@ class KittiRaw : public DataSet {
     }
     if (ids.empty())
       throw InputError(
-          data().string(), "velodyne_points/data", "no drive holds a .bin file",
+          data().string(), "velodyne_points/data", "no drive with a tracklet_labels.xml holds a .bin file",
           "give the folder of a day (with calib_*.txt and its *_sync folders) or of several days");
     std::sort(ids.begin(), ids.end());
     return ids;
@@ -106,7 +107,7 @@ class KittiRaw : public DataSet {
             {at.drive / "image_02" / "data" / (at.name + ".png"), "the image"},
             {at.drive.parent_path() / kCameras, "the cameras' calibration"},
             {at.drive.parent_path() / kPose, "the LiDAR's calibration"},
-            {at.drive / "tracklet_labels.xml", "the labels"}};
+            {at.drive / kLabels, "the labels"}};
   }
 
   Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
@@ -193,11 +194,11 @@ class KittiRaw : public DataSet {
 }  // namespace
 
 std::shared_ptr<const DataSet> open_kitti_raw(const fs::path& data) {
-  std::error_code error;
-  bool found = fs::exists(data / kPose, error);
+  std::error_code error, ignored;
+  bool found = fs::exists(data / kPose, ignored);
   for (fs::directory_iterator entry(data, error), end; !found && !error && entry != end;
        entry.increment(error))
-    found = fs::exists(entry->path() / kPose, error);
+    found = fs::exists(entry->path() / kPose, ignored);
   if (!found) return nullptr;
   return std::make_shared<KittiRaw>(data);
 }

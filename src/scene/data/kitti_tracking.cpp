@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "base/error.h"
 #include "base/names.h"
@@ -75,7 +76,7 @@ class KittiTracking : public DataSet {
       if (step > 0) row.value[1] = kTruncated[static_cast<std::size_t>(step)];
       Label label = label_of(row, known.calibration);
       const double track = row.before[1];
-      if (track >= 0 && track < 1e6)
+      if (track >= 0 && track < static_cast<double>(kMostVehicles) && track == std::floor(track))
         label.track = track_number(at.sequence_number, static_cast<std::size_t>(track));
       known.labels.push_back(std::move(label));
     });
@@ -104,7 +105,9 @@ class KittiTracking : public DataSet {
 }  // namespace
 
 std::shared_ptr<const DataSet> open_kitti_tracking(const fs::path& data) {
-  if (!fs::is_directory(data / "training" / "label_02")) return nullptr;
+  // Where both benchmarks lie in one folder it is the object benchmark's.
+  if (!fs::is_directory(data / "training" / "label_02") || fs::is_directory(data / "training" / "label_2"))
+    return nullptr;
   return std::make_shared<KittiTracking>(data);
 }
 

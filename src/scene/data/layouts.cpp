@@ -27,7 +27,6 @@ std::string box_problem(const Box3& box) {
 }
 
 int track_number(std::size_t group, std::size_t index) {
-  constexpr std::size_t kMostVehicles = 100000;  // of a drive; 21 474 drives fit into an int
   return static_cast<int>((group * kMostVehicles + index) % 0x7fffffff);
 }
 

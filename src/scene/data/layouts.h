@@ -8,7 +8,7 @@ namespace mirage {
 
 /// Never null: what is no other layout is taken for this one.
 std::shared_ptr<const DataSet> open_kitti_object(const std::filesystem::path& data);
-/// DATA/training/label_02.
+/// DATA/training/label_02, and no label_2 beside it.
 std::shared_ptr<const DataSet> open_kitti_tracking(const std::filesystem::path& data);
 /// calib_velo_to_cam.txt in the folder or in one below.
 std::shared_ptr<const DataSet> open_kitti_raw(const std::filesystem::path& data);
@@ -20,7 +20,10 @@ std::shared_ptr<const DataSet> open_nuscenes(const std::filesystem::path& data);
 std::optional<Label> projected_label(std::string type, const Box3& box, const Calibration& calibration);
 /// Why the box can be no road user's; empty if it can.
 std::string box_problem(const Box3& box);
-/// The number that stands for the `index`-th vehicle of the `group`-th drive, scene or sequence.
+/// Vehicles of a drive, scene or sequence at most.
+inline constexpr std::size_t kMostVehicles = 100000;
+/// The number that stands for the `index`-th vehicle (below kMostVehicles) of the `group`-th drive, scene or
+/// sequence. Drives are counted as they lie in the folder: with another one added theirs may be others.
 int track_number(std::size_t group, std::size_t index);
 /// A sweep of `columns` floats a point, of which the first four are x, y, z and reflectance; kitti.h's
 /// read_sweep says what is refused.

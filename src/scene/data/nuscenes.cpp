@@ -157,25 +157,31 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
   });
   if (!waiting.empty())
     throw InputError((folder / "ego_pose.json").string(), waiting.begin()->first, "no such pose", kFix);
-  std::map<std::string, std::string> category_of, type_of_instance;
+  struct Instance {
+    std::string type;
+    int track = -1;
+  };
+  std::map<std::string, std::string> category_of;
+  std::map<std::string, Instance> instances;
   for_each_row_of(folder / "category.json",
                   [&](const JsonFields& row) { category_of[row.text("token")] = row.text("name"); });
   for_each_row_of(folder / "instance.json", [&](const JsonFields& row) {
-    type_of_instance[row.text("token")] = type_of(category_of[row.text("category_token")]);
+    instances[row.text("token")].type = type_of(category_of[row.text("category_token")]);
   });
+  std::size_t number = 0;
+  for (auto& [token, instance] : instances) instance.track = track_number(0, number++);
   for_each_row_of(folder / "sample_annotation.json", [&](const JsonFields& row) {
     const auto sample = tables->samples.find(row.text("sample_token"));
     if (sample == tables->samples.end()) return;
-    const auto instance = type_of_instance.find(row.text("instance_token"));
-    if (instance == type_of_instance.end()) row.fail("instance_token", "no such instance");
+    const auto instance = instances.find(row.text("instance_token"));
+    if (instance == instances.end()) row.fail("instance_token", "no such instance");
     const Transform pose = pose_of(row);
     const auto size = row.numbers("size", 3, 0, 100);
     const std::string visibility = row.text("visibility_token");
     sample->second.annotations.push_back(
-        {instance->second, pose.translation(), Vec3d(size[0], size[1], size[2]), pose.linear().col(0),
+        {instance->second.type, pose.translation(), Vec3d(size[0], size[1], size[2]), pose.linear().col(0),
          visibility.size() == 1 && visibility[0] >= '1' && visibility[0] <= '4' ? visibility[0] - '0' : 0,
-         row.integer("num_lidar_pts", 0, 1 << 30),
-         track_number(0, static_cast<std::size_t>(std::distance(type_of_instance.begin(), instance)))});
+         row.integer("num_lidar_pts", 0, 1 << 30), instance->second.track});
   });
   std::erase_if(tables->samples, [](const auto& sample) {
     return sample.second.lidar.file.empty() || sample.second.camera.file.empty();
@@ -318,12 +324,15 @@ class NuScenes : public DataSet {
 
 std::shared_ptr<const DataSet> open_nuscenes(const fs::path& data) {
   std::error_code error;
-  if (fs::exists(data / "sample_data.json", error))
-    return std::make_shared<NuScenes>(data, fs::absolute(data));
+  if (fs::exists(data / "sample_data.json", error)) {
+    fs::path tables = fs::absolute(data).lexically_normal();
+    if (!tables.has_filename()) tables = tables.parent_path();  // "v1.0-mini/"
+    return std::make_shared<NuScenes>(data, tables);
+  }
   std::vector<fs::path> versions;
   for (fs::directory_iterator entry(data, error), end; !error && entry != end; entry.increment(error))
     if (entry->path().filename().string().starts_with("v1.0-") &&
-        fs::exists(entry->path() / "sample_data.json", error))
+        fs::exists(entry->path() / "sample_data.json"))
       versions.push_back(entry->path());
   if (versions.empty()) return nullptr;
   if (versions.size() > 1)
