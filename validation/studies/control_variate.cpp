@@ -55,10 +55,10 @@ ImageF shown(const Simulated& simulated, const PixelRect& rect) {
 int study(const std::filesystem::path& data, const std::string& mesh, const std::filesystem::path& out,
           int vehicles, int samples, const std::string& light) {
   make_output_folder(out);
-  FrameStore store(data, "ip-basic", "shape");
+  FrameStore store(FrameSource{.data = data});
   CyclesRenderer renderer({out, samples, 1, "blender"}), many({out / "many", 8 * samples, 1, "blender"});
   SimulationSettings settings;
-  settings.light = parse_light_model(light);
+  settings.light = parse_word<LightModel>(light, "light");
   std::vector<Errors> sums(std::size(kMoves));
   std::uint64_t seed = 0;
   for (const std::string& frame : list_frames(data)) {
