@@ -10,7 +10,6 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/names.h"
 #include "scene/data/kitti.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
@@ -85,13 +84,7 @@ class KittiRaw : public DataSet {
     for (const fs::path& drive : drives()) {
       const fs::path sweeps = drive / "velodyne_points" / "data";
       if (!fs::is_directory(sweeps) || !fs::exists(drive / kLabels)) continue;
-      for (const auto& entry : fs::directory_iterator(sweeps)) {
-        if (entry.path().extension() != ".bin") continue;
-        ids.push_back(drive.filename().string() + "_" + entry.path().stem().string());
-        if (!frame_id_problem(ids.back()).empty() || !split_id(ids.back()))
-          throw InputError(entry.path().string(), "name", "is no frame's name",
-                           "give the frame its number, as 0000000012.bin");
-      }
+      add_numbered_sweeps(sweeps, drive.filename().string(), ids);
     }
     if (ids.empty())
       throw InputError(

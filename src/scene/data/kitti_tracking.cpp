@@ -6,7 +6,6 @@
 #include <cmath>
 
 #include "base/error.h"
-#include "base/names.h"
 #include "scene/data/kitti.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
@@ -32,16 +31,9 @@ class KittiTracking : public DataSet {
       throw InputError(data().string(), "training/velodyne", "no such folder",
                        "add the tracking benchmark's sweeps");
     std::vector<std::string> ids;
-    for (const auto& sequence : fs::directory_iterator(folder)) {
-      if (!sequence.is_directory()) continue;
-      for (const auto& entry : fs::directory_iterator(sequence.path())) {
-        if (entry.path().extension() != ".bin") continue;
-        ids.push_back(sequence.path().filename().string() + "_" + entry.path().stem().string());
-        if (!frame_id_problem(ids.back()).empty() || !split_id(ids.back()))
-          throw InputError(entry.path().string(), "name", "is no frame's name",
-                           "give the frame its number, as 000012.bin");
-      }
-    }
+    for (const auto& sequence : fs::directory_iterator(folder))
+      if (sequence.is_directory())
+        add_numbered_sweeps(sequence.path(), sequence.path().filename().string(), ids);
     if (ids.empty())
       throw InputError(data().string(), "training/velodyne", "holds no SEQUENCE/FRAME.bin",
                        "add the tracking benchmark's sweeps");

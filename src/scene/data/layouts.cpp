@@ -3,6 +3,8 @@
 #include <charconv>
 #include <cmath>
 
+#include "base/error.h"
+#include "base/names.h"
 #include "scene/data/kitti_results.h"
 
 namespace mirage {
@@ -28,6 +30,17 @@ std::string box_problem(const Box3& box) {
 
 int track_number(std::size_t group, std::size_t index) {
   return static_cast<int>((group * kMostVehicles + index) % 0x7fffffff);
+}
+
+void add_numbered_sweeps(const std::filesystem::path& folder, const std::string& prefix,
+                         std::vector<std::string>& ids) {
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    if (entry.path().extension() != ".bin") continue;
+    ids.push_back(prefix + "_" + entry.path().stem().string());
+    if (!frame_id_problem(ids.back()).empty() || !split_id(ids.back()))
+      throw InputError(entry.path().string(), "name", "is no frame's name",
+                       "give the frame its number, as 000012.bin");
+  }
 }
 
 std::optional<std::pair<std::string, int>> split_id(const std::string& id) {

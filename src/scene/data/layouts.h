@@ -28,6 +28,9 @@ int track_number(std::size_t group, std::size_t index);
 /// A sweep of `columns` floats a point, of which the first four are x, y, z and reflectance; kitti.h's
 /// read_sweep says what is refused.
 Sweep read_points(const std::filesystem::path& file, std::size_t columns);
+/// Adds an id PREFIX_NAME for every NAME.bin of the folder. InputError for one that is no number or too long.
+void add_numbered_sweeps(const std::filesystem::path& folder, const std::string& prefix,
+                         std::vector<std::string>& ids);
 /// The part of the name behind the last underscore, as a number, and what stands before it; none for another
 /// name. "0003_000012": {"0003", 12}.
 std::optional<std::pair<std::string, int>> split_id(const std::string& id);
