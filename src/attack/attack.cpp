@@ -28,15 +28,15 @@
 namespace mirage {
 namespace {
 
-/// InputError for a renewal that is none, or a detector that would not look at the pictures.
+/// FieldError for a renewal that is none, or a detector that would not look at the pictures.
 void check_renderer(const AttackSettings& settings, const Detector& detector) {
-  const auto demand = [](double value, const char* option) {
-    if (!(value >= 0)) throw InputError(option, fmt::format("{}", value), "out of range", "use 0 or more");
+  const auto demand = [](double value, const char* field) {
+    if (!(value >= 0)) throw FieldError(field, fmt::format("{}", value), "out of range", "use 0 or more");
   };
-  demand(settings.renewal.metres, "--cycles-renew");
-  demand(settings.renewal.texels, "--cycles-renew-texels");
+  demand(settings.renewal.metres, "cycles_renew");
+  demand(settings.renewal.texels, "cycles_renew_texels");
   if (settings.renderer && !detector.capabilities().reads_image)
-    throw InputError("--renderer", "cycles", detector.name() + " does not read the picture", "leave it out");
+    throw FieldError("renderer", "cycles", detector.name() + " does not read the picture", "leave it out");
 }
 
 std::vector<HostId> ids(const std::vector<Host>& hosts) {
@@ -57,19 +57,18 @@ std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, 
                      row.loss(), row.hide, row.false_positive, row.laplacian, hidden, hosts);
 }
 
-nlohmann::json plateau_json(const HeldOutRecord& held, const std::vector<Host>& hosts,
-                            const AttackSettings& settings) {
+/// All but the mesh that was kept.
+PlateauReport plateau_report(const HeldOutRecord& held, const std::vector<Host>& hosts,
+                             const AttackSettings& settings) {
+  PlateauReport report;
+  report.stopped = held.plateau(settings.until_plateau);
+  report.iterations = held.iterations, report.values = held.values;
+  report.best_iteration = held.best_iteration, report.best = held.best;
   std::set<std::string> frames;
   for (const Host& host : hosts) frames.insert(host.id.frame);
-  return {{"stopped", held.plateau(settings.until_plateau)},
-          {"best_iteration", held.best_iteration},
-          {"best", held.best},
-          {"vehicles", hosts.size()},
-          {"frames", frames.size()},
-          {"steps", settings.until_plateau},
-          {"every", settings.validation_every},
-          {"iterations", held.iterations},
-          {"values", held.values}};
+  report.vehicles = hosts.size(), report.frames = frames.size();
+  report.steps = settings.until_plateau, report.every = settings.validation_every;
+  return report;
 }
 
 /// FieldError for what no run can use.
@@ -239,13 +238,13 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   AttackResult result;
   if (target == AttackTarget::random) state.adversary = random;
   if (!part.held_out.empty()) {
-    result.plateau = plateau_json(state.held_out, part.held_out, settings);
+    result.plateau = plateau_report(state.held_out, part.held_out, settings);
     // Of a run that ended between two checks the last mesh is judged as well, without a trace in the
     // checkpoint.
     HeldOutRecord best = state.held_out;
     if (best.iterations.back() < state.iteration)
       best.add(state.iteration, stepper.held_out(state.adversary, part.held_out), state.adversary);
-    result.plateau["kept_iteration"] = best.best_iteration;
+    result.plateau->kept_iteration = best.best_iteration;
     state.adversary = best.mesh;
   }
   result.iterations = static_cast<int>(state.iteration);

@@ -2,7 +2,7 @@
 
 #include <fmt/format.h>
 
-#include "base/error.h"
+#include "base/fields.h"
 
 namespace mirage {
 namespace {
@@ -37,8 +37,8 @@ AutoBudget auto_budget(long iterations, std::size_t candidates, long generation)
     used += round.steps * static_cast<long>(round.candidates);
   }
   if (budget.rounds.front().steps == 0)
-    throw InputError(
-        "--iterations", std::to_string(iterations),
+    throw FieldError(
+        "iterations", std::to_string(iterations),
         fmt::format("--attack auto has {} candidates, and each needs a step in each round", candidates),
         fmt::format("use {} or more", candidates * budget.rounds.size()));
   budget.rounds.back().steps += left() - used;

@@ -21,7 +21,7 @@ struct AutoBudget {
   /// Steps of the candidate that is left in the last round.
   long longest() const;
 };
-/// `generation`: steps that one costs; 0: there is no search. InputError naming --iterations if not every
+/// `generation`: steps that one costs; 0: there is no search. FieldError naming iterations if not every
 /// candidate gets a step in each of its rounds.
 AutoBudget auto_budget(long iterations, std::size_t candidates, long generation);
 

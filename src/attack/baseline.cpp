@@ -6,7 +6,7 @@
 #include <sstream>
 
 #include "attack/adversary.h"
-#include "base/error.h"
+#include "base/fields.h"
 #include "base/random.h"
 #include "geometry/edges.h"
 
@@ -96,7 +96,7 @@ std::vector<Baseline> parse_baselines(const std::string& words) {
       if (std::find(kinds.begin(), kinds.end(), kind) == kinds.end()) kinds.push_back(kind);
     }
     if (!known)
-      throw InputError("--baseline", word, "unknown", "use start, sized, ellipsoid, cuboid, all or none");
+      throw FieldError("baseline", word, "unknown", "use start, sized, ellipsoid, cuboid, all or none");
   }
   return kinds;
 }

@@ -24,7 +24,7 @@ enum class Baseline { start, sized, ellipsoid, cuboid };
 std::string to_string(Baseline kind);
 /// "random mesh", "random mesh of its size", …
 std::string describe(Baseline kind);
-/// Words separated by commas, "all" or "none". InputError naming --baseline for any other word.
+/// Words separated by commas, "all" or "none". FieldError naming baseline for any other word.
 std::vector<Baseline> parse_baselines(const std::string& words);
 
 /// `count` meshes of the kind, by the seeds run.seed, run.seed + 1, …; those of a buildable run are

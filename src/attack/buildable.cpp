@@ -93,29 +93,38 @@ TexturedMesh random_baseline(std::uint64_t seed, const AdversaryLimits& limits,
   return random;
 }
 
-nlohmann::json buildable_report(const TexturedMesh& adversary, const BuildableSettings& settings) {
+BuildableReport buildable_report(const TexturedMesh& adversary, const BuildableSettings& settings) {
   const Mesh& mesh = adversary.mesh;
-  double thinnest = 1e9, lowest = 1e9, area = 0;
-  for (const Wall& wall : walls(mesh)) thinnest = std::min(thinnest, wall.thickness);
+  BuildableReport report;
+  report.intersecting_pairs = intersecting_faces(mesh).size();
+  report.watertight = is_watertight(mesh);
+  double lowest = 1e9;
+  report.min_thickness = 1e9;
+  for (const Wall& wall : walls(mesh)) report.min_thickness = std::min(report.min_thickness, wall.thickness);
   for (const Vec3d& v : mesh.vertices) lowest = std::min(lowest, v.z());
   const auto on_base = [&](int v) { return mesh.vertices[static_cast<std::size_t>(v)].z() <= lowest; };
   const std::vector<Vec3d> normals = face_normals(mesh);
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
     const Face& face = mesh.faces[f];
-    if (on_base(face[0]) && on_base(face[1]) && on_base(face[2])) area += normals[f].norm() / 2;
+    if (on_base(face[0]) && on_base(face[1]) && on_base(face[2])) report.base_area += normals[f].norm() / 2;
   }
-  long within = 0;
-  for (const Vec3d& t : adversary.atlas.texels)
-    within += t.minCoeff() >= settings.black && t.maxCoeff() <= settings.white;
-  long base_vertices = 0;
-  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) base_vertices += on_base(static_cast<int>(i));
-  return {{"intersecting_pairs", intersecting_faces(mesh).size()},
-          {"min_thickness_m", thinnest},
-          {"base_vertices", base_vertices},
-          {"base_area_m2", area},
-          {"watertight", is_watertight(mesh)},
-          {"texels_in_print_range", static_cast<double>(within) / static_cast<double>(std::max<std::size_t>(
-                                                                      1, adversary.atlas.texels.size()))}};
+  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) report.base_vertices += on_base(static_cast<int>(i));
+  const std::vector<Vec3d>& texels = adversary.atlas.texels;
+  const auto within = std::count_if(texels.begin(), texels.end(), [&](const Vec3d& t) {
+    return t.minCoeff() >= settings.black && t.maxCoeff() <= settings.white;
+  });
+  report.printable =
+      static_cast<double>(within) / static_cast<double>(std::max<std::size_t>(1, texels.size()));
+  return report;
+}
+
+nlohmann::json to_json(const BuildableReport& report) {
+  return {{"intersecting_pairs", report.intersecting_pairs},
+          {"min_thickness_m", report.min_thickness},
+          {"base_vertices", report.base_vertices},
+          {"base_area_m2", report.base_area},
+          {"watertight", report.watertight},
+          {"texels_in_print_range", report.printable}};
 }
 
 }  // namespace mirage

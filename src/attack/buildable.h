@@ -51,8 +51,18 @@ void keep_buildable(TexturedMesh& adversary, const TexturedMesh& before, const B
 TexturedMesh random_baseline(std::uint64_t seed, const AdversaryLimits& limits,
                              const BuildableSettings& settings);
 
-/// What holds of a mesh, measured: intersecting_pairs, min_thickness_m, base_vertices (on the lowest height),
-/// base_area_m2 (of faces that lie on it), watertight, and the share of texels within the print's range.
-nlohmann::json buildable_report(const TexturedMesh& adversary, const BuildableSettings& settings);
+/// What holds of a mesh, measured.
+struct BuildableReport {
+  std::size_t intersecting_pairs = 0;  ///< of faces
+  double min_thickness = 0;            ///< m, of its walls
+  long base_vertices = 0;              ///< on the lowest height
+  double base_area = 0;                ///< m², of faces that lie on it
+  bool watertight = false;
+  double printable = 0;  ///< share of texels within the print's range
+};
+BuildableReport buildable_report(const TexturedMesh& adversary, const BuildableSettings& settings);
+
+/// {intersecting_pairs, min_thickness_m, base_vertices, base_area_m2, watertight, texels_in_print_range}
+nlohmann::json to_json(const BuildableReport& report);
 
 }  // namespace mirage

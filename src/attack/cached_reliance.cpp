@@ -51,8 +51,9 @@ Reliance cached_reliance(const DetectorPool& detectors, const std::string& ident
   if (identity.empty() || !disk->on() || !reads_picture(*detectors.front())) return measure();
   const std::string key = key_of(identity, data, ids);
   if (const auto bytes = disk->read(kKind, key)) try {
-      return reliance_from_json(nlohmann::json::parse(*bytes));
-    } catch (const nlohmann::json::exception&) {
+      const nlohmann::json json = nlohmann::json::parse(*bytes);
+      return reliance_from_json({kKind, json, "it is measured again"});
+    } catch (const std::exception&) {
       disk->report_damaged(kKind, key);
     }
   const Reliance reliance = measure();

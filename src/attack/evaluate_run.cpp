@@ -6,6 +6,7 @@
 
 #include "attack/evaluation_strata.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/names.h"
 #include "detection/precision.h"
 #include "frames/frame_cache.h"
@@ -18,7 +19,7 @@ namespace {
 std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
   if (which.empty() || which == "test") return run.test;
   if (which == "train") return run.train;
-  if (which != "all") throw InputError("--hosts", which, "unknown choice", "use test, train or all");
+  if (which != "all") throw FieldError("hosts", which, "unknown choice", "use test, train or all");
   auto all = run.train;
   all.insert(all.end(), run.test.begin(), run.test.end());
   return all;
@@ -28,11 +29,11 @@ std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
 void check_hosts_of(const EvaluationRequest& request, const Run& stage) {
   const auto data = request.asked.find("data");
   if (data != request.asked.end() && is_other_data(stage, data->second))
-    throw InputError("--data", data->second,
+    throw FieldError("data", data->second,
                      "is not the data set of --hosts-of's run (" + stage.settings.data.string() + ")",
                      "leave --data out");
   if (!request.hosts.empty() && request.hosts != "test")
-    throw InputError("--hosts", request.hosts, "contradicts --hosts-of, which takes the run's test hosts",
+    throw FieldError("hosts", request.hosts, "contradicts --hosts-of, which takes the run's test hosts",
                      "leave --hosts out");
 }
 
@@ -80,8 +81,7 @@ const BaselineArm* RunEvaluation::arm(Baseline kind) const {
 
 RunEvaluation evaluate_run(const EvaluationRequest& request) {
   if (request.random_meshes < 0)
-    throw InputError("--random-meshes", std::to_string(request.random_meshes), "out of range",
-                     "use 0 or more");
+    throw FieldError("random_meshes", std::to_string(request.random_meshes), "out of range", "use 0 or more");
   const std::vector<Baseline> kinds = parse_baselines(request.baseline);
   RunEvaluation result;
   result.run = read_run(request.run, request.trust);

@@ -7,6 +7,7 @@
 
 #include "attack/clean_view.h"
 #include "attack/cluster_shares.h"
+#include "attack/evaluation_outcomes.h"
 #include "attack/evaluation_strata.h"
 #include "attack/false_positives.h"
 #include "base/error.h"
@@ -189,30 +190,6 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
 }
 
 nlohmann::json to_json(const Evaluation& evaluation) {
-  auto hosts = nlohmann::json::array();
-  for (const HostOutcome& h : evaluation.hosts) {
-    hosts.push_back({{"frame", h.id.frame},
-                     {"label", h.id.label},
-                     {"from_box", h.from_box},
-                     {"range", h.range},
-                     {"occluded", h.occluded},
-                     {"truncated", h.truncated},
-                     {"kind", h.kind},
-                     {"clean_iou", h.clean_iou},
-                     {"attacked_iou", h.attacked_iou},
-                     {"clean_score", h.clean_score},
-                     {"attacked_score", h.attacked_score},
-                     {"detected", h.detected},
-                     {"hidden", h.hidden},
-                     {"false_positive", h.false_positive},
-                     {"false_positive_distance", h.false_positive_distance}});
-    for (const auto& [key, distance] :
-         {std::pair("clean_distance", h.clean_distance), std::pair("attacked_distance", h.attacked_distance)})
-      if (h.plane == Plane::bev)
-        hosts.back()[key] = std::isfinite(distance) ? nlohmann::json(distance) : nlohmann::json();
-    if (evaluation.meshes > 1) hosts.back()["mesh"] = h.mesh;
-    if (h.track >= 0) hosts.back()["track"] = h.track;
-  }
   nlohmann::json recall = {{"iou", evaluation.iou}};
   const auto add_curve = [&](const std::string& name, const std::vector<Interval>& curve) {
     for (const Interval& at : curve) {
@@ -244,7 +221,7 @@ nlohmann::json to_json(const Evaluation& evaluation) {
           {"recall_iou", recall},
           {"strata", to_json(evaluation.strata)},
           {"false_positives", false_positives_json(evaluation.hosts)},
-          {"outcomes", hosts}};
+          {"outcomes", outcomes_json(evaluation.hosts, evaluation.meshes)}};
 }
 
 }  // namespace mirage

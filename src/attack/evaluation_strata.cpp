@@ -4,6 +4,7 @@
 #include <set>
 
 #include "base/image_io.h"
+#include "frames/frame_store.h"
 #include "generator/vehicle_truth.h"
 #include "scene/data/read_frames.h"
 

@@ -66,7 +66,7 @@ class Portfolio {
       : run_(run),
         settings_(run.settings),
         folder_(settings_.out / "auto"),
-        part_(split_validation(run.train, settings_.seed, kChoosingHosts, "--attack auto")),
+        part_(split_validation(run.train, settings_.seed, kChoosingHosts, "attack")),
         identity_(run.identity),
         sights_(std::make_shared<CleanSights>()),
         timer_({settings_.checkpoint_every, settings_.checkpoint_seconds}),
@@ -327,31 +327,18 @@ class Portfolio {
     for (std::size_t k = 0; k < alive.size(); ++k) alive[k] = placed[k].second;
   }
 
-  nlohmann::json report(std::size_t chosen) const {
-    auto list = nlohmann::json::array(), starts = nlohmann::json::array();
+  AutoReport report(std::size_t chosen) const {
+    AutoReport report;
     for (const Candidate& c : candidates_)
-      list.push_back({{"start", c.start},
-                      {"target", to_word(c.settings.target)},
-                      {"vertex_rate", c.settings.vertex_rate},
-                      {"texel_rate", c.settings.texel_rate},
-                      {"seed", c.settings.seed},
-                      {"steps", c.state.iteration},
-                      {"rounds", c.rounds},
-                      {"held_out", c.state.held_out.best},
-                      {"kept_iteration", c.state.held_out.best_iteration}});
-    for (const NamedStart& start : named_)
-      starts.push_back({{"start", start.name}, {"held_out", start.held_out}});
-    return {{"candidates", list},
-            {"chosen", chosen},
-            {"starts", starts},
-            {"search",
-             {{"generations", budget_.generations},
-              {"shapes", shapes_.size()},
-              {"vehicles", searched_.size()},
-              {"steps", budget_.search},
-              {"values", shapes_}}},
-            {"vehicles", part_.held_out.size()},
-            {"steps", spent()}};
+      report.candidates.push_back({c.start, c.settings.target, c.settings.vertex_rate, c.settings.texel_rate,
+                                   c.settings.seed, c.state.iteration, c.rounds, c.state.held_out.best,
+                                   c.state.held_out.best_iteration});
+    for (const NamedStart& start : named_) report.starts.push_back({start.name, start.held_out});
+    report.chosen = chosen;
+    report.search = {budget_.generations, searched_.size(), budget_.search, shapes_};
+    report.vehicles = part_.held_out.size();
+    report.steps = spent();
+    return report;
   }
 
   const AutoRun& run_;

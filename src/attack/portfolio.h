@@ -28,6 +28,7 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
+#include "attack/attack_result.h"
 #include "attack/attack_step.h"
 #include "attack/auto_budget.h"
 
@@ -52,8 +53,8 @@ struct AutoRun {
 };
 /// What came of it.
 struct AutoOutcome {
-  AttackState state;          ///< of the chosen candidate, its mesh the chosen one
-  nlohmann::json report;      ///< result.json's "auto"
+  AttackState state;  ///< of the chosen candidate, its mesh the chosen one
+  AutoReport report;
   StageSeconds stages;        ///< of the steps of this process
   long steps = 0, first = 0;  ///< spent in all, and before this process
 };

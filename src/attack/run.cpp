@@ -93,7 +93,7 @@ bool is_other_data(const Run& run, const std::filesystem::path& data) {
 
 void require_own_data(const Run& run, const std::filesystem::path& data) {
   if (is_other_data(run, data))
-    throw InputError("--data", data.string(), "is not the data set of the run",
+    throw FieldError("data", data.string(), "is not the data set of the run",
                      "leave --data out, or attack that data set");
 }
 

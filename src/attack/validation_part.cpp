@@ -6,20 +6,20 @@
 #include <set>
 #include <string>
 
-#include "base/error.h"
+#include "base/fields.h"
 #include "base/random.h"
 #include "base/shuffle.h"
 
 namespace mirage {
 
 ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t seed, std::size_t at_most,
-                                const char* option) {
+                                const char* field) {
   std::map<std::string, std::size_t> hosts;  // of each frame
   for (const Host& host : train) ++hosts[host.id.frame];
   std::vector<std::string> frames;
   for (const auto& [frame, count] : hosts) frames.push_back(frame);
   if (frames.size() < 2)
-    throw InputError(option, std::to_string(frames.size()) + " training frame",
+    throw FieldError(field, std::to_string(frames.size()) + " training frame",
                      "has no second one to hold out", "give more frames, or leave the option out");
   RandomStream random(seed, "validation part");
   shuffle(frames, random);

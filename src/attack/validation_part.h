@@ -19,8 +19,8 @@ struct ValidationPart {
 };
 
 /// Draws frames of `train` at random by seed: one at least, and one at least is left; no more than show
-/// `most` hosts. InputError naming `option` if the hosts stand in fewer than two frames.
+/// `most` hosts. FieldError naming `field` if the hosts stand in fewer than two frames.
 ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t seed,
-                                std::size_t most = kMostHeldOut, const char* option = "--until-plateau");
+                                std::size_t most = kMostHeldOut, const char* field = "until_plateau");
 
 }  // namespace mirage

@@ -1,5 +1,7 @@
 #include "base/clusters.h"
 
+#include <climits>
+
 namespace mirage {
 
 std::string cluster_of(const std::string& frame, int track) {
@@ -19,8 +21,8 @@ nlohmann::json to_json(const ClusterCount& clusters) {
   return {{"by", clusters.by}, {"count", clusters.count}};
 }
 
-ClusterCount cluster_count_from_json(const nlohmann::json& json) {
-  return {json.at("by"), json.at("count")};
+ClusterCount cluster_count_from_json(const JsonFields& fields) {
+  return {fields.text("by"), static_cast<int>(fields.integer("count", 0, INT_MAX))};
 }
 
 }  // namespace mirage

@@ -14,6 +14,8 @@
 #include <set>
 #include <string>
 
+#include "base/json_fields.h"
+
 namespace mirage {
 
 /// Name of the cluster of something seen in `frame`. `track`: the vehicle's identity; negative: unknown, or
@@ -41,7 +43,7 @@ class Clusters {
 
 /// {"by": "vehicle" or "frame", "count": N}
 nlohmann::json to_json(const ClusterCount& clusters);
-/// Its inverse. nlohmann's exceptions for anything else.
-ClusterCount cluster_count_from_json(const nlohmann::json& json);
+/// Its inverse. InputError, naming file and field, for anything else.
+ClusterCount cluster_count_from_json(const JsonFields& fields);
 
 }  // namespace mirage

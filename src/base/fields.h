@@ -76,6 +76,12 @@ struct Field {
 template <class S, class T>
 concept FieldsOf = std::same_as<std::remove_const_t<S>, T>;
 
+/// `s` as its base, whose fields are listed beside that: visit_fields(visit, as_base<FrameSource>(s)).
+template <class Base, class S>
+auto& as_base(S& s) {
+  return static_cast<std::conditional_t<std::is_const_v<S>, const Base, Base>&>(s);
+}
+
 template <class T>
 concept HasWords = std::is_enum_v<T> && requires(T value) {
   words_of(value);

@@ -1,11 +1,59 @@
-// Learning-rate schedule of the trainings.
+// The schedule of a training: how long it goes on, at which rate, and when its state is written.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
 #include <numbers>
 
+#include "base/fields.h"
+#include "base/interrupt.h"
+
 namespace mirage {
+
+/// What every training is asked for, whatever learns (base/training_loop.h).
+struct TrainingSchedule {
+  std::filesystem::path out;  ///< holds the run's state and its result
+  std::int64_t steps = 4000;
+  int batch = 2;
+  double learning_rate = 2e-3;  ///< peak of one_cycle()
+  double minutes = 0;           ///< > 0: the schedule ends at `steps` or then, which is first
+  std::int64_t checkpoint_every = 250;
+  double checkpoint_seconds = 0;  ///< > 0: also where so many seconds have passed since the last one
+  std::size_t frames = 0;         ///< only the first N (0: all)
+  std::uint64_t seed = 0;
+  int threads = 0;  ///< 0: as set by set_thread_count
+  bool quiet = false;
+  /// Asked after every step; true ends the run with a checkpoint, and throws Interrupted.
+  std::function<bool()> stop = interrupted;
+};
+
+/// `frames` is of no identity: which frames there were is the trainer's to say.
+template <class Visitor, FieldsOf<TrainingSchedule> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "steps", .help = "updates of the model", .range = {1, Range::kMost}}, s.steps);
+  visit({.name = "batch", .help = "samples an update", .range = {1, Range::kMost}}, s.batch);
+  visit({.name = "learning_rate", .help = "peak of the one-cycle schedule", .range = kPositive},
+        s.learning_rate);
+  visit({.name = "minutes",
+         .help = "end the schedule after this time (0: no limit)",
+         .range = {0, Range::kMost}},
+        s.minutes);
+  visit({.name = "checkpoint_every",
+         .help = "updates of the model between checkpoints",
+         .range = {1, Range::kMost},
+         .decides = false},
+        s.checkpoint_every);
+  visit({.name = "checkpoint_seconds",
+         .help = "also a checkpoint where so many seconds have passed since the last one; 0: by steps alone",
+         .range = {0, Range::kMost},
+         .decides = false},
+        s.checkpoint_seconds);
+  visit({.name = "frames", .help = "only the first N frames (0: all)", .decides = false}, s.frames);
+  visit({.name = "seed", .option = ""}, s.seed);  // every command has one
+}
 
 /// Learning rate at `progress` in [0, 1]: a linear rise over the first 5 %, then half a cosine down to 1 % of
 /// the peak.

@@ -13,29 +13,25 @@ namespace mirage::cli {
 namespace {
 
 /// What holds of the mesh, in a line.
-std::string buildable_words(const nlohmann::json& report) {
+std::string buildable_words(const BuildableReport& report) {
   return fmt::format(
       "{} pairs of faces intersect, thinnest wall {:.1f} mm, base {:.0f} cm², {:.0f} % printable",
-      report.at("intersecting_pairs").get<int>(), 1e3 * report.at("min_thickness_m").get<double>(),
-      1e4 * report.at("base_area_m2").get<double>(), 100 * report.at("texels_in_print_range").get<double>());
+      report.intersecting_pairs, 1e3 * report.min_thickness, 1e4 * report.base_area, 100 * report.printable);
 }
 
 /// How the attack ended, in a line.
-std::string plateau_words(const nlohmann::json& plateau) {
-  return fmt::format(
-      "{}; the mesh of step {} is kept, the best on {} vehicles held out",
-      plateau.at("stopped").get<bool>() ? "reached" : "not reached, more --iterations may help",
-      plateau.at("kept_iteration").get<long>(), plateau.at("vehicles").get<int>());
+std::string plateau_words(const PlateauReport& plateau) {
+  return fmt::format("{}; the mesh of step {} is kept, the best on {} vehicles held out",
+                     plateau.stopped ? "reached" : "not reached, more --iterations may help",
+                     plateau.kept_iteration, plateau.vehicles);
 }
 
 /// What --attack auto chose, in a line.
-std::string auto_words(const nlohmann::json& report) {
-  const auto& list = report.at("candidates");
-  const auto& candidate = list.at(report.at("chosen").get<std::size_t>());
+std::string auto_words(const AutoReport& report) {
+  const AutoReport::Candidate& candidate = report.candidates.at(report.chosen);
   return fmt::format("of {} the one from {}, target {}, after {} steps: {:.4f} on {} vehicles held out",
-                     list.size(), candidate.at("start").get<std::string>(),
-                     candidate.at("target").get<std::string>(), candidate.at("kept_iteration").get<long>(),
-                     candidate.at("held_out").get<double>(), report.at("vehicles").get<int>());
+                     report.candidates.size(), candidate.start, to_word(candidate.target),
+                     candidate.kept_iteration, candidate.held_out, report.vehicles);
 }
 
 }  // namespace
@@ -95,21 +91,10 @@ Command attack_command() {
                  {"seconds an iteration", fmt::format("{:.2f}", result.seconds_per_iteration)},
                  {"buildable", buildable_words(result.buildable)},
                  {"adversary", (common.out / "adversary.glb").string()}};
-    if (!result.plateau.is_null()) rows.insert(rows.begin() + 4, {"plateau", plateau_words(result.plateau)});
-    if (!result.automatic.is_null())
-      rows.insert(rows.begin() + 4, {"candidates", auto_words(result.automatic)});
+    if (result.plateau) rows.insert(rows.begin() + 4, {"plateau", plateau_words(*result.plateau)});
+    if (result.automatic) rows.insert(rows.begin() + 4, {"candidates", auto_words(*result.automatic)});
     print_table(rows);
-    nlohmann::json said = {{"vehicles_train", result.vehicles_train},
-                           {"vehicles_test", result.vehicles_test},
-                           {"rooftops", to_json(result.rooftops)},
-                           {"iterations", result.iterations},
-                           {"loss", result.loss},
-                           {"seconds_per_iteration", result.seconds_per_iteration},
-                           {"stages", result.stages},
-                           {"buildable", result.buildable},
-                           {"plateau", result.plateau}};
-    if (!result.automatic.is_null()) said["auto"] = result.automatic;
-    return said;
+    return to_json(result);
   };
   command.many_ranks = true;
   return command;

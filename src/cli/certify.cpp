@@ -73,21 +73,7 @@ Command certify_command() {
     app.add_option("--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")
         ->delimiter(',')
         ->capture_default_str();
-    app.add_flag(
-        "--lattice", settings.with_lattice,
-        "also without knowing the roofs: masks on a grid over the ground, hundreds of passes a frame");
-    app.add_option("--step", settings.lattice.step, "with --lattice: the grid's step, m")
-        ->capture_default_str();
-    app.add_option("--farthest", settings.lattice.farthest, "with --lattice: the grid's reach, m")
-        ->capture_default_str();
-    app.add_option(
-           "--objects", settings.objects,
-           "random objects a car and size for which it is checked that the mask hides all they change")
-        ->capture_default_str();
-    app.add_option("--mask-pixels", settings.mask_pixels, "the mask's margin in the picture, pixels")
-        ->capture_default_str();
-    app.add_option("--mask-metres", settings.mask_metres, "the mask's margin around the box, m")
-        ->capture_default_str();
+    add_fields(app, settings);
     app.add_option("--score", settings.evaluation.score_threshold, "score of a detection")
         ->capture_default_str();
     options->effects.add(app);

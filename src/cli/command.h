@@ -8,6 +8,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "base/schedule.h"
+
 namespace mirage::cli {
 
 /// Options that every command takes.
@@ -31,11 +33,12 @@ struct Command {
   std::string page = {};
 };
 
-inline void add_checkpoint_seconds(CLI::App& app, double& seconds) {
-  app.add_option("--checkpoint-seconds", seconds,
-                 "also a checkpoint where so many seconds have passed since the last one; 0: by steps alone")
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
+/// What these options say of a training.
+inline void take_common(TrainingSchedule& schedule, const Common& common) {
+  schedule.out = common.out;
+  schedule.seed = common.seed;
+  schedule.threads = common.threads;
+  schedule.quiet = common.quiet;
 }
 
 Command generate_command();

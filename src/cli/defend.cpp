@@ -41,48 +41,17 @@ Command defend_command() {
                   {},
                   {}};
   command.options = [options](CLI::App& app) {
-    DefenseSettings& settings = options->settings;
-    add_fields(app, static_cast<FrameSource&>(settings));
-    app.add_option("--validation", settings.validation, "data set that scores it, clean, before and after");
-    app.add_option("--detector", settings.detector.detector, "fusion or lidar")->capture_default_str();
-    app.add_option("--weights", settings.detector.weights,
-                   "where training starts (default: the shipped clean ones for the data set's rig)");
+    add_fields(app, options->settings, {"minutes"});  // a run is of so many steps
     app.add_option("--method", options->method,
                    "adversarial (free adversarial training); denoising (the same with non-local means in the "
                    "image branch); depth-gate (fusion weighs image features by agreement in depth, trained "
                    "clean); adversarial-depth-gate (both)")
         ->capture_default_str();
-    app.add_option("--steps", settings.steps, "updates of the model")->capture_default_str();
-    app.add_option("--batch", settings.batch, "samples an update")->capture_default_str();
-    app.add_option("--attacked", settings.attacked, "share of a batch that carries the adversary")
-        ->capture_default_str();
-    app.add_option("--adversary-updates", settings.adversary_updates,
-                   "updates of the adversary before each of the model")
-        ->capture_default_str();
-    app.add_option("--adversary-batch", settings.adversary_batch, "host vehicles such an update")
-        ->capture_default_str();
-    app.add_option("--learning-rate", settings.learning_rate, "peak of the one-cycle schedule")
-        ->capture_default_str();
-    app.add_option("--vertex-rate", settings.vertex_rate, "the adversary's rate for vertices, m")
-        ->capture_default_str();
-    app.add_option("--texel-rate", settings.texel_rate, "the adversary's rate for texels")
-        ->capture_default_str();
-    app.add_option("--frames", settings.frames, "only the first N frames (0: all)")->capture_default_str();
-    app.add_option("--validation-frames", settings.validation_frames, "only the first N (0: all)")
-        ->capture_default_str();
-    app.add_option("--checkpoint-every", settings.checkpoint_every,
-                   "updates of the model between checkpoints")
-        ->check(CLI::PositiveNumber)
-        ->capture_default_str();
-    add_checkpoint_seconds(app, settings.checkpoint_seconds);
   };
   command.run = [options](const Common& common) -> nlohmann::json {
     DefenseSettings settings = options->settings;
     apply_method(options->method, settings);
-    settings.out = common.out;
-    settings.seed = common.seed;
-    settings.threads = common.threads;
-    settings.quiet = common.quiet;
+    take_common(settings, common);
     settings.detector = with_common(settings.detector, common, settings.data);
     const DefenseResult result = train_defended(settings);
     std::vector<std::pair<std::string, std::string>> rows = {

@@ -1,7 +1,8 @@
 // mirage fit: fits the shape manifold to the vehicles of a data set, or learns the manifold.
 #include <fmt/format.h>
 
-#include <algorithm>
+#include <cmath>
+#include <cstdio>
 #include <memory>
 #include <mutex>
 
@@ -16,7 +17,7 @@
 #include "exchange/mesh_files.h"
 #include "frames/hosts.h"
 #include "generator/car_family.h"
-#include "generator/fit_dataset.h"
+#include "generator/fit_summary.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {
@@ -59,34 +60,28 @@ nlohmann::json build_model(const FitOptions& options, const Common& common) {
           {"model", options.build_model.string()}};
 }
 
-std::string centimetres(const nlohmann::json& spread) {
-  return fmt::format("{:5.1f} {:6.1f}", 100 * spread.at("median").get<double>(),
-                     100 * spread.at("p95").get<double>());
+std::string centimetres(const FitSpread& spread) {
+  return fmt::format("{:5.1f} {:6.1f}", 100 * spread.median, 100 * spread.p95);
 }
 
-void print_summary(const nlohmann::json& summary) {
-  fmt::print("{:<10} {:>8} {:>7} {:>9} {:>8}", "range", "vehicles", "fitted", "residual", "ms");
-  const bool truth = summary.at("all").contains("error");
-  if (truth) fmt::print("   roof error (cm, median and 95 %): {:<14}{:<14}{:<14}", "x", "y", "z");
+void print_row(const std::string& name, const FitSummary& fits) {
+  fmt::print("{:<10} {:>8} {:>7} {:>6.1f} mm {:>8.1f}", name, fits.vehicles, fits.fitted,
+             1000 * fits.residual.median, 1000 * fits.seconds.median);
+  if (fits.error)
+    fmt::print("{:37}{:<14}{:<14}{:<14}", "", centimetres(fits.error->roof[0]),
+               centimetres(fits.error->roof[1]), centimetres(fits.error->roof[2]));
   fmt::print("\n");
-  const auto row = [&](const std::string& name, const nlohmann::json& s) {
-    fmt::print("{:<10} {:>8} {:>7} {:>6.1f} mm {:>8.1f}", name, s.at("vehicles").get<int>(),
-               s.at("fitted").get<int>(), 1000 * s.at("residual_m").at("median").get<double>(),
-               1000 * s.at("seconds").at("median").get<double>());
-    if (s.contains("error")) {
-      const auto& e = s.at("error");
-      fmt::print("{:37}{:<14}{:<14}{:<14}", "", centimetres(e.at("roof_x_m")), centimetres(e.at("roof_y_m")),
-                 centimetres(e.at("roof_z_m")));
-    }
-    fmt::print("\n");
-  };
-  for (const auto& s : summary.at("by_range")) {
-    const auto& r = s.at("range_m");
-    row(r[1].is_null() ? fmt::format("{:.0f}+ m", r[0].get<double>())
-                       : fmt::format("{:.0f}–{:.0f} m", r[0].get<double>(), r[1].get<double>()),
-        s);
-  }
-  row("all", summary.at("all"));
+}
+
+void print_report(const FitReport& report) {
+  fmt::print("{:<10} {:>8} {:>7} {:>9} {:>8}", "range", "vehicles", "fitted", "residual", "ms");
+  if (report.all.error) fmt::print("   roof error (cm, median and 95 %): {:<14}{:<14}{:<14}", "x", "y", "z");
+  fmt::print("\n");
+  for (const FitClass& c : report.by_range)
+    print_row(std::isfinite(c.high) ? fmt::format("{:.0f}–{:.0f} m", c.low, c.high)
+                                    : fmt::format("{:.0f}+ m", c.low),
+              c.fits);
+  print_row("all", report.all);
   std::fflush(stdout);
 }
 
@@ -130,16 +125,17 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   nlohmann::json vehicles = nlohmann::json::array();
   for (const FittedVehicle& v : all) vehicles.push_back(to_json(v));
   write_json(common.out / "vehicles.json", {{"vehicles", vehicles}});
-  nlohmann::json summary = summarise_fits(all);
-  print_summary(summary);
-  summary["frames"] = ids.size();
-  summary["vehicles"] = all.size();
-  summary["fitted"] = summary.at("all").at("fitted");
-  summary["from_box"] = summary.at("all").at("from_box");
-  summary["model"] = model_file.string();
-  summary["truth_known"] = source.has_value();
-  summary["label_noise"] = frame_settings.label_noise;
-  return summary;
+  const FitReport report = summarise_fits(all);
+  print_report(report);
+  nlohmann::json said = to_json(report);
+  said.update({{"frames", ids.size()},
+               {"vehicles", report.all.vehicles},
+               {"fitted", report.all.fitted},
+               {"from_box", report.all.vehicles - report.all.fitted},
+               {"model", model_file.string()},
+               {"truth_known", source.has_value()},
+               {"label_noise", frame_settings.label_noise}});
+  return said;
 }
 
 }  // namespace

@@ -12,12 +12,12 @@
 namespace mirage::cli {
 namespace {
 
-void print_result(const nlohmann::json& result) {
-  for (const auto& table : result.at("tables")) std::fputs(("\n" + paper::markdown(table)).c_str(), stdout);
+void print_result(const paper::ReproduceResult& result) {
+  for (const paper::TableResult& table : result.tables)
+    std::fputs(("\n" + paper::markdown(table)).c_str(), stdout);
   Rows rows;
-  for (const auto& finding : result.at("findings"))
-    rows.push_back({finding.at("claim").get<std::string>(), finding.at("verdict").get<std::string>()});
-  if (result.contains("page")) rows.push_back({"page", result.at("page").get<std::string>()});
+  for (const paper::Finding& finding : result.findings) rows.push_back({finding.claim, overall(finding)});
+  if (!result.page.empty()) rows.push_back({"page", result.page.string()});
   print_table(rows);
 }
 
@@ -66,9 +66,9 @@ Command reproduce_command() {
             settings.threads = common.threads;
             settings.quiet = common.quiet;
             if (settings.quick) paper::make_quick(settings);
-            nlohmann::json result = paper::reproduce(settings, run_step);
+            const paper::ReproduceResult result = paper::reproduce(settings, run_step);
             print_result(result);
-            return result;
+            return to_json(result);
           }};
 }
 

@@ -14,37 +14,31 @@
 namespace mirage::cli {
 namespace {
 
-std::string in_words(const nlohmann::json& figures) {
-  const auto& settings = figures.at("settings");
-  const auto& errors = figures.at("errors");
-  const auto number = [](const nlohmann::json& from, const char* key) { return from.at(key).get<double>(); };
+std::string in_words(const TradeoffPoint& point) {
+  const SimulationSettings& s = point.drawing.value();
   const std::string drawing =
-      settings.at("exact_coverage").get<bool>()
-          ? "exact areas"
-          : fmt::format("σ {:g}, γ {:g}, cut-off {:g}, {} samples a side", number(settings, "sigma"),
-                        number(settings, "gamma"), number(settings, "dist_eps"),
-                        settings.at("supersampling").get<int>());
+      s.exact_coverage ? "exact areas"
+                       : fmt::format("σ {:g}, γ {:g}, cut-off {:g}, {} samples a side", s.raster.sigma,
+                                     s.raster.gamma, s.raster.dist_eps, s.supersampling);
   return fmt::format("{}: {:.2f} × default's time, image {:.2f}/255, gradient cosine {:.3f}", drawing,
-                     number(figures, "ratio"), number(errors, "image_levels"),
-                     number(errors, "gradient_cosine"));
+                     point.ratio, point.image_error(), point.gradient_cosine());
 }
 
-void print_result(const nlohmann::json& result, const std::filesystem::path& out) {
-  Rows rows = {{"vehicles", fmt::format("{} in {} frames", result.at("vehicles").get<int>(),
-                                        result.at("frames").get<int>())},
-               {"points", std::to_string(result.at("points").size())}};
-  for (const auto& advice : result.at("recommended")) {
-    const auto name = advice.at("name").get<std::string>();
-    rows.push_back({name + ", shipped", in_words(advice.at("shipped"))});
-    if (name != "default")
-      rows.push_back({name + ", by these points",
-                      advice.contains("settings") ? in_words(advice) : "no point satisfies the rule"});
+void print_result(const TradeoffResult& result) {
+  Rows rows = {{"vehicles", fmt::format("{} in {} frames", result.hosts.size(), result.frames)},
+               {"points", std::to_string(result.points.size())}};
+  for (const Recommendation& advice : result.recommended()) {
+    rows.push_back({advice.name + ", shipped", in_words(*advice.shipped)});
+    if (advice.name != "default")
+      rows.push_back({advice.name + ", by these points",
+                      advice.point ? in_words(*advice.point) : "no point satisfies the rule"});
   }
-  for (const auto& attack : result.at("attack"))
-    rows.push_back({"attack, " + attack.at("name").get<std::string>(),
-                    fmt::format("{} iterations, ASR {} of {} vehicles", attack.at("iterations").get<int>(),
-                                percent(attack.at("asr").get<double>()), attack.at("vehicles").get<int>())});
-  rows.push_back({"page", result.value("page", (out / "tradeoff.json").string())});
+  for (const TimedAttack& attack : result.attacks)
+    rows.push_back({fmt::format("attack, {}", attack.name),
+                    fmt::format("{} iterations, ASR {} of {} vehicles", attack.iterations,
+                                percent(attack.asr.value), attack.vehicles)});
+  rows.push_back(
+      {"page", (result.page.empty() ? result.settings.out / "tradeoff.json" : result.page).string()});
   print_table(rows);
 }
 
@@ -94,9 +88,9 @@ Command tradeoff_command() {
             settings.quiet = common.quiet;
             settings.detector.seed = common.seed;
             settings.detector.threads = common.threads;
-            const nlohmann::json result = tradeoff(settings);
-            print_result(result, common.out);
-            return result;
+            const TradeoffResult result = tradeoff(settings);
+            print_result(result);
+            return to_json(result);
           }};
 }
 

@@ -10,9 +10,7 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 
-#include "base/interrupt.h"
 #include "detection/average_precision.h"
 #include "detection/training.h"
 #include "scene/frame_source.h"
@@ -20,26 +18,48 @@
 namespace mirage {
 
 /// What adversarial training starts from, how long it goes on, and how strong its adversary is.
-struct DefenseSettings : FrameSource {
-  std::filesystem::path validation, out;  ///< `validation` may be empty
+struct DefenseSettings : FrameSource, TrainingSchedule {
+  DefenseSettings() {
+    steps = 400;
+    learning_rate = 5e-4;
+    checkpoint_every = 50;
+  }
+  std::filesystem::path validation;  ///< may be empty
   /// Where training starts (empty weights: the shipped clean ones) and what is added to the network (parts).
   DetectorOptions detector;
-  std::int64_t steps = 400;
-  int batch = 2;
-  double attacked = 0.5;      ///< share of a batch that carries the adversary (rounded)
-  int adversary_updates = 5;  ///< a step of the model; 0: none, and every sample is clean
-  int adversary_batch = 2;    ///< hosts an update
-  double learning_rate = 5e-4;
-  double vertex_rate = 5e-3, texel_rate = 2e-2;   ///< of the adversary
-  std::size_t frames = 0, validation_frames = 0;  ///< only the first N (0: all)
-  std::int64_t checkpoint_every = 50;
-  double checkpoint_seconds = 0;  ///< > 0: also where so many seconds have passed since the last one
-  std::uint64_t seed = 0;
-  int threads = 0;
-  bool quiet = false;
-  /// Asked after every step; true ends the run with a checkpoint, and throws Interrupted.
-  std::function<bool()> stop = interrupted;
+  double attacked = 0.5;                         ///< share of a batch that carries the adversary (rounded)
+  int adversary_updates = 5;                     ///< a step of the model; 0: none, and every sample is clean
+  int adversary_batch = 2;                       ///< hosts an update
+  double vertex_rate = 5e-3, texel_rate = 2e-2;  ///< of the adversary
+  std::size_t validation_frames = 0;             ///< only the first N (0: all)
 };
+
+/// The weights are of the identity by their content (train_defended), not by their path.
+template <class Visitor, FieldsOf<DefenseSettings> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, as_base<FrameSource>(s));
+  visit({.name = "validation", .help = "data set that scores it, clean, before and after", .decides = false},
+        s.validation);
+  visit({.name = "detector", .help = "fusion or lidar"}, s.detector.detector);
+  visit({.name = "weights",
+         .help = "where training starts (default: the shipped clean ones for the data set's rig)",
+         .decides = false},
+        s.detector.weights);
+  visit_fields(visit, as_base<TrainingSchedule>(s));
+  visit({.name = "attacked", .help = "share of a batch that carries the adversary", .range = kShare},
+        s.attacked);
+  visit({.name = "adversary_updates",
+         .help = "updates of the adversary before each of the model",
+         .range = {0, Range::kMost}},
+        s.adversary_updates);
+  visit({.name = "adversary_batch", .help = "host vehicles such an update", .range = {1, Range::kMost}},
+        s.adversary_batch);
+  visit({.name = "vertex_rate", .help = "the adversary's rate for vertices, m", .range = kPositive},
+        s.vertex_rate);
+  visit({.name = "texel_rate", .help = "the adversary's rate for texels", .range = kPositive}, s.texel_rate);
+  visit({.name = "validation_frames", .help = "only the first N (0: all)", .decides = false},
+        s.validation_frames);
+}
 
 /// What adversarial training ends with, beside the weights in DefenseSettings::out.
 struct DefenseResult {
@@ -54,7 +74,8 @@ struct DefenseResult {
 };
 
 /// Trains, or goes on from the newest checkpoint in `out` (of the same settings, or InputError), to the same
-/// result. InputError for settings out of range and for data without a host. Writes out/training.jsonl (a
+/// result. FieldError for settings out of range and for parts that the detector cannot have, InputError for
+/// data without a host. Writes out/training.jsonl (a
 /// line every 10 steps: step, seconds, rate, loss, score_loss, box_loss, hide, false_positive) and the last
 /// adversary, out/adversary.glb.
 DefenseResult train_defended(const DefenseSettings& settings);

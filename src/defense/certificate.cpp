@@ -1,7 +1,5 @@
 #include "defense/certificate.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -23,20 +21,10 @@ namespace {
 constexpr const char* kNothingWritten = "a certification writes nothing until it is done; run it again";
 
 void check_certificate(const CertificateSettings& settings) {
-  const auto demand = [](bool good, const char* option, double value, const char* fix) {
-    if (!good) throw InputError(option, fmt::format("{}", value), "out of range", fix);
-  };
-  demand(!settings.sizes.empty(), "--sizes", 0, "name one at least");
-  for (double size : settings.sizes)
-    demand(size >= kSmallestSize && size <= kLargestSize, "--sizes", size, "use metres from 0.001 to 10");
-  const LatticeSettings& l = settings.lattice;
-  demand(l.step >= 0.1 && l.step <= 20, "--step", l.step, "use metres from 0.1 to 20");
-  demand(l.farthest >= 1 && l.farthest <= 200, "--farthest", l.farthest, "use metres from 1 to 200");
-  demand(settings.mask_pixels >= 0 && settings.mask_pixels <= 1e4, "--mask-pixels", settings.mask_pixels,
-         "use 0 to 10000");
-  demand(settings.mask_metres >= 0 && settings.mask_metres <= 100, "--mask-metres", settings.mask_metres,
-         "use 0 to 100");
-  demand(settings.objects >= 0, "--objects", settings.objects, "use 0 or more");
+  check_fields(settings);
+  if (settings.sizes.empty()) throw FieldError("sizes", "", "are missing", "name one at least");
+  for (const double size : settings.sizes)
+    check_number({.name = "sizes", .range = {kSmallestSize, kLargestSize}}, size);
 }
 
 /// A frame before the detector, with what every mask of it needs.

@@ -15,6 +15,7 @@
 #include <optional>
 
 #include "attack/evaluation.h"
+#include "base/fields.h"
 #include "defense/roof_mask.h"
 
 namespace mirage {
@@ -25,6 +26,12 @@ struct LatticeSettings {
   double farthest = 50;                    ///< m from the `velo` origin to a centre, in view of the camera
   double roof_low = 1.1, roof_high = 2.2;  ///< m over the ground, which is level under the unit
 };
+
+template <class Visitor, FieldsOf<LatticeSettings> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "step", .help = "with --lattice: the grid's step, m", .range = {0.1, 20}}, s.step);
+  visit({.name = "farthest", .help = "with --lattice: the grid's reach, m", .range = {1, 200}}, s.farthest);
+}
 
 /// The grid's boxes for objects of these limits: any object_box() whose roof point is within
 /// `farthest` − step, in view, on a roof of these heights lies inside one of them, whatever its heading.
@@ -46,6 +53,25 @@ struct CertificateSettings {
   std::optional<TexturedMesh> adversary;  ///< attacks the detector without masks, to be told beside
   EvaluationSettings evaluation;
 };
+
+/// But `sizes`, a list of any length.
+template <class Visitor, FieldsOf<CertificateSettings> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit(
+      {.name = "with_lattice",
+       .help = "also without knowing the roofs: masks on a grid over the ground, hundreds of passes a frame",
+       .option = "lattice"},
+      s.with_lattice);
+  visit_fields(visit, s.lattice);
+  visit({.name = "objects",
+         .help = "random objects a car and size for which it is checked that the mask hides all they change",
+         .range = {0, Range::kMost}},
+        s.objects);
+  visit({.name = "mask_pixels", .help = "the mask's margin in the picture, pixels", .range = {0, 1e4}},
+        s.mask_pixels);
+  visit({.name = "mask_metres", .help = "the mask's margin around the box, m", .range = {0, 100}},
+        s.mask_metres);
+}
 
 /// One car at one size.
 struct Certificate {
@@ -92,7 +118,7 @@ struct CertificateResult {
   std::vector<double> lattice_ap70;
 };
 
-/// Certifies every host. InputError for settings out of range; Interrupted between hosts.
+/// Certifies every host. FieldError for settings out of range; Interrupted between hosts.
 CertificateResult certify(const DetectorPool& detectors, FrameStore& store, const std::vector<HostId>& hosts,
                           const LidarModel& lidar, const CertificateSettings& settings);
 

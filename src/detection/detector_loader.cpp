@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/installation.h"
 #include "base/logging.h"
@@ -42,8 +43,7 @@ fs::path plugin_file(const DetectorOptions& options) {
   if (plugin || known.empty())
     throw InputError(plugin ? plugin->file.string() : built_file("plugins").string(), "",
                      "the detector plugin is missing", "build it with MIRAGE_DETECTORS=ON (make build)");
-  throw InputError("--detector", options.detector, "unknown detector",
-                   "use " + known + " or a plugin (*.so)");
+  throw FieldError("detector", options.detector, "unknown detector", "use " + known + " or a plugin (*.so)");
 }
 
 namespace {
@@ -283,7 +283,7 @@ int jpeg_quality(const std::string& defense) {
   const char *first = defense.data() + word.size(), *end = defense.data() + defense.size();
   const auto [read, error] = std::from_chars(first, end, quality);
   if (error != std::errc() || read != end || quality < 1 || quality > 100)
-    throw InputError("--defense", defense, "is no JPEG quality", "use jpeg:1 to jpeg:100");
+    throw FieldError("defense", defense, "is no JPEG quality", "use jpeg:1 to jpeg:100");
   return quality;
 }
 
@@ -295,10 +295,10 @@ std::string weights_word(const DetectorOptions& options) {
     return options.weights == kRealWeights ? std::string("-") + kRealWeights : "";
   if (defense == kRealWeights ||
       defense.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") != std::string::npos)
-    throw InputError("--defense", defense, "is no defence",
+    throw FieldError("defense", defense, "is no defence",
                      "use none, jpeg:QUALITY or the word of shipped weights, such as adversarial");
   if (!options.weights.empty())
-    throw InputError("--defense", defense, "chooses weights, and so does --weights", "give one of the two");
+    throw FieldError("defense", defense, "chooses weights, and so does --weights", "give one of the two");
   return "-" + defense;
 }
 
@@ -318,7 +318,7 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
                          " that were fine-tuned on real frames",
                      "leave --weights out, or give a file (one named real as ./real)");
   if (options.weights.empty() && options.detector == "torchscript")
-    throw InputError("--weights", "", "a torchscript detector has no shipped weights",
+    throw FieldError("weights", "", "a torchscript detector has no shipped weights",
                      "name the model that you exported: --weights MODEL.pt");
   if (options.weights.empty())
     throw InputError(file.string(), "",
@@ -363,14 +363,14 @@ namespace {
 std::unique_ptr<Detector> load_given_detector(const DetectorOptions& options) {
   const GivenDetector* given = given_detector();
   if (!given)
-    throw InputError(
-        "--detector", options.detector, "stands for a network inside a Python program",
+    throw FieldError(
+        "detector", options.detector, "stands for a network inside a Python program",
         "call mirage.attack or mirage.evaluate there, with detector=…, or name another detector");
   if (!options.weights.empty())
-    throw InputError("--weights", options.weights.string(), "a detector given in Python has no weights file",
+    throw FieldError("weights", options.weights.string(), "a detector given in Python has no weights file",
                      "leave it out");
   if (!weights_word(options).empty())
-    throw InputError("--defense", options.defense, "chooses shipped weights, which a given detector has not",
+    throw FieldError("defense", options.defense, "chooses shipped weights, which a given detector has not",
                      "use none or jpeg:QUALITY");
   return given->make();
 }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <climits>
 #include <cmath>
 #include <map>
 #include <mutex>
@@ -222,21 +223,24 @@ nlohmann::json to_json(const Reliance& reliance) {
   return json;
 }
 
-Reliance reliance_from_json(const nlohmann::json& json) {
+Reliance reliance_from_json(const JsonFields& fields) {
   Reliance reliance;
-  reliance.reads_picture = json.at("reads_picture");
+  reliance.reads_picture = fields.truth("reads_picture");
   if (!reliance.reads_picture) return reliance;
-  reliance.ap70 = json.at("ap70");
-  reliance.ap70_swapped = json.at("ap70_swapped");
-  reliance.ap70_black = json.at("ap70_black");
-  if (json.contains("ap70_none")) reliance.ap70_none = json.at("ap70_none").get<double>();
-  reliance.drop = {json.at("drop"), json.at("drop_low"), json.at("drop_high")};
-  reliance.mean_delta_logit = json.at("mean_delta_logit");
-  reliance.mean_delta_score = json.at("mean_delta_score");
-  reliance.frames = json.at("frames");
-  reliance.left_out = json.at("frames_left_out");
-  reliance.vehicles = json.at("vehicles");
-  reliance.clusters = cluster_count_from_json(json.at("clusters"));
+  constexpr double kOne = 1 + 1e-9;  // rounded
+  const auto share = [&](const char* key) { return fields.number(key, -kOne, kOne); };
+  const auto count = [&](const char* key) { return static_cast<int>(fields.integer(key, 0, INT_MAX)); };
+  reliance.ap70 = share("ap70");
+  reliance.ap70_swapped = share("ap70_swapped");
+  reliance.ap70_black = share("ap70_black");
+  if (fields.has("ap70_none")) reliance.ap70_none = share("ap70_none");
+  reliance.drop = {share("drop"), share("drop_low"), share("drop_high")};
+  reliance.mean_delta_logit = fields.number("mean_delta_logit", 0, 1e9);
+  reliance.mean_delta_score = share("mean_delta_score");
+  reliance.frames = count("frames");
+  reliance.left_out = count("frames_left_out");
+  reliance.vehicles = count("vehicles");
+  reliance.clusters = cluster_count_from_json(fields.object("clusters"));
   return reliance;
 }
 

@@ -22,6 +22,7 @@
 
 #include "base/bootstrap.h"
 #include "base/clusters.h"
+#include "base/json_fields.h"
 #include "detection/detect.h"
 #include "detection/detector.h"
 
@@ -108,7 +109,7 @@ std::string describe(const Reliance& reliance);
 /// mean_delta_logit, mean_delta_score, frames, frames_left_out, vehicles, clusters}; without a camera the
 /// first three alone.
 nlohmann::json to_json(const Reliance& reliance);
-/// Its inverse. nlohmann's exceptions for anything else.
-Reliance reliance_from_json(const nlohmann::json& json);
+/// Its inverse. InputError, naming file and field, for anything else.
+Reliance reliance_from_json(const JsonFields& fields);
 
 }  // namespace mirage

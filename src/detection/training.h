@@ -5,13 +5,14 @@
 #include <filesystem>
 #include <string>
 
+#include "base/schedule.h"
 #include "detection/detect.h"
 
 namespace mirage {
 
 /// What `mirage train` is asked for.
-struct TrainingOptions {
-  std::filesystem::path data, validation, out;  ///< `validation` may be empty
+struct TrainingOptions : TrainingSchedule {
+  std::filesystem::path data, validation;  ///< `validation` may be empty
   /// Weights to start from; empty: fresh ones. `fusion` may start from a `lidar` detector's.
   std::filesystem::path start = {};
   /// Weights of a camera and of a lidar detector that the branches of the new one start from; may be empty.
@@ -23,22 +24,68 @@ struct TrainingOptions {
   /// Of a camera network that was started from COCO's weights, the layers that find boxes learn, and nothing
   /// else: for frames that do not say which pixels show vehicles. Not with `joint`.
   bool heads = false;
-  std::int64_t steps = 4000;
-  int batch = 2;
-  double learning_rate = 2e-3;  ///< peak of the one-cycle schedule
-  double minutes = 0;  ///< 0: no limit. Otherwise the schedule ends at steps or minutes, which is first
-  std::int64_t checkpoint_every = 250;
-  double checkpoint_seconds = 0;      ///< > 0: also where so many seconds have passed since the last one
   double ground_truth_sampling = 0;   ///< mean number of vehicles pasted into a sample (GroundTruthSampler)
   double thin_lidar = 0.5;            ///< share of the samples that lose LiDAR returns (thin_lidar)
-  std::size_t frames = 0;             ///< only the first N frames (0: all)
   std::size_t validation_frames = 0;  ///< only the first N (0: all)
   std::int64_t validate_every = 0;    ///< steps between validations (0: at the end only)
   std::string precision = "float";    ///< of convolutions: float or bfloat16
-  std::uint64_t seed = 0;
-  int threads = 0;
-  bool quiet = false;
 };
+
+/// What files decide is of the identity by their content (train_detector), not by their path.
+template <class Visitor, FieldsOf<TrainingOptions> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "data",
+         .help = "training set (KITTI's object, tracking or raw layout, nuScenes)",
+         .required = true},
+        s.data);
+  visit({.name = "detector", .help = "lidar, camera, painted, fusion or late"}, s.detector);
+  visit({.name = "start",
+         .help = "weights to start from (default: fresh ones); fusion may start from lidar weights",
+         .decides = false},
+        s.start);
+  visit({.name = "camera",
+         .help = "detector: weights of a camera detector that the new one starts from",
+         .decides = false},
+        s.camera);
+  visit({.name = "lidar",
+         .help = "detector: weights of a lidar detector that the new one starts from",
+         .decides = false},
+        s.lidar);
+  visit(
+      {.name = "joint",
+       .help = "detector: what --camera, --lidar and COCO's weights gave learns too; else it stays as it is",
+       .written = s.joint},
+      s.joint);
+  visit({.name = "heads",
+         .help = "detector camera: the layers that find boxes learn, in place of the mask's (frames that do "
+                 "not say which pixels show vehicles teach the mask nothing)",
+         .written = s.heads},
+        s.heads);
+  visit({.name = "precision",
+         .help = "detector: of convolutions, float or bfloat16 (float where the processor lacks it)",
+         .decides = false},
+        s.precision);
+  visit_fields(visit, as_base<TrainingSchedule>(s));
+  visit({.name = "validation", .help = "data set to score the result on", .decides = false}, s.validation);
+  visit({.name = "validation_frames", .help = "only the first N (0: all)", .decides = false},
+        s.validation_frames);
+  visit({.name = "validate_every",
+         .help = "detector: steps between validations (0: at the end only)",
+         .range = {0, Range::kMost},
+         .decides = false},
+        s.validate_every);
+  visit({.name = "ground_truth_sampling",
+         .help = "detector: mean number of other frames' vehicles pasted into a sample; fusion needs a set "
+                 "made with --truth",
+         .range = {0, 20},
+         .written = s.ground_truth_sampling > 0},
+        s.ground_truth_sampling);
+  visit({.name = "thin_lidar",
+         .help = "detector: share of the samples that lose beams, or returns of some cars",
+         .range = kShare,
+         .written = s.thin_lidar > 0},
+        s.thin_lidar);
+}
 
 /// What a training ends with, beside the weights in TrainingOptions::out.
 struct TrainingResult {
@@ -51,10 +98,11 @@ struct TrainingResult {
 };
 
 /// Trains from scratch or from `start`, or goes on from the newest checkpoint in `out` (which must be of the
-/// same options, or InputError). What step s sees depends on (seed, s) alone: not on threads, nor on
-/// interruptions. A checkpoint is written every checkpoint_every steps, before each validation and on Ctrl-C
-/// (then Interrupted is thrown). out/training.jsonl has a line every 50 steps {step, seconds, rate, loss,
-/// score_loss, box_loss: running means} and one for each validation {step, seconds, ap50, ap70, recall50}.
+/// same options, or InputError; FieldError for options out of range). What step s sees depends on (seed, s)
+/// alone: not on threads, nor on interruptions. A checkpoint is written every checkpoint_every steps, before
+/// each validation and on Ctrl-C (then Interrupted is thrown). out/training.jsonl has a line every 50 steps
+/// {step, seconds, rate, loss, score_loss, box_loss: running means} and one for each validation {step,
+/// seconds, ap50, ap70, recall50}.
 TrainingResult train_detector(const TrainingOptions& options);
 
 }  // namespace mirage

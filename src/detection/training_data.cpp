@@ -56,6 +56,12 @@ TrainingSample PreparedSample::view() const {
           picture_key};
 }
 
+std::vector<TrainingSample> views_of(const std::vector<PreparedSample>& samples) {
+  std::vector<TrainingSample> views;
+  for (const PreparedSample& sample : samples) views.push_back(sample.view());
+  return views;
+}
+
 Eigen::Affine3d random_pose(std::uint64_t seed, std::uint64_t index) {
   RandomStream random(seed, "training pose", index);
   const bool flip = random.uniform() < 0.5;

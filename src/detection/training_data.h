@@ -26,6 +26,9 @@ struct PreparedSample {
   TrainingSample view() const;
 };
 
+/// Their views; valid as long as the samples are.
+std::vector<TrainingSample> views_of(const std::vector<PreparedSample>& samples);
+
 /// As kept: the picture in 8-bit sRGB, points in view, truth by ground_truth(); no mask and no key.
 CompactFrame compact(const Frame& frame, const std::array<double, 4>& region);
 

@@ -4,7 +4,6 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
-#include <limits>
 
 #include "base/random.h"
 #include "sensors/mesh_distance.h"
@@ -12,14 +11,6 @@
 
 namespace mirage {
 namespace {
-
-/// Value below which the share p of the numbers lies; 0 for none.
-double lower_quantile(std::vector<double> values, double p) {
-  if (values.empty()) return 0;
-  std::sort(values.begin(), values.end());
-  return values[std::min(values.size() - 1,
-                         static_cast<std::size_t>(p * static_cast<double>(values.size())))];
-}
 
 /// Mean distance of the mesh's vertices to a surface, over those that `count` accepts.
 double mean_distance(const Mesh& mesh, const MeshDistance& surface,
@@ -74,6 +65,13 @@ Box3 disturbed(const Box3& box, double strength, RandomStream& random) {
 
 }  // namespace
 
+double lower_quantile(std::vector<double> values, double p) {
+  if (values.empty()) return 0;
+  std::sort(values.begin(), values.end());
+  return values[std::min(values.size() - 1,
+                         static_cast<std::size_t>(p * static_cast<double>(values.size())))];
+}
+
 std::vector<FittedVehicle> fit_frame(const ShapeRooftopFinder& finder, const Frame& frame,
                                      const LidarModel& lidar, const FitFrameSettings& settings,
                                      const std::vector<generator::TrueVehicle>* truth) {
@@ -118,82 +116,11 @@ std::vector<FittedVehicle> fit_frame(const ShapeRooftopFinder& finder, const Fra
 
 namespace {
 
-nlohmann::json spread(const std::vector<double>& values) {
-  return {{"median", lower_quantile(values, 0.5)}, {"p95", lower_quantile(values, 0.95)}};
-}
-
-nlohmann::json range_of(const std::vector<double>& values) {
-  return {{"p05", lower_quantile(values, 0.05)},
-          {"median", lower_quantile(values, 0.5)},
-          {"p95", lower_quantile(values, 0.95)}};
-}
-
-nlohmann::json summary(const std::vector<const FittedVehicle*>& group) {
-  std::vector<double> residual, over_box, over_returns, seconds, yaw, to, from, total;
-  std::vector<double> roof[3], box[3];
-  for (const FittedVehicle* v : group) {
-    if (!v->fit.fitted) continue;
-    residual.push_back(v->residual);
-    over_box.push_back(v->roof_over_box);
-    over_returns.push_back(v->roof_over_returns);
-    seconds.push_back(v->seconds);
-    if (!v->error) continue;
-    for (int a = 0; a < 3; ++a) {
-      roof[a].push_back(std::abs(v->error->roof[a]));
-      box[a].push_back(std::abs(v->error->box[a]));
-    }
-    total.push_back(v->error->roof.norm());
-    yaw.push_back(std::abs(v->error->yaw));
-    to.push_back(v->error->to_truth);
-    from.push_back(v->error->from_truth);
-  }
-  nlohmann::json out = {{"vehicles", group.size()},
-                        {"fitted", residual.size()},
-                        {"from_box", group.size() - residual.size()},
-                        {"residual_m", spread(residual)},
-                        {"roof_over_box_m", range_of(over_box)},
-                        {"roof_over_returns_m", range_of(over_returns)},
-                        {"seconds", spread(seconds)}};
-  if (!total.empty())
-    out["error"] = {
-        {"vehicles", total.size()},       {"roof_x_m", spread(roof[0])},     {"roof_y_m", spread(roof[1])},
-        {"roof_z_m", spread(roof[2])},    {"roof_m", spread(total)},         {"box_x_m", spread(box[0])},
-        {"box_y_m", spread(box[1])},      {"box_z_m", spread(box[2])},       {"yaw_rad", spread(yaw)},
-        {"fitted_to_true_m", spread(to)}, {"true_to_fitted_m", spread(from)}};
-  return out;
-}
-
 nlohmann::json list(const Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
 }  // namespace
-
-nlohmann::json summarise_fits(const std::vector<FittedVehicle>& vehicles) {
-  const auto where = [&](const std::function<bool(const FittedVehicle&)>& in) {
-    std::vector<const FittedVehicle*> group;
-    for (const FittedVehicle& v : vehicles)
-      if (in(v)) group.push_back(&v);
-    return summary(group);
-  };
-  nlohmann::json out = {{"all", where([](const auto&) { return true; })},
-                        {"within_30_m", where([](const auto& v) { return v.range < 30; })}};
-  const double ranges[] = {0, 10, 20, 30, 40, 1e9};
-  for (int i = 0; i < 5; ++i) {
-    nlohmann::json entry =
-        where([&](const auto& v) { return v.range >= ranges[i] && v.range < ranges[i + 1]; });
-    entry["range_m"] = i < 4 ? nlohmann::json{ranges[i], ranges[i + 1]} : nlohmann::json{ranges[i], nullptr};
-    out["by_range"].push_back(std::move(entry));
-  }
-  const int counts[] = {0, 20, 40, 100, 300, 1000, std::numeric_limits<int>::max()};
-  for (int i = 0; i < 6; ++i) {
-    nlohmann::json entry =
-        where([&](const auto& v) { return v.fit.points >= counts[i] && v.fit.points < counts[i + 1]; });
-    entry["returns"] = i < 5 ? nlohmann::json{counts[i], counts[i + 1]} : nlohmann::json{counts[i], nullptr};
-    out["by_returns"].push_back(std::move(entry));
-  }
-  return out;
-}
 
 nlohmann::json to_json(const FittedVehicle& v) {
   const Transform& roof = v.rooftop.velo_from_adversary;

@@ -49,8 +49,9 @@ std::vector<FittedVehicle> fit_frame(const ShapeRooftopFinder& finder, const Fra
                                      const LidarModel& lidar, const FitFrameSettings& settings,
                                      const std::vector<generator::TrueVehicle>* truth);
 
-/// Counts, medians and 95th percentiles of all vehicles, by range (10 m steps) and by number of returns.
-nlohmann::json summarise_fits(const std::vector<FittedVehicle>& vehicles);
+/// Value below which the share p of the numbers lies; 0 for none.
+double lower_quantile(std::vector<double> values, double p);
+
 /// One vehicle: pose, size, roof, code, residual, errors.
 nlohmann::json to_json(const FittedVehicle& vehicle);
 

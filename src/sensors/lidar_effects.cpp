@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "base/fields.h"
 
 namespace mirage {
 
@@ -49,7 +50,7 @@ LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergen
     }
   }
   if (!any)
-    throw InputError("--lidar-effects", words, "is not known",
+    throw FieldError("lidar_effects", words, "is not known",
                      "use ideal, unit, or some of noise,drop-out,divergence,motion,albedo");
   return effects;
 }

@@ -101,7 +101,7 @@ std::optional<double> reported_range(double range, double arrives, const FiringC
 /// Effects by word. "ideal": none. "unit": noise, drop-out and divergence, which every unit has. Or a
 /// list with commas of: noise (σ 12 mm), drop-out (1.5 %, and by signal: floor 3e-5 /m²), divergence (of the
 /// unit, `divergence` in rad; where that is zero the HDL-64E's 2 mrad), motion (15 m/s and 0.2 rad/s: an
-/// uncompensated sweep), albedo (reflectance from the texels). InputError naming --lidar-effects otherwise.
+/// uncompensated sweep), albedo (reflectance from the texels). FieldError naming lidar_effects otherwise.
 LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergence);
 
 /// InputError naming the field: a value that is not finite, a negative spread, a share beyond [0, 1], a beam

@@ -44,6 +44,28 @@ RasterTape& RasterTape::operator=(RasterTape&&) noexcept = default;
 
 namespace {
 
+/// What the kernel draws. The other options of Liu et al.'s code are the plain loop's alone.
+bool in_kernel(const SoftRasterSettings<double>& settings) {
+  const bool soft = settings.coverage == Coverage::euclidean && settings.color == ColorBlend::softmax &&
+                    settings.silhouette == SilhouetteBlend::product;
+  const bool hard = settings.coverage == Coverage::hard && settings.color == ColorBlend::hard &&
+                    settings.silhouette == SilhouetteBlend::hard;
+  return (soft || hard) && settings.background == Background::silhouette && settings.perspective_texture &&
+         !settings.frozen_barycentrics;
+}
+
+/// What the kernel has the VJP of.
+bool vjp_in_kernel(const RasterJob& job) {
+  return in_kernel(*job.settings) && job.mesh->texture == Texture::atlas;
+}
+
+ImageF to_float(const Image<double>& image) {
+  ImageF out(image.width, image.height, image.channels);
+  std::transform(image.data.begin(), image.data.end(), out.data.begin(),
+                 [](double value) { return static_cast<float>(value); });
+  return out;
+}
+
 std::size_t mesh_texels_per_face(const ScreenMesh<double>& mesh) {
   return mesh.texture == Texture::vertex ? 3 : static_cast<std::size_t>(mesh.resolution) * mesh.resolution;
 }
@@ -56,28 +78,19 @@ raster::Constants constants_of(const RasterJob& job, const raster::Setup& setup)
   const auto& settings = *job.settings;
   const auto& mesh = *job.mesh;
   raster::Constants k;
-  k.coverage = settings.coverage;
-  k.color = settings.color;
-  k.silhouette = settings.silhouette;
-  k.logit_background = settings.background != Background::silhouette;
-  k.perspective_texture = settings.perspective_texture;
-  k.frozen_barycentrics = settings.frozen_barycentrics;
+  k.hard = settings.coverage == Coverage::hard;
   k.vertex_texture = mesh.texture == Texture::vertex;
   // Beyond float's range nothing changes: coverage is 0 or 1 long before.
   const auto bounded = [](double value) { return static_cast<float>(std::clamp(value, -1e30, 1e30)); };
   const double units = setup.samples_per_ndc * setup.samples_per_ndc, cut = cut_off(settings);
-  const bool barycentric = settings.coverage == Coverage::barycentric;
-  k.distance_scale = bounded(1 / (settings.sigma * (barycentric ? 1 : units)));
-  k.cut = bounded(cut * (barycentric ? 1 : units));
+  k.distance_scale = bounded(1 / (settings.sigma * units));
+  k.cut = bounded(cut * units);
   k.inv_gamma = bounded(1 / settings.gamma);
   k.key_scale = bounded(setup.middle / setup.depth_range);
   // Keys are rounded: a face exactly at near or far is still drawn.
   constexpr double kSlack = 1e-6;
   k.key_low = bounded((setup.middle - settings.far) / setup.depth_range - kSlack);
   k.key_high = bounded((setup.middle - settings.near) / setup.depth_range + kSlack);
-  const double logits = settings.background == Background::authors_logit ? 2 : 1;
-  k.background_key = bounded(logits * settings.epsilon - (settings.far - setup.middle) / setup.depth_range);
-  k.inv_faces = mesh.faces.empty() ? 0 : 1 / static_cast<float>(mesh.faces.size());
   k.resolution = mesh.resolution;
   k.mesh = &mesh;
   return k;
@@ -140,12 +153,11 @@ void draw(const RasterJob& job, RasterTape& tape, int tile) {
   raster::draw_tile(work);
   const PixelRect part = pixels_of(state.setup, *job.target, tile);
   const float mean = 1 / static_cast<float>(s * s);
-  const bool logit = state.constants.logit_background;
   for (int v = part.v0; v < part.v1; ++v)
     for (int u = part.u0; u < part.u1; ++u) {
       const int i = (v - part.v0) * size + u - part.u0;
       float* rgba = tape.rgba.pixel(u, v);
-      const float photograph = logit ? 0 : 1 - mean * pixels.values[4][i];
+      const float photograph = 1 - mean * pixels.values[4][i];
       for (int c = 0; c < 3; ++c) rgba[c] = mean * pixels.values[c][i] + photograph * pixels.background[c][i];
       rgba[3] = mean * pixels.values[3][i];
     }
@@ -206,9 +218,6 @@ void sum_gradient(const RasterJob& job, const RasterTape::State& state, ScreenGr
       const raster::FaceSums& sums = state.sums[static_cast<std::size_t>(i)];
       const auto f = static_cast<std::size_t>(face.face);
       raster::add_face_gradient(setup, face, sums, gradient.faces[f]);
-      if (mesh.texture == Texture::vertex)
-        for (std::size_t k = 0; k < 3; ++k)
-          gradient.texels[3 * f + k] += Vec3<double>(sums.color[k][0], sums.color[k][1], sums.color[k][2]);
     }
     for (const auto& t : state.texel_gradients[static_cast<std::size_t>(state.tape_of[tile])])
       gradient.texels[static_cast<std::size_t>(t.texel)] += Vec3<double>(t.r, t.g, t.b);
@@ -246,8 +255,13 @@ void RasterTape::State::prepare(const RasterJob& job) {
 
 void rasterize_batch(std::span<const RasterJob> jobs, std::span<RasterTape> tapes) {
   parallel_for(jobs.size(), [&](std::size_t j) {
-    tapes[j].state->prepare(jobs[j]);
     const RasterTarget<float>& target = *jobs[j].target;
+    if (!in_kernel(*jobs[j].settings)) {
+      tapes[j].state->tape_of.clear();
+      tapes[j].rgba = to_float(rasterize(*jobs[j].mesh, *jobs[j].settings, to_double(target)));
+      return;
+    }
+    tapes[j].state->prepare(jobs[j]);
     ImageF& rgba = tapes[j].rgba;
     rgba.width = target.rect.width();
     rgba.height = target.rect.height();
@@ -275,9 +289,15 @@ void rasterize_batch_vjp(std::span<const RasterJob> jobs, std::span<const ImageF
   const auto& tiles = touched_tiles(tapes);
   parallel_for(tiles.size(), [&](std::size_t i) {
     const auto j = static_cast<std::size_t>(tiles[i].job);
-    draw_vjp(jobs[j], d_rgba[j], tapes[j], tiles[i].tile);
+    if (vjp_in_kernel(jobs[j])) draw_vjp(jobs[j], d_rgba[j], tapes[j], tiles[i].tile);
   });
-  parallel_for(jobs.size(), [&](std::size_t j) { sum_gradient(jobs[j], *tapes[j].state, gradients[j]); });
+  parallel_for(jobs.size(), [&](std::size_t j) {
+    const RasterJob& job = jobs[j];
+    if (vjp_in_kernel(job))
+      sum_gradient(job, *tapes[j].state, gradients[j]);
+    else
+      gradients[j] = rasterize_vjp(*job.mesh, *job.settings, to_double(*job.target), to_double(d_rgba[j]));
+  });
 }
 
 Image<double> to_double(const ImageF& image) {

@@ -5,6 +5,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/hash.h"
 #include "base/image_io.h"
 #include "base/interrupt.h"
@@ -111,7 +112,7 @@ std::vector<DepthScore> score_depth(const DepthScoreOptions& options,
                                     const TexturedMesh& adversary,
                                     const std::function<void(std::size_t, std::size_t)>& tell) {
   if (options.hidden < 0 || options.hidden >= 1)
-    throw InputError("--hide", "", "must be a share in [0, 1)", "try 0.2");
+    throw FieldError("hide", "", "must be a share in [0, 1)", "try 0.2");
   std::vector<std::string> ids = list_frames(options.data);
   if (options.frames > 0 && ids.size() > options.frames) ids.resize(options.frames);
   const std::size_t n = backends.size();

@@ -3,6 +3,7 @@
 #include <array>
 
 #include "base/error.h"
+#include "base/fields.h"
 
 namespace mirage {
 
@@ -21,7 +22,7 @@ std::span<const Quality> qualities() {
 const Quality& quality_of(const std::string& name) {
   for (const Quality& quality : qualities())
     if (name == quality.name) return quality;
-  throw InputError("--quality", name, "is no quality", "use draft, default or exact");
+  throw FieldError("quality", name, "is no quality", "use draft, default or exact");
 }
 
 void apply_quality(const std::string& name, SimulationSettings& settings,

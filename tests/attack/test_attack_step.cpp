@@ -1,6 +1,7 @@
 // What a step tells besides its gradient.
 #include <gtest/gtest.h>
 
+#include "attack/attack.h"
 #include "attack/attack_step.h"
 #include "attack/tiny_world.h"
 #include "base/files.h"

@@ -38,14 +38,20 @@ TEST(Buildable, TheStartStandsFlat) {
   settings.on = true;
   const TexturedMesh adversary = start(settings);
   const auto report = buildable_report(adversary, settings);
-  EXPECT_EQ(report.at("intersecting_pairs"), 0);
-  EXPECT_GE(report.at("base_vertices"), 10);
-  EXPECT_GT(report.at("base_area_m2").get<double>(), 0.2);
-  EXPECT_GT(report.at("min_thickness_m").get<double>(), 0.05);
-  EXPECT_EQ(report.at("texels_in_print_range"), 1.0);
-  EXPECT_TRUE(report.at("watertight"));
+  EXPECT_EQ(report.intersecting_pairs, 0u);
+  EXPECT_GE(report.base_vertices, 10);
+  EXPECT_GT(report.base_area, 0.2);
+  EXPECT_GT(report.min_thickness, 0.05);
+  EXPECT_EQ(report.printable, 1.0);
+  EXPECT_TRUE(report.watertight);
+  EXPECT_EQ(to_json(report), (nlohmann::json{{"intersecting_pairs", 0},
+                                             {"min_thickness_m", report.min_thickness},
+                                             {"base_vertices", report.base_vertices},
+                                             {"base_area_m2", report.base_area},
+                                             {"watertight", true},
+                                             {"texels_in_print_range", 1.0}}));
   // The plain start stands on a point.
-  EXPECT_EQ(buildable_report(initial_adversary(), settings).at("base_area_m2"), 0.0);
+  EXPECT_EQ(buildable_report(initial_adversary(), settings).base_area, 0.0);
 }
 
 TEST(Buildable, StaysSoUnderWildSteps) {
@@ -71,8 +77,8 @@ TEST(Buildable, StaysSoUnderWildSteps) {
     const double mean = moved / static_cast<double>(first.mesh.vertices.size());
     EXPECT_GT(mean, amount < 0.5 ? amount / 50 : 0);
     const auto report = buildable_report(adversary, settings);
-    EXPECT_EQ(report.at("base_vertices"), buildable_report(first, settings).at("base_vertices"));
-    EXPECT_EQ(report.at("texels_in_print_range"), 1.0);
+    EXPECT_EQ(report.base_vertices, buildable_report(first, settings).base_vertices);
+    EXPECT_EQ(report.printable, 1.0);
     // Without the rules the same steps make something that is no solid.
     RandomStream again(7, "wild steps");
     for (int i = 0; i < 25; ++i) shake(loose, again, amount);

@@ -17,7 +17,9 @@ TEST(Clusters, AVehicleIsOneInAllItsFramesAndTheUnknownAreTheirFrames) {
   EXPECT_EQ(clusters.count().count, 2);
   for (const char* frame : {"000003", "000008", "000009"}) clusters.add(frame, 17);
   EXPECT_EQ(to_json(clusters.count()), (nlohmann::json{{"by", "vehicle"}, {"count", 3}}));
-  EXPECT_EQ(cluster_count_from_json(to_json(clusters.count())).count, 3);
+  const nlohmann::json json = to_json(clusters.count());
+  EXPECT_EQ(cluster_count_from_json({"file", json, ""}).count, 3);
+  EXPECT_EQ(cluster_count_from_json({"file", json, ""}).by, "vehicle");
 }
 
 // A vehicle's number is never taken for a frame of that name.

@@ -101,7 +101,7 @@ TEST(Jpeg, ADefenceThatIsNoneIsOneLine) {
   options.fresh = false;
   options.defense = "Stone Wall";
   EXPECT_THAT(test::error_text<InputError>([&] { load_detector(options); }),
-              ::testing::HasSubstr("--defense"));
+              ::testing::StartsWith("defense: Stone Wall: "));
   options.defense = "stone-wall";
   EXPECT_THAT(test::error_text<InputError>([&] { load_detector(options); }),
               ::testing::HasSubstr("with the defence stone-wall"));

@@ -1,10 +1,12 @@
 // The gate: planted detectors that see, that ignore their picture and that glance at it; what each shipped
 // detector with a camera claims, against what is measured here.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 
+#include "base/error.h"
 #include "base/files.h"
 #include "detection/detect.h"
 #include "detection/reliance.h"
@@ -125,12 +127,40 @@ TEST(Reliance, SurvivesItsJson) {
   write_planted(folder.path());
   for (const Eyes eyes : {Eyes::sees, Eyes::needs_a_picture, Eyes::glances}) {
     const nlohmann::json json = to_json(measured(Planted(eyes), folder.path()));
-    EXPECT_EQ(to_json(reliance_from_json(json)), json);
+    EXPECT_EQ(to_json(reliance_from_json({"file", json, ""})), json);
     EXPECT_EQ(json.contains("ap70_none"), eyes != Eyes::needs_a_picture);
   }
   const nlohmann::json none = to_json(measured(Planted(Eyes::ignores, "lidar"), folder.path()));
   EXPECT_EQ(none.size(), 3u);
-  EXPECT_EQ(to_json(reliance_from_json(none)), none);
+  EXPECT_EQ(to_json(reliance_from_json({"file", none, ""})), none);
+}
+
+TEST(Reliance, ADamagedOneIsNamedByFileAndField) {
+  Reliance whole;
+  whole.ap70_none = 0.25;
+  const nlohmann::json good = to_json(whole);
+  const auto complaint_of = [](const nlohmann::json& bad) {
+    return test::error_text<InputError>([&] {
+      reliance_from_json({"a/result.json", bad, "measure it again"});
+    });
+  };
+  const auto complaint = [&](const char* key, const nlohmann::json& value) {
+    nlohmann::json bad = good;
+    bad[key] = value;
+    return complaint_of(bad);
+  };
+  EXPECT_THAT(complaint("ap70", "x"), HasSubstr("a/result.json: ap70"));
+  EXPECT_THAT(complaint("ap70_none", nullptr), HasSubstr("ap70_none"));
+  EXPECT_THAT(complaint("drop_low", -2), HasSubstr("drop_low"));
+  EXPECT_THAT(complaint("mean_delta_logit", -1), HasSubstr("mean_delta_logit"));
+  EXPECT_THAT(complaint("vehicles", 0.5), HasSubstr("vehicles"));
+  EXPECT_THAT(complaint("clusters", nlohmann::json::object({{"by", "frame"}})), HasSubstr("clusters.count"));
+  for (const auto& [key, value] : good.items()) {
+    if (key == "uses_picture" || key == "note" || key == "ap70_none") continue;  // follow; may be missing
+    nlohmann::json bad = good;
+    bad.erase(key);
+    EXPECT_THAT(complaint_of(bad), HasSubstr(fmt::format("a/result.json: {}: missing", key)));
+  }
 }
 
 #ifdef MIRAGE_HAS_FUSION

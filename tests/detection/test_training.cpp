@@ -7,6 +7,7 @@
 #include <set>
 
 #include "base/error.h"
+#include "base/field_json.h"
 #include "base/files.h"
 #include "base/schedule.h"
 #include "detection/points_in_view.h"
@@ -43,6 +44,21 @@ TEST(Training, TheScheduleRisesAndFalls) {
   EXPECT_DOUBLE_EQ(one_cycle(1, 0.05), 1);
   EXPECT_GT(one_cycle(1, 0.3), one_cycle(1, 0.6));
   EXPECT_NEAR(one_cycle(1, 1), 0.01, 1e-12);
+}
+
+TEST(Training, WhatDecidesARunKeepsItsKeys) {
+  TrainingOptions options;
+  nlohmann::json keys = {{"data", ""},   {"detector", "fusion"},  {"steps", 4000},
+                         {"batch", 2},   {"learning_rate", 2e-3}, {"seed", 0},
+                         {"minutes", 0}, {"thin_lidar", 0.5}};
+  EXPECT_EQ(fields_json(options), keys);
+  options.joint = true;
+  options.ground_truth_sampling = 2;
+  options.thin_lidar = 0;
+  options.validate_every = 7;
+  keys.erase("thin_lidar");
+  keys.update({{"joint", true}, {"ground_truth_sampling", 2}});
+  EXPECT_EQ(fields_json(options), keys);
 }
 
 TEST(Training, EveryEpochSeesEveryFrameOnce) {

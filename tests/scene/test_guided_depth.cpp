@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "base/field_json.h"
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/random.h"
@@ -205,6 +206,14 @@ void write_set(const std::filesystem::path& folder) {
     write_depth_png(true_depth_file(folder, frame.id), made.truth);
     write_frame(folder, frame);
   }
+}
+
+TEST(DepthTraining, WhatDecidesARunKeepsItsKeys) {
+  const nlohmann::json keys = {{"backend", "guided"}, {"data", ""},  {"steps", 4000},
+                               {"batch", 2},          {"crop", 320}, {"learning_rate", 2e-3},
+                               {"minutes", 0},        {"seed", 0},   {"without_picture", 0},
+                               {"shift", 1},          {"scatter", 0}};
+  EXPECT_EQ(fields_json(DepthTrainingOptions()), keys);
 }
 
 TEST(DepthTraining, AStoppedRunGoesOnToTheSameWeights) {

@@ -3,12 +3,14 @@
 
 #include <fmt/format.h>
 
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
+#include "attack/evaluation_outcomes.h"
+#include "attack/false_positives.h"
 #include "detection/reliance.h"
-#include "validation/paper/tables.h"
+#include "validation/paper/results.h"
 
 namespace mirage::test {
 
@@ -20,27 +22,32 @@ struct MadeUp {
   double left = 0.3;  ///< best IoU with a hidden vehicle; 0.1 and less: it vanished
 };
 
-inline nlohmann::json outcomes_json(const MadeUp& made) {
-  auto hosts = nlohmann::json::array(), list = nlohmann::json::array();
+/// As to_json(Evaluation) has them, with the writers of the real file. In the picture's plane `distance` is
+/// in pixels.
+inline nlohmann::json outcomes_json(const MadeUp& made, Plane plane = Plane::bev) {
+  std::vector<HostOutcome> hosts;
   for (int f = 0; f < made.frames; ++f)
     for (int h = 0; h < made.hosts; ++h) {
       // One frame in four is of the other kind, or there would be no spread to draw from.
       const bool odd = f % 4 == 0;
-      const bool hidden = h < made.hidden && !odd, positive = h < made.false_positive && !odd;
-      const std::string frame = fmt::format("{:06d}", f);
-      hosts.push_back({{"frame", frame},
-                       {"label", h},
-                       {"range", 10.0 + h},
-                       {"clean_iou", 0.9},
-                       {"attacked_iou", hidden ? made.left : 0.85},
-                       {"detected", true},
-                       {"hidden", hidden},
-                       {"false_positive", positive},
-                       {"false_positive_distance", positive ? made.distance : 0}});
-      if (positive)
-        list.push_back({{"frame", frame}, {"label", h}, {"mesh", 0}, {"distance_from_host", made.distance}});
+      HostOutcome host;
+      host.id = {fmt::format("{:06d}", f), h};
+      host.plane = plane;
+      host.range = 10.0 + h;
+      host.detected = true;
+      host.hidden = h < made.hidden && !odd;
+      host.false_positive = h < made.false_positive && !odd;
+      host.clean_iou = 0.9;
+      host.attacked_iou = host.hidden ? made.left : 0.85;
+      if (host.false_positive) {
+        host.false_positive_distance = made.distance;
+        host.new_boxes = {{{}, 0.5, made.distance, 0}};
+      }
+      hosts.push_back(std::move(host));
     }
-  return {{"vehicles", made.frames * made.hosts}, {"outcomes", hosts}, {"false_positives", {{"list", list}}}};
+  return {{"vehicles", made.frames * made.hosts},
+          {"outcomes", mirage::outcomes_json(hosts, 1)},
+          {"false_positives", false_positives_json(hosts)}};
 }
 
 /// Of a detector that loses 20 points of AP by another frame's picture, or none.

@@ -78,10 +78,10 @@ TEST(Arms, SixArmsAndThreeControlsEachOfItsOwn) {
       });
   ASSERT_EQ(result.arms.size(), 6u);
   ASSERT_EQ(result.controls.size(), 3u);
-  EXPECT_EQ(result.arms[0].light, "raster");
-  EXPECT_EQ(result.arms[0].returns, "ideal");
-  EXPECT_EQ(result.arms[5].light, "cycles");
-  EXPECT_EQ(result.arms[5].returns, "realistic");
+  EXPECT_EQ(result.arms[0].arm.light, ArmLight::raster);
+  EXPECT_EQ(result.arms[0].arm.returns, ArmReturns::ideal);
+  EXPECT_EQ(result.arms[5].arm.light, ArmLight::cycles);
+  EXPECT_EQ(result.arms[5].arm.returns, ArmReturns::realistic);
   // Pictures go by light, sweeps by returns.
   const ImageF& photograph = stage.prepared.frame.image;
   EXPECT_EQ(views[0].first.data, stage.attacked.image.data);
@@ -116,8 +116,8 @@ TEST(Arms, ARunUnderVisibleLightStillHasAPlainArm) {
   EXPECT_EQ(images[2].data, stage.attacked.image.data);
 }
 
-json verdict_of(const Stage& stage,
-                const std::function<OutcomeResult(const Stage&, const ImageF&, const Sweep&)>& look) {
+Verdict verdict_of(const Stage& stage,
+                   const std::function<OutcomeResult(const Stage&, const ImageF&, const Sweep&)>& look) {
   std::vector<VehicleResult> vehicles;
   for (int label = 0; label < 3; ++label)
     vehicles.push_back(stage.result(
@@ -127,47 +127,56 @@ json verdict_of(const Stage& stage,
 
 TEST(Arms, AVerdictOnADetectorThatNeverLooksIsVacuous) {
   const Stage stage;
-  const json result = verdict_of(stage, blind_look);
-  EXPECT_EQ(result.at("vacuous").at("image"), true);
-  EXPECT_EQ(result.at("vacuous").at("lidar"), false);
-  EXPECT_EQ(result.at("of"), "held_back");
-  ASSERT_EQ(result.at("arms").size(), 6u);
-  EXPECT_EQ(result.at("arms")[0].at("vehicles"), 1);
-  EXPECT_EQ(result.at("all").at("arms")[5].at("vehicles"), 3);
-  EXPECT_EQ(result.at("arms")[4].at("asr").at("value"), 1);
-  EXPECT_EQ(result.at("arms")[4].at("difference").at("value"), 0);
-  const json& unmet = result.at("controls").at(2);
-  EXPECT_EQ(unmet.at("control"), "no returns");
-  EXPECT_EQ(unmet.at("flips"), 3);
-  EXPECT_EQ(unmet.at("difference").at("value"), -1);
-  EXPECT_NEAR(unmet.at("mean_delta_logit").get<double>(), 2.8, 1e-9);
-  EXPECT_LT(result.at("controls").at(0).at("mean_delta_logit"), result.at("vacuous").at("bound"));
+  const Verdict result = verdict_of(stage, blind_look);
+  EXPECT_EQ(result.vacuous(Channel::image), true);
+  EXPECT_EQ(result.vacuous(Channel::lidar), false);
+  const json written = to_json(result);
+  EXPECT_EQ(written.at("vacuous").at("image"), true);
+  EXPECT_EQ(written.at("vacuous").at("lidar"), false);
+  EXPECT_EQ(written.at("of"), "held_back");
+  ASSERT_EQ(written.at("arms").size(), 6u);
+  EXPECT_EQ(written.at("arms")[0].at("vehicles"), 1);
+  EXPECT_EQ(written.at("arms")[5].at("light"), "cycles");
+  EXPECT_EQ(written.at("arms")[5].at("returns"), "realistic");
+  EXPECT_EQ(result.all.arms.at(5).vehicles, 3);
+  const auto& arm = result.judged().arms.at(4);
+  EXPECT_EQ(arm.asr.value, 1);
+  EXPECT_EQ(arm.difference.value, 0);
+  const auto& unmet = result.controls.at(2);
+  EXPECT_EQ(unmet.look.control, "no returns");
+  EXPECT_EQ(written.at("controls").at(2).at("control"), "no returns");
+  EXPECT_EQ(unmet.flips, 3);
+  EXPECT_EQ(unmet.difference.value, -1);
+  EXPECT_NEAR(unmet.mean_delta_logit, 2.8, 1e-9);
+  EXPECT_LT(result.controls.at(0).mean_delta_logit, written.at("vacuous").at("bound").get<double>());
 }
 
 TEST(Arms, AVerdictOnOneThatLooksIsNot) {
   const Stage stage;
-  const json result = verdict_of(stage, seeing_look);
-  EXPECT_EQ(result.at("vacuous").at("image"), false);
-  EXPECT_EQ(result.at("vacuous").at("lidar"), true);
-  const json& unseen = result.at("controls").at(1);
-  EXPECT_EQ(unseen.at("control"), "photograph");
-  EXPECT_EQ(unseen.at("flips"), 3);
-  EXPECT_EQ(unseen.at("asr").at("value"), 0);
+  const Verdict result = verdict_of(stage, seeing_look);
+  EXPECT_EQ(result.vacuous(Channel::image), false);
+  EXPECT_EQ(result.vacuous(Channel::lidar), true);
+  const auto& unseen = result.controls.at(1);
+  EXPECT_EQ(unseen.look.control, "photograph");
+  EXPECT_EQ(unseen.flips, 3);
+  EXPECT_EQ(unseen.asr.value, 0);
 }
 
 TEST(Arms, EitherAFlipOrALogitIsEnoughAndNothingIsNothing) {
-  const auto image_with = [&](const OutcomeResult& control) {
+  const auto verdict_with = [&](const OutcomeResult& control) {
     VehicleResult vehicle = seen_vehicle("a", 0);
     vehicle.seen->raster = vehicle.seen->cycles = answer(0.5, false, 0);
-    vehicle.seen->arms =
-        ArmsResult{{{"raster", "ideal", answer(0.5, false, 0)}}, {{"image", "noise", control}}};
-    return verdict({vehicle}, {}).at("vacuous");
+    vehicle.seen->arms = ArmsResult{{{{ArmLight::raster, ArmReturns::ideal}, answer(0.5, false, 0)}},
+                                    {{{Channel::image, "noise"}, control}}};
+    return verdict({vehicle}, {});
   };
-  EXPECT_EQ(image_with(answer(0.5, false, 0.49)).at("image"), true);
-  EXPECT_EQ(image_with(answer(0.5, false, 0.51)).at("image"), false);
-  EXPECT_EQ(image_with(answer(0.5, true, 0.1)).at("image"), false);
-  EXPECT_TRUE(image_with(answer(0.5, true, 0.1)).at("lidar").is_null());
-  EXPECT_TRUE(verdict({}, {}).at("vacuous").at("image").is_null());
+  EXPECT_EQ(verdict_with(answer(0.5, false, 0.49)).vacuous(Channel::image), true);
+  EXPECT_EQ(verdict_with(answer(0.5, false, 0.51)).vacuous(Channel::image), false);
+  const Verdict flipped = verdict_with(answer(0.5, true, 0.1));
+  EXPECT_EQ(flipped.vacuous(Channel::image), false);
+  EXPECT_FALSE(flipped.vacuous(Channel::lidar).has_value());
+  EXPECT_TRUE(to_json(flipped).at("vacuous").at("lidar").is_null());
+  EXPECT_TRUE(to_json(verdict({}, {})).at("vacuous").at("image").is_null());
 }
 
 }  // namespace

@@ -176,7 +176,8 @@ TEST_F(Findings, WhatCannotBeToldSaysHowManyVehiclesItWouldTake) {
     if (name.ends_with("image")) {
       auto changed = std::make_shared<Outcomes>(*one.learned);
       for (Outcome& host : changed->hosts)
-        if ((host.frame == "000003" && host.label == 4) || (host.frame == "000007" && host.label == 4))
+        if ((host.id.frame == "000003" && host.id.label == 4) ||
+            (host.id.frame == "000007" && host.id.label == 4))
           host.hidden = true;
       one.learned = changed;
     }

@@ -41,15 +41,15 @@ std::size_t count_cases(const Experiments& list, Case::Kind kind) {
       std::count_if(list.cases.begin(), list.cases.end(), [&](const Case& one) { return one.kind == kind; }));
 }
 
-const json& table_of(const json& result, const std::string& name) {
-  for (const json& table : result.at("tables"))
-    if (table.at("name") == name) return table;
+const TableResult& table_of(const ReproduceResult& result, const std::string& name) {
+  for (const TableResult& table : result.tables)
+    if (table.name == name) return table;
   throw std::out_of_range(name);
 }
 
-const json& cell_of(const json& table, const std::string& source, const std::string& target) {
-  for (const json& row : table.at("rows"))
-    if (row.at("source") == source && row.at("target") == target) return row;
+const RowResult& cell_of(const TableResult& table, const std::string& source, const std::string& target) {
+  for (const RowResult& row : table.rows)
+    if (row.source == source && row.target == target) return row;
   throw std::out_of_range(source + " → " + target);
 }
 
@@ -111,10 +111,10 @@ TEST(FusionTable, CellsAreNetOfTheirOwnRandomMesh) {
   program.planted["kitti64-fusion-image"] = {vanishing(4), vanishing(1)};
   program.planted["kitti64-fusion-image--on--kitti64-camera-image"] = {{120, 5, 2, 0}, vanishing(0)};
   program.planted["kitti64-lidar-lidar"] = {vanishing(0), vanishing(3)};
-  const json result = reproduce(quick_in(folder.path()), std::ref(program));
-  const json& table = table_of(result, "fusions");
+  const ReproduceResult result = reproduce(quick_in(folder.path()), std::ref(program));
+  const TableResult& table = table_of(result, "fusions");
   const auto value = [&](const std::string& source, const std::string& target, const std::string& key) {
-    return cell_of(table, source, target).at("values").at(key).at("value").get<double>();
+    return cell_of(table, source, target).values.at(key).interval.value;
   };
   // Four of five in three frames of four, beside one of five.
   EXPECT_NEAR(value("fusion, image", "fusion", "vanished"), 0.6, 1e-12);
@@ -138,7 +138,7 @@ TEST(FusionTable, ArmsNameWhoWasAttackedAndWhoJudges) {
   ReproduceSettings settings = quick_in(folder.path());
   settings.seeds = 2;
   settings.seed = 7;
-  const json result = reproduce(settings, std::ref(program));
+  const json result = to_json(reproduce(settings, std::ref(program)));
   int learned = 0;
   const json* planted = nullptr;
   for (const json& arm : result.at("arms")) {
@@ -164,12 +164,11 @@ TEST(FusionTable, AnAttackThatFailsLeavesItsRowEmpty) {
   TemporaryFolder folder;
   Program program;
   program.broken = "runs/kitti64-fusion-image";
-  const json result = reproduce(quick_in(folder.path()), std::ref(program));
-  const json& table = table_of(result, "fusions");
+  const ReproduceResult result = reproduce(quick_in(folder.path()), std::ref(program));
+  const TableResult& table = table_of(result, "fusions");
   for (const char* judge : {"lidar", "camera", "fusion"}) {
-    EXPECT_THAT(cell_of(table, "fusion, image", judge).at("error").get<std::string>(),
-                HasSubstr("made to fail"));
-    EXPECT_TRUE(cell_of(table, "fusion, both", judge).at("values").contains("net_vanished"));
+    EXPECT_THAT(cell_of(table, "fusion, image", judge).error, HasSubstr("made to fail"));
+    EXPECT_TRUE(cell_of(table, "fusion, both", judge).values.contains("net_vanished"));
   }
   EXPECT_THAT(read_file(folder / "fusions.md"),
               HasSubstr("- fusion, image → camera: runs/kitti64-fusion-image"));
@@ -179,15 +178,14 @@ TEST(FusionTable, ADetectorThatDoesNotUseItsPictureIsNamedInItsImageRows) {
   TemporaryFolder folder;
   Program program;
   program.uses_picture = false;
-  const json result = reproduce(quick_in(folder.path()), std::ref(program));
-  const json& table = table_of(result, "fusions");
-  EXPECT_THAT(cell_of(table, "fusion, image", "fusion").at("note").get<std::string>(),
-              HasSubstr("does not use its picture"));
-  EXPECT_FALSE(cell_of(table, "fusion, LiDAR", "fusion").contains("note"));
-  for (const json& finding : result.at("findings")) {
-    if (finding.at("name") != "fusions-side") continue;
-    for (const json& check : finding.at("checks"))
-      EXPECT_EQ(check.at("sentence"), "this detector does not use its picture: nothing follows about images");
+  const ReproduceResult result = reproduce(quick_in(folder.path()), std::ref(program));
+  const TableResult& table = table_of(result, "fusions");
+  EXPECT_THAT(cell_of(table, "fusion, image", "fusion").note, HasSubstr("does not use its picture"));
+  EXPECT_EQ(cell_of(table, "fusion, LiDAR", "fusion").note, "");
+  for (const Finding& finding : result.findings) {
+    if (finding.name != "fusions-side") continue;
+    for (const Check& check : finding.checks)
+      EXPECT_EQ(check.sentence, "this detector does not use its picture: nothing follows about images");
   }
 }
 
@@ -261,12 +259,10 @@ TEST_F(FusionFindings, TransferIsJudgedBetweenFusions) {
 TEST_F(FusionFindings, InThePictureThereAreNoMetres) {
   const HidingRule& near = kHidingRules.back();
   ASSERT_EQ(near.distance, 2);
-  json metres = test::outcomes_json({40, 5, 2, 1}), picture = metres;
+  json metres = test::outcomes_json({40, 5, 2, 1}),
+       picture = test::outcomes_json({40, 5, 2, 1}, Plane::picture);
+  ASSERT_TRUE(picture["false_positives"]["list"].at(0).contains("distance_from_host_px"));
   for (json& host : metres["outcomes"]) host["clean_distance"] = 0.5, host["attacked_distance"] = nullptr;
-  for (json& box : picture["false_positives"]["list"]) {
-    box["distance_from_host_px"] = box["distance_from_host"];
-    box.erase("distance_from_host");
-  }
   write_json(folder_ / "metres.json", metres);
   write_json(folder_ / "picture.json", picture);
   const auto far = read_evaluation(folder_ / "metres.json", "data").learned,
@@ -275,7 +271,7 @@ TEST_F(FusionFindings, InThePictureThereAreNoMetres) {
   EXPECT_EQ(found_clean(*far, near), 200);
   EXPECT_FALSE(hiding(*pixels, near));
   EXPECT_NEAR(success(*pixels, is_false_positive).value, success(*far, is_false_positive).value, 1e-12);
-  for (const Outcome& host : pixels->hosts) EXPECT_TRUE(host.distances.empty());
+  for (const Outcome& host : pixels->hosts) EXPECT_TRUE(host.distances().empty());
 }
 
 TEST_F(FusionFindings, NetsAreComparedOnTheVehiclesThatAllFourHave) {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <fstream>
+#include <limits>
 #include <set>
 
 #include "base/error.h"
@@ -88,7 +89,7 @@ TEST(PaperExperiments, QuickChangesOnlyWhatWasNotAsked) {
 TEST(PaperTables, RowsComeFromTheOutcomes) {
   TemporaryFolder folder;
   Program program;
-  const json result = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  const json result = to_json(reproduce(settings_in(folder.path(), "table1"), std::ref(program)));
   const json& table = result.at("tables").at(0);
   EXPECT_EQ(table.at("name"), "table1");
   const json& both = table.at("rows").at(4);
@@ -121,7 +122,10 @@ TEST(PaperTables, RowsComeFromTheOutcomes) {
   EXPECT_NEAR(sized.at("values").at("asr").at("value").get<double>(), 0.15, 1e-12);
   EXPECT_FALSE(sized.at("values").contains("net"));
   EXPECT_THAT(text, HasSubstr("| 34.68 |"));
-  EXPECT_EQ(read_json(folder / "reproduce.json").at("tables"), result.at("tables"));
+  const json written = read_json(folder / "reproduce.json");
+  for (const char* part : {"what", "settings", "tables", "arms", "findings", "reliance", "steps"})
+    EXPECT_EQ(written.at(part), json::parse(result.dump()).at(part)) << part;
+  EXPECT_EQ(written.size(), 7u);
 }
 
 TEST(PaperExperiments, EverySeedIsAnAttackOfItsOwn) {
@@ -152,24 +156,22 @@ TEST(PaperTables, IntervalsKnowHowMuchRunsDiffer) {
     program.worse_by_seed = worse_by_seed;
     ReproduceSettings settings = settings_in(folder.path(), "table1");
     settings.seeds = seeds;
-    const json result = reproduce(settings, std::ref(program));
-    const json row = result.at("tables").at(0).at("rows").at(4);
-    EXPECT_EQ(row.at("label"), "fusion, both");
-    EXPECT_EQ(row.at("vehicles"), 200);  // the same ones in every run
-    EXPECT_EQ(row.at("hosts"), 200);
-    EXPECT_EQ(row.at("runs"), seeds);
+    const ReproduceResult result = reproduce(settings, std::ref(program));
+    const RowResult& row = result.tables.at(0).rows.at(4);
+    EXPECT_EQ(row.label, "fusion, both");
+    EXPECT_EQ(row.counts.value().vehicles, 200);  // the same ones in every run
+    EXPECT_EQ(row.counts->hosts, 200u);
+    EXPECT_EQ(row.counts->runs, seeds);
     if (seeds > 1) {
       EXPECT_THAT(read_file(folder / "table1.md"), HasSubstr("200 in 40 frames, 3 runs"));
     }
-    return row.at("values").at("asr");
+    return row.values.at("asr").interval;
   };
-  const json once = asr(1, 0), equal = asr(3, 0), different = asr(3, 1);
-  const auto width = [](const json& value) {
-    return value.at("high").get<double>() - value.at("low").get<double>();
-  };
-  EXPECT_NEAR(equal.at("value").get<double>(), once.at("value").get<double>(), 1e-12);
-  EXPECT_NEAR(width(equal), width(once), 0.05);                  // three times the same is no more vehicles
-  EXPECT_NEAR(different.at("value").get<double>(), 0.3, 1e-12);  // 3, 2 and 1 of 5, in three frames of four
+  const Interval once = asr(1, 0), equal = asr(3, 0), different = asr(3, 1);
+  const auto width = [](const Interval& share) { return share.high - share.low; };
+  EXPECT_NEAR(equal.value, once.value, 1e-12);
+  EXPECT_NEAR(width(equal), width(once), 0.05);  // three times the same is no more vehicles
+  EXPECT_NEAR(different.value, 0.3, 1e-12);      // 3, 2 and 1 of 5, in three frames of four
   EXPECT_GT(width(different), width(once) + 0.05);
 }
 
@@ -179,34 +181,35 @@ TEST(PaperTables, ARepetitionThatFailsIsLeftOut) {
   program.broken = "runs/kitti64-fusion-both+1";
   ReproduceSettings settings = settings_in(folder.path(), "table1");
   settings.seeds = 3;
-  const json result = reproduce(settings, std::ref(program));
-  EXPECT_EQ(result.at("tables").at(0).at("rows").at(4).at("runs"), 2);
-  EXPECT_EQ(result.at("tables").at(0).at("rows").at(3).at("runs"), 3);
+  const ReproduceResult result = reproduce(settings, std::ref(program));
+  EXPECT_EQ(result.tables.at(0).rows.at(4).counts.value().runs, 2);
+  EXPECT_EQ(result.tables.at(0).rows.at(3).counts.value().runs, 3);
 }
 
 TEST(PaperTables, SayWhereTheDetectorDoesNotUseItsPicture) {
   TemporaryFolder folder;
   Program program;
   program.uses_picture = false;
-  const json result = reproduce(settings_in(folder.path(), "table4"), std::ref(program));
-  const json& rows = result.at("tables").at(0).at("rows");
-  EXPECT_FALSE(rows.at(0).contains("note"));  // no defence at all
-  EXPECT_THAT(rows.at(1).at("note").get<std::string>(), HasSubstr("does not use its picture"));
-  EXPECT_FALSE(rows.at(2).contains("note"));  // adversarial training is not about the image
+  const ReproduceResult result = reproduce(settings_in(folder.path(), "table4"), std::ref(program));
+  const auto& rows = result.tables.at(0).rows;
+  EXPECT_EQ(rows.at(0).note, "");  // no defence at all
+  EXPECT_THAT(rows.at(1).note, HasSubstr("does not use its picture"));
+  EXPECT_EQ(rows.at(2).note, "");  // adversarial training is not about the image
   EXPECT_THAT(read_file(folder / "table4.md"), HasSubstr("nothing follows about images"));
-  ASSERT_FALSE(result.at("reliance").empty());
-  EXPECT_EQ(result.at("reliance").at(0).at("uses_picture"), false);
+  EXPECT_FALSE(to_json(result).at("tables").at(0).at("rows").at(2).contains("note"));
+  const json reliance = to_json(result).at("reliance");
+  ASSERT_FALSE(reliance.empty());
+  EXPECT_EQ(reliance.at(0).at("uses_picture"), false);
+  EXPECT_EQ(reliance.at(0).at("case"), result.reliance.at(0).name);
   EXPECT_THAT(read_file(folder / "reproduce.md"), HasSubstr("80.0 % with another frame's: +0.0 points"));
   int told = 0, open = 0;
-  for (const json& finding : result.at("findings"))
-    for (const json& check : finding.at("checks")) {
+  for (const Finding& finding : result.findings)
+    for (const Check& check : finding.checks) {
       // What is not about the image: adversarial training, size, and where false positives are.
-      const bool other = finding.at("name") == "adversarial" || finding.at("name") == "far" ||
-                         finding.at("name") == "fusions-net" ||
-                         check.at("rig") == "KITTI rig, adversarial training";
-      const auto sentence = check.at("sentence").get<std::string>();
-      EXPECT_EQ(sentence.starts_with("this detector does not use its picture"), !other)
-          << finding.at("name") << ": " << sentence;
+      const bool other = finding.name == "adversarial" || finding.name == "far" ||
+                         finding.name == "fusions-net" || check.rig == "KITTI rig, adversarial training";
+      EXPECT_EQ(check.sentence.starts_with("this detector does not use its picture"), !other)
+          << finding.name << ": " << check.sentence;
       ++(other ? told : open);
     }
   EXPECT_EQ(told, 4);
@@ -216,7 +219,7 @@ TEST(PaperTables, SayWhereTheDetectorDoesNotUseItsPicture) {
 TEST(PaperTables, RecallCurvesFallWithIoU) {
   TemporaryFolder folder;
   Program program;
-  const json result = reproduce(settings_in(folder.path(), "fig3"), std::ref(program));
+  const json result = to_json(reproduce(settings_in(folder.path(), "fig3"), std::ref(program)));
   for (const json& row : result.at("tables").at(0).at("rows")) {
     const auto recall = row.at("curve").at("recall").get<std::vector<double>>();
     ASSERT_EQ(recall.size(), 21u);
@@ -233,9 +236,9 @@ TEST(Reproduce, FinishedStepsAreNotRunAgain) {
   reproduce(settings_in(folder.path(), "table1"), std::ref(program));
   EXPECT_EQ(program.calls.size(), 9u);  // data, four attacks, four evaluations
   program.calls.clear();
-  const json again = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  const ReproduceResult again = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
   EXPECT_TRUE(program.calls.empty());
-  EXPECT_TRUE(again.at("tables").at(0).at("rows").at(4).at("values").contains("asr"));
+  EXPECT_TRUE(again.tables.at(0).rows.at(4).values.contains("asr"));
   // Another adversary in a run: only what was judged with it is old.
   write_file(folder / "runs/kitti64-fusion-image/adversary.glb", "another");
   reproduce(settings_in(folder.path(), "table1"), std::ref(program));
@@ -277,16 +280,50 @@ TEST(Reproduce, AFailingStepStaysInTheTable) {
   TemporaryFolder folder;
   Program program;
   program.broken = "runs/kitti64-fusion-image";
-  const json result = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
-  const json& rows = result.at("tables").at(0).at("rows");
-  EXPECT_THAT(rows.at(3).at("error").get<std::string>(), HasSubstr("made to fail"));
-  EXPECT_TRUE(rows.at(3).at("values").empty());
-  EXPECT_TRUE(rows.at(4).at("values").contains("asr"));  // the others are not lost
+  const ReproduceResult result = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
+  const auto& rows = result.tables.at(0).rows;
+  EXPECT_THAT(rows.at(3).error, HasSubstr("made to fail"));
+  EXPECT_TRUE(rows.at(3).values.empty());
+  EXPECT_TRUE(rows.at(4).values.contains("asr"));  // the others are not lost
   EXPECT_THAT(read_file(folder / "table1.md"), HasSubstr("made to fail"));
   program.broken.clear();
   program.calls.clear();
   reproduce(settings_in(folder.path(), "table1"), std::ref(program));
   EXPECT_EQ(program.calls.size(), 2u);  // the run and its evaluation
+}
+
+TEST(Reproduce, ADamagedResultIsNamedByFileAndField) {
+  TemporaryFolder folder;
+  Program program;
+  reproduce(settings_in(folder.path(), "table4"), std::ref(program));
+  const fs::path judged = folder / "evaluations/kitti64-fusion-both/result.json",
+                 scored = folder / "detect/kitti64-fusion/result.json";
+  json evaluation = read_json(judged), detection = read_json(scored);
+  evaluation["sized"]["outcomes"][7]["clean_iou"] = "much";
+  detection["ap70_interval"] = {{"value", 0.8}, {"low", 0.7}};
+  write_json(judged, evaluation);
+  write_json(scored, detection);
+  EXPECT_THAT(test::error_text<InputError>([&] { read_evaluation(judged, "data"); }),
+              testing::AllOf(HasSubstr(judged.string()), HasSubstr("sized.outcomes[7].clean_iou")));
+  EXPECT_THAT(test::error_text<InputError>([&] { read_detection(scored); }),
+              testing::AllOf(HasSubstr(scored.string()), HasSubstr("ap70_interval.high")));
+  program.calls.clear();
+  const ReproduceResult result = reproduce(settings_in(folder.path(), "table4"), std::ref(program));
+  EXPECT_TRUE(program.calls.empty());
+  EXPECT_THAT(result.tables.at(0).rows.at(0).error, HasSubstr("sized.outcomes[7].clean_iou"));
+  EXPECT_TRUE(result.tables.at(0).rows.at(1).values.contains("asr"));  // the others are not lost
+}
+
+TEST(PaperResults, AnIntervalWithoutEndIsReadAsItWasWritten) {
+  TemporaryFolder folder;
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const Share endless{{0.8, -kInfinity, kInfinity}};
+  write_json(folder / "result.json", {{"ap50", 0.9}, {"ap70", 0.8}, {"ap70_interval", to_json(endless)}});
+  const Detection detection = read_detection(folder / "result.json");
+  EXPECT_FALSE(detection.ap50.value().bounded);
+  EXPECT_EQ(to_json(*detection.ap50), (json{{"value", 0.9}}));
+  EXPECT_EQ(detection.ap70.value().interval.low, -kInfinity);
+  EXPECT_EQ(detection.ap70->interval.high, kInfinity);
 }
 
 TEST(Reproduce, AnInterruptEndsIt) {

@@ -110,32 +110,37 @@ TEST(Tradeoff, TheRoofThatIsAskedForStandsBeforeTheRuns) {
   settings.run = folder / "run";
   settings.grid = false;
   settings.depth_frames = 0;
-  EXPECT_EQ(tradeoff(settings).at("rooftop"), "box");
+  EXPECT_EQ(to_json(tradeoff(settings)).at("rooftop"), "box");
   settings.asked.erase("rooftop");
-  EXPECT_EQ(tradeoff(settings).at("rooftop"), "shape");
+  EXPECT_EQ(to_json(tradeoff(settings)).at("rooftop"), "shape");
 }
 
 TEST(Tradeoff, AStudyOfATinyScene) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 1, true);
-  const auto result = tradeoff(tiny(folder / "data", folder / "out"));
-  EXPECT_EQ(result.at("vehicles"), 1);
-  EXPECT_EQ(read_json(folder / "out/tradeoff.json").at("points"), result.at("points"));
+  const TradeoffResult result = tradeoff(tiny(folder / "data", folder / "out"));
+  EXPECT_EQ(result.hosts.size(), 1u);
+  const nlohmann::json whole = to_json(result);
+  EXPECT_EQ(whole.at("vehicles"), 1);
+  // Written before the plots are drawn from it.
+  nlohmann::json file = read_json(folder / "out/tradeoff.json");
+  EXPECT_FALSE(file.contains("plots") || file.contains("page"));
+  file["plots"] = whole.at("plots");
+  if (whole.contains("page")) file["page"] = whole.at("page");
+  EXPECT_EQ(file, whole);
 
   const auto find = [&](const std::string& group, const std::string& axis, const std::string& label) {
-    for (const auto& p : result.at("points"))
-      if (p.at("group") == group && p.at("axis") == axis && p.at("label") == label) return p;
+    for (const TradeoffPoint& p : result.points)
+      if (p.group == group && p.axis == axis && p.label == label) return p;
     ADD_FAILURE() << "no point " << group << ", " << axis << ", " << label;
-    return nlohmann::json();
+    return TradeoffPoint();
   };
-  const auto error = [](const nlohmann::json& p, const char* name) {
-    return p.at("errors").at(name).get<double>();
-  };
-  for (const auto& p : result.at("points")) {
-    EXPECT_GT(p.at("ms").get<double>(), 0) << p.at("label");
-    EXPECT_GT(p.at("ratio").get<double>(), 0) << p.at("label");
-    for (const auto& [name, value] : p.at("errors").items())
-      EXPECT_TRUE(value.is_number() && std::isfinite(value.get<double>())) << p.at("label") << ' ' << name;
+  const auto error = [](const TradeoffPoint& p, const char* name) { return p.errors.at(name); };
+  for (const TradeoffPoint& p : result.points) {
+    EXPECT_GT(p.ms, 0) << p.label;
+    EXPECT_GT(p.ratio, 0) << p.label;
+    for (const auto& [name, value] : p.errors) EXPECT_TRUE(std::isfinite(value)) << p.label << ' ' << name;
+    EXPECT_EQ(p.drawing.has_value(), p.group == "camera") << p.label;
   }
   const auto draft = find("camera", "quality", "draft"), standard = find("camera", "quality", "default"),
              exact = find("camera", "quality", "exact");
@@ -164,24 +169,27 @@ TEST(Tradeoff, AStudyOfATinyScene) {
   // Along a front error falls as time grows.
   for (const char* name : {"image_levels", "gradient"}) {
     std::vector<std::pair<double, double>> front;
-    for (const auto& p : result.at("points"))
-      for (const auto& on : p.at("front"))
-        if (p.at("group") == "camera" && on == name)
-          front.push_back({p.at("ms").get<double>(), error(p, name)});
+    for (const TradeoffPoint& p : result.points)
+      for (const std::string& on : p.front)
+        if (p.group == "camera" && on == name) front.push_back({p.ms, error(p, name)});
     ASSERT_FALSE(front.empty());
     std::sort(front.begin(), front.end());
     for (std::size_t i = 1; i < front.size(); ++i) EXPECT_LE(front[i].second, front[i - 1].second);
   }
-  ASSERT_EQ(result.at("recommended").size(), 3u);
+  const auto advice = result.recommended();
+  ASSERT_EQ(advice.size(), 3u);
   for (std::size_t i = 0; i < 3; ++i) {
-    const auto& one = result.at("recommended")[i];
-    EXPECT_EQ(one.at("name"), qualities()[i].name);
-    EXPECT_EQ(one.at("shipped").at("settings").at("supersampling"), qualities()[i].supersampling);
+    EXPECT_EQ(advice[i].name, qualities()[i].name);
+    EXPECT_EQ(advice[i].shipped->drawing->supersampling, qualities()[i].supersampling);
+    const auto& written = whole.at("recommended").at(i);
+    EXPECT_EQ(written.at("name"), qualities()[i].name);
+    EXPECT_EQ(written.at("shipped").at("settings").at("supersampling"), qualities()[i].supersampling);
+    EXPECT_EQ(written.contains("settings"), advice[i].point != nullptr);
   }
-  for (const auto& plot : result.at("plots"))
-    EXPECT_TRUE(std::filesystem::exists(folder / "out" / plot.get<std::string>()));
-  if (result.contains("page")) {
-    const std::string page = read_file(result.at("page").get<std::string>());
+  ASSERT_TRUE(result.plots);
+  for (const std::string& plot : *result.plots) EXPECT_TRUE(std::filesystem::exists(folder / "out" / plot));
+  if (!result.page.empty()) {
+    const std::string page = read_file(result.page);
     EXPECT_THAT(page, HasSubstr("<svg"));
     EXPECT_THAT(page, HasSubstr("--quality exact"));
   }
@@ -225,9 +233,14 @@ TEST(Tradeoff, AttacksOfEqualTimeAreJudgedByOne) {
   settings.attack_seconds = 0.05;
   const auto rows = attack_study(settings);
   ASSERT_GE(rows.size(), 5u);
-  for (const auto& row : rows) {
-    EXPECT_GE(row.at("iterations").get<int>(), 1) << row.dump();
-    EXPECT_GE(row.at("asr").get<double>(), 0) << row.dump();
+  for (const TimedAttack& row : rows) {
+    EXPECT_GE(row.iterations, 1) << row.name;
+    EXPECT_GE(row.asr.value, 0) << row.name;
+    const nlohmann::json written = to_json(row);
+    for (const char* key : {"name", "quality", "precision", "locality", "clean_memory_mb", "seconds",
+                            "iterations", "loss", "vehicles", "asr", "fn_asr", "fp_asr"})
+      EXPECT_TRUE(written.contains(key)) << key;
+    EXPECT_EQ(written.at("asr_interval").size(), 2u);
   }
 }
 

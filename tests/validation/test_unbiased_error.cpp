@@ -154,20 +154,23 @@ TEST(UnbiasedError, RowsPoolTheSquaresOfTheVehicles) {
   std::vector<VehicleResult> vehicles;
   for (int i = 0; i < 20; ++i)
     vehicles.push_back(vehicle_with(std::to_string(i), i % 2 ? 0.04 : -0.02, 0.09));
-  const auto row = summarize_vehicles(vehicles, {}).at("ladder").at(0);
-  EXPECT_NEAR(row.at("error_unbiased").get<double>(), 0.1, 1e-9);  // not the mean of roots
-  EXPECT_NEAR(row.at("floor").get<double>(), 0.3, 1e-9);
-  EXPECT_NEAR(row.at("error_plain").get<double>(), std::sqrt(0.1), 1e-9);
-  EXPECT_LT(row.at("interval").at("low"), 0.08);
-  EXPECT_GT(row.at("interval").at("high"), 0.12);
+  const ValidationSummary all = summarize_vehicles(vehicles, {});
+  const PooledError& pooled = all.ladder.at(0).error;
+  EXPECT_NEAR(pooled.unbiased.value, 0.1, 1e-9);  // not the mean of roots
+  EXPECT_NEAR(pooled.floor, 0.3, 1e-9);
+  EXPECT_NEAR(pooled.plain, std::sqrt(0.1), 1e-9);
+  EXPECT_LT(pooled.unbiased.low, 0.08);
+  EXPECT_GT(pooled.unbiased.high, 0.12);
+  const auto row = to_json(all).at("ladder").at(0);
   EXPECT_EQ(row.at("interval_over"), "clusters");
   EXPECT_EQ(row.at("interval").at("value"), row.at("error_unbiased"));
+  EXPECT_EQ(row.at("error_plain"), pooled.plain);
   // One frame alone: its vehicles; one vehicle alone: its picture's own.
   const std::vector<VehicleResult> frame{vehicle_with("a", 0.01, 0.1), vehicle_with("a", 0.03, 0.1)};
-  EXPECT_EQ(summarize_vehicles(frame, {}).at("ladder").at(0).at("interval_over"), "vehicles");
-  const auto one = summarize_vehicles({frame[0]}, {}).at("ladder").at(0);
-  EXPECT_EQ(one.at("interval_over"), "pixels");
-  EXPECT_NEAR(one.at("interval").at("low").get<double>(), 0, 1e-9);
+  EXPECT_EQ(summarize_vehicles(frame, {}).ladder.at(0).error.over, DrawnOver::vehicles);
+  const PooledError one = summarize_vehicles({frame[0]}, {}).ladder.at(0).error;
+  EXPECT_EQ(one.over, DrawnOver::pixels);
+  EXPECT_NEAR(one.unbiased.low, 0, 1e-9);
 }
 
 }  // namespace

@@ -29,7 +29,8 @@ VehicleResult whole_vehicle() {
   seen.full.mae = 0.1, seen.full.error.unbiased = -0.25, seen.full.error.interval = {-0.5, -1, 0.5};
   seen.range = 9.5, seen.detected = true, seen.clean_iou = 0.8, seen.clean_score = 0.9;
   seen.raster = {0.1, 0.2, -1.5, true, false}, seen.cycles = {0.9, 0.8, 1.5, false, true};
-  seen.arms = ArmsResult{{{"raster", "ideal", seen.raster}}, {{"image", "noise", seen.cycles}}};
+  seen.arms = ArmsResult{{{{ArmLight::raster, ArmReturns::ideal}, seen.raster}},
+                         {{{Channel::image, "noise"}, seen.cycles}}};
   seen.pictures = {{"clean", "pictures/000003_2_clean.png"}};
   LadderResult& ladder = seen.ladder.emplace();
   LightRungResult rung;

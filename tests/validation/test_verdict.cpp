@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 #include <set>
+#include <stdexcept>
 
 #include "base/error.h"
 #include "base/random.h"
@@ -34,10 +35,10 @@ VehicleResult vehicle(const std::string& frame, int label, bool detected, const 
   return vehicle;
 }
 
-const json* variant(const json& group, const std::string& name) {
-  for (const json& v : group.at("variants"))
-    if (v.at("name") == name) return &v;
-  return nullptr;
+const VerdictVariant& variant(const VerdictGroup& group, const std::string& name) {
+  for (const VerdictVariant& v : group.variants)
+    if (v.name == name) return v;
+  throw std::out_of_range(name);
 }
 
 TEST(Verdict, CountsSharesFlipsAndSplits) {
@@ -54,24 +55,40 @@ TEST(Verdict, CountsSharesFlipsAndSplits) {
   LightRungResult shadows;
   shadows.effect = "+shadows", shadows.outcome = hidden;
   vehicles[0].seen->ladder.emplace().light = {shadows};
-  const json result = verdict(vehicles, {"a", "b"});
-  const json &held_back = result.at("held_back"), &all = result.at("all");
-  EXPECT_EQ(held_back.at("vehicles"), 3);
-  EXPECT_EQ(all.at("vehicles"), 4);
-  EXPECT_NEAR(variant(held_back, "soft")->at("fn_asr").at("value").get<double>(), 2 / 3.0, 1e-12);
-  EXPECT_NEAR(variant(held_back, "cycles")->at("fn_asr").at("value").get<double>(), 1 / 3.0, 1e-12);
-  EXPECT_NEAR(variant(held_back, "cycles")->at("asr").at("value").get<double>(), 2 / 3.0, 1e-12);
-  EXPECT_NEAR(variant(all, "cycles")->at("fp_asr").at("value").get<double>(), 0.25, 1e-12);
-  EXPECT_EQ(variant(all, "+shadows")->at("vehicles"), 1);
-  EXPECT_NEAR(all.at("difference").at("fn_asr").at("value").get<double>(), 0.25, 1e-12);
-  EXPECT_NEAR(all.at("difference").at("asr").at("value").get<double>(), 0, 1e-12);
-  EXPECT_LE(all.at("difference").at("asr").at("low").get<double>(), 0);
-  EXPECT_NEAR(all.at("agree").get<double>(), 0.5, 1e-12);
-  EXPECT_EQ(result.at("pairs").size(), 5u);
-  ASSERT_EQ(result.at("flips").size(), 1u);  // a vehicle not found clean has no outcome to flip
-  EXPECT_EQ(result.at("flips")[0].at("name"), "a_1");
-  EXPECT_EQ(result.at("flips")[0].at("from"), "hidden");
-  EXPECT_EQ(result.at("flips")[0].at("to"), "found");
+  const Verdict result = verdict(vehicles, {"a", "b"});
+  const VerdictGroup &held_back = result.held_back, &all = result.all;
+  EXPECT_EQ(held_back.vehicles, 3);
+  EXPECT_EQ(all.vehicles, 4);
+  EXPECT_NEAR(variant(held_back, "soft").fn_asr.value, 2 / 3.0, 1e-12);
+  EXPECT_NEAR(variant(held_back, "cycles").fn_asr.value, 1 / 3.0, 1e-12);
+  EXPECT_NEAR(variant(held_back, "cycles").asr.value, 2 / 3.0, 1e-12);
+  EXPECT_NEAR(variant(all, "cycles").fp_asr.value, 0.25, 1e-12);
+  EXPECT_EQ(variant(all, "+shadows").vehicles, 1);
+  EXPECT_NEAR(all.difference.fn_asr.value, 0.25, 1e-12);
+  EXPECT_NEAR(all.difference.asr.value, 0, 1e-12);
+  EXPECT_LE(all.difference.asr.low, 0);
+  EXPECT_NEAR(all.agree, 0.5, 1e-12);
+  EXPECT_EQ(result.pairs.size(), 5u);
+  ASSERT_EQ(result.flips.size(), 1u);  // a vehicle not found clean has no outcome to flip
+  const json flip = to_json(result).at("flips").at(0);
+  EXPECT_EQ(flip.at("name"), "a_1");
+  EXPECT_EQ(flip.at("split"), "test");
+  EXPECT_EQ(flip.at("from"), "hidden");
+  EXPECT_EQ(flip.at("to"), "found");
+}
+
+TEST(Verdict, VariantsStandInTheOrderOfTheLadder) {
+  const auto found = outcome(0.8, false);
+  std::vector<VehicleResult> vehicles{vehicle("a", 0, true, found, found),
+                                      vehicle("a", 1, true, found, found)};
+  LightRungResult soft, shadows, all;
+  soft.effect = "soft", shadows.effect = "+shadows", all.effect = "all";
+  soft.outcome = shadows.outcome = all.outcome = found;
+  vehicles[1].seen->ladder.emplace().light = {soft, shadows, all};  // after a vehicle without a ladder
+  std::vector<std::string> names;
+  for (const json& of : to_json(verdict(vehicles, {})).at("all").at("variants"))
+    names.push_back(of.at("name"));
+  EXPECT_EQ(names, (std::vector<std::string>{"soft", "hard", "+shadows", "all", "cycles"}));
 }
 
 TEST(Verdict, IntervalsAreByVehicleWhereItIsKnown) {
@@ -79,21 +96,60 @@ TEST(Verdict, IntervalsAreByVehicleWhereItIsKnown) {
   for (int i = 0; i < 40; ++i)
     vehicles.push_back(vehicle(std::to_string(i), 0, true, outcome(i < 10 ? 0.1 : 0.8, i < 10),
                                outcome(i < 10 ? 0.1 : 0.8, i < 10)));
-  const json apart = verdict(vehicles, {}).at("all");
-  EXPECT_EQ(apart.at("clusters"), (json{{"by", "frame"}, {"count", 40}}));
+  const VerdictGroup apart = verdict(vehicles, {}).all;
+  EXPECT_EQ(to_json(apart.clusters), (json{{"by", "frame"}, {"count", 40}}));
   for (int i = 0; i < 40; ++i) vehicles[static_cast<std::size_t>(i)].track = i / 10;
-  const json together = verdict(vehicles, {}).at("all");
-  EXPECT_EQ(together.at("clusters"), (json{{"by", "vehicle"}, {"count", 4}}));
-  EXPECT_EQ(variant(together, "soft")->at("asr").at("value"), 0.25);
-  EXPECT_EQ(variant(together, "soft")->at("asr").at("low"), 0);
-  EXPECT_GT(variant(apart, "soft")->at("asr").at("low"), 0.1);
+  const VerdictGroup together = verdict(vehicles, {}).all;
+  EXPECT_EQ(to_json(together.clusters), (json{{"by", "vehicle"}, {"count", 4}}));
+  EXPECT_EQ(variant(together, "soft").asr.value, 0.25);
+  EXPECT_EQ(variant(together, "soft").asr.low, 0);
+  EXPECT_GT(variant(apart, "soft").asr.low, 0.1);
 }
 
 TEST(Verdict, NoVehiclesAtAll) {
-  const json result = verdict({}, {});
-  EXPECT_EQ(result.at("all").at("vehicles"), 0);
-  EXPECT_TRUE(result.at("all").at("score_correlation").is_null());
-  EXPECT_EQ(summarize_vehicles({}, {}).at("vehicles"), 0);
+  const Verdict result = verdict({}, {});
+  EXPECT_EQ(result.all.vehicles, 0);
+  EXPECT_FALSE(result.all.score_correlation);
+  EXPECT_TRUE(to_json(result).at("all").at("score_correlation").is_null());
+  EXPECT_EQ(to_json(result).at("of"), "all");
+  EXPECT_EQ(to_json(summarize_vehicles({}, {})).at("vehicles"), 0);
+}
+
+TEST(Summary, ARungsFiguresStandUnderTheFilesNames) {
+  std::vector<VehicleResult> vehicles(2);
+  for (VehicleResult& of : vehicles) {
+    LightRungResult light;
+    light.effect = "soft", light.group = "raster", light.base = "hard", light.seconds = 2;
+    light.change.psnr = vehicles.data() == &of ? 30 : HUGE_VAL;  // equal pictures do not count
+    light.crop.psnr = HUGE_VAL, light.to_full.relative = 0.5;
+    LadderResult& ladder = of.seen.emplace().ladder.emplace();
+    ladder.light = {light};
+    ladder.lidar = {{"noise", vehicles.data() == &of ? 7 : 8, 0.5, -0.25, 0.125, outcome(0.4, true)}};
+    of.seen->raster = outcome(0.5, false);
+  }
+  const json summary = to_json(summarize_vehicles(vehicles, {}));
+  const json &light = summary.at("ladder").at(0), &lidar = summary.at("lidar_ladder").at(0);
+  const std::set<std::string> common{"effect", "vehicles", "detected",   "hidden",       "false_positive",
+                                     "fn_asr", "asr",      "mean_score", "score_change", "seconds"};
+  const auto names_beside = [&](const json& rung) {
+    std::set<std::string> names;
+    for (const auto& [name, value] : rung.items())
+      if (!common.contains(name)) names.insert(name);
+    EXPECT_EQ(rung.size(), common.size() + names.size());
+    return names;
+  };
+  EXPECT_EQ(names_beside(light),
+            (std::set<std::string>{"mae", "relative", "ssim", "flip", "psnr", "crop", "to_full", "group",
+                                   "base", "error_plain", "floor", "error_drawn", "error_unbiased",
+                                   "interval", "interval_over"}));
+  EXPECT_EQ(names_beside(lidar), (std::set<std::string>{"returns", "changed", "returns_change", "logit"}));
+  EXPECT_EQ(light.at("psnr"), 30);
+  EXPECT_FALSE(light.at("crop").contains("psnr"));
+  EXPECT_EQ(light.at("to_full").at("relative"), 0.5);
+  EXPECT_EQ(light.at("seconds"), 2);
+  EXPECT_EQ(lidar.at("returns"), 7.5);
+  EXPECT_EQ(lidar.at("hidden"), 2);
+  EXPECT_NEAR(lidar.at("score_change").get<double>(), 0.1, 1e-12);
 }
 
 /// Scenes whose errors follow a feature: rung 0 is free and good where x is small, rung 1 costs 1 and is good
@@ -143,7 +199,7 @@ TEST(Budget, TooFewGroupsTrustNothing) {
   // (0 + 1) / (8 + 1) > 0.1: no choice can be backed.
   const BudgetRule rule(scenes_of(8, 3, 0.01), 0.05, 0.9);
   EXPECT_EQ(rule.choose({-3, -3, 7}), -1);
-  EXPECT_TRUE(rule.numbers().at("lambda").is_null());
+  EXPECT_TRUE(to_json(rule).at("lambda").is_null());
   EXPECT_EQ(BudgetRule(scenes_of(1, 3, 0.01), 0.05, 0.9).choose({-3, -3, 7}), -1);
 }
 
@@ -174,15 +230,19 @@ std::vector<VehicleResult> vehicles_of(const std::vector<BudgetScene>& scenes) {
 
 TEST(Budget, KeepsItsPromiseOnGroupsThatItLeavesOut) {
   const std::vector<VehicleResult> vehicles = vehicles_of(scenes_of(40, 5, 0.1));
-  const json result = choose_rungs(vehicles, {.budget = 0.05}), &test = result.at("test");
+  const BudgetReport report = choose_rungs(vehicles, {.budget = 0.05});
+  const json result = to_json(report);
   EXPECT_EQ(result.at("groups"), (json{{"by", "frame"}, {"count", 40}, {"folds", 20}}));
-  EXPECT_EQ(test.at("frames"), 40);
-  EXPECT_EQ(test.at("vehicles"), 120);
   EXPECT_EQ(result.at("features"), (json{"x", "y"}));
-  EXPECT_GT(test.at("within").at("value"), 0.85);
-  EXPECT_EQ(test.at("kept").get<bool>(), test.at("within").at("value") >= 0.9);
+  EXPECT_EQ(result.at("rungs").at(1).at("name"), "full");
+  ASSERT_TRUE(report.test);
+  const BudgetTest& test = *report.test;
+  EXPECT_EQ(test.frames, 40);
+  EXPECT_EQ(test.vehicles, 120);
+  EXPECT_GT(test.ruled.within.value, 0.85);
+  EXPECT_EQ(test.kept, test.ruled.within.value >= 0.9);
   // What is saved is against the one rung that keeps the budget everywhere, not against the reference.
-  EXPECT_EQ(test.at("fixed").at("chosen"), (json{{"full", 120}}));
+  EXPECT_EQ(test.fixed.chosen, (std::map<std::string, int>{{"full", 120}}));
   double ruled = 0, fixed = 0;
   std::map<std::string, std::set<int>> folds;
   ASSERT_EQ(result.at("scenes").size(), 120u);
@@ -195,12 +255,12 @@ TEST(Budget, KeepsItsPromiseOnGroupsThatItLeavesOut) {
     }
   }
   EXPECT_NEAR(fixed, 120, 1e-9);
-  EXPECT_NEAR(test.at("saved").get<double>(), 1 - ruled / fixed, 1e-9);
-  EXPECT_GT(test.at("oracle").at("saved"), 0.2);
+  EXPECT_NEAR(result.at("test").at("saved").get<double>(), 1 - ruled / fixed, 1e-9);
+  EXPECT_GT(result.at("test").at("oracle").at("saved"), 0.2);
   for (const auto& [group, of] : folds) EXPECT_EQ(of.size(), 1u) << group;
-  EXPECT_EQ(choose_rungs(vehicles, {.budget = 0.05}), result);
-  EXPECT_TRUE(choose_rungs({}, {}).contains("problem"));
-  EXPECT_THROW(parse_budget_of("colour"), InputError);
+  EXPECT_EQ(to_json(choose_rungs(vehicles, {.budget = 0.05})), result);
+  EXPECT_TRUE(to_json(choose_rungs({}, {})).contains("problem"));
+  EXPECT_THROW(parse_word<BudgetOf>("colour", "budget_of"), FieldError);
 }
 
 TEST(Budget, WhatIsChosenForAGroupDoesNotDependOnItsErrors) {
@@ -208,21 +268,21 @@ TEST(Budget, WhatIsChosenForAGroupDoesNotDependOnItsErrors) {
   std::vector<VehicleResult> vehicles = vehicles_of(scenes_of(15, 7, 0.1));
   for (VehicleResult& vehicle : vehicles)
     if (std::stoi(vehicle.host.frame) < 5) vehicle.track = 77;
-  const json before = choose_rungs(vehicles, {.budget = 0.05});
-  EXPECT_EQ(before.at("groups"), (json{{"by", "vehicle"}, {"count", 11}, {"folds", 11}}));
+  const BudgetReport before = choose_rungs(vehicles, {.budget = 0.05});
+  EXPECT_EQ(to_json(before).at("groups"), (json{{"by", "vehicle"}, {"count", 11}, {"folds", 11}}));
   for (VehicleResult& vehicle : vehicles)
     if (vehicle.track >= 0)
       for (LightRungResult& rung : vehicle.seen->ladder->light) rung.error.drawn *= 100;
-  const json after = choose_rungs(vehicles, {.budget = 0.05});
-  const auto chosen = [](const json& result) {
-    json of;
-    for (const json& scene : result.at("scenes"))
-      if (std::stoi(scene.at("frame").get<std::string>()) < 5) of[scene.at("name")] = scene.at("chosen");
+  const BudgetReport after = choose_rungs(vehicles, {.budget = 0.05});
+  const auto chosen = [](const BudgetReport& report) {
+    std::map<std::string, std::string> of;
+    for (const BudgetChoice& scene : report.test->scenes)
+      if (std::stoi(scene.frame) < 5) of[scene.name] = scene.chosen;
     return of;
   };
   EXPECT_EQ(chosen(before).size(), 15u);
   EXPECT_EQ(chosen(before), chosen(after));
-  EXPECT_LT(after.at("test").at("within").at("value"), before.at("test").at("within").at("value"));
+  EXPECT_LT(after.test->ruled.within.value, before.test->ruled.within.value);
 }
 
 TEST(Budget, FramesThatShareAVehicleAreOneGroup) {

@@ -47,16 +47,18 @@ ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const
   const ImageF raster = picture_under(scene, attacked, LightModel::plain),
                visible = picture_under(scene, attacked, LightModel::visible);
   ArmsResult result;
-  for (const auto& [light, image] :
-       {std::pair("raster", &raster), std::pair("visible", &visible), std::pair("cycles", &full.image)})
-    for (const auto& [returns, sweep] : {std::pair("ideal", &ideal), std::pair("realistic", &realistic)})
-      result.arms.push_back({light, returns, look(*image, *sweep)});
-  const auto control = [&](const char* channel, const char* name, const ImageF& image, const Sweep& sweep) {
-    result.controls.push_back({channel, name, look(image, sweep)});
+  const std::pair<ArmLight, const ImageF*> pictures[] = {
+      {ArmLight::raster, &raster}, {ArmLight::visible, &visible}, {ArmLight::cycles, &full.image}};
+  for (const auto& [light, image] : pictures) {
+    result.arms.push_back({{light, ArmReturns::ideal}, look(*image, ideal)});
+    result.arms.push_back({{light, ArmReturns::realistic}, look(*image, realistic)});
+  }
+  const auto control = [&](Channel channel, const char* name, const ImageF& image, const Sweep& sweep) {
+    result.controls.push_back({{channel, name}, look(image, sweep)});
   };
-  control("image", "noise", noise_in_place(attacked, frame.image, scene.seed), ideal);
-  control("image", "photograph", frame.image, ideal);
-  control("lidar", "no returns", raster, frame.sweep);
+  control(Channel::image, "noise", noise_in_place(attacked, frame.image, scene.seed), ideal);
+  control(Channel::image, "photograph", frame.image, ideal);
+  control(Channel::lidar, "no returns", raster, frame.sweep);
   return result;
 }
 

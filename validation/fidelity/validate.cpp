@@ -18,11 +18,7 @@
 #include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_rooftop.h"
 #include "simulation/quality.h"
-#include "validation/blender/blender_process.h"
-#include "validation/fidelity/budget.h"
-#include "validation/fidelity/summary.h"
 #include "validation/fidelity/vehicle_validation.h"
-#include "validation/fidelity/verdict.h"
 
 namespace mirage {
 namespace {
@@ -67,6 +63,13 @@ int track_of(const fs::path& data, const HostId& host) {
   return tracks && label < tracks->size() ? (*tracks)[label] : -1;
 }
 
+/// A result.json that the report needs in the end, given as such or by its folder: complains now.
+void require_result(fs::path& file) {
+  if (file.empty()) return;
+  if (fs::is_directory(file)) file /= "result.json";
+  read_json(file);
+}
+
 void write_report(const ValidationSettings& settings) {
   const std::string python = plotting_python().string();
   if (python.empty())
@@ -83,6 +86,40 @@ void write_report(const ValidationSettings& settings) {
   if (const int status = run_program(arguments); status != 0)
     throw Failure("report.py", fmt::format("ended with status {}", status),
                   "install python3-jinja2 and python3-pil; finished vehicles are kept");
+}
+
+/// The hosts' results, kept or made, each stored as it is finished. Those that Blender was lost on go to
+/// `failed`.
+std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std::vector<HostId>& hosts,
+                                           std::vector<GivenUp>& failed) {
+  const ValidationSettings& settings = context.settings;
+  const std::string key = validation_key(settings, context.run, context.blender.version());
+  const std::vector<bool> has_ladder =
+      ladder_hosts(hosts, settings.ladder < 0 && !(settings.budget > 0) ? kLadder : settings.ladder);
+  Progress progress("validate", hosts.size(), settings.quiet);
+  std::vector<VehicleResult> results;
+  for (std::size_t i = 0; i < hosts.size(); ++i) {
+    throw_if_interrupted("finished vehicles are kept; run the same command again to go on");
+    const std::string name = host_name(hosts[i]);
+    const fs::path file = settings.out / "hosts" / (name + ".json");
+    std::optional<VehicleResult> result = stored_result(settings.out, file, key, has_ladder[i]);
+    if (!result) {
+      try {
+        result = validate_vehicle(context, hosts[i], has_ladder[i]);
+      } catch (const BlenderLost& lost) {  // the other vehicles' renders may well succeed
+        spdlog::warn("{}: given up; {}", name, lost.what());
+        failed.push_back({name, lost.what()});
+        continue;
+      }
+      json stored = to_json(*result);
+      stored["key"] = key;
+      write_json(file, stored);
+    }
+    result->track = track_of(context.run.settings.data, hosts[i]);
+    results.push_back(std::move(*result));
+    progress.update(i + 1, name);
+  }
+  return results;
 }
 
 }  // namespace
@@ -125,21 +162,14 @@ std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
   return on_ladder;
 }
 
-json validate(const ValidationSettings& given) {
+Validation validate(const ValidationSettings& given) {
   ValidationSettings settings = given;
   Run run = read_run(settings.run, settings.trust);
   override_settings(run, settings.asked, settings.seed);
   check_fields(run.settings);
   // Rays are compared with Blender's; the LiDAR ladder adds the effects.
   run.settings.simulation.lidar_effects = {};
-  if (!settings.evaluation.empty()) {  // the report needs it in the end: complain now
-    if (fs::is_directory(settings.evaluation)) settings.evaluation /= "result.json";
-    read_json(settings.evaluation);
-  }
-  if (!settings.tradeoff.empty()) {
-    if (fs::is_directory(settings.tradeoff)) settings.tradeoff /= "result.json";
-    read_json(settings.tradeoff);
-  }
+  for (fs::path* told : {&settings.evaluation, &settings.tradeoff}) require_result(*told);
   use_detector_of(run, settings.detector);
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);
   if (hosts.empty())
@@ -152,64 +182,52 @@ json validate(const ValidationSettings& given) {
   settings.detector.rig = data_rig(run.settings.data);
   DetectorPool detectors;
   detectors.push_back(load_detector(settings.detector));
-  const Reliance reliance =
+  Validation validation;
+  validation.reliance =
       cached_reliance(detectors, detector_identity(settings.detector), run.settings.data, settings.quiet);
   FrameStore store(run.settings);
   ValidationContext context{settings, run, store, *detectors.front(), blender, {}};
-  const std::string key = validation_key(settings, run, blender.version());
-  const std::vector<bool> has_ladder =
-      ladder_hosts(hosts, settings.ladder < 0 && !(settings.budget > 0) ? kLadder : settings.ladder);
-  Progress progress("validate", hosts.size(), settings.quiet);
-  std::vector<VehicleResult> results;
-  auto failed = json::array();
-  for (std::size_t i = 0; i < hosts.size(); ++i) {
-    throw_if_interrupted("finished vehicles are kept; run the same command again to go on");
-    const fs::path file = settings.out / "hosts" / (host_name(hosts[i]) + ".json");
-    const bool with_ladder = has_ladder[i];
-    std::optional<VehicleResult> result = stored_result(settings.out, file, key, with_ladder);
-    if (!result) {
-      try {
-        result = validate_vehicle(context, hosts[i], with_ladder);
-      } catch (const BlenderLost& lost) {  // the other vehicles' renders may well succeed
-        spdlog::warn("{}: given up; {}", host_name(hosts[i]), lost.what());
-        failed.push_back({{"name", host_name(hosts[i])}, {"problem", lost.what()}});
-        continue;
-      }
-      json stored = to_json(*result);
-      stored["key"] = key;
-      write_json(file, stored);
-    }
-    result->track = track_of(run.settings.data, hosts[i]);
-    results.push_back(std::move(*result));
-    progress.update(i + 1, host_name(hosts[i]));
-  }
+  const std::vector<VehicleResult> results = vehicle_results(context, hosts, validation.failed);
   if (results.empty()) throw Failure("blender", "was lost on every vehicle", "look at blender.log");
   std::error_code ignored;
   fs::remove_all(settings.out / "scratch", ignored);
   std::set<std::string> test_frames;
   for (const HostId& id : run.test) test_frames.insert(id.frame);
-  json result = summarize_vehicles(results, test_frames);
-  result["verdict"] = verdict(results, test_frames);
+  validation.summary = summarize_vehicles(results, test_frames);
+  validation.verdict = verdict(results, test_frames);
   if (settings.budget > 0)
-    result["budget"] = choose_rungs(results, {settings.budget, settings.budget_of, settings.seed});
-  auto names = json::array(), losses = json::array();
+    validation.budget = choose_rungs(results, {settings.budget, settings.budget_of, settings.seed});
   for (const VehicleResult& vehicle : results) {
-    names.push_back(vehicle.name);
+    validation.hosts.push_back(vehicle.name);
     for (const BlenderWorker::Loss& loss : vehicle.blender_losses)
-      losses.push_back(
-          {{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}, {"vehicle", vehicle.name}});
+      validation.blender_losses.emplace_back(vehicle.name, loss);
   }
-  result["reliance"] = to_json(reliance);
-  result["hosts"] = names;
-  result["blender_losses"] = losses;
-  result["failed"] = failed;
-  result["samples"] = settings.samples;
-  result["blender"] = blender.version();
-  result["blender_restarts"] = losses.size();  // of the stopped runs before this one as well
-  result["report"] = (settings.out / "report.html").string();
-  write_json(settings.out / "result.json", result);  // the report reads it
+  validation.samples = settings.samples;
+  validation.blender = blender.version();
+  validation.report = settings.out / "report.html";
+  write_json(settings.out / "result.json", to_json(validation));  // the report reads it, and adds to it
   write_report(settings);
-  return read_json(settings.out / "result.json");  // with the figures that the report took from other files
+  return validation;
+}
+
+json to_json(const Validation& validation) {
+  json out = to_json(validation.summary);
+  auto losses = json::array(), failed = json::array();
+  for (const auto& [vehicle, loss] : validation.blender_losses)
+    losses.push_back({{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}, {"vehicle", vehicle}});
+  for (const GivenUp& vehicle : validation.failed)
+    failed.push_back({{"name", vehicle.name}, {"problem", vehicle.problem}});
+  if (validation.budget) out["budget"] = to_json(*validation.budget);
+  out.update({{"verdict", to_json(validation.verdict)},
+              {"reliance", to_json(validation.reliance)},
+              {"hosts", validation.hosts},
+              {"blender_losses", std::move(losses)},
+              {"failed", std::move(failed)},
+              {"samples", validation.samples},
+              {"blender", validation.blender},
+              {"blender_restarts", validation.blender_losses.size()},
+              {"report", validation.report.string()}});
+  return out;
 }
 
 }  // namespace mirage

@@ -5,16 +5,48 @@
 
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "attack/run.h"
+#include "detection/reliance.h"
+#include "validation/blender/blender_process.h"
+#include "validation/fidelity/budget.h"
+#include "validation/fidelity/summary.h"
 #include "validation/fidelity/validation_settings.h"
+#include "validation/fidelity/verdict.h"
 
 namespace mirage {
 
-/// Runs it and returns result.json (src/README.md); writes OUT/{hosts,scenes,pictures}/, OUT/report.html.
-nlohmann::json validate(const ValidationSettings& settings);
+/// A vehicle without a result: Blender was lost on it too often (BlenderLost).
+struct GivenUp {
+  std::string name, problem;
+};
+
+/// What a validation says.
+struct Validation {
+  ValidationSummary summary;
+  Verdict verdict;
+  std::optional<BudgetReport> budget;  ///< if asked for
+  Reliance reliance;
+  std::vector<std::string> hosts;  ///< names of the vehicles, in the order that they were looked at
+  /// With the vehicle's name; of the stopped runs before this one as well.
+  std::vector<std::pair<std::string, BlenderWorker::Loss>> blender_losses;
+  std::vector<GivenUp> failed;
+  int samples = 0;               ///< Cycles samples a pixel, as asked for
+  std::string blender;           ///< its version
+  std::filesystem::path report;  ///< report.html
+};
+
+/// Runs it; writes OUT/{hosts,scenes,pictures}/, OUT/report.html and OUT/result.json, which is to_json() of
+/// what is returned and the figures that the report took from other files. InputError for settings, run or
+/// data that cannot be used; Failure if Blender was lost on every vehicle or a program fails; Interrupted.
+Validation validate(const ValidationSettings& settings);
+
+/// result.json (src/README.md) without the report's figures: the summary's fields among its own.
+nlohmann::json to_json(const Validation& validation);
 
 /// What a kept vehicle's result depends on, as a hash; one of another key is made again. `settings`: with
 /// the run's detector, `run`: with what is asked for in its settings, `blender`: its version. Failure if a

@@ -148,10 +148,10 @@ void add_seen(const SeenResult& seen, json& out) {
   out["cycles"] = fields_json(seen.cycles);
   if (seen.arms) {
     out["arms"] = list_json(seen.arms->arms, [](const ArmResult& arm) {
-      return with(fields_json(arm.outcome), {{"light", arm.light}, {"returns", arm.returns}});
+      return with(fields_json(arm.outcome), fields_json(arm.arm));
     });
     out["controls"] = list_json(seen.arms->controls, [](const ControlResult& control) {
-      return with(fields_json(control.outcome), {{"channel", control.channel}, {"control", control.control}});
+      return with(fields_json(control.outcome), fields_json(control.control));
     });
   }
   if (seen.ladder) add_ladder(*seen.ladder, out);
@@ -175,10 +175,14 @@ SeenResult read_seen(const JsonFields& from, const json& raw) {
   if (from.has("arms")) {
     seen.arms.emplace();
     seen.arms->arms = read_list<ArmResult>(from, "arms", [](const JsonFields& entry) {
-      return ArmResult{entry.text("light"), entry.text("returns"), read_outcome(entry)};
+      ArmResult arm{{}, read_outcome(entry)};
+      read_fields(entry, arm.arm);
+      return arm;
     });
     seen.arms->controls = read_list<ControlResult>(from, "controls", [](const JsonFields& entry) {
-      return ControlResult{entry.text("channel"), entry.text("control"), read_outcome(entry)};
+      ControlResult control{{}, read_outcome(entry)};
+      read_fields(entry, control.control);
+      return control;
     });
   }
   if (from.has("ladder")) seen.ladder = read_ladder(from, raw);
@@ -227,23 +231,6 @@ VehicleResult read_vehicle(const std::filesystem::path& file, const json& raw) {
   for (const char* part : {"bev", "picture_boxes", "host_rect", "crop_rect"})
     if (raw.contains(part)) vehicle.shown[part] = raw.at(part);
   return vehicle;
-}
-
-json figures(const LightRungResult& rung) {
-  json numbers = change_json(rung.change);
-  numbers.update(
-      {{"crop", change_json(rung.crop)}, {"to_full", change_json(rung.to_full)}, {"seconds", rung.seconds}});
-  if (rung.outcome) numbers["logit"] = rung.outcome->logit;
-  return numbers;
-}
-
-json figures(const LidarRungResult& rung) {
-  json numbers = {{"returns", rung.returns},
-                  {"changed", rung.changed},
-                  {"returns_change", rung.returns_change},
-                  {"seconds", rung.seconds}};
-  if (rung.outcome) numbers["logit"] = rung.outcome->logit;
-  return numbers;
 }
 
 }  // namespace mirage

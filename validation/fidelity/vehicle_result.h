@@ -2,6 +2,7 @@
 // budget read it.
 #pragma once
 
+#include <array>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -32,14 +33,49 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "false_positive"}, s.false_positive);
 }
 
-/// One of the arms of arms.h.
+/// Who draws the object of an arm, and how it meets the rays (arms.h).
+enum class ArmLight { raster, visible, cycles };
+constexpr auto words_of(ArmLight) {
+  return std::to_array<const char*>({"raster", "visible", "cycles"});
+}
+enum class ArmReturns { ideal, realistic };
+constexpr auto words_of(ArmReturns) {
+  return std::to_array<const char*>({"ideal", "realistic"});
+}
+struct VerdictArm {
+  ArmLight light = ArmLight::raster;
+  ArmReturns returns = ArmReturns::ideal;
+  bool operator==(const VerdictArm&) const = default;
+};
+template <class Visitor, FieldsOf<VerdictArm> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "light"}, s.light);
+  visit({.name = "returns"}, s.returns);
+}
+
+/// The sensor whose view of the object a control takes away, and what it puts in its place.
+enum class Channel { image, lidar };
+constexpr auto words_of(Channel) {
+  return std::to_array<const char*>({"image", "lidar"});
+}
+struct VerdictControl {
+  Channel channel = Channel::image;
+  std::string control;
+  bool operator==(const VerdictControl&) const = default;
+};
+template <class Visitor, FieldsOf<VerdictControl> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "channel"}, s.channel);
+  visit({.name = "control"}, s.control);
+}
+
+/// What the detector makes of an arm, and of a control.
 struct ArmResult {
-  std::string light, returns;
+  VerdictArm arm;
   OutcomeResult outcome;
 };
-/// One of its controls.
 struct ControlResult {
-  std::string channel, control;
+  VerdictControl control;
   OutcomeResult outcome;
 };
 /// {arms, controls} of arms.h: none of a vehicle that is not found without the adversary.
@@ -109,7 +145,7 @@ struct LadderResult {
   std::vector<LidarRungResult> lidar;
   int reference_samples = 0;
   double reference_seconds = 0, reference_noise = 0;
-  std::map<std::string, double> features;  ///< scene_features (budget.h), and what two renders tell
+  std::map<std::string, double> features;  ///< scene_features.h, and what two renders tell
 };
 
 /// What is known of a vehicle of which the object shows anything.
@@ -143,9 +179,5 @@ struct VehicleResult {
 nlohmann::json to_json(const VehicleResult& vehicle);
 /// What to_json wrote. InputError naming file and field for what is missing or of another type.
 VehicleResult read_vehicle(const std::filesystem::path& file, const nlohmann::json& json);
-
-/// The numbers of a rung that a mean over vehicles may be taken of, by key; those of a change in an object.
-nlohmann::json figures(const LightRungResult& rung);
-nlohmann::json figures(const LidarRungResult& rung);
 
 }  // namespace mirage

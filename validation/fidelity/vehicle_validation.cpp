@@ -11,11 +11,11 @@
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
 #include "validation/fidelity/arms.h"
-#include "validation/fidelity/budget.h"
 #include "validation/fidelity/host_validation.h"
 #include "validation/fidelity/lidar_ladder.h"
 #include "validation/fidelity/light_ladder.h"
 #include "validation/fidelity/picture_errors.h"
+#include "validation/fidelity/scene_features.h"
 
 namespace mirage {
 namespace {
@@ -118,7 +118,7 @@ ImageF difference(const ImageF& a, const ImageF& b, float gain) {
 }
 
 /// The ladders of light and LiDAR, each rung with what the detector makes of it, and the features by which a
-/// budget chooses (budget.h).
+/// budget chooses (budget_rule.h).
 template <class Outcome>
 LadderResult ladders(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated,
                      const FullLight& full, const Outcome& outcome) {

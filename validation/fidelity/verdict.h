@@ -2,39 +2,97 @@
 // the ladder and by full Cycles, with intervals; which vehicles' outcome depends on who drew them.
 #pragma once
 
+#include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "base/bootstrap.h"
+#include "base/clusters.h"
 #include "validation/fidelity/vehicle_result.h"
 
 namespace mirage {
 
-/// Of the vehicles: {confidence, held_back, all, pairs, flips, of, arms,
-/// controls, vacuous}.
-///   held_back, all: {frames, vehicles, clusters, variants, difference, agree, score_correlation,
-///   score_mean_difference}
-///     over the vehicles of `test_frames` and over all; counts are of those detected without the adversary.
-///   variants: [{name, vehicles, fn_asr, fp_asr, asr, mean_score}], "soft" (as attacked), "hard", the
-///   ladder's
-///     effects (over the vehicles that have one), "cycles". Shares are {value, low, high} (base/bootstrap.h;
-///     clusters, by the vehicles' "track" if they have one: base/clusters.h).
-///   difference: soft − cycles of each share, paired.
-///   pairs: the scores on each vehicle (0: no detection there), for a scatter plot.
-///   flips: vehicles hidden under one of soft and cycles and found under the other.
-///   arms: [{light, returns, vehicles, fn_asr, fp_asr, asr, mean_score, difference}] of
-///   validation/fidelity/arms.h, over
-///     the vehicles of `of`: "held_back", or "all" where none was held back; both groups hold theirs as well.
-///     difference: asr − that of the first arm (raster × ideal), paired.
-///   controls: [{channel, control, vehicles, fn_asr, fp_asr, asr, mean_score, difference, flips,
-///     mean_delta_logit, mean_delta_score}] against the first arm, over all vehicles. flips: how many end
-///     otherwise, hidden or with a false positive.
-///   vacuous: {image, lidar, bound}: whether taking the object out of that channel changes nothing: no
-///   outcome
-///     flips under any of the channel's controls, and the mean |Δlogit| stays below bound
-///     (kLeastDeltaLogit) under each. Then who drew the object there says nothing about the attack. Null
-///     without vehicles.
-nlohmann::json verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::string>& test_frames);
+/// Of vehicles found without the adversary: hidden; with a false positive; either. Intervals are drawn over
+/// clusters, by the vehicles' track if they have one (base/clusters.h).
+struct SuccessShares {
+  Interval fn_asr, fp_asr, asr;
+};
+struct Success : SuccessShares {
+  int vehicles = 0;
+  double mean_score = 0;
+};
+
+/// The object as attacked ("soft") and with hard edges, in the picture of a rung of the ladder (over the
+/// vehicles that have one), and in full Cycles.
+enum class VariantKind { soft, hard, rung, cycles };
+struct VerdictVariant : Success {
+  VariantKind kind = VariantKind::soft;
+  std::string name;  ///< the kind's, or the rung's effect
+};
+
+/// What is looked at (VerdictArm, VerdictControl) against the first arm (raster × ideal) on the same
+/// vehicles.
+template <class Look>
+struct Compared : Success {
+  Look look;
+  Interval difference;  ///< asr − that of the first arm, paired
+  int flips = 0;        ///< how many end otherwise, hidden or with a false positive
+  double mean_delta_logit = 0, mean_delta_score = 0;  ///< of |Δ|
+};
+
+/// A set of vehicles found without the adversary.
+struct VerdictGroup {
+  int frames = 0, vehicles = 0;
+  ClusterCount clusters;
+  std::vector<VerdictVariant> variants;  ///< by kind, rungs in the ladder's order; none without vehicles
+  std::vector<Compared<VerdictArm>> arms;
+  SuccessShares difference;                 ///< soft − cycles, paired
+  double agree = 0;                         ///< share of the same outcome, soft and cycles
+  std::optional<double> score_correlation;  ///< of the same two; none where one does not vary
+  double score_mean_difference = 0;         ///< of |Δ|
+};
+
+/// The scores on a vehicle, found without the adversary or not; 0: no detection there.
+struct ScorePair {
+  std::string name, frame;
+  bool held_back = false, detected = false;
+  double clean = 0, soft = 0, hard = 0, cycles = 0;
+};
+
+/// A vehicle that is hidden under one of soft and cycles and found under the other.
+struct VerdictFlip {
+  std::string name, frame;
+  bool held_back = false;
+  double range = 0;  ///< m
+  OutcomeResult soft, cycles;
+  std::map<std::string, std::string> pictures;  ///< files, relative to OUT
+};
+
+struct Verdict {
+  VerdictGroup held_back, all;
+  std::vector<Compared<VerdictControl>> controls;  ///< over all vehicles
+  std::vector<ScorePair> pairs;
+  std::vector<VerdictFlip> flips;
+
+  /// Which of the groups the verdict is on: all vehicles where none was held back.
+  const VerdictGroup& judged() const { return held_back.vehicles > 0 ? held_back : all; }
+  /// Whether taking the object out of that channel changes nothing: no outcome flips under any of the
+  /// channel's controls, and the mean |Δlogit| stays below kLeastDeltaLogit (detection/reliance.h) under
+  /// each. Then who drew the object there says nothing about the attack. None without controls.
+  std::optional<bool> vacuous(Channel channel) const;
+};
+
+/// `test_frames`: those whose vehicles are held back.
+Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::string>& test_frames);
+
+/// {confidence, held_back, all, pairs, flips, of, arms, controls, vacuous}: the structs' fields by name, with
+///   difference: of a group {fn_asr, fp_asr, asr}; of an arm or a control one interval;
+///   pairs, flips: with split, "test" or "train"; flips with from and to, "hidden" or "found";
+///   of: "held_back" or "all", the judged group, whose arms stand here again;
+///   vacuous: {image, lidar, bound}.
+nlohmann::json to_json(const Verdict& verdict);
 
 }  // namespace mirage

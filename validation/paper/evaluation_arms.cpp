@@ -14,62 +14,80 @@ std::string rig_of(const std::string& arm) {
   return judged.substr(0, judged.find('-'));
 }
 
-json rates_json(const Outcomes& outcomes) {
-  json rates;
-  for (const HidingRule& rule : kHidingRules) {
-    const auto share = hiding(outcomes, rule);
-    rates[rule.name] = share ? to_json(*share) : json();
-    if (share) rates[rule.name]["vehicles"] = found_clean(outcomes, rule);
-  }
-  return rates;
+HidingRates rates(const Outcomes& outcomes) {
+  const auto of = [&](std::size_t rule) -> std::optional<HidingRate> {
+    const auto share = hiding(outcomes, kHidingRules[rule]);
+    if (!share) return std::nullopt;
+    return HidingRate{*share, found_clean(outcomes, kHidingRules[rule])};
+  };
+  return {*of(0), *of(1), *of(2), of(3), of(4)};
 }
 
-json net_json(const Outcomes& learned, const Outcomes& sized) {
-  json net;
-  for (const HidingRule& rule : kHidingRules)
-    net[rule.name] = hiding(learned, rule) ? to_json(hiding_difference(learned, sized, rule)) : json();
-  return net;
+/// The learned mesh's, where it has a control of its size.
+void add_net(Arm& arm, const Outcomes& learned, const Outcomes& sized) {
+  auto& net = arm.net.emplace();
+  for (std::size_t i = 0; i < net.size(); ++i)
+    if (hiding(learned, kHidingRules[i])) net[i] = hiding_difference(learned, sized, kHidingRules[i]);
 }
 
 }  // namespace
 
-json arms_json(const Experiments& experiments, const ReproduceSettings& settings, const Evidence& evidence) {
-  json list = json::array();
+std::vector<Arm> evaluation_arms(const Experiments& experiments, const ReproduceSettings& settings,
+                                 const Evidence& evidence) {
+  std::vector<Arm> list;
   for (const Case& command : experiments.cases) {
     if (command.kind != Case::Kind::evaluation || is_repetition(command.name)) continue;
-    const auto judged = evidence.evaluations.find(command.name);
-    if (judged == evidence.evaluations.end()) continue;
+    const auto found = evidence.evaluations.find(command.name);
+    if (found == evidence.evaluations.end()) continue;
+    const Judged& judged = found->second;
     const Case &attack = experiments.at(command.needs.front()), &stage = experiments.at(command.needs.back());
-    const std::string name = command.name.substr(command.name.find('/') + 1);
-    const Outcomes* sized = judged->second.sized.get();
     for (const auto& [mesh, outcomes] :
-         {std::pair("learned", judged->second.learned), std::pair("start", judged->second.random),
-          std::pair("sized", judged->second.sized), std::pair("cuboid", judged->second.cuboid)}) {
+         {std::pair("learned", judged.learned), std::pair("start", judged.random),
+          std::pair("sized", judged.sized), std::pair("cuboid", judged.cuboid)}) {
       if (!outcomes) continue;
-      json seeds = json::array();
+      Arm arm;
+      arm.name = command.name.substr(command.name.find('/') + 1);
+      arm.detector = argument(attack, "--detector");
+      arm.target = argument(attack, "--target");
+      arm.defense = argument(attack, "--defense");
+      arm.rig = rig_of(arm.name);
+      arm.judge = argument(command, "--detector", argument(stage, "--detector"));
+      arm.mesh = mesh;
       for (int run = 0; run < outcomes->runs; ++run)
-        seeds.push_back(settings.seed + static_cast<std::uint64_t>(run));
-      json arm = {{"name", name},
-                  {"detector", argument(attack, "--detector")},
-                  {"target", argument(attack, "--target")},
-                  {"rig", rig_of(name)},
-                  {"judge", argument(command, "--detector", argument(stage, "--detector"))},
-                  {"mesh", mesh},
-                  {"seeds", seeds},
-                  {"vehicles", outcomes->vehicles},
-                  {"frames", outcomes->frames()},
-                  {"asr", rates_json(*outcomes)},
-                  {"fp_asr", to_json(success(*outcomes, is_false_positive))},
-                  {"interval",
-                   {{"confidence", BootstrapSettings().confidence},
-                    {"drawn", outcomes->runs > 1 ? "runs and clusters" : "clusters"}}}};
-      if (const std::string defense = argument(attack, "--defense"); !defense.empty())
-        arm["defense"] = defense;
-      if (outcomes == judged->second.learned && sized) arm["net"] = net_json(*outcomes, *sized);
+        arm.seeds.push_back(settings.seed + static_cast<std::uint64_t>(run));
+      arm.vehicles = outcomes->vehicles;
+      arm.frames = outcomes->frames();
+      arm.hiding = rates(*outcomes);
+      if (outcomes == judged.learned && judged.sized) add_net(arm, *outcomes, *judged.sized);
+      arm.false_positives = success(*outcomes, is_false_positive);
       list.push_back(std::move(arm));
     }
   }
   return list;
+}
+
+json to_json(const Arm& arm) {
+  json result = {{"name", arm.name},
+                 {"detector", arm.detector},
+                 {"target", arm.target},
+                 {"rig", arm.rig},
+                 {"judge", arm.judge},
+                 {"mesh", arm.mesh},
+                 {"seeds", arm.seeds},
+                 {"vehicles", arm.vehicles},
+                 {"frames", arm.frames},
+                 {"asr", to_json(arm.hiding)},
+                 {"fp_asr", to_json(arm.false_positives)},
+                 {"interval",
+                  {{"confidence", BootstrapSettings().confidence},
+                   {"drawn", arm.seeds.size() > 1 ? "runs and clusters" : "clusters"}}}};
+  if (!arm.defense.empty()) result["defense"] = arm.defense;
+  if (arm.net)
+    for (std::size_t i = 0; i < arm.net->size(); ++i) {
+      const auto& net = (*arm.net)[i];
+      result["net"][kHidingRules[i].name] = net ? to_json(*net) : json();
+    }
+  return result;
 }
 
 }  // namespace mirage::paper

@@ -1,11 +1,12 @@
 // A finding, and the checks of it (findings.h has the list).
 #pragma once
 
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "validation/paper/tables.h"
+#include "validation/paper/evidence.h"
 #include "validation/paper/verdicts.h"
 
 namespace mirage::paper {
@@ -35,5 +36,17 @@ struct Finding {
   std::string name, claim;
   std::vector<Check> checks;  ///< empty: nothing was measured that could tell
 };
+
+/// Over the finding's checks: "holds" or "does not hold" if those that can be told agree, "holds in part" if
+/// they do not, "cannot be told", "not measured" without any.
+std::string overall(const Finding& finding);
+
+/// {name, claim, verdict, checks: [{rig, verdict, sentence, why, vehicles, vehicles_needed, comparisons:
+/// [{what, difference: {value, low, high}, verdict, p, p_family}]}]}; vehicles_needed is null where it is
+/// told.
+nlohmann::json to_json(const Finding& finding);
+
+/// All of them with their sentences, as a Markdown list under its title.
+std::string markdown(const std::vector<Finding>& findings);
 
 }  // namespace mirage::paper

@@ -211,7 +211,7 @@ Distances distances(const Outcomes& outcomes) {
   std::vector<double> all;
   for (const Outcome& host : outcomes.hosts) {
     if (!host.detected) continue;
-    for (const double distance : host.distances) {
+    for (const double distance : host.distances()) {
       by_name[host.crossing()].numerator += distance > kFar;
       by_name[host.crossing()].denominator += 1;
       all.push_back(distance);
@@ -223,8 +223,8 @@ Distances distances(const Outcomes& outcomes) {
 }
 
 bool has_far_one(const Outcome& host) {
-  return std::any_of(host.distances.begin(), host.distances.end(),
-                     [](double distance) { return distance > kFar; });
+  const std::vector<double> all = host.distances();
+  return std::any_of(all.begin(), all.end(), [](double distance) { return distance > kFar; });
 }
 
 /// Vehicles that get a false positive far away, beside those that a random mesh gives one: background that
@@ -287,47 +287,6 @@ std::vector<Finding> findings(const Evidence& evidence) {
   settle(fusions);
   for (Finding& finding : fusions) all.push_back(std::move(finding));
   return all;
-}
-
-std::string overall(const Finding& finding) {
-  const auto any = [&](Verdict verdict) {
-    return std::any_of(finding.checks.begin(), finding.checks.end(),
-                       [&](const Check& check) { return check.verdict == verdict; });
-  };
-  if (finding.checks.empty()) return "not measured";
-  if (any(Verdict::holds) && any(Verdict::fails)) return "holds in part";
-  return to_string(any(Verdict::holds)   ? Verdict::holds
-                   : any(Verdict::fails) ? Verdict::fails
-                                         : Verdict::open);
-}
-
-nlohmann::json findings_json(const std::vector<Finding>& findings) {
-  auto list = nlohmann::json::array();
-  for (const Finding& finding : findings) {
-    auto checks = nlohmann::json::array();
-    for (const Check& check : finding.checks) {
-      auto comparisons = nlohmann::json::array();
-      for (const Comparison& c : check.comparisons)
-        comparisons.push_back({{"what", c.what},
-                               {"difference", to_json(c.difference)},
-                               {"verdict", to_string(c.verdict)},
-                               {"p", c.p},
-                               {"p_family", c.p_family}});
-      checks.push_back({{"rig", check.rig},
-                        {"verdict", to_string(check.verdict)},
-                        {"sentence", check.sentence},
-                        {"why", check.why},
-                        {"vehicles", check.vehicles},
-                        {"vehicles_needed",
-                         check.vehicles_needed ? nlohmann::json(*check.vehicles_needed) : nlohmann::json()},
-                        {"comparisons", comparisons}});
-    }
-    list.push_back({{"name", finding.name},
-                    {"claim", finding.claim},
-                    {"verdict", overall(finding)},
-                    {"checks", checks}});
-  }
-  return list;
 }
 
 }  // namespace mirage::paper

@@ -3,41 +3,33 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <map>
 #include <vector>
-
-#include "base/bootstrap.h"
 
 namespace mirage::paper {
 namespace {
 
-using nlohmann::json;
-
-/// The cell's row, if it has numbers.
-const json* find(const json& table, const std::string& source, const std::string& target) {
-  for (const json& row : table.at("rows"))
-    if (row.at("source") == source && row.at("target") == target) return &row;
+/// The cell's row, if it has one.
+const RowResult* find(const TableResult& table, const std::string& source, const std::string& target) {
+  for (const RowResult& row : table.rows)
+    if (row.source == source && row.target == target) return &row;
   return nullptr;
 }
 
-std::vector<std::string> each_once(const json& table, const char* key) {
+std::vector<std::string> each_once(const TableResult& table, std::string RowResult::*end) {
   std::vector<std::string> names;
-  for (const json& row : table.at("rows"))
-    if (const auto name = row.at(key).get<std::string>();
-        std::find(names.begin(), names.end(), name) == names.end())
-      names.push_back(name);
+  for (const RowResult& row : table.rows)
+    if (std::find(names.begin(), names.end(), row.*end) == names.end()) names.push_back(row.*end);
   return names;
 }
 
-Interval interval_from(const json& value) {
-  return {value.at("value"), value.at("low"), value.at("high")};
-}
-
 /// "8.6; +7.1 (+0.0 to +17.5)"
-std::string cell_text(const json& values, const std::string& key) {
-  if (!values.contains(key)) return "–";
-  std::string text = fmt::format("{:.1f}", 100 * values.at(key).at("value").get<double>());
-  if (!values.contains("net_" + key)) return text;
-  const Interval net = interval_from(values.at("net_" + key));
+std::string cell_text(const std::map<std::string, Share>& values, const std::string& key) {
+  const auto share = values.find(key), beside = values.find("net_" + key);
+  if (share == values.end()) return "–";
+  std::string text = fmt::format("{:.1f}", 100 * share->second.interval.value);
+  if (beside == values.end()) return text;
+  const Interval& net = beside->second.interval;
   text += fmt::format("; {:+.1f} ({:+.1f} to {:+.1f})", 100 * net.value, 100 * net.low, 100 * net.high);
   for (std::size_t at; (at = text.find('-')) != std::string::npos;) text.replace(at, 1, "−");
   // A sign would say more of a zero than is known.
@@ -49,22 +41,20 @@ std::string cell_text(const json& values, const std::string& key) {
 
 }  // namespace
 
-std::string matrix_markdown(const json& table) {
-  const auto sources = each_once(table, "source"), targets = each_once(table, "target");
-  std::string text = fmt::format("## {}: {}\n\n{}\n\n", table.at("name").get<std::string>(),
-                                 table.at("title").get<std::string>(), table.at("note").get<std::string>());
+std::string matrix_markdown(const TableResult& table) {
+  const auto sources = each_once(table, &RowResult::source), targets = each_once(table, &RowResult::target);
+  std::string text = fmt::format("## {}: {}\n\n{}\n\n", table.name, table.title, table.note);
   std::string head = " |", rule = "|---|";
   for (const std::string& target : targets) head += " " + target + " |", rule += "---|";
-  for (const json& column : table.at("columns")) {
-    const auto key = column.at("key").get<std::string>(), title = column.at("title").get<std::string>();
+  for (const auto& [key, title] : table.columns) {
     if (key.starts_with("net")) continue;
     text +=
         fmt::format("| {}, %{}{}\n{}\n", title, key == "fp_asr" ? "" : "; net, points (95 %)", head, rule);
     for (const std::string& source : sources) {
       text += "| " + source + " |";
       for (const std::string& target : targets) {
-        const json* row = find(table, source, target);
-        const std::string cell = row ? cell_text(row->at("values"), key) : "–";
+        const RowResult* row = find(table, source, target);
+        const std::string cell = row ? cell_text(row->values, key) : "–";
         text += source.starts_with(target + ",") ? " **" + cell + "** |" : " " + cell + " |";
       }
       text += "\n";
@@ -74,16 +64,15 @@ std::string matrix_markdown(const json& table) {
   text += "| vehicles found clean at IoU 0.7 |" + head.substr(2) + "\n" + rule + "\n| in frames |";
   for (const std::string& target : targets) {
     std::string counted = "–";
-    for (const json& row : table.at("rows"))
-      if (row.at("target") == target && row.contains("vehicles"))
-        counted = fmt::format("{} in {}", row.at("vehicles").get<int>(), row.at("frames").get<int>());
+    for (const RowResult& row : table.rows)
+      if (row.target == target && row.counts)
+        counted = fmt::format("{} in {}", row.counts->vehicles, row.counts->frames);
     text += " " + counted + " |";
   }
   text += "\n\n";
-  for (const json& row : table.at("rows"))
-    for (const char* key : {"note", "error"})
-      if (row.contains(key))
-        text += fmt::format("- {}: {}\n", row.at("label").get<std::string>(), row.at(key).get<std::string>());
+  for (const RowResult& row : table.rows)
+    for (const std::string& remark : {row.note, row.error})
+      if (!remark.empty()) text += fmt::format("- {}: {}\n", row.label, remark);
   return text + "\n";
 }
 

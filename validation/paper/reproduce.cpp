@@ -9,13 +9,13 @@
 #include "attack/attack_settings.h"
 #include "base/clock.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/interrupt.h"
+#include "base/json_fields.h"
 #include "base/logging.h"
 #include "detection/detector.h"
-#include "detection/reliance.h"
 #include "scene/data/data_rig.h"
-#include "validation/paper/evaluation_arms.h"
 #include "validation/paper/findings.h"
 #include "validation/process.h"
 
@@ -30,6 +30,8 @@ fs::path record_file(const Case& command, const fs::path& out) {
   std::replace(name.begin(), name.end(), '/', '_');
   return out / "steps" / (name + ".json");
 }
+
+constexpr std::size_t kMostArguments = 1000;
 
 /// The arguments with the folders of other cases by their names, so that OUT may be moved.
 std::vector<std::string> movable(const Case& command, std::vector<std::string> arguments) {
@@ -59,65 +61,51 @@ json inputs(const Case& command, const fs::path& out) {
   return read;
 }
 
-json to_json(const Step& step) {
-  const char* words[] = {"missing", "done", "failed"};
-  json entry = {{"status", words[static_cast<int>(step.status)]}};
-  if (!step.error.empty()) entry["error"] = step.error;
-  if (step.seconds > 0) entry["seconds"] = step.seconds;
-  return entry;
-}
-
-void write_page(const fs::path& out, json& result) {
+/// The page's file; empty if it could not be written.
+fs::path write_page(const fs::path& out) {
   const std::string python = plotting_python().string();
-  if (python.empty() ||
-      run_program({python, shipped_file("validation/paper/paper_page.py").string(), out.string()}) != 0) {
-    spdlog::warn("no page: install python3-jinja2 and python3-pil (the tables are in {})",
-                 (out / "reproduce.md").string());
-    return;
-  }
-  result["page"] = (out / "reproduce.html").string();
+  if (!python.empty() &&
+      run_program({python, shipped_file("validation/paper/paper_page.py").string(), out.string()}) == 0)
+    return out / "reproduce.html";
+  spdlog::warn("no page: install python3-jinja2 and python3-pil (the tables are in {})",
+               (out / "reproduce.md").string());
+  return {};
 }
 
-/// Each attacked detector on its data once: [{case, …as detection/reliance.h writes it}].
-json reliance_json(const Evidence& evidence) {
-  json list = json::array();
+/// Each attacked detector on its data once.
+std::vector<CaseReliance> reliance_of(const Evidence& evidence) {
+  std::vector<CaseReliance> list;
   std::set<std::string> seen;
   for (const bool own : {true, false})  // a detector's own runs name it best
     for (const auto& [name, judged] : evidence.evaluations) {
       if (own == (name.find("--on--") != std::string::npos)) continue;
-      const json& measured = judged.learned->reliance;
-      if (!measured.is_object() || !seen.insert(judged.learned->data + measured.dump()).second) continue;
-      list.push_back(measured);
-      list.back()["case"] = name.substr(name.find('/') + 1);
+      const auto& measured = judged.learned->reliance;
+      if (!measured || !seen.insert(judged.learned->data + to_json(*measured).dump()).second) continue;
+      list.push_back({name.substr(name.find('/') + 1), *measured});
     }
   return list;
 }
 
-std::string reliance_markdown(const json& list) {
+std::string markdown(const std::vector<CaseReliance>& list) {
   std::string text = "## Whether the detectors use their pictures\n\n";
-  for (const auto& entry : list) {
-    const Reliance reliance = reliance_from_json(entry);
+  for (const auto& [name, reliance] : list) {
     const std::string note = picture_note(reliance);
-    text += fmt::format("- {}: {}{}.\n", entry.at("case").get<std::string>(), describe(reliance),
-                        note.empty() ? "" : "; " + note);
+    text += fmt::format("- {}: {}{}.\n", name, describe(reliance), note.empty() ? "" : "; " + note);
   }
   return text + "\n";
 }
 
-std::string findings_markdown(const json& findings) {
-  std::string text = "## The paper's findings\n\n";
-  for (const auto& finding : findings) {
-    text += fmt::format("- **{}**", finding.at("claim").get<std::string>());
-    if (finding.at("checks").empty()) text += ": not measured in this run.";
-    text += "\n";
-    for (const auto& check : finding.at("checks")) {
-      text += fmt::format("  - {}: {}. {}.", check.at("rig").get<std::string>(),
-                          check.at("verdict").get<std::string>(), check.at("sentence").get<std::string>());
-      if (const auto why = check.at("why").get<std::string>(); !why.empty()) text += " (" + why + ")";
-      text += "\n";
-    }
-  }
-  return text;
+/// Seconds that the finished case took. InputError naming file and field.
+double recorded_seconds(const fs::path& file) {
+  const json record = read_json(file);
+  return JsonFields(file, record, kMakeAgain).number("seconds", 0, Range::kMost);
+}
+
+template <class T>
+json list_json(const std::vector<T>& all) {
+  json list = json::array();
+  for (const T& entry : all) list.push_back(to_json(entry));
+  return list;
 }
 
 }  // namespace
@@ -125,9 +113,11 @@ std::string findings_markdown(const json& findings) {
 bool is_finished(const Case& command, const fs::path& out) {
   if (!fs::exists(out / command.name / "result.json")) return false;
   try {
-    const json record = read_json(record_file(command, out));
-    return movable(command, record.at("arguments")) == movable(command, command.arguments) &&
-           record.at("inputs") == inputs(command, out);
+    const fs::path file = record_file(command, out);
+    const json record = read_json(file);
+    const json& before = JsonFields(file, record, kMakeAgain).list("arguments", kMostArguments);
+    return movable(command, before) == movable(command, command.arguments) &&
+           record.value("inputs", json()) == inputs(command, out);
   } catch (const std::exception&) {
     return false;  // the command itself will say what is wrong
   }
@@ -175,7 +165,7 @@ std::map<std::string, Step> execute(const Experiments& experiments, const Reprod
                                                         {"seconds", seconds_since(start)}});
       }
       step.status = Step::Status::done;
-      step.seconds = read_json(record_file(command, settings.out)).at("seconds");
+      step.seconds = recorded_seconds(record_file(command, settings.out));
     } catch (const Interrupted&) {
       throw;
     } catch (const std::exception& error) {
@@ -187,44 +177,58 @@ std::map<std::string, Step> execute(const Experiments& experiments, const Reprod
   return steps;
 }
 
-json reproduce(const ReproduceSettings& given, const Execute& run) {
-  ReproduceSettings settings = given;
-  settings.out = fs::absolute(given.out).lexically_normal();
-  const Experiments list = experiments(settings);
-  const Evidence evidence = gather(list, settings.out, execute(list, settings, run));
-  json tables = json::array(), steps = json::object();
+json to_json(const ReproduceResult& result) {
+  const ReproduceSettings& settings = result.settings;
+  const AttackSettings recipe;  // CaseList takes these from it
+  json all = {{"what", settings.what},
+              {"settings",
+               {{"iterations", settings.iterations},
+                {"batch", recipe.batch},
+                {"vertex_rate", recipe.vertex_rate},
+                {"texel_rate", recipe.texel_rate},
+                {"seed", settings.seed},
+                {"seeds", settings.seeds},
+                {"random_meshes", settings.random_meshes},
+                {"quick", settings.quick},
+                {"kitti64", data_folder(settings, "kitti64").filename().string()},
+                {"xenith", data_folder(settings, "xenith").filename().string()},
+                {"real", settings.real.filename().string()},
+                {"confidence", BootstrapSettings().confidence},
+                {"replicates", BootstrapSettings().replicates}}},
+              {"tables", list_json(result.tables)},
+              {"arms", list_json(result.arms)},
+              {"findings", list_json(result.findings)},
+              {"reliance", json::array()},
+              {"steps", json::object()}};
+  for (const auto& [name, reliance] : result.reliance) {
+    all["reliance"].push_back(to_json(reliance));
+    all["reliance"].back()["case"] = name;
+  }
+  for (const auto& [name, step] : result.steps) all["steps"][name] = to_json(step);
+  if (!result.page.empty()) all["page"] = result.page.string();
+  return all;
+}
+
+ReproduceResult reproduce(const ReproduceSettings& given, const Execute& run) {
+  ReproduceResult result;
+  result.settings = given;
+  const fs::path out = result.settings.out = fs::absolute(given.out).lexically_normal();
+  const Experiments list = experiments(result.settings);
+  const Evidence evidence = gather(list, out, execute(list, result.settings, run));
   std::string text = "# The experiments of Tu et al. (CoRL 2021)\n\n";
   for (const Table& table : list.tables) {
-    tables.push_back(table_json(table, list, evidence));
-    write_file(settings.out / (table.name + ".md"), markdown(tables.back()));
-    text += markdown(tables.back());
+    result.tables.push_back(table_result(table, list, evidence));
+    const std::string written = markdown(result.tables.back());
+    write_file(out / (table.name + ".md"), written);
+    text += written;
   }
-  for (const auto& [name, step] : evidence.steps) steps[name] = to_json(step);
-  const json judged = findings_json(findings(evidence)), reliance = reliance_json(evidence);
-  const AttackSettings recipe;  // CaseList takes these from it
-  json result = {{"what", settings.what},
-                 {"settings",
-                  {{"iterations", settings.iterations},
-                   {"batch", recipe.batch},
-                   {"vertex_rate", recipe.vertex_rate},
-                   {"texel_rate", recipe.texel_rate},
-                   {"seed", settings.seed},
-                   {"seeds", settings.seeds},
-                   {"random_meshes", settings.random_meshes},
-                   {"quick", settings.quick},
-                   {"kitti64", data_folder(settings, "kitti64").filename().string()},
-                   {"xenith", data_folder(settings, "xenith").filename().string()},
-                   {"real", settings.real.filename().string()},
-                   {"confidence", BootstrapSettings().confidence},
-                   {"replicates", BootstrapSettings().replicates}}},
-                 {"tables", tables},
-                 {"arms", arms_json(list, settings, evidence)},
-                 {"findings", judged},
-                 {"reliance", reliance},
-                 {"steps", steps}};
-  write_json(settings.out / "reproduce.json", result);
-  write_file(settings.out / "reproduce.md", text + reliance_markdown(reliance) + findings_markdown(judged));
-  write_page(settings.out, result);
+  result.arms = evaluation_arms(list, result.settings, evidence);
+  result.findings = findings(evidence);
+  result.reliance = reliance_of(evidence);
+  result.steps = evidence.steps;
+  write_json(out / "reproduce.json", to_json(result));
+  write_file(out / "reproduce.md", text + markdown(result.reliance) + markdown(result.findings));
+  result.page = write_page(out);
   return result;
 }
 

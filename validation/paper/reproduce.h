@@ -8,12 +8,17 @@
 //     OUT/reproduce.{json,md,html}
 #pragma once
 
+#include <filesystem>
 #include <functional>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
+#include "detection/reliance.h"
+#include "validation/paper/evaluation_arms.h"
 #include "validation/paper/experiments.h"
+#include "validation/paper/finding.h"
 #include "validation/paper/tables.h"
 
 namespace mirage::paper {
@@ -21,8 +26,7 @@ namespace mirage::paper {
 /// Runs one command of mirage to its end; throws what it throws.
 using Execute = std::function<void(std::vector<std::string> arguments)>;
 
-/// Whether the case's folder holds the result of exactly these arguments, made of what its inputs are now. A
-/// run that was not started from here counts if its run.json says the same.
+/// Whether the case's folder holds the result of exactly these arguments, made of what its inputs are now.
 bool is_finished(const Case& command, const std::filesystem::path& out);
 
 /// Executes the cases that are not finished, in order. One that fails, and all that need it, become failed
@@ -30,8 +34,27 @@ bool is_finished(const Case& command, const std::filesystem::path& out);
 std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
                                     const Execute& run);
 
-/// All of it; returns what reproduce.json holds: {what, settings, tables, arms (evaluation_arms.h), findings,
-/// reliance, steps, page?}.
-nlohmann::json reproduce(const ReproduceSettings& settings, const Execute& run);
+/// How much an attacked detector uses its picture, and in which evaluation that was measured.
+struct CaseReliance {
+  std::string name;  ///< the evaluation's, without its folder
+  Reliance reliance;
+};
+
+struct ReproduceResult {
+  ReproduceSettings settings;  ///< `out` absolute
+  std::vector<TableResult> tables;
+  std::vector<Arm> arms;
+  std::vector<Finding> findings;
+  std::vector<CaseReliance> reliance;  ///< each detector on its data once
+  std::map<std::string, Step> steps;   ///< by case
+  std::filesystem::path page;          ///< empty: could not be written
+};
+
+/// What reproduce.json holds: {what, settings, tables, arms, findings, reliance: [as Reliance, and case],
+/// steps: {case: step}, page?}.
+nlohmann::json to_json(const ReproduceResult& result);
+
+/// All of it; writes OUT.
+ReproduceResult reproduce(const ReproduceSettings& settings, const Execute& run);
 
 }  // namespace mirage::paper

@@ -3,50 +3,28 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <map>
 #include <set>
 #include <tuple>
 
 #include "attack/baseline.h"
-#include "base/error.h"
+#include "attack/evaluation_outcomes.h"
 #include "base/files.h"
+#include "base/json_fields.h"
 
 namespace mirage::paper {
 namespace {
 
-Outcome read_outcome(const nlohmann::json& item) {
-  Outcome outcome;
-  outcome.frame = item.at("frame");
-  outcome.label = item.at("label");
-  outcome.mesh = item.value("mesh", 0);
-  outcome.track = item.value("track", -1);
-  outcome.range = item.at("range");
-  outcome.clean_iou = item.at("clean_iou");
-  outcome.attacked_iou = item.at("attacked_iou");
-  for (const auto& [key, distance] : {std::pair("clean_distance", &outcome.clean_distance),
-                                      std::pair("attacked_distance", &outcome.attacked_distance)})
-    if (item.contains(key) && item.at(key).is_number()) *distance = item.at(key);
-  outcome.detected = item.at("detected");
-  outcome.hidden = item.at("hidden");
-  outcome.false_positive = item.at("false_positive");
-  return outcome;
-}
-
-std::shared_ptr<Outcomes> read_outcomes(const nlohmann::json& item, const std::string& data) {
-  auto outcomes = std::make_shared<Outcomes>();
-  outcomes->data = data;
-  outcomes->vehicles = item.at("vehicles");
-  for (const auto& host : item.at("outcomes")) {
-    outcomes->hosts.push_back(read_outcome(host));
-    outcomes->meshes = std::max(outcomes->meshes, outcomes->hosts.back().mesh + 1);
+std::shared_ptr<Outcomes> read_arm(const JsonFields& evaluation, const std::string& data) {
+  auto arm = std::make_shared<Outcomes>();
+  arm->data = data;
+  arm->vehicles = static_cast<int>(evaluation.integer("vehicles", 0, std::numeric_limits<int>::max()));
+  for (HostOutcome& host : read_outcomes(evaluation)) {
+    arm->meshes = std::max(arm->meshes, host.mesh + 1);
+    arm->hosts.push_back({std::move(host)});
   }
-  std::map<std::tuple<std::string, int, int>, std::vector<double>> distances;
-  for (const auto& box : item.at("false_positives").at("list"))
-    if (!box.contains("distance_from_host_px"))  // in the picture's plane there are no metres
-      distances[{box.at("frame"), box.at("label"), box.at("mesh")}].push_back(box.at("distance_from_host"));
-  for (Outcome& host : outcomes->hosts)
-    if (const auto own = distances.find({host.frame, host.label, host.mesh}); own != distances.end())
-      host.distances = own->second;
-  return outcomes;
+  return arm;
 }
 
 using Sums = std::map<CrossingName, ClusterSums>;
@@ -66,7 +44,7 @@ Sums sums_of(const Outcomes& outcomes, const Which& counts, const Which& which) 
 int count_vehicles(const std::vector<Outcome>& hosts) {
   std::set<std::pair<std::string, int>> names;
   for (const Outcome& host : hosts)
-    if (host.detected) names.insert({host.frame, host.label});
+    if (host.detected) names.insert({host.id.frame, host.id.label});
   return static_cast<int>(names.size());
 }
 
@@ -84,14 +62,21 @@ constexpr int kSteps = 20;
 
 }  // namespace
 
+std::vector<double> Outcome::distances() const {
+  std::vector<double> metres;
+  if (plane == Plane::bev)
+    for (const NewBox& box : new_boxes) metres.push_back(box.distance);
+  return metres;
+}
+
 int Outcomes::frames() const {
   std::set<std::string> names;
-  for (const Outcome& host : hosts) names.insert(host.frame);
+  for (const Outcome& host : hosts) names.insert(host.id.frame);
   return static_cast<int>(names.size());
 }
 
 std::string Outcomes::note() const {
-  return reliance.is_object() ? reliance.at("note").get<std::string>() : "";
+  return reliance ? picture_note(*reliance) : "";
 }
 
 int Outcomes::clusters() const {
@@ -112,23 +97,20 @@ bool is_fooled(const Outcome& host) {
 
 Judged read_evaluation(const std::filesystem::path& file, const std::string& data) {
   const nlohmann::json json = read_json(file);
-  try {
-    const auto learned = read_outcomes(json, data);
-    learned->reliance = json.value("reliance", nlohmann::json());
-    learned->name = "learned mesh";
-    const auto other = [&](const char* key, Baseline kind) -> std::shared_ptr<const Outcomes> {
-      if (!json.contains(key) || !json.at(key).is_object() || !json.at(key).contains("outcomes"))
-        return nullptr;
-      const auto outcomes = read_outcomes(json.at(key), data);
-      outcomes->reliance = learned->reliance;
-      outcomes->name = describe(kind);
-      return outcomes;
-    };
-    return {learned, other("random", Baseline::start), other("sized", Baseline::sized),
-            other("cuboid", Baseline::cuboid)};
-  } catch (const nlohmann::json::exception& error) {
-    throw InputError(file.string(), "", error.what(), "delete the folder and run the same command again");
-  }
+  const JsonFields fields(file, json, kMakeAgain);
+  const auto learned = read_arm(fields, data);
+  learned->name = "learned mesh";
+  if (fields.has("reliance") && !fields.is_null("reliance"))
+    learned->reliance = reliance_from_json(fields.object("reliance"));
+  const auto other = [&](const char* key, Baseline kind) -> std::shared_ptr<const Outcomes> {
+    if (!fields.has(key) || fields.is_null(key)) return nullptr;
+    const auto arm = read_arm(fields.object(key), data);
+    arm->reliance = learned->reliance;
+    arm->name = describe(kind);
+    return arm;
+  };
+  return {learned, other("random", Baseline::start), other("sized", Baseline::sized),
+          other("cuboid", Baseline::cuboid)};
 }
 
 Judged pooled(const std::vector<Judged>& runs) {
@@ -158,8 +140,8 @@ Interval success(const Outcomes& outcomes, const Which& which) {
 
 static Sums hiding_sums(const Outcomes& outcomes, const HidingRule& rule) {
   return sums_of(
-      outcomes, [&](const Outcome& host) { return rule.finds(host.clean_iou, host.clean_distance); },
-      [&](const Outcome& host) { return !rule.finds(host.attacked_iou, host.attacked_distance); });
+      outcomes, [&](const Outcome& host) { return rule.finds(host, true); },
+      [&](const Outcome& host) { return !rule.finds(host, false); });
 }
 
 std::optional<Interval> hiding(const Outcomes& outcomes, const HidingRule& rule) {
@@ -172,7 +154,7 @@ std::optional<Interval> hiding(const Outcomes& outcomes, const HidingRule& rule)
 int found_clean(const Outcomes& outcomes, const HidingRule& rule) {
   std::set<std::pair<std::string, int>> names;
   for (const Outcome& host : outcomes.hosts)
-    if (rule.finds(host.clean_iou, host.clean_distance)) names.insert({host.frame, host.label});
+    if (rule.finds(host, true)) names.insert({host.id.frame, host.id.label});
   return static_cast<int>(names.size());
 }
 
@@ -182,8 +164,10 @@ Interval vanished(const Outcomes& outcomes) {
 
 Outcomes shared_hosts(const Outcomes& a, const Outcomes& b) {
   std::set<std::tuple<std::string, int, int>> names;
-  for (const Outcome& host : b.hosts) names.insert({host.frame, host.label, host.run});
-  return part(a, [&](const Outcome& host) { return names.contains({host.frame, host.label, host.run}); });
+  for (const Outcome& host : b.hosts) names.insert({host.id.frame, host.id.label, host.run});
+  return part(a, [&](const Outcome& host) {
+    return names.contains({host.id.frame, host.id.label, host.run});
+  });
 }
 
 Outcomes part(const Outcomes& outcomes, const Which& keep) {
@@ -259,17 +243,23 @@ Interval mean_recall(const Outcomes& outcomes, bool clean) {
   return crossed_interval(all);
 }
 
-nlohmann::json recall_curve(const Outcomes& outcomes, bool clean) {
-  nlohmann::json curve;
+RecallCurve recall_curve(const Outcomes& outcomes, bool clean) {
+  RecallCurve curve;
   for (int step = 0; step <= kSteps; ++step) {
-    const double iou = step / double(kSteps);
-    const Interval at = recall(outcomes, iou, clean);
-    curve["iou"].push_back(iou);
-    curve["recall"].push_back(at.value);
-    curve["low"].push_back(at.low);
-    curve["high"].push_back(at.high);
+    curve.iou.push_back(step / double(kSteps));
+    curve.recall.push_back(recall(outcomes, curve.iou.back(), clean));
   }
   return curve;
+}
+
+nlohmann::json to_json(const RecallCurve& curve) {
+  nlohmann::json json = {{"iou", curve.iou}};
+  for (const Interval& at : curve.recall) {
+    json["recall"].push_back(at.value);
+    json["low"].push_back(at.low);
+    json["high"].push_back(at.high);
+  }
+  return json;
 }
 
 }  // namespace mirage::paper

@@ -4,8 +4,6 @@
 
 #include <filesystem>
 #include <functional>
-#include <limits>
-#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -13,28 +11,24 @@
 #include <vector>
 
 #include "attack/hiding.h"
+#include "attack/host_outcome.h"
 #include "base/clusters.h"
 #include "base/crossed_bootstrap.h"
+#include "detection/reliance.h"
 
 namespace mirage::paper {
 
-/// One host under one mesh (attack/evaluation.h, HostOutcome).
-struct Outcome {
-  std::string frame;
-  int label = 0, mesh = 0;
-  int run = 0;       ///< of the attack, from another seed
-  int track = -1;    ///< the vehicle's identity; -1: unknown
-  double range = 0;  ///< m
-  double clean_iou = 0, attacked_iou = 0;
-  /// m to the nearest detection's centre; infinite without any, and where boxes have no metres.
-  double clean_distance = std::numeric_limits<double>::infinity(),
-         attacked_distance = std::numeric_limits<double>::infinity();
-  bool detected = false, hidden = false, false_positive = false;
-  std::vector<double> distances;  ///< m from the host to each of its false positives
+/// What mends a result that can't be read, in errors.
+inline constexpr const char* kMakeAgain = "delete the folder and run the same command again";
 
-  bool fooled() const { return hidden || false_positive; }
-  std::string cluster() const { return cluster_of(frame, track); }
+/// One host under one mesh, without its detections (attack/evaluation_outcomes.h).
+struct Outcome : HostOutcome {
+  int run = 0;  ///< of the attack, from another seed
+
+  std::string cluster() const { return cluster_of(id.frame, track); }
   CrossingName crossing() const { return {cluster(), run}; }
+  /// m from the host to each of its false positives; none in the picture's plane, which has no metres.
+  std::vector<double> distances() const;
 };
 
 struct Outcomes {
@@ -43,8 +37,8 @@ struct Outcomes {
   std::vector<Outcome> hosts;
   int meshes = 1, runs = 1;
   int vehicles = 0;  ///< hosts detected clean, each once
-  /// Whether the detector uses its picture on these frames (detection/reliance.h, to_json); null: not known.
-  nlohmann::json reliance = nullptr;
+  /// Whether the detector uses its picture on these frames; none: not known.
+  std::optional<Reliance> reliance = {};
 
   /// What stands in place of statements about images; empty if they may be made.
   std::string note() const;
@@ -58,7 +52,7 @@ bool is_false_positive(const Outcome&);
 bool is_fooled(const Outcome&);
 
 /// The outcomes of an evaluation's result.json, and those of the controls that it was asked for (others are
-/// null). `data` names the frames. InputError naming file and key.
+/// null). `data` names the frames. InputError naming file and field.
 /// `sized`: those of random meshes of the learned one's extents, `cuboid`: those of cuboids that fill the box
 /// (attack/baseline.h).
 struct Judged {
@@ -109,7 +103,13 @@ Outcomes shared_hosts(const Outcomes& a, const Outcomes& b);
 Interval recall(const Outcomes& outcomes, double iou, bool clean);
 /// Mean of that over IoU 0, 0.05, …, 1.
 Interval mean_recall(const Outcomes& outcomes, bool clean);
-/// The curve itself, over those IoU: {iou, recall, low, high}.
-nlohmann::json recall_curve(const Outcomes& outcomes, bool clean);
+/// The curve itself: the recall at each of those IoU.
+struct RecallCurve {
+  std::vector<double> iou;
+  std::vector<Interval> recall;
+};
+RecallCurve recall_curve(const Outcomes& outcomes, bool clean);
+/// {iou, recall, low, high}, a list each
+nlohmann::json to_json(const RecallCurve& curve);
 
 }  // namespace mirage::paper

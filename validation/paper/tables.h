@@ -1,51 +1,54 @@
-// The tables: experiments beside what was measured for them, as JSON and as Markdown.
+// The tables: experiments beside what was measured for them, and their text.
 #pragma once
 
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "validation/paper/cases.h"
-#include "validation/paper/results.h"
+#include "validation/paper/evidence.h"
 
 namespace mirage::paper {
 
-/// How a case went.
-struct Step {
-  enum class Status { missing, done, failed } status = Status::missing;
-  std::string error;   ///< of a failed one
-  double seconds = 0;  ///< that it took when it was run; 0: unknown
+/// What a row's numbers rest on.
+struct RowCounts {
+  int vehicles = 0;       ///< detected clean
+  std::size_t hosts = 0;  ///< of one mesh and run
+  int frames = 0, meshes = 1, runs = 1;
 };
 
-/// What the finished cases say.
-struct Evidence {
-  std::map<std::string, Step> steps;                 ///< by case
-  std::map<std::string, Judged> evaluations;         ///< by case; its repetitions by other seeds pooled
-  std::map<std::string, nlohmann::json> detections;  ///< result.json of mirage detect, by case
-
-  /// Null where it is missing or failed.
-  const Outcomes* learned(const std::string& evaluation) const;
-  const Outcomes* random(const std::string& evaluation) const;
-  const Outcomes* sized(const std::string& evaluation) const;
-  const Outcomes* cuboid(const std::string& evaluation) const;
+/// A row as measured. Shares in [0, 1].
+struct RowResult {
+  std::string label, rig, source, target;  ///< as in Row
+  std::string evaluation;                  ///< case
+  double size = 0;                         ///< fig4: L, m
+  std::optional<RowCounts> counts;         ///< none without its evaluation
+  std::map<std::string, Share> values;     ///< by key of a column, and clean AP
+  std::map<std::string, double> paper;     ///< by key of a column
+  std::string note;                        ///< the row is about a picture that its detector does not use
+  std::string error;                       ///< why there are no values, or no clean AP
+  std::optional<RecallCurve> curve;        ///< fig3
+  std::optional<std::vector<double>> false_positive_distances;  ///< m; of tables of attacks
+  std::optional<double> minutes;  ///< of the cases it needs, without data; none: unknown
 };
 
-/// Reads the results of the cases whose step is done; one that can't be read becomes a failed step.
-Evidence gather(const Experiments& experiments, const std::filesystem::path& out,
-                std::map<std::string, Step> steps);
+struct TableResult {
+  std::string name, title, note;
+  bool matrix = false;  ///< as Table::matrix
+  std::vector<Column> columns;
+  std::vector<RowResult> rows;
+};
 
-/// {name, title, note, matrix, columns: [{key, title}], rows: [{label, rig, vehicles, hosts, frames, meshes,
-/// runs, minutes, values: {key: {value, low, high}}, paper: {key: share}, error?, note?, curve?, size?,
-/// source?, target?, case, far?}]}; shares in [0, 1]. A row without its evaluation has an error instead of
-/// values; a note says that the row's detector does not use the picture that the row is about.
-nlohmann::json table_json(const Table& table, const Experiments& experiments, const Evidence& evidence);
+TableResult table_result(const Table& table, const Experiments& experiments, const Evidence& evidence);
 
-/// The same as a Markdown table, the paper's number beside each of ours; a matrix as matrix_markdown.h has
-/// it.
-std::string markdown(const nlohmann::json& table);
+/// {name, title, note, matrix, columns: [{key, title}], rows: [{label, rig, case, values: {key: {value, low?,
+/// high?}}, paper: {key: share}, vehicles?, hosts?, frames?, meshes?, runs?, minutes?, error?, note?, curve?,
+/// false_positive_distances?, size?, source?, target?}]}
+nlohmann::json to_json(const TableResult& table);
 
-/// "31.9 (24.1–40.0)", per cent.
-std::string in_percent(const Interval& interval);
+/// A Markdown table, the paper's number beside each of ours; a matrix as matrix_markdown.h has it.
+std::string markdown(const TableResult& table);
 
 }  // namespace mirage::paper

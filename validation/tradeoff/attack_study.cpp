@@ -15,29 +15,41 @@ namespace {
 
 constexpr double kLocality = 4;  // m
 
-/// One way of spending the seconds.
-struct Arm {
-  std::string name, quality;
-  DetectorOptions detector;
-};
-
-std::vector<Arm> attack_arms(const DetectorOptions& options) {
-  std::vector<Arm> arms;
+/// The ways of spending the seconds.
+std::vector<TimedAttack> ways_to_attack(const DetectorOptions& options) {
+  std::vector<TimedAttack> attacks;
   for (const Quality& quality : qualities())
-    arms.push_back({std::string("quality ") + quality.name, quality.name, options});
+    attacks.push_back({std::string("quality ") + quality.name, quality.name, options});
   const auto add = [&](const char* name, const auto& change) {
-    arms.push_back({name, "default", options});
-    change(arms.back().detector);
+    attacks.push_back({name, "default", options});
+    change(attacks.back().detector);
   };
   add("whole passes", [](DetectorOptions& o) { o.clean_memory_mb = 0; });
   if (multiplies_bfloat16()) add("bfloat16", [](DetectorOptions& o) { o.precision = kBfloat16; });
   add("locality 4 m", [](DetectorOptions& o) { o.locality = kLocality; });
-  return arms;
+  return attacks;
 }
 
 }  // namespace
 
-nlohmann::json attack_study(const TradeoffSettings& settings) {
+nlohmann::json to_json(const TimedAttack& attack) {
+  return {{"name", attack.name},
+          {"quality", attack.quality},
+          {"precision", attack.detector.precision},
+          {"locality", attack.detector.locality},
+          {"clean_memory_mb", attack.detector.clean_memory_mb},
+          {"seconds", attack.seconds},
+          {"iterations", attack.iterations},
+          {"loss", attack.loss},
+          {"vehicles", attack.vehicles},
+          {"asr", attack.asr.value},
+          {"fn_asr", attack.fn_asr.value},
+          {"fp_asr", attack.fp_asr.value},
+          {"asr_interval", {attack.asr.low, attack.asr.high}}};
+}
+
+std::vector<TimedAttack> attack_study(const TradeoffSettings& settings) {
+  if (settings.attack_seconds <= 0) return {};
   AttackSettings attack;
   static_cast<FrameSource&>(attack) = settings.source;
   attack.seed = settings.seed;
@@ -49,35 +61,26 @@ nlohmann::json attack_study(const TradeoffSettings& settings) {
   const DetectorPool judges = load_detector_pool(options, attack.batch);
   SimulationSettings exact;
   apply_quality("exact", exact);
-  nlohmann::json list = nlohmann::json::array();
-  for (const Arm& arm : attack_arms(options)) {
+  std::vector<TimedAttack> list = ways_to_attack(options);
+  for (TimedAttack& timed : list) {
     throw_if_interrupted("the study goes on from its beginning");
-    attack.detector = arm.detector;
+    attack.detector = timed.detector;
     attack.simulation = {};
-    apply_quality(arm.quality, attack.simulation);
-    std::string folder = "attack " + arm.name;
+    apply_quality(timed.quality, attack.simulation);
+    std::string folder = "attack " + timed.name;
     std::replace(folder.begin(), folder.end(), ' ', '_');
     attack.out = settings.out / folder;
     std::filesystem::remove_all(attack.out);
-    const AttackResult result = run_attack(attack, load_detector_pool(arm.detector, attack.batch));
+    const AttackResult result = run_attack(attack, load_detector_pool(timed.detector, attack.batch));
     const Run run = read_run(attack.out);
     FrameStore store(attack);
     EvaluationSettings by;
     by.quiet = settings.quiet;
     const Evaluation judged = evaluate(judges, store, run.test, run.adversary, exact, by);
-    list.push_back({{"name", arm.name},
-                    {"quality", arm.quality},
-                    {"precision", arm.detector.precision},
-                    {"locality", arm.detector.locality},
-                    {"clean_memory_mb", arm.detector.clean_memory_mb},
-                    {"seconds", settings.attack_seconds},
-                    {"iterations", result.iterations},
-                    {"loss", result.loss},
-                    {"vehicles", judged.vehicles},
-                    {"asr", judged.asr},
-                    {"fn_asr", judged.fn_asr},
-                    {"fp_asr", judged.fp_asr},
-                    {"asr_interval", {judged.asr_interval.low, judged.asr_interval.high}}});
+    timed.seconds = settings.attack_seconds;
+    timed.iterations = result.iterations, timed.loss = result.loss;
+    timed.vehicles = judged.vehicles;
+    timed.fn_asr = judged.fn_interval, timed.fp_asr = judged.fp_interval, timed.asr = judged.asr_interval;
   }
   return list;
 }

@@ -67,10 +67,15 @@ std::vector<TradeoffPoint> cycles_study(BlenderWorker& blender, const std::vecto
   const std::vector<Way> list = ways(reference_samples);
   std::vector<TradeoffPoint> points;
   for (const Way& way : list) {
-    TradeoffPoint point{"cycles", way.axis, way.label, {}, 0, 0, 1, {}, {}};
-    point.settings = {{"samples", way.samples},         {"renderer", way.raster ? "rasteriser" : "cycles"},
-                      {"shadows", way.effects.shadows}, {"sky", way.effects.sky},
-                      {"bounces", way.effects.bounces}, {"specular", way.effects.specular}};
+    TradeoffPoint point{"cycles",
+                        way.axis,
+                        way.label,
+                        {{"samples", way.samples},
+                         {"renderer", way.raster ? "rasteriser" : "cycles"},
+                         {"shadows", way.effects.shadows},
+                         {"sky", way.effects.sky},
+                         {"bounces", way.effects.bounces},
+                         {"specular", way.effects.specular}}};
     point.errors = {{"image_levels", 0}, {"image_mae", 0}, {"image_relative", 0}};
     points.push_back(std::move(point));
   }

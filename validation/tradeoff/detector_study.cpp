@@ -76,12 +76,7 @@ std::vector<TradeoffPoint> detector_points(const DetectorOptions& options,
                         {{"detector", options.detector},
                          {"precision", variant.options.precision},
                          {"locality", variant.options.locality},
-                         {"clean_memory_mb", variant.options.clean_memory_mb}},
-                        0,
-                        0,
-                        1,
-                        {},
-                        {}};
+                         {"clean_memory_mb", variant.options.clean_memory_mb}}};
     double n = 0, cosine = 0, norm = 0, least = 1, log_ratio = 0, baseline_ms = 0;
     for (std::size_t h = 0; h < hosts.size(); ++h) {
       std::vector<double> own, theirs, ratios;

@@ -34,8 +34,8 @@ std::vector<Recommendation> recommend(const std::vector<TradeoffPoint>& points,
     usable.push_back(&point);
     if (point.ms <= kExactTime * standard.ms) affordable.push_back(&point);
   }
-  const auto image = [](const TradeoffPoint* p) { return p->errors.at("image_levels"); };
-  const auto cosine = [](const TradeoffPoint* p) { return p->errors.at("gradient_cosine"); };
+  const auto image = [](const TradeoffPoint* p) { return p->image_error(); };
+  const auto cosine = [](const TradeoffPoint* p) { return p->gradient_cosine(); };
 
   std::vector<const TradeoffPoint*> rough;
   double shortest = std::numeric_limits<double>::infinity();

@@ -4,6 +4,7 @@
 
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,12 +15,18 @@ namespace mirage {
 /// One setting, measured over all hosts.
 struct TradeoffPoint {
   std::string group, axis, label;
-  nlohmann::json settings;
-  double ms = 0;           ///< ratio · baseline's: what it costs a host
-  double baseline_ms = 0;  ///< of the group's baseline, timed beside it
-  double ratio = 1;        ///< geometric mean over hosts of the median over repeats of own / baseline
-  std::map<std::string, double> errors;
-  std::vector<std::string> front;  ///< errors on whose front the point lies
+  nlohmann::json settings = {};                    ///< what the group varies, in words for files
+  std::optional<SimulationSettings> drawing = {};  ///< of the camera's: how it drew
+  double ms = 0;                                   ///< ratio · baseline's: what it costs a host
+  double baseline_ms = 0;                          ///< of the group's baseline, timed beside it
+  double ratio = 1;  ///< geometric mean over hosts of the median over repeats of own / baseline
+  std::map<std::string, double> errors = {};
+  std::vector<std::string> front = {};  ///< errors on whose front the point lies
+
+  /// Of the camera's, in 8-bit levels.
+  double image_error() const { return errors.at("image_levels"); }
+  /// With finite differences.
+  double gradient_cosine() const { return errors.at("gradient_cosine"); }
 };
 
 /// A point of (ms, error) is on the front of its group if no other is as good in both and better in one.
@@ -31,7 +38,8 @@ nlohmann::json to_json(const TradeoffPoint& point);
 /// What --quality NAME would be by the measured points.
 struct Recommendation {
   std::string name, rule;
-  const TradeoffPoint* point = nullptr;  ///< null where no point satisfies the rule
+  const TradeoffPoint* point = nullptr;    ///< null where no point satisfies the rule
+  const TradeoffPoint* shipped = nullptr;  ///< what --quality NAME is today; null where that is not asked for
 };
 
 /// The rule, over the camera's points that an attack could use (axis "grid"; `standard` is today's default):

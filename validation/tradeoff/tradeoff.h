@@ -2,15 +2,13 @@
 // the same run, with the fronts and the settings that follow from them (`mirage tradeoff`).
 #pragma once
 
-#include <nlohmann/json.hpp>
-
-#include "validation/tradeoff/settings.h"
+#include "validation/tradeoff/result.h"
 
 namespace mirage {
 
-/// Runs it, writes OUT/tradeoff.json, and with matplotlib OUT/tradeoff.{png,svg} and tradeoff.html; returns
-/// result.json (the same as tradeoff.json). InputError for numbers out of range, and if no vehicle can be
+/// Runs it, writes OUT/tradeoff.json (to_json of the result without its plots and page), and with matplotlib
+/// OUT/tradeoff.{png,svg} and tradeoff.html. InputError for numbers out of range, and if no vehicle can be
 /// used.
-nlohmann::json tradeoff(const TradeoffSettings& settings);
+TradeoffResult tradeoff(const TradeoffSettings& settings);
 
 }  // namespace mirage

@@ -1,26 +1,16 @@
 #include "scene/depth/depth_training.h"
 
-#include <chrono>
-#include <future>
 #include <numeric>
 
-#include "base/checkpoint_timer.h"
-#include "base/error.h"
+#include "base/field_json.h"
 #include "base/files.h"
-#include "base/interrupt.h"
 #include "base/logging.h"
-#include "base/names.h"
-#include "base/progress.h"
 #include "base/random.h"
-#include "base/schedule.h"
-#include "base/training_state.h"
+#include "base/training_loop.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
 namespace {
-
-namespace fs = std::filesystem;
-using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes for frames kept between epochs
 
@@ -72,95 +62,46 @@ class DepthData {
 
 /// What must agree for a run to go on.
 nlohmann::json identity(const DepthTrainingOptions& options, std::size_t frames) {
-  return {{"backend", options.backend},
-          {"data", escape_name(fs::absolute(options.data).lexically_normal().string())},
-          {"steps", options.steps},
-          {"batch", options.batch},
-          {"crop", options.crop},
-          {"learning_rate", options.learning_rate},
-          {"minutes", options.minutes},
-          {"seed", options.seed},
-          {"without_picture", options.augmentation.without_picture},
-          {"shift", options.augmentation.shift},
-          {"scatter", options.augmentation.scatter},
-          {"start", options.start.empty() ? "" : content_hash(read_file(options.start))},
-          {"frames", frames}};
+  nlohmann::json json = fields_json(options);
+  json["start"] = options.start.empty() ? "" : content_hash(read_file(options.start));
+  json["frames"] = frames;
+  return json;
 }
 
 }  // namespace
 
 DepthTrainingResult train_depth(const DepthTrainingOptions& options) {
-  if (options.steps < 1) throw InputError("--steps", "", "must be at least 1", "give a positive number");
-  if (options.batch < 1) throw InputError("--batch", "", "must be at least 1", "give a positive number");
-  if (options.crop < 64) throw InputError("--crop", "", "must be at least 64", "try 416");
-  const DepthAugmentation& augmentation = options.augmentation;
-  if (!(augmentation.without_picture >= 0 && augmentation.without_picture <= 1))
-    throw InputError("--without-picture", "", "must be a share in [0, 1]", "try 0.3");
-  if (!(augmentation.scatter >= 0 && augmentation.scatter <= 1))
-    throw InputError("--scatter", "", "must be a share in [0, 1]", "try 0.3");
-  if (augmentation.shift < 0 || augmentation.shift > 10)
-    throw InputError("--shift", "", "must be 0 to 10 pixels", "try 1");
-  if (!(options.learning_rate > 0)) throw InputError("--learning-rate", "", "must be positive", "try 0.002");
+  check_fields(options);
   make_output_folder(options.out);
-  DepthOptions load{options.backend, {}, true, options.seed, options.threads};
   DepthData data(options);
-  if (!options.start.empty()) {
-    load.fresh = false;
-    load.weights = options.start;
-  }
-  const nlohmann::json wanted = identity(options, data.size());
-  TrainingState state = read_training_state(options.out, wanted);
-  if (!state.weights.empty()) {
-    load.fresh = false;
-    load.weights = state.weights;
-    spdlog::info("going on from step {} of {}", state.step, options.steps);
-  }
-  const auto model = load_learned_depth(load);
+  TrainingLoop loop(options, identity(options, data.size()));
+  const std::filesystem::path weights = loop.goes_on() ? loop.state().weights : options.start;
+  const auto model =
+      load_learned_depth({options.backend, weights, weights.empty(), options.seed, options.threads});
+  const auto& losses = loop.state().losses;  // total, depth, presence
 
-  const auto checkpoint = [&] {
-    write_training_state(options.out, wanted, state, [&](const fs::path& file) { model->save(file, true); });
+  SamplesAhead<std::vector<DepthSample>> ahead([&](std::int64_t step) { return data.prepare(step); });
+  TrainingWork work;
+  work.name = "train depth";
+  work.follow = 0.01;
+  work.tell_every = 100;
+  work.learn = [&](std::int64_t step, double rate) {
+    const auto loss = model->train_step(ahead.take(step), rate);
+    return std::array<double, 3>{loss[0], loss[1], loss[2]};
   };
-  const double seconds_before = state.seconds;
-  const std::int64_t first_step = state.step;
-  const auto start = Clock::now();
-  CheckpointTimer timer({options.checkpoint_every, options.checkpoint_seconds});
-  const auto elapsed = [&] { return std::chrono::duration<double>(Clock::now() - start).count(); };
-  const auto progress_now = [&] {
-    const double by_steps = static_cast<double>(state.step) / static_cast<double>(options.steps);
-    return options.minutes > 0 ? std::max(by_steps, state.seconds / (60 * options.minutes)) : by_steps;
+  work.save = [&](const std::filesystem::path& file) { model->save(file, true); };
+  work.note = [&] { return fmt::format("loss {:.3f}", losses[0]); };
+  work.tell = [&](double rate) {
+    spdlog::info("step {} rate {:.2e} loss {:.4f} depth {:.4f} presence {:.4f} {:.0f} s", loop.state().step,
+                 rate, losses[0], losses[1], losses[2], loop.state().seconds);
   };
-  {
-    const auto prepare = [&](std::int64_t step) {
-      return std::async(std::launch::async, [&data, step] { return data.prepare(step); });
-    };
-    auto next = prepare(state.step);
-    Progress progress("train depth", static_cast<std::size_t>(options.steps), options.quiet);
-    while (progress_now() < 1) {
-      const std::vector<DepthSample> samples = next.get();
-      next = prepare(state.step + 1);
-      const double rate = one_cycle(options.learning_rate, progress_now());
-      const auto loss = model->train_step(samples, rate);
-      follow_losses(state, {loss[0], loss[1], loss[2]}, 0.01);
-      ++state.step;
-      state.seconds = seconds_before + elapsed();
-      progress.update(static_cast<std::size_t>(state.step), fmt::format("loss {:.3f}", state.losses[0]));
-      if (state.step % 100 == 0)
-        spdlog::info("step {} rate {:.2e} loss {:.4f} depth {:.4f} presence {:.4f} {:.0f} s", state.step,
-                     rate, state.losses[0], state.losses[1], state.losses[2], state.seconds);
-      const bool stop = interrupted();
-      if (const bool due = timer.due(state.step); stop || due) checkpoint();
-      if (stop) throw Interrupted("interrupted; the checkpoint is kept, the same command goes on from it");
-    }
-  }
 
   DepthTrainingResult result;
-  result.steps = state.step;
-  result.seconds = state.seconds;
-  result.seconds_per_step =
-      state.step > first_step ? elapsed() / static_cast<double>(state.step - first_step) : 0;
-  result.loss = state.losses;
-  result.weights = options.out / (fs::path(options.backend).stem().string() + "-depth.weights");
-  checkpoint();
+  result.seconds_per_step = loop.run(work);
+  result.steps = loop.state().step;
+  result.seconds = loop.state().seconds;
+  result.loss = losses;
+  result.weights = options.out / (std::filesystem::path(options.backend).stem().string() + "-depth.weights");
   model->save(result.weights, false);
   return result;
 }

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <vector>
 
+#include "base/schedule.h"
 #include "scene/depth/learned_depth.h"
 
 namespace mirage {
@@ -18,24 +19,45 @@ struct DepthAugmentation {
   int shift = 1;  ///< pixels by which returns may be off the picture together
 };
 
-/// What `mirage train depth` is asked for.
-struct DepthTrainingOptions {
-  std::filesystem::path data, out;
-  std::filesystem::path start = {};  ///< weights to start from; empty: fresh ones
-  DepthAugmentation augmentation;
+/// What a training of depth completion is asked for beside what every training is.
+struct DepthLearning {
   std::string backend = "guided";
-  std::int64_t steps = 4000;
-  int batch = 2;
-  int crop = 320;               ///< pixels of width of a sample; its height is the picture's
-  double learning_rate = 2e-3;  ///< peak of the one-cycle schedule
-  double minutes = 0;  ///< 0: no limit; otherwise the schedule ends at steps or minutes, which is first
-  std::int64_t checkpoint_every = 250;
-  double checkpoint_seconds = 0;  ///< > 0: also where so many seconds have passed since the last one
-  std::size_t frames = 0;         ///< only the first N (0: all)
-  std::uint64_t seed = 0;
-  int threads = 0;
-  bool quiet = false;
+  int crop = 320;  ///< pixels of width of a sample; its height is the picture's
+  DepthAugmentation augmentation;
 };
+
+template <class Visitor, FieldsOf<DepthLearning> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "backend", .help = "depth: guided, or a plugin's path (*.so)", .option = "depth"},
+        s.backend);
+  visit({.name = "crop", .help = "depth: width of a sample, pixels", .range = {64, Range::kMost}}, s.crop);
+  visit({.name = "without_picture",
+         .help = "depth: share of samples whose picture is one grey",
+         .range = kShare},
+        s.augmentation.without_picture);
+  visit({.name = "scatter",
+         .help = "depth: largest share of a sample's returns that stray from their place",
+         .range = kShare},
+        s.augmentation.scatter);
+  visit({.name = "shift",
+         .help = "depth: pixels by which returns may be off the picture together",
+         .range = {0, 10}},
+        s.augmentation.shift);
+}
+
+/// What `mirage train depth` is asked for.
+struct DepthTrainingOptions : TrainingSchedule, DepthLearning {
+  std::filesystem::path data;
+  std::filesystem::path start = {};  ///< weights to start from; empty: fresh ones
+};
+
+template <class Visitor, FieldsOf<DepthTrainingOptions> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "data", .help = "training set with known depth", .required = true}, s.data);
+  visit({.name = "start", .help = "weights to start from (default: fresh ones)", .decides = false}, s.start);
+  visit_fields(visit, as_base<TrainingSchedule>(s));
+  visit_fields(visit, as_base<DepthLearning>(s));
+}
 
 /// What such a training ends with, beside the weights in DepthTrainingOptions::out.
 struct DepthTrainingResult {
@@ -46,8 +68,9 @@ struct DepthTrainingResult {
 };
 
 /// Trains from scratch, or goes on from the checkpoint in `out` (which must be of the same options, or
-/// InputError). What step s sees depends on (seed, s) alone: not on threads, nor on interruptions. A
-/// checkpoint is written every checkpoint_every steps and on Ctrl-C (then Interrupted is thrown).
+/// InputError; FieldError for options out of range). What step s sees depends on (seed, s) alone: not on
+/// threads, nor on interruptions. A checkpoint is written every checkpoint_every steps and on Ctrl-C (then
+/// Interrupted is thrown).
 DepthTrainingResult train_depth(const DepthTrainingOptions& options);
 
 /// A frame as training keeps it.

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/installation.h"
 #include "base/parallel.h"
@@ -37,7 +38,7 @@ fs::path find_plugin(const std::string& backend) {
     throw InputError(plugin ? plugin->file.string() : built_file("plugins").string(), "",
                      "the depth completion plugin is missing",
                      "build it with MIRAGE_DETECTORS=ON (make build), or use --depth ip-basic");
-  throw InputError("--depth", backend, "unknown depth completion",
+  throw FieldError("depth", backend, "unknown depth completion",
                    "use ip-basic, " + known + " or a plugin (*.so)");
 }
 

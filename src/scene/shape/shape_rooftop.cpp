@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/parallel.h"
 
@@ -26,7 +27,7 @@ std::filesystem::path model_file(const std::string& rooftop) {
       throw InputError(rooftop, "", "no such shape model", "check --rooftop");
     return rooftop;
   }
-  throw InputError("--rooftop", rooftop, "unknown choice", "use shape, box or a shape model (*.shape)");
+  throw FieldError("rooftop", rooftop, "unknown choice", "use shape, box or a shape model (*.shape)");
 }
 
 }  // namespace

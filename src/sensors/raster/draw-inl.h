@@ -17,8 +17,7 @@ void DrawFaces(const TileJob& job) {
   const D d;
   const Constants& k = *job.constants;
   TileTape& tape = *job.tape;
-  const bool may_close =
-      kPlain || (k.silhouette == SilhouetteBlend::product && k.color == ColorBlend::softmax);
+  const bool hard = !kPlain && k.hard;
   V lane_x, lane_y;
   LanePlaces(lane_x, lane_y);
   for (int i = 0; i < job.count; ++i) {
@@ -28,16 +27,12 @@ void DrawFaces(const TileJob& job) {
         job, local, lane_x, lane_y, [&](int first, V px, V py) HWY_ATTR __attribute__((always_inline)) {
           V clear = hn::Load(d, tape.clear + first), top = hn::Load(d, tape.top + first),
             sum = hn::Load(d, tape.sum + first);
-          const bool behind = may_close && hn::AllTrue(d, Behind(k, face, top, sum, kFarBehind));
+          const bool behind = !hard && hn::AllTrue(d, Behind(k, face, top, sum, kFarBehind));
           if (behind && hn::AllTrue(d, hn::Lt(clear, Set(kClosed)))) return;
           Fragment f;
           if (!Meet<kPlain>(job, local, first, px, py, behind, f)) return;
-          if (kPlain || k.silhouette == SilhouetteBlend::product)
-            clear = hn::IfThenElse(f.keep, hn::Mul(clear, f.open), clear);
-          else if (k.silhouette == SilhouetteBlend::sum)
-            clear = hn::IfThenElse(f.keep, hn::Add(clear, f.coverage), clear);
-          else
-            clear = hn::IfThenElse(hn::And(f.keep, f.inside), Set(1), clear);
+          clear = hard ? hn::IfThenElse(f.keep, Set(1), clear)
+                       : hn::IfThenElse(f.keep, hn::Mul(clear, f.open), clear);
           hn::Store(clear, d, tape.clear + first);
           if (behind || !face.colored || hn::AllFalse(d, f.colored)) return;
 
@@ -45,10 +40,10 @@ void DrawFaces(const TileJob& job) {
             return !kPlain && k.vertex_texture ? VertexColor(local, k, f)
                                                : TexelColor(local, k, TexelIndex<kPlain>(local, k, f));
           };
-          if (!kPlain && k.color == ColorBlend::hard) {
+          if (hard) {
             // sum holds the key of the nearest so far, top the number of its face.
             const Color color = color_here();
-            const M nearer = hn::And(hn::And(f.colored, f.inside), hn::Gt(f.key, sum));
+            const M nearer = hn::And(f.colored, hn::Gt(f.key, sum));
             hn::Store(hn::IfThenElse(nearer, f.key, sum), d, tape.sum + first);
             hn::Store(hn::IfThenElse(nearer, Set(static_cast<float>(job.faces[i])), top), d,
                       tape.top + first);
@@ -84,17 +79,13 @@ void DrawFaces(const TileJob& job) {
 /// Starts the samples' state.
 void Begin(const TileJob& job) {
   const D d;
-  const Constants& k = *job.constants;
   TileTape& tape = *job.tape;
-  const bool product = k.silhouette == SilhouetteBlend::product, hard = k.color == ColorBlend::hard;
+  const bool hard = job.constants->hard;
   for (int i = 0; i < kSamples; i += kLanes) {
-    const bool background = k.logit_background;
-    const VI pixel = hn::LoadU(DI(), job.pixel_of + i);
-    hn::Store(Set(hard ? -1 : background ? k.background_key : kNoKey), d, tape.top + i);
-    hn::Store(Set(hard ? kNoKey : background ? 1 : 0), d, tape.sum + i);
-    hn::Store(Set(product ? 1 : 0), d, tape.clear + i);
-    for (int c = 0; c < 3; ++c)
-      hn::Store(background ? hn::GatherIndex(d, job.background[c], pixel) : Zero(), d, tape.color[c] + i);
+    hn::Store(Set(hard ? -1 : kNoKey), d, tape.top + i);
+    hn::Store(Set(hard ? kNoKey : 0), d, tape.sum + i);
+    hn::Store(Set(hard ? 0 : 1), d, tape.clear + i);
+    for (int c = 0; c < 3; ++c) hn::Store(Zero(), d, tape.color[c] + i);
   }
 }
 
@@ -107,14 +98,12 @@ void End(const TileJob& job) {
   for (int i = 0; i < kSamples; i += kLanes) {
     const V silhouette = Silhouette(k, hn::Load(d, tape.clear + i));
     V scale = Set(1);
-    if (k.color == ColorBlend::softmax) {
+    if (!k.hard) {
       const V sum = hn::Load(d, tape.sum + i);
       scale = hn::IfThenElseZero(hn::Gt(sum, Zero()), hn::Div(Set(1), sum));
     }
     // Where no face gives colour the photograph stays, whatever S says.
-    const V none = hn::Load(d, k.color == ColorBlend::softmax ? tape.sum + i : tape.top + i);
-    const M any = k.color == ColorBlend::softmax ? hn::Gt(none, Zero()) : hn::Ge(none, Zero());
-    const V share = k.logit_background ? Set(1) : hn::IfThenElseZero(any, silhouette);
+    const V share = hn::IfThenElseZero(Any(k, tape, i), silhouette);
     for (int c = 0; c < 3; ++c) {
       const V color = hn::Mul(hn::Load(d, tape.color[c] + i), scale);
       hn::Store(color, d, tape.color[c] + i);

@@ -52,7 +52,7 @@ inline LocalFace Localise(const TileJob& job, const FaceSetup& face) {
 struct Fragment {
   V s[3], r[3], h[3], q[3];  ///< see FaceSetup; h: the part of r beyond the edge; q = s² + h²
   V b[3], clipped[3];        ///< barycentrics, and clamped to [0, 1] (not normalised)
-  V d2;                      ///< squared distance (or smallest barycentric)
+  V d2;                      ///< squared distance
   V coverage, open;          ///< D and 1 − D, each without cancellation
   V rcp;                     ///< 1 / Σ clipped_k (1 + delta_k)
   V phi, key;                ///< (middle − z) / middle, (middle − z) / (far − near)
@@ -69,7 +69,7 @@ HWY_INLINE bool Cover(const LocalFace& local, const Constants& k, V px, V py, Fr
     f.s[e] = hn::MulAdd(Set(local.nx[e]), px, hn::MulAdd(Set(local.ny[e]), py, Set(local.c[e])));
   f.inside = hn::Ge(hn::Min(f.s[0], hn::Min(f.s[1], f.s[2])), Zero());
   for (int e = 0; e < 3; ++e) f.b[e] = hn::Mul(f.s[(e + 1) % 3], Set(face.inv_altitude[e]));
-  if (kPlain || k.coverage == Coverage::euclidean) {
+  if (kPlain || !k.hard) {
     for (int e = 0; e < 3; ++e) {
       const V along = hn::MulAdd(Set(local.ex[e]), px, hn::Mul(Set(local.ey[e]), py));
       f.r[e] = hn::Add(along, Set(local.g[e]));
@@ -78,18 +78,13 @@ HWY_INLINE bool Cover(const LocalFace& local, const Constants& k, V px, V py, Fr
     }
     f.d2 = hn::Min(f.q[0], hn::Min(f.q[1], f.q[2]));
     f.keep = hn::Or(f.inside, hn::Lt(f.d2, Set(k.cut)));
-  } else if (k.coverage == Coverage::barycentric) {
-    const V smallest = hn::Min(f.b[0], hn::Min(f.b[1], f.b[2]));
-    f.inside = hn::Gt(smallest, Zero());
-    f.d2 = hn::Mul(smallest, smallest);
-    f.keep = hn::Or(f.inside, hn::Lt(f.d2, Set(k.cut)));
   } else {
     f.d2 = Zero();
     f.keep = f.inside;
   }
   if (hn::AllFalse(d, f.keep)) return false;
 
-  if (kPlain || k.coverage != Coverage::hard) {
+  if (kPlain || !k.hard) {
     const V e = Exp2(hn::Mul(f.d2, Set(-k.distance_scale * kLog2E)));
     const V large = Reciprocal(hn::Add(Set(1), e)), small = hn::Mul(e, large);
     f.coverage = hn::IfThenElse(f.inside, large, small);
@@ -101,13 +96,7 @@ HWY_INLINE bool Cover(const LocalFace& local, const Constants& k, V px, V py, Fr
   return true;
 }
 
-/// What turns clamped barycentrics into weights on screen: 1 / their sum.
-HWY_INLINE V ScreenScale(const Fragment& f) {
-  return hn::Div(Set(1), hn::Max(hn::Add(f.clipped[0], hn::Add(f.clipped[1], f.clipped[2])), Set(1e-5f)));
-}
-
 /// Depth and place in the texture.
-template <bool kPlain>
 HWY_INLINE void Place(const LocalFace& local, const Constants& k, Fragment& f) {
   const FaceSetup& face = *local.face;
   V weighted = Zero(), y[3];
@@ -120,12 +109,7 @@ HWY_INLINE void Place(const LocalFace& local, const Constants& k, Fragment& f) {
   f.rcp = Reciprocal(hn::Max(hn::Add(y[0], hn::Add(y[1], y[2])), Set(1e-5f)));
   f.phi = hn::Mul(weighted, f.rcp);
   f.key = hn::Mul(f.phi, Set(k.key_scale));
-  if (kPlain || k.perspective_texture) {
-    for (int e = 0; e < 3; ++e) f.lookup[e] = hn::Mul(y[e], f.rcp);
-  } else {
-    const V scale = ScreenScale(f);
-    for (int e = 0; e < 3; ++e) f.lookup[e] = hn::Mul(f.clipped[e], scale);
-  }
+  for (int e = 0; e < 3; ++e) f.lookup[e] = hn::Mul(y[e], f.rcp);
   f.colored = hn::And(f.keep, hn::And(hn::Ge(f.key, Set(k.key_low)), hn::Le(f.key, Set(k.key_high))));
 }
 

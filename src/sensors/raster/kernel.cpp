@@ -36,9 +36,7 @@ HWY_EXPORT(DrawTileVjp);
 HWY_EXPORT(InstructionSet);
 
 bool Constants::plain() const {
-  return coverage == Coverage::euclidean && color == ColorBlend::softmax &&
-         silhouette == SilhouetteBlend::product && perspective_texture && !frozen_barycentrics &&
-         !vertex_texture && mesh->corner_barycentrics.empty();
+  return !hard && !vertex_texture && mesh->corner_barycentrics.empty();
 }
 
 void sample_order(int supersampling, int tile_pixels, std::int32_t* pixel_of) {

@@ -13,24 +13,19 @@ inline constexpr int kTableTexels = 32;
 
 /// A job's settings as the kernel reads them.
 struct Constants {
-  Coverage coverage = Coverage::euclidean;
-  ColorBlend color = ColorBlend::softmax;
-  SilhouetteBlend silhouette = SilhouetteBlend::product;
-  bool logit_background = false, perspective_texture = true, frozen_barycentrics = false;
+  bool hard = false;  ///< the nearest face that contains the sample, S is 0 or 1; else soft
   bool vertex_texture = false;
-  float distance_scale = 1;  ///< 1 / σ in sample units (barycentric coverage: 1 / σ)
+  float distance_scale = 1;  ///< 1 / σ in sample units
   float cut = 0;             ///< T in the same units as the distance
   float inv_gamma = 1;
   float key_scale = 1;              ///< middle / (far − near)
   float key_low = 0, key_high = 1;  ///< keys of far and near
-  float background_key = 0;         ///< logit modes: where the background stands
-  float inv_faces = 1;              ///< SilhouetteBlend::sum
   int resolution = 1;
   /// By face, three planes (r, g, b) of texel_stride values: kTableTexels if the face's texels fit in there.
   const float* texels = nullptr;
   int texel_stride = 0;
   const ScreenMesh<double>* mesh = nullptr;
-  /// Euclidean, softmax, product, whole faces with atlas, perspective look-up: what every insertion uses.
+  /// Soft, whole faces with atlas: what every insertion uses.
   bool plain() const;
 };
 
@@ -38,8 +33,8 @@ struct Constants {
 struct TileTape {
   alignas(64) float top[kSamples];    ///< largest key of a coloured fragment (hard colour: its face's index)
   alignas(64) float sum[kSamples];    ///< Σ D exp((key − top) / γ)
-  alignas(64) float clear[kSamples];  ///< Π (1 − D); sum: Σ D; hard: 1 where S = 1
-  alignas(64) float color[3][kSamples];  ///< colour among faces; logit modes: I
+  alignas(64) float clear[kSamples];  ///< Π (1 − D); hard: 1 where S = 1
+  alignas(64) float color[3][kSamples];  ///< colour among faces
 };
 
 struct TexelGradient {
@@ -60,7 +55,7 @@ struct TileJob {
 
   const float* background[3] = {};
   const float* limit = nullptr;  ///< keys below which fragments are dropped, or null
-  /// Forward, sums over samples: colour that the object gives (S · C, or I), S, and the share of the
+  /// Forward, sums over samples: colour that the object gives (S · C), S, and the share of the
   /// photograph that is covered.
   float* out[5] = {};
 

@@ -132,8 +132,7 @@ void set_up(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& se
                y0 = double(s) * target.rect.v0;
   const auto tiles = static_cast<std::size_t>(setup.columns) * setup.rows;
   // Half a tile's diagonal: a tile whose centre is further outside an edge's line than this and the reach
-  // holds no sample of the face. In barycentric mode the reach is not a distance, and only the box counts.
-  const bool by_distance = settings.coverage != Coverage::barycentric;
+  // holds no sample of the face.
   const double radius = (side - 1) / 2 * std::sqrt(2.0) + setup.reach;
   const auto for_each_tile = [&](const FaceSetup& face, const auto& visit) {
     int c0, c1, r0, r1;
@@ -144,7 +143,7 @@ void set_up(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& se
       for (int c = c0; c <= c1; ++c) {
         const double x = x0 + c * side + (side - 1) / 2, y = y0 + r * side + (side - 1) / 2;
         bool far = false;
-        for (int k = 0; k < 3 && by_distance; ++k)
+        for (int k = 0; k < 3; ++k)
           far |= face.nx[k] * (x - face.x[k]) + face.ny[k] * (y - face.y[k]) < -radius;
         if (!far) visit(static_cast<std::size_t>(r) * setup.columns + c);
       }

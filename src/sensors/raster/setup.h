@@ -55,9 +55,8 @@ void set_up(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& se
 
 /// Sums over a face's samples in a tile: d loss / d what its gradient follows from.
 struct FaceSums {
-  float x[3], y[3];   ///< vertex k in sample coordinates
-  float delta[3];     ///< delta_k
-  float color[3][3];  ///< Texture::vertex: colour of vertex k
+  float x[3], y[3];  ///< vertex k in sample coordinates
+  float delta[3];    ///< delta_k
 };
 
 /// Adds a face's sums to the gradient of its vertices in NDC and depth.

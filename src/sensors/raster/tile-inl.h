@@ -43,9 +43,7 @@ HWY_INLINE void ForEachBlock(const TileJob& job, const LocalFace& local, V lane_
   constexpr float kMidX = (kBlockWidth - 1) / 2.f, kMidY = (kBlockHeight - 1) / 2.f;
   // A block whose middle is further outside an edge's line than this holds no sample of the face.
   const float radius =
-      job.constants->coverage == Coverage::barycentric
-          ? std::numeric_limits<float>::infinity()
-          : static_cast<float>(job.setup->reach) + 1e-3f + std::sqrt(kMidX * kMidX + kMidY * kMidY);
+      static_cast<float>(job.setup->reach) + 1e-3f + std::sqrt(kMidX * kMidX + kMidY * kMidY);
   for (int r = r0; r <= r1; ++r)
     for (int c = c0; c <= c1; ++c) {
       const float x = static_cast<float>(c * kBlockWidth), y = static_cast<float>(r * kBlockHeight);
@@ -55,15 +53,6 @@ HWY_INLINE void ForEachBlock(const TileJob& job, const LocalFace& local, V lane_
       if (outside < -radius) continue;
       visit((r * kBlockColumns + c) * kLanes, hn::Add(lane_x, Set(x)), hn::Add(lane_y, Set(y)));
     }
-}
-
-/// Barycentric coverage reaches by barycentrics; the definition cuts it at the grown bounding box.
-HWY_INLINE M InBox(const TileJob& job, const FaceSetup& face, V px, V py) {
-  const auto local = [](double at, double origin) {
-    return Set(static_cast<float>(std::clamp(at - origin, -1e6, 1e6)));
-  };
-  return hn::And(hn::And(hn::Ge(px, local(face.low_x, job.x0)), hn::Le(px, local(face.high_x, job.x0))),
-                 hn::And(hn::Ge(py, local(face.low_y, job.y0)), hn::Le(py, local(face.high_y, job.y0))));
 }
 
 HWY_INLINE void LanePlaces(V& lane_x, V& lane_y) {
@@ -90,14 +79,9 @@ HWY_INLINE bool Meet(const TileJob& job, const LocalFace& local, int first, V px
   const Constants& k = *job.constants;
   if (!Cover<kPlain>(local, k, px, py, f)) return false;
   if (!behind || job.limit || !kPlain)
-    Place<kPlain>(local, k, f);
+    Place(local, k, f);
   else
     PlaceNowhere(f);
-  if (!kPlain && k.coverage == Coverage::barycentric) {
-    const M box = InBox(job, *local.face, px, py);
-    f.keep = hn::And(f.keep, box);
-    f.colored = hn::And(f.colored, box);
-  }
   if (job.limit) {
     const VI pixel = hn::LoadU(DI(), job.pixel_of + first);
     const M near = hn::Ge(f.key, hn::GatherIndex(D(), job.limit, pixel));
@@ -108,9 +92,13 @@ HWY_INLINE bool Meet(const TileJob& job, const LocalFace& local, int first, V px
 }
 
 HWY_INLINE V Silhouette(const Constants& k, V clear) {
-  if (k.silhouette == SilhouetteBlend::product) return hn::Sub(Set(1), clear);
-  if (k.silhouette == SilhouetteBlend::sum) return hn::Mul(clear, Set(k.inv_faces));
-  return clear;
+  return k.hard ? clear : hn::Sub(Set(1), clear);
+}
+
+/// Samples that some face gives colour.
+HWY_INLINE M Any(const Constants& k, const TileTape& tape, int first) {
+  return k.hard ? hn::Ge(hn::Load(D(), tape.top + first), Zero())
+                : hn::Gt(hn::Load(D(), tape.sum + first), Zero());
 }
 
 }  // namespace mirage::raster::HWY_NAMESPACE

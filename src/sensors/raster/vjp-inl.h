@@ -14,9 +14,9 @@ namespace mirage::raster::HWY_NAMESPACE {
 
 /// d loss / d what the fragments of a sample share.
 struct SampleGradients {
-  alignas(64) float color[3][kSamples];  ///< d loss / d colour among faces (logit modes: d I)
+  alignas(64) float color[3][kSamples];  ///< d loss / d colour among faces
   alignas(64) float mean[kSamples];      ///< … times that colour
-  alignas(64) float clear[kSamples];     ///< product: d loss / d S · Π(1 − D); sum: / number of faces
+  alignas(64) float clear[kSamples];     ///< d loss / d S · Π(1 − D); hard: 0
   alignas(64) float inv_sum[kSamples];
 };
 
@@ -30,16 +30,13 @@ float BeginVjp(const TileJob& job, SampleGradients& g) {
     const VI pixel = hn::LoadU(DI(), job.pixel_of + i);
     const V clear = hn::Load(d, tape.clear + i), silhouette = Silhouette(k, clear);
     const V sum = hn::Load(d, tape.sum + i);
-    const M any =
-        k.color == ColorBlend::softmax ? hn::Gt(sum, Zero()) : hn::Ge(hn::Load(d, tape.top + i), Zero());
+    const M any = Any(k, tape, i);
     V d_silhouette = hn::GatherIndex(d, job.d_out[3], pixel), mean = Zero(), background = Zero();
-    const V share = k.logit_background ? Set(1) : hn::IfThenElseZero(any, silhouette);
+    const V share = hn::IfThenElseZero(any, silhouette);
     for (int c = 0; c < 3; ++c) {
       const V d_image = hn::GatherIndex(d, job.d_out[c], pixel), color = hn::Load(d, tape.color[c] + i);
-      if (!k.logit_background) {
-        const V step = hn::Sub(color, hn::GatherIndex(d, job.background[c], pixel));
-        background = hn::MulAdd(d_image, step, background);
-      }
+      const V step = hn::Sub(color, hn::GatherIndex(d, job.background[c], pixel));
+      background = hn::MulAdd(d_image, step, background);
       const V d_color = hn::Mul(d_image, share);
       largest = hn::Max(largest, hn::Abs(d_color));
       hn::Store(d_color, d, g.color[c] + i);
@@ -48,12 +45,7 @@ float BeginVjp(const TileJob& job, SampleGradients& g) {
     d_silhouette = hn::Add(d_silhouette, hn::IfThenElseZero(any, background));
     largest = hn::Max(largest, hn::Abs(d_silhouette));
     hn::Store(mean, d, g.mean + i);
-    if (k.silhouette == SilhouetteBlend::product)
-      hn::Store(hn::Mul(d_silhouette, clear), d, g.clear + i);
-    else if (k.silhouette == SilhouetteBlend::sum)
-      hn::Store(hn::Mul(d_silhouette, Set(k.inv_faces)), d, g.clear + i);
-    else
-      hn::Store(Zero(), d, g.clear + i);
+    hn::Store(k.hard ? Zero() : hn::Mul(d_silhouette, clear), d, g.clear + i);
     hn::Store(hn::IfThenElseZero(hn::Gt(sum, Zero()), hn::Div(Set(1), sum)), d, g.inv_sum + i);
   }
   return hn::GetLane(hn::MaxOfLanes(d, largest));
@@ -116,33 +108,8 @@ HWY_NOINLINE Scratch& ThreadScratch() {
 
 /// Running sums of a face, a vector each.
 struct Sums {
-  V x[3], y[3], delta[3], color[3][3];
+  V x[3], y[3], delta[3];
 };
-
-/// Colours interpolated from the vertices move with the looked-up barycentrics y_k / Σ y, y_k = c_k
-/// (1 + delta_k), or c_k / Σ c on screen.
-HWY_INLINE void VertexLookupVjp(const LocalFace& local, const Constants& k, const Fragment& f, V weight,
-                                const V (&d_color)[3], V (&d_bary)[3], V (&d_delta)[3]) {
-  V d_lookup[3], mean = Zero();
-  for (int e = 0; e < 3; ++e) {
-    d_lookup[e] = Zero();
-    for (int c = 0; c < 3; ++c)
-      d_lookup[e] = hn::MulAdd(d_color[c], Set(local.texels[k.texel_stride * c + e]), d_lookup[e]);
-    d_lookup[e] = hn::Mul(weight, d_lookup[e]);
-    mean = hn::MulAdd(d_lookup[e], f.lookup[e], mean);
-  }
-  V scale = f.rcp;
-  if (!k.perspective_texture) scale = ScreenScale(f);
-  for (int e = 0; e < 3; ++e) {
-    const V d_y = hn::Mul(hn::Sub(d_lookup[e], mean), scale);
-    if (k.perspective_texture) {
-      d_bary[e] = hn::MulAdd(d_y, Set(1 + local.face->delta[e]), d_bary[e]);
-      d_delta[e] = hn::MulAdd(d_y, f.clipped[e], d_delta[e]);
-    } else {
-      d_bary[e] = hn::Add(d_bary[e], d_y);
-    }
-  }
-}
 
 HWY_INLINE float Total(V v) {
   return hn::GetLane(hn::SumOfLanes(D(), v));
@@ -157,10 +124,9 @@ void DrawFacesVjp(const TileJob& job) {
   SampleGradients& samples = scratch.samples;
   TexelSums& texel_sums = scratch.texels;
   const float little = kNoPush * BeginVjp(job, samples);
-  const int per_face = k.vertex_texture ? 3 : k.resolution * k.resolution;
+  const int per_face = k.resolution * k.resolution;
   texel_sums.Begin(per_face);
-  const bool may_close =
-      kPlain || (k.silhouette == SilhouetteBlend::product && k.color == ColorBlend::softmax);
+  const bool hard = !kPlain && k.hard;
   V lane_x, lane_y;
   LanePlaces(lane_x, lane_y);
   for (int i = 0; i < job.count; ++i) {
@@ -175,27 +141,22 @@ void DrawFacesVjp(const TileJob& job) {
       slope_y[e] = steep * local.ny[(e + 1) % 3];
     }
     Sums sums;
-    for (int e = 0; e < 3; ++e) {
-      sums.x[e] = sums.y[e] = sums.delta[e] = Zero();
-      for (int n = 0; n < 3; ++n) sums.color[e][n] = Zero();
-    }
+    for (int e = 0; e < 3; ++e) sums.x[e] = sums.y[e] = sums.delta[e] = Zero();
     ForEachBlock(
         job, local, lane_x, lane_y, [&](int first, V px, V py) HWY_ATTR __attribute__((always_inline)) {
           const V top = hn::Load(d, tape.top + first);
-          const bool behind = may_close && hn::AllTrue(d, Behind(k, face, top, hn::Load(d, tape.sum + first),
-                                                                 kNoWeightBehind));
+          const bool behind =
+              !hard && hn::AllTrue(d, Behind(k, face, top, hn::Load(d, tape.sum + first), kNoWeightBehind));
           if (behind && hn::AllTrue(d, hn::Lt(hn::Load(d, tape.clear + first), Set(kClosed)))) return;
           Fragment f;
           if (!Meet<kPlain>(job, local, first, px, py, behind, f)) return;
           // x = δ d² / σ: d D / d x = D (1 − D), and through the product d S / d x_j = D_j Π(1 − D).
           V d_x = hn::Mul(hn::Load(d, samples.clear + first), f.coverage);
-          if (!kPlain && k.silhouette != SilhouetteBlend::product) d_x = hn::Mul(d_x, f.open);
           d_x = hn::IfThenElseZero(f.keep, d_x);
 
           V d_bary[3];
           bool to_bary = false;
           if (!behind && face.colored) {
-            const bool hard = !kPlain && k.color == ColorBlend::hard;
             V weight;
             if (hard) {
               weight = hn::IfThenElseZero(hn::Eq(top, Set(static_cast<float>(job.faces[i]))), Set(1));
@@ -209,19 +170,10 @@ void DrawFacesVjp(const TileJob& job) {
             if (!hn::AllFalse(d, some)) {
               V d_color[3];
               for (int c = 0; c < 3; ++c) d_color[c] = hn::Load(d, samples.color[c] + first);
-              Color color;
-              if (!kPlain && k.vertex_texture) {
-                color = VertexColor(local, k, f);
-                for (int e = 0; e < 3; ++e)
-                  for (int c = 0; c < 3; ++c)
-                    sums.color[e][c] = hn::MulAdd(hn::Mul(weight, f.lookup[e]), d_color[c], sums.color[e][c]);
-              } else {
-                const VI index = TexelIndex<kPlain>(local, k, f);
-                color = TexelColor(local, k, index);
-                texel_sums.Add(index, weight, d_color);
-              }
-              for (int e = 0; e < 3; ++e) d_bary[e] = Zero();
+              const VI index = TexelIndex<kPlain>(local, k, f);
+              texel_sums.Add(index, weight, d_color);
               if (!hard) {
+                const Color color = TexelColor(local, k, index);
                 V advantage = hn::Neg(hn::Load(d, samples.mean + first));
                 for (int c = 0; c < 3; ++c) advantage = hn::MulAdd(d_color[c], color.c[c], advantage);
                 const V gain = hn::Mul(weight, advantage);
@@ -232,21 +184,15 @@ void DrawFacesVjp(const TileJob& job) {
                 for (int e = 0; e < 3; ++e) {
                   sums.delta[e] = hn::MulAdd(rest, f.clipped[e], sums.delta[e]);
                   d_bary[e] = hn::MulSub(rest, Set(face.delta[e]), by_phi);
+                  const M free = hn::And(hn::Gt(f.b[e], Zero()), hn::Lt(f.b[e], Set(1)));
+                  d_bary[e] = hn::IfThenElseZero(free, d_bary[e]);
                 }
+                to_bary = true;
               }
-              if (!kPlain && k.vertex_texture && !k.frozen_barycentrics)
-                VertexLookupVjp(local, k, f, weight, d_color, d_bary, sums.delta);
-              for (int e = 0; e < 3; ++e) {
-                const M free = hn::And(hn::Gt(f.b[e], Zero()), hn::Lt(f.b[e], Set(1)));
-                d_bary[e] = hn::IfThenElseZero(free, d_bary[e]);
-                if (!kPlain && k.frozen_barycentrics) d_bary[e] = Zero();
-              }
-              to_bary = true;
             }
           }
 
-          if ((kPlain || k.coverage == Coverage::euclidean) &&
-              !hn::AllTrue(d, hn::Lt(hn::Abs(d_x), Set(little)))) {
+          if (!hard && !hn::AllTrue(d, hn::Lt(hn::Abs(d_x), Set(little)))) {
             // d² = |p − q|² with q = (1 − a) v_e + a v_{e+1} on the nearest edge e; a is constant by the
             // envelope theorem, so d d² / d v_e = −2 (1 − a) (p − q), p − q = s n + h e.
             const V f2 = hn::Mul(hn::IfThenElse(f.inside, hn::Neg(d_x), d_x), Set(2 * k.distance_scale));
@@ -270,17 +216,6 @@ void DrawFacesVjp(const TileJob& job) {
               sums.x[e] = hn::MulAdd(share[e], push_x, sums.x[e]);
               sums.y[e] = hn::MulAdd(share[e], push_y, sums.y[e]);
             }
-          } else if (!kPlain && k.coverage == Coverage::barycentric) {
-            const V smallest = hn::Min(f.b[0], hn::Min(f.b[1], f.b[2]));
-            const V f2 = hn::Mul(hn::Mul(d_x, hn::Abs(smallest)), Set(2 * k.distance_scale));
-            M taken = hn::Lt(Zero(), Zero());
-            for (int e = 0; e < 3; ++e) {
-              const M mine = hn::AndNot(taken, hn::Eq(f.b[e], smallest));
-              taken = hn::Or(taken, mine);
-              const V d_smallest = hn::IfThenElseZero(mine, f2);
-              d_bary[e] = to_bary ? hn::Add(d_bary[e], d_smallest) : d_smallest;
-            }
-            to_bary = true;
           }
           if (to_bary) {
             // The barycentrics solve Σ b_m v_m = p, Σ b_m = 1, so that d b_e / d v_m = −b_m ∇b_e.
@@ -300,10 +235,8 @@ void DrawFacesVjp(const TileJob& job) {
       out.x[e] = Total(sums.x[e]);
       out.y[e] = Total(sums.y[e]);
       out.delta[e] = Total(sums.delta[e]);
-      for (int n = 0; n < 3; ++n) out.color[e][n] = !kPlain && k.vertex_texture ? Total(sums.color[e][n]) : 0;
     }
-    if (kPlain || !k.vertex_texture)
-      texel_sums.End(per_face, local.texel_face * per_face, *job.texel_gradients);
+    texel_sums.End(per_face, local.texel_face * per_face, *job.texel_gradients);
   }
 }
 

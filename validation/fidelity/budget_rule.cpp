@@ -1,0 +1,178 @@
+#include "validation/fidelity/budget_rule.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kRidge = 1;
+constexpr double kFloor = 1e-4;  // error at which its logarithm levels off
+constexpr double kLargestLambda = 8, kLambdaStep = 0.05;
+
+double logarithm(double error) {
+  return std::log(error + kFloor);
+}
+
+/// Those of other groups.
+std::vector<const BudgetScene*> without(const std::vector<BudgetScene>& scenes, const std::string* group) {
+  std::vector<const BudgetScene*> list;
+  for (const BudgetScene& scene : scenes)
+    if (!group || scene.group != *group) list.push_back(&scene);
+  return list;
+}
+
+}  // namespace
+
+BudgetRule::BudgetRule(const std::vector<BudgetScene>& calibration, double budget, double confidence)
+    : budget_(budget), lambda_(std::numeric_limits<double>::infinity()) {
+  Groups groups;
+  for (std::size_t i = 0; i < calibration.size(); ++i) groups[calibration[i].group].push_back(i);
+  standardise(calibration);
+  const Predictions left_out = left_out_predictions(calibration, groups);
+  fit_rungs(calibration, left_out);
+  calibrate(calibration, groups, left_out, confidence);
+}
+
+void BudgetRule::standardise(const std::vector<BudgetScene>& calibration) {
+  const std::size_t features = calibration.at(0).features.size();
+  const auto n = static_cast<double>(calibration.size());
+  mean_.assign(features, 0);
+  scale_.assign(features, 0);
+  for (const BudgetScene& scene : calibration)
+    for (std::size_t k = 0; k < features; ++k) mean_[k] += scene.features[k] / n;
+  for (const BudgetScene& scene : calibration)
+    for (std::size_t k = 0; k < features; ++k)
+      scale_[k] += (scene.features[k] - mean_[k]) * (scene.features[k] - mean_[k]) / n;
+  for (double& scale : scale_) scale = scale > 1e-18 ? std::sqrt(scale) : 1;  // a constant one says nothing
+}
+
+BudgetRule::Predictions BudgetRule::left_out_predictions(const std::vector<BudgetScene>& calibration,
+                                                         const Groups& groups) const {
+  const std::size_t rungs = calibration.at(0).errors.size();
+  Predictions left_out(calibration.size(), std::vector<double>(rungs));
+  for (const auto& [group, members] : groups) {
+    const auto others = without(calibration, &group);
+    for (std::size_t r = 0; r < rungs; ++r) {
+      const Rung fitted = fit(others, r);
+      for (const std::size_t i : members) left_out[i][r] = predict(fitted, calibration[i].features);
+    }
+  }
+  return left_out;
+}
+
+void BudgetRule::fit_rungs(const std::vector<BudgetScene>& calibration, const Predictions& left_out) {
+  const auto all = without(calibration, nullptr);
+  const auto n = static_cast<double>(calibration.size());
+  for (std::size_t r = 0; r < calibration.at(0).errors.size(); ++r) {
+    Rung rung = fit(all, r);
+    double sum = 0;
+    for (std::size_t i = 0; i < calibration.size(); ++i) {
+      const double residual = logarithm(calibration[i].errors[r]) - left_out[i][r];
+      sum += residual * residual / n;
+      rung.seconds += calibration[i].seconds[r] / n;
+    }
+    rung.spread = std::sqrt(sum);
+    rungs_.push_back(std::move(rung));
+  }
+  by_cost_.resize(rungs_.size());
+  std::iota(by_cost_.begin(), by_cost_.end(), std::size_t{0});
+  std::stable_sort(by_cost_.begin(), by_cost_.end(),
+                   [&](std::size_t a, std::size_t b) { return rungs_[a].seconds < rungs_[b].seconds; });
+}
+
+/// From the largest λ down, as long as the bound holds.
+void BudgetRule::calibrate(const std::vector<BudgetScene>& calibration, const Groups& groups,
+                           const Predictions& left_out, double confidence) {
+  for (int step = static_cast<int>(std::lround(kLargestLambda / kLambdaStep)); step >= 0; --step) {
+    const double lambda = step * kLambdaStep;
+    double risk = 0;
+    for (const auto& [group, members] : groups) {
+      int beyond = 0;
+      for (const std::size_t i : members) {
+        const int rung = choose(left_out[i], lambda);
+        beyond += rung >= 0 && calibration[i].errors[static_cast<std::size_t>(rung)] > budget_;
+      }
+      risk += beyond / static_cast<double>(members.size());
+    }
+    if ((risk + 1) / (static_cast<double>(groups.size()) + 1) > 1 - confidence + 1e-12) break;
+    lambda_ = lambda;
+  }
+}
+
+std::vector<double> BudgetRule::standardised(const std::vector<double>& features) const {
+  std::vector<double> out(features.size());
+  for (std::size_t k = 0; k < features.size(); ++k) out[k] = (features[k] - mean_[k]) / scale_[k];
+  return out;
+}
+
+BudgetRule::Rung BudgetRule::fit(const std::vector<const BudgetScene*>& scenes, std::size_t rung) const {
+  const auto size = static_cast<Eigen::Index>(mean_.size()) + 1;
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(size, size);
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(size);
+  for (const BudgetScene* scene : scenes) {
+    const std::vector<double> z = standardised(scene->features);
+    Eigen::VectorXd x(size);
+    x(0) = 1;
+    for (Eigen::Index k = 1; k < size; ++k) x(k) = z[static_cast<std::size_t>(k) - 1];
+    normal += x * x.transpose();
+    right += logarithm(scene->errors[rung]) * x;
+  }
+  for (Eigen::Index k = 1; k < size; ++k) normal(k, k) += kRidge;
+  if (scenes.empty()) normal(0, 0) = 1;  // nothing left when the only group is left out: predicts log 1
+  const Eigen::VectorXd solved = normal.ldlt().solve(right);
+  Rung result;
+  result.coefficients.assign(solved.data(), solved.data() + size);
+  return result;
+}
+
+double BudgetRule::predict(const Rung& rung, const std::vector<double>& features) const {
+  const std::vector<double> z = standardised(features);
+  return std::inner_product(z.begin(), z.end(), rung.coefficients.begin() + 1, rung.coefficients[0]);
+}
+
+int BudgetRule::choose(const std::vector<double>& predictions, double lambda) const {
+  if (!std::isfinite(lambda)) return -1;
+  for (const std::size_t r : by_cost_)
+    if (predictions[r] + lambda * rungs_[r].spread <= logarithm(budget_)) return static_cast<int>(r);
+  return -1;
+}
+
+int BudgetRule::choose(const std::vector<double>& features) const {
+  std::vector<double> predictions;
+  for (const Rung& rung : rungs_) predictions.push_back(predict(rung, features));
+  return choose(predictions, lambda_);
+}
+
+json to_json(const BudgetRule& rule) {
+  auto rungs = json::array();
+  for (const BudgetRule::Rung& rung : rule.rungs_)
+    rungs.push_back(
+        {{"seconds", rung.seconds}, {"spread", rung.spread}, {"coefficients", rung.coefficients}});
+  return {{"lambda", std::isfinite(rule.lambda_) ? json(rule.lambda_) : json()},
+          {"feature_mean", rule.mean_},
+          {"feature_scale", rule.scale_},
+          {"rungs", rungs}};
+}
+
+std::map<std::string, std::string> linked_frames(const std::map<std::string, std::set<int>>& tracks) {
+  std::map<std::string, std::string> group;
+  for (const auto& [frame, seen] : tracks) group[frame] = frame;
+  std::map<int, std::string> first;  // a frame that shows the vehicle
+  for (const auto& [frame, seen] : tracks)
+    for (const int track : seen) {
+      if (track < 0) continue;
+      const auto [other, added] = first.try_emplace(track, frame);
+      const std::string a = group.at(frame), b = group.at(other->second);
+      for (auto& [name, of] : group)
+        if (of == a || of == b) of = std::min(a, b);
+    }
+  return group;
+}
+
+}  // namespace mirage

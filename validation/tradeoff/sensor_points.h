@@ -1,0 +1,29 @@
+// The points of the camera and of the LiDAR, over all hosts of a speed–accuracy study.
+#pragma once
+
+#include <vector>
+
+#include "validation/tradeoff/camera_study.h"
+#include "validation/tradeoff/points.h"
+#include "validation/tradeoff/subjects.h"
+
+namespace mirage {
+
+/// What the camera's references are worth; means over hosts.
+struct CameraReference {
+  double self_cosine = 0;   ///< CameraStudy::self_cosine
+  Agreement sharp;          ///< CameraStudy::sharp_agreement
+  std::vector<int> pixels;  ///< of each host's object
+};
+
+struct SensorPoints {
+  std::vector<TradeoffPoint> points;  ///< groups "camera" and "lidar", in this order
+  CameraReference reference;
+};
+
+/// Draws and traces every host in every way (variants.h, lidar_study.h), one thread at a time. Off the grid
+/// the camera's points also have the gradient of the adversary with each face in the mean of its colours,
+/// "plain_faces_cosine" and "plain_faces_norm". Interrupted between drawings.
+SensorPoints sensor_points(const TradeoffSettings& settings, const Subjects& subjects, FrameStore& store);
+
+}  // namespace mirage
