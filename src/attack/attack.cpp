@@ -137,7 +137,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   const auto test = find_all_hosts(store, test_frames, detectors.front()->region(), settings.simulation,
                                    settings.min_view, settings.quiet);
   if (train.empty())
-    throw InputError(settings.data.string(), "label_2",
+    throw InputError(settings.data.string(), "labels",
                      fmt::format("no car in the training frames has {:.0f} % of the adversary in view",
                                  100 * settings.min_view),
                      "give more frames or lower --min-view");

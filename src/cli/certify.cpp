@@ -99,7 +99,7 @@ Command certify_command() {
                                            options->min_view, common.quiet))
       hosts.push_back(host.id);
     if (hosts.empty())
-      throw InputError(options->data.string(), "label_2", "no car has the adversary in view",
+      throw InputError(options->data.string(), "labels", "no car has the adversary in view",
                        "give more frames or lower --min-view");
     const CertificateResult result = certify(detectors, store, hosts, lidar, settings);
     print_shares(result, settings);

@@ -68,7 +68,7 @@ Command simulate_command() {
       throw InputError("--vehicle", std::to_string(options->vehicle),
                        "frame " + options->frame + " has " + std::to_string(labels.size()) +
                            " labels and this is not a vehicle among them",
-                       "give the index of a vehicle's row in label_2/" + options->frame + ".txt");
+                       "give the place of a vehicle among the frame's labels, from 0");
     const Box3& box = labels[index].box;
     const Rooftop rooftop = finder->find(prepared.frame, labels[index]);
     const Transform& roof = rooftop.velo_from_adversary;

@@ -72,7 +72,7 @@ class DefenseTraining {
     if (settings.frames > 0 && frames.size() > settings.frames) frames.resize(settings.frames);
     hosts_ = find_all_hosts(store_, frames, region, attack_.simulation, attack_.min_view);
     if (hosts_.empty())
-      throw InputError(settings.data.string(), "label_2", "no car has enough of its roof in view",
+      throw InputError(settings.data.string(), "labels", "no car has enough of its roof in view",
                        "give more frames");
     order_.emplace(hosts_, settings.batch, settings.seed + 1);
     spdlog::info("{} host vehicles to train on", hosts_.size());

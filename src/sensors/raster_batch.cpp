@@ -59,13 +59,6 @@ bool vjp_in_kernel(const RasterJob& job) {
   return in_kernel(*job.settings) && job.mesh->texture == Texture::atlas;
 }
 
-ImageF to_float(const Image<double>& image) {
-  ImageF out(image.width, image.height, image.channels);
-  std::transform(image.data.begin(), image.data.end(), out.data.begin(),
-                 [](double value) { return static_cast<float>(value); });
-  return out;
-}
-
 std::size_t mesh_texels_per_face(const ScreenMesh<double>& mesh) {
   return mesh.texture == Texture::vertex ? 3 : static_cast<std::size_t>(mesh.resolution) * mesh.resolution;
 }
@@ -303,6 +296,13 @@ void rasterize_batch_vjp(std::span<const RasterJob> jobs, std::span<const ImageF
 Image<double> to_double(const ImageF& image) {
   Image<double> out(image.width, image.height, image.channels);
   std::copy(image.data.begin(), image.data.end(), out.data.begin());
+  return out;
+}
+
+ImageF to_float(const Image<double>& image) {
+  ImageF out(image.width, image.height, image.channels);
+  std::transform(image.data.begin(), image.data.end(), out.data.begin(),
+                 [](double value) { return static_cast<float>(value); });
   return out;
 }
 

@@ -52,6 +52,8 @@ void rasterize_batch_vjp(std::span<const RasterJob> jobs, std::span<const ImageF
 
 /// The same, for the plain loop in double.
 Image<double> to_double(const ImageF& image);
+/// Its inverse.
+ImageF to_float(const Image<double>& image);
 /// The same values in double.
 RasterTarget<double> to_double(const RasterTarget<float>& target);
 

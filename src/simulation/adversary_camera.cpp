@@ -11,8 +11,6 @@
 namespace mirage {
 namespace {
 
-constexpr double kNearestVertex = 0.1;  // m; faces are clipped at this depth
-
 /// Depth range of the rasteriser: a ball around the object that grows in steps of half a metre, so that it is
 /// constant under the small moves that derivatives are about.
 void set_depth_range(const std::vector<Vec3d>& p_camera, SoftRasterSettings<double>& settings) {
@@ -22,7 +20,7 @@ void set_depth_range(const std::vector<Vec3d>& p_camera, SoftRasterSettings<doub
   for (const Vec3d& p : p_camera) reach = std::max(reach, std::abs(p.z() - centre.z()));
   const double radius = std::max(1.5, std::ceil(2 * reach + 0.5) / 2);
   const double middle = std::round(2 * centre.z()) / 2;
-  settings.near = std::max(kNearestVertex / 2, middle - radius);
+  settings.near = std::max(kNearPlane / 2, middle - radius);
   settings.far = std::max(settings.near + 1, middle + radius);  // all of it behind the camera
 }
 
@@ -63,7 +61,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   set_depth_range(tape.p_camera, tape.settings);
   if (settings.exact_coverage) tape.settings.sigma = kSmallestSigma;  // edges reach no further than the faces
   tape.light = light_on(prepared, host, rooftop, placed, settings);
-  tape.projected = project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearestVertex, Texture::atlas,
+  tape.projected = project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearPlane, Texture::atlas,
                                 placed.atlas.resolution, tape.light->lit(placed.atlas.texels));
 
   const PixelRect rect = touched_pixels(tape.projected.screen, tape.settings, camera.width, camera.height,
@@ -76,11 +74,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
 
   tape.pass = camera_pass(settings);
   RasterTarget<float>& target = tape.target;
-  target.width = camera.width;
-  target.height = camera.height;
-  target.rect = rect;
-  target.supersampling = settings.supersampling;
-  target.background = ImageF(rect.width(), rect.height(), 3);
+  target = window_of(camera, rect, ImageF(rect.width(), rect.height(), 3), settings.supersampling);
   target.depth_limit = ImageF(rect.width(), rect.height(), 1, std::numeric_limits<float>::infinity());
   bool occluded = false;
   bool obstructed = rect.u0 == 0 || rect.v0 == 0 || rect.u1 == camera.width || rect.v1 == camera.height;
@@ -132,7 +126,7 @@ void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, cons
 
   std::vector<Vec3d> d_p_camera(tape.p_camera.size(), Vec3d::Zero()),
       d_lit(placed.atlas.texels.size(), Vec3d::Zero());
-  project_mesh_vjp(tape.projected, tape.p_camera, calibration.camera, kNearestVertex, gradient, d_p_camera,
+  project_mesh_vjp(tape.projected, tape.p_camera, calibration.camera, kNearPlane, gradient, d_p_camera,
                    d_lit);
   const Eigen::Matrix3d velo_from_camera = calibration.camera_from_velo.linear().transpose();
   for (std::size_t i = 0; i < d_p_camera.size(); ++i) d_vertices[i] += velo_from_camera * d_p_camera[i];

@@ -8,13 +8,9 @@ namespace {
 /// A window wide enough for what lies beyond the picture's edges.
 RasterTarget<float> wide_target(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& settings,
                                 const PinholeCamera& camera) {
-  RasterTarget<float> target;
-  target.width = camera.width;
-  target.height = camera.height;
-  target.rect = touched_pixels(mesh, settings, target.width, target.height,
-                               {-camera.width, -camera.height, 2 * camera.width, 2 * camera.height});
-  target.background = ImageF(target.rect.width(), target.rect.height(), 3);
-  return target;
+  const PixelRect rect = touched_pixels(mesh, settings, camera.width, camera.height,
+                                        {-camera.width, -camera.height, 2 * camera.width, 2 * camera.height});
+  return window_of(camera, rect, ImageF(rect.width(), rect.height(), 3));
 }
 
 class FastPass : public CameraPass {
@@ -29,9 +25,7 @@ class FastPass : public CameraPass {
   ScreenGradient<double> vjp(const ScreenMesh<double>& mesh, const SoftRasterSettings<double>& settings,
                              const RasterTarget<float>& target, const Image<double>& d_rgba) const override {
     const RasterJob job{&mesh, &settings, &target};
-    ImageF upstream(d_rgba.width, d_rgba.height, 4);
-    for (std::size_t i = 0; i < upstream.data.size(); ++i)
-      upstream.data[i] = static_cast<float>(d_rgba.data[i]);
+    const ImageF upstream = to_float(d_rgba);
     ScreenGradient<double> gradient;
     rasterize_batch_vjp({&job, 1}, {&upstream, 1}, {&tape_, 1}, {&gradient, 1});
     return gradient;
@@ -92,6 +86,11 @@ double silhouette_area(const Image<double>& rgba) {
   double area = 0;
   for (std::size_t i = 3; i < rgba.data.size(); i += 4) area += rgba.data[i];
   return area;
+}
+
+RasterTarget<float> window_of(const PinholeCamera& camera, const PixelRect& rect, ImageF background,
+                              int supersampling) {
+  return {camera.width, camera.height, rect, supersampling, std::move(background), {}};
 }
 
 std::unique_ptr<CameraPass> camera_pass(const SimulationSettings& settings) {

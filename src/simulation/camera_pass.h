@@ -10,6 +10,13 @@
 
 namespace mirage {
 
+/// m; faces are clipped at this depth before they are drawn.
+inline constexpr double kNearPlane = 0.1;
+
+/// A window of the camera's picture; `background`: window-sized RGB. No depth limit.
+RasterTarget<float> window_of(const PinholeCamera& camera, const PixelRect& rect, ImageF background,
+                              int supersampling = 1);
+
 /// One drawing of one mesh. vjp() and unobstructed_area() are of the last draw(), whose arguments they are
 /// given again.
 class CameraPass {

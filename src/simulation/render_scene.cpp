@@ -8,14 +8,13 @@
 
 #include "base/error.h"
 #include "sensors/projection.h"
-#include "sensors/raster_batch.h"
 #include "sensors/ray_camera.h"
+#include "simulation/camera_pass.h"
 #include "simulation/object_light.h"
 
 namespace mirage {
 namespace {
 
-constexpr double kNearPlane = 0.1;                // m; faces are clipped at this depth
 constexpr double kDepthMargin = 0.5;              // m around the scene's depth range
 constexpr double kDepthSoftness = 0.03;           // m; the default γ times (far − near)
 constexpr std::size_t kMostTexels = 170'000'000;  // 4 GB
@@ -108,17 +107,11 @@ ImageF depth_at_centres(const std::vector<Vec3d>& p_camera, const std::vector<Fa
   hard.color = ColorBlend::hard;
   hard.silhouette = SilhouetteBlend::hard;
   hard.background = Background::silhouette;
-  RasterTarget<float> target;
-  target.width = camera.width;
-  target.height = camera.height;
-  target.rect = rect;
-  target.background = ImageF(rect.width(), rect.height(), 3);
-  const RasterJob job{&projected.screen, &hard, &target};
-  RasterTape tape;
-  rasterize_batch({&job, 1}, {&tape, 1});
+  const auto rgba = camera_pass({})->draw(projected.screen, hard,
+                                          window_of(camera, rect, ImageF(rect.width(), rect.height(), 3)));
   ImageF depth(rect.width(), rect.height(), 1);
   for (std::size_t i = 0; i < depth.data.size(); ++i)
-    depth.data[i] = tape.rgba.data[4 * i + 3] > 0.5f ? tape.rgba.data[4 * i] : 0;
+    depth.data[i] = rgba.data[4 * i + 3] > 0.5 ? static_cast<float>(rgba.data[4 * i]) : 0;
   return depth;
 }
 
@@ -141,16 +134,8 @@ void render_soft(const RenderScene& scene, const SceneRenderSettings& settings, 
       plain_light(face_normals(all.mesh), all.atlas.per_face(), scene.lighting)->lit(all.atlas.texels);
   const ProjectedMesh projected = project_mesh(p_camera, all.mesh.faces, scene.camera, kNearPlane,
                                                Texture::atlas, all.atlas.resolution, std::move(lit));
-  RasterTarget<float> target;
-  target.width = scene.camera.width;
-  target.height = scene.camera.height;
-  target.rect = out.rect;
-  target.supersampling = settings.samples;
-  target.background = background;
-  const RasterJob job{&projected.screen, &raster, &target};
-  RasterTape tape;
-  rasterize_batch({&job, 1}, {&tape, 1});
-  out.rgba = std::move(tape.rgba);
+  out.rgba = to_float(camera_pass({})->draw(projected.screen, raster,
+                                            window_of(scene.camera, out.rect, background, settings.samples)));
   out.depth = depth_at_centres(p_camera, all.mesh.faces, scene.camera, raster, out.rect);
   out.near = raster.near;
   out.far = raster.far;

@@ -189,6 +189,9 @@ class Insertions(unittest.TestCase):
             mirage.insert(FRAME, 5, mesh)
         with self.assertRaisesRegex(mirage.InputError, "000099"):
             mirage.read_frame(FOLDER.data, "000099")
+        self.assertIn(FRAME.id, mirage.list_frames(FOLDER.data))
+        with self.assertRaises(mirage.InputError):
+            mirage.list_frames(os.path.join(FOLDER.data, "none"))
         self.assertTrue(issubclass(mirage.InputError, ValueError))
         self.assertTrue(issubclass(mirage.Failure, RuntimeError))
 

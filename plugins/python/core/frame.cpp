@@ -207,6 +207,9 @@ void bind_frames(py::module_& module) {
                            f.frame().image.width, f.frame().image.height, f.frame().sweep.size(),
                            f.frame().labels.size());
       });
+  module.def(
+      "list_frames", [](const std::filesystem::path& data) { return list_frames(data); }, py::arg("data"),
+      "Ids of a data set's frames, in its order. InputError if it has none.");
 }
 
 }  // namespace mirage::python

@@ -1,10 +1,9 @@
-"""A small PointPillars-like network in plain PyTorch, trained for a minute on a data set in KITTI's layout, then attacked.
+"""A small PointPillars-like network in plain PyTorch, trained for a minute on a data set, then attacked.
 
     python3 attack_pillars.py DATA OUT
 """
 
 import argparse
-import os
 
 import mirage
 import torch
@@ -78,9 +77,8 @@ if __name__ == "__main__":
     options.add_argument("--iterations", type=int, default=100)
     options = options.parse_args()
     torch.manual_seed(0)
-    names = sorted(name[:-4] for name in os.listdir(os.path.join(options.data, "training", "velodyne")))
     network = Pillars()
-    train(network, [mirage.read_frame(options.data, name) for name in names], options.training)
+    train(network, [mirage.read_frame(options.data, id) for id in mirage.list_frames(options.data)], options.training)
     network.eval()
     mirage.attack(detector=network, data=options.data, out=options.out, iterations=options.iterations)
     told = mirage.evaluate(options.out, detector=network, hosts="all")

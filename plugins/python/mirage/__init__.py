@@ -18,7 +18,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from ._core import Failure, Frame, Hits, Host, InputError, Insertion, Label, Mesh, icosphere, read_mesh
+from ._core import Failure, Frame, Hits, Host, InputError, Insertion, Label, Mesh, icosphere, list_frames, read_mesh
 from ._core import version as __version__
 from ._insertion import insert, read_frame
 from ._pieces import cast_rays, rasterize
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from . import pytorch3d, torch  # noqa: F401
 
 __all__ = ["Failure", "Frame", "Hits", "Host", "InputError", "Insertion", "Label", "Mesh", "attack", "cast_rays",
-           "evaluate", "generate", "icosphere", "insert", "rasterize", "read_frame", "read_mesh", "pytorch3d", "torch"]
+           "evaluate", "generate", "icosphere", "insert", "list_frames", "rasterize", "read_frame",
+           "read_mesh", "pytorch3d", "torch"]
 
 
 def __getattr__(name: str):

@@ -42,8 +42,7 @@ def _samples(data: str) -> list:
 
     from ._insertion import read_frame
 
-    folder = os.path.join(data, "training", "velodyne")
-    ids = sorted(name[:-4] for name in os.listdir(folder) if name.endswith(".bin"))
+    ids = _core.list_frames(data)
     samples = []
     for id in ids[:1] + ids[1:][-1:]:
         frame = read_frame(data, id)
