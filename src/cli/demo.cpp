@@ -1,8 +1,8 @@
 #include <memory>
 
 #include "cli/command.h"
-#include "cli/dispatch.h"
 #include "cli/frame_options.h"
+#include "cli/named_settings.h"
 #include "cli/table.h"
 #include "scene/frame_source.h"
 
@@ -47,28 +47,37 @@ Command demo_command() {
   };
   command.run = [options](const Common& common) -> nlohmann::json {
     const auto path = [&](const char* name) { return (common.out / name).string(); };
-    // Frames of a seed that no shipped detector was trained on.
-    const std::string data = path("data"), run = path("run"), seed = std::to_string(common.seed + 90001);
-    const auto step = [&](const char* title, std::vector<std::string> arguments) {
+    const std::string data = path("data"), run = path("run"), validated = std::to_string(options->validated);
+    const auto step = [&](const char* title, const char* name, NamedSettings settings) {
       std::fputs(fmt::format("\n== {} ==\n", title).c_str(), stdout);
       std::fflush(stdout);
-      arguments.insert(arguments.end(), {"--threads", std::to_string(common.threads)});
-      if (common.quiet) arguments.push_back("--quiet");
-      run_step(std::move(arguments));
+      settings["threads"] = std::to_string(common.threads);
+      settings["quiet"] = fmt::format("{}", common.quiet);
+      run_command(name, settings, "mirage demo");
     };
-    step("1/5 generate frames", {"generate", "--rig", "kitti64", "--frames", std::to_string(options->frames),
-                                 "--seed", seed, "--out", data});
-    step("2/5 learn the adversary",
-         {"attack", "--data", data, "--rooftop", options->source.rooftop, "--quality", options->quality.name,
-          "--iterations", std::to_string(options->iterations), "--seed", std::to_string(common.seed), "--out",
-          run});
-    step("3/5 evaluate on held-back vehicles",
-         {"evaluate", "--run", run, "--data", data, "--out", path("evaluate")});
-    step("4/5 export as glTF", {"export", "--run", run, "--data", data, "--frames",
-                                std::to_string(options->validated), "--out", path("export")});
-    step("5/5 validate in Blender Cycles",
-         {"validate", "--run", run, "--data", data, "--frames", std::to_string(options->validated),
-          "--evaluation", path("evaluate"), "--out", path("validate")});
+    // Frames of a seed that no shipped detector was trained on.
+    step("1/5 generate frames", "generate",
+         {{"rig", "kitti64"},
+          {"frames", std::to_string(options->frames)},
+          {"seed", std::to_string(common.seed + 90001)},
+          {"out", data}});
+    step("2/5 learn the adversary", "attack",
+         {{"data", data},
+          {"rooftop", options->source.rooftop},
+          {"quality", options->quality.name},
+          {"iterations", std::to_string(options->iterations)},
+          {"seed", std::to_string(common.seed)},
+          {"out", run}});
+    step("3/5 evaluate on held-back vehicles", "evaluate",
+         {{"run", run}, {"data", data}, {"out", path("evaluate")}});
+    step("4/5 export as glTF", "export",
+         {{"run", run}, {"data", data}, {"frames", validated}, {"out", path("export")}});
+    step("5/5 validate in Blender Cycles", "validate",
+         {{"run", run},
+          {"data", data},
+          {"frames", validated},
+          {"evaluation", path("evaluate")},
+          {"out", path("validate")}});
     std::fputs("\n", stdout);
     print_table({{"adversary", path("run/adversary.glb")}, {"report", path("validate/report.html")}});
     return {{"report", path("validate/report.html")}, {"adversary", path("run/adversary.glb")}};

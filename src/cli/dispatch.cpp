@@ -150,10 +150,6 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
 
 }  // namespace
 
-void run_step(std::vector<std::string> arguments) {
-  run(arguments);
-}
-
 nlohmann::json run_command(const std::string& name, const NamedSettings& settings, const std::string& where) {
   CLI::App table;
   for (const Command& command : all_commands()) {

@@ -9,7 +9,4 @@ namespace mirage::cli {
 /// Exit code: 0 done, 1 failed, 2 bad arguments or bad input. Errors print one line on standard error.
 int dispatch(std::vector<std::string> arguments);
 
-/// As dispatch, but for a command that runs other commands: throws what they throw.
-void run_step(std::vector<std::string> arguments);
-
 }  // namespace mirage::cli

@@ -1,16 +1,14 @@
-// The options of a command as a program gives them by name (plugins/python), in the place of a command line.
+// Runs commands on named settings: for Python (plugins/python) and for commands that run others.
 #pragma once
 
 #include <CLI/CLI.hpp>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
-namespace mirage::cli {
+#include "base/named_settings.h"
 
-/// Texts by name: texel_rate for --texel-rate; a flag's is true or false.
-using NamedSettings = std::map<std::string, std::string>;
+namespace mirage::cli {
 
 /// The names that a command knows, sorted.
 std::vector<std::string> setting_names(const CLI::App& command);

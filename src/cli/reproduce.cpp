@@ -6,7 +6,7 @@
 #include <memory>
 
 #include "cli/command.h"
-#include "cli/dispatch.h"
+#include "cli/named_settings.h"
 #include "cli/table.h"
 
 namespace mirage::cli {
@@ -66,7 +66,10 @@ Command reproduce_command() {
             settings.threads = common.threads;
             settings.quiet = common.quiet;
             if (settings.quick) paper::make_quick(settings);
-            const paper::ReproduceResult result = paper::reproduce(settings, run_step);
+            const paper::ReproduceResult result =
+                paper::reproduce(settings, [](const std::string& command, const NamedSettings& named) {
+                  run_command(command, named, "mirage reproduce");
+                });
             print_result(result);
             return to_json(result);
           }};

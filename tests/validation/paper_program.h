@@ -1,7 +1,6 @@
 // Stands in for the program in tests of `mirage reproduce`: nothing is attacked or judged.
 #pragma once
 
-#include <algorithm>
 #include <filesystem>
 #include <map>
 #include <string>
@@ -10,6 +9,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/named_settings.h"
 #include "validation/paper/experiments.h"
 #include "validation/paper_fixture.h"
 
@@ -27,7 +27,11 @@ inline paper::ReproduceSettings settings_in(const std::filesystem::path& out,
 /// Stands in for the program: writes what the tables read; remembers what was asked for.
 class Program {
  public:
-  std::vector<std::vector<std::string>> calls;
+  struct Call {
+    std::string command;
+    NamedSettings settings;
+  };
+  std::vector<Call> calls;
   std::string broken;  ///< folder whose command fails
   MadeUp learned{40, 5, 3, 1, 30}, random{40, 5, 1, 0, 30};
   bool uses_picture = true;
@@ -35,26 +39,23 @@ class Program {
   std::map<std::string, std::pair<MadeUp, MadeUp>> planted;
   int worse_by_seed = 0;  ///< so many fewer vehicles a frame are hidden in each further run
 
-  void operator()(std::vector<std::string> arguments) {
-    const auto after = [&](const std::string& option) {
-      const auto found = std::find(arguments.begin(), arguments.end(), option);
-      return found == arguments.end() ? std::string() : *(found + 1);
-    };
-    const std::filesystem::path out = after("--out");
-    calls.push_back(arguments);
+  void operator()(const std::string& command, const NamedSettings& settings) {
+    const auto given = [&](const char* name) { return settings.contains(name) ? settings.at(name) : ""; };
+    const std::filesystem::path out = settings.at("out");
+    calls.push_back({command, settings});
     if (!broken.empty() && out.string().ends_with(broken)) throw Failure(broken, "made to fail", "nothing");
-    nlohmann::json result = {{"rig", after("--rig")}, {"frames", 120}};
-    if (arguments[0] == "attack") {
+    nlohmann::json result = {{"rig", given("rig")}, {"frames", 120}};
+    if (command == "attack") {
       write_file(out / "adversary.glb", "mesh of " + out.string());
       write_file(out / "run.json", "{}");
     }
-    if (arguments[0] == "evaluate") {
+    if (command == "evaluate") {
       const auto own = planted.find(out.filename().string());
       MadeUp mesh = own == planted.end() ? learned : own->second.first;
-      mesh.hidden -= after("--seed").empty() ? 0 : worse_by_seed * std::stoi(after("--seed"));
+      mesh.hidden -= given("seed").empty() ? 0 : worse_by_seed * std::stoi(given("seed"));
       result = evaluation_json(mesh, own == planted.end() ? random : own->second.second, uses_picture);
     }
-    if (arguments[0] == "detect") result = {{"ap50", 0.9}, {"ap70", 0.8}};
+    if (command == "detect") result = {{"ap50", 0.9}, {"ap70", 0.8}};
     write_json(out / "result.json", result);
   }
 };

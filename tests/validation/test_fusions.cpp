@@ -56,31 +56,31 @@ const RowResult& cell_of(const TableResult& table, const std::string& source, co
 TEST(FusionExperiments, EveryMeshIsJudgedByAllFiveOnTheSameVehicles) {
   const Experiments list = experiments(settings_in("/out", "fusions"));
   EXPECT_EQ(count_cases(list, Case::Kind::attack), 11u);
-  EXPECT_EQ(count_cases(list, Case::Kind::evaluation), 55u);
+  EXPECT_EQ(count_cases(list, Case::Kind::evaluate), 55u);
   ASSERT_EQ(list.tables.size(), 1u);
   std::set<std::pair<std::string, std::string>> cells;
   for (const Row& row : list.tables[0].rows) EXPECT_TRUE(cells.insert({row.source, row.target}).second);
   EXPECT_EQ(cells.size(), 60u);  // with the cuboid's row
   std::set<std::string> splits;
   for (const Case& one : list.cases) {
-    if (one.kind == Case::Kind::attack) splits.insert(argument(one, "--data") + argument(one, "--seed"));
-    if (one.kind == Case::Kind::evaluation) {
-      EXPECT_THAT(argument(one, "--baseline"), HasSubstr("sized")) << one.name;
+    if (one.kind == Case::Kind::attack)
+      splits.insert(one.settings_in("/out").at("data") + one.setting("seed"));
+    if (one.kind == Case::Kind::evaluate) {
+      EXPECT_THAT(one.setting("baseline"), HasSubstr("sized")) << one.name;
     }
   }
   EXPECT_EQ(splits.size(), 1u);
   const Case& moved = list.at("evaluations/kitti64-late-image--on--kitti64-painted-both");
-  EXPECT_EQ(argument(moved, "--hosts-of"), "/out/runs/kitti64-painted-both");
+  EXPECT_EQ(moved.settings_in("/out").at("hosts_of"), "/out/runs/kitti64-painted-both");
   for (const char* own : {"lidar-lidar", "camera-image", "painted-both", "fusion-both", "late-both"})
-    EXPECT_THAT(argument(list.at(std::string("evaluations/kitti64-") + own), "--baseline"),
-                HasSubstr("cuboid"));
+    EXPECT_THAT(list.at(std::string("evaluations/kitti64-") + own).setting("baseline"), HasSubstr("cuboid"));
 }
 
 TEST(FusionExperiments, TheFirstTablesRunsAreShared) {
   const Experiments first = experiments(settings_in("/out", "table1")),
                     fusions = experiments(settings_in("/out", "fusions"));
   for (const Case& one : first.cases) {
-    EXPECT_EQ(fusions.at(one.name).arguments, one.arguments) << one.name;
+    EXPECT_EQ(fusions.at(one.name).settings, one.settings) << one.name;
     EXPECT_EQ(fusions.at(one.name).needs, one.needs) << one.name;
   }
 }
@@ -90,7 +90,7 @@ TEST(FusionExperiments, QuickIsThreeDetectors) {
   make_quick(settings);
   const Experiments list = experiments(settings);
   EXPECT_EQ(count_cases(list, Case::Kind::attack), 5u);
-  EXPECT_EQ(count_cases(list, Case::Kind::evaluation), 15u);
+  EXPECT_EQ(count_cases(list, Case::Kind::evaluate), 15u);
 }
 
 TEST(FusionExperiments, RealFramesJudgeWhatWasLearnedOnGeneratedOnes) {
@@ -98,11 +98,11 @@ TEST(FusionExperiments, RealFramesJudgeWhatWasLearnedOnGeneratedOnes) {
   settings.real = "/real";
   const Experiments list = experiments(settings);
   EXPECT_EQ(count_cases(list, Case::Kind::attack), 11u);
-  EXPECT_EQ(count_cases(list, Case::Kind::evaluation), 110u);
+  EXPECT_EQ(count_cases(list, Case::Kind::evaluate), 110u);
   const Case& one = list.at("evaluations/kitti64-fusion-lidar--on--real-late");
-  EXPECT_EQ(argument(one, "--data"), "/real");
-  EXPECT_EQ(argument(one, "--detector"), "late");
-  EXPECT_EQ(one.needs, std::vector<std::string>{"runs/kitti64-fusion-lidar"});
+  EXPECT_EQ(one.setting("data"), "/real");
+  EXPECT_EQ(one.setting("detector"), "late");
+  EXPECT_THAT(one.needs, testing::ElementsAre(testing::Pair("run", "runs/kitti64-fusion-lidar")));
 }
 
 TEST(FusionTable, CellsAreNetOfTheirOwnRandomMesh) {

@@ -1,9 +1,8 @@
-// The list of experiments, its tables, the verdicts on the paper's findings, and resuming.
+// The list of experiments, its tables, and the verdicts on the paper's findings.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <fstream>
 #include <limits>
 #include <set>
 
@@ -17,7 +16,6 @@
 namespace mirage::paper {
 namespace {
 
-namespace fs = std::filesystem;
 using mirage::test::Program;
 using mirage::test::settings_in;
 using mirage::test::TemporaryFolder;
@@ -32,18 +30,18 @@ TEST(PaperExperiments, EveryTableHasItsCases) {
   std::set<std::string> before;
   for (const Case& one : all.cases) {
     EXPECT_TRUE(names.insert(one.name).second) << one.name;
-    for (const std::string& need : one.needs)
+    for (const auto& [setting, need] : one.needs)
       EXPECT_TRUE(before.contains(need)) << one.name << " before " << need;
     before.insert(one.name);
-    EXPECT_FALSE(one.arguments.empty());
+    EXPECT_FALSE(one.settings.empty());
   }
   for (const Table& table : all.tables) {
     EXPECT_TRUE(tables.insert(table.name).second);
     EXPECT_FALSE(table.rows.empty());
     for (const Row& row : table.rows) {
-      EXPECT_EQ(all.at(row.evaluation).kind, Case::Kind::evaluation) << row.label;
+      EXPECT_EQ(all.at(row.evaluation).kind, Case::Kind::evaluate) << row.label;
       if (row.detection.empty()) continue;
-      EXPECT_EQ(all.at(row.detection).kind, Case::Kind::detection);
+      EXPECT_EQ(all.at(row.detection).kind, Case::Kind::detect);
     }
     for (const Row& row : table.rows) {
       for (const auto& [key, value] : row.paper) EXPECT_TRUE(value > 0 && value < 100) << key;
@@ -69,8 +67,8 @@ TEST(PaperExperiments, GivenDataAreNotGenerated) {
   ReproduceSettings settings = settings_in("/out", "table1");
   settings.kitti64 = "/data/k";
   const Experiments list = experiments(settings);
-  for (const Case& one : list.cases) EXPECT_NE(one.kind, Case::Kind::data);
-  EXPECT_THAT(list.at("runs/kitti64-fusion-both").arguments, testing::Contains("/data/k"));
+  for (const Case& one : list.cases) EXPECT_NE(one.kind, Case::Kind::generate);
+  EXPECT_EQ(list.at("runs/kitti64-fusion-both").setting("data"), "/data/k");
 }
 
 TEST(PaperExperiments, AnotherWordIsAnInputError) {
@@ -140,13 +138,12 @@ TEST(PaperExperiments, EverySeedIsAnAttackOfItsOwn) {
   };
   EXPECT_EQ(attacks_in(three), 3 * attacks_in(once));
   const Case& attack = three.at("runs/kitti64-fusion-both+2");
-  EXPECT_EQ(std::count(attack.arguments.begin(), attack.arguments.end(), "--seed"), 1);
-  EXPECT_EQ(attack.arguments.back(), "12");
+  EXPECT_EQ(attack.setting("seed"), "12");
   EXPECT_EQ(attack.needs, three.at("runs/kitti64-fusion-both").needs);  // data are generated once
   const Case& judged = three.at("evaluations/kitti64-fusion-both+2");
-  EXPECT_THAT(judged.arguments, testing::Contains("out/runs/kitti64-fusion-both+2"));
-  EXPECT_THAT(judged.arguments, testing::Not(testing::Contains("--pictures")));
-  EXPECT_EQ(judged.needs, std::vector<std::string>{attack.name});
+  EXPECT_EQ(judged.settings_in("out").at("run"), "out/runs/kitti64-fusion-both+2");
+  EXPECT_FALSE(judged.settings.contains("pictures"));
+  EXPECT_THAT(judged.needs, testing::ElementsAre(testing::Pair("run", attack.name)));
 }
 
 TEST(PaperTables, IntervalsKnowHowMuchRunsDiffer) {
@@ -230,90 +227,6 @@ TEST(PaperTables, RecallCurvesFallWithIoU) {
   }
 }
 
-TEST(Reproduce, FinishedStepsAreNotRunAgain) {
-  TemporaryFolder folder;
-  Program program;
-  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
-  EXPECT_EQ(program.calls.size(), 9u);  // data, four attacks, four evaluations
-  program.calls.clear();
-  const ReproduceResult again = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
-  EXPECT_TRUE(program.calls.empty());
-  EXPECT_TRUE(again.tables.at(0).rows.at(4).values.contains("asr"));
-  // Another adversary in a run: only what was judged with it is old.
-  write_file(folder / "runs/kitti64-fusion-image/adversary.glb", "another");
-  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
-  ASSERT_EQ(program.calls.size(), 1u);
-  EXPECT_EQ(program.calls[0][0], "evaluate");
-  program.calls.clear();
-  // Other arguments: everything that depends on them.
-  ReproduceSettings longer = settings_in(folder.path(), "table1");
-  longer.iterations = 500;
-  reproduce(longer, std::ref(program));
-  EXPECT_EQ(program.calls.size(), 5u);  // the attacks, and the evaluation of the one mesh that is another now
-}
-
-TEST(Reproduce, TheFolderMayBeMoved) {
-  TemporaryFolder folder;
-  Program program;
-  ReproduceSettings settings = settings_in(folder / "here", "table1");
-  settings.kitti64 = folder / "data";
-  reproduce(settings, std::ref(program));
-  fs::rename(folder / "here", folder / "there");
-  program.calls.clear();
-  settings.out = folder / "there";
-  reproduce(settings, std::ref(program));
-  EXPECT_TRUE(program.calls.empty());
-}
-
-TEST(Reproduce, AKilledStepIsRunAgain) {
-  TemporaryFolder folder;
-  Program program;
-  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
-  fs::remove(folder / "evaluations/kitti64-fusion-lidar/result.json");
-  program.calls.clear();
-  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
-  ASSERT_EQ(program.calls.size(), 1u);
-  EXPECT_THAT(program.calls[0], testing::Contains((folder / "evaluations/kitti64-fusion-lidar").string()));
-}
-
-TEST(Reproduce, AFailingStepStaysInTheTable) {
-  TemporaryFolder folder;
-  Program program;
-  program.broken = "runs/kitti64-fusion-image";
-  const ReproduceResult result = reproduce(settings_in(folder.path(), "table1"), std::ref(program));
-  const auto& rows = result.tables.at(0).rows;
-  EXPECT_THAT(rows.at(3).error, HasSubstr("made to fail"));
-  EXPECT_TRUE(rows.at(3).values.empty());
-  EXPECT_TRUE(rows.at(4).values.contains("asr"));  // the others are not lost
-  EXPECT_THAT(read_file(folder / "table1.md"), HasSubstr("made to fail"));
-  program.broken.clear();
-  program.calls.clear();
-  reproduce(settings_in(folder.path(), "table1"), std::ref(program));
-  EXPECT_EQ(program.calls.size(), 2u);  // the run and its evaluation
-}
-
-TEST(Reproduce, ADamagedResultIsNamedByFileAndField) {
-  TemporaryFolder folder;
-  Program program;
-  reproduce(settings_in(folder.path(), "table4"), std::ref(program));
-  const fs::path judged = folder / "evaluations/kitti64-fusion-both/result.json",
-                 scored = folder / "detect/kitti64-fusion/result.json";
-  json evaluation = read_json(judged), detection = read_json(scored);
-  evaluation["sized"]["outcomes"][7]["clean_iou"] = "much";
-  detection["ap70_interval"] = {{"value", 0.8}, {"low", 0.7}};
-  write_json(judged, evaluation);
-  write_json(scored, detection);
-  EXPECT_THAT(test::error_text<InputError>([&] { read_evaluation(judged, "data"); }),
-              testing::AllOf(HasSubstr(judged.string()), HasSubstr("sized.outcomes[7].clean_iou")));
-  EXPECT_THAT(test::error_text<InputError>([&] { read_detection(scored); }),
-              testing::AllOf(HasSubstr(scored.string()), HasSubstr("ap70_interval.high")));
-  program.calls.clear();
-  const ReproduceResult result = reproduce(settings_in(folder.path(), "table4"), std::ref(program));
-  EXPECT_TRUE(program.calls.empty());
-  EXPECT_THAT(result.tables.at(0).rows.at(0).error, HasSubstr("sized.outcomes[7].clean_iou"));
-  EXPECT_TRUE(result.tables.at(0).rows.at(1).values.contains("asr"));  // the others are not lost
-}
-
 TEST(PaperResults, AnIntervalWithoutEndIsReadAsItWasWritten) {
   TemporaryFolder folder;
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -324,12 +237,6 @@ TEST(PaperResults, AnIntervalWithoutEndIsReadAsItWasWritten) {
   EXPECT_EQ(to_json(*detection.ap50), (json{{"value", 0.9}}));
   EXPECT_EQ(detection.ap70.value().interval.low, -kInfinity);
   EXPECT_EQ(detection.ap70->interval.high, kInfinity);
-}
-
-TEST(Reproduce, AnInterruptEndsIt) {
-  TemporaryFolder folder;
-  const auto interrupted = [](const std::vector<std::string>&) { throw Interrupted("stopped"); };
-  EXPECT_THROW(reproduce(settings_in(folder.path(), "table1"), interrupted), Interrupted);
 }
 
 }  // namespace

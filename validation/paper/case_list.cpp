@@ -11,12 +11,12 @@
 namespace mirage::paper {
 namespace {
 
-using Words = std::vector<std::string>;
-
-/// "jpeg:50" as part of a folder's name.
-std::string in_a_name(std::string defense) {
+/// The detector's defence, if it has any, also in the case's name: "jpeg:50" as "-jpeg50".
+void add_defense(Case& command, std::string defense) {
+  if (defense.empty()) return;
+  command.settings["defense"] = defense;
   std::erase(defense, ':');
-  return defense;
+  command.name += fmt::format("-{}", defense);
 }
 
 /// "fusion-both" of "runs/kitti64-fusion-both".
@@ -26,89 +26,74 @@ std::string last_part(const std::string& name) {
 
 }  // namespace
 
-Words CaseList::beside(const std::string& baselines) const {
-  return {"--random-meshes", std::to_string(settings_.random_meshes), "--baseline", baselines};
+Case CaseList::judging(const std::string& name, const std::string& run, const std::string& baselines) const {
+  return {"evaluations/" + name,
+          Case::Kind::evaluate,
+          {{"random_meshes", std::to_string(settings_.random_meshes)}, {"baseline", baselines}},
+          {{"run", run}}};
+}
+
+void CaseList::add_data(Case& command, const std::string& rig) {
+  if (rig == "real" || !(rig == "kitti64" ? settings_.kitti64 : settings_.xenith).empty())
+    command.settings["data"] = data_folder(settings_, rig).string();
+  else
+    command.needs.emplace_back(
+        "data", add({"data/" + rig,
+                     Case::Kind::generate,
+                     {{"rig", rig}, {"frames", std::to_string(settings_.frames)}, {"seed", "3"}},
+                     {}}));
 }
 
 std::string CaseList::attack(const std::string& rig, const std::string& detector, const std::string& target,
                              double size, const std::string& defense) {
-  std::string name = fmt::format("runs/{}-{}-{}", rig, detector, target);
   const AttackSettings recipe;
-  Words arguments = {"attack",
-                     "--data",
-                     data(rig).string(),
-                     "--detector",
-                     detector,
-                     "--target",
-                     target,
-                     "--iterations",
-                     std::to_string(settings_.iterations),
-                     "--batch",
-                     std::to_string(recipe.batch),
-                     "--vertex-rate",
-                     fmt::format("{}", recipe.vertex_rate),
-                     "--texel-rate",
-                     fmt::format("{}", recipe.texel_rate),
-                     "--fp-top-k",
-                     std::to_string(kFpTopK),
-                     "--lidar-gradient",
-                     to_word(LidarGradient::silhouette),
-                     "--seed",
-                     std::to_string(settings_.seed)};
+  Case command{fmt::format("runs/{}-{}-{}", rig, detector, target),
+               Case::Kind::attack,
+               {{"detector", detector},
+                {"target", target},
+                {"iterations", std::to_string(settings_.iterations)},
+                {"batch", std::to_string(recipe.batch)},
+                {"vertex_rate", fmt::format("{}", recipe.vertex_rate)},
+                {"texel_rate", fmt::format("{}", recipe.texel_rate)},
+                {"fp_top_k", std::to_string(kFpTopK)},
+                {"lidar_gradient", to_word(LidarGradient::silhouette)},
+                {"seed", std::to_string(settings_.seed)}},
+               {}};
   if (size > 0) {
-    name += fmt::format("-size{:.1f}", size);
-    arguments.insert(arguments.end(), {"--size", fmt::format("{:.1f}", size)});
+    command.name += fmt::format("-size{:.1f}", size);
+    command.settings["size"] = fmt::format("{:.1f}", size);
   }
-  if (!defense.empty()) {
-    name += fmt::format("-{}", in_a_name(defense));
-    arguments.insert(arguments.end(), {"--defense", defense});
-  }
-  return add({name, Case::Kind::attack, arguments, data_case(rig)});
+  add_defense(command, defense);
+  add_data(command, rig);
+  return add(command);
 }
 
 std::string CaseList::evaluate(const std::string& run, bool start, bool pictures) {
-  Words arguments = {"evaluate", "--run", folder(run)};
-  for (auto& word : beside(start ? "start,sized,cuboid" : "sized")) arguments.push_back(std::move(word));
-  if (pictures) arguments.insert(arguments.end(), {"--pictures", std::to_string(settings_.pictures)});
-  return add({"evaluations/" + last_part(run), Case::Kind::evaluation, arguments, {run}});
+  Case command = judging(last_part(run), run, start ? "start,sized,cuboid" : "sized");
+  if (pictures) command.settings["pictures"] = std::to_string(settings_.pictures);
+  return add(command);
 }
 
 std::string CaseList::transfer(const std::string& from, const std::string& onto) {
-  Words arguments = {"evaluate", "--run", folder(from), "--hosts-of", folder(onto)};
-  for (auto& word : beside("sized")) arguments.push_back(std::move(word));
-  return add({fmt::format("evaluations/{}--on--{}", last_part(from), last_part(onto)),
-              Case::Kind::evaluation,
-              arguments,
-              {from, onto}});
+  Case command = judging(fmt::format("{}--on--{}", last_part(from), last_part(onto)), from, "sized");
+  command.needs.emplace_back("hosts_of", onto);
+  return add(command);
 }
 
 std::string CaseList::on_real(const std::string& run, const std::string& detector, bool cuboid) {
-  Words arguments = {"evaluate",   "--run", folder(run), "--data", data("real").string(),
-                     "--detector", detector};
-  for (auto& word : beside(cuboid ? "sized,cuboid" : "sized")) arguments.push_back(std::move(word));
-  return add({fmt::format("evaluations/{}--on--real-{}", last_part(run), detector),
-              Case::Kind::evaluation,
-              arguments,
-              {run}});
+  Case command = judging(fmt::format("{}--on--real-{}", last_part(run), detector), run,
+                         cuboid ? "sized,cuboid" : "sized");
+  command.settings["detector"] = detector;
+  add_data(command, "real");
+  return add(command);
 }
 
 std::string CaseList::detect(const std::string& rig, const std::string& detector,
                              const std::string& defense) {
-  std::string name = fmt::format("detect/{}-{}", rig, detector);
-  Words arguments = {"detect", "--data", data(rig).string(), "--detector", detector};
-  if (!defense.empty()) {
-    name += fmt::format("-{}", in_a_name(defense));
-    arguments.insert(arguments.end(), {"--defense", defense});
-  }
-  return add({name, Case::Kind::detection, arguments, data_case(rig)});
-}
-
-Words CaseList::data_case(const std::string& rig) {
-  if (rig == "real" || !(rig == "kitti64" ? settings_.kitti64 : settings_.xenith).empty()) return {};
-  return {add({"data/" + rig,
-               Case::Kind::data,
-               {"generate", "--rig", rig, "--frames", std::to_string(settings_.frames), "--seed", "3"},
-               {}})};
+  Case command{fmt::format("detect/{}-{}", rig, detector), Case::Kind::detect, {{"detector", detector}}, {}};
+  add_defense(command, defense);
+  add_data(command, rig);
+  return add(command);
 }
 
 std::string CaseList::add(Case command) {
@@ -116,7 +101,7 @@ std::string CaseList::add(Case command) {
       std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == command.name; });
   if (known == cases.end())
     cases.push_back(command);
-  else if (known->arguments != command.arguments || known->needs != command.needs)
+  else if (known->settings != command.settings || known->needs != command.needs)
     throw std::logic_error("two cases named " + command.name);
   return command.name;
 }

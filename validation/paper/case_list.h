@@ -34,12 +34,11 @@ class CaseList {
   std::vector<Case> cases;
 
  private:
-  std::filesystem::path data(const std::string& rig) const { return data_folder(settings_, rig); }
-  std::string folder(const std::string& name) const { return (settings_.out / name).string(); }
-  std::vector<std::string> beside(const std::string& baselines) const;
+  /// The evaluation "evaluations/NAME" of a run on its own held-back hosts, beside the baselines.
+  Case judging(const std::string& name, const std::string& run, const std::string& baselines) const;
 
-  /// The case that makes the rig's data, if it is not the user's.
-  std::vector<std::string> data_case(const std::string& rig);
+  /// Lets the case read the rig's data: the user's, or those of a case that makes them.
+  void add_data(Case& command, const std::string& rig);
 
   /// Tables share cases: one of a name that is there already must be the same.
   std::string add(Case command);

@@ -11,9 +11,15 @@ std::filesystem::path data_folder(const ReproduceSettings& settings, const std::
   return given.empty() ? settings.out / "data" / rig : given;
 }
 
-std::string argument(const Case& command, const std::string& option, const std::string& otherwise) {
-  const auto flag = std::find(command.arguments.begin(), command.arguments.end(), option);
-  return flag == command.arguments.end() || flag + 1 == command.arguments.end() ? otherwise : *(flag + 1);
+std::string Case::setting(const std::string& key, const std::string& otherwise) const {
+  const auto entry = settings.find(key);
+  return entry == settings.end() ? otherwise : entry->second;
+}
+
+NamedSettings Case::settings_in(const std::filesystem::path& out) const {
+  NamedSettings all = settings;
+  for (const auto& [folder, need] : needs) all[folder] = (out / need).string();
+  return all;
 }
 
 const Case& Experiments::at(const std::string& name) const {

@@ -2,13 +2,16 @@
 // (experiments.h has the list).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "attack/attack_settings.h"
+#include "base/named_settings.h"
 
 namespace mirage::paper {
 
@@ -28,15 +31,27 @@ struct ReproduceSettings {
 
 /// One command of mirage and its folder.
 struct Case {
-  enum class Kind { data, attack, evaluation, detection };
+  enum class Kind { generate, attack, evaluate, detect };
   std::string name;  ///< folder under OUT: "runs/kitti64-fusion-both"
   Kind kind = Kind::attack;
-  std::vector<std::string> arguments;  ///< without --out, --threads and --quiet
-  std::vector<std::string> needs;  ///< names of the cases that come before; an evaluation's first is its run
+  NamedSettings settings;  ///< without out, threads, quiet and those in `needs`
+  /// The settings that are folders of cases that come before, and the names of those; an evaluation's first
+  /// is its run.
+  std::vector<std::pair<std::string, std::string>> needs;
+
+  /// The setting, or `otherwise`.
+  std::string setting(const std::string& key, const std::string& otherwise = "") const;
+  /// With the folders of the cases that it needs.
+  NamedSettings settings_in(const std::filesystem::path& out) const;
+  /// Of an evaluation: the run whose mesh is judged, and the run on whose hosts.
+  const std::string& run() const { return needs.front().second; }
+  const std::string& hosts_of() const { return needs.back().second; }
 };
 
-/// The argument after `option`, or `otherwise`.
-std::string argument(const Case& command, const std::string& option, const std::string& otherwise = "");
+/// The commands that run them.
+constexpr auto words_of(Case::Kind) {
+  return std::to_array<const char*>({"generate", "attack", "evaluate", "detect"});
+}
 
 /// A column: a quantity with its interval (tables.h computes it).
 struct Column {

@@ -36,22 +36,22 @@ std::vector<Arm> evaluation_arms(const Experiments& experiments, const Reproduce
                                  const Evidence& evidence) {
   std::vector<Arm> list;
   for (const Case& command : experiments.cases) {
-    if (command.kind != Case::Kind::evaluation || is_repetition(command.name)) continue;
+    if (command.kind != Case::Kind::evaluate || is_repetition(command.name)) continue;
     const auto found = evidence.evaluations.find(command.name);
     if (found == evidence.evaluations.end()) continue;
     const Judged& judged = found->second;
-    const Case &attack = experiments.at(command.needs.front()), &stage = experiments.at(command.needs.back());
+    const Case &attack = experiments.at(command.run()), &stage = experiments.at(command.hosts_of());
     for (const auto& [mesh, outcomes] :
          {std::pair("learned", judged.learned), std::pair("start", judged.random),
           std::pair("sized", judged.sized), std::pair("cuboid", judged.cuboid)}) {
       if (!outcomes) continue;
       Arm arm;
       arm.name = command.name.substr(command.name.find('/') + 1);
-      arm.detector = argument(attack, "--detector");
-      arm.target = argument(attack, "--target");
-      arm.defense = argument(attack, "--defense");
+      arm.detector = attack.setting("detector");
+      arm.target = attack.setting("target");
+      arm.defense = attack.setting("defense");
       arm.rig = rig_of(arm.name);
-      arm.judge = argument(command, "--detector", argument(stage, "--detector"));
+      arm.judge = command.setting("detector", stage.setting("detector"));
       arm.mesh = mesh;
       for (int run = 0; run < outcomes->runs; ++run)
         arm.seeds.push_back(settings.seed + static_cast<std::uint64_t>(run));

@@ -66,13 +66,11 @@ Evidence gather(const Experiments& experiments, const std::filesystem::path& out
     if (step.status != Step::Status::done) continue;
     const auto file = out / command.name / "result.json";
     try {
-      if (command.kind == Case::Kind::detection) evidence.detections[command.name] = read_detection(file);
-      if (command.kind != Case::Kind::evaluation) continue;
+      if (command.kind == Case::Kind::detect) evidence.detections[command.name] = read_detection(file);
+      if (command.kind != Case::Kind::evaluate) continue;
       // Hosts are those of the data that were asked for, or else of the run that is judged or named for it.
-      const Case& judged = experiments.at(command.needs.back());
-      std::string data = argument(command, "--data");
-      if (data.empty()) data = argument(judged, "--data", judged.name);
-      judged_runs[command.name] = read_evaluation(file, data);
+      const std::string data = experiments.at(command.hosts_of()).settings_in(out).at("data");
+      judged_runs[command.name] = read_evaluation(file, command.setting("data", data));
     } catch (const std::exception& error) {
       step.status = Step::Status::failed;
       step.error = error.what();

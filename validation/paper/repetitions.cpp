@@ -8,27 +8,17 @@ namespace {
 constexpr char kMark = '+';
 
 bool is_repeated(const Case& command) {
-  return command.kind == Case::Kind::attack || command.kind == Case::Kind::evaluation;
+  return command.kind == Case::Kind::attack || command.kind == Case::Kind::evaluate;
 }
 
 /// With another seed, and on the runs of that; pictures are made once.
 Case repeated(const Case& command, int number, const ReproduceSettings& settings) {
-  Case rerun{repetition(command.name, number), command.kind, {}, {}};
-  for (const std::string& need : command.needs)
-    rerun.needs.push_back(command.kind == Case::Kind::evaluation ? repetition(need, number) : need);
-  for (std::size_t i = 0; i < command.arguments.size(); ++i) {
-    if (command.arguments[i] == "--seed" || command.arguments[i] == "--pictures") {
-      ++i;
-      continue;
-    }
-    std::string argument = command.arguments[i];
-    for (std::size_t n = 0; n < command.needs.size(); ++n)
-      if (argument == (settings.out / command.needs[n]).string())
-        argument = (settings.out / rerun.needs[n]).string();
-    rerun.arguments.push_back(std::move(argument));
-  }
-  rerun.arguments.insert(rerun.arguments.end(),
-                         {"--seed", std::to_string(settings.seed + static_cast<std::uint64_t>(number))});
+  Case rerun = command;
+  rerun.name = repetition(command.name, number);
+  if (command.kind == Case::Kind::evaluate)
+    for (auto& [folder, need] : rerun.needs) need = repetition(need, number);
+  rerun.settings.erase("pictures");
+  rerun.settings["seed"] = std::to_string(settings.seed + static_cast<std::uint64_t>(number));
   return rerun;
 }
 

@@ -31,34 +31,28 @@ fs::path record_file(const Case& command, const fs::path& out) {
   return out / "steps" / (name + ".json");
 }
 
-constexpr std::size_t kMostArguments = 1000;
-
-/// The arguments with the folders of other cases by their names, so that OUT may be moved.
-std::vector<std::string> movable(const Case& command, std::vector<std::string> arguments) {
-  for (std::string& argument : arguments)
-    for (const std::string& need : command.needs)
-      if (argument.ends_with("/" + need)) argument = need;
-  return arguments;
-}
-
-/// What the command reads that may change under the same arguments, as hashes of the content.
-json inputs(const Case& command, const fs::path& out) {
+/// What the case's result is made of: settings, other cases by their names so that OUT may be moved, and
+/// hashes of the files that may change under the same settings.
+json made_of(const Case& command, const fs::path& out) {
   json read = json::object();
-  if (command.kind == Case::Kind::evaluation) {
-    read["adversary"] = content_hash(read_file(out / command.needs.front() / "adversary.glb"));
-    read["hosts"] = content_hash(read_file(out / command.needs.back() / "run.json"));
-  } else if (command.kind != Case::Kind::data) {
+  if (command.kind == Case::Kind::evaluate) {
+    read["adversary"] = content_hash(read_file(out / command.run() / "adversary.glb"));
+    read["hosts"] = content_hash(read_file(out / command.hosts_of() / "run.json"));
+  } else if (command.kind != Case::Kind::generate) {
     read["weights"] = "";  // without the file the command itself says what is missing
     try {
       DetectorOptions detector;
-      detector.detector = argument(command, "--detector");
-      detector.rig = data_rig(argument(command, "--data"));
-      detector.defense = argument(command, "--defense", "none");
+      detector.detector = command.setting("detector");
+      detector.rig = data_rig(command.settings_in(out).at("data"));
+      detector.defense = command.setting("defense", "none");
       read["weights"] = content_hash(read_file(weights_file(detector)));
     } catch (const InputError&) {
     }
   }
-  return read;
+  return {{"command", to_word(command.kind)},
+          {"settings", command.settings},
+          {"needs", command.needs},
+          {"read", read}};
 }
 
 /// The page's file; empty if it could not be written.
@@ -113,11 +107,7 @@ json list_json(const std::vector<T>& all) {
 bool is_finished(const Case& command, const fs::path& out) {
   if (!fs::exists(out / command.name / "result.json")) return false;
   try {
-    const fs::path file = record_file(command, out);
-    const json record = read_json(file);
-    const json& before = JsonFields(file, record, kMakeAgain).list("arguments", kMostArguments);
-    return movable(command, before) == movable(command, command.arguments) &&
-           record.value("inputs", json()) == inputs(command, out);
+    return read_json(record_file(command, out)).value("made_of", json()) == made_of(command, out);
   } catch (const std::exception&) {
     return false;  // the command itself will say what is wrong
   }
@@ -138,12 +128,12 @@ std::map<std::string, Step> execute(const Experiments& experiments, const Reprod
       std::fflush(stdout);
     };
     ++number_of;
-    const auto broken =
-        std::find_if(command.needs.begin(), command.needs.end(),
-                     [&](const std::string& need) { return steps[need].status != Step::Status::done; });
+    const auto broken = std::find_if(command.needs.begin(), command.needs.end(), [&](const auto& need) {
+      return steps[need.second].status != Step::Status::done;
+    });
     if (broken != command.needs.end()) {
       step.status = Step::Status::failed;
-      step.error = "needs " + *broken;
+      step.error = "needs " + broken->second;
       say(": left out, it needs what failed");
       continue;
     }
@@ -152,16 +142,15 @@ std::map<std::string, Step> execute(const Experiments& experiments, const Reprod
         say(": kept");
       } else {
         say("");
-        auto arguments = command.arguments;
-        arguments.insert(arguments.end(), {"--out", (settings.out / command.name).string(), "--threads",
-                                           std::to_string(settings.threads)});
-        if (settings.quiet) arguments.push_back("--quiet");
+        NamedSettings named = command.settings_in(settings.out);
+        named["out"] = (settings.out / command.name).string();
+        named["threads"] = std::to_string(settings.threads);
+        named["quiet"] = fmt::format("{}", settings.quiet);
         fs::remove(record_file(command, settings.out));
         const auto start = Clock::now();
-        run(std::move(arguments));
+        run(to_word(command.kind), named);
         write_json(record_file(command, settings.out), {{"case", command.name},
-                                                        {"arguments", movable(command, command.arguments)},
-                                                        {"inputs", inputs(command, settings.out)},
+                                                        {"made_of", made_of(command, settings.out)},
                                                         {"seconds", seconds_since(start)}});
       }
       step.status = Step::Status::done;

@@ -4,7 +4,7 @@
 //     OUT/runs/NAME              run folders of mirage attack
 //     OUT/evaluations/NAME       mirage evaluate; FROM--on--RUN: transfer onto RUN's hosts
 //     OUT/detect/NAME            mirage detect: clean AP
-//     OUT/steps/NAME.json        the arguments of each finished command, what it read, and its seconds
+//     OUT/steps/NAME.json        the settings of each finished command, what it read, and its seconds
 //     OUT/reproduce.{json,md,html}
 #pragma once
 
@@ -24,9 +24,9 @@
 namespace mirage::paper {
 
 /// Runs one command of mirage to its end; throws what it throws.
-using Execute = std::function<void(std::vector<std::string> arguments)>;
+using Execute = std::function<void(const std::string& command, const NamedSettings& settings)>;
 
-/// Whether the case's folder holds the result of exactly these arguments, made of what its inputs are now.
+/// Whether the case's folder holds the result of exactly these settings, made of what its inputs are now.
 bool is_finished(const Case& command, const std::filesystem::path& out);
 
 /// Executes the cases that are not finished, in order. One that fails, and all that need it, become failed

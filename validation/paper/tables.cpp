@@ -13,7 +13,7 @@ using nlohmann::json;
 /// The case and all it needs.
 void closure(const Experiments& experiments, const std::string& name, std::set<std::string>& names) {
   if (name.empty() || !names.insert(name).second) return;
-  for (const std::string& need : experiments.at(name).needs) closure(experiments, need, names);
+  for (const auto& [folder, need] : experiments.at(name).needs) closure(experiments, need, names);
 }
 
 /// Why the row has no numbers: what failed by itself rather than what was left out for it.
@@ -83,7 +83,7 @@ std::optional<double> minutes(const std::set<std::string>& names, const Experime
   double seconds = 0;
   for (const std::string& name : names)
     if (const auto step = evidence.steps.find(name);
-        step != evidence.steps.end() && experiments.at(name).kind != Case::Kind::data)
+        step != evidence.steps.end() && experiments.at(name).kind != Case::Kind::generate)
       seconds += step->second.seconds;
   return seconds > 0 ? std::optional(seconds / 60) : std::nullopt;
 }

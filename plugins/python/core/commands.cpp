@@ -136,7 +136,7 @@ class NoTables {
   std::FILE *before_, *nowhere_;
 };
 
-std::string run(const std::string& command, const cli::NamedSettings& settings, const py::object& detector,
+std::string run(const std::string& command, const NamedSettings& settings, const py::object& detector,
                 const std::string& content, const std::string& where) {
   std::shared_ptr<py::object> adapter;
   if (!detector.is_none()) adapter = held(detector);

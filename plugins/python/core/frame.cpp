@@ -132,7 +132,7 @@ void bind_frames(py::module_& module) {
   bind_labels(module);
   py::class_<InsertionOptions, std::shared_ptr<InsertionOptions>>(module, "Settings",
                                                                   "Parsed settings of an insertion.")
-      .def(py::init([](const cli::NamedSettings& named, const std::string& where) {
+      .def(py::init([](const NamedSettings& named, const std::string& where) {
              auto options = std::make_shared<InsertionOptions>();
              CLI::App table;
              options->add(table, {"data"});
