@@ -30,11 +30,8 @@ namespace {
 
 /// FieldError for a renewal that is none, or a detector that would not look at the pictures.
 void check_renderer(const AttackSettings& settings, const Detector& detector) {
-  const auto demand = [](double value, const char* field) {
-    if (!(value >= 0)) throw FieldError(field, fmt::format("{}", value), "out of range", "use 0 or more");
-  };
-  demand(settings.renewal.metres, "cycles_renew");
-  demand(settings.renewal.texels, "cycles_renew_texels");
+  check_number({.name = "cycles_renew", .range = kNotNegative}, settings.renewal.metres);
+  check_number({.name = "cycles_renew_texels", .range = kNotNegative}, settings.renewal.texels);
   if (settings.renderer && !detector.capabilities().reads_image)
     throw FieldError("renderer", "cycles", detector.name() + " does not read the picture", "leave it out");
 }

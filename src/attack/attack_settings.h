@@ -122,25 +122,23 @@ void visit_fields(Visitor& visit, S& s) {
        .help = "end where the objective on a part of the training vehicles that is held out (a fifth of the "
                "frames, at most 16 vehicles) has not improved for so many steps, and keep the best mesh; "
                "0: after --iterations, with the last mesh",
-       .range = {0, Range::kMost},
+       .range = kNotNegative,
        .decides = false},  // but for the vehicles held out, which run.json names
       s.until_plateau);
   visit({.name = "validation_every",
          .help = "with --until-plateau or --attack auto: steps between two looks at that objective",
-         .range = {1, Range::kMost},
+         .range = kFromOne,
          .option = "validate-every",
          .written = s.until_plateau > 0 || s.attack != AttackSearch::plain},
         s.validation_every);
   visit({.name = "batch", .help = "host vehicles a step", .range = {1, 65536}}, s.batch);
   visit({.name = "seed", .option = ""}, s.seed);  // every command has one
-  visit({.name = "checkpoint_every",
-         .help = "steps between checkpoints",
-         .range = {1, Range::kMost},
-         .decides = false},
-        s.checkpoint_every);
+  visit(
+      {.name = "checkpoint_every", .help = "steps between checkpoints", .range = kFromOne, .decides = false},
+      s.checkpoint_every);
   visit({.name = "checkpoint_seconds",
          .help = "also a checkpoint where so many seconds have passed since the last one; 0: by steps alone",
-         .range = {0, Range::kMost},
+         .range = kNotNegative,
          .decides = false},
         s.checkpoint_seconds);
   visit({.name = "vertex_rate", .help = "Adam's rate for vertices, m", .range = kPositive}, s.vertex_rate);

@@ -14,7 +14,6 @@ namespace mirage {
 /// What is written of every host.
 template <class Visitor, FieldsOf<HostOutcome> S>
 void visit_fields(Visitor& visit, S& s) {
-  constexpr Range kNotNegative{0, Range::kMost};
   visit({.name = "from_box"}, s.from_box);
   visit({.name = "range", .range = kNotNegative}, s.range);
   visit({.name = "occluded"}, s.occluded);
@@ -38,16 +37,12 @@ constexpr int kMostMeshes = 1'000'000;
 constexpr std::pair<const char*, double HostOutcome::*> kDistances[] = {
     {"clean_distance", &HostOutcome::clean_distance}, {"attacked_distance", &HostOutcome::attacked_distance}};
 
-int read_count(const JsonFields& json, const char* key, int most = std::numeric_limits<int>::max()) {
-  return static_cast<int>(json.integer(key, 0, most));
-}
-
 HostOutcome read_outcome(const JsonFields& json) {
   HostOutcome host;
-  host.id = {json.text("frame"), read_count(json, "label")};
+  host.id = {json.text("frame"), json.count("label")};
   host.kind = json.text("kind");
-  if (json.has("mesh")) host.mesh = read_count(json, "mesh", kMostMeshes);
-  if (json.has("track")) host.track = read_count(json, "track");
+  if (json.has("mesh")) host.mesh = json.count("mesh", kMostMeshes);
+  if (json.has("track")) host.track = json.count("track");
   for (const auto& [key, distance] : kDistances)
     if (json.has(key) && !json.is_null(key)) host.*distance = json.number(key, 0, Range::kMost);
   read_fields(json, host);
@@ -83,8 +78,7 @@ std::vector<HostOutcome> read_outcomes(const JsonFields& evaluation) {
   each(positives, "list", [&](const JsonFields& json) {
     NewBox box;
     box.distance = json.number(in_picture ? "distance_from_host_px" : "distance_from_host", 0, Range::kMost);
-    boxes[{json.text("frame"), read_count(json, "label"), read_count(json, "mesh", kMostMeshes)}].push_back(
-        box);
+    boxes[{json.text("frame"), json.count("label"), json.count("mesh", kMostMeshes)}].push_back(box);
   });
   std::vector<HostOutcome> hosts;
   each(evaluation, "outcomes", [&](const JsonFields& json) {

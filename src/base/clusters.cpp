@@ -22,7 +22,7 @@ nlohmann::json to_json(const ClusterCount& clusters) {
 }
 
 ClusterCount cluster_count_from_json(const JsonFields& fields) {
-  return {fields.text("by"), static_cast<int>(fields.integer("count", 0, INT_MAX))};
+  return {fields.text("by"), fields.count("count")};
 }
 
 }  // namespace mirage

@@ -51,6 +51,14 @@ class JsonWriter {
   nlohmann::json json = nlohmann::json::object();
 };
 
+/// Each entry of the list by its to_json.
+template <class List>
+nlohmann::json list_json(const List& list) {
+  auto array = nlohmann::json::array();
+  for (const auto& entry : list) array.push_back(to_json(entry));
+  return array;
+}
+
 /// The fields that decide the result, by name.
 template <class S>
 nlohmann::json fields_json(const S& s) {

@@ -55,6 +55,9 @@ struct Range {
 inline constexpr Range kPositive{std::numeric_limits<double>::denorm_min(), Range::kMost};
 /// Of a whole.
 inline constexpr Range kShare{0, 1};
+inline constexpr Range kNotNegative{0, Range::kMost};
+/// Of what is counted and can't be none.
+inline constexpr Range kFromOne{1, Range::kMost};
 
 /// What is said of a field.
 struct Field {

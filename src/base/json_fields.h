@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -26,6 +27,10 @@ class JsonFields {
   bool truth(const std::string& key) const;
   /// A whole number in [low, high].
   std::int64_t integer(const std::string& key, std::int64_t low, std::int64_t high) const;
+  /// A whole number of things, up to `most`.
+  int count(const std::string& key, int most = std::numeric_limits<int>::max()) const {
+    return static_cast<int>(integer(key, 0, most));
+  }
   /// Whole and not negative; the seeds' range.
   std::uint64_t counter(const std::string& key) const;
   /// A finite number in [low, high].

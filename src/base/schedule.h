@@ -33,22 +33,20 @@ struct TrainingSchedule {
 /// `frames` is of no identity: which frames there were is the trainer's to say.
 template <class Visitor, FieldsOf<TrainingSchedule> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "steps", .help = "updates of the model", .range = {1, Range::kMost}}, s.steps);
-  visit({.name = "batch", .help = "samples an update", .range = {1, Range::kMost}}, s.batch);
+  visit({.name = "steps", .help = "updates of the model", .range = kFromOne}, s.steps);
+  visit({.name = "batch", .help = "samples an update", .range = kFromOne}, s.batch);
   visit({.name = "learning_rate", .help = "peak of the one-cycle schedule", .range = kPositive},
         s.learning_rate);
-  visit({.name = "minutes",
-         .help = "end the schedule after this time (0: no limit)",
-         .range = {0, Range::kMost}},
+  visit({.name = "minutes", .help = "end the schedule after this time (0: no limit)", .range = kNotNegative},
         s.minutes);
   visit({.name = "checkpoint_every",
          .help = "updates of the model between checkpoints",
-         .range = {1, Range::kMost},
+         .range = kFromOne,
          .decides = false},
         s.checkpoint_every);
   visit({.name = "checkpoint_seconds",
          .help = "also a checkpoint where so many seconds have passed since the last one; 0: by steps alone",
-         .range = {0, Range::kMost},
+         .range = kNotNegative,
          .decides = false},
         s.checkpoint_seconds);
   visit({.name = "frames", .help = "only the first N frames (0: all)", .decides = false}, s.frames);

@@ -52,33 +52,7 @@ Command tradeoff_command() {
             app.add_option("--run", options->run,
                            "finished mirage attack, for its adversary and hosts (default: a random mesh)");
             add_trust_option(app, options->trust);
-            app.add_option("--hosts", options->hosts, "vehicles at most, evenly over their distances")
-                ->capture_default_str();
-            app.add_option("--frames", options->frames, "frames looked at for hosts; 0: all")
-                ->capture_default_str();
-            app.add_option("--repeats", options->repeats, "repeats of each timing")->capture_default_str();
-            app.add_option("--reference-samples", options->reference_samples,
-                           "samples along a pixel's side of the reference")
-                ->capture_default_str();
-            app.add_option("--directions", options->directions,
-                           "directions of the finite differences of the hard render")
-                ->capture_default_str();
-            app.add_option("--depth-frames", options->depth_frames,
-                           "frames on which depth completion is scored; 0: none")
-                ->check(CLI::NonNegativeNumber)
-                ->capture_default_str();
-            app.add_option("--detector-hosts", options->detector_hosts,
-                           "vehicles on which ways of the detector's passes are timed and compared; 0: none")
-                ->capture_default_str();
-            app.add_flag("--cycles", options->cycles, "light effects and samples of Blender Cycles as well");
-            app.add_option("--cycles-hosts", options->cycles_hosts, "vehicles rendered in Cycles")
-                ->capture_default_str();
-            app.add_option("--cycles-samples", options->cycles_samples, "samples of Cycles' reference")
-                ->capture_default_str();
-            app.add_option(
-                   "--attack-seconds", options->attack_seconds,
-                   "length of an attack at each quality, precision and locality, and its success; 0: none")
-                ->capture_default_str();
+            add_fields(app, *options);
             add_fields(app, options->detector);
           },
           [options](const Common& common) {

@@ -50,9 +50,9 @@ void visit_fields(Visitor& visit, S& s) {
         s.attacked);
   visit({.name = "adversary_updates",
          .help = "updates of the adversary before each of the model",
-         .range = {0, Range::kMost}},
+         .range = kNotNegative},
         s.adversary_updates);
-  visit({.name = "adversary_batch", .help = "host vehicles such an update", .range = {1, Range::kMost}},
+  visit({.name = "adversary_batch", .help = "host vehicles such an update", .range = kFromOne},
         s.adversary_batch);
   visit({.name = "vertex_rate", .help = "the adversary's rate for vertices, m", .range = kPositive},
         s.vertex_rate);

@@ -65,7 +65,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, s.lattice);
   visit({.name = "objects",
          .help = "random objects a car and size for which it is checked that the mask hides all they change",
-         .range = {0, Range::kMost}},
+         .range = kNotNegative},
         s.objects);
   visit({.name = "mask_pixels", .help = "the mask's margin in the picture, pixels", .range = {0, 1e4}},
         s.mask_pixels);

@@ -229,7 +229,6 @@ Reliance reliance_from_json(const JsonFields& fields) {
   if (!reliance.reads_picture) return reliance;
   constexpr double kOne = 1 + 1e-9;  // rounded
   const auto share = [&](const char* key) { return fields.number(key, -kOne, kOne); };
-  const auto count = [&](const char* key) { return static_cast<int>(fields.integer(key, 0, INT_MAX)); };
   reliance.ap70 = share("ap70");
   reliance.ap70_swapped = share("ap70_swapped");
   reliance.ap70_black = share("ap70_black");
@@ -237,9 +236,9 @@ Reliance reliance_from_json(const JsonFields& fields) {
   reliance.drop = {share("drop"), share("drop_low"), share("drop_high")};
   reliance.mean_delta_logit = fields.number("mean_delta_logit", 0, 1e9);
   reliance.mean_delta_score = share("mean_delta_score");
-  reliance.frames = count("frames");
-  reliance.left_out = count("frames_left_out");
-  reliance.vehicles = count("vehicles");
+  reliance.frames = fields.count("frames");
+  reliance.left_out = fields.count("frames_left_out");
+  reliance.vehicles = fields.count("vehicles");
   reliance.clusters = cluster_count_from_json(fields.object("clusters"));
   return reliance;
 }

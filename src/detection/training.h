@@ -71,7 +71,7 @@ void visit_fields(Visitor& visit, S& s) {
         s.validation_frames);
   visit({.name = "validate_every",
          .help = "detector: steps between validations (0: at the end only)",
-         .range = {0, Range::kMost},
+         .range = kNotNegative,
          .decides = false},
         s.validate_every);
   visit({.name = "ground_truth_sampling",

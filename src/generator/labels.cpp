@@ -8,9 +8,10 @@
 namespace mirage::generator {
 namespace {
 
-constexpr double kNearPlane = 0.3;  // m, geometry nearer than this to the camera's plane isn't projected
-constexpr int kProbes = 3000;       // rays a thing to count its own pixels
-constexpr int kRows = 25;  // pixels of height that make a thing without returns one to be found (KITTI)
+constexpr double kNearestProjected =
+    0.3;                       // m, geometry nearer than this to the camera's plane isn't projected
+constexpr int kProbes = 3000;  // rays a thing to count its own pixels
+constexpr int kRows = 25;      // pixels of height that make a thing without returns one to be found (KITTI)
 
 struct Extent {
   double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
@@ -40,7 +41,8 @@ StreetLabels label_street(const Street& street, const Calibration& calibration, 
   parallel_for(count, [&](std::size_t i) {
     if (returns[i] == 0 && last[i] - first[i] + 1 < kRows) return;
     const BevBox& place = street.placed[i].box.bev;
-    if (visible[i] == 0 && (calibration.camera_from_velo * Vec3d(place.x, place.y, 0)).z() < kNearPlane)
+    if (visible[i] == 0 &&
+        (calibration.camera_from_velo * Vec3d(place.x, place.y, 0)).z() < kNearestProjected)
       return;
     std::vector<Mesh> meshes;
     Extent full;
@@ -50,7 +52,7 @@ StreetLabels label_street(const Street& street, const Calibration& calibration, 
       if (on_roof(s, street.placed[i])) continue;
       for (const Vec3d& v : s.mesh.vertices) {
         Vec3d p = calibration.camera_from_velo * v;
-        p.z() = std::max(p.z(), kNearPlane);
+        p.z() = std::max(p.z(), kNearestProjected);
         full.add(camera.project(p));
       }
     }

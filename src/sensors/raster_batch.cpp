@@ -8,6 +8,16 @@
 #include "sensors/raster/kernel.h"
 
 namespace mirage {
+
+bool in_kernel(const SoftRasterSettings<double>& settings) {
+  const bool soft = settings.coverage == Coverage::euclidean && settings.color == ColorBlend::softmax &&
+                    settings.silhouette == SilhouetteBlend::product;
+  const bool hard = settings.coverage == Coverage::hard && settings.color == ColorBlend::hard &&
+                    settings.silhouette == SilhouetteBlend::hard;
+  return (soft || hard) && settings.background == Background::silhouette && settings.perspective_texture &&
+         !settings.frozen_barycentrics;
+}
+
 namespace {
 
 using raster::kSamples;
@@ -43,16 +53,6 @@ RasterTape::RasterTape(RasterTape&&) noexcept = default;
 RasterTape& RasterTape::operator=(RasterTape&&) noexcept = default;
 
 namespace {
-
-/// What the kernel draws. The other options of Liu et al.'s code are the plain loop's alone.
-bool in_kernel(const SoftRasterSettings<double>& settings) {
-  const bool soft = settings.coverage == Coverage::euclidean && settings.color == ColorBlend::softmax &&
-                    settings.silhouette == SilhouetteBlend::product;
-  const bool hard = settings.coverage == Coverage::hard && settings.color == ColorBlend::hard &&
-                    settings.silhouette == SilhouetteBlend::hard;
-  return (soft || hard) && settings.background == Background::silhouette && settings.perspective_texture &&
-         !settings.frozen_barycentrics;
-}
 
 /// What the kernel has the VJP of.
 bool vjp_in_kernel(const RasterJob& job) {

@@ -17,6 +17,9 @@
 
 namespace mirage {
 
+/// Whether the kernel draws it; else the plain loop does.
+bool in_kernel(const SoftRasterSettings<double>& settings);
+
 /// One object in one window. What is pointed to stays the caller's; the VJP is given the same again, which
 /// may have moved.
 struct RasterJob {

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <mutex>
 #include <set>
 
 #include "attack/attack.h"
@@ -28,7 +29,10 @@ class KnownRenderer : public ObjectRenderer {
   Window draw(const HostInWorld& host, const TexturedMesh& adversary, const Simulated& simulated,
               std::uint64_t seed) override {
     if (++calls == fails_at) throw Failure("known renderer", "lost", "run again");
-    seeds.insert(seed);
+    {
+      const std::lock_guard lock(mutex);
+      seeds.insert(seed);
+    }
     const ImageF& photograph = host.prepared.frame.image;
     const PixelRect& r = simulated.rect;
     Window window{{std::max(0, r.u0 - 3), std::max(0, r.v0 - 2), std::min(photograph.width, r.u1 + 3),
@@ -45,6 +49,7 @@ class KnownRenderer : public ObjectRenderer {
   std::atomic<int> calls = 0;  // hosts of a step are drawn side by side
   int fails_at = -1, samples = 1;
   std::set<std::uint64_t> seeds;
+  std::mutex mutex;  // of `seeds`
 };
 
 /// The tiny world's first host.

@@ -186,7 +186,7 @@ TEST(RasterProperties, PlainLoopIsFiniteAndBlendsOnlyWhatIsThere) {
 /// gradient is another one, so only ordinary faces are held to the gradient's bound.
 TEST(RasterProperties, FastPathIsFiniteAndThePlainLoop) {
   test::Measured worst;
-  int ordinary = 0;
+  int ordinary = 0, drawn_by_kernel = 0;
   expect_property(100000, "fast path", [&](const Case& c) {
     const Extreme extreme = kernel_scene_of(c);
     const bool plain =
@@ -197,10 +197,13 @@ TEST(RasterProperties, FastPathIsFiniteAndThePlainLoop) {
     RC_ASSERT(measured.excess <= 1);
     worst = test::worse(worst, measured);
     ordinary += plain;
+    drawn_by_kernel += in_kernel(extreme.settings);
   });
   EXPECT_LE(worst.undefined, 2e-3 * worst.values);
   test::report("random meshes", worst);
-  std::printf("gradients compared on %d meshes of ordinary faces\n", ordinary);
+  std::printf("gradients compared on %d meshes of ordinary faces; %d meshes in the kernel\n", ordinary,
+              drawn_by_kernel);
+  EXPECT_GE(drawn_by_kernel, 100000 / kShare / 2);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 """What clang-tidy (.clang-tidy) says of the lines that changed: against where the branch left its upstream, or against the last commit but
-one, and in the working tree.
+one, and in the working tree (files that git knows).
 
     python3 tests/structure/test_tidy.py SOURCE BUILD [BASE]
 
@@ -88,10 +88,11 @@ def main(source, build, base=None):
     known = commands(build)
     units = {os.path.join(source, path) for path in lines if path.endswith(".cpp")}
     units.update(includers(source, [path for path in lines if path.endswith(".h")], known))
-    units = sorted(unit for unit in units if unit in known)
+    unknown = sorted(units - known.keys())
+    units = sorted(units & known.keys())
     print(f"{len(lines)} files changed since {base[:12]}, {len(units)} units to look at")
-    for unit in units[FILES_AT_MOST:]:
-        print(f"not looked at: {unit}")
+    for unit in [*unknown, *units[FILES_AT_MOST:]]:
+        print(f"not looked at: {os.path.relpath(unit, source)}")
     line_filter = json.dumps([{"name": os.path.join(source, path), "lines": ranges} for path, ranges in lines.items()])
     with tempfile.TemporaryDirectory() as folder:
         with open(os.path.join(folder, "compile_commands.json"), "w", encoding="utf-8") as file:

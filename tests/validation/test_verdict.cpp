@@ -86,8 +86,8 @@ TEST(Verdict, VariantsStandInTheOrderOfTheLadder) {
   soft.outcome = shadows.outcome = all.outcome = found;
   vehicles[1].seen->ladder.emplace().light = {soft, shadows, all};  // after a vehicle without a ladder
   std::vector<std::string> names;
-  for (const json& of : to_json(verdict(vehicles, {})).at("all").at("variants"))
-    names.push_back(of.at("name"));
+  const json written = to_json(verdict(vehicles, {}));
+  for (const json& of : written.at("all").at("variants")) names.push_back(of.at("name"));
   EXPECT_EQ(names, (std::vector<std::string>{"soft", "hard", "+shadows", "all", "cycles"}));
 }
 

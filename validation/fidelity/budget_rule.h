@@ -50,7 +50,6 @@ class BudgetRule {
   /// Index of the rung; −1: the reference.
   int choose(const std::vector<double>& features) const;
   /// Infinite where no rung may be trusted.
-  double lambda() const { return lambda_; }
   /// {lambda (null: infinite), feature_mean, feature_scale, rungs: [{seconds, spread, coefficients}]}.
   friend nlohmann::json to_json(const BudgetRule& rule);
 

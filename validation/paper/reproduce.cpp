@@ -9,6 +9,7 @@
 #include "attack/attack_settings.h"
 #include "base/clock.h"
 #include "base/error.h"
+#include "base/field_json.h"
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/interrupt.h"
@@ -93,13 +94,6 @@ std::string markdown(const std::vector<CaseReliance>& list) {
 double recorded_seconds(const fs::path& file) {
   const json record = read_json(file);
   return JsonFields(file, record, kMakeAgain).number("seconds", 0, Range::kMost);
-}
-
-template <class T>
-json list_json(const std::vector<T>& all) {
-  json list = json::array();
-  for (const T& entry : all) list.push_back(to_json(entry));
-  return list;
 }
 
 }  // namespace

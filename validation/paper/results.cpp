@@ -19,7 +19,7 @@ namespace {
 std::shared_ptr<Outcomes> read_arm(const JsonFields& evaluation, const std::string& data) {
   auto arm = std::make_shared<Outcomes>();
   arm->data = data;
-  arm->vehicles = static_cast<int>(evaluation.integer("vehicles", 0, std::numeric_limits<int>::max()));
+  arm->vehicles = evaluation.count("vehicles");
   for (HostOutcome& host : read_outcomes(evaluation)) {
     arm->meshes = std::max(arm->meshes, host.mesh + 1);
     arm->hosts.push_back({std::move(host)});

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "base/field_json.h"
 #include "base/names.h"
 
 namespace mirage {
@@ -27,21 +28,6 @@ nlohmann::json figures_json(const TradeoffPoint& point) {
           {"ms", point.ms},
           {"errors", point.errors},
           {"on_front", point.front}};
-}
-
-nlohmann::json to_json(const Recommendation& advice) {
-  nlohmann::json json = advice.point ? figures_json(*advice.point) : nlohmann::json::object();
-  json["name"] = advice.name;
-  json["rule"] = advice.rule;
-  json["shipped"] = figures_json(*advice.shipped);
-  return json;
-}
-
-template <class List>
-nlohmann::json array_of(const List& list) {
-  nlohmann::json out = nlohmann::json::array();
-  for (const auto& entry : list) out.push_back(to_json(entry));
-  return out;
 }
 
 nlohmann::json reference_json(const TradeoffResult& result) {
@@ -71,6 +57,14 @@ std::vector<Recommendation> TradeoffResult::recommended() const {
   return list;
 }
 
+nlohmann::json to_json(const Recommendation& advice) {
+  nlohmann::json json = advice.point ? figures_json(*advice.point) : nlohmann::json::object();
+  json["name"] = advice.name;
+  json["rule"] = advice.rule;
+  json["shipped"] = figures_json(*advice.shipped);
+  return json;
+}
+
 nlohmann::json to_json(const TradeoffResult& result) {
   const TradeoffSettings& asked = result.settings;
   nlohmann::json hosts = nlohmann::json::array();
@@ -88,9 +82,9 @@ nlohmann::json to_json(const TradeoffResult& result) {
                          {"baseline",
                           {{"camera_ms", measured_baseline_ms(result.points, "camera")},
                            {"lidar_ms", measured_baseline_ms(result.points, "lidar")}}},
-                         {"points", array_of(result.points)},
-                         {"recommended", array_of(result.recommended())},
-                         {"attack", array_of(result.attacks)}};
+                         {"points", list_json(result.points)},
+                         {"recommended", list_json(result.recommended())},
+                         {"attack", list_json(result.attacks)}};
   if (result.plots) json["plots"] = *result.plots;
   if (!result.page.empty()) json["page"] = result.page.string();
   return json;

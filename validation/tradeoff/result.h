@@ -31,6 +31,9 @@ struct TradeoffResult {
   std::vector<Recommendation> recommended() const;
 };
 
+/// {settings, ratio, ms, errors, on_front: of the point, if there is one; name, rule, shipped: the same of
+/// it}
+nlohmann::json to_json(const Recommendation& advice);
 /// {frames, vehicles, hosts, pixels, seed, repeats, data, depth, rooftop, reference, baseline, points,
 /// recommended, attack, plots?, page?}
 nlohmann::json to_json(const TradeoffResult& result);

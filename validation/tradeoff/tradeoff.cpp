@@ -23,23 +23,6 @@
 namespace mirage {
 namespace {
 
-void check(const TradeoffSettings& s) {
-  const auto demand = [](bool good, const char* option, double value, const char* fix) {
-    if (!good) throw InputError(option, fmt::format("{:g}", value), "out of range", fix);
-  };
-  demand(s.hosts >= 1, "--hosts", s.hosts, "use 1 or more");
-  demand(s.frames >= 0, "--frames", s.frames, "use 0 (all) or more");
-  demand(s.repeats >= 1, "--repeats", s.repeats, "use 1 or more");
-  demand(s.reference_samples >= 2 && s.reference_samples <= 32, "--reference-samples", s.reference_samples,
-         "use 2 to 32");
-  demand(s.directions >= 2, "--directions", s.directions, "use 2 or more");
-  demand(s.detector_hosts >= 0, "--detector-hosts", s.detector_hosts, "use 0 (none) or more");
-  demand(s.cycles_samples >= 4, "--cycles-samples", s.cycles_samples, "use 4 or more");
-  demand(s.cycles_hosts >= 1, "--cycles-hosts", s.cycles_hosts, "use 1 or more");
-  demand(std::isfinite(s.attack_seconds) && s.attack_seconds >= 0, "--attack-seconds", s.attack_seconds,
-         "use seconds, 0 for none");
-}
-
 std::vector<TradeoffPoint> pass_points(const TradeoffSettings& settings, const Subjects& subjects,
                                        FrameStore& store) {
   std::vector<std::shared_ptr<const PreparedFrame>> held;
@@ -101,7 +84,7 @@ void mark_fronts(std::vector<TradeoffPoint>& points) {
 }  // namespace
 
 TradeoffResult tradeoff(const TradeoffSettings& given) {
-  check(given);
+  check_fields(given);
   TradeoffResult result;
   TradeoffSettings& settings = result.settings = given;
   if (settings.cycles) require_text_path(settings.out);
@@ -116,7 +99,7 @@ TradeoffResult tradeoff(const TradeoffSettings& given) {
     settings.source = plain;
   }
   if (settings.source.data.empty())
-    throw InputError("--data", "", "no data set", "give --data, or --run of a finished mirage attack");
+    throw FieldError("data", "", "no data set", "give --data, or --run of a finished mirage attack");
   make_output_folder(settings.out);
   FrameStore store(settings.source);
   const Subjects subjects = choose_subjects(settings, run.get(), store);
