@@ -58,7 +58,7 @@ void print_shares(const CertificateResult& result, const CertificateSettings& se
 Command certify_command() {
   auto options = std::make_shared<CertifyOptions>();
   Command command{
-      "certify", "cars that no object within a box on their roof can hide", "out/certify", {}, {}};
+      "certify", "counts cars that no object within a box on their roof can hide", "out/certify", {}, {}};
   command.options = [options](CLI::App& app) {
     CertificateSettings& settings = options->settings;
     add_fields(app, static_cast<FrameSource&>(*options));

@@ -24,7 +24,7 @@ constexpr int kQuickFrames = 6, kQuickIterations = 8, kQuickValidated = 2;
 Command demo_command() {
   auto options = std::make_shared<DemoOptions>();
   Command command{"demo",
-                  "the whole chain on the embedded default: attack → export → validate → report",
+                  "runs the whole chain on the embedded default: attack → export → validate → report",
                   "out/demo",
                   {},
                   {}};

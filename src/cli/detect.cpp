@@ -93,24 +93,24 @@ Command detect_command() {
   Command command;
   command.name = "detect";
   command.help =
-      "Runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for a "
+      "runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for a "
       "detector of that alone)";
   command.default_out = "out/detect";
   command.options = [options](CLI::App& app) {
-    app.add_option("--data", options->data, "Data set (KITTI's object, tracking or raw layout, nuScenes)")
+    app.add_option("--data", options->data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
         ->required();
     add_fields(app, options->detector);
-    app.add_option("--frames", options->frames, "Only the first N frames (0: all)")->capture_default_str();
+    app.add_option("--frames", options->frames, "only the first N frames (0: all)")->capture_default_str();
     const auto reliance = app.add_flag("--reliance", options->reliance,
-                                       "Also measure whether the detector uses its picture: the same frames "
+                                       "also measure whether the detector uses its picture: the same frames "
                                        "with another frame's picture, with a black one and with none");
     app.add_option("--claim", options->claim,
-                   "With --reliance: put what was measured under the weights' name into this file "
+                   "with --reliance: put what was measured under the weights' name into this file "
                    "(plugins/detectors/fusion/weights/reliance.json is what the tests check)")
         ->needs(reliance);
     app.add_option(
         "--kitti", options->kitti,
-        "Also write KITTI result files ID.txt into this folder, for the official evaluation and other "
+        "also write KITTI result files ID.txt into this folder, for the official evaluation and other "
         "people's viewers (heights from the sweep: detectors find boxes in the bird's-eye view)");
   };
   command.run = [options](const Common& common) -> nlohmann::json {

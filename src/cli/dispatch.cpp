@@ -81,7 +81,8 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
   CLI::App app("Mirage: differentiable multi-sensor simulation for attacks on camera + LiDAR detectors",
                "mirage");
   app.require_subcommand(1);
-  app.set_version_flag("--version", version());
+  app.set_help_flag("-h,--help", "prints this text");
+  app.set_version_flag("--version", version(), "prints version and commit");
   std::vector<Command> commands = all_commands();
   std::vector<Common> commons(commands.size());
   std::vector<CLI::App*> subcommands;

@@ -102,7 +102,7 @@ void print_strata(const RunEvaluation& evaluation) {
 Command evaluate_command() {
   auto options = std::make_shared<EvaluateOptions>();
   Command command{
-      "evaluate", "attack success of a run against a detector and a data set", "out/evaluate", {}, {}};
+      "evaluate", "judges a run: attack success against a detector and a data set", "out/evaluate", {}, {}};
   command.options = [options](CLI::App& app) {
     EvaluationRequest& request = options->request;
     app.add_option("--run", request.run, "run folder of mirage attack: whose adversary is judged")

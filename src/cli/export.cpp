@@ -80,7 +80,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
 Command export_command() {
   auto options = std::make_shared<ExportOptions>();
   return {
-      "export", "write the adversary and scenes of a run as .glb (and .fbx, .obj)", "out/export",
+      "export", "writes the adversary and scenes of a run as .glb (and .fbx, .obj)", "out/export",
       [options](CLI::App& app) {
         app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
         add_overrides<FrameSource>(app, options->asked);

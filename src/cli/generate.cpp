@@ -24,26 +24,26 @@ Command generate_command() {
   auto options = std::make_shared<GenerateOptions>();
   Command command;
   command.name = "generate";
-  command.help = "Write synthetic frames in KITTI layout";
+  command.help = "writes generated frames in KITTI's layout";
   command.default_out = "generated";
   command.options = [options](CLI::App& app) {
-    app.add_option("--rig", options->rig, "Sensor rig: kitti64, xenith, or a rig file (.toml)")
+    app.add_option("--rig", options->rig, "sensor rig: kitti64, xenith, or a rig file (.toml)")
         ->capture_default_str();
     app.add_option("--lidar", options->lidar,
-                   "Another unit than the rig's own: hdl32e, vlp16, vls128, or a file (.toml)");
-    app.add_option("--look", options->look, "Another look than the rig's own: european, american");
-    app.add_option("--frames", options->frames, "How many frames")
+                   "another unit than the rig's own: hdl32e, vlp16, vls128, or a file (.toml)");
+    app.add_option("--look", options->look, "another look than the rig's own: european, american");
+    app.add_option("--frames", options->frames, "how many frames")
         ->capture_default_str()
         ->check(CLI::Range(1, 1000000));
-    app.add_option("--start", options->start, "Index of the first frame")
+    app.add_option("--start", options->start, "index of the first frame")
         ->capture_default_str()
         ->check(CLI::Range(0, 999999));
     app.add_flag(
         "--depth", options->depth,
-        "Write each frame's true depth too (training/depth/ID.png, KITTI's 16-bit format; sky is 0)");
+        "write each frame's true depth too (training/depth/ID.png, KITTI's 16-bit format; sky is 0)");
     app.add_flag(
         "--truth", options->truth,
-        "Write depth and which object each pixel and point belongs to (training/instance_2/ID.png: "
+        "write depth and which object each pixel and point belongs to (training/instance_2/ID.png: "
         "k + 1 for line k of the labels; training/instance_velodyne/ID.label: SemanticKITTI's layout)");
   };
   command.run = [options](const Common& common) {

@@ -127,7 +127,7 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
 
 Command render_command() {
   auto options = std::make_shared<RenderOptions>();
-  return {"render", "draw the meshes of a scene (.glb): picture and depth", "out/render",
+  return {"render", "draws the meshes of a scene (.glb): picture and depth", "out/render",
           [options](CLI::App& app) {
             app.add_option("--scene", options->scene, "scene as mirage export writes it (.glb)")->required();
             app.add_option("--renderer", options->renderer,

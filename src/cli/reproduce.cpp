@@ -25,7 +25,8 @@ void print_result(const paper::ReproduceResult& result) {
 
 Command reproduce_command() {
   auto options = std::make_shared<paper::ReproduceSettings>();
-  return {"reproduce", "the experiments of Tu et al. (CoRL 2021) as tables with intervals", "out/reproduce",
+  return {"reproduce", "repeats the experiments of Tu et al. (CoRL 2021): tables with intervals",
+          "out/reproduce",
           [options](CLI::App& app) {
             app.add_option(
                    "what", options->what,

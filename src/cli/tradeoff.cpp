@@ -46,7 +46,7 @@ void print_result(const TradeoffResult& result) {
 
 Command tradeoff_command() {
   auto options = std::make_shared<TradeoffSettings>();
-  return {"tradeoff", "the speed–accuracy study: fronts and recommended settings", "out/tradeoff",
+  return {"tradeoff", "measures speed against accuracy: fronts and recommended settings", "out/tradeoff",
           [options](CLI::App& app) {
             add_overrides<FrameSource>(app, options->asked, {}, "the run's, or as mirage attack has it");
             app.add_option("--run", options->run,

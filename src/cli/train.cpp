@@ -41,7 +41,7 @@ Command train_command() {
   Command command;
   command.name = "train";
   command.help =
-      "Trains a detector or depth completion; goes on from its checkpoint when the output folder holds one";
+      "trains a detector or depth completion; goes on from its checkpoint when the output folder holds one";
   command.default_out = "out/train";
   command.options = [options](CLI::App& app) {
     app.add_option("what", options->what, "detector, or depth: learned depth completion")

@@ -108,7 +108,7 @@ Command validate_command() {
   auto options = std::make_shared<ValidationSettings>();
   auto quality = std::make_shared<QualityOption>();
   return {
-      "validate", "re-render in Blender, compare, write the fidelity report", "out/validate",
+      "validate", "re-renders in Blender, compares, writes the fidelity report", "out/validate",
       [options, quality](CLI::App& app) {
         app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
         add_overrides<FrameSource>(app, options->asked);

@@ -15,7 +15,7 @@ Command view_command() {
   auto no_detector = std::make_shared<bool>(false);
   Command command;
   command.name = "view";
-  command.help = "a folder of frames as one page that opens offline: pictures, points, boxes, attacks";
+  command.help = "writes a folder of frames as one page that opens offline: pictures, points, boxes, attacks";
   command.default_out = "out/view";
   command.page = "view.html";
   command.options = [options, no_detector](CLI::App& app) {

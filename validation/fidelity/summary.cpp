@@ -99,10 +99,10 @@ RungSummary outcomes(const std::vector<RungOf<Rung>>& rungs) {
 
 MeanChange mean_change(const std::vector<RungOf<LightRungResult>>& rungs, Change LightRungResult::*which) {
   const auto of = [&](double Change::*number) {
-    return *mean(rungs, [&](const auto& one) { return (one.rung->*which).*number; });
+    return *mean(rungs, [&](const auto& entry) { return (entry.rung->*which).*number; });
   };
-  const auto psnr = mean(rungs, [&](const auto& one) {
-    const double value = (one.rung->*which).psnr;
+  const auto psnr = mean(rungs, [&](const auto& entry) {
+    const double value = (entry.rung->*which).psnr;
     return std::isfinite(value) ? std::optional(value) : std::nullopt;
   });
   return {of(&Change::mae), of(&Change::relative), of(&Change::ssim), of(&Change::flip), psnr};

@@ -22,13 +22,13 @@ json success_figures(const Success& success) {
 template <class Look>
 json compared_figures(const std::vector<Compared<Look>>& all) {
   auto list = json::array();
-  for (const Compared<Look>& one : all) {
-    json out = success_figures(one);
-    out.update(fields_json(one.look));
-    out.update({{"difference", to_json(one.difference)},
-                {"flips", one.flips},
-                {"mean_delta_logit", one.mean_delta_logit},
-                {"mean_delta_score", one.mean_delta_score}});
+  for (const Compared<Look>& entry : all) {
+    json out = success_figures(entry);
+    out.update(fields_json(entry.look));
+    out.update({{"difference", to_json(entry.difference)},
+                {"flips", entry.flips},
+                {"mean_delta_logit", entry.mean_delta_logit},
+                {"mean_delta_score", entry.mean_delta_score}});
     list.push_back(std::move(out));
   }
   return list;
