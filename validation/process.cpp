@@ -134,17 +134,44 @@ void ChildProcess::stop(double seconds) {
   socket_ = -1;
 }
 
-int run_program(const std::vector<std::string>& arguments) {
+namespace {
+
+/// The last line of what is read until the end; closes the file.
+std::string read_last_line(int file) {
+  std::string line;
+  char bytes[4096];
+  for (ssize_t size; (size = ::read(file, bytes, sizeof bytes)) > 0 || (size < 0 && errno == EINTR);)
+    for (ssize_t i = 0; i < size; ++i) {
+      if (!line.empty() && line.back() == '\n') line.clear();
+      if (line.size() < 4096) line += bytes[i];
+    }
+  ::close(file);
+  while (!line.empty() && line.back() == '\n') line.pop_back();
+  return line;
+}
+
+}  // namespace
+
+int run_program(const std::vector<std::string>& arguments, std::string* last_line) {
   auto argv = c_arguments(arguments);
+  int pipe[2] = {-1, -1};
+  if (last_line && ::pipe2(pipe, O_CLOEXEC) != 0)
+    throw Failure(arguments[0], std::strerror(errno), "close other programs");
   const pid_t pid = ::fork();
   if (pid == 0) {
     const int nothing = ::open("/dev/null", O_RDONLY);
     if (nothing >= 0) ::dup2(nothing, 0);
+    if (last_line) ::dup2(pipe[1], 2);
     ::dup2(2, 1);
     ::execv(argv[0], argv.data());
     ::_exit(127);
   }
-  if (pid < 0) throw Failure(arguments[0], std::strerror(errno), "close other programs");
+  if (last_line) ::close(pipe[1]);
+  if (pid < 0) {
+    if (last_line) ::close(pipe[0]);
+    throw Failure(arguments[0], std::strerror(errno), "close other programs");
+  }
+  if (last_line) *last_line = read_last_line(pipe[0]);
   int status = 0;
   while (::waitpid(pid, &status, 0) < 0 && errno == EINTR) {
   }

@@ -43,8 +43,8 @@ class ChildProcess {
   std::string buffer_;
 };
 
-/// Runs a program to its end with our stderr and no input; its stdout goes to stderr. Returns the exit
-/// status.
-int run_program(const std::vector<std::string>& arguments);
+/// Runs a program to its end without input; what it prints goes to our stderr, or if `last_line` is given,
+/// its last line goes there and the rest nowhere. Returns the exit status.
+int run_program(const std::vector<std::string>& arguments, std::string* last_line = nullptr);
 
 }  // namespace mirage

@@ -53,67 +53,72 @@ void print_shares(const CertificateResult& result, const CertificateSettings& se
   print_table(rows);
 }
 
+void add_options(CLI::App& app, CertifyOptions& options) {
+  CertificateSettings& settings = options.settings;
+  add_fields(app, static_cast<FrameSource&>(options));
+  app.add_option("--run", options.run, "finished mirage attack, whose adversary is told beside");
+  add_trust_option(app, options.trust);
+  add_fields(app, options.detector);
+  app.add_option("--frames", options.frames, "only the first N frames; 0: all")->capture_default_str();
+  app.add_option("--min-view", options.min_view, "share of the reference adversary in view that a car needs")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  app.add_option("--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")
+      ->delimiter(',')
+      ->capture_default_str();
+  add_fields(app, settings);
+  app.add_option("--score", settings.evaluation.score_threshold, "score of a detection")
+      ->capture_default_str();
+  options.effects.add(app);
+  tell_of_cache(app);
+}
+
+nlohmann::json run(const CertifyOptions& options, const Common& common) {
+  CertificateSettings settings = options.settings;
+  settings.seed = common.seed;
+  settings.evaluation.quiet = common.quiet;
+  if (!options.run.empty()) settings.adversary = read_run(options.run, options.trust).adversary;
+  const LidarModel lidar = lidar_of(options.data);
+  options.effects.apply(settings.simulation, lidar, recorded_lidar_effects(options.data), common.seed);
+  FrameStore store(options);
+  const DetectorOptions asked = with_common(options.detector, common, options.data);
+  if (asked.locality > 0)
+    throw InputError("--locality", fmt::format("{}", asked.locality),
+                     "is an approximation, and proves nothing", "leave it out");
+  std::vector<std::string> frames = list_frames(options.data);
+  if (options.frames > 0 && frames.size() > options.frames) frames.resize(options.frames);
+  const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));
+  std::vector<HostId> hosts;
+  for (const Host& host : find_all_hosts(store, frames, detectors.front()->region(), settings.simulation,
+                                         options.min_view, common.quiet))
+    hosts.push_back(host.id);
+  if (hosts.empty())
+    throw InputError(options.data.string(), "labels", "no car has the adversary in view",
+                     "give more frames or lower --min-view");
+  const CertificateResult result = certify(detectors, store, hosts, lidar, settings);
+  print_shares(result, settings);
+  nlohmann::json json = to_json(result, settings);
+  json["data"] = options.data.string();
+  json["depth"] = escape_name(options.depth);
+  json["rooftop"] = escape_name(options.rooftop);
+  json["sun"] = options.sun;
+  json["detector"] = asked.detector;
+  json["weights"] = asked.weights.string();
+  json["defense"] = asked.defense;
+  return json;
+}
+
 }  // namespace
 
 Command certify_command() {
   auto options = std::make_shared<CertifyOptions>();
-  Command command{
-      "certify", "counts cars that no object within a box on their roof can hide", "out/certify", {}, {}};
-  command.options = [options](CLI::App& app) {
-    CertificateSettings& settings = options->settings;
-    add_fields(app, static_cast<FrameSource&>(*options));
-    app.add_option("--run", options->run, "finished mirage attack, whose adversary is told beside");
-    add_trust_option(app, options->trust);
-    add_fields(app, options->detector);
-    app.add_option("--frames", options->frames, "only the first N frames; 0: all")->capture_default_str();
-    app.add_option("--min-view", options->min_view,
-                   "share of the reference adversary in view that a car needs")
-        ->check(CLI::Range(0.0, 1.0))
-        ->capture_default_str();
-    app.add_option("--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")
-        ->delimiter(',')
-        ->capture_default_str();
-    add_fields(app, settings);
-    app.add_option("--score", settings.evaluation.score_threshold, "score of a detection")
-        ->capture_default_str();
-    options->effects.add(app);
-    tell_of_cache(app);
+  return Command{
+      .name = "certify",
+      .help = "counts cars that no object within a box on their roof can hide",
+      .default_out = "out/certify",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) { return run(*options, common); },
   };
-  command.run = [options](const Common& common) -> nlohmann::json {
-    CertificateSettings settings = options->settings;
-    settings.seed = common.seed;
-    settings.evaluation.quiet = common.quiet;
-    if (!options->run.empty()) settings.adversary = read_run(options->run, options->trust).adversary;
-    const LidarModel lidar = lidar_of(options->data);
-    options->effects.apply(settings.simulation, lidar, recorded_lidar_effects(options->data), common.seed);
-    FrameStore store(*options);
-    const DetectorOptions asked = with_common(options->detector, common, options->data);
-    if (asked.locality > 0)
-      throw InputError("--locality", fmt::format("{}", asked.locality),
-                       "is an approximation, and proves nothing", "leave it out");
-    std::vector<std::string> frames = list_frames(options->data);
-    if (options->frames > 0 && frames.size() > options->frames) frames.resize(options->frames);
-    const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));
-    std::vector<HostId> hosts;
-    for (const Host& host : find_all_hosts(store, frames, detectors.front()->region(), settings.simulation,
-                                           options->min_view, common.quiet))
-      hosts.push_back(host.id);
-    if (hosts.empty())
-      throw InputError(options->data.string(), "labels", "no car has the adversary in view",
-                       "give more frames or lower --min-view");
-    const CertificateResult result = certify(detectors, store, hosts, lidar, settings);
-    print_shares(result, settings);
-    nlohmann::json json = to_json(result, settings);
-    json["data"] = options->data.string();
-    json["depth"] = escape_name(options->depth);
-    json["rooftop"] = escape_name(options->rooftop);
-    json["sun"] = options->sun;
-    json["detector"] = asked.detector;
-    json["weights"] = asked.weights.string();
-    json["defense"] = asked.defense;
-    return json;
-  };
-  return command;
 }
 
 }  // namespace mirage::cli

@@ -20,16 +20,19 @@ struct Common {
   bool quiet = false;
 };
 
+/// Every x_command() has one form. It makes the command's options (a struct, which `options` and `run` share
+/// and so keep alive) and returns Command{.name = …, .help = …, .default_out = …, .options = …, .run = …}.
+/// What is long there stands above it in the anonymous namespace, with the struct: add_options(CLI::App&,
+/// XOptions&) and run(const XOptions&, const Common&), which in a unity build are overloads on that struct.
 struct Command {
-  std::string name, help, default_out;
+  std::string name = {}, help = {}, default_out = {};
   /// Adds the command's own options; the referenced variables live as long as the command.
-  std::function<void(CLI::App&)> options;
+  std::function<void(CLI::App&)> options = {};
   /// Does the work, prints a short table on standard output and returns what result.json shall hold.
-  std::function<nlohmann::json(const Common&)> run;
+  std::function<nlohmann::json(const Common&)> run = {};
   bool many_ranks = false;  ///< may run under mpirun (base/ranks.h)
   /// Of a command whose result is one page: its name in the output folder. Common::out is then the page's
-  /// file;
-  /// --out may name a folder or a file (*.html), beside which the result goes as *.json.
+  /// file; --out may name a folder or a file (*.html), beside which the result goes as *.result.json.
   std::string page = {};
 };
 

@@ -31,57 +31,59 @@ void apply_method(const std::string& method, DefenseSettings& settings) {
   }
 }
 
+nlohmann::json run(const DefendOptions& options, const Common& common) {
+  DefenseSettings settings = options.settings;
+  apply_method(options.method, settings);
+  take_common(settings, common);
+  settings.detector = with_common(settings.detector, common, settings.data);
+  const DefenseResult result = train_defended(settings);
+  std::vector<std::pair<std::string, std::string>> rows = {
+      {"hosts", std::to_string(result.hosts)},
+      {"updates", std::to_string(result.steps)},
+      {"seconds an update", fmt::format("{:.2f}", result.seconds_per_step)},
+      {"loss (running mean)", fmt::format("{:.3f}", result.loss.total)},
+      {"weights", result.weights.string()}};
+  nlohmann::json json = {{"method", options.method},
+                         {"hosts", result.hosts},
+                         {"steps", result.steps},
+                         {"seconds_per_step", result.seconds_per_step},
+                         {"loss", result.loss.total},
+                         {"adversary_loss", result.adversary_loss},
+                         {"weights", result.weights.string()}};
+  if (result.validated) {
+    const auto both = [](const PrecisionRecall& before, const PrecisionRecall& after) {
+      return fmt::format("{:.1f} → {:.1f}", 100 * before.average_precision, 100 * after.average_precision);
+    };
+    rows.push_back({"clean AP50, before → after", both(result.at50_before, result.at50)});
+    rows.push_back({"clean AP70, before → after", both(result.at70_before, result.at70)});
+    json["ap50_before"] = result.at50_before.average_precision;
+    json["ap70_before"] = result.at70_before.average_precision;
+    json["ap50"] = result.at50.average_precision;
+    json["ap70"] = result.at70.average_precision;
+  }
+  print_table(rows);
+  return json;
+}
+
 }  // namespace
 
 Command defend_command() {
   auto options = std::make_shared<DefendOptions>();
-  Command command{"defend",
-                  "fine-tunes a detector to resist: adversarial training, feature denoising, depth gate",
-                  "out/defend",
-                  {},
-                  {}};
-  command.options = [options](CLI::App& app) {
-    add_fields(app, options->settings, {"minutes"});  // a run is of so many steps
-    app.add_option("--method", options->method,
-                   "adversarial (free adversarial training); denoising (the same with non-local means in the "
-                   "image branch); depth-gate (fusion weighs image features by agreement in depth, trained "
-                   "clean); adversarial-depth-gate (both)")
-        ->capture_default_str();
+  return Command{
+      .name = "defend",
+      .help = "fine-tunes a detector to resist: adversarial training, feature denoising, depth gate",
+      .default_out = "out/defend",
+      .options =
+          [options](CLI::App& app) {
+            add_fields(app, options->settings, {"minutes"});  // a run is of so many steps
+            app.add_option("--method", options->method,
+                           "adversarial (free adversarial training); denoising (the same with non-local "
+                           "means in the image branch); depth-gate (fusion weighs image features by "
+                           "agreement in depth, trained clean); adversarial-depth-gate (both)")
+                ->capture_default_str();
+          },
+      .run = [options](const Common& common) { return run(*options, common); },
   };
-  command.run = [options](const Common& common) -> nlohmann::json {
-    DefenseSettings settings = options->settings;
-    apply_method(options->method, settings);
-    take_common(settings, common);
-    settings.detector = with_common(settings.detector, common, settings.data);
-    const DefenseResult result = train_defended(settings);
-    std::vector<std::pair<std::string, std::string>> rows = {
-        {"hosts", std::to_string(result.hosts)},
-        {"updates", std::to_string(result.steps)},
-        {"seconds an update", fmt::format("{:.2f}", result.seconds_per_step)},
-        {"loss (running mean)", fmt::format("{:.3f}", result.loss.total)},
-        {"weights", result.weights.string()}};
-    nlohmann::json json = {{"method", options->method},
-                           {"hosts", result.hosts},
-                           {"steps", result.steps},
-                           {"seconds_per_step", result.seconds_per_step},
-                           {"loss", result.loss.total},
-                           {"adversary_loss", result.adversary_loss},
-                           {"weights", result.weights.string()}};
-    if (result.validated) {
-      const auto both = [](const PrecisionRecall& before, const PrecisionRecall& after) {
-        return fmt::format("{:.1f} → {:.1f}", 100 * before.average_precision, 100 * after.average_precision);
-      };
-      rows.push_back({"clean AP50, before → after", both(result.at50_before, result.at50)});
-      rows.push_back({"clean AP70, before → after", both(result.at70_before, result.at70)});
-      json["ap50_before"] = result.at50_before.average_precision;
-      json["ap70_before"] = result.at70_before.average_precision;
-      json["ap50"] = result.at50.average_precision;
-      json["ap70"] = result.at70.average_precision;
-    }
-    print_table(rows);
-    return json;
-  };
-  return command;
 }
 
 }  // namespace mirage::cli

@@ -19,70 +19,73 @@ struct DemoOptions {
 /// Sizes of --quick: enough to see every step.
 constexpr int kQuickFrames = 6, kQuickIterations = 8, kQuickValidated = 2;
 
+void add_options(CLI::App& app, DemoOptions& options) {
+  app.add_option("--frames", options.frames, "generated frames")->capture_default_str();
+  app.add_option("--iterations", options.iterations, "attack steps")->capture_default_str();
+  add_fields(app, options.source, {"data", "depth", "sun"});
+  options.quality.add(app);
+  app.add_option("--validated", options.validated, "frames rendered in Blender")->capture_default_str();
+  app.add_flag("--quick", options.quick,
+               fmt::format("a minute or two, with too few frames for figures: --frames {} --iterations {} "
+                           "--validated {} where nothing else is given",
+                           kQuickFrames, kQuickIterations, kQuickValidated));
+  app.callback([&app, &options] {
+    if (!options.quick) return;
+    if (app.count("--frames") == 0) options.frames = kQuickFrames;
+    if (app.count("--iterations") == 0) options.iterations = kQuickIterations;
+    if (app.count("--validated") == 0) options.validated = kQuickValidated;
+  });
+}
+
+nlohmann::json run(const DemoOptions& options, const Common& common) {
+  const auto path = [&](const char* name) { return (common.out / name).string(); };
+  const std::string data = path("data"), run = path("run"), validated = std::to_string(options.validated);
+  const auto step = [&](const char* title, const char* name, NamedSettings settings) {
+    std::fputs(fmt::format("\n== {} ==\n", title).c_str(), stdout);
+    std::fflush(stdout);
+    settings["threads"] = std::to_string(common.threads);
+    settings["quiet"] = fmt::format("{}", common.quiet);
+    run_command(name, settings, "mirage demo");
+  };
+  // Frames of a seed that no shipped detector was trained on.
+  step("1/5 generate frames", "generate",
+       {{"rig", "kitti64"},
+        {"frames", std::to_string(options.frames)},
+        {"seed", std::to_string(common.seed + 90001)},
+        {"out", data}});
+  step("2/5 learn the adversary", "attack",
+       {{"data", data},
+        {"rooftop", options.source.rooftop},
+        {"quality", options.quality.name},
+        {"iterations", std::to_string(options.iterations)},
+        {"seed", std::to_string(common.seed)},
+        {"out", run}});
+  step("3/5 evaluate on held-back vehicles", "evaluate",
+       {{"run", run}, {"data", data}, {"out", path("evaluate")}});
+  step("4/5 export as glTF", "export",
+       {{"run", run}, {"data", data}, {"frames", validated}, {"out", path("export")}});
+  step("5/5 validate in Blender Cycles", "validate",
+       {{"run", run},
+        {"data", data},
+        {"frames", validated},
+        {"evaluation", path("evaluate")},
+        {"out", path("validate")}});
+  std::fputs("\n", stdout);
+  print_table({{"adversary", path("run/adversary.glb")}, {"report", path("validate/report.html")}});
+  return {{"report", path("validate/report.html")}, {"adversary", path("run/adversary.glb")}};
+}
+
 }  // namespace
 
 Command demo_command() {
   auto options = std::make_shared<DemoOptions>();
-  Command command{"demo",
-                  "runs the whole chain on the embedded default: attack → export → validate → report",
-                  "out/demo",
-                  {},
-                  {}};
-  command.options = [options](CLI::App& app) {
-    app.add_option("--frames", options->frames, "generated frames")->capture_default_str();
-    app.add_option("--iterations", options->iterations, "attack steps")->capture_default_str();
-    add_fields(app, options->source, {"data", "depth", "sun"});
-    options->quality.add(app);
-    app.add_option("--validated", options->validated, "frames rendered in Blender")->capture_default_str();
-    app.add_flag("--quick", options->quick,
-                 fmt::format("a minute or two, with too few frames for figures: --frames {} --iterations {} "
-                             "--validated {} where nothing else is given",
-                             kQuickFrames, kQuickIterations, kQuickValidated));
-    app.callback([&app, options] {
-      if (!options->quick) return;
-      if (app.count("--frames") == 0) options->frames = kQuickFrames;
-      if (app.count("--iterations") == 0) options->iterations = kQuickIterations;
-      if (app.count("--validated") == 0) options->validated = kQuickValidated;
-    });
+  return Command{
+      .name = "demo",
+      .help = "runs the whole chain on the embedded default: attack → export → validate → report",
+      .default_out = "out/demo",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) { return run(*options, common); },
   };
-  command.run = [options](const Common& common) -> nlohmann::json {
-    const auto path = [&](const char* name) { return (common.out / name).string(); };
-    const std::string data = path("data"), run = path("run"), validated = std::to_string(options->validated);
-    const auto step = [&](const char* title, const char* name, NamedSettings settings) {
-      std::fputs(fmt::format("\n== {} ==\n", title).c_str(), stdout);
-      std::fflush(stdout);
-      settings["threads"] = std::to_string(common.threads);
-      settings["quiet"] = fmt::format("{}", common.quiet);
-      run_command(name, settings, "mirage demo");
-    };
-    // Frames of a seed that no shipped detector was trained on.
-    step("1/5 generate frames", "generate",
-         {{"rig", "kitti64"},
-          {"frames", std::to_string(options->frames)},
-          {"seed", std::to_string(common.seed + 90001)},
-          {"out", data}});
-    step("2/5 learn the adversary", "attack",
-         {{"data", data},
-          {"rooftop", options->source.rooftop},
-          {"quality", options->quality.name},
-          {"iterations", std::to_string(options->iterations)},
-          {"seed", std::to_string(common.seed)},
-          {"out", run}});
-    step("3/5 evaluate on held-back vehicles", "evaluate",
-         {{"run", run}, {"data", data}, {"out", path("evaluate")}});
-    step("4/5 export as glTF", "export",
-         {{"run", run}, {"data", data}, {"frames", validated}, {"out", path("export")}});
-    step("5/5 validate in Blender Cycles", "validate",
-         {{"run", run},
-          {"data", data},
-          {"frames", validated},
-          {"evaluation", path("evaluate")},
-          {"out", path("validate")}});
-    std::fputs("\n", stdout);
-    print_table({{"adversary", path("run/adversary.glb")}, {"report", path("validate/report.html")}});
-    return {{"report", path("validate/report.html")}, {"adversary", path("run/adversary.glb")}};
-  };
-  return command;
 }
 
 }  // namespace mirage::cli

@@ -72,65 +72,69 @@ void print_scores(const std::vector<DepthScore>& scores, bool by_returns) {
             "at the skyline.\n");
 }
 
+void add_options(CLI::App& app, DepthOptions& options) {
+  app.add_option("--data", options.score.data,
+                 "data set; with training/depth (mirage generate --depth) or real")
+      ->required();
+  app.add_option("--backends", options.backends, "separated by commas")->capture_default_str();
+  app.add_option("--weights", options.weights, "of the learned one (default: the shipped ones)");
+  app.add_option("--hide", options.hide,
+                 "score on this share of the returns, held back (default: 0.2 where there is no true depth)");
+  app.add_option("--farthest", options.score.farthest, "score up to this true depth, m")
+      ->capture_default_str();
+  app.add_option("--frames", options.score.frames, "only the first N frames (0: all)")->capture_default_str();
+}
+
+nlohmann::json run(const DepthOptions& options, const Common& common) {
+  DepthScoreOptions score = options.score;
+  score.seed = common.seed;
+  const bool has_truth =
+      std::filesystem::exists(true_depth_file(score.data, list_frames(score.data).front()));
+  score.hidden = options.hide >= 0 ? options.hide : has_truth ? 0 : 0.2;
+  std::vector<std::unique_ptr<DepthCompletion>> backends;
+  std::istringstream names(options.backends);
+  for (std::string name; std::getline(names, name, ',');)
+    backends.push_back(load_depth_completion({name, options.weights, false, common.seed, common.threads}));
+  if (backends.empty()) throw InputError("--backends", "", "names none", "try ip-basic,guided");
+  std::unique_ptr<Progress> progress;
+  const auto scores =
+      score_depth(score, backends, initial_adversary(), [&](std::size_t done, std::size_t total) {
+        if (!progress) progress = std::make_unique<Progress>("depth", total, common.quiet);
+        progress->update(done);
+      });
+  progress.reset();
+  if (!common.quiet) print_scores(scores, score.hidden > 0);
+  nlohmann::json list = nlohmann::json::array();
+  for (const DepthScore& s : scores) {
+    nlohmann::json entry = {{"name", s.name},
+                            {"seconds_per_frame", s.seconds},
+                            {"coverage", s.coverage},
+                            {"common", to_json(s.common)},
+                            {"filled", to_json(s.filled)}};
+    if (score.hidden > 0) {
+      entry["consistent"] = to_json(s.consistent);
+    } else {
+      entry["sky_filled"] = s.sky_filled;
+      entry["roof"] = to_json(s.roof);
+      entry["sky"] = to_json(s.sky);
+      entry["border"] = to_json(s.border);
+    }
+    list.push_back(std::move(entry));
+  }
+  return {{"hidden", score.hidden}, {"farthest_m", score.farthest}, {"backends", list}};
+}
+
 }  // namespace
 
 Command depth_command() {
   auto options = std::make_shared<DepthOptions>();
-  Command command{
-      "depth", "scores depth completion: against true depth, or on returns held back", "out/depth", {}, {}};
-  command.options = [options](CLI::App& app) {
-    app.add_option("--data", options->score.data,
-                   "data set; with training/depth (mirage generate --depth) or real")
-        ->required();
-    app.add_option("--backends", options->backends, "separated by commas")->capture_default_str();
-    app.add_option("--weights", options->weights, "of the learned one (default: the shipped ones)");
-    app.add_option(
-        "--hide", options->hide,
-        "score on this share of the returns, held back (default: 0.2 where there is no true depth)");
-    app.add_option("--farthest", options->score.farthest, "score up to this true depth, m")
-        ->capture_default_str();
-    app.add_option("--frames", options->score.frames, "only the first N frames (0: all)")
-        ->capture_default_str();
+  return Command{
+      .name = "depth",
+      .help = "scores depth completion: against true depth, or on returns held back",
+      .default_out = "out/depth",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) { return run(*options, common); },
   };
-  command.run = [options](const Common& common) -> nlohmann::json {
-    DepthScoreOptions& score = options->score;
-    score.seed = common.seed;
-    const bool has_truth =
-        std::filesystem::exists(true_depth_file(score.data, list_frames(score.data).front()));
-    score.hidden = options->hide >= 0 ? options->hide : has_truth ? 0 : 0.2;
-    std::vector<std::unique_ptr<DepthCompletion>> backends;
-    std::istringstream names(options->backends);
-    for (std::string name; std::getline(names, name, ',');)
-      backends.push_back(load_depth_completion({name, options->weights, false, common.seed, common.threads}));
-    if (backends.empty()) throw InputError("--backends", "", "names none", "try ip-basic,guided");
-    std::unique_ptr<Progress> progress;
-    const auto scores =
-        score_depth(score, backends, initial_adversary(), [&](std::size_t done, std::size_t total) {
-          if (!progress) progress = std::make_unique<Progress>("depth", total, common.quiet);
-          progress->update(done);
-        });
-    progress.reset();
-    if (!common.quiet) print_scores(scores, score.hidden > 0);
-    nlohmann::json list = nlohmann::json::array();
-    for (const DepthScore& s : scores) {
-      nlohmann::json entry = {{"name", s.name},
-                              {"seconds_per_frame", s.seconds},
-                              {"coverage", s.coverage},
-                              {"common", to_json(s.common)},
-                              {"filled", to_json(s.filled)}};
-      if (score.hidden > 0) {
-        entry["consistent"] = to_json(s.consistent);
-      } else {
-        entry["sky_filled"] = s.sky_filled;
-        entry["roof"] = to_json(s.roof);
-        entry["sky"] = to_json(s.sky);
-        entry["border"] = to_json(s.border);
-      }
-      list.push_back(std::move(entry));
-    }
-    return {{"hidden", score.hidden}, {"farthest_m", score.farthest}, {"backends", list}};
-  };
-  return command;
 }
 
 }  // namespace mirage::cli

@@ -86,100 +86,104 @@ void print_scores(const std::vector<ScoredStratum>& parts) {
                 at50.average_precision, at70.average_precision, at50.recall, at70.recall);
 }
 
+void add_options(CLI::App& app, DetectOptions& options) {
+  app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
+      ->required();
+  add_fields(app, options.detector);
+  app.add_option("--frames", options.frames, "only the first N frames (0: all)")->capture_default_str();
+  const auto reliance = app.add_flag("--reliance", options.reliance,
+                                     "also measure whether the detector uses its picture: the same frames "
+                                     "with another frame's picture, with a black one and with none");
+  app.add_option("--claim", options.claim,
+                 "with --reliance: put what was measured under the weights' name into this file "
+                 "(plugins/detectors/fusion/weights/reliance.json is what the tests check)")
+      ->needs(reliance);
+  app.add_option(
+      "--kitti", options.kitti,
+      "also write KITTI result files ID.txt into this folder, for the official evaluation and other people's "
+      "viewers (heights from the sweep: detectors find boxes in the bird's-eye view)");
+}
+
+nlohmann::json run(const DetectOptions& options, const Common& common) {
+  make_output_folder(common.out);
+  const DetectorOptions detector_options = with_common(options.detector, common, options.data);
+  const auto detector = load_detector(detector_options);
+  std::unique_ptr<Progress> progress;
+  const auto tell = [&](const char* what) {
+    return [&progress, what, quiet = common.quiet](std::size_t done, std::size_t total) {
+      if (!progress) progress = std::make_unique<Progress>(what, total, quiet);
+      progress->update(done);
+    };
+  };
+  std::function<void(const Frame&, const std::vector<Proposal>&)> write_kitti;
+  if (!options.kitti.empty()) {
+    make_output_folder(options.kitti);
+    write_kitti = [&, plane = detector->capabilities().plane()](const Frame& frame, const auto& proposals) {
+      write_results(options.kitti / (frame.id + ".txt"), kitti_detections(proposals, plane, frame),
+                    frame.calibration);
+    };
+  }
+  std::unique_ptr<RelianceMeter> meter;
+  ProposalObserver measure;
+  if (options.reliance && reads_picture(*detector)) {
+    meter = std::make_unique<RelianceMeter>(options.data, first_frames(options.data, options.frames));
+    measure = [&](const Frame& frame, std::span<const LidarPoint> points, const auto& proposals) {
+      meter->look(*detector, frame, points, proposals);
+    };
+  }
+  const DetectionRun run =
+      detect_data_set(*detector, options.data, options.frames,
+                      tell(meter ? "detect, and use of the picture" : "detect"), write_kitti, measure);
+  progress.reset();
+  write_json(common.out / "detections.json", detections_json(run));
+  std::vector<ScoredStratum> parts(1);
+  parts[0].stratum.name = "all";
+  parts[0].at50 = run.at50;
+  parts[0].at70 = run.at70;
+  parts.insert(parts.end(), run.strata.begin(), run.strata.end());
+  if (!common.quiet) {
+    std::printf("frames %zu   %.3f s a frame%s\n", run.ids.size(), run.seconds_per_frame,
+                run.plane == Plane::picture ? "   boxes in the picture" : "");
+    print_scores(parts);
+  }
+  nlohmann::json result = scores_json(parts[0]);
+  result["frames"] = run.ids.size();
+  result["ap50_interval"] = to_json(average_precision_interval(run.frames, 0.5));
+  result["ap70_interval"] = to_json(average_precision_interval(run.frames, 0.7));
+  result["detector"] = detector->name();
+  result["plane"] = to_string(run.plane);
+  result["precision"] = usable_precision(detector_options.precision);
+  result["clusters"] = to_json(clusters_of(run.frames));
+  if (options.reliance) {
+    const Reliance reliance = meter ? meter->result() : no_camera();
+    result["reliance"] = to_json(reliance);
+    if (!options.claim.empty()) write_claim(options.claim, detector_options, options.data, reliance);
+    if (!common.quiet) print_table(picture_rows(reliance));
+  }
+  result["seconds_per_frame"] = run.seconds_per_frame;
+  for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);
+  const std::vector<ScoredFrame> easier = without_look_alikes(run.frames);
+  const double easier50 = average_precision(easier, 0.5).average_precision,
+               easier70 = average_precision(easier, 0.7).average_precision;
+  result["without_lookalikes"] = {{"ap50", easier50}, {"ap70", easier70}};
+  if (!common.quiet) std::printf("look-alikes ignored: AP50 %.3f   AP70 %.3f\n", easier50, easier70);
+  result["plots"] = plot_precision_recall(parts, detector->name(), common.out);
+  return result;
+}
+
 }  // namespace
 
 Command detect_command() {
-  const auto options = std::make_shared<DetectOptions>();
-  Command command;
-  command.name = "detect";
-  command.help =
-      "runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for a "
-      "detector of that alone)";
-  command.default_out = "out/detect";
-  command.options = [options](CLI::App& app) {
-    app.add_option("--data", options->data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
-        ->required();
-    add_fields(app, options->detector);
-    app.add_option("--frames", options->frames, "only the first N frames (0: all)")->capture_default_str();
-    const auto reliance = app.add_flag("--reliance", options->reliance,
-                                       "also measure whether the detector uses its picture: the same frames "
-                                       "with another frame's picture, with a black one and with none");
-    app.add_option("--claim", options->claim,
-                   "with --reliance: put what was measured under the weights' name into this file "
-                   "(plugins/detectors/fusion/weights/reliance.json is what the tests check)")
-        ->needs(reliance);
-    app.add_option(
-        "--kitti", options->kitti,
-        "also write KITTI result files ID.txt into this folder, for the official evaluation and other "
-        "people's viewers (heights from the sweep: detectors find boxes in the bird's-eye view)");
+  auto options = std::make_shared<DetectOptions>();
+  return Command{
+      .name = "detect",
+      .help =
+          "runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for a "
+          "detector of that alone)",
+      .default_out = "out/detect",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) { return run(*options, common); },
   };
-  command.run = [options](const Common& common) -> nlohmann::json {
-    make_output_folder(common.out);
-    const DetectorOptions detector_options = with_common(options->detector, common, options->data);
-    const auto detector = load_detector(detector_options);
-    std::unique_ptr<Progress> progress;
-    const auto tell = [&](const char* what) {
-      return [&progress, what, quiet = common.quiet](std::size_t done, std::size_t total) {
-        if (!progress) progress = std::make_unique<Progress>(what, total, quiet);
-        progress->update(done);
-      };
-    };
-    std::function<void(const Frame&, const std::vector<Proposal>&)> write_kitti;
-    if (!options->kitti.empty()) {
-      make_output_folder(options->kitti);
-      write_kitti = [&, plane = detector->capabilities().plane()](const Frame& frame, const auto& proposals) {
-        write_results(options->kitti / (frame.id + ".txt"), kitti_detections(proposals, plane, frame),
-                      frame.calibration);
-      };
-    }
-    std::unique_ptr<RelianceMeter> meter;
-    ProposalObserver measure;
-    if (options->reliance && reads_picture(*detector)) {
-      meter = std::make_unique<RelianceMeter>(options->data, first_frames(options->data, options->frames));
-      measure = [&](const Frame& frame, std::span<const LidarPoint> points, const auto& proposals) {
-        meter->look(*detector, frame, points, proposals);
-      };
-    }
-    const DetectionRun run =
-        detect_data_set(*detector, options->data, options->frames,
-                        tell(meter ? "detect, and use of the picture" : "detect"), write_kitti, measure);
-    progress.reset();
-    write_json(common.out / "detections.json", detections_json(run));
-    std::vector<ScoredStratum> parts(1);
-    parts[0].stratum.name = "all";
-    parts[0].at50 = run.at50;
-    parts[0].at70 = run.at70;
-    parts.insert(parts.end(), run.strata.begin(), run.strata.end());
-    if (!common.quiet) {
-      std::printf("frames %zu   %.3f s a frame%s\n", run.ids.size(), run.seconds_per_frame,
-                  run.plane == Plane::picture ? "   boxes in the picture" : "");
-      print_scores(parts);
-    }
-    nlohmann::json result = scores_json(parts[0]);
-    result["frames"] = run.ids.size();
-    result["ap50_interval"] = to_json(average_precision_interval(run.frames, 0.5));
-    result["ap70_interval"] = to_json(average_precision_interval(run.frames, 0.7));
-    result["detector"] = detector->name();
-    result["plane"] = to_string(run.plane);
-    result["precision"] = usable_precision(detector_options.precision);
-    result["clusters"] = to_json(clusters_of(run.frames));
-    if (options->reliance) {
-      const Reliance reliance = meter ? meter->result() : no_camera();
-      result["reliance"] = to_json(reliance);
-      if (!options->claim.empty()) write_claim(options->claim, detector_options, options->data, reliance);
-      if (!common.quiet) print_table(picture_rows(reliance));
-    }
-    result["seconds_per_frame"] = run.seconds_per_frame;
-    for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);
-    const std::vector<ScoredFrame> easier = without_look_alikes(run.frames);
-    const double easier50 = average_precision(easier, 0.5).average_precision,
-                 easier70 = average_precision(easier, 0.7).average_precision;
-    result["without_lookalikes"] = {{"ap50", easier50}, {"ap70", easier70}};
-    if (!common.quiet) std::printf("look-alikes ignored: AP50 %.3f   AP70 %.3f\n", easier50, easier70);
-    result["plots"] = plot_precision_recall(parts, detector->name(), common.out);
-    return result;
-  };
-  return command;
 }
 
 }  // namespace mirage::cli

@@ -19,9 +19,10 @@ struct EvaluateOptions {
   LidarEffectsOption effects;
   int pictures = 0;
 
-  EvaluateOptions() {
-    request.detector.detector.clear(), request.detector.defense.clear();
-  }  // empty: the run's
+  EvaluateOptions() {  // empty: the run's
+    request.detector.detector.clear();
+    request.detector.defense.clear();
+  }
 };
 
 std::string with_interval(const Interval& share) {
@@ -97,64 +98,66 @@ void print_strata(const RunEvaluation& evaluation) {
   std::fflush(stdout);
 }
 
+void add_options(CLI::App& app, EvaluateOptions& options) {
+  EvaluationRequest& request = options.request;
+  app.add_option("--run", request.run, "run folder of mirage attack: whose adversary is judged")->required();
+  app.add_option("--hosts-of", request.hosts_of,
+                 "another run folder: judge on exactly its test hosts, with its data set and, unless asked "
+                 "otherwise, its detector (black-box transfer)");
+  add_overrides<FrameSource>(app, request.asked);
+  add_fields(app, request.detector);
+  options.quality.add(app, "the run's settings");
+  add_overrides<SimulationSettings>(app, request.asked, {"light"});
+  options.effects.add(app, "the run's");
+  add_trust_option(app, request.trust);
+  tell_of_cache(app);
+  app.add_option("--hosts", request.hosts, "test, train or all hosts of the run; default: test");
+  app.add_option("--random-meshes", request.random_meshes,
+                 "meshes of each baseline, of the seeds run-seed, run-seed + 1, …, pooled; 0: none")
+      ->capture_default_str();
+  app.add_option(
+         "--baseline", request.baseline,
+         "what the mesh is compared with: all, none, or some of start (a random mesh of 0.75 of the box), "
+         "sized (a random mesh of the learned one's extents), ellipsoid and cuboid (filling the box)")
+      ->capture_default_str();
+  app.add_option("--pictures", options.pictures,
+                 "draw up to so many hidden vehicles and as many with false positives, with the image "
+                 "features, into OUT/pictures")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--score", request.settings.score_threshold, "score of a detection")->capture_default_str();
+  app.add_option("--iou", request.settings.detected_iou, "IoU at which a vehicle counts as detected")
+      ->capture_default_str();
+}
+
 }  // namespace
 
 Command evaluate_command() {
   auto options = std::make_shared<EvaluateOptions>();
-  Command command{
-      "evaluate", "judges a run: attack success against a detector and a data set", "out/evaluate", {}, {}};
-  command.options = [options](CLI::App& app) {
-    EvaluationRequest& request = options->request;
-    app.add_option("--run", request.run, "run folder of mirage attack: whose adversary is judged")
-        ->required();
-    app.add_option("--hosts-of", request.hosts_of,
-                   "another run folder: judge on exactly its test hosts, with its data set and, unless asked "
-                   "otherwise, its detector (black-box transfer)");
-    add_overrides<FrameSource>(app, request.asked);
-    add_fields(app, request.detector);
-    options->quality.add(app, "the run's settings");
-    add_overrides<SimulationSettings>(app, request.asked, {"light"});
-    options->effects.add(app, "the run's");
-    add_trust_option(app, request.trust);
-    tell_of_cache(app);
-    app.add_option("--hosts", request.hosts, "test, train or all hosts of the run; default: test");
-    app.add_option("--random-meshes", request.random_meshes,
-                   "meshes of each baseline, of the seeds run-seed, run-seed + 1, …, pooled; 0: none")
-        ->capture_default_str();
-    app.add_option(
-           "--baseline", request.baseline,
-           "what the mesh is compared with: all, none, or some of start (a random mesh of 0.75 of the "
-           "box), sized (a random mesh of the learned one's extents), ellipsoid and cuboid (filling the "
-           "box)")
-        ->capture_default_str();
-    app.add_option("--pictures", options->pictures,
-                   "draw up to so many hidden vehicles and as many with false positives, with the image "
-                   "features, into OUT/pictures")
-        ->check(CLI::NonNegativeNumber)
-        ->capture_default_str();
-    app.add_option("--score", request.settings.score_threshold, "score of a detection")
-        ->capture_default_str();
-    app.add_option("--iou", request.settings.detected_iou, "IoU at which a vehicle counts as detected")
-        ->capture_default_str();
+  return Command{
+      .name = "evaluate",
+      .help = "judges a run: attack success against a detector and a data set",
+      .default_out = "out/evaluate",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) -> nlohmann::json {
+        EvaluationRequest request = options->request;
+        request.detector.seed = common.seed;
+        request.detector.threads = common.threads;
+        request.settings.quiet = common.quiet;
+        options->effects.check();
+        options->quality.ask(request.asked);
+        options->effects.ask(request.asked);
+        const RunEvaluation evaluation = evaluate_run(request);
+        print_head(evaluation);
+        print_arms(evaluation);
+        print_strata(evaluation);
+        nlohmann::json result = to_json(evaluation);
+        if (options->pictures > 0)
+          result["pictures"] =
+              draw_evaluation_pictures(evaluation, options->pictures, common.out / "pictures");
+        return result;
+      },
   };
-  command.run = [options](const Common& common) -> nlohmann::json {
-    EvaluationRequest& request = options->request;
-    request.detector.seed = common.seed;
-    request.detector.threads = common.threads;
-    request.settings.quiet = common.quiet;
-    options->effects.check();
-    options->quality.ask(request.asked);
-    options->effects.ask(request.asked);
-    const RunEvaluation evaluation = evaluate_run(request);
-    print_head(evaluation);
-    print_arms(evaluation);
-    print_strata(evaluation);
-    nlohmann::json result = to_json(evaluation);
-    if (options->pictures > 0)
-      result["pictures"] = draw_evaluation_pictures(evaluation, options->pictures, common.out / "pictures");
-    return result;
-  };
-  return command;
 }
 
 }  // namespace mirage::cli

@@ -79,21 +79,26 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
 
 Command export_command() {
   auto options = std::make_shared<ExportOptions>();
-  return {
-      "export", "writes the adversary and scenes of a run as .glb (and .fbx, .obj)", "out/export",
-      [options](CLI::App& app) {
-        app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
-        add_overrides<FrameSource>(app, options->asked);
-        add_trust_option(app, options->trust);
-        app.add_option("--frames", options->frames, "frames to export, test frames first; 0: all test frames")
-            ->check(CLI::NonNegativeNumber);
-        app.add_flag("--fbx", options->fbx,
-                     "also adversary.fbx, by Blender, for game engines and driving simulators: metres, pivot "
-                     "on the roof socket, one material with its texels embedded");
-        app.add_flag("--obj", options->obj,
-                     "also adversary.obj with .mtl and .png: the same in metres, x forward, z up");
-      },
-      [options](const Common& common) { return run(*options, common); }};
+  return Command{
+      .name = "export",
+      .help = "writes the adversary and scenes of a run as .glb (and .fbx, .obj)",
+      .default_out = "out/export",
+      .options =
+          [options](CLI::App& app) {
+            app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
+            add_overrides<FrameSource>(app, options->asked);
+            add_trust_option(app, options->trust);
+            app.add_option("--frames", options->frames,
+                           "frames to export, test frames first; 0: all test frames")
+                ->check(CLI::NonNegativeNumber);
+            app.add_flag("--fbx", options->fbx,
+                         "also adversary.fbx, by Blender, for game engines and driving simulators: metres, "
+                         "pivot on the roof socket, one material with its texels embedded");
+            app.add_flag("--obj", options->obj,
+                         "also adversary.obj with .mtl and .png: the same in metres, x forward, z up");
+          },
+      .run = [options](const Common& common) { return run(*options, common); },
+  };
 }
 
 }  // namespace mirage::cli

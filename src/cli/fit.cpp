@@ -138,52 +138,56 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   return said;
 }
 
+void add_options(CLI::App& app, FitOptions& options) {
+  auto* data =
+      app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)");
+  auto* build =
+      app.add_option("--build-model", options.build_model, "learn the manifold and write it here (*.shape)");
+  data->excludes(build);
+  app.add_option("--model", options.model, "shape model (default: the shipped one)");
+  app.add_option("--frames", options.frames, "only the first N frames (0: all)")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--types", options.frame.types, "labels to fit: Car, Van")->capture_default_str();
+  app.add_option("--label-noise", options.frame.label_noise,
+                 "disturb the labels first: times 7 cm, 7 cm, 5 cm, 0.02 rad, 3 % of the size")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--min-points", options.min_points, "fewer returns on a vehicle: its box is used")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option("--mesh-format", options.format, "meshes written: ply, glb or none")
+      ->check(CLI::IsMember({"ply", "glb", "none"}))
+      ->capture_default_str();
+  app.add_option("--each", options.each, "with --build-model: cars of each of the seven body styles")
+      ->check(CLI::Range(0, 10000))
+      ->capture_default_str();
+  app.add_option("--dimension", options.dimension, "with --build-model: components")
+      ->check(CLI::Range(1, 200))
+      ->capture_default_str();
+  app.add_option("--meshes", options.meshes,
+                 "with --build-model: folder of your own vehicles (glb, gltf, obj, ply)")
+      ->needs(build);
+  app.add_option("--mesh-forward", options.forward, "axis of those files that points forward, e.g. -z");
+  app.add_option("--mesh-up", options.up, "axis of those files that points up, e.g. +y");
+}
+
 }  // namespace
 
 Command fit_command() {
   auto options = std::make_shared<FitOptions>();
-  Command command{
-      "fit", "fits the vehicle shape manifold: meshes, rooftops, fitting error", "out/fit", {}, {}};
-  command.options = [options](CLI::App& app) {
-    auto* data = app.add_option("--data", options->data,
-                                "data set (KITTI's object, tracking or raw layout, nuScenes)");
-    auto* build = app.add_option("--build-model", options->build_model,
-                                 "learn the manifold and write it here (*.shape)");
-    data->excludes(build);
-    app.add_option("--model", options->model, "shape model (default: the shipped one)");
-    app.add_option("--frames", options->frames, "only the first N frames (0: all)")
-        ->check(CLI::NonNegativeNumber)
-        ->capture_default_str();
-    app.add_option("--types", options->frame.types, "labels to fit: Car, Van")->capture_default_str();
-    app.add_option("--label-noise", options->frame.label_noise,
-                   "disturb the labels first: times 7 cm, 7 cm, 5 cm, 0.02 rad, 3 % of the size")
-        ->check(CLI::NonNegativeNumber)
-        ->capture_default_str();
-    app.add_option("--min-points", options->min_points, "fewer returns on a vehicle: its box is used")
-        ->check(CLI::PositiveNumber)
-        ->capture_default_str();
-    app.add_option("--mesh-format", options->format, "meshes written: ply, glb or none")
-        ->check(CLI::IsMember({"ply", "glb", "none"}))
-        ->capture_default_str();
-    app.add_option("--each", options->each, "with --build-model: cars of each of the seven body styles")
-        ->check(CLI::Range(0, 10000))
-        ->capture_default_str();
-    app.add_option("--dimension", options->dimension, "with --build-model: components")
-        ->check(CLI::Range(1, 200))
-        ->capture_default_str();
-    app.add_option("--meshes", options->meshes,
-                   "with --build-model: folder of your own vehicles (glb, gltf, obj, ply)")
-        ->needs(build);
-    app.add_option("--mesh-forward", options->forward, "axis of those files that points forward, e.g. -z");
-    app.add_option("--mesh-up", options->up, "axis of those files that points up, e.g. +y");
+  return Command{
+      .name = "fit",
+      .help = "fits the vehicle shape manifold: meshes, rooftops, fitting error",
+      .default_out = "out/fit",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) -> nlohmann::json {
+        if (!options->build_model.empty()) return build_model(*options, common);
+        if (options->data.empty())
+          throw InputError("mirage fit", "--data", "missing", "give a data set, or --build-model FILE");
+        return fit_data_set(*options, common);
+      },
   };
-  command.run = [options](const Common& common) -> nlohmann::json {
-    if (!options->build_model.empty()) return build_model(*options, common);
-    if (options->data.empty())
-      throw InputError("mirage fit", "--data", "missing", "give a data set, or --build-model FILE");
-    return fit_data_set(*options, common);
-  };
-  return command;
 }
 
 }  // namespace mirage::cli

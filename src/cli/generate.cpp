@@ -14,71 +14,76 @@
 #include "generator/generator.h"
 
 namespace mirage::cli {
+namespace {
+
+struct GenerateOptions {
+  std::string rig = "kitti64", lidar, look;
+  int frames = 10, start = 0;
+  bool depth = false, truth = false;
+};
+
+void add_options(CLI::App& app, GenerateOptions& options) {
+  app.add_option("--rig", options.rig, "sensor rig: kitti64, xenith, or a rig file (.toml)")
+      ->capture_default_str();
+  app.add_option("--lidar", options.lidar,
+                 "another unit than the rig's own: hdl32e, vlp16, vls128, or a file (.toml)");
+  app.add_option("--look", options.look, "another look than the rig's own: european, american");
+  app.add_option("--frames", options.frames, "how many frames")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 1000000));
+  app.add_option("--start", options.start, "index of the first frame")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 999999));
+  app.add_flag("--depth", options.depth,
+               "write each frame's true depth too (training/depth/ID.png, KITTI's 16-bit format; sky is 0)");
+  app.add_flag("--truth", options.truth,
+               "write depth and which object each pixel and point belongs to (training/instance_2/ID.png: k "
+               "+ 1 for line k of the labels; training/instance_velodyne/ID.label: SemanticKITTI's layout)");
+}
+
+nlohmann::json run(const GenerateOptions& options, const Common& common) {
+  Rig rig = read_rig(options.rig.ends_with(".toml") ? std::filesystem::path(options.rig)
+                                                    : shipped_file("scenes/rigs/" + options.rig + ".toml"));
+  if (!options.lidar.empty()) rig = with_lidar(rig, options.lidar);
+  if (!options.look.empty()) rig = with_look(rig, parse_look(options.look, "generate", "--look"));
+  const auto start = std::chrono::steady_clock::now();
+  Progress progress("generate", options.frames, common.quiet);
+  const DatasetSummary sum = generate_dataset(
+      rig, common.seed, options.start, options.frames, common.out,
+      [&](std::size_t done) { progress.update(done); },
+      options.truth   ? Truth::all
+      : options.depth ? Truth::depth
+                      : Truth::none);
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (!common.quiet) {
+    fmt::print("frames written   {:6}   (kept from before: {})\n", sum.written, sum.kept);
+    fmt::print("cars labelled    {:6}   (other objects: {})\n", sum.cars, sum.others);
+    fmt::print("points a frame   {:6.0f}\n",
+               sum.written ? static_cast<double>(sum.points) / sum.written : 0.0);
+    fmt::print("seconds          {:6.1f}   ({})\n", seconds, printable(common.out.string()));
+  }
+  return nlohmann::json{{"frames", sum.written + sum.kept},
+                        {"written", sum.written},
+                        {"kept", sum.kept},
+                        {"cars", sum.cars},
+                        {"others", sum.others},
+                        {"points", sum.points},
+                        {"rig", rig.name},
+                        {"look", name_of(rig.look)},
+                        {"seconds", seconds}};
+}
+
+}  // namespace
 
 Command generate_command() {
-  struct GenerateOptions {
-    std::string rig = "kitti64", lidar, look;
-    int frames = 10, start = 0;
-    bool depth = false, truth = false;
-  };
   auto options = std::make_shared<GenerateOptions>();
-  Command command;
-  command.name = "generate";
-  command.help = "writes generated frames in KITTI's layout";
-  command.default_out = "generated";
-  command.options = [options](CLI::App& app) {
-    app.add_option("--rig", options->rig, "sensor rig: kitti64, xenith, or a rig file (.toml)")
-        ->capture_default_str();
-    app.add_option("--lidar", options->lidar,
-                   "another unit than the rig's own: hdl32e, vlp16, vls128, or a file (.toml)");
-    app.add_option("--look", options->look, "another look than the rig's own: european, american");
-    app.add_option("--frames", options->frames, "how many frames")
-        ->capture_default_str()
-        ->check(CLI::Range(1, 1000000));
-    app.add_option("--start", options->start, "index of the first frame")
-        ->capture_default_str()
-        ->check(CLI::Range(0, 999999));
-    app.add_flag(
-        "--depth", options->depth,
-        "write each frame's true depth too (training/depth/ID.png, KITTI's 16-bit format; sky is 0)");
-    app.add_flag(
-        "--truth", options->truth,
-        "write depth and which object each pixel and point belongs to (training/instance_2/ID.png: "
-        "k + 1 for line k of the labels; training/instance_velodyne/ID.label: SemanticKITTI's layout)");
+  return Command{
+      .name = "generate",
+      .help = "writes generated frames in KITTI's layout",
+      .default_out = "generated",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) { return run(*options, common); },
   };
-  command.run = [options](const Common& common) {
-    Rig rig =
-        read_rig(options->rig.ends_with(".toml") ? std::filesystem::path(options->rig)
-                                                 : shipped_file("scenes/rigs/" + options->rig + ".toml"));
-    if (!options->lidar.empty()) rig = with_lidar(rig, options->lidar);
-    if (!options->look.empty()) rig = with_look(rig, parse_look(options->look, "generate", "--look"));
-    const auto start = std::chrono::steady_clock::now();
-    Progress progress("generate", options->frames, common.quiet);
-    const DatasetSummary sum = generate_dataset(
-        rig, common.seed, options->start, options->frames, common.out,
-        [&](std::size_t done) { progress.update(done); },
-        options->truth   ? Truth::all
-        : options->depth ? Truth::depth
-                         : Truth::none);
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    if (!common.quiet) {
-      fmt::print("frames written   {:6}   (kept from before: {})\n", sum.written, sum.kept);
-      fmt::print("cars labelled    {:6}   (other objects: {})\n", sum.cars, sum.others);
-      fmt::print("points a frame   {:6.0f}\n",
-                 sum.written ? static_cast<double>(sum.points) / sum.written : 0.0);
-      fmt::print("seconds          {:6.1f}   ({})\n", seconds, printable(common.out.string()));
-    }
-    return nlohmann::json{{"frames", sum.written + sum.kept},
-                          {"written", sum.written},
-                          {"kept", sum.kept},
-                          {"cars", sum.cars},
-                          {"others", sum.others},
-                          {"points", sum.points},
-                          {"rig", rig.name},
-                          {"look", name_of(rig.look)},
-                          {"seconds", seconds}};
-  };
-  return command;
 }
 
 }  // namespace mirage::cli

@@ -21,45 +21,45 @@ void print_result(const paper::ReproduceResult& result) {
   print_table(rows);
 }
 
+void add_options(CLI::App& app, paper::ReproduceSettings& options) {
+  app.add_option(
+         "what", options.what,
+         "table1: attack success, KITTI rig; table2: the same, Xenith rig; fig3: recall over IoU; fig4: "
+         "success against the size of the mesh; table3: transfer; table4: defences; fusions: five detectors, "
+         "attacked through each sensor, every mesh judged by all (fusions-xenith: that rig); all")
+      ->capture_default_str();
+  app.add_flag("--quick", options.quick, "few frames, iterations and random meshes: minutes, wide intervals");
+  app.add_option("--kitti64", options.kitti64, "data set of the KITTI rig (default: generated in OUT/data)");
+  app.add_option("--xenith", options.xenith, "data set of the Xenith rig (default: generated in OUT/data)");
+  app.add_option("--real", options.real, "real frames: the same on their vehicles");
+  app.add_option("--frames", options.frames, "generated frames of a rig")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option("--iterations", options.iterations, "Adam steps of each attack")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option("--random-meshes", options.random_meshes, "random meshes of the baseline, pooled")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option("--seeds", options.seeds,
+                 "runs of each attack, from seeds one apart; intervals then know their spread")
+      ->check(CLI::Range(1, 100))
+      ->capture_default_str();
+  app.add_option("--pictures", options.pictures, "pictures of each attack that shows some")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+}
+
 }  // namespace
 
 Command reproduce_command() {
   auto options = std::make_shared<paper::ReproduceSettings>();
-  return {"reproduce", "repeats the experiments of Tu et al. (CoRL 2021): tables with intervals",
-          "out/reproduce",
-          [options](CLI::App& app) {
-            app.add_option(
-                   "what", options->what,
-                   "table1: attack success, KITTI rig; table2: the same, Xenith rig; fig3: recall over IoU; "
-                   "fig4: success against the size of the mesh; table3: transfer; table4: defences; fusions: "
-                   "five "
-                   "detectors, attacked through each sensor, every mesh judged by all (fusions-xenith: that "
-                   "rig); all")
-                ->capture_default_str();
-            app.add_flag("--quick", options->quick,
-                         "few frames, iterations and random meshes: minutes, wide intervals");
-            app.add_option("--kitti64", options->kitti64,
-                           "data set of the KITTI rig (default: generated in OUT/data)");
-            app.add_option("--xenith", options->xenith,
-                           "data set of the Xenith rig (default: generated in OUT/data)");
-            app.add_option("--real", options->real, "real frames: the same on their vehicles");
-            app.add_option("--frames", options->frames, "generated frames of a rig")
-                ->check(CLI::PositiveNumber)
-                ->capture_default_str();
-            app.add_option("--iterations", options->iterations, "Adam steps of each attack")
-                ->check(CLI::PositiveNumber)
-                ->capture_default_str();
-            app.add_option("--random-meshes", options->random_meshes, "random meshes of the baseline, pooled")
-                ->check(CLI::PositiveNumber)
-                ->capture_default_str();
-            app.add_option("--seeds", options->seeds,
-                           "runs of each attack, from seeds one apart; intervals then know their spread")
-                ->check(CLI::Range(1, 100))
-                ->capture_default_str();
-            app.add_option("--pictures", options->pictures, "pictures of each attack that shows some")
-                ->check(CLI::NonNegativeNumber)
-                ->capture_default_str();
-          },
+  return Command{
+      .name = "reproduce",
+      .help = "repeats the experiments of Tu et al. (CoRL 2021): tables with intervals",
+      .default_out = "out/reproduce",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run =
           [options](const Common& common) {
             paper::ReproduceSettings settings = *options;
             settings.out = common.out;
@@ -73,7 +73,8 @@ Command reproduce_command() {
                 });
             print_result(result);
             return to_json(result);
-          }};
+          },
+  };
 }
 
 }  // namespace mirage::cli

@@ -36,85 +36,87 @@ ImageF mask_picture(const Simulated& simulated, int width, int height) {
   return mask;
 }
 
+nlohmann::json run(const SimulateOptions& options, const Common& common) {
+  InsertionOptions asked = options.insertion;
+  asked.apply();
+  const SunChoice sun = parse_sun(asked.sun);
+  const TexturedMesh adversary = read_adversary(options.mesh);
+  const LidarModel lidar = lidar_of(asked.data);
+  const auto depth = load_depth_completion({asked.depth});
+  const auto finder = make_rooftop_finder(asked.rooftop, lidar);
+  Frame frame = read_frame(asked.data, options.frame);
+  frame.lighting = with_sun(frame, sun);
+  const PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
+  const auto& labels = prepared.frame.labels;
+  const auto index = static_cast<std::size_t>(options.vehicle);
+  if (options.vehicle < 0 || index >= labels.size() || labels[index].type == "DontCare")
+    throw InputError("--vehicle", std::to_string(options.vehicle),
+                     "frame " + options.frame + " has " + std::to_string(labels.size()) +
+                         " labels and this is not a vehicle among them",
+                     "give the place of a vehicle among the frame's labels, from 0");
+  const Box3& box = labels[index].box;
+  const Rooftop rooftop = finder->find(prepared.frame, labels[index]);
+  const Transform& roof = rooftop.velo_from_adversary;
+  const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
+  const double over_box = roof.translation().z() - box.bottom - box.height;
+  const auto start = std::chrono::steady_clock::now();
+  const Simulated simulated =
+      simulate(prepared, labels[index], rooftop, adversary,
+               asked.for_unit(lidar, recorded_lidar_effects(asked.data), common.seed));
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  write_srgb(common.out / "image.png", simulated.image);
+  write_srgb(common.out / "mask.png", mask_picture(simulated, simulated.image.width, simulated.image.height));
+  write_exr(common.out / "depth.exr", prepared.depth);
+  write_sweep(common.out / "sweep.bin", simulated.sweep);
+  print_table({{"roof", rooftop.from_box
+                            ? "the labelled box's" + (rooftop.reason.empty() ? "" : ": " + rooftop.reason)
+                            : fmt::format("fitted, {:+.3f} m over the labelled box", over_box)},
+               {"pixels on the adversary", std::to_string(simulated.adversary_pixels)},
+               {"returns on the adversary", std::to_string(simulated.adversary_points)},
+               {"returns hidden by the scene", std::to_string(simulated.occluded_points)},
+               {"returns that the adversary hides", std::to_string(simulated.removed_points)},
+               {"share in view", percent(simulated.visible_share)},
+               {"measured returns with a ray of their own",
+                fmt::format("{:.2f} %", 100 * prepared.index.assigned_share())},
+               {"picture", (common.out / "image.png").string()}});
+  return {{"adversary_pixels", simulated.adversary_pixels},
+          {"adversary_points", simulated.adversary_points},
+          {"occluded_points", simulated.occluded_points},
+          {"removed_points", simulated.removed_points},
+          {"visible_share", simulated.visible_share},
+          {"rooftop",
+           {{"from_box", rooftop.from_box},
+            {"reason", rooftop.reason},
+            {"velo", {roof(0, 3), roof(1, 3), roof(2, 3)}},
+            {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
+            {"over_box_m", over_box}}},
+          {"lost_points", simulated.lost_points},
+          {"sweep_points", prepared.frame.sweep.size()},
+          {"sweep_rays_assigned", prepared.index.assigned_share()},
+          {"sweep_firings", prepared.index.firing_count()},
+          {"sun", {{"choice", sun.word}, {"to_sun_velo", {to_sun.x(), to_sun.y(), to_sun.z()}}}},
+          {"simulation", to_json(asked.simulation)},
+          {"seconds", seconds}};
+}
+
 }  // namespace
 
 Command simulate_command() {
   auto options = std::make_shared<SimulateOptions>();
-  Command command{"simulate",
-                  "inserts a mesh on the roof of one vehicle: image, sweep, mask, depth",
-                  "out/simulate",
-                  {},
-                  {}};
-  command.options = [options](CLI::App& app) {
-    app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();
-    app.add_option("--vehicle", options->vehicle, "label index of the host, from 0")->capture_default_str();
-    app.add_option("--mesh", options->mesh, "adversary (.glb)")->required();
-    options->insertion.add(app);
+  return Command{
+      .name = "simulate",
+      .help = "inserts a mesh on the roof of one vehicle: image, sweep, mask, depth",
+      .default_out = "out/simulate",
+      .options =
+          [options](CLI::App& app) {
+            app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();
+            app.add_option("--vehicle", options->vehicle, "label index of the host, from 0")
+                ->capture_default_str();
+            app.add_option("--mesh", options->mesh, "adversary (.glb)")->required();
+            options->insertion.add(app);
+          },
+      .run = [options](const Common& common) { return run(*options, common); },
   };
-  command.run = [options](const Common& common) -> nlohmann::json {
-    InsertionOptions& asked = options->insertion;
-    asked.apply();
-    const SunChoice sun = parse_sun(asked.sun);
-    const TexturedMesh adversary = read_adversary(options->mesh);
-    const LidarModel lidar = lidar_of(asked.data);
-    const auto depth = load_depth_completion({asked.depth});
-    const auto finder = make_rooftop_finder(asked.rooftop, lidar);
-    Frame frame = read_frame(asked.data, options->frame);
-    frame.lighting = with_sun(frame, sun);
-    const PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
-    const auto& labels = prepared.frame.labels;
-    const auto index = static_cast<std::size_t>(options->vehicle);
-    if (options->vehicle < 0 || index >= labels.size() || labels[index].type == "DontCare")
-      throw InputError("--vehicle", std::to_string(options->vehicle),
-                       "frame " + options->frame + " has " + std::to_string(labels.size()) +
-                           " labels and this is not a vehicle among them",
-                       "give the place of a vehicle among the frame's labels, from 0");
-    const Box3& box = labels[index].box;
-    const Rooftop rooftop = finder->find(prepared.frame, labels[index]);
-    const Transform& roof = rooftop.velo_from_adversary;
-    const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
-    const double over_box = roof.translation().z() - box.bottom - box.height;
-    const auto start = std::chrono::steady_clock::now();
-    const Simulated simulated =
-        simulate(prepared, labels[index], rooftop, adversary,
-                 asked.for_unit(lidar, recorded_lidar_effects(asked.data), common.seed));
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    write_srgb(common.out / "image.png", simulated.image);
-    write_srgb(common.out / "mask.png",
-               mask_picture(simulated, simulated.image.width, simulated.image.height));
-    write_exr(common.out / "depth.exr", prepared.depth);
-    write_sweep(common.out / "sweep.bin", simulated.sweep);
-    print_table({{"roof", rooftop.from_box
-                              ? "the labelled box's" + (rooftop.reason.empty() ? "" : ": " + rooftop.reason)
-                              : fmt::format("fitted, {:+.3f} m over the labelled box", over_box)},
-                 {"pixels on the adversary", std::to_string(simulated.adversary_pixels)},
-                 {"returns on the adversary", std::to_string(simulated.adversary_points)},
-                 {"returns hidden by the scene", std::to_string(simulated.occluded_points)},
-                 {"returns that the adversary hides", std::to_string(simulated.removed_points)},
-                 {"share in view", percent(simulated.visible_share)},
-                 {"measured returns with a ray of their own",
-                  fmt::format("{:.2f} %", 100 * prepared.index.assigned_share())},
-                 {"picture", (common.out / "image.png").string()}});
-    return {{"adversary_pixels", simulated.adversary_pixels},
-            {"adversary_points", simulated.adversary_points},
-            {"occluded_points", simulated.occluded_points},
-            {"removed_points", simulated.removed_points},
-            {"visible_share", simulated.visible_share},
-            {"rooftop",
-             {{"from_box", rooftop.from_box},
-              {"reason", rooftop.reason},
-              {"velo", {roof(0, 3), roof(1, 3), roof(2, 3)}},
-              {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
-              {"over_box_m", over_box}}},
-            {"lost_points", simulated.lost_points},
-            {"sweep_points", prepared.frame.sweep.size()},
-            {"sweep_rays_assigned", prepared.index.assigned_share()},
-            {"sweep_firings", prepared.index.firing_count()},
-            {"sun", {{"choice", sun.word}, {"to_sun_velo", {to_sun.x(), to_sun.y(), to_sun.z()}}}},
-            {"simulation", to_json(asked.simulation)},
-            {"seconds", seconds}};
-  };
-  return command;
 }
 
 }  // namespace mirage::cli

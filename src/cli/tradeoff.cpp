@@ -46,7 +46,11 @@ void print_result(const TradeoffResult& result) {
 
 Command tradeoff_command() {
   auto options = std::make_shared<TradeoffSettings>();
-  return {"tradeoff", "measures speed against accuracy: fronts and recommended settings", "out/tradeoff",
+  return Command{
+      .name = "tradeoff",
+      .help = "measures speed against accuracy: fronts and recommended settings",
+      .default_out = "out/tradeoff",
+      .options =
           [options](CLI::App& app) {
             add_overrides<FrameSource>(app, options->asked, {}, "the run's, or as mirage attack has it");
             app.add_option("--run", options->run,
@@ -55,6 +59,7 @@ Command tradeoff_command() {
             add_fields(app, *options);
             add_fields(app, options->detector);
           },
+      .run =
           [options](const Common& common) {
             TradeoffSettings settings = *options;
             settings.out = common.out;
@@ -65,7 +70,8 @@ Command tradeoff_command() {
             const TradeoffResult result = tradeoff(settings);
             print_result(result);
             return to_json(result);
-          }};
+          },
+  };
 }
 
 }  // namespace mirage::cli

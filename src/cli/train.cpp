@@ -34,49 +34,52 @@ nlohmann::json train_depth_command(const TrainOptions& given, const Common& comm
           {"presence_loss", result.loss[2]}, {"weights", result.weights.string()}};
 }
 
+nlohmann::json train_detector_command(const TrainingOptions& options, const Common& common) {
+  const TrainingResult result = train_detector(options);
+  nlohmann::json json = {{"detector", options.detector}, {"steps", result.steps},
+                         {"seconds", result.seconds},    {"seconds_per_step", result.seconds_per_step},
+                         {"loss", result.loss.total},    {"weights", result.weights.string()}};
+  if (!common.quiet)
+    std::printf("steps %lld   %.3f s a step   loss %.4f   weights %s\n", static_cast<long long>(result.steps),
+                result.seconds_per_step, result.loss.total, printable(result.weights.string()).c_str());
+  if (result.validated) {
+    json["validation"] = {{"vehicles", result.at50.boxes},
+                          {"ap50", result.at50.average_precision},
+                          {"ap70", result.at70.average_precision},
+                          {"recall50", result.at50.recall}};
+    if (!common.quiet)
+      std::printf("validation: vehicles %d   AP50 %.3f   AP70 %.3f   recall50 %.3f\n", result.at50.boxes,
+                  result.at50.average_precision, result.at70.average_precision, result.at50.recall);
+  }
+  return json;
+}
+
 }  // namespace
 
 Command train_command() {
-  const auto options = std::make_shared<TrainOptions>();
-  Command command;
-  command.name = "train";
-  command.help =
-      "trains a detector or depth completion; goes on from its checkpoint when the output folder holds one";
-  command.default_out = "out/train";
-  command.options = [options](CLI::App& app) {
-    app.add_option("what", options->what, "detector, or depth: learned depth completion")
-        ->check(CLI::IsMember({"detector", "depth"}))
-        ->capture_default_str();
-    add_fields(app, options->detector);
-    app.get_option("--precision")->check(CLI::IsMember({kFloat, kBfloat16}));
-    add_fields(app, options->depth);
+  auto options = std::make_shared<TrainOptions>();
+  return Command{
+      .name = "train",
+      .help =
+          "trains a detector or depth completion; goes on from its checkpoint when the output folder holds "
+          "one",
+      .default_out = "out/train",
+      .options =
+          [options](CLI::App& app) {
+            app.add_option("what", options->what, "detector, or depth: learned depth completion")
+                ->check(CLI::IsMember({"detector", "depth"}))
+                ->capture_default_str();
+            add_fields(app, options->detector);
+            app.get_option("--precision")->check(CLI::IsMember({kFloat, kBfloat16}));
+            add_fields(app, options->depth);
+          },
+      .run =
+          [options](const Common& common) {
+            take_common(options->detector, common);
+            return options->what == "depth" ? train_depth_command(*options, common)
+                                            : train_detector_command(options->detector, common);
+          },
   };
-  command.run = [options](const Common& common) -> nlohmann::json {
-    take_common(options->detector, common);
-    if (options->what == "depth") return train_depth_command(*options, common);
-    const TrainingResult result = train_detector(options->detector);
-    nlohmann::json json = {{"detector", options->detector.detector},
-                           {"steps", result.steps},
-                           {"seconds", result.seconds},
-                           {"seconds_per_step", result.seconds_per_step},
-                           {"loss", result.loss.total},
-                           {"weights", result.weights.string()}};
-    if (!common.quiet)
-      std::printf("steps %lld   %.3f s a step   loss %.4f   weights %s\n",
-                  static_cast<long long>(result.steps), result.seconds_per_step, result.loss.total,
-                  printable(result.weights.string()).c_str());
-    if (result.validated) {
-      json["validation"] = {{"vehicles", result.at50.boxes},
-                            {"ap50", result.at50.average_precision},
-                            {"ap70", result.at70.average_precision},
-                            {"recall50", result.at50.recall}};
-      if (!common.quiet)
-        std::printf("validation: vehicles %d   AP50 %.3f   AP70 %.3f   recall50 %.3f\n", result.at50.boxes,
-                    result.at50.average_precision, result.at70.average_precision, result.at50.recall);
-    }
-    return json;
-  };
-  return command;
 }
 
 }  // namespace mirage::cli

@@ -15,6 +15,11 @@
 namespace mirage::cli {
 namespace {
 
+struct ValidateOptions {
+  ValidationSettings settings;
+  QualityOption quality;
+};
+
 std::string share(const Interval& interval) {
   return percent(interval.value, interval.low, interval.high);
 }
@@ -102,55 +107,59 @@ void print_fidelity(const Validation& result) {
   print_table(rows);
 }
 
+void add_options(CLI::App& app, ValidateOptions& options) {
+  ValidationSettings& settings = options.settings;
+  app.add_option("--run", settings.run, "folder of a finished mirage attack")->required();
+  add_overrides<FrameSource>(app, settings.asked);
+  app.add_option("--detector", settings.detector.detector, "detector (default: the run's)");
+  app.add_option("--weights", settings.detector.weights, "the detector's weights (default: the run's)");
+  app.add_option("--defense", settings.detector.defense, "the detector's defence (default: the run's)");
+  add_trust_option(app, settings.trust);
+  app.add_option("--frames", settings.frames,
+                 fmt::format("frames to validate, test frames first; 0: as many as hold {} vehicles",
+                             kVerdictVehicles))
+      ->check(CLI::NonNegativeNumber);
+  app.add_option("--samples", settings.samples, "Cycles samples a pixel")->check(CLI::Range(1, 65536));
+  app.add_option("--ladder", settings.ladder,
+                 "vehicles on which each effect is rendered alone, spread over the frames (default: 4, or "
+                 "all with --budget)")
+      ->check(CLI::NonNegativeNumber);
+  app.add_option("--noise", settings.noise,
+                 "choose the samples of each vehicle for this noise, a share of its mean radiance")
+      ->check(CLI::Range(1e-4, 1.0));
+  app.add_option("--budget", settings.budget,
+                 "choose for each scene the cheapest rung whose error stays within this share")
+      ->check(CLI::Range(1e-4, 1.0));
+  FieldOptions(app, {})({.name = "budget_of", .help = "what the budget is a share of"}, settings.budget_of);
+  options.quality.add(app, "the run's");
+  add_overrides<SimulationSettings>(app, settings.asked, {"light"});
+  app.add_option("--evaluation", settings.evaluation,
+                 "result.json (or folder) of mirage evaluate, for the report");
+  app.add_option("--tradeoff", settings.tradeoff,
+                 "result.json (or folder) of mirage tradeoff, for the report");
+}
+
 }  // namespace
 
 Command validate_command() {
-  auto options = std::make_shared<ValidationSettings>();
-  auto quality = std::make_shared<QualityOption>();
-  return {
-      "validate", "re-renders in Blender, compares, writes the fidelity report", "out/validate",
-      [options, quality](CLI::App& app) {
-        app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
-        add_overrides<FrameSource>(app, options->asked);
-        app.add_option("--detector", options->detector.detector, "detector (default: the run's)");
-        app.add_option("--weights", options->detector.weights, "the detector's weights (default: the run's)");
-        app.add_option("--defense", options->detector.defense, "the detector's defence (default: the run's)");
-        add_trust_option(app, options->trust);
-        app.add_option("--frames", options->frames,
-                       fmt::format("frames to validate, test frames first; 0: as many as hold {} vehicles",
-                                   kVerdictVehicles))
-            ->check(CLI::NonNegativeNumber);
-        app.add_option("--samples", options->samples, "Cycles samples a pixel")->check(CLI::Range(1, 65536));
-        app.add_option(
-               "--ladder", options->ladder,
-               "vehicles on which each effect is rendered alone, spread over the frames (default: 4, or all "
-               "with --budget)")
-            ->check(CLI::NonNegativeNumber);
-        app.add_option("--noise", options->noise,
-                       "choose the samples of each vehicle for this noise, a share of its mean radiance")
-            ->check(CLI::Range(1e-4, 1.0));
-        app.add_option("--budget", options->budget,
-                       "choose for each scene the cheapest rung whose error stays within this share")
-            ->check(CLI::Range(1e-4, 1.0));
-        FieldOptions(app, {})({.name = "budget_of", .help = "what the budget is a share of"},
-                              options->budget_of);
-        quality->add(app, "the run's");
-        add_overrides<SimulationSettings>(app, options->asked, {"light"});
-        app.add_option("--evaluation", options->evaluation,
-                       "result.json (or folder) of mirage evaluate, for the report");
-        app.add_option("--tradeoff", options->tradeoff,
-                       "result.json (or folder) of mirage tradeoff, for the report");
-      },
-      [options, quality](const Common& common) {
-        ValidationSettings settings = *options;
-        quality->ask(settings.asked);
-        settings.out = common.out;
-        settings.seed = common.seed;
-        settings.quiet = common.quiet;
-        settings.detector.seed = common.seed;
-        print_fidelity(validate(settings));
-        return read_json(settings.out / "result.json");  // with the figures that the report added
-      }};
+  auto options = std::make_shared<ValidateOptions>();
+  return Command{
+      .name = "validate",
+      .help = "re-renders in Blender, compares, writes the fidelity report",
+      .default_out = "out/validate",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run =
+          [options](const Common& common) {
+            ValidationSettings settings = options->settings;
+            options->quality.ask(settings.asked);
+            settings.out = common.out;
+            settings.seed = common.seed;
+            settings.quiet = common.quiet;
+            settings.detector.seed = common.seed;
+            print_fidelity(validate(settings));
+            return read_json(settings.out / "result.json");  // with the figures that the report added
+          },
+  };
 }
 
 }  // namespace mirage::cli

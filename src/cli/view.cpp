@@ -9,53 +9,62 @@
 #include "cli/table.h"
 
 namespace mirage::cli {
+namespace {
+
+struct ViewOptions {
+  ViewSettings settings;
+  bool no_detector = false;
+};
+
+void add_options(CLI::App& app, ViewOptions& options) {
+  ViewSettings& settings = options.settings;
+  app.add_option("dir,--data", settings.data, "data set (default with --run: the run's)");
+  app.add_option("--run", settings.run,
+                 "folder of a finished mirage attack: its vehicles, as recorded and attacked, side by side");
+  app.add_option("--detections", settings.detections,
+                 "boxes to draw: detections.json of mirage detect, or a folder of KITTI result files");
+  app.add_option("--frames", settings.frames,
+                 "the first so many; 0: all. With --run: frames with its vehicles, test frames first; 0: all "
+                 "test frames")
+      ->check(CLI::NonNegativeNumber);
+  app.add_flag("--no-detector", options.no_detector, "with --run: its detector does not look at the frames");
+  app.add_option("--detector", settings.detector.detector, "with --run: who looks (default: the run's)");
+  app.add_option("--weights", settings.detector.weights, "its weights (default: the run's)");
+  app.add_option("--defense", settings.detector.defense, "its defence (default: the run's)");
+  app.add_option("--size", settings.size,
+                 "MB of the page at most: where it is too little, some of the points are left out")
+      ->check(CLI::Range(0.1, 2000.0))
+      ->capture_default_str();
+}
+
+}  // namespace
 
 Command view_command() {
-  auto options = std::make_shared<ViewSettings>();
-  auto no_detector = std::make_shared<bool>(false);
-  Command command;
-  command.name = "view";
-  command.help = "writes a folder of frames as one page that opens offline: pictures, points, boxes, attacks";
-  command.default_out = "out/view";
-  command.page = "view.html";
-  command.options = [options, no_detector](CLI::App& app) {
-    app.add_option("dir,--data", options->data, "data set (default with --run: the run's)");
-    app.add_option(
-        "--run", options->run,
-        "folder of a finished mirage attack: its vehicles, as recorded and attacked, side by side");
-    app.add_option("--detections", options->detections,
-                   "boxes to draw: detections.json of mirage detect, or a folder of KITTI result files");
-    app.add_option(
-           "--frames", options->frames,
-           "the first so many; 0: all. With --run: frames with its vehicles, test frames first; 0: all "
-           "test frames")
-        ->check(CLI::NonNegativeNumber);
-    app.add_flag("--no-detector", *no_detector, "with --run: its detector does not look at the frames");
-    app.add_option("--detector", options->detector.detector, "with --run: who looks (default: the run's)");
-    app.add_option("--weights", options->detector.weights, "its weights (default: the run's)");
-    app.add_option("--defense", options->detector.defense, "its defence (default: the run's)");
-    app.add_option("--size", options->size,
-                   "MB of the page at most: where it is too little, some of the points are left out")
-        ->check(CLI::Range(0.1, 2000.0))
-        ->capture_default_str();
+  auto options = std::make_shared<ViewOptions>();
+  return Command{
+      .name = "view",
+      .help = "writes a folder of frames as one page that opens offline: pictures, points, boxes, attacks",
+      .default_out = "out/view",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) -> nlohmann::json {
+        ViewSettings settings = options->settings;
+        settings.detect = !options->no_detector;
+        settings.page = common.out;
+        settings.quiet = common.quiet;
+        settings.detector.seed = common.seed;
+        settings.detector.threads = common.threads;
+        const nlohmann::json result = make_view(settings);
+        const auto number = [&](const char* key) { return result.at(key).get<double>(); };
+        print_table(
+            {{"frames", fmt::format("{:.0f}", number("frames"))},
+             {"attacked vehicles", fmt::format("{:.0f}", number("vehicles"))},
+             {"returns shown", fmt::format("{:.0f} of {:.0f}", number("kept_points"), number("points"))},
+             {"page",
+              fmt::format("{} ({:.1f} MB)", result.at("page").get<std::string>(), 1e-6 * number("bytes"))}});
+        return result;
+      },
+      .page = "view.html",
   };
-  command.run = [options, no_detector](const Common& common) -> nlohmann::json {
-    ViewSettings settings = *options;
-    settings.detect = !*no_detector;
-    settings.page = common.out;
-    settings.quiet = common.quiet;
-    settings.detector.seed = common.seed;
-    settings.detector.threads = common.threads;
-    const nlohmann::json result = make_view(settings);
-    const auto number = [&](const char* key) { return result.at(key).get<double>(); };
-    print_table({{"frames", fmt::format("{:.0f}", number("frames"))},
-                 {"attacked vehicles", fmt::format("{:.0f}", number("vehicles"))},
-                 {"returns shown", fmt::format("{:.0f} of {:.0f}", number("kept_points"), number("points"))},
-                 {"page", fmt::format("{} ({:.1f} MB)", result.at("page").get<std::string>(),
-                                      1e-6 * number("bytes"))}});
-    return result;
-  };
-  return command;
 }
 
 }  // namespace mirage::cli

@@ -9,6 +9,7 @@
 //     MIRAGE_FAULT_ERROR=28   with this errno (ENOSPC); "kill": the process is killed before the call
 //     MIRAGE_FAULT_LASTING=1  and every later one of the kind too, as on a disk that stays full
 //     MIRAGE_FAULT_COUNT=FILE where the number of calls is written when the process ends
+//     MIRAGE_FAULT_IN=NAME    only processes of that name count (default: all, each by itself)
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <signal.h>
@@ -37,9 +38,11 @@ struct Plan {
               error = variable("MIRAGE_FAULT_ERROR"), count_file = variable("MIRAGE_FAULT_COUNT");
   long at = std::atol(variable("MIRAGE_FAULT_AT").c_str());
   bool lasting = variable("MIRAGE_FAULT_LASTING") == "1";
+  const std::string program = variable("MIRAGE_FAULT_IN");
+  bool here = program.empty() || program == program_invocation_short_name;
   std::atomic<long> calls{0};
   ~Plan() {
-    if (count_file.empty()) return;
+    if (count_file.empty() || !here) return;
     const int file = static_cast<int>(::syscall(SYS_openat, AT_FDCWD, count_file.c_str(),
                                                 O_CREAT | O_TRUNC | O_WRONLY, 0600));  // uncounted
     const std::string text = std::to_string(calls.load());
@@ -54,7 +57,7 @@ Plan& plan() {
 
 bool counts(const char* kind, const std::string& path) {
   const Plan& p = plan();
-  return p.kind == kind && !p.under.empty() && path.compare(0, p.under.size(), p.under) == 0;
+  return p.here && p.kind == kind && !p.under.empty() && path.compare(0, p.under.size(), p.under) == 0;
 }
 
 std::string path_of(int file) {

@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 
-from blenders import blender_cases
+from blenders import blender_cases, validate_cases
 from program import (BAD_DISK, HERE, NO_SPACE, WRITES, Program, Wrong, contents, demand, demand_one_line, demand_same,
                      demand_whole, fresh)
 
@@ -27,6 +27,7 @@ class Suite:
     def __init__(self, program, quick, only):
         self.program, self.quick, self.only = program, quick, only
         self.done, self.wrong = {}, []
+        self.process = ""  # the only one that the faults are in; empty: each process, by itself
         self.out = program.folder / "out"
 
     def case(self, group, name, work):
@@ -38,6 +39,12 @@ class Suite:
         except Wrong as problem:
             self.wrong.append(f"{group}, {name}: {problem}")
             print(f"WRONG: {self.wrong[-1]}", flush=True)
+
+    def where(self):
+        return {"_IN": self.process} if self.process else {}
+
+    def title(self, command):
+        return f"{command[0]} ({self.process})" if self.process not in ("", "mirage") else command[0]
 
     def pick(self, count):
         """Which of 1 … count calls fail: all, or the first, one between and the last."""
@@ -56,20 +63,21 @@ class Suite:
         demand(code == 0, f"given again, it fails: {said.strip()}")
         demand_same(self.out, reference)
 
-    def writing(self, command, reference):
+    def writing(self, command, reference, errors=((NO_SPACE, 0), (NO_SPACE, 1), (BAD_DISK, 0))):
         """Every write, fsync, rename and opening of a file that it makes fails once, or from then on."""
-        errors = ((NO_SPACE, 0),) if self.quick else ((NO_SPACE, 0), (NO_SPACE, 1), (BAD_DISK, 0))
+        errors = errors[:1] if self.quick else errors
         for kind in WRITES:
             fresh(self.out)
-            calls = self.program.calls(command, kind, self.out)
+            calls = self.program.calls(command, kind, self.out, self.where())
             for at in self.pick(calls):
                 for error, lasting in errors:
-                    self.case(f"{command[0]}: {kind}", f"call {at} of {calls}, errno {error}",
+                    self.case(f"{self.title(command)}: {kind}", f"call {at} of {calls}, errno {error}",
                               lambda: self.write_fails(command, reference, kind, at, error, lasting))
 
     def write_fails(self, command, reference, kind, at, error, lasting):
         fresh(self.out)
-        fault = {"": kind, "_UNDER": self.out, "_AT": at, "_ERROR": error, "_LASTING": lasting}
+        fault = {"": kind, "_UNDER": self.out, "_AT": at, "_ERROR": error, "_LASTING": lasting,
+                 **self.where()}
         code, said = self.program.run(command, fault)
         if code == 0:  # nothing of the result: a note in a lock's file, say
             return demand_same(self.out, reference)
@@ -98,14 +106,15 @@ class Suite:
     def kills_at_writes(self, command, reference):
         for kind in ("write", "rename"):
             fresh(self.out)
-            calls = self.program.calls(command, kind, self.out)
+            calls = self.program.calls(command, kind, self.out, self.where())
             for at in self.pick(calls):
-                self.case(f"{command[0]}: killed at a {kind}", f"call {at} of {calls}",
+                self.case(f"{self.title(command)}: killed at a {kind}", f"call {at} of {calls}",
                           lambda: self.killed_at(command, reference, kind, at))
 
     def killed_at(self, command, reference, kind, at):
         fresh(self.out)
-        code, _ = self.program.run(command, {"": kind, "_UNDER": self.out, "_AT": at, "_ERROR": "kill"})
+        code, _ = self.program.run(command, {"": kind, "_UNDER": self.out, "_AT": at, "_ERROR": "kill",
+                                               **self.where()})
         demand(code == -signal.SIGKILL, f"was not killed but ended with {code}")
         demand_whole(self.out, reference)
         self.again(command, reference)
@@ -199,6 +208,7 @@ def everything(suite, folder, detector, kills):
         suite.kills_at_any_time(longer, suite.reference(longer), max(kills // 10, 1),
                                 before=("mpirun", "--oversubscribe", "-n", "2"))
     blender_cases(suite, run, data, common, quick)
+    validate_cases(suite, run, data, common, quick)
 
 
 if __name__ == "__main__":

@@ -10,4 +10,4 @@ add_test(NAME faults.quick COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOUR
                                    ${PROJECT_SOURCE_DIR} ${CMAKE_BINARY_DIR} --quick)
 add_test(NAME faults.refusals COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/faults/refusals.py
                                       ${PROJECT_SOURCE_DIR} ${CMAKE_BINARY_DIR} --quick)
-set_tests_properties(faults.quick faults.refusals PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
+set_tests_properties(faults.quick faults.refusals PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900)

@@ -12,6 +12,7 @@
 #include "base/installation.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
+#include "base/names.h"
 #include "base/progress.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
@@ -83,9 +84,11 @@ void write_report(const ValidationSettings& settings) {
     arguments.insert(arguments.end(), {"--tradeoff", settings.tradeoff.string()});
   if (const fs::path viewer = built_file("report/model-viewer.min.js"); fs::exists(viewer))
     arguments.insert(arguments.end(), {"--viewer", viewer.string()});
-  if (const int status = run_program(arguments); status != 0)
-    throw Failure("report.py", fmt::format("ended with status {}", status),
-                  "install python3-jinja2 and python3-pil; finished vehicles are kept");
+  std::string said;
+  if (const int status = run_program(arguments, &said); status != 0)
+    throw Failure("report.py", said.empty() ? fmt::format("ended with status {}", status) : printable(said),
+                  said.starts_with("ModuleNotFoundError") ? "install python3-jinja2 and python3-pil"
+                                                          : "finished vehicles are kept");
 }
 
 /// The hosts' results, kept or made, each stored as it is finished. Those that Blender was lost on go to
