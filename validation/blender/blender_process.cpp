@@ -8,6 +8,7 @@
 
 #include "base/clock.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/interrupt.h"
@@ -99,7 +100,7 @@ std::vector<std::filesystem::path> renderer_programs() {
 
 void require_text_path(const std::filesystem::path& out) {
   if (printable(out.string()) != out.string())
-    throw InputError("--out", out.string(), "is no text (UTF-8), and Blender is told of it in JSON",
+    throw FieldError("out", out.string(), "is no text (UTF-8), and Blender is told of it in JSON",
                      "choose another folder");
 }
 

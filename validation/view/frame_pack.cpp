@@ -7,6 +7,7 @@
 #include <filesystem>
 
 #include "base/error.h"
+#include "base/fields.h"
 #include "detection/average_precision.h"
 #include "detection/jpeg_detector.h"
 #include "detection/points_in_view.h"
@@ -195,7 +196,7 @@ PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start) {
     packed.kept = static_cast<std::size_t>(std::count(kept.begin(), kept.end(), true));
     if (packed.text.size() <= limit) break;
     if (packed.settings.step >= kCoarsest)
-      throw InputError("--size", "",
+      throw FieldError("size", "",
                        fmt::format("frame {} does not fit into {:.1f} MB", view.frame.id,
                                    1e-6 * static_cast<double>(limit)),
                        "give a larger --size or fewer --frames");

@@ -13,6 +13,7 @@
 #include "attack/run.h"
 #include "attack/stages.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/parallel.h"
@@ -194,7 +195,7 @@ json make_view(const ViewSettings& given) {
   const double room = settings.size * kMegabyte - static_cast<double>(before.size() + after.size()) - 1e5;
   const double limit = room / static_cast<double>(ids.size()) - kOverhead;
   if (limit < 1e4)
-    throw InputError("--size", fmt::format("{:g} MB", settings.size),
+    throw FieldError("size", fmt::format("{:g} MB", settings.size),
                      fmt::format("is too small for {} frames", ids.size()), "give more, or fewer --frames");
 
   std::optional<Attacker> attacker;
