@@ -53,7 +53,7 @@ Command view_command() {
         settings.quiet = common.quiet;
         settings.detector.seed = common.seed;
         settings.detector.threads = common.threads;
-        const nlohmann::json result = make_view(settings);
+        nlohmann::json result = make_view(settings);
         const auto number = [&](const char* key) { return result.at(key).get<double>(); };
         print_table(
             {{"frames", fmt::format("{:.0f}", number("frames"))},
