@@ -44,8 +44,8 @@ double TrainingLoop::run(const TrainingWork& work) {
   CheckpointTimer timer({schedule_.checkpoint_every, schedule_.checkpoint_seconds});
   {
     Progress shown(work.name, static_cast<std::size_t>(schedule_.steps), schedule_.quiet);
-    for (double done = progress(); done < 1; done = progress()) {
-      const double rate = one_cycle(schedule_.learning_rate, done);
+    while (progress() < 1) {
+      const double rate = one_cycle(schedule_.learning_rate, progress());
       follow_losses(state_, work.learn(state_.step, rate), work.follow);
       ++state_.step;
       state_.seconds = seconds_before + seconds_since(start);

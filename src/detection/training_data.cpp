@@ -58,6 +58,7 @@ TrainingSample PreparedSample::view() const {
 
 std::vector<TrainingSample> views_of(const std::vector<PreparedSample>& samples) {
   std::vector<TrainingSample> views;
+  views.reserve(samples.size());
   for (const PreparedSample& sample : samples) views.push_back(sample.view());
   return views;
 }
