@@ -75,16 +75,30 @@ class Picture {
   const OIIO::ImageSpec& spec() const { return input_->spec(); }
   std::size_t pixels() const { return static_cast<std::size_t>(spec().width) * spec().height; }
   bool is_grey16() const { return spec().nchannels == 1 && spec().format == OIIO::TypeDesc::UINT16; }
-  /// All of them, converted; `values` has room for pixels() × channels.
+  /// All of them, converted; `values` has room for pixels() × channels. OpenImageIO's own conversion sets 16
+  /// MB or more aside, however small the picture, so it is left to what needs it: tiles, and channels of
+  /// several types.
   void read(OIIO::TypeDesc type, void* values) {
-    if (!input_->read_image(0, 0, 0, spec().nchannels, type, values))
-      throw InputError(where_, field_ == "header" ? "pixels" : field_,
-                       "truncated or damaged" + reason(input_->geterror()), kRestore);
+    const OIIO::ImageSpec& is = spec();
+    if (is.tile_width > 0 || !is.channelformats.empty())
+      return check(input_->read_image(0, 0, 0, is.nchannels, type, values));
+    const std::size_t count = pixels() * static_cast<std::size_t>(is.nchannels);
+    std::vector<std::byte> raw(is.format == type ? 0 : count * is.format.size());
+    check(
+        input_->read_native_scanlines(0, 0, is.y, is.y + is.height, is.z, raw.empty() ? values : raw.data()));
+    if (!raw.empty())
+      OIIO::convert_pixel_values(is.format, raw.data(), type, values, static_cast<int>(count));
   }
 
  private:
   Picture(std::string where, std::string field, std::unique_ptr<OIIO::Filesystem::IOProxy> proxy)
       : where_(std::move(where)), field_(std::move(field)), proxy_(std::move(proxy)) {}
+
+  void check(bool decoded) {
+    if (!decoded)
+      throw InputError(where_, field_ == "header" ? "pixels" : field_,
+                       "truncated or damaged" + reason(input_->geterror()), kRestore);
+  }
 
   [[noreturn]] void bad(const std::string& problem, const std::string& fix = kRestore) const {
     throw InputError(where_, field_, problem, fix);

@@ -9,9 +9,7 @@
 #include <stdexcept>
 
 #include "attack/checkpoint.h"
-#ifndef MIRAGE_FUZZ
 #include "attack/run.h"
-#endif
 #include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
@@ -204,7 +202,6 @@ void shape(const fs::path& file) {
   demand(std::isfinite(d), "a distance read between the nodes is not finite");
 }
 
-#ifndef MIRAGE_FUZZ  // its words are known to all layers, which are too much to build for a fuzzer
 void run(const fs::path& file) {
   // A run folder's other files do not change.
   static const bool made = [] {
@@ -225,7 +222,6 @@ void run(const fs::path& file) {
       demand(host.frame.find('/') == std::string::npos, "a frame's name leaves the data set");
     }
 }
-#endif
 
 void check(const AttackState& state) {
   demand(state.iteration >= 0 && state.vertices.step_count >= 0, "a count is negative");
@@ -288,11 +284,7 @@ constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
                                {"shape", "cars.shape", shape},
                                {"archive", "some.weights", archive},
                                {"pickle", "data.pkl", pickle},
-
-#ifndef MIRAGE_FUZZ
                                {"run", "run.json", run},
-#endif
-
                                {"checkpoint", "checkpoint.json", checkpoint},
                                {"checkpoint-fields", "patch.json", checkpoint_fields}};
 

@@ -34,9 +34,12 @@ std::string word(std::size_t value) {
 
 }  // namespace
 
-std::string mutate_png(std::string file, std::size_t most, const Mutate& mutate) {
+std::string mutate_png(std::string file, std::size_t most, unsigned seed, const Mutate& mutate) {
   file = mutated(std::move(file), most, mutate);
   constexpr std::size_t kSignature = 8, kFrame = 12;  // length, name and check sum
+  constexpr std::size_t kWidth = kSignature + 8, kHeight = kWidth + 4;
+  if (seed % 16 != 0 && file.size() >= kHeight + 4)
+    for (const std::size_t side : {kWidth, kHeight}) file.replace(side, 3, 3, '\0');
   for (std::size_t at = kSignature; at + kFrame <= file.size();) {
     const std::size_t length = std::min(big_endian(file, at), file.size() - at - kFrame);
     for (int i = 0; i < 4; ++i) file[at + i] = static_cast<char>(length >> (24 - 8 * i));

@@ -172,7 +172,6 @@ std::string archive(bool with64) {
          std::string(2, '\0');
 }
 
-#ifndef MIRAGE_FUZZ  // parsers.cpp says why
 std::string run() {
   return R"({"batch": 2, "buildable": [0.002, 0.05, 0.05, 0.9], "data": "data", "depth": "ip-basic",
  "defense": "none", "parts": "both", "sun": "frame",
@@ -184,8 +183,6 @@ std::string run() {
  "train": [{"frame": "000001", "label": 0}, {"frame": "000002", "label": 3}], "vertex_rate": 0.001,
  "texel_rate": 0.004, "weights": "", "weights_hash": "0123456789abcdef"})";
 }
-
-#endif
 
 }  // namespace
 
@@ -283,9 +280,7 @@ std::vector<Seed> seeds() {
       {"archive", "short", archive(false)},
       {"archive", "long", archive(true)},
       {"pickle", "module", pickle()},
-#ifndef MIRAGE_FUZZ
       {"run", "whole", run()},
-#endif
       {"checkpoint-fields", "none", "{}"},
       {"checkpoint-fields", "some", R"({"losses":[1,2,3,4,5,6],"hidden":[1,0]})"},
       {"checkpoint", "fresh", seed_checkpoint(0)},

@@ -89,7 +89,7 @@ TEST_F(Parsers, MutatedSeedsAreTakenOrRefusedInALine) {
       };
       std::string bytes = seed.bytes;
       if (seed.parser == "png") {
-        bytes = mutate_png(bytes, most, change);
+        bytes = mutate_png(bytes, most, static_cast<unsigned>(round), change);
       } else if (seed.parser == "gltf") {
         bytes = mutate_glb(bytes, most, static_cast<unsigned>(round), change);
       } else {

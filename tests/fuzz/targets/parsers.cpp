@@ -57,7 +57,7 @@ extern "C" std::size_t LLVMFuzzerCustomMutator(std::uint8_t* bytes, std::size_t 
   const std::string name = parser->name;
   if (name != "png" && name != "gltf") return LLVMFuzzerMutate(bytes, size, most);
   std::string file(reinterpret_cast<const char*>(bytes), size);
-  file = name == "png" ? mutate_png(std::move(file), most, LLVMFuzzerMutate)
+  file = name == "png" ? mutate_png(std::move(file), most, seed, LLVMFuzzerMutate)
                        : mutate_glb(std::move(file), most, seed, LLVMFuzzerMutate);
   size = std::min(file.size(), most);
   std::copy_n(file.begin(), size, bytes);
