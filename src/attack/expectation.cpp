@@ -97,6 +97,7 @@ SimulationSettings WorldDraw::simulation(const SimulationSettings& known) const 
   SimulationSettings varied = known;
   varied.lidar_effects.range_sigma = std::hypot(known.lidar_effects.range_sigma, expectation_.range_noise);
   varied.lidar_effects.seed = RandomStream(seed_, "expected returns", draw_).next_u32();
+  varied.camera_effects.draw = RandomStream(seed_, "expected sensor noise", draw_).next_u32();
   return varied;
 }
 

@@ -33,10 +33,11 @@ std::shared_ptr<const RenderedPictures::Correction> RenderedPictures::make(const
                                                                            const Simulated& simulated) const {
   const Frame& frame = host.prepared.frame;
   Simulated then;
-  const bool now = same_mesh(adversary, rendered.mesh);
-  if (!now)
-    then =
-        simulate(host.prepared, label_of(frame, host.host.id), host.rooftop, rendered.mesh, host.simulation);
+  // What the renderer draws is ideal; lens and sensor come after the light.
+  SimulationSettings ideal = host.simulation;
+  ideal.camera_effects = {};
+  const bool now = same_mesh(adversary, rendered.mesh) && !host.simulation.camera_effects.any();
+  if (!now) then = simulate(host.prepared, label_of(frame, host.host.id), host.rooftop, rendered.mesh, ideal);
   const Simulated& at = now ? simulated : then;
   auto correction = std::make_shared<Correction>();
   correction->world = host.world;
@@ -48,6 +49,8 @@ std::shared_ptr<const RenderedPictures::Correction> RenderedPictures::make(const
   correction->rect = window.rect;
   correction->difference = std::move(window.picture);
   for (std::size_t i = 0; i < raster.data.size(); ++i) correction->difference.data[i] -= raster.data[i];
+  if (const double blur = host.simulation.camera_effects.blur_sigma; blur > 0)
+    soften(correction->difference, blur);
   return correction;
 }
 

@@ -107,7 +107,7 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   add_overrides<FrameSource>(app, request.asked);
   add_fields(app, request.detector);
   options.quality.add(app, "the run's settings");
-  add_overrides<SimulationSettings>(app, request.asked, {"light"});
+  add_overrides<SimulationSettings>(app, request.asked, {"light", "camera_effects"});
   options.effects.add(app, "the run's");
   add_trust_option(app, request.trust);
   tell_of_cache(app);

@@ -92,6 +92,13 @@ class OverrideOptions {
   void group(const Field&, const T& inner) {
     visit_fields(*this, inner);
   }
+  template <class T>
+  void list(const Field& field, const T& inner) {
+    if constexpr (HasText<T>)
+      (*this)(field, inner);
+    else
+      visit_fields(*this, inner);
+  }
   CLI::App& app;
   std::map<std::string, std::string>& asked;  ///< by field (attack/run.h, Overrides)
   std::set<std::string> only;

@@ -5,35 +5,10 @@
 #include <numbers>
 
 #include "base/random.h"
+#include "sensors/camera_effects.h"
 
 namespace mirage::generator {
 namespace {
-
-// The lens, the sensor's colour filter and the rectification soften the picture: a Gaussian of about 0.7
-// pixels, separable, five taps.
-void soften(ImageF& image, double sigma) {
-  double taps[3], total = 0;
-  for (int k = 0; k < 3; ++k) {
-    taps[k] = std::exp(-0.5 * k * k / (sigma * sigma));
-    total += k == 0 ? taps[k] : 2 * taps[k];
-  }
-  const float a = static_cast<float>(taps[0] / total), b = static_cast<float>(taps[1] / total),
-              c = static_cast<float>(taps[2] / total);
-  ImageF across = image;
-  const int w = image.width, h = image.height;
-  for (int v = 0; v < h; ++v)
-    for (int u = 0; u < w; ++u)
-      for (int k = 0; k < 3; ++k) {
-        const auto x = [&](int i) { return image.at(std::clamp(i, 0, w - 1), v, k); };
-        across.at(u, v, k) = a * x(u) + b * (x(u - 1) + x(u + 1)) + c * (x(u - 2) + x(u + 2));
-      }
-  for (int v = 0; v < h; ++v)
-    for (int u = 0; u < w; ++u)
-      for (int k = 0; k < 3; ++k) {
-        const auto y = [&](int i) { return across.at(u, std::clamp(i, 0, h - 1), k); };
-        image.at(u, v, k) = a * y(v) + b * (y(v - 1) + y(v + 1)) + c * (y(v - 2) + y(v + 2));
-      }
-}
 
 // Shot and read noise of the camera, in scene-linear values.
 void add_sensor_noise(ImageF& image, std::uint64_t seed, std::uint64_t index) {
@@ -43,8 +18,7 @@ void add_sensor_noise(ImageF& image, std::uint64_t seed, std::uint64_t index) {
     RandomStream random(seed, "sensor noise", index * 100003 + v);
     for (int i = 0; i < image.width * 3; ++i) {
       float& x = image.pixel(0, v)[i];
-      x = std::max(
-          0.f, x + static_cast<float>(random.normal() * std::sqrt(read * read + shot * std::max(0.f, x))));
+      x = std::max(0.f, x + static_cast<float>(random.normal() * noise_sigma(x, shot, read)));
     }
   }
 }

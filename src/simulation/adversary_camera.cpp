@@ -7,6 +7,7 @@
 #include "sensors/raster/limits.h"
 #include "simulation/adversary_view.h"
 #include "simulation/check_inputs.h"
+#include "simulation/object_exposure.h"
 
 namespace mirage {
 namespace {
@@ -64,8 +65,12 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   tape.projected = project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearPlane, Texture::atlas,
                                 placed.atlas.resolution, tape.light->lit(placed.atlas.texels));
 
-  const PixelRect rect = touched_pixels(tape.projected.screen, tape.settings, camera.width, camera.height,
-                                        {0, 0, camera.width, camera.height});
+  PixelRect rect = touched_pixels(tape.projected.screen, tape.settings, camera.width, camera.height,
+                                  {0, 0, camera.width, camera.height});
+  if (settings.camera_effects.blur_sigma > 0 && !rect.empty())
+    rect = {std::max(0, rect.u0 - kExposureReach), std::max(0, rect.v0 - kExposureReach),
+            std::min(camera.width, rect.u1 + kExposureReach),
+            std::min(camera.height, rect.v1 + kExposureReach)};
   result.image = prepared.frame.image;
   result.rect = rect;
   result.rgba = Image<double>(rect.width(), rect.height(), 4);
@@ -91,17 +96,19 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   obstructed |= occluded;
   if (!occluded) target.depth_limit = {};
   result.rgba = tape.pass->draw(tape.projected.screen, tape.settings, target);
-  for (int v = rect.v0; v < rect.v1; ++v)
-    for (int u = rect.u0; u < rect.u1; ++u)
-      for (int c = 0; c < 3; ++c)  // the photograph saturates at 1, and so does what is drawn into it
-        result.image.at(u, v, c) =
-            static_cast<float>(std::clamp(result.rgba.at(u - rect.u0, v - rect.v0, c), 0.0, 1.0));
   result.adversary_pixels = count_opaque(result.rgba);
   result.visible_share = 1;
   if (obstructed) {
     const double whole = tape.pass->unobstructed_area(tape.projected.screen, tape.settings, camera);
     result.visible_share = whole > 0 ? std::min(1.0, silhouette_area(result.rgba) / whole) : 0;
   }
+  tape.effects = settings.camera_effects;
+  tape.softened = expose_object(tape.effects, target.background, rect.u0, rect.v0, result.rgba);
+  for (int v = rect.v0; v < rect.v1; ++v)
+    for (int u = rect.u0; u < rect.u1; ++u)
+      for (int c = 0; c < 3; ++c)  // the photograph saturates at 1, and so does what is drawn into it
+        result.image.at(u, v, c) =
+            static_cast<float>(std::clamp(result.rgba.at(u - rect.u0, v - rect.v0, c), 0.0, 1.0));
   return tape;
 }
 
@@ -121,6 +128,7 @@ void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, cons
         d_rgba.at(u, v, c) = saturated ? 0 : static_cast<double>(row[3 * u + c]);
       }
   }
+  expose_object_vjp(tape.effects, tape.target.background, rect.u0, rect.v0, tape.softened, d_rgba);
   const ScreenGradient<double> gradient =
       tape.pass->vjp(tape.projected.screen, tape.settings, tape.target, d_rgba);
 

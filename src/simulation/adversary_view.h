@@ -20,6 +20,8 @@ struct CameraTape {
   ProjectedMesh projected;
   SoftRasterSettings<double> settings;
   RasterTarget<float> target;
+  CameraEffects effects;
+  Image<double> softened;            ///< what expose_object_vjp needs
   std::shared_ptr<CameraPass> pass;  ///< none where the object touches no pixel
 };
 

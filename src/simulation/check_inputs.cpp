@@ -129,6 +129,11 @@ void check_settings(const SimulationSettings& settings) {
   demand(std::isfinite(settings.occlusion_margin), "occlusion_margin", kNotFinite, "use metres, e.g. 0.3");
   demand(settings.grazing_cosine > 0 && settings.grazing_cosine <= 1, "grazing_cosine", "not in (0, 1]",
          "use e.g. 0.05");
+  try {
+    check_fields(settings.camera_effects);
+  } catch (const FieldError& problem) {
+    throw InputError("simulation settings", "camera_effects", problem.what(), "use ideal or unit");
+  }
 }
 
 template <class S>

@@ -10,6 +10,7 @@
 #include "scene/frame.h"
 #include "scene/occlusion.h"
 #include "scene/rooftop.h"
+#include "sensors/camera_effects.h"
 #include "sensors/lidar_effects.h"
 #include "sensors/raster/limits.h"
 #include "sensors/screen_mesh.h"
@@ -52,6 +53,7 @@ struct SimulationSettings {
   double grazing_cosine = 0.05;
   LidarGradient lidar_gradient = LidarGradient::silhouette;  ///< of an attack
   LidarEffects lidar_effects;                                ///< all off
+  CameraEffects camera_effects;                              ///< all off
   LightModel light = LightModel::plain;
   VisibleLightSettings visible_light;  ///< of LightModel::visible
 };
@@ -83,6 +85,10 @@ void visit_fields(Visitor& visit, S& s) {
          .written = s.light != LightModel::plain},
         s.light);
   visit.group({.name = "lidar_effects", .written = s.lidar_effects.any()}, s.lidar_effects);
+  visit.list({.name = "camera_effects",
+              .help = "pixels of the object: ideal, unit (lens and sensor), or some of blur,noise",
+              .written = s.camera_effects.any()},
+             s.camera_effects);
 }
 
 /// What both sensors see once the adversary is on the roof.

@@ -23,6 +23,7 @@ AttackSettings everything_on() {
   settings.expectation = parse_expectation("all");
   settings.buildable.on = true;
   settings.simulation.lidar_effects.range_sigma = 0.01;
+  settings.simulation.camera_effects.read_sigma = 0.01;
   settings.simulation.lidar_effects.velocity = Vec3d(1, 2, 3);
   return settings;
 }

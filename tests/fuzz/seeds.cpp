@@ -178,7 +178,7 @@ std::string run() {
  "detector": "lidar", "fp_top_k": 50, "lambda_fp": 1.0, "lambda_laplacian": 0.001, "limits": [0.8, 0.8, 0.5], "min_view": 0.7,
  "relevant_score": 0.1, "rooftop": "shape", "seed": 7,
  "simulation": {"sigma": 5e-07, "gamma": 0.01, "epsilon": 0.001, "dist_eps": 0.0001, "supersampling": 2,
-  "lidar_gradient": "silhouette", "lidar_reflectivity": 0.5, "occlusion_margin": 0.3, "grazing_cosine": 0.05},
+  "camera_effects": [0.7, 7e-05, 0.00125], "lidar_gradient": "silhouette", "lidar_reflectivity": 0.5, "occlusion_margin": 0.3, "grazing_cosine": 0.05},
  "target": "both", "test": [{"frame": "000003", "label": 1}],
  "train": [{"frame": "000001", "label": 0}, {"frame": "000002", "label": 3}], "vertex_rate": 0.001,
  "texel_rate": 0.004, "weights": "", "weights_hash": "0123456789abcdef"})";

@@ -93,6 +93,15 @@ TEST(InsertionGradient, ExactAreasThroughTheCamera) {
   expect_camera_gradient(world, settings);
 }
 
+TEST(InsertionGradient, ThroughLensAndSensor) {
+  SimulationSettings soft = smooth_settings(), exact;
+  exact.exact_coverage = true;
+  for (SimulationSettings* settings : {&soft, &exact}) {
+    settings->camera_effects = parse_camera_effects("unit");
+    expect_camera_gradient(make_world(1), *settings);
+  }
+}
+
 TEST(InsertionGradient, TexelsThroughTheVisibleLight) {
   const World world = make_world(5);
   SimulationSettings settings = smooth_settings();

@@ -17,7 +17,7 @@ using nlohmann::json;
 
 constexpr int kFolds = 20;
 /// Rungs that are no approximation of the full render.
-const std::set<std::string> kNotOffered = {"sRGB shading", "+clear sky", "+car paint"};
+const std::set<std::string> kNotOffered = {"sRGB shading", "+clear sky", "+car paint", "lens", "sensor"};
 
 /// What the vehicles' results say about each rung.
 struct Table {

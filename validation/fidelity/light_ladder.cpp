@@ -3,7 +3,6 @@
 #include <chrono>
 #include <cmath>
 #include <map>
-#include <opencv2/imgproc.hpp>
 
 #include "base/color.h"
 #include "validation/fidelity/picture_errors.h"
@@ -13,13 +12,6 @@ namespace {
 
 constexpr double kFilterWidth = 1.5;  // px, Blender's default
 constexpr int kReferenceFactor = 4;   // samples of the reference over the rungs'
-constexpr double kBlurSigma = 0.7;    // px, of lens and sensor together
-
-/// A render's object blurred; its shadow is smooth already.
-void blur(Rendered& rendered) {
-  cv::Mat picture(rendered.rgba.height, rendered.rgba.width, CV_32FC4, rendered.rgba.data.data());
-  cv::GaussianBlur(picture, picture, cv::Size(0, 0), kBlurSigma, kBlurSigma, cv::BORDER_REPLICATE);
-}
 
 /// The frame and the mesh with sRGB numbers in the place of radiances: what a renderer does that multiplies
 /// light into the texture's bytes.
@@ -171,6 +163,11 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
   drawn("sRGB shading", [&] { return simulate_in_srgb(scene, hard); });
   drawn("uniform ambient", [&] { return simulate_uniform(scene, hard); });
   drawn("visible light", [&] { return simulate_host(scene, visible); });
+  for (const auto& [effect, words] : {std::pair("lens", "blur"), std::pair("sensor", "noise")}) {
+    SimulationSettings seen = hard;
+    seen.camera_effects = parse_camera_effects(words);
+    drawn(effect, [&] { return simulate_host(scene, seen); });
+  }
 
   RenderJob centres = job;
   centres.effects = {};
@@ -186,7 +183,8 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
     job.filter_width = recipe.filter_width;
     RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::rungs);
     if (recipe.blurred)
-      for (Rendered* half : {&rendered.first, &rendered.second}) blur(*half);
+      for (Rendered* half : {&rendered.first, &rendered.second})  // its shadow is smooth already
+        soften(half->rgba, kLensBlur);
     add(recipe.effect, recipe.group, recipe.base, rendered.seconds, picture_of(rendered),
         over(rendered, full.visible, photograph), coverage_of(rendered, full.visible));
   }

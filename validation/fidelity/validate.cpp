@@ -28,7 +28,7 @@ using nlohmann::json;
 namespace fs = std::filesystem;
 
 constexpr int kLadder = 4;
-constexpr int kStoredVersion = 6;  // of hosts/*.json; raise it when their content changes
+constexpr int kStoredVersion = 7;  // of hosts/*.json; raise it when their content changes
 
 /// A path that stays below the folder that it is relative to.
 bool is_inside(const fs::path& path) {
@@ -170,8 +170,9 @@ Validation validate(const ValidationSettings& given) {
   Run run = read_run(settings.run, settings.trust);
   override_settings(run, settings.asked, settings.seed);
   check_fields(run.settings);
-  // Rays are compared with Blender's; the LiDAR ladder adds the effects.
+  // Rays and pixels are compared with Blender's; the ladders add the effects.
   run.settings.simulation.lidar_effects = {};
+  run.settings.simulation.camera_effects = {};
   for (fs::path* told : {&settings.evaluation, &settings.tradeoff}) require_result(*told);
   use_detector_of(run, settings.detector);
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);

@@ -43,8 +43,8 @@ def insert(frame: _core.Frame, host: _core.Host | int, mesh: _core.Mesh, *, doub
     host: one of frame.hosts(), or the index of a label. mesh: its lowest vertex is set on the roof.
     double: draw with the plain loop in float64, which is some forty times as slow and what derivatives are checked
     with; faces are then dropped only where they cover less than 1e-13.
-    settings: depth, rooftop, quality, sigma, gamma, supersampling, light, lidar_effects and sun, as of `mirage
-    simulate`.
+    settings: depth, rooftop, quality, sigma, gamma, supersampling, light, lidar_effects, camera_effects and sun, as of
+    `mirage simulate`.
 
     The result has .image (H×W×3), .points (M×4), .mask (H×W), .depth (H×W, m) and
     .vjp(d_image, d_points) -> (d_vertices (V×3), d_texels (F×C×C×3)).
