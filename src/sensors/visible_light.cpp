@@ -23,10 +23,25 @@ template <class S>
 std::vector<Vec3<S>> unit_normals(const std::vector<Vec3<S>>& normals, const LightVisibility& visibility) {
   std::vector<Vec3<S>> n;
   n.reserve(visibility.nodes());
-  for (const Vec3<S>& normal : normals) n.push_back(unit(normal));
-  for (std::size_t f = 0; f < normals.size(); ++f) n.push_back(-n[f]);
+  for (const int side : visibility.side_of) {
+    const std::size_t face = visibility.face_of(static_cast<std::size_t>(side));
+    const Vec3<S> front = unit(normals[face]);
+    n.push_back(static_cast<std::size_t>(side) == face ? front : Vec3<S>(-front));
+  }
   n.resize(visibility.nodes(), visibility.roof_normal.template cast<S>());
   return n;
+}
+
+/// The texels [begin, end) that a node of the object reflects with.
+struct TexelRange {
+  std::size_t begin, end;
+};
+TexelRange texels_of(const LightVisibility& visibility, std::size_t node, std::size_t per_face) {
+  const auto side = static_cast<std::size_t>(visibility.side_of[node]);
+  const std::size_t first = visibility.face_of(side) * per_face;
+  if (!visibility.split(side)) return {first, first + per_face};
+  const std::size_t texel = first + node - visibility.first_node(side);
+  return {texel, texel + 1};
 }
 
 }  // namespace
@@ -44,10 +59,12 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
   std::vector<Vec3<S>> open(nodes);  // sky and road, without sun and without reflections
   std::vector<Vec3<S>> direct(nodes);
   for (std::size_t i = 0; i < nodes; ++i) {
-    if (i < faces) {
+    if (i < visibility.side_of.size()) {
+      const auto [begin, end] = texels_of(visibility, i, per_face);
       Vec3<S> sum = Vec3<S>::Zero();
-      for (std::size_t t = i * per_face; t < (i + 1) * per_face; ++t) sum += texels[t];
-      result.albedo[i] = result.albedo[i + faces] = sum / static_cast<S>(std::max<std::size_t>(1, per_face));
+      for (std::size_t t = begin; t < end; ++t) sum += texels[t];
+      result.albedo[i] = sum / static_cast<S>(std::max<std::size_t>(1, end - begin)) +
+                         Vec3<S>::Constant(static_cast<S>(visibility.even_gloss));
     }
     open[i] = ambient;
     direct[i].setZero();
@@ -65,21 +82,36 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
     }
     for (std::size_t i = 0; i < nodes; ++i) {
       reflected[i].setZero();
-      for (int e = visibility.first[i]; e < visibility.first[i + 1]; ++e) {
-        const auto& r = visibility.reflections[static_cast<std::size_t>(e)];
+      for (const auto& r : visibility.met_by(i)) {
         reflected[i] += n[i].dot(r.towards.template cast<S>()) * gathered[static_cast<std::size_t>(r.node)];
       }
     }
     result.received.push_back(std::move(received));
   }
-  result.sky.resize(faces);
+  result.sky.resize(nodes);
   result.factor.resize(texels.size());
+  result.gloss.resize(texels.size());
+  for (std::size_t i = 0; i < nodes; ++i) result.sky[i] = open[i] + reflected[i];
   for (std::size_t f = 0; f < faces; ++f) {
-    const std::size_t side = visibility.side(f);
-    result.sky[f] = open[side] + reflected[side];
-    const Vec3<S> shown = result.sky[f].cwiseMax(S(0)), lit = sun * std::max(S(0), n[side].dot(to_sun));
-    for (std::size_t t = f * per_face; t < (f + 1) * per_face; ++t)
-      result.factor[t] = shown + lit * static_cast<S>(visibility.sun[t]);
+    const bool split = visibility.split(visibility.side(f));
+    Vec3<S> shown = Vec3<S>::Zero(), lit = shown, sheen = shown, glint = shown;
+    for (std::size_t t = 0; t < per_face; ++t) {
+      if (t == 0 || split) {
+        const std::size_t i = visibility.node(f, t);
+        shown = result.sky[i].cwiseMax(S(0)) * static_cast<S>(visibility.diffuse[i]);
+        lit = sun * (std::max(S(0), n[i].dot(to_sun)) * static_cast<S>(visibility.diffuse_sun[i]));
+        glint = sun * static_cast<S>(visibility.specular_sun[i]);
+        sheen = visibility.specular[i].template cast<S>();
+        if (!result.received.empty())
+          for (const auto& r : visibility.met_by(i)) {
+            const auto j = static_cast<std::size_t>(r.node);
+            sheen += static_cast<S>(r.specular) * result.albedo[j].cwiseProduct(result.received.back()[j]);
+          }
+      }
+      const std::size_t texel = f * per_face + t;
+      result.factor[texel] = shown + lit * static_cast<S>(visibility.sun[texel]);
+      result.gloss[texel] = sheen + glint * static_cast<S>(visibility.sun[texel]);
+    }
   }
   return result;
 }
@@ -87,8 +119,8 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
 template <class S>
 void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Vec3<S>>& texels,
                        const Lighting& light, const LightVisibility& visibility, const VisibleLight<S>& at,
-                       const std::vector<Vec3<S>>& d_factor, std::vector<Vec3<S>>& d_normals,
-                       std::vector<Vec3<S>>& d_texels) {
+                       const std::vector<Vec3<S>>& d_factor, const std::vector<Vec3<S>>& d_gloss,
+                       std::vector<Vec3<S>>& d_normals, std::vector<Vec3<S>>& d_texels) {
   const std::size_t nodes = visibility.nodes(), faces = visibility.faces;
   const std::size_t per_face = faces > 0 ? texels.size() / faces : 0;
   const Vec3<S> hemisphere = light.hemisphere.cast<S>(), sun = light.sun.cast<S>(),
@@ -97,25 +129,32 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
   std::vector<Vec3<S>> d_n(nodes, Vec3<S>::Zero()), d_open(nodes, Vec3<S>::Zero()),
       d_direct(nodes, Vec3<S>::Zero()), d_albedo(nodes, Vec3<S>::Zero());
   std::vector<S> d_cosine(nodes, S(0));  // of the angle to the sun
-  std::vector<Vec3<S>> d_reflected(nodes, Vec3<S>::Zero());
-  for (std::size_t f = 0; f < faces; ++f) {
-    const std::size_t side = visibility.side(f);
-    Vec3<S> d_sky = Vec3<S>::Zero();
-    for (std::size_t t = f * per_face; t < (f + 1) * per_face; ++t) {
-      d_sky += d_factor[t];
-      d_cosine[side] += static_cast<S>(visibility.sun[t]) * d_factor[t].dot(sun);
+  std::vector<Vec3<S>> d_reflected(nodes, Vec3<S>::Zero()), d_mirrored(nodes, Vec3<S>::Zero());
+  std::vector<Vec3<S>> d_sheen(nodes, Vec3<S>::Zero());
+  for (std::size_t f = 0; f < faces; ++f)
+    for (std::size_t t = 0; t < per_face; ++t) {
+      const std::size_t i = visibility.node(f, t), texel = f * per_face + t;
+      d_open[i] += d_factor[texel];
+      d_sheen[i] += d_gloss[texel];
+      d_cosine[i] += static_cast<S>(visibility.sun[texel]) * d_factor[texel].dot(sun);
     }
+  for (std::size_t i = 0; i < visibility.side_of.size(); ++i) {
+    d_open[i] *= static_cast<S>(visibility.diffuse[i]);
+    d_cosine[i] *= static_cast<S>(visibility.diffuse_sun[i]);
     for (int c = 0; c < 3; ++c)
-      if (at.sky[f][c] <= 0) d_sky[c] = 0;
-    d_open[side] = d_reflected[side] = d_sky;
+      if (at.sky[i][c] <= 0) d_open[i][c] = 0;
+    d_reflected[i] = d_open[i];
+    if (at.received.empty() || d_sheen[i].isZero(0)) continue;
+    for (const auto& r : visibility.met_by(i))
+      d_mirrored[static_cast<std::size_t>(r.node)] += static_cast<S>(r.specular) * d_sheen[i];
   }
   for (std::size_t step = at.received.size(); step-- > 0;) {
     const std::vector<Vec3<S>>& received = at.received[step];
     std::vector<Vec3<S>> d_gathered(nodes, Vec3<S>::Zero());
+    if (step + 1 == at.received.size()) d_gathered.swap(d_mirrored);
     for (std::size_t i = 0; i < nodes; ++i) {
       if (d_reflected[i].isZero(0)) continue;
-      for (int e = visibility.first[i]; e < visibility.first[i + 1]; ++e) {
-        const auto& r = visibility.reflections[static_cast<std::size_t>(e)];
+      for (const auto& r : visibility.met_by(i)) {
         const auto j = static_cast<std::size_t>(r.node);
         const Vec3<S> towards = r.towards.template cast<S>();
         d_gathered[j] += n[i].dot(towards) * d_reflected[i];
@@ -131,29 +170,33 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
       d_albedo[i] += d_gathered[i].cwiseProduct(received[i]);
     }
   }
+  std::vector<Vec3<S>> d_unit(faces, Vec3<S>::Zero());
+  for (std::size_t i = 0; i < visibility.side_of.size(); ++i) {
+    const auto [begin, end] = texels_of(visibility, i, per_face);
+    const Vec3<S> d_texel = d_albedo[i] / static_cast<S>(std::max<std::size_t>(1, end - begin));
+    for (std::size_t t = begin; t < end; ++t) d_texels[t] += d_texel;
+    d_n[i].z() += d_open[i].dot(hemisphere) / 2;
+    d_n[i] += visibility.blocked[i].template cast<S>() * d_open[i];
+    d_cosine[i] += d_direct[i].dot(sun) * static_cast<S>(visibility.sun_share[i]);
+    if (n[i].dot(to_sun) > 0) d_n[i] += d_cosine[i] * to_sun;
+    const auto side = static_cast<std::size_t>(visibility.side_of[i]), f = visibility.face_of(side);
+    d_unit[f] += side == f ? d_n[i] : Vec3<S>(-d_n[i]);
+  }
   for (std::size_t f = 0; f < faces; ++f) {
-    const Vec3<S> d_texel =
-        (d_albedo[f] + d_albedo[f + faces]) / static_cast<S>(std::max<std::size_t>(1, per_face));
-    for (std::size_t t = f * per_face; t < (f + 1) * per_face; ++t) d_texels[t] += d_texel;
     const S length = normals[f].norm();
     if (!(length > 0)) continue;
-    for (const std::size_t side : {f, f + faces}) {
-      d_n[side].z() += d_open[side].dot(hemisphere) / 2;
-      d_n[side] += visibility.blocked[side].template cast<S>() * d_open[side];
-      d_cosine[side] += d_direct[side].dot(sun) * static_cast<S>(visibility.sun_share[side]);
-      if (n[side].dot(to_sun) > 0) d_n[side] += d_cosine[side] * to_sun;
-    }
-    const Vec3<S> d_unit = d_n[f] - d_n[f + faces];
-    d_normals[f] += (d_unit - n[f] * n[f].dot(d_unit)) / length;
+    const Vec3<S> front = normals[f] / length;
+    d_normals[f] += (d_unit[f] - front * front.dot(d_unit[f])) / length;
   }
 }
 
-#define MIRAGE_VISIBLE_LIGHT(S)                                                                          \
-  template VisibleLight<S> visible_light<S>(const std::vector<Vec3<S>>&, const std::vector<Vec3<S>>&,    \
-                                            const Lighting&, const LightVisibility&, int);               \
-  template void visible_light_vjp<S>(                                                                    \
-      const std::vector<Vec3<S>>&, const std::vector<Vec3<S>>&, const Lighting&, const LightVisibility&, \
-      const VisibleLight<S>&, const std::vector<Vec3<S>>&, std::vector<Vec3<S>>&, std::vector<Vec3<S>>&);
+#define MIRAGE_VISIBLE_LIGHT(S)                                                                       \
+  template VisibleLight<S> visible_light<S>(const std::vector<Vec3<S>>&, const std::vector<Vec3<S>>&, \
+                                            const Lighting&, const LightVisibility&, int);            \
+  template void visible_light_vjp<S>(const std::vector<Vec3<S>>&, const std::vector<Vec3<S>>&,        \
+                                     const Lighting&, const LightVisibility&, const VisibleLight<S>&, \
+                                     const std::vector<Vec3<S>>&, const std::vector<Vec3<S>>&,        \
+                                     std::vector<Vec3<S>>&, std::vector<Vec3<S>>&);
 MIRAGE_VISIBLE_LIGHT(float)
 MIRAGE_VISIBLE_LIGHT(double)
 #undef MIRAGE_VISIBLE_LIGHT

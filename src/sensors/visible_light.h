@@ -1,23 +1,33 @@
 // The light model with visibility: the plain one (sensors/lighting.h) where nothing is in the way, less what
 // the object itself, the roof under it and the road hide of sky and sun, plus what they reflect.
 //
-// With E the irradiance over π, ρ the albedo, n̂ the face's unit normal and ω_k, k < K, directions spread
-// evenly over the sphere (Fibonacci lattice), each node i of the object's faces and the roof's cells has
+// With E the irradiance over π, ρ the albedo, n̂ the unit normal and ω_k, k < K, directions spread evenly over
+// the sphere (Fibonacci lattice), each node i (a side of a face, each texel of a side that the camera sees
+// large, a cell of the roof; sensors/light_nodes.h) has
 //     E_i = ambient + hemisphere (1 + n̂·up)/2 + sun max(0, n̂·l) v_i
 //         + Σ_k (4/K) max(0, n̂·ω_k) (L_hit − L_sky(ω_k))          over the directions that meet something
 //     L_sky(ω) = ambient + hemisphere/2 + 3/4 hemisphere ω·up        whose irradiance is the first two terms
-//     L_hit    = ρ_j E_j of the node that is met; the sunlit radiance of the road or of the host's body
+//     L_hit    = (ρ_j + gloss) E_j of the node that is met, gloss kEvenGloss; or the radiance of the road or
+//     of
+//                the host's body under the open sky, colour and gloss
 // (radiosity by gathering; Goral et al., SIGGRAPH 1984, equation 5), iterated from E without reflections. A
-// convex object in free space has the plain model's light exactly. Both sides of a face are nodes; a face is
-// shown as the side that the camera sees is lit. The weights 4/K are scaled for each node so that
-// Σ (4/K) max(0, n̂·ω_k) is 1. v_t, the share of the sun that a
-// texel sees, is found for each texel, v_i is its mean over the face.
+// convex object in free space has the plain model's light exactly. A face is shown as the side that the
+// camera sees is lit: a texel t of albedo ρ_t at node i has the radiance
+//     ρ_t (m_i (E_i − sun's part) + sun max(0, n̂·l) F_d(l) v_t)                     Burley's diffuse lobe
+//     + a_i Σ_k f_k L_k / Σ_k f_k + π f_s(l) max(0, n̂·l) sun v_t                    the surface's gloss
+// with f_k the gloss's response to the light from ω_k (sensors/gloss.h), L_k what is met there (the sky where
+// nothing is), a_i the share of an even light that the lobe sends to the camera, and m_i the mean of F_d over
+// the directions. Without a camera there is no gloss and F_d is 1. The weights 4/K are scaled for each node
+// so that Σ (4/K) max(0, n̂·ω_k) is 1. v_t, the share of the sun that a texel sees, is found for each texel,
+// v_i is the node's.
 //
-// What each ray meets is a value without a gradient: it jumps. For it held fixed everything else is exact,
-// through the normals and through the albedos that reflect.
+// What each ray meets is a value without a gradient: it jumps. So are the shares that depend on where the
+// camera is: a_i, f_k, m_i, F_d and f_s. For them held fixed everything else is exact, through the normals
+// and through the albedos that reflect.
 #pragma once
 
 #include <array>
+#include <span>
 #include <vector>
 
 #include "base/fields.h"
@@ -53,37 +63,65 @@ struct VisibleLightSettings {
   /// see.
   int rough_directions = 16;
   int bounces = 2;      ///< gathering steps; 0: occlusion and the road's light alone
-  int sun_samples = 4;  ///< n² rays to the sun from a face, each for the texels around it
+  int sun_samples = 5;  ///< n² rays to the sun from a face, each for the texels around it
   double cell = 0.4;    ///< m; the roof's cells, each with its own light
-  /// Share of the light that a dielectric's surface sends back uncoloured (refractive index 1.5, rough), here
-  /// evenly to all sides: a texel shows (albedo + gloss) · factor. Light within the object is reflected by
-  /// the albedo alone.
-  double gloss = 0.05;
+  /// sr; a side that the camera sees under a larger angle has the light of each of its texels. KITTI's pixel
+  /// is 1.9e-6.
+  double by_texel = 5e-5;
+  /// Whether the object's surface is a rough dielectric's (sensors/gloss.h), or Lambert's. Light within the
+  /// object is reflected to all sides evenly, by albedo and gloss together.
+  bool glossy = true;
 };
 
 /// What the rays met: values without a gradient.
 struct LightVisibility {
   /// Another node that a node's rays met.
   struct Reflection {
-    int node = 0;   ///< the one that is met
-    Vec3d towards;  ///< ω times its weight
+    int node = 0;         ///< the one that is met
+    Vec3d towards;        ///< ω times its weight
+    double specular = 0;  ///< a_i f_k / Σ f_k: share of its radiance that the gloss shows
   };
-  /// Nodes [0, faces) are the object's faces as they are wound, the next `faces` their backs; the roof's
-  /// cells follow.
+  /// Sides [0, faces) are the object's faces as they are wound, the next `faces` their backs. Nodes are the
+  /// sides' in their order, one a side or one a texel, then the roof's cells (sensors/light_nodes.h).
   std::size_t faces = 0;
-  std::vector<bool> behind;              ///< of each face: the camera sees its back
+  std::vector<int> first_of_side;  ///< sides + 1: where each side's nodes start
+  std::vector<int> side_of;        ///< of each of the sides' nodes
+  std::vector<bool> behind;        ///< of each face: the camera sees its back
   std::vector<Eigen::Matrix3d> blocked;  ///< of each node: Σ ω weight (L_fixed − L_sky)ᵀ, so that E += mᵀ n̂
   std::vector<int> first;                ///< nodes + 1: where each node's reflections start
   std::vector<Reflection> reflections;
   std::vector<float> sun;         ///< of each texel: share that sees the sun
   std::vector<double> sun_share;  ///< of each node
+  // Of the sides that the camera sees; of the others as without a camera.
+  std::vector<Vec3d> specular;       ///< of each node: the gloss's share of sky, road and deck
+  std::vector<double> specular_sun;  ///< of each node: π f_s(l) max(0, n̂·l)
+  std::vector<double> diffuse;       ///< of each node: m_i
+  std::vector<double> diffuse_sun;   ///< of each node: F_d(l)
   Vec3d roof_normal = Vec3d::UnitZ(), paint = Vec3d::Zero();
+  double even_gloss = 0;  ///< added to the object's albedos where light is reflected within it
   std::size_t rays = 0;
 
-  /// Faces, their backs, and the roof's cells.
+  /// How many.
   std::size_t nodes() const { return sun_share.size(); }
-  /// The node that the camera sees of a face.
+  /// The side that the camera sees of a face.
   std::size_t side(std::size_t face) const { return behind[face] ? face + faces : face; }
+  /// Whose side it is.
+  std::size_t face_of(std::size_t side) const { return side < faces ? side : side - faces; }
+  /// Where a side's nodes start.
+  std::size_t first_node(std::size_t side) const { return static_cast<std::size_t>(first_of_side[side]); }
+  /// Whether they are its texels.
+  bool split(std::size_t side) const { return first_of_side[side + 1] - first_of_side[side] > 1; }
+  /// The node that the camera sees of a face's texel.
+  std::size_t node(std::size_t face, std::size_t texel) const {
+    const std::size_t seen = side(face);
+    return first_node(seen) + (split(seen) ? texel : 0);
+  }
+  /// The nodes that a node's rays met.
+  std::span<const Reflection> met_by(std::size_t node) const {
+    return std::span(reflections)
+        .subspan(static_cast<std::size_t>(first[node]),
+                 static_cast<std::size_t>(first[node + 1] - first[node]));
+  }
 };
 
 /// Traces the rays. `surroundings` may be null: an object in free space. `eye` is the camera's place, which
@@ -96,21 +134,22 @@ LightVisibility find_visibility(const TexturedMesh& placed, const Lighting& ligh
 /// Light factor of every texel, and what the VJP needs.
 template <class S>
 struct VisibleLight {
-  std::vector<Vec3<S>> factor;                 ///< of each texel; never negative
+  std::vector<Vec3<S>> factor;                 ///< of each texel, times its albedo; never negative
+  std::vector<Vec3<S>> gloss;                  ///< of each texel, whatever its albedo
   std::vector<std::vector<Vec3<S>>> received;  ///< E of every node before each gathering step
   std::vector<Vec3<S>> albedo;                 ///< of every node
-  std::vector<Vec3<S>> sky;  ///< of every face: all light but the sun's own, before max(0, ·)
+  std::vector<Vec3<S>> sky;  ///< of every node: all light but the sun's own, before max(0, ·)
 };
 /// `normals`: unnormalised, of the faces, `velo`; `texels`: the atlas's albedos. A face without area has the
 /// ambient term alone.
 template <class S>
 VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::vector<Vec3<S>>& texels,
                               const Lighting& light, const LightVisibility& visibility, int bounces);
-/// Adds d loss / d normal and d loss / d texel, given d loss / d factor of every texel.
+/// Adds d loss / d normal and d loss / d texel, given d loss / d factor and d loss / d gloss of every texel.
 template <class S>
 void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Vec3<S>>& texels,
                        const Lighting& light, const LightVisibility& visibility, const VisibleLight<S>& at,
-                       const std::vector<Vec3<S>>& d_factor, std::vector<Vec3<S>>& d_normals,
-                       std::vector<Vec3<S>>& d_texels);
+                       const std::vector<Vec3<S>>& d_factor, const std::vector<Vec3<S>>& d_gloss,
+                       std::vector<Vec3<S>>& d_normals, std::vector<Vec3<S>>& d_texels);
 
 }  // namespace mirage

@@ -44,14 +44,13 @@ class LightWithVisibility : public ObjectLight {
                       const Vec3d& eye, const VisibleLightSettings& settings)
       : normals_(face_normals(placed.mesh)),
         lighting_(lighting),
-        gloss_(Vec3d::Constant(settings.gloss)),
         visibility_(find_visibility(placed, lighting, around, &eye, settings)),
         visible_(visible_light(normals_, placed.atlas.texels, lighting, visibility_, settings.bounces)) {}
 
   std::vector<Vec3d> lit(const std::vector<Vec3d>& texels) const override {
     std::vector<Vec3d> radiance = texels;
     for (std::size_t t = 0; t < radiance.size(); ++t)
-      radiance[t] = (radiance[t] + gloss_).cwiseProduct(visible_.factor[t]);
+      radiance[t] = radiance[t].cwiseProduct(visible_.factor[t]) + visible_.gloss[t];
     return radiance;
   }
 
@@ -60,15 +59,15 @@ class LightWithVisibility : public ObjectLight {
     std::vector<Vec3d> d_factor(d_lit.size());
     for (std::size_t t = 0; t < d_lit.size(); ++t) {
       d_texels[t] += d_lit[t].cwiseProduct(visible_.factor[t]);
-      d_factor[t] = d_lit[t].cwiseProduct(texels[t] + gloss_);
+      d_factor[t] = d_lit[t].cwiseProduct(texels[t]);
     }
-    visible_light_vjp(normals_, texels, lighting_, visibility_, visible_, d_factor, d_normals, d_texels);
+    visible_light_vjp(normals_, texels, lighting_, visibility_, visible_, d_factor, d_lit, d_normals,
+                      d_texels);
   }
 
  private:
   std::vector<Vec3d> normals_;
   Lighting lighting_;
-  Vec3d gloss_;
   LightVisibility visibility_;    ///< what stands in the light's way
   VisibleLight<double> visible_;  ///< the light of each texel
 };

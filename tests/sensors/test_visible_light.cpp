@@ -5,6 +5,8 @@
 #include "base/parallel.h"
 #include "base/random.h"
 #include "geometry/shapes.h"
+#include "sensors/gloss.h"
+#include "sensors/light_nodes.h"
 #include "sensors/shading.h"
 #include "sensors/visible_light.h"
 #include "support/gradient_check.h"
@@ -42,6 +44,76 @@ TEST(VisibleLight, AConvexObjectInFreeSpaceHasThePlainLight) {
   const auto normals = face_normals(convex.mesh);
   for (std::size_t t = 0; t < lit.factor.size(); ++t)
     ASSERT_LT((lit.factor[t] - shade<double>(normals[t / 25], light)).norm(), 1e-6) << t;
+}
+
+/// What light each texel has by itself is what it has as a face of its own: the light model knows texels
+/// where they are seen large.
+TEST(VisibleLight, ATexelsLightIsThatOfAFaceInItsPlace) {
+  // A wall that stands on a plate, texels of 2 cm to 8 cm: dark in the corner, bright above.
+  TexturedMesh whole{{}, {4, {}}};
+  whole.mesh.vertices = {{0, -.4, 0}, {0, .4, 0}, {0, 0, .5}, {-.6, -.5, 0}, {-.6, .5, 0}, {.01, 0, -.01}};
+  whole.mesh.faces = {{0, 2, 1}, {3, 5, 4}};
+  whole.atlas.texels.assign(2 * whole.atlas.per_face(), Vec3d::Constant(0.7));
+  Lighting light;
+  light.to_sun_velo = Vec3d(-0.3, 0.1, 0.9).normalized();
+  const Vec3d eye(-3, 0, 1);
+  VisibleLightSettings settings;
+  settings.by_texel = 0;
+  settings.directions = settings.rough_directions = 4096;
+  const auto light_at = [&](const TexturedMesh& mesh) {
+    return visible_light(face_normals(mesh.mesh), mesh.atlas.texels, light,
+                         find_visibility(mesh, light, nullptr, &eye, settings), settings.bounces);
+  };
+  const TexturedMesh parts = texels_as_faces(whole);
+  const auto by_texel = light_at(whole), by_face = light_at(parts);
+  settings.by_texel = 1;
+  const auto coarse = light_at(whole);
+  double fine_error = 0, coarse_error = 0;
+  for (std::size_t t = 0; t < whole.atlas.per_face(); ++t) {
+    const double whole_light = by_face.factor[t].norm();
+    fine_error = std::max(fine_error, (by_texel.factor[t] - by_face.factor[t]).norm() / whole_light);
+    coarse_error = std::max(coarse_error, (coarse.factor[t] - by_face.factor[t]).norm() / whole_light);
+    EXPECT_LT((by_texel.gloss[t] - by_face.gloss[t]).norm(), 0.2 * by_face.gloss[t].norm()) << t;
+  }
+  std::printf("a texel's light: worst error %.1f %%, of the face's whole %.1f %%\n", 100 * fine_error,
+              100 * coarse_error);
+  EXPECT_LT(fine_error, 0.03);
+  EXPECT_GT(coarse_error, 0.1);
+}
+
+/// White furnace: in an even light a convex object has the lobes' whole shares, whatever the rays' raster.
+TEST(VisibleLight, InAnEvenLightTheGlossIsItsShareOfIt) {
+  const TexturedMesh convex = ball(1, 0, 2, 1);
+  Lighting even;
+  even.ambient = Vec3d(1, 2, 3);
+  even.hemisphere = even.sun = Vec3d::Zero();
+  const Vec3d eye(-6, 1, 0.8);
+  const auto normals = face_normals(convex.mesh);
+  int seen = 0;
+  for (const int directions : {32, 512}) {
+    VisibleLightSettings settings;
+    settings.directions = directions;
+    const auto light_with = [&](bool glossy) {
+      settings.glossy = glossy;
+      const LightVisibility visibility = find_visibility(convex, even, nullptr, &eye, settings);
+      return visible_light(normals, convex.atlas.texels, even, visibility, 2);
+    };
+    const auto matt = light_with(false), lit = light_with(true);
+    for (std::size_t f = 0; f < normals.size(); ++f) {
+      const Face& face = convex.mesh.faces[f];
+      Vec3d centre = Vec3d::Zero();
+      for (const int v : face) centre += convex.mesh.vertices[static_cast<std::size_t>(v)] / 3;
+      const double cosine = normals[f].normalized().dot((eye - centre).normalized());
+      if (cosine < 0.1) continue;
+      ++seen;
+      ASSERT_LT((lit.gloss[f] - specular_albedo(cosine) * even.ambient).norm(), 1e-4) << f;
+      ASSERT_NEAR(lit.factor[f].x(), 1, 0.25);  // Burley's lobe at grazing views
+      ASSERT_LT((lit.factor[f] - lit.factor[f].x() * even.ambient).norm(), 1e-6) << f;
+      ASSERT_EQ(matt.gloss[f], Vec3d::Zero());
+      ASSERT_LT((matt.factor[f] - even.ambient).norm(), 1e-6);
+    }
+  }
+  EXPECT_GT(seen, 100);
 }
 
 /// Two parallel plates: the lower one sees the sky past the upper one, and the sun not at all.
@@ -89,12 +161,25 @@ TEST(VisibleLight, RoofAndRoadLightAFaceFromBelow) {
   VisibleLightSettings settings;
   settings.directions = 4096;
   const Vec3d open = light.ambient + light.hemisphere + light.to_sun_velo.z() * light.sun;
-  EXPECT_LT((light_of(plate, light, &around, settings).factor[0] - around.paint.cwiseProduct(open)).norm(),
+  const auto reflected = [](const Vec3d& albedo) { return Vec3d(albedo + Vec3d::Constant(kEvenGloss)); };
+  EXPECT_LT((light_of(plate, light, &around, settings).factor[0] - reflected(around.paint).cwiseProduct(open))
+                .norm(),
             5e-3);
   around.roof = {Vec2d(-1e-3, -1e-3), Vec2d(1e-3, 1e-3)};  // no roof, no deck: the road
   around.deck = around.roof;
-  EXPECT_LT((light_of(plate, light, &around, settings).factor[0] - around.road.cwiseProduct(open)).norm(),
-            5e-3);
+  // Under an even sky the road's gloss sends its share of it up, as its colour does.
+  Lighting even = light;
+  even.hemisphere = even.sun = Vec3d::Zero();
+  EXPECT_LT(
+      (light_of(plate, even, &around, settings).factor[0] - reflected(around.road).cwiseProduct(even.ambient))
+          .norm(),
+      5e-3 * even.ambient.norm());
+  // The sun's part besides: more than the colour's share of it, less than twice.
+  const Vec3d sunlit = light_of(plate, light, &around, settings).factor[0];
+  for (int c = 0; c < 3; ++c) {
+    EXPECT_GT(sunlit[c], around.road[c] * open[c]);
+    EXPECT_LT(sunlit[c], 2 * around.road[c] * open[c]);
+  }
 }
 
 TEST(VisibleLight, GradientAgainstCentralDifferencesWithVisibilityFixed) {
@@ -105,19 +190,25 @@ TEST(VisibleLight, GradientAgainstCentralDifferencesWithVisibilityFixed) {
   int checked = 0;
   for (std::uint64_t seed = 1; seed <= 4; ++seed) {
     const TexturedMesh at = ball(seed, seed == 1 ? 0 : 0.25);
-    const LightVisibility visibility = find_visibility(at, light, seed == 2 ? nullptr : &around);
+    const Vec3d eye(-6, 1, 0.8);  // seed 3: without a camera
+    VisibleLightSettings settings;
+    settings.by_texel = seed == 4 ? 0 : seed == 1 ? 5e-4 : 1;  // all, some or none of the sides
+    const LightVisibility visibility =
+        find_visibility(at, light, seed == 2 ? nullptr : &around, seed == 3 ? nullptr : &eye, settings);
     ASSERT_GT(visibility.reflections.size(), 0u + (seed == 1 ? 0 : 100));
     const std::size_t texels = at.atlas.texels.size();
     RandomStream random(seed, "upstream");
-    std::vector<Vec3d> d_factor(texels);
-    for (Vec3d& d : d_factor) d = Vec3d(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
+    std::vector<Vec3d> d_factor(texels), d_gloss(texels);
+    for (auto* list : {&d_factor, &d_gloss})
+      for (Vec3d& d : *list) d = Vec3d(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
     const auto loss = [&](const std::vector<double>& x) {
       std::vector<Vec3d> normals, albedo;
       for (std::size_t i = 0; 3 * i < x.size(); ++i)
         (i < visibility.faces ? normals : albedo).emplace_back(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
       const auto lit = visible_light(normals, albedo, light, visibility, 3);
       double sum = 0;
-      for (std::size_t t = 0; t < texels; ++t) sum += d_factor[t].dot(lit.factor[t]);
+      for (std::size_t t = 0; t < texels; ++t)
+        sum += d_factor[t].dot(lit.factor[t]) + d_gloss[t].dot(lit.gloss[t]);
       return sum;
     };
     const std::vector<Vec3d> normals = face_normals(at.mesh);
@@ -126,8 +217,8 @@ TEST(VisibleLight, GradientAgainstCentralDifferencesWithVisibilityFixed) {
       for (const Vec3d& v : *list) x.insert(x.end(), v.data(), v.data() + 3);
     std::vector<Vec3d> d_normals(normals.size(), Vec3d::Zero()), d_texels(texels, Vec3d::Zero());
     visible_light_vjp(normals, at.atlas.texels, light, visibility,
-                      visible_light(normals, at.atlas.texels, light, visibility, 3), d_factor, d_normals,
-                      d_texels);
+                      visible_light(normals, at.atlas.texels, light, visibility, 3), d_factor, d_gloss,
+                      d_normals, d_texels);
     for (const auto* list : {&d_normals, &d_texels})
       for (const Vec3d& v : *list) gradient.insert(gradient.end(), v.data(), v.data() + 3);
     const auto check = test::check_gradient(loss, x, gradient, 1e-7, 1e-5, 0.1);
@@ -151,13 +242,15 @@ TEST(VisibleLight, DegenerateMeshesGiveNumbers) {
     if (kind == 4)
       for (Face& f : mesh.mesh.faces) std::swap(f[1], f[2]);  // inside out
     const auto normals = face_normals(mesh.mesh);
-    const auto visibility = find_visibility(mesh, light, &around);
+    const Vec3d eye(-6, 1, 0.8);
+    const auto visibility = find_visibility(mesh, light, &around, &eye);
     const auto lit = visible_light(normals, mesh.atlas.texels, light, visibility, 3);
     std::vector<Vec3d> d_normals(normals.size(), Vec3d::Zero()),
         d_texels(mesh.atlas.texels.size(), Vec3d::Zero());
-    visible_light_vjp(normals, mesh.atlas.texels, light, visibility, lit,
-                      std::vector<Vec3d>(lit.factor.size(), Vec3d::Ones()), d_normals, d_texels);
-    for (const std::vector<Vec3d>* list : {&lit.factor, &std::as_const(d_normals), &std::as_const(d_texels)})
+    const std::vector<Vec3d> ones(lit.factor.size(), Vec3d::Ones());
+    visible_light_vjp(normals, mesh.atlas.texels, light, visibility, lit, ones, ones, d_normals, d_texels);
+    for (const std::vector<Vec3d>* list :
+         {&lit.factor, &lit.gloss, &std::as_const(d_normals), &std::as_const(d_texels)})
       for (const Vec3d& v : *list) ASSERT_TRUE(v.allFinite()) << "kind " << kind;
     for (const Vec3d& v : lit.factor) ASSERT_GE(v.minCoeff(), 0);
     for (const Vec3d& v : lit.factor) {

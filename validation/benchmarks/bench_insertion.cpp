@@ -142,7 +142,8 @@ void light_models(benchmark::State& state) {
       }));
       std::vector<Vec3d> d_normals(normals.size(), Vec3d::Zero()), d_texels(ones.size(), Vec3d::Zero());
       vjp.push_back(cpu_ms([&] {
-        visible_light_vjp(normals, placed.atlas.texels, lighting, visibility, lit, ones, d_normals, d_texels);
+        visible_light_vjp(normals, placed.atlas.texels, lighting, visibility, lit, ones, ones, d_normals,
+                          d_texels);
       }));
       count = visibility.rays;
     }

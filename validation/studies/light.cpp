@@ -13,6 +13,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <limits>
 #include <map>
 #include <memory>
 
@@ -25,6 +26,7 @@
 #include "exchange/host_proxy.h"
 #include "frames/hosts.h"
 #include "scene/data/read_frames.h"
+#include "sensors/light_nodes.h"
 #include "validation/blender/host_scene.h"
 #include "validation/fidelity/picture_errors.h"
 
@@ -34,7 +36,8 @@ namespace {
 struct Variant {
   std::string name;
   SimulationSettings settings;
-  bool uniform = false;  ///< the hemisphere's light from everywhere
+  bool uniform = false;   ///< the hemisphere's light from everywhere
+  bool as_faces = false;  ///< every texel a face of its own
 };
 
 std::vector<Variant> variants(bool all) {
@@ -42,7 +45,9 @@ std::vector<Variant> variants(bool all) {
   hard.supersampling = 8;
   SimulationSettings visible = hard;
   visible.light = LightModel::visible;
-  std::vector<Variant> list = {{"ambient + sun", hard, true}, {"plain", hard}, {"visible", visible}};
+  Variant coarse{"visible, whole faces", visible};
+  coarse.settings.visible_light.by_texel = std::numeric_limits<double>::infinity();
+  std::vector<Variant> list = {{"ambient + sun", hard, true}, {"plain", hard}, coarse, {"visible", visible}};
   if (!all) return list;
   const auto add = [&](const std::string& name, const auto& change) {
     Variant variant{name, visible};
@@ -54,7 +59,14 @@ std::vector<Variant> variants(bool all) {
     add(fmt::format("{} rough directions", k), [&](auto& s) { s.rough_directions = k; });
   for (int b : {0, 1, 3, 8}) add(fmt::format("{} bounces", b), [&](auto& s) { s.bounces = b; });
   for (int n : {1, 3, 5, 20}) add(fmt::format("{} sun samples", n), [&](auto& s) { s.sun_samples = n; });
-  for (double gloss : {0.0, 0.1}) add(fmt::format("gloss {}", gloss), [&](auto& s) { s.gloss = gloss; });
+  add("matt", [](auto& s) { s.glossy = false; });
+  for (double angle : {0.0, 1e-4})
+    add(fmt::format("by texel above {} sr", angle), [&](auto& s) { s.by_texel = angle; });
+  for (int k : {32, 128}) {
+    add(fmt::format("texels as faces, {} directions", k),
+        [&](auto& s) { s.directions = k, s.sun_samples = 1; });
+    list.back().as_faces = true;
+  }
   for (double cell : {0.1, 5.0})
     add(fmt::format("roof cells of {} m", cell), [&](auto& s) { s.cell = cell; });
   return list;
@@ -144,6 +156,10 @@ int study(const std::filesystem::path& data, const std::string& mesh, const std:
           }
           HostScene drawn = scene;
           drawn.prepared = &lit;
+          if (variant.as_faces) {
+            drawn.adversary = texels_as_faces(scene.adversary);
+            drawn.placed = place(drawn.adversary, drawn.rooftop);
+          }
           const Simulated simulated = simulate_host(drawn, variant.settings);
           ImageF ours = photograph;
           for (int v = 0; v < ours.height; ++v)

@@ -1,0 +1,225 @@
+#include "sensors/light_nodes.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "sensors/screen_mesh.h"
+
+namespace mirage {
+namespace {
+
+constexpr int kLooks = 3;       // 3² rays to a face tell which of it the camera sees
+constexpr int kTexelLooks = 2;  // 2² rays to a texel
+
+/// The three corners (b1, b2) of each of the n² triangles, in TexelAtlas's order.
+std::vector<std::array<Vec2f, 3>> texel_corners(int n) {
+  std::vector<std::array<Vec2f, 3>> corners(static_cast<std::size_t>(n) * n);
+  const auto at = [n](int x, int y) {  // (b0, b1) = (x, y) / n
+    return Vec2f(static_cast<float>(y) / static_cast<float>(n),
+                 static_cast<float>(n - x - y) / static_cast<float>(n));
+  };
+  const auto place = [n](int x, int y) {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(n) + static_cast<std::size_t>(x);
+  };
+  for (int y = 0; y < n; ++y)
+    for (int x = 0; x + y < n; ++x) {
+      corners[place(x, y)] = {at(x, y), at(x + 1, y), at(x, y + 1)};
+      if (x + y < n - 1)
+        corners[place(n - 1 - x, n - 1 - y)] = {at(x + 1, y + 1), at(x, y + 1), at(x + 1, y)};
+    }
+  return corners;
+}
+
+/// Each side whole.
+std::vector<LightLeaf> whole_sides(const Mesh& mesh, const Vec3d& centre, double lift) {
+  std::vector<LightLeaf> sides(2 * mesh.faces.size());
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    const Face& face = mesh.faces[f];
+    const Vec3d &a = mesh.vertices[static_cast<std::size_t>(face[0])],
+                &b = mesh.vertices[static_cast<std::size_t>(face[1])],
+                &c = mesh.vertices[static_cast<std::size_t>(face[2])];
+    const Vec3d normal = (b - a).cross(c - a);
+    const double length = normal.norm();
+    const Vec3d n = length > 0 ? Vec3d(normal / length) : Vec3d::Zero();
+    for (const double sign : {1.0, -1.0})
+      sides[sign > 0 ? f : f + mesh.faces.size()] = {(a + sign * lift * n - centre).cast<float>(),
+                                                     (b - a).cast<float>(), (c - a).cast<float>(),
+                                                     (sign * n).cast<float>()};
+  }
+  return sides;
+}
+
+class Nodes {
+ public:
+  Nodes(const TexturedMesh& placed, const Vec3d& centre, const VisibleLightSettings& settings)
+      : mesh_(placed.mesh), resolution_(placed.atlas.resolution), settings_(settings) {
+    // Rays start this far off the face they leave, beyond what float32 can confuse.
+    lift_ = 1e-5 * std::max(1e-3, bounds(mesh_).diagonal().norm());
+    made_.centre = centre;
+    sides_ = whole_sides(mesh_, centre, lift_);
+    made_.behind.resize(mesh_.faces.size());
+    points_.resize(sides_.size());
+    angle_.assign(sides_.size(), 0);
+  }
+
+  /// Which side of each face the camera looks at, how large, and where it sees it.
+  void look(const RayCaster& caster, const Vec3d& eye) {
+    std::vector<Vec3f> targets;
+    for (std::size_t f = 0; f < mesh_.faces.size(); ++f) {
+      const LightLeaf& front = sides_[f];
+      const Vec3d normal = front.edge1.cross(front.edge2).cast<double>(),
+                  to_eye = eye - made_.centre - middle(front);
+      made_.behind[f] = normal.dot(to_eye) < 0;
+      const std::size_t side = side_seen(f);
+      const double distance = to_eye.norm();
+      if (distance > 0) angle_[side] = std::abs(normal.dot(to_eye)) / (2 * distance * distance * distance);
+      add_targets(sides_[side], kLooks, targets);
+    }
+    for (const auto& [side, b12] : first_met(caster, eye, targets))
+      points_[side].push_back(sides_[side].at(b12.x(), b12.y()));
+  }
+
+  /// The nodes, but for the cells.
+  void make_patches() {
+    const auto corners = texel_corners(resolution_);
+    made_.first.push_back(0);
+    for (std::size_t side = 0; side < sides_.size(); ++side) {
+      const LightLeaf& whole = sides_[side];
+      if (!points_[side].empty() && angle_[side] > settings_.by_texel && resolution_ > 1)
+        for (const auto& [p, q, r] : corners)
+          made_.leaves.push_back(
+              {whole.at(p.x(), p.y()), (q.x() - p.x()) * whole.edge1 + (q.y() - p.y()) * whole.edge2,
+               (r.x() - p.x()) * whole.edge1 + (r.y() - p.y()) * whole.edge2, whole.normal});
+      else
+        made_.leaves.push_back(whole);
+      made_.side_of.resize(made_.leaves.size(), static_cast<int>(side));
+      made_.first.push_back(static_cast<int>(made_.leaves.size()));
+    }
+    made_.seen.assign(made_.side_of.size(), false);
+  }
+
+  /// Which patches the camera sees, and where.
+  void look_at_patches(const RayCaster& caster, const Vec3d& eye) {
+    std::vector<Vec3f> targets;
+    made_.seen_points.resize(made_.side_of.size());
+    for (std::size_t side = 0; side < sides_.size(); ++side) {
+      const auto first = static_cast<std::size_t>(made_.first[side]);
+      if (!made_.split(static_cast<int>(side))) {
+        made_.seen_points[first] = std::move(points_[side]);
+        continue;
+      }
+      for (std::size_t i = first; i < static_cast<std::size_t>(made_.first[side + 1]); ++i)
+        add_targets(made_.leaves[i], kTexelLooks, targets);
+    }
+    for (const auto& [side, b12] : first_met(caster, eye, targets)) {
+      if (!made_.split(static_cast<int>(side))) continue;
+      const int texel = texel_index<double>(std::max(0.0f, 1 - b12.sum()), b12.x(), resolution_);
+      made_.seen_points[static_cast<std::size_t>(made_.first[side]) + static_cast<std::size_t>(texel)]
+          .push_back(sides_[side].at(b12.x(), b12.y()));
+    }
+    for (std::size_t i = 0; i < made_.seen.size(); ++i) made_.seen[i] = !made_.seen_points[i].empty();
+    if (settings_.glossy)
+      for (const LightLeaf& leaf : made_.leaves)
+        made_.views.push_back((eye - made_.centre - middle(leaf)).normalized());
+  }
+
+  LightNodes finish(const LightSurroundings* around, bool has_eye) {
+    if (!has_eye) std::fill_n(made_.seen.begin(), mesh_.faces.size(), true);
+    if (around) add_cells(*around);
+    return std::move(made_);
+  }
+
+ private:
+  std::size_t side_seen(std::size_t face) const {
+    return made_.behind[face] ? face + mesh_.faces.size() : face;
+  }
+  static Vec3d middle(const LightLeaf& leaf) { return leaf.at(1 / 3.0f, 1 / 3.0f).cast<double>(); }
+  /// n² points of a triangle.
+  static void add_targets(const LightLeaf& leaf, int n, std::vector<Vec3f>& targets) {
+    for (const Vec2d& point : texel_centroids(n))
+      targets.push_back(leaf.at(static_cast<float>(point.x()), static_cast<float>(point.y())));
+  }
+  /// What the camera sees in those directions: sides of the object, and (b1, b2).
+  std::vector<std::pair<std::size_t, Vec2f>> first_met(const RayCaster& caster, const Vec3d& eye,
+                                                       const std::vector<Vec3f>& targets) const {
+    std::vector<std::pair<std::size_t, Vec2f>> met;
+    if (targets.empty()) return met;
+    RayTable rays(1, targets.size());
+    const Vec3f from = (eye - made_.centre).cast<float>();
+    for (std::size_t i = 0; i < targets.size(); ++i) rays.set(0, i, from, targets[i] - from);
+    HitTable hits;
+    caster.intersect(rays, 0, 1e30f, hits);
+    for (std::size_t i = 0; i < targets.size(); ++i)
+      if (hits.face[i] >= 0)
+        met.emplace_back(side_seen(static_cast<std::size_t>(hits.face[i])), Vec2f(hits.b1[i], hits.b2[i]));
+    return met;
+  }
+
+  void add_cells(const LightSurroundings& around) {
+    const Vec2d size = around.roof.sizes().cwiseMax(1e-3);
+    made_.columns = std::clamp(static_cast<int>(std::ceil(size.x() / settings_.cell)), 1, 64);
+    made_.rows = std::clamp(static_cast<int>(std::ceil(size.y() / settings_.cell)), 1, 64);
+    const Eigen::Matrix3d axes = around.velo_from_roof.linear();
+    const Vec2d cell(size.x() / made_.columns, size.y() / made_.rows);
+    for (int row = 0; row < made_.rows; ++row)
+      for (int column = 0; column < made_.columns; ++column) {
+        const Vec2d corner = around.roof.min() + Vec2d(column * cell.x(), row * cell.y());
+        made_.leaves.push_back(
+            {(around.velo_from_roof * Vec3d(corner.x(), corner.y(), lift_) - made_.centre).cast<float>(),
+             (axes.col(0) * cell.x()).cast<float>(), (axes.col(1) * cell.y()).cast<float>(),
+             axes.col(2).cast<float>()});
+      }
+  }
+
+  const Mesh& mesh_;
+  int resolution_;
+  const VisibleLightSettings& settings_;
+  double lift_ = 0;
+  std::vector<LightLeaf> sides_;
+  std::vector<std::vector<Vec3f>> points_;  ///< of each side: where the camera sees it
+  std::vector<double> angle_;               ///< of each side, sr
+  LightNodes made_;
+};
+
+}  // namespace
+
+std::vector<Vec2d> texel_centroids(int n) {
+  std::vector<Vec2d> centres;
+  for (const auto& [p, q, r] : texel_corners(n)) {
+    const Vec2d b12 = (p + q + r).cast<double>() / 3;
+    centres.emplace_back(1 - b12.sum(), b12.x());
+  }
+  return centres;
+}
+
+TexturedMesh texels_as_faces(const TexturedMesh& mesh) {
+  TexturedMesh parts{{}, {1, mesh.atlas.texels}};
+  const auto corners = texel_corners(mesh.atlas.resolution);
+  for (const Face& face : mesh.mesh.faces) {
+    const Vec3d &a = mesh.mesh.vertices[static_cast<std::size_t>(face[0])],
+                &b = mesh.mesh.vertices[static_cast<std::size_t>(face[1])],
+                &c = mesh.mesh.vertices[static_cast<std::size_t>(face[2])];
+    for (const auto& triangle : corners) {
+      const int first = static_cast<int>(parts.mesh.vertices.size());
+      for (const Vec2f& corner : triangle)
+        parts.mesh.vertices.push_back(a + corner.x() * (b - a) + corner.y() * (c - a));
+      parts.mesh.faces.push_back({first, first + 1, first + 2});
+    }
+  }
+  return parts;
+}
+
+LightNodes light_nodes(const TexturedMesh& placed, const Vec3d& centre, const RayCaster* caster,
+                       const LightSurroundings* around, const Vec3d* eye,
+                       const VisibleLightSettings& settings) {
+  Nodes nodes(placed, centre, settings);
+  const bool has_eye = caster && eye;
+  if (has_eye) nodes.look(*caster, *eye);
+  nodes.make_patches();
+  if (has_eye) nodes.look_at_patches(*caster, *eye);
+  return nodes.finish(around, has_eye);
+}
+
+}  // namespace mirage
