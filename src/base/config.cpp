@@ -62,7 +62,12 @@ toml::array to_array(const nlohmann::json& list) {
 
 std::string toml_text(const nlohmann::json& object) {
   std::ostringstream out;
-  out << to_table(object) << '\n';
+  // toml++ reads strings of several lines within an inline table, and line ends within quotes, as other text
+  // than it wrote: each has one line here, with escapes.
+  constexpr auto kLines =
+      toml::format_flags::allow_multi_line_strings | toml::format_flags::allow_literal_strings;
+  const toml::table table = to_table(object);
+  out << toml::toml_formatter(table, toml::toml_formatter::default_flags & ~kLines) << '\n';
   return out.str();
 }
 

@@ -80,5 +80,10 @@ TEST(Toml, OfAsciiReachesTheParserAsItIs) {
             "\"a\\\"\" = \"x\\\\\"  # '\nb = \"\"\"\"\"\" \nc = \"\n#?");
 }
 
+TEST(TomlText, NewLinesWithinInlineTablesComeBack) {
+  const nlohmann::json value = {{"c", {true, "x", {{"1e308d", "\n"}, {"two", "a\n\nb\n"}}}}, {"d", "\n\n"}};
+  EXPECT_EQ(parse_toml(toml_text(value), "written"), value) << toml_text(value);
+}
+
 }  // namespace
 }  // namespace mirage
