@@ -66,6 +66,7 @@ class Nodes {
 
   /// Which side of each face the camera looks at, how large, and where it sees it.
   void look(const RayCaster& caster, const Vec3d& eye) {
+    const std::vector<Vec2d> points = texel_centroids(kLooks);
     std::vector<Vec3f> targets;
     for (std::size_t f = 0; f < mesh_.faces.size(); ++f) {
       const LightLeaf& front = sides_[f];
@@ -75,7 +76,7 @@ class Nodes {
       const std::size_t side = side_seen(f);
       const double distance = to_eye.norm();
       if (distance > 0) angle_[side] = std::abs(normal.dot(to_eye)) / (2 * distance * distance * distance);
-      add_targets(sides_[side], kLooks, targets);
+      add_targets(sides_[side], points, targets);
     }
     for (const auto& [side, b12] : first_met(caster, eye, targets))
       points_[side].push_back(sides_[side].at(b12.x(), b12.y()));
@@ -102,6 +103,7 @@ class Nodes {
 
   /// Which patches the camera sees, and where.
   void look_at_patches(const RayCaster& caster, const Vec3d& eye) {
+    const std::vector<Vec2d> points = texel_centroids(kTexelLooks);
     std::vector<Vec3f> targets;
     made_.seen_points.resize(made_.side_of.size());
     for (std::size_t side = 0; side < sides_.size(); ++side) {
@@ -111,7 +113,7 @@ class Nodes {
         continue;
       }
       for (std::size_t i = first; i < static_cast<std::size_t>(made_.first[side + 1]); ++i)
-        add_targets(made_.leaves[i], kTexelLooks, targets);
+        add_targets(made_.leaves[i], points, targets);
     }
     for (const auto& [side, b12] : first_met(caster, eye, targets)) {
       if (!made_.split(static_cast<int>(side))) continue;
@@ -136,9 +138,9 @@ class Nodes {
     return made_.behind[face] ? face + mesh_.faces.size() : face;
   }
   static Vec3d middle(const LightLeaf& leaf) { return leaf.at(1 / 3.0f, 1 / 3.0f).cast<double>(); }
-  /// n² points of a triangle.
-  static void add_targets(const LightLeaf& leaf, int n, std::vector<Vec3f>& targets) {
-    for (const Vec2d& point : texel_centroids(n))
+  static void add_targets(const LightLeaf& leaf, const std::vector<Vec2d>& points,
+                          std::vector<Vec3f>& targets) {
+    for (const Vec2d& point : points)
       targets.push_back(leaf.at(static_cast<float>(point.x()), static_cast<float>(point.y())));
   }
   /// What the camera sees in those directions: sides of the object, and (b1, b2).
