@@ -196,7 +196,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   Progress progress("attack", static_cast<std::size_t>(iterations), settings.quiet);
   StageSeconds stages;
   const auto start = Clock::now();
-  CheckpointTimer timer({settings.checkpoint_every, settings.checkpoint_seconds});
+  CheckpointTimer timer(settings.checkpoint);
   const long first = state.iteration;
   const auto step = [&] {
     if (!settings.renderer) return stepper.step(state, &stages);

@@ -12,6 +12,7 @@
 #include "attack/buildable.h"
 #include "attack/expectation.h"
 #include "attack/objective.h"
+#include "base/checkpoint_timer.h"
 #include "base/fields.h"
 #include "detection/detector.h"
 #include "scene/frame_source.h"
@@ -78,8 +79,7 @@ struct AttackSettings : FrameSource {
   /// and need the batch (src/attack/README.md, "What it takes").
   double vertex_rate = 2e-2, texel_rate = 2e-2;
   double min_view = 0.7;
-  int checkpoint_every = 10;      ///< iterations
-  double checkpoint_seconds = 0;  ///< > 0: also where so many seconds have passed since the last one
+  CheckpointInterval checkpoint{10};
   bool quiet = false;
   AdversaryLimits limits;
   ObjectiveSettings objective;
@@ -133,14 +133,7 @@ void visit_fields(Visitor& visit, S& s) {
         s.validation_every);
   visit({.name = "batch", .help = "host vehicles a step", .range = {1, 65536}}, s.batch);
   visit({.name = "seed", .option = ""}, s.seed);  // every command has one
-  visit(
-      {.name = "checkpoint_every", .help = "steps between checkpoints", .range = kFromOne, .decides = false},
-      s.checkpoint_every);
-  visit({.name = "checkpoint_seconds",
-         .help = "also a checkpoint where so many seconds have passed since the last one; 0: by steps alone",
-         .range = kNotNegative,
-         .decides = false},
-        s.checkpoint_seconds);
+  visit_fields(visit, s.checkpoint);
   visit({.name = "vertex_rate", .help = "Adam's rate for vertices, m", .range = kPositive}, s.vertex_rate);
   visit({.name = "texel_rate", .help = "Adam's rate for texels", .range = kPositive}, s.texel_rate);
   visit({.name = "min_view", .help = "share of the adversary in view that a host needs", .range = kShare},

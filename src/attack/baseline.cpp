@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <map>
-#include <sstream>
 
 #include "attack/adversary.h"
 #include "base/fields.h"
@@ -86,9 +85,7 @@ std::string describe(Baseline kind) {
 
 std::vector<Baseline> parse_baselines(const std::string& words) {
   std::vector<Baseline> kinds;
-  std::stringstream list(words);
-  std::string word;
-  while (std::getline(list, word, ',')) {
+  for (const std::string& word : listed_words(words)) {
     bool known = word == "none" || word == "all";
     for (const auto& [kind, name] : kWords) {
       if (word != name && word != "all") continue;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <sstream>
 
 #include "base/angles.h"
 #include "base/error.h"
@@ -33,9 +32,7 @@ bool Expectation::any() const {
 
 Expectation parse_expectation(const std::string& words) {
   Expectation e;
-  std::stringstream list(words);
-  std::string word;
-  while (std::getline(list, word, ',')) {
+  for (const std::string& word : listed_words(words)) {
     const bool all = word == "all";
     bool known = all || word == "none";
     const auto named = [&](const char* name) {

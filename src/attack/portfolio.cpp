@@ -69,7 +69,7 @@ class Portfolio {
         part_(split_validation(run.train, settings_.seed, kChoosingHosts, "attack")),
         identity_(run.identity),
         sights_(std::make_shared<CleanSights>()),
-        timer_({settings_.checkpoint_every, settings_.checkpoint_seconds}),
+        timer_(settings_.checkpoint),
         progress_("attack", static_cast<std::size_t>(settings_.iterations), settings_.quiet) {
     identity_["iterations"] = settings_.iterations;
     identity_["recipe"] = kRecipe;

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "base/clock.h"
+#include "base/fields.h"
 
 namespace mirage {
 
@@ -12,6 +13,19 @@ struct CheckpointInterval {
   std::int64_t steps = 1;  ///< ≥ 1
   double seconds = 0;      ///< > 0: also where so many seconds have passed since the last checkpoint
 };
+
+/// Of no identity: how often the state is written does not change the result.
+template <class Visitor, FieldsOf<CheckpointInterval> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit(
+      {.name = "checkpoint_every", .help = "steps between checkpoints", .range = kFromOne, .decides = false},
+      s.steps);
+  visit({.name = "checkpoint_seconds",
+         .help = "also a checkpoint where so many seconds have passed since the last one; 0: by steps alone",
+         .range = kNotNegative,
+         .decides = false},
+        s.seconds);
+}
 
 /// Tells when the next checkpoint is due.
 class CheckpointTimer {

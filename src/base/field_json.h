@@ -51,12 +51,17 @@ class JsonWriter {
   nlohmann::json json = nlohmann::json::object();
 };
 
-/// Each entry of the list by its to_json.
+/// Each entry of the list as `write` makes it.
+template <class List, class Write>
+nlohmann::json list_json(const List& list, const Write& write) {
+  auto array = nlohmann::json::array();
+  for (const auto& entry : list) array.push_back(write(entry));
+  return array;
+}
+/// Each by its to_json.
 template <class List>
 nlohmann::json list_json(const List& list) {
-  auto array = nlohmann::json::array();
-  for (const auto& entry : list) array.push_back(to_json(entry));
-  return array;
+  return list_json(list, [](const auto& entry) { return to_json(entry); });
 }
 
 /// The fields that decide the result, by name.

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <sstream>
 
 namespace mirage {
 
@@ -29,6 +30,13 @@ std::size_t place_of(const std::string& word, const std::string& field, const ch
     known += std::string(i == 0 ? "" : i + 1 == count ? " or " : ", ") + words[i];
   }
   throw FieldError(field, word, "unknown", "use " + known);
+}
+
+std::vector<std::string> listed_words(const std::string& text) {
+  std::vector<std::string> words;
+  std::istringstream list(text);
+  for (std::string word; std::getline(list, word, ',');) words.push_back(word);
+  return words;
 }
 
 double parse_number(const std::string& text, const std::string& field) {

@@ -116,6 +116,9 @@ E parse_word(const std::string& word, const std::string& field) {
   return static_cast<E>(place_of(word, field, words.data(), words.size()));
 }
 
+/// What commas part: none of an empty text.
+std::vector<std::string> listed_words(const std::string& text);
+
 /// The number that the text is. FieldError if it is none.
 double parse_number(const std::string& text, const std::string& field);
 

@@ -8,6 +8,7 @@
 #include <functional>
 #include <numbers>
 
+#include "base/checkpoint_timer.h"
 #include "base/fields.h"
 #include "base/interrupt.h"
 
@@ -20,9 +21,8 @@ struct TrainingSchedule {
   int batch = 2;
   double learning_rate = 2e-3;  ///< peak of one_cycle()
   double minutes = 0;           ///< > 0: the schedule ends at `steps` or then, which is first
-  std::int64_t checkpoint_every = 250;
-  double checkpoint_seconds = 0;  ///< > 0: also where so many seconds have passed since the last one
-  std::size_t frames = 0;         ///< only the first N (0: all)
+  CheckpointInterval checkpoint{250};
+  std::size_t frames = 0;  ///< only the first N (0: all)
   std::uint64_t seed = 0;
   int threads = 0;  ///< 0: as set by set_thread_count
   bool quiet = false;
@@ -39,16 +39,7 @@ void visit_fields(Visitor& visit, S& s) {
         s.learning_rate);
   visit({.name = "minutes", .help = "end the schedule after this time (0: no limit)", .range = kNotNegative},
         s.minutes);
-  visit({.name = "checkpoint_every",
-         .help = "updates of the model between checkpoints",
-         .range = kFromOne,
-         .decides = false},
-        s.checkpoint_every);
-  visit({.name = "checkpoint_seconds",
-         .help = "also a checkpoint where so many seconds have passed since the last one; 0: by steps alone",
-         .range = kNotNegative,
-         .decides = false},
-        s.checkpoint_seconds);
+  visit_fields(visit, s.checkpoint);
   visit({.name = "frames", .help = "only the first N frames (0: all)", .decides = false}, s.frames);
   visit({.name = "seed", .option = ""}, s.seed);  // every command has one
 }

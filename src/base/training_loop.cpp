@@ -41,7 +41,7 @@ double TrainingLoop::run(const TrainingWork& work) {
   const double seconds_before = state_.seconds;
   const std::int64_t first = state_.step;
   const auto start = Clock::now();
-  CheckpointTimer timer({schedule_.checkpoint_every, schedule_.checkpoint_seconds});
+  CheckpointTimer timer(schedule_.checkpoint);
   {
     Progress shown(work.name, static_cast<std::size_t>(schedule_.steps), schedule_.quiet);
     while (progress() < 1) {

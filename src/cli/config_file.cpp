@@ -5,10 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
-#include <sstream>
 
 #include "base/config.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "detection/detector_words.h"
 
 namespace mirage::cli {
@@ -37,10 +37,10 @@ std::optional<std::string> value_of(const std::string& name, const std::vector<s
 
 /// Whether one of the words, which commas part, is a path of a plugin.
 bool names_plugin(const std::string& words) {
-  std::istringstream all(words);
-  for (std::string word; std::getline(all, word, ',');)
-    if (word.ends_with(".so") || word.find('/') != std::string::npos) return true;
-  return false;
+  const std::vector<std::string> all = listed_words(words);
+  return std::any_of(all.begin(), all.end(), [](const std::string& word) {
+    return word.ends_with(".so") || word.find('/') != std::string::npos;
+  });
 }
 
 /// How an option's value is code; empty if it is data. `value` gives other options' values. A TorchScript

@@ -1,9 +1,9 @@
 // mirage depth: scores depth completion back-ends side by side.
 #include <memory>
-#include <sstream>
 
 #include "attack/adversary.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/progress.h"
 #include "cli/command.h"
 #include "cli/table.h"
@@ -92,8 +92,7 @@ nlohmann::json run(const DepthOptions& options, const Common& common) {
       std::filesystem::exists(true_depth_file(score.data, list_frames(score.data).front()));
   score.hidden = options.hide >= 0 ? options.hide : has_truth ? 0 : 0.2;
   std::vector<std::unique_ptr<DepthCompletion>> backends;
-  std::istringstream names(options.backends);
-  for (std::string name; std::getline(names, name, ',');)
+  for (const std::string& name : listed_words(options.backends))
     backends.push_back(load_depth_completion({name, options.weights, false, common.seed, common.threads}));
   if (backends.empty()) throw InputError("--backends", "", "names none", "try ip-basic,guided");
   std::unique_ptr<Progress> progress;

@@ -7,6 +7,7 @@
 #include <mutex>
 
 #include "base/error.h"
+#include "base/field_json.h"
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/names.h"
@@ -122,9 +123,7 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   std::vector<FittedVehicle> all;
   for (auto& frame : fits)
     all.insert(all.end(), std::make_move_iterator(frame.begin()), std::make_move_iterator(frame.end()));
-  nlohmann::json vehicles = nlohmann::json::array();
-  for (const FittedVehicle& v : all) vehicles.push_back(to_json(v));
-  write_json(common.out / "vehicles.json", {{"vehicles", vehicles}});
+  write_json(common.out / "vehicles.json", {{"vehicles", list_json(all)}});
   const FitReport report = summarise_fits(all);
   print_report(report);
   nlohmann::json said = to_json(report);

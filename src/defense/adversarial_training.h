@@ -22,7 +22,7 @@ struct DefenseSettings : FrameSource, TrainingSchedule {
   DefenseSettings() {
     steps = 400;
     learning_rate = 5e-4;
-    checkpoint_every = 50;
+    checkpoint.steps = 50;
   }
   std::filesystem::path validation;  ///< may be empty
   /// Where training starts (empty weights: the shipped clean ones) and what is added to the network (parts).

@@ -99,7 +99,7 @@ struct TrainingResult {
 
 /// Trains from scratch or from `start`, or goes on from the newest checkpoint in `out` (which must be of the
 /// same options, or InputError; FieldError for options out of range). What step s sees depends on (seed, s)
-/// alone: not on threads, nor on interruptions. A checkpoint is written every checkpoint_every steps, before
+/// alone: not on threads, nor on interruptions. A checkpoint is written every checkpoint.steps steps, before
 /// each validation and on Ctrl-C (then Interrupted is thrown). out/training.jsonl has a line every 50 steps
 /// {step, seconds, rate, loss, score_loss, box_loss: running means} and one for each validation {step,
 /// seconds, ap50, ap70, recall50}.

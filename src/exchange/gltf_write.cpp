@@ -8,7 +8,8 @@
 #include "base/image_io.h"
 #include "exchange/gltf.h"
 #include "exchange/gltf_builder.h"
-#include "exchange/tessellation.h"
+#include "exchange/texture_layout.h"
+#include "geometry/atlas_triangles.h"
 
 namespace mirage {
 namespace {

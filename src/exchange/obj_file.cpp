@@ -9,7 +9,8 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
-#include "exchange/tessellation.h"
+#include "exchange/texture_layout.h"
+#include "geometry/atlas_triangles.h"
 
 namespace mirage {
 

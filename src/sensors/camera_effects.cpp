@@ -1,18 +1,15 @@
 #include "sensors/camera_effects.h"
 
 #include <array>
-#include <sstream>
 
 namespace mirage {
 namespace {
 
-constexpr int kReach = 2;  // px
-
 /// Weights of the pixel itself, of its neighbours and of theirs.
 template <class T>
-std::array<T, kReach + 1> taps_of(double sigma) {
-  double taps[kReach + 1], total = 0;
-  for (int k = 0; k <= kReach; ++k) {
+std::array<T, kBlurReach + 1> taps_of(double sigma) {
+  double taps[kBlurReach + 1], total = 0;
+  for (int k = 0; k <= kBlurReach; ++k) {
     taps[k] = k == 0 ? 1 : std::exp(-0.5 * k * k / (sigma * sigma));
     total += k == 0 ? taps[k] : 2 * taps[k];
   }
@@ -20,11 +17,11 @@ std::array<T, kReach + 1> taps_of(double sigma) {
 }
 
 /// Adds to each pixel's neighbours along one axis what it took from them.
-void spread(const Image<double>& from, const std::array<double, kReach + 1>& taps, bool across,
+void spread(const Image<double>& from, const std::array<double, kBlurReach + 1>& taps, bool across,
             Image<double>& to) {
   for (int v = 0; v < from.height; ++v)
     for (int u = 0; u < from.width; ++u)
-      for (int k = -kReach; k <= kReach; ++k) {
+      for (int k = -kBlurReach; k <= kBlurReach; ++k) {
         const double weight = taps[static_cast<std::size_t>(std::abs(k))];
         double* at = across ? to.pixel(std::clamp(u + k, 0, from.width - 1), v)
                             : to.pixel(u, std::clamp(v + k, 0, from.height - 1));
@@ -37,10 +34,8 @@ void spread(const Image<double>& from, const std::array<double, kReach + 1>& tap
 CameraEffects parse_camera_effects(const std::string& words) {
   CameraEffects effects;
   if (words == "ideal") return effects;
-  std::istringstream list(words == "unit" ? "blur,noise" : words);
-  std::string word;
   bool known = !words.empty();
-  while (known && std::getline(list, word, ',')) {
+  for (const std::string& word : listed_words(words == "unit" ? "blur,noise" : words)) {
     if (word == "blur") {
       effects.blur_sigma = kLensBlur;
     } else if (word == "noise") {

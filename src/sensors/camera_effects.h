@@ -52,6 +52,9 @@ inline double noise_sigma(double signal, double shot, double read_sigma) {
   return std::sqrt(read_sigma * read_sigma + shot * std::max(0.0, signal));
 }
 
+/// How far soften() spreads a pixel, px.
+inline constexpr int kBlurReach = 2;
+
 /// A Gaussian of that σ (px, (0, 1]), separable, five taps, every channel; beyond the edges the picture goes
 /// on as it ends. T is float or double.
 template <class T>

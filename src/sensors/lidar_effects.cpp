@@ -5,7 +5,6 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
-#include <sstream>
 
 #include "base/error.h"
 #include "base/fields.h"
@@ -27,11 +26,8 @@ std::optional<double> reported_range(double range, double arrives, const FiringC
 LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergence) {
   LidarEffects effects;
   if (words == "ideal") return effects;
-  std::istringstream list(words == "unit" ? "noise,drop-out,divergence" : words);
-  std::string word;
-  bool any = false;
-  while (std::getline(list, word, ',')) {
-    any = true;
+  bool known = !words.empty();
+  for (const std::string& word : listed_words(words == "unit" ? "noise,drop-out,divergence" : words)) {
     if (word == "noise") {
       effects.range_sigma = 0.012;
     } else if (word == "drop-out") {
@@ -45,11 +41,10 @@ LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergen
     } else if (word == "albedo") {
       effects.albedo = true;
     } else {
-      any = false;
-      break;
+      known = false;
     }
   }
-  if (!any)
+  if (!known)
     throw FieldError("lidar_effects", words, "is not known",
                      "use ideal, unit, or some of noise,drop-out,divergence,motion,albedo");
   return effects;

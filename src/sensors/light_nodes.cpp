@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "geometry/atlas_triangles.h"
 #include "sensors/screen_mesh.h"
 
 namespace mirage {
@@ -13,21 +14,13 @@ namespace {
 constexpr int kLooks = 3;       // 3² rays to a face tell which of it the camera sees
 constexpr int kTexelLooks = 2;  // 2² rays to a texel
 
-/// The three corners (b1, b2) of each of the n² triangles, in TexelAtlas's order.
-std::vector<std::array<Vec2f, 3>> texel_corners(int n) {
-  std::vector<std::array<Vec2f, 3>> corners(static_cast<std::size_t>(n) * n);
-  const auto at = [n](int x, int y) {  // (b0, b1) = (x, y) / n
-    return Vec2f(static_cast<float>(y) / static_cast<float>(n),
-                 static_cast<float>(n - x - y) / static_cast<float>(n));
-  };
-  const auto place = [n](int x, int y) {
-    return static_cast<std::size_t>(y) * static_cast<std::size_t>(n) + static_cast<std::size_t>(x);
-  };
-  for (int y = 0; y < n; ++y)
-    for (int x = 0; x + y < n; ++x) {
-      corners[place(x, y)] = {at(x, y), at(x + 1, y), at(x, y + 1)};
-      if (x + y < n - 1)
-        corners[place(n - 1 - x, n - 1 - y)] = {at(x + 1, y + 1), at(x, y + 1), at(x + 1, y)};
+/// The corners (b1, b2) of each texel's triangle, by its index.
+std::vector<std::array<Vec2f, 3>> texel_corners(int resolution) {
+  std::vector<std::array<Vec2f, 3>> corners(static_cast<std::size_t>(resolution) * resolution);
+  for (const AtlasTriangle& triangle : atlas_triangles(resolution))
+    for (std::size_t i = 0; i < 3; ++i) {
+      const Vec2d& b = triangle.corners[i];
+      corners[static_cast<std::size_t>(triangle.texel)][i] = Vec2d(b.y(), 1 - b.sum()).cast<float>();
     }
   return corners;
 }

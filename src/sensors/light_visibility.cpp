@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "base/error.h"
+#include "geometry/atlas_triangles.h"
 #include "sensors/gloss.h"
 #include "sensors/light_nodes.h"
 #include "sensors/soft_rasterizer.h"

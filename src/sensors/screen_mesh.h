@@ -122,16 +122,4 @@ S cut_off(const SoftRasterSettings<S>& settings) {
   return settings.sigma * std::log(1 / settings.dist_eps - 1);
 }
 
-/// Index within a face of the texel at barycentrics (b0, b1) (see TexelAtlas).
-template <class S>
-int texel_index(S b0, S b1, int resolution) {
-  const S x = b0 * S(resolution), y = b1 * S(resolution);
-  const int last = resolution - 1;
-  const int ix = std::clamp(static_cast<int>(x), 0, last), iy = std::clamp(static_cast<int>(y), 0, last);
-  // On the far edge x + y − ix − iy is 1 up to rounding: a tolerance picks the lower half.
-  if (x + y - S(ix) - S(iy) <= 1 + S(64) * std::numeric_limits<S>::epsilon() * S(resolution))
-    return iy * resolution + ix;
-  return (last - iy) * resolution + (last - ix);
-}
-
 }  // namespace mirage

@@ -68,9 +68,8 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   PixelRect rect = touched_pixels(tape.projected.screen, tape.settings, camera.width, camera.height,
                                   {0, 0, camera.width, camera.height});
   if (settings.camera_effects.blur_sigma > 0 && !rect.empty())
-    rect = {std::max(0, rect.u0 - kExposureReach), std::max(0, rect.v0 - kExposureReach),
-            std::min(camera.width, rect.u1 + kExposureReach),
-            std::min(camera.height, rect.v1 + kExposureReach)};
+    rect = {std::max(0, rect.u0 - kBlurReach), std::max(0, rect.v0 - kBlurReach),
+            std::min(camera.width, rect.u1 + kBlurReach), std::min(camera.height, rect.v1 + kBlurReach)};
   result.image = prepared.frame.image;
   result.rect = rect;
   result.rgba = Image<double>(rect.width(), rect.height(), 4);

@@ -6,11 +6,8 @@
 
 namespace mirage {
 
-/// How far a drawn object's pixels spread, px.
-inline constexpr int kExposureReach = 2;
-
 /// `rgba`: a window of the picture with the object over `photograph` (the same window, RGB), not saturated,
-/// and its silhouette S; the object ends kExposureReach pixels before the window does, but for the picture's
+/// and its silhouette S; the object ends kBlurReach pixels before the window does, but for the picture's
 /// own edges. Colour and silhouette of the object are blurred, and the photograph shows as far as the blurred
 /// silhouette lets it; then comes noise, as far as the object covers a pixel (the photograph has its own). It
 /// depends on the draw and the pixel's place in the picture, (u0 + u, v0 + v). The result is what

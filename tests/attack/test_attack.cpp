@@ -25,7 +25,7 @@ AttackSettings settings_for(const std::filesystem::path& data, const std::filesy
   settings.data = data;
   settings.out = out;
   settings.iterations = iterations;
-  settings.checkpoint_every = 1;
+  settings.checkpoint.steps = 1;
   settings.quiet = true;
   return settings;
 }

@@ -278,13 +278,13 @@ TEST(Checkpoints, ComeByTimeToo) {
   };
   auto settings = settings_for(folder / "data", folder / "run", 9);
   settings.batch = 1;
-  settings.checkpoint_every = 1000;
-  settings.checkpoint_seconds = 1e-9;
+  settings.checkpoint.steps = 1000;
+  settings.checkpoint.seconds = 1e-9;
   DetectorPool pool;
   pool.push_back(std::make_unique<Dying>());
   EXPECT_THROW(run_attack(settings, pool), Failure);
   EXPECT_EQ(read_json(folder / "run/checkpoint.json").at("iteration"), 4);
-  settings.checkpoint_every = 0;
+  settings.checkpoint.steps = 0;
   EXPECT_THAT(error_text<InputError>([&] { run_attack(settings, stand_in()); }),
               HasSubstr("checkpoint_every: "));
 }

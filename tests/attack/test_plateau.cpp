@@ -162,7 +162,7 @@ TEST(Plateau, ResumesToTheSameBits) {
     const auto run = [&](const std::string& out, int iterations) {
       auto settings = plateau_settings(folder, out.c_str(), iterations, 50);
       settings.expectation = parse_expectation(expect);
-      settings.checkpoint_every = 1;
+      settings.checkpoint.steps = 1;
       return to_json(run_attack(settings, detectors)).at("plateau");
     };
     const std::string whole = std::string("whole-") + expect, parts = std::string("parts-") + expect;

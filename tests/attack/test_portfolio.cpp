@@ -28,7 +28,7 @@ AttackSettings auto_settings(const test::TemporaryFolder& folder, const char* ou
   settings.out = folder / out;
   settings.iterations = iterations;
   settings.validation_every = 2;
-  settings.checkpoint_every = 5;
+  settings.checkpoint.steps = 5;
   settings.vertex_rate = 0.02;
   settings.texel_rate = 0.4;
   settings.objective.lambda_fp = 0;

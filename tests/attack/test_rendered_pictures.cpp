@@ -234,7 +234,7 @@ struct RenderedAttack {
     settings.data = folder / "data";
     settings.out = folder / out;
     settings.iterations = iterations;
-    settings.checkpoint_every = 100;
+    settings.checkpoint.steps = 100;
     settings.vertex_rate = 5e-3;
     settings.rooftop = "box";
     settings.quiet = true;

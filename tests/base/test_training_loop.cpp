@@ -116,7 +116,7 @@ TEST(TrainingLoop, GoesOnAfterAnyStopToTheSameBits) {
   ASSERT_EQ(whole.steps.size(), static_cast<std::size_t>(kSteps));
   for (std::int64_t last = 1; last <= kSteps; ++last) {
     TrainingSchedule parts = schedule_in(folder / std::to_string(last), kSteps);
-    parts.checkpoint_every = 4;  // the stop writes one of its own
+    parts.checkpoint.steps = 4;  // the stop writes one of its own
     parts.stop = [last, step = 0]() mutable { return ++step == last; };
     Toy first;
     EXPECT_THAT(error_text<Interrupted>([&] { train(parts, first); }), testing::HasSubstr("goes on"));
@@ -173,14 +173,14 @@ TEST(TrainingLoop, MinutesEndTheSchedule) {
 TEST(TrainingLoop, WritesItsStateWhenThatIsDue) {
   const TemporaryFolder folder;
   TrainingSchedule schedule = schedule_in(folder / "steps", 7);
-  schedule.checkpoint_every = 3;
+  schedule.checkpoint.steps = 3;
   Toy by_steps;
   train(schedule, by_steps);
   EXPECT_THAT(by_steps.saved, ElementsAre(3, 6, 7));
   EXPECT_THAT(by_steps.dropped, ElementsAre(3, 6));
 
   schedule = schedule_in(folder / "validated", 6);
-  schedule.checkpoint_every = 3;
+  schedule.checkpoint.steps = 3;
   Toy validated;
   train(schedule, validated, 2);
   EXPECT_THAT(validated.validated, ElementsAre(2, 4));  // and the last one is the trainer's
@@ -188,7 +188,7 @@ TEST(TrainingLoop, WritesItsStateWhenThatIsDue) {
   EXPECT_THAT(validated.dropped, ElementsAre(2, 3, 4));
 
   schedule = schedule_in(folder / "time", 3);
-  schedule.checkpoint_seconds = 1e-3;
+  schedule.checkpoint.seconds = 1e-3;
   Toy by_time;
   train(schedule, by_time, 0, std::chrono::milliseconds(2));
   EXPECT_THAT(by_time.saved, ElementsAre(1, 2, 3, 3));
@@ -219,7 +219,7 @@ TEST(TrainingSchedule, ItsFieldsAreCheckedAndTheseDecideTheResult) {
   EXPECT_EQ(told([](auto& s) { s.batch = -1; }), "batch: -1: out of range; use 1 or more");
   EXPECT_EQ(told([](auto& s) { s.learning_rate = 0; }),
             "learning_rate: 0: out of range; use a positive number");
-  EXPECT_EQ(told([](auto& s) { s.checkpoint_every = 0; }),
+  EXPECT_EQ(told([](auto& s) { s.checkpoint.steps = 0; }),
             "checkpoint_every: 0: out of range; use 1 or more");
 }
 

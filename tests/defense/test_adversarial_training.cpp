@@ -73,7 +73,7 @@ DefenseSettings tiny(const TemporaryFolder& folder, const std::string& out) {
   settings.rooftop = "box";
   settings.steps = 4;
   settings.adversary_updates = 2;
-  settings.checkpoint_every = 1;
+  settings.checkpoint.steps = 1;
   settings.threads = 1;
   settings.quiet = true;
   return settings;

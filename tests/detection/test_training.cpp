@@ -96,7 +96,7 @@ TEST(Training, AStoppedRunGoesOnToTheSameWeights) {
   options.steps = 4;
   options.batch = 1;
   options.quiet = true;
-  options.checkpoint_every = 2;
+  options.checkpoint.steps = 2;
   options.validation = kitti();
   options.validation_frames = 1;
   options.validate_every = 2;

@@ -11,7 +11,7 @@
 #include "exchange/gltf.h"
 #include "exchange/gltf_builder.h"
 #include "exchange/host_proxy.h"
-#include "exchange/tessellation.h"
+#include "geometry/atlas_triangles.h"
 #include "geometry/shapes.h"
 #include "sensors/soft_rasterizer.h"
 

@@ -8,7 +8,7 @@
 #include "base/srgb_bytes.h"
 #include "exchange/mesh_files.h"
 #include "exchange/obj_file.h"
-#include "exchange/tessellation.h"
+#include "geometry/atlas_triangles.h"
 #include "geometry/shapes.h"
 #include "support/files.h"
 

@@ -226,7 +226,7 @@ TEST(DepthTraining, AStoppedRunGoesOnToTheSameWeights) {
   options.crop = 80;
   options.quiet = true;
   options.threads = 2;
-  options.checkpoint_every = 2;
+  options.checkpoint.steps = 2;
   options.out = folder / "whole";
   const DepthTrainingResult whole = train_depth(options);
   EXPECT_EQ(whole.steps, 4);

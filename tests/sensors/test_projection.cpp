@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include "geometry/atlas_triangles.h"
 #include "geometry/shapes.h"
 #include "sensors/projection.h"
 #include "support/gradient_check.h"

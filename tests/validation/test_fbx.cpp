@@ -7,8 +7,8 @@
 
 #include "base/srgb_bytes.h"
 #include "exchange/obj_file.h"
-#include "exchange/tessellation.h"
 #include "fixture.h"
+#include "geometry/atlas_triangles.h"
 #include "support/files.h"
 #include "validation/blender/fbx_export.h"
 

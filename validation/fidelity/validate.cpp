@@ -8,6 +8,7 @@
 
 #include "attack/cached_reliance.h"
 #include "base/error.h"
+#include "base/field_json.h"
 #include "base/files.h"
 #include "base/installation.h"
 #include "base/interrupt.h"
@@ -216,11 +217,13 @@ Validation validate(const ValidationSettings& given) {
 
 json to_json(const Validation& validation) {
   json out = to_json(validation.summary);
-  auto losses = json::array(), failed = json::array();
-  for (const auto& [vehicle, loss] : validation.blender_losses)
-    losses.push_back({{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}, {"vehicle", vehicle}});
-  for (const GivenUp& vehicle : validation.failed)
-    failed.push_back({{"name", vehicle.name}, {"problem", vehicle.problem}});
+  auto losses = list_json(validation.blender_losses, [](const auto& lost) -> json {
+    const auto& [vehicle, loss] = lost;
+    return {{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}, {"vehicle", vehicle}};
+  });
+  auto failed = list_json(validation.failed, [](const GivenUp& vehicle) -> json {
+    return {{"name", vehicle.name}, {"problem", vehicle.problem}};
+  });
   if (validation.budget) out["budget"] = to_json(*validation.budget);
   out.update({{"verdict", to_json(validation.verdict)},
               {"reliance", to_json(validation.reliance)},

@@ -67,20 +67,13 @@ std::vector<T> read_list(const JsonFields& from, const char* key, const Read& re
   return list;
 }
 
-template <class T, class Write>
-json written_list(const std::vector<T>& list, const Write& write) {
-  json array = json::array();
-  for (const T& entry : list) array.push_back(write(entry));
-  return array;
-}
-
 json with(json object, const json& more) {
   object.update(more);
   return object;
 }
 
 void add_ladder(const LadderResult& ladder, json& out) {
-  out["ladder"] = written_list(ladder.light, [](const LightRungResult& rung) {
+  out["ladder"] = list_json(ladder.light, [](const LightRungResult& rung) {
     json entry = with(outcome_json(rung.outcome), change_json(rung.change));
     entry.update(to_json(rung.error));
     entry.update({{"effect", rung.effect},
@@ -91,7 +84,7 @@ void add_ladder(const LadderResult& ladder, json& out) {
                   {"seconds", rung.seconds}});
     return entry;
   });
-  out["lidar_ladder"] = written_list(ladder.lidar, [](const LidarRungResult& rung) {
+  out["lidar_ladder"] = list_json(ladder.lidar, [](const LidarRungResult& rung) {
     return with(outcome_json(rung.outcome), {{"effect", rung.effect},
                                              {"returns", rung.returns},
                                              {"changed", rung.changed},
@@ -147,10 +140,10 @@ void add_seen(const SeenResult& seen, json& out) {
   out["hard"] = fields_json(seen.hard);
   out["cycles"] = fields_json(seen.cycles);
   if (seen.arms) {
-    out["arms"] = written_list(seen.arms->arms, [](const ArmResult& arm) {
+    out["arms"] = list_json(seen.arms->arms, [](const ArmResult& arm) {
       return with(fields_json(arm.outcome), fields_json(arm.arm));
     });
-    out["controls"] = written_list(seen.arms->controls, [](const ControlResult& control) {
+    out["controls"] = list_json(seen.arms->controls, [](const ControlResult& control) {
       return with(fields_json(control.outcome), fields_json(control.control));
     });
   }
@@ -207,7 +200,7 @@ json to_json(const VehicleResult& vehicle) {
               {"adversary_points", vehicle.adversary_points}});
   if (!vehicle.seen) return out;
   add_seen(*vehicle.seen, out);
-  out["blender_losses"] = written_list(vehicle.blender_losses, [](const BlenderWorker::Loss& loss) {
+  out["blender_losses"] = list_json(vehicle.blender_losses, [](const BlenderWorker::Loss& loss) {
     return json{{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}};
   });
   return out;

@@ -21,25 +21,23 @@ json success_figures(const Success& success) {
 
 template <class Look>
 json compared_figures(const std::vector<Compared<Look>>& all) {
-  auto list = json::array();
-  for (const Compared<Look>& entry : all) {
+  return list_json(all, [](const Compared<Look>& entry) {
     json out = success_figures(entry);
     out.update(fields_json(entry.look));
     out.update({{"difference", to_json(entry.difference)},
                 {"flips", entry.flips},
                 {"mean_delta_logit", entry.mean_delta_logit},
                 {"mean_delta_score", entry.mean_delta_score}});
-    list.push_back(std::move(out));
-  }
-  return list;
+    return out;
+  });
 }
 
 json group_figures(const VerdictGroup& group) {
-  auto variants = json::array();
-  for (const VerdictVariant& variant : group.variants) {
-    variants.push_back(success_figures(variant));
-    variants.back()["name"] = variant.name;
-  }
+  auto variants = list_json(group.variants, [](const VerdictVariant& variant) {
+    json out = success_figures(variant);
+    out["name"] = variant.name;
+    return out;
+  });
   return {{"frames", group.frames},
           {"vehicles", group.vehicles},
           {"clusters", to_json(group.clusters)},
@@ -83,14 +81,11 @@ json truth(const std::optional<bool>& known) {
 }  // namespace
 
 json to_json(const Verdict& verdict) {
-  auto pairs = json::array(), flips = json::array();
-  for (const ScorePair& pair : verdict.pairs) pairs.push_back(pair_figures(pair));
-  for (const VerdictFlip& flip : verdict.flips) flips.push_back(flip_figures(flip));
   return {{"confidence", BootstrapSettings().confidence},
           {"held_back", group_figures(verdict.held_back)},
           {"all", group_figures(verdict.all)},
-          {"pairs", std::move(pairs)},
-          {"flips", std::move(flips)},
+          {"pairs", list_json(verdict.pairs, pair_figures)},
+          {"flips", list_json(verdict.flips, flip_figures)},
           {"of", &verdict.judged() == &verdict.held_back ? "held_back" : "all"},
           {"arms", compared_figures(verdict.judged().arms)},
           {"controls", compared_figures(verdict.controls)},

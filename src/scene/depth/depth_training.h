@@ -69,7 +69,7 @@ struct DepthTrainingResult {
 
 /// Trains from scratch, or goes on from the checkpoint in `out` (which must be of the same options, or
 /// InputError; FieldError for options out of range). What step s sees depends on (seed, s) alone: not on
-/// threads, nor on interruptions. A checkpoint is written every checkpoint_every steps and on Ctrl-C (then
+/// threads, nor on interruptions. A checkpoint is written every checkpoint.steps steps and on Ctrl-C (then
 /// Interrupted is thrown).
 DepthTrainingResult train_depth(const DepthTrainingOptions& options);
 

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/atlas_triangles.h"
+
 namespace mirage::coverage {
 namespace {
 

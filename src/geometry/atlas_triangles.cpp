@@ -1,7 +1,4 @@
-#include "exchange/tessellation.h"
-
-#include <algorithm>
-#include <cmath>
+#include "geometry/atlas_triangles.h"
 
 namespace mirage {
 
@@ -17,17 +14,6 @@ std::vector<AtlasTriangle> atlas_triangles(int resolution) {
         triangles.push_back({{at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)}, (n - 1 - y) * n + (n - 1 - x)});
     }
   return triangles;
-}
-
-TextureLayout::TextureLayout(std::size_t texels) {
-  const std::size_t count = std::max<std::size_t>(1, texels);
-  width = static_cast<int>(std::ceil(std::sqrt(static_cast<double>(count))));
-  height = static_cast<int>((count + width - 1) / width);
-}
-
-Vec2d TextureLayout::centre(std::size_t texel) const {
-  return {(static_cast<double>(texel % width) + 0.5) / width,
-          (static_cast<double>(texel / width) + 0.5) / height};
 }
 
 }  // namespace mirage
