@@ -1,24 +1,60 @@
 #include "sensors/gloss.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
-#include <vector>
 
 namespace mirage {
 namespace {
 
-/// Smith's Λ of GGX.
-double shadowing(double cosine, double alpha) {
-  const double cosine2 = cosine * cosine;
-  return (std::sqrt(1 + alpha * alpha * (1 - cosine2) / cosine2) - 1) / 2;
+constexpr double kAlpha2 = kRoughness * kRoughness * kRoughness * kRoughness;
+
+/// 1 + 2Λ of Smith's shadowing for GGX.
+double shadowing(double cosine) {
+  return std::sqrt(1 + kAlpha2 * (1 / (cosine * cosine) - 1));
 }
 
 double schlick_weight(double cosine) {
-  return std::pow(std::clamp(1 - cosine, 0.0, 1.0), 5);
+  const double m = std::clamp(1 - cosine, 0.0, 1.0);
+  return m * m * m * m * m;
 }
 
-constexpr int kTable = 64;
+/// The mean over the half space of what `response` gives for a direction l about the normal z and a camera at
+/// that cosine, by a raster that is fine enough for lobes this wide.
+template <class Response>
+double half_space_mean(double cosine, const Response& response) {
+  constexpr int kRings = 48, kTurns = 96;
+  const double nv = std::max(cosine, 1e-3);
+  const Vec3d v(std::sqrt(std::max(0.0, 1 - nv * nv)), 0, nv);
+  double sum = 0;
+  for (int i = 0; i < kRings; ++i) {
+    const double z = (i + 0.5) / kRings, r = std::sqrt(1 - z * z);
+    for (int k = 0; k < kTurns; ++k) {
+      const double turn = 2 * std::numbers::pi * (k + 0.5) / kTurns;
+      sum += response(Vec3d(r * std::cos(turn), r * std::sin(turn), z), v);
+    }
+  }
+  return sum / (kRings * kTurns);
+}
+
+/// A function of a cosine in [0, 1], between its values at even steps.
+class CosineTable {
+ public:
+  template <class Function>
+  explicit CosineTable(const Function& function) {
+    for (std::size_t i = 0; i < values_.size(); ++i) values_[i] = function(static_cast<double>(i) / kSteps);
+  }
+  double operator()(double cosine) const {
+    const double at = kSteps * std::clamp(cosine, 0.0, 1.0);
+    const std::size_t i = std::min<std::size_t>(kSteps - 1, static_cast<std::size_t>(at));
+    return std::lerp(values_[i], values_[i + 1], at - static_cast<double>(i));
+  }
+
+ private:
+  static constexpr std::size_t kSteps = 64;
+  std::array<double, kSteps + 1> values_{};
+};
 
 }  // namespace
 
@@ -28,45 +64,16 @@ double fresnel(double cosine) {
   return 0.5 * a * a * (1 + b * b);
 }
 
-double specular_response(const Vec3d& n, const Vec3d& l, const Vec3d& v) {
-  const double nl = n.dot(l), nv = n.dot(v);
+double specular_response(double nl, double nv, double lv) {
   if (nl <= 0 || nv <= 0) return 0;
-  const Vec3d h = (l + v).normalized();
-  const double alpha = kRoughness * kRoughness, nh = n.dot(h), spread = 1 + nh * nh * (alpha * alpha - 1),
-               d = alpha * alpha / (std::numbers::pi * spread * spread),
-               g = 1 / (1 + shadowing(nl, alpha) + shadowing(nv, alpha));
-  return std::numbers::pi * d * g * fresnel(std::min(1.0, h.dot(v))) / (4 * nv);
+  const double sum2 = std::max(2 + 2 * lv, 1e-300),  // |l + v|²
+      nh2 = (nl + nv) * (nl + nv) / sum2, spread = 1 + nh2 * (kAlpha2 - 1), d = kAlpha2 / (spread * spread),
+               g = 2 / (shadowing(nl) + shadowing(nv));
+  return d * g * fresnel(std::min(1.0, std::sqrt(sum2) / 2)) / (4 * nv);
 }
 
-namespace {
-
-/// The integral by a raster of the half space, which is fine enough for a lobe this wide.
-double integrated_albedo(double cosine) {
-  constexpr int kRings = 48, kTurns = 96;
-  const double nv = std::max(cosine, 1e-3);
-  const Vec3d n = Vec3d::UnitZ(), v(std::sqrt(std::max(0.0, 1 - nv * nv)), 0, nv);
-  double sum = 0;
-  for (int i = 0; i < kRings; ++i) {
-    const double z = (i + 0.5) / kRings, r = std::sqrt(1 - z * z);
-    for (int k = 0; k < kTurns; ++k) {
-      const double turn = 2 * std::numbers::pi * (k + 0.5) / kTurns;
-      sum += specular_response(n, Vec3d(r * std::cos(turn), r * std::sin(turn), z), v);
-    }
-  }
-  return 2 * sum / (kRings * kTurns);  // π f_s n·l over π, times the solid angle 2π a sample
-}
-
-}  // namespace
-
-double specular_albedo(double cosine) {
-  static const std::vector<double> table = [] {
-    std::vector<double> values;
-    for (int i = 0; i <= kTable; ++i) values.push_back(integrated_albedo(static_cast<double>(i) / kTable));
-    return values;
-  }();
-  const double at = kTable * std::clamp(cosine, 0.0, 1.0);
-  const auto i = std::min(kTable - 1, static_cast<int>(at));
-  return std::lerp(table[static_cast<std::size_t>(i)], table[static_cast<std::size_t>(i) + 1], at - i);
+double specular_response(const Vec3d& n, const Vec3d& l, const Vec3d& v) {
+  return specular_response(n.dot(l), n.dot(v), l.dot(v));
 }
 
 double diffuse_response(const Vec3d& n, const Vec3d& l, const Vec3d& v) {
@@ -74,6 +81,25 @@ double diffuse_response(const Vec3d& n, const Vec3d& l, const Vec3d& v) {
   if (nl <= 0 || nv <= 0) return 1;
   const double d90 = 0.5 + kRoughness * (1 + l.dot(v));  // 2 cos² of half the angle between them
   return (1 + (d90 - 1) * schlick_weight(nl)) * (1 + (d90 - 1) * schlick_weight(nv));
+}
+
+double specular_albedo(double cosine) {
+  // π f_s n·l over π, times the solid angle 2π.
+  static const CosineTable table([](double at) {
+    return 2 * half_space_mean(at, [](const Vec3d& l, const Vec3d& v) {
+             return specular_response(Vec3d::UnitZ(), l, v);
+           });
+  });
+  return table(cosine);
+}
+
+double diffuse_albedo(double cosine) {
+  static const CosineTable table([](double at) {
+    return 2 * half_space_mean(at, [](const Vec3d& l, const Vec3d& v) {
+             return l.z() * diffuse_response(Vec3d::UnitZ(), l, v);
+           });
+  });
+  return table(cosine);
 }
 
 }  // namespace mirage

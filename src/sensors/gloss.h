@@ -17,8 +17,10 @@ inline constexpr double kEvenGloss = 0.06;
 /// F: share of unpolarised light that the surface sends back; `cosine` of the incidence in [0, 1].
 double fresnel(double cosine);
 
-/// π f_s max(0, n·l): times an irradiance over π on a face square to l, the radiance towards v. 0 where the
-/// light or the camera is behind the surface. All unit vectors.
+/// π f_s max(0, n·l) by the cosines n·l, n·v and l·v: times an irradiance over π on a face square to l, the
+/// radiance towards v. 0 where the light or the camera is behind the surface.
+double specular_response(double nl, double nv, double lv);
+/// The same of unit vectors.
 double specular_response(const Vec3d& n, const Vec3d& l, const Vec3d& v);
 
 /// Share of an even light from all around that the lobe sends towards a camera at that cosine: the integral
@@ -27,5 +29,9 @@ double specular_albedo(double cosine);
 
 /// F_d: 1 for Lambert's surface.
 double diffuse_response(const Vec3d& n, const Vec3d& l, const Vec3d& v);
+
+/// Mean of F_d under an even light from all around, weighted by n·l, towards a camera at that cosine. From a
+/// table, within 1 %.
+double diffuse_albedo(double cosine);
 
 }  // namespace mirage

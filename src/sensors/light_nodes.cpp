@@ -51,10 +51,11 @@ class Nodes {
     // Rays start this far off the face they leave, beyond what float32 can confuse.
     lift_ = 1e-5 * std::max(1e-3, bounds(mesh_).diagonal().norm());
     made_.centre = centre;
-    sides_ = whole_sides(mesh_, centre, lift_);
-    made_.behind.resize(mesh_.faces.size());
-    points_.resize(sides_.size());
-    angle_.assign(sides_.size(), 0);
+    made_.wholes = whole_sides(mesh_, centre, lift_);
+    made_.faces = mesh_.faces.size();
+    made_.behind.resize(made_.faces);
+    points_.resize(made_.wholes.size());
+    angle_.assign(made_.wholes.size(), 0);
   }
 
   /// Which side of each face the camera looks at, how large, and where it sees it.
@@ -62,34 +63,39 @@ class Nodes {
     const std::vector<Vec2d> points = texel_centroids(kLooks);
     std::vector<Vec3f> targets;
     for (std::size_t f = 0; f < mesh_.faces.size(); ++f) {
-      const LightLeaf& front = sides_[f];
+      const LightLeaf& front = made_.wholes[f];
       const Vec3d normal = front.edge1.cross(front.edge2).cast<double>(),
                   to_eye = eye - made_.centre - middle(front);
       made_.behind[f] = normal.dot(to_eye) < 0;
-      const std::size_t side = side_seen(f);
+      const std::size_t side = made_.side(f);
       const double distance = to_eye.norm();
       if (distance > 0) angle_[side] = std::abs(normal.dot(to_eye)) / (2 * distance * distance * distance);
-      add_targets(sides_[side], points, targets);
+      add_targets(made_.wholes[side], points, targets);
     }
     for (const auto& [side, b12] : first_met(caster, eye, targets))
-      points_[side].push_back(sides_[side].at(b12.x(), b12.y()));
+      points_[side].push_back(made_.wholes[side].at(b12.x(), b12.y()));
   }
 
   /// The nodes, but for the cells.
   void make_patches() {
-    const auto corners = texel_corners(resolution_);
-    made_.first.push_back(0);
-    for (std::size_t side = 0; side < sides_.size(); ++side) {
-      const LightLeaf& whole = sides_[side];
-      if (!points_[side].empty() && angle_[side] > settings_.by_texel && resolution_ > 1)
-        for (const auto& [p, q, r] : corners)
-          made_.leaves.push_back(
-              {whole.at(p.x(), p.y()), (q.x() - p.x()) * whole.edge1 + (q.y() - p.y()) * whole.edge2,
-               (r.x() - p.x()) * whole.edge1 + (r.y() - p.y()) * whole.edge2, whole.normal});
-      else
-        made_.leaves.push_back(whole);
+    std::vector<std::vector<std::array<Vec2f, 3>>> corners;
+    for (int n = 1; n <= resolution_; ++n) {
+      corners.push_back(texel_corners(n));
+      made_.texels_of_node.push_back(centroids_within(n, resolution_));
+      made_.node_of_texel.emplace_back();
+      for (const Vec2d& texel : texel_centroids(resolution_))
+        made_.node_of_texel.back().push_back(texel_index<double>(texel.x(), texel.y(), n));
+    }
+    made_.first_of_side.push_back(0);
+    for (std::size_t side = 0; side < made_.wholes.size(); ++side) {
+      const LightLeaf& whole = made_.wholes[side];
+      made_.parts.push_back(parts_of(side));
+      for (const auto& [p, q, r] : corners[static_cast<std::size_t>(made_.parts.back()) - 1])
+        made_.leaves.push_back({whole.at(p.x(), p.y()),
+                                (q.x() - p.x()) * whole.edge1 + (q.y() - p.y()) * whole.edge2,
+                                (r.x() - p.x()) * whole.edge1 + (r.y() - p.y()) * whole.edge2, whole.normal});
       made_.side_of.resize(made_.leaves.size(), static_cast<int>(side));
-      made_.first.push_back(static_cast<int>(made_.leaves.size()));
+      made_.first_of_side.push_back(static_cast<int>(made_.leaves.size()));
     }
     made_.seen.assign(made_.side_of.size(), false);
   }
@@ -99,20 +105,19 @@ class Nodes {
     const std::vector<Vec2d> points = texel_centroids(kTexelLooks);
     std::vector<Vec3f> targets;
     made_.seen_points.resize(made_.side_of.size());
-    for (std::size_t side = 0; side < sides_.size(); ++side) {
-      const auto first = static_cast<std::size_t>(made_.first[side]);
-      if (!made_.split(static_cast<int>(side))) {
-        made_.seen_points[first] = std::move(points_[side]);
+    for (std::size_t side = 0; side < made_.wholes.size(); ++side) {
+      if (made_.parts[side] == 1) {
+        made_.seen_points[made_.first_node(side)] = std::move(points_[side]);
         continue;
       }
-      for (std::size_t i = first; i < static_cast<std::size_t>(made_.first[side + 1]); ++i)
+      for (std::size_t i = made_.first_node(side); i < made_.first_node(side + 1); ++i)
         add_targets(made_.leaves[i], points, targets);
     }
     for (const auto& [side, b12] : first_met(caster, eye, targets)) {
-      if (!made_.split(static_cast<int>(side))) continue;
-      const int texel = texel_index<double>(std::max(0.0f, 1 - b12.sum()), b12.x(), resolution_);
-      made_.seen_points[static_cast<std::size_t>(made_.first[side]) + static_cast<std::size_t>(texel)]
-          .push_back(sides_[side].at(b12.x(), b12.y()));
+      if (made_.parts[side] == 1) continue;
+      const int part = texel_index<double>(std::max(0.0f, 1 - b12.sum()), b12.x(), made_.parts[side]);
+      made_.seen_points[made_.first_node(side) + static_cast<std::size_t>(part)].push_back(
+          made_.wholes[side].at(b12.x(), b12.y()));
     }
     for (std::size_t i = 0; i < made_.seen.size(); ++i) made_.seen[i] = !made_.seen_points[i].empty();
     if (settings_.glossy)
@@ -127,8 +132,10 @@ class Nodes {
   }
 
  private:
-  std::size_t side_seen(std::size_t face) const {
-    return made_.behind[face] ? face + mesh_.faces.size() : face;
+  int parts_of(std::size_t side) const {
+    if (points_[side].empty() || angle_[side] <= settings_.node_angle) return 1;
+    const double parts = std::ceil(std::sqrt(angle_[side] / settings_.node_angle));
+    return parts < resolution_ ? static_cast<int>(parts) : resolution_;
   }
   static Vec3d middle(const LightLeaf& leaf) { return leaf.at(1 / 3.0f, 1 / 3.0f).cast<double>(); }
   static void add_targets(const LightLeaf& leaf, const std::vector<Vec2d>& points,
@@ -148,7 +155,7 @@ class Nodes {
     caster.intersect(rays, 0, 1e30f, hits);
     for (std::size_t i = 0; i < targets.size(); ++i)
       if (hits.face[i] >= 0)
-        met.emplace_back(side_seen(static_cast<std::size_t>(hits.face[i])), Vec2f(hits.b1[i], hits.b2[i]));
+        met.emplace_back(made_.side(static_cast<std::size_t>(hits.face[i])), Vec2f(hits.b1[i], hits.b2[i]));
     return met;
   }
 
@@ -172,13 +179,23 @@ class Nodes {
   int resolution_;
   const VisibleLightSettings& settings_;
   double lift_ = 0;
-  std::vector<LightLeaf> sides_;
   std::vector<std::vector<Vec3f>> points_;  ///< of each side: where the camera sees it
   std::vector<double> angle_;               ///< of each side, sr
   LightNodes made_;
 };
 
 }  // namespace
+
+std::vector<std::vector<int>> centroids_within(int p, int n) {
+  std::vector<std::vector<int>> lists(static_cast<std::size_t>(p) * p);
+  const std::vector<Vec2d> centroids = texel_centroids(n), parts = texel_centroids(p);
+  for (std::size_t i = 0; i < centroids.size(); ++i)
+    lists[static_cast<std::size_t>(texel_index<double>(centroids[i].x(), centroids[i].y(), p))].push_back(
+        static_cast<int>(i));
+  for (std::size_t k = 0; k < lists.size(); ++k)
+    if (lists[k].empty()) lists[k].push_back(texel_index<double>(parts[k].x(), parts[k].y(), n));
+  return lists;
+}
 
 std::vector<Vec2d> texel_centroids(int n) {
   std::vector<Vec2d> centres;

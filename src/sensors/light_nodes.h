@@ -1,5 +1,5 @@
 // What has a light of its own in the light model with visibility (sensors/visible_light.h): the sides of the
-// object's faces, the texels of those that the camera sees large, and cells of the roof.
+// object's faces, parts of those that the camera sees large, and cells of the roof.
 #pragma once
 
 #include <vector>
@@ -16,33 +16,30 @@ struct LightLeaf {
   Vec3f at(float b1, float b2) const { return corner + b1 * edge1 + b2 * edge2; }
 };
 
-/// Sides [0, faces) are the faces as they are wound, the next `faces` their backs. Nodes [0, patches) are the
-/// sides' in their order, one a side or one a texel; the roof's cells follow, row by row.
-struct LightNodes {
+/// Nodes [0, patches) are the sides'; the roof's cells follow, row by row.
+struct LightNodes : LightLayout {
   Vec3d centre = Vec3d::Zero();
   std::vector<LightLeaf> leaves;  ///< of each node
-  std::vector<int> first;         ///< sides + 1: where each side's nodes start
-  std::vector<int> side_of;       ///< of each patch
-  std::vector<bool> behind;       ///< of each face: the camera sees its back
+  std::vector<LightLeaf> wholes;  ///< of each side
   std::vector<bool> seen;         ///< of each patch: the camera sees some of it; without a camera: of a front
   /// Of each patch, where: starts of rays as LightLeaf::at. Empty without a camera.
   std::vector<std::vector<Vec3f>> seen_points;
   std::vector<Vec3d> views;   ///< of each patch, towards the camera; empty where there is no gloss
   int columns = 0, rows = 0;  ///< cells
 
-  int sides() const { return static_cast<int>(first.size()) - 1; }
+  int sides() const { return static_cast<int>(wholes.size()); }
   int patches() const { return static_cast<int>(side_of.size()); }
   int nodes() const { return static_cast<int>(leaves.size()); }
-  /// Whether each texel of the side is a node.
-  bool split(int side) const {
-    return first[static_cast<std::size_t>(side) + 1] - first[static_cast<std::size_t>(side)] > 1;
-  }
   /// Whether the node is one that the camera sees.
   bool is_seen(int node) const { return node < patches() && seen[static_cast<std::size_t>(node)]; }
 };
 
 /// Centroids (b0, b1) of the n² congruent triangles of a face, by their index in TexelAtlas's order.
 std::vector<Vec2d> texel_centroids(int n);
+
+/// Which of the centroids of n² triangles stand for each of p² parts of the face: those within it, or else
+/// the one whose triangle the part's own lies in.
+std::vector<std::vector<int>> centroids_within(int p, int n);
 
 /// The same mesh with every texel as a face of its own, in the atlas's order.
 TexturedMesh texels_as_faces(const TexturedMesh& mesh);

@@ -40,18 +40,6 @@ std::vector<Vec2f> lattice(std::size_t count, double u, double v) {
   return points;
 }
 
-/// Which of n² samples stand for each of C² texels: those within it, or else the one that it lies within.
-std::vector<std::vector<int>> samples_of_texels(int resolution, int n) {
-  std::vector<std::vector<int>> lists(static_cast<std::size_t>(resolution) * resolution);
-  const std::vector<Vec2d> samples = texel_centroids(n), texels = texel_centroids(resolution);
-  for (std::size_t i = 0; i < samples.size(); ++i)
-    lists[static_cast<std::size_t>(texel_index<double>(samples[i].x(), samples[i].y(), resolution))]
-        .push_back(static_cast<int>(i));
-  for (std::size_t t = 0; t < lists.size(); ++t)
-    if (lists[t].empty()) lists[t].push_back(texel_index<double>(texels[t].x(), texels[t].y(), n));
-  return lists;
-}
-
 struct Sent {
   int node;
   int direction;  ///< kToSun, or which of the directions
@@ -90,36 +78,45 @@ class Tracer {
   const LightLeaf& leaf(int node) const { return nodes_.leaves[static_cast<std::size_t>(node)]; }
   int side_of(int patch) const { return nodes_.side_of[static_cast<std::size_t>(patch)]; }
   /// Where a side's nodes start.
-  int first(int side) const { return nodes_.first[static_cast<std::size_t>(side)]; }
+  int first(int side) const { return nodes_.first_of_side[static_cast<std::size_t>(side)]; }
 
   void send(const Vec3f& start, int node, int direction, int sample = 0) {
     starts_.push_back(start);
     sent_.push_back({node, direction, sample});
   }
 
+  /// Whether each of the side's texels is a node.
+  bool by_texel(int side) const {
+    return resolution_ > 1 && nodes_.parts[static_cast<std::size_t>(side)] == resolution_;
+  }
+  /// Whether the camera may see some of a side.
+  bool is_side_seen(int side) const {
+    return nodes_.parts[static_cast<std::size_t>(side)] > 1 || nodes_.is_seen(first(side));
+  }
+
+  /// One ray from a texel that is a node, and from a cell; several from all over other sides.
   void aim_at_sun() {
     const Vec3f to_sun = light_.to_sun_velo.cast<float>();
     const std::vector<Vec2d> many = texel_centroids(settings_.sun_samples),
                              few = texel_centroids(kSunRaysUnseen);
-    for (int i = 0; i < nodes(); ++i) {
-      const LightLeaf& from = leaf(i);
-      if (from.normal.dot(to_sun) <= 0) continue;
-      if (i >= nodes_.patches()) {
-        send(from.at(0.5f, 0.5f), i, kToSun);
+    for (int side = 0; side < nodes_.sides(); ++side) {
+      const LightLeaf& whole = nodes_.wholes[static_cast<std::size_t>(side)];
+      if (whole.normal.dot(to_sun) <= 0) continue;
+      if (by_texel(side)) {
+        for (int i = first(side); i < first(side + 1); ++i)
+          // The last point that the camera may see is the texel's middle.
+          send(nodes_.is_seen(i) ? nodes_.seen_points[static_cast<std::size_t>(i)].back()
+                                 : leaf(i).at(1 / 3.0f, 1 / 3.0f),
+               i, kToSun);
         continue;
       }
-      if (nodes_.split(side_of(i))) {
-        // The last point that the camera may see is the texel's middle.
-        send(nodes_.is_seen(i) ? nodes_.seen_points[static_cast<std::size_t>(i)].back()
-                               : from.at(1 / 3.0f, 1 / 3.0f),
-             i, kToSun);
-        continue;
-      }
-      const std::vector<Vec2d>& points = nodes_.is_seen(i) ? many : few;
+      const std::vector<Vec2d>& points = is_side_seen(side) ? many : few;
       for (std::size_t k = 0; k < points.size(); ++k)
-        send(from.at(static_cast<float>(points[k].y()), static_cast<float>(1 - points[k].sum())), i, kToSun,
-             static_cast<int>(k));
+        send(whole.at(static_cast<float>(points[k].y()), static_cast<float>(1 - points[k].sum())),
+             first(side), kToSun, static_cast<int>(k));
     }
+    for (int i = nodes_.patches(); i < nodes(); ++i)
+      if (leaf(i).normal.dot(to_sun) > 0) send(leaf(i).at(0.5f, 0.5f), i, kToSun);
   }
 
   /// Rays of all nodes, those of one direction together.
@@ -221,39 +218,42 @@ class Tracer {
     LightVisibility& r = result_;
     const auto many = static_cast<std::size_t>(settings_.sun_samples * settings_.sun_samples);
     std::vector<std::uint8_t> lit(static_cast<std::size_t>(nodes_.sides()) * many, 0);
-    const auto rays_of = [&](int node) -> double {
-      if (node >= nodes_.patches() || nodes_.split(side_of(node))) return 1;
-      return nodes_.is_seen(node) ? static_cast<double>(many) : kSunRaysUnseen * kSunRaysUnseen;
-    };
     for (std::size_t i = 0; i < sent_.size() && sent_[i].direction == kToSun; ++i) {
       if (hits_.face[i] >= 0) continue;
       const int node = sent_[i].node;
-      r.sun_share[static_cast<std::size_t>(node)] += 1 / rays_of(node);
-      if (nodes_.is_seen(node))
+      if (node >= nodes_.patches() || by_texel(side_of(node)))
+        r.sun_share[static_cast<std::size_t>(node)] = 1;
+      else if (is_side_seen(side_of(node)))
         lit[static_cast<std::size_t>(side_of(node)) * many + static_cast<std::size_t>(sent_[i].sample)] = 1;
+      else
+        r.sun_share[static_cast<std::size_t>(node)] += 1.0 / (kSunRaysUnseen * kSunRaysUnseen);
     }
-    const auto lists = samples_of_texels(resolution_, settings_.sun_samples);
-    for (std::size_t f = 0; f < r.faces; ++f) {
-      const std::size_t side = r.side(f);
-      for (std::size_t t = 0; t < per_face_; ++t) {
-        float& sun = r.sun[f * per_face_ + t];
-        sun = static_cast<float>(r.sun_share[r.node(f, t)]);
-        const int node = static_cast<int>(r.node(f, t));
-        if (!nodes_.is_seen(node) || nodes_.split(static_cast<int>(side))) continue;
-        int count = 0;
-        for (const int k : lists[t]) count += lit[side * many + static_cast<std::size_t>(k)];
-        sun = static_cast<float>(count) / static_cast<float>(lists[t].size());
-      }
+    std::vector<std::vector<std::vector<int>>> within;  // by parts − 1
+    for (int n = 1; n <= resolution_; ++n) within.push_back(centroids_within(n, settings_.sun_samples));
+    const auto share = [&](std::size_t side, const std::vector<int>& samples) {
+      int count = 0;
+      for (const int k : samples) count += lit[side * many + static_cast<std::size_t>(k)];
+      return static_cast<float>(count) / static_cast<float>(samples.size());
+    };
+    const auto sampled = [&](std::size_t side) {
+      return !by_texel(static_cast<int>(side)) && is_side_seen(static_cast<int>(side));
+    };
+    for (std::size_t side = 0; side < nodes_.wholes.size(); ++side) {
+      if (!sampled(side)) continue;
+      std::size_t node = r.first_node(side);
+      for (const auto& samples : within[static_cast<std::size_t>(r.parts[side]) - 1])
+        r.sun_share[node++] = share(side, samples);
     }
+    for (std::size_t f = 0; f < r.faces; ++f)
+      for (std::size_t t = 0; t < per_face_; ++t)
+        r.sun[f * per_face_ + t] = sampled(r.side(f)) ? share(r.side(f), within.back()[t])
+                                                      : static_cast<float>(r.sun_share[r.node(f, t)]);
   }
 
   void collect() {
     LightVisibility& r = result_;
     const auto count = static_cast<std::size_t>(nodes());
-    r.faces = static_cast<std::size_t>(faces_);
-    r.behind = nodes_.behind;
-    r.first_of_side = nodes_.first;
-    r.side_of = nodes_.side_of;
+    static_cast<LightLayout&>(r) = nodes_;
     r.rays = sent_.size();
     r.sun.assign(r.faces * per_face_, 0);
     r.sun_share.assign(count, 0);
@@ -312,9 +312,10 @@ class Tracer {
   /// The node of the object that a ray met.
   int met_patch(std::size_t ray, int face, const Vec3d& direction) const {
     const int front = leaf(first(face)).normal.dot(direction.cast<float>()) < 0 ? face : face + faces_;
-    if (!nodes_.split(front)) return first(front);
+    const int parts = nodes_.parts[static_cast<std::size_t>(front)];
+    if (parts == 1) return first(front);
     const double b1 = hits_.b1[ray], b2 = hits_.b2[ray];
-    return first(front) + texel_index<double>(std::max(0.0, 1 - b1 - b2), b1, resolution_);
+    return first(front) + texel_index<double>(std::max(0.0, 1 - b1 - b2), b1, parts);
   }
 
   /// Whether the camera sees the node's gloss.
@@ -327,27 +328,28 @@ class Tracer {
     LightVisibility& r = result_;
     if (nodes_.views.empty()) return;
     responses_.assign(sent_.size(), 0);
-    std::vector<double> total(nodes_.side_of.size(), 0), cosines = total, lobe = total;
-    for (std::size_t i = 0; i < sent_.size(); ++i) {
-      const Sent& sent = sent_[i];
-      if (sent.direction == kToSun || !is_glossy(sent.node)) continue;
-      const auto node = static_cast<std::size_t>(sent.node);
-      const Vec3d n = leaf(sent.node).normal.cast<double>(),
-                  &l = directions_[static_cast<std::size_t>(sent.direction)];
-      responses_[i] = specular_response(n, l, view(sent.node));
-      total[node] += responses_[i];
-      cosines[node] += n.dot(l);
-      lobe[node] += n.dot(l) * diffuse_response(n, l, view(sent.node));
-    }
+    std::vector<double> towards_eye(nodes_.side_of.size(), 0), total = towards_eye;
     for (int i = 0; i < nodes_.patches(); ++i) {
-      const auto node = static_cast<std::size_t>(i);
-      if (!is_glossy(i) || cosines[node] <= 0) continue;
       const Vec3d n = leaf(i).normal.cast<double>();
+      const double cosine = n.dot(view(i));
+      if (!is_glossy(i) || cosine <= 0) continue;
+      const auto node = static_cast<std::size_t>(i);
+      towards_eye[node] = cosine;
       r.specular_sun[node] = specular_response(n, light_.to_sun_velo, view(i));
       r.diffuse_sun[node] = diffuse_response(n, light_.to_sun_velo, view(i));
-      r.diffuse[node] = lobe[node] / cosines[node];
-      if (total[node] > 0) total[node] = specular_albedo(n.dot(view(i))) / total[node];
+      r.diffuse[node] = diffuse_albedo(cosine);
     }
+    for (std::size_t i = 0; i < sent_.size(); ++i) {
+      const Sent& sent = sent_[i];
+      const auto node = static_cast<std::size_t>(sent.node);
+      if (sent.direction == kToSun || sent.node >= nodes_.patches() || towards_eye[node] <= 0) continue;
+      const Vec3d& l = directions_[static_cast<std::size_t>(sent.direction)];
+      responses_[i] = specular_response(leaf(sent.node).normal.cast<double>().dot(l), towards_eye[node],
+                                        view(sent.node).dot(l));
+      total[node] += responses_[i];
+    }
+    for (std::size_t node = 0; node < total.size(); ++node)
+      if (total[node] > 0) total[node] = specular_albedo(towards_eye[node]) / total[node];
     for (std::size_t i = 0; i < sent_.size(); ++i)
       if (responses_[i] > 0) responses_[i] *= total[static_cast<std::size_t>(sent_[i].node)];
   }
@@ -381,6 +383,9 @@ LightVisibility find_visibility(const TexturedMesh& placed, const Lighting& ligh
   if (settings.directions < 1 || settings.rough_directions < 1 || !(settings.cell > 0) ||
       settings.bounces < 0 || settings.sun_samples < 1)
     throw InputError("light settings", "", "a number is not positive", "use the defaults");
+  if (placed.atlas.texels.size() != placed.mesh.faces.size() * placed.atlas.per_face())
+    throw InputError("light", "atlas", "does not have a face's texels for each face",
+                     "give each face C² texels");
   return Tracer(placed, light, surroundings, eye, settings).run();
 }
 

@@ -32,16 +32,9 @@ std::vector<Vec3<S>> unit_normals(const std::vector<Vec3<S>>& normals, const Lig
   return n;
 }
 
-/// The texels [begin, end) that a node of the object reflects with.
-struct TexelRange {
-  std::size_t begin, end;
-};
-TexelRange texels_of(const LightVisibility& visibility, std::size_t node, std::size_t per_face) {
-  const auto side = static_cast<std::size_t>(visibility.side_of[node]);
-  const std::size_t first = visibility.face_of(side) * per_face;
-  if (!visibility.split(side)) return {first, first + per_face};
-  const std::size_t texel = first + node - visibility.first_node(side);
-  return {texel, texel + 1};
+/// The first texel of the face that a node lies on.
+std::size_t first_texel(const LightVisibility& visibility, std::size_t node, std::size_t per_face) {
+  return visibility.face_of(static_cast<std::size_t>(visibility.side_of[node])) * per_face;
 }
 
 }  // namespace
@@ -60,11 +53,12 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
   std::vector<Vec3<S>> direct(nodes);
   for (std::size_t i = 0; i < nodes; ++i) {
     if (i < visibility.side_of.size()) {
-      const auto [begin, end] = texels_of(visibility, i, per_face);
+      const std::size_t first = first_texel(visibility, i, per_face);
+      const std::vector<int>& mine = visibility.texels_of(i);
       Vec3<S> sum = Vec3<S>::Zero();
-      for (std::size_t t = begin; t < end; ++t) sum += texels[t];
-      result.albedo[i] = sum / static_cast<S>(std::max<std::size_t>(1, end - begin)) +
-                         Vec3<S>::Constant(static_cast<S>(visibility.even_gloss));
+      for (const int t : mine) sum += texels[first + static_cast<std::size_t>(t)];
+      result.albedo[i] =
+          sum / static_cast<S>(mine.size()) + Vec3<S>::Constant(static_cast<S>(visibility.even_gloss));
     }
     open[i] = ambient;
     direct[i].setZero();
@@ -92,25 +86,28 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
   result.factor.resize(texels.size());
   result.gloss.resize(texels.size());
   for (std::size_t i = 0; i < nodes; ++i) result.sky[i] = open[i] + reflected[i];
+  std::vector<Vec3<S>> sheens;
   for (std::size_t f = 0; f < faces; ++f) {
-    const bool split = visibility.split(visibility.side(f));
-    Vec3<S> shown = Vec3<S>::Zero(), lit = shown, sheen = shown, glint = shown;
+    const std::size_t side = visibility.side(f), first = visibility.first_node(side);
+    sheens.clear();
+    for (std::size_t i = first; i < visibility.first_node(side + 1); ++i) {
+      Vec3<S> sheen = visibility.specular[i].template cast<S>();
+      if (!result.received.empty())
+        for (const auto& r : visibility.met_by(i)) {
+          const auto j = static_cast<std::size_t>(r.node);
+          sheen += static_cast<S>(r.specular) * result.albedo[j].cwiseProduct(result.received.back()[j]);
+        }
+      sheens.push_back(sheen);
+    }
+    const std::vector<int>& shown_by = visibility.nodes_of_texels(side);
     for (std::size_t t = 0; t < per_face; ++t) {
-      if (t == 0 || split) {
-        const std::size_t i = visibility.node(f, t);
-        shown = result.sky[i].cwiseMax(S(0)) * static_cast<S>(visibility.diffuse[i]);
-        lit = sun * (std::max(S(0), n[i].dot(to_sun)) * static_cast<S>(visibility.diffuse_sun[i]));
-        glint = sun * static_cast<S>(visibility.specular_sun[i]);
-        sheen = visibility.specular[i].template cast<S>();
-        if (!result.received.empty())
-          for (const auto& r : visibility.met_by(i)) {
-            const auto j = static_cast<std::size_t>(r.node);
-            sheen += static_cast<S>(r.specular) * result.albedo[j].cwiseProduct(result.received.back()[j]);
-          }
-      }
-      const std::size_t texel = f * per_face + t;
-      result.factor[texel] = shown + lit * static_cast<S>(visibility.sun[texel]);
-      result.gloss[texel] = sheen + glint * static_cast<S>(visibility.sun[texel]);
+      const auto part = static_cast<std::size_t>(shown_by[t]);
+      const std::size_t i = first + part, texel = f * per_face + t;
+      const auto sunny = static_cast<S>(visibility.sun[texel]),
+                 lit = std::max(S(0), n[i].dot(to_sun)) * static_cast<S>(visibility.diffuse_sun[i]);
+      result.factor[texel] =
+          result.sky[i].cwiseMax(S(0)) * static_cast<S>(visibility.diffuse[i]) + sun * (lit * sunny);
+      result.gloss[texel] = sheens[part] + sun * (static_cast<S>(visibility.specular_sun[i]) * sunny);
     }
   }
   return result;
@@ -172,9 +169,10 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
   }
   std::vector<Vec3<S>> d_unit(faces, Vec3<S>::Zero());
   for (std::size_t i = 0; i < visibility.side_of.size(); ++i) {
-    const auto [begin, end] = texels_of(visibility, i, per_face);
-    const Vec3<S> d_texel = d_albedo[i] / static_cast<S>(std::max<std::size_t>(1, end - begin));
-    for (std::size_t t = begin; t < end; ++t) d_texels[t] += d_texel;
+    const std::size_t first = first_texel(visibility, i, per_face);
+    const std::vector<int>& mine = visibility.texels_of(i);
+    const Vec3<S> d_texel = d_albedo[i] / static_cast<S>(mine.size());
+    for (const int t : mine) d_texels[first + static_cast<std::size_t>(t)] += d_texel;
     d_n[i].z() += d_open[i].dot(hemisphere) / 2;
     d_n[i] += visibility.blocked[i].template cast<S>() * d_open[i];
     d_cosine[i] += d_direct[i].dot(sun) * static_cast<S>(visibility.sun_share[i]);

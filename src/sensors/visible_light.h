@@ -2,14 +2,13 @@
 // the object itself, the roof under it and the road hide of sky and sun, plus what they reflect.
 //
 // With E the irradiance over π, ρ the albedo, n̂ the unit normal and ω_k, k < K, directions spread evenly over
-// the sphere (Fibonacci lattice), each node i (a side of a face, each texel of a side that the camera sees
-// large, a cell of the roof; sensors/light_nodes.h) has
+// the sphere (Fibonacci lattice), each node i (a side of a face, or one of the parts of a side that the
+// camera sees large; a cell of the roof; sensors/light_nodes.h) has
 //     E_i = ambient + hemisphere (1 + n̂·up)/2 + sun max(0, n̂·l) v_i
 //         + Σ_k (4/K) max(0, n̂·ω_k) (L_hit − L_sky(ω_k))          over the directions that meet something
 //     L_sky(ω) = ambient + hemisphere/2 + 3/4 hemisphere ω·up        whose irradiance is the first two terms
 //     L_hit    = (ρ_j + gloss) E_j of the node that is met, gloss kEvenGloss; or the radiance of the road or
-//     of
-//                the host's body under the open sky, colour and gloss
+//                of the host's body under the open sky, colour and gloss
 // (radiosity by gathering; Goral et al., SIGGRAPH 1984, equation 5), iterated from E without reflections. A
 // convex object in free space has the plain model's light exactly. A face is shown as the side that the
 // camera sees is lit: a texel t of albedo ρ_t at node i has the radiance
@@ -61,32 +60,61 @@ struct VisibleLightSettings {
   int directions = 32;  ///< K; a side sends rays along the half of them that it faces
   /// K of what is seen through reflections alone: the roof's cells and the sides that the camera does not
   /// see.
-  int rough_directions = 16;
+  int rough_directions = 8;
   int bounces = 2;      ///< gathering steps; 0: occlusion and the road's light alone
   int sun_samples = 5;  ///< n² rays to the sun from a face, each for the texels around it
   double cell = 0.4;    ///< m; the roof's cells, each with its own light
-  /// sr; a side that the camera sees under a larger angle has the light of each of its texels. KITTI's pixel
-  /// is 1.9e-6.
-  double by_texel = 5e-5;
+  /// sr; a side that the camera sees under a larger angle has the light of n² parts of no larger one, n at
+  /// most the atlas's C. KITTI's pixel is 1.9e-6.
+  double node_angle = 6e-5;
   /// Whether the object's surface is a rough dielectric's (sensors/gloss.h), or Lambert's. Light within the
   /// object is reflected to all sides evenly, by albedo and gloss together.
   bool glossy = true;
 };
 
+/// Which nodes there are. Sides [0, faces) are the object's faces as they are wound, the next `faces` their
+/// backs. Nodes are the sides' in their order, n² a side (atlas_triangles(n) of it, by their index), then the
+/// roof's cells.
+struct LightLayout {
+  std::size_t faces = 0;
+  std::vector<int> first_of_side;  ///< sides + 1: where each side's nodes start
+  std::vector<int> parts;          ///< of each side: n
+  std::vector<int> side_of;        ///< of each of the sides' nodes
+  std::vector<bool> behind;        ///< of each face: the camera sees its back
+  /// By n − 1: which of the n² nodes each texel is shown by, and which texels each node reflects with.
+  std::vector<std::vector<int>> node_of_texel;
+  std::vector<std::vector<std::vector<int>>> texels_of_node;
+
+  /// The side that the camera sees of a face.
+  std::size_t side(std::size_t face) const { return behind[face] ? face + faces : face; }
+  /// Whose side it is.
+  std::size_t face_of(std::size_t side) const { return side < faces ? side : side - faces; }
+  /// Where a side's nodes start.
+  std::size_t first_node(std::size_t side) const { return static_cast<std::size_t>(first_of_side[side]); }
+  /// Of the texels of a side's face, which of the side's nodes each is shown by.
+  const std::vector<int>& nodes_of_texels(std::size_t side) const {
+    return node_of_texel[static_cast<std::size_t>(parts[side]) - 1];
+  }
+  /// The node that the camera sees of a face's texel.
+  std::size_t node(std::size_t face, std::size_t texel) const {
+    const std::size_t seen = side(face);
+    return first_node(seen) + static_cast<std::size_t>(nodes_of_texels(seen)[texel]);
+  }
+  /// The texels of its face that a node of a side reflects with.
+  const std::vector<int>& texels_of(std::size_t node) const {
+    const auto side = static_cast<std::size_t>(side_of[node]);
+    return texels_of_node[static_cast<std::size_t>(parts[side]) - 1][node - first_node(side)];
+  }
+};
+
 /// What the rays met: values without a gradient.
-struct LightVisibility {
+struct LightVisibility : LightLayout {
   /// Another node that a node's rays met.
   struct Reflection {
     int node = 0;         ///< the one that is met
     Vec3d towards;        ///< ω times its weight
     double specular = 0;  ///< a_i f_k / Σ f_k: share of its radiance that the gloss shows
   };
-  /// Sides [0, faces) are the object's faces as they are wound, the next `faces` their backs. Nodes are the
-  /// sides' in their order, one a side or one a texel, then the roof's cells (sensors/light_nodes.h).
-  std::size_t faces = 0;
-  std::vector<int> first_of_side;  ///< sides + 1: where each side's nodes start
-  std::vector<int> side_of;        ///< of each of the sides' nodes
-  std::vector<bool> behind;        ///< of each face: the camera sees its back
   std::vector<Eigen::Matrix3d> blocked;  ///< of each node: Σ ω weight (L_fixed − L_sky)ᵀ, so that E += mᵀ n̂
   std::vector<int> first;                ///< nodes + 1: where each node's reflections start
   std::vector<Reflection> reflections;
@@ -103,19 +131,6 @@ struct LightVisibility {
 
   /// How many.
   std::size_t nodes() const { return sun_share.size(); }
-  /// The side that the camera sees of a face.
-  std::size_t side(std::size_t face) const { return behind[face] ? face + faces : face; }
-  /// Whose side it is.
-  std::size_t face_of(std::size_t side) const { return side < faces ? side : side - faces; }
-  /// Where a side's nodes start.
-  std::size_t first_node(std::size_t side) const { return static_cast<std::size_t>(first_of_side[side]); }
-  /// Whether they are its texels.
-  bool split(std::size_t side) const { return first_of_side[side + 1] - first_of_side[side] > 1; }
-  /// The node that the camera sees of a face's texel.
-  std::size_t node(std::size_t face, std::size_t texel) const {
-    const std::size_t seen = side(face);
-    return first_node(seen) + (split(seen) ? texel : 0);
-  }
   /// The nodes that a node's rays met.
   std::span<const Reflection> met_by(std::size_t node) const {
     return std::span(reflections)
@@ -126,7 +141,8 @@ struct LightVisibility {
 
 /// Traces the rays. `surroundings` may be null: an object in free space. `eye` is the camera's place, which
 /// tells the faces turned away from it; null: none is. The light's own values do matter:
-/// the road's and the sky's radiances are in `blocked`.
+/// the road's and the sky's radiances are in `blocked`. InputError: an atlas without texels for each face, or
+/// a setting that is not positive.
 LightVisibility find_visibility(const TexturedMesh& placed, const Lighting& light,
                                 const LightSurroundings* surroundings, const Vec3d* eye = nullptr,
                                 const VisibleLightSettings& settings = {});

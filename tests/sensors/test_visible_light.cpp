@@ -58,7 +58,7 @@ TEST(VisibleLight, ATexelsLightIsThatOfAFaceInItsPlace) {
   light.to_sun_velo = Vec3d(-0.3, 0.1, 0.9).normalized();
   const Vec3d eye(-3, 0, 1);
   VisibleLightSettings settings;
-  settings.by_texel = 0;
+  settings.node_angle = 0;
   settings.directions = settings.rough_directions = 4096;
   const auto light_at = [&](const TexturedMesh& mesh) {
     return visible_light(face_normals(mesh.mesh), mesh.atlas.texels, light,
@@ -66,7 +66,7 @@ TEST(VisibleLight, ATexelsLightIsThatOfAFaceInItsPlace) {
   };
   const TexturedMesh parts = texels_as_faces(whole);
   const auto by_texel = light_at(whole), by_face = light_at(parts);
-  settings.by_texel = 1;
+  settings.node_angle = 1;
   const auto coarse = light_at(whole);
   double fine_error = 0, coarse_error = 0;
   for (std::size_t t = 0; t < whole.atlas.per_face(); ++t) {
@@ -192,7 +192,7 @@ TEST(VisibleLight, GradientAgainstCentralDifferencesWithVisibilityFixed) {
     const TexturedMesh at = ball(seed, seed == 1 ? 0 : 0.25);
     const Vec3d eye(-6, 1, 0.8);  // seed 3: without a camera
     VisibleLightSettings settings;
-    settings.by_texel = seed == 4 ? 0 : seed == 1 ? 5e-4 : 1;  // all, some or none of the sides
+    settings.node_angle = seed == 4 ? 0 : seed == 1 ? 5e-4 : 1;  // all, some or none of the sides
     const LightVisibility visibility =
         find_visibility(at, light, seed == 2 ? nullptr : &around, seed == 3 ? nullptr : &eye, settings);
     ASSERT_GT(visibility.reflections.size(), 0u + (seed == 1 ? 0 : 100));

@@ -46,7 +46,7 @@ std::vector<Variant> variants(bool all) {
   SimulationSettings visible = hard;
   visible.light = LightModel::visible;
   Variant coarse{"visible, whole faces", visible};
-  coarse.settings.visible_light.by_texel = std::numeric_limits<double>::infinity();
+  coarse.settings.visible_light.node_angle = std::numeric_limits<double>::infinity();
   std::vector<Variant> list = {{"ambient + sun", hard, true}, {"plain", hard}, coarse, {"visible", visible}};
   if (!all) return list;
   const auto add = [&](const std::string& name, const auto& change) {
@@ -60,8 +60,8 @@ std::vector<Variant> variants(bool all) {
   for (int b : {0, 1, 3, 8}) add(fmt::format("{} bounces", b), [&](auto& s) { s.bounces = b; });
   for (int n : {1, 3, 5, 20}) add(fmt::format("{} sun samples", n), [&](auto& s) { s.sun_samples = n; });
   add("matt", [](auto& s) { s.glossy = false; });
-  for (double angle : {0.0, 1e-4})
-    add(fmt::format("by texel above {} sr", angle), [&](auto& s) { s.by_texel = angle; });
+  for (double angle : {0.0, 3e-6, 6e-6, 3e-5, 6e-5})
+    add(fmt::format("nodes of {} sr", angle), [&](auto& s) { s.node_angle = angle; });
   for (int k : {32, 128}) {
     add(fmt::format("texels as faces, {} directions", k),
         [&](auto& s) { s.directions = k, s.sun_samples = 1; });
