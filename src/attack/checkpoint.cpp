@@ -78,7 +78,7 @@ void check_identity(const std::filesystem::path& file, const nlohmann::json& wri
                     const nlohmann::json& asked) {
   const auto compare = [&](const std::string& key) {
     if (written.value(key, nlohmann::json()) != asked.value(key, nlohmann::json()))
-      throw InputError(file.string(), printable(key), "the folder holds a run with another value",
+      throw InputError(file.string(), key, "the folder holds a run with another value",
                        "use another --out folder or the run's own settings");
   };
   const std::string hosts = "train";  // follows from the settings, so the setting is named where one differs

@@ -47,8 +47,12 @@ void add_value(const nlohmann::json& value, const Add& add) {
 
 toml::table to_table(const nlohmann::json& object) {
   toml::table table;
-  for (const auto& [key, value] : object.items())
+  for (const auto& [key, value] : object.items()) {
+    // toml++ sets no quotes for these alone, and reads another key than it wrote.
+    if (key.find_first_of("\t\n'") != std::string::npos)
+      throw InputError("TOML", key, "a key with a tab, a line end or a quote", "rename it");
     add_value(value, [&, name = key](auto&& v) { table.insert_or_assign(name, v); });
+  }
   return table;
 }
 

@@ -1,6 +1,7 @@
 // Errors that reach the user. InputError: something the user gave is wrong (exit code 2).
 // Failure: the work could not be done though the input was right (exit code 1).
-// Both carry one line: what (file or option), where in it (field), and how to mend it.
+// Both carry one line: what (file or option), where in it (field), and how to mend it. Whatever is quoted in it,
+// it is one: control characters and bytes that are no UTF-8 are shown as "\xHH", and what is long is cut.
 #pragma once
 
 #include <stdexcept>
@@ -13,16 +14,14 @@ class InputError : public std::runtime_error {
  public:
   /// `where`: file or option; `field`: row, byte, key…; `problem`: what is wrong; `fix`: what to do.
   InputError(const std::string& where, const std::string& field, const std::string& problem,
-             const std::string& fix)
-      : std::runtime_error(where + ": " + (field.empty() ? "" : field + ": ") + problem + "; " + fix) {}
+             const std::string& fix);
 };
 
 /// The world is to blame (a full disk, a child that dies): place, problem and fix in one line. Exit code 1.
 class Failure : public std::runtime_error {
  public:
   /// The line is "where: problem; fix".
-  Failure(const std::string& where, const std::string& problem, const std::string& fix)
-      : std::runtime_error(where + ": " + problem + "; " + fix) {}
+  Failure(const std::string& where, const std::string& problem, const std::string& fix);
 };
 
 /// Thrown at the next safe point after Ctrl-C, once finished work is on disk. The text says what was kept.

@@ -20,6 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kRestore = "restore the file from its source";
+constexpr std::int64_t kFarthestOrigin = 1 << 20;  // px
 
 /// The format by a file's first bytes; OpenImageIO would go by the name and then try everything that it
 /// knows, down to film and raw formats.
@@ -125,6 +126,9 @@ class Picture {
     if (expected.width > 0 && (width != expected.width || height != expected.height))
       bad(fmt::format("is {}×{}, the camera {}×{}", width, height, expected.width, expected.height),
           "give the picture that belongs to the calibration");
+    // Where the picture lies on a page does not matter, but that its last line has a number.
+    if (std::max(std::abs(std::int64_t{spec().x}), std::abs(std::int64_t{spec().y})) > kFarthestOrigin)
+      bad(fmt::format("claims to begin at pixel ({}, {})", spec().x, spec().y));
     // Deflate packs at most 1032 bytes into one, a PNG eight pixels into a byte.
     if (std::string_view(format) == "png" && pixels() / 8 / 1032 > size)
       bad(fmt::format("{}, which {} bytes cannot hold", claims, size));

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cstdint>
 
 #include "base/error.h"
@@ -128,9 +127,7 @@ std::string toml_in_ascii(std::string_view text, const std::string& name) {
   return is_ascii(text) ? std::string(text) : AsciiWriter(text, name).write();
 }
 
-void refuse_toml(const std::string& name, std::size_t line, std::string problem) {
-  std::replace_if(
-      problem.begin(), problem.end(), [](unsigned char c) { return std::iscntrl(c); }, ' ');
+void refuse_toml(const std::string& name, std::size_t line, const std::string& problem) {
   throw InputError(name, fmt::format("line {}", line), problem, "mend the TOML syntax");
 }
 

@@ -14,8 +14,7 @@ namespace mirage {
 /// InputError, naming `name` and the line, for bytes that are no UTF-8 and for such letters elsewhere.
 std::string toml_in_ascii(std::string_view text, const std::string& name);
 
-/// Throws the InputError of a syntax error. toml++ quotes the file in its words, line ends and all; here they
-/// become one line.
-[[noreturn]] void refuse_toml(const std::string& name, std::size_t line, std::string problem);
+/// Throws the InputError of a syntax error.
+[[noreturn]] void refuse_toml(const std::string& name, std::size_t line, const std::string& problem);
 
 }  // namespace mirage

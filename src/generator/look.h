@@ -4,7 +4,6 @@
 #include <string>
 
 #include "base/error.h"
-#include "base/names.h"
 
 namespace mirage {
 
@@ -23,7 +22,7 @@ inline std::string name_of(Look look) {
 inline Look parse_look(const std::string& name, const std::string& where, const std::string& field) {
   if (name == "european") return Look::european;
   if (name == "american") return Look::american;
-  throw InputError(where, field, "\"" + printable(name) + "\" is not a look", "choose european or american");
+  throw InputError(where, field, "\"" + name + "\" is not a look", "choose european or american");
 }
 
 }  // namespace mirage

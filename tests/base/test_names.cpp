@@ -33,6 +33,21 @@ TEST(Names, BytesThatAreNoTextAreEscapedAndTheRestStays) {
   EXPECT_EQ(printable("a\\b"), "a\\b");
 }
 
+TEST(Errors, AreOneLineWhateverTheyQuote) {
+  EXPECT_STREQ(InputError("a\nb.json", "\x1b[2J", "\"\r\xff\" is\nno word", "mend it").what(),
+               "a\\x0ab.json: \\x1b[2J: \"\\x0d\\xff\" is no word; mend it");
+  EXPECT_STREQ(Failure("disk", "full\nof it", "make room").what(), "disk: full of it; make room");
+  // Long ones keep both ends, and whole characters.
+  std::string street;
+  for (int i = 0; i < 1000; ++i) street += "街";
+  const std::string said = InputError(street, "x" + street + "y", street, street).what();
+  EXPECT_LT(said.size(), 5000u);
+  EXPECT_EQ(printable(said), said);
+  EXPECT_THAT(said, AllOf(HasSubstr(": x街"), HasSubstr("…"), HasSubstr("街y: 街"), testing::EndsWith("街")));
+  const std::string file = "/" + std::string(4000, 'd');
+  EXPECT_THAT(InputError(file, "", "is missing", "make it").what(), HasSubstr(file + ": is missing"));
+}
+
 TEST(Names, EscapedNamesComeBack) {
   std::string all;
   for (int c = 1; c < 256; ++c) all += static_cast<char>(c);

@@ -7,10 +7,12 @@
 #include "base/config.h"
 #include "base/error.h"
 #include "base/toml_text.h"
+#include "support/files.h"
 
 namespace mirage {
 namespace {
 
+using test::error_text;
 using testing::AllOf;
 using testing::HasSubstr;
 
@@ -83,6 +85,16 @@ TEST(Toml, OfAsciiReachesTheParserAsItIs) {
 TEST(TomlText, NewLinesWithinInlineTablesComeBack) {
   const nlohmann::json value = {{"c", {true, "x", {{"1e308d", "\n"}, {"two", "a\n\nb\n"}}}}, {"d", "\n\n"}};
   EXPECT_EQ(parse_toml(toml_text(value), "written"), value) << toml_text(value);
+}
+
+TEST(TomlText, KeysThatTomlPlusPlusWouldWriteBareAreRefused) {
+  for (const char* key : {"\tviw", "a\nb", "a'b"}) {
+    const nlohmann::json within = {{"table", {{{key, 1}}}}};
+    const std::string said = error_text([&] { static_cast<void>(toml_text(within)); });
+    EXPECT_THAT(said, HasSubstr("a key with a tab, a line end or a quote")) << key;
+  }
+  const nlohmann::json quoted = {{"a b", 1}, {"", 2}, {"c.d", {{"\"", "\t'\""}}}};
+  EXPECT_EQ(parse_toml(toml_text(quoted), "written"), quoted);
 }
 
 }  // namespace

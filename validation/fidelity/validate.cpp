@@ -87,7 +87,7 @@ void write_report(const ValidationSettings& settings) {
     arguments.insert(arguments.end(), {"--viewer", viewer.string()});
   std::string said;
   if (const int status = run_program(arguments, &said); status != 0)
-    throw Failure("report.py", said.empty() ? fmt::format("ended with status {}", status) : printable(said),
+    throw Failure("report.py", said.empty() ? fmt::format("ended with status {}", status) : said,
                   said.starts_with("ModuleNotFoundError") ? "install python3-jinja2 and python3-pil"
                                                           : "finished vehicles are kept");
 }

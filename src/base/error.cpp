@@ -1,0 +1,45 @@
+#include "base/error.h"
+
+#include <algorithm>
+#include <string_view>
+
+#include "base/names.h"
+
+namespace mirage {
+namespace {
+
+constexpr std::size_t kLongestPath = 4096, kLongestPart = 480;
+
+/// As it is shown, its middle left out where it is longer than `most` bytes.
+std::string shown(std::string_view part, std::size_t most) {
+  if (part.size() <= most) return printable(part);
+  // Not within a character: its bytes after the first are 10xxxxxx.
+  const auto inside = [&](std::size_t at) { return (static_cast<unsigned char>(part[at]) & 0xc0) == 0x80; };
+  std::size_t head = most / 2, tail = part.size() - most / 2;
+  while (head > 0 && inside(head)) --head;
+  while (tail < part.size() && inside(tail)) ++tail;
+  return printable(part.substr(0, head)) + "…" + printable(part.substr(tail));
+}
+
+/// A library's message of several lines in one.
+std::string without_lines(std::string text) {
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
+std::string line(const std::string& where, const std::string& field, const std::string& problem,
+                 const std::string& fix) {
+  return shown(where, kLongestPath) + ": " + (field.empty() ? "" : shown(field, kLongestPart) + ": ") +
+         shown(without_lines(problem), kLongestPart) + "; " + shown(fix, kLongestPart);
+}
+
+}  // namespace
+
+InputError::InputError(const std::string& where, const std::string& field, const std::string& problem,
+                       const std::string& fix)
+    : std::runtime_error(line(where, field, problem, fix)) {}
+
+Failure::Failure(const std::string& where, const std::string& problem, const std::string& fix)
+    : std::runtime_error(line(where, "", problem, fix)) {}
+
+}  // namespace mirage
