@@ -4,7 +4,6 @@
 #include <toml++/toml.h>
 
 #include <cmath>
-#include <sstream>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -31,49 +30,7 @@ nlohmann::json to_json(const toml::node& node) {
   return nullptr;
 }
 
-toml::table to_table(const nlohmann::json& object);
-toml::array to_array(const nlohmann::json& list);
-
-/// Adds a JSON value through `add`, which takes any TOML value.
-template <class Add>
-void add_value(const nlohmann::json& value, const Add& add) {
-  if (value.is_object()) return add(to_table(value));
-  if (value.is_array()) return add(to_array(value));
-  if (value.is_string()) return add(value.get<std::string>());
-  if (value.is_boolean()) return add(value.get<bool>());
-  if (value.is_number_integer()) return add(value.get<std::int64_t>());
-  add(value.get<double>());
-}
-
-toml::table to_table(const nlohmann::json& object) {
-  toml::table table;
-  for (const auto& [key, value] : object.items()) {
-    // toml++ sets no quotes for these alone, and reads another key than it wrote.
-    if (key.find_first_of("\t\n'") != std::string::npos)
-      throw InputError("TOML", key, "a key with a tab, a line end or a quote", "rename it");
-    add_value(value, [&, name = key](auto&& v) { table.insert_or_assign(name, v); });
-  }
-  return table;
-}
-
-toml::array to_array(const nlohmann::json& list) {
-  toml::array array;
-  for (const auto& value : list) add_value(value, [&](auto&& v) { array.push_back(v); });
-  return array;
-}
-
 }  // namespace
-
-std::string toml_text(const nlohmann::json& object) {
-  std::ostringstream out;
-  // toml++ reads strings of several lines within an inline table, and line ends within quotes, as other text
-  // than it wrote: each has one line here, with escapes.
-  constexpr auto kLines =
-      toml::format_flags::allow_multi_line_strings | toml::format_flags::allow_literal_strings;
-  const toml::table table = to_table(object);
-  out << toml::toml_formatter(table, toml::toml_formatter::default_flags & ~kLines) << '\n';
-  return out.str();
-}
 
 nlohmann::json read_toml(const std::filesystem::path& path) {
   return parse_toml(read_file(path), path.string());

@@ -14,9 +14,6 @@ namespace mirage {
 nlohmann::json read_toml(const std::filesystem::path& path);
 /// The same from a text; `name` stands for the file in errors.
 nlohmann::json parse_toml(const std::string& text, const std::string& name);
-/// An object of tables, lists, texts, numbers and booleans as TOML; read_toml gives it back, bit by bit.
-/// InputError: a key with a tab, a line end or a single quote.
-std::string toml_text(const nlohmann::json& object);
 
 /// A table of a TOML file. Each getter throws InputError, naming file and key, when the key is missing, of
 /// another type or out of [low, high].

@@ -1,7 +1,7 @@
 // Errors that reach the user. InputError: something the user gave is wrong (exit code 2).
 // Failure: the work could not be done though the input was right (exit code 1).
-// Both carry one line: what (file or option), where in it (field), and how to mend it. Whatever is quoted in it,
-// it is one: control characters and bytes that are no UTF-8 are shown as "\xHH", and what is long is cut.
+// Both carry one line: what (file or option), where in it (field), and how to mend it. Whatever is quoted in
+// it, it is one: control characters and bytes that are no UTF-8 are shown as "\xHH", and what is long is cut.
 #pragma once
 
 #include <stdexcept>

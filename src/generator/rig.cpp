@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "base/toml_write.h"
 #include "generator/generator.h"
 
 namespace mirage {

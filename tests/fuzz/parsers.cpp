@@ -14,6 +14,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "base/toml_write.h"
 #include "exchange/gltf.h"
 #include "fuzz/seeds.h"
 #include "generator/generator.h"
