@@ -12,6 +12,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/picture_claims.h"
 #include "base/srgb_bytes.h"
 
 namespace mirage {
@@ -111,7 +112,7 @@ class Picture {
     const std::size_t read = proxy_->pread(head, sizeof head, 0);
     const char* format = format_of(std::string_view(head, read));
     if (!format) bad("is no PNG, JPEG or EXR picture", "give one of these");
-    if (std::string_view(format) == "openexr") check_attributes(size);
+    if (const std::string problem = claim_beyond_file(*proxy_, format); !problem.empty()) bad(problem);
     input_ = OIIO::ImageInput::create(format);
     OIIO::ImageSpec ignored;
     if (!input_ || !input_->set_ioproxy(proxy_.get()) ||
@@ -132,35 +133,6 @@ class Picture {
     // Deflate packs at most 1032 bytes into one, a PNG eight pixels into a byte.
     if (std::string_view(format) == "png" && pixels() / 8 / 1032 > size)
       bad(fmt::format("{}, which {} bytes cannot hold", claims, size));
-  }
-
-  /// OpenEXR sets aside what an attribute of the header claims before it reads it. Whatever else is wrong is
-  /// left to OpenEXR.
-  void check_attributes(std::size_t size) {
-    constexpr std::size_t kHead = 8, kLongestNames = 2 * 256;
-    constexpr unsigned char kManyParts = 0x10;  // of the version's second byte
-    char window[kLongestNames + 4] = {};
-    const bool many_parts = proxy_->pread(window, kHead, 0) == kHead && (window[5] & kManyParts) != 0;
-    bool header_ended = false;
-    for (std::size_t at = kHead; at < size;) {
-      const std::string_view text(window,
-                                  proxy_->pread(window, sizeof window, static_cast<std::int64_t>(at)));
-      const std::size_t name = text.find('\0');
-      if (name == 0 && many_parts && !header_ended) {
-        header_ended = true;
-        ++at;
-        continue;
-      }
-      const std::size_t type = name == 0 || name == text.npos ? text.npos : text.find('\0', name + 1);
-      if (type == text.npos || type + 5 > text.size()) return;
-      std::uint32_t claimed = 0;
-      for (int i = 3; i >= 0; --i) claimed = claimed << 8 | static_cast<unsigned char>(text[type + 1 + i]);
-      at += type + 5;
-      if (claimed > size - at)
-        bad(fmt::format("an attribute claims {} bytes, of {} that are left", claimed, size - at));
-      at += claimed;
-      header_ended = false;
-    }
   }
 
   std::string where_, field_;

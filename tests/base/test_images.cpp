@@ -88,6 +88,22 @@ TEST(ImageFiles, ExrKeepsFloatsExactly) {
   }
 }
 
+TEST(ImageFiles, AChunkThatClaimsMoreThanTheFileIsRefusedBeforeDecoding) {
+  TemporaryFolder folder;
+  const std::string whole = encode_srgb_png(noise(5, 4, 3));
+  const std::size_t after_header = 8 + 12 + 13;
+  const auto with = [&](const std::string& chunk, std::size_t at) {
+    write_file(folder / "chunk.png", whole.substr(0, at) + chunk + whole.substr(at));
+    return folder / "chunk.png";
+  };
+  using namespace std::string_literals;
+  EXPECT_THAT(error_text<InputError>([&] { read_srgb(with("\x73IDHeXIf"s, after_header)); }),
+              AllOf(HasSubstr("chunk.png"), HasSubstr("a chunk claims 1934181448 bytes"),
+                    HasSubstr("that are left")));
+  // One that is there, and of which nothing is known: a decoder steps over it.
+  EXPECT_NO_THROW(read_srgb(with("\0\0\0\x02mrAg\x01\x02\x1f\x9f\xbc\x18"s, after_header)));
+}
+
 TEST(ImageFiles, ErrorsNameTheFile) {
   TemporaryFolder folder;
   EXPECT_THAT(error_text<InputError>([&] { read_srgb(folder / "none.png"); }), HasSubstr("none.png"));
