@@ -14,6 +14,7 @@
 #include <cstring>
 
 #include "base/error.h"
+#include "base/files.h"
 #include "base/interrupt.h"
 
 namespace mirage {
@@ -49,10 +50,17 @@ std::filesystem::path plotting_python() {
 }
 
 ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std::filesystem::path& log) {
-  int ends[2];
-  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
-    throw Failure(arguments[0], std::strerror(errno), "close other programs");
   const int errors = ::open(log.c_str(), O_CREAT | O_WRONLY | O_APPEND | O_CLOEXEC, 0644);
+  if (errors < 0) {
+    const int reason = errno;
+    throw Failure(log.string(), std::strerror(reason), fix_for(reason));
+  }
+  int ends[2];
+  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) {
+    const int reason = errno;
+    ::close(errors);
+    throw Failure(arguments[0], std::strerror(reason), "close other programs");
+  }
   auto argv = c_arguments(arguments);
   const pid_t parent = ::getpid();
   pid_ = ::fork();
@@ -62,13 +70,13 @@ ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std:
     if (::getppid() != parent) ::_exit(127);
     ::dup2(ends[1], 0);
     ::dup2(ends[1], 1);
-    if (errors >= 0) ::dup2(errors, 2);
+    ::dup2(errors, 2);
     ::execv(argv[0], argv.data());
     ::_exit(127);
   }
   const int reason = errno;
   ::close(ends[1]);
-  if (errors >= 0) ::close(errors);
+  ::close(errors);
   socket_ = ends[0];
   if (pid_ < 0) {
     ::close(socket_);

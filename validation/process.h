@@ -20,7 +20,7 @@ std::filesystem::path plotting_python();
 /// Its stdin and stdout are one socket, its stderr goes to `log`.
 class ChildProcess {
  public:
-  /// Failure if it can't be started.
+  /// Failure if it can't be started, or the log can't be written.
   ChildProcess(const std::vector<std::string>& arguments, const std::filesystem::path& log);
   ~ChildProcess();
   ChildProcess(const ChildProcess&) = delete;
