@@ -10,7 +10,11 @@
 
 namespace mirage {
 
-/// The file as JSON. InputError naming file and line when it is not TOML. Dates are read as null.
+/// Bytes of the largest TOML file: forty times the longest shipped one. Its keys as a table take fifty times
+/// as many.
+inline constexpr std::uintmax_t kLargestToml = 1 << 18;
+/// The file as JSON. InputError naming file and line when it is not TOML, or larger than kLargestToml. Dates
+/// are read as null.
 nlohmann::json read_toml(const std::filesystem::path& path);
 /// The same from a text; `name` stands for the file in errors.
 nlohmann::json parse_toml(const std::string& text, const std::string& name);

@@ -144,7 +144,7 @@ std::string program_identity() {
     std::string line;
     while (std::getline(processor, line) && line.rfind("flags", 0) != 0 && line.rfind("Features", 0) != 0) {
     }
-    return content_hash(read_file(program_file())) + " " + content_hash(line);
+    return file_hash(program_file()) + " " + content_hash(line);
   }();
   return identity;
 }

@@ -20,41 +20,83 @@ namespace mirage {
 
 namespace fs = std::filesystem;
 
-std::string read_file(const fs::path& path) {
-  if (fs::is_directory(path))
-    throw InputError(path.string(), "", "is a folder, not a file", "give the file inside it");
-  // A pipe has no end to wait for, and a device no end at all.
-  if (std::error_code error; fs::exists(path, error) && !fs::is_regular_file(path, error))
-    throw InputError(path.string(), "", "is no regular file", "give a file, not a pipe or a device");
-  // Not by a stream: to that a disk that fails is the end of the file.
-  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  const auto fail = [&](const char* what) {
+namespace {
+
+/// A regular file that is open for reading.
+class OpenFile {
+ public:
+  explicit OpenFile(const fs::path& path) : path_(path) {
+    if (fs::is_directory(path))
+      throw InputError(path.string(), "", "is a folder, not a file", "give the file inside it");
+    // A pipe has no end to wait for, and a device no end at all.
+    if (std::error_code error; fs::exists(path, error) && !fs::is_regular_file(path, error))
+      throw InputError(path.string(), "", "is no regular file", "give a file, not a pipe or a device");
+    // Not by a stream: to that a disk that fails is the end of the file.
+    file_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (file_ < 0) fail("");
+  }
+  ~OpenFile() {
+    if (file_ >= 0) ::close(file_);
+  }
+  OpenFile(const OpenFile&) = delete;
+  OpenFile& operator=(const OpenFile&) = delete;
+
+  /// Bytes by its entry; 0: one of the system's that tell no size.
+  std::uintmax_t size() const {
+    struct stat about;
+    return ::fstat(file_, &about) == 0 && about.st_size > 0 ? static_cast<std::uintmax_t>(about.st_size) : 0;
+  }
+  /// Reads up to `size` bytes; 0 at the end.
+  std::size_t read(char* to, std::size_t size) const {
+    for (;;) {
+      const ssize_t got = ::read(file_, to, size);
+      if (got >= 0) return static_cast<std::size_t>(got);
+      if (errno != EINTR) fail("cannot be read to its end: ");
+    }
+  }
+
+ private:
+  [[noreturn]] void fail(const char* what) const {
     const int reason = errno;
-    if (file >= 0) ::close(file);
-    throw InputError(path.string(), "", what + std::string(std::strerror(reason)), fix_for(reason));
+    throw InputError(path_.string(), "", what + std::string(std::strerror(reason)), fix_for(reason));
+  }
+  const fs::path& path_;
+  int file_ = -1;
+};
+
+}  // namespace
+
+std::string read_file(const fs::path& path, std::uintmax_t most) {
+  const OpenFile file(path);
+  const auto check = [&](std::uintmax_t size) {
+    if (size > most)
+      throw InputError(path.string(), "", fmt::format("is larger than {} bytes, which no such file is", most),
+                       "give the file that is meant");
   };
-  if (file < 0) fail("");
-  struct stat about;
-  const bool sized = ::fstat(file, &about) == 0 && about.st_size > 0;
-  std::string bytes(sized ? static_cast<std::size_t>(about.st_size) + 1 : 4096,
-                    '\0');  // one more: to see the end
+  check(file.size());
+  std::string bytes(file.size() > 0 ? file.size() + 1 : 4096, '\0');  // one more: to see the end
   std::size_t size = 0;
-  for (ssize_t got = 1; got != 0;) {
+  for (std::size_t got = 1; got != 0; size += got) {
+    check(size);
     if (size == bytes.size())
       bytes.resize(2 * size);  // it grows, or is one of the system's that tell no size
-    got = ::read(file, bytes.data() + size, bytes.size() - size);
-    if (got >= 0)
-      size += static_cast<std::size_t>(got);
-    else if (errno != EINTR)
-      fail("cannot be read to its end: ");
+    got = file.read(bytes.data() + size, bytes.size() - size);
   }
   bytes.resize(size);
-  ::close(file);
   return bytes;
 }
 
 std::string content_hash(std::string_view bytes) {
   return fmt::format("{:016x}", fnv1a(bytes));
+}
+
+std::string file_hash(const fs::path& path) {
+  const OpenFile file(path);
+  std::string part(1 << 16, '\0');
+  std::uint64_t hash = fnv1a("");
+  while (const std::size_t size = file.read(part.data(), part.size()))
+    hash = fnv1a(std::string_view(part).substr(0, size), hash);
+  return fmt::format("{:016x}", hash);
 }
 
 void make_output_folder(const fs::path& folder) {
@@ -170,16 +212,9 @@ void write_file(const fs::path& path, std::string_view bytes) {
   put_in_place(temporary, path);
 }
 
-nlohmann::json read_json(const fs::path& path) {
+nlohmann::json read_json(const fs::path& path, std::uintmax_t most) {
   const char* fix = "write the file again with the command that made it";
-  constexpr std::uintmax_t kLargest = 1ull << 30;
-  std::error_code unknown;
-  if (const auto kind = fs::status(path, unknown).type();
-      fs::exists(fs::file_status(kind)) && kind != fs::file_type::regular && kind != fs::file_type::directory)
-    throw InputError(path.string(), "", "is no regular file", fix);  // one may never end
-  if (fs::file_size(path, unknown) > kLargest && !unknown)
-    throw InputError(path.string(), "", "is larger than 1 GiB", fix);
-  const std::string text = read_file(path);
+  const std::string text = read_file(path, most);
   check_json_depth(text, path.string());
   try {
     return nlohmann::json::parse(text);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -10,12 +11,17 @@
 
 namespace mirage {
 
-/// The whole file. InputError if it can't be read.
-std::string read_file(const std::filesystem::path& path);
+/// Bytes of the largest file that is read whole where its reader knows of no smaller bound.
+inline constexpr std::uintmax_t kLargestFile = std::uintmax_t{1} << 30;
+/// The whole file. InputError if it can't be read, or holds more than `most` bytes: it says so before any of
+/// them is in memory.
+std::string read_file(const std::filesystem::path& path, std::uintmax_t most = kLargestFile);
 /// Writes atomically; makes the parent folder. Failure on a full disk or a read-only folder.
 void write_file(const std::filesystem::path& path, std::string_view bytes);
 /// 64-bit FNV-1a of the bytes, 16 hexadecimal digits: tells whether content changed, nothing more.
 std::string content_hash(std::string_view bytes);
+/// The same of a file's bytes, whatever its size. InputError if it can't be read.
+std::string file_hash(const std::filesystem::path& path);
 /// Ends the name of a temporary file, before its process's number and ".tmp" (folder_lock.h cleans up).
 inline constexpr std::string_view kTemporaryMark = ".mirage-";
 /// NAME.mirage-PID.tmp in the same folder: what becomes `path` once it is whole.
@@ -27,8 +33,8 @@ void replace_file(const std::filesystem::path& temporary, const std::filesystem:
 /// Makes the folder (and parents). Failure, naming the folder, if it can't be made or written to.
 void make_output_folder(const std::filesystem::path& folder);
 
-/// InputError naming file and byte when it is not JSON.
-nlohmann::json read_json(const std::filesystem::path& path);
+/// InputError naming file and byte when it is not JSON; and as read_file.
+nlohmann::json read_json(const std::filesystem::path& path, std::uintmax_t most = kLargestFile);
 /// Two-space indent, atomic.
 void write_json(const std::filesystem::path& path, const nlohmann::json& value);
 

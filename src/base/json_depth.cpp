@@ -6,8 +6,13 @@
 
 namespace mirage {
 
-void check_json_depth(std::string_view text, const std::string& where, const std::string& field) {
-  int depth = 0;
+namespace {
+
+constexpr const char* kFix = "write the file again with the program that made it";
+
+/// visit(place, character) for those outside of texts.
+template <class Visit>
+void for_each_unquoted(std::string_view text, const Visit& visit) {
   bool quoted = false;
   for (std::size_t i = 0; i < text.size(); ++i) {
     const char c = text[i];
@@ -16,14 +21,32 @@ void check_json_depth(std::string_view text, const std::string& where, const std
       quoted = c != '"';
     } else if (c == '"') {
       quoted = true;
-    } else if (c == '[' || c == '{') {
+    } else {
+      visit(i, c);
+    }
+  }
+}
+
+}  // namespace
+
+void check_json_depth(std::string_view text, const std::string& where, const std::string& field) {
+  int depth = 0;
+  for_each_unquoted(text, [&](std::size_t i, char c) {
+    if (c == '[' || c == '{') {
       if (++depth > kDeepestJson)
         throw InputError(where, field, fmt::format("byte {}: nested deeper than {} levels", i, kDeepestJson),
-                         "write the file again with the program that made it");
+                         kFix);
     } else if (c == ']' || c == '}') {
       --depth;
     }
-  }
+  });
+}
+
+void check_json_values(std::string_view text, const std::string& where, std::size_t most) {
+  std::size_t count = 1;
+  for_each_unquoted(text,
+                    [&](std::size_t, char c) { count += c == '[' || c == '{' || c == ',' || c == ':'; });
+  if (count > most) throw InputError(where, "", fmt::format("holds more than {} values", most), kFix);
 }
 
 }  // namespace mirage

@@ -1,7 +1,9 @@
-// A bound on how deep a JSON text nests, looked at before any reader: readers recurse, and a text of 20 000
-// "[" would overflow the stack.
+// Bounds on a JSON text, looked at before any reader: readers recurse, and a text of 20 000 "[" would
+// overflow the stack; and each of its values takes up to eighty bytes, so that one of "[],[],[]" takes thirty
+// times its own.
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <string_view>
 
@@ -13,5 +15,7 @@ inline constexpr int kDeepestJson = 128;
 /// InputError with `where` as the file and `field` ("" for the whole file) if the text nests deeper. Says
 /// nothing about whether it is JSON.
 void check_json_depth(std::string_view text, const std::string& where, const std::string& field = "");
+/// InputError if the text holds more than `most` values (keys, lists and objects count, too).
+void check_json_values(std::string_view text, const std::string& where, std::size_t most);
 
 }  // namespace mirage

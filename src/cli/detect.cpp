@@ -31,7 +31,7 @@ void write_claim(const std::filesystem::path& file, const DetectorOptions& detec
   nlohmann::json claims = std::filesystem::exists(file) ? read_json(file) : nlohmann::json::object();
   claims[weights.stem().string()] = to_json(reliance);
   claims[weights.stem().string()].update(
-      {{"data", data.filename().string()}, {"weights_hash", content_hash(read_file(weights))}});
+      {{"data", data.filename().string()}, {"weights_hash", file_hash(weights)}});
   write_json(file, claims);
 }
 

@@ -36,7 +36,7 @@ AttackSettings attack_settings(const DefenseSettings& settings) {
 nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& attack, std::size_t hosts) {
   nlohmann::json json = fields_json(settings);
   if (settings.minutes == 0) json.erase("minutes");  // as of runs before they could end by time
-  json["start"] = content_hash(read_file(weights_file(settings.detector)));
+  json["start"] = file_hash(weights_file(settings.detector));
   json["network_parts"] = settings.detector.parts;
   json["lidar_gradient"] = to_word(attack.simulation.lidar_gradient);
   json["limits"] = {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()};

@@ -14,11 +14,11 @@ namespace {
 /// What must agree for a run to go on.
 nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
   nlohmann::json json = fields_json(options);
-  json["start"] = options.start.empty() ? "" : content_hash(read_file(options.start));
+  json["start"] = options.start.empty() ? "" : file_hash(options.start);
   json["bfloat16"] = options.precision == kBfloat16;
   json["frames"] = frames;
   for (const auto& [key, file] : {std::pair("camera", options.camera), std::pair("lidar", options.lidar)})
-    if (!file.empty()) json[key] = content_hash(read_file(file));
+    if (!file.empty()) json[key] = file_hash(file);
   return json;
 }
 

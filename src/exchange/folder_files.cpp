@@ -19,6 +19,29 @@ namespace {
 const char* kCheckPath = "check the path and its permissions";
 const char* kPutBeside = "put it beside the file that names it";
 
+/// The first `most` bytes of a regular file, opened without following a link at its end and without waiting.
+std::string read_regular_file(const fs::path& file, std::size_t most) {
+  const int handle = ::open(file.c_str(), O_RDONLY | O_NONBLOCK | O_NOFOLLOW | O_CLOEXEC);
+  struct stat about {};
+  if (handle < 0 || ::fstat(handle, &about) != 0 || !S_ISREG(about.st_mode)) {
+    const std::string reason = handle < 0 ? std::strerror(errno) : "is no regular file";
+    if (handle >= 0) ::close(handle);
+    throw InputError(file.string(), "", reason, kCheckPath);
+  }
+  std::string bytes(std::min(most, static_cast<std::size_t>(about.st_size)), '\0');
+  std::size_t done = 0;
+  while (done < bytes.size()) {
+    const ssize_t n = ::read(handle, bytes.data() + done, bytes.size() - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) break;
+    done += static_cast<std::size_t>(n);
+  }
+  const int reason = errno;
+  ::close(handle);
+  if (done < bytes.size()) throw InputError(file.string(), "", std::strerror(reason), kCheckPath);
+  return bytes;
+}
+
 }  // namespace
 
 FolderFiles::FolderFiles(const fs::path& file) : given_(file) {
@@ -76,28 +99,6 @@ std::optional<std::string> percent_decoded(const std::string& uri) {
     i += 2;
   }
   return text;
-}
-
-std::string read_regular_file(const fs::path& file, std::size_t most) {
-  const int handle = ::open(file.c_str(), O_RDONLY | O_NONBLOCK | O_NOFOLLOW | O_CLOEXEC);
-  struct stat about {};
-  if (handle < 0 || ::fstat(handle, &about) != 0 || !S_ISREG(about.st_mode)) {
-    const std::string reason = handle < 0 ? std::strerror(errno) : "is no regular file";
-    if (handle >= 0) ::close(handle);
-    throw InputError(file.string(), "", reason, kCheckPath);
-  }
-  std::string bytes(std::min(most, static_cast<std::size_t>(about.st_size)), '\0');
-  std::size_t done = 0;
-  while (done < bytes.size()) {
-    const ssize_t n = ::read(handle, bytes.data() + done, bytes.size() - done);
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) break;
-    done += static_cast<std::size_t>(n);
-  }
-  const int reason = errno;
-  ::close(handle);
-  if (done < bytes.size()) throw InputError(file.string(), "", std::strerror(reason), kCheckPath);
-  return bytes;
 }
 
 }  // namespace mirage

@@ -31,7 +31,4 @@ class FolderFiles {
 /// "%20" → " " and so on (RFC 3986, section 2.1). None for a broken sequence or a zero byte.
 std::optional<std::string> percent_decoded(const std::string& uri);
 
-/// The whole content of a regular file, opened without following a link at its end and without waiting.
-std::string read_regular_file(const std::filesystem::path& file, std::size_t most);
-
 }  // namespace mirage

@@ -3,9 +3,9 @@
 #include <fmt/format.h>
 
 #include <cstring>
-#include <limits>
 
 #include "base/error.h"
+#include "base/files.h"
 #include "base/json_depth.h"
 #include "exchange/folder_files.h"
 
@@ -39,6 +39,9 @@ std::string_view json_text(const std::string& bytes, const std::string& file, bo
   return std::string_view(bytes).substr(20, u32(12));
 }
 
+/// Of a document: ours have some thousands, and numbers of vertices lie in buffers.
+constexpr std::size_t kMostValues = 200000;
+
 bool ends_with_glb(const fs::path& file) {
   std::string extension = file.extension().string();
   for (char& c : extension)
@@ -51,10 +54,11 @@ bool ends_with_glb(const fs::path& file) {
 GltfDocument open_gltf(const fs::path& file) {
   const FolderFiles folder(file);
   GltfDocument document;
-  document.bytes = read_regular_file(folder.file(), std::numeric_limits<std::size_t>::max());
+  document.bytes = read_file(folder.file());
   const bool binary = ends_with_glb(file);
   const std::string_view text = json_text(document.bytes, file.string(), binary);
   check_json_depth(text, file.string(), "JSON");
+  check_json_values(text, file.string(), kMostValues);
   try {
     document.json = nlohmann::json::parse(text);
   } catch (const nlohmann::json::parse_error& error) {
@@ -73,6 +77,7 @@ GltfDocument open_gltf(const fs::path& file) {
       throw InputError(file.string(), field, problem, "export the file again");
     };
     const auto length = buffers[b]["byteLength"].get<std::size_t>();
+    if (length > kLargestFile) bad(fmt::format("{} bytes, more than {}", length, kLargestFile));
     if (!buffers[b].contains("uri")) {
       if (b > 0 || !binary) bad("has no uri and is not the first of a .glb");
       if (document.bytes.size() < 28 + text.size() || length > document.bytes.size() - 28 - text.size())

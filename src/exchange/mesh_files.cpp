@@ -15,7 +15,6 @@
 #include <cstdint>
 #include <cstring>
 #include <functional>
-#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -68,7 +67,7 @@ class FolderSystem : public Assimp::IOSystem {
     const auto file = locate(name);
     if (!file) return nullptr;
     try {
-      return stream(read_regular_file(*file, std::numeric_limits<std::size_t>::max()));
+      return stream(read_file(*file));
     } catch (const InputError&) {
       return nullptr;
     }

@@ -161,7 +161,7 @@ std::string camera_identity(const SimulationSettings& settings) {
 }
 
 std::string file_identity(const std::filesystem::path& file) {
-  return content_hash(read_file(file));
+  return file_hash(file);
 }
 
 }  // namespace

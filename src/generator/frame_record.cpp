@@ -48,7 +48,7 @@ nlohmann::json known(const fs::path& data, const std::string& id) {
 }
 
 std::string hash_of(const fs::path& file) {
-  return fs::is_regular_file(file) ? content_hash(read_file(file)) : "";
+  return fs::is_regular_file(file) ? file_hash(file) : "";
 }
 
 }  // namespace

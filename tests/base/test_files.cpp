@@ -61,6 +61,33 @@ TEST(ReadFile, TakesRegularFilesAlone) {
                 AllOf(HasSubstr((folder / name).string()), HasSubstr("is no regular file")));
 }
 
+// A sparse file of 50 GB is one block on the disk of whoever sends it.
+TEST(ReadFile, WhatIsTooLargeIsRefusedBeforeItIsRead) {
+  TemporaryFolder folder;
+  write_file(folder / "huge", "");
+  std::filesystem::resize_file(folder / "huge", std::uintmax_t{50} << 30);
+  EXPECT_THAT(error_text<InputError>([&] { read_file(folder / "huge"); }),
+              AllOf(HasSubstr((folder / "huge").string()), HasSubstr("larger than 1073741824 bytes")));
+  write_file(folder / "ten", "0123456789");
+  EXPECT_EQ(read_file(folder / "ten", 10), "0123456789");
+  EXPECT_THAT(error_text<InputError>([&] { read_file(folder / "ten", 9); }),
+              HasSubstr("larger than 9 bytes"));
+  // One of the system's that tells no size.
+  EXPECT_THAT(error_text<InputError>([&] { read_file("/proc/cpuinfo", 9); }),
+              HasSubstr("larger than 9 bytes"));
+}
+
+TEST(FileHash, IsThatOfTheContentWhateverItsSize) {
+  TemporaryFolder folder;
+  for (const std::size_t size : {0u, 1u, 65535u, 65536u, 65537u, 200000u}) {
+    std::string bytes(size, 'a');
+    if (size > 3) bytes[size - 3] = 'b';
+    write_file(folder / "some", bytes);
+    EXPECT_EQ(file_hash(folder / "some"), content_hash(bytes)) << size;
+  }
+  EXPECT_THAT(error_text<InputError>([&] { file_hash(folder / "none"); }), HasSubstr("none"));
+}
+
 TEST(WriteFile, AFileInThePlaceOfAFolderIsAFailure) {
   TemporaryFolder folder;
   write_file(folder / "file", "");

@@ -24,5 +24,12 @@ TEST(JsonDepth, CountsArraysAndObjectsButNoTexts) {
   EXPECT_THROW(check_json_depth("{\"\\\\\":" + nested(1000), "a.json"), InputError);
 }
 
+TEST(JsonValues, CountsKeysAndListsButNoTexts) {
+  const std::string text = R"({"a": [1, 2, "[,,:{"], "b": {}})";  // 7 values and 2 keys
+  check_json_values(text, "a.json", 9);
+  EXPECT_THAT(error_text<InputError>([&] { check_json_values(text, "a.json", 8); }),
+              AllOf(HasSubstr("a.json"), HasSubstr("more than 8 values")));
+}
+
 }  // namespace
 }  // namespace mirage

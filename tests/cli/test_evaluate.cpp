@@ -93,7 +93,7 @@ void Evaluate::check_gate() {
   const auto claim = read_json(folder_ / "claims.json").at("fusion-kitti64");
   EXPECT_EQ(claim.at("drop"), reliance.at("drop"));
   EXPECT_EQ(claim.at("weights_hash"),
-            content_hash(read_file(fs::path(MIRAGE_BUILD) / "plugins/weights/fusion-kitti64.weights")));
+            file_hash(fs::path(MIRAGE_BUILD) / "plugins/weights/fusion-kitti64.weights"));
   ASSERT_EQ(mirage(detect + " --detector lidar --reliance"), 0) << said();
   EXPECT_THAT(said(), HasSubstr("has no picture"));
   EXPECT_EQ(mirage(detect + " --claim " + at("claims.json")), 2);

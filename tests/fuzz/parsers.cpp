@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
+#include <map>
 #include <stdexcept>
 
 #include "attack/checkpoint.h"
@@ -22,6 +23,7 @@
 #include "plugins/pickle_check.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/kitti.h"
+#include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
 #include "scene/shape/shape_model.h"
 
@@ -33,6 +35,8 @@ namespace fs = std::filesystem;
 constexpr int kWidth = 1242, kHeight = 375;
 /// What a picture, a rig or a mesh may ask for at most: above it the program would be killed, not refused.
 constexpr double kMaxPixels = 1 << 26, kMaxRays = 1 << 23;
+
+constexpr auto kReplaceBadUtf8 = nlohmann::json::error_handler_t::replace;
 
 void check(const Transform& transform) {
   demand(transform.matrix().allFinite(), "a pose is not finite");
@@ -98,39 +102,36 @@ void check(const Annotations& known) {
   check(known.labels);
 }
 
-/// A sequence's labels; its calibration does not change.
 void tracking(const fs::path& file) {
-  const fs::path data = file.parent_path().parent_path().parent_path();
-  static const bool made = (write_bytes(data / "training/calib/0000.txt", seed_calibration_text()), true);
-  static_cast<void>(made);
-  check(open_data_set(data)->annotations("0000_000000", kWidth, kHeight));
+  static const Calibration known = seed_calibration();
+  check(read_tracking_labels(file, 0, 0, known));
 }
 
-/// A drive's tracklets; its calibration does not change.
 void tracklets(const fs::path& file) {
-  const fs::path data = file.parent_path().parent_path();
-  static const bool made = [&] {
-    for (const auto& [name, text] : seed_raw_calibration()) write_bytes(data / name, text);
-    return true;
-  }();
-  static_cast<void>(made);
-  check(open_data_set(data)->annotations(file.parent_path().filename().string() + "_0", kWidth, kHeight));
+  static const Calibration known = seed_calibration();
+  check(read_tracklets(file, 0, 0, known));
 }
 
-/// The bytes are a JSON merge patch on all tables of a set of one sample: {"sample_data": …, …}.
+/// The bytes are a JSON merge patch on all tables of a set of one sample: {"sample_data": …, …}. Tables that
+/// it leaves alone stay as they lie on disk.
 void nuscenes(const fs::path& file) {
-  nlohmann::json tables = seed_tables();
-  tables.merge_patch(read_json(file));
+  static std::map<std::string, std::string> patched;  // by the table's name, as dumped; empty: as in the seed
+  const nlohmann::json patch = read_json(file);
   const fs::path folder = scratch() / "nuscenes/v1.0-fuzz";
-  if (!tables.is_object()) return;
+  if (!patch.is_object()) return;
   fs::create_directories(folder);
-  for (const auto& [name, rows] : tables.items()) {
-    if (name.empty() || name.size() > 40 || name.find_first_of(std::string("/.\0", 3)) != std::string::npos)
-      continue;
+  for (const auto& [name, rows] : seed_tables().items()) {
+    const auto change = patch.find(name);
+    const std::string wanted = change == patch.end() ? "" : change->dump(-1, ' ', false, kReplaceBadUtf8);
+    const auto [before, first] = patched.try_emplace(name);
+    if (!first && before->second == wanted) continue;
     // Another file, not the same one at the same moment: tables are read again once they have changed.
     fs::remove(folder / (name + ".json"));
-    std::ofstream(folder / (name + ".json"))
-        << rows.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+    nlohmann::json table = rows;
+    if (change != patch.end()) table.merge_patch(*change);
+    if (!table.is_null())
+      std::ofstream(folder / (name + ".json")) << table.dump(-1, ' ', false, kReplaceBadUtf8);
+    before->second = wanted;
   }
   const auto set = open_data_set(folder.parent_path());
   for (const std::string& id : set->frames()) {
@@ -180,8 +181,7 @@ void gltf(const fs::path& file) {
 void toml(const fs::path& file) {
   const nlohmann::json once = read_toml(file);
   // Dates are read as nothing, which no TOML holds.
-  if (once.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).find("null") != std::string::npos)
-    return;
+  if (once.dump(-1, ' ', false, kReplaceBadUtf8).find("null") != std::string::npos) return;
   demand(parse_toml(toml_text(once), "written") == once, "what is written reads as something else");
 }
 
@@ -243,7 +243,7 @@ void checkpoint_fields(const fs::path& file) {
   nlohmann::json patched = whole;
   patched.merge_patch(read_json(file));
   const fs::path place = scratch() / "patched-checkpoint.json";
-  write_bytes(place, patched.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  write_bytes(place, patched.dump(-1, ' ', false, kReplaceBadUtf8));
   check(read_checkpoint(place, seed_identity(), seed_start()));
 }
 
@@ -273,8 +273,8 @@ void pickle(const fs::path& file) {
 constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
                                {"labels", "label.txt", labels},
                                {"tracks", "training/track_2/000000.txt", tracks},
-                               {"tracking", "tracking/training/label_02/0000.txt", tracking},
-                               {"tracklets", "raw/day_drive_0001_sync/tracklet_labels.xml", tracklets},
+                               {"tracking", "sequence.txt", tracking},
+                               {"tracklets", "tracklet_labels.xml", tracklets},
                                {"nuscenes", "tables.json", nuscenes},
                                {"sweep", "sweep.bin", sweep},
                                {"lighting", "lighting.json", lighting},

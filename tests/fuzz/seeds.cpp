@@ -204,14 +204,6 @@ Calibration seed_calibration() {
   return calibration;
 }
 
-std::string seed_calibration_text() {
-  return test::tracking_calibration(scratch(), seed_calibration());
-}
-
-std::map<std::string, std::string> seed_raw_calibration() {
-  return test::raw_calibration(scratch(), seed_calibration());
-}
-
 const nlohmann::json& seed_tables() {
   static const nlohmann::json tables = test::nuscenes_tables({seed_frame()});
   return tables;

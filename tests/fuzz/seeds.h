@@ -2,7 +2,6 @@
 #pragma once
 
 #include <filesystem>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
@@ -23,9 +22,6 @@ std::vector<Seed> seeds();
 TexturedMesh seed_mesh();
 /// KITTI's camera, 1242×375.
 Calibration seed_calibration();
-/// The same as a file of the tracking benchmark, and as the two files of a day's raw recordings.
-std::string seed_calibration_text();
-std::map<std::string, std::string> seed_raw_calibration();
 /// nuScenes' tables of one sample with one car.
 const nlohmann::json& seed_tables();
 /// What a checkpoint is asked to agree with.

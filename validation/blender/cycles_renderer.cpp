@@ -106,7 +106,7 @@ ObjectRenderer::Window CyclesRenderer::draw(const HostInWorld& host, const Textu
 
 nlohmann::json CyclesRenderer::identity() const {
   std::string programs;
-  for (const fs::path& program : renderer_programs()) programs += content_hash(read_file(program));
+  for (const fs::path& program : renderer_programs()) programs += file_hash(program);
   return {{"name", "cycles"},
           {"samples", settings_.samples},
           {"blender", version_},

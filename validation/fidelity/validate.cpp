@@ -136,7 +136,7 @@ std::string validation_key(const ValidationSettings& settings, const Run& run, c
                        d.detector, d.weights.string(), d.defense, source.data.string(), settings.samples,
                        settings.seed, settings.evaluation_settings.score_threshold,
                        rooftop_model_hash(source.rooftop), source.sun, depth_identity({source.depth}));
-  for (const fs::path& program : renderer_programs()) bytes += content_hash(read_file(program));
+  for (const fs::path& program : renderer_programs()) bytes += file_hash(program);
   return content_hash(bytes + read_file(weights_file(d)));
 }
 

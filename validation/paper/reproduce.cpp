@@ -37,8 +37,8 @@ fs::path record_file(const Case& command, const fs::path& out) {
 json made_of(const Case& command, const fs::path& out) {
   json read = json::object();
   if (command.kind == Case::Kind::evaluate) {
-    read["adversary"] = content_hash(read_file(out / command.run() / "adversary.glb"));
-    read["hosts"] = content_hash(read_file(out / command.hosts_of() / "run.json"));
+    read["adversary"] = file_hash(out / command.run() / "adversary.glb");
+    read["hosts"] = file_hash(out / command.hosts_of() / "run.json");
   } else if (command.kind != Case::Kind::generate) {
     read["weights"] = "";  // without the file the command itself says what is missing
     try {
@@ -46,7 +46,7 @@ json made_of(const Case& command, const fs::path& out) {
       detector.detector = command.setting("detector");
       detector.rig = data_rig(command.settings_in(out).at("data"));
       detector.defense = command.setting("defense", "none");
-      read["weights"] = content_hash(read_file(weights_file(detector)));
+      read["weights"] = file_hash(weights_file(detector));
     } catch (const InputError&) {
     }
   }

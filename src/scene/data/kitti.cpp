@@ -12,6 +12,7 @@
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/names.h"
+#include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
 
 namespace mirage {
@@ -32,7 +33,7 @@ fs::path track_file(const fs::path& data, const std::string& id) {
 /// A whole number a line.
 std::vector<int> read_track_file(const fs::path& file) {
   std::vector<int> tracks;
-  std::istringstream lines(read_file(file));
+  std::istringstream lines(read_file(file, kLargestText));
   int row = 0;
   for (std::string line; std::getline(lines, line);) {
     ++row;
@@ -138,7 +139,7 @@ std::shared_ptr<const DataSet> open_kitti_object(const fs::path& data) {
 }
 
 Sweep read_points(const fs::path& file, std::size_t columns) {
-  const std::string bytes = read_file(file);
+  const std::string bytes = read_file(file, kLargestSweep);
   const std::size_t row = columns * sizeof(float);
   if (bytes.empty()) throw InputError(file.string(), "byte 0", "the sweep is empty", kRestore);
   if (bytes.size() % row != 0)
@@ -167,7 +168,7 @@ void write_sweep(const fs::path& file, const Sweep& sweep) {
 }
 
 Lighting read_lighting(const fs::path& file) {
-  const nlohmann::json json = read_json(file);
+  const nlohmann::json json = read_json(file, kLargestText);
   Lighting lighting;
   lighting.to_sun_velo = read_triple(json, "to_sun_velo", file, -1e3);
   if (lighting.to_sun_velo.norm() < 1e-6)

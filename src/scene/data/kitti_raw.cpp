@@ -29,7 +29,7 @@ constexpr const char* kFix = "restore the drive's tracklets";
 class Tracklets {
  public:
   explicit Tracklets(fs::path file) : file_(std::move(file)) {
-    const std::string text = read_file(file_);
+    const std::string text = read_file(file_, kLargestLabels);
     if (document_.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS)
       throw InputError(
           file_.string(), fmt::format("line {}", document_.ErrorLineNum()),
@@ -118,7 +118,7 @@ class KittiRaw : public DataSet {
     }
     Annotations known;
     known.calibration = calibration_of(projection, rectification, whole, width, height);
-    add_labels(files[4].file, at, known);
+    known.labels = read_tracklets(files[4].file, at.frame, at.drive_number, known.calibration);
     return known;
   }
 
@@ -153,38 +153,41 @@ class KittiRaw : public DataSet {
     throw InputError(data().string(), "frame \"" + id + "\"", "is of no drive here",
                      "give drive and number, as 2011_09_26_drive_0009_sync_0000000012");
   }
-
-  static void add_labels(const fs::path& file, const Place& at, Annotations& known) {
-    const Tracklets tracklets(file);
-    std::size_t index = 0;
-    for (const XMLElement* item = tracklets.first(); item != nullptr;
-         item = item->NextSiblingElement("item"), ++index) {
-      constexpr int kMostFrames = 1000000;
-      const int first = tracklets.whole(*item, "first_frame", 0, kMostFrames);
-      const XMLElement* pose = tracklets.child(*item, "poses").FirstChildElement("item");
-      for (int frame = first; pose != nullptr && frame < at.frame; ++frame)
-        pose = pose->NextSiblingElement("item");
-      if (pose == nullptr || first > at.frame) continue;
-      const Box3 box{
-          {tracklets.number(*pose, "tx"), tracklets.number(*pose, "ty"), tracklets.number(*item, "l"),
-           tracklets.number(*item, "w"), tracklets.number(*pose, "rz")},
-          tracklets.number(*pose, "tz"),
-          tracklets.number(*item, "h")};
-      if (const std::string problem = box_problem(box); !problem.empty())
-        throw tracklets.wrong(*pose, "tx", "the box " + problem);
-      std::string type = tracklets.text(*item, "objectType");
-      if (type == "Person (sitting)") type = "Person_sitting";  // as the benchmarks call it
-      auto label = projected_label(type, box, known.calibration);
-      if (!label) continue;
-      const int hidden = tracklets.whole(*pose, "occlusion", -1, 3);
-      label->occluded = hidden < 0 ? 3 : hidden;  // -1: nobody said
-      label->track = track_number(at.drive_number, index);
-      known.labels.push_back(std::move(*label));
-    }
-  }
 };
 
 }  // namespace
+
+std::vector<Label> read_tracklets(const fs::path& file, int frame, std::size_t drive,
+                                  const Calibration& calibration) {
+  const Tracklets tracklets(file);
+  std::vector<Label> labels;
+  std::size_t index = 0;
+  for (const XMLElement* item = tracklets.first(); item != nullptr;
+       item = item->NextSiblingElement("item"), ++index) {
+    constexpr int kMostFrames = 1000000;
+    const int first = tracklets.whole(*item, "first_frame", 0, kMostFrames);
+    const XMLElement* pose = tracklets.child(*item, "poses").FirstChildElement("item");
+    for (int passed = first; pose != nullptr && passed < frame; ++passed)
+      pose = pose->NextSiblingElement("item");
+    if (pose == nullptr || first > frame) continue;
+    const Box3 box{
+        {tracklets.number(*pose, "tx"), tracklets.number(*pose, "ty"), tracklets.number(*item, "l"),
+         tracklets.number(*item, "w"), tracklets.number(*pose, "rz")},
+        tracklets.number(*pose, "tz"),
+        tracklets.number(*item, "h")};
+    if (const std::string problem = box_problem(box); !problem.empty())
+      throw tracklets.wrong(*pose, "tx", "the box " + problem);
+    std::string type = tracklets.text(*item, "objectType");
+    if (type == "Person (sitting)") type = "Person_sitting";  // as the benchmarks call it
+    auto label = projected_label(type, box, calibration);
+    if (!label) continue;
+    const int hidden = tracklets.whole(*pose, "occlusion", -1, 3);
+    label->occluded = hidden < 0 ? 3 : hidden;  // -1: nobody said
+    label->track = track_number(drive, index);
+    labels.push_back(std::move(*label));
+  }
+  return labels;
+}
 
 std::shared_ptr<const DataSet> open_kitti_raw(const fs::path& data) {
   std::error_code error, ignored;

@@ -34,7 +34,8 @@ constexpr double kEdgeTolerance = 1.0;
 
 }  // namespace
 
-CalibrationFile::CalibrationFile(fs::path file) : file_(std::move(file)), text_(read_file(file_)) {
+CalibrationFile::CalibrationFile(fs::path file)
+    : file_(std::move(file)), text_(read_file(file_, kLargestText)) {
   for (const std::string_view line : split(text_, "\n")) {
     const auto words = split(line, " \t\r");
     if (words.size() < 2) continue;

@@ -59,19 +59,7 @@ class KittiTracking : public DataSet {
     const MatrixRow projection = rows.row("P2", 12), rectification = rows.row("R_rect", 9);
     Annotations known;
     known.calibration = calibration_of(projection, rectification, rows.row("Tr_velo_cam", 12), width, height);
-    constexpr RowAdvice kAdvice{"17", "complete the row", "correct the label or delete its row", 2};
-    for_each_row(files[3].file, kAdvice, [&](const KittiRow& given) {
-      if (given.before[0] != at.frame) return;
-      KittiRow row = given;
-      const double step = row.value[1];
-      row.demand(step == -1 || step == 0 || step == 1 || step == 2, 1, "is not one of 0, 1, 2");
-      if (step > 0) row.value[1] = kTruncated[static_cast<std::size_t>(step)];
-      Label label = label_of(row, known.calibration);
-      const double track = row.before[1];
-      if (track >= 0 && track < static_cast<double>(kMostVehicles) && track == std::floor(track))
-        label.track = track_number(at.sequence_number, static_cast<std::size_t>(track));
-      known.labels.push_back(std::move(label));
-    });
+    known.labels = read_tracking_labels(files[3].file, at.frame, at.sequence_number, known.calibration);
     return known;
   }
 
@@ -95,6 +83,25 @@ class KittiTracking : public DataSet {
 };
 
 }  // namespace
+
+std::vector<Label> read_tracking_labels(const fs::path& file, int frame, std::size_t sequence,
+                                        const Calibration& calibration) {
+  std::vector<Label> labels;
+  constexpr RowAdvice kAdvice{"17", "complete the row", "correct the label or delete its row", 2};
+  for_each_row(file, kAdvice, [&](const KittiRow& given) {
+    if (given.before[0] != frame) return;
+    KittiRow row = given;
+    const double step = row.value[1];
+    row.demand(step == -1 || step == 0 || step == 1 || step == 2, 1, "is not one of 0, 1, 2");
+    if (step > 0) row.value[1] = kTruncated[static_cast<std::size_t>(step)];
+    Label label = label_of(row, calibration);
+    const double track = row.before[1];
+    if (track >= 0 && track < static_cast<double>(kMostVehicles) && track == std::floor(track))
+      label.track = track_number(sequence, static_cast<std::size_t>(track));
+    labels.push_back(std::move(label));
+  });
+  return labels;
+}
 
 std::shared_ptr<const DataSet> open_kitti_tracking(const fs::path& data) {
   // Where both benchmarks lie in one folder it is the object benchmark's.

@@ -25,6 +25,15 @@ inline constexpr std::size_t kMostVehicles = 100000;
 /// The number that stands for the `index`-th vehicle (below kMostVehicles) of the `group`-th drive, scene or
 /// sequence. Drives are counted as they lie in the folder: with another one added theirs may be others.
 int track_number(std::size_t group, std::size_t index);
+/// A frame's labels out of its sequence's file of the tracking benchmark; `sequence`: the group of its tracks
+/// (track_number). InputError for a row of that frame that is none, as kitti.h's read_labels.
+std::vector<Label> read_tracking_labels(const std::filesystem::path& file, int frame, std::size_t sequence,
+                                        const Calibration& calibration);
+/// A frame's labels out of its drive's tracklets (tracklet_labels.xml), those that the camera sees; `drive`:
+/// the group of its tracks. InputError for a file that is no XML, and a tracklet that misses a field or is no
+/// box.
+std::vector<Label> read_tracklets(const std::filesystem::path& file, int frame, std::size_t drive,
+                                  const Calibration& calibration);
 /// A sweep of `columns` floats a point, of which the first four are x, y, z and reflectance; kitti.h's
 /// read_sweep says what is refused.
 Sweep read_points(const std::filesystem::path& file, std::size_t columns);

@@ -63,7 +63,7 @@ class DepthData {
 /// What must agree for a run to go on.
 nlohmann::json identity(const DepthTrainingOptions& options, std::size_t frames) {
   nlohmann::json json = fields_json(options);
-  json["start"] = options.start.empty() ? "" : content_hash(read_file(options.start));
+  json["start"] = options.start.empty() ? "" : file_hash(options.start);
   json["frames"] = frames;
   return json;
 }

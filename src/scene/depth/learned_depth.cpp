@@ -184,9 +184,9 @@ std::unique_ptr<LearnedDepth> load_learned_depth(const DepthOptions& options) {
 std::string depth_identity(const DepthOptions& options) {
   if (classical(options.backend)) return options.backend;
   const fs::path plugin = find_plugin(options.backend);
-  const std::string weights = options.fresh ? "fresh " + std::to_string(options.seed)
-                                            : content_hash(read_file(find_weights(options, plugin)));
-  return content_hash(read_file(plugin)) + " " + weights + " " +
+  const std::string weights =
+      options.fresh ? "fresh " + std::to_string(options.seed) : file_hash(find_weights(options, plugin));
+  return file_hash(plugin) + " " + weights + " " +
          std::to_string(options.threads > 0 ? options.threads : thread_count());
 }
 

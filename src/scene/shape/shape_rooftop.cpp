@@ -75,7 +75,7 @@ std::unique_ptr<RooftopFinder> make_rooftop_finder(const std::string& rooftop, c
 
 std::string rooftop_model_hash(const std::string& rooftop) {
   const std::filesystem::path file = model_file(rooftop);
-  return file.empty() ? "" : content_hash(read_file(file));
+  return file.empty() ? "" : file_hash(file);
 }
 
 }  // namespace mirage
