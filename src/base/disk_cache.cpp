@@ -56,9 +56,13 @@ fs::path DiskCache::file_of(const std::string& kind, std::string_view key) const
 std::optional<std::string> DiskCache::read(const std::string& kind, std::string_view key) const {
   if (!on()) return std::nullopt;
   const fs::path file = file_of(kind, key);
+  std::error_code error;
+  if (!fs::is_regular_file(file, error)) {  // a pipe would be waited for
+    if (fs::exists(file, error)) report_damaged(kind, key);
+    return std::nullopt;
+  }
   std::ifstream in(file, std::ios::binary);
   if (!in) return std::nullopt;
-  std::error_code error;
   const std::uint64_t size = fs::file_size(file, error);
   Head head;
   const Head wanted;

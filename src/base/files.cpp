@@ -11,6 +11,7 @@
 
 #include "base/error.h"
 #include "base/hash.h"
+#include "base/interrupt.h"
 #include "base/json_depth.h"
 #include "base/names.h"
 #include "base/parallel.h"
@@ -26,10 +27,11 @@ namespace {
 class OpenFile {
  public:
   explicit OpenFile(const fs::path& path) : path_(path) {
-    if (fs::is_directory(path))
+    std::error_code ignored;  // a path that leads nowhere fails below, with its reason
+    if (fs::is_directory(path, ignored))
       throw InputError(path.string(), "", "is a folder, not a file", "give the file inside it");
     // A pipe has no end to wait for, and a device no end at all.
-    if (std::error_code error; fs::exists(path, error) && !fs::is_regular_file(path, error))
+    if (fs::exists(path, ignored) && !fs::is_regular_file(path, ignored))
       throw InputError(path.string(), "", "is no regular file", "give a file, not a pipe or a device");
     // Not by a stream: to that a disk that fails is the end of the file.
     file_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
@@ -45,6 +47,12 @@ class OpenFile {
   std::uintmax_t size() const {
     struct stat about;
     return ::fstat(file_, &about) == 0 && about.st_size > 0 ? static_cast<std::uintmax_t>(about.st_size) : 0;
+  }
+  void check(std::uintmax_t bytes, std::uintmax_t most) const {
+    if (bytes > most)
+      throw InputError(path_.string(), "",
+                       fmt::format("is larger than {} bytes, which no such file is", most),
+                       "give the file that is meant");
   }
   /// Reads up to `size` bytes; 0 at the end.
   std::size_t read(char* to, std::size_t size) const {
@@ -68,16 +76,11 @@ class OpenFile {
 
 std::string read_file(const fs::path& path, std::uintmax_t most) {
   const OpenFile file(path);
-  const auto check = [&](std::uintmax_t size) {
-    if (size > most)
-      throw InputError(path.string(), "", fmt::format("is larger than {} bytes, which no such file is", most),
-                       "give the file that is meant");
-  };
-  check(file.size());
+  file.check(file.size(), most);
   std::string bytes(file.size() > 0 ? file.size() + 1 : 4096, '\0');  // one more: to see the end
   std::size_t size = 0;
   for (std::size_t got = 1; got != 0; size += got) {
-    check(size);
+    file.check(size, most);
     if (size == bytes.size())
       bytes.resize(2 * size);  // it grows, or is one of the system's that tell no size
     got = file.read(bytes.data() + size, bytes.size() - size);
@@ -90,16 +93,23 @@ std::string content_hash(std::string_view bytes) {
   return fmt::format("{:016x}", fnv1a(bytes));
 }
 
-std::string file_hash(const fs::path& path) {
+std::string file_hash(const fs::path& path, std::uintmax_t most) {
+  constexpr std::uintmax_t kLarge = 1 << 26;  // bytes that take a tenth of a second
   const OpenFile file(path);
+  file.check(file.size(), most);
   std::string part(1 << 16, '\0');
   std::uint64_t hash = fnv1a("");
-  while (const std::size_t size = file.read(part.data(), part.size()))
+  std::uintmax_t done = 0;
+  while (const std::size_t size = file.read(part.data(), part.size())) {
     hash = fnv1a(std::string_view(part).substr(0, size), hash);
+    file.check(done += size, most);
+    if (done > kLarge) throw_if_interrupted("what was finished is kept");
+  }
   return fmt::format("{:016x}", hash);
 }
 
 void make_output_folder(const fs::path& folder) {
+  if (folder.empty()) throw InputError("--out", "", "names no folder", "give the folder for what is made");
   std::error_code error;
   fs::create_directories(folder, error);
   const auto fail = [&](const std::error_code& why) {

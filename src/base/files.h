@@ -11,6 +11,8 @@
 
 namespace mirage {
 
+/// Bytes of the largest JSON that holds some dozens of fields: its values take thirty times that.
+inline constexpr std::uintmax_t kLargestRecord = std::uintmax_t{1} << 19;
 /// Bytes of the largest file that is read whole where its reader knows of no smaller bound.
 inline constexpr std::uintmax_t kLargestFile = std::uintmax_t{1} << 30;
 /// The whole file. InputError if it can't be read, or holds more than `most` bytes: it says so before any of
@@ -20,8 +22,11 @@ std::string read_file(const std::filesystem::path& path, std::uintmax_t most = k
 void write_file(const std::filesystem::path& path, std::string_view bytes);
 /// 64-bit FNV-1a of the bytes, 16 hexadecimal digits: tells whether content changed, nothing more.
 std::string content_hash(std::string_view bytes);
-/// The same of a file's bytes, whatever its size. InputError if it can't be read.
-std::string file_hash(const std::filesystem::path& path);
+/// Bytes of the largest file of which only a hash is asked: a network of somebody else's, say.
+inline constexpr std::uintmax_t kLargestHashed = std::uintmax_t{1} << 34;
+/// content_hash of a file's bytes, of which few are in memory at a time. InputError as read_file; Interrupted
+/// if a signal comes during a large one.
+std::string file_hash(const std::filesystem::path& path, std::uintmax_t most = kLargestHashed);
 /// Ends the name of a temporary file, before its process's number and ".tmp" (folder_lock.h cleans up).
 inline constexpr std::string_view kTemporaryMark = ".mirage-";
 /// NAME.mirage-PID.tmp in the same folder: what becomes `path` once it is whole.

@@ -44,9 +44,19 @@ std::string exr_claim(File& file) {
   return "";
 }
 
-/// libpng sets aside what a chunk claims, but for pixels, which it reads piece by piece.
+/// Whether the text of the iTXt chunk at `at` is compressed: so says the byte behind its keyword.
+bool is_compressed(File& file, std::size_t at) {
+  char keyword[81] = {};
+  const std::string_view text = read_at(file, at, keyword);
+  const std::size_t end = text.find('\0');
+  return end + 1 < text.size() && text[end + 1] != 0;
+}
+
+/// libpng sets aside what a chunk claims, but for pixels, which it reads piece by piece; and what compressed
+/// texts become, a thousand times what they are.
 std::string png_claim(File& file) {
-  constexpr std::size_t kSignature = 8, kCheckSum = 4;
+  constexpr std::size_t kSignature = 8, kCheckSum = 4, kMostTexts = 1 << 14;
+  std::size_t texts = 0;
   const std::size_t size = file.size();
   char head[8] = {};
   for (std::size_t at = kSignature; read_at(file, at, head).size() == sizeof head;) {
@@ -57,6 +67,9 @@ std::string png_claim(File& file) {
     if (claimed > size - at && type != "IDAT")
       return fmt::format("a chunk claims {} bytes, of {} that are left", claimed, size - at);
     if (claimed > size - at || type == "IEND") return "";
+    if (type == "zTXt" || (type == "iTXt" && is_compressed(file, at))) texts += claimed;
+    if (texts > kMostTexts)
+      return fmt::format("has more than {} bytes of compressed texts, which nothing here needs", kMostTexts);
     at += claimed + kCheckSum;
   }
   return "";

@@ -1,5 +1,5 @@
-// Parts of a picture's file that claim more bytes than the file has, found before a decoder sets memory aside
-// for them.
+// Parts of a picture's file that claim more bytes than the file has, or become a thousand times what they
+// are, found before a decoder sets memory aside for them.
 #pragma once
 
 #include <OpenImageIO/filesystem.h>

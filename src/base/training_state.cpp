@@ -31,7 +31,7 @@ TrainingState read_training_state(const fs::path& out, const nlohmann::json& wan
   TrainingState state;
   const fs::path file = state_file(out);
   if (!fs::exists(file)) return state;
-  const nlohmann::json whole = read_json(file);
+  const nlohmann::json whole = read_json(file, kLargestRecord);
   const JsonFields json(file, whole, "restore the file, or use another --out");
   json.object("options");
   if (whole.at("options") != wanted)
@@ -74,7 +74,8 @@ TrainingLog::TrainingLog(const fs::path& out, std::int64_t step) : file_(out / "
   std::istringstream lines(read_file(file_));
   for (std::string line; std::getline(lines, line);) {
     const auto json = nlohmann::json::parse(line, nullptr, false);
-    if (json.is_object() && json.value("step", step + 1) <= step) text_ += line + "\n";
+    const auto at = json.find("step");  // of an object
+    if (at != json.end() && at->is_number_integer() && at->get<std::int64_t>() <= step) text_ += line + "\n";
   }
 }
 

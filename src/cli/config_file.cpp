@@ -65,8 +65,11 @@ std::vector<std::string> apply_config(const std::vector<std::string>& arguments,
   std::vector<std::string> given;
   for (std::size_t i = 0; i < arguments.size(); ++i) {
     const std::string& argument = arguments[i];
+    const bool here = argument.starts_with("--config=");
+    if (here) file = argument.substr(9);
     if (argument == "--config" && i + 1 < arguments.size()) file = arguments[i + 1];
-    if (argument.starts_with("--config=")) file = argument.substr(9);
+    if (file.empty() && (here || argument == "--config"))
+      throw InputError("--config", "", "names no file", "give a .toml file with options");
     if (argument.starts_with("--")) given.push_back(argument.substr(0, argument.find('=')));
   }
   if (file.empty()) return arguments;

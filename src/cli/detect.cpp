@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <memory>
 
+#include "base/error.h"
 #include "base/files.h"
 #include "base/progress.h"
 #include "cli/detector_options.h"
@@ -24,11 +25,21 @@ struct DetectOptions {
   std::filesystem::path claim, kitti;
 };
 
+/// The measured detectors that the file holds; none if there is no file.
+nlohmann::json read_claims(const std::filesystem::path& file) {
+  if (!std::filesystem::exists(file)) return nlohmann::json::object();
+  nlohmann::json claims = read_json(file, kLargestRecord);
+  if (!claims.is_object())
+    throw InputError(file.string(), "", "is no object of measured detectors",
+                     "name another file with --claim");
+  return claims;
+}
+
 /// Puts what was measured under the weights' name into the file that the tests hold it against.
 void write_claim(const std::filesystem::path& file, const DetectorOptions& detector,
                  const std::filesystem::path& data, const Reliance& reliance) {
   const std::filesystem::path weights = weights_file(detector);
-  nlohmann::json claims = std::filesystem::exists(file) ? read_json(file) : nlohmann::json::object();
+  nlohmann::json claims = read_claims(file);
   claims[weights.stem().string()] = to_json(reliance);
   claims[weights.stem().string()].update(
       {{"data", data.filename().string()}, {"weights_hash", file_hash(weights)}});
@@ -106,6 +117,7 @@ void add_options(CLI::App& app, DetectOptions& options) {
 
 nlohmann::json run(const DetectOptions& options, const Common& common) {
   make_output_folder(common.out);
+  if (!options.claim.empty()) read_claims(options.claim);  // now, not after the work
   const DetectorOptions detector_options = with_common(options.detector, common, options.data);
   const auto detector = load_detector(detector_options);
   std::unique_ptr<Progress> progress;

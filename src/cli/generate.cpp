@@ -41,9 +41,17 @@ void add_options(CLI::App& app, GenerateOptions& options) {
                "+ 1 for line k of the labels; training/instance_velodyne/ID.label: SemanticKITTI's layout)");
 }
 
+/// A rig file, or a shipped one by its name.
+std::filesystem::path rig_file(const std::string& rig) {
+  if (rig.ends_with(".toml")) return rig;
+  if (rig.empty() || rig.find('/') != rig.npos || std::filesystem::exists(rig))
+    throw InputError(rig, "--rig", "is neither a shipped rig nor a file whose name ends in .toml",
+                     "name kitti64, xenith, nuscenes or a rig file");
+  return shipped_file("scenes/rigs/" + rig + ".toml");
+}
+
 nlohmann::json run(const GenerateOptions& options, const Common& common) {
-  Rig rig = read_rig(options.rig.ends_with(".toml") ? std::filesystem::path(options.rig)
-                                                    : shipped_file("scenes/rigs/" + options.rig + ".toml"));
+  Rig rig = read_rig(rig_file(options.rig));
   if (!options.lidar.empty()) rig = with_lidar(rig, options.lidar);
   if (!options.look.empty()) rig = with_look(rig, parse_look(options.look, "generate", "--look"));
   const auto start = std::chrono::steady_clock::now();

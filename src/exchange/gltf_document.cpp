@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstring>
 
 #include "base/error.h"
@@ -41,6 +42,8 @@ std::string_view json_text(const std::string& bytes, const std::string& file, bo
 
 /// Of a document: ours have some thousands, and numbers of vertices lie in buffers.
 constexpr std::size_t kMostValues = 200000;
+/// Of a file, and of all buffers together: a photograph and thirty objects of a million faces.
+constexpr std::size_t kMostInMemory = std::size_t{1} << 28;
 
 bool ends_with_glb(const fs::path& file) {
   std::string extension = file.extension().string();
@@ -54,7 +57,7 @@ bool ends_with_glb(const fs::path& file) {
 GltfDocument open_gltf(const fs::path& file) {
   const FolderFiles folder(file);
   GltfDocument document;
-  document.bytes = read_file(folder.file());
+  document.bytes = read_file(folder.file(), kMostInMemory);
   const bool binary = ends_with_glb(file);
   const std::string_view text = json_text(document.bytes, file.string(), binary);
   check_json_depth(text, file.string(), "JSON");
@@ -71,13 +74,16 @@ GltfDocument open_gltf(const fs::path& file) {
   if (!document.json.contains("buffers")) return document;
   const nlohmann::json& buffers = document.json["buffers"];
   document.buffers.resize(buffers.size());
+  std::size_t all = 0;
   for (std::size_t b = 0; b < buffers.size(); ++b) {
     const std::string field = fmt::format("buffers[{}]", b);
     const auto bad = [&](const std::string& problem) {
       throw InputError(file.string(), field, problem, "export the file again");
     };
     const auto length = buffers[b]["byteLength"].get<std::size_t>();
-    if (length > kLargestFile) bad(fmt::format("{} bytes, more than {}", length, kLargestFile));
+    if (length > kMostInMemory - std::min(all, kMostInMemory))
+      bad(fmt::format("with those before it, holds more than {} bytes", kMostInMemory));
+    all += length;
     if (!buffers[b].contains("uri")) {
       if (b > 0 || !binary) bad("has no uri and is not the first of a .glb");
       if (document.bytes.size() < 28 + text.size() || length > document.bytes.size() - 28 - text.size())

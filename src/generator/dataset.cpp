@@ -23,7 +23,10 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
   nlohmann::json about = {
       {"rig", rig.name}, {"seed", seed}, {"look", name_of(rig.look)}, {"generator", kGeneratorVersion}};
   if (std::filesystem::exists(file)) {
-    const nlohmann::json before = read_json(file);
+    const nlohmann::json before = read_json(file, kLargestRecord);
+    if (!before.is_object())
+      throw InputError(file.string(), "", "is no object of a data set's fields",
+                       "choose another --out folder");
     for (const auto& [key, value] : about.items())
       if (before.value(key, nlohmann::json()) != value)
         throw InputError(

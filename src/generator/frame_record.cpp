@@ -38,7 +38,7 @@ nlohmann::json known(const fs::path& data, const std::string& id) {
   const fs::path file = record_file(data, id);
   if (!fs::is_regular_file(file)) return nlohmann::json::object();
   try {
-    nlohmann::json record = read_json(file);
+    nlohmann::json record = read_json(file, kLargestRecord);
     for (const auto& [name, hash] : record.items())
       if (!hash.is_string()) return nlohmann::json::object();
     return record.is_object() ? record : nlohmann::json::object();
@@ -48,7 +48,7 @@ nlohmann::json known(const fs::path& data, const std::string& id) {
 }
 
 std::string hash_of(const fs::path& file) {
-  return fs::is_regular_file(file) ? file_hash(file) : "";
+  return fs::is_regular_file(file) ? file_hash(file, kLargestFile) : "";
 }
 
 }  // namespace

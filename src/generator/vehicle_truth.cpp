@@ -24,13 +24,15 @@ std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, 
 std::optional<StreetSource> source_of(const std::filesystem::path& data) {
   const auto file = data / "dataset.json";
   if (!std::filesystem::exists(file)) return std::nullopt;
-  const nlohmann::json about = read_json(file);
+  const nlohmann::json about = read_json(file, kLargestRecord);
   if (!about.is_object() || !about.contains("seed") || !about.at("seed").is_number_unsigned() ||
       !about.contains("generator"))
     throw InputError(file.string(), "seed", "missing or not a whole number",
                      "make the data set again with: mirage generate");
   if (about.at("generator") != kGeneratorVersion) return std::nullopt;
-  const std::string look = about.value("look", name_of(Look::european));
+  const nlohmann::json look = about.value("look", nlohmann::json(name_of(Look::european)));
+  if (!look.is_string())
+    throw InputError(file.string(), "look", "is no text", "make the data set again with: mirage generate");
   return StreetSource{about.at("seed").get<std::uint64_t>(), parse_look(look, file.string(), "look")};
 }
 

@@ -55,8 +55,14 @@ RayTable ray_table(const LidarModel& lidar) {
 
 namespace {
 
-/// The unit's file, if it does not lead to another one.
-std::filesystem::path own_table_of(const std::filesystem::path& unit) {
+/// The file of the unit that `file` names in its `field`: a shipped one, since a rig file comes with a data
+/// set from anybody and reaches no further; and one that does not lead to another.
+std::filesystem::path own_table_of(const std::filesystem::path& named_in, const char* field,
+                                   const std::string& name) {
+  if (name.empty() || name.ends_with(".toml") || name.find_first_of(std::string("/\0", 2)) != name.npos)
+    throw InputError(named_in.string(), field, "is no unit's name",
+                     "name a unit of scenes/lidars; a file of your own is given by --lidar");
+  const std::filesystem::path unit = lidar_file(name);
   const nlohmann::json file = read_toml(unit);
   const nlohmann::json table = file.value("lidar", nlohmann::json());
   if (table.is_string() || table.contains("unit"))
@@ -71,12 +77,12 @@ nlohmann::json lidar_table(const std::filesystem::path& path) {
   if (!file.contains("lidar"))
     throw InputError(path.string(), "lidar", "missing key", "add the table, or name a unit of scenes/lidars");
   const nlohmann::json& own = file.at("lidar");
-  if (own.is_string()) return lidar_table(own_table_of(lidar_file(own)));
+  if (own.is_string()) return lidar_table(own_table_of(path, "lidar", own));
   if (!own.is_object()) throw InputError(path.string(), "lidar", "is no table", "write it as [lidar]");
   if (!own.contains("unit")) return own;
   if (!own.at("unit").is_string())
     throw InputError(path.string(), "lidar.unit", "is no text", "name a unit of scenes/lidars");
-  nlohmann::json table = lidar_table(own_table_of(lidar_file(own.at("unit"))));
+  nlohmann::json table = lidar_table(own_table_of(path, "lidar.unit", own.at("unit")));
   for (const auto& [key, value] : own.items())
     if (key != "unit") table[key] = value;
   return table;
@@ -90,7 +96,7 @@ std::filesystem::path lidar_file(const std::string& name) {
 LidarModel read_lidar_model(const std::filesystem::path& path) {
   const nlohmann::json file = read_toml(path);
   if (file.contains("lidar") && file.at("lidar").is_string())
-    return read_lidar_model(own_table_of(lidar_file(file.at("lidar"))));
+    return read_lidar_model(own_table_of(path, "lidar", file.at("lidar")));
   ConfigTable table = ConfigTable::of(path, "lidar", lidar_table(path));
   const auto demand = [&](bool good, const char* key, const char* problem, const char* fix) {
     if (!good) throw InputError(path.string(), std::string("lidar.") + key, problem, fix);

@@ -86,6 +86,10 @@ TEST(FileHash, IsThatOfTheContentWhateverItsSize) {
     EXPECT_EQ(file_hash(folder / "some"), content_hash(bytes)) << size;
   }
   EXPECT_THAT(error_text<InputError>([&] { file_hash(folder / "none"); }), HasSubstr("none"));
+  EXPECT_THAT(error_text<InputError>([&] { file_hash(folder / "some", 199999); }),
+              HasSubstr("larger than 199999"));
+  std::filesystem::resize_file(folder / "some", std::uintmax_t{50} << 30);
+  EXPECT_THAT(error_text<InputError>([&] { file_hash(folder / "some"); }), HasSubstr("larger than"));
 }
 
 TEST(WriteFile, AFileInThePlaceOfAFolderIsAFailure) {
@@ -107,6 +111,14 @@ TEST(ReadFile, MissingFileOrFolderIsAnInputError) {
   EXPECT_THAT(error_text<InputError>([&] { read_file(folder / "none.txt"); }),
               AllOf(HasSubstr("none.txt"), HasSubstr("No such file")));
   EXPECT_THAT(error_text<InputError>([&] { read_file(folder.path()); }), HasSubstr("is a folder"));
+}
+
+TEST(ReadFile, APathThatLeadsNowhereIsAnInputErrorToo) {
+  TemporaryFolder folder;
+  std::filesystem::create_symlink("loop", folder / "loop");
+  EXPECT_THAT(error_text<InputError>([&] { read_file(folder / "loop"); }), HasSubstr("loop"));
+  EXPECT_THAT(error_text<InputError>([&] { read_file(folder / std::string(5000, 'a')); }), HasSubstr("aaa"));
+  EXPECT_THAT(error_text<InputError>([] { make_output_folder(""); }), HasSubstr("--out: names no folder"));
 }
 
 TEST(ReadJson, NamesFileAndByte) {

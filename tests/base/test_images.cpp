@@ -104,6 +104,33 @@ TEST(ImageFiles, AChunkThatClaimsMoreThanTheFileIsRefusedBeforeDecoding) {
   EXPECT_NO_THROW(read_srgb(with("\0\0\0\x02mrAg\x01\x02\x1f\x9f\xbc\x18"s, after_header)));
 }
 
+// libpng makes up to eight megabytes of each, and keeps them all.
+TEST(ImageFiles, CompressedTextsAreRefusedBeforeTheyAreRead) {
+  TemporaryFolder folder;
+  const std::string whole = encode_srgb_png(noise(5, 4, 3));
+  const auto with = [&](const char* type, const std::string& body, int times) {
+    std::string chunk;
+    for (int shift = 24; shift >= 0; shift -= 8)
+      chunk.push_back(static_cast<char>(body.size() >> shift & 0xff));
+    chunk += type + body + "sums";  // a decoder skips texts with a wrong one
+    std::string file = whole.substr(0, 8 + 12 + 13);
+    for (int i = 0; i < times; ++i) file += chunk;
+    write_file(folder / "texts.png", file + whole.substr(8 + 12 + 13));
+    return folder / "texts.png";
+  };
+  using namespace std::string_literals;
+  const std::string packed = "a\0\0"s + std::string(5000, 'x'),
+                    marked = "a\0\1\0\0\0"s + std::string(5000, 'x'),
+                    plain = "a\0\0\0\0\0"s + std::string(5000, 'x');
+  for (const auto& [type, body] : {std::pair("zTXt", packed), std::pair("iTXt", marked)}) {
+    EXPECT_NO_THROW(read_srgb(with(type, body, 3))) << type;
+    EXPECT_THAT(error_text<InputError>([&] { read_srgb(with(type, body, 4)); }),
+                AllOf(HasSubstr("texts.png"), HasSubstr("16384 bytes of compressed texts")))
+        << type;
+  }
+  EXPECT_NO_THROW(read_srgb(with("iTXt", plain, 4)));
+}
+
 TEST(ImageFiles, ErrorsNameTheFile) {
   TemporaryFolder folder;
   EXPECT_THAT(error_text<InputError>([&] { read_srgb(folder / "none.png"); }), HasSubstr("none.png"));

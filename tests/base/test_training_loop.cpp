@@ -137,6 +137,15 @@ TEST(TrainingLoop, GoesOnAfterAnyStopToTheSameBits) {
   }
 }
 
+TEST(TrainingLog, LinesThatAreNoneOfItsAreLeftOut) {
+  const TemporaryFolder folder;
+  write_file(folder / "training.jsonl",
+             "{\"step\":1}\n{\"step\":\"x\"}\n{\"step\":null}\n[1]\n[[[\n3\n{\"step\":3}\n");
+  TrainingLog log(folder.path(), 2);
+  log.add({{"step", 2}});
+  EXPECT_EQ(read_file(folder / "training.jsonl"), "{\"step\":1}\n{\"step\":2}\n");
+}
+
 TEST(TrainingLoop, ARunThatIsDoneDoesNothingMore) {
   const TemporaryFolder folder;
   const TrainingSchedule schedule = schedule_in(folder.path(), 3);

@@ -88,6 +88,19 @@ TEST(GltfFiles, NothingOutsideTheFoldersOpened) {
   }
 }
 
+TEST(GltfFiles, BuffersAreBoundedTogether) {
+  const test::TemporaryFolder folder;
+  write_file(folder / "hole.bin", triangle_bytes());
+  fs::resize_file(folder / "hole.bin", std::uintmax_t{1} << 30);
+  json document = triangle_document("hole.bin");
+  EXPECT_EQ((write_glb(folder / "scene.glb", document), read_mesh(folder / "scene.glb").faces.size()), 1u);
+  for (int i = 0; i < 3; ++i)
+    document["buffers"].push_back({{"byteLength", std::uintmax_t{100} << 20}, {"uri", "hole.bin"}});
+  write_glb(folder / "scene.glb", document);
+  EXPECT_THAT(error_text<InputError>([&] { read_mesh(folder / "scene.glb"); }),
+              AllOf(HasSubstr("buffers[3]"), HasSubstr("with those before it")));
+}
+
 TEST(GltfFiles, PicturesInFilesOfTheirOwnAreNotOpened) {
   const test::TemporaryFolder folder;
   ASSERT_EQ(mkfifo((folder / "pipe.png").c_str(), 0600), 0);

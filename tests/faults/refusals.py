@@ -37,10 +37,11 @@ SYSTEM = re.compile(r"/(usr|lib|lib64|sys|dev/shm)/|/etc/(ld\.so\.cache|localtim
 SECRET = "nobody is to read this"
 
 
-def png(width, height, rows=b"\0" * 100):
+def png(width, height, rows=b"\0" * 100, texts=()):
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
     return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
+            b"".join(chunk(b"zTXt", b"a%d\0\0" % n + zlib.compress(text)) for n, text in enumerate(texts)) +
             chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
 
 
@@ -215,6 +216,8 @@ def everything(suite, source, build):
     frame = {"calibration": "calib/000000.txt", "labels": "label_2/000000.txt", "sweep": "velodyne/000000.bin",
              "lighting": "lighting/000000.json", "png": "image_2/000000.png"}
     huge = {"png": [("65000 by 65000", png(65000, 65000)), ("a thousand million rows", png(1, 10**9)),
+                    ("100 texts of 8 MB", png(WIDTH, HEIGHT, texts=[b"x" * 7900000] * 100)),
+                    ("texts as long as are taken", png(WIDTH, HEIGHT, texts=[b"x" * 7900000] * 2)),
                     ("a bomb of its own size", png(WIDTH, HEIGHT, b"\0" * (3 * WIDTH + 1) * HEIGHT * 8))],
             "labels": [("a line of 1 MB", b"Car " * 250000), ("a million lines", b"Car\n" * 10**6)],
             "calibration": [("a line of 1 MB", b"P2: " + b"1 " * 500000)],
@@ -226,7 +229,9 @@ def everything(suite, source, build):
                [*found(source, "gltf"), ("a thousand million vertices", glb(mesh_document(count=10**9))),
                 *((f"buffer {uri}", glb(mesh_document(uri))) for uri in away),
                 *((f"picture {uri}", glb(mesh_document(image=uri))) for uri in away),
-                ("1 MB of lists", glb({"extras": [[]] * 300000}))])
+                ("1 MB of lists", glb({"extras": [[]] * 300000})),
+                ("a buffer many times", glb({**mesh_document(), "buffers": [{"byteLength": 44}] + [
+                    {"byteLength": 1 << 28, "uri": "none.weights"}] * 8}))])
     shape = given / "cars.shape"
     shape.write_bytes(next((source / "scenes/shapes").glob("*.shape")).read_bytes())
     by_shape = [str(shape) if part == "box" else part for part in simulate]

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <spdlog/sinks/ostream_sink.h>
+#include <sys/stat.h>
 
 #include <chrono>
 #include <cstdlib>
@@ -239,6 +240,21 @@ TEST_F(FrameStoreTest, DamagedEntriesAreComputedAgainWithOneWarning) {
       EXPECT_EQ(after.warnings(), 0) << after.text();
     }
   }
+}
+
+TEST_F(FrameStoreTest, APipeInThePlaceOfAnEntryIsDamageAndIsNotWaitedFor) {
+  const std::string bits = without_cache();
+  const CacheIn here(cache_);
+  FrameStore cold = store();
+  all(cold);
+  for (const fs::path& file : entries(cache_, "depth")) {
+    fs::remove(file);
+    ASSERT_EQ(mkfifo(file.c_str(), 0600), 0);
+  }
+  const Heard heard;
+  FrameStore frames = store();
+  EXPECT_EQ(all(frames), bits);
+  EXPECT_THAT(heard.text(), HasSubstr("damaged cache entry"));
 }
 
 TEST_F(FrameStoreTest, AFolderThatCannotBeWrittenCostsOneWarning) {

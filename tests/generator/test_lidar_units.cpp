@@ -78,15 +78,27 @@ TEST(LidarUnits, ARigFileMayNameItsUnit) {
   test::TemporaryFolder folder;
   const std::string text = read_file(source() / "scenes/rigs/kitti64.toml");
   const std::string camera = text.substr(0, text.find("[lidar]"));
-  write_file(folder / "rig.toml", "lidar = \"" + unit_file("vlp16") + "\"\n" + camera);
+  write_file(folder / "rig.toml", "lidar = \"vlp16\"\n" + camera);
   const Rig rig = read_rig(folder / "rig.toml");
   EXPECT_EQ(rig.lidar.beams.size(), 16u);
   write_file(folder / "again.toml", rig.text);
   EXPECT_EQ(read_rig(folder / "again.toml").lidar.beams.size(), 16u);
   EXPECT_THAT(rig.text, testing::HasSubstr("[lidar]"));
-  write_file(folder / "loop.toml", "lidar = \"" + (folder / "loop.toml").string() + "\"\n");
-  EXPECT_THAT(test::error_text<InputError>([&] { read_lidar_model(folder / "loop.toml"); }),
-              testing::HasSubstr("names another unit"));
+}
+
+// A rig file comes with a data set, and that from anybody.
+TEST(LidarUnits, ARigFileReachesNoOtherFile) {
+  test::TemporaryFolder folder;
+  write_file(folder / "own.toml", read_file(unit_file("vlp16")));
+  const std::string own = (folder / "own.toml").string();
+  for (const std::string& name : {own, own.substr(0, own.size() - 5), std::string("own.toml"),
+                                  std::string("../rigs/kitti64"), std::string("a\\u0000b"), std::string()})
+    for (const std::string& text : {"lidar = \"" + name + "\"\n", "[lidar]\nunit = \"" + name + "\"\n"}) {
+      write_file(folder / "rig.toml", text);
+      EXPECT_THAT(test::error_text<InputError>([&] { read_lidar_model(folder / "rig.toml"); }),
+                  testing::AllOf(testing::HasSubstr("rig.toml"), testing::HasSubstr("is no unit's name")))
+          << text;
+    }
 }
 
 TEST(LidarUnits, BadUnitTablesAreNamed) {

@@ -41,18 +41,19 @@ bool is_inside(const fs::path& path) {
 std::optional<VehicleResult> stored_result(const fs::path& out, const fs::path& file, const std::string& key,
                                            bool with_ladder) {
   if (!fs::exists(file)) return std::nullopt;
-  const json stored = json::parse(read_file(file), nullptr, false);
-  if (!stored.is_object() || stored.value("key", json()) != key) return std::nullopt;
   VehicleResult vehicle;
   try {
+    const json stored = read_json(file);
+    if (!stored.is_object() || stored.value("key", json()) != key) return std::nullopt;
     vehicle = read_vehicle(file, stored);
   } catch (const InputError& damaged) {
     spdlog::warn("{}", damaged.what());
     return std::nullopt;
   }
   if (!vehicle.seen) return vehicle;
+  std::error_code ignored;  // a name that can be none of a file
   for (const auto& [name, picture] : vehicle.seen->pictures)
-    if (!is_inside(picture) || !fs::exists(out / picture)) return std::nullopt;
+    if (!is_inside(picture) || !fs::exists(out / picture, ignored)) return std::nullopt;
   if (with_ladder && !vehicle.seen->ladder) return std::nullopt;
   if (!with_ladder) vehicle.seen->ladder.reset();
   return vehicle;
@@ -137,7 +138,7 @@ std::string validation_key(const ValidationSettings& settings, const Run& run, c
                        settings.seed, settings.evaluation_settings.score_threshold,
                        rooftop_model_hash(source.rooftop), source.sun, depth_identity({source.depth}));
   for (const fs::path& program : renderer_programs()) bytes += file_hash(program);
-  return content_hash(bytes + read_file(weights_file(d)));
+  return content_hash(bytes + file_hash(weights_file(d)));
 }
 
 std::vector<HostId> select_hosts(const Run& run, int frames) {

@@ -9,7 +9,7 @@ namespace mirage {
 std::string data_rig(const std::filesystem::path& data) {
   const auto file = data / "dataset.json";
   if (!std::filesystem::exists(file)) return open_data_set(data)->rig();
-  const nlohmann::json about = read_json(file);
+  const nlohmann::json about = read_json(file, kLargestRecord);
   if (!about.is_object() || !about.contains("rig") || !about.at("rig").is_string())
     throw InputError(file.string(), "rig", "missing or not a text", "name the rig, for example \"kitti64\"");
   const std::string rig = about.at("rig");

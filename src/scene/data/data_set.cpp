@@ -63,13 +63,14 @@ Frame DataSet::read(const std::string& id) const {
 std::string DataSet::annotations_hash(const std::string& id) const {
   std::string hashes;
   const std::vector<Part> all = parts(id);
-  for (std::size_t i = 2; i < all.size(); ++i) hashes += file_hash(all[i].file);
+  for (std::size_t i = 2; i < all.size(); ++i) hashes += file_hash(all[i].file, kLargestFile);
   return hashes;
 }
 
 std::string DataSet::hash(const std::string& id) const {
   const std::vector<Part> files = existing_parts(id);
-  return content_hash(file_hash(files.at(0).file) + file_hash(files.at(1).file) + annotations_hash(id));
+  return content_hash(file_hash(files.at(0).file, kLargestFile) + file_hash(files.at(1).file, kLargestFile) +
+                      annotations_hash(id));
 }
 
 }  // namespace mirage

@@ -30,6 +30,11 @@ class Tracklets {
  public:
   explicit Tracklets(fs::path file) : file_(std::move(file)) {
     const std::string text = read_file(file_, kLargestLabels);
+    // A tag takes 165 bytes of memory, an attribute as many.
+    constexpr std::ptrdiff_t kMostTags = 1000000;
+    if (std::count_if(text.begin(), text.end(), [](char c) { return c == '<' || c == '='; }) > kMostTags)
+      throw InputError(file_.string(), "", fmt::format("has more than {} tags and attributes", kMostTags),
+                       kFix);
     if (document_.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS)
       throw InputError(
           file_.string(), fmt::format("line {}", document_.ErrorLineNum()),
