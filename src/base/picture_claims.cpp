@@ -55,7 +55,7 @@ bool is_compressed(File& file, std::size_t at) {
 /// libpng sets aside what a chunk claims, but for pixels, which it reads piece by piece; and what compressed
 /// texts become, a thousand times what they are.
 std::string png_claim(File& file) {
-  constexpr std::size_t kSignature = 8, kCheckSum = 4, kMostTexts = 1 << 14;
+  constexpr std::size_t kSignature = 8, kCheckSum = 4, kMostTexts = 1 << 12;
   std::size_t texts = 0;
   const std::size_t size = file.size();
   char head[8] = {};

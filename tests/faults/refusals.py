@@ -217,7 +217,7 @@ def everything(suite, source, build):
              "lighting": "lighting/000000.json", "png": "image_2/000000.png"}
     huge = {"png": [("65000 by 65000", png(65000, 65000)), ("a thousand million rows", png(1, 10**9)),
                     ("100 texts of 8 MB", png(WIDTH, HEIGHT, texts=[b"x" * 7900000] * 100)),
-                    ("texts as long as are taken", png(WIDTH, HEIGHT, texts=[b"x" * 7900000] * 2)),
+                    ("texts as long as are taken", png(WIDTH, HEIGHT, texts=[b"x" * 4000000])),
                     ("a bomb of its own size", png(WIDTH, HEIGHT, b"\0" * (3 * WIDTH + 1) * HEIGHT * 8))],
             "labels": [("a line of 1 MB", b"Car " * 250000), ("a million lines", b"Car\n" * 10**6)],
             "calibration": [("a line of 1 MB", b"P2: " + b"1 " * 500000)],
