@@ -107,6 +107,10 @@ TEST(Generator, DatasetGoesOnWhereItStopped) {
   EXPECT_EQ(frame.labels.size(), made.labels.size());
   EXPECT_NEAR((frame.lighting.sun - made.lighting.sun).norm(), 0, 1e-6);
   EXPECT_THROW(generate_dataset(small_rig(), 4, 0, 1, out, silent), InputError);
+  for (const std::string& text : {std::string("[]"), std::string("3"), std::string(600000, ' ') + "{}"}) {
+    write_file(out / "dataset.json", text);
+    EXPECT_THROW(generate_dataset(small_rig(), 3, 0, 1, out, silent), InputError) << text.substr(0, 9);
+  }
   std::filesystem::remove_all(out);
 }
 

@@ -6,8 +6,10 @@
 #include <fstream>
 
 #include "base/error.h"
+#include "base/files.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/kitti_results.h"
+#include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
 #include "support/files.h"
 #include "support/layouts.h"
@@ -57,6 +59,16 @@ class DataSets : public testing::TestWithParam<Layout> {
   DataSets() { GetParam().write(folder_.path(), frames()); }
   TemporaryFolder folder_;
 };
+
+// A tag of four bytes takes 165 of memory.
+TEST(Tracklets, MoreTagsThanAnyDriveHasAreRefused) {
+  TemporaryFolder folder;
+  std::string text = "<boost_serialization><tracklets>";
+  for (int i = 0; i < 1000000; ++i) text += "<a/>";
+  write_file(folder / "tags.xml", text + "</tracklets></boost_serialization>");
+  EXPECT_THAT(error_text<InputError>([&] { read_tracklets(folder / "tags.xml", 0, 0, Calibration()); }),
+              AllOf(HasSubstr("tags.xml"), HasSubstr("more than 1000000 tags")));
+}
 
 TEST_P(DataSets, IsKnownByItsFolder) {
   const auto set = open_data_set(folder_.path());
