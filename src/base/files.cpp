@@ -76,8 +76,9 @@ class OpenFile {
 
 std::string read_file(const fs::path& path, std::uintmax_t most) {
   const OpenFile file(path);
-  file.check(file.size(), most);
-  std::string bytes(file.size() > 0 ? file.size() + 1 : 4096, '\0');  // one more: to see the end
+  const std::uintmax_t told = file.size();
+  file.check(told, most);
+  std::string bytes(told > 0 ? told + 1 : 4096, '\0');  // one more: to see the end
   std::size_t size = 0;
   for (std::size_t got = 1; got != 0; size += got) {
     file.check(size, most);

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdlib>
 #include <numbers>
 
 #include "base/error.h"
@@ -84,6 +85,16 @@ TEST(LidarUnits, ARigFileMayNameItsUnit) {
   write_file(folder / "again.toml", rig.text);
   EXPECT_EQ(read_rig(folder / "again.toml").lidar.beams.size(), 16u);
   EXPECT_THAT(rig.text, testing::HasSubstr("[lidar]"));
+}
+
+TEST(LidarUnits, AUnitThatNamesAnotherIsRefused) {
+  test::TemporaryFolder folder;
+  write_file(folder / "scenes/lidars/loop.toml", "lidar = \"loop\"\n");
+  write_file(folder / "rig.toml", "lidar = \"loop\"\n");
+  setenv("MIRAGE_HOME", folder.path().c_str(), 1);
+  const std::string said = test::error_text<InputError>([&] { read_lidar_model(folder / "rig.toml"); });
+  unsetenv("MIRAGE_HOME");
+  EXPECT_THAT(said, testing::HasSubstr("names another unit"));
 }
 
 // A rig file comes with a data set, and that from anybody.
