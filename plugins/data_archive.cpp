@@ -9,6 +9,7 @@
 #include <tuple>
 
 #include "archive_check.h"
+#include "base/file_head.h"
 #include "base/files.h"
 #include "pickle_check.h"
 
@@ -98,11 +99,11 @@ void refuse_code(const std::string& bytes) {
 }  // namespace
 
 torch::serialize::InputArchive open_data_archive(const std::string& file, const torch::Device& device) {
-  const std::string bytes = read_file(file);
   torch::serialize::InputArchive archive;
   try {
     // LibTorch takes another format by its first bytes; this one begins with a zip file's.
-    if (!bytes.starts_with("PK\x03\x04")) throw std::runtime_error("no zip file");
+    if (!begins_with(file, "PK\x03\x04")) throw std::runtime_error("no zip file");
+    const std::string bytes = read_file(file);
     check_archive(bytes);
     refuse_code(bytes);
     std::istringstream in(bytes);

@@ -10,6 +10,7 @@
 #include <cstring>
 
 #include "base/error.h"
+#include "base/file_head.h"
 #include "base/hash.h"
 #include "base/interrupt.h"
 #include "base/json_depth.h"
@@ -86,6 +87,16 @@ std::string read_file(const fs::path& path, std::uintmax_t most) {
       bytes.resize(2 * size);  // it grows, or is one of the system's that tell no size
     got = file.read(bytes.data() + size, bytes.size() - size);
   }
+  bytes.resize(size);
+  return bytes;
+}
+
+std::string read_head(const fs::path& path, std::size_t most) {
+  const OpenFile file(path);
+  std::string bytes(most, '\0');
+  std::size_t size = 0;
+  for (std::size_t got = 1; got != 0 && size < most; size += got)
+    got = file.read(bytes.data() + size, most - size);
   bytes.resize(size);
   return bytes;
 }

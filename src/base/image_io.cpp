@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <memory>
@@ -130,9 +131,19 @@ class Picture {
     // Where the picture lies on a page does not matter, but that its last line has a number.
     if (std::max(std::abs(std::int64_t{spec().x}), std::abs(std::int64_t{spec().y})) > kFarthestOrigin)
       bad(fmt::format("claims to begin at pixel ({}, {})", spec().x, spec().y));
-    // Deflate packs at most 1032 bytes into one, a PNG eight pixels into a byte.
-    if (std::string_view(format) == "png" && pixels() / 8 / 1032 > size)
+    // Deflate packs at most 1032 bytes into one.
+    if (std::string_view(format) == "png" && pixels() * png_bits_a_pixel() / 8 / 1032 > size)
       bad(fmt::format("{}, which {} bytes cannot hold", claims, size));
+  }
+
+  /// By the file's header (PNG, 3rd edition, section 11.2.1), which libpng has checked; 1 at least.
+  std::size_t png_bits_a_pixel() const {
+    constexpr std::size_t kDepth = 24, kColourType = 25;
+    std::array<unsigned char, kColourType + 1> head{};
+    if (proxy_->pread(head.data(), head.size(), 0) != head.size()) return 1;
+    constexpr std::array<std::size_t, 7> kSamples = {1, 0, 3, 1, 2, 0, 4};
+    const std::size_t samples = head[kColourType] < kSamples.size() ? kSamples[head[kColourType]] : 1;
+    return std::max<std::size_t>(1, samples * head[kDepth]);
   }
 
   std::string where_, field_;

@@ -12,6 +12,8 @@
 namespace mirage {
 namespace {
 
+constexpr std::uintmax_t kLargestDetections = 1 << 26;  // bytes; half a million detections
+
 namespace fs = std::filesystem;
 using nlohmann::json;
 
@@ -71,7 +73,7 @@ DetectionFiles::DetectionFiles(const fs::path& path) : path_(path) {
     texts_[path.stem().string()] = path;
     return;
   }
-  const json file = read_json(path_);
+  const json file = read_json(path_, kLargestDetections);
   if (!file.is_object() || !file.contains("frames") || !file["frames"].is_array())
     throw InputError(path_.string(), "frames", "is missing or no list", "write it again with mirage detect");
   for (const json& frame : file["frames"]) {

@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "base/error.h"
+#include "base/file_head.h"
 #include "base/files.h"
 #include "base/json_depth.h"
 #include "exchange/folder_files.h"
@@ -14,6 +15,13 @@ namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr std::size_t kHeader = 20;  // bytes, with that of the first chunk
+
+void check_magic(std::string_view bytes, const std::string& file) {
+  if (!bytes.starts_with("glTF"))
+    throw InputError(file, "magic", "is not \"glTF\"", "give a binary glTF 2.0 file (.glb)");
+}
 
 /// The JSON text of a .glb (its first chunk) or .gltf (all of it).
 std::string_view json_text(const std::string& bytes, const std::string& file, bool binary) {
@@ -26,18 +34,17 @@ std::string_view json_text(const std::string& bytes, const std::string& file, bo
     std::memcpy(&value, bytes.data() + at, sizeof value);
     return value;
   };
-  if (bytes.size() < 20)
+  if (bytes.size() < kHeader)
     fail("header", fmt::format("{} bytes are too few for a .glb file", bytes.size()),
          "export the file again");
-  if (bytes.compare(0, 4, "glTF") != 0)
-    fail("magic", "is not \"glTF\"", "give a binary glTF 2.0 file (.glb)");
+  check_magic(bytes, file);
   if (u32(4) != 2) fail("version", fmt::format("{}", u32(4)), "give a glTF 2.0 file");
   if (u32(8) > bytes.size())
     fail("length", fmt::format("truncated: {} of {} bytes", bytes.size(), u32(8)),
          "restore the file or export it again");
-  if (u32(16) != 0x4E4F534A || u32(12) > bytes.size() - 20)
+  if (u32(16) != 0x4E4F534A || u32(12) > bytes.size() - kHeader)
     fail("JSON", "the first chunk is not whole", "restore the file or export it again");
-  return std::string_view(bytes).substr(20, u32(12));
+  return std::string_view(bytes).substr(kHeader, u32(12));
 }
 
 /// Of a document: ours have some thousands, and numbers of vertices lie in buffers.
@@ -57,8 +64,11 @@ bool ends_with_glb(const fs::path& file) {
 GltfDocument open_gltf(const fs::path& file) {
   const FolderFiles folder(file);
   GltfDocument document;
-  document.bytes = read_file(folder.file(), kMostInMemory);
   const bool binary = ends_with_glb(file);
+  // Of another kind of file the first bytes are all that is read.
+  if (const std::string head = read_head(folder.file(), kHeader); binary && head.size() == kHeader)
+    check_magic(head, file.string());
+  document.bytes = read_file(folder.file(), kMostInMemory);
   const std::string_view text = json_text(document.bytes, file.string(), binary);
   check_json_depth(text, file.string(), "JSON");
   check_json_values(text, file.string(), kMostValues);

@@ -26,6 +26,7 @@
 #include "exchange/folder_files.h"
 #include "exchange/gltf_builder.h"
 #include "exchange/gltf_document.h"
+#include "exchange/ply_file.h"
 #include "geometry/shapes.h"
 
 namespace mirage {
@@ -67,7 +68,7 @@ class FolderSystem : public Assimp::IOSystem {
     const auto file = locate(name);
     if (!file) return nullptr;
     try {
-      return stream(read_file(*file));
+      return stream(read_file(*file, uris_ ? kLargestFile : kLargestMesh));
     } catch (const InputError&) {
       return nullptr;
     }
@@ -159,6 +160,41 @@ class Colours {
   ImageF picture_;
 };
 
+InputError no_faces(const fs::path& file) {
+  return {file.string(), "faces", "there are none", "export the mesh again"};
+}
+
+/// For assimp, whose reader of OBJ is the sturdier one.
+std::string obj_text(const Polygons& polygons) {
+  std::string text;
+  for (const Vec3d& v : polygons.vertices)
+    text += fmt::format("v {} {} {}\n", static_cast<float>(v.x()), static_cast<float>(v.y()),
+                        static_cast<float>(v.z()));
+  for (const std::vector<int>& face : polygons.faces) {
+    text += 'f';
+    for (const int corner : face) text += fmt::format(" {}", corner + 1);
+    text += '\n';
+  }
+  return text;
+}
+
+/// InputError for a face of no or too many corners, or of corners that there are not.
+void check_faces(const aiMesh& part, const std::string& where) {
+  for (unsigned f = 0; f < part.mNumFaces; ++f) {
+    const aiFace& face = part.mFaces[f];
+    const std::string name = fmt::format("face {}", f);
+    if (face.mNumIndices < 1 || face.mNumIndices > kMostCorners)
+      throw InputError(where, name,
+                       fmt::format("has {} corners, not 1 to {}", face.mNumIndices, kMostCorners),
+                       "cut its polygons into triangles");
+    for (unsigned k = 0; k < face.mNumIndices; ++k)
+      if (face.mIndices[k] >= part.mNumVertices)
+        throw InputError(where, name,
+                         fmt::format("names vertex {} of {}", face.mIndices[k], part.mNumVertices),
+                         "export the mesh again");
+  }
+}
+
 /// read_mesh(), which tells `face_of` each face as it is added.
 Mesh read_faces(const fs::path& file, const std::optional<MeshAxes>& axes,
                 const std::function<void(const aiScene&, const aiMesh&, const aiFace&)>& face_of) {
@@ -166,9 +202,6 @@ Mesh read_faces(const fs::path& file, const std::optional<MeshAxes>& axes,
   if (!readable(extension))
     throw InputError(file.string(), "extension", "is not one that is read", "give .glb, .gltf, .obj or .ply");
   const FolderFiles files(file);
-  // Assimp 5.2 reads on for ever in a PLY file that ends within its header.
-  if (extension == ".ply" && read_file(file).find("end_header") == std::string::npos)
-    throw InputError(file.string(), "header", "has no end", "export the mesh again");
   const bool gltf = is_gltf(extension);
   fs::path path = files.file();
   auto system = std::make_unique<FolderSystem>(files, gltf);
@@ -179,16 +212,26 @@ Mesh read_faces(const fs::path& file, const std::optional<MeshAxes>& axes,
         document.json["buffers"][0].contains("uri"))
       system->pretend(path += ".gltf", document.json.dump());
   }
+  if (extension == ".ply") {
+    const Polygons polygons = parse_ply(read_file(file, kLargestMesh), file.string());
+    if (polygons.faces.empty()) throw no_faces(file);
+    system->pretend(path += ".obj", obj_text(polygons));
+  }
   Assimp::Importer importer;
   importer.SetIOHandler(system.release());  // both are the importer's from here on
   importer.SetProgressHandler(new UntilInterrupted);
   importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
-  const aiScene* scene =
-      importer.ReadFile(path.string(), aiProcess_Triangulate | aiProcess_PreTransformVertices |
-                                           aiProcess_JoinIdenticalVertices | aiProcess_SortByPType);
-  throw_if_interrupted("nothing was written");
-  if (!scene)
-    throw InputError(file.string(), "", first_line(importer.GetErrorString()), "export the mesh again");
+  const auto ready = [&](const aiScene* scene) {
+    throw_if_interrupted("nothing was written");
+    if (!scene)
+      throw InputError(file.string(), "", first_line(importer.GetErrorString()), "export the mesh again");
+    return scene;
+  };
+  const aiScene* scene = ready(importer.ReadFile(path.string(), 0));
+  // The steps that follow end the program at faces without corners, and take the square of their number.
+  for (unsigned m = 0; m < scene->mNumMeshes; ++m) check_faces(*scene->mMeshes[m], file.string());
+  scene = ready(importer.ApplyPostProcessing(aiProcess_Triangulate | aiProcess_PreTransformVertices |
+                                             aiProcess_JoinIdenticalVertices | aiProcess_SortByPType));
   const Eigen::Matrix3d turn =
       vehicle_from_file(axes.value_or(gltf ? MeshAxes{"+z", "+y"} : MeshAxes{"+x", "+z"}));
   Mesh mesh;
@@ -213,7 +256,7 @@ Mesh read_faces(const fs::path& file, const std::optional<MeshAxes>& axes,
       throw InputError(file.string(), fmt::format("vertex {}", v),
                        fmt::format("is not within {:g} m", gltf_limits::kFurthest),
                        "export the mesh in metres");
-  if (mesh.faces.empty()) throw InputError(file.string(), "faces", "there are none", "export the mesh again");
+  if (mesh.faces.empty()) throw no_faces(file);
   check_mesh({mesh, {}}, file.string());
   return mesh;
 }

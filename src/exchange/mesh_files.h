@@ -1,5 +1,5 @@
-// Meshes of other programs: a folder of vehicles in (glTF, OBJ, PLY, by assimp), single meshes out (glb,
-// PLY).
+// Meshes of other programs: a folder of vehicles in (glTF and OBJ by assimp, PLY by ply_file.h), single
+// meshes out (glb, PLY).
 #pragma once
 
 #include <filesystem>
@@ -27,7 +27,7 @@ Mesh read_mesh(const std::filesystem::path& file, const std::optional<MeshAxes>&
 
 /// The same with the colours of the materials' pictures: one texel a face (an atlas of resolution 1), where
 /// the middle of the face's UVs lies in its material's base colour picture beside the file; a material's
-/// plain colour without one; grey (0.5) without a material.
+/// plain colour without one; grey (0.5) without a material, as in a PLY.
 TexturedMesh read_textured_mesh(const std::filesystem::path& file, const std::optional<MeshAxes>& axes = {});
 
 /// Every such file of a folder, by name, as vehicles to learn from. They must be in metres and lie along x:

@@ -1,5 +1,9 @@
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -82,6 +86,58 @@ TEST(MeshFiles, ErrorsNameFileAndFix) {
                 read_mesh(folder / "huge.ply", MeshAxes{"x", "+z"});
               }),
               HasSubstr("no axis"));
+}
+
+/// A PLY of one triangle, or of what its counts say.
+std::string ply_of(const std::string& vertices, const std::string& faces, const std::string& body) {
+  return "ply\nformat ascii 1.0\nelement vertex " + vertices +
+         "\nproperty float x\nproperty float y\nproperty float z\nelement face " + faces +
+         "\nproperty list uchar int vertex_indices\nend_header\n" + body;
+}
+
+TEST(HostileMeshes, PlyFilesThatClaimMoreThanTheyHoldAreRefused) {
+  const test::TemporaryFolder folder;
+  const auto refusal = [&](const std::string& bytes) {
+    write_file(folder / "a.ply", bytes);
+    return error_text<InputError>([&] { read_mesh(folder / "a.ply"); });
+  };
+  const std::string corners = "0 0 0\n1 0 0\n0 1 0\n";
+  write_file(folder / "good.ply", ply_of("3", "1", corners + "3 0 1 2\n"));
+  EXPECT_EQ(read_mesh(folder / "good.ply").faces.size(), 1u);
+  // Assimp's own check of the first ends the program; the others take gigabytes, or minutes.
+  EXPECT_THAT(refusal(ply_of("3", "1", "0 0 0\n")), HasSubstr("cannot hold"));
+  EXPECT_THAT(refusal(ply_of("100000000", "100000000", corners)),
+              HasSubstr("claims 100000000 of \"vertex\""));
+  EXPECT_THAT(refusal(ply_of("4000000000", "1", corners)), HasSubstr("cannot hold"));
+  EXPECT_THAT(refusal(ply_of("99999999999999999999999", "1", corners)), HasSubstr("NAME COUNT"));
+  EXPECT_THAT(refusal(ply_of("-1", "1", corners)), HasSubstr("NAME COUNT"));
+  EXPECT_THAT(refusal(ply_of("3", "18446744073709551615", corners)), HasSubstr("cannot hold"));
+  std::string elements = "ply\nformat ascii 1.0\n";
+  for (int i = 0; i < 2000; ++i) elements += fmt::format("element e{} 0\n", i);
+  EXPECT_THAT(refusal(elements + "end_header\n"), HasSubstr("more than 32 elements"));
+  EXPECT_THAT(refusal("ply\nformat ascii 1.0\n" + std::string(100'000, ' ') + "end_header\n"),
+              HasSubstr("no end within"));
+  EXPECT_THAT(refusal("ply\nelement vertex 0\nend_header\n"), HasSubstr("names no format that there is"));
+  EXPECT_THAT(refusal("ply\nformat ascii 1.0\nelement vertex 3\nproperty colour x\nend_header\n"),
+              HasSubstr("property line"));
+  // Faces without corners, of vertices that are not there, and lists that end too early.
+  for (const char* faces : {"0 0 0 0\n", "3 0 1 7\n", "3 0 1 -2\n", "3 0 1\n", "200 0 1\n", "3 0 1 x\n"})
+    EXPECT_THAT(refusal(ply_of("3", "1", corners + faces)), HasSubstr("a.ply")) << faces;
+}
+
+TEST(HostileMeshes, PolygonsOfAnyNumberOfCornersAreRefusedBeforeTheyAreCut) {
+  const test::TemporaryFolder folder;
+  std::string obj, few;
+  for (int i = 0; i < 2000; ++i) obj += fmt::format("v {} {} 0\n", std::cos(i * 1e-3), std::sin(i * 1e-3));
+  few = obj;
+  obj += "f", few += "f";
+  for (int i = 1; i <= 2000; ++i) obj += fmt::format(" {}", i);
+  for (int i = 1; i <= 40; ++i) few += fmt::format(" {}", 50 * i);
+  write_file(folder / "many.obj", obj + "\n");
+  write_file(folder / "few.obj", few + "\n");
+  EXPECT_THAT(error_text<InputError>([&] { read_mesh(folder / "many.obj"); }),
+              HasSubstr("face 0: has 2000 corners, not 1 to 1000; cut its polygons into triangles"));
+  EXPECT_EQ(read_mesh(folder / "few.obj").faces.size(), 38u);
 }
 
 }  // namespace

@@ -216,26 +216,41 @@ def everything(suite, source, build):
     frame = {"calibration": "calib/000000.txt", "labels": "label_2/000000.txt", "sweep": "velodyne/000000.bin",
              "lighting": "lighting/000000.json", "png": "image_2/000000.png"}
     huge = {"png": [("65000 by 65000", png(65000, 65000)), ("a thousand million rows", png(1, 10**9)),
+                    ("9 KB that claim 200 MB", png(8192, 8192, b"\0" * 9_000_000)),
                     ("100 texts of 8 MB", png(WIDTH, HEIGHT, texts=[b"x" * 7900000] * 100)),
                     ("texts as long as are taken", png(WIDTH, HEIGHT, texts=[b"x" * 4000000])),
                     ("a bomb of its own size", png(WIDTH, HEIGHT, b"\0" * (3 * WIDTH + 1) * HEIGHT * 8))],
             "labels": [("a line of 1 MB", b"Car " * 250000), ("a million lines", b"Car\n" * 10**6)],
             "calibration": [("a line of 1 MB", b"P2: " + b"1 " * 500000)],
             "lighting": [("20 000 lists", b"[" * 20000), ("1 MB of lists", b"[[]," * 250000)],
-            "sweep": [("15 bytes", b"\0" * 15), ("not finite", b"\xff" * 1600)]}
+            "sweep": [("15 bytes", b"\0" * 15), ("not finite", b"\xff" * 1600), ("not finite, 200 MB", b"\xff" * 200_000_000)]}
+    below = [("a hole of 200 MB", 200_000_000)]  # of what its reader takes by its size
     for kind, name in frame.items():
         suite.kind(kind, data / "training" / name, simulate, (data, given), [*found(source, kind), *huge[kind]])
     suite.kind("gltf", mesh, simulate, (data, given),
                [*found(source, "gltf"), ("a thousand million vertices", glb(mesh_document(count=10**9))),
                 *((f"buffer {uri}", glb(mesh_document(uri))) for uri in away),
                 *((f"picture {uri}", glb(mesh_document(image=uri))) for uri in away),
-                ("1 MB of lists", glb({"extras": [[]] * 300000})),
+                ("1 MB of lists", glb({"extras": [[]] * 300000})), *below,
                 ("a buffer many times", glb({**mesh_document(), "buffers": [{"byteLength": 44}] + [
                     {"byteLength": 1 << 28, "uri": "none.weights"}] * 8}))])
     shape = given / "cars.shape"
     shape.write_bytes(next((source / "scenes/shapes").glob("*.shape")).read_bytes())
     by_shape = [str(shape) if part == "box" else part for part in simulate]
-    suite.kind("shape", shape, by_shape, (data, given), found(source, "shape"))
+    suite.kind("shape", shape, by_shape, (data, given), [*found(source, "shape"), *below])
+    vehicles = given / "vehicles"
+    vehicles.mkdir()
+    fit = ["fit", "--build-model", given / "made.shape", "--meshes", vehicles, "--each", "0", *common, out]
+
+    def ply(vertices, faces, body):
+        return (f"ply\nformat ascii 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n"
+                f"element face {faces}\nproperty list uchar int vertex_indices\nend_header\n{body}").encode()
+    suite.kind("ply", vehicles / "a.ply", fit, (given,),
+               [("three vertices in one", ply(3, 1, "0 0 0\n")), ("10^8 vertices", ply(10**8, 10**8, "0 0 0\n")),
+                ("a face without corners", ply(3, 1, "0 0 0\n1 0 0\n0 1 0\n0\n0 0\n")),
+                ("200 000 elements", b"ply\nformat ascii 1.0\n" + b"element e 0\n" * 200_000 + b"end_header\n"), *below])
+    suite.kind("obj", vehicles / "a.obj", fit, (given,),
+               [("a face of 60 000 corners", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf" + b" 1 2 3" * 20000), *below])
     rig = given / "rig.toml"
     rig.write_bytes((HERE / "small-rig.toml").read_bytes())
     suite.kind("rig", rig, ["generate", "--rig", rig, "--frames", "1", *common, out], (given,),
@@ -268,7 +283,7 @@ def everything(suite, source, build):
         detect = ["detect", "--data", data, "--detector", "lidar", "--weights", ours, *common, out]
         suite.kind("weights", ours, detect, (data, given),
                    [*found(source, "archive"), ("claims 4 GB", directory_that_claims(ours.read_bytes())),
-                    ("half of it", ours.read_bytes()[:1500000])])
+                    ("half of it", ours.read_bytes()[:1500000]), *below])
 
 
 def main():

@@ -17,6 +17,7 @@
 #include "base/image_io.h"
 #include "base/toml_write.h"
 #include "exchange/gltf.h"
+#include "exchange/mesh_files.h"
 #include "fuzz/seeds.h"
 #include "generator/generator.h"
 #include "plugins/archive_check.h"
@@ -178,6 +179,11 @@ void gltf(const fs::path& file) {
   for (const RenderScene::Thing& thing : scene.things) check(thing.textured);
 }
 
+/// Other programs' meshes, by assimp.
+void mesh(const fs::path& file) {
+  check_mesh({read_mesh(file), {}}, "what was read");
+}
+
 void toml(const fs::path& file) {
   const nlohmann::json once = read_toml(file);
   // Dates are read as nothing, which no TOML holds.
@@ -280,6 +286,8 @@ constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
                                {"lighting", "lighting.json", lighting},
                                {"png", "picture.png", png},
                                {"gltf", "mesh.glb", gltf},
+                               {"ply", "mesh.ply", mesh},
+                               {"obj", "mesh.obj", mesh},
                                {"toml", "any.toml", toml},
                                {"rig", "rig.toml", rig},
                                {"shape", "cars.shape", shape},

@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/image_io.h"
 #include "exchange/gltf.h"
+#include "exchange/mesh_files.h"
 #include "fuzz/parsers.h"
 #include "scene/data/kitti.h"
 #include "scene/shape/shape_model.h"
@@ -261,6 +262,15 @@ std::vector<Seed> seeds() {
       {"png", "depth", written("seed.png", [&](const fs::path& file) { write_depth_png(file, depth); })},
       {"gltf", "scene", scene()},
       {"gltf", "foreign", foreign()},
+      {"ply", "binary",
+       written("seed.ply", [](const fs::path& file) { write_mesh(file, seed_mesh().mesh); })},
+      {"ply", "text",
+       "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+       "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0.5\n3 0 1 "
+       "2\n"},
+      {"obj", "corner",
+       "o corner\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0.5\nvn 0 0 1\nusemtl none\nf 1/1/1 2/1 "
+       "3//1\nf 1 2 3 4\n"},
       {"toml", "kinds",
        "a = 1\nb = -2.5e3\nc = [true, 'x', {d = \"\\u00e9\\n\"}]\n[t.u]\n\"v w\" = 0x1f # note\n[[l]]\nm = "
        "nan\n"},

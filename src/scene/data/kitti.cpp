@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "base/error.h"
+#include "base/file_head.h"
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/names.h"
@@ -139,23 +140,28 @@ std::shared_ptr<const DataSet> open_kitti_object(const fs::path& data) {
 }
 
 Sweep read_points(const fs::path& file, std::size_t columns) {
-  const std::string bytes = read_file(file, kLargestSweep);
   const std::size_t row = columns * sizeof(float);
+  const auto point = [&](const std::string& bytes, std::size_t i) {
+    LidarPoint p;
+    std::memcpy(&p, bytes.data() + i * row, sizeof p);
+    const auto bad = [&](const char* problem) {
+      return InputError(file.string(), fmt::format("point {} (byte {})", i, i * row), problem, kRestore);
+    };
+    if (!p.position().allFinite() || !std::isfinite(p.reflectance)) throw bad("not a finite number");
+    if (p.position().cwiseAbs().maxCoeff() > 1000) throw bad("further than 1 km away");
+    return p;
+  };
+  // What is no sweep at all is seen in its first points, before the rest of it is in memory.
+  constexpr std::size_t kFirst = 1024;
+  const std::string head = read_head(file, kFirst * row);
+  for (std::size_t i = 0; i < head.size() / row; ++i) point(head, i);
+  const std::string bytes = read_file(file, kLargestSweep);
   if (bytes.empty()) throw InputError(file.string(), "byte 0", "the sweep is empty", kRestore);
   if (bytes.size() % row != 0)
     throw InputError(file.string(), fmt::format("byte {}", bytes.size() - bytes.size() % row),
                      fmt::format("truncated: {} bytes are no multiple of {}", bytes.size(), row), kRestore);
   Sweep sweep(bytes.size() / row);
-  for (std::size_t i = 0; i < sweep.size(); ++i) {
-    LidarPoint& p = sweep[i];
-    std::memcpy(&p, bytes.data() + i * row, sizeof p);
-    if (!p.position().allFinite() || !std::isfinite(p.reflectance))
-      throw InputError(file.string(), fmt::format("point {} (byte {})", i, i * row), "not a finite number",
-                       kRestore);
-    if (p.position().cwiseAbs().maxCoeff() > 1000)
-      throw InputError(file.string(), fmt::format("point {} (byte {})", i, i * row), "further than 1 km away",
-                       kRestore);
-  }
+  for (std::size_t i = 0; i < sweep.size(); ++i) sweep[i] = point(bytes, i);
   return sweep;
 }
 

@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "base/error.h"
+#include "base/file_head.h"
 #include "base/files.h"
 #include "base/names.h"
 #include "scene/shape/shape_model.h"
@@ -90,11 +91,15 @@ void write_shape_model(const std::filesystem::path& file, const ShapeModel& mode
 }
 
 ShapeModel read_shape_model(const std::filesystem::path& file) {
-  const std::string bytes = read_file(file), name = file.string();
-  const std::size_t end = bytes.find('\n', kMagic.size());
-  if (!bytes.starts_with(kMagic) || end == std::string::npos)
+  const std::string name = file.string();
+  const auto refuse = [&] {
     throw InputError(name, "first line", "not a shape model of this version",
                      "make one with: mirage fit --build-model FILE");
+  };
+  if (!begins_with(file, kMagic)) refuse();
+  const std::string bytes = read_file(file);
+  const std::size_t end = bytes.find('\n', kMagic.size());
+  if (end == std::string::npos) refuse();
   const nlohmann::json json = nlohmann::json::parse(
       bytes.begin() + kMagic.size(), bytes.begin() + static_cast<std::ptrdiff_t>(end), nullptr, false);
   const Header header(name, json);

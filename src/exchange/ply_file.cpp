@@ -1,0 +1,263 @@
+#include "exchange/ply_file.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "base/error.h"
+
+namespace mirage {
+namespace {
+
+constexpr std::size_t kLongestHeader = 1 << 16, kMostElements = 32, kMostProperties = 256;
+
+enum class Scalar { i8, u8, i16, u16, i32, u32, f32, f64 };
+
+std::size_t bytes_of(Scalar type) {
+  switch (type) {
+    case Scalar::i8:
+    case Scalar::u8:
+      return 1;
+    case Scalar::i16:
+    case Scalar::u16:
+      return 2;
+    case Scalar::f64:
+      return 8;
+    default:
+      return 4;
+  }
+}
+
+std::optional<Scalar> scalar_named(std::string_view word) {
+  using Name = std::pair<std::string_view, Scalar>;
+  constexpr std::array<Name, 16> kNames = {
+      Name{"char", Scalar::i8},    Name{"int8", Scalar::i8},     Name{"uchar", Scalar::u8},
+      Name{"uint8", Scalar::u8},   Name{"short", Scalar::i16},   Name{"int16", Scalar::i16},
+      Name{"ushort", Scalar::u16}, Name{"uint16", Scalar::u16},  Name{"int", Scalar::i32},
+      Name{"int32", Scalar::i32},  Name{"uint", Scalar::u32},    Name{"uint32", Scalar::u32},
+      Name{"float", Scalar::f32},  Name{"float32", Scalar::f32}, Name{"double", Scalar::f64},
+      Name{"float64", Scalar::f64}};
+  for (const auto& [name, type] : kNames)
+    if (word == name) return type;
+  return std::nullopt;
+}
+
+struct Property {
+  std::string_view name;
+  Scalar type = Scalar::f32;
+  std::optional<Scalar> length;  ///< of a list: the type of its count
+};
+
+struct Element {
+  std::string_view name;
+  std::uint64_t count = 0;
+  std::vector<Property> properties;
+};
+
+enum class Form { text, little, big };
+
+/// A position in the file that says what is wrong there.
+class Cursor {
+ public:
+  Cursor(std::string_view bytes, const std::string& where) : bytes_(bytes), where_(where) {}
+
+  [[noreturn]] void fail(const std::string& field, const std::string& problem) const {
+    throw InputError(where_, field, problem, "export the mesh again");
+  }
+  std::size_t left() const { return bytes_.size() - at_; }
+  void start(std::size_t at, Form form) {
+    at_ = at;
+    form_ = form;
+  }
+  double number(Scalar type) { return form_ == Form::text ? text_number() : binary_number(type); }
+
+ private:
+  double text_number() {
+    constexpr std::string_view kBlank = " \t\r\n";
+    at_ = std::min(bytes_.find_first_not_of(kBlank, at_), bytes_.size());
+    const std::size_t end = std::min(bytes_.find_first_of(kBlank, at_), bytes_.size());
+    double value = 0;
+    const auto [stop, error] = std::from_chars(bytes_.data() + at_, bytes_.data() + end, value);
+    if (at_ == end) fail("body", "ends too early");
+    if (error != std::errc() || stop != bytes_.data() + end)
+      fail(fmt::format("byte {}", at_), "is no number");
+    at_ = end;
+    return value;
+  }
+  template <class T>
+  double as() {
+    std::array<char, sizeof(T)> raw;
+    std::memcpy(raw.data(), bytes_.data() + at_, sizeof(T));
+    if ((form_ == Form::big) != (std::endian::native == std::endian::big))
+      std::reverse(raw.begin(), raw.end());
+    at_ += sizeof(T);
+    return static_cast<double>(std::bit_cast<T>(raw));
+  }
+  double binary_number(Scalar type) {
+    if (left() < bytes_of(type)) fail("body", "ends too early");
+    switch (type) {
+      case Scalar::i8:
+        return as<std::int8_t>();
+      case Scalar::u8:
+        return as<std::uint8_t>();
+      case Scalar::i16:
+        return as<std::int16_t>();
+      case Scalar::u16:
+        return as<std::uint16_t>();
+      case Scalar::i32:
+        return as<std::int32_t>();
+      case Scalar::u32:
+        return as<std::uint32_t>();
+      case Scalar::f32:
+        return as<float>();
+      case Scalar::f64:
+        return as<double>();
+    }
+    return 0;
+  }
+
+  std::string_view bytes_;
+  const std::string& where_;
+  std::size_t at_ = 0;
+  Form form_ = Form::text;
+};
+
+std::vector<std::string_view> words_of(std::string_view line) {
+  std::vector<std::string_view> words;
+  for (std::size_t at = 0; at < line.size();) {
+    const std::size_t first = line.find_first_not_of(" \t\r", at);
+    if (first == std::string_view::npos) break;
+    at = std::min(line.find_first_of(" \t\r", first), line.size());
+    words.push_back(line.substr(first, at - first));
+  }
+  return words;
+}
+
+/// Puts a line of the header into `elements`.
+void take(const std::vector<std::string_view>& words, std::vector<Element>& elements, const Cursor& cursor) {
+  if (words.front() == "element") {
+    std::uint64_t count = 0;
+    const char* end = words.size() == 3 ? words[2].data() + words[2].size() : nullptr;
+    const auto read = end ? std::from_chars(words[2].data(), end, count) : std::from_chars_result{};
+    if (!end || read.ec != std::errc() || read.ptr != end)
+      cursor.fail("header", "has an element line that is no \"element NAME COUNT\"");
+    if (elements.size() == kMostElements)
+      cursor.fail("header", fmt::format("has more than {} elements", kMostElements));
+    elements.push_back({words[1], count, {}});
+  } else if (words.front() == "property") {
+    const bool list = words.size() == 5 && words[1] == "list";
+    const auto type = words.size() >= 4   ? scalar_named(words[words.size() - 2])
+                      : words.size() == 3 ? scalar_named(words[1])
+                                          : std::nullopt;
+    const auto length = list ? scalar_named(words[2]) : std::nullopt;
+    if (elements.empty() || !type || (list ? !length : words.size() != 3))
+      cursor.fail("header", "has a property line that is none");
+    if (elements.back().properties.size() == kMostProperties)
+      cursor.fail("header", fmt::format("has an element of more than {} properties", kMostProperties));
+    elements.back().properties.push_back({words.back(), *type, length});
+  }
+}
+
+/// The header's elements; `cursor` stands at the body's first byte.
+std::vector<Element> read_header(std::string_view bytes, Cursor& cursor) {
+  if (!bytes.starts_with("ply")) cursor.fail("header", "is no PLY file's");
+  const std::size_t end = bytes.substr(0, kLongestHeader).find("end_header");
+  if (end == std::string_view::npos)
+    cursor.fail("header", fmt::format("has no end within {} bytes", kLongestHeader));
+  std::vector<Element> elements;
+  std::optional<Form> form;
+  for (std::size_t at = 0; at < end;) {
+    const std::size_t next = std::min(bytes.find('\n', at), end);
+    const auto words = words_of(bytes.substr(at, next - at));
+    at = next + 1;
+    if (words.empty()) continue;
+    if (words.front() == "format" && words.size() >= 2) {
+      if (words[1] == "ascii") form = Form::text;
+      if (words[1] == "binary_little_endian") form = Form::little;
+      if (words[1] == "binary_big_endian") form = Form::big;
+    }
+    take(words, elements, cursor);
+  }
+  if (!form) cursor.fail("header", "names no format that there is");
+  cursor.start(std::min(bytes.find('\n', end), bytes.size() - 1) + 1, *form);
+  // Before room is made: an element takes its scalars at least, and a count for each list; of a text a digit
+  // and what parts it from the next.
+  std::uint64_t least = 0;
+  for (const Element& element : elements) {
+    std::uint64_t each = 0;
+    for (const Property& property : element.properties)
+      each += *form == Form::text ? 2 : bytes_of(property.length.value_or(property.type));
+    if (element.count > cursor.left() + 1 ||
+        (least += element.count * std::max<std::uint64_t>(1, each)) > cursor.left() + 1)
+      cursor.fail("header", fmt::format("claims {} of \"{}\", which the {} bytes behind it cannot hold",
+                                        element.count, element.name.substr(0, 40), cursor.left()));
+  }
+  return elements;
+}
+
+void read_vertex(const Element& element, Cursor& cursor, Polygons& read) {
+  Vec3d place = Vec3d::Constant(std::numeric_limits<double>::quiet_NaN());
+  for (const Property& property : element.properties) {
+    if (property.length) cursor.fail("vertex", "has a list");
+    const double value = cursor.number(property.type);
+    if (property.name.size() == 1 && property.name[0] >= 'x' && property.name[0] <= 'z')
+      place[property.name[0] - 'x'] = value;
+  }
+  if (!place.allFinite())
+    cursor.fail(fmt::format("vertex {}", read.vertices.size()), "has no finite x, y and z");
+  read.vertices.push_back(place);
+}
+
+void read_face(const Element& element, Cursor& cursor, Polygons& read) {
+  const std::string name = fmt::format("face {}", read.faces.size());
+  for (const Property& property : element.properties) {
+    const double count = property.length ? cursor.number(*property.length) : 1;
+    const bool corners = property.name == "vertex_indices" || property.name == "vertex_index";
+    if (!(count >= (corners ? 1 : 0) && count <= kMostCorners && count == std::floor(count)))
+      cursor.fail(name, fmt::format("has {:g} corners, not 1 to {}", count, kMostCorners));
+    std::vector<int> face;
+    for (int k = 0; k < static_cast<int>(count); ++k) {
+      const double value = cursor.number(property.type);
+      if (!corners) continue;
+      if (!(value >= 0 && value < static_cast<double>(read.vertices.size()) && value == std::floor(value)))
+        cursor.fail(name, fmt::format("names vertex {:g} of {}", value, read.vertices.size()));
+      face.push_back(static_cast<int>(value));
+    }
+    if (corners) read.faces.push_back(std::move(face));
+  }
+}
+
+}  // namespace
+
+Polygons parse_ply(std::string_view bytes, const std::string& where) {
+  Cursor cursor(bytes, where);
+  Polygons read;
+  for (const Element& element : read_header(bytes, cursor)) {
+    for (std::uint64_t i = 0; i < element.count; ++i) {
+      if (element.name == "vertex") {
+        read_vertex(element, cursor, read);
+      } else if (element.name == "face") {
+        read_face(element, cursor, read);
+      } else {
+        for (const Property& property : element.properties) {
+          const double count = property.length ? cursor.number(*property.length) : 1;
+          if (!(count >= 0 && count <= static_cast<double>(cursor.left())))
+            cursor.fail(std::string(element.name.substr(0, 40)), "has a list of no length");
+          for (double k = 0; k < count; ++k) cursor.number(property.type);
+        }
+      }
+    }
+  }
+  return read;
+}
+
+}  // namespace mirage
