@@ -27,7 +27,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kName = ".mirage-lock";
-constexpr int kDeepest = 2;  ///< folders below an output folder that a command writes to
 
 std::mutex held_mutex;
 std::set<fs::path> held;  ///< by this process
@@ -78,7 +77,7 @@ bool is_stale(std::string_view name, bool own) {
 
 }  // namespace
 
-FolderLock::FolderLock(const fs::path& folder) {
+FolderLock::FolderLock(const fs::path& folder, int levels) {
   std::error_code unknown;
   const fs::path key = fs::weakly_canonical(folder, unknown);
   {
@@ -114,7 +113,7 @@ FolderLock::FolderLock(const fs::path& folder) {
     if (::ftruncate(descriptor_, 0) != 0 || ::pwrite(descriptor_, words.data(), words.size(), 0) < 0)
       spdlog::debug("{}: cannot be written", file_.string());  // a full disk: the lock holds all the same
   }
-  remove_stale_files(folder, true);
+  remove_stale_files(folder, true, levels);
 }
 
 FolderLock::~FolderLock() {
@@ -127,12 +126,12 @@ FolderLock::~FolderLock() {
   held.erase(key_);
 }
 
-void remove_stale_files(const fs::path& folder, bool own) {
+void remove_stale_files(const fs::path& folder, bool own, int levels) {
   std::error_code error;
   std::size_t removed = 0;
   for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end;
        entry.increment(error)) {
-    if (entry.depth() >= kDeepest) entry.disable_recursion_pending();
+    if (entry.depth() >= levels) entry.disable_recursion_pending();
     std::error_code gone;
     if (!is_stale(entry->path().filename().string(), own) || entry->is_symlink(gone) ||
         !entry->is_regular_file(gone))

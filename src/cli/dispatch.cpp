@@ -3,9 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
+#include <cstdint>
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <limits>
 #include <new>
 #include <optional>
 
@@ -50,14 +53,18 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
       "TorchScript model) is taken from the command line alone");
 }
 
-/// Numbers that cannot be negative: CLI11 would take -1 for the largest.
+/// Numbers that cannot be negative: CLI11 would take -1 for the largest, and what is too large likewise.
 void refuse_negative(CLI::App& app) {
   for (CLI::Option* option : app.get_options())
     if (option->get_type_name().starts_with("UINT"))
-      option->check([](const std::string& text) {
-        return text.find_first_not_of("0123456789") == std::string::npos
+      option->check([](const std::string& text) -> std::string {
+        constexpr auto kMost = std::numeric_limits<std::uint64_t>::max();
+        std::uint64_t value = 0;
+        const char* end = text.data() + text.size();
+        const auto [read, problem] = std::from_chars(text.data(), end, value);
+        return problem == std::errc() && read == end
                    ? ""
-                   : "\"" + text + "\" is no whole number from 0";
+                   : fmt::format("\"{}\" is no whole number from 0 to {}", text, kMost);
       });
 }
 
@@ -139,9 +146,11 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
       else
         out /= page;
     }
-    make_output_folder(std::filesystem::absolute(result_file).parent_path());
+    const std::filesystem::path folder = std::filesystem::absolute(result_file).parent_path();
+    make_output_folder(folder);
     std::optional<FolderLock> lock;
-    if (rank() == 0 && commands[i].page.empty()) lock.emplace(commons[i].out);  // the only one that writes
+    if (rank() == 0)  // the only one that writes; what lies in folders beside a page is not the page's
+      lock.emplace(folder, commands[i].page.empty() ? kFoldersBelow : 0);
     nlohmann::json result = with_options([&] { return commands[i].run(commons[i]); });
     if (rank() == 0) write_json(result_file, result);
     if (told) *told = std::move(result);

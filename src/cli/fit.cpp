@@ -14,6 +14,7 @@
 #include "base/parallel.h"
 #include "base/progress.h"
 #include "cli/command.h"
+#include "cli/field_options.h"
 #include "cli/table.h"
 #include "exchange/mesh_files.h"
 #include "frames/hosts.h"
@@ -23,6 +24,8 @@
 
 namespace mirage::cli {
 namespace {
+
+constexpr double kMostLabelNoise = 10;  // beyond 13 times a drawn size could be negative
 
 struct FitOptions {
   std::filesystem::path data, model, build_model, meshes;
@@ -150,7 +153,7 @@ void add_options(CLI::App& app, FitOptions& options) {
   app.add_option("--types", options.frame.types, "labels to fit: Car, Van")->capture_default_str();
   app.add_option("--label-noise", options.frame.label_noise,
                  "disturb the labels first: times 7 cm, 7 cm, 5 cm, 0.02 rad, 3 % of the size")
-      ->check(CLI::NonNegativeNumber)
+      ->check(within({0, kMostLabelNoise}))
       ->capture_default_str();
   app.add_option("--min-points", options.min_points, "fewer returns on a vehicle: its box is used")
       ->check(CLI::PositiveNumber)

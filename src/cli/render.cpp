@@ -8,8 +8,10 @@
 #include "base/error.h"
 #include "base/image_io.h"
 #include "cli/command.h"
+#include "cli/field_options.h"
 #include "cli/table.h"
 #include "exchange/gltf.h"
+#include "sensors/raster/limits.h"
 
 namespace mirage::cli {
 namespace {
@@ -129,11 +131,11 @@ void add_options(CLI::App& app, RenderOptions& options) {
       ->check(CLI::IsMember({"soft", "traced"}))
       ->capture_default_str();
   app.add_option("--sigma", options.sigma, "softness of edges, NDC² of the longer side")
-      ->check(CLI::PositiveNumber)
+      ->check(within({kSmallestSigma, kLargestSigma}))
       ->capture_default_str();
   app.add_option("--gamma", options.gamma,
                  "softness of depth, share of the scene's depth range (default: 3 cm of it)")
-      ->check(CLI::PositiveNumber);
+      ->check(within({kSmallestSigma, kLargestGamma}));
   app.add_option("--samples", options.samples, "samples a pixel along each side")
       ->check(CLI::Range(1, 32))
       ->capture_default_str();
@@ -145,6 +147,7 @@ void add_options(CLI::App& app, RenderOptions& options) {
   app.add_option("--color", options.color, "plain background, scene-linear R,G,B")
       ->delimiter(',')
       ->expected(3)
+      ->check(within(kShare))
       ->capture_default_str();
   app.add_option("--parts", options.parts,
                  "all, or adversary: without the stand-ins for host and ground (default over a photograph)")

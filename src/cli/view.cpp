@@ -6,7 +6,9 @@
 #include <memory>
 
 #include "cli/command.h"
+#include "cli/field_options.h"
 #include "cli/table.h"
+#include "cli/trust_option.h"
 
 namespace mirage::cli {
 namespace {
@@ -31,6 +33,8 @@ void add_options(CLI::App& app, ViewOptions& options) {
   app.add_option("--detector", settings.detector.detector, "with --run: who looks (default: the run's)");
   app.add_option("--weights", settings.detector.weights, "its weights (default: the run's)");
   app.add_option("--defense", settings.detector.defense, "its defence (default: the run's)");
+  add_overrides<FrameSource>(app, settings.asked, {"depth"});
+  add_trust_option(app, settings.trust);
   app.add_option("--size", settings.size,
                  "MB of the page at most: where it is too little, some of the points are left out")
       ->check(CLI::Range(0.1, 2000.0))

@@ -72,6 +72,9 @@ TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
                    at("some.weights") + run),
             0)
       << said();
+  EXPECT_EQ(mirage("view" + run), 2);
+  expect_line("view");
+  EXPECT_EQ(mirage("view --trust-run" + run), 0) << said();
   // The attack goes on by what the command line names, whatever run.json says meanwhile.
   change("depth", planted);
   change("detector", planted);
@@ -88,7 +91,7 @@ TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
     change("weights", "");
     change(key, planted);
     for (const std::string& command : std::vector<std::string>{"export", "evaluate", "validate", "tradeoff",
-                                                               "evaluate --hosts-of " + at("run")}) {
+                                                               "view", "evaluate --hosts-of " + at("run")}) {
       const bool needs_it = std::string(key) == "depth" || (command != "export" && command != "tradeoff");
       if (!needs_it) continue;
       EXPECT_EQ(mirage(command + run), 2) << command << " " << said();
@@ -100,8 +103,12 @@ TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
   // The test's own measure: it is loaded where the user says so, and is no plugin.
   change("detector", "fusion");
   change("depth", planted);
-  EXPECT_EQ(mirage("export --trust-run" + run), 2);
-  EXPECT_TRUE(marked());
+  for (const std::string& command : std::vector<std::string>{
+           "export --trust-run", "view --no-detector --trust-run", "view --no-detector --depth " + planted}) {
+    fs::remove(folder_ / "mark");
+    EXPECT_EQ(mirage(command + run), 2) << command;
+    EXPECT_TRUE(marked()) << command;
+  }
 }
 
 // A configuration is settings, which people pass on; code is named on the command line.
@@ -185,6 +192,24 @@ TEST_F(ForeignRuns, AnOutputFolderInUseNamesItsHolder) {
   EXPECT_TRUE(fs::exists(folder_ / "o/result.json"));
   EXPECT_FALSE(fs::exists(folder_ / "o/.mirage-lock"));
   EXPECT_FALSE(fs::exists(folder_ / "o/cut.png.mirage-999999999.tmp"));
+  // A page is written into a folder that holds other things: what lies deeper there is not the page's.
+  write_file(folder_ / ".mirage-lock", "process 4242 on elsewhere since yesterday\n");
+  const std::string view = "view --quiet --data " + at("o") + " --out " + at("page.html");
+  const int beside = open(at(".mirage-lock").c_str(), O_RDWR | O_CLOEXEC);
+  ASSERT_EQ(flock(beside, LOCK_EX), 0);
+  EXPECT_EQ(mirage(view), 1);
+  expect_line("view");
+  EXPECT_THAT(said(), AllOf(HasSubstr("process 4242 on elsewhere"), HasSubstr("--out")));
+  EXPECT_FALSE(fs::exists(folder_ / "page.html"));
+  close(beside);
+  const std::string dead = "page.html.mirage-999999999.tmp", deeper = "o/" + dead;
+  for (const std::string& name : {dead, deeper}) write_file(folder_ / name, "half");
+  EXPECT_EQ(mirage(view), 0) << said();
+  EXPECT_TRUE(fs::exists(folder_ / "page.html"));
+  EXPECT_TRUE(fs::exists(folder_ / "page.result.json"));
+  EXPECT_FALSE(fs::exists(folder_ / ".mirage-lock"));
+  EXPECT_FALSE(fs::exists(folder_ / dead));
+  EXPECT_TRUE(fs::exists(folder_ / deeper));
 }
 
 TEST_F(ForeignRuns, AnEditedRigDoesNotJoinAnOldSet) {
@@ -205,6 +230,27 @@ TEST_F(ForeignRuns, AnEditedRigDoesNotJoinAnOldSet) {
   EXPECT_FALSE(fs::exists(folder_ / "d/training/velodyne/000001.bin"));
   write_file(folder_ / "mine.toml", "# a comment is no other rig\n" + rig);
   EXPECT_EQ(generate("2"), 0) << said();
+  // A set without its rig has lost it; one that was stopped before dataset.json goes on.
+  fs::rename(folder_ / "d/rig.toml", folder_ / "kept.toml");
+  write_file(folder_ / "mine.toml", edited);
+  EXPECT_EQ(generate("3"), 2);
+  expect_line("generate");
+  EXPECT_THAT(said(), AllOf(HasSubstr("rig.toml"), HasSubstr("is missing"), HasSubstr("--out")));
+  EXPECT_FALSE(fs::exists(folder_ / "d/rig.toml"));
+  fs::rename(folder_ / "kept.toml", folder_ / "d/rig.toml");
+  fs::remove(folder_ / "d/dataset.json");
+  EXPECT_EQ(generate("3"), 2);
+  write_file(folder_ / "mine.toml", rig);
+  EXPECT_EQ(generate("3"), 0) << said();
+  EXPECT_TRUE(fs::exists(folder_ / "d/dataset.json"));
+}
+
+// By its signal the limit would end the process without a word.
+TEST_F(ForeignRuns, ALimitOnTheSizeOfFilesIsOneLine) {
+  const std::string generate = MIRAGE_BUILD "/mirage generate --frames 1 --quiet --out " + at("o");
+  EXPECT_EQ(test::shell(folder_, "ulimit -f 8; " + generate), 1);
+  expect_line("generate");
+  EXPECT_THAT(said(), HasSubstr("ulimit -f"));
 }
 
 TEST_F(ForeignRuns, NamesOfAnyBytesAreShownEscaped) {
@@ -218,6 +264,9 @@ TEST_F(ForeignRuns, NamesOfAnyBytesAreShownEscaped) {
   const std::string detect = "detect --detector " + kPlugins + "fake_works.so --weights " + at("w");
   ASSERT_EQ(mirage(detect + " --data '" + odd + "' --out '" + odd + "/o'"), 0) << said();
   EXPECT_EQ(read_json(fs::path(odd) / "o/detections.json").at("frames").at(0).at("frame"), "\\xe8");
+  ASSERT_EQ(mirage("view --data '" + odd + "' --out '" + odd + "/page.html'"), 0) << said();
+  EXPECT_THAT(said(), AllOf(HasSubstr("\\xff\\x1b[31m/page.html"), Not(HasSubstr("\xff"))));
+  EXPECT_THAT(read_file(fs::path(odd) / "page.html"), HasSubstr(R"("frames":["\\xe8"])"));
   ASSERT_EQ(mirage("simulate --frame missing --mesh m.glb --data '" + odd + "' --out '" + odd + "/o'"), 2);
   expect_line("simulate");
   // Blender is told of its files in JSON.
@@ -265,7 +314,17 @@ TEST_F(ForeignRuns, NumbersAndPathsThatNothingTakesAreRefusedAtOnce) {
            {"attack --data d --gamma 1e9", "--gamma"},
            {"attack --data d --checkpoint-every 0", "--checkpoint-every"},
            {"attack --data d --checkpoint-seconds -1", "--checkpoint-seconds"},
-           {"simulate --data d --frame 1 --mesh m --sigma 1e9", "--sigma"}}) {
+           {"simulate --data d --frame 1 --mesh m --sigma 1e9", "--sigma"},
+           {"render --scene s.glb --sigma 1e300", "--sigma"},
+           {"render --scene s.glb --sigma 1e-300", "--sigma"},
+           {"render --scene s.glb --sigma nan", "--sigma"},
+           {"render --scene s.glb --gamma 1e300", "--gamma"},
+           {"render --scene s.glb --color nan nan nan", "--color"},
+           {"render --scene s.glb --color 0,0,2", "--color"},
+           {"fit --data d --label-noise 1e300", "--label-noise"},
+           {"fit --data d --label-noise nan", "--label-noise"},
+           {"generate --seed 18446744073709551616", "--seed"},
+           {"generate --seed 99999999999999999999999", "--seed"}}) {
     EXPECT_EQ(mirage(arguments), 2) << arguments;
     expect_line(arguments);
     EXPECT_THAT(said(), HasSubstr(word)) << arguments;

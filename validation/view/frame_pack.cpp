@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/names.h"
 #include "detection/average_precision.h"
 #include "detection/jpeg_detector.h"
 #include "detection/points_in_view.h"
@@ -142,7 +143,7 @@ std::string container(const ViewFrame& view, const std::string& photo, const std
                     {"patch", blobs.add(encode_jpeg(attack.patch, kPatchQuality))}});
     about["attacks"].push_back(entry);
   }
-  const std::string text = about.dump();
+  const std::string text = json_text(about);
   return words({static_cast<std::uint32_t>(text.size())}) + text + blobs.bytes;
 }
 

@@ -16,6 +16,7 @@
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/interrupt.h"
+#include "base/names.h"
 #include "base/parallel.h"
 #include "base/progress.h"
 #include "detection/detect.h"
@@ -152,7 +153,7 @@ std::string element(const std::string& id, const std::string& type, const std::s
 
 /// JSON that may stand in a script element.
 std::string harmless(const json& value) {
-  std::string text = value.dump();
+  std::string text = json_text(value);
   for (std::size_t at = 0; (at = text.find('<', at)) != std::string::npos; at += 6)
     text.replace(at, 1, "\\u003c");
   return text;
@@ -167,7 +168,8 @@ json make_view(const ViewSettings& given) {
   std::map<std::string, std::vector<HostId>> hosts;
   std::vector<std::string> ids;
   if (!settings.run.empty()) {
-    run = read_run(settings.run);
+    run = read_run(settings.run, settings.trust);
+    override_settings(*run, settings.asked, settings.detector.seed);
     if (settings.data.empty()) settings.data = run->settings.data;
     require_own_data(*run, settings.data);
     run->settings.data = settings.data;

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "attack/run.h"
 #include "detection/detector.h"
 
 namespace mirage {
@@ -17,7 +18,9 @@ struct ViewSettings {
   /// The first so many; with a run the first frames with its test vehicles, then training ones. 0: all (of a
   /// run: all test frames).
   int frames = 0;
-  bool detect = true;  ///< with a run: its detector looks at the frames as recorded and attacked
+  Overrides asked;                ///< in place of the run's
+  TrustRun trust = TrustRun::no;  ///< of the run
+  bool detect = true;             ///< with a run: its detector looks at the frames as recorded and attacked
   /// Who looks; what is empty is the run's.
   DetectorOptions detector = {
       .detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0, .defense = ""};
