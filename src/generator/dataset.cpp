@@ -19,7 +19,7 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
                                 const std::filesystem::path& out,
                                 const std::function<void(std::size_t)>& tell, Truth truth) {
   make_output_folder(out);
-  const std::filesystem::path file = out / "dataset.json";
+  const std::filesystem::path file = out / "dataset.json", kept = out / "rig.toml";
   nlohmann::json about = {
       {"rig", rig.name}, {"seed", seed}, {"look", name_of(rig.look)}, {"generator", kGeneratorVersion}};
   if (std::filesystem::exists(file)) {
@@ -33,14 +33,17 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
             file.string(), key,
             fmt::format("is {}, asked for is {}", before.value(key, nlohmann::json()).dump(), value.dump()),
             "choose another --out folder");
+    if (!std::filesystem::exists(kept))
+      throw InputError(kept.string(), "", "is missing, and with it which rig drew the frames there",
+                       "restore the file or choose another --out folder");
   }
   // Other commands need the very LiDAR, not its name; and frames of an edited rig are not this set's.
-  const std::filesystem::path kept = out / "rig.toml";
   if (std::filesystem::exists(kept) && read_toml(kept) != parse_toml(rig.text, rig.name))
     throw InputError(kept.string(), "", "is not the rig " + rig.name + " as it is now",
                      "choose another --out folder, or restore the rig file");
-  write_json(file, about);
+  // The rig first: a set that was stopped between the two goes on, and one without its rig has lost it.
   write_file(kept, rig.text);
+  write_json(file, about);
 
   DatasetSummary sum;
   std::mutex mutex;

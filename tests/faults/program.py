@@ -90,7 +90,7 @@ def demand_same(out, reference):
 def demand_whole(out, reference, growing=("checkpoint.json", "loss.csv")):
     """What is there under its final name is finished."""
     for name, bytes_ in contents(out).items():
-        if name.startswith("scratch/"):
+        if name.startswith(".mirage-scratch/"):
             continue  # what is worked with, and removed at the end
         if name not in reference:
             demand(name.endswith((".tmp", ".part")) or "/." in "/" + name, f"{name} is no file of the command")

@@ -1,5 +1,6 @@
 """Files of the plots and pages on a disk that fills up: test_atomic.py SOURCE."""
 
+import errno
 import os
 import resource
 import signal
@@ -39,11 +40,15 @@ class Writing(unittest.TestCase):
             done = subprocess.run([sys.executable, "-B", "-c", script, REPORT, path], preexec_fn=small_files,
                                   capture_output=True, text=True, check=False)
             self.assertEqual(done.returncode, 1)
-            self.assertIn("page.html: File too large", done.stderr)
+            self.assertIn("page.html: File too large; check the path", done.stderr)
             self.assertEqual(done.stderr.count("\n"), 1)
             with open(path, encoding="utf-8") as file:
                 self.assertEqual(file.read(), "old")
             self.assertEqual(os.listdir(folder), ["page.html"])
+
+    def test_the_hint_is_that_of_the_error(self):
+        self.assertIn("space", atomic.fix_for(errno.ENOSPC))
+        self.assertIn("permissions", atomic.fix_for(errno.EACCES))
 
 
 unittest.main(argv=sys.argv[:1])

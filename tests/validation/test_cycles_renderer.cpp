@@ -11,6 +11,7 @@
 #include "fixture.h"
 #include "support/files.h"
 #include "validation/blender/cycles_renderer.h"
+#include "validation/blender/scratch_folder.h"
 #include "validation/fidelity/picture_errors.h"
 
 namespace mirage {
@@ -85,7 +86,7 @@ TEST(CyclesRenderer, AnAttackLooksAtItAndGoesOnToTheSameBits) {
   attack("parts", 4, true);
   for (const char* file : {"adversary.glb", "loss.csv"})
     EXPECT_EQ(read_file(folder / "whole" / file), read_file(folder / "parts" / file)) << file;
-  EXPECT_FALSE(std::filesystem::exists(folder / "whole/scratch"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "whole" / kScratchFolder));
 }
 
 }  // namespace

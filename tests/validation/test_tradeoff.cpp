@@ -14,6 +14,7 @@
 #include "simulation/quality.h"
 #include "support/files.h"
 #include "support/small_rig.h"
+#include "validation/blender/scratch_folder.h"
 #include "validation/tradeoff/attack_study.h"
 #include "validation/tradeoff/detector_study.h"
 #include "validation/tradeoff/points.h"
@@ -232,8 +233,18 @@ TEST(Tradeoff, AttacksOfEqualTimeAreJudgedByOne) {
   settings.detector.detector = MIRAGE_BUILD "/test_plugins/fake_works.so";
   settings.detector.weights = folder / "weights";
   settings.attack_seconds = 0.05;
+  write_file(settings.out / "attack_whole_passes/old.txt", "of an earlier study");
+  write_file(settings.out / "scratch/notes.txt", "the user's own");
   const auto rows = attack_study(settings);
   ASSERT_GE(rows.size(), 5u);
+  EXPECT_TRUE(std::filesystem::exists(settings.out / "attack_whole_passes/adversary.glb"));
+  EXPECT_FALSE(std::filesystem::exists(settings.out / "attack_whole_passes/old.txt"));
+  EXPECT_TRUE(std::filesystem::exists(settings.out / "scratch/notes.txt"));
+  EXPECT_FALSE(std::filesystem::exists(settings.out / kScratchFolder));
+  // One that does not come to its end leaves what was there.
+  write_file(settings.out / kScratchFolder, "in the way");
+  EXPECT_ANY_THROW(attack_study(settings));
+  EXPECT_TRUE(std::filesystem::exists(settings.out / "attack_quality_draft/adversary.glb"));
   for (const TimedAttack& row : rows) {
     EXPECT_GE(row.iterations, 1) << row.name;
     EXPECT_GE(row.asr.value, 0) << row.name;

@@ -9,6 +9,7 @@
 #include "base/ranks.h"
 #include "exchange/host_proxy.h"
 #include "validation/blender/host_scene.h"
+#include "validation/blender/scratch_folder.h"
 
 namespace mirage {
 
@@ -26,13 +27,13 @@ CyclesRenderer::~CyclesRenderer() {
   std::error_code ignored;
   for (const Worker& worker : workers_)
     if (!worker.scratch.empty()) fs::remove_all(worker.scratch, ignored);
-  fs::remove(settings_.out / "scratch", ignored);  // if no other process draws there
+  fs::remove(settings_.out / kScratchFolder, ignored);  // if no other process draws there
 }
 
 void CyclesRenderer::start(std::size_t index) {
   const std::string name = rank_count() * workers_.size() > 1 ? fmt::format("-{}-{}", rank(), index) : "";
   Worker& worker = workers_[index];
-  worker.scratch = settings_.out / "scratch" / ("cycles" + name);
+  worker.scratch = settings_.out / kScratchFolder / ("cycles" + name);
   fs::create_directories(worker.scratch);
   worker.blender =
       std::make_unique<BlenderWorker>(settings_.out / fmt::format("blender{}.log", name), settings_.program);

@@ -19,7 +19,7 @@ namespace mirage {
 class CyclesRenderer : public ObjectRenderer {
  public:
   struct Settings {
-    std::filesystem::path out;  ///< gets blender*.log, and a folder `scratch` as long as it lives
+    std::filesystem::path out;  ///< gets blender*.log, and kScratchFolder as long as it lives
     int samples = 16;           ///< a pixel
     int workers = 1;            ///< at most; they share this process's threads
     std::string program = "blender";

@@ -10,6 +10,7 @@
 #include "detection/reliance.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
+#include "validation/blender/scratch_folder.h"
 #include "validation/fidelity/arms.h"
 #include "validation/fidelity/host_validation.h"
 #include "validation/fidelity/lidar_ladder.h"
@@ -161,7 +162,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   scene.samples = context.settings.samples;
   scene.seed = context.settings.seed;
   scene.glb = out / "scenes" / (name + ".glb");
-  scene.scratch = out / "scratch";
+  scene.scratch = out / kScratchFolder;
   fs::create_directories(scene.scratch);
   write_scene(scene.glb, host_scene(frame, *scene.host, scene.rooftop, scene.adversary, name));
 

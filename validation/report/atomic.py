@@ -1,5 +1,6 @@
 """Files that are whole or not there, as src/base/files.cpp writes them. Needs nothing beside Python."""
 
+import errno
 import io
 import os
 import sys
@@ -30,12 +31,21 @@ def write(path, data):
         os.close(folder)
 
 
+def fix_for(number):
+    """How to mend it, as src/base/files.cpp says it."""
+    if number in (errno.ENOSPC, errno.EDQUOT):
+        return "free some space"
+    if number in (errno.EACCES, errno.EPERM, errno.EROFS):
+        return "check the permissions of the file and its folders"
+    return "check the path and the disk"
+
+
 def run(main, *arguments):
     """A script's main function, whose trouble with files is one line."""
     try:
         main(*arguments)
     except OSError as error:
-        sys.exit(f"{error.filename}: {error.strerror}; free some space or choose another folder")
+        sys.exit(f"{error.filename}: {error.strerror}; {fix_for(error.errno)} or choose another folder")
 
 
 def save_figure(figure, path, kind, **options):

@@ -9,6 +9,7 @@
 #include "detection/precision.h"
 #include "scene/data/data_rig.h"
 #include "simulation/quality.h"
+#include "validation/blender/scratch_folder.h"
 
 namespace mirage {
 namespace {
@@ -61,6 +62,7 @@ std::vector<TimedAttack> attack_study(const TradeoffSettings& settings) {
   const DetectorPool judges = load_detector_pool(options, attack.batch);
   SimulationSettings exact;
   apply_quality("exact", exact);
+  const std::filesystem::path scratch = settings.out / kScratchFolder;
   std::vector<TimedAttack> list = ways_to_attack(options);
   for (TimedAttack& timed : list) {
     throw_if_interrupted("the study goes on from its beginning");
@@ -69,10 +71,14 @@ std::vector<TimedAttack> attack_study(const TradeoffSettings& settings) {
     apply_quality(timed.quality, attack.simulation);
     std::string folder = "attack " + timed.name;
     std::replace(folder.begin(), folder.end(), ' ', '_');
-    attack.out = settings.out / folder;
+    // An earlier study's attack stays until this one is finished, whatever ends it before.
+    const std::filesystem::path place = settings.out / folder;
+    attack.out = scratch / folder;
     std::filesystem::remove_all(attack.out);
     const AttackResult result = run_attack(attack, load_detector_pool(timed.detector, attack.batch));
-    const Run run = read_run(attack.out);
+    std::filesystem::remove_all(place);
+    std::filesystem::rename(attack.out, place);
+    const Run run = read_run(place);
     FrameStore store(attack);
     EvaluationSettings by;
     by.quiet = settings.quiet;
@@ -82,6 +88,8 @@ std::vector<TimedAttack> attack_study(const TradeoffSettings& settings) {
     timed.vehicles = judged.vehicles;
     timed.fn_asr = judged.fn_interval, timed.fp_asr = judged.fp_interval, timed.asr = judged.asr_interval;
   }
+  std::error_code ignored;
+  std::filesystem::remove_all(scratch, ignored);
   return list;
 }
 

@@ -27,9 +27,10 @@ struct TimedAttack {
 nlohmann::json to_json(const TimedAttack& attack);
 
 /// For each quality, then for whole passes, bfloat16 and a locality of 4 m at the default quality: an attack
-/// of settings.attack_seconds of iterations on the data set's training vehicles (OUT/attack_NAME, made anew),
-/// then its success on the held-back ones, simulated at `exact` and detected in float over what the object
-/// changes for all alike. What the attacks reach depends on the machine. None if attack_seconds is 0.
+/// of settings.attack_seconds of iterations on the data set's training vehicles (made anew; once it is
+/// finished it is OUT/attack_NAME), then its success on the held-back ones, simulated at `exact` and detected
+/// in float over what the object changes for all alike. What the attacks reach depends on the machine. None
+/// if attack_seconds is 0.
 std::vector<TimedAttack> attack_study(const TradeoffSettings& settings);
 
 }  // namespace mirage

@@ -13,6 +13,7 @@
 #include "base/logging.h"
 #include "scene/data/data_rig.h"
 #include "validation/blender/blender_process.h"
+#include "validation/blender/scratch_folder.h"
 #include "validation/process.h"
 #include "validation/tradeoff/cycles_study.h"
 #include "validation/tradeoff/depth_points.h"
@@ -50,7 +51,7 @@ std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const
     hosts.push_back(
         {&prepared, &label_of(prepared.frame, id), store.rooftop(id), subjects.adversary, host_name(id)});
   }
-  const auto scratch = settings.out / "scratch";
+  const auto scratch = settings.out / kScratchFolder;
   auto points = cycles_study(blender, hosts, {}, settings.cycles_samples, settings.seed, scratch);
   std::error_code ignored;
   std::filesystem::remove_all(scratch, ignored);
