@@ -114,7 +114,7 @@ AttackResult run_attack(const AttackSettings& settings) {
   if (const GivenDetector* given = given_detector(); given && is_given(settings.detector))
     known.weights_hash = given->content;
   else if (!settings.detector.fresh && !is_given(settings.detector))
-    known.weights_hash = file_hash(weights_file(settings.detector));
+    known.weights_hash = weights_hash(settings.detector);
   return run_attack(known, load_detector_pool(known.detector, settings.batch));
 }
 

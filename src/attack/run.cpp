@@ -136,7 +136,7 @@ void use_detector_of(const Run& run, DetectorOptions& options) {
   const bool same =
       options.detector == (refused.detector.empty() ? run.settings.detector.detector : refused.detector);
   if (options.defense.empty())
-    options.defense = same && (options.weights.empty() || run.settings.detector.defense.starts_with("jpeg:"))
+    options.defense = same && (options.weights.empty() || stands_around(run.settings.detector.defense))
                           ? run.settings.detector.defense
                           : "none";
   if (!options.weights.empty() || !same || options.defense != run.settings.detector.defense) return;

@@ -1,12 +1,12 @@
 // mirage defend: fine-tunes a detector to resist.
 #include <memory>
 
-#include "base/error.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
 #include "cli/table.h"
 #include "defense/adversarial_training.h"
+#include "detection/precision.h"
 
 namespace mirage::cli {
 namespace {
@@ -16,24 +16,9 @@ struct DefendOptions {
   std::string method = "adversarial";
 };
 
-/// The words of --method and of the shipped weights.
-void apply_method(const std::string& method, DefenseSettings& settings) {
-  if (method == "denoising") {
-    settings.detector.parts = {"denoising"};
-  } else if (method == "depth-gate" || method == "adversarial-depth-gate") {
-    settings.detector.parts = {"depth-gate"};
-    if (method == "depth-gate") settings.adversary_updates = 0;
-  } else if (method != "adversarial") {
-    throw InputError(
-        "--method", method, "unknown defence",
-        "use adversarial, denoising, depth-gate or adversarial-depth-gate (JPEG needs no training: "
-        "--defense jpeg:QUALITY)");
-  }
-}
-
 nlohmann::json run(const DefendOptions& options, const Common& common) {
   DefenseSettings settings = options.settings;
-  apply_method(options.method, settings);
+  set_method(options.method, settings);
   take_common(settings, common);
   settings.detector = with_common(settings.detector, common, settings.data);
   const DefenseResult result = train_defended(settings);
@@ -71,15 +56,20 @@ Command defend_command() {
   auto options = std::make_shared<DefendOptions>();
   return Command{
       .name = "defend",
-      .help = "fine-tunes a detector to resist: adversarial training, feature denoising, depth gate",
+      .help =
+          "fine-tunes a detector to resist: adversarial training, feature denoising, depth gate; and "
+          "controls",
       .default_out = "out/defend",
       .options =
           [options](CLI::App& app) {
             add_fields(app, options->settings, {"minutes"});  // a run is of so many steps
+            app.get_option("--precision")->check(CLI::IsMember({kFloat, kBfloat16}));
             app.add_option("--method", options->method,
                            "adversarial (free adversarial training); denoising (the same with non-local "
-                           "means in the image branch); depth-gate (fusion weighs image features by "
-                           "agreement in depth, trained clean); adversarial-depth-gate (both)")
+                           "means on image features); depth-gate (fusion weighs image features by "
+                           "agreement in depth, trained clean); controls: "
+                           "roof-objects (random meshes in the adversary's place), picture-dropout (half of "
+                           "the samples without their picture)")
                 ->capture_default_str();
           },
       .run = [options](const Common& common) { return run(*options, common); },

@@ -38,6 +38,9 @@ nlohmann::json read_claims(const std::filesystem::path& file) {
 /// Puts what was measured under the weights' name into the file that the tests hold it against.
 void write_claim(const std::filesystem::path& file, const DetectorOptions& detector,
                  const std::filesystem::path& data, const Reliance& reliance) {
+  if (stands_around(detector.defense))
+    throw FieldError("claim", file.string(), "is of weights, and the defence stands around them",
+                     "leave --defense or --claim out");
   const std::filesystem::path weights = weights_file(detector);
   nlohmann::json claims = read_claims(file);
   claims[weights.stem().string()] = to_json(reliance);

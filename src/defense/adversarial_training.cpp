@@ -2,13 +2,16 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "attack/attack_step.h"
+#include "attack/baseline.h"
 #include "base/error.h"
 #include "base/field_json.h"
 #include "base/files.h"
 #include "base/logging.h"
+#include "base/random.h"
 #include "base/training_loop.h"
 #include "detection/training_data.h"
 #include "exchange/gltf.h"
@@ -56,10 +59,12 @@ fs::path adversary_file(const fs::path& out, std::int64_t step) {
   return out / fmt::format("adversary-{}.json", step);
 }
 
-/// FieldError if the parts, all of them of a network that sees the picture, are asked of another.
-void check_parts(const std::vector<std::string>& parts, const Detector& detector) {
-  if (!parts.empty() && !detector.capabilities().reads_image)
-    throw FieldError("method", parts.front(), "is of the image branch, and " + detector.name() + " has none",
+/// FieldError if what is of a network that sees the picture is asked of another.
+void check_parts(const DefenseSettings& settings, const Detector& detector) {
+  const auto& parts = settings.detector.parts;
+  if ((!parts.empty() || settings.left_out > 0) && !detector.capabilities().reads_image)
+    throw FieldError("method", parts.empty() ? "left out picture" : parts.front(),
+                     "is of the image branch, and " + detector.name() + " has none",
                      "use adversarial, or --detector fusion");
 }
 
@@ -86,22 +91,26 @@ class DefenseTraining {
   /// The samples of a step: those that carry the adversary first. They depend on (seed, step) and the mesh.
   std::vector<PreparedSample> samples(std::int64_t step, const TexturedMesh& adversary) {
     const auto batch = order_->batch(step);
-    const auto attacked = settings_.adversary_updates > 0
+    const bool random = settings_.carried == Carried::random;
+    const auto attacked = random || settings_.adversary_updates > 0
                               ? static_cast<std::size_t>(std::lround(settings_.attacked * settings_.batch))
                               : 0;
     std::vector<PreparedSample> result(batch.size());
     parallel_for(batch.size(), [&](std::size_t i) {
       const Host& host = hosts_[batch[i]];
       const auto prepared = store_.get(host.id.frame);
+      const auto index = static_cast<std::uint64_t>(step) * batch.size() + i;
       Frame frame = prepared->frame;
       if (i < attacked) {
-        const Simulated simulated = simulate(*prepared, label_of(prepared->frame, host.id), host.rooftop,
-                                             adversary, attack_.simulation);
+        const Simulated simulated = simulate(
+            *prepared, label_of(prepared->frame, host.id), host.rooftop,
+            random ? random_load(settings_.seed, index, attack_.limits) : adversary, attack_.simulation);
         frame.image = simulated.image;
         frame.sweep = simulated.sweep;
       }
-      const auto index = static_cast<std::uint64_t>(step) * batch.size() + i;
       result[i] = prepared_sample(compact(frame, region_), random_pose(settings_.seed, index), region_);
+      if (RandomStream(settings_.seed, "picture left out", index).uniform() < settings_.left_out)
+        result[i].image = {};
     });
     return result;
   }
@@ -115,7 +124,58 @@ class DefenseTraining {
   std::optional<HostOrder> order_;  ///< known once the hosts are
 };
 
+struct Method {
+  const char* word;
+  std::vector<std::string> parts;  ///< added to the network
+  void (*set)(DefenseSettings&);
+};
+
+const std::vector<Method>& methods() {
+  static const auto adversarial = [](DefenseSettings&) {};
+  static const auto clean = [](DefenseSettings& settings) { settings.adversary_updates = 0; };
+  static const std::vector<Method> all = {
+      {"adversarial", {}, adversarial},
+      {"denoising", {"denoising"}, adversarial},
+      {"depth-gate", {"depth-gate"}, clean},
+      {"roof-objects", {}, [](DefenseSettings& settings) { settings.carried = Carried::random; }},
+      {"picture-dropout", {}, [](DefenseSettings& settings) {
+         settings.adversary_updates = 0;
+         settings.left_out = 0.5;
+       }}};
+  return all;
+}
+
 }  // namespace
+
+const std::vector<std::string>& defense_methods() {
+  static const std::vector<std::string> words = [] {
+    std::vector<std::string> all;
+    for (const Method& method : methods()) all.emplace_back(method.word);
+    return all;
+  }();
+  return words;
+}
+
+void set_method(const std::string& word, DefenseSettings& settings) {
+  const auto known = std::find_if(methods().begin(), methods().end(),
+                                  [&](const Method& method) { return word == method.word; });
+  if (known == methods().end())
+    throw FieldError("method", word, "unknown defence",
+                     "use " + fmt::format("{}", fmt::join(defense_methods(), ", ")) +
+                         " (JPEG and consistency need no training: --defense)");
+  settings.detector.parts = known->parts;
+  known->set(settings);
+}
+
+TexturedMesh random_load(std::uint64_t seed, std::uint64_t index, const AdversaryLimits& limits) {
+  RandomStream random(seed, "things on roofs", index);
+  TexturedMesh mesh = random_adversary(random.next_u32(), limits);
+  Vec3d half;
+  for (int axis = 0; axis < 3; ++axis) half[axis] = random.uniform(0.5, 1) * limits.half[axis];
+  fit_bounds(mesh.mesh, Eigen::AlignedBox3d(-half, half));
+  paint_patches(mesh, 1 + random.below(40), random.next_u32());
+  return mesh;
+}
 
 DefenseResult train_defended(const DefenseSettings& settings) {
   check_fields(settings);
@@ -124,7 +184,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
   load.threads = settings.threads;
   load.weights = weights_file(settings.detector);
   auto pool = shared_pool(load, settings.adversary_batch);
-  check_parts(load.parts, *pool.front());
+  check_parts(settings, *pool.front());
   make_output_folder(settings.out);
   DefenseTraining training(settings, pool.front()->region());
   const nlohmann::json wanted = identity(settings, training.attack(), training.hosts());
@@ -159,7 +219,8 @@ DefenseResult train_defended(const DefenseSettings& settings) {
   work.follow = 0.05;
   work.tell_every = 10;
   work.learn = [&](std::int64_t step, double rate) {
-    for (int k = 0; k < settings.adversary_updates; ++k) row = stepper.step(adversary);
+    if (settings.carried == Carried::adversary)
+      for (int k = 0; k < settings.adversary_updates; ++k) row = stepper.step(adversary);
     const auto samples = training.samples(step, adversary.adversary);
     const TrainingLoss loss = pool.front()->train_step(views_of(samples), rate);
     return std::array{loss.total, loss.score, loss.box};

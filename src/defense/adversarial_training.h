@@ -6,16 +6,36 @@
 // moment (attack/attack_step.h: any vehicle, both sensors) before each step of the model. Training starts
 // from clean weights. Part of every batch stays clean, so that the detector does not forget the world as it
 // is.
+//
+// Two controls separate what such a training gains from what else it changes: samples that carry random
+// meshes (the detector has merely seen things on roofs), and samples that leave the picture out (it has
+// learned to do without).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
+#include <string>
+#include <vector>
 
+#include "attack/adversary.h"
 #include "detection/average_precision.h"
 #include "detection/training.h"
 #include "scene/frame_source.h"
 
 namespace mirage {
+
+/// What the attacked samples of a training carry on a roof. adversary: the mesh that learns meanwhile.
+/// random: each one its own random mesh (random_load), and nothing learns but the model.
+enum class Carried { adversary, random };
+constexpr auto words_of(Carried) {
+  return std::to_array<const char*>({"adversary", "random"});
+}
+
+/// A mesh as nobody learned it: the paper's random one (random_adversary), stretched along each axis to
+/// between half of the box and all of it, in 1 to 40 patches of random colours. Depends on (seed, index)
+/// alone.
+TexturedMesh random_load(std::uint64_t seed, std::uint64_t index, const AdversaryLimits& limits);
 
 /// What adversarial training starts from, how long it goes on, and how strong its adversary is.
 struct DefenseSettings : FrameSource, TrainingSchedule {
@@ -27,9 +47,12 @@ struct DefenseSettings : FrameSource, TrainingSchedule {
   std::filesystem::path validation;  ///< may be empty
   /// Where training starts (empty weights: the shipped clean ones) and what is added to the network (parts).
   DetectorOptions detector;
-  double attacked = 0.5;                         ///< share of a batch that carries the adversary (rounded)
-  int adversary_updates = 5;                     ///< a step of the model; 0: none, and every sample is clean
-  int adversary_batch = 2;                       ///< hosts an update
+  Carried carried = Carried::adversary;
+  double attacked = 0.5;  ///< share of a batch that carries a mesh (rounded)
+  double left_out = 0;    ///< share of the samples without their picture (drawn)
+  int adversary_updates =
+      5;                    ///< a step of the model; 0: none, and without random meshes every sample is clean
+  int adversary_batch = 2;  ///< hosts an update
   double vertex_rate = 5e-3, texel_rate = 2e-2;  ///< of the adversary
   std::size_t validation_frames = 0;             ///< only the first N (0: all)
 };
@@ -45,9 +68,16 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "where training starts (default: the shipped clean ones for the data set's rig)",
          .decides = false},
         s.detector.weights);
+  visit({.name = "precision",
+         .help = "of convolutions, in training and in the adversary's gradient: float or bfloat16 (float "
+                 "where the processor lacks it)",
+         .written = s.detector.precision != kFloat,
+         .check = check_precision},
+        s.detector.precision);
   visit_fields(visit, as_base<TrainingSchedule>(s));
-  visit({.name = "attacked", .help = "share of a batch that carries the adversary", .range = kShare},
-        s.attacked);
+  visit({.name = "carried", .option = "", .written = s.carried != Carried::adversary}, s.carried);
+  visit({.name = "attacked", .help = "share of a batch that carries a mesh", .range = kShare}, s.attacked);
+  visit({.name = "left_out", .range = kShare, .option = "", .written = s.left_out > 0}, s.left_out);
   visit({.name = "adversary_updates",
          .help = "updates of the adversary before each of the model",
          .range = kNotNegative},
@@ -72,6 +102,12 @@ struct DefenseResult {
   bool validated = false;
   PrecisionRecall at50_before, at70_before, at50, at70;  ///< clean, on `validation`
 };
+
+/// The words of `mirage defend --method` and of the weights that come of it.
+const std::vector<std::string>& defense_methods();
+/// What the method is of the settings: parts, what is carried, what is left out. FieldError naming method for
+/// a word that is none.
+void set_method(const std::string& method, DefenseSettings& settings);
 
 /// Trains, or goes on from the newest checkpoint in `out` (of the same settings, or InputError), to the same
 /// result. FieldError for settings out of range and for parts that the detector cannot have, InputError for

@@ -153,8 +153,9 @@ struct DetectorOptions {
   /// m; > 0: of a view with a clean one, what the detector makes of places further than this from what the
   /// object changes is left as it was: quicker, and no longer exact. 0: nothing is left out.
   double locality = 0;
-  /// "none"; "jpeg:QUALITY" (1–100): the picture is compressed before the detector sees it; any other word
-  /// chooses shipped weights that were trained to resist, DETECTOR-RIG-WORD.weights.
+  /// "none"; "jpeg:QUALITY" (1–100): the picture is compressed before the detector sees it; "consistency":
+  /// held against what each sensor says alone (detection/consistent_detector.h); any other word chooses
+  /// shipped weights that were trained to resist, DETECTOR-RIG-WORD.weights.
   std::string defense = "none";
   /// Parts of a fresh or starting network, where the plugin has them: "denoising", "depth-gate"
   /// (detector_abi.h).
@@ -178,8 +179,9 @@ void visit_fields(Visitor& visit, S& s) {
          .word = kRealWeights},
         s.weights);
   visit({.name = "defense",
-         .help = "what the detector is defended by: none, jpeg:QUALITY, or shipped weights of mirage defend "
-                 "(adversarial, denoising, depth-gate, adversarial-depth-gate)"},
+         .help = "what the detector is defended by: none, jpeg:QUALITY, consistency (with the lidar and the "
+                 "camera detector), or shipped weights of mirage defend (adversarial, denoising, depth-gate, "
+                 "roof-objects, picture-dropout)"},
         s.defense);
   visit({.name = "clean_memory",
          .help = "MB of what the detector makes of frames without the object that are kept, so that only "
@@ -203,6 +205,18 @@ void visit_fields(Visitor& visit, S& s) {
 
 /// The weights file that load_detector would read (empty for fresh ones). Errors as load_detector's.
 std::filesystem::path weights_file(const DetectorOptions& options);
+
+/// What load_detector loads beside the detector, as options of their own: the witnesses of "consistency",
+/// for everybody else none. They are the rig's shipped ones, those fine-tuned on real frames for the word
+/// kRealWeights where there are any. Errors as weights_file's.
+std::vector<DetectorOptions> witnesses(const DetectorOptions& options);
+
+/// Whether the defence stands around a detector of any weights ("jpeg:QUALITY", "consistency"); others are
+/// weights.
+bool stands_around(const std::string& defense);
+
+/// Of the content of all weights that load_detector would read. Errors as weights_file's.
+std::string weights_hash(const DetectorOptions& options);
 
 /// The plugin that load_detector would open. Errors as load_detector's.
 std::filesystem::path plugin_file(const DetectorOptions& options);

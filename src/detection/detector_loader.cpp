@@ -11,6 +11,7 @@
 #include "base/logging.h"
 #include "base/parallel.h"
 #include "base/shared_library.h"
+#include "detection/consistent_detector.h"
 #include "detection/detector.h"
 #include "detection/detector_abi.h"
 #include "detection/detector_words.h"
@@ -291,39 +292,47 @@ int jpeg_quality(const std::string& defense) {
 /// empty for the plain ones. InputError for what can be no such word.
 std::string weights_word(const DetectorOptions& options) {
   const std::string& defense = options.defense;
-  if (defense.empty() || defense == "none" || jpeg_quality(defense) > 0)
+  if (defense.empty() || defense == "none" || stands_around(defense))
     return options.weights == kRealWeights ? std::string("-") + kRealWeights : "";
   if (defense == kRealWeights ||
       defense.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") != std::string::npos)
-    throw FieldError("defense", defense, "is no defence",
-                     "use none, jpeg:QUALITY or the word of shipped weights, such as adversarial");
+    throw FieldError(
+        "defense", defense, "is no defence",
+        "use none, jpeg:QUALITY, consistency or the word of shipped weights, such as adversarial");
   if (!options.weights.empty())
     throw FieldError("defense", defense, "chooses weights, and so does --weights", "give one of the two");
   return "-" + defense;
 }
 
+/// The detector's part of its weights' names.
+std::string weights_name(const DetectorOptions& options) {
+  return fs::path(options.detector).extension() == ".so" ? fs::path(options.detector).stem().string()
+                                                         : options.detector;
+}
+
+/// Where weights that ship beside the plugin lie, by the options' words; whether they are there or not.
+fs::path shipped_weights(const DetectorOptions& options, const fs::path& plugin) {
+  return plugin.parent_path() / "weights" /
+         (weights_name(options) + "-" + options.rig + weights_word(options) + ".weights");
+}
+
 fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
-  const std::string name = fs::path(options.detector).extension() == ".so"
-                               ? fs::path(options.detector).stem().string()
-                               : options.detector;
   const bool real = options.weights == kRealWeights;
   const std::string word = weights_word(options);
-  const fs::path file = real || options.weights.empty() ? plugin.parent_path() / "weights" /
-                                                              (name + "-" + options.rig + word + ".weights")
-                                                        : options.weights;
+  const fs::path file = real || options.weights.empty() ? shipped_weights(options, plugin) : options.weights;
   if (fs::is_regular_file(file)) return file;
   if (real)
     throw InputError(file.string(), "",
-                     "there are no shipped weights of " + name + " for the rig " + options.rig +
-                         " that were fine-tuned on real frames",
+                     "there are no shipped weights of " + weights_name(options) + " for the rig " +
+                         options.rig + " that were fine-tuned on real frames",
                      "leave --weights out, or give a file (one named real as ./real)");
   if (options.weights.empty() && options.detector == "torchscript")
     throw FieldError("weights", "", "a torchscript detector has no shipped weights",
                      "name the model that you exported: --weights MODEL.pt");
   if (options.weights.empty())
     throw InputError(file.string(), "",
-                     "there are no shipped weights of " + name + " for the rig " + options.rig +
-                         (word.empty() ? "" : " with the defence " + options.defense),
+                     "there are no shipped weights of " + weights_name(options) + " for the rig " +
+                         options.rig + (word.empty() ? "" : " with the defence " + options.defense),
                      word.empty()
                          ? "name a weights file with --weights (one of another rig may do), or train one "
                            "with mirage train"
@@ -336,6 +345,35 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
 
 fs::path weights_file(const DetectorOptions& options) {
   return options.fresh ? fs::path() : find_weights(options, plugin_file(options));
+}
+
+std::vector<DetectorOptions> witnesses(const DetectorOptions& options) {
+  std::vector<DetectorOptions> all;
+  if (options.defense != kConsistency) return all;
+  for (const char* word : {"lidar", "camera"}) {
+    DetectorOptions& its = all.emplace_back();
+    its.detector = word;
+    its.seed = options.seed;
+    its.threads = options.threads;
+    its.rig = options.rig;
+    its.precision = options.precision;
+    its.locality = options.locality;
+    its.clean_memory_mb = options.clean_memory_mb;
+    if (options.weights != kRealWeights) continue;
+    its.weights = kRealWeights;  // where there are any
+    if (!fs::exists(shipped_weights(its, plugin_file(its)))) its.weights.clear();
+  }
+  return all;
+}
+
+bool stands_around(const std::string& defense) {
+  return defense == kConsistency || jpeg_quality(defense) > 0;
+}
+
+std::string weights_hash(const DetectorOptions& options) {
+  std::string hash = file_hash(weights_file(options));
+  for (const DetectorOptions& other : witnesses(options)) hash += file_hash(weights_file(other));
+  return options.defense == kConsistency ? content_hash(hash) : hash;
 }
 
 namespace {
@@ -369,19 +407,29 @@ std::unique_ptr<Detector> load_given_detector(const DetectorOptions& options) {
   if (!options.weights.empty())
     throw FieldError("weights", options.weights.string(), "a detector given in Python has no weights file",
                      "leave it out");
-  if (!weights_word(options).empty())
+  if (!weights_word(options).empty() || options.defense == kConsistency)
     throw FieldError("defense", options.defense, "chooses shipped weights, which a given detector has not",
                      "use none or jpeg:QUALITY");
   return given->make();
 }
 
+/// The detector behind the defence that its options name.
+std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const DetectorOptions& options) {
+  if (const int quality = jpeg_quality(options.defense); quality > 0)
+    return behind_jpeg(std::move(detector), quality);
+  if (options.defense != kConsistency) return detector;
+  const auto others = witnesses(options);
+  return with_witnesses(std::move(detector), load_detector(others[0]), load_detector(others[1]));
+}
+
 }  // namespace
 
-std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
+std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
+  DetectorOptions options = given_options;
+  if (options.defense == kConsistency) options.clean_memory_mb /= 3;  // of three detectors
   if (is_given(options)) {
-    const int quality = jpeg_quality(options.defense);
     auto detector = load_given_detector(options);
-    return quality > 0 ? behind_jpeg(std::move(detector), quality) : std::move(detector);
+    return defended(std::move(detector), options);
   }
   const Plugin plugin = open_detector(plugin_file(options));
   const bool by_path = fs::path(options.detector).extension() == ".so";
@@ -413,8 +461,7 @@ std::unique_ptr<Detector> load_detector(const DetectorOptions& options) {
   if (const Capabilities can = detector->capabilities(); !can.finds_bev && !can.finds_picture)
     throw InputError(plugin.file.string(), "capabilities", "the detector finds no boxes",
                      "let it tell MIRAGE_FINDS_BEV or MIRAGE_FINDS_PICTURE");
-  const int quality = jpeg_quality(options.defense);
-  return quality > 0 ? behind_jpeg(std::move(detector), quality) : std::move(detector);
+  return defended(std::move(detector), options);
 }
 
 }  // namespace mirage

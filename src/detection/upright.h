@@ -3,13 +3,11 @@
 
 #include <span>
 
+#include "detection/car_in_picture.h"
 #include "geometry/box.h"
 #include "sensors/lidar_model.h"
 
 namespace mirage {
-
-/// KITTI's mean car's (m).
-inline constexpr double kNominalHeight = 1.53;
 
 /// The box with bottom and height from the sweep. Bottom: the 5 % quantile of the returns in and up to 0.5 m
 /// around it (up to 6 m where there are fewer than 15; of the whole sweep, where there are none). Height:

@@ -261,9 +261,11 @@ std::string detector_identity(const DetectorOptions& options) {
   if (options.fresh || is_given(options)) return "";
   std::string parts;
   for (const std::string& part : options.parts) parts += part + ",";
-  return fmt::format("{} {} {} {} {} {} {} {}", options.detector, file_identity(plugin_file(options)),
+  std::string others;
+  for (const DetectorOptions& other : witnesses(options)) others += " with " + detector_identity(other);
+  return fmt::format("{} {} {} {} {} {} {} {}{}", options.detector, file_identity(plugin_file(options)),
                      file_identity(weights_file(options)), options.defense, parts,
-                     usable_precision(options.precision), options.locality, options.start);
+                     usable_precision(options.precision), options.locality, options.start, others);
 }
 
 }  // namespace mirage

@@ -336,7 +336,7 @@ TEST(Precision, FallsBackToFloatWithoutTheInstructions) {
 }
 
 TEST(WholePasses, SayWhyTheyAreWhole) {
-  EXPECT_NE(detector_of("fusion", false, "denoising")->capabilities().why_whole.find("norm"),
+  EXPECT_NE(detector_of("fusion", false, "denoising")->capabilities().why_whole.find("non-local"),
             std::string::npos);
   EXPECT_NE(detector_of("fusion", false, "jpeg:50")->capabilities().why_whole.find("compressed"),
             std::string::npos);

@@ -122,7 +122,67 @@ TEST(Defense, WithoutAdversaryEverySampleIsClean) {
   EXPECT_EQ(read_adversary(folder / "out/adversary.glb").mesh.vertices, initial_adversary({}).mesh.vertices);
 }
 
+TEST(Defense, RandomMeshesTeachTheModelAndNothingElseLearns) {
+  TemporaryFolder folder;
+  DefenseSettings settings = tiny(folder, "random");
+  set_method("roof-objects", settings);
+  train_defended(settings);
+  EXPECT_EQ(read_adversary(folder / "random/adversary.glb").mesh.vertices,
+            initial_adversary({}).mesh.vertices);
+  DefenseSettings clean = tiny(folder, "clean");
+  clean.adversary_updates = 0;
+  train_defended(clean);
+  // What it saw was not the frames alone.
+  EXPECT_NE(read_file(folder / "random/fusion.weights"), read_file(folder / "clean/fusion.weights"));
+}
+
+TEST(Defense, ShareOfPicturesLeftOutChangesWhatIsLearned) {
+  TemporaryFolder folder;
+  const auto image_weights = [&](const std::string& out, double left_out) {
+    DefenseSettings settings = tiny(folder, out);
+    settings.adversary_updates = 0;
+    settings.left_out = left_out;
+    train_defended(settings);
+    return read_file(folder / out / "fusion.weights");
+  };
+  const std::string all = image_weights("all", 0), half = image_weights("half", 0.5),
+                    none = image_weights("none", 1);
+  EXPECT_NE(all, half);
+  EXPECT_NE(half, none);
+}
+
 #endif
+
+TEST(Defense, RandomLoadsFillHalfOfTheBoxToAllOfIt) {
+  const AdversaryLimits limits;
+  Vec3d least = Vec3d::Constant(1e9), most = Vec3d::Zero();
+  for (std::uint64_t index = 0; index < 40; ++index) {
+    const TexturedMesh mesh = random_load(3, index, limits);
+    const Vec3d half = half_lengths(mesh.mesh).cwiseQuotient(limits.half);
+    least = least.cwiseMin(half);
+    most = most.cwiseMax(half);
+    EXPECT_EQ(mesh.mesh.vertices, random_load(3, index, limits).mesh.vertices);
+  }
+  EXPECT_GE(least.minCoeff(), 0.5);
+  EXPECT_LE(most.maxCoeff(), 1.0);
+  EXPECT_LT(least.maxCoeff(), 0.65);
+  EXPECT_GT(most.minCoeff(), 0.85);
+  EXPECT_NE(random_load(3, 0, limits).mesh.vertices, random_load(4, 0, limits).mesh.vertices);
+}
+
+TEST(Defense, EveryMethodHasItsSettings) {
+  for (const std::string& word : defense_methods()) {
+    DefenseSettings settings;
+    set_method(word, settings);
+    EXPECT_EQ(word.find("denoising") != std::string::npos,
+              settings.detector.parts == std::vector<std::string>{"denoising"});
+    EXPECT_EQ(word.find("depth-gate") != std::string::npos,
+              settings.detector.parts == std::vector<std::string>{"depth-gate"});
+    EXPECT_EQ(word == "roof-objects", settings.carried == Carried::random);
+    EXPECT_EQ(word == "picture-dropout", settings.left_out > 0);
+    EXPECT_EQ(word == "picture-dropout" || word == "depth-gate", settings.adversary_updates == 0);
+  }
+}
 
 }  // namespace
 }  // namespace mirage

@@ -202,6 +202,12 @@ TEST_F(Findings, Defences) {
               testing::AllOf(HasSubstr("25 % of the misses"), HasSubstr("50 % of the false")));
   judged("kitti64-fusion-both-jpeg50", {120, 5, 1, 0});
   EXPECT_EQ(only("jpeg").verdict, Verdict::fails);
+  judged("kitti64-fusion-both-roof-objects", {120, 5, 3, 1});
+  EXPECT_EQ(only("roof-objects").verdict, Verdict::holds);
+  judged("kitti64-fusion-both-roof-objects", {120, 5, 1, 1});  // having seen things is all there was to it
+  EXPECT_NE(only("roof-objects").verdict, Verdict::holds);
+  judged("kitti64-fusion-both-consistency", {120, 5, 1, 0});
+  EXPECT_EQ(only("consistency").verdict, Verdict::holds);
 }
 
 }  // namespace

@@ -20,6 +20,7 @@
 #include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_rooftop.h"
 #include "simulation/quality.h"
+#include "validation/blender/scratch_folder.h"
 #include "validation/fidelity/vehicle_validation.h"
 
 namespace mirage {
@@ -138,7 +139,7 @@ std::string validation_key(const ValidationSettings& settings, const Run& run, c
                        settings.seed, settings.evaluation_settings.score_threshold,
                        rooftop_model_hash(source.rooftop), source.sun, depth_identity({source.depth}));
   for (const fs::path& program : renderer_programs()) bytes += file_hash(program);
-  return content_hash(bytes + file_hash(weights_file(d)));
+  return content_hash(bytes + weights_hash(d));
 }
 
 std::vector<HostId> select_hosts(const Run& run, int frames) {
@@ -196,7 +197,7 @@ Validation validate(const ValidationSettings& given) {
   const std::vector<VehicleResult> results = vehicle_results(context, hosts, validation.failed);
   if (results.empty()) throw Failure("blender", "was lost on every vehicle", "look at blender.log");
   std::error_code ignored;
-  fs::remove_all(settings.out / "scratch", ignored);
+  fs::remove_all(settings.out / kScratchFolder, ignored);
   std::set<std::string> test_frames;
   for (const HostId& id : run.test) test_frames.insert(id.frame);
   validation.summary = summarize_vehicles(results, test_frames);

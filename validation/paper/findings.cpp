@@ -282,10 +282,12 @@ std::vector<Finding> findings(const Evidence& evidence) {
                               larger(evidence),     transfer(evidence), far_away(evidence)};
   for (Finding& finding : defence_findings(evidence)) all.push_back(std::move(finding));
   settle(all);
-  // Asked of other runs and not in the paper: a family of its own.
-  std::vector<Finding> fusions = fusion_findings(evidence);
-  settle(fusions);
-  for (Finding& finding : fusions) all.push_back(std::move(finding));
+  // Not in the paper: families of their own.
+  for (const auto& family : {own_defence_findings, fusion_findings}) {
+    std::vector<Finding> own = family(evidence);
+    settle(own);
+    for (Finding& finding : own) all.push_back(std::move(finding));
+  }
   return all;
 }
 

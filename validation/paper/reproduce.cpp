@@ -46,7 +46,7 @@ json made_of(const Case& command, const fs::path& out) {
       detector.detector = command.setting("detector");
       detector.rig = data_rig(command.settings_in(out).at("data"));
       detector.defense = command.setting("defense", "none");
-      read["weights"] = file_hash(weights_file(detector));
+      read["weights"] = weights_hash(detector);
     } catch (const InputError&) {
     }
   }

@@ -16,7 +16,7 @@ struct BackbonePlan {
   int output = 0;                                           ///< kOutputs × 140 × 160
 };
 
-/// Of a network whose norms are affine (Norm::channel); folds them.
+/// Folds the network's norms.
 BackbonePlan backbone_plan(NetworkImpl& network, bool bfloat16 = false);
 
 }  // namespace mirage::fusion

@@ -60,9 +60,7 @@ Footprint footprint_of(double column, double row, std::int64_t rows, std::int64_
 }
 
 const char* CleanFrames::why_whole(const Parts& parts) {
-  if (parts.lidar && parts.norm == Norm::group) return "its group norms join all places of a map";
   if (parts.denoising) return "its non-local means join all places of a map";
-  if (parts.image && !parts.camera) return "its image branch has group norms, which join all places of a map";
   if (parts.depth_gate) return "its depth gate compares a return with those around it";
   if (torch::cuda::is_available()) return "it runs on a GPU";
   return "";

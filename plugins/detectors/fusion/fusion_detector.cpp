@@ -53,7 +53,6 @@ Options with_parts(Options options, const char* weights) {
     throw std::runtime_error("weights of a " + name + " detector; choose that detector or other weights");
   const Parts asked = options.parts;
   if (name == wanted) options.parts = stored;
-  options.parts.norm = stored.norm;
   // A new training may add parts.
   options.parts.denoising = stored.denoising || (options.start && asked.denoising);
   options.parts.depth_gate = stored.depth_gate || (options.start && asked.depth_gate);
@@ -317,7 +316,7 @@ std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> sa
   std::vector<std::vector<SampleStatistics::Seen>> statistics(samples.size());
   for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
     std::optional<SampleStatistics> own;
-    if (lidar_learns() && options_.parts.norm == Norm::channel && !norms_frozen) own.emplace();
+    if (lidar_learns() && !norms_frozen) own.emplace();
     const LossTerms terms =
         loss_of(samples[i], targets[i], static_cast<std::uint64_t>(samples_seen_) + i, positives, boxed);
     if (!options_.parts.lidar && !terms.total.requires_grad())
@@ -361,8 +360,7 @@ MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& inpu
   SensorTensors tensors = in_type_of(*network_, copy_input(input, true));
   if (!tensors.image.defined()) throw std::runtime_error("the input has no image; give one");
   tensors.camera = network_->see(tensors);
-  Tensor map =
-      options_.parts.camera ? tensors.camera.features : network_->image(tensors.image.to(best_device()));
+  const Tensor& map = tensors.camera.features;
   const Grid& grid = kGrids[0];
   kept_bev_ = torch::zeros({grid.rows, grid.columns});
   if (options_.parts.image) {
@@ -437,8 +435,7 @@ void FusionDetector::load(const std::string& file) {
 
 void FusionDetector::take_over(const std::string& file, const std::string& name) {
   auto archive = open_weights(file);
-  if (const Parts parts = parts_of(archive);
-      name_of(parts) != name || (parts.lidar && parts.norm != options_.parts.norm))
+  if (name_of(parts_of(archive)) != name)
     throw std::runtime_error(file + ": not the weights of such a " + name + " detector; check --" + name);
   copy_network(file, *network_);
 }

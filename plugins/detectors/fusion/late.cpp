@@ -4,8 +4,8 @@
 #include <array>
 #include <cmath>
 #include <numeric>
-#include <optional>
 
+#include "detection/car_in_picture.h"
 #include "loss.h"
 #include "region.h"
 #include "sensor_tensors.h"
@@ -18,8 +18,6 @@ using torch::Tensor;
 constexpr float kLeastProposal = -4, kLeastBox = -5;
 constexpr std::size_t kMostProposals = 400, kMostBoxes = 200;
 constexpr double kLeastIou = 0.01;
-constexpr double kGround = -1.7, kCarHeight = 1.53;  // m; where no return tells, and KITTI's mean
-constexpr double kNearby = 1;                        // m around the box
 constexpr double kDistanceUnit = 70, kLogitUnit = 4;
 constexpr int kInputs = 4;
 
@@ -41,67 +39,7 @@ std::vector<std::int64_t> highest(const Tensor& logits, float least, std::size_t
   return places;
 }
 
-/// The lowest return of each square metre of the region.
-class LowestReturns {
- public:
-  explicit LowestReturns(std::span<const float> points) {
-    lowest_.fill(kNone);
-    for (std::size_t i = 0; i + 3 < points.size(); i += 4) {
-      const double x = points[i] - kXMin, y = points[i + 1] - kYMin;
-      if (!(x >= 0 && x < kRows && y >= 0 && y < kColumns && points[i + 2] > kZMin)) continue;
-      float& lowest = lowest_[static_cast<std::size_t>(x) * kColumns + static_cast<std::size_t>(y)];
-      lowest = std::min(lowest, points[i + 2]);
-    }
-  }
-  /// Height of the ground around a box, by the lowest return nearby.
-  double ground(const MirageBox& box) const {
-    const double reach = std::hypot(box.length, box.width) / 2 + kNearby;
-    const auto bound = [](double at, int size) {
-      return std::clamp(static_cast<int>(std::floor(at)), 0, size - 1);
-    };
-    float lowest = kNone;
-    for (int row = bound(box.x - reach - kXMin, kRows); row <= bound(box.x + reach - kXMin, kRows); ++row)
-      for (int column = bound(box.y - reach - kYMin, kColumns);
-           column <= bound(box.y + reach - kYMin, kColumns); ++column)
-        lowest = std::min(
-            lowest, lowest_[static_cast<std::size_t>(row) * kColumns + static_cast<std::size_t>(column)]);
-    return lowest < kZMax ? lowest : kGround;
-  }
-
- private:
-  static constexpr int kRows = static_cast<int>(kXMax - kXMin), kColumns = static_cast<int>(kYMax - kYMin);
-  static constexpr float kNone = 1e9f;
-  std::array<float, std::size_t{kRows} * kColumns> lowest_;
-};
-
-struct Rectangle {
-  double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
-};
-
-/// Where the picture shows a car's box; empty where it does not.
-std::optional<Rectangle> in_picture(const MirageBox& box, double ground, const Projection& projection,
-                                    int width, int height) {
-  Rectangle seen;
-  const double c = std::cos(box.yaw), s = std::sin(box.yaw);
-  for (int k = 0; k < 8; ++k) {
-    const double along = (k & 1 ? 0.5 : -0.5) * box.length, across = (k & 2 ? 0.5 : -0.5) * box.width;
-    const std::array<double, 3> p = {box.x + c * along - s * across, box.y + s * along + c * across,
-                                     ground + (k & 4 ? kCarHeight : 0)};
-    const auto row = [&](int r) {
-      return projection[4 * r] * p[0] + projection[4 * r + 1] * p[1] + projection[4 * r + 2] * p[2] +
-             projection[4 * r + 3];
-    };
-    const double depth = std::max(row(2), 0.1);
-    seen.left = std::min(seen.left, row(0) / depth), seen.right = std::max(seen.right, row(0) / depth);
-    seen.top = std::min(seen.top, row(1) / depth), seen.bottom = std::max(seen.bottom, row(1) / depth);
-  }
-  seen.left = std::max(seen.left, 0.0), seen.right = std::min(seen.right, width - 1.0);
-  seen.top = std::max(seen.top, 0.0), seen.bottom = std::min(seen.bottom, height - 1.0);
-  if (!(seen.right > seen.left && seen.bottom > seen.top)) return {};
-  return seen;
-}
-
-double iou(const Rectangle& a, const float* b, int width, int height) {
+double iou(const PictureBox& a, const float* b, int width, int height) {
   const double left = std::max(b[0], 0.f), top = std::max(b[1], 0.f);
   const double right = std::min<double>(b[2], width - 1), bottom = std::min<double>(b[3], height - 1);
   const double across = std::min(a.right, right) - std::max(a.left, left);
@@ -130,7 +68,8 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
   const std::vector<std::int64_t> boxes = highest(input.camera.logits, kLeastBox, kMostBoxes);
   const Tensor rectangles = input.camera.boxes.detach().to(torch::kFloat).contiguous();
   const Tensor points = input.points.detach().to(torch::kFloat).contiguous();
-  const LowestReturns returns({points.data_ptr<float>(), static_cast<std::size_t>(points.numel())});
+  const LowestReturns returns({points.data_ptr<float>(), static_cast<std::size_t>(points.numel())},
+                              {kXMin, kXMax, kYMin, kYMax, kZMin, kZMax});
   const Tensor values = output.detach().to(torch::kFloat).reshape({kOutputs, -1}).contiguous();
   const std::int64_t cells = values.size(1);
 
@@ -141,9 +80,10 @@ Tensor LateJoinImpl::forward(const Tensor& output, const SensorTensors& input) {
   for (std::size_t k = 0; k < proposals.size(); ++k) {
     std::array<float, 6> coded{};
     for (int c = 0; c < 6; ++c) coded[c] = values.data_ptr<float>()[(kDx + c) * cells + proposals[k]];
-    const MirageBox box = decode_box(proposals[k], coded);
+    const MirageBox decoded = decode_box(proposals[k], coded);
+    const BevBox box = {decoded.x, decoded.y, decoded.length, decoded.width, decoded.yaw};
     const auto distance = static_cast<float>(std::hypot(box.x, box.y) / kDistanceUnit);
-    const auto seen = in_picture(box, returns.ground(box), input.projection, width, height);
+    const auto seen = car_in_picture(box, returns.ground(box), input.projection, width, height);
     std::int64_t pairs = 0;
     for (std::size_t b = 0; seen && b < boxes.size(); ++b) {
       const double overlap = iou(*seen, rectangles.data_ptr<float>() + 4 * boxes[b], width, height);

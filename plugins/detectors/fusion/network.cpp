@@ -15,10 +15,10 @@ namespace nn = torch::nn;
 namespace fn = torch::nn::functional;
 using torch::Tensor;
 
-constexpr int kImageFeatures = 32, kDeepestImageStride = 32;
 constexpr int kHidden = 48;  // of the fusion's MLP
 constexpr std::array<int, kGrids.size()> kWidths = {32, 64, 96, 128};
 constexpr int kPyramid = 64;
+constexpr double kHeard = 0.3;  // RMS that a new non-local mean adds to features
 
 Tensor upsample(const Tensor& x) {
   return fn::interpolate(
@@ -32,33 +32,30 @@ Tensor to_multiple(const Tensor& x, std::int64_t of) {
 
 }  // namespace
 
-ConvNormImpl::ConvNormImpl(int in, int out, int kernel, int stride, bool relu, Norm kind) : relu_(relu) {
+ConvNormImpl::ConvNormImpl(int in, int out, int kernel, int stride, bool relu) : relu_(relu) {
   conv = register_module(
       "conv",
       nn::Conv2d(nn::Conv2dOptions(in, out, kernel).stride(stride).padding((kernel - 1) / 2).bias(false)));
-  if (kind == Norm::group)
-    norm = register_module("norm", nn::GroupNorm(std::max(1, std::min(8, out / 4)), out));
-  else
-    channel_norm = register_module("norm", ChannelNorm(out));
+  channel_norm = register_module("norm", ChannelNorm(out));
   nn::init::kaiming_normal_(conv->weight, 0, torch::kFanOut, torch::kReLU);
 }
 
 Tensor ConvNormImpl::forward(const Tensor& x) {
   Tensor y;
-  if (SampleStatistics* statistics = SampleStatistics::active(); norm.is_empty() && !statistics) {
-    const Tensor folded = conv->weight * channel_norm->gain().view({-1, 1, 1, 1});
-    y = torch::conv2d(x, folded, channel_norm->shift(), conv->options.stride(), (folded.size(2) - 1) / 2);
-  } else {
+  if (SampleStatistics* statistics = SampleStatistics::active()) {
     y = conv(x);
     if (y.scalar_type() == torch::kBFloat16) y = y.to(torch::kFloat);
-    y = norm.is_empty() ? normalise(*channel_norm, y, *statistics) : norm(y);
+    y = normalise(*channel_norm, y, *statistics);
+  } else {
+    const Tensor folded = conv->weight * channel_norm->gain().view({-1, 1, 1, 1});
+    y = torch::conv2d(x, folded, channel_norm->shift(), conv->options.stride(), (folded.size(2) - 1) / 2);
   }
   return relu_ ? torch::relu(y) : y;
 }
 
-ResidualImpl::ResidualImpl(int channels, Norm kind) {
-  first = register_module("first", ConvNorm(channels, channels, 3, 1, true, kind));
-  second = register_module("second", ConvNorm(channels, channels, 3, 1, false, kind));
+ResidualImpl::ResidualImpl(int channels) {
+  first = register_module("first", ConvNorm(channels, channels, 3, 1));
+  second = register_module("second", ConvNorm(channels, channels, 3, 1, false));
 }
 
 Tensor ResidualImpl::forward(const Tensor& x) {
@@ -66,9 +63,11 @@ Tensor ResidualImpl::forward(const Tensor& x) {
 }
 
 NonLocalMeanImpl::NonLocalMeanImpl(int channels) {
-  project = register_module("project", ConvNorm(channels, channels, 1, 1, false));
+  project = register_module("project", nn::Conv2d(nn::Conv2dOptions(channels, channels, 1).bias(false)));
+  norm = register_module("norm", nn::GroupNorm(std::max(1, std::min(8, channels / 4)), channels));
+  nn::init::kaiming_normal_(project->weight, 0, torch::kFanOut, torch::kReLU);
   const torch::NoGradGuard guard;
-  nn::init::zeros_(project->norm->weight);
+  nn::init::constant_(norm->weight, kHeard);
 }
 
 Tensor NonLocalMeanImpl::forward(const Tensor& x) {
@@ -76,57 +75,15 @@ Tensor NonLocalMeanImpl::forward(const Tensor& x) {
   const Tensor places = x.flatten(2);  // 1 × C × N
   const Tensor gram = torch::matmul(places, places.transpose(1, 2)) /
                       static_cast<double>(std::max<std::int64_t>(1, places.size(2)));
-  return x + project(torch::matmul(gram, places).view_as(x));
-}
-
-ImageBranchImpl::ImageBranchImpl(bool denoising) {
-  stem = register_module("stem", ConvNorm(3, 16, 4, 2));
-  group4 = register_module("group4", Residual(16));
-  down8 = register_module("down8", ConvNorm(16, 32, 2, 2));
-  group8 = register_module("group8", Residual(32));
-  down16 = register_module("down16", ConvNorm(32, 64, 2, 2));
-  group16 = register_module("group16", Residual(64));
-  down32 = register_module("down32", ConvNorm(64, 64, 2, 2));
-  group32 = register_module("group32", Residual(64));
-  // The finest scale comes down to the map's stride; the coarser ones go up to it.
-  lateral4 = register_module("lateral4", ConvNorm(16, kImageFeatures, 2, 2, false));
-  lateral8 = register_module("lateral8", ConvNorm(32, kImageFeatures, 1, 1, false));
-  lateral16 = register_module("lateral16", ConvNorm(64, kImageFeatures, 1, 1, false));
-  lateral32 = register_module("lateral32", ConvNorm(64, kImageFeatures, 1, 1, false));
-  smooth = register_module("smooth", ConvNorm(kImageFeatures, kImageFeatures, 3, 1));
-  if (!denoising) return;
-  denoise4 = register_module("denoise4", NonLocalMean(16));
-  denoise8 = register_module("denoise8", NonLocalMean(32));
-  denoise16 = register_module("denoise16", NonLocalMean(64));
-  denoise32 = register_module("denoise32", NonLocalMean(64));
-}
-
-Tensor ImageBranchImpl::forward(const Tensor& picture) {
-  // A square root spreads the shadows much as sRGB does; the small term bounds its slope at black.
-  const Tensor tone = torch::sqrt(picture.clamp_min(0) + 1e-3);
-  const Tensor full = ((tone - 0.45) / 0.28).permute({2, 0, 1}).unsqueeze(0);
-  const Tensor half = torch::avg_pool2d(to_multiple(full, kDeepestImageStride), 2);
-  const auto clean = [](NonLocalMean& denoise, const Tensor& x) {
-    return denoise.is_empty() ? x : denoise(x);
-  };
-  const Tensor x4 = clean(denoise4, group4(stem(half)));
-  const Tensor x8 = clean(denoise8, group8(down8(x4)));
-  const Tensor x16 = clean(denoise16, group16(down16(x8)));
-  const Tensor x32 = clean(denoise32, group32(down32(x16)));
-  const Tensor p16 = torch::relu(lateral16(x16) + upsample(lateral32(x32)));
-  return smooth(torch::relu(lateral8(x8) + lateral4(x4) + upsample(p16)));
+  Tensor mean = project(torch::matmul(gram, places).view_as(x));
+  if (mean.scalar_type() == torch::kBFloat16) mean = mean.to(torch::kFloat);
+  return x + norm(mean);
 }
 
 ContinuousFusionImpl::ContinuousFusionImpl(int features, int out) : out_(out) {
   hidden = register_module("hidden", nn::Linear(features + 3, kHidden));
   hidden2 = register_module("hidden2", nn::Linear(kHidden, kHidden));
   last = register_module("last", nn::Linear(kHidden, out));
-}
-
-void ContinuousFusionImpl::silence() {
-  const torch::NoGradGuard guard;
-  nn::init::zeros_(last->weight);
-  nn::init::zeros_(last->bias);
 }
 
 Tensor ContinuousFusionImpl::rows(const Tensor& read, const Tensor& offset) {
@@ -146,10 +103,10 @@ NetworkImpl::NetworkImpl(const Parts& given_parts) : parts(given_parts) {
   if (parts.camera) camera = register_module("camera", CameraNet());
   if (!parts.lidar) return;
   const auto layer = [&](const char* name, int in, int out, int kernel, int stride, bool relu = true) {
-    return register_module(name, ConvNorm(in, out, kernel, stride, relu, parts.norm));
+    return register_module(name, ConvNorm(in, out, kernel, stride, relu));
   };
   const auto residual = [&](const char* name, int channels) {
-    return register_module(name, Residual(channels, parts.norm));
+    return register_module(name, Residual(channels));
   };
   const int layers = static_cast<int>(kVoxelsZ) + (parts.painted ? kPaintedChannels : 0);
   stem = layer("stem", layers, kWidths[0], 4, 2);
@@ -170,13 +127,8 @@ NetworkImpl::NetworkImpl(const Parts& given_parts) : parts(given_parts) {
   smooth = layer("smooth", kWidths[0], kWidths[0], 3, 1);
   head = register_module("head", nn::Conv2d(nn::Conv2dOptions(kWidths[0], kOutputs, 1)));
   if (parts.image) {
-    int features = kImageFeatures;
-    if (parts.camera) {
-      features = kCameraFeatures + 1;  // and the mask
-      if (parts.denoising) denoise = register_module("denoise", NonLocalMean(kCameraFeatures));
-    } else {
-      image = register_module("image", ImageBranch(parts.denoising));
-    }
+    constexpr int features = kCameraFeatures + 1;  // and the mask
+    if (parts.denoising) denoise = register_module("denoise", NonLocalMean(kCameraFeatures));
     for (std::size_t level = 0; level < kGrids.size(); ++level)
       fuse[level] =
           register_module("fuse" + std::to_string(1 << level), ContinuousFusion(features, kWidths[level]));
@@ -212,13 +164,9 @@ ReadFeatures NetworkImpl::read_image(const SensorTensors& input) {
   const Tensor uvw = projected(sampled.points, input.projection);
   const Tensor uv = uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
 
-  if (parts.camera) {
-    const CameraOutput seen = see(input);
-    const Tensor features = denoise.is_empty() ? seen.features : denoise(seen.features);
-    sampled.map = torch::cat({features, torch::avg_pool2d(seen.mask, kFeatureStride / kMaskStride)}, 1);
-  } else {
-    sampled.map = image(input.image.to(head->weight.device()));
-  }
+  const CameraOutput seen = see(input);
+  const Tensor features = denoise.is_empty() ? seen.features : denoise(seen.features);
+  sampled.map = torch::cat({features, torch::avg_pool2d(seen.mask, kFeatureStride / kMaskStride)}, 1);
   sampled.read = bilinear(sampled.map.to(torch::kCPU), places_in_map(uv));
   if (parts.depth_gate) {
     const auto before = nearest_before(flat, input.projection, width, height, indices);

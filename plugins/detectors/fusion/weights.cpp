@@ -28,7 +28,6 @@ std::string name_of(const Parts& parts) {
 
 Parts parts_named(const std::string& name) {
   Parts parts;
-  parts.norm = Norm::channel;
   parts.image = name == "fusion";
   parts.camera = name != "lidar";
   parts.lidar = name != "camera";
@@ -58,7 +57,7 @@ bool is_weights_file(const std::string& file) {
 }
 
 Parts parts_of(torch::serialize::InputArchive& archive) {
-  // Older files name fewer of them, and have fewer.
+  // Files name what they have.
   const auto flag = [&](const char* key) {
     c10::IValue value;
     return archive.try_read(key, value) && value.toBool();
@@ -67,7 +66,9 @@ Parts parts_of(torch::serialize::InputArchive& archive) {
   parts.lidar = !flag("without_lidar");
   parts.painted = flag("painted");
   parts.late = flag("late");
-  parts.norm = flag("channel_norm") ? Norm::channel : Norm::group;
+  if (parts.lidar && !flag("channel_norm"))
+    throw std::runtime_error(
+        "weights of a network of before, with group norms; train anew with mirage train");
   return parts;
 }
 
@@ -107,7 +108,7 @@ torch::serialize::OutputArchive begin_weights(const Parts& parts) {
   archive.write("without_lidar", c10::IValue(!parts.lidar));
   archive.write("painted", c10::IValue(parts.painted));
   archive.write("late", c10::IValue(parts.late));
-  archive.write("channel_norm", c10::IValue(parts.norm == Norm::channel));
+  archive.write("channel_norm", c10::IValue(true));
   return archive;
 }
 

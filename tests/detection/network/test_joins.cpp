@@ -20,10 +20,8 @@ using torch::Tensor;
 
 Parts named(bool painted, bool late, bool image = false) {
   Parts parts{image};
-  parts.camera = true;
   parts.painted = painted;
   parts.late = late;
-  parts.norm = Norm::channel;
   return parts;
 }
 
@@ -197,7 +195,7 @@ TEST(Joins, WithoutAPictureTheBackboneSpeaksAlone) {
 
 TEST(ChannelNorm, FrozenItIsTheFoldedConvolutionOfItsRunningMean) {
   torch::manual_seed(36);
-  ConvNorm layer(3, 6, 3, 1, true, Norm::channel);
+  ConvNorm layer(3, 6, 3, 1);
   layer->to(torch::kDouble);
   const Tensor x = torch::randn({1, 3, 9, 11}, torch::kDouble) * 2 + 1;
   const torch::NoGradGuard guard;
@@ -220,7 +218,7 @@ TEST(ChannelNorm, FrozenItIsTheFoldedConvolutionOfItsRunningMean) {
 TEST(ChannelNorm, FrozenItIsLocal) {
   // What attacks evaluate piecewise: a change in one corner does not reach the other.
   torch::manual_seed(37);
-  Residual block(8, Norm::channel);
+  Residual block(8);
   const torch::NoGradGuard guard;
   Tensor x = torch::randn({1, 8, 20, 20});
   const Tensor before = block(x).clone();

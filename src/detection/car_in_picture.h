@@ -1,0 +1,96 @@
+// Where the picture shows a car that is known from above, by the lowest returns around it. Header only: a
+// detector plugin, which links no layer but base, asks the same.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "geometry/box.h"
+#include "geometry/picture_box.h"
+
+namespace mirage {
+
+/// KITTI's mean car's (m).
+inline constexpr double kNominalHeight = 1.53;
+
+/// m, `velo`; returns elsewhere are left out.
+struct LowestReturnsRegion {
+  double x_min = 0, x_max = 70, y_min = -40, y_max = 40, z_min = -2.6, z_max = 1;
+};
+
+/// The lowest return of each square metre of a region.
+class LowestReturns {
+ public:
+  /// `points`: x, y, z and a fourth value each (m, `velo`).
+  LowestReturns(std::span<const float> points, const LowestReturnsRegion& region)
+      : region_(region),
+        rows_(static_cast<int>(region.x_max - region.x_min)),
+        columns_(static_cast<int>(region.y_max - region.y_min)),
+        lowest_(static_cast<std::size_t>(rows_) * static_cast<std::size_t>(columns_), kNone) {
+    for (std::size_t i = 0; i + 3 < points.size(); i += 4) {
+      const double x = points[i] - region.x_min, y = points[i + 1] - region.y_min;
+      if (!(x >= 0 && x < rows_ && y >= 0 && y < columns_ && points[i + 2] > region.z_min)) continue;
+      float& lowest = at(static_cast<int>(x), static_cast<int>(y));
+      lowest = std::min(lowest, points[i + 2]);
+    }
+  }
+  /// Height (m) of the ground around a box, by the lowest return up to kNearby m around it; kGround where
+  /// there is none below z_max.
+  double ground(const BevBox& box) const {
+    const double reach = std::hypot(box.length, box.width) / 2 + kNearby;
+    const auto bound = [](double at, int size) {
+      return static_cast<int>(std::clamp(std::floor(at), 0.0, size - 1.0));
+    };
+    float lowest = kNone;
+    const double x = box.x - region_.x_min, y = box.y - region_.y_min;
+    for (int row = bound(x - reach, rows_); row <= bound(x + reach, rows_); ++row)
+      for (int column = bound(y - reach, columns_); column <= bound(y + reach, columns_); ++column)
+        lowest = std::min(lowest, at(row, column));
+    return lowest < region_.z_max ? lowest : kGround;
+  }
+
+ private:
+  static constexpr float kNone = 1e9f;
+  static constexpr double kGround = -1.7, kNearby = 1;
+  float& at(int row, int column) {
+    return lowest_[static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +
+                   static_cast<std::size_t>(column)];
+  }
+  float at(int row, int column) const { return const_cast<LowestReturns*>(this)->at(row, column); }
+
+  LowestReturnsRegion region_;
+  int rows_, columns_;
+  std::vector<float> lowest_;
+};
+
+/// The rectangle around the corners of a car's box of kNominalHeight m on that ground, within a picture of
+/// width × height pixels; nothing where no part of it lies in the picture. `pixel_from_velo`: row-major 3
+/// × 4. Corners behind the camera count as 0.1 m before it.
+inline std::optional<PictureBox> car_in_picture(const BevBox& box, double ground,
+                                                const std::array<double, 12>& pixel_from_velo, int width,
+                                                int height) {
+  PictureBox seen{1e9, 1e9, -1e9, -1e9};
+  const double c = std::cos(box.yaw), s = std::sin(box.yaw);
+  for (int k = 0; k < 8; ++k) {
+    const double along = (k & 1 ? 0.5 : -0.5) * box.length, across = (k & 2 ? 0.5 : -0.5) * box.width;
+    const std::array<double, 3> p = {box.x + c * along - s * across, box.y + s * along + c * across,
+                                     ground + (k & 4 ? kNominalHeight : 0)};
+    const auto row = [&](std::size_t r) {
+      return pixel_from_velo[4 * r] * p[0] + pixel_from_velo[4 * r + 1] * p[1] +
+             pixel_from_velo[4 * r + 2] * p[2] + pixel_from_velo[4 * r + 3];
+    };
+    const double depth = std::max(row(2), 0.1);
+    seen.left = std::min(seen.left, row(0) / depth), seen.right = std::max(seen.right, row(0) / depth);
+    seen.top = std::min(seen.top, row(1) / depth), seen.bottom = std::max(seen.bottom, row(1) / depth);
+  }
+  seen.left = std::max(seen.left, 0.0), seen.right = std::min(seen.right, width - 1.0);
+  seen.top = std::max(seen.top, 0.0), seen.bottom = std::min(seen.bottom, height - 1.0);
+  if (!(seen.right > seen.left && seen.bottom > seen.top)) return {};
+  return seen;
+}
+
+}  // namespace mirage

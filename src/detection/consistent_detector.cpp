@@ -1,0 +1,226 @@
+#include "detection/consistent_detector.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "base/error.h"
+#include "detection/car_in_picture.h"
+#include "detection/points_in_view.h"
+
+namespace mirage {
+namespace {
+
+constexpr double kSamePlace = 0.1, kSamePicture = 0.3;  // IoU
+
+/// Which member a logit comes from, and which of its proposals.
+struct Source {
+  enum Member { fused, lidar, camera, nobody } member = nobody;
+  std::size_t index = 0;
+};
+
+/// A logit of one of the members.
+struct Voice {
+  double logit = kSilentLogit;
+  Source source;
+};
+
+/// The answer's logit is (1 − share) · first + share · second, and a constant.
+struct Blend {
+  Source first, second;
+  double share = 0;
+};
+
+double score_of(double logit) {
+  return 1 / (1 + std::exp(-logit));
+}
+
+/// Proposals that speak, the most certain first.
+std::vector<std::size_t> speaking(const std::vector<Proposal>& proposals) {
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < proposals.size(); ++i)
+    if (proposals[i].logit > kSilentLogit) order.push_back(i);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return proposals[a].logit > proposals[b].logit; });
+  return order;
+}
+
+/// What the camera network says of boxes that are known from above.
+class PictureWitness {
+ public:
+  PictureWitness(const SensorView& view, const std::vector<Proposal>& boxes)
+      : boxes_(boxes), order_(speaking(boxes)), returns_(flat(view.points), {}) {
+    if (!view.image || view.image->empty() || !view.calibration) return;
+    width_ = view.image->width, height_ = view.image->height;
+    projection_ = pixel_from_velo(*view.calibration);
+  }
+  Voice of(const BevBox& box) const {
+    if (width_ == 0) return {};
+    const auto seen = car_in_picture(box, returns_.ground(box), projection_, width_, height_);
+    if (!seen) return {};
+    for (const std::size_t k : order_) {
+      PictureBox other = boxes_[k].picture;  // as far as the picture shows it
+      other.left = std::max(other.left, 0.0), other.right = std::min(other.right, width_ - 1.0);
+      other.top = std::max(other.top, 0.0), other.bottom = std::min(other.bottom, height_ - 1.0);
+      if (iou(*seen, other) > kSamePicture) return {boxes_[k].logit, {Source::camera, k}};
+    }
+    return {};
+  }
+
+ private:
+  static std::span<const float> flat(std::span<const LidarPoint> points) {
+    static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
+    return {reinterpret_cast<const float*>(points.data()), 4 * points.size()};
+  }
+  const std::vector<Proposal>& boxes_;
+  std::vector<std::size_t> order_;
+  LowestReturns returns_;
+  std::array<double, 12> projection_{};
+  int width_ = 0, height_ = 0;
+};
+
+bool same_place(const BevBox& a, const BevBox& b) {
+  const double reach = (std::hypot(a.length, a.width) + std::hypot(b.length, b.width)) / 2;
+  return std::hypot(a.x - b.x, a.y - b.y) < reach && iou(a, b) > kSamePlace;
+}
+
+class ConsistentDetector : public Detector {
+ public:
+  ConsistentDetector(std::unique_ptr<Detector> fused, std::unique_ptr<Detector> lidar,
+                     std::unique_ptr<Detector> camera)
+      : members_{std::move(fused), std::move(lidar), std::move(camera)} {}
+
+  std::string name() const override { return members_[Source::fused]->name(); }
+  std::array<double, 4> region() const override { return members_[Source::fused]->region(); }
+  Capabilities capabilities() const override {
+    Capabilities known = members_[Source::fused]->capabilities();
+    known.reads_image = known.reads_points = true;
+    for (const auto& member : members_) {
+      const Capabilities its = member->capabilities();
+      if (its.reads_points) known.knows_presence = known.knows_presence && its.knows_presence;
+      if (known.why_whole.empty()) known.why_whole = its.why_whole;
+    }
+    return known;
+  }
+
+  std::vector<Proposal> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
+    std::array<std::vector<Proposal>, 3> found;
+    const bool no_picture = !view.image || view.image->empty();
+    for (std::size_t m = 0; m < members_.size(); ++m) {
+      if (m == Source::camera && no_picture) continue;  // says nothing
+      found[m] = members_[m]->forward(view, std::min(score_threshold, score_of(kSilentLogit)), keep_graph);
+    }
+    for (std::size_t m = 0; m < members_.size(); ++m) counts_[m] = found[m].size();
+    const PictureWitness picture(view, found[Source::camera]);
+    const std::vector<std::size_t> alone = speaking(found[Source::lidar]);
+    std::vector<Proposal> result;
+    blends_.clear();
+    const auto add = [&](Proposal proposal, double logit, const Blend& blend) {
+      if (!(score_of(logit) > score_threshold)) return;
+      proposal.logit = logit;
+      result.push_back(proposal);
+      blends_.push_back(blend);
+    };
+    for (std::size_t i = 0; i < found[Source::fused].size(); ++i) {
+      const Proposal& proposal = found[Source::fused][i];
+      const Source own{Source::fused, i};
+      double cap = proposal.logit;
+      Voice witness;
+      if (proposal.logit > kFaintLogit) {
+        witness = picture.of(proposal.box);
+        for (const std::size_t j : alone) {
+          const Proposal& other = found[Source::lidar][j];
+          if (other.logit <= witness.logit) break;  // as are all that follow
+          if (!same_place(proposal.box, other.box)) continue;
+          witness = {other.logit, {Source::lidar, j}};
+          break;
+        }
+        cap = witness.logit + kWitnessMargin;
+      }
+      if (cap < proposal.logit)
+        add(proposal, (1 - kWitnessLeak) * cap + kWitnessLeak * proposal.logit,
+            {witness.source, own, kWitnessLeak});
+      else
+        add(proposal, proposal.logit, {own, {}, 0});
+    }
+    for (const std::size_t j : alone) {
+      const Proposal& proposal = found[Source::lidar][j];
+      if (proposal.logit <= kFaintLogit) break;
+      Voice low = picture.of(proposal.box), high{proposal.logit, {Source::lidar, j}};
+      if (low.source.member == Source::nobody) continue;
+      if (high.logit < low.logit) std::swap(low, high);
+      add(proposal, (1 - kWitnessLeak) * low.logit + kWitnessLeak * high.logit,
+          {low.source, high.source, kWitnessLeak});
+    }
+    return result;
+  }
+
+  SensorGradient backward(std::span<const double> d_logits) override {
+    std::array<std::vector<double>, 3> parts;
+    std::array<bool, 3> asked{};
+    for (std::size_t m = 0; m < members_.size(); ++m) parts[m].assign(counts_[m], 0.0);
+    const auto give = [&](const Source& source, double d_logit) {
+      if (source.member == Source::nobody || d_logit == 0) return;
+      parts[source.member][source.index] += d_logit;
+      asked[source.member] = true;
+    };
+    for (std::size_t i = 0; i < d_logits.size(); ++i) {
+      const Blend& blend = blends_.at(i);
+      give(blend.first, (1 - blend.share) * d_logits[i]);
+      give(blend.second, blend.share * d_logits[i]);
+    }
+    SensorGradient sum = members_[Source::fused]->backward(parts[Source::fused]);
+    for (const auto member : {Source::lidar, Source::camera})
+      if (asked[member]) add(sum, members_[member]->backward(parts[member]));
+    return sum;
+  }
+
+  TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
+    return members_[Source::fused]->train_step(samples, learning_rate);
+  }
+  void save(const std::filesystem::path& file, bool with_optimiser) override {
+    members_[Source::fused]->save(file, with_optimiser);
+  }
+  std::unique_ptr<Detector> share() override {
+    std::array<std::unique_ptr<Detector>, 3> others;
+    for (std::size_t m = 0; m < members_.size(); ++m)
+      if (others[m] = members_[m]->share(); !others[m]) return nullptr;
+    return std::make_unique<ConsistentDetector>(std::move(others[0]), std::move(others[1]),
+                                                std::move(others[2]));
+  }
+  ImageFeatures image_features(const SensorView& input) override {
+    return members_[Source::fused]->image_features(input);
+  }
+
+ private:
+  /// `sum` += `more`; what one of them does not know is zero.
+  static void add(SensorGradient& sum, const SensorGradient& more) {
+    if (sum.image.empty())
+      sum.image = more.image;
+    else
+      for (std::size_t i = 0; i < more.image.data.size(); ++i) sum.image.data[i] += more.image.data[i];
+    for (std::size_t i = 0; i < more.points.size(); ++i)
+      for (std::size_t c = 0; c < 4; ++c) sum.points[i][c] += more.points[i][c];
+    if (sum.presence.empty()) sum.presence.resize(more.presence.size());
+    for (std::size_t i = 0; i < more.presence.size(); ++i) sum.presence[i] += more.presence[i];
+  }
+
+  std::array<std::unique_ptr<Detector>, 3> members_;  ///< by Source::Member
+  std::array<std::size_t, 3> counts_{};               ///< of the last forward's proposals
+  std::vector<Blend> blends_;                         ///< of its answers
+};
+
+}  // namespace
+
+std::unique_ptr<Detector> with_witnesses(std::unique_ptr<Detector> fused, std::unique_ptr<Detector> lidar,
+                                         std::unique_ptr<Detector> camera) {
+  if (!fused->capabilities().finds_bev)
+    throw FieldError("defense", kConsistency, fused->name() + " finds no boxes from above",
+                     "use it with lidar, painted, fusion or late");
+  if (!lidar->capabilities().finds_bev || !camera->capabilities().finds_picture)
+    throw FieldError("defense", kConsistency, "its witnesses do not find boxes",
+                     "give a LiDAR and a camera detector");
+  return std::make_unique<ConsistentDetector>(std::move(fused), std::move(lidar), std::move(camera));
+}
+
+}  // namespace mirage

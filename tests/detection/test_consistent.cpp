@@ -1,0 +1,248 @@
+// A fusion detector held against what each sensor says alone.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+
+#include "base/error.h"
+#include "base/random.h"
+#include "detection/car_in_picture.h"
+#include "detection/consistent_detector.h"
+#include "detection/points_in_view.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+
+/// Proposals at fixed places, whose logits are `rest` + weights · (pixel 0, x of point 0).
+struct Script {
+  struct Line {
+    Proposal proposal;  ///< its logit is the rest
+    double of_pixel = 0, of_point = 0;
+  };
+  std::vector<Line> lines;
+};
+
+class Scripted : public Detector {
+ public:
+  Scripted(const char* name, Capabilities can, Script& script) : name_(name), can_(can), script_(script) {}
+  std::string name() const override { return name_; }
+  Capabilities capabilities() const override { return can_; }
+  std::array<double, 4> region() const override { return {0, 70, -40, 40}; }
+  std::vector<Proposal> forward(const SensorView& view, double threshold, bool) override {
+    std::vector<Proposal> found;
+    rows_.clear();
+    if (view.image) image_ = ImageF(view.image->width, view.image->height, 3);
+    points_ = view.points.size();
+    for (const Script::Line& line : script_.lines) {
+      Proposal proposal = line.proposal;
+      if (view.image && can_.reads_image) proposal.logit += line.of_pixel * view.image->data[0];
+      if (!view.points.empty() && can_.reads_points) proposal.logit += line.of_point * view.points[0].x;
+      if (!(proposal.score() > threshold)) continue;
+      found.push_back(proposal);
+      rows_.push_back(line);
+    }
+    return found;
+  }
+  SensorGradient backward(std::span<const double> d_logits) override {
+    EXPECT_EQ(d_logits.size(), rows_.size());
+    SensorGradient gradient{image_, {}};
+    gradient.points.resize(points_);
+    for (std::size_t i = 0; i < rows_.size(); ++i) {
+      if (can_.reads_image) gradient.image.data[0] += static_cast<float>(d_logits[i] * rows_[i].of_pixel);
+      if (can_.reads_points) gradient.points[0][0] += static_cast<float>(d_logits[i] * rows_[i].of_point);
+    }
+    return gradient;
+  }
+  TrainingLoss train_step(std::span<const TrainingSample>, double) override { return {1, 2, 3}; }
+  void save(const std::filesystem::path&, bool) override {}
+  std::unique_ptr<Detector> share() override { return std::make_unique<Scripted>(name_, can_, script_); }
+
+ private:
+  const char* name_;
+  Capabilities can_;
+  Script& script_;
+  std::vector<Script::Line> rows_;
+  ImageF image_;
+  std::size_t points_ = 0;
+};
+
+const Capabilities kFuses{true, true, true, false}, kLidar{false, true, true, false},
+    kCamera{true, false, false, true};
+
+/// Of the members' logits: what is found under a cap, and what two witnesses agree on.
+double soft(double decides, double other) {
+  return (1 - kWitnessLeak) * decides + kWitnessLeak * other;
+}
+
+constexpr int kWidth = 124, kHeight = 38;
+
+/// A tenth of KITTI's camera, that looks along x, at 1.7 m over the ground.
+struct Crossing {
+  Crossing() {
+    calibration.camera = {72, 72, 60, 18, kWidth, kHeight};
+    Eigen::Matrix3d axes;
+    axes << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+    calibration.camera_from_velo.linear() = axes;
+    image.data[0] = 0.5f;
+  }
+  SensorView view() const { return {&image, points, &calibration}; }
+  /// Where its picture shows a car on the ground.
+  PictureBox seen(const BevBox& box) const {
+    return *car_in_picture(box, -1.7, pixel_from_velo(calibration), kWidth, kHeight);
+  }
+  std::unique_ptr<Detector> detector() {
+    return with_witnesses(std::make_unique<Scripted>("fusion", kFuses, fused),
+                          std::make_unique<Scripted>("lidar", kLidar, lidar),
+                          std::make_unique<Scripted>("camera", kCamera, camera));
+  }
+  std::vector<Proposal> answers() { return detector()->forward(view(), 0, false); }
+
+  Calibration calibration;
+  ImageF image{kWidth, kHeight, 3};
+  std::vector<LidarPoint> points = {{1.f, 30.f, -1.7f, 0.f}};
+  Script fused, lidar, camera;
+};
+
+const BevBox kSeen{15, 2, 4, 1.6, 0.1}, kBeside{15.2, 2.1, 4, 1.6, 0.15}, kElsewhere{30, -8, 4, 1.6, 0};
+
+TEST(Consistent, WhatNoSensorSeesAloneIsNoCar) {
+  Crossing world;
+  world.fused.lines = {{{kSeen, 6}}, {{kElsewhere, 6}}, {{kSeen, -5}}};
+  world.lidar.lines = {{{kBeside, 1.5}}};
+  const auto found = world.answers();
+  ASSERT_EQ(found.size(), 3u);  // LiDAR's own needs the camera
+  EXPECT_DOUBLE_EQ(found[0].logit, soft(3.5, 6));
+  EXPECT_DOUBLE_EQ(found[1].logit, soft(kSilentLogit + kWitnessMargin, 6));
+  EXPECT_LT(found[1].score(), 0.01);
+  EXPECT_DOUBLE_EQ(found[2].logit, -5);  // too low to be changed
+}
+
+TEST(Consistent, WhatBothSensorsSeeIsFoundThoughTheFusionDoesNot) {
+  Crossing world;
+  world.fused.lines = {{{kSeen, -7}}};
+  world.lidar.lines = {{{kBeside, 2}}, {{kElsewhere, 3}}};
+  PictureBox moved = world.seen(kBeside);
+  moved.left += 0.4;
+  world.camera.lines = {{{{}, 1, moved}}, {{{}, 0.5, world.seen(kBeside)}}};
+  const auto found = world.answers();
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_DOUBLE_EQ(found[1].logit,
+                   soft(1, 2));  // the camera is the less certain, of its two boxes the better
+  EXPECT_DOUBLE_EQ(found[1].box.x, kBeside.x);
+  // Without a picture the fusion and LiDAR are all there is.
+  const auto blind = world.detector()->forward({nullptr, world.points, &world.calibration}, 0, false);
+  ASSERT_EQ(blind.size(), 1u);
+  EXPECT_DOUBLE_EQ(blind[0].logit, -7);
+}
+
+TEST(Consistent, AThresholdIsOfTheAnswer) {
+  Crossing world;
+  world.fused.lines = {{{kElsewhere, 6}}, {{kSeen, 6}}};
+  world.camera.lines = {{{{}, 0, world.seen(kSeen)}}};
+  const auto found = world.detector()->forward(world.view(), 0.5, false);
+  ASSERT_EQ(found.size(), 1u);
+  EXPECT_DOUBLE_EQ(found[0].logit, soft(2, 6));
+  EXPECT_TRUE(world.detector()->forward(world.view(), 0.95, false).empty());
+}
+
+/// Σ weights · logits of the answers, which change with the pixel and the point.
+double value_of(Crossing& world, const std::vector<double>& weights) {
+  const auto found = world.answers();
+  EXPECT_EQ(found.size(), weights.size());
+  double sum = 0;
+  for (std::size_t i = 0; i < found.size(); ++i) sum += weights[i] * found[i].logit;
+  return sum;
+}
+
+TEST(Consistent, GradientIsThatOfTheLogitThatDecides) {
+  RandomStream random(5, "consistency");
+  int by_fusion = 0, by_camera = 0, by_lidar = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    Crossing world;
+    const auto line = [&](const BevBox& box) {
+      return Script::Line{{box, random.uniform(-3.5, 6)}, random.uniform(-1, 1), random.uniform(-1, 1)};
+    };
+    world.fused.lines = {line(kSeen), line(kElsewhere)};
+    world.lidar.lines = {line(kBeside)};
+    world.camera.lines = {line({})};
+    world.camera.lines[0].proposal.picture = world.seen(kBeside);
+    const auto detector = world.detector();
+    const auto found = detector->forward(world.view(), 0, true);
+    std::vector<double> weights(found.size());
+    for (double& weight : weights) weight = random.uniform(-1, 1);
+    const SensorGradient gradient = detector->backward(weights);
+    constexpr float step = 1.f / 1024;
+    for (const bool pixel : {true, false}) {
+      float& input = pixel ? world.image.data[0] : world.points[0].x;
+      const float before = input;
+      input = before + step;
+      const double above = value_of(world, weights);
+      input = before - step;
+      const double below = value_of(world, weights);
+      input = before;
+      EXPECT_NEAR(pixel ? gradient.image.data[0] : gradient.points[0][0], (above - below) / (2 * step), 2e-3)
+          << "trial " << trial;
+    }
+    // Who decided the first answer, by what each of them says.
+    const auto said = [&](const Script& script, bool sees, bool measures) {
+      const Script::Line& first = script.lines[0];
+      return first.proposal.logit + (sees ? first.of_pixel * world.image.data[0] : 0) +
+             (measures ? first.of_point * world.points[0].x : 0);
+    };
+    const double fused = said(world.fused, true, true), lidar = said(world.lidar, false, true),
+                 camera = said(world.camera, true, false), cap = std::max(lidar, camera) + kWitnessMargin;
+    EXPECT_NEAR(found[0].logit, cap < fused ? soft(cap, fused) : fused, 1e-6);
+    ++(fused <= cap ? by_fusion : lidar > camera ? by_lidar : by_camera);
+  }
+  EXPECT_GT(std::min({by_fusion, by_camera, by_lidar}), 5);
+}
+
+TEST(Consistent, SuppressionKeepsTheBestBoxOfThoseThatOneWitnessSpeaksFor) {
+  Crossing world;
+  BevBox poor = kSeen;
+  poor.x += 1.5;
+  world.fused.lines = {{{poor, 5}}, {{kSeen, 7}}};
+  world.lidar.lines = {{{kBeside, -1}}};
+  const auto kept = suppress(world.answers());
+  ASSERT_EQ(kept.size(), 1u);
+  EXPECT_DOUBLE_EQ(kept[0].box.x, kSeen.x);
+}
+
+TEST(Consistent, SaysWhatItsMembersCan) {
+  Crossing world;
+  const auto detector = world.detector();
+  EXPECT_EQ(detector->name(), "fusion");
+  EXPECT_TRUE(detector->capabilities().reads_image && detector->capabilities().reads_points);
+  EXPECT_FALSE(detector->capabilities().knows_presence);
+  EXPECT_EQ(detector->capabilities().why_whole, kFuses.why_whole);
+  const auto all_local = [&](bool camera_is_local) {
+    Capabilities fuses = kFuses, ranges = kLidar, sees = kCamera;
+    for (Capabilities* can : {&fuses, &ranges}) can->why_whole.clear(), can->knows_presence = true;
+    sees.why_whole = camera_is_local ? "" : "it is slow";
+    return with_witnesses(std::make_unique<Scripted>("fusion", fuses, world.fused),
+                          std::make_unique<Scripted>("lidar", ranges, world.lidar),
+                          std::make_unique<Scripted>("camera", sees, world.camera))
+        ->capabilities();
+  };
+  EXPECT_TRUE(all_local(true).knows_presence);
+  EXPECT_EQ(all_local(true).why_whole, "");
+  EXPECT_EQ(all_local(false).why_whole, "it is slow");
+  world.fused.lines = {{{kElsewhere, 6}}};
+  EXPECT_DOUBLE_EQ(detector->share()->forward(world.view(), 0, false)[0].logit,
+                   soft(kSilentLogit + kWitnessMargin, 6));
+  EXPECT_EQ(detector->train_step({}, 0).total, 1);
+  EXPECT_TRUE(detector->forward({&world.image, {}, &world.calibration}, 0, false).size() == 1);
+  EXPECT_THAT(error_text<FieldError>([&] {
+                with_witnesses(std::make_unique<Scripted>("camera", kCamera, world.camera),
+                               std::make_unique<Scripted>("lidar", kLidar, world.lidar),
+                               std::make_unique<Scripted>("camera", kCamera, world.camera));
+              }),
+              ::testing::HasSubstr("camera finds no boxes from above"));
+}
+
+}  // namespace
+}  // namespace mirage
