@@ -6,6 +6,7 @@
 
 #include "base/error.h"
 #include "detection/car_in_picture.h"
+#include "detection/defense_words.h"
 #include "detection/points_in_view.h"
 
 namespace mirage {

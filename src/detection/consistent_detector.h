@@ -24,9 +24,6 @@
 
 namespace mirage {
 
-/// The word of it for DetectorOptions::defense.
-inline constexpr const char* kConsistency = "consistency";
-
 /// See above; a witness that says nothing of a place counts as kSilentLogit.
 inline constexpr double kWitnessMargin = 2, kWitnessLeak = 0.05, kSilentLogit = -8;
 /// Below it a proposal is held against nobody, and LiDAR's are no candidates.

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -12,6 +11,7 @@
 #include "base/parallel.h"
 #include "base/shared_library.h"
 #include "detection/consistent_detector.h"
+#include "detection/defense_words.h"
 #include "detection/detector.h"
 #include "detection/detector_abi.h"
 #include "detection/detector_words.h"
@@ -276,18 +276,6 @@ class PluginDetector : public Detector {
   std::size_t kept_points_ = 0, kept_watched_ = 0;
 };
 
-/// JPEG's quality in "jpeg:QUALITY"; 0 for another defence.
-int jpeg_quality(const std::string& defense) {
-  constexpr std::string_view word = "jpeg:";
-  if (!defense.starts_with(word)) return 0;
-  int quality = 0;
-  const char *first = defense.data() + word.size(), *end = defense.data() + defense.size();
-  const auto [read, error] = std::from_chars(first, end, quality);
-  if (error != std::errc() || read != end || quality < 1 || quality > 100)
-    throw FieldError("defense", defense, "is no JPEG quality", "use jpeg:1 to jpeg:100");
-  return quality;
-}
-
 /// "-" and the word that shipped weights of a trained defence carry, or those fine-tuned on real frames;
 /// empty for the plain ones. InputError for what can be no such word.
 std::string weights_word(const DetectorOptions& options) {
@@ -364,10 +352,6 @@ std::vector<DetectorOptions> witnesses(const DetectorOptions& options) {
     if (!fs::exists(shipped_weights(its, plugin_file(its)))) its.weights.clear();
   }
   return all;
-}
-
-bool stands_around(const std::string& defense) {
-  return defense == kConsistency || jpeg_quality(defense) > 0;
 }
 
 std::string weights_hash(const DetectorOptions& options) {
