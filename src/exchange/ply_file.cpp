@@ -252,7 +252,7 @@ Polygons parse_ply(std::string_view bytes, const std::string& where) {
           const double count = property.length ? cursor.number(*property.length) : 1;
           if (!(count >= 0 && count <= static_cast<double>(cursor.left())))
             cursor.fail(std::string(element.name.substr(0, 40)), "has a list of no length");
-          for (double k = 0; k < count; ++k) cursor.number(property.type);
+          for (auto k = static_cast<std::uint64_t>(count); k > 0; --k) cursor.number(property.type);
         }
       }
     }
