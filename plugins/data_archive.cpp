@@ -99,11 +99,12 @@ void refuse_code(const std::string& bytes) {
 }  // namespace
 
 torch::serialize::InputArchive open_data_archive(const std::string& file, const torch::Device& device) {
+  // A file that can't be read says why: its error is not one of those below.
+  const std::string bytes = begins_with(file, "PK\x03\x04") ? read_file(file) : "";
   torch::serialize::InputArchive archive;
   try {
     // LibTorch takes another format by its first bytes; this one begins with a zip file's.
-    if (!begins_with(file, "PK\x03\x04")) throw std::runtime_error("no zip file");
-    const std::string bytes = read_file(file);
+    if (bytes.empty()) throw std::runtime_error("no zip file");
     check_archive(bytes);
     refuse_code(bytes);
     std::istringstream in(bytes);
