@@ -131,7 +131,7 @@ void add_options(CLI::App& app, RenderOptions& options) {
       ->check(CLI::IsMember({"soft", "traced"}))
       ->capture_default_str();
   app.add_option("--sigma", options.sigma, "softness of edges, NDC² of the longer side")
-      ->check(within({kSmallestSigma, kLargestSigma}))
+      ->check(within({kHardSigma, kLargestSigma}))
       ->capture_default_str();
   app.add_option("--gamma", options.gamma,
                  "softness of depth, share of the scene's depth range (default: 3 cm of it)")

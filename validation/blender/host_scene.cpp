@@ -2,11 +2,12 @@
 
 #include <algorithm>
 
+#include "sensors/raster/limits.h"
+
 namespace mirage {
 
 SimulationSettings hard_limit(SimulationSettings settings, bool occluded) {
-  settings.raster.sigma =
-      1e-18;  // blends over 1e-6 px; 1e-12 would over 2e-3 px, which is visible in the mean
+  settings.raster.sigma = kHardSigma;
   settings.raster.gamma = 1e-6;
   settings.light = LightModel::plain;
   settings.supersampling = 1;  // Cycles' matched render samples pixel centres

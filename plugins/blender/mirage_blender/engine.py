@@ -12,7 +12,7 @@ from . import camera, exr, program
 from .scene_export import ExportError, SceneExport
 
 NOTHING_HIT = 1e10  # Blender's depth where there is no surface
-HARD = {"sigma": 1e-18, "gamma": 1e-6, "samples": 1}  # blends over 1e-6 pixels: a hard rasteriser
+HARD = {"sigma": 1e-18, "gamma": 1e-6, "samples": 1}  # σ as kHardSigma of sensors/raster/limits.h
 LAST = {}  # result.json of the latest render in this process, and its light
 
 

@@ -10,10 +10,10 @@ class MirageSettings(bpy.types.PropertyGroup):
         ("SOFT", "Soft rasteriser", "Differentiable rasteriser: Lambert faces under ambient light and one sun"),
         ("TRACED", "Ray-traced camera", "Adds the sun's shadows and the sky's occlusion")])
     sigma: FloatProperty(
-        name="Sigma (1e-6)", default=0.5, min=1e-6, soft_max=100, precision=4,
+        name="Sigma (1e-6)", default=0.5, min=1e-6, max=1e5, soft_max=100, precision=4,
         description="Softness of edges σ in 1e-6 NDC² of the longer image side; 2.6 is one pixel of 1242")
     gamma: FloatProperty(
-        name="Gamma", default=0, min=0, soft_max=0.1, precision=6,
+        name="Gamma", default=0, min=0, max=1e3, soft_max=0.1, precision=6,
         description="Softness of depth ordering γ, share of the scene's depth range; 0: 3 cm")
     samples: IntProperty(name="Samples", default=2, min=1, max=32, description="Samples a pixel along each side")
     hard: BoolProperty(name="Hard limit", default=False, options={"HIDDEN"},
