@@ -19,7 +19,6 @@ set(MIRAGE_LAYER_OF_CLI11 cli)
 set(MIRAGE_LAYER_OF_ZLIB cli)
 set(MIRAGE_LAYER_OF_embree sensors)
 set(MIRAGE_LAYER_OF_Ceres scene)
-set(MIRAGE_LAYER_OF_assimp exchange)
 
 function(mirage_package name debian)
   if(DEFINED MIRAGE_LAYER_OF_${name} AND NOT MIRAGE_LAYER_OF_${name} IN_LIST MIRAGE_LAYERS)
@@ -51,7 +50,6 @@ mirage_package(CLI11 libcli11-dev)
 mirage_package(ZLIB zlib1g-dev)  # validation's pages and the fuzzers' seeds
 mirage_package(embree libembree-dev 3)
 mirage_package(Ceres libceres-dev 2)
-mirage_package(assimp libassimp-dev 5)
 mirage_package(MPI libopenmpi-dev COMPONENTS C)
 
 # Found by hand: OpenCV's CMake package comes only with all of OpenCV, and OpenImageIO's asks for a PyImath

@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/names.h"
 #include "base/progress.h"
 #include "cli/detector_options.h"
 #include "cli/picture_rows.h"
@@ -74,7 +75,7 @@ nlohmann::json detections_json(const DetectionRun& run) {
       detections.push_back(std::move(entry));
     }
     for (const BevBox& box : run.frames[i].truth.boxes) boxes.push_back(box_json(box, run.plane));
-    frames.push_back({{"frame", run.ids[i]}, {"detections", detections}, {"vehicles", boxes}});
+    frames.push_back({{"frame", escape_name(run.ids[i])}, {"detections", detections}, {"vehicles", boxes}});
   }
   return {{"frames", frames}};
 }

@@ -64,7 +64,7 @@ void check_parts(const DefenseSettings& settings, const Detector& detector) {
   const auto& parts = settings.detector.parts;
   if ((!parts.empty() || settings.left_out > 0) && !detector.capabilities().reads_image)
     throw FieldError("method", parts.empty() ? "left out picture" : parts.front(),
-                     "is of the image branch, and " + detector.name() + " has none",
+                     "needs a detector that sees the picture, and " + detector.name() + " does not",
                      "use adversarial, or --detector fusion");
 }
 

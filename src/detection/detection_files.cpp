@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/names.h"
 #include "detection/upright.h"
 
 namespace mirage {
@@ -81,7 +82,7 @@ DetectionFiles::DetectionFiles(const fs::path& path) : path_(path) {
         !frame.contains("detections") || !frame["detections"].is_array())
       throw InputError(path_.string(), fmt::format("frames.{}", frames_.size()),
                        "has no frame's name or no list of detections", "write it again with mirage detect");
-    frames_[frame["frame"].get<std::string>()] = frame["detections"];
+    frames_[unescape_name(frame["frame"].get<std::string>())] = frame["detections"];
   }
 }
 

@@ -184,8 +184,8 @@ class Checker {
   void check_placement(const json& node, const std::string& field) const {
     numbers(node, "translation", 3, field, -kFurthest, kFurthest);
     const auto scale = numbers(node, "scale", 3, field, -kFurthest, kFurthest);
-    if (!scale.empty() && Eigen::Map<const Vec3d>(scale.data()).isZero(0))
-      fail(field + ".scale", "is zero", "leave the node away");
+    if (!scale.empty() && Eigen::Map<const Vec3d>(scale.data()).cwiseAbs().minCoeff() == 0)
+      fail(field + ".scale", "is zero: it flattens what it places", "leave the node away");
     const auto turn = numbers(node, "rotation", 4, field, -1e3, 1e3);
     if (!turn.empty() && Eigen::Map<const Eigen::Vector4d>(turn.data()).norm() < 1e-3)
       fail(field + ".rotation", "has no length", "write a unit quaternion");

@@ -64,9 +64,9 @@ bool ends_with_glb(const fs::path& file) {
 GltfDocument open_gltf(const fs::path& file) {
   const FolderFiles folder(file);
   GltfDocument document;
-  const bool binary = ends_with_glb(file);
+  const bool binary = document.binary = ends_with_glb(file);
   // Of another kind of file the first bytes are all that is read.
-  if (const std::string head = read_head(folder.file(), kHeader); binary && head.size() == kHeader)
+  if (const std::string head = binary ? read_head(folder.file(), kHeader) : ""; head.size() == kHeader)
     check_magic(head, file.string());
   document.bytes = read_file(folder.file(), kMostInMemory);
   const std::string_view text = json_text(document.bytes, file.string(), binary);

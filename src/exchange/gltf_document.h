@@ -1,6 +1,6 @@
 // A glTF 2.0 file before a reader interprets it: container opened, JSON parsed and checked, files that it
-// names read. Both readers (gltf_read: tinygltf; mesh_files: assimp) recurse along nodes and extras, and pass
-// over what they don't understand; after these checks neither is led astray.
+// names read. Its reader (gltf_model: tinygltf) recurses along nodes and extras, and passes over what it
+// doesn't understand; after these checks it is not led astray.
 #pragma once
 
 #include <filesystem>
@@ -12,6 +12,7 @@ namespace mirage {
 
 /// A glTF file as text and bytes, checked before anything is built from it.
 struct GltfDocument {
+  bool binary = false;  ///< a .glb
   nlohmann::json json;
   std::string bytes;  ///< the whole file; a .glb's binary chunk is in it
   std::vector<std::string>

@@ -41,8 +41,6 @@ tinygltf::FsCallbacks only(Files& files) {
 
 GltfModel::GltfModel(std::filesystem::path file) : file_(std::move(file)) {
   const GltfDocument document = open_gltf(file_);
-  if (document.bytes.compare(0, 4, "glTF") != 0)
-    fail("magic", "is not \"glTF\"", "give a binary glTF 2.0 file (.glb)");
   Files files;
   for (std::size_t b = 0; b < document.buffers.size(); ++b)
     if (!document.buffers[b].empty())
@@ -56,9 +54,12 @@ GltfModel::GltfModel(std::filesystem::path file) : file_(std::move(file)) {
   std::string error, warning;
   bool loaded = false;
   try {
-    loaded = loader.LoadBinaryFromMemory(&model_, &error, &warning,
-                                         reinterpret_cast<const unsigned char*>(document.bytes.data()),
-                                         static_cast<unsigned>(document.bytes.size()));
+    const auto size = static_cast<unsigned>(document.bytes.size());
+    loaded =
+        document.binary
+            ? loader.LoadBinaryFromMemory(&model_, &error, &warning,
+                                          reinterpret_cast<const unsigned char*>(document.bytes.data()), size)
+            : loader.LoadASCIIFromString(&model_, &error, &warning, document.bytes.data(), size, "");
   } catch (const std::exception& exception) {
     error = exception.what();
   }
@@ -207,8 +208,6 @@ void GltfModel::append_mesh(const tinygltf::Node& node, const std::string& field
 void GltfModel::append_primitive(const tinygltf::Primitive& primitive, const std::string& field,
                                  const Eigen::Affine3d& gltf_from_node, TexturedMesh& out) const {
   if (primitive.mode >= TINYGLTF_MODE_POINTS && primitive.mode <= TINYGLTF_MODE_LINE_STRIP) return;
-  if (primitive.mode != TINYGLTF_MODE_TRIANGLES && primitive.mode != -1)
-    fail(field + ".mode", "strips and fans are not read", "export plain triangles");
   const auto position = primitive.attributes.find("POSITION");
   if (position == primitive.attributes.end()) fail(field + ".attributes.POSITION", "missing");
   const Column points = column(position->second, 3, true, field + ".attributes.POSITION");
@@ -232,12 +231,28 @@ void GltfModel::append_primitive(const tinygltf::Primitive& primitive, const std
     if (factor.size() >= 3) color = Vec3d(factor[0], factor[1], factor[2]);
   }
   const bool mirrored = gltf_from_node.linear().determinant() < 0;
-  for (std::size_t i = 0; i + 2 < corners; i += 3) {
-    Face face = {corner(i), corner(i + 1), corner(i + 2)};
+  const bool strip = primitive.mode == TINYGLTF_MODE_TRIANGLE_STRIP,
+             fan = primitive.mode == TINYGLTF_MODE_TRIANGLE_FAN;
+  for (std::size_t i = 0; i + 2 < corners; i += strip || fan ? 1 : 3) {
+    // glTF 2.0, section 3.7.2.1
+    Face face =
+        fan ? Face{corner(i + 1), corner(i + 2), corner(0)}
+            : Face{corner(i), corner(strip ? i + 1 + i % 2 : i + 1), corner(strip ? i + 2 - i % 2 : i + 2)};
     if (mirrored) std::swap(face[1], face[2]);
     out.mesh.faces.push_back(face);
     out.atlas.texels.insert(out.atlas.texels.end(), out.atlas.per_face(), color);
   }
+}
+
+TexturedMesh GltfModel::triangles() const {
+  TexturedMesh textured;
+  textured.atlas.resolution = 1;
+  walk([&](const auto& node, const auto& field, const auto& placed) {
+    append_mesh(node, field, placed, textured);
+  });
+  if (textured.mesh.faces.empty()) fail("meshes", "no triangles", "give a glTF file with a triangle mesh");
+  check_mesh(textured, file_.string());
+  return textured;
 }
 
 const tinygltf::Value* GltfModel::scene_extras() const {

@@ -19,7 +19,7 @@ namespace mirage {
 /// A checked glTF file and what Mirage reads from it.
 class GltfModel {
  public:
-  /// Opens a .glb (open_gltf) and reads it. InputError as there.
+  /// Opens a .glb or .gltf (open_gltf) and reads it. InputError as there.
   explicit GltfModel(std::filesystem::path file);
 
   /// As tinygltf has it.
@@ -37,6 +37,8 @@ class GltfModel {
   /// The triangles of a node's mesh, each face with its material's base colour, placed and added to `out`.
   void append_mesh(const tinygltf::Node& node, const std::string& field,
                    const Eigen::Affine3d& gltf_from_node, TexturedMesh& out) const;
+  /// All triangles of the default scene in `velo`, one texel a face.
+  TexturedMesh triangles() const;
   /// InputError if a vertex from `first` on lies further than gltf_limits::kFurthest.
   void check_reach(const Mesh& mesh, std::size_t first, const std::string& field) const;
 

@@ -17,18 +17,6 @@ namespace {
 
 using namespace gltf_limits;
 
-/// All triangles of the default scene with their base colours.
-TexturedMesh foreign_mesh(const GltfModel& gltf) {
-  TexturedMesh textured;
-  textured.atlas.resolution = 1;
-  gltf.walk([&](const auto& node, const auto& field, const auto& placed) {
-    gltf.append_mesh(node, field, placed, textured);
-  });
-  if (textured.mesh.faces.empty()) gltf.fail("meshes", "no triangles", "give a .glb with a triangle mesh");
-  check_mesh(textured, gltf.file().string());
-  return textured;
-}
-
 class SceneReader {
  public:
   explicit SceneReader(const std::filesystem::path& file) : gltf_(file), model_(gltf_.model()) {}
@@ -218,7 +206,7 @@ TexturedMesh read_adversary(const std::filesystem::path& file) {
     if (extras.IsObject() && extras.Has("mirage"))
       return gltf.exact(extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", m));
   }
-  return foreign_mesh(gltf);
+  return gltf.triangles();
 }
 
 RenderScene read_scene(const std::filesystem::path& file, int width, int height) {

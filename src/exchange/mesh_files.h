@@ -1,5 +1,5 @@
-// Meshes of other programs: a folder of vehicles in (glTF and OBJ by assimp, PLY by ply_file.h), single
-// meshes out (glb, PLY).
+// Meshes of other programs: single ones and a folder of vehicles in (glTF, OBJ, PLY), single ones out (glb,
+// PLY).
 #pragma once
 
 #include <filesystem>
@@ -17,18 +17,13 @@ struct MeshAxes {
 };
 
 /// The mesh of a .glb, .gltf, .obj or .ply file in the vehicle's frame (x forward, y left, z up): all of its
-/// nodes placed and joined, polygons cut into triangles, lines and points left out. Without `axes`, glTF has
-/// +z forward and +y up (glTF 2.0, section 3.4); OBJ and PLY, which say nothing, +x forward and +z up.
-/// Files that it names (a glTF's buffers, an OBJ's materials) are read from its own folder only
-/// (FolderFiles). InputError naming file and fix if it can't be read, holds no faces or vertices beyond
-/// gltf_limits::kFurthest, is a glTF that open_gltf refuses, or `axes` are no axes or parallel. Interrupted
-/// after Ctrl-C.
+/// nodes placed, polygons cut into triangles, lines and points left out, vertices at one place made one.
+/// Without `axes`, glTF has +z forward and +y up (glTF 2.0, section 3.4); OBJ and PLY, which say nothing, +x
+/// forward and +z up. A glTF's buffers are read from its own folder only (FolderFiles), and an OBJ's
+/// materials not at all. InputError naming file and fix if it can't be read, holds no faces or vertices
+/// beyond gltf_limits::kFurthest, is a glTF that open_gltf refuses, or `axes` are no axes or parallel.
+/// Interrupted after Ctrl-C.
 Mesh read_mesh(const std::filesystem::path& file, const std::optional<MeshAxes>& axes = {});
-
-/// The same with the colours of the materials' pictures: one texel a face (an atlas of resolution 1), where
-/// the middle of the face's UVs lies in its material's base colour picture beside the file; a material's
-/// plain colour without one; grey (0.5) without a material, as in a PLY.
-TexturedMesh read_textured_mesh(const std::filesystem::path& file, const std::optional<MeshAxes>& axes = {});
 
 /// Every such file of a folder, by name, as vehicles to learn from. They must be in metres and lie along x:
 /// InputError, naming the file and its measures, unless the length is 2 to 12 m, the width 1 to 3.5 m, the

@@ -2,9 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
 #include <map>
+#include <optional>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -13,6 +16,93 @@
 #include "geometry/atlas_triangles.h"
 
 namespace mirage {
+namespace {
+
+/// The first word of `line`, which is left without it; empty at the line's end.
+std::string_view take_word(std::string_view& line) {
+  constexpr std::string_view kBlank = " \t\r";
+  line.remove_prefix(std::min(line.find_first_not_of(kBlank), line.size()));
+  const std::string_view word = line.substr(0, std::min(line.find_first_of(kBlank), line.size()));
+  line.remove_prefix(word.size());
+  return word;
+}
+
+template <class T>
+std::optional<T> number(std::string_view word) {
+  if (word.starts_with('+')) word.remove_prefix(1);
+  T value{};
+  const auto [stop, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+  if (error != std::errc() || stop != word.data() + word.size()) return std::nullopt;
+  return value;
+}
+
+/// Lines that a backslash carries on are made one.
+std::string whole_lines(std::string_view bytes) {
+  std::string text(bytes);
+  for (std::size_t at = 0; (at = text.find('\\', at)) != std::string::npos; ++at) {
+    const std::size_t end = at + 1 < text.size() && text[at + 1] == '\r' ? at + 2 : at + 1;
+    if (end < text.size() && text[end] == '\n') std::fill(text.begin() + at, text.begin() + end + 1, ' ');
+  }
+  return text;
+}
+
+class ObjReader {
+ public:
+  explicit ObjReader(const std::string& where) : where_(where) {}
+
+  Polygons read(std::string_view text) {
+    for (std::size_t at = 0; at < text.size(); ++line_) {
+      const std::size_t end = std::min(text.find('\n', at), text.size());
+      std::string_view line = text.substr(at, end - at);
+      at = end + 1;
+      const std::string_view kind = take_word(line);
+      if (kind == "v") read_vertex(line);
+      if (kind == "f") read_face(line);
+    }
+    for (std::size_t f = 0; f < read_.faces.size(); ++f)  // once all vertices are known
+      for (const int corner : read_.faces[f]) check_corner(corner, read_.vertices.size(), f, where_);
+    return std::move(read_);
+  }
+
+ private:
+  [[noreturn]] void fail(const std::string& problem) const {
+    throw InputError(where_, fmt::format("line {}", line_), problem, "export the mesh again");
+  }
+  void read_vertex(std::string_view line) {
+    Vec3d place;
+    for (int k = 0; k < 3; ++k) {
+      const auto value = number<double>(take_word(line));
+      if (!value || !std::isfinite(*value)) fail("is a vertex without three finite numbers");
+      place[k] = *value;
+    }
+    read_.vertices.push_back(place);
+  }
+  void read_face(std::string_view line) {
+    std::vector<int> face;
+    for (std::string_view word = take_word(line); !word.empty() && word[0] != '#'; word = take_word(line)) {
+      const auto named = number<int>(word.substr(0, word.find('/')));
+      if (!named || *named == 0) fail("is a face with a corner that is no vertex's number");
+      face.push_back(*named > 0 ? *named - 1 : *named + static_cast<int>(read_.vertices.size()));
+      if (face.size() > kMostCorners) break;  // is refused in a moment
+    }
+    // How many there are altogether, of those that are too many.
+    std::size_t corners = face.size();
+    while (corners > kMostCorners && !take_word(line).empty()) ++corners;
+    check_corners(static_cast<double>(corners), read_.faces.size(), where_);
+    read_.faces.push_back(std::move(face));
+  }
+
+  const std::string& where_;
+  Polygons read_;
+  std::size_t line_ = 1;
+};
+
+}  // namespace
+
+Polygons parse_obj(std::string_view bytes, const std::string& where) {
+  return bytes.find('\\') == std::string_view::npos ? ObjReader(where).read(bytes)
+                                                    : ObjReader(where).read(whole_lines(bytes));
+}
 
 TexturedMesh standing_on_origin(TexturedMesh adversary) {
   const double lowest = bounds(adversary.mesh).min().z();

@@ -1,8 +1,12 @@
-// Wavefront OBJ out, for programs that read neither glTF nor FBX.
+// Wavefront OBJ ("Object Files (.obj)", Alias Wavefront's Advanced Visualizer 3.0, appendix B1): out, for
+// programs that read neither glTF nor FBX, and its polygons in.
 #pragma once
 
 #include <filesystem>
+#include <string>
+#include <string_view>
 
+#include "exchange/polygons.h"
 #include "geometry/mesh.h"
 
 namespace mirage {
@@ -17,5 +21,11 @@ TexturedMesh standing_on_origin(TexturedMesh adversary);
 /// it is whole and grey. Vertices are shared between triangles, with 9 digits. InputError if `file` does not
 /// end in .obj.
 void write_obj(const std::filesystem::path& file, const TexturedMesh& textured);
+
+/// The vertices (v) and polygons (f, by absolute or relative numbers) of a file; texture, normals, groups,
+/// materials, lines and curves are read over, and no file that it names is opened. InputError naming `where`
+/// and the line or face for a vertex without three finite numbers, faces of less than one or more than
+/// kMostCorners corners, and vertices that are not there.
+Polygons parse_obj(std::string_view bytes, const std::string& where);
 
 }  // namespace mirage

@@ -6,7 +6,6 @@
 #include <array>
 #include <bit>
 #include <charconv>
-#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <limits>
@@ -73,6 +72,7 @@ class Cursor {
   [[noreturn]] void fail(const std::string& field, const std::string& problem) const {
     throw InputError(where_, field, problem, "export the mesh again");
   }
+  const std::string& where() const { return where_; }
   std::size_t left() const { return bytes_.size() - at_; }
   void start(std::size_t at, Form form) {
     at_ = at;
@@ -218,18 +218,15 @@ void read_vertex(const Element& element, Cursor& cursor, Polygons& read) {
 }
 
 void read_face(const Element& element, Cursor& cursor, Polygons& read) {
-  const std::string name = fmt::format("face {}", read.faces.size());
   for (const Property& property : element.properties) {
     const double count = property.length ? cursor.number(*property.length) : 1;
     const bool corners = property.name == "vertex_indices" || property.name == "vertex_index";
-    if (!(count >= (corners ? 1 : 0) && count <= kMostCorners && count == std::floor(count)))
-      cursor.fail(name, fmt::format("has {:g} corners, not 1 to {}", count, kMostCorners));
+    if (corners || count != 0) check_corners(count, read.faces.size(), cursor.where());
     std::vector<int> face;
     for (int k = 0; k < static_cast<int>(count); ++k) {
       const double value = cursor.number(property.type);
       if (!corners) continue;
-      if (!(value >= 0 && value < static_cast<double>(read.vertices.size()) && value == std::floor(value)))
-        cursor.fail(name, fmt::format("names vertex {:g} of {}", value, read.vertices.size()));
+      check_corner(value, read.vertices.size(), read.faces.size(), cursor.where());
       face.push_back(static_cast<int>(value));
     }
     if (corners) read.faces.push_back(std::move(face));

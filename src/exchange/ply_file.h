@@ -5,22 +5,10 @@
 
 #include <string>
 #include <string_view>
-#include <vector>
 
-#include "base/types.h"
+#include "exchange/polygons.h"
 
 namespace mirage {
-
-/// Corners of a polygon at most: cutting one takes time by their square.
-inline constexpr unsigned kMostCorners = 1000;
-/// Bytes of an OBJ or PLY at most, and of a file that it names.
-inline constexpr std::size_t kLargestMesh = std::size_t{1} << 26;
-
-/// Vertices and polygons of a file, in its own axes.
-struct Polygons {
-  std::vector<Vec3d> vertices;
-  std::vector<std::vector<int>> faces;
-};
 
 /// The elements "vertex" (properties x, y, z) and "face" (list vertex_indices or vertex_index); others are
 /// read over. InputError naming `where` and the field for a header that is none or claims more than the bytes

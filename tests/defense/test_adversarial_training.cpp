@@ -52,9 +52,10 @@ TEST(Defense, PartsOfAnImageBranchThatTheDetectorLacksAreOneLine) {
   DefenseSettings settings;
   settings.detector.detector = "lidar";
   settings.detector.parts = {"denoising"};
-  EXPECT_THAT(error_text<FieldError>([&] { train_defended(settings); }),
-              ::testing::StartsWith(
-                  "method: denoising: is of the image branch, and lidar has none; use adversarial"));
+  EXPECT_THAT(
+      error_text<FieldError>([&] { train_defended(settings); }),
+      ::testing::StartsWith(
+          "method: denoising: needs a detector that sees the picture, and lidar does not; use adversarial"));
 }
 
 /// Fresh weights, and a few steps from them.

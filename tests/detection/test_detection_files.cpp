@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/names.h"
 #include "base/random.h"
 #include "detection/detection_files.h"
 #include "detection/upright.h"
@@ -127,6 +128,15 @@ TEST(DetectionFiles, OfAnotherKindAreNamed) {
                 AllOf(HasSubstr(place), HasSubstr(word)));
   EXPECT_THAT(error_text<InputError>([&] { DetectionFiles(folder / "b.json").of(frame_with_car()); }),
               AllOf(HasSubstr("b.json"), HasSubstr("frame 000004, detection 0.score")));
+}
+
+TEST(DetectionFiles, NamesOfAnyBytesAreFoundAgain) {
+  const TemporaryFolder folder;
+  for (const std::string id : {"a\\b", "a\xff\x01z", "\\x41", "plain"}) {
+    write_json(folder / "detections.json",
+               {{"frames", {{{"frame", escape_name(id)}, {"detections", nlohmann::json::array()}}}}});
+    EXPECT_TRUE(DetectionFiles(folder / "detections.json").has(id)) << escape_name(id);
+  }
 }
 
 }  // namespace

@@ -29,8 +29,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
 
-/// The error of reading `document` as a .glb by our reader, as .glb and .gltf by assimp's; all must name
-/// `field`.
+/// The error of reading `document` as an adversary and as a mesh, .glb and .gltf; all must name `field`.
 void expect_refused(const json& document, const std::string& field) {
   const test::TemporaryFolder folder;
   write_glb(folder / "bad.glb", document);
@@ -120,6 +119,7 @@ TEST(GltfValues, RubbishIsRefusedWithItsField) {
   };
   expect_refused(node("scale", {1e38, 1, 1}), "nodes[0].scale");
   expect_refused(node("scale", {0, 0, 0}), "nodes[0].scale");
+  expect_refused(node("scale", {1, 0, 1}), "nodes[0].scale");
   expect_refused(node("scale", {1, 1}), "nodes[0].scale");
   expect_refused(node("translation", {0, 0, 1e38}), "nodes[0].translation");
   expect_refused(node("rotation", {0, 0, 0, 0}), "nodes[0].rotation");
@@ -162,6 +162,23 @@ TEST(GltfValues, RubbishIsRefusedWithItsField) {
             "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAfwAAAAAAAAAAAAAAAAAAgD8AAAAA";
       }),
       "vertex 1");
+}
+
+TEST(GltfValues, StripsAndFansAreWoundAsTheFormatHasIt) {
+  const test::TemporaryFolder folder;
+  const std::vector<float> places = {0, 0, 0,  1, 0, 0,
+                                     0, 0, -1, 1, 0, -1};  // x right, z towards us: a square
+  const std::vector<float> around = {0, 0, 0, 1, 0, 0, 1, 0, -1, 0, 0, -1};
+  for (const auto& [mode, corners] : {std::pair{5, places}, std::pair{6, around}}) {
+    GltfBuilder gltf;
+    const nlohmann::json primitive = {{"attributes", {{"POSITION", gltf.add_floats(corners, 3, true)}}},
+                                      {"mode", mode}};
+    gltf.add_node({{"mesh", gltf.add("meshes", {{"primitives", nlohmann::json::array({primitive})}})}});
+    write_file(folder / "square.glb", gltf.glb());
+    const Mesh mesh = read_adversary(folder / "square.glb").mesh;
+    ASSERT_EQ(mesh.faces.size(), 2u);
+    for (const Vec3d& normal : face_normals(mesh)) EXPECT_LT((normal - Vec3d(0, 0, 1)).norm(), 1e-6) << mode;
+  }
 }
 
 TEST(GltfValues, NumbersBeyondDoubleAreRefused) {
@@ -278,13 +295,13 @@ TEST(GltfScenes, APhotographIsJudgedByItsHeader) {
 TEST(GltfInterruptDeathTest, ASignalEndsTheLoading) {
   const test::TemporaryFolder folder;
   write_glb(folder / "scene.glb", lit_scene());
-  for (const bool assimp : {false, true})
+  for (const bool mesh : {false, true})
     EXPECT_EXIT(
         {
           watch_for_interrupt();
           std::raise(SIGTERM);
           try {
-            if (assimp)
+            if (mesh)
               read_mesh(folder / "scene.glb");
             else
               read_scene(folder / "scene.glb");

@@ -3,11 +3,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numeric>
 #include <string>
 
 #include "base/error.h"
 #include "base/files.h"
 #include "exchange/mesh_files.h"
+#include "exchange/polygons.h"
 #include "geometry/shapes.h"
 #include "support/files.h"
 
@@ -104,7 +106,7 @@ TEST(HostileMeshes, PlyFilesThatClaimMoreThanTheyHoldAreRefused) {
   const std::string corners = "0 0 0\n1 0 0\n0 1 0\n";
   write_file(folder / "good.ply", ply_of("3", "1", corners + "3 0 1 2\n"));
   EXPECT_EQ(read_mesh(folder / "good.ply").faces.size(), 1u);
-  // Assimp's own check of the first ends the program; the others take gigabytes, or minutes.
+  // The first ended the program in another reader; the others took gigabytes, or minutes.
   EXPECT_THAT(refusal(ply_of("3", "1", "0 0 0\n")), HasSubstr("cannot hold"));
   EXPECT_THAT(refusal(ply_of("100000000", "100000000", corners)),
               HasSubstr("claims 100000000 of \"vertex\""));
@@ -138,6 +140,27 @@ TEST(HostileMeshes, PolygonsOfAnyNumberOfCornersAreRefusedBeforeTheyAreCut) {
   EXPECT_THAT(error_text<InputError>([&] { read_mesh(folder / "many.obj"); }),
               HasSubstr("face 0: has 2000 corners, not 1 to 1000; cut its polygons into triangles"));
   EXPECT_EQ(read_mesh(folder / "few.obj").faces.size(), 38u);
+}
+
+TEST(HostileMeshes, PolygonsThatTakeMinutesToCutAreRefusedTogether) {
+  Polygons many;
+  for (int i = 0; i < 1000; ++i) many.vertices.emplace_back(std::cos(i * 6e-3), std::sin(i * 6e-3), 0);
+  std::vector<int> all(1000);
+  std::iota(all.begin(), all.end(), 0);
+  many.faces.assign(200, all);
+  EXPECT_THAT(error_text<InputError>([&] { triangulated(many, "many.obj"); }),
+              HasSubstr("many.obj: faces: are too many of too many corners"));
+  many.faces.resize(2);
+  EXPECT_EQ(triangulated(many, "many.obj").faces.size(), 2u * 998);
+}
+
+TEST(MeshFiles, VerticesAtOnePlaceAreJoinedAndWhatNoFaceHasIsLeftOut) {
+  const Mesh split = {
+      {{5, 5, 5}, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {-0.0, 0, 0}},
+      {{1, 2, 3}, {4, 5, 6}, {1, 7, 5}}};
+  const Mesh one = joined(split);
+  EXPECT_EQ(one.vertices, (std::vector<Vec3d>{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}));
+  EXPECT_EQ(one.faces, (std::vector<Face>{{0, 1, 2}, {1, 3, 2}}));
 }
 
 }  // namespace

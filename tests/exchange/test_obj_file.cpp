@@ -1,9 +1,12 @@
-// OBJ out, and back through assimp.
+// OBJ out and in.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <sstream>
+
 #include "base/error.h"
 #include "base/files.h"
+#include "base/image_io.h"
 #include "base/random.h"
 #include "base/srgb_bytes.h"
 #include "exchange/mesh_files.h"
@@ -36,15 +39,55 @@ Vec3d through_bytes(const Vec3d& colour) {
   return {linear_level(bytes[0]), linear_level(bytes[1]), linear_level(bytes[2])};
 }
 
+/// Each face's corners and the colour at the middle of its UVs, read by the letter of the format.
+struct Shown {
+  std::vector<std::array<Vec3d, 3>> corners;
+  std::vector<Vec3d> colours;
+};
+
+Shown shown_by(const std::filesystem::path& file) {
+  const ImageF picture = read_srgb(std::filesystem::path(file).replace_extension(".png"));
+  std::istringstream lines(read_file(file));
+  std::vector<Vec3d> vertices;
+  std::vector<Vec2d> uvs;
+  Shown shown;
+  for (std::string kind; lines >> kind;) {
+    if (kind == "v") {
+      Vec3d& v = vertices.emplace_back();
+      lines >> v.x() >> v.y() >> v.z();
+    } else if (kind == "vt") {
+      Vec2d& uv = uvs.emplace_back();
+      lines >> uv.x() >> uv.y();
+    } else if (kind == "f") {
+      Vec2d middle = Vec2d::Zero();
+      auto& corners = shown.corners.emplace_back();
+      for (Vec3d& corner : corners) {
+        std::size_t vertex = 0, uv = 0;
+        char slash = 0;
+        lines >> vertex >> slash >> uv;
+        corner = vertices.at(vertex - 1);
+        middle += uvs.at(uv - 1) / 3;
+      }
+      const float* p = picture.pixel(static_cast<int>(middle.x() * picture.width),
+                                     static_cast<int>((1 - middle.y()) * picture.height));
+      shown.colours.emplace_back(p[0], p[1], p[2]);
+    } else {
+      std::getline(lines, kind);
+    }
+  }
+  return shown;
+}
+
 TEST(ObjFile, IsReadBackWithTheSameVerticesAndTexels) {
   const test::TemporaryFolder folder;
   for (const int resolution : {1, 3, 5}) {
     const TexturedMesh given = standing_on_origin(painted(resolution));
     write_obj(folder / "adversary.obj", given);
-    const TexturedMesh back = read_textured_mesh(folder / "adversary.obj");
+    const Shown back = shown_by(folder / "adversary.obj");
+    const Mesh mesh = read_mesh(folder / "adversary.obj");
     const auto triangles = atlas_triangles(resolution);
-    ASSERT_EQ(back.mesh.faces.size(), given.mesh.faces.size() * triangles.size());
-    ASSERT_EQ(back.atlas.texels.size(), back.mesh.faces.size());
+    ASSERT_EQ(back.corners.size(), given.mesh.faces.size() * triangles.size());
+    ASSERT_EQ(mesh.faces.size(), back.corners.size());
     std::size_t at = 0;
     for (std::size_t f = 0; f < given.mesh.faces.size(); ++f)
       for (const AtlasTriangle& triangle : triangles) {
@@ -54,18 +97,17 @@ TEST(ObjFile, IsReadBackWithTheSameVerticesAndTexels) {
           const Vec3d expected = b.x() * given.mesh.vertices[static_cast<std::size_t>(face[0])] +
                                  b.y() * given.mesh.vertices[static_cast<std::size_t>(face[1])] +
                                  (1 - b.x() - b.y()) * given.mesh.vertices[static_cast<std::size_t>(face[2])];
-          const Vec3d& is =
-              back.mesh.vertices[static_cast<std::size_t>(back.mesh.faces[at][static_cast<std::size_t>(k)])];
-          ASSERT_LT((is - expected).norm(), 1e-6);
+          ASSERT_LT((back.corners[at][static_cast<std::size_t>(k)] - expected).norm(), 1e-6);
+          const int read = mesh.faces[at][static_cast<std::size_t>(k)];
+          ASSERT_LT((mesh.vertices[static_cast<std::size_t>(read)] - expected).norm(), 1e-6);
         }
         const Vec3d texel = through_bytes(
             given.atlas.texels[f * given.atlas.per_face() + static_cast<std::size_t>(triangle.texel)]);
-        ASSERT_LT((back.atlas.texels[at] - texel).norm(), 1e-7)
-            << "face " << f << ", texel " << triangle.texel;
+        ASSERT_LT((back.colours[at] - texel).norm(), 1e-7) << "face " << f << ", texel " << triangle.texel;
         ++at;
       }
-    EXPECT_NEAR(bounds(back.mesh).min().z(), 0, 1e-7);
-    EXPECT_NEAR(signed_volume(back.mesh), signed_volume(given.mesh), 1e-6);
+    EXPECT_NEAR(bounds(mesh).min().z(), 0, 1e-7);
+    EXPECT_NEAR(signed_volume(mesh), signed_volume(given.mesh), 1e-6);
   }
 }
 
@@ -76,11 +118,41 @@ TEST(ObjFile, WithoutTexelsItIsGreyAndItsVerticesAreShared) {
   plain.atlas.texels.clear();
   write_obj(folder / "plain.obj", plain);
   EXPECT_FALSE(std::filesystem::exists(folder / "plain.png"));
-  const TexturedMesh back = read_textured_mesh(folder / "plain.obj");
-  EXPECT_EQ(back.mesh.vertices.size(), plain.mesh.vertices.size());
-  EXPECT_TRUE(is_watertight(back.mesh));
-  EXPECT_NEAR(back.atlas.texels[0].x(), 0.5, 1e-6);
+  const Mesh back = read_mesh(folder / "plain.obj");
+  EXPECT_EQ(back.vertices.size(), plain.mesh.vertices.size());
+  EXPECT_TRUE(is_watertight(back));
+  EXPECT_THAT(read_file(folder / "plain.mtl"), HasSubstr("Kd 0.5 0.5 0.5"));
   EXPECT_THAT(error_text<InputError>([&] { write_obj(folder / "plain.stl", plain); }), HasSubstr(".obj"));
+}
+
+TEST(ParseObj, ReadsWhatOthersWrite) {
+  const Polygons read = parse_obj(
+      "# a comment\nmtllib any.mtl\no thing\n  v +1 2.5 -3e-1 1.0 0.5 0.5 0.5\r\nv 0 0 0\t\nv 1 0 0\nvt 0 "
+      "1\nvn 0 "
+      "0 1\nv 0 1 0\nusemtl paint\ns off\nl 1 2\nf 2/1/1 3//1 4/1\nf -3 -2 \\\n -1 -4 # the rest\nf 1 2 5\nv "
+      "9 9 "
+      "9",
+      "a.obj");
+  ASSERT_EQ(read.vertices.size(), 5u);
+  EXPECT_EQ(read.vertices[0], Vec3d(1, 2.5, -0.3));
+  EXPECT_EQ(read.faces, (std::vector<std::vector<int>>{{1, 2, 3}, {1, 2, 3, 0}, {0, 1, 4}}));
+  EXPECT_TRUE(parse_obj("", "a.obj").faces.empty());
+}
+
+TEST(ParseObj, RefusesWhatItCannotTakeAsMeant) {
+  const auto refusal = [](const std::string& text) {
+    return error_text<InputError>([&] { parse_obj("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + text, "a.obj"); });
+  };
+  for (const char* vertex : {"v 1 2", "v", "v 1 2 x", "v 1 2 1e999", "v 1 2 nan", "v inf 1 2", "v 1 2 3x"})
+    EXPECT_THAT(refusal(vertex), HasSubstr("a.obj: line 4: is a vertex without three finite numbers"))
+        << vertex;
+  for (const char* face : {"f 1 2 0", "f 1 2 x", "f 1 2 /3", "f 1 2 3.5", "f 1 2 99999999999"})
+    EXPECT_THAT(refusal(face), HasSubstr("line 4: is a face with a corner that is no vertex's number"))
+        << face;
+  EXPECT_THAT(refusal("f 1 2 4"), HasSubstr("face 0: names vertex 3 of 3"));
+  EXPECT_THAT(refusal("f 1 2 -4"), HasSubstr("face 0: names vertex -1 of 3"));
+  EXPECT_THAT(refusal("f 1 2 -2147483648"), HasSubstr("face 0: names vertex"));
+  EXPECT_THAT(refusal("f"), HasSubstr("face 0: has 0 corners, not 1 to 1000"));
 }
 
 }  // namespace

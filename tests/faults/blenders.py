@@ -73,6 +73,8 @@ def validate_cases(suite, run, data, common, quick):
         for suite.process in ("mirage", "python3"):
             suite.writing(command, reference, ((NO_SPACE, 0),))
         suite.process = "mirage"
+        for under in () if quick else (data, run):
+            suite.reading(command, reference, under)
         if not quick:
             suite.kills_at_writes(command, reference)
             suite.kills_at_any_time(command, reference, 10)

@@ -23,7 +23,7 @@ def demand(good, said):
 
 class Program:
     def __init__(self, source, build, folder):
-        self.build, self.folder = build, folder
+        self.source, self.build, self.folder = source, build, folder
         self.mirage = build / "mirage"
         self.injector = build / "test_plugins" / "libmirage_faults.so"
         self.environment = {**os.environ, "MIRAGE_HOME": str(source), "MIRAGE_CACHE": "off",

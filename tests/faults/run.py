@@ -89,14 +89,15 @@ class Suite:
         """Every read of its input fails once; or gives half, which is no error."""
         for kind in ("read", "short"):
             fresh(self.out)
-            calls = self.program.calls(command, kind, under)
+            calls = self.program.calls(command, kind, under, self.where())
             for at in self.pick(calls):
-                self.case(f"{command[0]}: {kind}", f"call {at} of {calls}",
+                self.case(f"{self.title(command)}: {kind}", f"{under.name}, call {at} of {calls}",
                           lambda: self.read_fails(command, reference, kind, at, under))
 
     def read_fails(self, command, reference, kind, at, under):
         fresh(self.out)
-        code, said = self.program.run(command, {"": kind, "_UNDER": under, "_AT": at, "_ERROR": BAD_DISK})
+        code, said = self.program.run(command, {"": kind, "_UNDER": under, "_AT": at, "_ERROR": BAD_DISK,
+                                               **self.where()})
         if code == 0:  # right for half a read; an error may be met by reading again
             return demand_same(self.out, reference)
         demand(kind == "read", f"half a read ends it: {said.strip()!r}")
@@ -199,6 +200,10 @@ def everything(suite, folder, detector, kills):
         suite.writing(command, reference)
         if command is export or (command is attack and not quick):
             suite.reading(command, reference, data)
+        if command is shorter:
+            suite.reading(command, reference, HERE)  # the rig
+            if not quick:
+                suite.reading(command, reference, program.source / "scenes")
         if command is attack or not quick:
             suite.kills_at_writes(command, reference)
     longer = [*attack[:-1], "400"]

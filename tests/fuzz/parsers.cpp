@@ -179,7 +179,7 @@ void gltf(const fs::path& file) {
   for (const RenderScene::Thing& thing : scene.things) check(thing.textured);
 }
 
-/// Other programs' meshes, by assimp.
+/// Other programs' meshes.
 void mesh(const fs::path& file) {
   check_mesh({read_mesh(file), {}}, "what was read");
 }

@@ -196,6 +196,21 @@ class Insertions(unittest.TestCase):
         self.assertTrue(issubclass(mirage.Failure, RuntimeError))
 
 
+class Damaged(unittest.TestCase):
+    def test_a_damaged_picture_is_the_error_and_no_line_of_another_library(self):
+        folder = Folder(1)
+        self.addCleanup(folder.remove)
+        picture = os.path.join(folder.data, "training/image_2/000000.png")
+        with open(picture, "rb") as file:
+            whole = file.read()
+        middle = len(whole) // 2
+        with open(picture, "wb") as file:
+            file.write(whole[:middle] + bytes(byte ^ 0x5A for byte in whole[middle : middle + 64]) + whole[middle + 64 :])
+        script = f"import mirage\ntry: mirage.read_frame({folder.data!r}, '000000')\nexcept mirage.InputError: print('refused')"
+        ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+        self.assertEqual((ended.stdout, ended.stderr, ended.returncode), ("refused\n", "", 0))
+
+
 class Pieces(unittest.TestCase):
     def test_rasterize_and_its_vjp(self):
         mesh = mirage.icosphere(1, resolution=1)

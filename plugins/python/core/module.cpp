@@ -5,6 +5,7 @@
 #include "base/logging.h"
 #include "base/parallel.h"
 #include "base/program.h"
+#include "base/quiet_png.h"
 #include "bind.h"
 
 namespace mirage::python {
@@ -33,6 +34,7 @@ PYBIND11_MODULE(_core, module) {
   module.doc() = "Mirage's simulator; use it through the package mirage.";
   set_program_file(own_file());
   start_logging(true);
+  silence_libpng();
   register_error<InputError>(module, "InputError", PyExc_ValueError,
                              "Something that was given is wrong; the text names it and says how to mend it.");
   register_error<Failure>(module, "Failure", PyExc_RuntimeError,

@@ -1,0 +1,38 @@
+// What files of other programs hold before it is a triangle mesh.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "geometry/mesh.h"
+
+namespace mirage {
+
+/// Corners of a polygon at most, and of all polygons of more than four the sum of their squares: cutting one
+/// takes time by their square.
+inline constexpr unsigned kMostCorners = 1000;
+inline constexpr std::size_t kMostCutting = std::size_t{1} << 27;
+/// Bytes of an OBJ or PLY at most.
+inline constexpr std::size_t kLargestMesh = std::size_t{1} << 26;
+
+/// Vertices and polygons of a file, in its own axes.
+struct Polygons {
+  std::vector<Vec3d> vertices;
+  std::vector<std::vector<int>> faces;
+};
+
+/// InputError naming `where` and the face unless it has 1 to kMostCorners corners.
+void check_corners(double count, std::size_t face, const std::string& where);
+/// InputError naming `where` and the face unless `vertex` is the number of one of `count` vertices.
+void check_corner(double vertex, std::size_t count, std::size_t face, const std::string& where);
+
+/// All polygons cut into triangles (cut_polygon); points and lines (one corner, two) left out. InputError
+/// naming `where` for more work than kMostCutting. Interrupted after Ctrl-C.
+Mesh triangulated(const Polygons& polygons, const std::string& where);
+
+/// The mesh with its vertices at one place made one, and without faces that have no three of them or vertices
+/// that no face has.
+Mesh joined(const Mesh& mesh);
+
+}  // namespace mirage
