@@ -59,8 +59,8 @@ class ObjReader {
       if (kind == "v") read_vertex(line);
       if (kind == "f") read_face(line);
     }
-    for (std::size_t f = 0; f < read_.faces.size(); ++f)  // once all vertices are known
-      for (const int corner : read_.faces[f]) check_corner(corner, read_.vertices.size(), f, where_);
+    for (std::size_t f = 0; f < read_.face_count(); ++f)  // once all vertices are known
+      for (const int corner : read_.face(f)) check_corner(corner, read_.vertices.size(), f, where_);
     return std::move(read_);
   }
 
@@ -88,8 +88,8 @@ class ObjReader {
     // How many there are altogether, of those that are too many.
     std::size_t corners = face.size();
     while (corners > kMostCorners && !take_word(line).empty()) ++corners;
-    check_corners(static_cast<double>(corners), read_.faces.size(), where_);
-    read_.faces.push_back(std::move(face));
+    check_corners(static_cast<double>(corners), read_.face_count(), where_);
+    read_.add_face(face);
   }
 
   const std::string& where_;

@@ -221,15 +221,15 @@ void read_face(const Element& element, Cursor& cursor, Polygons& read) {
   for (const Property& property : element.properties) {
     const double count = property.length ? cursor.number(*property.length) : 1;
     const bool corners = property.name == "vertex_indices" || property.name == "vertex_index";
-    if (corners || count != 0) check_corners(count, read.faces.size(), cursor.where());
+    if (corners || count != 0) check_corners(count, read.face_count(), cursor.where());
     std::vector<int> face;
     for (int k = 0; k < static_cast<int>(count); ++k) {
       const double value = cursor.number(property.type);
       if (!corners) continue;
-      check_corner(value, read.vertices.size(), read.faces.size(), cursor.where());
+      check_corner(value, read.vertices.size(), read.face_count(), cursor.where());
       face.push_back(static_cast<int>(value));
     }
-    if (corners) read.faces.push_back(std::move(face));
+    if (corners) read.add_face(face);
   }
 }
 

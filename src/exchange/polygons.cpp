@@ -30,7 +30,8 @@ Mesh triangulated(const Polygons& polygons, const std::string& where) {
   Mesh mesh{polygons.vertices, {}};
   std::size_t work = 0;
   std::vector<Vec3d> corners;
-  for (const std::vector<int>& polygon : polygons.faces) {
+  for (std::size_t f = 0; f < polygons.face_count(); ++f) {
+    const std::span<const int> polygon = polygons.face(f);
     if (polygon.size() == 3) {
       mesh.faces.push_back({polygon[0], polygon[1], polygon[2]});
       continue;

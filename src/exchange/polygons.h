@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -16,10 +17,26 @@ inline constexpr std::size_t kMostCutting = std::size_t{1} << 27;
 /// Bytes of an OBJ or PLY at most.
 inline constexpr std::size_t kLargestMesh = std::size_t{1} << 26;
 
-/// Vertices and polygons of a file, in its own axes.
-struct Polygons {
+/// Vertices and polygons of a file, in its own axes. Corners of all faces lie in one list: a list for each
+/// would take seven times the file.
+class Polygons {
+ public:
   std::vector<Vec3d> vertices;
-  std::vector<std::vector<int>> faces;
+
+  std::size_t face_count() const { return ends_.size(); }
+  /// The vertices of a face, by number.
+  std::span<const int> face(std::size_t f) const {
+    const std::size_t begin = f == 0 ? 0 : ends_[f - 1];
+    return std::span(corners_).subspan(begin, ends_[f] - begin);
+  }
+  void add_face(std::span<const int> corners) {
+    corners_.insert(corners_.end(), corners.begin(), corners.end());
+    ends_.push_back(corners_.size());
+  }
+
+ private:
+  std::vector<int> corners_;
+  std::vector<std::size_t> ends_;
 };
 
 /// InputError naming `where` and the face unless it has 1 to kMostCorners corners.
