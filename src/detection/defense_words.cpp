@@ -20,7 +20,7 @@ int jpeg_quality(const std::string& defense) {
 }
 
 bool stands_around(const std::string& defense) {
-  return defense == kConsistency || jpeg_quality(defense) > 0;
+  return defense == kConsistency || defense == kShadows || jpeg_quality(defense) > 0;
 }
 
 }  // namespace mirage

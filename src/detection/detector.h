@@ -154,8 +154,9 @@ struct DetectorOptions {
   /// object changes is left as it was: quicker, and no longer exact. 0: nothing is left out.
   double locality = 0;
   /// "none"; "jpeg:QUALITY" (1–100): the picture is compressed before the detector sees it; "consistency":
-  /// held against what each sensor says alone (detection/consistent_detector.h); any other word chooses
-  /// shipped weights that were trained to resist, DETECTOR-RIG-WORD.weights.
+  /// held against what each sensor says alone (detection/consistent_detector.h); "shadows": against the
+  /// sweep's solid bodies (detection/shadow_detector.h); any other word chooses shipped weights that were
+  /// trained to resist, DETECTOR-RIG-WORD.weights.
   std::string defense = "none";
   /// Parts of a fresh or starting network, where the plugin has them: "denoising", "depth-gate"
   /// (detector_abi.h).
@@ -180,7 +181,8 @@ void visit_fields(Visitor& visit, S& s) {
         s.weights);
   visit({.name = "defense",
          .help = "what the detector is defended by: none, jpeg:QUALITY, consistency (with the lidar and the "
-                 "camera detector), or shipped weights of mirage defend (adversarial, denoising, depth-gate, "
+                 "camera detector), shadows (with the sweep's solid bodies), or shipped weights of mirage "
+                 "defend (adversarial, denoising, depth-gate, "
                  "roof-objects, picture-dropout)"},
         s.defense);
   visit({.name = "clean_memory",
@@ -211,8 +213,8 @@ std::filesystem::path weights_file(const DetectorOptions& options);
 /// kRealWeights where there are any. Errors as weights_file's.
 std::vector<DetectorOptions> witnesses(const DetectorOptions& options);
 
-/// Whether the defence stands around a detector of any weights ("jpeg:QUALITY", "consistency"); others are
-/// weights.
+/// Whether the defence stands around a detector of any weights ("jpeg:QUALITY", "consistency", "shadows");
+/// others are weights.
 bool stands_around(const std::string& defense);
 
 /// Of the content of all weights that load_detector would read. Errors as weights_file's.

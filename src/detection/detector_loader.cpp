@@ -19,6 +19,7 @@
 #include "detection/jpeg_detector.h"
 #include "detection/points_in_view.h"
 #include "detection/precision.h"
+#include "detection/shadow_detector.h"
 
 namespace mirage {
 namespace {
@@ -401,6 +402,7 @@ std::unique_ptr<Detector> load_given_detector(const DetectorOptions& options) {
 std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const DetectorOptions& options) {
   if (const int quality = jpeg_quality(options.defense); quality > 0)
     return behind_jpeg(std::move(detector), quality);
+  if (options.defense == kShadows) return with_shadows(std::move(detector));
   if (options.defense != kConsistency) return detector;
   const auto others = witnesses(options);
   return with_witnesses(std::move(detector), load_detector(others[0]), load_detector(others[1]));

@@ -208,6 +208,8 @@ TEST_F(Findings, Defences) {
   EXPECT_NE(only("roof-objects").verdict, Verdict::holds);
   judged("kitti64-fusion-both-consistency", {120, 5, 1, 0});
   EXPECT_EQ(only("consistency").verdict, Verdict::holds);
+  judged("kitti64-fusion-both-shadows", {120, 5, 1, 0});
+  EXPECT_EQ(only("shadows").verdict, Verdict::holds);
 }
 
 }  // namespace

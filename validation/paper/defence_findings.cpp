@@ -131,6 +131,8 @@ std::vector<Finding> own_defence_findings(const Evidence& evidence) {
               "ASR"),
       defence(evidence, "consistency", "Not in the paper: consistency of the sensors helps", "fusion-both",
               "fusion-both-consistency", "with consistency of the sensors", is_fooled, "ASR"),
+      defence(evidence, "shadows", "Not in the paper: bodies and shadows of the sweep help", "fusion-both",
+              "fusion-both-shadows", "held against the sweep's bodies", is_fooled, "ASR"),
       defence(evidence, "gate", "Not in the paper: the depth gate removes false positives", "fusion-both",
               "fusion-both-depth-gate", "with the depth gate", is_false_positive, "FP ASR")};
 }

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "base/error.h"
+#include "detection/defense_words.h"
 #include "validation/paper/case_list.h"
 #include "validation/paper/fusions.h"
 #include "validation/paper/repetitions.h"
@@ -201,11 +202,13 @@ Table table4(CaseList& list) {
     Row defense_row =
         row(label, "kitti64", list.evaluate(run, defense.empty(), defense.empty()), std::move(paper));
     defense_row.detection = list.detect("kitti64", "fusion", defense);
-    defense_row.image = !defense.empty() && defense != "adversarial" && defense != "roof-objects";
+    defense_row.image =
+        !defense.empty() && defense != "adversarial" && defense != "roof-objects" && defense != kShadows;
     table.rows.push_back(defense_row);
   };
   add("none", "", {{"asr", 49.76}, {"ap70", 84.64}});
   add("consistency of the sensors", "consistency", {});
+  add("bodies and shadows of the sweep", "shadows", {});
   add("trained with random meshes on roofs", "roof-objects", {});
   add("trained with half of the pictures left out", "picture-dropout", {});
   add("adversarial training", "adversarial", {{"asr", 14.97}, {"ap70", 84.16}});
