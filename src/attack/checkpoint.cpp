@@ -8,11 +8,14 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/json_depth.h"
 #include "base/json_fields.h"
 #include "base/names.h"
 
 namespace mirage {
 namespace {
+
+constexpr const char* kStartAgain = "delete the file to start the run again";
 
 nlohmann::json flat(const std::vector<Vec3d>& points) {
   std::vector<double> values;
@@ -159,10 +162,42 @@ AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::j
   return read_checkpoint(file, identity, initial_adversary(limits_of(identity)));
 }
 
+namespace {
+
+/// The field "iteration" alone; 0 where there is none.
+std::size_t claimed_iteration(std::string_view text, const std::string& where) {
+  using Event = nlohmann::json::parse_event_t;
+  bool wanted = false;
+  const auto head = parse_json(text, where, [&](int depth, Event event, const nlohmann::json& value) {
+    if (event == Event::key) return wanted = depth == 1 && value == "iteration";
+    return depth == 0 || (depth == 1 && event == Event::value && wanted);
+  });
+  const auto found = head.is_object() ? head.find("iteration") : head.end();
+  if (found == head.end() || !found->is_number_unsigned()) return 0;
+  return std::min<std::size_t>(found->get<std::size_t>(), kMostIterations);
+}
+
+/// The file, if it holds no more values than its mesh and its steps account for: values take up to eighty
+/// bytes each, and so thirty times the file.
+nlohmann::json read_bounded(const std::filesystem::path& file, const TexturedMesh& start) {
+  constexpr std::size_t kBeside = 200'000;    // hosts and settings: as run.json
+  constexpr std::size_t kMeshes = 5;          // the mesh, two moments, the best one, the rendered one
+  constexpr std::size_t kRow = 4, kHeld = 2;  // a step's losses and count; what is held out, at a step
+  const std::string text = read_file(file);
+  const std::size_t steps = claimed_iteration(text, file.string());
+  const std::size_t numbers = 3 * (start.mesh.vertices.size() + start.atlas.texels.size());
+  if (kRow * steps > text.size())  // or it would account for values of any number
+    throw InputError(file.string(), "iteration", "the file has no losses of so many", kStartAgain);
+  check_json_values(text, file.string(), kBeside + kMeshes * numbers + (kRow + kHeld) * (steps + 1), kBeside);
+  return parse_json(text, file.string());
+}
+
+}  // namespace
+
 AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity,
                             const TexturedMesh& start) {
-  const nlohmann::json whole = read_json(file);
-  const JsonFields json(file, whole, "delete the file to start the run again");
+  const nlohmann::json whole = read_bounded(file, start);
+  const JsonFields json(file, whole, kStartAgain);
   json.object("identity");
   check_identity(file, whole.at("identity"), identity);
   AttackState state;

@@ -9,8 +9,8 @@
 #include "base/field_json.h"
 #include "base/field_text.h"
 #include "base/files.h"
-#include "base/json_depth.h"
 #include "base/names.h"
+#include "detection/defense_words.h"
 #include "detection/detector_words.h"
 #include "detection/given_detector.h"
 #include "exchange/gltf.h"
@@ -136,9 +136,10 @@ void use_detector_of(const Run& run, DetectorOptions& options) {
   const bool same =
       options.detector == (refused.detector.empty() ? run.settings.detector.detector : refused.detector);
   if (options.defense.empty())
-    options.defense = same && (options.weights.empty() || stands_around(run.settings.detector.defense))
-                          ? run.settings.detector.defense
-                          : "none";
+    options.defense =
+        same && (options.weights.empty() || read_defense(run.settings.detector.defense).weights.empty())
+            ? run.settings.detector.defense
+            : "none";
   if (!options.weights.empty() || !same || options.defense != run.settings.detector.defense) return;
   if (!refused.weights.empty())
     refuse(run, "weights",
@@ -181,8 +182,7 @@ Run read_run(const fs::path& folder, TrustRun trust) {
   // benchmark.
   constexpr std::uintmax_t kMostBytes = 1 << 22;
   constexpr std::size_t kMostValues = 200000;
-  check_json_values(read_file(file, kMostBytes), file.string(), kMostValues);
-  const nlohmann::json whole = read_json(file, kMostBytes);
+  const nlohmann::json whole = read_json(file, kMostBytes, kMostValues);
   const JsonFields json(file, whole, kAgain);
   Run run;
   run.folder = folder;

@@ -29,7 +29,8 @@ std::string without_lines(std::string text) {
 
 std::string line(const std::string& where, const std::string& field, const std::string& problem,
                  const std::string& fix) {
-  return shown(where, kLongestPath) + ": " + (field.empty() ? "" : shown(field, kLongestPart) + ": ") +
+  return (where.empty() ? "\"\"" : shown(where, kLongestPath)) + ": " +
+         (field.empty() ? "" : shown(field, kLongestPart) + ": ") +
          shown(without_lines(problem), kLongestPart) + "; " + shown(fix, kLongestPart);
 }
 

@@ -15,6 +15,7 @@
 #include "base/interrupt.h"
 #include "base/json_depth.h"
 #include "base/names.h"
+#include "base/open_file.h"
 #include "base/parallel.h"
 #include "base/program.h"
 
@@ -22,58 +23,45 @@ namespace mirage {
 
 namespace fs = std::filesystem;
 
-namespace {
+OpenFile::OpenFile(fs::path path) : path_(std::move(path)) {
+  std::error_code ignored;  // a path that leads nowhere fails below, with its reason
+  if (fs::is_directory(path_, ignored))
+    throw InputError(path_.string(), "", "is a folder, not a file", "give the file inside it");
+  // A pipe has no end to wait for, and a device no end at all.
+  if (fs::exists(path_, ignored) && !fs::is_regular_file(path_, ignored))
+    throw InputError(path_.string(), "", "is no regular file", "give a file, not a pipe or a device");
+  // Not by a stream: to that a disk that fails is the end of the file.
+  file_ = ::open(path_.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file_ < 0) fail("");
+}
 
-/// A regular file that is open for reading.
-class OpenFile {
- public:
-  explicit OpenFile(const fs::path& path) : path_(path) {
-    std::error_code ignored;  // a path that leads nowhere fails below, with its reason
-    if (fs::is_directory(path, ignored))
-      throw InputError(path.string(), "", "is a folder, not a file", "give the file inside it");
-    // A pipe has no end to wait for, and a device no end at all.
-    if (fs::exists(path, ignored) && !fs::is_regular_file(path, ignored))
-      throw InputError(path.string(), "", "is no regular file", "give a file, not a pipe or a device");
-    // Not by a stream: to that a disk that fails is the end of the file.
-    file_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-    if (file_ < 0) fail("");
-  }
-  ~OpenFile() {
-    if (file_ >= 0) ::close(file_);
-  }
-  OpenFile(const OpenFile&) = delete;
-  OpenFile& operator=(const OpenFile&) = delete;
+OpenFile::~OpenFile() {
+  if (file_ >= 0) ::close(file_);
+}
 
-  /// Bytes by its entry; 0: one of the system's that tell no size.
-  std::uintmax_t size() const {
-    struct stat about;
-    return ::fstat(file_, &about) == 0 && about.st_size > 0 ? static_cast<std::uintmax_t>(about.st_size) : 0;
-  }
-  void check(std::uintmax_t bytes, std::uintmax_t most) const {
-    if (bytes > most)
-      throw InputError(path_.string(), "",
-                       fmt::format("is larger than {} bytes, which no such file is", most),
-                       "give the file that is meant");
-  }
-  /// Reads up to `size` bytes; 0 at the end.
-  std::size_t read(char* to, std::size_t size) const {
-    for (;;) {
-      const ssize_t got = ::read(file_, to, size);
-      if (got >= 0) return static_cast<std::size_t>(got);
-      if (errno != EINTR) fail("cannot be read to its end: ");
-    }
-  }
+std::uintmax_t OpenFile::size() const {
+  struct stat about;
+  return ::fstat(file_, &about) == 0 && about.st_size > 0 ? static_cast<std::uintmax_t>(about.st_size) : 0;
+}
 
- private:
-  [[noreturn]] void fail(const char* what) const {
-    const int reason = errno;
-    throw InputError(path_.string(), "", what + std::string(std::strerror(reason)), fix_for(reason));
-  }
-  const fs::path& path_;
-  int file_ = -1;
-};
+void OpenFile::check(std::uintmax_t bytes, std::uintmax_t most) const {
+  if (bytes > most)
+    throw InputError(path_.string(), "", fmt::format("is larger than {} bytes, which no such file is", most),
+                     "give the file that is meant");
+}
 
-}  // namespace
+std::size_t OpenFile::read(char* to, std::size_t size) const {
+  for (;;) {
+    const ssize_t got = ::read(file_, to, size);
+    if (got >= 0) return static_cast<std::size_t>(got);
+    if (errno != EINTR) fail("cannot be read to its end: ");
+  }
+}
+
+void OpenFile::fail(const char* what) const {
+  const int reason = errno;
+  throw InputError(path_.string(), "", what + std::string(std::strerror(reason)), fix_for(reason));
+}
 
 std::string read_file(const fs::path& path, std::uintmax_t most) {
   const OpenFile file(path);
@@ -234,16 +222,22 @@ void write_file(const fs::path& path, std::string_view bytes) {
   put_in_place(temporary, path);
 }
 
-nlohmann::json read_json(const fs::path& path, std::uintmax_t most) {
-  const char* fix = "write the file again with the command that made it";
+nlohmann::json read_json(const fs::path& path, std::uintmax_t most, std::size_t most_values) {
   const std::string text = read_file(path, most);
-  check_json_depth(text, path.string());
+  check_json_values(text, path.string(), most_values);
+  return parse_json(text, path.string());
+}
+
+nlohmann::json parse_json(std::string_view text, const std::string& where,
+                          const nlohmann::json::parser_callback_t& keep) {
+  const char* fix = "write the file again with the command that made it";
+  check_json_depth(text, where);
   try {
-    return nlohmann::json::parse(text);
+    return nlohmann::json::parse(text, keep);
   } catch (const nlohmann::json::parse_error& error) {
-    throw InputError(path.string(), fmt::format("byte {}", error.byte), "not valid JSON", fix);
+    throw InputError(where, fmt::format("byte {}", error.byte), "not valid JSON", fix);
   } catch (const nlohmann::json::out_of_range&) {
-    throw InputError(path.string(), "", "holds a number that is out of range", fix);
+    throw InputError(where, "", "holds a number that is out of range", fix);
   }
 }
 

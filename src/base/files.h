@@ -38,8 +38,16 @@ void replace_file(const std::filesystem::path& temporary, const std::filesystem:
 /// Makes the folder (and parents). Failure, naming the folder, if it can't be made or written to.
 void make_output_folder(const std::filesystem::path& folder);
 
-/// InputError naming file and byte when it is not JSON; and as read_file.
-nlohmann::json read_json(const std::filesystem::path& path, std::uintmax_t most = kLargestFile);
+/// Bytes of the largest JSON that is read whole; for larger ones there is for_each_json_row.
+inline constexpr std::uintmax_t kLargestJson = std::uintmax_t{1} << 26;
+/// InputError naming file and byte when it is not JSON, or holds more than `most_values` (json_depth.h); and
+/// as read_file.
+nlohmann::json read_json(const std::filesystem::path& path, std::uintmax_t most = kLargestJson,
+                         std::size_t most_values = kLargestJson);
+/// Of a file `where` that has been read. Without what `keep` refuses, if it is given. InputError as
+/// read_json's.
+nlohmann::json parse_json(std::string_view text, const std::string& where,
+                          const nlohmann::json::parser_callback_t& keep = nullptr);
 /// Two-space indent, atomic.
 void write_json(const std::filesystem::path& path, const nlohmann::json& value);
 

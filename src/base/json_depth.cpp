@@ -42,11 +42,17 @@ void check_json_depth(std::string_view text, const std::string& where, const std
   });
 }
 
-void check_json_values(std::string_view text, const std::string& where, std::size_t most) {
-  std::size_t count = 1;
-  for_each_unquoted(text,
-                    [&](std::size_t, char c) { count += c == '[' || c == '{' || c == ',' || c == ':'; });
+void check_json_values(std::string_view text, const std::string& where, std::size_t most,
+                       std::size_t most_lists) {
+  std::size_t count = 1, lists = 0;
+  for_each_unquoted(text, [&](std::size_t, char c) {
+    const bool list = c == '[' || c == '{';
+    lists += list;
+    count += list || c == ',' || c == ':';
+  });
   if (count > most) throw InputError(where, "", fmt::format("holds more than {} values", most), kFix);
+  if (lists > most_lists)
+    throw InputError(where, "", fmt::format("holds more than {} lists", most_lists), kFix);
 }
 
 }  // namespace mirage

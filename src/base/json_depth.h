@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <string>
 #include <string_view>
 
@@ -15,7 +16,9 @@ inline constexpr int kDeepestJson = 128;
 /// InputError with `where` as the file and `field` ("" for the whole file) if the text nests deeper. Says
 /// nothing about whether it is JSON.
 void check_json_depth(std::string_view text, const std::string& where, const std::string& field = "");
-/// InputError if the text holds more than `most` values (keys, lists and objects count, too).
-void check_json_values(std::string_view text, const std::string& where, std::size_t most);
+/// InputError if the text holds more than `most` values (keys, lists and objects count, too), or more lists
+/// and objects than `most_lists`.
+void check_json_values(std::string_view text, const std::string& where, std::size_t most,
+                       std::size_t most_lists = std::numeric_limits<std::size_t>::max());
 
 }  // namespace mirage

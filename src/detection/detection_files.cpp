@@ -6,14 +6,14 @@
 #include <cmath>
 
 #include "base/error.h"
-#include "base/files.h"
+#include "base/json_rows.h"
 #include "base/names.h"
 #include "detection/upright.h"
 
 namespace mirage {
 namespace {
 
-constexpr std::uintmax_t kLargestDetections = 1 << 26;  // bytes; half a million detections
+constexpr const char* kFix = "write it again with mirage detect";
 
 namespace fs = std::filesystem;
 using nlohmann::json;
@@ -30,14 +30,26 @@ std::map<std::string, fs::path> texts_of(const fs::path& folder) {
 double number(const json& from, const char* key, const fs::path& file, const std::string& where) {
   if (!from.is_object() || !from.contains(key) || !from[key].is_number() ||
       !std::isfinite(from[key].get<double>()))
-    throw InputError(file.string(), where + "." + key, "is missing or not a finite number",
-                     "write it again with mirage detect");
+    throw InputError(file.string(), where + "." + key, "is missing or not a finite number", kFix);
   return from[key].get<double>();
 }
 
 PictureBox picture_of(const json& from, const fs::path& file, const std::string& where) {
   return {number(from, "left", file, where), number(from, "top", file, where),
           number(from, "right", file, where), number(from, "bottom", file, where)};
+}
+
+ListedDetection detection_of(const json& from, const fs::path& file, const std::string& where) {
+  ListedDetection detection{number(from, "score", file, where), {}, {}};
+  if (from.contains("left")) {  // a detector of the picture alone
+    detection.picture = picture_of(from, file, where);
+    return detection;
+  }
+  detection.box = {number(from, "x", file, where), number(from, "y", file, where),
+                   number(from, "length", file, where), number(from, "width", file, where),
+                   number(from, "yaw", file, where)};
+  if (from.contains("picture")) detection.picture = picture_of(from["picture"], file, where + ".picture");
+  return detection;
 }
 
 }  // namespace
@@ -74,16 +86,17 @@ DetectionFiles::DetectionFiles(const fs::path& path) : path_(path) {
     texts_[path.stem().string()] = path;
     return;
   }
-  const json file = read_json(path_, kLargestDetections);
-  if (!file.is_object() || !file.contains("frames") || !file["frames"].is_array())
-    throw InputError(path_.string(), "frames", "is missing or no list", "write it again with mirage detect");
-  for (const json& frame : file["frames"]) {
+  for_each_json_row(path_, "frames", kFix, [&](std::size_t i, const json& frame) {
     if (!frame.is_object() || !frame.contains("frame") || !frame["frame"].is_string() ||
         !frame.contains("detections") || !frame["detections"].is_array())
-      throw InputError(path_.string(), fmt::format("frames.{}", frames_.size()),
-                       "has no frame's name or no list of detections", "write it again with mirage detect");
-    frames_[unescape_name(frame["frame"].get<std::string>())] = frame["detections"];
-  }
+      throw InputError(path_.string(), fmt::format("frames.{}", i),
+                       "has no frame's name or no list of detections", kFix);
+    const std::string id = unescape_name(frame["frame"].get<std::string>());
+    std::vector<ListedDetection>& listed = frames_[id];
+    listed.clear();
+    for (const json& from : frame["detections"])
+      listed.push_back(detection_of(from, path_, fmt::format("frame {}, detection {}", id, listed.size())));
+  });
 }
 
 bool DetectionFiles::has(const std::string& id) const {
@@ -95,21 +108,11 @@ std::vector<KittiDetection> DetectionFiles::of(const Frame& frame) const {
   if (const auto text = texts_.find(frame.id); text != texts_.end()) {
     detections = read_results(text->second, frame.calibration);
   } else if (const auto listed = frames_.find(frame.id); listed != frames_.end()) {
-    for (std::size_t i = 0; i < listed->second.size(); ++i) {
-      const json& from = listed->second[i];
-      const std::string where = fmt::format("frame {}, detection {}", frame.id, i);
+    for (const ListedDetection& from : listed->second) {
       KittiDetection detection;
-      detection.score = number(from, "score", path_, where);
-      if (from.contains("left")) {  // a detector of the picture alone
-        detection.picture = picture_of(from, path_, where);
-      } else {
-        const BevBox box{number(from, "x", path_, where), number(from, "y", path_, where),
-                         number(from, "length", path_, where), number(from, "width", path_, where),
-                         number(from, "yaw", path_, where)};
-        detection.box = upright(box, frame.sweep);
-        if (from.contains("picture"))
-          detection.picture = picture_of(from["picture"], path_, where + ".picture");
-      }
+      detection.score = from.score;
+      if (from.box) detection.box = upright(*from.box, frame.sweep);
+      if (from.picture) detection.picture = *from.picture;
       detections.push_back(detection);
     }
   }

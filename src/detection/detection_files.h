@@ -3,7 +3,7 @@
 
 #include <filesystem>
 #include <map>
-#include <nlohmann/json.hpp>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -18,11 +18,19 @@ namespace mirage {
 std::vector<KittiDetection> kitti_detections(std::span<const Proposal> proposals, Plane plane,
                                              const Frame& frame);
 
+/// A detection as detections.json has it.
+struct ListedDetection {
+  double score = 0;
+  std::optional<BevBox> box;
+  std::optional<PictureBox> picture;
+};
+
 /// The detections of a data set's frames.
 class DetectionFiles {
  public:
   /// `path`: detections.json of mirage detect (or its folder), a folder of KITTI result files ID.txt (or one
-  /// that holds them as data/ID.txt), or one such file. InputError if it is none of these.
+  /// that holds them as data/ID.txt), or one such file. InputError if it is none of these, or detections.json
+  /// holds what can't be read.
   explicit DetectionFiles(const std::filesystem::path& path);
 
   /// Whether the frame has been looked at; a frame without detections has.
@@ -35,8 +43,8 @@ class DetectionFiles {
 
  private:
   std::filesystem::path path_;
-  std::map<std::string, std::filesystem::path> texts_;  ///< by frame
-  std::map<std::string, nlohmann::json> frames_;        ///< of detections.json, by frame
+  std::map<std::string, std::filesystem::path> texts_;          ///< by frame
+  std::map<std::string, std::vector<ListedDetection>> frames_;  ///< of detections.json, by frame
 };
 
 }  // namespace mirage

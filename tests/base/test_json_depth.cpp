@@ -29,6 +29,9 @@ TEST(JsonValues, CountsKeysAndListsButNoTexts) {
   check_json_values(text, "a.json", 9);
   EXPECT_THAT(error_text<InputError>([&] { check_json_values(text, "a.json", 8); }),
               AllOf(HasSubstr("a.json"), HasSubstr("more than 8 values")));
+  check_json_values(text, "a.json", 9, 3);
+  EXPECT_THAT(error_text<InputError>([&] { check_json_values(text, "a.json", 9, 2); }),
+              HasSubstr("more than 2 lists"));
 }
 
 }  // namespace

@@ -33,6 +33,11 @@ TEST(Names, BytesThatAreNoTextAreEscapedAndTheRestStays) {
   EXPECT_EQ(printable("a\\b"), "a\\b");
 }
 
+TEST(Errors, SayThatANameIsEmpty) {
+  EXPECT_STREQ(InputError("", "run.json", "missing", "give a run").what(),
+               "\"\": run.json: missing; give a run");
+}
+
 TEST(Errors, AreOneLineWhateverTheyQuote) {
   EXPECT_STREQ(InputError("a\nb.json", "\x1b[2J", "\"\r\xff\" is\nno word", "mend it").what(),
                "a\\x0ab.json: \\x1b[2J: \"\\x0d\\xff\" is no word; mend it");

@@ -274,8 +274,18 @@ def everything(suite, source, build):
                 ("4 MB of hosts", but(test=[{"frame": "000000", "label": i} for i in range(110000)])), ("a frame elsewhere", but(test=[{"frame": "../x", "label": 0}], train=[])),
                 ("a million hosts", but(test=[{"frame": "000000", "label": 0}] * 10**6)),
                 ("a defence of 1 MB", but(defense="d" * 10**6)), ("a plugin that is none", but(depth=str(suite.secret) + ".so"))])
-    suite.kind("checkpoint", run / "checkpoint.json", [*attack, "3"], (run, data, given), [("20 000 lists", b"[" * 20000)],
+    suite.kind("checkpoint", run / "checkpoint.json", [*attack, "3"], (run, data, given), [("20 000 lists", b"[" * 20000), ("30 MB of lists", b"[" + b"[]," * 10**7),
+                ("lists in the place of losses", b'{"iteration": 7000000, "losses": [' + b"[]," * 10**7 + b"[]]}"),
+                ("texts", b'{"iteration": 10, "losses": [' + b'"",' * 10**7 + b"0]}"),
+                ("steps without losses", b'{"iteration": 1000000000}')],
                taken=False)
+    detections = given / "detections.json"
+    detections.write_text('{"frames": [{"frame": "000000", "detections": []}]}')
+    suite.kind("detections", detections, ["view", data, "--detections", detections, "--threads", "1", "--quiet", "--out", out / "view.html"],
+               (data, given),
+               [("60 MB of lists", b'{"frames": [' + b"[]," * (2 * 10**7) + b"[]]}"),
+                ("60 MB of lists in a frame", b'{"frames": [{"frame": "000000", "detections": [' + b"[]," * (2 * 10**7) + b"[]]}]}"),
+                ("60 MB beside the frames", b'{"a": [' + b"[]," * (2 * 10**7) + b'[]], "frames": []}')])
     fusion = build / "plugins/weights/lidar-kitti64.weights"
     if fusion.exists():
         ours = given / "some.weights"

@@ -67,7 +67,7 @@ TEST(Tracklets, MoreTagsThanAnyDriveHasAreRefused) {
   for (int i = 0; i < 1000000; ++i) text += "<a/>";
   write_file(folder / "tags.xml", text + "</tracklets></boost_serialization>");
   EXPECT_THAT(error_text<InputError>([&] { read_tracklets(folder / "tags.xml", 0, 0, Calibration()); }),
-              AllOf(HasSubstr("tags.xml"), HasSubstr("more than 1000000 tags")));
+              AllOf(HasSubstr("tags.xml"), HasSubstr("more than 400000 tags")));
 }
 
 TEST_P(DataSets, IsKnownByItsFolder) {

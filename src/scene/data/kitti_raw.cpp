@@ -31,7 +31,7 @@ class Tracklets {
   explicit Tracklets(fs::path file) : file_(std::move(file)) {
     const std::string text = read_file(file_, kLargestLabels);
     // A tag takes 165 bytes of memory, an attribute as many.
-    constexpr std::ptrdiff_t kMostTags = 1000000;
+    constexpr std::ptrdiff_t kMostTags = 400000;
     if (std::count_if(text.begin(), text.end(), [](char c) { return c == '<' || c == '='; }) > kMostTags)
       throw InputError(file_.string(), "", fmt::format("has more than {} tags and attributes", kMostTags),
                        kFix);

@@ -4,8 +4,8 @@
 //
 // `velo` has the car's axes and the unit's origin: the unit stands turned by a quarter (x right, y forward)
 // and is tilted by more than a degree. Boxes are kept where the camera sees any of them and either a return
-// fell on them or they show kFewestRows pixels of height. Written for v1.0-mini and tables of its size: they
-// are held in memory.
+// fell on them or they show kFewestRows pixels of height. Tables are read a row at a time; what is held in
+// memory of them is what keyframes of the two sensors need.
 #include <fmt/format.h>
 #include <sys/stat.h>
 
@@ -19,6 +19,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/json_fields.h"
+#include "base/json_rows.h"
 #include "base/names.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
@@ -97,11 +98,11 @@ Transform pose_of(const JsonFields& row) {
 
 template <class Visit>
 void for_each_row_of(const fs::path& file, const Visit& visit) {
-  const nlohmann::json rows = read_json(file);
-  if (!rows.is_array()) throw InputError(file.string(), "", "is no list of rows", kFix);
   const nlohmann::json whole = nlohmann::json::object();
   const JsonFields table(file, whole, kFix);
-  for (std::size_t i = 0; i < rows.size(); ++i) visit(table.inner(fmt::format("[{}]", i), rows[i]));
+  for_each_json_row(file, "", kFix, [&](std::size_t i, const nlohmann::json& row) {
+    visit(table.inner(fmt::format("[{}]", i), row));
+  });
 }
 
 /// A path below the data set's folder: tables come from anybody, and reach no further.
