@@ -11,6 +11,7 @@
 #include "base/progress.h"
 #include "cli/detector_options.h"
 #include "cli/picture_rows.h"
+#include "detection/defense_words.h"
 #include "detection/detection_files.h"
 #include "detection/reliance.h"
 #include "validation/report/detection_plot.h"
@@ -39,7 +40,7 @@ nlohmann::json read_claims(const std::filesystem::path& file) {
 /// Puts what was measured under the weights' name into the file that the tests hold it against.
 void write_claim(const std::filesystem::path& file, const DetectorOptions& detector,
                  const std::filesystem::path& data, const Reliance& reliance) {
-  if (stands_around(detector.defense))
+  if (!read_defense(detector.defense).around.empty())
     throw FieldError("claim", file.string(), "is of weights, and the defence stands around them",
                      "leave --defense or --claim out");
   const std::filesystem::path weights = weights_file(detector);

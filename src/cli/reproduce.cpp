@@ -35,6 +35,14 @@ void add_options(CLI::App& app, paper::ReproduceSettings& options) {
   app.add_option("--frames", options.frames, "generated frames of a rig")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
+  app.add_option("--judge-frames", options.judge_frames,
+                 "generated frames of a rig beside those, on all of whose vehicles attacks are judged; 0: on "
+                 "vehicles that each attack has held back")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--defenses", options.defenses,
+                 "of table4, beside none, as adversarial,shadows (default: all)")
+      ->delimiter(',');
   app.add_option("--iterations", options.iterations, "Adam steps of each attack")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "base/error.h"
+#include "detection/around.h"
 #include "detection/car_in_picture.h"
 #include "detection/defense_words.h"
 #include "detection/points_in_view.h"
@@ -12,7 +13,7 @@
 namespace mirage {
 namespace {
 
-constexpr double kSamePlace = 0.1, kSamePicture = 0.3;  // IoU
+constexpr double kSamePicture = 0.3;  // IoU
 
 /// Which member a logit comes from, and which of its proposals.
 struct Source {
@@ -31,10 +32,6 @@ struct Blend {
   Source first, second;
   double share = 0;
 };
-
-double score_of(double logit) {
-  return 1 / (1 + std::exp(-logit));
-}
 
 /// Proposals that speak, the most certain first.
 std::vector<std::size_t> speaking(const std::vector<Proposal>& proposals) {
@@ -80,11 +77,6 @@ class PictureWitness {
   int width_ = 0, height_ = 0;
 };
 
-bool same_place(const BevBox& a, const BevBox& b) {
-  const double reach = (std::hypot(a.length, a.width) + std::hypot(b.length, b.width)) / 2;
-  return std::hypot(a.x - b.x, a.y - b.y) < reach && iou(a, b) > kSamePlace;
-}
-
 class ConsistentDetector : public Detector {
  public:
   ConsistentDetector(std::unique_ptr<Detector> fused, std::unique_ptr<Detector> lidar,
@@ -109,7 +101,7 @@ class ConsistentDetector : public Detector {
     const bool no_picture = !view.image || view.image->empty();
     for (std::size_t m = 0; m < members_.size(); ++m) {
       if (m == Source::camera && no_picture) continue;  // says nothing
-      found[m] = members_[m]->forward(view, std::min(score_threshold, score_of(kSilentLogit)), keep_graph);
+      found[m] = members_[m]->forward(view, speaking_score(score_threshold), keep_graph);
     }
     for (std::size_t m = 0; m < members_.size(); ++m) counts_[m] = found[m].size();
     const PictureWitness picture(view, found[Source::camera]);
@@ -117,8 +109,8 @@ class ConsistentDetector : public Detector {
     std::vector<Proposal> result;
     blends_.clear();
     const auto add = [&](Proposal proposal, double logit, const Blend& blend) {
-      if (!(score_of(logit) > score_threshold)) return;
       proposal.logit = logit;
+      if (!(proposal.score() > score_threshold)) return;
       result.push_back(proposal);
       blends_.push_back(blend);
     };

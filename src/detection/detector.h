@@ -10,6 +10,7 @@
 
 #include "base/fields.h"
 #include "base/image.h"
+#include "detection/defense_words.h"
 #include "detection/precision.h"
 #include "geometry/box.h"
 #include "geometry/picture_box.h"
@@ -156,7 +157,7 @@ struct DetectorOptions {
   /// "none"; "jpeg:QUALITY" (1–100): the picture is compressed before the detector sees it; "consistency":
   /// held against what each sensor says alone (detection/consistent_detector.h); "shadows": against the
   /// sweep's solid bodies (detection/shadow_detector.h); any other word chooses shipped weights that were
-  /// trained to resist, DETECTOR-RIG-WORD.weights.
+  /// trained to resist, DETECTOR-RIG-WORD.weights. Several are joined by '+' (detection/defense_words.h).
   std::string defense = "none";
   /// Parts of a fresh or starting network, where the plugin has them: "denoising", "depth-gate"
   /// (detector_abi.h).
@@ -179,12 +180,14 @@ void visit_fields(Visitor& visit, S& s) {
                  "fine-tuned on KITTI, for non-commercial use",
          .word = kRealWeights},
         s.weights);
-  visit({.name = "defense",
-         .help = "what the detector is defended by: none, jpeg:QUALITY, consistency (with the lidar and the "
-                 "camera detector), shadows (with the sweep's solid bodies), or shipped weights of mirage "
-                 "defend (adversarial, denoising, depth-gate, "
-                 "roof-objects, picture-dropout)"},
-        s.defense);
+  visit(
+      {.name = "defense",
+       .help = "what the detector is defended by: none, jpeg:QUALITY, consistency (with the lidar and the "
+               "camera detector), shadows (with the sweep's solid bodies), or shipped weights of mirage "
+               "defend (adversarial, denoising, depth-gate, roof-objects, picture-dropout); several at once "
+               "as adversarial+shadows",
+       .check = check_defense},
+      s.defense);
   visit({.name = "clean_memory",
          .help = "MB of what the detector makes of frames without the object that are kept, so that only "
                  "what the object changes is computed anew; 0: every pass is over the whole frame",
@@ -212,10 +215,6 @@ std::filesystem::path weights_file(const DetectorOptions& options);
 /// for everybody else none. They are the rig's shipped ones, those fine-tuned on real frames for the word
 /// kRealWeights where there are any. Errors as weights_file's.
 std::vector<DetectorOptions> witnesses(const DetectorOptions& options);
-
-/// Whether the defence stands around a detector of any weights ("jpeg:QUALITY", "consistency", "shadows");
-/// others are weights.
-bool stands_around(const std::string& defense);
 
 /// Of the content of all weights that load_detector would read. Errors as weights_file's.
 std::string weights_hash(const DetectorOptions& options);

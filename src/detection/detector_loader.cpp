@@ -280,17 +280,13 @@ class PluginDetector : public Detector {
 /// "-" and the word that shipped weights of a trained defence carry, or those fine-tuned on real frames;
 /// empty for the plain ones. InputError for what can be no such word.
 std::string weights_word(const DetectorOptions& options) {
-  const std::string& defense = options.defense;
-  if (defense.empty() || defense == "none" || stands_around(defense))
-    return options.weights == kRealWeights ? std::string("-") + kRealWeights : "";
-  if (defense == kRealWeights ||
-      defense.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") != std::string::npos)
-    throw FieldError(
-        "defense", defense, "is no defence",
-        "use none, jpeg:QUALITY, consistency or the word of shipped weights, such as adversarial");
+  const std::string word = read_defense(options.defense).weights;
+  if (word.empty()) return options.weights == kRealWeights ? std::string("-") + kRealWeights : "";
+  if (word == kRealWeights)  // a family of weights
+    throw FieldError("defense", word, "is no defence", "use --weights real, or name a defence");
   if (!options.weights.empty())
-    throw FieldError("defense", defense, "chooses weights, and so does --weights", "give one of the two");
-  return "-" + defense;
+    throw FieldError("defense", word, "chooses weights, and so does --weights", "give one of the two");
+  return "-" + word;
 }
 
 /// The detector's part of its weights' names.
@@ -321,7 +317,7 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
   if (options.weights.empty())
     throw InputError(file.string(), "",
                      "there are no shipped weights of " + weights_name(options) + " for the rig " +
-                         options.rig + (word.empty() ? "" : " with the defence " + options.defense),
+                         options.rig + (word.empty() ? "" : " with the defence " + word.substr(1)),
                      word.empty()
                          ? "name a weights file with --weights (one of another rig may do), or train one "
                            "with mirage train"
@@ -336,9 +332,17 @@ fs::path weights_file(const DetectorOptions& options) {
   return options.fresh ? fs::path() : find_weights(options, plugin_file(options));
 }
 
+namespace {
+
+bool is_consistent(const DetectorOptions& options) {
+  return read_defense(options.defense).has(kConsistency);
+}
+
+}  // namespace
+
 std::vector<DetectorOptions> witnesses(const DetectorOptions& options) {
   std::vector<DetectorOptions> all;
-  if (options.defense != kConsistency) return all;
+  if (!is_consistent(options)) return all;
   for (const char* word : {"lidar", "camera"}) {
     DetectorOptions& its = all.emplace_back();
     its.detector = word;
@@ -358,7 +362,7 @@ std::vector<DetectorOptions> witnesses(const DetectorOptions& options) {
 std::string weights_hash(const DetectorOptions& options) {
   std::string hash = file_hash(weights_file(options));
   for (const DetectorOptions& other : witnesses(options)) hash += file_hash(weights_file(other));
-  return options.defense == kConsistency ? content_hash(hash) : hash;
+  return is_consistent(options) ? content_hash(hash) : hash;
 }
 
 namespace {
@@ -392,27 +396,32 @@ std::unique_ptr<Detector> load_given_detector(const DetectorOptions& options) {
   if (!options.weights.empty())
     throw FieldError("weights", options.weights.string(), "a detector given in Python has no weights file",
                      "leave it out");
-  if (!weights_word(options).empty() || options.defense == kConsistency)
+  if (!weights_word(options).empty() || is_consistent(options))
     throw FieldError("defense", options.defense, "chooses shipped weights, which a given detector has not",
-                     "use none or jpeg:QUALITY");
+                     "use none, jpeg:QUALITY or shadows");
   return given->make();
 }
 
-/// The detector behind the defence that its options name.
+/// The detector within what its options name to stand around it.
 std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const DetectorOptions& options) {
-  if (const int quality = jpeg_quality(options.defense); quality > 0)
-    return behind_jpeg(std::move(detector), quality);
-  if (options.defense == kShadows) return with_shadows(std::move(detector));
-  if (options.defense != kConsistency) return detector;
-  const auto others = witnesses(options);
-  return with_witnesses(std::move(detector), load_detector(others[0]), load_detector(others[1]));
+  for (const std::string& word : read_defense(options.defense).around) {
+    if (word == kShadows) {
+      detector = with_shadows(std::move(detector));
+    } else if (word == kConsistency) {
+      const auto others = witnesses(options);
+      detector = with_witnesses(std::move(detector), load_detector(others[0]), load_detector(others[1]));
+    } else {
+      detector = behind_jpeg(std::move(detector), jpeg_quality(word));
+    }
+  }
+  return detector;
 }
 
 }  // namespace
 
 std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
   DetectorOptions options = given_options;
-  if (options.defense == kConsistency) options.clean_memory_mb /= 3;  // of three detectors
+  if (is_consistent(options)) options.clean_memory_mb /= 3;  // of three detectors
   if (is_given(options)) {
     auto detector = load_given_detector(options);
     return defended(std::move(detector), options);

@@ -1,20 +1,12 @@
 #include "detection/shadow_detector.h"
 
-#include <algorithm>
-#include <cmath>
-
 #include "base/error.h"
+#include "detection/around.h"
 #include "detection/body_evidence.h"
 #include "detection/defense_words.h"
 
 namespace mirage {
 namespace {
-
-constexpr double kSilentLogit = -8, kSamePlace = 0.1;  // IoU
-
-double score_of(double logit) {
-  return 1 / (1 + std::exp(-logit));
-}
 
 /// An answer's logit and its derivative by that of the detector's proposal `from`.
 struct Answer {
@@ -34,11 +26,6 @@ Answer sunk(std::size_t from, double logit) {
   return {from, kThroughLogit + kBodySlope * (logit - kThroughLogit), kBodySlope};
 }
 
-bool same_place(const BevBox& a, const BevBox& b) {
-  const double reach = (std::hypot(a.length, a.width) + std::hypot(b.length, b.width)) / 2;
-  return std::hypot(a.x - b.x, a.y - b.y) < reach && iou(a, b) > kSamePlace;
-}
-
 class ShadowDetector : public Detector {
  public:
   explicit ShadowDetector(std::unique_ptr<Detector> inner) : inner_(std::move(inner)) {}
@@ -48,7 +35,7 @@ class ShadowDetector : public Detector {
   Capabilities capabilities() const override { return inner_->capabilities(); }
 
   std::vector<Proposal> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
-    const auto found = inner_->forward(view, std::min(score_threshold, score_of(kSilentLogit)), keep_graph);
+    const auto found = inner_->forward(view, speaking_score(score_threshold), keep_graph);
     count_ = found.size();
     const BodyEvidence evidence(view.points);
     const std::vector<BevBox> bodies = evidence.bodies();
@@ -56,8 +43,8 @@ class ShadowDetector : public Detector {
     std::vector<Proposal> result;
     answers_.clear();
     const auto add = [&](Proposal proposal, const Answer& answer) {
-      if (!(score_of(answer.logit) > score_threshold)) return;
       proposal.logit = answer.logit;
+      if (!(proposal.score() > score_threshold)) return;
       result.push_back(proposal);
       answers_.push_back(answer);
     };

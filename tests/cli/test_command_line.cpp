@@ -161,7 +161,7 @@ TEST(CommandLine, AnAttackOrADefenceThatCannotBeIsOneLine) {
   using Case = std::pair<std::vector<std::string>, std::string>;
   for (const auto& [arguments, word] : std::vector<Case>{
            {{"defend", "--data", data, "--method", "armour"}, "use adversarial, denoising, depth-gate"},
-           {{"defend", "--data", data, "--method", "denoising", "--detector", "lidar"}, "image branch"},
+           {{"defend", "--data", data, "--method", "denoising", "--detector", "lidar"}, "sees the picture"},
            {{"defend", "--data", data, "--attacked", "2"}, "--attacked"},
            {{"defend", "--data", data, "--weights", folder / "none.weights"}, "none.weights"},
            {{"attack", "--data", data, "--size", "0"}, "--size"},

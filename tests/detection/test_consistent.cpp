@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "base/random.h"
+#include "detection/around.h"
 #include "detection/car_in_picture.h"
 #include "detection/consistent_detector.h"
 #include "detection/points_in_view.h"

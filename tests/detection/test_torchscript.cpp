@@ -44,11 +44,11 @@ std::string load_error(const std::string& model) {
   return text;
 }
 
-struct Scene {
+struct SmallScene {
   ImageF image{60, 30, 3};
   std::vector<LidarPoint> points;
   Calibration calibration;
-  Scene() {
+  SmallScene() {
     RandomStream random(3, "torchscript scene");
     for (float& value : image.data) value = static_cast<float>(random.uniform());
     // Bilinear look-ups have a kink at whole pixels, where a difference quotient says nothing.
@@ -66,7 +66,7 @@ struct Scene {
   SensorView view() const { return {&image, points, &calibration}; }
 };
 
-double objective(Detector& detector, const Scene& scene) {
+double objective(Detector& detector, const SmallScene& scene) {
   const auto found = detector.forward(scene.view(), -1, false);
   return 1.0 * found[0].logit - 0.5 * found[1].logit + 2.0 * found[2].logit;
 }
@@ -75,7 +75,7 @@ TEST(TorchScript, RunsAModelAndReadsItsRegion) {
   const auto detector = load("works");
   EXPECT_EQ(detector->name(), "torchscript");
   EXPECT_EQ(detector->region(), (std::array<double, 4>{0, 50, -20, 20}));
-  const Scene scene;
+  const SmallScene scene;
   const auto found = detector->forward(scene.view(), -1, false);
   ASSERT_EQ(found.size(), 3u);
   EXPECT_FLOAT_EQ(static_cast<float>(found[1].box.yaw), 0.3f);
@@ -87,35 +87,35 @@ TEST(TorchScript, RunsAModelAndReadsItsRegion) {
 
 TEST(TorchScript, GradientsMatchCentralDifferences) {
   const auto detector = load("works");
-  const Scene scene;
+  const SmallScene scene;
   ASSERT_EQ(detector->forward(scene.view(), -1, true).size(), 3u);
   const std::vector<double> d_logits = {1, -0.5, 2};
   const SensorGradient gradient = detector->backward(d_logits);
   const auto check = [&](double analytic, double step, const auto& value) {
-    Scene above = scene, below = scene;
+    SmallScene above = scene, below = scene;
     value(above) += static_cast<float>(step);
     value(below) -= static_cast<float>(step);
     const double numeric = (objective(*detector, above) - objective(*detector, below)) / (2 * step);
     EXPECT_NEAR(analytic, numeric, 2e-3 + 0.02 * std::abs(numeric));
   };
   for (std::size_t i = 0; i < scene.points.size(); ++i) {
-    check(gradient.points[i][0], 2e-3, [i](Scene& s) -> float& { return s.points[i].x; });
-    check(gradient.points[i][1], 2e-3, [i](Scene& s) -> float& { return s.points[i].y; });
-    check(gradient.points[i][2], 2e-3, [i](Scene& s) -> float& { return s.points[i].z; });
-    check(gradient.points[i][3], 1e-2, [i](Scene& s) -> float& { return s.points[i].reflectance; });
+    check(gradient.points[i][0], 2e-3, [i](SmallScene& s) -> float& { return s.points[i].x; });
+    check(gradient.points[i][1], 2e-3, [i](SmallScene& s) -> float& { return s.points[i].y; });
+    check(gradient.points[i][2], 2e-3, [i](SmallScene& s) -> float& { return s.points[i].z; });
+    check(gradient.points[i][3], 1e-2, [i](SmallScene& s) -> float& { return s.points[i].reflectance; });
   }
   double largest = 0;
   for (std::size_t k = 0; k < scene.image.data.size(); ++k) {
     largest = std::max(largest, std::abs(static_cast<double>(gradient.image.data[k])));
     if (gradient.image.data[k] != 0 || k % 97 == 0)
-      check(gradient.image.data[k], 1e-2, [k](Scene& s) -> float& { return s.image.data[k]; });
+      check(gradient.image.data[k], 1e-2, [k](SmallScene& s) -> float& { return s.image.data[k]; });
   }
   EXPECT_GT(largest, 0.05);
 }
 
 TEST(TorchScript, OnlyTheGivenProposalsPullOnTheInputs) {
   const auto detector = load("works");
-  const Scene scene;
+  const SmallScene scene;
   auto found = detector->forward(scene.view(), -1, false);
   std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.logit > b.logit; });
   const double between = (found[0].score() + found[1].score()) / 2;
@@ -132,12 +132,12 @@ TEST(TorchScript, OnlyTheGivenProposalsPullOnTheInputs) {
 
 TEST(TorchScript, NothingFoundAndNothingSeen) {
   const auto none = load("empty");
-  const Scene scene;
+  const SmallScene scene;
   EXPECT_TRUE(none->forward(scene.view(), 0, true).empty());
   const SensorGradient zero = none->backward({});
   for (const float value : zero.image.data) ASSERT_EQ(value, 0);
   const auto detector = load("works");
-  Scene blank;
+  SmallScene blank;
   blank.points.clear();
   EXPECT_EQ(detector->forward(blank.view(), -1, true).size(), 3u);
   EXPECT_TRUE(detector->backward(std::vector<double>(3, 1)).points.empty());
@@ -154,7 +154,7 @@ TEST(TorchScript, OneArgumentIsADetectorInThePicture) {
   EXPECT_EQ(can.plane(), Plane::picture);
   EXPECT_TRUE(can.reads_image);
   EXPECT_FALSE(can.reads_points || can.finds_bev);
-  const Scene scene;
+  const SmallScene scene;
   const auto found = detector->forward(scene.view(), -1, true);
   ASSERT_EQ(found.size(), 2u);
   EXPECT_EQ(found[0].picture.left, 2);
@@ -168,7 +168,7 @@ TEST(TorchScript, OneArgumentIsADetectorInThePicture) {
   double largest = 0;
   for (std::size_t k = 0; k < scene.image.data.size(); k += 7) {
     const auto value = [&](float change) {
-      Scene other = scene;
+      SmallScene other = scene;
       other.image.data[k] += change;
       const auto there = detector->forward(other.view(), -1, false);
       return there[0].logit - 0.5 * there[1].logit;
@@ -208,7 +208,7 @@ TEST(TorchScript, EveryWrongModelIsToldWhy) {
 TEST(TorchScript, WrongAtASingleFrameIsTheModelsFaultToo) {
   // fine on the scene it is tried on, not finite on this one
   const auto detector = load("works");
-  Scene scene;
+  SmallScene scene;
   scene.points[4].z = std::numeric_limits<float>::infinity();
   const auto run = [&] { detector->forward(scene.view(), -1, false); };
   EXPECT_THAT(test::error_text<InputError>(run), HasSubstr("works.pt: forward's logits: are not finite"));

@@ -37,6 +37,8 @@ TEST(DepthBackEnds, ClassicalOnesByName) {
   for (const char* name : {"ip-basic", "ip-basic-bilateral", "ip-basic-multiscale",
                            "ip-basic-multiscale-bilateral", "ip-basic-extrapolated"})
     EXPECT_EQ(load_depth_completion({name})->name(), name);
+  if (!std::filesystem::exists(MIRAGE_BUILD "/plugins/guided.so"))
+    GTEST_SKIP() << "other names are asked of a plugin that was not built";
   EXPECT_THAT(load_error({"magic"}), HasSubstr("unknown depth completion"));
   EXPECT_THAT(load_error({"ip-basic-magic"}), HasSubstr("ip-basic-magic"));
 }

@@ -210,6 +210,10 @@ TEST_F(Findings, Defences) {
   EXPECT_EQ(only("consistency").verdict, Verdict::holds);
   judged("kitti64-fusion-both-shadows", {120, 5, 1, 0});
   EXPECT_EQ(only("shadows").verdict, Verdict::holds);
+  judged("kitti64-fusion-both-adversarial-shadows", {120, 5, 0, 0});
+  EXPECT_EQ(only("adversarial+shadows").verdict, Verdict::holds);
+  judged("kitti64-fusion-both-adversarial-shadows", {120, 5, 1, 1});  // no more than without
+  EXPECT_NE(only("adversarial+shadows").verdict, Verdict::holds);
 }
 
 }  // namespace

@@ -57,8 +57,9 @@ TEST(PaperExperiments, FoldersAreTheDocumentedOnes) {
        {"data/kitti64", "data/xenith", "runs/kitti64-fusion-both", "runs/xenith-lidar-lidar",
         "runs/kitti64-fusion-both-size0.2", "runs/kitti64-fusion-both-size1.0",
         "runs/kitti64-fusion-both-jpeg50", "runs/kitti64-fusion-both-consistency",
-        "runs/kitti64-fusion-both-depth-gate", "evaluations/kitti64-fusion-image",
-        "evaluations/xenith-fusion-both--on--kitti64-fusion-both", "detect/kitti64-fusion-denoising"})
+        "runs/kitti64-fusion-both-adversarial-shadows", "runs/kitti64-fusion-both-depth-gate",
+        "evaluations/kitti64-fusion-image", "evaluations/xenith-fusion-both--on--kitti64-fusion-both",
+        "detect/kitti64-fusion-denoising"})
     EXPECT_NO_THROW(all.at(name)) << name;
   EXPECT_THROW(all.at("runs/kitti64-fusion-both-size0.8"), InputError);  // the plain run
 }
@@ -69,6 +70,37 @@ TEST(PaperExperiments, GivenDataAreNotGenerated) {
   const Experiments list = experiments(settings);
   for (const Case& one : list.cases) EXPECT_NE(one.kind, Case::Kind::generate);
   EXPECT_EQ(list.at("runs/kitti64-fusion-both").setting("data"), "/data/k");
+}
+
+TEST(PaperExperiments, JudgedOnFramesMadeForThat) {
+  ReproduceSettings settings = settings_in("/out");
+  settings.judge_frames = 200;
+  settings.seeds = 2;
+  const Experiments list = experiments(settings);
+  EXPECT_EQ(list.at("data/xenith-judge").setting("frames"), "200");
+  EXPECT_NE(list.at("data/kitti64-judge").setting("seed"), list.at("data/kitti64").setting("seed"));
+  for (const char* name : {"evaluations/kitti64-fusion-both", "evaluations/kitti64-fusion-both+1",
+                           "evaluations/xenith-fusion-both--on--kitti64-fusion-both",
+                           "evaluations/kitti64-fusion-both--on--kitti64-lidar-lidar"}) {
+    const Case& judging = list.at(name);
+    EXPECT_EQ(judging.settings_in("/out").at("data"), "/out/data/kitti64-judge") << name;
+    EXPECT_FALSE(judging.settings_in("/out").contains("hosts_of")) << name;  // all vehicles, not a run's
+  }
+  EXPECT_EQ(list.at("evaluations/xenith-fusion-both--on--kitti64-fusion-both").setting("detector"), "fusion");
+  EXPECT_EQ(list.at("evaluations/kitti64-fusion-both--on--kitti64-lidar-lidar").setting("detector"), "lidar");
+  EXPECT_EQ(list.at("runs/kitti64-fusion-both").settings_in("/out").at("data"), "/out/data/kitti64");
+}
+
+TEST(PaperExperiments, SomeOfTheDefences) {
+  ReproduceSettings settings = settings_in("/out", "table4");
+  settings.defenses = {"adversarial", "adversarial+shadows"};
+  const Table table = experiments(settings).tables.at(0);
+  ASSERT_EQ(table.rows.size(), 3u);
+  EXPECT_EQ(table.rows[0].label, "none");
+  EXPECT_EQ(table.rows[2].evaluation, "evaluations/kitti64-fusion-both-adversarial-shadows");
+  settings.defenses = {"prayer"};
+  EXPECT_THAT(test::error_text<InputError>([&] { experiments(settings); }),
+              testing::AllOf(HasSubstr("prayer"), HasSubstr("use some of"), HasSubstr("depth-gate")));
 }
 
 TEST(PaperExperiments, AnotherWordIsAnInputError) {
@@ -191,9 +223,12 @@ TEST(PaperTables, SayWhereTheDetectorDoesNotUseItsPicture) {
   const auto& rows = result.tables.at(0).rows;
   EXPECT_EQ(rows.at(0).note, "");  // no defence at all
   EXPECT_THAT(rows.at(1).note, HasSubstr("does not use its picture"));
-  EXPECT_EQ(rows.at(2).note, "");  // random meshes are not about the image
-  EXPECT_THAT(rows.at(3).note, HasSubstr("does not use its picture"));
-  EXPECT_EQ(rows.at(4).note, "");  // nor is adversarial training
+  EXPECT_EQ(rows.at(2).note, "");  // the sweep's bodies are not about the image
+  EXPECT_EQ(rows.at(3).note, "");  // nor are random meshes
+  EXPECT_THAT(rows.at(4).note, HasSubstr("does not use its picture"));
+  EXPECT_EQ(rows.at(5).note, "");  // nor is adversarial training
+  EXPECT_EQ(rows.at(6).note, "");  // nor are both
+  EXPECT_THAT(rows.at(7).note, HasSubstr("does not use its picture"));
   EXPECT_THAT(read_file(folder / "table4.md"), HasSubstr("nothing follows about images"));
   EXPECT_FALSE(to_json(result).at("tables").at(0).at("rows").at(2).contains("note"));
   const json reliance = to_json(result).at("reliance");
@@ -204,16 +239,17 @@ TEST(PaperTables, SayWhereTheDetectorDoesNotUseItsPicture) {
   int told = 0, open = 0;
   for (const Finding& finding : result.findings)
     for (const Check& check : finding.checks) {
-      // What is not about the image: adversarial training and its control, size, and where false positives
-      // are.
+      // What is not about the image: adversarial training and its control, the sweep's bodies, size, and
+      // where false positives are.
       const bool other = finding.name == "adversarial" || finding.name == "roof-objects" ||
+                         finding.name == "shadows" || finding.name == "adversarial+shadows" ||
                          finding.name == "far" || finding.name == "fusions-net" ||
                          check.rig == "KITTI rig, adversarial training";
       EXPECT_EQ(check.sentence.starts_with("this detector does not use its picture"), !other)
           << finding.name << ": " << check.sentence;
       ++(other ? told : open);
     }
-  EXPECT_EQ(told, 5);
+  EXPECT_EQ(told, 7);
   EXPECT_EQ(open, 6);  // JPEG, denoising twice, the depth gate, pictures left out, consistency
 }
 

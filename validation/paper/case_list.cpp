@@ -11,11 +11,13 @@
 namespace mirage::paper {
 namespace {
 
-/// The detector's defence, if it has any, also in the case's name: "jpeg:50" as "-jpeg50".
+/// The detector's defence, if it has any, also in the case's name: "jpeg:50" as "-jpeg50", "a+b"
+/// as "-a-b".
 void add_defense(Case& command, std::string defense) {
   if (defense.empty()) return;
   command.settings["defense"] = defense;
   std::erase(defense, ':');
+  std::replace(defense.begin(), defense.end(), '+', '-');
   command.name += fmt::format("-{}", defense);
 }
 
@@ -68,15 +70,33 @@ std::string CaseList::attack(const std::string& rig, const std::string& detector
   return add(command);
 }
 
+void CaseList::add_hosts(Case& command, const std::string& run) {
+  const std::string rig = last_part(run).substr(0, last_part(run).find('-'));
+  if (settings_.judge_frames == 0 || rig == "real") return;
+  command.needs.emplace_back(
+      "data", add({"data/" + rig + "-judge",
+                   Case::Kind::generate,
+                   {{"rig", rig}, {"frames", std::to_string(settings_.judge_frames)}, {"seed", "23"}},
+                   {}}));
+}
+
 std::string CaseList::evaluate(const std::string& run, bool start, bool pictures) {
   Case command = judging(last_part(run), run, start ? "start,sized,cuboid" : "sized");
+  add_hosts(command, run);
   if (pictures) command.settings["pictures"] = std::to_string(settings_.pictures);
   return add(command);
 }
 
 std::string CaseList::transfer(const std::string& from, const std::string& onto) {
   Case command = judging(fmt::format("{}--on--{}", last_part(from), last_part(onto)), from, "sized");
-  command.needs.emplace_back("hosts_of", onto);
+  if (settings_.judge_frames == 0) {
+    command.needs.emplace_back("hosts_of", onto);
+    return add(command);
+  }
+  const auto attacked =
+      std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == onto; });
+  command.settings["detector"] = attacked->setting("detector");
+  add_hosts(command, onto);
   return add(command);
 }
 

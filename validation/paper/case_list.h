@@ -16,8 +16,8 @@ class CaseList {
   std::string attack(const std::string& rig, const std::string& detector, const std::string& target,
                      double size = 0, const std::string& defense = "");
 
-  /// Of a run on its own held-back hosts, beside random meshes of its size; with `start` also beside the
-  /// paper's and beside the cuboid that fills the box.
+  /// Of a run on its own held-back hosts (or all of the frames that are there to judge), beside random meshes
+  /// of its size; with `start` also beside the paper's and beside the cuboid that fills the box.
   std::string evaluate(const std::string& run, bool start, bool pictures);
 
   /// Of a run on the held-back hosts, data and detector of another, beside random meshes of its size.
@@ -36,6 +36,10 @@ class CaseList {
  private:
   /// The evaluation "evaluations/NAME" of a run on its own held-back hosts, beside the baselines.
   Case judging(const std::string& name, const std::string& run, const std::string& baselines) const;
+
+  /// Lets the evaluation judge on frames made for that, if any are asked for, in place of the hosts that the
+  /// run has held back.
+  void add_hosts(Case& command, const std::string& run);
 
   /// Lets the case read the rig's data: the user's, or those of a case that makes them.
   void add_data(Case& command, const std::string& rig);

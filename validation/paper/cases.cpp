@@ -22,6 +22,12 @@ NamedSettings Case::settings_in(const std::filesystem::path& out) const {
   return all;
 }
 
+const std::string& Case::hosts_of() const {
+  const auto other =
+      std::find_if(needs.begin(), needs.end(), [](const auto& need) { return need.first == "hosts_of"; });
+  return other == needs.end() ? run() : other->second;
+}
+
 const Case& Experiments::at(const std::string& name) const {
   const auto match = std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == name; });
   if (match == cases.end()) throw InputError("experiments", name, "no such case", "name one of the list");

@@ -20,6 +20,9 @@ struct ReproduceSettings {
   std::filesystem::path out;
   std::filesystem::path kitti64, xenith, real;  ///< data sets; the first two empty: generated in OUT/data
   int frames = 120;                             ///< generated frames of a rig
+  int judge_frames =
+      0;  ///< others, on all of whose vehicles attacks are judged; 0: on a run's held-back ones
+  std::vector<std::string> defenses;  ///< of table4, beside none; empty: all of its list
   int iterations = AttackSettings().iterations;
   int random_meshes = 3;  ///< of the random baseline, pooled
   int seeds = 1;     ///< runs of each attack, of the seeds seed, seed + 1, …; each splits the frames anew
@@ -45,7 +48,7 @@ struct Case {
   NamedSettings settings_in(const std::filesystem::path& out) const;
   /// Of an evaluation: the run whose mesh is judged, and the run on whose hosts.
   const std::string& run() const { return needs.front().second; }
-  const std::string& hosts_of() const { return needs.back().second; }
+  const std::string& hosts_of() const;
 };
 
 /// The commands that run them.

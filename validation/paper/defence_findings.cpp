@@ -7,6 +7,7 @@
 #include <map>
 
 #include "validation/paper/checks.h"
+#include "validation/paper/experiments.h"
 
 namespace mirage::paper {
 namespace {
@@ -35,9 +36,7 @@ Finding defence(const Evidence& evidence, const std::string& name, const std::st
                                         fmt::format("{} → {}", asr(*without, which), asr(*with, which)),
                                         words, points(taken.difference), margin),
                             why);
-    // What is not of the image.
-    const bool other = name == "adversarial" || name == "roof-objects";
-    checks.push_back(other ? rig_check : about_images(rig_check, {without, with}));
+    checks.push_back(concerns_picture(name) ? about_images(rig_check, {without, with}) : rig_check);
   });
 }
 
@@ -133,6 +132,10 @@ std::vector<Finding> own_defence_findings(const Evidence& evidence) {
               "fusion-both-consistency", "with consistency of the sensors", is_fooled, "ASR"),
       defence(evidence, "shadows", "Not in the paper: bodies and shadows of the sweep help", "fusion-both",
               "fusion-both-shadows", "held against the sweep's bodies", is_fooled, "ASR"),
+      defence(evidence, "adversarial+shadows",
+              "Not in the paper: bodies and shadows help on top of adversarial training",
+              "fusion-both-adversarial", "fusion-both-adversarial-shadows",
+              "held against the sweep's bodies as well", is_fooled, "ASR"),
       defence(evidence, "gate", "Not in the paper: the depth gate removes false positives", "fusion-both",
               "fusion-both-depth-gate", "with the depth gate", is_false_positive, "FP ASR")};
 }

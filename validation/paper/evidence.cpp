@@ -69,8 +69,11 @@ Evidence gather(const Experiments& experiments, const std::filesystem::path& out
       if (command.kind == Case::Kind::detect) evidence.detections[command.name] = read_detection(file);
       if (command.kind != Case::Kind::evaluate) continue;
       // Hosts are those of the data that were asked for, or else of the run that is judged or named for it.
-      const std::string data = experiments.at(command.hosts_of()).settings_in(out).at("data");
-      judged_runs[command.name] = read_evaluation(file, command.setting("data", data));
+      const NamedSettings own = command.settings_in(out);
+      const auto data = own.find("data");
+      judged_runs[command.name] = read_evaluation(
+          file,
+          data != own.end() ? data->second : experiments.at(command.hosts_of()).settings_in(out).at("data"));
     } catch (const std::exception& error) {
       step.status = Step::Status::failed;
       step.error = error.what();

@@ -25,6 +25,10 @@
 
 namespace mirage::paper {
 
+/// Whether what a defence (a word of --defense, or several) does is about the picture. It is not: adversarial
+/// training, its control on roofs and the sweep's bodies.
+bool concerns_picture(const std::string& defense);
+
 /// Fewer frames and iterations, as far as they are still at their defaults: minutes, and wide intervals.
 void make_quick(ReproduceSettings& settings);
 

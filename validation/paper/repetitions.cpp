@@ -16,7 +16,8 @@ Case repeated(const Case& command, int number, const ReproduceSettings& settings
   Case rerun = command;
   rerun.name = repetition(command.name, number);
   if (command.kind == Case::Kind::evaluate)
-    for (auto& [folder, need] : rerun.needs) need = repetition(need, number);
+    for (auto& [folder, need] : rerun.needs)
+      if (folder != "data") need = repetition(need, number);
   rerun.settings.erase("pictures");
   rerun.settings["seed"] = std::to_string(settings.seed + static_cast<std::uint64_t>(number));
   return rerun;
