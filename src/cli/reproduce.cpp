@@ -40,8 +40,9 @@ void add_options(CLI::App& app, paper::ReproduceSettings& options) {
                  "vehicles that each attack has held back")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  app.add_option("--defenses", options.defenses,
-                 "of table4, beside none, as adversarial,shadows (default: all)")
+  app.add_option("--only", options.only,
+                 "some rows of the tables, by the names of their evaluations: "
+                 "kitti64-fusion-both,kitti64-fusion-both-adversarial (default: all)")
       ->delimiter(',');
   app.add_option("--iterations", options.iterations, "Adam steps of each attack")
       ->check(CLI::PositiveNumber)

@@ -22,7 +22,9 @@ struct ReproduceSettings {
   int frames = 120;                             ///< generated frames of a rig
   int judge_frames =
       0;  ///< others, on all of whose vehicles attacks are judged; 0: on a run's held-back ones
-  std::vector<std::string> defenses;  ///< of table4, beside none; empty: all of its list
+  /// Rows of the tables by their evaluations' folders (OUT/evaluations/NAME), and what these need; empty:
+  /// all.
+  std::vector<std::string> only;
   int iterations = AttackSettings().iterations;
   int random_meshes = 3;  ///< of the random baseline, pooled
   int seeds = 1;     ///< runs of each attack, of the seeds seed, seed + 1, …; each splits the frames anew

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <functional>
+#include <set>
 
 #include "base/error.h"
 #include "base/fields.h"
@@ -183,7 +185,7 @@ Table table3(CaseList& list, bool real) {
   return table;
 }
 
-Table table4(CaseList& list, const Strings& wanted) {
+Table table4(CaseList& list) {
   Table table{
       "table4",
       "Defences of the fusion detector, each attacked anew with the defence known",
@@ -198,12 +200,7 @@ Table table4(CaseList& list, const Strings& wanted) {
        {"net", "ASR net of its size"},
        {"ap70", "clean AP 0.7"}},
       {}};
-  Strings known;
   const auto add = [&](const std::string& label, const std::string& defense, Printed paper) {
-    if (!defense.empty()) known.push_back(defense);
-    if (!defense.empty() && !wanted.empty() &&
-        std::find(wanted.begin(), wanted.end(), defense) == wanted.end())
-      return;
     const std::string run = list.attack("kitti64", "fusion", "both", 0, defense);
     Row defense_row =
         row(label, "kitti64", list.evaluate(run, defense.empty(), defense.empty()), std::move(paper));
@@ -221,9 +218,6 @@ Table table4(CaseList& list, const Strings& wanted) {
   add("adversarial training, feature denoising", "denoising", {{"asr", 10.82}, {"ap70", 83.97}});
   add("JPEG, quality 50", "jpeg:50", {{"asr", 49.60}, {"ap70", 84.52}});
   add("depth gate", "depth-gate", {});
-  for (const std::string& defense : wanted)
-    if (std::find(known.begin(), known.end(), defense) == known.end())
-      throw FieldError("defenses", defense, "is no defence of table4", "use some of " + join(known));
   return table;
 }
 
@@ -233,6 +227,32 @@ Table real_table(CaseList& list) {
       "Learned on one part of the given frames, judged on the held-back vehicles of the rest. Beside the "
       "paper's numbers on all of KITTI.";
   return table;
+}
+
+const std::string kEvaluations = "evaluations/";
+
+/// Keeps the rows of these evaluations, and the cases that they need.
+void leave_out_others(Experiments& experiments, const Strings& only) {
+  std::set<std::string> wanted, met, needed;
+  for (const std::string& name : only) wanted.insert(kEvaluations + name);
+  const std::function<void(const std::string&)> need = [&](const std::string& name) {
+    if (name.empty() || !needed.insert(name).second) return;
+    for (const auto& [folder, before] : experiments.at(name).needs) need(before);
+  };
+  for (Table& table : experiments.tables) {
+    std::erase_if(table.rows, [&](const Row& row) { return !wanted.contains(row.evaluation); });
+    for (const Row& row : table.rows) {
+      met.insert(row.evaluation);
+      need(row.evaluation);
+      need(row.detection);
+    }
+  }
+  for (const std::string& name : wanted)
+    if (!met.contains(name))
+      throw FieldError("only", name.substr(kEvaluations.size()), "is no evaluation of what is asked for",
+                       "use names such as kitti64-fusion-both, the folders in OUT/evaluations");
+  std::erase_if(experiments.tables, [](const Table& table) { return table.rows.empty(); });
+  std::erase_if(experiments.cases, [&](const Case& one) { return !needed.contains(one.name); });
 }
 
 }  // namespace
@@ -273,11 +293,12 @@ Experiments experiments(const ReproduceSettings& settings) {
   }
   if (wanted("fig4")) experiments.tables.push_back(fig4(list));
   if (wanted("table3")) experiments.tables.push_back(table3(list, real));
-  if (wanted("table4")) experiments.tables.push_back(table4(list, settings.defenses));
+  if (wanted("table4")) experiments.tables.push_back(table4(list));
   if (wanted("fusions")) experiments.tables.push_back(fusions_table(list, "kitti64"));
   if (wanted("fusions") && real) experiments.tables.push_back(fusions_on_real(list));
   if (wanted("fusions-xenith")) experiments.tables.push_back(fusions_table(list, "xenith"));
   experiments.cases = std::move(list.cases);
+  if (!settings.only.empty()) leave_out_others(experiments, settings.only);
   repeat(experiments, settings);
   return experiments;
 }

@@ -172,6 +172,8 @@ json to_json(const ReproduceResult& result) {
                 {"seed", settings.seed},
                 {"seeds", settings.seeds},
                 {"random_meshes", settings.random_meshes},
+                {"frames", settings.frames},
+                {"judge_frames", settings.judge_frames},
                 {"quick", settings.quick},
                 {"kitti64", data_folder(settings, "kitti64").filename().string()},
                 {"xenith", data_folder(settings, "xenith").filename().string()},
