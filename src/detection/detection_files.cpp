@@ -9,6 +9,7 @@
 #include "base/json_rows.h"
 #include "base/names.h"
 #include "detection/upright.h"
+#include "scene/data/layouts.h"
 
 namespace mirage {
 namespace {
@@ -48,6 +49,8 @@ ListedDetection detection_of(const json& from, const fs::path& file, const std::
   detection.box = {number(from, "x", file, where), number(from, "y", file, where),
                    number(from, "length", file, where), number(from, "width", file, where),
                    number(from, "yaw", file, where)};
+  if (const std::string problem = box_problem({*detection.box, 0, kNominalHeight}); !problem.empty())
+    throw InputError(file.string(), where, "the box " + problem, kFix);
   if (from.contains("picture")) detection.picture = picture_of(from["picture"], file, where + ".picture");
   return detection;
 }

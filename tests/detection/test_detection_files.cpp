@@ -128,6 +128,13 @@ TEST(DetectionFiles, OfAnotherKindAreNamed) {
                 AllOf(HasSubstr(place), HasSubstr(word)));
   EXPECT_THAT(error_text<InputError>([&] { DetectionFiles(folder / "b.json").of(frame_with_car()); }),
               AllOf(HasSubstr("b.json"), HasSubstr("frame 000004, detection 0.score")));
+  write_json(folder / "c.json",
+             {{"frames",
+               {{{"frame", "000004"},
+                 {"detections",
+                  {{{"x", 1}, {"y", 2}, {"length", 1e300}, {"width", 2}, {"yaw", 0}, {"score", 1}}}}}}}});
+  EXPECT_THAT(error_text<InputError>([&] { DetectionFiles(folder / "c.json"); }),
+              HasSubstr("frame 000004, detection 0: the box"));
 }
 
 TEST(DetectionFiles, NamesOfAnyBytesAreFoundAgain) {

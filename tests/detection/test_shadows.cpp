@@ -160,7 +160,8 @@ TEST(Shadows, AnswersRiseWithWhatTheDetectorSaysWithoutSteps) {
   Street street;
   for (const BevBox& place : {kSide, kEmpty}) {
     double before = -1e9;
-    for (double logit = -7.9; logit < 3; logit += 0.01) {
+    for (int step = 0; step < 1090; ++step) {
+      const double logit = -7.9 + 0.01 * step;
       street.script.lines = {{{place, logit}}};
       const auto found = street.answers();
       ASSERT_FALSE(found.empty());

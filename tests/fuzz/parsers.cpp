@@ -16,6 +16,7 @@
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/toml_write.h"
+#include "detection/detection_files.h"
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
 #include "fuzz/seeds.h"
@@ -81,14 +82,18 @@ void calibration(const fs::path& file) {
   check(read.rect_from_velo());
 }
 
+void check(const Box3& box) {
+  demand(std::isfinite(box.bev.x + box.bev.y + box.bev.yaw + box.bottom), "a box is not finite");
+  demand(box.bev.length > 0 && box.bev.width > 0 && box.height > 0, "a box without size");
+  demand(std::isfinite(box.bev.length * box.bev.width * box.height), "a box of any size");
+}
+
 void check(const std::vector<Label>& labels) {
   for (const Label& label : labels) {
     demand(std::isfinite(label.truncated + label.left + label.top + label.right + label.bottom),
            "a label is not finite");
     if (label.type == "DontCare") continue;
-    const Box3& box = label.box;
-    demand(std::isfinite(box.bev.x + box.bev.y + box.bev.yaw + box.bottom), "a box is not finite");
-    demand(box.bev.length > 0 && box.bev.width > 0 && box.height > 0, "a box without size");
+    check(label.box);
   }
 }
 
@@ -139,6 +144,16 @@ void nuscenes(const fs::path& file) {
     const fs::path picture = set->parts(id).at(1).file.lexically_relative(folder.parent_path());
     demand(!picture.empty() && *picture.begin() != "..", "a picture outside the data set");
     check(set->annotations(id, kWidth, kHeight));
+  }
+}
+
+void detections(const fs::path& file) {
+  Frame frame;
+  frame.id = "000000";
+  for (const KittiDetection& found : DetectionFiles(file).of(frame)) {
+    demand(std::isfinite(found.score), "a score is not finite");
+    demand(found.box || found.picture, "a detection without a box");
+    if (found.box) check(*found.box);
   }
 }
 
@@ -282,6 +297,7 @@ constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
                                {"tracking", "sequence.txt", tracking},
                                {"tracklets", "tracklet_labels.xml", tracklets},
                                {"nuscenes", "tables.json", nuscenes},
+                               {"detections", "detections.json", detections},
                                {"sweep", "sweep.bin", sweep},
                                {"lighting", "lighting.json", lighting},
                                {"png", "picture.png", png},

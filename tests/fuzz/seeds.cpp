@@ -252,6 +252,10 @@ std::vector<Seed> seeds() {
       {"nuscenes", "change",
        R"({"sample_annotation": [], "category": [{"token": "category-Car", "name": "vehicle.truck"}]})"},
       {"nuscenes", "whole", seed_tables().dump()},
+      {"detections", "two",
+       R"({"frames": [{"frame": "000000", "detections": [{"x": 20, "y": -3, "length": 4, "width": 1.7, "yaw": 0.1,)"
+       R"( "score": 0.75, "picture": {"left": 1, "top": 2, "right": 30, "bottom": 40}},)"
+       R"( {"left": 100, "top": 200, "right": 300, "bottom": 250, "score": 0.5}], "vehicles": []}]})"},
       {"sweep", "three",
        written("seed.bin",
                [](const fs::path& file) {

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <utility>
+
 #include "detection/detector.h"
 
 namespace mirage::test {
@@ -18,7 +20,8 @@ struct Script {
 
 class Scripted : public Detector {
  public:
-  Scripted(const char* name, Capabilities can, Script& script) : name_(name), can_(can), script_(script) {}
+  Scripted(const char* name, Capabilities can, Script& script)
+      : name_(name), can_(std::move(can)), script_(script) {}
   std::string name() const override { return name_; }
   Capabilities capabilities() const override { return can_; }
   std::array<double, 4> region() const override { return {0, 70, -40, 40}; }
