@@ -10,7 +10,9 @@
 #include "base/files.h"
 #include "base/json_depth.h"
 #include "base/json_fields.h"
+#include "base/json_rows.h"
 #include "base/names.h"
+#include "base/open_file.h"
 
 namespace mirage {
 namespace {
@@ -165,13 +167,15 @@ AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::j
 namespace {
 
 /// The field "iteration" alone; 0 where there is none.
-std::size_t claimed_iteration(std::string_view text, const std::string& where) {
+std::size_t claimed_iteration(const std::filesystem::path& file) {
   using Event = nlohmann::json::parse_event_t;
   bool wanted = false;
-  const auto head = parse_json(text, where, [&](int depth, Event event, const nlohmann::json& value) {
-    if (event == Event::key) return wanted = depth == 1 && value == "iteration";
-    return depth == 0 || (depth == 1 && event == Event::value && wanted);
-  });
+  const auto head =
+      read_json_parts(file, kStartAgain, [&](int depth, Event event, const nlohmann::json& value) {
+        if (event == Event::key) return wanted = depth == 1 && value == "iteration";
+        return depth == 0 || event == Event::array_start || event == Event::object_start ||
+               (depth == 1 && event == Event::value && wanted);
+      });
   const auto found = head.is_object() ? head.find("iteration") : head.end();
   if (found == head.end() || !found->is_number_unsigned()) return 0;
   return std::min<std::size_t>(found->get<std::size_t>(), kMostIterations);
@@ -180,15 +184,17 @@ std::size_t claimed_iteration(std::string_view text, const std::string& where) {
 /// The file, if it holds no more values than its mesh and its steps account for: values take up to eighty
 /// bytes each, and so thirty times the file.
 nlohmann::json read_bounded(const std::filesystem::path& file, const TexturedMesh& start) {
-  constexpr std::size_t kBeside = 200'000;    // hosts and settings: as run.json
+  constexpr std::size_t kBeside = 200'000, kBytesBeside = 1 << 22;  // hosts and settings: as run.json
   constexpr std::size_t kMeshes = 5;          // the mesh, two moments, the best one, the rendered one
   constexpr std::size_t kRow = 4, kHeld = 2;  // a step's losses and count; what is held out, at a step
-  const std::string text = read_file(file);
-  const std::size_t steps = claimed_iteration(text, file.string());
+  constexpr std::size_t kBytes = 64;          // of a number, with what parts it from the next
+  const std::size_t steps = claimed_iteration(file);
   const std::size_t numbers = 3 * (start.mesh.vertices.size() + start.atlas.texels.size());
-  if (kRow * steps > text.size())  // or it would account for values of any number
+  const std::size_t values = kMeshes * numbers + (kRow + kHeld) * (steps + 1);
+  if (kRow * steps > OpenFile(file).size())  // or it would account for values of any number
     throw InputError(file.string(), "iteration", "the file has no losses of so many", kStartAgain);
-  check_json_values(text, file.string(), kBeside + kMeshes * numbers + (kRow + kHeld) * (steps + 1), kBeside);
+  const std::string text = read_file(file, kBytesBeside + kBytes * values);
+  check_json_values(text, file.string(), kBeside + values, kBeside);
   return parse_json(text, file.string());
 }
 

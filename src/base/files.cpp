@@ -224,7 +224,7 @@ void write_file(const fs::path& path, std::string_view bytes) {
 
 nlohmann::json read_json(const fs::path& path, std::uintmax_t most, std::size_t most_values) {
   const std::string text = read_file(path, most);
-  check_json_values(text, path.string(), most_values);
+  if (text.size() >= most_values) check_json_values(text, path.string(), most_values);
   return parse_json(text, path.string());
 }
 

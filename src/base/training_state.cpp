@@ -71,8 +71,9 @@ void write_training_state(const fs::path& out, const nlohmann::json& wanted, Tra
 
 TrainingLog::TrainingLog(const fs::path& out, std::int64_t step) : file_(out / "training.jsonl") {
   if (step == 0 || !fs::exists(file_)) return;
-  std::istringstream lines(read_file(file_));
+  std::istringstream lines(read_file(file_, kLargestJson));
   for (std::string line; std::getline(lines, line);) {
+    if (line.size() > kLargestRecord) continue;
     const auto json = nlohmann::json::parse(line, nullptr, false);
     const auto at = json.find("step");  // of an object
     if (at != json.end() && at->is_number_integer() && at->get<std::int64_t>() <= step) text_ += line + "\n";

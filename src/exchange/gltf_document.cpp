@@ -3,12 +3,17 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <cstring>
+#include <string>
+#include <string_view>
+#include <utility>
 
 #include "base/error.h"
 #include "base/file_head.h"
 #include "base/files.h"
 #include "base/json_depth.h"
+#include "base/open_file.h"
 #include "exchange/folder_files.h"
 
 namespace mirage {
@@ -17,34 +22,37 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kHeader = 20;  // bytes, with that of the first chunk
+/// Bytes of the JSON of a .glb, whose data lie behind it.
+constexpr std::size_t kLargestGlbJson = std::size_t{1} << 24;
 
 void check_magic(std::string_view bytes, const std::string& file) {
   if (!bytes.starts_with("glTF"))
     throw InputError(file, "magic", "is not \"glTF\"", "give a binary glTF 2.0 file (.glb)");
 }
 
-/// The JSON text of a .glb (its first chunk) or .gltf (all of it).
-std::string_view json_text(const std::string& bytes, const std::string& file, bool binary) {
-  if (!binary) return bytes;
+/// Bytes of the JSON, a .glb's first chunk, by the file's `head` and size.
+std::size_t json_size(std::string_view head, std::uintmax_t size, const std::string& file) {
   const auto fail = [&](const char* field, const std::string& problem, const char* fix) {
     throw InputError(file, field, problem, fix);
   };
   const auto u32 = [&](std::size_t at) {
     std::uint32_t value = 0;
-    std::memcpy(&value, bytes.data() + at, sizeof value);
+    std::memcpy(&value, head.data() + at, sizeof value);
     return value;
   };
-  if (bytes.size() < kHeader)
-    fail("header", fmt::format("{} bytes are too few for a .glb file", bytes.size()),
-         "export the file again");
-  check_magic(bytes, file);
+  if (head.size() < kHeader)
+    fail("header", fmt::format("{} bytes are too few for a .glb file", head.size()), "export the file again");
+  check_magic(head, file);
   if (u32(4) != 2) fail("version", fmt::format("{}", u32(4)), "give a glTF 2.0 file");
-  if (u32(8) > bytes.size())
-    fail("length", fmt::format("truncated: {} of {} bytes", bytes.size(), u32(8)),
+  if (u32(8) > size)
+    fail("length", fmt::format("truncated: {} of {} bytes", size, u32(8)),
          "restore the file or export it again");
-  if (u32(16) != 0x4E4F534A || u32(12) > bytes.size() - kHeader)
+  if (u32(16) != 0x4E4F534A || u32(12) > size - kHeader)
     fail("JSON", "the first chunk is not whole", "restore the file or export it again");
-  return std::string_view(bytes).substr(kHeader, u32(12));
+  if (u32(12) > kLargestGlbJson)
+    fail("JSON", fmt::format("is larger than {} bytes", kLargestGlbJson),
+         "export the file again, with its data in the binary chunk");
+  return u32(12);
 }
 
 /// Of a document: ours have some thousands, and numbers of vertices lie in buffers.
@@ -65,11 +73,15 @@ GltfDocument open_gltf(const fs::path& file) {
   const FolderFiles folder(file);
   GltfDocument document;
   const bool binary = document.binary = ends_with_glb(file);
-  // Of another kind of file the first bytes are all that is read.
-  if (const std::string head = binary ? read_head(folder.file(), kHeader) : ""; head.size() == kHeader)
-    check_magic(head, file.string());
-  document.bytes = read_file(folder.file(), kMostInMemory);
-  const std::string_view text = json_text(document.bytes, file.string(), binary);
+  std::string text;
+  if (binary) {
+    // Alone at first: what is wrong there is refused before the rest is in memory.
+    const std::uintmax_t size = OpenFile(folder.file()).size();
+    const std::size_t length = json_size(read_head(folder.file(), kHeader), size, file.string());
+    text = read_head(folder.file(), kHeader + length).substr(kHeader);
+  } else {
+    text = read_file(folder.file(), kMostInMemory);
+  }
   check_json_depth(text, file.string(), "JSON");
   check_json_values(text, file.string(), kMostValues);
   try {
@@ -81,6 +93,10 @@ GltfDocument open_gltf(const fs::path& file) {
     throw InputError(file.string(), "JSON", "holds a number beyond all limits", "export the file again");
   }
   check_gltf(document.json, file.string());
+  document.bytes = binary ? read_file(folder.file(), kMostInMemory) : std::move(text);
+  if (binary &&
+      std::string_view(document.bytes).substr(std::min(kHeader, document.bytes.size()), text.size()) != text)
+    throw InputError(file.string(), "JSON", "changed while it was read", "try again");
   if (!document.json.contains("buffers")) return document;
   const nlohmann::json& buffers = document.json["buffers"];
   document.buffers.resize(buffers.size());

@@ -57,11 +57,9 @@ Eigen::Matrix3d vehicle_from_file(const MeshAxes& axes) {
 
 /// What the file holds, in its own axes.
 Mesh read_in_own_axes(const fs::path& file, const std::string& extension) {
-  const std::string where = file.string();
-  if (!is_gltf(extension)) {
-    const std::string bytes = read_file(FolderFiles(file).file(), kLargestMesh);
-    return triangulated(extension == ".ply" ? parse_ply(bytes, where) : parse_obj(bytes, where), where);
-  }
+  if (!is_gltf(extension))
+    return triangulated(
+        read_polygons(FolderFiles(file).file(), file.string(), extension == ".ply" ? read_ply : read_obj));
   Mesh mesh = GltfModel(file).triangles().mesh;
   for (Vec3d& v : mesh.vertices) v = gltf_from_velo() * v;
   return mesh;
@@ -77,13 +75,7 @@ Mesh read_mesh(const fs::path& file, const std::optional<MeshAxes>& axes) {
       vehicle_from_file(axes.value_or(is_gltf(extension) ? MeshAxes{"+z", "+y"} : MeshAxes{"+x", "+z"}));
   Mesh mesh = joined(read_in_own_axes(file, extension));
   if (mesh.faces.empty()) throw InputError(file.string(), "faces", "there are none", "export the mesh again");
-  for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-    if (!(mesh.vertices[v].cwiseAbs().maxCoeff() <= gltf_limits::kFurthest))
-      throw InputError(file.string(), fmt::format("vertex {}", v),
-                       fmt::format("is not within {:g} m", gltf_limits::kFurthest),
-                       "export the mesh in metres");
-    mesh.vertices[v] = turn * mesh.vertices[v];
-  }
+  for (Vec3d& vertex : mesh.vertices) vertex = turn * vertex;
   check_mesh({mesh, {}}, file.string());
   return mesh;
 }

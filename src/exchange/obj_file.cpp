@@ -8,6 +8,8 @@
 #include <cmath>
 #include <map>
 #include <optional>
+#include <string>
+#include <string_view>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -36,37 +38,47 @@ std::optional<T> number(std::string_view word) {
   return value;
 }
 
-/// Lines that a backslash carries on are made one.
-std::string whole_lines(std::string_view bytes) {
-  std::string text(bytes);
-  for (std::size_t at = 0; (at = text.find('\\', at)) != std::string::npos; ++at) {
-    const std::size_t end = at + 1 < text.size() && text[at + 1] == '\r' ? at + 2 : at + 1;
-    if (end < text.size() && text[end] == '\n') std::fill(text.begin() + at, text.begin() + end + 1, ' ');
-  }
-  return text;
-}
-
 class ObjReader {
  public:
-  explicit ObjReader(const std::string& where) : where_(where) {}
+  ObjReader(FileCharacters& from, Polygons& into) : from_(from), into_(into) {}
 
-  Polygons read(std::string_view text) {
-    for (std::size_t at = 0; at < text.size(); ++line_) {
-      const std::size_t end = std::min(text.find('\n', at), text.size());
-      std::string_view line = text.substr(at, end - at);
-      at = end + 1;
+  void read() {
+    while (!from_.at_end()) {
+      const std::size_t first = line_;
+      read_line();
+      std::string_view line = text_;
       const std::string_view kind = take_word(line);
-      if (kind == "v") read_vertex(line);
-      if (kind == "f") read_face(line);
+      number_ = first;
+      if (kind != "v" && kind != "f") continue;
+      if (text_.size() == kLongestLine) fail("is too long");
+      kind == "v" ? read_vertex(line) : read_face(line);
     }
-    for (std::size_t f = 0; f < read_.face_count(); ++f)  // once all vertices are known
-      for (const int corner : read_.face(f)) check_corner(corner, read_.vertices.size(), f, where_);
-    return std::move(read_);
   }
 
  private:
+  static constexpr std::size_t kLongestLine = 1 << 20;
+
   [[noreturn]] void fail(const std::string& problem) const {
-    throw InputError(where_, fmt::format("line {}", line_), problem, "export the mesh again");
+    into_.fail(fmt::format("line {}", number_), problem);
+  }
+  /// The next line into text_, cut at kLongestLine, with those that a backslash at its end makes parts of it.
+  void read_line() {
+    text_.clear();
+    const auto add = [&](char c) {
+      if (text_.size() < kLongestLine) text_.push_back(c);
+    };
+    for (bool on = true; on && !from_.at_end(); from_.next()) {
+      const char c = from_.current();
+      if (c == '\n') ++line_;
+      if (c != '\n') {
+        add(c);
+      } else if (text_.ends_with('\\') || text_.ends_with("\\\r")) {
+        text_.resize(text_.rfind('\\'));
+        text_.push_back(' ');
+      } else {
+        on = false;
+      }
+    }
   }
   void read_vertex(std::string_view line) {
     Vec3d place;
@@ -75,33 +87,35 @@ class ObjReader {
       if (!value || !std::isfinite(*value)) fail("is a vertex without three finite numbers");
       place[k] = *value;
     }
-    read_.vertices.push_back(place);
+    into_.add_vertex(place);
   }
   void read_face(std::string_view line) {
-    std::vector<int> face;
+    face_.clear();
     for (std::string_view word = take_word(line); !word.empty() && word[0] != '#'; word = take_word(line)) {
       const auto named = number<int>(word.substr(0, word.find('/')));
       if (!named || *named == 0) fail("is a face with a corner that is no vertex's number");
-      face.push_back(*named > 0 ? *named - 1 : *named + static_cast<int>(read_.vertices.size()));
-      if (face.size() > kMostCorners) break;  // is refused in a moment
+      const double before = static_cast<double>(into_.vertex_count());
+      face_.push_back(into_.corner(*named > 0 ? *named - 1.0 : *named + before));
+      if (face_.size() > kMostCorners) break;  // is refused in a moment
     }
     // How many there are altogether, of those that are too many.
-    std::size_t corners = face.size();
+    std::size_t corners = face_.size();
     while (corners > kMostCorners && !take_word(line).empty()) ++corners;
-    check_corners(static_cast<double>(corners), read_.face_count(), where_);
-    read_.add_face(face);
+    into_.check_corners(static_cast<double>(corners));
+    into_.add_face(face_);
   }
 
-  const std::string& where_;
-  Polygons read_;
-  std::size_t line_ = 1;
+  FileCharacters& from_;
+  Polygons& into_;
+  std::string text_;
+  std::vector<int> face_;
+  std::size_t line_ = 1, number_ = 1;  // that is read next; that text_ begins with
 };
 
 }  // namespace
 
-Polygons parse_obj(std::string_view bytes, const std::string& where) {
-  return bytes.find('\\') == std::string_view::npos ? ObjReader(where).read(bytes)
-                                                    : ObjReader(where).read(whole_lines(bytes));
+void read_obj(FileCharacters& from, Polygons& into) {
+  ObjReader(from, into).read();
 }
 
 TexturedMesh standing_on_origin(TexturedMesh adversary) {

@@ -3,8 +3,6 @@
 #pragma once
 
 #include <filesystem>
-#include <string>
-#include <string_view>
 
 #include "exchange/polygons.h"
 #include "geometry/mesh.h"
@@ -23,9 +21,9 @@ TexturedMesh standing_on_origin(TexturedMesh adversary);
 void write_obj(const std::filesystem::path& file, const TexturedMesh& textured);
 
 /// The vertices (v) and polygons (f, by absolute or relative numbers) of a file; texture, normals, groups,
-/// materials, lines and curves are read over, and no file that it names is opened. InputError naming `where`
-/// and the line or face for a vertex without three finite numbers, faces of less than one or more than
-/// kMostCorners corners, and vertices that are not there.
-Polygons parse_obj(std::string_view bytes, const std::string& where);
+/// materials, lines and curves are read over, and no file that it names is opened. InputError naming the line
+/// for a vertex without three finite numbers, a corner that is no number, and either of more than a megabyte;
+/// else as Polygons. For read_polygons.
+void read_obj(FileCharacters& from, Polygons& into);
 
 }  // namespace mirage

@@ -7,12 +7,12 @@
 #include <bit>
 #include <charconv>
 #include <cstdint>
-#include <cstring>
 #include <limits>
 #include <optional>
+#include <span>
+#include <string>
+#include <string_view>
 #include <utility>
-
-#include "base/error.h"
 
 namespace mirage {
 namespace {
@@ -67,43 +67,60 @@ enum class Form { text, little, big };
 /// A position in the file that says what is wrong there.
 class Cursor {
  public:
-  Cursor(std::string_view bytes, const std::string& where) : bytes_(bytes), where_(where) {}
+  Cursor(FileCharacters& from, const Polygons& into) : from_(from), into_(into) {}
 
   [[noreturn]] void fail(const std::string& field, const std::string& problem) const {
-    throw InputError(where_, field, problem, "export the mesh again");
+    into_.fail(field, problem);
   }
-  const std::string& where() const { return where_; }
-  std::size_t left() const { return bytes_.size() - at_; }
-  void start(std::size_t at, Form form) {
-    at_ = at;
-    form_ = form;
+  std::uintmax_t left() const { return from_.left(); }
+  /// Up to the header's end and the line's behind it.
+  std::string header() {
+    constexpr std::string_view kStart = "ply", kEnd = "end_header";
+    std::string text;
+    while (!from_.at_end() && text.size() < kLongestHeader && !text.ends_with(kEnd)) {
+      text.push_back(from_.current());
+      from_.next();
+      if (text.size() == kStart.size() && text != kStart) fail("header", "is no PLY file's");
+    }
+    if (text.size() < kStart.size()) fail("header", "is no PLY file's");
+    if (!text.ends_with(kEnd)) fail("header", fmt::format("has no end within {} bytes", kLongestHeader));
+    for (bool on = true; on && !from_.at_end(); from_.next()) on = from_.current() != '\n';
+    return text.substr(0, text.size() - kEnd.size());
   }
+  void set_form(Form form) { form_ = form; }
   double number(Scalar type) { return form_ == Form::text ? text_number() : binary_number(type); }
 
  private:
+  static bool blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\n'; }
+
   double text_number() {
-    constexpr std::string_view kBlank = " \t\r\n";
-    at_ = std::min(bytes_.find_first_not_of(kBlank, at_), bytes_.size());
-    const std::size_t end = std::min(bytes_.find_first_of(kBlank, at_), bytes_.size());
+    constexpr std::size_t kLongestNumber = 400;  // 1e308 without an exponent, and as much behind a point
+    while (!from_.at_end() && blank(from_.current())) from_.next();
+    if (from_.at_end()) fail("body", "ends too early");
+    const std::uintmax_t first = from_.place();
+    std::array<char, kLongestNumber> word;
+    std::size_t size = 0;
+    for (; !from_.at_end() && !blank(from_.current()) && size < word.size(); from_.next())
+      word[size++] = from_.current();
     double value = 0;
-    const auto [stop, error] = std::from_chars(bytes_.data() + at_, bytes_.data() + end, value);
-    if (at_ == end) fail("body", "ends too early");
-    if (error != std::errc() || stop != bytes_.data() + end)
-      fail(fmt::format("byte {}", at_), "is no number");
-    at_ = end;
+    const auto [stop, error] = std::from_chars(word.data(), word.data() + size, value);
+    if (error != std::errc() || stop != word.data() + size || size == word.size())
+      fail(fmt::format("byte {}", first), "is no number");
     return value;
   }
   template <class T>
   double as() {
     std::array<char, sizeof(T)> raw;
-    std::memcpy(raw.data(), bytes_.data() + at_, sizeof(T));
+    for (char& c : raw) {
+      if (from_.at_end()) fail("body", "ends too early");
+      c = from_.current();
+      from_.next();
+    }
     if ((form_ == Form::big) != (std::endian::native == std::endian::big))
       std::reverse(raw.begin(), raw.end());
-    at_ += sizeof(T);
     return static_cast<double>(std::bit_cast<T>(raw));
   }
   double binary_number(Scalar type) {
-    if (left() < bytes_of(type)) fail("body", "ends too early");
     switch (type) {
       case Scalar::i8:
         return as<std::int8_t>();
@@ -125,9 +142,8 @@ class Cursor {
     return 0;
   }
 
-  std::string_view bytes_;
-  const std::string& where_;
-  std::size_t at_ = 0;
+  FileCharacters& from_;
+  const Polygons& into_;
   Form form_ = Form::text;
 };
 
@@ -167,17 +183,13 @@ void take(const std::vector<std::string_view>& words, std::vector<Element>& elem
   }
 }
 
-/// The header's elements; `cursor` stands at the body's first byte.
-std::vector<Element> read_header(std::string_view bytes, Cursor& cursor) {
-  if (!bytes.starts_with("ply")) cursor.fail("header", "is no PLY file's");
-  const std::size_t end = bytes.substr(0, kLongestHeader).find("end_header");
-  if (end == std::string_view::npos)
-    cursor.fail("header", fmt::format("has no end within {} bytes", kLongestHeader));
+/// The elements of a header, which they refer to; `cursor` stands at the body's first byte.
+std::vector<Element> elements_of(std::string_view header, Cursor& cursor) {
   std::vector<Element> elements;
   std::optional<Form> form;
-  for (std::size_t at = 0; at < end;) {
-    const std::size_t next = std::min(bytes.find('\n', at), end);
-    const auto words = words_of(bytes.substr(at, next - at));
+  for (std::size_t at = 0; at < header.size();) {
+    const std::size_t next = std::min(header.find('\n', at), header.size());
+    const auto words = words_of(header.substr(at, next - at));
     at = next + 1;
     if (words.empty()) continue;
     if (words.front() == "format" && words.size() >= 2) {
@@ -188,7 +200,7 @@ std::vector<Element> read_header(std::string_view bytes, Cursor& cursor) {
     take(words, elements, cursor);
   }
   if (!form) cursor.fail("header", "names no format that there is");
-  cursor.start(std::min(bytes.find('\n', end), bytes.size() - 1) + 1, *form);
+  cursor.set_form(*form);
   // Before room is made: an element takes its scalars at least, and a count for each list; of a text a digit
   // and what parts it from the next.
   std::uint64_t least = 0;
@@ -204,7 +216,7 @@ std::vector<Element> read_header(std::string_view bytes, Cursor& cursor) {
   return elements;
 }
 
-void read_vertex(const Element& element, Cursor& cursor, Polygons& read) {
+void read_vertex(const Element& element, Cursor& cursor, Polygons& into) {
   Vec3d place = Vec3d::Constant(std::numeric_limits<double>::quiet_NaN());
   for (const Property& property : element.properties) {
     if (property.length) cursor.fail("vertex", "has a list");
@@ -213,37 +225,36 @@ void read_vertex(const Element& element, Cursor& cursor, Polygons& read) {
       place[property.name[0] - 'x'] = value;
   }
   if (!place.allFinite())
-    cursor.fail(fmt::format("vertex {}", read.vertices.size()), "has no finite x, y and z");
-  read.vertices.push_back(place);
+    cursor.fail(fmt::format("vertex {}", into.vertex_count()), "has no finite x, y and z");
+  into.add_vertex(place);
 }
 
-void read_face(const Element& element, Cursor& cursor, Polygons& read) {
+void read_face(const Element& element, Cursor& cursor, Polygons& into) {
+  std::array<int, kMostCorners> face;
   for (const Property& property : element.properties) {
     const double count = property.length ? cursor.number(*property.length) : 1;
     const bool corners = property.name == "vertex_indices" || property.name == "vertex_index";
-    if (corners || count != 0) check_corners(count, read.face_count(), cursor.where());
-    std::vector<int> face;
-    for (int k = 0; k < static_cast<int>(count); ++k) {
+    if (corners || count != 0) into.check_corners(count);
+    const auto size = static_cast<std::size_t>(count);
+    for (std::size_t k = 0; k < size; ++k) {
       const double value = cursor.number(property.type);
-      if (!corners) continue;
-      check_corner(value, read.vertices.size(), read.face_count(), cursor.where());
-      face.push_back(static_cast<int>(value));
+      if (corners) face[k] = into.corner(value);
     }
-    if (corners) read.add_face(face);
+    if (corners) into.add_face(std::span(face).first(size));
   }
 }
 
 }  // namespace
 
-Polygons parse_ply(std::string_view bytes, const std::string& where) {
-  Cursor cursor(bytes, where);
-  Polygons read;
-  for (const Element& element : read_header(bytes, cursor)) {
+void read_ply(FileCharacters& from, Polygons& into) {
+  Cursor cursor(from, into);
+  const std::string header = cursor.header();
+  for (const Element& element : elements_of(header, cursor)) {
     for (std::uint64_t i = 0; i < element.count; ++i) {
       if (element.name == "vertex") {
-        read_vertex(element, cursor, read);
+        read_vertex(element, cursor, into);
       } else if (element.name == "face") {
-        read_face(element, cursor, read);
+        read_face(element, cursor, into);
       } else {
         for (const Property& property : element.properties) {
           const double count = property.length ? cursor.number(*property.length) : 1;
@@ -254,7 +265,6 @@ Polygons parse_ply(std::string_view bytes, const std::string& where) {
       }
     }
   }
-  return read;
 }
 
 }  // namespace mirage

@@ -3,17 +3,13 @@
 // memory by what a damaged one claims.
 #pragma once
 
-#include <string>
-#include <string_view>
-
 #include "exchange/polygons.h"
 
 namespace mirage {
 
 /// The elements "vertex" (properties x, y, z) and "face" (list vertex_indices or vertex_index); others are
-/// read over. InputError naming `where` and the field for a header that is none or claims more than the bytes
-/// hold, a body that ends too early, faces of less than one or more than kMostCorners corners, indices beyond
-/// the vertices.
-Polygons parse_ply(std::string_view bytes, const std::string& where);
+/// read over. InputError naming the field for a header that is none or claims more than the file holds, and a
+/// body that ends too early; else as Polygons. For read_polygons.
+void read_ply(FileCharacters& from, Polygons& into);
 
 }  // namespace mirage

@@ -3,32 +3,84 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <tuple>
 
 #include "base/error.h"
 #include "base/interrupt.h"
+#include "exchange/gltf_document.h"
 #include "geometry/polygon.h"
 
 namespace mirage {
 
-void check_corners(double count, std::size_t face, const std::string& where) {
+void Polygons::fail(const std::string& field, const std::string& problem, const std::string& fix) const {
+  throw InputError(where_, field, problem, fix);
+}
+
+void Polygons::reserve(const Polygons& counted) {
+  vertices_.reserve(counted.vertex_count_);
+  corners_.reserve(counted.corner_count_);
+  ends_.reserve(counted.face_count_);
+}
+
+void Polygons::add_vertex(const Vec3d& place) {
+  if (!(place.cwiseAbs().maxCoeff() <= gltf_limits::kFurthest))
+    fail(fmt::format("vertex {}", vertex_count_), fmt::format("is not within {:g} m", gltf_limits::kFurthest),
+         "export the mesh in metres");
+  ++vertex_count_;
+  if (kept_) vertices_.push_back(place);
+}
+
+int Polygons::corner(double number) const {
+  if (!(number >= 0 && number < std::numeric_limits<int>::max() && number == std::floor(number)))
+    fail(fmt::format("face {}", face_count_),
+         fmt::format("names vertex {:g}, which is none's number", number));
+  return static_cast<int>(number);
+}
+
+void Polygons::check_corners(double count) const {
   if (!(count >= 1 && count <= kMostCorners && count == std::floor(count)))
-    throw InputError(where, fmt::format("face {}", face),
-                     fmt::format("has {:g} corners, not 1 to {}", count, kMostCorners),
-                     "cut its polygons into triangles");
+    fail(fmt::format("face {}", face_count_),
+         fmt::format("has {:g} corners, not 1 to {}", count, kMostCorners),
+         "cut its polygons into triangles");
 }
 
-void check_corner(double vertex, std::size_t count, std::size_t face, const std::string& where) {
-  if (!(vertex >= 0 && vertex < static_cast<double>(count) && vertex == std::floor(vertex)))
-    throw InputError(where, fmt::format("face {}", face),
-                     fmt::format("names vertex {:g} of {}", vertex, count), "export the mesh again");
+void Polygons::add_face(std::span<const int> corners) {
+  check_corners(static_cast<double>(corners.size()));
+  for (const int vertex : corners)
+    if (corner(vertex) > largest_) largest_ = vertex, largest_of_ = face_count_;
+  if (corners.size() > 4 && (cutting_ += corners.size() * corners.size()) > kMostCutting)
+    fail("faces", "are too many of too many corners", "cut its polygons into triangles");
+  ++face_count_;
+  corner_count_ += corners.size();
+  if (!kept_) return;
+  corners_.insert(corners_.end(), corners.begin(), corners.end());
+  ends_.push_back(corners_.size());
 }
 
-Mesh triangulated(const Polygons& polygons, const std::string& where) {
-  Mesh mesh{polygons.vertices, {}};
-  std::size_t work = 0;
+void Polygons::finish() const {
+  if (largest_ >= 0 && static_cast<std::size_t>(largest_) >= vertex_count_)
+    fail(fmt::format("face {}", largest_of_), fmt::format("names vertex {} of {}", largest_, vertex_count_));
+}
+
+Polygons read_polygons(const std::filesystem::path& file, const std::string& where,
+                       const std::function<void(FileCharacters&, Polygons&)>& read) {
+  const auto once = [&](Polygons polygons) {
+    FileCharacters from(file, kLargestMesh);
+    read(from, polygons);
+    polygons.finish();
+    return polygons;
+  };
+  Polygons kept(where);
+  kept.reserve(once(Polygons(where, false)));
+  return once(std::move(kept));
+}
+
+Mesh triangulated(const Polygons& polygons) {
+  Mesh mesh{polygons.vertices(), {}};
   std::vector<Vec3d> corners;
   for (std::size_t f = 0; f < polygons.face_count(); ++f) {
     const std::span<const int> polygon = polygons.face(f);
@@ -37,10 +89,8 @@ Mesh triangulated(const Polygons& polygons, const std::string& where) {
       continue;
     }
     throw_if_interrupted("nothing was written");
-    if (polygon.size() > 4 && (work += polygon.size() * polygon.size()) > kMostCutting)
-      throw InputError(where, "faces", "are too many of too many corners", "cut its polygons into triangles");
     corners.clear();
-    for (const int corner : polygon) corners.push_back(polygons.vertices[static_cast<std::size_t>(corner)]);
+    for (const int corner : polygon) corners.push_back(mesh.vertices[static_cast<std::size_t>(corner)]);
     for (const auto& [a, b, c] : cut_polygon(corners))
       mesh.faces.push_back({polygon[static_cast<std::size_t>(a)], polygon[static_cast<std::size_t>(b)],
                             polygon[static_cast<std::size_t>(c)]});

@@ -2,10 +2,14 @@
 #pragma once
 
 #include <cstddef>
+#include <filesystem>
+#include <functional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "base/file_characters.h"
 #include "geometry/mesh.h"
 
 namespace mirage {
@@ -18,35 +22,57 @@ inline constexpr std::size_t kMostCutting = std::size_t{1} << 27;
 inline constexpr std::size_t kLargestMesh = std::size_t{1} << 26;
 
 /// Vertices and polygons of a file, in its own axes. Corners of all faces lie in one list: a list for each
-/// would take seven times the file.
+/// would take seven times the file. What a reader adds is checked then.
 class Polygons {
  public:
-  std::vector<Vec3d> vertices;
+  /// `where`: the file, for errors. Not `kept`: only checked and counted, in no memory.
+  explicit Polygons(std::string where, bool kept = true) : where_(std::move(where)), kept_(kept) {}
+  /// Room for what `counted` has counted.
+  void reserve(const Polygons& counted);
 
-  std::size_t face_count() const { return ends_.size(); }
+  /// InputError unless it lies within gltf_limits::kFurthest.
+  void add_vertex(const Vec3d& place);
+  /// A corner of the next face. InputError unless it is the number that a vertex may have.
+  int corner(double number) const;
+  /// InputError unless the next face has 1 to kMostCorners corners.
+  void check_corners(double count) const;
+  /// The vertices may follow. InputError as check_corners and corner, and for more work than kMostCutting.
+  void add_face(std::span<const int> corners);
+  /// After the last one. InputError for a corner without a vertex.
+  void finish() const;
+  /// InputError with this file.
+  [[noreturn]] void fail(const std::string& field, const std::string& problem,
+                         const std::string& fix = "export the mesh again") const;
+
+  std::size_t vertex_count() const { return vertex_count_; }
+  std::size_t face_count() const { return face_count_; }
+  const std::vector<Vec3d>& vertices() const { return vertices_; }
   /// The vertices of a face, by number.
   std::span<const int> face(std::size_t f) const {
     const std::size_t begin = f == 0 ? 0 : ends_[f - 1];
     return std::span(corners_).subspan(begin, ends_[f] - begin);
   }
-  void add_face(std::span<const int> corners) {
-    corners_.insert(corners_.end(), corners.begin(), corners.end());
-    ends_.push_back(corners_.size());
-  }
 
  private:
+  std::string where_;
+  bool kept_;
+  std::size_t vertex_count_ = 0, face_count_ = 0, corner_count_ = 0, cutting_ = 0;
+  int largest_ = -1;            // corner
+  std::size_t largest_of_ = 0;  // the first face that has it
+  std::vector<Vec3d> vertices_;
   std::vector<int> corners_;
   std::vector<std::size_t> ends_;
 };
 
-/// InputError naming `where` and the face unless it has 1 to kMostCorners corners.
-void check_corners(double count, std::size_t face, const std::string& where);
-/// InputError naming `where` and the face unless `vertex` is the number of one of `count` vertices.
-void check_corner(double vertex, std::size_t count, std::size_t face, const std::string& where);
+/// What `read` adds, twice: first only to be checked, so that a file that is wrong at its end takes no
+/// memory. InputError as `read`, Polygons, and FileCharacters with kLargestMesh; `where` is the file as it
+/// was given.
+Polygons read_polygons(const std::filesystem::path& file, const std::string& where,
+                       const std::function<void(FileCharacters&, Polygons&)>& read);
 
-/// All polygons cut into triangles (cut_polygon); points and lines (one corner, two) left out. InputError
-/// naming `where` for more work than kMostCutting. Interrupted after Ctrl-C.
-Mesh triangulated(const Polygons& polygons, const std::string& where);
+/// All polygons cut into triangles (cut_polygon); points and lines (one corner, two) left out. Interrupted
+/// after Ctrl-C.
+Mesh triangulated(const Polygons& polygons);
 
 /// The mesh with its vertices at one place made one, and without faces that have no three of them or vertices
 /// that no face has.

@@ -1,4 +1,5 @@
 // OBJ out and in.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -11,6 +12,7 @@
 #include "base/srgb_bytes.h"
 #include "exchange/mesh_files.h"
 #include "exchange/obj_file.h"
+#include "exchange/polygons.h"
 #include "geometry/atlas_triangles.h"
 #include "geometry/shapes.h"
 #include "support/files.h"
@@ -126,26 +128,31 @@ TEST(ObjFile, WithoutTexelsItIsGreyAndItsVerticesAreShared) {
   EXPECT_THAT(error_text<InputError>([&] { write_obj(folder / "plain.stl", plain); }), HasSubstr(".obj"));
 }
 
-TEST(ParseObj, ReadsWhatOthersWrite) {
-  const Polygons read = parse_obj(
+Polygons polygons_of(const std::string& text) {
+  const test::TemporaryFolder folder;
+  write_file(folder / "a.obj", text);
+  return read_polygons(folder / "a.obj", "a.obj", read_obj);
+}
+
+TEST(ReadObj, ReadsWhatOthersWrite) {
+  const Polygons read = polygons_of(
       "# a comment\nmtllib any.mtl\no thing\n  v +1 2.5 -3e-1 1.0 0.5 0.5 0.5\r\nv 0 0 0\t\nv 1 0 0\nvt 0 "
       "1\nvn 0 "
       "0 1\nv 0 1 0\nusemtl paint\ns off\nl 1 2\nf 2/1/1 3//1 4/1\nf -3 -2 \\\n -1 -4 # the rest\nf 1 2 5\nv "
       "9 9 "
-      "9",
-      "a.obj");
-  ASSERT_EQ(read.vertices.size(), 5u);
-  EXPECT_EQ(read.vertices[0], Vec3d(1, 2.5, -0.3));
+      "9");
+  ASSERT_EQ(read.vertex_count(), 5u);
+  EXPECT_EQ(read.vertices()[0], Vec3d(1, 2.5, -0.3));
   ASSERT_EQ(read.face_count(), 3u);
   EXPECT_THAT(read.face(0), ElementsAre(1, 2, 3));
   EXPECT_THAT(read.face(1), ElementsAre(1, 2, 3, 0));
   EXPECT_THAT(read.face(2), ElementsAre(0, 1, 4));
-  EXPECT_EQ(parse_obj("", "a.obj").face_count(), 0u);
+  EXPECT_EQ(polygons_of("").face_count(), 0u);
 }
 
-TEST(ParseObj, RefusesWhatItCannotTakeAsMeant) {
+TEST(ReadObj, RefusesWhatItCannotTakeAsMeant) {
   const auto refusal = [](const std::string& text) {
-    return error_text<InputError>([&] { parse_obj("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + text, "a.obj"); });
+    return error_text<InputError>([&] { polygons_of("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + text); });
   };
   for (const char* vertex : {"v 1 2", "v", "v 1 2 x", "v 1 2 1e999", "v 1 2 nan", "v inf 1 2", "v 1 2 3x"})
     EXPECT_THAT(refusal(vertex), HasSubstr("a.obj: line 4: is a vertex without three finite numbers"))
@@ -154,9 +161,14 @@ TEST(ParseObj, RefusesWhatItCannotTakeAsMeant) {
     EXPECT_THAT(refusal(face), HasSubstr("line 4: is a face with a corner that is no vertex's number"))
         << face;
   EXPECT_THAT(refusal("f 1 2 4"), HasSubstr("face 0: names vertex 3 of 3"));
-  EXPECT_THAT(refusal("f 1 2 -4"), HasSubstr("face 0: names vertex -1 of 3"));
+  EXPECT_THAT(refusal("f 1 2 -4"), HasSubstr("face 0: names vertex -1, which is none's number"));
   EXPECT_THAT(refusal("f 1 2 -2147483648"), HasSubstr("face 0: names vertex"));
   EXPECT_THAT(refusal("f"), HasSubstr("face 0: has 0 corners, not 1 to 1000"));
+  EXPECT_THAT(refusal("f 1 2 4\nv 1 1 1\nf 1 2 6 5 4 3"), HasSubstr("face 1: names vertex 5 of 4"));
+  EXPECT_THAT(refusal("v 1 1 1e8"), HasSubstr("vertex 3: is not within 1e+07 m"));
+  EXPECT_THAT(refusal("f 1 2 \\\n 3 \\\r\n\n# \\\n f 1 2 9\nf 1 2 x"), HasSubstr("line 9: is a face with"));
+  EXPECT_THAT(refusal(fmt::format("f 1 2 3{:2000000}\nv 1", "")), HasSubstr("line 4: is too long"));
+  EXPECT_EQ(polygons_of(fmt::format("#{:2000000}\nv 1 2 3", "")).vertex_count(), 1u);
 }
 
 }  // namespace

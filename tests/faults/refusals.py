@@ -220,10 +220,12 @@ def everything(suite, source, build):
                     ("100 texts of 8 MB", png(WIDTH, HEIGHT, texts=[b"x" * 7900000] * 100)),
                     ("texts as long as are taken", png(WIDTH, HEIGHT, texts=[b"x" * 4000000])),
                     ("a bomb of its own size", png(WIDTH, HEIGHT, b"\0" * (3 * WIDTH + 1) * HEIGHT * 8))],
-            "labels": [("a line of 1 MB", b"Car " * 250000), ("a million lines", b"Car\n" * 10**6)],
+            "labels": [("a line of 1 MB", b"Car " * 250000), ("a million lines", b"Car\n" * 10**6),
+                       ("16 MB, wrong at their end", b"DontCare -1 -1 -10 1 1 2 2 -1 -1 -1 -1000 -1000 -1000 -10\n" * 285000 + b"Car\n")],
             "calibration": [("a line of 1 MB", b"P2: " + b"1 " * 500000)],
             "lighting": [("20 000 lists", b"[" * 20000), ("1 MB of lists", b"[[]," * 250000)],
-            "sweep": [("15 bytes", b"\0" * 15), ("not finite", b"\xff" * 1600), ("not finite, 200 MB", b"\xff" * 200_000_000)]}
+            "sweep": [("15 bytes", b"\0" * 15), ("not finite", b"\xff" * 1600), ("not finite, 200 MB", b"\xff" * 200_000_000),
+                      ("not finite after 200 MB", b"\0" * 200_000_000 + b"\xff" * 16), ("200 MB and 15 bytes", b"\0" * 200_000_015)]}
     below = [("a hole of 200 MB", 200_000_000)]  # of what its reader takes by its size
     for kind, name in frame.items():
         suite.kind(kind, data / "training" / name, simulate, (data, given), [*found(source, kind), *huge[kind]])
@@ -232,12 +234,15 @@ def everything(suite, source, build):
                 *((f"buffer {uri}", glb(mesh_document(uri))) for uri in away),
                 *((f"picture {uri}", glb(mesh_document(image=uri))) for uri in away),
                 ("1 MB of lists", glb({"extras": [[]] * 300000})), *below,
+                ("wrong before 200 MB", glb({**mesh_document(), "nodes": 0}, b"\0" * 200_000_000)), ("20 MB of JSON", glb({"extras": "x" * 20_000_000})),
                 ("a buffer many times", glb({**mesh_document(), "buffers": [{"byteLength": 44}] + [
                     {"byteLength": 1 << 28, "uri": "none.weights"}] * 8}))])
     shape = given / "cars.shape"
     shape.write_bytes(next((source / "scenes/shapes").glob("*.shape")).read_bytes())
     by_shape = [str(shape) if part == "box" else part for part in simulate]
-    suite.kind("shape", shape, by_shape, (data, given), [*found(source, "shape"), *below])
+    suite.kind("shape", shape, by_shape, (data, given),
+               [*found(source, "shape"), *below, ("a hole behind it", shape.read_bytes() + b"\0" * 200_000_000),
+                ("2 MB of lists", b"MIRAGE-SHAPE 1\n[" + b"[]," * 600_000 + b"[]]\n"), ("200 MB of lists", b"MIRAGE-SHAPE 1\n[" + b"[]," * 66_000_000)])
     vehicles = given / "vehicles"
     vehicles.mkdir()
     fit = ["fit", "--build-model", given / "made.shape", "--meshes", vehicles, "--each", "0", *common, out]
@@ -248,9 +253,12 @@ def everything(suite, source, build):
     suite.kind("ply", vehicles / "a.ply", fit, (given,),
                [("three vertices in one", ply(3, 1, "0 0 0\n")), ("10^8 vertices", ply(10**8, 10**8, "0 0 0\n")),
                 ("a face without corners", ply(3, 1, "0 0 0\n1 0 0\n0 1 0\n0\n0 0\n")),
-                ("200 000 elements", b"ply\nformat ascii 1.0\n" + b"element e 0\n" * 200_000 + b"end_header\n"), *below])
+                ("200 000 elements", b"ply\nformat ascii 1.0\n" + b"element e 0\n" * 200_000 + b"end_header\n"),
+                ("60 MB, wrong at their end", ply(10**7, 10**7 - 1, "0 0 0\n" * 10**7)), *below])
     suite.kind("obj", vehicles / "a.obj", fit, (given,),
-               [("a face of 60 000 corners", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf" + b" 1 2 3" * 20000), *below])
+               [("a face of 60 000 corners", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf" + b" 1 2 3" * 20000),
+                ("60 MB of vertices, and one that is none", b"v 0 0 0\n" * 7_500_000 + b"v\n"),
+                ("60 MB of faces of nothing", b"v 0 0 0\n" + b"f 1\n" * 15_000_000 + b"f 2\n"), *below])
     rig = given / "rig.toml"
     rig.write_bytes((HERE / "small-rig.toml").read_bytes())
     suite.kind("rig", rig, ["generate", "--rig", rig, "--frames", "1", *common, out], (given,),

@@ -6,13 +6,14 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <functional>
 #include <sstream>
 
 #include "base/error.h"
-#include "base/file_head.h"
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/names.h"
+#include "base/open_file.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
 
@@ -141,27 +142,42 @@ std::shared_ptr<const DataSet> open_kitti_object(const fs::path& data) {
 
 Sweep read_points(const fs::path& file, std::size_t columns) {
   const std::size_t row = columns * sizeof(float);
-  const auto point = [&](const std::string& bytes, std::size_t i) {
-    LidarPoint p;
-    std::memcpy(&p, bytes.data() + i * row, sizeof p);
-    const auto bad = [&](const char* problem) {
-      return InputError(file.string(), fmt::format("point {} (byte {})", i, i * row), problem, kRestore);
-    };
-    if (!p.position().allFinite() || !std::isfinite(p.reflectance)) throw bad("not a finite number");
-    if (p.position().cwiseAbs().maxCoeff() > 1000) throw bad("further than 1 km away");
-    return p;
+  const auto for_each = [&](const std::function<void(const LidarPoint&)>& visit) {
+    constexpr std::size_t kAtOnce = 1024;
+    const OpenFile from(file);
+    from.check(from.size(), kLargestSweep);
+    std::string bytes(kAtOnce * row, '\0');
+    std::uintmax_t place = 0;  // of the first of them
+    for (std::size_t held = 1; held != 0; place += held) {
+      held = 0;
+      for (std::size_t got = 1; got != 0 && held < bytes.size(); held += got)
+        got = from.read(bytes.data() + held, bytes.size() - held);
+      from.check(place + held, kLargestSweep);
+      for (std::size_t at = 0; at + row <= held; at += row) {
+        LidarPoint p;
+        std::memcpy(&p, bytes.data() + at, sizeof p);
+        const auto bad = [&](const char* problem) {
+          const std::uintmax_t byte = place + at;
+          return InputError(file.string(), fmt::format("point {} (byte {})", byte / row, byte), problem,
+                            kRestore);
+        };
+        if (!p.position().allFinite() || !std::isfinite(p.reflectance)) throw bad("not a finite number");
+        if (p.position().cwiseAbs().maxCoeff() > 1000) throw bad("further than 1 km away");
+        visit(p);
+      }
+      if (place + held == 0) throw InputError(file.string(), "byte 0", "the sweep is empty", kRestore);
+      if (const std::size_t cut = held % row; cut != 0)
+        throw InputError(file.string(), fmt::format("byte {}", place + held - cut),
+                         fmt::format("truncated: {} bytes are no multiple of {}", place + held, row),
+                         kRestore);
+    }
   };
-  // What is no sweep at all is seen in its first points, before the rest of it is in memory.
-  constexpr std::size_t kFirst = 1024;
-  const std::string head = read_head(file, kFirst * row);
-  for (std::size_t i = 0; i < head.size() / row; ++i) point(head, i);
-  const std::string bytes = read_file(file, kLargestSweep);
-  if (bytes.empty()) throw InputError(file.string(), "byte 0", "the sweep is empty", kRestore);
-  if (bytes.size() % row != 0)
-    throw InputError(file.string(), fmt::format("byte {}", bytes.size() - bytes.size() % row),
-                     fmt::format("truncated: {} bytes are no multiple of {}", bytes.size(), row), kRestore);
-  Sweep sweep(bytes.size() / row);
-  for (std::size_t i = 0; i < sweep.size(); ++i) sweep[i] = point(bytes, i);
+  // First only to see whether all of it is good, so that what is wrong at its end takes no memory.
+  std::size_t count = 0;
+  for_each([&](const LidarPoint&) { ++count; });
+  Sweep sweep;
+  sweep.reserve(count);
+  for_each([&](const LidarPoint& p) { sweep.push_back(p); });
   return sweep;
 }
 

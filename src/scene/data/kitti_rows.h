@@ -16,8 +16,8 @@
 namespace mirage {
 
 /// Bytes of the largest file of each kind that is read: a frame's small texts (calibration, identities,
-/// light), labels (a sequence's or a drive's too) and a sweep. Those on record have a hundredth of that.
-inline constexpr std::uintmax_t kLargestText = 1 << 20, kLargestLabels = 1 << 25, kLargestSweep = 1 << 28;
+/// light), labels (a sequence's or a drive's too) and a sweep. Those on record have a tenth of that at most.
+inline constexpr std::uintmax_t kLargestText = 1 << 20, kLargestLabels = 1 << 24, kLargestSweep = 1 << 28;
 
 /// The parts between any of `separators`; none is empty.
 std::vector<std::string_view> split(std::string_view text, std::string_view separators);

@@ -5,6 +5,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "base/open_file.h"
 
 namespace mirage {
 
@@ -34,11 +35,15 @@ void write_point_labels(const std::filesystem::path& file, const std::vector<std
 }
 
 std::vector<std::uint32_t> read_point_labels(const std::filesystem::path& file, std::size_t points) {
+  const auto check = [&](std::uintmax_t size) {
+    if (size != 4 * points)
+      throw InputError(
+          file.string(), "size", fmt::format("{} bytes for {} points", size, points),
+          "4 bytes a point of the sweep are needed; make the set again with mirage generate --truth");
+  };
+  check(OpenFile(file).size());  // before any of it is in memory
   const std::string bytes = read_file(file);
-  if (bytes.size() != 4 * points)
-    throw InputError(
-        file.string(), "size", fmt::format("{} bytes for {} points", bytes.size(), points),
-        "4 bytes a point of the sweep are needed; make the set again with mirage generate --truth");
+  check(bytes.size());
   std::vector<std::uint32_t> labels(points);
   for (std::size_t i = 0; i < bytes.size(); ++i)
     labels[i / 4] |= static_cast<std::uint32_t>(static_cast<unsigned char>(bytes[i])) << 8 * (i % 4);

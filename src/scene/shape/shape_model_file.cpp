@@ -1,3 +1,5 @@
+#include <fmt/format.h>
+
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -6,7 +8,9 @@
 #include "base/error.h"
 #include "base/file_head.h"
 #include "base/files.h"
+#include "base/json_depth.h"
 #include "base/names.h"
+#include "base/open_file.h"
 #include "scene/shape/shape_model.h"
 
 namespace mirage {
@@ -97,11 +101,14 @@ ShapeModel read_shape_model(const std::filesystem::path& file) {
                      "make one with: mirage fit --build-model FILE");
   };
   if (!begins_with(file, kMagic)) refuse();
-  const std::string bytes = read_file(file);
-  const std::size_t end = bytes.find('\n', kMagic.size());
+  constexpr std::size_t kLongestHeader = 1 << 21, kMostValues = 100'000;  // of dimension 200: 41 000 numbers
+  const std::string head = read_head(file, kLongestHeader);
+  const std::size_t end = head.find('\n', kMagic.size());
   if (end == std::string::npos) refuse();
-  const nlohmann::json json = nlohmann::json::parse(
-      bytes.begin() + kMagic.size(), bytes.begin() + static_cast<std::ptrdiff_t>(end), nullptr, false);
+  const std::string_view second = std::string_view(head).substr(0, end).substr(kMagic.size());
+  check_json_depth(second, name);
+  check_json_values(second, name, kMostValues);
+  const nlohmann::json json = nlohmann::json::parse(second, nullptr, false);
   const Header header(name, json);
   if (!json.is_object()) header.fail("second line", "not a JSON object");
   ShapeModel model;
@@ -134,13 +141,19 @@ ShapeModel read_shape_model(const std::filesystem::path& file) {
     for (const auto& [source, number] : json.at("sources").items())
       if (number.is_number_integer()) model.sources[source] = number.get<int>();
   const std::size_t numbers_needed = model.layout.size() * (k + 1);
-  if (bytes.size() - end - 1 != numbers_needed * sizeof(std::int16_t))
-    header.fail("numbers", "the file holds " + std::to_string(bytes.size() - end - 1) + " bytes of them, " +
-                               std::to_string(numbers_needed * sizeof(std::int16_t)) + " are needed");
+  const auto check = [&](std::uintmax_t bytes) {
+    const std::uintmax_t held = bytes > end ? bytes - end - 1 : 0,
+                         needed = numbers_needed * sizeof(std::int16_t);
+    if (held != needed)
+      header.fail("numbers", fmt::format("the file holds {} bytes of them, {} are needed", held, needed));
+  };
+  check(OpenFile(file).size());  // before any of them is in memory
+  const std::string all = read_file(file);
+  check(all.size());
   model.values.resize(numbers_needed);
   for (std::size_t i = 0; i < numbers_needed; ++i) {
     std::int16_t packed = 0;
-    std::memcpy(&packed, bytes.data() + end + 1 + i * sizeof packed, sizeof packed);
+    std::memcpy(&packed, all.data() + end + 1 + i * sizeof packed, sizeof packed);
     model.values[i] = static_cast<float>(packed * scales[i % (k + 1)] / kFull);
   }
   return model;
