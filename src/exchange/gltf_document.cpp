@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kHeader = 20;  // bytes, with that of the first chunk
+constexpr std::size_t kHeader = 20, kChunkHeader = 8;  // bytes; the former with the first chunk's
 /// Bytes of the JSON of a .glb, whose data lie behind it.
 constexpr std::size_t kLargestGlbJson = std::size_t{1} << 24;
 
@@ -93,10 +93,15 @@ GltfDocument open_gltf(const fs::path& file) {
     throw InputError(file.string(), "JSON", "holds a number beyond all limits", "export the file again");
   }
   check_gltf(document.json, file.string());
-  document.bytes = binary ? read_file(folder.file(), kMostInMemory) : std::move(text);
-  if (binary &&
-      std::string_view(document.bytes).substr(std::min(kHeader, document.bytes.size()), text.size()) != text)
-    throw InputError(file.string(), "JSON", "changed while it was read", "try again");
+  const std::size_t behind = kHeader + text.size() + kChunkHeader;  // where a .glb's data begin
+  if (binary) {
+    document.bytes = read_file(folder.file(), kMostInMemory);
+    if (std::string_view(document.bytes).substr(std::min(kHeader, document.bytes.size()), text.size()) !=
+        text)
+      throw InputError(file.string(), "JSON", "changed while it was read", "try again");
+  } else {
+    document.bytes = std::move(text);
+  }
   if (!document.json.contains("buffers")) return document;
   const nlohmann::json& buffers = document.json["buffers"];
   document.buffers.resize(buffers.size());
@@ -112,7 +117,7 @@ GltfDocument open_gltf(const fs::path& file) {
     all += length;
     if (!buffers[b].contains("uri")) {
       if (b > 0 || !binary) bad("has no uri and is not the first of a .glb");
-      if (document.bytes.size() < 28 + text.size() || length > document.bytes.size() - 28 - text.size())
+      if (document.bytes.size() < behind || length > document.bytes.size() - behind)
         bad(fmt::format("{} bytes are more than the file holds", length));
       continue;
     }
