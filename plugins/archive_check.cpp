@@ -64,6 +64,8 @@ std::string in_words(std::uint64_t bytes) {
 
 std::map<std::string, std::uint64_t, std::less<>> check_archive(std::string_view file) {
   const Directory directory = find_directory(file);
+  if (directory.entries > kMostRecords)
+    throw ArchiveTooLarge("declares " + std::to_string(directory.entries) + " records");
   const std::uint64_t most = kArchiveGrowth * file.size() + kArchiveSlack;
   std::map<std::string, std::uint64_t, std::less<>> sizes;
   std::uint64_t at = directory.at, all = 0;
