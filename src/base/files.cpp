@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
@@ -81,6 +82,8 @@ std::string read_file(const fs::path& path, std::uintmax_t most) {
 
 std::string read_head(const fs::path& path, std::size_t most) {
   const OpenFile file(path);
+  const std::uintmax_t told = file.size();
+  most = told > 0 ? static_cast<std::size_t>(std::min<std::uintmax_t>(most, told)) : most;
   std::string bytes(most, '\0');
   std::size_t size = 0;
   for (std::size_t got = 1; got != 0 && size < most; size += got)
