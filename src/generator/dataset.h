@@ -9,7 +9,7 @@
 namespace mirage {
 
 /// Changes whenever the same seed gives other frames.
-inline constexpr int kGeneratorVersion = 4;
+inline constexpr int kGeneratorVersion = 5;
 
 /// Counts over the frames written in this run.
 struct DatasetSummary {

@@ -8,10 +8,9 @@
 namespace mirage::generator {
 namespace {
 
-constexpr double kNearestProjected =
-    0.3;                       // m, geometry nearer than this to the camera's plane isn't projected
-constexpr int kProbes = 3000;  // rays a thing to count its own pixels
-constexpr int kRows = 25;      // pixels of height that make a thing without returns one to be found (KITTI)
+constexpr double kNearestProjected = 0.3;  // m, corners nearer than this to the camera's plane lie on it
+constexpr int kProbes = 3000;              // rays a thing to count its own pixels
+constexpr int kRows = 25;  // pixels of height that make a thing without returns one to be found (KITTI)
 
 struct Extent {
   double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
@@ -45,16 +44,15 @@ StreetLabels label_street(const Street& street, const Calibration& calibration, 
         (calibration.camera_from_velo * Vec3d(place.x, place.y, 0)).z() < kNearestProjected)
       return;
     std::vector<Mesh> meshes;
+    for (const Surface& s : street.surfaces)
+      if (s.object == static_cast<int>(i)) meshes.push_back(s.mesh);
+    // KITTI's boxes in the picture are those around the corners of the 3-D box, which is wider than the
+    // outline of a round body (README.md).
     Extent full;
-    for (const Surface& s : street.surfaces) {
-      if (s.object != static_cast<int>(i)) continue;
-      meshes.push_back(s.mesh);
-      if (on_roof(s, street.placed[i])) continue;
-      for (const Vec3d& v : s.mesh.vertices) {
-        Vec3d p = calibration.camera_from_velo * v;
-        p.z() = std::max(p.z(), kNearestProjected);
-        full.add(camera.project(p));
-      }
+    for (const Vec3d& corner : corners(street.placed[i].box)) {
+      Vec3d p = calibration.camera_from_velo * corner;
+      p.z() = std::max(p.z(), kNearestProjected);
+      full.add(camera.project(p));
     }
     Extent seen = full;
     seen.left = std::clamp(full.left, 0.0, camera.width - 1.0),

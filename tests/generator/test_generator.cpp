@@ -12,9 +12,11 @@
 #include "generator/dataset.h"
 #include "generator/generator.h"
 #include "generator/parts.h"
+#include "geometry/picture_box.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth_completion.h"
+#include "support/files.h"
 #include "support/small_rig.h"
 
 namespace mirage {
@@ -43,6 +45,37 @@ TEST(Generator, DependsOnSeedAndIndexOnly) {
   EXPECT_TRUE(same(one, generate_frame(rig, 7, 3)));
   EXPECT_FALSE(same(one, generate_frame(rig, 7, 4)));
   EXPECT_FALSE(same(one, generate_frame(rig, 8, 3)));
+}
+
+PictureBox labelled_box(const Label& label) {
+  return {label.left, label.top, label.right, label.bottom};
+}
+
+/// The rectangle around a label's 3-D box in the picture.
+PictureBox around_box(const Label& label, const Calibration& calibration) {
+  PictureBox around{1e9, 1e9, -1e9, -1e9};
+  for (const Vec3d& corner : corners(label.box)) {
+    const Vec2d pixel = calibration.camera.project<double>(calibration.camera_from_velo * corner);
+    around = joined(around, {pixel.x(), pixel.y(), pixel.x(), pixel.y()});
+  }
+  return around;
+}
+
+// What generated labels claim to follow: boxes around bodies' outlines would overlap KITTI's by 0.93.
+TEST(Generator, KittisBoxesInThePictureAreThoseAroundTheBoxesInSpace) {
+  MIRAGE_NEED_REAL_FRAMES();
+  const std::filesystem::path kitti = test::real_frames();
+  std::vector<double> overlaps;
+  for (const std::string& id : list_frames(kitti)) {
+    const Frame frame = read_frame(kitti, id);
+    for (const Label& label : frame.labels)
+      if (label.type == "Car" && label.truncated == 0 && label.occluded == 0 &&
+          label.bottom - label.top >= 25)
+        overlaps.push_back(iou(labelled_box(label), around_box(label, frame.calibration)));
+  }
+  ASSERT_GT(overlaps.size(), 20u);
+  std::nth_element(overlaps.begin(), overlaps.begin() + overlaps.size() / 2, overlaps.end());
+  EXPECT_GT(overlaps[overlaps.size() / 2], 0.97);
 }
 
 TEST(Generator, LabelsFitImageAndPoints) {
@@ -74,17 +107,8 @@ TEST(Generator, LabelsFitImageAndPoints) {
       EXPECT_TRUE(returned || label.bottom - label.top >= 23) << label.type;
       if (label.type != "Car") continue;
       ++cars;
-      // The 2-D box lies within the projected 3-D box.
       if (label.truncated > 0) continue;
-      double left = 1e9, right = -1e9;
-      for (const Vec3d& corner : corners(label.box)) {
-        const Vec2d pixel =
-            frame.calibration.camera.project<double>(frame.calibration.camera_from_velo * corner);
-        left = std::min(left, pixel.x());
-        right = std::max(right, pixel.x());
-      }
-      EXPECT_GT(label.left, left - 3);  // mirrors stand out of the labelled box
-      EXPECT_LT(label.right, right + 3);
+      EXPECT_GT(iou(labelled_box(label), around_box(label, frame.calibration)), 0.9999);
     }
   }
   EXPECT_GT(cars, 12);
