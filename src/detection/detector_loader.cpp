@@ -177,8 +177,9 @@ class PluginDetector : public Detector {
     for (std::int64_t i = 0; i < count; ++i) {
       const MirageBox& b = raw_proposals[i].box;
       const MiragePictureBox& p = raw_proposals[i].picture;
-      const Proposal proposal{
-          {b.x, b.y, b.length, b.width, b.yaw}, raw_proposals[i].logit, {p.left, p.top, p.right, p.bottom}};
+      // Labels end at the picture's border, and what they are compared with must, too.
+      const PictureBox shown = within({p.left, p.top, p.right, p.bottom}, kept_width_, kept_height_);
+      const Proposal proposal{{b.x, b.y, b.length, b.width, b.yaw}, raw_proposals[i].logit, shown};
       if (!std::isfinite(b.x + b.y + b.length + b.width + b.yaw + p.left + p.top + p.right + p.bottom +
                          raw_proposals[i].logit))
         throw Failure(plugin_.file.string(), "forward gave a proposal that is not finite",

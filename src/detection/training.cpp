@@ -28,6 +28,8 @@ void check_options(const TrainingOptions& options) {
     throw FieldError("validate_every", "", "needs a data set to validate on", "name it with --validation");
   if (options.joint && options.heads)
     throw FieldError("heads", "", "trains less than --joint does", "give one of the two");
+  if (options.keep_start > 0 && options.start.empty())
+    throw FieldError("keep_start", "", "needs weights to start from", "name them with --start");
 }
 
 /// The detector that a new training starts with.
@@ -39,6 +41,7 @@ DetectorOptions starting_detector(const TrainingOptions& options) {
   load.lidar = options.lidar;
   if (options.joint) load.parts = {"joint"};
   if (options.heads) load.parts = {"heads"};
+  if (options.keep_start > 0) load.parts.push_back(fmt::format("keep-start={}", options.keep_start));
   return load;
 }
 
@@ -100,6 +103,7 @@ TrainingResult train_detector(const TrainingOptions& options) {
   result.weights = options.out / (options.detector + ".weights");
   detector->save(result.weights, false);
   if (!options.validation.empty()) {
+    if (options.keep_start > 0) detector = load_detector(resumed_detector(load, result.weights));
     const DetectionRun run = validate();
     result.validated = true;
     result.at50 = run.at50;

@@ -24,6 +24,9 @@ struct TrainingOptions : TrainingSchedule {
   /// Of a camera network that was started from COCO's weights, the layers that find boxes learn, and nothing
   /// else: for frames that do not say which pixels show vehicles. Not with `joint`.
   bool heads = false;
+  /// The result is so much of the weights that were started from, and the rest of those learned: keeps what
+  /// the start knew of other data (Wortsman et al., "Robust fine-tuning of zero-shot models", CVPR 2022).
+  double keep_start = 0;
   double ground_truth_sampling = 0;   ///< mean number of vehicles pasted into a sample (GroundTruthSampler)
   double thin_lidar = 0.5;            ///< share of the samples that lose LiDAR returns (thin_lidar)
   std::size_t validation_frames = 0;  ///< only the first N (0: all)
@@ -61,6 +64,11 @@ void visit_fields(Visitor& visit, S& s) {
                  "not say which pixels show vehicles teach the mask nothing)",
          .written = s.heads},
         s.heads);
+  visit({.name = "keep_start",
+         .help = "detector: share of --start's weights in the result, mixed with those learned",
+         .range = kShare,
+         .written = s.keep_start > 0},
+        s.keep_start);
   visit({.name = "precision",
          .help = "detector: of convolutions, float or bfloat16 (float where the processor lacks it)",
          .decides = false},

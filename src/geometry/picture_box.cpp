@@ -33,4 +33,10 @@ PictureBox joined(const PictureBox& a, const PictureBox& b) {
           std::max(a.bottom, b.bottom)};
 }
 
+PictureBox within(const PictureBox& box, int width, int height) {
+  const double last_column = std::max(0, width - 1), last_row = std::max(0, height - 1);
+  return {std::clamp(box.left, 0.0, last_column), std::clamp(box.top, 0.0, last_row),
+          std::clamp(box.right, 0.0, last_column), std::clamp(box.bottom, 0.0, last_row)};
+}
+
 }  // namespace mirage

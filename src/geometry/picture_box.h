@@ -23,5 +23,7 @@ BevBox rectangle(const PictureBox& box);
 PictureBox picture_box(const BevBox& rectangle);
 /// The smallest box that holds both.
 PictureBox joined(const PictureBox& a, const PictureBox& b);
+/// What of the box lies within a picture of width × height pixels; a box beyond it becomes one of no area.
+PictureBox within(const PictureBox& box, int width, int height);
 
 }  // namespace mirage

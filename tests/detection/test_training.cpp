@@ -85,6 +85,14 @@ TEST(PointsInView, AreThoseThatTheMatrixPutsIntoTheImage) {
   EXPECT_NEAR((m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3]) / w, 1, 1e-5);
 }
 
+TEST(Training, AShareOfNoStartIsRefused) {
+  TrainingOptions options;
+  options.data = kitti();
+  options.out = ::testing::TempDir() + "mirage_no_start_" + std::to_string(getpid());
+  options.keep_start = 0.25;
+  EXPECT_THROW(train_detector(options), FieldError);
+}
+
 #ifdef MIRAGE_HAS_FUSION
 TEST(Training, AStoppedRunGoesOnToTheSameWeights) {
   if (!std::filesystem::exists(kitti() / "training")) GTEST_SKIP() << "no real frames at " << kitti();

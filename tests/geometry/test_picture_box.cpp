@@ -42,5 +42,15 @@ TEST(PictureBox, JoinedHoldsBoth) {
   EXPECT_EQ(both.bottom, 40);
 }
 
+TEST(PictureBox, EndsAtThePicturesBorder) {
+  const PictureBox cut = within({-26, 192, 379, 375.5}, 1242, 375);
+  EXPECT_EQ(cut.left, 0);
+  EXPECT_EQ(cut.top, 192);
+  EXPECT_EQ(cut.right, 379);
+  EXPECT_EQ(cut.bottom, 374);
+  EXPECT_EQ(area(within({-30, 10, -5, 20}, 100, 50)), 0);
+  EXPECT_EQ(area(within({110, 60, 140, 80}, 100, 50)), 0);
+}
+
 }  // namespace
 }  // namespace mirage

@@ -13,6 +13,7 @@
 #include "base/files.h"
 #include "camera_loss.h"
 #include "painting.h"
+#include "picture_pose.h"
 #include "region.h"
 #include "scopes.h"
 #include "weights.h"
@@ -107,6 +108,9 @@ FusionDetector::FusionDetector(const Options& options, const char* weights)
 }
 
 void FusionDetector::start_optimiser() {
+  start_.clear();
+  if (options_.keep_start > 0)
+    for (const Tensor& parameter : learning()) start_.push_back(parameter.detach().clone());
   optimiser_ = std::make_unique<torch::optim::AdamW>(
       learning(), torch::optim::AdamWOptions(1e-3).betas({0.9, 0.99}).weight_decay(kWeightDecay));
 }
@@ -275,6 +279,12 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
                                   double positives, double boxed) {
   const bool frozen_camera = options_.parts.camera && !camera_learns();
   SensorTensors input = copy_input(sample.input, reads_image());
+  TaughtPicture taught = taught_picture(sample, input.image);
+  // Without returns no calibration has to follow.
+  if (!options_.parts.lidar && input.image.defined()) {
+    taught = moved_picture(taught, options_.seed, index);
+    input.image = taught.image;
+  }
   const Bfloat16 rounded(options_.precision == Precision::bfloat16);
   if (input.image.defined() && frozen_camera) {
     input.camera = remembered(input, sample.picture_key);  // of the picture as recorded
@@ -287,10 +297,9 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
   if (options_.parts.lidar)
     terms = detection_loss(network_->forward(input).to(torch::kFloat), targets, positives, boxed);
   if (!camera_learns() || !input.camera.defined()) return terms;
-  const LossTerms picture =
-      picture_loss(input.camera, {sample.picture_boxes, static_cast<std::size_t>(sample.picture_box_count)},
-                   {sample.picture_ignore, static_cast<std::size_t>(sample.picture_ignore_count)},
-                   sample.vehicle_mask, input.image.size(0), input.image.size(1));
+  const LossTerms picture = picture_loss(input.camera, taught.boxes, taught.ignored,
+                                         taught.vehicle_mask.empty() ? nullptr : taught.vehicle_mask.data(),
+                                         input.image.size(0), input.image.size(1));
   return {terms.total + picture.total, terms.score + picture.score, terms.box + picture.box};
 }
 
@@ -385,59 +394,6 @@ MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& inpu
           static_cast<std::int32_t>(grid.rows),
           static_cast<std::int32_t>(grid.columns),
           static_cast<float>(grid.cell)};
-}
-
-void FusionDetector::save(const std::string& file, bool with_optimiser) {
-  torch::serialize::OutputArchive archive = begin_weights(options_.parts);
-  archive.write("camera_frozen", c10::IValue(camera_frozen_));
-  archive.write("lidar_frozen", c10::IValue(lidar_frozen_));
-  archive.write("trunk_frozen", c10::IValue(trunk_frozen_));
-  torch::serialize::OutputArchive network;
-  network_->save(network);
-  archive.write("network", network);
-  archive.write("with_optimiser", c10::IValue(with_optimiser));
-  if (with_optimiser) {
-    archive.write("steps", c10::IValue(steps_));
-    archive.write("samples_seen", c10::IValue(samples_seen_));
-    archive.write("peak_rate", c10::IValue(peak_rate_));
-    torch::serialize::OutputArchive optimiser;
-    optimiser_->save(optimiser);
-    archive.write("optimiser", optimiser);
-  }
-  write_weights(archive, file);
-}
-
-void FusionDetector::load(const std::string& file) {
-  if (options_.start && name_of(options_.parts) == "camera" && !is_weights_file(file)) {
-    read_coco(*network_->camera, file);
-    trunk_frozen_ = !options_.joint;
-    return;
-  }
-  copy_network(file, *network_);
-  torch::serialize::InputArchive archive = open_weights(file);
-  c10::IValue value;
-  camera_frozen_ = archive.try_read("camera_frozen", value) && value.toBool();
-  lidar_frozen_ = archive.try_read("lidar_frozen", value) && value.toBool();
-  trunk_frozen_ = archive.try_read("trunk_frozen", value) && value.toBool() && !options_.joint;
-  start_optimiser();
-  if (options_.start) return;
-  archive.read("with_optimiser", value);
-  if (!value.toBool()) return;
-  archive.read("steps", value);
-  steps_ = value.toInt();
-  archive.read("samples_seen", value);
-  samples_seen_ = value.toInt();
-  if (archive.try_read("peak_rate", value)) peak_rate_ = value.toDouble();
-  torch::serialize::InputArchive optimiser;
-  archive.read("optimiser", optimiser);
-  optimiser_->load(optimiser);
-}
-
-void FusionDetector::take_over(const std::string& file, const std::string& name) {
-  auto archive = open_weights(file);
-  if (name_of(parts_of(archive)) != name)
-    throw std::runtime_error(file + ": not the weights of such a " + name + " detector; check --" + name);
-  copy_network(file, *network_);
 }
 
 }  // namespace mirage::fusion

@@ -32,6 +32,9 @@ struct Options {
   std::string camera, lidar;
   bool joint = false;  ///< what was taken over learns too, boxes in the picture beside
   bool heads = false;  ///< of a camera network whose trunk is kept, the heads learn in place of the mask
+  /// Weights without their optimiser are saved as so much of those the training started from and the rest of
+  /// what it learned.
+  double keep_start = 0;
   std::uint64_t seed = 0;
   /// Of every pass. In bfloat16 operands and results of convolutions are rounded, products are summed in
   /// float, and everything else is float.
@@ -83,6 +86,7 @@ class FusionDetector {
                     double boxed);
   void propose(const torch::Tensor& output, float score_threshold);
   void propose(const CameraOutput& seen, float score_threshold);
+  class MixedWithStart;  ///< Options::keep_start
   /// Takes what is watched into an input.
   void take_watched(SensorTensors& input, bool keep_graph);
   void keep_presence(const torch::Tensor& masses, std::int64_t count);
@@ -95,6 +99,7 @@ class FusionDetector {
   /// alone): what it knows of photographs is not given up for a few hundred pictures.
   bool trunk_frozen_ = false;
   std::unique_ptr<torch::optim::AdamW> optimiser_;
+  std::vector<torch::Tensor> start_;  ///< of learning(), before the first step; if a share of them is kept
   std::int64_t steps_ = 0, samples_seen_ = 0;
   /// Norms use the samples' statistics until the rate has fallen to a share of its peak (norm.h).
   double peak_rate_ = 0;

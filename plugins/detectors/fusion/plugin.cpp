@@ -24,6 +24,8 @@ mirage::fusion::Precision precision_named(const std::string& word) {
   throw std::runtime_error("precision: unknown value '" + word + "'; use float, bfloat16 or double");
 }
 
+constexpr std::string_view kKeepStart = "keep-start=";  // and a share
+
 void* create(const char* options_json, const char* weights, char* error, size_t error_size) {
   FusionDetector* detector = nullptr;
   guarded(error, error_size, [&] {
@@ -47,9 +49,11 @@ void* create(const char* options_json, const char* weights, char* error, size_t 
         options.joint = true;
       else if (part == "heads")
         options.heads = true;
+      else if (part.starts_with(kKeepStart))
+        options.keep_start = std::stod(part.substr(kKeepStart.size()));
       else
         throw std::runtime_error("parts: unknown value '" + part +
-                                 "'; use denoising, depth-gate, joint or heads");
+                                 "'; use denoising, depth-gate, joint, heads or keep-start=SHARE");
     }
     detector = new FusionDetector(options, weights);
   });

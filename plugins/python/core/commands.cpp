@@ -57,7 +57,7 @@ class PythonDetector : public Detector {
                                 own(std::vector<float>(matrix.begin(), matrix.end()), {3, 4}), keep_graph)
               .cast<std::pair<py::array_t<float, py::array::c_style | py::array::forcecast>,
                               py::array_t<float, py::array::c_style | py::array::forcecast>>>();
-      return proposals(output.first, output.second, score_threshold);
+      return proposals(output.first, output.second, score_threshold, image);
     } catch (const py::error_already_set& error) {
       if (seen) throw;  // the caller's own error, with its trace
       throw InputError("detector", "image", std::string("cannot do without a picture (") + error.what() + ")",
@@ -92,7 +92,7 @@ class PythonDetector : public Detector {
 
  private:
   std::vector<Proposal> proposals(const py::array_t<float>& boxes, const py::array_t<float>& logits,
-                                  double score_threshold) {
+                                  double score_threshold, const ImageF& image) {
     count_ = static_cast<std::size_t>(logits.shape(0));
     places_.clear();
     std::vector<Proposal> kept;
@@ -102,7 +102,7 @@ class PythonDetector : public Detector {
       proposal.logit = logits.data()[i];
       if (!(proposal.score() > score_threshold)) continue;
       if (picture_)
-        proposal.picture = {box[0], box[1], box[2], box[3]};
+        proposal.picture = within({box[0], box[1], box[2], box[3]}, image.width, image.height);
       else
         proposal.box = {box[0], box[1], box[2], box[3], box[4]};
       kept.push_back(proposal);

@@ -3,12 +3,15 @@
 #include <torch/script.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <vector>
 
 #include "camera.h"
 #include "camera_loss.h"
 #include "fusion_detector.h"
+#include "picture_pose.h"
 #include "tensor_checks.h"
 #include "weights.h"
 
@@ -202,6 +205,81 @@ TEST(CameraLoss, GradientMatchesDifferences) {
       [](std::size_t i) { return i % 17 == 0; });
 }
 
+/// Left, top, right and bottom of what is brighter than half, in a picture or a mask.
+std::vector<std::int64_t> bright(const Tensor& plane) {
+  const Tensor rows = (plane > 0.5).any(1).nonzero(), columns = (plane > 0.5).any(0).nonzero();
+  return {columns.min().item<std::int64_t>(), rows.min().item<std::int64_t>(),
+          columns.max().item<std::int64_t>(), rows.max().item<std::int64_t>()};
+}
+
+TEST(MovedPicture, BoxesAndMaskGoWithTheirPixels) {
+  // A white rectangle, off the middle: a mirror or a cut that boxes do not follow shows.
+  TaughtPicture given;
+  given.image = torch::zeros({90, 160, 3});
+  given.image.slice(0, 30, 51).slice(1, 40, 71).fill_(1);
+  given.boxes = {{40, 30, 70, 50}};
+  given.ignored = {{10, 60, 30, 80}};
+  given.vehicle_mask.resize(std::size_t{90} * 160);
+  for (int y = 30; y <= 50; ++y) std::fill_n(given.vehicle_mask.begin() + y * 160 + 40, 31, std::uint8_t{1});
+  int mirrored = 0, larger = 0, smaller = 0, whole = 0;
+  for (std::uint64_t index = 0; index < 60; ++index) {
+    const TaughtPicture moved = moved_picture(given, 5, index);
+    const std::int64_t rows = moved.image.size(0), columns = moved.image.size(1);
+    ASSERT_EQ(moved.vehicle_mask.size(), static_cast<std::size_t>(rows * columns));
+    larger += rows == 90;
+    smaller += rows < 90;
+    if (moved.boxes.size() != 1) continue;  // cut away
+    ++whole;
+    const MiragePictureBox& box = moved.boxes[0];
+    mirrored += box.left > 80;
+    const auto pixels = bright(moved.image.select(2, 0));
+    Tensor mask = torch::empty({rows, columns});
+    std::copy(moved.vehicle_mask.begin(), moved.vehicle_mask.end(), mask.data_ptr<float>());
+    const auto labelled = bright(mask);
+    const float edges[] = {box.left, box.top, box.right, box.bottom};
+    for (std::size_t k = 0; k < 4; ++k) {
+      EXPECT_NEAR(edges[k], static_cast<float>(pixels[k]), 1.01f) << "edge " << k << " of " << index;
+      EXPECT_NEAR(edges[k], static_cast<float>(labelled[k]), 1.2f) << "edge " << k << " of " << index;
+    }
+  }
+  EXPECT_GT(whole, 30);
+  EXPECT_GT(mirrored, 5);
+  EXPECT_GT(larger, 10);
+  EXPECT_GT(smaller, 10);
+}
+
+TEST(MovedPicture, WhatTheBorderCutsIsNotTaught) {
+  TaughtPicture given;
+  given.image = torch::zeros({90, 160, 3});
+  given.boxes = {{0, 0, 20, 89}, {139, 0, 159, 89}, {60, 40, 90, 49}};  // the last is 9 pixels high
+  int ignored = 0, gone = 0;
+  for (std::uint64_t index = 0; index < 200; ++index) {
+    const TaughtPicture moved = moved_picture(given, 6, index);
+    const auto width = static_cast<float>(moved.image.size(1)),
+               height = static_cast<float>(moved.image.size(0));
+    for (const auto* list : {&moved.boxes, &moved.ignored})
+      for (const MiragePictureBox& box : *list) {
+        EXPECT_GE(box.left, 0);
+        EXPECT_GE(box.top, 0);
+        EXPECT_LE(box.right, width - 1);
+        EXPECT_LE(box.bottom, height - 1);
+      }
+    for (const MiragePictureBox& box : moved.boxes) EXPECT_GE(box.bottom - box.top, 12);
+    ignored += static_cast<int>(moved.ignored.size());
+    gone += static_cast<int>(given.boxes.size() - moved.boxes.size() - moved.ignored.size());
+  }
+  EXPECT_GT(ignored, 20);
+  EXPECT_GT(gone, 20);
+}
+
+TEST(MovedPicture, DependsOnSeedAndIndexAlone) {
+  TaughtPicture given;
+  given.image = torch::rand({40, 60, 3});
+  const auto a = moved_picture(given, 7, 3), b = moved_picture(given, 7, 3), c = moved_picture(given, 7, 4);
+  EXPECT_TRUE(torch::equal(a.image, b.image));
+  EXPECT_FALSE(a.image.sizes() == c.image.sizes() && torch::equal(a.image, c.image));
+}
+
 TEST(CameraNet, RefusesFilesThatAreNotItsNetwork) {
   const auto file =
       std::filesystem::temp_directory_path() / ("mirage_coco_" + std::to_string(getpid()) + ".pt");
@@ -275,6 +353,59 @@ TEST(CameraNet, TheHeadsLearnWhereNothingTeachesTheMask) {
   for (const auto& item : before->named_parameters())
     EXPECT_EQ(!torch::equal(changed[item.key()], item.value()), item.key().starts_with("camera.head"))
         << item.key();
+}
+
+TEST(CameraNet, AShareOfTheStartIsKeptThroughAStop) {
+  const std::string weights =
+      std::string(MIRAGE_SOURCE) + "/plugins/detectors/fusion/weights/camera-kitti64.weights";
+  const auto file = [](const char* name) {
+    return (std::filesystem::temp_directory_path() /
+            ("mirage_keep_" + std::string(name) + std::to_string(getpid()) + ".weights"))
+        .string();
+  };
+  torch::manual_seed(26);
+  const Tensor picture = torch::rand({64, 96, 3});
+  const MiragePictureBox box{20, 20, 60, 50};
+  MirageSample sample{};
+  sample.input.image = picture.data_ptr<float>();
+  sample.input.width = 96, sample.input.height = 64;
+  sample.picture_boxes = &box;
+  sample.picture_box_count = 1;
+  Options options;
+  options.parts = parts_named("camera");
+  options.start = true;
+  options.heads = true;
+  const auto learned = [&](double keep, const char* name) {
+    Options of = options;
+    of.keep_start = keep;
+    FusionDetector first(of, weights.c_str());
+    first.train_step({&sample, 1}, 1e-3f);
+    first.save(file("checkpoint"), true);
+    of.start = false;  // goes on: what it started from is known from the checkpoint alone
+    FusionDetector second(of, file("checkpoint").c_str());
+    second.train_step({&sample, 1}, 1e-3f);
+    second.save(file(name), false);
+    second.train_step({&sample, 1}, 1e-3f);  // saving a result does not change the training
+    second.save(file((std::string(name) + "later").c_str()), false);
+  };
+  learned(0, "all");
+  learned(0.25, "mixed");
+  for (const std::string later : {"", "later"}) {
+    Network start(options.parts), all(options.parts), mixed(options.parts);
+    copy_network(weights, *start);
+    copy_network(file(("all" + later).c_str()), *all);
+    copy_network(file(("mixed" + later).c_str()), *mixed);
+    auto from = start->named_parameters(), to = all->named_parameters();
+    double moved = 0;
+    for (const auto& item : mixed->named_parameters()) {
+      const Tensor wanted = 0.25 * from[item.key()] + 0.75 * to[item.key()];
+      moved += (to[item.key()] - from[item.key()]).abs().sum().item<double>();
+      EXPECT_LT((item.value() - wanted).abs().max().item<double>(), 1e-6) << item.key();
+    }
+    EXPECT_GT(moved, 1e-3);
+  }
+  for (const char* name : {"checkpoint", "all", "mixed", "alllater", "mixedlater"})
+    std::filesystem::remove(file(name));
 }
 
 }  // namespace
