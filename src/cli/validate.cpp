@@ -131,6 +131,10 @@ void add_options(CLI::App& app, ValidateOptions& options) {
                  "choose for each scene the cheapest rung whose error stays within this share")
       ->check(CLI::Range(1e-4, 1.0));
   FieldOptions(app, {})({.name = "budget_of", .help = "what the budget is a share of"}, settings.budget_of);
+  app.add_option("--budget-confidence", settings.budget_confidence,
+                 "share of unseen scenes that are to be within the budget; C wants C/(1 - C) groups of "
+                 "frames or more")
+      ->check(CLI::Range(0.5, 0.99));
   options.quality.add(app, "the run's");
   add_overrides<SimulationSettings>(app, settings.asked, {"light"});
   app.add_option("--evaluation", settings.evaluation,

@@ -203,7 +203,8 @@ Validation validate(const ValidationSettings& given) {
   validation.summary = summarize_vehicles(results, test_frames);
   validation.verdict = verdict(results, test_frames);
   if (settings.budget > 0)
-    validation.budget = choose_rungs(results, {settings.budget, settings.budget_of, settings.seed});
+    validation.budget = choose_rungs(
+        results, {settings.budget, settings.budget_of, settings.seed, settings.budget_confidence});
   for (const VehicleResult& vehicle : results) {
     validation.hosts.push_back(vehicle.name);
     for (const BlenderWorker::Loss& loss : vehicle.blender_losses)

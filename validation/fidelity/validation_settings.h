@@ -25,6 +25,7 @@ struct ValidationSettings {
   int ladder = -1;    ///< vehicles with all rungs of the ladders; −1: 4, or all with a budget
   double budget = 0;  ///< > 0: choose the cheapest rung within this error (budget.h); ladder on all
   BudgetOf budget_of = BudgetOf::radiance;
+  double budget_confidence = 0.9;  ///< share of unseen scenes that are to be within the budget
   std::uint64_t seed = 0;
   bool quiet = false;
 };
