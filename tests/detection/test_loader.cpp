@@ -48,6 +48,7 @@ struct Scene {
 TEST(Loader, RunsAPluginThatWorks) {
   const auto detector = load_detector(fake("works"));
   Scene scene;
+  scene.image = ImageF(64, 48, 3);
   EXPECT_EQ(detector->region()[1], 50);
   const auto proposals = detector->forward(scene.view(), 0.1, true);
   ASSERT_EQ(proposals.size(), 1u);
@@ -60,6 +61,17 @@ TEST(Loader, RunsAPluginThatWorks) {
   const SensorGradient gradient = detector->backward(d);
   EXPECT_EQ(gradient.image.data[0], 0.5f);
   EXPECT_EQ(gradient.points[0][0], 1.0f);
+}
+
+TEST(Loader, BoxesEndAtThePicturesBorder) {
+  const auto detector = load_detector(fake("works"));
+  Scene scene;
+  scene.image = ImageF(41, 40, 3);
+  const PictureBox box = detector->forward(scene.view(), 0.1, false).at(0).picture;
+  EXPECT_EQ(box.left, 20);
+  EXPECT_EQ(box.top, 30);
+  EXPECT_EQ(box.right, 40);
+  EXPECT_EQ(box.bottom, 39);
 }
 
 TEST(Loader, HandsThePicturesTruthOn) {

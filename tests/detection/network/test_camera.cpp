@@ -323,6 +323,17 @@ TEST(CameraNet, TakesOverANetworkOfItsShape) {
   std::filesystem::remove(file);
 }
 
+/// A picture of 64 × 96 pixels with one labelled box, and no mask. It lives as long as the picture.
+MirageSample one_box(const Tensor& picture) {
+  static const MiragePictureBox box{20, 20, 60, 50};
+  MirageSample sample{};
+  sample.input.image = picture.data_ptr<float>();
+  sample.input.width = 96, sample.input.height = 64;
+  sample.picture_boxes = &box;
+  sample.picture_box_count = 1;
+  return sample;
+}
+
 TEST(CameraNet, TheHeadsLearnWhereNothingTeachesTheMask) {
   const std::string weights =
       std::string(MIRAGE_SOURCE) + "/plugins/detectors/fusion/weights/camera-kitti64.weights";
@@ -331,12 +342,7 @@ TEST(CameraNet, TheHeadsLearnWhereNothingTeachesTheMask) {
   options.start = true;
   torch::manual_seed(25);
   const Tensor picture = torch::rand({64, 96, 3});
-  const MiragePictureBox box{20, 20, 60, 50};
-  MirageSample sample{};
-  sample.input.image = picture.data_ptr<float>();
-  sample.input.width = 96, sample.input.height = 64;
-  sample.picture_boxes = &box;
-  sample.picture_box_count = 1;
+  const MirageSample sample = one_box(picture);
   EXPECT_THROW(FusionDetector(options, weights.c_str()).train_step({&sample, 1}, 1e-3f), std::runtime_error);
 
   options.heads = true;
@@ -365,12 +371,7 @@ TEST(CameraNet, AShareOfTheStartIsKeptThroughAStop) {
   };
   torch::manual_seed(26);
   const Tensor picture = torch::rand({64, 96, 3});
-  const MiragePictureBox box{20, 20, 60, 50};
-  MirageSample sample{};
-  sample.input.image = picture.data_ptr<float>();
-  sample.input.width = 96, sample.input.height = 64;
-  sample.picture_boxes = &box;
-  sample.picture_box_count = 1;
+  const MirageSample sample = one_box(picture);
   Options options;
   options.parts = parts_named("camera");
   options.start = true;
