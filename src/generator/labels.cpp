@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/parallel.h"
+#include "geometry/picture_box.h"
 
 namespace mirage::generator {
 namespace {
@@ -11,15 +12,6 @@ namespace {
 constexpr double kNearestProjected = 0.3;  // m, corners nearer than this to the camera's plane lie on it
 constexpr int kProbes = 3000;              // rays a thing to count its own pixels
 constexpr int kRows = 25;  // pixels of height that make a thing without returns one to be found (KITTI)
-
-struct Extent {
-  double left = 1e9, top = 1e9, right = -1e9, bottom = -1e9;
-  void add(const Vec2d& p) {
-    left = std::min(left, p.x()), right = std::max(right, p.x());
-    top = std::min(top, p.y()), bottom = std::max(bottom, p.y());
-  }
-  double area() const { return std::max(0.0, right - left) * std::max(0.0, bottom - top); }
-};
 
 }  // namespace
 
@@ -48,21 +40,18 @@ StreetLabels label_street(const Street& street, const Calibration& calibration, 
       if (s.object == static_cast<int>(i)) meshes.push_back(s.mesh);
     // KITTI's boxes in the picture are those around the corners of the 3-D box, which is wider than the
     // outline of a round body (README.md).
-    Extent full;
+    PictureBox full{1e9, 1e9, -1e9, -1e9};
     for (const Vec3d& corner : corners(street.placed[i].box)) {
       Vec3d p = calibration.camera_from_velo * corner;
       p.z() = std::max(p.z(), kNearestProjected);
-      full.add(camera.project(p));
+      const Vec2d pixel = camera.project(p);
+      full = joined(full, {pixel.x(), pixel.y(), pixel.x(), pixel.y()});
     }
-    Extent seen = full;
-    seen.left = std::clamp(full.left, 0.0, camera.width - 1.0),
-    seen.right = std::clamp(full.right, 0.0, camera.width - 1.0);
-    seen.top = std::clamp(full.top, 0.0, camera.height - 1.0),
-    seen.bottom = std::clamp(full.bottom, 0.0, camera.height - 1.0);
+    const PictureBox seen = within(full, camera.width, camera.height);
     if (seen.right - seen.left < 1 || seen.bottom - seen.top < 1) return;
     // The thing alone: how many pixels would it cover?
     const RayCaster alone(meshes);
-    const int step = std::max(1, static_cast<int>(std::sqrt(seen.area() / kProbes)));
+    const int step = std::max(1, static_cast<int>(std::sqrt(area(seen) / kProbes)));
     int own = 0, shown = 0;
     for (int v = static_cast<int>(seen.top); v <= static_cast<int>(seen.bottom); v += step)
       for (int u = static_cast<int>(seen.left); u <= static_cast<int>(seen.right); u += step) {
@@ -76,7 +65,7 @@ StreetLabels label_street(const Street& street, const Calibration& calibration, 
     Label& label = labels[i];
     label.type = street.placed[i].type;
     label.box = street.placed[i].box;
-    label.truncated = std::clamp(1 - seen.area() / std::max(full.area(), 1e-9), 0.0, 1.0);
+    label.truncated = std::clamp(1 - area(seen) / std::max(area(full), 1e-9), 0.0, 1.0);
     label.occluded = visible[i] == 0 ? 3 : share > 0.8 ? 0 : share > 0.35 ? 1 : 2;
     label.left = seen.left, label.top = seen.top, label.right = seen.right, label.bottom = seen.bottom;
   });

@@ -279,9 +279,10 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
                                   double positives, double boxed) {
   const bool frozen_camera = options_.parts.camera && !camera_learns();
   SensorTensors input = copy_input(sample.input, reads_image());
-  TaughtPicture taught = taught_picture(sample, input.image);
+  TaughtPicture taught;
+  if (camera_learns()) taught = taught_picture(sample, input.image);
   // Without returns no calibration has to follow.
-  if (!options_.parts.lidar && input.image.defined()) {
+  if (camera_learns() && !options_.parts.lidar && input.image.defined()) {
     taught = moved_picture(taught, options_.seed, index);
     input.image = taught.image;
   }
