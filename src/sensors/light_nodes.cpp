@@ -55,7 +55,7 @@ class Nodes {
     made_.faces = mesh_.faces.size();
     made_.behind.resize(made_.faces);
     points_.resize(made_.wholes.size());
-    angle_.assign(made_.wholes.size(), 0);
+    made_.angles.assign(made_.wholes.size(), 0);
   }
 
   /// Which side of each face the camera looks at, how large, and where it sees it.
@@ -69,7 +69,8 @@ class Nodes {
       made_.behind[f] = normal.dot(to_eye) < 0;
       const std::size_t side = made_.side(f);
       const double distance = to_eye.norm();
-      if (distance > 0) angle_[side] = std::abs(normal.dot(to_eye)) / (2 * distance * distance * distance);
+      if (distance > 0)
+        made_.angles[side] = std::abs(normal.dot(to_eye)) / (2 * distance * distance * distance);
       add_targets(made_.wholes[side], points, targets);
     }
     for (const auto& [side, b12] : first_met(caster, eye, targets))
@@ -133,8 +134,8 @@ class Nodes {
 
  private:
   int parts_of(std::size_t side) const {
-    if (points_[side].empty() || angle_[side] <= settings_.node_angle) return 1;
-    const double parts = std::ceil(std::sqrt(angle_[side] / settings_.node_angle));
+    if (points_[side].empty() || made_.angles[side] <= settings_.node_angle) return 1;
+    const double parts = std::ceil(std::sqrt(made_.angles[side] / settings_.node_angle));
     return parts < resolution_ ? static_cast<int>(parts) : resolution_;
   }
   static Vec3d middle(const LightLeaf& leaf) { return leaf.at(1 / 3.0f, 1 / 3.0f).cast<double>(); }
@@ -180,7 +181,6 @@ class Nodes {
   const VisibleLightSettings& settings_;
   double lift_ = 0;
   std::vector<std::vector<Vec3f>> points_;  ///< of each side: where the camera sees it
-  std::vector<double> angle_;               ///< of each side, sr
   LightNodes made_;
 };
 

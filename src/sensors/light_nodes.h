@@ -24,14 +24,17 @@ struct LightNodes : LightLayout {
   std::vector<bool> seen;         ///< of each patch: the camera sees some of it; without a camera: of a front
   /// Of each patch, where: starts of rays as LightLeaf::at. Empty without a camera.
   std::vector<std::vector<Vec3f>> seen_points;
-  std::vector<Vec3d> views;   ///< of each patch, towards the camera; empty where there is no gloss
-  int columns = 0, rows = 0;  ///< cells
+  std::vector<double> angles;  ///< of each side that the camera looks at: how large, sr; else 0
+  std::vector<Vec3d> views;    ///< of each patch, towards the camera; empty where there is no gloss
+  int columns = 0, rows = 0;   ///< cells
 
   int sides() const { return static_cast<int>(wholes.size()); }
   int patches() const { return static_cast<int>(side_of.size()); }
   int nodes() const { return static_cast<int>(leaves.size()); }
   /// Whether the node is one that the camera sees.
   bool is_seen(int node) const { return node < patches() && seen[static_cast<std::size_t>(node)]; }
+  /// Whether the camera may see some of a side.
+  bool is_side_seen(std::size_t side) const { return parts[side] > 1 || is_seen(first_of_side[side]); }
 };
 
 /// Centroids (b0, b1) of the n² congruent triangles of a face, by their index in TexelAtlas's order.

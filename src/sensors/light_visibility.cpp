@@ -2,14 +2,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <numbers>
 #include <optional>
 
 #include "base/error.h"
 #include "geometry/atlas_triangles.h"
 #include "sensors/gloss.h"
-#include "sensors/light_nodes.h"
+#include "sensors/light_sun.h"
 #include "sensors/soft_rasterizer.h"
 
 namespace mirage {
@@ -42,19 +41,15 @@ std::vector<Vec2f> lattice(std::size_t count, double u, double v) {
 
 struct Sent {
   int node;
-  int direction;  ///< kToSun, or which of the directions
-  int sample;     ///< of a ray to the sun
+  int direction;  ///< which of the directions
 };
 
-constexpr int kToSun = -1;
-constexpr int kSunRaysUnseen = 2;  // 2² rays to the sun from a side that only reflections show
 class Tracer {
  public:
   Tracer(const TexturedMesh& placed, const Lighting& light, const LightSurroundings* around, const Vec3d* eye,
          const VisibleLightSettings& settings)
       : faces_(static_cast<int>(placed.mesh.faces.size())),
         resolution_(placed.atlas.resolution),
-        per_face_(placed.atlas.per_face()),
         light_(light),
         around_(around),
         settings_(settings) {
@@ -62,11 +57,16 @@ class Tracer {
     if (faces_ > 0) caster_.emplace(std::span(&placed.mesh, 1), centre);
     nodes_ = light_nodes(placed, centre, caster_ ? &*caster_ : nullptr, around, eye, settings);
     if (around) roof_from_velo_ = around->velo_from_roof.inverse();
+    cosines_.assign(static_cast<std::size_t>(nodes()), 0);
+    met_points_.resize(static_cast<std::size_t>(nodes()));
   }
 
   LightVisibility run() {
     if (caster_) {
-      aim();
+      aim(true);
+      trace();
+      find_met_points();
+      aim(false);
       trace();
     }
     collect();
@@ -80,101 +80,74 @@ class Tracer {
   /// Where a side's nodes start.
   int first(int side) const { return nodes_.first_of_side[static_cast<std::size_t>(side)]; }
 
-  void send(const Vec3f& start, int node, int direction, int sample = 0) {
+  void send(const Vec3f& start, int node, int direction) {
     starts_.push_back(start);
-    sent_.push_back({node, direction, sample});
+    sent_.push_back({node, direction});
   }
 
-  /// Whether each of the side's texels is a node.
-  bool by_texel(int side) const {
-    return resolution_ > 1 && nodes_.parts[static_cast<std::size_t>(side)] == resolution_;
-  }
-  /// Whether the camera may see some of a side.
-  bool is_side_seen(int side) const {
-    return nodes_.parts[static_cast<std::size_t>(side)] > 1 || nodes_.is_seen(first(side));
-  }
-
-  /// One ray from a texel that is a node, and from a cell; several from all over other sides.
-  void aim_at_sun() {
-    const Vec3f to_sun = light_.to_sun_velo.cast<float>();
-    const std::vector<Vec2d> many = texel_centroids(settings_.sun_samples),
-                             few = texel_centroids(kSunRaysUnseen);
-    for (int side = 0; side < nodes_.sides(); ++side) {
-      const LightLeaf& whole = nodes_.wholes[static_cast<std::size_t>(side)];
-      if (whole.normal.dot(to_sun) <= 0) continue;
-      if (by_texel(side)) {
-        for (int i = first(side); i < first(side + 1); ++i)
-          // The last point that the camera may see is the texel's middle.
-          send(nodes_.is_seen(i) ? nodes_.seen_points[static_cast<std::size_t>(i)].back()
-                                 : leaf(i).at(1 / 3.0f, 1 / 3.0f),
-               i, kToSun);
-        continue;
-      }
-      const std::vector<Vec2d>& points = is_side_seen(side) ? many : few;
-      for (std::size_t k = 0; k < points.size(); ++k)
-        send(whole.at(static_cast<float>(points[k].y()), static_cast<float>(1 - points[k].sum())),
-             first(side), kToSun, static_cast<int>(k));
-    }
-    for (int i = nodes_.patches(); i < nodes(); ++i)
-      if (leaf(i).normal.dot(to_sun) > 0) send(leaf(i).at(0.5f, 0.5f), i, kToSun);
-  }
-
-  /// Rays of all nodes, those of one direction together.
-  void aim() {
-    sent_.reserve(static_cast<std::size_t>(faces_) *
-                  static_cast<std::size_t>(settings_.directions / 2 + settings_.rough_directions));
-    starts_.reserve(sent_.capacity());
-    aim_at_sun();
+  /// Rays of the nodes that the camera sees, or of the others, those of one direction together.
+  void aim(bool seen) {
+    const int n = seen ? settings_.directions : settings_.rough_directions;
     const std::vector<Vec2f> shifts =
         lattice(static_cast<std::size_t>(nodes()), 0.6180339887498949, 0.4142135623730951);
     const std::vector<Vec2f> points =
-        lattice(static_cast<std::size_t>(std::max(settings_.directions, settings_.rough_directions)),
-                0.7548776662466927, 0.5698402909980532);
-    cosines_.assign(static_cast<std::size_t>(nodes()), 0);
-    const auto fan_out = [&](int n, bool seen) {
-      for (int k = 0; k < n; ++k) {
-        const Vec3d direction = lattice_direction(k, n);
-        const Vec3f towards = direction.cast<float>();
-        const Vec2f& point = points[static_cast<std::size_t>(k)];
-        const int index = static_cast<int>(directions_.size());
-        directions_.push_back(direction);
-        for (int i = 0; i < (seen ? nodes_.patches() : nodes()); ++i) {
-          if (nodes_.is_seen(i) != seen) continue;
-          const LightLeaf& from = leaf(i);
-          const float cosine = from.normal.dot(towards);
-          if (cosine <= 0) continue;
-          cosines_[static_cast<std::size_t>(i)] += cosine;
-          const Vec2f& shift = shifts[static_cast<std::size_t>(i)];
-          Vec2f b(wrapped(point.x() + shift.x()), wrapped(point.y() + shift.y()));
-          if (i < nodes_.patches() && b.sum() > 1) b = Vec2f::Ones() - b;
-          // What runs through others is lit as where the camera sees it.
-          if (seen && !nodes_.seen_points.empty()) {
-            const std::vector<Vec3f>& starts = nodes_.seen_points[static_cast<std::size_t>(i)];
-            send(starts[static_cast<std::size_t>(k) % starts.size()], i, index);
-            continue;
-          }
-          send(from.at(b.x(), b.y()), i, index);
+        lattice(static_cast<std::size_t>(n), 0.7548776662466927, 0.5698402909980532);
+    for (int k = 0; k < n; ++k) {
+      const Vec3d direction = lattice_direction(k, n);
+      const Vec3f towards = direction.cast<float>();
+      const Vec2f& point = points[static_cast<std::size_t>(k)];
+      const int index = static_cast<int>(directions_.size());
+      directions_.push_back(direction);
+      for (int i = 0; i < (seen ? nodes_.patches() : nodes()); ++i) {
+        if (nodes_.is_seen(i) != seen) continue;
+        const LightLeaf& from = leaf(i);
+        const float cosine = from.normal.dot(towards);
+        if (cosine <= 0) continue;
+        cosines_[static_cast<std::size_t>(i)] += cosine;
+        // What runs through others is lit as where it is seen: by the camera, or by those that it lights.
+        const std::vector<Vec3f>& starts = seen && !nodes_.seen_points.empty()
+                                               ? nodes_.seen_points[static_cast<std::size_t>(i)]
+                                               : met_points_[static_cast<std::size_t>(i)];
+        if (!starts.empty()) {
+          send(starts[static_cast<std::size_t>(k) % starts.size()], i, index);
+          continue;
         }
+        const Vec2f& shift = shifts[static_cast<std::size_t>(i)];
+        Vec2f b(wrapped(point.x() + shift.x()), wrapped(point.y() + shift.y()));
+        if (i < nodes_.patches() && b.sum() > 1) b = Vec2f::Ones() - b;
+        send(from.at(b.x(), b.y()), i, index);
       }
-    };
-    fan_out(settings_.directions, true);
-    fan_out(settings_.rough_directions, false);
+    }
   }
 
-  void trace() {
-    RayTable rays(1, sent_.size());
-    const Vec3f to_sun = light_.to_sun_velo.cast<float>();
-    Vec3f direction = to_sun;
-    int current = kToSun;
+  /// Where the rays traced so far meet each of the nodes that the camera does not see.
+  void find_met_points() {
     for (std::size_t i = 0; i < sent_.size(); ++i) {
-      if (sent_[i].direction != current) {
-        current = sent_[i].direction;
-        direction =
-            current == kToSun ? to_sun : Vec3f(directions_[static_cast<std::size_t>(current)].cast<float>());
-      }
-      rays.set(0, i, starts_[i], direction);
+      const int face = hits_.face[i], k = sent_[i].direction;
+      if (face < 0) continue;
+      const int node = met_patch(i, face, directions_[static_cast<std::size_t>(k)]);
+      if (nodes_.is_seen(node)) continue;
+      met_points_[static_cast<std::size_t>(node)].push_back(
+          nodes_.wholes[static_cast<std::size_t>(side_of(node))].at(hits_.b1[i], hits_.b2[i]));
     }
-    if (!sent_.empty()) caster_->intersect(rays, 0, 1e30f, hits_);
+  }
+
+  /// What the rays meet that were sent since the last call.
+  void trace() {
+    const std::size_t from = hits_.face.size(), count = sent_.size() - from;
+    if (count == 0) return;
+    RayTable rays(1, count);
+    for (std::size_t i = from; i < sent_.size(); ++i)
+      rays.set(0, i - from, starts_[i],
+               directions_[static_cast<std::size_t>(sent_[i].direction)].cast<float>());
+    HitTable hits;
+    caster_->intersect(rays, 0, 1e30f, hits);
+    const auto append = [&](auto& all, const auto& some) {
+      all.insert(all.end(), some.begin(), some.begin() + static_cast<std::ptrdiff_t>(count));
+    };
+    append(hits_.face, hits.face);
+    append(hits_.b1, hits.b1);
+    append(hits_.b2, hits.b2);
   }
 
   Vec3d sky(const Vec3d& direction) const {
@@ -213,41 +186,15 @@ class Tracer {
     return direction.z() < 0 ? kRoad : kSky;
   }
 
-  /// The sun's share of each node and of each texel, from the samples that saw it.
   void share_sun() {
-    LightVisibility& r = result_;
-    const auto many = static_cast<std::size_t>(settings_.sun_samples * settings_.sun_samples);
-    std::vector<std::uint8_t> lit(static_cast<std::size_t>(nodes_.sides()) * many, 0);
-    for (std::size_t i = 0; i < sent_.size() && sent_[i].direction == kToSun; ++i) {
-      if (hits_.face[i] >= 0) continue;
-      const int node = sent_[i].node;
-      if (node >= nodes_.patches() || by_texel(side_of(node)))
-        r.sun_share[static_cast<std::size_t>(node)] = 1;
-      else if (is_side_seen(side_of(node)))
-        lit[static_cast<std::size_t>(side_of(node)) * many + static_cast<std::size_t>(sent_[i].sample)] = 1;
-      else
-        r.sun_share[static_cast<std::size_t>(node)] += 1.0 / (kSunRaysUnseen * kSunRaysUnseen);
-    }
-    std::vector<std::vector<std::vector<int>>> within;  // by parts − 1
-    for (int n = 1; n <= resolution_; ++n) within.push_back(centroids_within(n, settings_.sun_samples));
-    const auto share = [&](std::size_t side, const std::vector<int>& samples) {
-      int count = 0;
-      for (const int k : samples) count += lit[side * many + static_cast<std::size_t>(k)];
-      return static_cast<float>(count) / static_cast<float>(samples.size());
-    };
-    const auto sampled = [&](std::size_t side) {
-      return !by_texel(static_cast<int>(side)) && is_side_seen(static_cast<int>(side));
-    };
-    for (std::size_t side = 0; side < nodes_.wholes.size(); ++side) {
-      if (!sampled(side)) continue;
-      std::size_t node = r.first_node(side);
-      for (const auto& samples : within[static_cast<std::size_t>(r.parts[side]) - 1])
-        r.sun_share[node++] = share(side, samples);
-    }
-    for (std::size_t f = 0; f < r.faces; ++f)
-      for (std::size_t t = 0; t < per_face_; ++t)
-        r.sun[f * per_face_ + t] = sampled(r.side(f)) ? share(r.side(f), within.back()[t])
-                                                      : static_cast<float>(r.sun_share[r.node(f, t)]);
+    SunShares sun = mirage::share_sun(nodes_, caster_ ? &*caster_ : nullptr, met_points_, light_.to_sun_velo,
+                                      resolution_, settings_);
+    result_.rays += sun.rays;
+    result_.sun = std::move(sun.of_parts);
+    result_.sun_share = std::move(sun.of_nodes);
+    result_.shown_resolution = sun.resolution;
+    for (const Vec2d& part : texel_centroids(sun.resolution))
+      result_.texel_of.push_back(texel_index<double>(part.x(), part.y(), resolution_));
   }
 
   void collect() {
@@ -255,8 +202,7 @@ class Tracer {
     const auto count = static_cast<std::size_t>(nodes());
     static_cast<LightLayout&>(r) = nodes_;
     r.rays = sent_.size();
-    r.sun.assign(r.faces * per_face_, 0);
-    r.sun_share.assign(count, 0);
+    share_sun();
     r.blocked.assign(count, Eigen::Matrix3d::Zero());
     r.first.assign(count + 1, 0);
     r.specular.assign(count, Vec3d::Zero());
@@ -269,7 +215,6 @@ class Tracer {
     }
     if (!nodes_.views.empty()) r.even_gloss = kEvenGloss;
     if (sent_.empty()) return;
-    share_sun();
     aim_gloss();
     std::vector<Vec3d> deck(directions_.size(), Vec3d::Zero()), road = deck;
     for (std::size_t k = 0; around_ && k < directions_.size(); ++k)
@@ -280,7 +225,6 @@ class Tracer {
     std::vector<int> met(sent_.size(), kSky);
     for (std::size_t i = 0; i < sent_.size(); ++i) {
       const Sent& sent = sent_[i];
-      if (sent.direction == kToSun) continue;
       const auto k = static_cast<std::size_t>(sent.direction);
       const Vec3d& direction = directions_[k];
       const int face = hits_.face[i];
@@ -301,7 +245,7 @@ class Tracer {
     std::vector<int> next(r.first.begin(), r.first.end() - 1);
     for (std::size_t i = 0; i < sent_.size(); ++i) {
       const Sent& sent = sent_[i];
-      if (sent.direction == kToSun || met[i] < 0) continue;
+      if (met[i] < 0) continue;
       const int at = next[static_cast<std::size_t>(sent.node)]++;
       r.reflections[static_cast<std::size_t>(at)] = {
           met[i], weight(sent.node) * directions_[static_cast<std::size_t>(sent.direction)],
@@ -342,7 +286,7 @@ class Tracer {
     for (std::size_t i = 0; i < sent_.size(); ++i) {
       const Sent& sent = sent_[i];
       const auto node = static_cast<std::size_t>(sent.node);
-      if (sent.direction == kToSun || sent.node >= nodes_.patches() || towards_eye[node] <= 0) continue;
+      if (sent.node >= nodes_.patches() || towards_eye[node] <= 0) continue;
       const Vec3d& l = directions_[static_cast<std::size_t>(sent.direction)];
       responses_[i] = specular_response(leaf(sent.node).normal.cast<double>().dot(l), towards_eye[node],
                                         view(sent.node).dot(l));
@@ -359,7 +303,6 @@ class Tracer {
   double weight(int node) const { return 1.0 / cosines_[static_cast<std::size_t>(node)]; }
 
   int faces_, resolution_;
-  std::size_t per_face_;
   const Lighting& light_;
   const LightSurroundings* around_;
   const VisibleLightSettings& settings_;
@@ -367,6 +310,7 @@ class Tracer {
   LightNodes nodes_;
   std::vector<double> responses_;  ///< of each ray: specular_weight()
   std::vector<double> cosines_;    ///< of each node: sum over the directions that it sends rays along
+  std::vector<std::vector<Vec3f>> met_points_;  ///< of each node that the camera does not see
   Transform roof_from_velo_ = Transform::Identity();
   std::vector<Vec3d> directions_;
   std::vector<Vec3f> starts_;
@@ -381,7 +325,7 @@ LightVisibility find_visibility(const TexturedMesh& placed, const Lighting& ligh
                                 const LightSurroundings* surroundings, const Vec3d* eye,
                                 const VisibleLightSettings& settings) {
   if (settings.directions < 1 || settings.rough_directions < 1 || !(settings.cell > 0) ||
-      settings.bounces < 0 || settings.sun_samples < 1)
+      settings.bounces < 0 || settings.sun_samples < 1 || !(settings.sun_angle > 0))
     throw InputError("light settings", "", "a number is not positive", "use the defaults");
   if (placed.atlas.texels.size() != placed.mesh.faces.size() * placed.atlas.per_face())
     throw InputError("light", "atlas", "does not have a face's texels for each face",

@@ -83,8 +83,9 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
     result.received.push_back(std::move(received));
   }
   result.sky.resize(nodes);
-  result.factor.resize(texels.size());
-  result.gloss.resize(texels.size());
+  const std::size_t shown = visibility.texel_of.size();
+  result.factor.resize(faces * shown);
+  result.gloss.resize(faces * shown);
   for (std::size_t i = 0; i < nodes; ++i) result.sky[i] = open[i] + reflected[i];
   std::vector<Vec3<S>> sheens;
   for (std::size_t f = 0; f < faces; ++f) {
@@ -100,14 +101,14 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
       sheens.push_back(sheen);
     }
     const std::vector<int>& shown_by = visibility.nodes_of_texels(side);
-    for (std::size_t t = 0; t < per_face; ++t) {
-      const auto part = static_cast<std::size_t>(shown_by[t]);
-      const std::size_t i = first + part, texel = f * per_face + t;
-      const auto sunny = static_cast<S>(visibility.sun[texel]),
+    for (std::size_t k = 0; k < shown; ++k) {
+      const auto part = static_cast<std::size_t>(shown_by[static_cast<std::size_t>(visibility.texel_of[k])]);
+      const std::size_t i = first + part, at = f * shown + k;
+      const auto sunny = static_cast<S>(visibility.sun[at]),
                  lit = std::max(S(0), n[i].dot(to_sun)) * static_cast<S>(visibility.diffuse_sun[i]);
-      result.factor[texel] =
+      result.factor[at] =
           result.sky[i].cwiseMax(S(0)) * static_cast<S>(visibility.diffuse[i]) + sun * (lit * sunny);
-      result.gloss[texel] = sheens[part] + sun * (static_cast<S>(visibility.specular_sun[i]) * sunny);
+      result.gloss[at] = sheens[part] + sun * (static_cast<S>(visibility.specular_sun[i]) * sunny);
     }
   }
   return result;
@@ -128,12 +129,14 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
   std::vector<S> d_cosine(nodes, S(0));  // of the angle to the sun
   std::vector<Vec3<S>> d_reflected(nodes, Vec3<S>::Zero()), d_mirrored(nodes, Vec3<S>::Zero());
   std::vector<Vec3<S>> d_sheen(nodes, Vec3<S>::Zero());
+  const std::size_t shown = visibility.texel_of.size();
   for (std::size_t f = 0; f < faces; ++f)
-    for (std::size_t t = 0; t < per_face; ++t) {
-      const std::size_t i = visibility.node(f, t), texel = f * per_face + t;
-      d_open[i] += d_factor[texel];
-      d_sheen[i] += d_gloss[texel];
-      d_cosine[i] += static_cast<S>(visibility.sun[texel]) * d_factor[texel].dot(sun);
+    for (std::size_t k = 0; k < shown; ++k) {
+      const std::size_t i = visibility.node(f, static_cast<std::size_t>(visibility.texel_of[k])),
+                        part = f * shown + k;
+      d_open[i] += d_factor[part];
+      d_sheen[i] += d_gloss[part];
+      d_cosine[i] += static_cast<S>(visibility.sun[part]) * d_factor[part].dot(sun);
     }
   for (std::size_t i = 0; i < visibility.side_of.size(); ++i) {
     d_open[i] *= static_cast<S>(visibility.diffuse[i]);

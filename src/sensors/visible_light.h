@@ -17,8 +17,8 @@
 // with f_k the gloss's response to the light from ω_k (sensors/gloss.h), L_k what is met there (the sky where
 // nothing is), a_i the share of an even light that the lobe sends to the camera, and m_i the mean of F_d over
 // the directions. Without a camera there is no gloss and F_d is 1. The weights 4/K are scaled for each node
-// so that Σ (4/K) max(0, n̂·ω_k) is 1. v_t, the share of the sun that a texel sees, is found for each texel,
-// v_i is the node's.
+// so that Σ (4/K) max(0, n̂·ω_k) is 1. v_t, the share of the sun that a texel sees, is found for each texel
+// and where a shadow's border is seen near for parts of it (sensors/light_sun.h); v_i is the node's.
 //
 // What each ray meets is a value without a gradient: it jumps. So are the shares that depend on where the
 // camera is: a_i, f_k, m_i, F_d and f_s. For them held fixed everything else is exact, through the normals
@@ -61,9 +61,12 @@ struct VisibleLightSettings {
   /// K of what is seen through reflections alone: the roof's cells and the sides that the camera does not
   /// see.
   int rough_directions = 8;
-  int bounces = 2;      ///< gathering steps; 0: occlusion and the road's light alone
+  int bounces = 4;      ///< gathering steps; 0: occlusion and the road's light alone
   int sun_samples = 5;  ///< n² rays to the sun from a face, each for the texels around it
-  double cell = 0.4;    ///< m; the roof's cells, each with its own light
+  /// sr; where a shadow's border runs through faces whose texels the camera sees under a larger angle, texels
+  /// are split until their parts' are no larger, each with its own ray to the sun.
+  double sun_angle = 4e-6;
+  double cell = 0.4;  ///< m; the roof's cells, each with its own light
   /// sr; a side that the camera sees under a larger angle has the light of n² parts of no larger one, n at
   /// most the atlas's C. KITTI's pixel is 1.9e-6.
   double node_angle = 6e-5;
@@ -118,7 +121,9 @@ struct LightVisibility : LightLayout {
   std::vector<Eigen::Matrix3d> blocked;  ///< of each node: Σ ω weight (L_fixed − L_sky)ᵀ, so that E += mᵀ n̂
   std::vector<int> first;                ///< nodes + 1: where each node's reflections start
   std::vector<Reflection> reflections;
-  std::vector<float> sun;         ///< of each texel: share that sees the sun
+  int shown_resolution = 1;       ///< of what is shown: the atlas's C, or a multiple of it
+  std::vector<int> texel_of;      ///< of each of a face's shown parts: which of its texels it is part of
+  std::vector<float> sun;         ///< of each shown part: share that sees the sun
   std::vector<double> sun_share;  ///< of each node
   // Of the sides that the camera sees; of the others as without a camera.
   std::vector<Vec3d> specular;       ///< of each node: the gloss's share of sky, road and deck
@@ -147,11 +152,12 @@ LightVisibility find_visibility(const TexturedMesh& placed, const Lighting& ligh
                                 const LightSurroundings* surroundings, const Vec3d* eye = nullptr,
                                 const VisibleLightSettings& settings = {});
 
-/// Light factor of every texel, and what the VJP needs.
+/// Light factor of every texel, or of every part of one as LightVisibility::texel_of has them, and what the
+/// VJP needs.
 template <class S>
 struct VisibleLight {
-  std::vector<Vec3<S>> factor;                 ///< of each texel, times its albedo; never negative
-  std::vector<Vec3<S>> gloss;                  ///< of each texel, whatever its albedo
+  std::vector<Vec3<S>> factor;                 ///< of each part, times its texel's albedo; never negative
+  std::vector<Vec3<S>> gloss;                  ///< of each part, whatever the albedo
   std::vector<std::vector<Vec3<S>>> received;  ///< E of every node before each gathering step
   std::vector<Vec3<S>> albedo;                 ///< of every node
   std::vector<Vec3<S>> sky;  ///< of every node: all light but the sun's own, before max(0, ·)
@@ -161,7 +167,7 @@ struct VisibleLight {
 template <class S>
 VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::vector<Vec3<S>>& texels,
                               const Lighting& light, const LightVisibility& visibility, int bounces);
-/// Adds d loss / d normal and d loss / d texel, given d loss / d factor and d loss / d gloss of every texel.
+/// Adds d loss / d normal and d loss / d texel, given d loss / d factor and d loss / d gloss of every part.
 template <class S>
 void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Vec3<S>>& texels,
                        const Lighting& light, const LightVisibility& visibility, const VisibleLight<S>& at,

@@ -43,7 +43,7 @@ std::unique_ptr<ObjectLight> light_on(const PreparedFrame& prepared, const Label
                                       const SimulationSettings& settings) {
   const Lighting& lighting = prepared.frame.lighting;
   if (settings.light == LightModel::plain)
-    return plain_light(face_normals(placed.mesh), placed.atlas.per_face(), lighting);
+    return plain_light(face_normals(placed.mesh), placed.atlas.resolution, lighting);
   const Vec3d eye = prepared.frame.calibration.camera_from_velo.inverse().translation();
   LightSurroundings around;
   if (rooftop) around = light_surroundings(prepared.frame, host, *rooftop);
@@ -63,7 +63,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   if (settings.exact_coverage) tape.settings.sigma = kSmallestSigma;  // edges reach no further than the faces
   tape.light = light_on(prepared, host, rooftop, placed, settings);
   tape.projected = project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearPlane, Texture::atlas,
-                                placed.atlas.resolution, tape.light->lit(placed.atlas.texels));
+                                tape.light->resolution(), tape.light->lit(placed.atlas.texels));
 
   PixelRect rect = touched_pixels(tape.projected.screen, tape.settings, camera.width, camera.height,
                                   {0, 0, camera.width, camera.height});
@@ -132,7 +132,7 @@ void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, cons
       tape.pass->vjp(tape.projected.screen, tape.settings, tape.target, d_rgba);
 
   std::vector<Vec3d> d_p_camera(tape.p_camera.size(), Vec3d::Zero()),
-      d_lit(placed.atlas.texels.size(), Vec3d::Zero());
+      d_lit(tape.projected.screen.texels.size(), Vec3d::Zero());
   project_mesh_vjp(tape.projected, tape.p_camera, calibration.camera, kNearPlane, gradient, d_p_camera,
                    d_lit);
   const Eigen::Matrix3d velo_from_camera = calibration.camera_from_velo.linear().transpose();

@@ -7,11 +7,15 @@ namespace {
 
 class PlainLight : public ObjectLight {
  public:
-  PlainLight(std::vector<Vec3d> normals, std::size_t per_face, const Lighting& lighting)
-      : normals_(std::move(normals)), per_face_(per_face), lighting_(lighting) {
+  PlainLight(std::vector<Vec3d> normals, int resolution, const Lighting& lighting)
+      : normals_(std::move(normals)),
+        resolution_(resolution),
+        per_face_(static_cast<std::size_t>(resolution) * resolution),
+        lighting_(lighting) {
     for (const Vec3d& normal : normals_) factors_.push_back(shade<double>(normal, lighting));
   }
 
+  int resolution() const override { return resolution_; }
   std::vector<Vec3d> lit(const std::vector<Vec3d>& texels) const override {
     std::vector<Vec3d> radiance = texels;
     for (std::size_t t = 0; t < radiance.size(); ++t)
@@ -33,6 +37,7 @@ class PlainLight : public ObjectLight {
 
  private:
   std::vector<Vec3d> normals_;
+  int resolution_;
   std::size_t per_face_;
   Lighting lighting_;
   std::vector<Vec3d> factors_;  ///< of each face
@@ -44,39 +49,49 @@ class LightWithVisibility : public ObjectLight {
                       const Vec3d& eye, const VisibleLightSettings& settings)
       : normals_(face_normals(placed.mesh)),
         lighting_(lighting),
+        per_face_(placed.atlas.per_face()),
         visibility_(find_visibility(placed, lighting, around, &eye, settings)),
         visible_(visible_light(normals_, placed.atlas.texels, lighting, visibility_, settings.bounces)) {}
 
+  int resolution() const override { return visibility_.shown_resolution; }
   std::vector<Vec3d> lit(const std::vector<Vec3d>& texels) const override {
-    std::vector<Vec3d> radiance = texels;
-    for (std::size_t t = 0; t < radiance.size(); ++t)
-      radiance[t] = radiance[t].cwiseProduct(visible_.factor[t]) + visible_.gloss[t];
+    std::vector<Vec3d> radiance(visible_.factor.size());
+    for (std::size_t i = 0; i < radiance.size(); ++i)
+      radiance[i] = texels[texel_of(i)].cwiseProduct(visible_.factor[i]) + visible_.gloss[i];
     return radiance;
   }
 
   void vjp(const std::vector<Vec3d>& texels, const std::vector<Vec3d>& d_lit, std::vector<Vec3d>& d_normals,
            std::vector<Vec3d>& d_texels) const override {
     std::vector<Vec3d> d_factor(d_lit.size());
-    for (std::size_t t = 0; t < d_lit.size(); ++t) {
-      d_texels[t] += d_lit[t].cwiseProduct(visible_.factor[t]);
-      d_factor[t] = d_lit[t].cwiseProduct(texels[t]);
+    for (std::size_t i = 0; i < d_lit.size(); ++i) {
+      const std::size_t t = texel_of(i);
+      d_texels[t] += d_lit[i].cwiseProduct(visible_.factor[i]);
+      d_factor[i] = d_lit[i].cwiseProduct(texels[t]);
     }
     visible_light_vjp(normals_, texels, lighting_, visibility_, visible_, d_factor, d_lit, d_normals,
                       d_texels);
   }
 
  private:
+  /// The texel that a shown part belongs to.
+  std::size_t texel_of(std::size_t part) const {
+    const std::size_t shown = visibility_.texel_of.size();
+    return part / shown * per_face_ + static_cast<std::size_t>(visibility_.texel_of[part % shown]);
+  }
+
   std::vector<Vec3d> normals_;
   Lighting lighting_;
+  std::size_t per_face_;
   LightVisibility visibility_;    ///< what stands in the light's way
   VisibleLight<double> visible_;  ///< the light of each texel
 };
 
 }  // namespace
 
-std::unique_ptr<ObjectLight> plain_light(std::vector<Vec3d> normals, std::size_t texels_per_face,
+std::unique_ptr<ObjectLight> plain_light(std::vector<Vec3d> normals, int resolution,
                                          const Lighting& lighting) {
-  return std::make_unique<PlainLight>(std::move(normals), texels_per_face, lighting);
+  return std::make_unique<PlainLight>(std::move(normals), resolution, lighting);
 }
 
 std::unique_ptr<ObjectLight> light_with_visibility(const TexturedMesh& placed, const Lighting& lighting,

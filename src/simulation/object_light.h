@@ -15,15 +15,19 @@ namespace mirage {
 class ObjectLight {
  public:
   virtual ~ObjectLight() = default;
-  /// Radiance of every texel.
+  /// C of what lit() returns: the mesh's, or a multiple of it where light varies within texels.
+  virtual int resolution() const = 0;
+  /// Radiance of every texel of an atlas of that resolution.
   virtual std::vector<Vec3d> lit(const std::vector<Vec3d>& texels) const = 0;
-  /// Adds d loss / d face normal (unnormalised) and d loss / d texel, given d loss / d radiance.
+  /// Adds d loss / d face normal (unnormalised) and d loss / d texel, given d loss / d radiance as
+  /// lit() has it.
   virtual void vjp(const std::vector<Vec3d>& texels, const std::vector<Vec3d>& d_lit,
                    std::vector<Vec3d>& d_normals, std::vector<Vec3d>& d_texels) const = 0;
 };
 
 /// sensors/shading.h: one factor a face. `normals`: unnormalised, a face each, in the frame of `lighting`.
-std::unique_ptr<ObjectLight> plain_light(std::vector<Vec3d> normals, std::size_t texels_per_face,
+/// `resolution`: the atlas's C.
+std::unique_ptr<ObjectLight> plain_light(std::vector<Vec3d> normals, int resolution,
                                          const Lighting& lighting);
 /// sensors/visible_light.h, with the visibility that `placed` has now. `around`: the vehicle under it; null
 /// for an object in free space. `eye`: the camera (`velo`).

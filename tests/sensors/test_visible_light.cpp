@@ -4,6 +4,7 @@
 #include "base/error.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "geometry/atlas_triangles.h"
 #include "geometry/shapes.h"
 #include "sensors/gloss.h"
 #include "sensors/light_nodes.h"
@@ -79,6 +80,39 @@ TEST(VisibleLight, ATexelsLightIsThatOfAFaceInItsPlace) {
               100 * coarse_error);
   EXPECT_LT(fine_error, 0.03);
   EXPECT_GT(coarse_error, 0.1);
+}
+
+/// A wall casts its shadow's straight border over a plate, seen near: what is shown of the plate is as fine
+/// as the camera sees it, and dark where the wall's plane hides the sun.
+TEST(VisibleLight, AShadowsBorderRunsThroughTexels) {
+  TexturedMesh scene{{}, {3, {}}};
+  scene.mesh.vertices = {{-2, -1, 0}, {2, -1, 0}, {0, 2, 0}, {0.1, -9, 0}, {0.1, 9, 0}, {0.1, 0, 9}};
+  scene.mesh.faces = {{0, 1, 2}, {3, 4, 5}};
+  scene.atlas.texels.assign(2 * scene.atlas.per_face(), Vec3d::Constant(0.5));
+  Lighting light;
+  light.to_sun_velo = Vec3d(0.3, 0, 1).normalized();  // behind the wall, as seen from where x < 0.1
+  const Vec3d eye(-1, 0, 12);
+  const auto wrong = [&](double sun_angle) {
+    VisibleLightSettings settings;
+    settings.sun_angle = sun_angle;
+    const LightVisibility v = find_visibility(scene, light, nullptr, &eye, settings);
+    const std::vector<Vec2d> centroids = texel_centroids(50);
+    double mistaken = 0;
+    for (const Vec2d& b : centroids) {
+      const double x = -2 * b.x() + 2 * b.y();  // of vertices 0, 1 and 2
+      const auto part = static_cast<std::size_t>(texel_index<double>(b.x(), b.y(), v.shown_resolution));
+      // The wall is as wide as its triangle is at that height: whole where the plate's shadow falls.
+      mistaken += std::abs(v.sun[part] - (x > 0.1 ? 1.0 : 0.0));
+    }
+    EXPECT_EQ(v.texel_of.size(), static_cast<std::size_t>(v.shown_resolution * v.shown_resolution));
+    return mistaken / static_cast<double>(centroids.size());
+  };
+  const double whole = wrong(1), halves = wrong(1.5e-3), finest = wrong(1e-9);
+  std::printf("lit wrongly: %.1f %% by texels, %.1f %% by parts, %.1f %% by 4 x 4\n", 100 * whole,
+              100 * halves, 100 * finest);
+  EXPECT_LT(finest, 0.4 * whole);
+  EXPECT_LT(halves, whole);
+  EXPECT_GT(halves, finest);
 }
 
 /// White furnace: in an even light a convex object has the lobes' whole shares, whatever the rays' raster.
@@ -188,17 +222,19 @@ TEST(VisibleLight, GradientAgainstCentralDifferencesWithVisibilityFixed) {
   const LightSurroundings around;
   double worst = 0;
   int checked = 0;
-  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
     const TexturedMesh at = ball(seed, seed == 1 ? 0 : 0.25);
     const Vec3d eye(-6, 1, 0.8);  // seed 3: without a camera
     VisibleLightSettings settings;
-    settings.node_angle = seed == 4 ? 0 : seed == 1 ? 5e-4 : 1;  // all, some or none of the sides
+    settings.node_angle = seed == 4 ? 0 : seed == 1 ? 5e-4 : 1;    // all, some or none of the sides
+    settings.sun_angle = seed == 4 ? 1e-4 : seed == 5 ? 1e-6 : 1;  // texels in parts: some, as many as can be
     const LightVisibility visibility =
         find_visibility(at, light, seed == 2 ? nullptr : &around, seed == 3 ? nullptr : &eye, settings);
     ASSERT_GT(visibility.reflections.size(), 0u + (seed == 1 ? 0 : 100));
-    const std::size_t texels = at.atlas.texels.size();
+    const std::size_t texels = at.atlas.texels.size(), shown = visibility.sun.size();
+    ASSERT_EQ(shown > texels, seed >= 4);
     RandomStream random(seed, "upstream");
-    std::vector<Vec3d> d_factor(texels), d_gloss(texels);
+    std::vector<Vec3d> d_factor(shown), d_gloss(shown);
     for (auto* list : {&d_factor, &d_gloss})
       for (Vec3d& d : *list) d = Vec3d(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
     const auto loss = [&](const std::vector<double>& x) {
@@ -207,8 +243,8 @@ TEST(VisibleLight, GradientAgainstCentralDifferencesWithVisibilityFixed) {
         (i < visibility.faces ? normals : albedo).emplace_back(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
       const auto lit = visible_light(normals, albedo, light, visibility, 3);
       double sum = 0;
-      for (std::size_t t = 0; t < texels; ++t)
-        sum += d_factor[t].dot(lit.factor[t]) + d_gloss[t].dot(lit.gloss[t]);
+      for (std::size_t k = 0; k < shown; ++k)
+        sum += d_factor[k].dot(lit.factor[k]) + d_gloss[k].dot(lit.gloss[k]);
       return sum;
     };
     const std::vector<Vec3d> normals = face_normals(at.mesh);

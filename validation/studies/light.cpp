@@ -7,8 +7,8 @@
 // vehicle (back). Each is rendered by Cycles with everything but specular and with everything ("all": sun of
 // 0.53° with shadows, occluded sky, 4 bounces, specular; host and road as unseen surroundings). Error: mean
 // |Δ| of scene-linear RGB over the pixels that the object covers by more than half, over the mean radiance of
-// all those in Cycles. The rasteriser draws with hard edges and 8×8 samples a pixel. VARIANTS: "models"
-// (default) or "all", which varies the model's settings.
+// all those in Cycles; in brackets the mean difference, by the same. The rasteriser draws with hard edges and
+// 8×8 samples a pixel. VARIANTS: "models" (default) or "all", which varies the model's settings.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -57,7 +57,7 @@ std::vector<Variant> variants(bool all) {
   for (int k : {16, 64, 128, 2048}) add(fmt::format("{} directions", k), [&](auto& s) { s.directions = k; });
   for (int k : {32, 512})
     add(fmt::format("{} rough directions", k), [&](auto& s) { s.rough_directions = k; });
-  for (int b : {0, 1, 3, 8}) add(fmt::format("{} bounces", b), [&](auto& s) { s.bounces = b; });
+  for (int b : {0, 1, 2, 3, 8}) add(fmt::format("{} bounces", b), [&](auto& s) { s.bounces = b; });
   for (int n : {1, 3, 5, 20}) add(fmt::format("{} sun samples", n), [&](auto& s) { s.sun_samples = n; });
   add("matt", [](auto& s) { s.glossy = false; });
   for (double angle : {0.0, 3e-6, 6e-6, 3e-5, 6e-5})
@@ -67,6 +67,12 @@ std::vector<Variant> variants(bool all) {
         [&](auto& s) { s.directions = k, s.sun_samples = 1; });
     list.back().as_faces = true;
   }
+  add("everything fine", [](auto& s) {
+    s.directions = 1024, s.rough_directions = 256, s.bounces = 8, s.sun_samples = 20;
+    s.node_angle = 0, s.sun_angle = 1e-9, s.cell = 0.1;
+  });
+  for (double angle : {1e-6, 1.6e-5, 1.0})
+    add(fmt::format("shadows' borders to {} sr", angle), [&](auto& s) { s.sun_angle = angle; });
   for (double cell : {0.1, 5.0})
     add(fmt::format("roof cells of {} m", cell), [&](auto& s) { s.cell = cell; });
   return list;
@@ -100,7 +106,7 @@ std::vector<Place> places(FrameStore& store, const std::filesystem::path& data, 
 }
 
 struct Sum {
-  double error = 0, mean = 0;
+  double error = 0, bias = 0, mean = 0;
 };
 
 int study(const std::filesystem::path& data, const std::string& mesh, const std::filesystem::path& out,
@@ -167,8 +173,10 @@ int study(const std::filesystem::path& data, const std::string& mesh, const std:
               for (int c = 0; c < 3; ++c)
                 ours.at(u, v, c) = static_cast<float>(rgba_at(simulated, rect.u0 + u, rect.v0 + v, c));
           const double error = mean_absolute_error(ours, reference, mask);
-          sums[key][variant.name].error += error;
-          sums[key][variant.name].mean += mean;
+          Sum& sum = sums[key][variant.name];
+          sum.error += error;
+          sum.bias += mean_absolute_error(ours, ImageF(mask.width, mask.height, 3), mask) - mean;
+          sum.mean += mean;
           line += fmt::format(" {:.1f}", 100 * error / mean);
           if (!specular && (variant.name == "visible" || variant.name == "plain")) {
             write_exr(out / (name + "_" + variant.name + ".exr"), ours);
@@ -186,7 +194,8 @@ int study(const std::filesystem::path& data, const std::string& mesh, const std:
     for (const auto& [key, by_variant] : sums) {
       const Sum& sum = by_variant.at(variant.name);
       result[variant.name][key] = sum.error / sum.mean;
-      line += fmt::format("  {}: {:5.2f} %", key, 100 * sum.error / sum.mean);
+      line += fmt::format("  {}: {:5.2f} % ({:+.1f})", key, 100 * sum.error / sum.mean,
+                          100 * sum.bias / sum.mean);
     }
     std::printf("%s\n", line.c_str());
   }
