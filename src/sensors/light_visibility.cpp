@@ -29,14 +29,9 @@ float wrapped(float x) {
   return x >= 1 ? x - 1 : x;
 }
 
-/// Points of Roberts's R2 sequence; those of a face are shifted by a rank-1 lattice from face to face.
-std::vector<Vec2f> lattice(std::size_t count, double u, double v) {
-  std::vector<Vec2f> points;
-  points.reserve(count);
-  for (std::size_t i = 0; i < count; ++i)
-    points.emplace_back(static_cast<float>(fraction(static_cast<double>(i) * u)),
-                        static_cast<float>(fraction(static_cast<double>(i) * v)));
-  return points;
+/// Point i of a rank-1 lattice in the unit square.
+Vec2f lattice_point(int i, double u, double v) {
+  return {static_cast<float>(fraction(i * u)), static_cast<float>(fraction(i * v))};
 }
 
 struct Sent {
@@ -88,14 +83,10 @@ class Tracer {
   /// Rays of the nodes that the camera sees, or of the others, those of one direction together.
   void aim(bool seen) {
     const int n = seen ? settings_.directions : settings_.rough_directions;
-    const std::vector<Vec2f> shifts =
-        lattice(static_cast<std::size_t>(nodes()), 0.6180339887498949, 0.4142135623730951);
-    const std::vector<Vec2f> points =
-        lattice(static_cast<std::size_t>(n), 0.7548776662466927, 0.5698402909980532);
     for (int k = 0; k < n; ++k) {
       const Vec3d direction = lattice_direction(k, n);
       const Vec3f towards = direction.cast<float>();
-      const Vec2f& point = points[static_cast<std::size_t>(k)];
+      const Vec2f point = lattice_point(k, 0.7548776662466927, 0.5698402909980532);  // Roberts's R2 sequence
       const int index = static_cast<int>(directions_.size());
       directions_.push_back(direction);
       for (int i = 0; i < (seen ? nodes_.patches() : nodes()); ++i) {
@@ -112,7 +103,7 @@ class Tracer {
           send(starts[static_cast<std::size_t>(k) % starts.size()], i, index);
           continue;
         }
-        const Vec2f& shift = shifts[static_cast<std::size_t>(i)];
+        const Vec2f shift = lattice_point(i, 0.6180339887498949, 0.4142135623730951);  // from node to node
         Vec2f b(wrapped(point.x() + shift.x()), wrapped(point.y() + shift.y()));
         if (i < nodes_.patches() && b.sum() > 1) b = Vec2f::Ones() - b;
         send(from.at(b.x(), b.y()), i, index);
