@@ -209,7 +209,7 @@ std::unique_ptr<Detector> with_witnesses(std::unique_ptr<Detector> fused, std::u
                                          std::unique_ptr<Detector> camera) {
   if (!fused->capabilities().finds_bev)
     throw FieldError("defense", kConsistency, fused->name() + " finds no boxes from above",
-                     "use it with lidar, painted, fusion or late");
+                     "use it with lidar, painted, fusion, late or refined");
   if (!lidar->capabilities().finds_bev || !camera->capabilities().finds_picture)
     throw FieldError("defense", kConsistency, "its witnesses do not find boxes",
                      "give a LiDAR and a camera detector");

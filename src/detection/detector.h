@@ -137,7 +137,7 @@ inline constexpr const char* kRealWeights = "real";
 
 /// Which detector, which weights, how it computes.
 struct DetectorOptions {
-  /// "lidar", "camera", "painted", "fusion", "late", "torchscript", or a path to a plugin (*.so)
+  /// "lidar", "camera", "painted", "fusion", "late", "refined", "torchscript", or a path to a plugin (*.so)
   std::string detector = "fusion";
   /// Empty: the shipped ones, DETECTOR-RIG.weights. kRealWeights: those fine-tuned on real frames,
   /// DETECTOR-RIG-real.weights.
@@ -173,7 +173,7 @@ struct DetectorOptions {
 /// What a user chooses of a detector that is not trained.
 template <class Visitor, FieldsOf<DetectorOptions> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "detector", .help = "lidar, camera, painted, fusion, late, torchscript or a plugin (*.so)"},
+  visit({.name = "detector", .help = "lidar, camera, painted, fusion, late, refined, torchscript or a plugin (*.so)"},
         s.detector);
   visit({.name = "weights",
          .help = "weights file (default: the shipped ones for the data set's rig), or real: the shipped ones "

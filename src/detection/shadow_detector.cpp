@@ -112,7 +112,7 @@ std::unique_ptr<Detector> with_shadows(std::unique_ptr<Detector> detector) {
   if (!can.finds_bev || !can.reads_points)
     throw FieldError("defense", kShadows,
                      detector->name() + " finds no boxes from above, or reads no returns",
-                     "use it with lidar, painted, fusion or late");
+                     "use it with lidar, painted, fusion, late or refined");
   return std::make_unique<ShadowDetector>(std::move(detector));
 }
 

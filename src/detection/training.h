@@ -41,9 +41,9 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "training set (KITTI's object, tracking or raw layout, nuScenes)",
          .required = true},
         s.data);
-  visit({.name = "detector", .help = "lidar, camera, painted, fusion or late"}, s.detector);
+  visit({.name = "detector", .help = "lidar, camera, painted, fusion, late or refined"}, s.detector);
   visit({.name = "start",
-         .help = "weights to start from (default: fresh ones); fusion may start from lidar weights",
+         .help = "weights to start from (default: fresh ones); fusion may start from lidar weights, refined from fusion ones",
          .decides = false},
         s.start);
   visit({.name = "camera",

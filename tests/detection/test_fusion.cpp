@@ -340,13 +340,59 @@ TEST(Fusion, BranchesThatAreTakenOverStayAsTheyAre) {
   for (const char* part : {".lidar", ".camera"}) std::filesystem::remove(own + part);
 }
 
+TEST(Fusion, ASecondStageLearnsAloneOnAFirstOne) {
+  const Street street;
+  const std::filesystem::path file =
+      ::testing::TempDir() + "mirage_first_" + std::to_string(getpid()) + ".weights";
+  const auto first = trained(street, "fusion");
+  first->save(file, false);
+  DetectorOptions options{"refined", file, false, 1, 1};
+  options.start = true;
+  const auto refined = load_detector(options);
+  const auto same = [&](const SensorView& view, double most) {
+    const auto expected = first->forward(view, -1, false), found = refined->forward(view, -1, false);
+    double apart = 0;
+    for (std::size_t i = 0; i < found.size(); ++i)
+      apart = std::max({apart, std::abs(found[i].logit - expected[i].logit),
+                        std::abs(found[i].box.x - expected[i].box.x)});
+    EXPECT_EQ(found.size(), expected.size());
+    EXPECT_LE(apart, most);
+    return apart;
+  };
+  same(street.view(), 1e-4);  // it begins as the first stage is
+  const std::vector<TrainingSample> samples = {street.sample()};
+  double before = 0, after = 0;
+  for (int i = 0; i < 40; ++i) (i == 0 ? before : after) = refined->train_step(samples, 3e-3).total;
+  EXPECT_LT(after, 0.7 * before);
+  EXPECT_GT(same(street.view(), 1e9), 1e-2);
+  SensorView blind = street.view();
+  blind.image = nullptr;
+  same(blind, 0);  // without a picture it is the first stage, which has not moved
+
+  // Kept and read again it is the same, and goes on learning alone.
+  const std::filesystem::path own = file.string() + ".refined";
+  refined->save(own, false);
+  const auto again = load_detector({"refined", own, false, 1, 1});
+  const auto expected = refined->forward(street.view(), -1, false),
+             found = again->forward(street.view(), -1, false);
+  ASSERT_EQ(found.size(), expected.size());
+  for (std::size_t i = 0; i < found.size(); ++i) ASSERT_EQ(found[i].logit, expected[i].logit);
+  again->train_step(samples, 1e-3);
+  EXPECT_EQ(again->forward(blind, -1, false)[7].logit, first->forward(blind, -1, false)[7].logit);
+  // Neither is the other's weights.
+  EXPECT_THROW(load_detector({"refined", file, false, 1, 1}), InputError);
+  EXPECT_THROW(load_detector({"fusion", own, false, 1, 1}), InputError);
+  std::filesystem::remove(file);
+  std::filesystem::remove(own);
+}
+
 TEST(Fusion, TellsWhatItReadsAndFinds) {
   const auto can = [](const char* name) { return fresh(name)->capabilities(); };
   EXPECT_FALSE(can("lidar").reads_image);
   EXPECT_TRUE(can("camera").finds_picture);
   EXPECT_FALSE(can("camera").reads_points);
   EXPECT_FALSE(can("camera").finds_bev);
-  for (const char* name : {"painted", "fusion", "late"}) {
+  for (const char* name : {"painted", "fusion", "late", "refined"}) {
     EXPECT_TRUE(can(name).reads_image && can(name).reads_points && can(name).finds_bev) << name;
     EXPECT_FALSE(can(name).finds_picture) << name;
   }
@@ -378,7 +424,7 @@ TEST(Fusion, TheCameraDetectorLearnsAndSeesPixelsAlone) {
 
 TEST(Fusion, LearnsInBfloat16WithWeightsInFloat) {
   const Street street;
-  for (const char* name : {"lidar", "camera", "painted", "fusion", "late"}) {
+  for (const char* name : {"lidar", "camera", "painted", "fusion", "late", "refined"}) {
     DetectorOptions options{name, {}, true, 1, 1};
     const auto exact = load_detector(options);
     options.precision = "bfloat16";

@@ -43,7 +43,12 @@ BackbonePlan backbone_plan(NetworkImpl& net, bool bfloat16) {
   const int p2 = plan.sum(add.conv(x2, net.lateral2), plan.twice(p4, plan[x2].rows), Curve::relu);
   const int p1 =
       plan.sum(add.conv(x1, net.lateral1), plan.twice(add.conv(p2, net.reduce), plan[x1].rows), Curve::relu);
-  backbone.output = plan.conv(add.conv(p1, net.smooth), net.head->weight, net.head->bias, 1, 1, Curve::none);
+  const int smooth = add.conv(p1, net.smooth);
+  if (net.parts.second) {
+    backbone.bev = smooth;
+    plan.keep(smooth);
+  }
+  backbone.output = plan.conv(smooth, net.head->weight, net.head->bias, 1, 1, Curve::none);
   plan.keep(backbone.output);
   return backbone;
 }

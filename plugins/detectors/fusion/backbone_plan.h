@@ -13,6 +13,7 @@ struct BackbonePlan {
   Plan plan;
   int voxels = 0;  ///< the input: soft_voxels, and painted_voxels behind them where the network paints
   std::array<int, kGrids.size()> added = {-1, -1, -1, -1};  ///< inputs: what continuous fusion adds
+  int bev = -1;                                             ///< what the head reads, for a second stage
   int output = 0;                                           ///< kOutputs × 140 × 160
 };
 

@@ -107,4 +107,9 @@ Tensor bilinear(const Tensor& map, const Tensor& at) {
   return Bilinear::apply(map, at);
 }
 
+Tensor places_in_map(const Tensor& pixels, int stride) {
+  // Pixel centres are whole numbers, and so are those of the map's places: both edges lie at −1/2.
+  return (pixels + 0.5) / stride - 0.5;
+}
+
 }  // namespace mirage::fusion

@@ -10,4 +10,7 @@ namespace mirage::fusion {
 /// in both.
 torch::Tensor bilinear(const torch::Tensor& map, const torch::Tensor& at);
 
+/// Where pixels lie in a map with one place for each stride × stride of them, as bilinear() counts.
+torch::Tensor places_in_map(const torch::Tensor& pixels, int stride);
+
 }  // namespace mirage::fusion

@@ -3,33 +3,11 @@
 #include <stdexcept>
 
 #include "fusion_detector.h"
+#include "sensor_input.h"
 
 namespace mirage::fusion {
-namespace {
 
 using torch::Tensor;
-
-/// Views of the host's memory, which lives until the next call.
-SensorTensors view_input(const MirageSensorInput& input, bool with_image) {
-  SensorTensors tensors;
-  if (with_image && input.image && input.width > 0 && input.height > 0)
-    tensors.image = torch::from_blob(const_cast<float*>(input.image), {input.height, input.width, 3});
-  if (input.points && input.point_count > 0)
-    tensors.points = torch::from_blob(const_cast<float*>(input.points), {input.point_count, 4});
-  else
-    tensors.points = torch::empty({0, 4});
-  std::copy(std::begin(input.pixel_from_velo), std::end(input.pixel_from_velo), tensors.projection.begin());
-  return tensors;
-}
-
-SensorTensors owned(SensorTensors view) {
-  if (view.image.defined()) view.image = view.image.clone();
-  view.points = view.points.clone();
-  return view;
-}
-
-}  // namespace
-
 const char* FusionDetector::why_whole() const {
   return options_.clean_memory == 0 ? "no memory was given to it for clean frames"
                                     : CleanFrames::why_whole(options_.parts);
@@ -53,8 +31,7 @@ const std::vector<MirageProposal>& FusionDetector::forward_changed(const MirageS
   SensorTensors now = view_input(input, reads_image());
   take_watched(now, keep_graph);
   auto local = std::make_unique<LocalNetwork>(
-      network_,
-      clean_frames_->of(change.key, [&] { return owned(view_input(*change.clean, reads_image())); }), now,
+      network_, clean_frames_->of(change.key, [&] { return copy_input(*change.clean, reads_image()); }), now,
       Window{change.top, change.left, change.bottom, change.right}, options_.locality);
   if (options_.parts.lidar)
     propose(local->output(), score_threshold);

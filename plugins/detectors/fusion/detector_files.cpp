@@ -74,6 +74,8 @@ void FusionDetector::load(const std::string& file) {
   camera_frozen_ = archive.try_read("camera_frozen", value) && value.toBool();
   lidar_frozen_ = archive.try_read("lidar_frozen", value) && value.toBool();
   trunk_frozen_ = archive.try_read("trunk_frozen", value) && value.toBool() && !options_.joint;
+  // A second stage that is put on a first one learns alone.
+  if (options_.parts.second && !parts_of(archive).second) camera_frozen_ = lidar_frozen_ = !options_.joint;
   start_optimiser();
   if (options_.start) return;
   archive.read("with_optimiser", value);

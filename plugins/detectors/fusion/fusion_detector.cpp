@@ -8,14 +8,11 @@
 #include <optional>
 #include <stdexcept>
 
-#include "../../for_each_sample.h"
-#include "augment.h"
 #include "base/files.h"
-#include "camera_loss.h"
 #include "painting.h"
-#include "picture_pose.h"
 #include "region.h"
 #include "scopes.h"
+#include "sensor_input.h"
 #include "weights.h"
 
 namespace mirage::fusion {
@@ -23,23 +20,7 @@ namespace {
 
 using torch::Tensor;
 
-constexpr double kWeightDecay = 0.01, kLargestGradient = 5.0;
-constexpr double kFrozenBelow = 0.3;                   // of the peak rate: from there on norms are affine
-constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes of kept camera output
-
-/// Own copies: the host may free its memory while the graph lives on.
-SensorTensors copy_input(const MirageSensorInput& input, bool with_image) {
-  SensorTensors tensors;
-  if (with_image && input.image && input.width > 0 && input.height > 0) {
-    tensors.image = torch::empty({input.height, input.width, 3});
-    std::memcpy(tensors.image.data_ptr<float>(), input.image, sizeof(float) * tensors.image.numel());
-  }
-  tensors.points = torch::empty({input.points ? input.point_count : 0, 4});
-  if (tensors.points.numel() > 0)
-    std::memcpy(tensors.points.data_ptr<float>(), input.points, sizeof(float) * tensors.points.numel());
-  std::copy(std::begin(input.pixel_from_velo), std::end(input.pixel_from_velo), tensors.projection.begin());
-  return tensors;
-}
+constexpr double kWeightDecay = 0.01;
 
 /// The options with the parts that the weights ask for.
 Options with_parts(Options options, const char* weights) {
@@ -50,7 +31,8 @@ Options with_parts(Options options, const char* weights) {
   const Parts stored = parts_of(archive);
   const std::string name = name_of(stored);
   const bool from_lidar = options.start && name == "lidar" && options.parts.lidar;
-  if (name != wanted && !from_lidar)
+  const bool from_first_stage = options.start && name == "fusion" && options.parts.second;
+  if (name != wanted && !from_lidar && !from_first_stage)
     throw std::runtime_error("weights of a " + name + " detector; choose that detector or other weights");
   const Parts asked = options.parts;
   if (name == wanted) options.parts = stored;
@@ -119,7 +101,7 @@ std::vector<Tensor> FusionDetector::learning() const {
   std::vector<Tensor> parameters;
   for (const auto& item : network_->named_parameters()) {
     const bool camera = item.key().starts_with("camera.");
-    const bool join = item.key().starts_with("join.");
+    const bool join = item.key().starts_with("join.") || item.key().starts_with("second.");
     const bool trunk = camera && !item.key().starts_with(options_.heads ? "camera.head" : "camera.mask_");
     if (camera ? camera_learns() && !(trunk && trunk_frozen_) : join || lidar_learns())
       parameters.push_back(item.value());
@@ -248,119 +230,6 @@ void FusionDetector::keep_presence(const Tensor& masses, std::int64_t count) {
   if (!masses.defined()) return;
   const Tensor values = masses.to(torch::kFloat).contiguous();
   std::copy_n(values.data_ptr<float>(), count, presence_.begin());
-}
-
-CameraOutput FusionDetector::remembered(const SensorTensors& input, std::uint64_t key) {
-  {
-    const std::scoped_lock lock(memory_mutex_);
-    if (const auto kept = memory_.find(key); key != 0 && kept != memory_.end()) {
-      CameraOutput seen = kept->second;
-      for (Tensor* part : {&seen.features, &seen.mask, &seen.boxes, &seen.logits})
-        if (part->defined()) *part = part->to(torch::kFloat);
-      return seen;
-    }
-  }
-  const torch::NoGradGuard guard;
-  CameraOutput seen = network_->see(input);
-  if (key == 0) return seen;
-  CameraOutput small;  // what the join reads
-  small.mask = seen.mask.to(torch::kHalf);
-  if (options_.parts.image) small.features = seen.features.to(torch::kHalf);
-  if (options_.parts.late) small.boxes = seen.boxes, small.logits = seen.logits;
-  std::size_t bytes = 0;
-  for (const Tensor* part : {&small.features, &small.mask, &small.boxes, &small.logits})
-    if (part->defined()) bytes += part->nbytes();
-  const std::scoped_lock lock(memory_mutex_);
-  if (memory_bytes_ + bytes <= kMemory && memory_.emplace(key, small).second) memory_bytes_ += bytes;
-  return seen;
-}
-
-LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& targets, std::uint64_t index,
-                                  double positives, double boxed) {
-  const bool frozen_camera = options_.parts.camera && !camera_learns();
-  SensorTensors input = copy_input(sample.input, reads_image());
-  TaughtPicture taught;
-  if (camera_learns()) taught = taught_picture(sample, input.image);
-  // Without returns no calibration has to follow.
-  if (camera_learns() && !options_.parts.lidar && input.image.defined()) {
-    taught = moved_picture(taught, options_.seed, index);
-    input.image = taught.image;
-  }
-  const Bfloat16 rounded(options_.precision == Precision::bfloat16);
-  if (input.image.defined() && frozen_camera) {
-    input.camera = remembered(input, sample.picture_key);  // of the picture as recorded
-    input = augment(input, options_.seed, index, false);
-  } else {
-    input = augment(input, options_.seed, index, true);
-  }
-  if (camera_learns()) input.camera = network_->see(input, true);  // boxes are a task
-  LossTerms terms{torch::zeros({}), 0, 0};
-  if (options_.parts.lidar)
-    terms = detection_loss(network_->forward(input).to(torch::kFloat), targets, positives, boxed);
-  if (!camera_learns() || !input.camera.defined()) return terms;
-  const LossTerms picture = picture_loss(input.camera, taught.boxes, taught.ignored,
-                                         taught.vehicle_mask.empty() ? nullptr : taught.vehicle_mask.data(),
-                                         input.image.size(0), input.image.size(1));
-  return {terms.total + picture.total, terms.score + picture.score, terms.box + picture.box};
-}
-
-std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> samples, float learning_rate) {
-  if (samples.empty()) throw std::runtime_error("train_step got no samples; give at least one");
-  kept_logits_ = Tensor();
-  local_.reset();
-  clean_frames_->forget();
-  torch::AutoGradMode mode(true);
-  const std::vector<Tensor> parameters = learning();
-  const ParameterGradients on(parameters);
-  std::vector<Targets> targets;
-  double positives = 0, boxed = 0;
-  for (const MirageSample& sample : samples) {
-    targets.push_back(make_targets({sample.boxes, static_cast<std::size_t>(sample.box_count)},
-                                   {sample.ignore, static_cast<std::size_t>(sample.ignore_count)}));
-    positives += targets.back().positives;
-    boxed += targets.back().boxed;
-  }
-  peak_rate_ = std::max<double>(peak_rate_, learning_rate);
-  const bool norms_frozen = learning_rate < kFrozenBelow * peak_rate_;
-  std::vector<SampleResult> results(samples.size());
-  std::vector<std::vector<SampleStatistics::Seen>> statistics(samples.size());
-  for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
-    std::optional<SampleStatistics> own;
-    if (lidar_learns() && !norms_frozen) own.emplace();
-    const LossTerms terms =
-        loss_of(samples[i], targets[i], static_cast<std::uint64_t>(samples_seen_) + i, positives, boxed);
-    if (!options_.parts.lidar && !terms.total.requires_grad())
-      throw std::runtime_error(
-          "the mask learns nothing from frames that do not say which pixels show vehicles; make them with "
-          "--truth, or train the heads with --heads");
-    if (own) statistics[i] = own->seen;
-    results[i].loss = {terms.total.item<float>(), static_cast<float>(terms.score),
-                       static_cast<float>(terms.box)};
-    // Without the picture its branch gets no gradient: allow_unused.
-    if (terms.total.requires_grad())
-      results[i].gradients = torch::autograd::grad({terms.total}, parameters, {}, {}, false, true);
-    else
-      results[i].gradients.resize(parameters.size());
-  });
-  samples_seen_ += static_cast<std::int64_t>(samples.size());
-  // Summed in the samples' order, so that the number of threads changes nothing.
-  std::array<float, 3> loss{};
-  for (const Tensor& parameter : parameters) parameter.mutable_grad() = torch::zeros_like(parameter);
-  for (const SampleResult& result : results) {
-    for (std::size_t t = 0; t < loss.size(); ++t) loss[t] += result.loss[t];
-    for (std::size_t k = 0; k < parameters.size(); ++k)
-      if (result.gradients[k].defined()) parameters[k].mutable_grad().add_(result.gradients[k]);
-  }
-  for (std::size_t i = 0; i < statistics.size(); ++i)
-    follow(statistics[i], samples_seen_ - static_cast<std::int64_t>(samples.size() - i) + 1);
-  if (!std::isfinite(loss[0]))
-    throw std::runtime_error("the training loss is not finite; lower the learning rate");
-  torch::nn::utils::clip_grad_norm_(parameters, kLargestGradient);
-  for (auto& group : optimiser_->param_groups())
-    static_cast<torch::optim::AdamWOptions&>(group.options()).lr(learning_rate);
-  optimiser_->step();
-  ++steps_;
-  return loss;
 }
 
 MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& input) {

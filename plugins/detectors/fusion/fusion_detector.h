@@ -24,7 +24,8 @@ enum class Precision { float_, bfloat16, double_ };
 struct Options {
   Parts parts;  ///< of fresh weights; a starting network has denoising and gate beside its weights' own
   /// The weights are where a new training starts: the optimiser is fresh, and a detector with a picture may
-  /// start from the weights of `lidar` (what joins them then comes from the seed). `camera` may also start
+  /// start from the weights of `lidar` (what joins them then comes from the seed), `refined` from those of
+  /// `fusion`, which it leaves as they are. `camera` may also start
   /// from a TorchScript YOLOX-nano (read_coco).
   bool start = false;
   /// Weights of a `camera` and of a `lidar` detector that a new training takes over and leaves as they are:

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 
 #include "detection/car_in_picture.h"
+#include "highest.h"
 #include "loss.h"
 #include "region.h"
 #include "sensor_tensors.h"
@@ -20,24 +20,6 @@ constexpr std::size_t kMostProposals = 400, kMostBoxes = 200;
 constexpr double kLeastIou = 0.01;
 constexpr double kDistanceUnit = 70, kLogitUnit = 4;
 constexpr int kInputs = 4;
-
-/// The highest of `logits` above `least`, by place.
-std::vector<std::int64_t> highest(const Tensor& logits, float least, std::size_t most) {
-  const Tensor plain = logits.detach().to(torch::kFloat).contiguous();
-  const float* value = plain.data_ptr<float>();
-  std::vector<std::int64_t> places;
-  for (std::int64_t k = 0; k < plain.numel(); ++k)
-    if (value[k] > least) places.push_back(k);
-  if (places.size() > most) {
-    std::nth_element(places.begin(), places.begin() + static_cast<std::ptrdiff_t>(most), places.end(),
-                     [&](std::int64_t a, std::int64_t b) {
-                       return value[a] > value[b] || (value[a] == value[b] && a < b);
-                     });
-    places.resize(most);
-    std::sort(places.begin(), places.end());
-  }
-  return places;
-}
 
 double iou(const PictureBox& a, const float* b, int width, int height) {
   const double left = std::max(b[0], 0.f), top = std::max(b[1], 0.f);

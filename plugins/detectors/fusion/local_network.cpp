@@ -48,6 +48,7 @@ LocalNetwork::LocalNetwork(Network network, std::shared_ptr<const CleanFrame> cl
   backbone_->forward();
   output_ = backbone_->whole(clean_->backbone_plan->output).squeeze(0);
   if (network_->parts.late && clean_->camera_plan) join();
+  if (network_->parts.second && clean_->camera_plan) look_again();
 }
 
 double LocalNetwork::pixels_a_metre() const {
@@ -121,7 +122,7 @@ void LocalNetwork::add_features() {
     Tensor rows;
     if (!cells.empty()) {
       const Tensor at = typed_.points.narrow(1, 0, 3).index_select(0, torch::tensor(points));
-      const Tensor read = bilinear(read_, places_in_map(pixels_of(at, input_.projection)));
+      const Tensor read = bilinear(read_, places_in_map(pixels_of(at, input_.projection), kImageStride));
       rows =
           network_->fuse[level]->rows(read, at - centres_of(cells, grid).to(at.scalar_type())).contiguous();
     }
@@ -209,17 +210,6 @@ void LocalNetwork::add_painted(Dirty& dirty) const {
   for (std::int64_t i = 0; i < watched_count(); ++i) add_columns(input_.watched.data_ptr<float>() + 4 * i);
 }
 
-void LocalNetwork::join() {
-  const torch::AutoGradMode on(true);
-  before_join_ = output_.detach().requires_grad_(true);
-  logits_before_join_ = seen_.logits.detach().requires_grad_(true);
-  SensorTensors input = typed_;
-  input.camera = seen_;
-  input.camera.logits = logits_before_join_;
-  joined_ = network_->join(before_join_, input);
-  output_ = joined_.detach();
-}
-
 LocalNetwork::Gradient LocalNetwork::backward(const Tensor& d_loss) {
   const Tensor d_logits = d_loss.to(typed_.points.scalar_type());
   Gradient gradient;
@@ -239,6 +229,7 @@ LocalNetwork::Gradient LocalNetwork::backward(const Tensor& d_loss) {
       if (before[0].defined()) d_output = before[0].unsqueeze(0);
       if (before[1].defined()) back_through_rows(before[1]);
     }
+    if (looked_at_.defined()) d_output = back_through_second(d_output.squeeze(0), gradient).unsqueeze(0);
     backbone_->add_gradient(clean_->backbone_plan->output, d_output);
     backbone_->backward();
     back_through_voxels(gradient);
@@ -305,7 +296,7 @@ void LocalNetwork::back_through_features(Gradient& gradient) {
     const Tensor map = read_.detach().requires_grad_(true);
     const Tensor points =
         typed_.points.narrow(1, 0, 3).index_select(0, torch::tensor(all)).detach().requires_grad_(true);
-    const Tensor read = bilinear(map, places_in_map(pixels_of(points, input_.projection)));
+    const Tensor read = bilinear(map, places_in_map(pixels_of(points, input_.projection), kImageStride));
     std::vector<Tensor> outputs, gradients;
     std::int64_t from = 0;
     for (std::size_t level = 0; level < kGrids.size(); ++level) {

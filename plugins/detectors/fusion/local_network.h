@@ -63,6 +63,8 @@ class LocalNetwork {
   void give_voxels();
   void add_painted(Dirty& dirty) const;
   void join();
+  void look_again();
+  torch::Tensor back_through_second(const torch::Tensor& d_output, Gradient& gradient);
   void back_through_rows(const torch::Tensor& d_logits);
   void back_through_features(Gradient& gradient);
   void back_through_voxels(Gradient& gradient);
@@ -86,6 +88,9 @@ class LocalNetwork {
   torch::Tensor read_;         ///< the map that fusion reads
   torch::Tensor before_join_;  ///< the backbone's output and the boxes' logits, leaves of joined_
   torch::Tensor logits_before_join_, joined_;
+  FirstStage first_;            ///< leaves of looked_at_
+  SensorTensors second_input_;  ///< likewise: points and masses
+  torch::Tensor looked_at_;
   torch::Tensor output_;
 };
 

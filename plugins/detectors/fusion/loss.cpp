@@ -84,6 +84,10 @@ Targets make_targets(std::span<const MirageBox> boxes, std::span<const MirageBox
   return targets;
 }
 
+LossTerms sum(const LossTerms& a, const LossTerms& b) {
+  return {a.total + b.total, a.score + b.score, a.box + b.box};
+}
+
 LossTerms detection_loss(const Tensor& output, const Targets& targets, double positives, double boxed) {
   const Tensor logit = output.select(0, kLogit).reshape({-1});
   const Tensor score = torch::sigmoid(logit);

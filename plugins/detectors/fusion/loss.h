@@ -26,6 +26,7 @@ struct LossTerms {
   torch::Tensor total;
   double score = 0, box = 0;
 };
+LossTerms sum(const LossTerms& a, const LossTerms& b);
 
 /// Focal loss (Lin et al., ICCV 2017; γ = 2) on the logit and smooth-L1 on the box terms, divided by the
 /// batch's numbers of positive and boxed cells.

@@ -134,6 +134,7 @@ NetworkImpl::NetworkImpl(const Parts& given_parts) : parts(given_parts) {
           register_module("fuse" + std::to_string(1 << level), ContinuousFusion(features, kWidths[level]));
   }
   if (parts.late) join = register_module("join", LateJoin());
+  if (parts.second) second = register_module("second", SecondStage());
   torch::NoGradGuard guard;
   nn::init::normal_(head->weight, 0, 0.01);
   nn::init::zeros_(head->bias);
@@ -142,9 +143,9 @@ NetworkImpl::NetworkImpl(const Parts& given_parts) : parts(given_parts) {
     if (parameter.dim() == 4) parameter.set_data(parameter.contiguous(torch::MemoryFormat::ChannelsLast));
 }
 
-Tensor places_in_map(const Tensor& pixels) {
-  // Pixel centres are whole numbers, and so are those of the map's cells: both edges lie at −1/2.
-  return (pixels + 0.5) / kImageStride - 0.5;
+Tensor NetworkImpl::read_map(const CameraOutput& seen) {
+  const Tensor features = denoise.is_empty() ? seen.features : denoise(seen.features);
+  return torch::cat({features, torch::avg_pool2d(seen.mask, kFeatureStride / kMaskStride)}, 1);
 }
 
 ReadFeatures NetworkImpl::read_image(const SensorTensors& input) {
@@ -164,10 +165,8 @@ ReadFeatures NetworkImpl::read_image(const SensorTensors& input) {
   const Tensor uvw = projected(sampled.points, input.projection);
   const Tensor uv = uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
 
-  const CameraOutput seen = see(input);
-  const Tensor features = denoise.is_empty() ? seen.features : denoise(seen.features);
-  sampled.map = torch::cat({features, torch::avg_pool2d(seen.mask, kFeatureStride / kMaskStride)}, 1);
-  sampled.read = bilinear(sampled.map.to(torch::kCPU), places_in_map(uv));
+  sampled.map = read_map(see(input));
+  sampled.read = bilinear(sampled.map.to(torch::kCPU), places_in_map(uv, kImageStride));
   if (parts.depth_gate) {
     const auto before = nearest_before(flat, input.projection, width, height, indices);
     const Tensor front = projected(all.index_select(0, torch::tensor(before)), input.projection).select(1, 2);
@@ -222,7 +221,7 @@ SensorTensors in_type_of(NetworkImpl& network, SensorTensors input) {
   return input;
 }
 
-Tensor NetworkImpl::forward(const SensorTensors& given) {
+FirstStage NetworkImpl::first_stage(const SensorTensors& given) {
   SensorTensors input = given;
   input.camera = see(given);  // once, for every part that reads it
   const bool picture = input.image.defined() && input.image.numel() > 0;
@@ -241,8 +240,24 @@ Tensor NetworkImpl::forward(const SensorTensors& given) {
   const Tensor p4 = torch::relu(lateral4(x4) + up8);
   const Tensor p2 = torch::relu(lateral2(x2) + upsample(p4));
   const Tensor p1 = torch::relu(lateral1(x1) + upsample(reduce(p2)));
-  const Tensor output = head(smooth(p1)).squeeze(0).to(torch::kCPU);
-  return parts.late && picture ? join(output.to(input.points.scalar_type()), input) : output;
+  const Tensor bev = smooth(p1);
+  const torch::Dtype type = input.points.scalar_type();
+  FirstStage first;
+  first.output = head(bev).squeeze(0).to(torch::kCPU).to(type);
+  if (!parts.second || !picture) return first;
+  first.bev = bev.to(torch::kCPU).to(type);
+  first.picture = read_map(input.camera).to(torch::kCPU).to(type);
+  first.mask = input.camera.mask.to(torch::kCPU).to(type);
+  return first;
+}
+
+Tensor NetworkImpl::forward(const SensorTensors& given) {
+  SensorTensors input = given;
+  input.camera = see(given);
+  const bool picture = input.image.defined() && input.image.numel() > 0;
+  const FirstStage first = first_stage(input);
+  if (parts.late && picture) return join(first.output, input);
+  return parts.second && picture ? second(first, input) : first.output;
 }
 
 }  // namespace mirage::fusion

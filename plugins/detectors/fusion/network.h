@@ -3,13 +3,15 @@
 // made small enough to train on two cores. Nothing between input and logit stops a gradient: the feature of a
 // cell also moves with the pixel that its point projects to.
 //
-// Five detectors are made of four parts (Parts): the LiDAR's backbone over the bird's-eye view, the camera
-// network (camera.h), and one of three ways to join them: evidence painted on returns (painting.h),
-// continuous fusion of features, proposals joined with boxes (late.h).
+// Six detectors are made of five parts (Parts): the LiDAR's backbone over the bird's-eye view, the camera
+// network (camera.h), one of three ways to join them: evidence painted on returns (painting.h), continuous
+// fusion of features, proposals joined with boxes (late.h), and a second look at the best proposals
+// (second_stage.h).
 #pragma once
 
 #include "late.h"
 #include "norm.h"
+#include "second_stage.h"
 #include "sensor_tensors.h"
 #include "torch_headers.h"
 
@@ -44,6 +46,7 @@ struct Parts {
   bool lidar = true;        ///< the backbone; without it the camera network finds boxes in the picture
   bool painted = false;     ///< the camera network's mask painted on the returns
   bool late = false;        ///< proposals joined with the camera network's boxes
+  bool second = false;      ///< proposals looked at again in their regions; needs `image`
 };
 
 /// Feature denoising by a non-local mean (Xie et al., CVPR 2019) in its dot-product form: each place takes
@@ -82,17 +85,20 @@ struct ReadFeatures {
 
 /// The points that cells' offsets are taken from: n × 3.
 torch::Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid);
-/// Where pixels (n × 2) lie in the map that fusion reads, as bilinear() counts.
-torch::Tensor places_in_map(const torch::Tensor& pixels);
 
 struct NetworkImpl : torch::nn::Module {
   explicit NetworkImpl(const Parts& parts);
   /// kOutputs × 140 × 160, on the CPU. Needs the backbone. Without a picture every join leaves the backbone's
-  /// proposals as they are.
+  /// proposals as they are, and so does the second stage.
   torch::Tensor forward(const SensorTensors& input);
+  /// The same before proposals are joined or looked at again; its picture and mask are those of a network
+  /// with a second stage.
+  FirstStage first_stage(const SensorTensors& input);
   /// Of input.image; undefined without a picture or without the network. Boxes where asked for, or where the
   /// network joins them.
   CameraOutput see(const SensorTensors& input, bool with_boxes = false);
+  /// What continuous fusion reads of that: 1 × (kCameraFeatures + 1) × H/8 × W/8.
+  torch::Tensor read_map(const CameraOutput& seen);
   /// Undefined tensors where no point of the sweep is in the picture.
   ReadFeatures read_image(const SensorTensors& input);
   /// What the picture adds to each scale of the backbone; undefined where it adds nothing.
@@ -101,6 +107,7 @@ struct NetworkImpl : torch::nn::Module {
   CameraNet camera{nullptr};
   NonLocalMean denoise{nullptr};  ///< of the camera network's features
   LateJoin join{nullptr};
+  SecondStage second{nullptr};
   std::array<ContinuousFusion, kGrids.size()> fuse{nullptr, nullptr, nullptr, nullptr};
   // The number is the stride in proposal cells: 0.5, 1, 2 and 4 m.
   ConvNorm stem{nullptr}, down2{nullptr}, down4{nullptr}, down8{nullptr};

@@ -40,7 +40,7 @@ Tensor painted_voxels(const SensorTensors& input, const Window& within) {
   if (visible.empty()) return nothing;
   const Tensor which = torch::tensor(visible), points = all.index_select(0, which);
   const Tensor evidence = torch::sigmoid(
-      bilinear(input.camera.mask, (pixels_of(points, input.projection) + 0.5) / kMaskStride - 0.5)
+      bilinear(input.camera.mask, places_in_map(pixels_of(points, input.projection), kMaskStride))
           .select(1, 0));
   const Tensor low_x = torch::tensor(column_x), low_y = torch::tensor(column_y);
   const Tensor along = (points.select(1, 0) - kXMin) / kVoxel - 0.5 - low_x.to(type.dtype()),

@@ -23,19 +23,21 @@ torch::Device best_device() {
 
 std::string name_of(const Parts& parts) {
   if (!parts.lidar) return "camera";
+  if (parts.second) return "refined";
   return parts.painted ? "painted" : parts.late ? "late" : parts.image ? "fusion" : "lidar";
 }
 
 Parts parts_named(const std::string& name) {
   Parts parts;
-  parts.image = name == "fusion";
+  parts.second = name == "refined";
+  parts.image = parts.second || name == "fusion";
   parts.camera = name != "lidar";
   parts.lidar = name != "camera";
   parts.painted = name == "painted";
   parts.late = name == "late";
   if (name_of(parts) != name)
     throw std::runtime_error("modality: unknown value '" + name +
-                             "'; use lidar, camera, painted, fusion or late");
+                             "'; use lidar, camera, painted, fusion, late or refined");
   return parts;
 }
 
@@ -66,6 +68,7 @@ Parts parts_of(torch::serialize::InputArchive& archive) {
   parts.lidar = !flag("without_lidar");
   parts.painted = flag("painted");
   parts.late = flag("late");
+  parts.second = flag("second");
   if (parts.lidar && !flag("channel_norm"))
     throw std::runtime_error(
         "weights of a network of before, with group norms; train anew with mirage train");
@@ -108,6 +111,7 @@ torch::serialize::OutputArchive begin_weights(const Parts& parts) {
   archive.write("without_lidar", c10::IValue(!parts.lidar));
   archive.write("painted", c10::IValue(parts.painted));
   archive.write("late", c10::IValue(parts.late));
+  archive.write("second", c10::IValue(parts.second));
   archive.write("channel_norm", c10::IValue(true));
   return archive;
 }

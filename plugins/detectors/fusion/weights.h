@@ -11,7 +11,7 @@ namespace mirage::fusion {
 /// CUDA where LibTorch has it, else the CPU.
 torch::Device best_device();
 
-/// "lidar", "camera", "painted", "fusion" or "late".
+/// "lidar", "camera", "painted", "fusion", "late" or "refined".
 std::string name_of(const Parts& parts);
 /// Of a fresh network of that name; std::runtime_error if there is none.
 Parts parts_named(const std::string& name);

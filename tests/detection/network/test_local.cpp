@@ -187,7 +187,7 @@ struct Road {
 };
 
 TEST(LocalNetwork, LocalityLeavesTheFarAsItWas) {
-  for (const char* name : {"lidar", "camera", "painted", "fusion", "late"}) {
+  for (const char* name : {"lidar", "camera", "painted", "fusion", "late", "refined"}) {
     torch::manual_seed(34);
     Network network(parts_named(name));
     for (Tensor& parameter : network->parameters()) parameter.requires_grad_(false);
@@ -220,7 +220,7 @@ TEST(LocalNetwork, LocalityLeavesTheFarAsItWas) {
 }
 
 TEST(LocalNetwork, DoesAShareOfTheWork) {
-  for (const char* name : {"lidar", "camera", "painted", "fusion", "late"}) {
+  for (const char* name : {"lidar", "camera", "painted", "fusion", "late", "refined"}) {
     torch::manual_seed(33);
     Network network(parts_named(name));
     for (Tensor& parameter : network->parameters()) parameter.requires_grad_(false);

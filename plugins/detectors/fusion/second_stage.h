@@ -1,0 +1,59 @@
+// The second stage: each of the first stage's best proposals is looked at again in its own region, and gets
+// another logit and another box (Liang et al., "Multi-Task Multi-Sensor Fusion", CVPR 2019, section 3.4).
+//
+// A region is read three times: a rotated raster over the bird's-eye view's features, a raster over the
+// rectangle that its box covers in the picture (camera features and mask, so that pixels speak whether a
+// return lies near or not), and the returns in and around the box in the box's own frame (as in PointRCNN,
+// Shi et al., CVPR 2019), with the mask's evidence, as a soft raster that is finer than the bird's-eye
+// view's.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "sensor_tensors.h"
+#include "torch_headers.h"
+
+namespace mirage::fusion {
+
+/// What the first stage makes of an input, on the CPU.
+struct FirstStage {
+  torch::Tensor output;   ///< kOutputs × 140 × 160
+  torch::Tensor bev;      ///< 1 × kBevFeatures × 140 × 160: what its head reads
+  torch::Tensor picture;  ///< 1 × (kCameraFeatures + 1) × H/8 × W/8: features and mask; undefined: none
+  torch::Tensor mask;     ///< 1 × 1 × H/4 × W/4, logits; undefined: none
+};
+inline constexpr int kBevFeatures = 32;
+
+/// A box's parts and what the second stage changes of each: along and across the box (m), the logarithms of
+/// length and width, the yaw (rad). A row of Regions::change counts in these units.
+inline constexpr int kBoxParts = 5;
+inline constexpr std::array<double, kBoxParts> kChangeUnits = {0.3, 0.3, 0.1, 0.1, 0.1};
+
+/// The proposals that were looked at: n of them.
+struct Regions {
+  std::vector<std::int64_t> cells;
+  torch::Tensor boxes;            ///< n × 5 of the first stage: x, y, length, width (m), yaw (rad)
+  torch::Tensor logits;           ///< n, new
+  torch::Tensor change;           ///< n × kBoxParts
+  torch::Tensor refined() const;  ///< n × 5: the boxes with their change
+};
+
+struct SecondStageImpl : torch::nn::Module {
+  SecondStageImpl();
+  /// The proposals with a logit above −4, at most the 256 highest. `first` has a picture. Differentiable in
+  /// all four maps, in returns and in the masses of watched ones; which proposals are looked at, which
+  /// returns are in a region (of many, every second, third, …), the ground's height and what is out of the
+  /// picture carry no gradient.
+  Regions look(const FirstStage& first, const SensorTensors& input);
+  /// The first stage's output with the regions' logits and boxes in their cells.
+  torch::Tensor forward(const FirstStage& first, const SensorTensors& input);
+
+  torch::nn::Linear bev_place{nullptr}, bev_region{nullptr};
+  torch::nn::Linear picture_place{nullptr}, picture_region{nullptr};
+  torch::nn::Linear returns_region{nullptr};
+  torch::nn::Linear together{nullptr}, hidden{nullptr}, last{nullptr};
+};
+TORCH_MODULE(SecondStage);
+
+}  // namespace mirage::fusion

@@ -1,0 +1,149 @@
+// How the detector learns: a step of its optimiser, and what a sample costs.
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+#include <optional>
+#include <stdexcept>
+
+#include "../../for_each_sample.h"
+#include "augment.h"
+#include "camera_loss.h"
+#include "fusion_detector.h"
+#include "picture_pose.h"
+#include "scopes.h"
+#include "second_stage_loss.h"
+#include "sensor_input.h"
+
+namespace mirage::fusion {
+namespace {
+
+using torch::Tensor;
+
+constexpr double kLargestGradient = 5.0;
+constexpr double kFrozenBelow = 0.3;                   // of the peak rate: from there on norms are affine
+constexpr std::size_t kMemory = std::size_t{4} << 30;  // bytes of kept camera output
+
+}  // namespace
+
+CameraOutput FusionDetector::remembered(const SensorTensors& input, std::uint64_t key) {
+  {
+    const std::scoped_lock lock(memory_mutex_);
+    if (const auto kept = memory_.find(key); key != 0 && kept != memory_.end()) {
+      CameraOutput seen = kept->second;
+      for (Tensor* part : {&seen.features, &seen.mask, &seen.boxes, &seen.logits})
+        if (part->defined()) *part = part->to(torch::kFloat);
+      return seen;
+    }
+  }
+  const torch::NoGradGuard guard;
+  CameraOutput seen = network_->see(input);
+  if (key == 0) return seen;
+  CameraOutput small;  // what the join reads
+  small.mask = seen.mask.to(torch::kHalf);
+  if (options_.parts.image) small.features = seen.features.to(torch::kHalf);
+  if (options_.parts.late) small.boxes = seen.boxes, small.logits = seen.logits;
+  std::size_t bytes = 0;
+  for (const Tensor* part : {&small.features, &small.mask, &small.boxes, &small.logits})
+    if (part->defined()) bytes += part->nbytes();
+  const std::scoped_lock lock(memory_mutex_);
+  if (memory_bytes_ + bytes <= kMemory && memory_.emplace(key, small).second) memory_bytes_ += bytes;
+  return seen;
+}
+
+LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& targets, std::uint64_t index,
+                                  double positives, double boxed) {
+  const bool frozen_camera = options_.parts.camera && !camera_learns();
+  SensorTensors input = copy_input(sample.input, reads_image());
+  TaughtPicture taught;
+  if (camera_learns()) taught = taught_picture(sample, input.image);
+  // Without returns no calibration has to follow.
+  if (camera_learns() && !options_.parts.lidar && input.image.defined()) {
+    taught = moved_picture(taught, options_.seed, index);
+    input.image = taught.image;
+  }
+  const Bfloat16 rounded(options_.precision == Precision::bfloat16);
+  if (input.image.defined() && frozen_camera) {
+    input.camera = remembered(input, sample.picture_key);  // of the picture as recorded
+    input = augment(input, options_.seed, index, false);
+  } else {
+    input = augment(input, options_.seed, index, true);
+  }
+  if (camera_learns()) input.camera = network_->see(input, true);  // boxes are a task
+  LossTerms terms{torch::zeros({}), 0, 0};
+  if (options_.parts.second && input.image.defined()) {
+    const FirstStage first = network_->first_stage(input);
+    terms = region_loss(network_->second->look(first, input),
+                        {sample.boxes, static_cast<std::size_t>(sample.box_count)},
+                        {sample.ignore, static_cast<std::size_t>(sample.ignore_count)});
+    if (lidar_learns())
+      terms = sum(terms, detection_loss(first.output.to(torch::kFloat), targets, positives, boxed));
+  } else if (options_.parts.lidar) {
+    terms = detection_loss(network_->forward(input).to(torch::kFloat), targets, positives, boxed);
+  }
+  if (!camera_learns() || !input.camera.defined()) return terms;
+  const LossTerms picture = picture_loss(input.camera, taught.boxes, taught.ignored,
+                                         taught.vehicle_mask.empty() ? nullptr : taught.vehicle_mask.data(),
+                                         input.image.size(0), input.image.size(1));
+  return sum(terms, picture);
+}
+
+std::array<float, 3> FusionDetector::train_step(std::span<const MirageSample> samples, float learning_rate) {
+  if (samples.empty()) throw std::runtime_error("train_step got no samples; give at least one");
+  kept_logits_ = Tensor();
+  local_.reset();
+  clean_frames_->forget();
+  torch::AutoGradMode mode(true);
+  const std::vector<Tensor> parameters = learning();
+  const ParameterGradients on(parameters);
+  std::vector<Targets> targets;
+  double positives = 0, boxed = 0;
+  for (const MirageSample& sample : samples) {
+    targets.push_back(make_targets({sample.boxes, static_cast<std::size_t>(sample.box_count)},
+                                   {sample.ignore, static_cast<std::size_t>(sample.ignore_count)}));
+    positives += targets.back().positives;
+    boxed += targets.back().boxed;
+  }
+  peak_rate_ = std::max<double>(peak_rate_, learning_rate);
+  const bool norms_frozen = learning_rate < kFrozenBelow * peak_rate_;
+  std::vector<SampleResult> results(samples.size());
+  std::vector<std::vector<SampleStatistics::Seen>> statistics(samples.size());
+  for_each_sample(samples.size(), options_.threads, [&](std::size_t i) {
+    std::optional<SampleStatistics> own;
+    if (lidar_learns() && !norms_frozen) own.emplace();
+    const LossTerms terms =
+        loss_of(samples[i], targets[i], static_cast<std::uint64_t>(samples_seen_) + i, positives, boxed);
+    if (!options_.parts.lidar && !terms.total.requires_grad())
+      throw std::runtime_error(
+          "the mask learns nothing from frames that do not say which pixels show vehicles; make them with "
+          "--truth, or train the heads with --heads");
+    if (own) statistics[i] = own->seen;
+    results[i].loss = {terms.total.item<float>(), static_cast<float>(terms.score),
+                       static_cast<float>(terms.box)};
+    // Without the picture its branch gets no gradient: allow_unused.
+    if (terms.total.requires_grad())
+      results[i].gradients = torch::autograd::grad({terms.total}, parameters, {}, {}, false, true);
+    else
+      results[i].gradients.resize(parameters.size());
+  });
+  samples_seen_ += static_cast<std::int64_t>(samples.size());
+  // Summed in the samples' order, so that the number of threads changes nothing.
+  std::array<float, 3> loss{};
+  for (const Tensor& parameter : parameters) parameter.mutable_grad() = torch::zeros_like(parameter);
+  for (const SampleResult& result : results) {
+    for (std::size_t t = 0; t < loss.size(); ++t) loss[t] += result.loss[t];
+    for (std::size_t k = 0; k < parameters.size(); ++k)
+      if (result.gradients[k].defined()) parameters[k].mutable_grad().add_(result.gradients[k]);
+  }
+  for (std::size_t i = 0; i < statistics.size(); ++i)
+    follow(statistics[i], samples_seen_ - static_cast<std::int64_t>(samples.size() - i) + 1);
+  if (!std::isfinite(loss[0]))
+    throw std::runtime_error("the training loss is not finite; lower the learning rate");
+  torch::nn::utils::clip_grad_norm_(parameters, kLargestGradient);
+  for (auto& group : optimiser_->param_groups())
+    static_cast<torch::optim::AdamWOptions&>(group.options()).lr(learning_rate);
+  optimiser_->step();
+  ++steps_;
+  return loss;
+}
+
+}  // namespace mirage::fusion
