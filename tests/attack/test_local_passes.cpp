@@ -282,7 +282,7 @@ TEST_P(LocalPasses, GiveTheSameBitsWhateverIsKept) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Detectors, LocalPasses,
-                         testing::Values("lidar", "camera", "painted", "fusion", "late"),
+                         testing::Values("lidar", "camera", "painted", "fusion", "late", "refined"),
                          [](const auto& one) { return std::string(one.param); });
 
 TEST_P(LocalPasses, InBfloat16AreNearThoseInFloat) {

@@ -24,7 +24,7 @@ namespace {
 constexpr int kFrames = 2, kHosts = 3, kRounds = 3;  // hosts of each frame
 constexpr std::size_t kInDouble = 4;                 // hosts whose gradients are compared in double
 constexpr double kLocalities[] = {1, 2, 4, 8};       // m
-constexpr const char* kDetectors[] = {"lidar", "camera", "painted", "fusion", "late"};
+constexpr const char* kDetectors[] = {"lidar", "camera", "painted", "fusion", "late", "refined"};
 
 struct Stand {
   const PreparedFrame* prepared = nullptr;
