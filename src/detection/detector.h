@@ -173,7 +173,8 @@ struct DetectorOptions {
 /// What a user chooses of a detector that is not trained.
 template <class Visitor, FieldsOf<DetectorOptions> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "detector", .help = "lidar, camera, painted, fusion, late, refined, torchscript or a plugin (*.so)"},
+  visit({.name = "detector",
+         .help = "lidar, camera, painted, fusion, late, refined, torchscript or a plugin (*.so)"},
         s.detector);
   visit({.name = "weights",
          .help = "weights file (default: the shipped ones for the data set's rig), or real: the shipped ones "

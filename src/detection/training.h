@@ -43,7 +43,8 @@ void visit_fields(Visitor& visit, S& s) {
         s.data);
   visit({.name = "detector", .help = "lidar, camera, painted, fusion, late or refined"}, s.detector);
   visit({.name = "start",
-         .help = "weights to start from (default: fresh ones); fusion may start from lidar weights, refined from fusion ones",
+         .help = "weights to start from (default: fresh ones); fusion may start from lidar weights, refined "
+                 "from fusion ones",
          .decides = false},
         s.start);
   visit({.name = "camera",

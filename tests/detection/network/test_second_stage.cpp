@@ -181,8 +181,7 @@ TEST(RegionReturns, AreThoseInAndAroundABox) {
   Street street;
   // On a road at −1.7: inside, half a metre beside, further, on the roof, above it, below the road.
   street.input.points = tensor_of(
-      {20, 0, -1.7, 0, 20, 1.9, -1, 0, 20, 2, -1, 0, 21, 0, 0.9, 0, 21, 0, 1.2, 0, 19, 0.2, -1.2, 0},
-      {6, 4});
+      {20, 0, -1.7, 0, 20, 1.9, -1, 0, 20, 2, -1, 0, 21, 0, 0.9, 0, 21, 0, 1.2, 0, 19, 0.2, -1.2, 0}, {6, 4});
   const Tensor box = tensor_of({20, 0, 4, 1.6, 0}, {1, 5});
   const RegionReturns found(box, street.input, 80, 48);
   EXPECT_NEAR(found.ground[0], -1.7, 1e-6);
