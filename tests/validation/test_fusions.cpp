@@ -53,14 +53,14 @@ const RowResult& cell_of(const TableResult& table, const std::string& source, co
   throw std::out_of_range(source + " → " + target);
 }
 
-TEST(FusionExperiments, EveryMeshIsJudgedByAllFiveOnTheSameVehicles) {
+TEST(FusionExperiments, EveryMeshIsJudgedByAllSixOnTheSameVehicles) {
   const Experiments list = experiments(settings_in("/out", "fusions"));
-  EXPECT_EQ(count_cases(list, Case::Kind::attack), 11u);
-  EXPECT_EQ(count_cases(list, Case::Kind::evaluate), 55u);
+  EXPECT_EQ(count_cases(list, Case::Kind::attack), 14u);
+  EXPECT_EQ(count_cases(list, Case::Kind::evaluate), 84u);
   ASSERT_EQ(list.tables.size(), 1u);
   std::set<std::pair<std::string, std::string>> cells;
   for (const Row& row : list.tables[0].rows) EXPECT_TRUE(cells.insert({row.source, row.target}).second);
-  EXPECT_EQ(cells.size(), 60u);  // with the cuboid's row
+  EXPECT_EQ(cells.size(), 90u);  // with the cuboid's row
   std::set<std::string> splits;
   for (const Case& one : list.cases) {
     if (one.kind == Case::Kind::attack)
@@ -72,7 +72,8 @@ TEST(FusionExperiments, EveryMeshIsJudgedByAllFiveOnTheSameVehicles) {
   EXPECT_EQ(splits.size(), 1u);
   const Case& moved = list.at("evaluations/kitti64-late-image--on--kitti64-painted-both");
   EXPECT_EQ(moved.settings_in("/out").at("hosts_of"), "/out/runs/kitti64-painted-both");
-  for (const char* own : {"lidar-lidar", "camera-image", "painted-both", "fusion-both", "late-both"})
+  for (const char* own :
+       {"lidar-lidar", "camera-image", "painted-both", "fusion-both", "refined-both", "late-both"})
     EXPECT_THAT(list.at(std::string("evaluations/kitti64-") + own).setting("baseline"), HasSubstr("cuboid"));
 }
 
@@ -97,8 +98,8 @@ TEST(FusionExperiments, RealFramesJudgeWhatWasLearnedOnGeneratedOnes) {
   ReproduceSettings settings = settings_in("/out", "fusions");
   settings.real = "/real";
   const Experiments list = experiments(settings);
-  EXPECT_EQ(count_cases(list, Case::Kind::attack), 11u);
-  EXPECT_EQ(count_cases(list, Case::Kind::evaluate), 110u);
+  EXPECT_EQ(count_cases(list, Case::Kind::attack), 14u);
+  EXPECT_EQ(count_cases(list, Case::Kind::evaluate), 168u);
   const Case& one = list.at("evaluations/kitti64-fusion-lidar--on--real-late");
   EXPECT_EQ(one.setting("data"), "/real");
   EXPECT_EQ(one.setting("detector"), "late");

@@ -10,8 +10,8 @@
 //     table3   transfer between rigs and between detectors, black box
 //     table4   defences, each attacked anew (white box), with clean AP
 //     real     table1 and transfer onto it, on frames of the user (--real), with table1 and all
-//     fusions  not in the paper: five detectors, each attacked through each of its sensors, and every mesh
-//              judged by all five (fusions.h); fusions-xenith: the same with the other rig
+//     fusions  not in the paper: six detectors, each attacked through each of its sensors, and every mesh
+//              judged by all six (fusions.h); fusions-xenith: the same with the other rig
 //
 // The order is that of the experiments in the paper; which number its own tables carry is not known to us.
 // Numbers of the paper are facts that are quoted where they are certain, in per cent as printed; a cell

@@ -64,12 +64,12 @@ constexpr const char* kNote =
 }  // namespace
 
 const std::vector<std::string>& fusion_detectors() {
-  static const std::vector<std::string> all = {"lidar", "camera", "painted", "fusion", "late"};
+  static const std::vector<std::string> all = {"lidar", "camera", "painted", "fusion", "refined", "late"};
   return all;
 }
 
 const std::vector<std::string>& fused_detectors() {
-  static const std::vector<std::string> fused = {"painted", "fusion", "late"};
+  static const std::vector<std::string> fused = {"painted", "fusion", "refined", "late"};
   return fused;
 }
 

@@ -1,5 +1,5 @@
-// Which fusion is weak where: one object, five detectors, each attacked through each of its sensors and
-// through both (modality gating), and every learned mesh judged by all five on the same held-back vehicles.
+// Which fusion is weak where: one object, six detectors, each attacked through each of its sensors and
+// through both (modality gating), and every learned mesh judged by all six on the same held-back vehicles.
 // Each cell stands net of random meshes of the learned one's extents, so that what is compared is learning
 // and not size. Not in the paper, which has one fusion (Tu et al., CoRL 2021, sections 4.2 to 4.4); that
 // images are the weak side is its claim, that LiDAR is that of Abdelfattah et al. (arXiv 2303.03470).
@@ -22,9 +22,9 @@ struct Attacked {
   std::string run(const std::string& rig) const { return rig + "-" + detector + "-" + target; }
 };
 
-/// The five detectors, in the matrix's order.
+/// The six detectors, in the matrix's order.
 const std::vector<std::string>& fusion_detectors();
-/// The three that read both sensors: painted, fusion, late.
+/// Those that read both sensors: painted, fusion, refined, late.
 const std::vector<std::string>& fused_detectors();
 /// The attack on the detector through all of its sensors, which gives the vehicles that it judges.
 Attacked through_all(const std::string& detector);
