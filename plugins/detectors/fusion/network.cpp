@@ -16,7 +16,7 @@ namespace fn = torch::nn::functional;
 using torch::Tensor;
 
 constexpr int kHidden = 48;  // of the fusion's MLP
-constexpr std::array<int, kGrids.size()> kWidths = {32, 64, 96, 128};
+constexpr std::array<int, kGrids.size()> kWidths = {kBevFeatures, 64, 96, 128};
 constexpr int kPyramid = 64;
 constexpr double kHeard = 0.3;  // RMS that a new non-local mean adds to features
 
