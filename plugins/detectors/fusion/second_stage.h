@@ -8,7 +8,7 @@
 // view's.
 #pragma once
 
-#include <span>
+#include <array>
 #include <vector>
 
 #include "sensor_tensors.h"
