@@ -18,20 +18,28 @@ void LocalNetwork::join() {
 }
 
 void LocalNetwork::look_again() {
-  const torch::AutoGradMode on(true);
-  const auto leaf = [](const Tensor& x) { return x.detach().requires_grad_(true); };
-  first_ = {leaf(output_), leaf(backbone_->whole(clean_->backbone_plan->bev)), leaf(read_), leaf(seen_.mask)};
-  second_input_ = typed_;
-  second_input_.points = leaf(typed_.points);
-  if (watched_count() > 0) second_input_.masses = leaf(typed_.masses);
-  looked_at_ = network_->second(first_, second_input_);
-  output_ = looked_at_.detach();
+  first_ = {output_, backbone_->whole(clean_->backbone_plan->bev), read_, seen_.mask};
+  regions_ = SecondStageImpl::chosen(first_);
+  output_ = network_->second->refine(first_, typed_, regions_);
 }
 
 Tensor LocalNetwork::back_through_second(const Tensor& d_output, Gradient& gradient) {
-  std::vector<Tensor> leaves = {first_.output, first_.bev, first_.picture, first_.mask, second_input_.points};
-  if (watched_count() > 0) leaves.push_back(second_input_.masses);
-  const auto before = torch::autograd::grad({looked_at_}, leaves, {d_output}, true, false, true);
+  // Each region stands by itself: only those that the loss asks are looked at again, with a graph.
+  const Tensor loud = d_output.ne(0).any(0).reshape({-1}).contiguous();
+  std::vector<std::int64_t> cells;
+  for (const std::int64_t cell : regions_)
+    if (loud.data_ptr<bool>()[cell]) cells.push_back(cell);
+  if (cells.empty()) return d_output;
+  const torch::AutoGradMode on(true);
+  const auto leaf = [](const Tensor& x) { return x.detach().requires_grad_(true); };
+  const FirstStage first = {leaf(first_.output), leaf(first_.bev), leaf(first_.picture), leaf(first_.mask)};
+  SensorTensors input = typed_;
+  input.points = leaf(typed_.points);
+  std::vector<Tensor> leaves = {first.output, first.bev, first.picture, first.mask, input.points};
+  if (watched_count() > 0) leaves.push_back(input.masses = leaf(typed_.masses));
+  const auto before = torch::autograd::grad({network_->second->refine(first, input, cells)}, leaves,
+                                            {d_output}, {}, false, true);
+  const torch::NoGradGuard guard;
   if (before[1].defined()) backbone_->add_gradient(clean_->backbone_plan->bev, before[1]);
   if (before[2].defined()) camera_->add_gradient(clean_->camera_plan->read, before[2]);
   if (before[3].defined()) camera_->add_gradient(clean_->camera_plan->mask, before[3]);

@@ -229,7 +229,7 @@ LocalNetwork::Gradient LocalNetwork::backward(const Tensor& d_loss) {
       if (before[0].defined()) d_output = before[0].unsqueeze(0);
       if (before[1].defined()) back_through_rows(before[1]);
     }
-    if (looked_at_.defined()) d_output = back_through_second(d_output.squeeze(0), gradient).unsqueeze(0);
+    if (!regions_.empty()) d_output = back_through_second(d_output.squeeze(0), gradient).unsqueeze(0);
     backbone_->add_gradient(clean_->backbone_plan->output, d_output);
     backbone_->backward();
     back_through_voxels(gradient);

@@ -88,9 +88,8 @@ class LocalNetwork {
   torch::Tensor read_;         ///< the map that fusion reads
   torch::Tensor before_join_;  ///< the backbone's output and the boxes' logits, leaves of joined_
   torch::Tensor logits_before_join_, joined_;
-  FirstStage first_;            ///< leaves of looked_at_
-  SensorTensors second_input_;  ///< likewise: points and masses
-  torch::Tensor looked_at_;
+  FirstStage first_;                   ///< what the second stage read
+  std::vector<std::int64_t> regions_;  ///< the cells that it looked at
   torch::Tensor output_;
 };
 

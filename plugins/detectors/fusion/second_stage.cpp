@@ -114,12 +114,17 @@ SecondStageImpl::SecondStageImpl() {
   last->bias.zero_();
 }
 
-Regions SecondStageImpl::look(const FirstStage& first, const SensorTensors& input) {
+std::vector<std::int64_t> SecondStageImpl::chosen(const FirstStage& first) {
+  return highest(first.output[kLogit].reshape({-1}), kLeastLogit, kMostRegions);
+}
+
+Regions SecondStageImpl::look(const FirstStage& first, const SensorTensors& input,
+                              std::vector<std::int64_t> cells) {
   // In float even where convolutions run in bfloat16: places in metres want their digits.
   const c10::impl::ExcludeDispatchKeyGuard in_float(c10::DispatchKey::AutocastCPU);
   Regions regions;
   const Tensor flat = first.output.reshape({kOutputs, -1});
-  regions.cells = highest(flat[kLogit], kLeastLogit, kMostRegions);
+  regions.cells = std::move(cells);
   const auto count = static_cast<std::int64_t>(regions.cells.size());
   const auto type = first.output.options().requires_grad(false);
   const Tensor values = flat.index_select(1, torch::tensor(regions.cells, torch::kLong));
@@ -156,7 +161,12 @@ Regions SecondStageImpl::look(const FirstStage& first, const SensorTensors& inpu
 }
 
 Tensor SecondStageImpl::forward(const FirstStage& first, const SensorTensors& input) {
-  const Regions regions = look(first, input);
+  return refine(first, input, chosen(first));
+}
+
+Tensor SecondStageImpl::refine(const FirstStage& first, const SensorTensors& input,
+                               const std::vector<std::int64_t>& cells) {
+  const Regions regions = look(first, input, cells);
   if (regions.cells.empty()) return first.output;
   const Tensor boxes = regions.refined();
   std::vector<double> x, y;

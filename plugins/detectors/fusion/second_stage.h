@@ -41,13 +41,18 @@ struct Regions {
 
 struct SecondStageImpl : torch::nn::Module {
   SecondStageImpl();
-  /// The proposals with a logit above −4, at most the 256 highest. `first` has a picture. Differentiable in
-  /// all four maps, in returns and in the masses of watched ones; which proposals are looked at, which
-  /// returns are in a region (of many, every second, third, …), the ground's height and what is out of the
-  /// picture carry no gradient.
-  Regions look(const FirstStage& first, const SensorTensors& input);
-  /// The first stage's output with the regions' logits and boxes in their cells.
+  /// The cells that are looked at: a logit above −4, at most the 256 highest. A discrete choice.
+  static std::vector<std::int64_t> chosen(const FirstStage& first);
+  /// Of those cells; each region is looked at by itself. `first` has a picture. Differentiable in all four
+  /// maps (through the boxes' places, too), in returns and in the masses of watched ones; which returns are
+  /// in a region (of many, every second, third, …), the ground's height and what is out of the picture carry
+  /// no gradient.
+  Regions look(const FirstStage& first, const SensorTensors& input, std::vector<std::int64_t> cells);
+  /// The first stage's output with the chosen regions' logits and boxes in their cells.
   torch::Tensor forward(const FirstStage& first, const SensorTensors& input);
+  /// The same with these cells alone.
+  torch::Tensor refine(const FirstStage& first, const SensorTensors& input,
+                       const std::vector<std::int64_t>& cells);
 
   torch::nn::Linear bev_place{nullptr}, bev_region{nullptr};
   torch::nn::Linear picture_place{nullptr}, picture_region{nullptr};

@@ -72,7 +72,7 @@ LossTerms FusionDetector::loss_of(const MirageSample& sample, const Targets& tar
   LossTerms terms{torch::zeros({}), 0, 0};
   if (options_.parts.second && input.image.defined()) {
     const FirstStage first = network_->first_stage(input);
-    terms = region_loss(network_->second->look(first, input),
+    terms = region_loss(network_->second->look(first, input, SecondStageImpl::chosen(first)),
                         {sample.boxes, static_cast<std::size_t>(sample.box_count)},
                         {sample.ignore, static_cast<std::size_t>(sample.ignore_count)});
     if (lidar_learns())
