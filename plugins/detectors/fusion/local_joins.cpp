@@ -1,5 +1,5 @@
-// What stands behind the backbone in a pass over a change: late fusion and the second stage. Both look at a
-// few hundred proposals and are computed whole; their gradients go to the maps that they read.
+// What stands behind the backbone in a pass over a change: late fusion and the second stage. Both look at all
+// of their few hundred proposals; their gradients go to the maps that they read.
 #include "local_network.h"
 
 namespace mirage::fusion {

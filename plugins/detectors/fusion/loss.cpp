@@ -16,15 +16,6 @@ constexpr double kBoxRadius = 0.7;       // the box term also trains the cells a
 constexpr double kHeatSigma = 0.45;
 constexpr double kBoxWeight = 2.0;  // weight of the box term
 
-struct Local {
-  double along, across;  // in half-extents
-};
-
-Local to_local(const MirageBox& box, double x, double y) {
-  const double c = std::cos(box.yaw), s = std::sin(box.yaw), dx = x - box.x, dy = y - box.y;
-  return {(c * dx + s * dy) / (box.length / 2.0), (c * dy - s * dx) / (box.width / 2.0)};
-}
-
 template <class Visit>
 void for_each_cell(const MirageBox& box, const Visit& visit) {
   const double reach = std::hypot(box.length, box.width) * 0.75 + kCell;
@@ -41,6 +32,15 @@ void for_each_cell(const MirageBox& box, const Visit& visit) {
 
 }  // namespace
 
+Local to_local(const MirageBox& box, double x, double y) {
+  const double c = std::cos(box.yaw), s = std::sin(box.yaw), dx = x - box.x, dy = y - box.y;
+  return {(c * dx + s * dy) / (box.length / 2.0), (c * dy - s * dx) / (box.width / 2.0)};
+}
+
+bool is_ignored(Local at) {
+  return std::max(std::abs(at.along), std::abs(at.across)) <= 1.1;
+}
+
 Targets make_targets(std::span<const MirageBox> boxes, std::span<const MirageBox> ignored) {
   const std::int64_t cells = kCellsX * kCellsY;
   Targets targets;
@@ -55,7 +55,7 @@ Targets make_targets(std::span<const MirageBox> boxes, std::span<const MirageBox
 
   for (const MirageBox& box : ignored)
     for_each_cell(box, [&](std::int64_t r, std::int64_t c, Local at) {
-      if (std::max(std::abs(at.along), std::abs(at.across)) <= 1.1) negative[r * kCellsY + c] = 0;
+      if (is_ignored(at)) negative[r * kCellsY + c] = 0;
     });
   std::vector<double> nearest(cells, 1e9);
   for (const MirageBox& box : boxes) {

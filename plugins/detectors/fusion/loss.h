@@ -8,6 +8,14 @@
 
 namespace mirage::fusion {
 
+/// A place in a box's frame, in half-extents.
+struct Local {
+  double along, across;
+};
+Local to_local(const MirageBox& box, double x, double y);
+/// Whether what lies there in an ignored box's frame gives no background loss.
+bool is_ignored(Local at);
+
 /// Per-cell targets, each `cells` long (or 6 × cells): made once per sample.
 struct Targets {
   torch::Tensor positive;    ///< 1 near a box's centre

@@ -42,6 +42,17 @@ torch::Tensor pixels_of(const torch::Tensor& points, const Projection& projectio
   return uvw.narrow(1, 0, 2) / uvw.narrow(1, 2, 1);
 }
 
+torch::Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid) {
+  torch::Tensor centres = torch::empty({static_cast<std::int64_t>(cells.size()), 3});
+  float* centre = centres.data_ptr<float>();
+  for (const std::int64_t cell : cells) {
+    *centre++ = static_cast<float>(cell_x(cell / grid.columns, grid.cell));
+    *centre++ = static_cast<float>(cell_y(cell % grid.columns, grid.cell));
+    *centre++ = -1;  // halfway up a car
+  }
+  return centres;
+}
+
 Window cells_reached(const Grid& grid, const float* point) {
   return reached(grid, point[0], point[1]);
 }

@@ -28,6 +28,9 @@ torch::Tensor projected(const torch::Tensor& points, const Projection& projectio
 /// projected()'s pixels (u, v), n × 2.
 torch::Tensor pixels_of(const torch::Tensor& points, const Projection& projection);
 
+/// The points that cells' offsets are taken from: n × 3.
+torch::Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid);
+
 /// cells[k] (row · columns + column) takes its image feature at points[k].
 struct NearestPoints {
   std::vector<std::int64_t> cells, points;

@@ -175,17 +175,6 @@ ReadFeatures NetworkImpl::read_image(const SensorTensors& input) {
   return sampled;
 }
 
-Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid) {
-  Tensor centres = torch::empty({static_cast<std::int64_t>(cells.size()), 3});
-  float* centre = centres.data_ptr<float>();
-  for (const std::int64_t cell : cells) {
-    *centre++ = static_cast<float>(cell_x(cell / grid.columns, grid.cell));
-    *centre++ = static_cast<float>(cell_y(cell % grid.columns, grid.cell));
-    *centre++ = -1;  // halfway up a car
-  }
-  return centres;
-}
-
 std::array<Tensor, kGrids.size()> NetworkImpl::fused(const SensorTensors& input) {
   std::array<Tensor, kGrids.size()> added;
   const ReadFeatures sampled = read_image(input);

@@ -83,9 +83,6 @@ struct ReadFeatures {
   std::array<NearestPoints, kGrids.size()> nearest;
 };
 
-/// The points that cells' offsets are taken from: n × 3.
-torch::Tensor centres_of(std::span<const std::int64_t> cells, const Grid& grid);
-
 struct NetworkImpl : torch::nn::Module {
   explicit NetworkImpl(const Parts& parts);
   /// kOutputs × 140 × 160, on the CPU. Needs the backbone. Without a picture every join leaves the backbone's

@@ -125,11 +125,11 @@ Tensor RegionReturns::masses_of(const SensorTensors& input) const {
 
 Tensor RegionReturns::evidence_of(const SensorTensors& input, const Tensor& mask) const {
   const Tensor nothing =
-      torch::zeros({static_cast<std::int64_t>(rows_.size()), 2}, input.points.options().requires_grad(false));
+      torch::zeros({static_cast<std::int64_t>(rows_.size())}, input.points.options().requires_grad(false));
   if (seen_.empty()) return nothing;
   const Tensor seen = torch::tensor(seen_), points = points_of(input).index_select(0, seen);
   const Tensor logits = bilinear(mask, places_in_map(pixels_of(points, input.projection), kMaskStride));
-  return nothing.index_copy(0, seen, torch::cat({torch::sigmoid(logits), torch::ones_like(logits)}, 1));
+  return nothing.index_copy(0, seen, torch::sigmoid(logits).select(1, 0));
 }
 
 Tensor RegionReturns::occupancy(const Tensor& boxes, const Tensor& above, const SensorTensors& input,
@@ -148,7 +148,7 @@ Tensor RegionReturns::occupancy(const Tensor& boxes, const Tensor& above, const 
                across = ((dy * c - dx * s) / box.select(1, 3) / (2 * kOccupiedAside) + 0.5) *
                         (kOccupiedAcross - 1);
   const Tensor high = ((point.select(1, 2) - above.index_select(0, of)) / kNominalHeight).clamp(0, 1);
-  const Tensor evidence = evidence_of(input, mask).index_select(0, row).select(1, 0);
+  const Tensor evidence = evidence_of(input, mask).index_select(0, row);
   const Tensor layers =
       torch::stack({1 - high, high, evidence}, 1) * masses_of(input).index_select(0, row).unsqueeze(1);
   const Tensor low_along = torch::floor(along.detach()), low_across = torch::floor(across.detach());

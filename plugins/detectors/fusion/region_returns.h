@@ -28,8 +28,8 @@ class RegionReturns {
 
   torch::Tensor points_of(const SensorTensors& input) const;  ///< rows × 3, differentiable
   torch::Tensor masses_of(const SensorTensors& input) const;  ///< rows: 1, or the mass of a watched one
-  /// rows × 2: probability that its pixel shows a vehicle (0 where the camera does not see it), and whether
-  /// the camera sees it. Differentiable in returns and mask.
+  /// rows: probability that its pixel shows a vehicle, 0 where the camera does not see it. Differentiable in
+  /// returns and mask.
   torch::Tensor evidence_of(const SensorTensors& input, const torch::Tensor& mask) const;
   /// n × kOccupancy: mass by cells of the box's frame, of the lower and of the upper returns (each return in
   /// shares, from the ground to the roof) and of those that show a vehicle; bounded by m / (1 + m) as voxels

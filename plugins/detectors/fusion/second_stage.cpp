@@ -36,14 +36,11 @@ std::pair<Tensor, Tensor> all_pairs(const Tensor& a, const Tensor& b) {
 
 /// The boxes that the first stage's regressed values mean: n × 5, differentiable.
 Tensor decoded(const Tensor& values, const std::vector<std::int64_t>& cells) {
-  std::vector<double> x, y;
-  for (const std::int64_t cell : cells)
-    x.push_back(cell_x(cell / kCellsY, kCell)), y.push_back(cell_y(cell % kCellsY, kCell));
-  const auto type = values.options().requires_grad(false);
+  const Tensor centres = centres_of(cells, kGrids[0]).to(values.scalar_type());
   const Tensor sine = values[kSin2Yaw], cosine = values[kCos2Yaw];
   // No direction at all is straight ahead: atan2 has no slope there.
   const Tensor some = torch::where(sine.square() + cosine.square() > 1e-12, cosine, torch::ones_like(cosine));
-  return torch::stack({torch::tensor(x, type) + values[kDx], torch::tensor(y, type) + values[kDy],
+  return torch::stack({centres.select(1, 0) + values[kDx], centres.select(1, 1) + values[kDy],
                        kMeanLength * torch::exp(values[kLogLength].clamp(-3, 3)),
                        kMeanWidth * torch::exp(values[kLogWidth].clamp(-3, 3)), torch::atan2(sine, some) / 2},
                       1);
@@ -169,15 +166,11 @@ Tensor SecondStageImpl::refine(const FirstStage& first, const SensorTensors& inp
   const Regions regions = look(first, input, cells);
   if (regions.cells.empty()) return first.output;
   const Tensor boxes = regions.refined();
-  std::vector<double> x, y;
-  for (const std::int64_t cell : regions.cells)
-    x.push_back(cell_x(cell / kCellsY, kCell)), y.push_back(cell_y(cell % kCellsY, kCell));
-  const auto type = boxes.options().requires_grad(false);
-  const Tensor columns =
-      torch::stack({regions.logits, boxes.select(1, 0) - torch::tensor(x, type),
-                    boxes.select(1, 1) - torch::tensor(y, type), torch::log(boxes.select(1, 2) / kMeanLength),
-                    torch::log(boxes.select(1, 3) / kMeanWidth), torch::sin(2 * boxes.select(1, 4)),
-                    torch::cos(2 * boxes.select(1, 4))});
+  const Tensor centres = centres_of(regions.cells, kGrids[0]).to(boxes.scalar_type());
+  const Tensor columns = torch::stack(
+      {regions.logits, boxes.select(1, 0) - centres.select(1, 0), boxes.select(1, 1) - centres.select(1, 1),
+       torch::log(boxes.select(1, 2) / kMeanLength), torch::log(boxes.select(1, 3) / kMeanWidth),
+       torch::sin(2 * boxes.select(1, 4)), torch::cos(2 * boxes.select(1, 4))});
   return first.output.reshape({kOutputs, -1})
       .index_copy(1, torch::tensor(regions.cells, torch::kLong), columns)
       .view_as(first.output);

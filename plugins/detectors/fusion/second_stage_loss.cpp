@@ -13,7 +13,6 @@ using torch::Tensor;
 
 constexpr double kScoredFrom = 0.3, kScoredFull = 0.8;  // of a new box, where its score's target rises
 constexpr double kOnLabel = 0.5;                        // of an old box that learns to move
-constexpr double kIgnoredReach = 1.1;                   // of an ignored box's half-extents (make_targets)
 constexpr double kChangeWeight = 1, kSmoothBelow = 0.3;
 
 BevBox bev_box(const float* b) {
@@ -24,15 +23,10 @@ BevBox bev_box(const MirageBox& b) {
   return {b.x, b.y, b.length, b.width, b.yaw};
 }
 
-/// A point in a box's frame (m).
-std::pair<double, double> within(const BevBox& box, double x, double y) {
-  const double c = std::cos(box.yaw), s = std::sin(box.yaw), dx = x - box.x, dy = y - box.y;
-  return {c * dx + s * dy, c * dy - s * dx};
-}
-
 /// What turns `from` into `to`, in kChangeUnits; directions are the same half a turn on.
 std::array<float, kBoxParts> change_between(const BevBox& from, const BevBox& to) {
-  const auto [along, across] = within(from, to.x, to.y);
+  const double c = std::cos(from.yaw), s = std::sin(from.yaw), dx = to.x - from.x, dy = to.y - from.y;
+  const double along = c * dx + s * dy, across = c * dy - s * dx;
   const double turn = std::remainder(to.yaw - from.yaw, std::numbers::pi);
   const std::array<double, kBoxParts> change = {along, across, std::log(to.length / from.length),
                                                 std::log(to.width / from.width), turn};
@@ -40,12 +34,6 @@ std::array<float, kBoxParts> change_between(const BevBox& from, const BevBox& to
   for (std::size_t k = 0; k < counted.size(); ++k)
     counted[k] = static_cast<float>(change[k] / kChangeUnits[k]);
   return counted;
-}
-
-bool lies_in(const MirageBox& ignored, const BevBox& box) {
-  const auto [along, across] = within(bev_box(ignored), box.x, box.y);
-  return std::abs(along) <= kIgnoredReach * ignored.length / 2 &&
-         std::abs(across) <= kIgnoredReach * ignored.width / 2;
 }
 
 }  // namespace
@@ -73,8 +61,9 @@ LossTerms region_loss(const Regions& regions, std::span<const MirageBox> boxes,
       const auto wanted = change_between(old, bev_box(*best));
       std::copy(wanted.begin(), wanted.end(), change.data_ptr<float>() + kBoxParts * k);
       boxed[k][0] = 1;
-    } else if (most < kScoredFrom && std::any_of(ignored.begin(), ignored.end(),
-                                                 [&](const MirageBox& box) { return lies_in(box, old); })) {
+    } else if (most < kScoredFrom && std::any_of(ignored.begin(), ignored.end(), [&](const MirageBox& box) {
+                 return is_ignored(to_local(box, old.x, old.y));
+               })) {
       weight[k] = 0;
     }
   }
