@@ -7,6 +7,8 @@
 #include <thread>
 #include <vector>
 
+#include "torch_threads.h"
+
 namespace mirage {
 
 struct SampleResult {
@@ -14,15 +16,14 @@ struct SampleResult {
   std::vector<at::Tensor> gradients;
 };
 
-/// work(i) for every sample, each on one thread. LibTorch's own threads stay off: they spin while they wait,
-/// which costs a multiple of the work on a busy machine, and they make sums depend on their number.
+/// work(i) for every sample, each on one thread.
 template <class Work>
 void for_each_sample(std::size_t count, int threads, const Work& work) {
   const std::size_t workers = std::min(count, static_cast<std::size_t>(std::max(1, threads)));
   std::vector<std::exception_ptr> problems(workers);
   const auto loop = [&](std::size_t first) {
     try {
-      at::set_num_threads(1);
+      set_torch_threads(1);
       torch::AutoGradMode mode(true);
       for (std::size_t i = first; i < count; i += workers) work(i);
     } catch (...) {

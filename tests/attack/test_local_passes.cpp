@@ -301,7 +301,8 @@ TEST_P(LocalPasses, InBfloat16AreNearThoseInFloat) {
     double difference = 0, norm = 0, product = 0, a = 0, b = 0;
     for (std::size_t i = 0; i < found.size(); ++i)
       difference += std::pow(found[i].logit - expected[i].logit, 2), norm += std::pow(expected[i].logit, 2);
-    EXPECT_LT(apart(difference, norm), 0.03) << whole;
+    // Whole passes round curves and heads too, and where a second stage looks moves with that.
+    EXPECT_LT(apart(difference, norm), whole ? 0.05 : 0.03) << whole;
     EXPECT_GT(difference, 0) << whole;
     const std::vector<double> ones(found.size(), 1);
     const SensorGradient full = whole_->backward(ones), now = rounded->backward(ones);
@@ -319,8 +320,7 @@ TEST_P(LocalPasses, InBfloat16AreNearThoseInFloat) {
           pixels += x * y, aa += x * x, bb += y * y;
         }
     EXPECT_GT(a > 0 ? product / std::sqrt(a * b) : 1, 0.9) << whole;
-    // Whole passes round curves and heads too; of this sum over all proposals little is then left of the
-    // pixels' gradient.
+    // Of this sum over all proposals whole passes leave little of the pixels' gradient.
     if (!whole) {
       EXPECT_GT(aa > 0 ? pixels / std::sqrt(aa * bb) : 1, 0.9);
     }

@@ -50,7 +50,7 @@ GuidedCompletion::GuidedCompletion(const Options& options, const char* weights)
 
 void GuidedCompletion::complete(const MirageDepthInput& input, float* dense) {
   check_shape(input);
-  at::set_num_threads(1);
+  set_torch_threads(1);
   torch::InferenceMode mode;
   const Features features = make_features(input);
   const Prediction prediction = network_->forward(features);

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "../../torch_threads.h"
 #include "fusion_detector.h"
 #include "sensor_input.h"
 
@@ -27,7 +28,7 @@ const std::vector<MirageProposal>& FusionDetector::forward_changed(const MirageS
   local_.reset();
   kept_input_ = {};
   kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
-  at::set_num_threads(1);
+  set_torch_threads(1);
   SensorTensors now = view_input(input, reads_image());
   take_watched(now, keep_graph);
   auto local = std::make_unique<LocalNetwork>(

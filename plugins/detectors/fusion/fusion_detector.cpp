@@ -8,6 +8,7 @@
 #include <optional>
 #include <stdexcept>
 
+#include "../../torch_threads.h"
 #include "base/files.h"
 #include "painting.h"
 #include "region.h"
@@ -125,7 +126,7 @@ const std::vector<MirageProposal>& FusionDetector::forward(const MirageSensorInp
   take_watched(kept_input_, keep_graph);
   kept_input_ = in_type_of(*network_, kept_input_);
   kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
-  at::set_num_threads(1);
+  set_torch_threads(1);
   torch::AutoGradMode mode(keep_graph);
   const Bfloat16 rounded(options_.precision == Precision::bfloat16);
   if (keep_graph) {
@@ -182,7 +183,7 @@ void FusionDetector::backward(std::span<const float> d_logits, float* d_image, f
   if (d_logits.size() != proposal_cells_.size())
     throw std::runtime_error("backward got " + std::to_string(d_logits.size()) + " logit gradients for " +
                              std::to_string(proposal_cells_.size()) + " proposals; give one for each");
-  at::set_num_threads(1);
+  set_torch_threads(1);
   Tensor seed = torch::zeros({local_ ? local_->logit_count() : kept_logits_.numel()});
   for (std::size_t i = 0; i < d_logits.size(); ++i) seed.data_ptr<float>()[proposal_cells_[i]] = d_logits[i];
   if (local_) return backward_changed(seed, d_image, d_points);
@@ -234,7 +235,7 @@ void FusionDetector::keep_presence(const Tensor& masses, std::int64_t count) {
 
 MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& input) {
   if (!reads_image()) throw std::runtime_error("this detector has no image features; use one with a camera");
-  at::set_num_threads(1);
+  set_torch_threads(1);
   const torch::NoGradGuard guard;
   SensorTensors tensors = in_type_of(*network_, copy_input(input, true));
   if (!tensors.image.defined()) throw std::runtime_error("the input has no image; give one");

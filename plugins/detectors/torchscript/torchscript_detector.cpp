@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "../../c_interface.h"
+#include "../../torch_threads.h"
 
 namespace mirage::torchscript {
 namespace {
@@ -139,7 +140,7 @@ void TorchScriptDetector::read_region() {
 }
 
 TorchScriptDetector::Outputs TorchScriptDetector::run(const Tensor& projection) {
-  at::set_num_threads(threads_);
+  set_torch_threads(threads_);
   std::vector<c10::IValue> inputs{image_};
   if (!picture_) inputs.insert(inputs.end(), {points_, projection});
   const c10::IValue value = guarded_call("forward", [&] { return module_.forward(inputs); });
@@ -217,7 +218,7 @@ void TorchScriptDetector::backward(std::span<const float> d_logits, float* d_ima
                              std::to_string(places_.size()) + " proposals; give one for each");
   std::vector<Tensor> gradients(2);
   if (logits_.requires_grad()) {
-    at::set_num_threads(threads_);
+    set_torch_threads(threads_);
     Tensor seed = torch::zeros({logits_.size(0)});
     for (std::size_t i = 0; i < places_.size(); ++i) seed.data_ptr<float>()[places_[i]] = d_logits[i];
     gradients = guarded_call("backward", [&] {
