@@ -45,13 +45,14 @@ if(TARGET mirage_torchscript)
   add_dependencies(test_cli torchscript_models)
 endif()
 
-# The fusion plugin's kernels from inside: LibTorch, and none of the host.
+# The fusion plugin's kernels from inside, and frames for them.
 if(TARGET mirage_fusion_objects)
   file(GLOB network_sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/detection/network/*.cpp)
   add_executable(test_fusion_network ${network_sources})
   target_include_directories(test_fusion_network PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}
                                                          ${PROJECT_SOURCE_DIR}/plugins/detectors/fusion)
-  target_link_libraries(test_fusion_network PRIVATE mirage_fusion_objects GTest::gtest_main mirage_options)
+  target_link_libraries(test_fusion_network PRIVATE mirage_fusion_objects mirage::detection mirage::generator GTest::gtest_main
+                                                  mirage_options)
   target_compile_definitions(test_fusion_network PRIVATE MIRAGE_SOURCE="${PROJECT_SOURCE_DIR}")
   if(MIRAGE_SANITIZE)  # GCC 12 then sees LibTorch's empty optionals as uninitialised
     target_compile_options(test_fusion_network PRIVATE -Wno-maybe-uninitialized)
