@@ -1,13 +1,17 @@
 #include "attack/attack.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <memory>
+#include <optional>
 
+#include "base/error.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
 #include "cli/table.h"
 #include "validation/blender/cycles_renderer.h"
+#include "validation/fidelity/budget_renderer.h"
 
 namespace mirage::cli {
 namespace {
@@ -18,7 +22,34 @@ struct AttackOptions {
   LidarEffectsOption effects{"ideal"};
   std::string renderer = kRasterRenderer;
   CyclesRenderer::Settings cycles;
+  std::filesystem::path budget;  ///< empty: Cycles draws all
 };
+
+/// Who draws the object for the detector: null: the insertion's rasteriser.
+struct Renderers {
+  std::shared_ptr<CyclesRenderer> cycles;
+  std::shared_ptr<BudgetRenderer> by_rule;
+};
+
+Renderers make_renderers(const AttackOptions& options, const AttackSettings& settings) {
+  if (options.renderer == kRasterRenderer && !options.budget.empty())
+    throw InputError("--budget", "", "chooses between the rasteriser and Cycles", "add --renderer cycles");
+  if (options.renderer == kRasterRenderer || settings.target == AttackTarget::random) return {};
+  std::optional<StoredBudget> budget;  // before Blender starts
+  if (!options.budget.empty()) budget = read_budget(options.budget);
+  CyclesRenderer::Settings cycles = options.cycles;
+  cycles.out = settings.out;
+  cycles.workers = std::min(settings.batch, thread_count());
+  Renderers renderers{std::make_shared<CyclesRenderer>(cycles), nullptr};
+  if (budget) renderers.by_rule = std::make_shared<BudgetRenderer>(renderers.cycles, *budget);
+  return renderers;
+}
+
+/// How many pictures each renderer drew in this process.
+nlohmann::json pictures_drawn(const Renderers& renderers) {
+  if (renderers.by_rule) return renderers.by_rule->drawn();
+  return {{"reference", renderers.cycles->drawn()}};
+}
 
 /// What holds of the mesh, in a line.
 std::string buildable_words(const BuildableReport& report) {
@@ -62,6 +93,10 @@ void add_options(CLI::App& app, AttackOptions& options) {
   app.add_option("--cycles-renew-texels", options.settings.renewal.texels,
                  "the same for the texels (root mean square of their channels)")
       ->capture_default_str();
+  app.add_option(
+      "--budget", options.budget,
+      "with --renderer cycles: folder of a validation with --budget, whose rule says of each vehicle "
+      "whether the rasteriser's picture will do");
   tell_of_cache(app);
 }
 
@@ -75,12 +110,9 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   settings.seed = common.seed;
   settings.quiet = common.quiet;
   settings.detector = with_common(settings.detector, common, settings.data);
-  if (options.renderer != kRasterRenderer && settings.target != AttackTarget::random) {
-    CyclesRenderer::Settings cycles = options.cycles;
-    cycles.out = common.out;
-    cycles.workers = std::min(settings.batch, thread_count());
-    settings.renderer = std::make_shared<CyclesRenderer>(cycles);
-  }
+  const Renderers renderers = make_renderers(options, settings);
+  settings.renderer = renderers.cycles;
+  if (renderers.by_rule) settings.renderer = renderers.by_rule;
   const AttackResult result = run_attack(settings);
   Rows rows = {{"vehicles to train on", std::to_string(result.vehicles_train)},
                {"vehicles held back", std::to_string(result.vehicles_test)},
@@ -92,8 +124,17 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
                {"adversary", (common.out / "adversary.glb").string()}};
   if (result.plateau) rows.insert(rows.begin() + 4, {"plateau", plateau_words(*result.plateau)});
   if (result.automatic) rows.insert(rows.begin() + 4, {"candidates", auto_words(*result.automatic)});
+  nlohmann::json json = to_json(result);
+  if (renderers.cycles) {
+    json["pictures"] = pictures_drawn(renderers);
+    std::string drawn;
+    for (const auto& [rung, count] : json["pictures"].items())
+      drawn += fmt::format("{}{} {}", drawn.empty() ? "" : ", ", count.get<int>(),
+                           rung == "reference" ? "by Cycles" : fmt::format("as \"{}\"", rung));
+    rows.push_back({"pictures drawn", drawn});
+  }
   print_table(rows);
-  return to_json(result);
+  return json;
 }
 
 }  // namespace

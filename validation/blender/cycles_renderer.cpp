@@ -73,12 +73,7 @@ void CyclesRenderer::give(Worker& worker) {
 ObjectRenderer::Window CyclesRenderer::draw(const HostInWorld& host, const TexturedMesh& adversary,
                                             const Simulated& simulated, std::uint64_t seed) {
   const Frame& frame = host.prepared.frame;
-  HostScene scene;
-  scene.prepared = &host.prepared;
-  scene.host = &label_of(frame, host.host.id);
-  scene.rooftop = host.rooftop;
-  scene.adversary = adversary;
-  scene.simulation = host.simulation;
+  HostScene scene = scene_of(host, adversary);
   scene.samples = settings_.samples;
   scene.seed = seed;
   ExportScene file = host_scene(frame, *scene.host, scene.rooftop, adversary, host_name(host.host.id));

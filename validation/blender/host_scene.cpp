@@ -15,6 +15,17 @@ SimulationSettings hard_limit(SimulationSettings settings, bool occluded) {
   return settings;
 }
 
+HostScene scene_of(const HostInWorld& host, const TexturedMesh& adversary) {
+  HostScene scene;
+  scene.prepared = &host.prepared;
+  scene.host = &label_of(host.prepared.frame, host.host.id);
+  scene.rooftop = host.rooftop;
+  scene.adversary = adversary;
+  scene.placed = place(adversary, host.rooftop);
+  scene.simulation = host.simulation;
+  return scene;
+}
+
 Simulated simulate_host(const HostScene& scene, const SimulationSettings& settings) {
   return simulate(*scene.prepared, *scene.host, scene.rooftop, scene.adversary, settings);
 }

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 
+#include "attack/object_renderer.h"
 #include "base/image.h"
 #include "simulation/insertion.h"
 #include "simulation/object_window.h"
@@ -24,6 +25,9 @@ struct HostScene {
   int samples = 64;
   std::uint64_t seed = 0;
 };
+
+/// The adversary on a host of an attack; no files.
+HostScene scene_of(const HostInWorld& host, const TexturedMesh& adversary);
 
 /// The rasteriser at its hard limit (σ → 0, γ → 0) at the pixels' centres, with the plain light model.
 /// `occluded`: behind the photograph's depth, as in an attack.

@@ -28,7 +28,12 @@
 #include <string>
 #include <vector>
 
+#include "base/json_fields.h"
+
 namespace mirage {
+
+/// Rungs and features that a written rule may have.
+inline constexpr std::size_t kMostRungs = 256;
 
 /// A vehicle with what each rung costs and how far it is off.
 struct BudgetScene {
@@ -47,9 +52,10 @@ class BudgetRule {
  public:
   /// Fits and calibrates. All scenes have the same features and rungs; there is at least one.
   BudgetRule(const std::vector<BudgetScene>& calibration, double budget, double confidence);
+  /// One that was written by to_json, of so many features and rungs. InputError naming file and field.
+  BudgetRule(const JsonFields& written, double budget, std::size_t features, std::size_t rungs);
   /// Index of the rung; −1: the reference.
   int choose(const std::vector<double>& features) const;
-  /// Infinite where no rung may be trusted.
   /// {lambda (null: infinite), feature_mean, feature_scale, rungs: [{seconds, spread, coefficients}]}.
   friend nlohmann::json to_json(const BudgetRule& rule);
 
@@ -60,6 +66,7 @@ class BudgetRule {
   };
   using Groups = std::map<std::string, std::vector<std::size_t>>;  ///< places of a group's scenes
   using Predictions = std::vector<std::vector<double>>;            ///< by scene and rung
+  void order_by_cost();
   void standardise(const std::vector<BudgetScene>& calibration);
   Predictions left_out_predictions(const std::vector<BudgetScene>& calibration, const Groups& groups) const;
   void fit_rungs(const std::vector<BudgetScene>& calibration, const Predictions& left_out);

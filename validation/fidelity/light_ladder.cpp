@@ -4,42 +4,14 @@
 #include <cmath>
 #include <map>
 
-#include "base/color.h"
 #include "validation/fidelity/picture_errors.h"
+#include "validation/fidelity/raster_rungs.h"
 
 namespace mirage {
 namespace {
 
 constexpr double kFilterWidth = 1.5;  // px, Blender's default
 constexpr int kReferenceFactor = 4;   // samples of the reference over the rungs'
-
-/// The frame and the mesh with sRGB numbers in the place of radiances: what a renderer does that multiplies
-/// light into the texture's bytes.
-Simulated simulate_in_srgb(const HostScene& scene, const SimulationSettings& settings) {
-  PreparedFrame prepared = *scene.prepared;
-  for (float& value : prepared.frame.image.data) value = srgb_from_linear(value);
-  HostScene bytes = scene;
-  bytes.prepared = &prepared;
-  for (Vec3d& texel : bytes.adversary.atlas.texels)
-    for (double& channel : texel) channel = srgb_from_linear(static_cast<float>(channel));
-  Simulated simulated = simulate_host(bytes, settings);
-  for (float& value : simulated.image.data) value = linear_from_srgb(value);
-  for (int v = 0; v < simulated.rgba.height; ++v)
-    for (int u = 0; u < simulated.rgba.width; ++u)
-      for (int c = 0; c < 3; ++c)
-        simulated.rgba.at(u, v, c) = linear_from_srgb(static_cast<float>(simulated.rgba.at(u, v, c)));
-  return simulated;
-}
-
-Simulated simulate_uniform(const HostScene& scene, const SimulationSettings& settings) {
-  PreparedFrame prepared = *scene.prepared;
-  Lighting& light = prepared.frame.lighting;
-  light.ambient += light.hemisphere / 2;
-  light.hemisphere.setZero();
-  HostScene uniform = scene;
-  uniform.prepared = &prepared;
-  return simulate_host(uniform, settings);
-}
 
 /// A Cycles rung.
 struct Recipe {
@@ -94,10 +66,9 @@ std::vector<Recipe> recipes(int samples) {
 
 Change change(const ImageF& from, const ImageF& to, const ImageF& mask) {
   const ImageF seen_from = encoded(from), seen = encoded(to);
-  const double mean = mean_absolute_error(from, ImageF(from.width, from.height, from.channels), mask);
   Change result;
   result.mae = mean_absolute_error(from, to, mask);
-  result.relative = mean > 0 ? result.mae / mean : 0;
+  result.relative = relative_error(from, to, mask);
   result.psnr = psnr(from, to, mask);
   result.ssim = ssim(grey(seen_from), grey(seen), mask);
   result.flip = flip(seen_from, seen, mask);
@@ -141,32 +112,15 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
                       error_to(reference, object, coverage, full, scene.seed), seconds, std::move(picture)});
   };
 
-  const auto timed = [&](const auto& simulate) {
+  for (const std::string& effect : raster_rungs()) {
     const auto start = std::chrono::steady_clock::now();
-    const Simulated simulated = simulate();
+    const Simulated simulated = draw_raster_rung(effect, scene);
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
-    return std::pair(simulated, seconds.count());
-  };
-  SimulationSettings hard = hard_limit(scene.simulation, true), visible = hard;
-  hard.supersampling = visible.supersampling = scene.simulation.supersampling;
-  visible.light = LightModel::visible;
-  const auto drawn = [&](const std::string& effect, const auto& simulate) {
-    const auto [simulated, seconds] = timed(simulate);
     const ImageF radiance = radiance_of(simulated, scene.prepared->frame.image, full.rect);
     ImageF picture = as_seen(radiance);
     if (effect == "hard") pictures["hard"] = picture;
-    add(effect, "raster", "hard", seconds, std::move(picture), {radiance, {}},
+    add(effect, "raster", "hard", seconds.count(), std::move(picture), {radiance, {}},
         coverage_of(simulated, full.rect));
-  };
-  drawn("hard", [&] { return simulate_host(scene, hard); });
-  drawn("soft", [&] { return simulate_host(scene, scene.simulation); });
-  drawn("sRGB shading", [&] { return simulate_in_srgb(scene, hard); });
-  drawn("uniform ambient", [&] { return simulate_uniform(scene, hard); });
-  drawn("visible light", [&] { return simulate_host(scene, visible); });
-  for (const auto& [effect, words] : {std::pair("lens", "blur"), std::pair("sensor", "noise")}) {
-    SimulationSettings seen = hard;
-    seen.camera_effects = parse_camera_effects(words);
-    drawn(effect, [&] { return simulate_host(scene, seen); });
   }
 
   RenderJob centres = job;

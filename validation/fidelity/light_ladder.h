@@ -38,13 +38,11 @@ struct LightLadder {
   double reference_noise = 0;  ///< its own error, a share of the object's mean radiance (root mean square)
 };
 
-/// Raster rungs: the picture as attacked ("soft"), with hard edges ("hard"), and that with the lighting done
-/// on sRGB numbers ("sRGB shading"), with the hemisphere's light spread evenly ("uniform ambient"), with the
-/// light model with visibility ("visible light"), and with what lens ("lens") and sensor ("sensor") add to
-/// the hard picture. Cycles rungs: matched light over the pixels' area, then that with each effect alone and
-/// with several. Samples: the full render (`full`) and that with fewer samples. Every rung of Cycles is drawn
-/// as two independent halves. Rungs share their seeds, so that Monte Carlo noise cancels in `change`; the
-/// reference has others, and two halves of twice the samples, so that it does not in `to_full`.
+/// Raster rungs: raster_rungs.h. Cycles rungs: matched light over the pixels' area, then that with each
+/// effect alone and with several. Samples: the full render (`full`) and that with fewer samples. Every rung
+/// of Cycles is drawn as two independent halves. Rungs share their seeds, so that Monte Carlo noise cancels
+/// in `change`; the reference has others, and two halves of twice the samples, so that it does not in
+/// `to_full`.
 LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const FullLight& full);
 
 }  // namespace mirage

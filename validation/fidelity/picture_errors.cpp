@@ -47,6 +47,11 @@ double mean_absolute_error(const ImageF& a, const ImageF& b, const ImageF& mask)
   return mean_term(a, b, mask, [](double d) { return std::abs(d); });
 }
 
+double relative_error(const ImageF& from, const ImageF& to, const ImageF& mask) {
+  const double mean = mean_absolute_error(from, ImageF(from.width, from.height, from.channels), mask);
+  return mean > 0 ? mean_absolute_error(from, to, mask) / mean : 0;
+}
+
 double max_absolute_error(const ImageF& a, const ImageF& b, const ImageF& mask) {
   double worst = 0;
   mean_term(a, b, mask, [&](double d) {

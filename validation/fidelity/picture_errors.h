@@ -8,6 +8,8 @@ namespace mirage {
 
 /// Mean over pixels and channels of |a − b|. 0 for an empty mask.
 double mean_absolute_error(const ImageF& a, const ImageF& b, const ImageF& mask = {});
+/// mean_absolute_error over the mean |value| of `from` there; 0 where that is black.
+double relative_error(const ImageF& from, const ImageF& to, const ImageF& mask = {});
 /// Largest |a − b| over pixels and channels.
 double max_absolute_error(const ImageF& a, const ImageF& b, const ImageF& mask = {});
 /// Intersection over union of two 1-channel masks (> 0.5). 1 when both are empty.

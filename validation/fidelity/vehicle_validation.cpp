@@ -130,11 +130,8 @@ LadderResult ladders(BlenderWorker& blender, const HostScene& scene, const Simul
   result.reference_seconds = light.reference_seconds;
   result.reference_noise = light.reference_noise;
   result.features = scene_features(scene, simulated);
-  result.features["soft_change"] = result.features["light_change"] = 0;
   for (LadderRung& rung : light.rungs) {
     const auto seen = outcome(with_window(frame.image, rung.picture, full.rect), simulated.sweep);
-    if (rung.effect == "soft") result.features["soft_change"] = rung.change.relative;
-    if (rung.effect == "visible light") result.features["light_change"] = rung.change.relative;
     result.light.push_back({std::move(rung.effect), std::move(rung.group), std::move(rung.base), rung.change,
                             rung.crop, rung.to_full, rung.error, rung.seconds, seen});
   }
