@@ -39,6 +39,15 @@ std::size_t first_texel(const LightVisibility& visibility, std::size_t node, std
 
 }  // namespace
 
+VisibleLightSettings fine_light() {
+  VisibleLightSettings fine;
+  fine.directions = 128, fine.rough_directions = 32;
+  fine.bounces = 8;
+  fine.sun_samples = 20, fine.sun_angle = 1e-6;
+  fine.node_angle = 6e-6;
+  return fine;
+}
+
 template <class S>
 VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::vector<Vec3<S>>& texels,
                               const Lighting& light, const LightVisibility& visibility, int bounces) {

@@ -47,7 +47,8 @@ std::unique_ptr<ObjectLight> light_on(const PreparedFrame& prepared, const Label
   const Vec3d eye = prepared.frame.calibration.camera_from_velo.inverse().translation();
   LightSurroundings around;
   if (rooftop) around = light_surroundings(prepared.frame, host, *rooftop);
-  return light_with_visibility(placed, lighting, rooftop ? &around : nullptr, eye, settings.visible_light);
+  return light_with_visibility(placed, lighting, rooftop ? &around : nullptr, eye,
+                               settings.light == LightModel::fine ? fine_light() : settings.visible_light);
 }
 
 }  // namespace

@@ -80,8 +80,8 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "double", .option = "", .written = s.reference}, s.reference);
   visit({.name = "exact_coverage", .option = "", .written = s.exact_coverage}, s.exact_coverage);
   visit({.name = "light",
-         .help = "on the object: plain (nothing shadows or reflects) or visible (sun and sky by ray, light "
-                 "from roof and road and within the object)",
+         .help = "on the object: plain (nothing shadows or reflects), visible (sun and sky by ray, light "
+                 "from roof and road and within the object) or fine (the same with more rays)",
          .written = s.light != LightModel::plain},
         s.light);
   visit.group({.name = "lidar_effects", .written = s.lidar_effects.any()}, s.lidar_effects);

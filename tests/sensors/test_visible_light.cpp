@@ -331,6 +331,7 @@ TEST(VisibleLight, FewerDirectionsStayNearMany) {
 TEST(VisibleLight, UnknownWordsAreRefused) {
   EXPECT_EQ(parse_word<LightModel>("plain", "light"), LightModel::plain);
   EXPECT_EQ(parse_word<LightModel>(to_word(LightModel::visible), "light"), LightModel::visible);
+  EXPECT_EQ(parse_word<LightModel>("fine", "light"), LightModel::fine);
   EXPECT_THROW(parse_word<LightModel>("radiosity", "light"), InputError);
 }
 

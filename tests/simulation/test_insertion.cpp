@@ -102,10 +102,10 @@ TEST(InsertionGradient, ThroughLensAndSensor) {
   }
 }
 
-TEST(InsertionGradient, TexelsThroughTheVisibleLight) {
+void expect_texel_gradient(LightModel light, double step = 1e-4) {
   const World world = make_world(5);
   SimulationSettings settings = smooth_settings();
-  settings.light = LightModel::visible;  // rays do not depend on texels: nothing need be held
+  settings.light = light;  // rays do not depend on texels: nothing need be held
   const auto draw = [&](const TexturedMesh& adversary) {
     return simulate(world.prepared, world.host, world.rooftop, adversary, settings);
   };
@@ -130,9 +130,45 @@ TEST(InsertionGradient, TexelsThroughTheVisibleLight) {
               sum += d_image.at(u, v, c) * s.rgba.at(u - s.rect.u0, v - s.rect.v0, c);
         return sum;
       },
-      texels, d_texels, 1e-4, 1e-6, 1e-2);
-  std::printf("visible light, texels: %d components, worst relative error %.2e\n", check.checked,
+      texels, d_texels, step, 1e-6, 1e-2);
+  std::printf("%s light, texels: %d components, worst relative error %.2e\n", to_word(light), check.checked,
               check.worst);
+}
+
+TEST(InsertionGradient, TexelsThroughTheVisibleLight) {
+  expect_texel_gradient(LightModel::visible);
+}
+
+TEST(InsertionGradient, TexelsThroughTheFineLight) {
+  // A node within the object has next to no light, and is cut at none of it within a wider step.
+  expect_texel_gradient(LightModel::fine, 1e-5);
+}
+
+TEST(Insertion, FineLightIsNearerToOneOfManyRays) {
+  World world = make_world(5);
+  RandomStream random(7, "crumpled");
+  for (Vec3d& v : world.adversary.mesh.vertices)
+    v += Vec3d(random.uniform(-.2, .2), random.uniform(-.2, .2), random.uniform(-.2, .2));
+  SimulationSettings visible, fine, many;
+  visible.exact_coverage = fine.exact_coverage = many.exact_coverage = true;
+  visible.light = many.light = LightModel::visible;
+  fine.light = LightModel::fine;
+  many.visible_light = fine_light();
+  many.visible_light.directions = 2048, many.visible_light.rough_directions = 512;
+  const auto picture = [&](const SimulationSettings& settings) {
+    return simulate(world.prepared, world.host, world.rooftop, world.adversary, settings).image;
+  };
+  const ImageF reference = picture(many);
+  const auto error = [&](const SimulationSettings& settings) {
+    const ImageF drawn = picture(settings);
+    double sum = 0;
+    for (std::size_t i = 0; i < drawn.data.size(); ++i) sum += std::pow(drawn.data[i] - reference.data[i], 2);
+    return std::sqrt(sum);
+  };
+  const double coarse = error(visible), better = error(fine);
+  std::printf("root of squared differences: visible %.3f, fine %.3f\n", coarse, better);
+  EXPECT_GT(better, 0);
+  EXPECT_LT(better, 0.8 * coarse);
 }
 
 TEST(InsertionGradient, VerticesThroughTheLidar) {

@@ -9,6 +9,7 @@
 #include "base/shuffle.h"
 #include "validation/blender/unbiased_error.h"
 #include "validation/fidelity/budget_rule.h"
+#include "validation/fidelity/raster_rungs.h"
 
 namespace mirage {
 namespace {
@@ -46,15 +47,14 @@ Table read_scenes(const std::vector<VehicleResult>& vehicles, BudgetOf of) {
     }
     double light_weight = 0;  // the features' renders are paid for whatever is chosen
     for (const LightRungResult& rung : ladder.light)
-      if (rung.effect == "hard" || rung.effect == "soft" || rung.effect == "visible light")
-        light_weight += rung.seconds;
+      if (feature_rungs().contains(rung.effect)) light_weight += rung.seconds;
     for (const LightRungResult& rung : ladder.light) {
       if (kNotOffered.contains(rung.effect)) continue;
       rungs.push_back(rung.effect);
       scene.errors.push_back(of == BudgetOf::radiance ? std::max(0.0, signed_root(rung.error.drawn))
                                                       : std::abs(rung.outcome->score - seen.cycles.score));
       scene.alone.push_back(rung.seconds);
-      scene.seconds.push_back(light_weight + (rung.group == "raster" ? 0 : rung.seconds));
+      scene.seconds.push_back(light_weight + (feature_rungs().contains(rung.effect) ? 0 : rung.seconds));
     }
     scene.seconds_full = ladder.reference_seconds;
     scene.error_full = of == BudgetOf::radiance ? ladder.reference_noise : 0;

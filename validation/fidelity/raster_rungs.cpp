@@ -38,8 +38,20 @@ Simulated simulate_uniform(const HostScene& scene, const SimulationSettings& set
 }  // namespace
 
 const std::vector<std::string>& raster_rungs() {
-  static const std::vector<std::string> rungs = {"hard",          "soft", "sRGB shading", "uniform ambient",
-                                                 "visible light", "lens", "sensor"};
+  static const std::vector<std::string> rungs = {"hard",
+                                                 "soft",
+                                                 "sRGB shading",
+                                                 "uniform ambient",
+                                                 "visible light",
+                                                 "visible light, exact areas",
+                                                 "fine light, exact areas",
+                                                 "lens",
+                                                 "sensor"};
+  return rungs;
+}
+
+const std::set<std::string>& feature_rungs() {
+  static const std::set<std::string> rungs = {"hard", "soft", "visible light"};
   return rungs;
 }
 
@@ -49,8 +61,11 @@ Simulated draw_raster_rung(const std::string& rung, const HostScene& scene) {
   settings.supersampling = scene.simulation.supersampling;
   if (rung == "sRGB shading") return simulate_in_srgb(scene, settings);
   if (rung == "uniform ambient") return simulate_uniform(scene, settings);
-  if (rung == "visible light")
+  if (rung.ends_with(", exact areas")) settings.exact_coverage = true;
+  if (rung.starts_with("visible light"))
     settings.light = LightModel::visible;
+  else if (rung == "fine light, exact areas")
+    settings.light = LightModel::fine;
   else if (rung == "lens")
     settings.camera_effects = parse_camera_effects("blur");
   else if (rung == "sensor")

@@ -1,6 +1,7 @@
 // The rungs of the light's ladder that Mirage draws itself.
 #pragma once
 
+#include <set>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,8 @@ namespace mirage {
 /// ("uniform ambient"), with the light model with visibility ("visible light"), and with what lens ("lens")
 /// and sensor ("sensor") add.
 const std::vector<std::string>& raster_rungs();
+/// Those that scene_features draws.
+const std::set<std::string>& feature_rungs();
 /// One of them.
 Simulated draw_raster_rung(const std::string& rung, const HostScene& scene);
 

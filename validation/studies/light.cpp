@@ -45,9 +45,12 @@ std::vector<Variant> variants(bool all) {
   hard.supersampling = 8;
   SimulationSettings visible = hard;
   visible.light = LightModel::visible;
+  SimulationSettings fine = hard;
+  fine.light = LightModel::fine;
   Variant coarse{"visible, whole faces", visible};
   coarse.settings.visible_light.node_angle = std::numeric_limits<double>::infinity();
-  std::vector<Variant> list = {{"ambient + sun", hard, true}, {"plain", hard}, coarse, {"visible", visible}};
+  std::vector<Variant> list = {
+      {"ambient + sun", hard, true}, {"plain", hard}, coarse, {"visible", visible}, {"fine", fine}};
   if (!all) return list;
   const auto add = [&](const std::string& name, const auto& change) {
     Variant variant{name, visible};
