@@ -15,6 +15,7 @@
 #include "base/interrupt.h"
 #include "base/json_fields.h"
 #include "base/logging.h"
+#include "base/unused_memory.h"
 #include "detection/detector.h"
 #include "scene/data/data_rig.h"
 #include "validation/paper/findings.h"
@@ -143,6 +144,7 @@ std::map<std::string, Step> execute(const Experiments& experiments, const Reprod
         fs::remove(record_file(command, settings.out));
         const auto start = Clock::now();
         run(to_word(command.kind), named);
+        return_unused_memory();
         write_json(record_file(command, settings.out), {{"case", command.name},
                                                         {"made_of", made_of(command, settings.out)},
                                                         {"seconds", seconds_since(start)}});
