@@ -195,6 +195,21 @@ TEST(Budget, ChoosesByTheFeatureThatMatters) {
   EXPECT_EQ(rule.choose({1.5, 4, 7}), -1);
 }
 
+TEST(Budget, OneRungForAllWhereItIsBackedAndCheaper) {
+  std::vector<BudgetScene> scenes = scenes_of(40, 3, 0.01);
+  for (BudgetScene& scene : scenes) {
+    scene.errors[1] = 0.03;  // within the budget everywhere
+    scene.alone = {0, 1};
+    scene.seconds = {5, 6};  // to look costs more than to draw
+  }
+  EXPECT_EQ(BudgetRule(scenes, 0.05, 0.9).always(), 1);
+  for (BudgetScene& scene : scenes) scene.seconds = {0, 1};  // to look is free: the first rung does for some
+  EXPECT_EQ(BudgetRule(scenes, 0.05, 0.9).always(), std::nullopt);
+  for (BudgetScene& scene : scenes) scene.seconds = {5, 6};
+  for (std::size_t i = 0; i < scenes.size(); i += 3) scenes[i].errors[1] = 0.06;  // a third of every group
+  EXPECT_EQ(BudgetRule(scenes, 0.05, 0.9).always(), std::nullopt);
+}
+
 TEST(Budget, TooFewGroupsTrustNothing) {
   // (0 + 1) / (8 + 1) > 0.1: no choice can be backed.
   const BudgetRule rule(scenes_of(8, 3, 0.01), 0.05, 0.9);

@@ -153,9 +153,10 @@ BudgetTest test_rule(const Table& table, const std::map<std::string, int>& folds
     for (const BudgetScene& scene : table.scenes) {
       if (folds.at(scene.group) != fold) continue;
       frames.insert(scene.frame);
+      // One rung for all needs no features.
       const double features_cost = *std::min_element(scene.seconds.begin(), scene.seconds.end());
-      BudgetChoice choice = take(ruled, table, scene, rule.choose(scene.features), scene.seconds,
-                                 features_cost, settings.budget);
+      BudgetChoice choice = take(ruled, table, scene, rule.choose(scene.features),
+                                 rule.always() ? scene.alone : scene.seconds, features_cost, settings.budget);
       choice.fold = fold;
       choice.seconds_fixed = take(fixed, table, scene, always, scene.alone, 0, settings.budget).seconds;
       take(best, table, scene, oracle(scene, settings.budget), scene.alone, 0, settings.budget);
@@ -215,8 +216,8 @@ json to_json(const BudgetReport& report) {
       {"features", report.features},
       {"rule",
        "ridge regression of each rung's log error on standardised features; the cheapest rung whose "
-       "prediction plus lambda times its spread is within the budget, else the reference; lambda by "
-       "conformal risk control over the groups that it is not tested on"},
+       "prediction plus lambda times its spread is within the budget, else the reference, or one rung for "
+       "all where that is cheaper; both by conformal risk control over the groups that it is not tested on"},
       {"groups",
        {{"by", report.by_vehicle ? "vehicle" : "frame"}, {"count", report.groups}, {"folds", report.folds}}}};
   if (!report.test) {

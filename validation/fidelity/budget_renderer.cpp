@@ -14,7 +14,8 @@ ObjectRenderer::Window BudgetRenderer::draw(const HostInWorld& host, const Textu
                                             const Simulated& simulated, std::uint64_t seed) {
   HostScene scene = scene_of(host, adversary);
   scene.simulation.camera_effects = {};  // these come after the light (attack/rendered_pictures.h)
-  std::string rung = budget_.choose(scene_features(scene, simulated));
+  std::string rung = budget_.choose(budget_.rule.always() ? std::map<std::string, double>{}
+                                                          : scene_features(scene, simulated));
   const auto& ours = raster_rungs();
   if (std::find(ours.begin(), ours.end(), rung) == ours.end()) rung = "reference";
   {

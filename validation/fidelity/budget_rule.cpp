@@ -21,6 +21,11 @@ double logarithm(double error) {
   return std::log(error + kFloor);
 }
 
+/// Whether a risk summed over calibration groups bounds that of another one.
+bool is_backed(double risk, std::size_t groups, double confidence) {
+  return (risk + 1) / (static_cast<double>(groups) + 1) <= 1 - confidence + 1e-12;
+}
+
 /// Those of other groups.
 std::vector<const BudgetScene*> without(const std::vector<BudgetScene>& scenes, const std::string* group) {
   std::vector<const BudgetScene*> list;
@@ -39,12 +44,15 @@ BudgetRule::BudgetRule(const std::vector<BudgetScene>& calibration, double budge
   const Predictions left_out = left_out_predictions(calibration, groups);
   fit_rungs(calibration, left_out);
   calibrate(calibration, groups, left_out, confidence);
+  try_one_for_all(calibration, groups, left_out, confidence);
 }
 
 BudgetRule::BudgetRule(const JsonFields& written, double budget, std::size_t features, std::size_t rungs)
     : budget_(budget), lambda_(std::numeric_limits<double>::infinity()) {
   constexpr double most = 1e6;
   if (!written.is_null("lambda")) lambda_ = written.number("lambda", 0, kLargestLambda);
+  if (written.has("always") && !written.is_null("always"))
+    always_ = static_cast<int>(written.integer("always", 0, static_cast<std::int64_t>(rungs) - 1));
   mean_ = written.numbers("feature_mean", features, -most, most);
   scale_ = written.numbers("feature_scale", features, 1e-12, most);
   const json& list = written.list("rungs", kMostRungs);
@@ -122,8 +130,33 @@ void BudgetRule::calibrate(const std::vector<BudgetScene>& calibration, const Gr
       }
       risk += beyond / static_cast<double>(members.size());
     }
-    if ((risk + 1) / (static_cast<double>(groups.size()) + 1) > 1 - confidence + 1e-12) break;
+    if (!is_backed(risk, groups.size(), confidence)) break;
     lambda_ = lambda;
+  }
+}
+
+void BudgetRule::try_one_for_all(const std::vector<BudgetScene>& calibration, const Groups& groups,
+                                 const Predictions& left_out, double confidence) {
+  const auto n = static_cast<double>(calibration.size());
+  double least = 0;  // what the rule costs
+  for (std::size_t i = 0; i < calibration.size(); ++i) {
+    const BudgetScene& scene = calibration[i];
+    const int rung = choose(left_out[i], lambda_);
+    least += rung >= 0 ? scene.seconds[static_cast<std::size_t>(rung)]
+                       : scene.seconds_full + *std::min_element(scene.seconds.begin(), scene.seconds.end());
+  }
+  least /= n;
+  for (std::size_t r = 0; r < rungs_.size(); ++r) {
+    double risk = 0, seconds = 0;
+    for (const auto& [group, members] : groups) {
+      int beyond = 0;
+      for (const std::size_t i : members) beyond += calibration[i].errors[r] > budget_;
+      risk += beyond / static_cast<double>(members.size());
+    }
+    for (const BudgetScene& scene : calibration) seconds += scene.alone[r] / n;
+    if (!is_backed(risk, groups.size(), confidence) || !(seconds < least)) continue;
+    least = seconds;
+    always_ = static_cast<int>(r);
   }
 }
 
@@ -166,6 +199,7 @@ int BudgetRule::choose(const std::vector<double>& predictions, double lambda) co
 }
 
 int BudgetRule::choose(const std::vector<double>& features) const {
+  if (always_) return *always_;
   std::vector<double> predictions;
   for (const Rung& rung : rungs_) predictions.push_back(predict(rung, features));
   return choose(predictions, lambda_);
@@ -177,6 +211,7 @@ json to_json(const BudgetRule& rule) {
     rungs.push_back(
         {{"seconds", rung.seconds}, {"spread", rung.spread}, {"coefficients", rung.coefficients}});
   return {{"lambda", std::isfinite(rule.lambda_) ? json(rule.lambda_) : json()},
+          {"always", rule.always_ ? json(*rule.always_) : json()},
           {"feature_mean", rule.mean_},
           {"feature_scale", rule.scale_},
           {"rungs", rungs}};

@@ -13,6 +13,10 @@
 // is for monotone losses; here an error may rise with λ where a dearer rung is worse, hence "from which on",
 // and hence the test on groups that had no part in any of this (budget.h).
 //
+// One for all. Where a single rung has that bound by itself (its risk is that of the scenes on which it is
+// beyond the budget) and costs less than what the rule takes on average, features included, it is taken for
+// every scene: nothing has to be told apart then, and features are not worth their time.
+//
 // Groups. Scenes of one drive are alike, so a rule must be judged on drives that it has not seen. KITTI's
 // object folders do not say which drive a frame is of; frames that show one and the same vehicle
 // (training/track_2) are of one drive, and are one group, through any number of steps; a frame without such
@@ -24,6 +28,7 @@
 
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -56,7 +61,10 @@ class BudgetRule {
   BudgetRule(const JsonFields& written, double budget, std::size_t features, std::size_t rungs);
   /// Index of the rung; −1: the reference.
   int choose(const std::vector<double>& features) const;
-  /// {lambda (null: infinite), feature_mean, feature_scale, rungs: [{seconds, spread, coefficients}]}.
+  /// The rung that is taken for all, whatever their features.
+  std::optional<int> always() const { return always_; }
+  /// {lambda (null: infinite), always (null: none), feature_mean, feature_scale, rungs: [{seconds, spread,
+  /// coefficients}]}.
   friend nlohmann::json to_json(const BudgetRule& rule);
 
  private:
@@ -72,6 +80,8 @@ class BudgetRule {
   void fit_rungs(const std::vector<BudgetScene>& calibration, const Predictions& left_out);
   void calibrate(const std::vector<BudgetScene>& calibration, const Groups& groups,
                  const Predictions& left_out, double confidence);
+  void try_one_for_all(const std::vector<BudgetScene>& calibration, const Groups& groups,
+                       const Predictions& left_out, double confidence);
   std::vector<double> standardised(const std::vector<double>& features) const;
   /// Coefficients alone.
   Rung fit(const std::vector<const BudgetScene*>& scenes, std::size_t rung) const;
@@ -82,6 +92,7 @@ class BudgetRule {
   std::vector<double> mean_, scale_;
   std::vector<Rung> rungs_;
   std::vector<std::size_t> by_cost_;
+  std::optional<int> always_;
 };
 
 }  // namespace mirage

@@ -27,7 +27,8 @@ std::vector<std::string> words(const JsonFields& fields, const std::string& key,
 
 std::string StoredBudget::choose(const std::map<std::string, double>& of_scene) const {
   std::vector<double> values;
-  for (const std::string& name : features) values.push_back(of_scene.at(name));
+  for (const std::string& name : features)
+    if (!rule.always()) values.push_back(of_scene.at(name));
   const int rung = rule.choose(values);
   return rung < 0 ? "reference" : rungs[static_cast<std::size_t>(rung)];
 }

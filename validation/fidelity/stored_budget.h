@@ -18,7 +18,7 @@ struct StoredBudget {
   std::string hash;                          ///< of everything above
 
   /// The rung for a scene of these features (scene_features.h); "reference" where the rule trusts none. The
-  /// features are all there.
+  /// features are all there, but for a rule of one rung for all, which asks none.
   std::string choose(const std::map<std::string, double>& of_scene) const;
 };
 
