@@ -76,7 +76,7 @@ struct VisibleLightSettings {
   bool glossy = true;
 };
 
-/// Several times the default's rays and nodes, at two to three times its cost.
+/// Several times the default's rays and nodes, at three to four times its cost.
 VisibleLightSettings fine_light();
 
 /// Which nodes there are. Sides [0, faces) are the object's faces as they are wound, the next `faces` their

@@ -1,6 +1,9 @@
 // One insertion (both sensors, occlusion, VJP) 10 m ahead of KITTI's rig: as a whole, by stage, in a batch.
 #include <benchmark/benchmark.h>
 
+#include <map>
+#include <vector>
+
 #include "attack/adversary.h"
 #include "base/files.h"
 #include "bench.h"
@@ -117,14 +120,15 @@ void light_models(benchmark::State& state) {
                            ones(placed.atlas.texels.size(), Vec3d::Ones());
   const Lighting& lighting = s.prepared.frame.lighting;
   const Vec3d eye = s.prepared.frame.calibration.camera_from_velo.inverse().translation();
-  std::vector<double> plain, visible, surroundings, rays, gather, vjp;
+  std::map<LightModel, std::vector<double>> insertion;
+  std::vector<double> surroundings, rays, gather, vjp;
   std::size_t count = 0;
   for (auto _ : state)
     for (int round = 0; round < kInsertionRounds; ++round) {
-      for (LightModel model : {LightModel::plain, LightModel::visible}) {
+      for (LightModel model : {LightModel::plain, LightModel::visible, LightModel::fine}) {
         SimulationSettings settings;
         settings.light = model;
-        (model == LightModel::plain ? plain : visible).push_back(cpu_ms([&] {
+        insertion[model].push_back(cpu_ms([&] {
           const Simulated simulated = simulate(s.prepared, s.host, s.rooftop, s.adversary, settings);
           const std::vector<std::array<float, 4>> d_points(simulated.sweep.size(), {1, 1, 1, 1});
           benchmark::DoNotOptimize(simulate_vjp(simulated, d_image, d_points));
@@ -147,15 +151,19 @@ void light_models(benchmark::State& state) {
       }));
       count = visibility.rays;
     }
-  extra_figures()["light_plain_insertion_ms"] = median(plain);
-  extra_figures()["light_visible_insertion_ms"] = median(visible);
-  extra_figures()["light_visible_over_plain"] = median(visible) / median(plain);
+  const double plain = median(insertion[LightModel::plain]), visible = median(insertion[LightModel::visible]),
+               fine = median(insertion[LightModel::fine]);
+  extra_figures()["light_plain_insertion_ms"] = plain;
+  extra_figures()["light_visible_insertion_ms"] = visible;
+  extra_figures()["light_fine_insertion_ms"] = fine;
+  extra_figures()["light_visible_over_plain"] = visible / plain;
+  extra_figures()["light_fine_over_plain"] = fine / plain;
   std::printf(
-      "  plain %.3f ms, visible %.3f ms: %.2f times; surroundings %.3f, %zu rays %.3f, gathering %.3f, its "
-      "VJP "
-      "%.3f ms\n",
-      median(plain), median(visible), median(visible) / median(plain), median(surroundings), count,
-      median(rays), median(gather), median(vjp));
+      "  plain %.3f ms, visible %.3f ms: %.2f times, fine %.3f ms: %.2f times; of visible: surroundings "
+      "%.3f, "
+      "%zu rays %.3f, gathering %.3f, its VJP %.3f ms\n",
+      plain, visible, visible / plain, fine, fine / plain, median(surroundings), count, median(rays),
+      median(gather), median(vjp));
 }
 
 void completion(benchmark::State& state) {
