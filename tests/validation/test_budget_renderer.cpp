@@ -6,11 +6,10 @@
 #include <cmath>
 #include <memory>
 
-#include "attack/attack.h"
-#include "attack/tiny_world.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "fixture.h"
+#include "rendered_attack.h"
 #include "support/files.h"
 #include "validation/fidelity/budget_renderer.h"
 #include "validation/fidelity/raster_rungs.h"
@@ -181,31 +180,16 @@ TEST(BudgetRenderer, FeaturesHaveTheirNamesAndSeeTheirScene) {
 }
 
 TEST(BudgetRenderer, AnAttackGoesOnToTheSameBits) {
-  const test::TemporaryFolder folder;
-  test::write_tiny_data(folder / "data", 3);
   const test::TemporaryFolder validation;
   // Between the two: some vehicles are near, some far.
   const StoredBudget budget = read_budget(written(validation, rule_json(0.2)));
-  DetectorPool detectors;
-  detectors.push_back(std::make_unique<test::StandInDetector>());
-  const auto attack = [&](const char* out, int iterations) {
-    AttackSettings settings = test::tiny_attack();
-    settings.data = folder / "data";
-    settings.out = folder / out;
-    settings.iterations = iterations;
-    settings.vertex_rate = 5e-3;
-    settings.rooftop = "box";
-    settings.quiet = true;
-    settings.renderer = std::make_shared<BudgetRenderer>(std::make_shared<Painter>(), budget);
-    settings.renewal = {0.012, 0.05};
-    run_attack(settings, detectors);
-    return read_json(folder / out / "checkpoint.json");
+  test::RenderedAttack attack;
+  const auto by_rule = [&](const std::filesystem::path&) {
+    return std::make_shared<BudgetRenderer>(std::make_shared<Painter>(), budget);
   };
-  EXPECT_EQ(attack("whole", 4).at("identity").at("renderer").at("budget").at("rule"), budget.hash);
-  attack("parts", 2);
-  attack("parts", 4);
-  for (const char* file : {"adversary.glb", "loss.csv"})
-    EXPECT_EQ(read_file(folder / "whole" / file), read_file(folder / "parts" / file)) << file;
+  EXPECT_EQ(attack.learn("whole", 4, by_rule).at("identity").at("renderer").at("budget").at("rule"),
+            budget.hash);
+  attack.expect_same_bits_in_parts(by_rule);
 }
 
 }  // namespace

@@ -5,10 +5,9 @@
 
 #include <memory>
 
-#include "attack/attack.h"
-#include "attack/tiny_world.h"
 #include "base/error.h"
 #include "fixture.h"
+#include "rendered_attack.h"
 #include "support/files.h"
 #include "validation/blender/cycles_renderer.h"
 #include "validation/blender/scratch_folder.h"
@@ -59,34 +58,16 @@ TEST(CyclesRenderer, WithoutBlenderThereIsOneLine) {
 
 TEST(CyclesRenderer, AnAttackLooksAtItAndGoesOnToTheSameBits) {
   MIRAGE_NEED_BLENDER();
-  const test::TemporaryFolder folder;
-  test::write_tiny_data(folder / "data", 3);
-  DetectorPool detectors;
-  detectors.push_back(std::make_unique<test::StandInDetector>());
-  const auto attack = [&](const char* out, int iterations, bool cycles) {
-    AttackSettings settings = test::tiny_attack();
-    settings.data = folder / "data";
-    settings.out = folder / out;
-    settings.iterations = iterations;
-    settings.vertex_rate = 5e-3;
-    settings.rooftop = "box";
-    settings.quiet = true;
-    if (cycles) {
-      settings.renderer =
-          std::make_shared<CyclesRenderer>(CyclesRenderer::Settings{folder / out, 1, 1, "blender"});
-      settings.renewal = {0.012, 0.05};
-    }
-    run_attack(settings, detectors);
-    return read_json(folder / out / "checkpoint.json");
+  test::RenderedAttack attack;
+  const auto cycles = [](const std::filesystem::path& out) {
+    return std::make_shared<CyclesRenderer>(CyclesRenderer::Settings{out, 1, 1, "blender"});
   };
-  const nlohmann::json whole = attack("whole", 4, true), raster = attack("raster", 4, false);
+  const nlohmann::json whole = attack.learn("whole", 4, cycles),
+                       raster = attack.learn("raster", 4, [](const auto&) { return nullptr; });
   EXPECT_NE(whole.at("losses")[0], raster.at("losses")[0]);
   EXPECT_EQ(whole.at("identity").at("renderer").at("name"), "cycles");
-  attack("parts", 2, true);
-  attack("parts", 4, true);
-  for (const char* file : {"adversary.glb", "loss.csv"})
-    EXPECT_EQ(read_file(folder / "whole" / file), read_file(folder / "parts" / file)) << file;
-  EXPECT_FALSE(std::filesystem::exists(folder / "whole" / kScratchFolder));
+  attack.expect_same_bits_in_parts(cycles);
+  EXPECT_FALSE(std::filesystem::exists(attack.out("whole") / kScratchFolder));
 }
 
 }  // namespace

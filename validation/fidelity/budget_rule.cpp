@@ -21,9 +21,15 @@ double logarithm(double error) {
   return std::log(error + kFloor);
 }
 
-/// Whether a risk summed over calibration groups bounds that of another one.
-bool is_backed(double risk, std::size_t groups, double confidence) {
-  return (risk + 1) / (static_cast<double>(groups) + 1) <= 1 - confidence + 1e-12;
+/// `groups`: places of each one's scenes. Whether the groups' shares of scenes that are beyond the budget
+/// bound that of another group.
+template <class Groups, class IsBeyond>
+bool is_backed(const Groups& groups, double confidence, const IsBeyond& is_beyond) {
+  double risk = 0;
+  for (const auto& [group, members] : groups)
+    risk += static_cast<double>(std::count_if(members.begin(), members.end(), is_beyond)) /
+            static_cast<double>(members.size());
+  return (risk + 1) / (static_cast<double>(groups.size()) + 1) <= 1 - confidence + 1e-12;
 }
 
 /// Those of other groups.
@@ -121,16 +127,11 @@ void BudgetRule::calibrate(const std::vector<BudgetScene>& calibration, const Gr
                            const Predictions& left_out, double confidence) {
   for (int step = static_cast<int>(std::lround(kLargestLambda / kLambdaStep)); step >= 0; --step) {
     const double lambda = step * kLambdaStep;
-    double risk = 0;
-    for (const auto& [group, members] : groups) {
-      int beyond = 0;
-      for (const std::size_t i : members) {
-        const int rung = choose(left_out[i], lambda);
-        beyond += rung >= 0 && calibration[i].errors[static_cast<std::size_t>(rung)] > budget_;
-      }
-      risk += beyond / static_cast<double>(members.size());
-    }
-    if (!is_backed(risk, groups.size(), confidence)) break;
+    const auto is_beyond = [&](std::size_t i) {
+      const int rung = choose(left_out[i], lambda);
+      return rung >= 0 && calibration[i].errors[static_cast<std::size_t>(rung)] > budget_;
+    };
+    if (!is_backed(groups, confidence, is_beyond)) break;
     lambda_ = lambda;
   }
 }
@@ -147,14 +148,10 @@ void BudgetRule::try_one_for_all(const std::vector<BudgetScene>& calibration, co
   }
   least /= n;
   for (std::size_t r = 0; r < rungs_.size(); ++r) {
-    double risk = 0, seconds = 0;
-    for (const auto& [group, members] : groups) {
-      int beyond = 0;
-      for (const std::size_t i : members) beyond += calibration[i].errors[r] > budget_;
-      risk += beyond / static_cast<double>(members.size());
-    }
+    double seconds = 0;
     for (const BudgetScene& scene : calibration) seconds += scene.alone[r] / n;
-    if (!is_backed(risk, groups.size(), confidence) || !(seconds < least)) continue;
+    const auto is_beyond = [&](std::size_t i) { return calibration[i].errors[r] > budget_; };
+    if (!(seconds < least) || !is_backed(groups, confidence, is_beyond)) continue;
     least = seconds;
     always_ = static_cast<int>(r);
   }
