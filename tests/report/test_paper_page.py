@@ -93,6 +93,28 @@ class Page(browser.PageChecks, unittest.TestCase):
         self.assertEqual(loose, [])
 
 
+class OneJudge(unittest.TestCase):
+    def test_what_the_map_says_fits_beside_each_other(self):
+        with tempfile.TemporaryDirectory(prefix="mirage-paper-") as folder, browser.Browser() as chromium:
+            result = paper_fixture.make(folder)
+            table = next(table for table in result["tables"] if table["name"] == "fusions")
+            table["rows"] = [row for row in table["rows"] if row["target"] == table["rows"][0]["target"]]
+            with open(os.path.join(folder, "reproduce.json"), "w", encoding="utf-8") as file:
+                json.dump(result, file)
+            chromium.open(write_page(folder))
+            outside, over = chromium.run("""(() => {
+                const svg = document.querySelector('#fusions .heat svg') || document.querySelector('#fusions svg.plot');
+                const [, , wide, high] = svg.getAttribute('viewBox').split(' ').map(Number);
+                const boxes = [...svg.querySelectorAll('text')].map(t => [t.textContent, t.getBBox()]);
+                const met = (a, b) => a.x < b.x + b.width && b.x < a.x + a.width && a.y < b.y + b.height && b.y < a.y + a.height;
+                const panels = boxes.filter(([said]) => said.startsWith('vanished') || said.startsWith('missed'));
+                return [boxes.filter(([, b]) => b.x < 0 || b.x + b.width > wide || b.y + b.height > high).map(([said]) => said),
+                        panels.length < 2 || met(panels[0][1], panels[1][1])];
+            })()""")
+            self.assertEqual(outside, [])
+            self.assertFalse(over)
+
+
 class WithoutResults(unittest.TestCase):
     def test_a_page_of_errors_alone(self):
         with tempfile.TemporaryDirectory(prefix="mirage-paper-") as folder, browser.Browser() as chromium:

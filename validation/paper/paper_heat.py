@@ -9,6 +9,7 @@ CAPTION = ["Points of the vehicles more than under a random mesh of the", "same 
            "95 % interval below, bold: without 0. Framed: judged by", "whom it was learned against."]
 OVER, UNDER = (224, 112, 22), (47, 98, 178)
 LEFT, CELL, HIGH, TOP, GAP = 172, 84, 36, 74, 26
+PANEL = 190  # at least: the panels' titles stand side by side, and the caption below both
 FONT = "'Inter', 'Source Sans 3', system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', 'DejaVu Sans', sans-serif"
 
 
@@ -84,10 +85,11 @@ def heat(table):
     cells = {(row["source"], row["target"]): row for row in rows}
     sources, targets, full = each_once(rows, "source"), each_once(rows, "target"), reach(rows)  # what was judged
     wide = CELL * len(targets)
-    width, height = LEFT + 2 * wide + GAP + 8, TOP + HIGH * len(sources) + 62 + 16 * len(CAPTION)
+    panel_wide = max(wide, PANEL)
+    width, height = LEFT + 2 * panel_wide + GAP + 8, TOP + HIGH * len(sources) + 62 + 16 * len(CAPTION)
     parts = [text("label", LEFT - 12, TOP - 12, "learned against, through", "end")]
     for panel, (key, title) in enumerate(PANELS):
-        start = LEFT + panel * (wide + GAP)
+        start = LEFT + panel * (panel_wide + GAP) + (panel_wide - wide) / 2
         parts.append(text("name", start + wide / 2, 20, title, style=' style="font-size:14px;font-weight:600"'))
         parts.append(text("label", start + wide / 2, 38, "judged by"))
         for column, target in enumerate(targets):
