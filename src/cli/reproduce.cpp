@@ -25,7 +25,8 @@ void add_options(CLI::App& app, paper::ReproduceSettings& options) {
   app.add_option(
          "what", options.what,
          "table1: attack success, KITTI rig; table2: the same, Xenith rig; fig3: recall over IoU; fig4: "
-         "success against the size of the mesh; table3: transfer; table4: defences; fusions: six detectors, "
+         "success against the size of the mesh; table3: transfer; table4: defences; parts: shape, texture or "
+         "size alone; fusions: six detectors, "
          "attacked through each sensor, every mesh judged by all (fusions-xenith: that rig); all")
       ->capture_default_str();
   app.add_flag("--quick", options.quick, "few frames, iterations and random meshes: minutes, wide intervals");

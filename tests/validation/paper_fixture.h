@@ -22,6 +22,11 @@ struct MadeUp {
   double left = 0.3;  ///< best IoU with a hidden vehicle; 0.1 and less: it vanished
 };
 
+/// Hides so many of five vehicles a frame, in three frames of four, without a trace.
+inline MadeUp vanishing(int hidden) {
+  return {120, 5, hidden, 0, 30, 0.05};
+}
+
 /// As to_json(Evaluation) has them, with the writers of the real file. In the picture's plane `distance` is
 /// in pixels.
 inline nlohmann::json outcomes_json(const MadeUp& made, Plane plane = Plane::bev) {

@@ -21,13 +21,9 @@ using mirage::test::MadeUp;
 using mirage::test::Program;
 using mirage::test::settings_in;
 using mirage::test::TemporaryFolder;
+using mirage::test::vanishing;
 using nlohmann::json;
 using testing::HasSubstr;
-
-/// Hides so many of five vehicles a frame, in three frames of four, without a trace.
-MadeUp vanishing(int hidden) {
-  return {120, 5, hidden, 0, 30, 0.05};
-}
 
 /// Three detectors' matrix, fifteen cells.
 ReproduceSettings quick_in(const std::filesystem::path& out) {

@@ -48,7 +48,7 @@ TEST(PaperExperiments, EveryTableHasItsCases) {
     }
   }
   EXPECT_EQ(tables, (std::set<std::string>{"table1", "table2", "table3", "table4", "fig3", "fig4", "real",
-                                           "fusions", "fusions-real", "fusions-xenith"}));
+                                           "parts", "fusions", "fusions-real", "fusions-xenith"}));
 }
 
 TEST(PaperExperiments, FoldersAreTheDocumentedOnes) {

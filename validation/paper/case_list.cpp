@@ -47,7 +47,7 @@ void CaseList::add_data(Case& command, const std::string& rig) {
 }
 
 std::string CaseList::attack(const std::string& rig, const std::string& detector, const std::string& target,
-                             double size, const std::string& defense) {
+                             const Variant& variant) {
   const AttackSettings recipe;
   Case command{fmt::format("runs/{}-{}-{}", rig, detector, target),
                Case::Kind::attack,
@@ -61,11 +61,15 @@ std::string CaseList::attack(const std::string& rig, const std::string& detector
                 {"lidar_gradient", to_word(LidarGradient::silhouette)},
                 {"seed", std::to_string(settings_.seed)}},
                {}};
-  if (size > 0) {
-    command.name += fmt::format("-size{:.1f}", size);
-    command.settings["size"] = fmt::format("{:.1f}", size);
+  if (variant.size > 0) {
+    command.name += fmt::format("-size{:.1f}", variant.size);
+    command.settings["size"] = fmt::format("{:.1f}", variant.size);
   }
-  add_defense(command, defense);
+  if (!variant.parts.empty()) {
+    command.name += "-" + variant.parts;
+    command.settings["parts"] = variant.parts;
+  }
+  add_defense(command, variant.defense);
   add_data(command, rig);
   return add(command);
 }

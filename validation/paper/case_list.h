@@ -8,13 +8,20 @@
 
 namespace mirage::paper {
 
+/// How an attack departs from the tables' standing one.
+struct Variant {
+  double size = 0;           ///< L, m; 0: the default box
+  std::string defense = {};  ///< word of --defense; empty: none
+  std::string parts = {};    ///< word of --parts; empty: shape and texture
+};
+
 /// Collects the cases that the rows name. Each function returns the case's name.
 class CaseList {
  public:
   explicit CaseList(const ReproduceSettings& settings) : settings_(settings) {}
 
   std::string attack(const std::string& rig, const std::string& detector, const std::string& target,
-                     double size = 0, const std::string& defense = "");
+                     const Variant& variant = {});
 
   /// Of a run on its own held-back hosts (or all of the frames that are there to judge), beside random meshes
   /// of its size; with `start` also beside the paper's and beside the cuboid that fills the box.

@@ -44,10 +44,11 @@ Finding on_each_rig(const std::string& name, const std::string& claim, const Mak
   return finding;
 }
 
-/// The findings about defences, and those about kinds of fusion; findings() has them all.
+/// The findings about defences, kinds of fusion and parts of the object; findings() has them all.
 std::vector<Finding> defence_findings(const Evidence& evidence);
 /// About defences and controls that are not in the paper.
 std::vector<Finding> own_defence_findings(const Evidence& evidence);
 std::vector<Finding> fusion_findings(const Evidence& evidence);
+std::vector<Finding> part_findings(const Evidence& evidence);
 
 }  // namespace mirage::paper

@@ -50,6 +50,7 @@ std::vector<Arm> evaluation_arms(const Experiments& experiments, const Reproduce
       arm.detector = attack.setting("detector");
       arm.target = attack.setting("target");
       arm.defense = attack.setting("defense");
+      arm.parts = attack.setting("parts");
       arm.rig = rig_of(arm.name);
       arm.judge = command.setting("detector", stage.setting("detector"));
       arm.mesh = mesh;
@@ -82,6 +83,7 @@ json to_json(const Arm& arm) {
                   {{"confidence", BootstrapSettings().confidence},
                    {"drawn", arm.seeds.size() > 1 ? "runs and clusters" : "clusters"}}}};
   if (!arm.defense.empty()) result["defense"] = arm.defense;
+  if (!arm.parts.empty()) result["parts"] = arm.parts;
   if (arm.net)
     for (std::size_t i = 0; i < arm.net->size(); ++i) {
       const auto& net = (*arm.net)[i];

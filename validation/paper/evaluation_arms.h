@@ -19,6 +19,7 @@ struct Arm {
   std::string name;              ///< the evaluation's, without its folder
   std::string detector, target;  ///< who was attacked, and through which sensors
   std::string defense;           ///< of the attacked one; empty: none
+  std::string parts;             ///< word of --parts: what was learned; empty: shape and texture
   std::string rig;               ///< of the frames
   std::string judge;             ///< the detector that judges
   std::string mesh;              ///< "learned" or a control's word (attack/baseline.h)
@@ -34,8 +35,8 @@ struct Arm {
 std::vector<Arm> evaluation_arms(const Experiments& experiments, const ReproduceSettings& settings,
                                  const Evidence& evidence);
 
-/// {name, detector, target, defense?, rig, judge, mesh, seeds, vehicles, frames, asr: as HidingRates, net?:
-/// {vanished, iou50, iou70, distance1m, distance2m: each {value, low, high} or null}, fp_asr, interval:
+/// {name, detector, target, defense?, parts?, rig, judge, mesh, seeds, vehicles, frames, asr: as HidingRates,
+/// net?: {vanished, iou50, iou70, distance1m, distance2m: each {value, low, high} or null}, fp_asr, interval:
 /// {confidence, drawn}}
 nlohmann::json to_json(const Arm& arm);
 

@@ -10,6 +10,7 @@
 //     table3   transfer between rigs and between detectors, black box
 //     table4   defences, each attacked anew (white box), with clean AP
 //     real     table1 and transfer onto it, on frames of the user (--real), with table1 and all
+//     parts    not in the paper: shape, texture or size of the object alone (object_parts.h)
 //     fusions  not in the paper: six detectors, each attacked through each of its sensors, and every mesh
 //              judged by all six (fusions.h); fusions-xenith: the same with the other rig
 //

@@ -283,7 +283,7 @@ std::vector<Finding> findings(const Evidence& evidence) {
   for (Finding& finding : defence_findings(evidence)) all.push_back(std::move(finding));
   settle(all);
   // Not in the paper: families of their own.
-  for (const auto& family : {own_defence_findings, fusion_findings}) {
+  for (const auto& family : {own_defence_findings, part_findings, fusion_findings}) {
     std::vector<Finding> own = family(evidence);
     settle(own);
     for (Finding& finding : own) all.push_back(std::move(finding));

@@ -8,8 +8,9 @@
 
 namespace mirage::paper {
 
-/// The paper's findings, in its order, and those about kinds of fusion, on every rig whose evaluations are
-/// there; the comparisons of either are corrected as one family.
+/// The paper's findings, in its order, and those about defences of our own, parts of the object and kinds of
+/// fusion, on every rig whose evaluations are there; the comparisons of each kind are corrected as one
+/// family.
 std::vector<Finding> findings(const Evidence& evidence);
 
 }  // namespace mirage::paper

@@ -30,7 +30,7 @@ except ImportError as error:
 
 TAGS = {"holds": "good", "does not hold": "bad", "holds in part": "raster"}
 SECTIONS = [("table1", "attack"), ("real", "attack"), ("table2", "attack"), ("fig3", "recall"), ("fig4", "size"),
-            ("table3", "transfer"), ("table4", "defences"),
+            ("table3", "transfer"), ("table4", "defences"), ("parts", "attack"),
             ("fusions", "heat"), ("fusions-real", "heat"), ("fusions-xenith", "heat")]
 PICTURED = {"hidden": 3, "false_positives": 2, "features": 2}  # of an evaluation
 WIDE = 1400  # pixels of a picture, at most

@@ -10,9 +10,9 @@
 //
 // A run asks some thirty such questions, of which one or two would be told by chance. Their p-values are
 // corrected together (Holm, Scandinavian Journal of Statistics 6, 1979), the paper's findings as one family,
-// those about our own defences and those about kinds of fusion as two others: what is not told after that is
-// left open. p comes from the interval: the normal tail that puts the interval's end where the bootstrap has
-// it.
+// those about our own defences, parts of the object and kinds of fusion as three others: what is not told
+// after that is left open. p comes from the interval: the normal tail that puts the interval's end where the
+// bootstrap has it.
 #pragma once
 
 #include <optional>
