@@ -3,7 +3,7 @@
 their success in Cycles with realistic returns:
 
     python3 validation/studies/attack_light.py --data DATA --out OUT [--detectors camera,late,fusion]
-        [--lights plain,visible,exact,exact-visible,cycles] [--seeds 1,2,3,4,5] [--iterations N] [--frames F] [--samples S] [-- ...]
+        [--lights plain,visible,exact,exact-visible,exact-fine,cycles,cycles-exact] [--seeds 1,2,3,4,5] [--iterations N] [--frames F] [--samples S] [-- ...]
 
 Everything after -- goes to every `mirage attack`. One attack and one `mirage validate` for each detector, light and
 seed, in OUT/DETECTOR/LIGHT-SEED; what is finished is kept, and a stopped one goes on. All meshes are judged by the
@@ -25,7 +25,9 @@ import time
 
 HERE = pathlib.Path(__file__).resolve().parents[2]
 LIGHTS = {"plain": [], "visible": ["--light", "visible"], "exact": ["--quality", "exact"],
-          "exact-visible": ["--quality", "exact", "--light", "visible"], "cycles": ["--renderer", "cycles"]}
+          "exact-visible": ["--quality", "exact", "--light", "visible"],
+          "exact-fine": ["--quality", "exact", "--light", "fine"], "cycles": ["--renderer", "cycles"],
+          "cycles-exact": ["--renderer", "cycles", "--quality", "exact", "--light", "visible"]}
 ARMS = [("raster", "ideal"), ("visible", "ideal"), ("cycles", "ideal"), ("cycles", "realistic")]
 DRAWS = 10000
 
