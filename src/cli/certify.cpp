@@ -48,7 +48,8 @@ void print_shares(const CertificateResult& result, const CertificateSettings& se
                                                                      percent(result.clean_ap70))});
     if (of.objects > 0)
       rows.push_back({fmt::format("L = {:g} m, objects that reach past the mask", of.size),
-                      fmt::format("{} of {}", of.violations, of.objects)});
+                      fmt::format("{} of {}{}", of.violations, of.objects,
+                                  of.adversary ? ", the run's adversary among them" : "")});
   }
   print_table(rows);
 }

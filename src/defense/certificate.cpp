@@ -70,6 +70,11 @@ TexturedMesh some_object(std::uint64_t seed, int i, const AdversaryLimits& limit
   return object;
 }
 
+/// Whether the object stays in the box for which certificates of these limits are.
+bool fits(const TexturedMesh& object, const AdversaryLimits& limits) {
+  return (half_lengths(object.mesh).array() <= limits.half.array() + 1e-9).all();
+}
+
 bool same(const MaskedFrame& a, const MaskedFrame& b) {
   return a.image.data.size() == b.image.data.size() && a.sweep.size() == b.sweep.size() &&
          std::memcmp(a.image.data.data(), b.image.data.data(), a.image.data.size() * sizeof(float)) == 0 &&
@@ -146,16 +151,18 @@ class Certifier {
   }
 
  private:
-  /// How many random objects change something that the mask leaves.
+  /// How many objects change something that the mask leaves: random ones, and the run's if it is in the box.
   std::size_t violations(const PreparedFrame& prepared, const HostId& id, const Rooftop& roof,
                          const AdversaryLimits& limits, const Box3& box, const MaskedFrame& recorded) const {
-    std::size_t count = 0;
     const Frame& frame = prepared.frame;
-    for (int i = 0; i < settings_.objects; ++i) {
-      const Simulated attacked = simulate(prepared, label_of(frame, id), roof,
-                                          some_object(settings_.seed, i, limits), settings_.simulation);
-      count += !same(masked(attacked.image, attacked.sweep, frame.calibration, box, margin_), recorded);
-    }
+    const auto reaches_past = [&](const TexturedMesh& object) {
+      const Simulated attacked = simulate(prepared, label_of(frame, id), roof, object, settings_.simulation);
+      return !same(masked(attacked.image, attacked.sweep, frame.calibration, box, margin_), recorded);
+    };
+    std::size_t count = 0;
+    for (int i = 0; i < settings_.objects; ++i) count += reaches_past(some_object(settings_.seed, i, limits));
+    if (settings_.adversary && fits(*settings_.adversary, limits))
+      count += reaches_past(*settings_.adversary);
     return count;
   }
 
@@ -276,7 +283,8 @@ CertificateResult certify(const DetectorPool& detectors, FrameStore& store, cons
   for (std::size_t s = 0; s < settings.sizes.size(); ++s) {
     CertifiedShares shares = shares_of(result.hosts, s);
     shares.size = settings.sizes[s];
-    shares.objects = result.hosts.size() * static_cast<std::size_t>(settings.objects);
+    shares.adversary = settings.adversary && fits(*settings.adversary, limits_of_size(settings.sizes[s]));
+    shares.objects = result.hosts.size() * (static_cast<std::size_t>(settings.objects) + shares.adversary);
     std::vector<ScoredFrame> united;
     std::size_t masks = 0;
     for (const FrameWork& frame : frames) {
@@ -306,6 +314,7 @@ nlohmann::json to_json(const CertificateResult& result, const CertificateSetting
                            {"known_roof_iou70", to_json(of.known70)},
                            {"known_roof_iou50", to_json(of.known50)},
                            {"objects", of.objects},
+                           {"adversary_among_them", of.adversary},
                            {"violations", of.violations}};
     if (settings.adversary) {
       size["attacked_iou70"] = to_json(of.attacked70);

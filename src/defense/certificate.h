@@ -43,8 +43,8 @@ bool covers(const Box3& mask, const Box3& box);
 
 /// What `certify` does.
 struct CertificateSettings {
-  std::vector<double> sizes = {0.2, 0.4, 0.6, 0.8};  ///< L of AdversaryLimits (limits_of_size), m
-  bool with_lattice = false;                         ///< hundreds of passes a frame
+  std::vector<double> sizes = {0.2, 0.4, 0.6, 0.8, 1.0};  ///< L of AdversaryLimits (limits_of_size), m
+  bool with_lattice = false;                              ///< hundreds of passes a frame
   LatticeSettings lattice;
   double mask_pixels = MaskMargin().pixels, mask_metres = MaskMargin().metres;
   int objects = 20;  ///< random objects a host and size for which the premise is checked; 0: none
@@ -105,6 +105,7 @@ struct CertifiedShares {
   Interval lattice70, lattice50;    ///< certified by the lattice, of all hosts
   int covered = 0;                  ///< hosts whose roof a mask of the lattice covers
   std::size_t objects = 0;          ///< for which the premise was checked
+  bool adversary = false;           ///< whether the run's, which this box holds, is among them on every host
   std::size_t violations = 0;       ///< that changed something the mask leaves
 };
 

@@ -15,6 +15,9 @@
 
 namespace mirage::paper {
 
+/// Half lengths L of the box in figure 4, m; 0.8 is the default of every other table.
+inline constexpr std::array kBoxSizes = {0.2, 0.4, 0.6, 0.8, 1.0};
+
 struct ReproduceSettings {
   std::string what = "all";
   std::filesystem::path out;

@@ -131,8 +131,8 @@ Table fig4(CaseList& list) {
       "numbers are not printed.",
       kSuccess,
       {}};
-  for (const double size : {0.2, 0.4, 0.6, 0.8, 1.0}) {
-    const bool standing = size == 0.8;  // the default of every other table
+  for (const double size : kBoxSizes) {
+    const bool standing = size == 0.8;
     const std::string run = list.attack("kitti64", "fusion", "both", {.size = standing ? 0 : size});
     Row size_row = row(fmt::format("L = {:.1f} m", size), "kitti64", list.evaluate(run, standing, standing));
     size_row.size = size;

@@ -150,7 +150,7 @@ Finding larger(const Evidence& evidence) {
   return on_each_rig(
       "size", "A larger mesh is a stronger one", [&](const std::string& rig, std::vector<Check>& checks) {
         std::vector<std::pair<double, Outcomes>> sizes;
-        for (const double size : {0.2, 0.4, 0.6, 0.8, 1.0}) {
+        for (const double size : kBoxSizes) {
           const std::string run = size == 0.8 ? "fusion-both" : fmt::format("fusion-both-size{:.1f}", size);
           if (const Outcomes* learned = evidence.learned(evaluation(rig, run)))
             sizes.push_back({size, *learned});
