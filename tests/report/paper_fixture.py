@@ -70,6 +70,14 @@ def defence_table():
             "columns": [*SUCCESS, {"key": "ap70", "title": "clean AP 0.7"}]}
 
 
+def parts_table():
+    rows = [row(label, "kitti64", f"kitti64-fusion-{k}", {**success(0.2 + 0.05 * k), "vanished": share(0.1 + 0.05 * k)},
+                false_positive_distances=[])
+            for k, label in enumerate(("shape and texture, image", "texture alone, image"))]
+    return {"name": "parts", "title": "What of the object hides", "note": "Made up.", "rows": rows,
+            "columns": [{"key": "vanished", "title": "vanished"}, *SUCCESS]}
+
+
 def fusions_table():
     """Two attacks and a cuboid before three judges; one cell failed, and one detector does not use its picture."""
     judges = ["lidar", "camera", "late"]
@@ -107,7 +115,7 @@ def make(folder):
     for kind in ("hidden", "false_positives", "features"):
         Image.new("RGB", (900, 300), (70, 110, 160)).save(os.path.join(pictures, f"{kind}_000001_0.png"))
     tables = [attack_table("table1", "kitti64"), attack_table("table2", "xenith"), recall_table(), size_table(),
-              transfer_table(), defence_table(), fusions_table()]
+              transfer_table(), defence_table(), parts_table(), fusions_table()]
     result = {"what": "all", "tables": tables, "findings": findings(),
               "reliance": [{"case": "kitti64-fusion-both", "reads_picture": True, "uses_picture": False, "ap70": 0.8,
                             "ap70_swapped": 0.79, "ap70_black": 0.7, "drop": 0.01, "drop_low": -0.02, "drop_high": 0.03,

@@ -45,8 +45,8 @@ class Page(browser.PageChecks, unittest.TestCase):
 
     def test_parts_are_there(self):
         sections = self.browser.run("[...document.querySelectorAll('section')].map(s => s.id)")
-        self.assertEqual(sections, ["findings", "pictures-used", "table1", "table2", "fig3", "fig4", "table3", "table4", "fusions", "pictures", "method"])
-        self.assertEqual(self.count("svg.plot"), 2 + 2 + 2 + 1 + 2 + 1)
+        self.assertEqual(sections, ["findings", "pictures-used", "table1", "table2", "fig3", "fig4", "table3", "table4", "parts", "fusions", "pictures", "method"])
+        self.assertEqual(self.count("svg.plot"), 2 + 2 + 2 + 1 + 2 + 1 + 1)
         self.assertEqual(self.browser.run("[...document.images].filter(i => !i.naturalWidth).length"), 0)
         self.assertEqual(self.count("#pictures img"), 3)
 

@@ -3,10 +3,12 @@
 namespace mirage::paper {
 namespace {
 
+/// "texture alone, image": the sensor comes last, as in the other tables.
 std::string label(const PartArm& arm) {
-  const std::string through = arm.target == "lidar" ? "LiDAR" : arm.target;
-  if (!arm.parts.empty()) return through + ", " + arm.parts + " alone";
-  return through + (arm.target == "lidar" ? ", shape" : ", shape and texture");
+  const std::string learned = !arm.parts.empty()      ? arm.parts + " alone"
+                              : arm.target == "lidar" ? "shape"
+                                                      : "shape and texture";
+  return learned + ", " + (arm.target == "lidar" ? "LiDAR" : arm.target);
 }
 
 }  // namespace
