@@ -15,6 +15,12 @@ def kind(label):
     return next((name for word, name in KINDS if word in attack), "both")
 
 
+def short(label):
+    for long, word in SHORT.items():
+        label = label.replace(long, word)
+    return label
+
+
 def percent(value):
     return f"{100 * value:.1f} %"
 
@@ -32,14 +38,13 @@ def success(rows, key="asr", label="attack success rate (95 % interval); ring: t
         return None
     high = max([row["values"][key].get("high", row["values"][key]["value"]) for row in rows] +
                [row["paper"].get(key, 0) for row in rows])
+    names = [short(row["label"]) for row in rows]
+    left = max(200, 20 + 6 * max(map(len, names)))  # pixels; a letter takes six at most, on average
     plot = charts.Plot((0, min(1.0, max(0.1, 1.08 * high))), None, "Attack success", label, size=(560, 62 + 30 * len(rows)),
-                       left=200, tick=charts.percent)
+                       left=left, tick=charts.percent)
     for index, row in enumerate(rows):
         value, y, name = row["values"][key], plot.row(index, len(rows)), kind(row["label"])
-        text = row["label"]
-        for long, short in SHORT.items():
-            text = text.replace(long, short)
-        plot.text("name", plot.left - 12, y + 4, text, "end")
+        plot.text("name", plot.left - 12, y + 4, names[index], "end")
         if "low" in value:
             plot.line(f"interval {name}", plot.x(value["low"]), y, plot.x(value["high"]), y)
         if key in row["paper"]:
