@@ -202,21 +202,19 @@ void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_mi
     std::memcpy(packet.ray.dir_y, &rays.direction[1][at], bytes);
     std::memcpy(packet.ray.dir_z, &rays.direction[2][at], bytes);
     for (int i = 0; i < N; ++i) {
-      packet.ray.tfar[i] = t_max;
       packet.hit.geomID[i] = packet.hit.primID[i] = RTC_INVALID_GEOMETRY_ID;
       packet.hit.u[i] = packet.hit.v[i] = 0;
-    }
-    // One ray that is not finite would spoil the common bounds of its packet: x · 0 is 0 only where x is
-    // finite.
-    for (int i = 0; i < N; ++i) {
+      // One ray that is not finite would spoil the common bounds of its packet: x · 0 is 0 only where x is
+      // finite.
       const auto& r = packet.ray;
       const float zero =
           (r.org_x[i] + r.org_y[i] + r.org_z[i]) * 0 + (r.dir_x[i] + r.dir_y[i] + r.dir_z[i]) * 0;
-      valid[i] = zero == 0 ? -1 : 0;
+      const bool traced = zero == 0 && column + static_cast<std::size_t>(i) < rays.columns;
+      valid[i] = traced ? -1 : 0;
+      // Where the processor has no packets of N, Embree splits them and reads the interval alone, not the
+      // mask.
+      packet.ray.tfar[i] = traced ? t_max : -1;
     }
-    if (column + N > rays.columns)
-      for (int i = 0; i < N; ++i)
-        if (column + static_cast<std::size_t>(i) >= rays.columns) valid[i] = 0;
     if constexpr (N == 16) rtcIntersect16(valid, scene, &context, &packet);
     if constexpr (N == 8) rtcIntersect8(valid, scene, &context, &packet);
     if constexpr (N == 4) rtcIntersect4(valid, scene, &context, &packet);
