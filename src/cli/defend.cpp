@@ -67,7 +67,8 @@ Command defend_command() {
             app.add_option("--method", options->method,
                            "adversarial (free adversarial training); denoising (the same with non-local "
                            "means on image features); depth-gate (fusion weighs image features by "
-                           "agreement in depth, trained clean); controls: "
+                           "agreement in depth, trained clean); ceiling (random meshes, under a ceiling of "
+                           "1.4 m); controls: "
                            "roof-objects (random meshes in the adversary's place), picture-dropout (half of "
                            "the samples without their picture)")
                 ->capture_default_str();

@@ -40,7 +40,8 @@ nlohmann::json read_claims(const std::filesystem::path& file) {
 /// Puts what was measured under the weights' name into the file that the tests hold it against.
 void write_claim(const std::filesystem::path& file, const DetectorOptions& detector,
                  const std::filesystem::path& data, const Reliance& reliance) {
-  if (!read_defense(detector.defense).around.empty())
+  const Defense defense = read_defense(detector.defense);
+  if (defense.around != read_defense(defense.weights).around)
     throw FieldError("claim", file.string(), "is of weights, and the defence stands around them",
                      "leave --defense or --claim out");
   const std::filesystem::path weights = weights_file(detector);

@@ -138,6 +138,12 @@ const std::vector<Method>& methods() {
       {"denoising", {"denoising"}, adversarial},
       {"depth-gate", {"depth-gate"}, clean},
       {"roof-objects", {}, [](DefenseSettings& settings) { settings.carried = Carried::random; }},
+      {kCeiling,
+       {},
+       [](DefenseSettings& settings) {
+         settings.carried = Carried::random;
+         settings.detector.defense = kTrainedCeiling;
+       }},
       {"picture-dropout", {}, [](DefenseSettings& settings) {
          settings.adversary_updates = 0;
          settings.left_out = 0.5;
@@ -162,7 +168,7 @@ void set_method(const std::string& word, DefenseSettings& settings) {
   if (known == methods().end())
     throw FieldError("method", word, "unknown defence",
                      "use " + fmt::format("{}", fmt::join(defense_methods(), ", ")) +
-                         " (JPEG and consistency need no training: --defense)");
+                         " (jpeg, consistency and shadows need no training: --defense)");
   settings.detector.parts = known->parts;
   known->set(settings);
 }

@@ -74,6 +74,7 @@ void visit_fields(Visitor& visit, S& s) {
          .written = s.detector.precision != kFloat,
          .check = check_precision},
         s.detector.precision);
+  visit({.name = "defense", .option = "", .written = s.detector.defense != "none"}, s.detector.defense);
   visit_fields(visit, as_base<TrainingSchedule>(s));
   visit({.name = "carried", .option = "", .written = s.carried != Carried::adversary}, s.carried);
   visit({.name = "attacked", .help = "share of a batch that carries a mesh", .range = kShare}, s.attacked);

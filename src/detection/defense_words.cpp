@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <optional>
 #include <string_view>
 
 #include "base/fields.h"
@@ -10,7 +11,7 @@ namespace mirage {
 namespace {
 
 bool stands_around(const std::string& word) {
-  return word == kConsistency || word == kShadows || jpeg_quality(word) > 0;
+  return word == kConsistency || word == kShadows || jpeg_quality(word) > 0 || ceiling_height(word) > 0;
 }
 
 std::vector<std::string> split_words(const std::string& text) {
@@ -23,17 +24,31 @@ std::vector<std::string> split_words(const std::string& text) {
   return words;
 }
 
+/// The number that a word gives after its name and a colon; none for another word, −1 for one that gives
+/// none.
+template <class Number>
+std::optional<Number> number_after(std::string_view name, const std::string& text) {
+  if (!text.starts_with(name)) return std::nullopt;
+  Number number = 0;
+  const char *first = text.data() + name.size(), *end = text.data() + text.size();
+  const auto [read, error] = std::from_chars(first, end, number);
+  return error != std::errc() || read != end ? Number(-1) : number;
+}
+
 }  // namespace
 
 int jpeg_quality(const std::string& text) {
-  constexpr std::string_view word = "jpeg:";
-  if (!text.starts_with(word)) return 0;
-  int quality = 0;
-  const char *first = text.data() + word.size(), *end = text.data() + text.size();
-  const auto [read, error] = std::from_chars(first, end, quality);
-  if (error != std::errc() || read != end || quality < 1 || quality > 100)
+  const auto quality = number_after<int>("jpeg:", text);
+  if (quality && !(*quality >= 1 && *quality <= 100))
     throw FieldError("defense", text, "is no JPEG quality", "use jpeg:1 to jpeg:100");
-  return quality;
+  return quality.value_or(0);
+}
+
+double ceiling_height(const std::string& text) {
+  const auto height = number_after<double>("ceiling:", text);
+  if (height && !(*height > 0 && *height <= 10))
+    throw FieldError("defense", text, "is no height over the road", "use metres, such as ceiling:1.6");
+  return height.value_or(0);
 }
 
 bool Defense::has(const std::string& word) const {
@@ -47,13 +62,15 @@ Defense read_defense(const std::string& text) {
     if (word.empty() || word == "none" ||
         (!stands_around(word) && word.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") != std::string::npos))
       throw FieldError("defense", text, "is no defence",
-                       "use none, jpeg:QUALITY, consistency, shadows or the word of shipped weights, such as "
+                       "use none, jpeg:QUALITY, ceiling:HEIGHT, consistency, shadows or the word of shipped "
+                       "weights, such as "
                        "adversarial; several as adversarial+shadows");
     if (defense.has(word)) throw FieldError("defense", text, "names " + word + " twice", "name it once");
     if (stands_around(word)) {
       defense.around.push_back(word);
     } else if (defense.weights.empty()) {
       defense.weights = word;
+      if (word == kCeiling) defense.around.emplace_back(kTrainedCeiling);
     } else {
       throw FieldError("defense", text, "names two sets of weights, " + defense.weights + " and " + word,
                        "leave one of them out");

@@ -154,7 +154,8 @@ struct DetectorOptions {
   /// m; > 0: of a view with a clean one, what the detector makes of places further than this from what the
   /// object changes is left as it was: quicker, and no longer exact. 0: nothing is left out.
   double locality = 0;
-  /// "none"; "jpeg:QUALITY" (1–100): the picture is compressed before the detector sees it; "consistency":
+  /// "none"; "jpeg:QUALITY" (1–100): the picture is compressed before the detector sees it; "ceiling:HEIGHT":
+  /// nothing above that many metres over the road is looked at (detection/ceiling_detector.h); "consistency":
   /// held against what each sensor says alone (detection/consistent_detector.h); "shadows": against the
   /// sweep's solid bodies (detection/shadow_detector.h); any other word chooses shipped weights that were
   /// trained to resist, DETECTOR-RIG-WORD.weights. Several are joined by '+' (detection/defense_words.h).
@@ -183,9 +184,10 @@ void visit_fields(Visitor& visit, S& s) {
         s.weights);
   visit(
       {.name = "defense",
-       .help = "what the detector is defended by: none, jpeg:QUALITY, consistency (with the lidar and the "
-               "camera detector), shadows (with the sweep's solid bodies), or shipped weights of mirage "
-               "defend (adversarial, denoising, depth-gate, roof-objects, picture-dropout); several at once "
+       .help = "what the detector is defended by: none, jpeg:QUALITY, ceiling:HEIGHT (m over the road: what "
+               "stands higher is not looked at), consistency (with the lidar and the camera detector), "
+               "shadows (with the sweep's solid bodies), or shipped weights of mirage defend (adversarial, "
+               "denoising, depth-gate, roof-objects, picture-dropout); several at once "
                "as adversarial+shadows",
        .check = check_defense},
       s.defense);

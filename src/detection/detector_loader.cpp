@@ -10,6 +10,7 @@
 #include "base/logging.h"
 #include "base/parallel.h"
 #include "base/shared_library.h"
+#include "detection/ceiling_detector.h"
 #include "detection/consistent_detector.h"
 #include "detection/defense_words.h"
 #include "detection/detector.h"
@@ -20,6 +21,7 @@
 #include "detection/points_in_view.h"
 #include "detection/precision.h"
 #include "detection/shadow_detector.h"
+#include "sensors/lidar_model.h"
 
 namespace mirage {
 namespace {
@@ -278,93 +280,7 @@ class PluginDetector : public Detector {
   std::size_t kept_points_ = 0, kept_watched_ = 0;
 };
 
-/// "-" and the word that shipped weights of a trained defence carry, or those fine-tuned on real frames;
-/// empty for the plain ones. InputError for what can be no such word.
-std::string weights_word(const DetectorOptions& options) {
-  const std::string word = read_defense(options.defense).weights;
-  if (word.empty()) return options.weights == kRealWeights ? std::string("-") + kRealWeights : "";
-  if (word == kRealWeights)  // a family of weights
-    throw FieldError("defense", word, "is no defence", "use --weights real, or name a defence");
-  if (!options.weights.empty())
-    throw FieldError("defense", word, "chooses weights, and so does --weights", "give one of the two");
-  return "-" + word;
-}
-
-/// The detector's part of its weights' names.
-std::string weights_name(const DetectorOptions& options) {
-  return fs::path(options.detector).extension() == ".so" ? fs::path(options.detector).stem().string()
-                                                         : options.detector;
-}
-
-/// Where weights that ship beside the plugin lie, by the options' words; whether they are there or not.
-fs::path shipped_weights(const DetectorOptions& options, const fs::path& plugin) {
-  return plugin.parent_path() / "weights" /
-         (weights_name(options) + "-" + options.rig + weights_word(options) + ".weights");
-}
-
-fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
-  const bool real = options.weights == kRealWeights;
-  const std::string word = weights_word(options);
-  const fs::path file = real || options.weights.empty() ? shipped_weights(options, plugin) : options.weights;
-  if (fs::is_regular_file(file)) return file;
-  if (real)
-    throw InputError(file.string(), "",
-                     "there are no shipped weights of " + weights_name(options) + " for the rig " +
-                         options.rig + " that were fine-tuned on real frames",
-                     "leave --weights out, or give a file (one named real as ./real)");
-  if (options.weights.empty() && options.detector == "torchscript")
-    throw FieldError("weights", "", "a torchscript detector has no shipped weights",
-                     "name the model that you exported: --weights MODEL.pt");
-  if (options.weights.empty())
-    throw InputError(file.string(), "",
-                     "there are no shipped weights of " + weights_name(options) + " for the rig " +
-                         options.rig + (word.empty() ? "" : " with the defence " + word.substr(1)),
-                     word.empty()
-                         ? "name a weights file with --weights (one of another rig may do), or train one "
-                           "with mirage train"
-                         : "use another --defense, or train one with mirage defend and name it with "
-                           "--weights");
-  throw InputError(file.string(), "", "no such weights file", "check --weights");
-}
-
 }  // namespace
-
-fs::path weights_file(const DetectorOptions& options) {
-  return options.fresh ? fs::path() : find_weights(options, plugin_file(options));
-}
-
-namespace {
-
-bool is_consistent(const DetectorOptions& options) {
-  return read_defense(options.defense).has(kConsistency);
-}
-
-}  // namespace
-
-std::vector<DetectorOptions> witnesses(const DetectorOptions& options) {
-  std::vector<DetectorOptions> all;
-  if (!is_consistent(options)) return all;
-  for (const char* word : {"lidar", "camera"}) {
-    DetectorOptions& its = all.emplace_back();
-    its.detector = word;
-    its.seed = options.seed;
-    its.threads = options.threads;
-    its.rig = options.rig;
-    its.precision = options.precision;
-    its.locality = options.locality;
-    its.clean_memory_mb = options.clean_memory_mb;
-    if (options.weights != kRealWeights) continue;
-    its.weights = kRealWeights;  // where there are any
-    if (!fs::exists(shipped_weights(its, plugin_file(its)))) its.weights.clear();
-  }
-  return all;
-}
-
-std::string weights_hash(const DetectorOptions& options) {
-  std::string hash = file_hash(weights_file(options));
-  for (const DetectorOptions& other : witnesses(options)) hash += file_hash(weights_file(other));
-  return is_consistent(options) ? content_hash(hash) : hash;
-}
 
 namespace {
 
@@ -397,9 +313,10 @@ std::unique_ptr<Detector> load_given_detector(const DetectorOptions& options) {
   if (!options.weights.empty())
     throw FieldError("weights", options.weights.string(), "a detector given in Python has no weights file",
                      "leave it out");
-  if (!weights_word(options).empty() || is_consistent(options))
+  const Defense defense = read_defense(options.defense);
+  if (!defense.weights.empty() || defense.has(kConsistency))
     throw FieldError("defense", options.defense, "chooses shipped weights, which a given detector has not",
-                     "use none, jpeg:QUALITY or shadows");
+                     "use none, jpeg:QUALITY, ceiling:HEIGHT or shadows");
   return given->make();
 }
 
@@ -411,6 +328,9 @@ std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const Det
     } else if (word == kConsistency) {
       const auto others = witnesses(options);
       detector = with_witnesses(std::move(detector), load_detector(others[0]), load_detector(others[1]));
+    } else if (const double height = ceiling_height(word); height > 0) {
+      const LidarModel unit = read_lidar_model(shipped_file("scenes/rigs/" + options.rig + ".toml"));
+      detector = under_ceiling(std::move(detector), height, unit.height);
     } else {
       detector = behind_jpeg(std::move(detector), jpeg_quality(word));
     }
@@ -422,7 +342,7 @@ std::unique_ptr<Detector> defended(std::unique_ptr<Detector> detector, const Det
 
 std::unique_ptr<Detector> load_detector(const DetectorOptions& given_options) {
   DetectorOptions options = given_options;
-  if (is_consistent(options)) options.clean_memory_mb /= 3;  // of three detectors
+  options.clean_memory_mb /= 1 + static_cast<int>(witnesses(options).size());
   if (is_given(options)) {
     auto detector = load_given_detector(options);
     return defended(std::move(detector), options);

@@ -27,6 +27,8 @@ constexpr double kTolerance = 1e-5;
 /// Of the middle case's gradient in float; or so many times what the whole pass is off itself.
 constexpr double kMedianTolerance = 3e-5, kTimesWhole = 3;
 
+constexpr int kMemory = 2048;  // MB
+
 PreparedFrame generated(std::uint64_t seed) {
   const Rig rig = test::small_rig();
   Frame frame = generate_frame(rig, seed, 0);
@@ -41,16 +43,18 @@ Label car_at(double x, double y, double height = 1.5) {
   return car;
 }
 
-std::unique_ptr<Detector> detector_of(const std::string& name, bool whole,
+/// `memory`: MB for clean frames; 0: whole passes.
+std::unique_ptr<Detector> detector_of(const std::string& name, int memory,
                                       const std::string& defense = "none",
                                       const std::string& precision = "float") {
   setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
   DetectorOptions options;
-  options.detector = name;
+  const std::size_t joint = name.find('+');  // "fusion+ceiling:2"
+  options.detector = name.substr(0, joint);
   options.threads = 1;
-  options.defense = defense;
+  options.defense = joint == std::string::npos ? defense : name.substr(joint + 1);
   options.precision = precision;
-  if (whole) options.clean_memory_mb = 0;
+  options.clean_memory_mb = memory;
   return load_detector(options);
 }
 
@@ -112,10 +116,10 @@ struct GradientError {
 class LocalPasses : public testing::TestWithParam<const char*> {
  protected:
   LocalPasses()
-      : whole_(detector_of(GetParam(), true)),
-        local_(detector_of(GetParam(), false)),
-        whole64_(detector_of(GetParam(), true, "none", "double")),
-        local64_(detector_of(GetParam(), false, "none", "double")) {}
+      : whole_(detector_of(GetParam(), 0)),
+        local_(detector_of(GetParam(), kMemory)),
+        whole64_(detector_of(GetParam(), 0, "none", "double")),
+        local64_(detector_of(GetParam(), kMemory, "none", "double")) {}
 
   /// All proposals, and the gradient of a random weighing of those that score above `least`.
   void expect_same(const PreparedFrame& prepared, const Label& host, double least = -1,
@@ -155,7 +159,9 @@ class LocalPasses : public testing::TestWithParam<const char*> {
     EXPECT_EQ(exact.any_presence, local_->capabilities().knows_presence);
     if (exact.any_pixels) pixels_.add(exact.pixels, now.pixels, full.pixels);
     if (exact.any_points) points_.add(exact.points, now.points, full.points);
-    EXPECT_TRUE(exact.any_points || simulated.adversary_points == 0 || !local_->capabilities().reads_points);
+    const bool may_hide_all = std::string(GetParam()).find("ceiling") != std::string::npos;
+    EXPECT_TRUE(exact.any_points || simulated.adversary_points == 0 || !local_->capabilities().reads_points ||
+                may_hide_all);
   }
 
   static void expect_same(const std::vector<Proposal>& found, const std::vector<Proposal>& expected) {
@@ -258,11 +264,7 @@ TEST_P(LocalPasses, OfPointsThatMovedAnywhere) {
 
 TEST_P(LocalPasses, GiveTheSameBitsWhateverIsKept) {
   const PreparedFrame one = generated(36), other = generated(37);
-  DetectorOptions options;
-  options.detector = GetParam();
-  options.threads = 1;
-  options.clean_memory_mb = 1;  // less than a frame: nothing stays
-  const auto forgetful = load_detector(options);
+  const auto forgetful = detector_of(GetParam(), 1);  // MB, less than a frame: nothing stays
   const auto logits = [](Detector& detector, const PreparedFrame& prepared) {
     const Label host = car_at(12, 1);
     const Simulated simulated =
@@ -284,6 +286,8 @@ TEST_P(LocalPasses, GiveTheSameBitsWhateverIsKept) {
 INSTANTIATE_TEST_SUITE_P(Detectors, LocalPasses,
                          testing::Values("lidar", "camera", "painted", "fusion", "late", "refined"),
                          [](const auto& one) { return std::string(one.param); });
+INSTANTIATE_TEST_SUITE_P(UnderACeiling, LocalPasses, testing::Values("fusion+ceiling:2"),
+                         [](const auto&) { return "fusion"; });
 
 TEST_P(LocalPasses, InBfloat16AreNearThoseInFloat) {
   if (!multiplies_bfloat16()) GTEST_SKIP() << "this processor has no bfloat16";
@@ -293,7 +297,7 @@ TEST_P(LocalPasses, InBfloat16AreNearThoseInFloat) {
       simulate(prepared, host, BoxRooftopFinder().find(prepared.frame, host), random_adversary(4));
   const CleanView clean = clean_view(prepared, simulated);
   for (const bool whole : {true, false}) {
-    const auto rounded = detector_of(GetParam(), whole, "none", "bfloat16");
+    const auto rounded = detector_of(GetParam(), whole ? 0 : kMemory, "none", "bfloat16");
     SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
     if (!whole) view.clean = &clean;
     const auto expected = whole_->forward(view, -1, true), found = rounded->forward(view, -1, true);
@@ -336,11 +340,11 @@ TEST(Precision, FallsBackToFloatWithoutTheInstructions) {
 }
 
 TEST(WholePasses, SayWhyTheyAreWhole) {
-  EXPECT_NE(detector_of("fusion", false, "denoising")->capabilities().why_whole.find("non-local"),
+  EXPECT_NE(detector_of("fusion", kMemory, "denoising")->capabilities().why_whole.find("non-local"),
             std::string::npos);
-  EXPECT_NE(detector_of("fusion", false, "jpeg:50")->capabilities().why_whole.find("compressed"),
+  EXPECT_NE(detector_of("fusion", kMemory, "jpeg:50")->capabilities().why_whole.find("compressed"),
             std::string::npos);
-  EXPECT_NE(detector_of("lidar", true)->capabilities().why_whole.find("memory"), std::string::npos);
+  EXPECT_NE(detector_of("lidar", 0)->capabilities().why_whole.find("memory"), std::string::npos);
 }
 
 }  // namespace

@@ -179,7 +179,8 @@ TEST(Defense, EveryMethodHasItsSettings) {
               settings.detector.parts == std::vector<std::string>{"denoising"});
     EXPECT_EQ(word.find("depth-gate") != std::string::npos,
               settings.detector.parts == std::vector<std::string>{"depth-gate"});
-    EXPECT_EQ(word == "roof-objects", settings.carried == Carried::random);
+    EXPECT_EQ(word == "roof-objects" || word == kCeiling, settings.carried == Carried::random);
+    EXPECT_EQ(word == kCeiling, settings.detector.defense == kTrainedCeiling);
     EXPECT_EQ(word == "picture-dropout", settings.left_out > 0);
     EXPECT_EQ(word == "picture-dropout" || word == "depth-gate", settings.adversary_updates == 0);
   }

@@ -30,6 +30,10 @@ TEST(DefenseWords, WeightsAndWhatStandsAround) {
   EXPECT_TRUE(all.has(kShadows));
   EXPECT_TRUE(all.has(kConsistency));
   EXPECT_FALSE(read_defense("adversarial").has(kShadows));
+  const Defense trained = read_defense("ceiling+shadows");
+  EXPECT_EQ(trained.weights, "ceiling");
+  EXPECT_THAT(trained.around, ElementsAre(kTrainedCeiling, "shadows"));
+  EXPECT_EQ(read_defense("ceiling:1.4").weights, "");
 }
 
 TEST(DefenseWords, WhatIsNone) {
@@ -39,6 +43,11 @@ TEST(DefenseWords, WhatIsNone) {
   EXPECT_THAT(refusal("adversarial+denoising"), HasSubstr("two sets of weights, adversarial and denoising"));
   EXPECT_THAT(refusal("shadows+adversarial+shadows"), HasSubstr("names shadows twice"));
   EXPECT_THAT(refusal("shadows+jpeg:0"), HasSubstr("use jpeg:1 to jpeg:100"));
+  for (const char* wrong :
+       {"ceiling:", "ceiling:0", "ceiling:-1", "ceiling:1.6m", "ceiling:nan", "ceiling:11"})
+    EXPECT_THAT(refusal(wrong), HasSubstr("use metres, such as ceiling:1.6")) << wrong;
+  EXPECT_EQ(ceiling_height("ceiling:1.6"), 1.6);
+  EXPECT_EQ(ceiling_height("shadows"), 0);
 }
 
 }  // namespace

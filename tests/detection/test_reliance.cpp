@@ -189,6 +189,7 @@ TEST(Reliance, ShippedDetectorsSeeWhatTheyClaim) {
     options.detector = stem.substr(0, dash);
     options.rig = stem.substr(dash + 1, end - dash - 1);
     options.weights = entry.path();
+    if (end != std::string::npos && stem.substr(end + 1) == kCeiling) options.defense = kTrainedCeiling;
     const auto detector = load_detector(options);
     if (!reads_picture(*detector)) continue;
     ++cameras;

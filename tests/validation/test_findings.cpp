@@ -210,6 +210,12 @@ TEST_F(Findings, Defences) {
   EXPECT_EQ(only("consistency").verdict, Verdict::holds);
   judged("kitti64-fusion-both-shadows", {120, 5, 1, 0});
   EXPECT_EQ(only("shadows").verdict, Verdict::holds);
+  judged("kitti64-fusion-both-ceiling1.4", {120, 5, 1, 0});
+  EXPECT_EQ(only("ceiling:1.4").verdict, Verdict::holds);
+  judged("kitti64-fusion-both-ceiling", {120, 5, 0, 0});
+  EXPECT_EQ(only("ceiling").verdict, Verdict::holds);
+  judged("kitti64-fusion-both-ceiling1.4", {120, 5, 4, 2});
+  EXPECT_NE(only("ceiling:1.4").verdict, Verdict::holds);
   judged("kitti64-fusion-both-adversarial-shadows", {120, 5, 0, 0});
   EXPECT_EQ(only("adversarial+shadows").verdict, Verdict::holds);
   judged("kitti64-fusion-both-adversarial-shadows", {120, 5, 1, 1});  // no more than without

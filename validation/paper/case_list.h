@@ -8,6 +8,11 @@
 
 namespace mirage::paper {
 
+/// A --target as tables say it: "LiDAR", "image", "both".
+inline std::string target_title(const std::string& target) {
+  return target == "lidar" ? "LiDAR" : target;
+}
+
 /// How an attack departs from the tables' standing one.
 struct Variant {
   double size = 0;           ///< L, m; 0: the default box

@@ -136,6 +136,10 @@ std::vector<Finding> own_defence_findings(const Evidence& evidence) {
               "Not in the paper: bodies and shadows help on top of adversarial training",
               "fusion-both-adversarial", "fusion-both-adversarial-shadows",
               "held against the sweep's bodies as well", is_fooled, "ASR"),
+      defence(evidence, "ceiling:1.4", "Not in the paper: looking at nothing above roofs helps",
+              "fusion-both", "fusion-both-ceiling1.4", "under a ceiling of 1.4 m", is_fooled, "ASR"),
+      defence(evidence, "ceiling", "Not in the paper: training under the ceiling takes off more",
+              "fusion-both-ceiling1.4", "fusion-both-ceiling", "trained under it", is_fooled, "ASR"),
       defence(evidence, "gate", "Not in the paper: the depth gate removes false positives", "fusion-both",
               "fusion-both-depth-gate", "with the depth gate", is_false_positive, "FP ASR")};
 }

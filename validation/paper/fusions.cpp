@@ -27,7 +27,7 @@ std::vector<Attacked> attacks(bool quick) {
 }
 
 std::string words(const Attacked& attacked) {
-  return attacked.detector + ", " + (attacked.target == "lidar" ? "LiDAR" : attacked.target);
+  return attacked.detector + ", " + target_title(attacked.target);
 }
 
 /// One row for each mesh and judge; `judged` names, and adds, the evaluation.

@@ -8,7 +8,7 @@ std::string label(const PartArm& arm) {
   const std::string learned = !arm.parts.empty()      ? arm.parts + " alone"
                               : arm.target == "lidar" ? "shape"
                                                       : "shape and texture";
-  return learned + ", " + (arm.target == "lidar" ? "LiDAR" : arm.target);
+  return learned + ", " + target_title(arm.target);
 }
 
 }  // namespace

@@ -1,6 +1,8 @@
 // Whether shape and texture each hide by themselves, and whether either is more than size.
 #include <fmt/format.h>
 
+#include <map>
+
 #include "validation/paper/hiding_checks.h"
 #include "validation/paper/object_parts.h"
 
@@ -12,10 +14,9 @@ Cell cell(const Evidence& evidence, const std::string& target, const std::string
 }
 
 std::string where(const std::string& target) {
-  return title("kitti64") + ", through " +
-         (target == "lidar"   ? "LiDAR"
-          : target == "image" ? "the image"
-                              : "both sensors");
+  const std::map<std::string, std::string> words = {
+      {"image", "the image"}, {"lidar", target_title(target)}, {"both", "both sensors"}};
+  return title("kitti64") + ", through " + words.at(target);
 }
 
 Check about(Check made, const std::string& target, const Cell& used) {
