@@ -80,6 +80,7 @@ MirageSensorInput raw_input(const SensorView& view) {
 
 std::vector<MirageBox> raw_boxes(const std::vector<BevBox>& boxes) {
   std::vector<MirageBox> raw;
+  raw.reserve(boxes.size());
   for (const BevBox& box : boxes)
     raw.push_back({static_cast<float>(box.x), static_cast<float>(box.y), static_cast<float>(box.length),
                    static_cast<float>(box.width), static_cast<float>(box.yaw)});
@@ -88,6 +89,7 @@ std::vector<MirageBox> raw_boxes(const std::vector<BevBox>& boxes) {
 
 std::vector<MiragePictureBox> raw_boxes(const std::vector<PictureBox>& boxes) {
   std::vector<MiragePictureBox> raw;
+  raw.reserve(boxes.size());
   for (const PictureBox& box : boxes)
     raw.push_back({static_cast<float>(box.left), static_cast<float>(box.top), static_cast<float>(box.right),
                    static_cast<float>(box.bottom)});

@@ -37,7 +37,7 @@ fs::path shipped_weights(const DetectorOptions& options, const fs::path& plugin)
 fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
   const bool real = options.weights == kRealWeights;
   const std::string word = weights_word(options);
-  const fs::path file = real || options.weights.empty() ? shipped_weights(options, plugin) : options.weights;
+  fs::path file = real || options.weights.empty() ? shipped_weights(options, plugin) : options.weights;
   if (fs::is_regular_file(file)) return file;
   if (real)
     throw InputError(file.string(), "",
