@@ -166,9 +166,10 @@ void set_method(const std::string& word, DefenseSettings& settings) {
   const auto known = std::find_if(methods().begin(), methods().end(),
                                   [&](const Method& method) { return word == method.word; });
   if (known == methods().end())
-    throw FieldError("method", word, "unknown defence",
-                     "use " + fmt::format("{}", fmt::join(defense_methods(), ", ")) +
-                         " (jpeg, consistency and shadows need no training: --defense)");
+    throw FieldError(
+        "method", word, "unknown defence",
+        "use " + fmt::format("{}", fmt::join(defense_methods(), ", ")) +
+            " (jpeg:QUALITY, ceiling:HEIGHT, consistency and shadows need no training: --defense)");
   settings.detector.parts = known->parts;
   known->set(settings);
 }

@@ -3,10 +3,34 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
+#include <utility>
 
 #include "detection/detector.h"
 
 namespace mirage {
+
+/// A detector within: whatever a defence does not override is the inner detector's own. What it hands on in
+/// forward() must live until backward() is done.
+class DetectorAround : public Detector {
+ public:
+  explicit DetectorAround(std::unique_ptr<Detector> inner) : inner_(std::move(inner)) {}
+
+  std::string name() const override { return inner_->name(); }
+  std::array<double, 4> region() const override { return inner_->region(); }
+  Capabilities capabilities() const override { return inner_->capabilities(); }
+  SensorGradient backward(std::span<const double> d_logits) override { return inner_->backward(d_logits); }
+  TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
+    return inner_->train_step(samples, learning_rate);
+  }
+  void save(const std::filesystem::path& file, bool with_optimiser) override {
+    inner_->save(file, with_optimiser);
+  }
+  ImageFeatures image_features(const SensorView& input) override { return inner_->image_features(input); }
+
+ protected:
+  std::unique_ptr<Detector> inner_;
+};
 
 /// What counts for a place of which a detector says nothing.
 inline constexpr double kSilentLogit = -8;

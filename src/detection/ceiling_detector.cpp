@@ -4,6 +4,7 @@
 #include <utility>
 #include <vector>
 
+#include "detection/around.h"
 #include "detection/body_evidence.h"
 
 namespace mirage {
@@ -13,14 +14,12 @@ namespace {
 /// line of sight o + t d the height at that distance is above the plane where (o_z − plane) d_x + (reach −
 /// o_x) d_z is positive.
 void hide_above(ImageF& image, const Calibration& calibration, double plane, double reach) {
-  const PinholeCamera& camera = calibration.camera;
   const Transform velo_from_camera = calibration.camera_from_velo.inverse();
-  const Vec3d o = velo_from_camera.translation();
+  const Vec3d o = velo_from_camera.translation(),
+              above = velo_from_camera.linear().transpose() * Vec3d(o.z() - plane, 0, reach - o.x());
   for (int v = 0; v < image.height; ++v)
     for (int u = 0; u < image.width; ++u) {
-      const Vec3d d =
-          velo_from_camera.linear() * Vec3d((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1);
-      if ((o.z() - plane) * d.x() + (reach - o.x()) * d.z() <= 0) continue;
+      if (above.dot(calibration.camera.unproject(u, v, 1)) <= 0) continue;
       for (int c = 0; c < image.channels; ++c) image.at(u, v, c) = 0;
     }
 }
@@ -32,14 +31,10 @@ struct Below {
   std::vector<std::size_t> kept, kept_watched;  ///< their indices in the frame
 };
 
-class CeilingDetector : public Detector {
+class CeilingDetector : public DetectorAround {
  public:
   CeilingDetector(std::unique_ptr<Detector> inner, double height, double unit_height)
-      : inner_(std::move(inner)), height_(height), unit_height_(unit_height) {}
-
-  std::string name() const override { return inner_->name(); }
-  std::array<double, 4> region() const override { return inner_->region(); }
-  Capabilities capabilities() const override { return inner_->capabilities(); }
+      : DetectorAround(std::move(inner)), height_(height), unit_height_(unit_height) {}
 
   std::vector<Proposal> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
     below_ = {}, clean_below_ = {};
@@ -73,9 +68,6 @@ class CeilingDetector : public Detector {
     std::vector<TrainingSample> seen(samples.begin(), samples.end());
     for (std::size_t i = 0; i < seen.size(); ++i) seen[i].input = lowered(samples[i].input, below[i]);
     return inner_->train_step(seen, learning_rate);
-  }
-  void save(const std::filesystem::path& file, bool with_optimiser) override {
-    inner_->save(file, with_optimiser);
   }
   std::unique_ptr<Detector> share() override {
     auto other = inner_->share();
@@ -111,7 +103,6 @@ class CeilingDetector : public Detector {
     return view;
   }
 
-  std::unique_ptr<Detector> inner_;
   double height_, unit_height_;
   // Of the last forward: what the inner detector looks at until its backward pass is done.
   Below below_, clean_below_;

@@ -4,6 +4,7 @@
 
 #include "base/error.h"
 #include "base/srgb_bytes.h"
+#include "detection/around.h"
 
 namespace mirage {
 namespace {
@@ -18,12 +19,11 @@ void check(int status, const TurboJpeg& handle) {
     throw Failure("libjpeg-turbo", tjGetErrorStr2(handle.get()), "check the picture and the free memory");
 }
 
-class JpegDetector : public Detector {
+class JpegDetector : public DetectorAround {
  public:
-  JpegDetector(std::unique_ptr<Detector> inner, int quality) : inner_(std::move(inner)), quality_(quality) {}
+  JpegDetector(std::unique_ptr<Detector> inner, int quality)
+      : DetectorAround(std::move(inner)), quality_(quality) {}
 
-  std::string name() const override { return inner_->name(); }
-  std::array<double, 4> region() const override { return inner_->region(); }
   Capabilities capabilities() const override {
     Capabilities known = inner_->capabilities();
     known.why_whole = "the pictures that it sees are compressed";
@@ -34,16 +34,12 @@ class JpegDetector : public Detector {
     ImageF image;
     return inner_->forward(compressed(input, image), score_threshold, keep_graph);
   }
-  SensorGradient backward(std::span<const double> d_logits) override { return inner_->backward(d_logits); }
 
   TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
     std::vector<ImageF> images(samples.size());
     std::vector<TrainingSample> seen(samples.begin(), samples.end());
     for (std::size_t i = 0; i < seen.size(); ++i) seen[i].input = compressed(samples[i].input, images[i]);
     return inner_->train_step(seen, learning_rate);
-  }
-  void save(const std::filesystem::path& file, bool with_optimiser) override {
-    inner_->save(file, with_optimiser);
   }
   std::unique_ptr<Detector> share() override {
     auto other = inner_->share();
@@ -64,7 +60,6 @@ class JpegDetector : public Detector {
     return view;
   }
 
-  std::unique_ptr<Detector> inner_;
   int quality_;
 };
 

@@ -26,13 +26,9 @@ Answer sunk(std::size_t from, double logit) {
   return {from, kThroughLogit + kBodySlope * (logit - kThroughLogit), kBodySlope};
 }
 
-class ShadowDetector : public Detector {
+class ShadowDetector : public DetectorAround {
  public:
-  explicit ShadowDetector(std::unique_ptr<Detector> inner) : inner_(std::move(inner)) {}
-
-  std::string name() const override { return inner_->name(); }
-  std::array<double, 4> region() const override { return inner_->region(); }
-  Capabilities capabilities() const override { return inner_->capabilities(); }
+  using DetectorAround::DetectorAround;
 
   std::vector<Proposal> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
     const auto found = inner_->forward(view, speaking_score(score_threshold), keep_graph);
@@ -87,20 +83,12 @@ class ShadowDetector : public Detector {
     return inner_->backward(parts);
   }
 
-  TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
-    return inner_->train_step(samples, learning_rate);
-  }
-  void save(const std::filesystem::path& file, bool with_optimiser) override {
-    inner_->save(file, with_optimiser);
-  }
   std::unique_ptr<Detector> share() override {
     auto other = inner_->share();
     return other ? std::make_unique<ShadowDetector>(std::move(other)) : nullptr;
   }
-  ImageFeatures image_features(const SensorView& input) override { return inner_->image_features(input); }
 
  private:
-  std::unique_ptr<Detector> inner_;
   std::size_t count_ = 0;        ///< of the last forward's proposals
   std::vector<Answer> answers_;  ///< of its answers
 };
