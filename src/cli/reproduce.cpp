@@ -29,7 +29,8 @@ void add_options(CLI::App& app, paper::ReproduceSettings& options) {
          "size alone; fusions: six detectors, "
          "attacked through each sensor, every mesh judged by all (fusions-xenith: that rig); all")
       ->capture_default_str();
-  app.add_flag("--quick", options.quick, "few frames, iterations and random meshes: minutes, wide intervals");
+  app.add_flag("--quick", options.quick,
+               "few frames and iterations, some rows of many: all of it in minutes, to see that it runs");
   app.add_option("--kitti64", options.kitti64, "data set of the KITTI rig (default: generated in OUT/data)");
   app.add_option("--xenith", options.xenith, "data set of the Xenith rig (default: generated in OUT/data)");
   app.add_option("--real", options.real, "real frames: the same on their vehicles");

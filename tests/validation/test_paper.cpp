@@ -124,6 +124,17 @@ TEST(PaperExperiments, QuickChangesOnlyWhatWasNotAsked) {
   EXPECT_LT(settings.frames, ReproduceSettings().frames);
 }
 
+TEST(PaperExperiments, QuickKeepsSomeRowsOfEveryTable) {
+  ReproduceSettings settings = settings_in("/out", "all");
+  const Experiments whole = experiments(settings);
+  make_quick(settings);
+  const Experiments quick = experiments(settings);
+  EXPECT_LT(quick.cases.size(), whole.cases.size() / 3);
+  ASSERT_EQ(quick.tables.size(), whole.tables.size());
+  for (std::size_t i = 0; i < quick.tables.size(); ++i)
+    EXPECT_GE(quick.tables[i].rows.size(), 2u) << quick.tables[i].name;
+}
+
 TEST(PaperTables, RowsComeFromTheOutcomes) {
   TemporaryFolder folder;
   Program program;

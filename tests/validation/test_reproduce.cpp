@@ -59,7 +59,7 @@ TEST(Reproduce, ACommandIsGivenItsSettingsAndTheFoldersThatItNeeds) {
   EXPECT_EQ(call->command, "evaluate");
   EXPECT_EQ(call->settings, (NamedSettings{{"run", folder / "runs/xenith-fusion-both"},
                                            {"hosts_of", folder / "runs/kitti64-fusion-both"},
-                                           {"random_meshes", "3"},
+                                           {"random_meshes", "1"},
                                            {"baseline", "sized"},
                                            {"out", folder / name},
                                            {"threads", "5"},

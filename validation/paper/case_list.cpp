@@ -11,14 +11,12 @@
 namespace mirage::paper {
 namespace {
 
-/// The detector's defence, if it has any, also in the case's name: "jpeg:50" as "-jpeg50", "a+b"
-/// as "-a-b".
-void add_defense(Case& command, std::string defense) {
-  if (defense.empty()) return;
-  command.settings["defense"] = defense;
+/// A defence at the end of a case's name: "jpeg:50" as "-jpeg50", "a+b" as "-a-b"; empty for none.
+std::string defense_suffix(std::string defense) {
+  if (defense.empty()) return "";
   std::erase(defense, ':');
   std::replace(defense.begin(), defense.end(), '+', '-');
-  command.name += fmt::format("-{}", defense);
+  return "-" + defense;
 }
 
 /// "fusion-both" of "runs/kitti64-fusion-both".
@@ -27,6 +25,14 @@ std::string last_part(const std::string& name) {
 }
 
 }  // namespace
+
+std::string run_name(const std::string& rig, const std::string& detector, const std::string& target,
+                     const Variant& variant) {
+  std::string name = fmt::format("{}-{}-{}", rig, detector, target);
+  if (variant.size > 0) name += fmt::format("-size{:.1f}", variant.size);
+  if (!variant.parts.empty()) name += "-" + variant.parts;
+  return name + defense_suffix(variant.defense);
+}
 
 Case CaseList::judging(const std::string& name, const std::string& run, const std::string& baselines) const {
   return {"evaluations/" + name,
@@ -49,7 +55,7 @@ void CaseList::add_data(Case& command, const std::string& rig) {
 std::string CaseList::attack(const std::string& rig, const std::string& detector, const std::string& target,
                              const Variant& variant) {
   const AttackSettings recipe;
-  Case command{fmt::format("runs/{}-{}-{}", rig, detector, target),
+  Case command{"runs/" + run_name(rig, detector, target, variant),
                Case::Kind::attack,
                {{"detector", detector},
                 {"target", target},
@@ -61,15 +67,9 @@ std::string CaseList::attack(const std::string& rig, const std::string& detector
                 {"lidar_gradient", to_word(LidarGradient::silhouette)},
                 {"seed", std::to_string(settings_.seed)}},
                {}};
-  if (variant.size > 0) {
-    command.name += fmt::format("-size{:.1f}", variant.size);
-    command.settings["size"] = fmt::format("{:.1f}", variant.size);
-  }
-  if (!variant.parts.empty()) {
-    command.name += "-" + variant.parts;
-    command.settings["parts"] = variant.parts;
-  }
-  add_defense(command, variant.defense);
+  if (variant.size > 0) command.settings["size"] = fmt::format("{:.1f}", variant.size);
+  if (!variant.parts.empty()) command.settings["parts"] = variant.parts;
+  if (!variant.defense.empty()) command.settings["defense"] = variant.defense;
   add_data(command, rig);
   return add(command);
 }
@@ -114,8 +114,11 @@ std::string CaseList::on_real(const std::string& run, const std::string& detecto
 
 std::string CaseList::detect(const std::string& rig, const std::string& detector,
                              const std::string& defense) {
-  Case command{fmt::format("detect/{}-{}", rig, detector), Case::Kind::detect, {{"detector", detector}}, {}};
-  add_defense(command, defense);
+  Case command{fmt::format("detect/{}-{}{}", rig, detector, defense_suffix(defense)),
+               Case::Kind::detect,
+               {{"detector", detector}},
+               {}};
+  if (!defense.empty()) command.settings["defense"] = defense;
   add_data(command, rig);
   return add(command);
 }

@@ -20,6 +20,11 @@ struct Variant {
   std::string parts = {};    ///< word of --parts; empty: shape and texture
 };
 
+/// Folder of an attack's run, and of its evaluation on its own hosts: "kitti64-fusion-both-size0.2",
+/// "kitti64-fusion-both-jpeg50".
+std::string run_name(const std::string& rig, const std::string& detector, const std::string& target,
+                     const Variant& variant = {});
+
 /// Collects the cases that the rows name. Each function returns the case's name.
 class CaseList {
  public:

@@ -22,14 +22,14 @@ struct ReproduceSettings {
   std::string what = "all";
   std::filesystem::path out;
   std::filesystem::path kitti64, xenith, real;  ///< data sets; the first two empty: generated in OUT/data
-  int frames = 120;                             ///< generated frames of a rig
+  int frames = 60;                              ///< generated frames of a rig
   int judge_frames =
       0;  ///< others, on all of whose vehicles attacks are judged; 0: on a run's held-back ones
   /// Rows of the tables by their evaluations' folders (OUT/evaluations/NAME), and what these need; empty:
   /// all.
   std::vector<std::string> only;
   int iterations = AttackSettings().iterations;
-  int random_meshes = 3;  ///< of the random baseline, pooled
+  int random_meshes = 1;  ///< of the random baseline, pooled
   int seeds = 1;     ///< runs of each attack, of the seeds seed, seed + 1, …; each splits the frames anew
   int pictures = 3;  ///< of each attack that has pictures
   std::uint64_t seed = 0;

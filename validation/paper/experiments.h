@@ -30,7 +30,8 @@ namespace mirage::paper {
 /// training, its control on roofs and the sweep's bodies.
 bool concerns_picture(const std::string& defense);
 
-/// Fewer frames and iterations, as far as they are still at their defaults: minutes, and wide intervals.
+/// Fewer frames and iterations, as far as they are still at their defaults, and some rows of many alike:
+/// every kind of experiment runs in minutes, and its figures say nothing.
 void make_quick(ReproduceSettings& settings);
 
 /// What `settings.what` asks for. InputError for another word.

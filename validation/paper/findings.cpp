@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <map>
 
+#include "validation/paper/case_list.h"
 #include "validation/paper/checks.h"
 
 namespace mirage::paper {
@@ -151,8 +152,8 @@ Finding larger(const Evidence& evidence) {
       "size", "A larger mesh is a stronger one", [&](const std::string& rig, std::vector<Check>& checks) {
         std::vector<std::pair<double, Outcomes>> sizes;
         for (const double size : kBoxSizes) {
-          const std::string run = size == 0.8 ? "fusion-both" : fmt::format("fusion-both-size{:.1f}", size);
-          if (const Outcomes* learned = evidence.learned(evaluation(rig, run)))
+          const std::string run = run_name(rig, "fusion", "both", {.size = size == 0.8 ? 0 : size});
+          if (const Outcomes* learned = evidence.learned("evaluations/" + run))
             sizes.push_back({size, *learned});
         }
         if (sizes.size() < 2) return;

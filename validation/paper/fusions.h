@@ -19,7 +19,7 @@ namespace mirage::paper {
 /// Who is attacked, and whose gradient reaches the mesh ("image", "lidar" or "both").
 struct Attacked {
   std::string detector, target;
-  std::string run(const std::string& rig) const { return rig + "-" + detector + "-" + target; }
+  std::string run(const std::string& rig) const { return run_name(rig, detector, target); }
 };
 
 /// The six detectors, in the matrix's order.

@@ -19,7 +19,7 @@ namespace mirage::paper {
 /// shape and texture).
 struct PartArm {
   std::string target, parts;
-  std::string run() const { return "kitti64-fusion-" + target + (parts.empty() ? "" : "-" + parts); }
+  std::string run() const { return run_name("kitti64", "fusion", target, {.parts = parts}); }
 };
 
 /// Every arm, through each sensor the whole object first.
