@@ -16,7 +16,6 @@
 #include <string>
 #include <string_view>
 
-#include "base/error.h"
 #include "base/files.h"
 #include "base/logging.h"
 #include "base/names.h"
@@ -102,8 +101,8 @@ FolderLock::FolderLock(const fs::path& folder, int levels) {
       descriptor_ = -1;
       if (reason != EWOULDBLOCK) break;  // no locks on this file system
       release();
-      throw Failure(folder.string(), "is in use by " + who,
-                    "wait for it to end, stop it, or choose another --out folder");
+      throw FolderInUse(folder.string(), "is in use by " + who,
+                        "wait for it to end, stop it, or choose another --out folder");
     }
     if (is_at(file_, descriptor_)) break;
     ::close(descriptor_);  // its holder removed it meanwhile: take the new one

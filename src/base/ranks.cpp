@@ -12,6 +12,7 @@ namespace mirage {
 namespace {
 
 int own_rank = 0, ranks = 1;
+int alone = 0;  // AloneAmongRanks that live
 bool joined = false;
 
 /// What Open MPI, and PMI-based launchers (MPICH, Slurm), tell the processes that they start.
@@ -42,29 +43,37 @@ int leave_ranks(int code) {
 }
 
 int rank() {
-  return own_rank;
+  return alone > 0 ? 0 : own_rank;
 }
 
 int rank_count() {
-  return ranks;
+  return alone > 0 ? 1 : ranks;
+}
+
+AloneAmongRanks::AloneAmongRanks() {
+  ++alone;
+}
+
+AloneAmongRanks::~AloneAmongRanks() {
+  --alone;
 }
 
 bool any_rank(bool value) {
-  if (ranks == 1) return value;
+  if (rank_count() == 1) return value;
   int mine = value ? 1 : 0, all = 0;
   MPI_Allreduce(&mine, &all, 1, MPI_INT, MPI_LOR, MPI_COMM_WORLD);
   return all != 0;
 }
 
 void share_blocks(std::vector<std::vector<double>>& blocks) {
-  if (ranks == 1) return;
+  if (rank_count() == 1) return;
   for (std::size_t k = 0; k < blocks.size(); ++k)
     MPI_Bcast(blocks[k].data(), static_cast<int>(blocks[k].size()), MPI_DOUBLE,
               static_cast<int>(k % static_cast<std::size_t>(ranks)), MPI_COMM_WORLD);
 }
 
 long first_rank_value(long value) {
-  if (ranks > 1) MPI_Bcast(&value, 1, MPI_LONG, 0, MPI_COMM_WORLD);
+  if (rank_count() > 1) MPI_Bcast(&value, 1, MPI_LONG, 0, MPI_COMM_WORLD);
   return value;
 }
 

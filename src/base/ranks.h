@@ -19,6 +19,16 @@ int rank();
 /// How many processes there are.
 int rank_count();
 
+/// While one lives, this process counts as the only one: what it calls neither waits for other ranks nor
+/// sends them anything. For ranks that do different work side by side.
+class AloneAmongRanks {
+ public:
+  AloneAmongRanks();
+  ~AloneAmongRanks();
+  AloneAmongRanks(const AloneAmongRanks&) = delete;
+  AloneAmongRanks& operator=(const AloneAmongRanks&) = delete;
+};
+
 /// True on every rank if it is on one. A call of all ranks.
 bool any_rank(bool value);
 /// block k is rank k % rank_count()'s; afterwards every rank holds all. All blocks are of one size, which

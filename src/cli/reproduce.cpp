@@ -85,6 +85,7 @@ Command reproduce_command() {
             print_result(result);
             return to_json(result);
           },
+      .many_ranks = true,
   };
 }
 

@@ -1,4 +1,5 @@
-// `mpirun -n N mirage attack`: the same bits for any number of processes, and what is left when one dies.
+// `mpirun -n N mirage attack`: the same bits for any number of processes, and what is left when one dies; and
+// `mirage reproduce`, whose steps the processes take side by side.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -54,6 +55,11 @@ class Ranks : public testing::Test {
     EXPECT_EQ(read_json(folder_ / "two/result.json").at(report), on_one);
     return on_one;
   }
+  /// Two attacks and their evaluations.
+  std::string reproduce(const std::string& out) const {
+    return "reproduce table1 --quick --iterations 1 --threads 1 --kitti64 " + (folder_ / "data").string() +
+           " --only kitti64-lidar-lidar,kitti64-fusion-lidar --out " + (folder_ / out).string();
+  }
   test::TemporaryFolder folder_;
 };
 
@@ -98,6 +104,30 @@ TEST_F(Ranks, ADeadRankEndsTheRunAndTheCheckpointGoesOn) {
   ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("run", reached + 1)), 0)
       << read_file(folder_ / "said");
   EXPECT_EQ(read_json(folder_ / "run" / "result.json").at("iterations"), reached + 1);
+}
+
+TEST_F(Ranks, StepsOfAReproductionAreTakenSideBySide) {
+  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + reproduce("one")), 0) << read_file(folder_ / "said");
+  // What cannot be run fails on every process, and nobody waits for it.
+  write_file(folder_ / "two/runs/kitti64-fusion-lidar", "no folder");
+  ASSERT_EQ(shell(folder_, on_ranks(2, reproduce("two"))), 0) << read_file(folder_ / "said");
+  const auto steps = read_json(folder_ / "two/result.json").at("steps");
+  EXPECT_EQ(steps.at("runs/kitti64-fusion-lidar").at("status"), "failed");
+  EXPECT_THAT(steps.at("evaluations/kitti64-fusion-lidar").at("error"),
+              HasSubstr("needs runs/kitti64-fusion-lidar"));
+  EXPECT_EQ(steps.at("evaluations/kitti64-lidar-lidar").at("status"), "done");
+  const auto read = [&](const fs::path& file) { return read_file(folder_ / "two" / file); };
+  const std::string mesh = "runs/kitti64-lidar-lidar/adversary.glb";
+  const auto made = fs::last_write_time(folder_ / "two" / mesh);
+  // Run again: what is done is kept, the rest is made as one process makes it.
+  fs::remove(folder_ / "two/runs/kitti64-fusion-lidar");
+  ASSERT_EQ(shell(folder_, on_ranks(2, reproduce("two"))), 0) << read_file(folder_ / "said");
+  EXPECT_EQ(fs::last_write_time(folder_ / "two" / mesh), made);
+  for (const char* run : {"kitti64-lidar-lidar", "kitti64-fusion-lidar"})
+    EXPECT_EQ(read(fs::path("runs") / run / "adversary.glb"),
+              read_file(folder_ / "one/runs" / run / "adversary.glb"));
+  EXPECT_EQ(read_json(folder_ / "two/result.json").at("arms"),
+            read_json(folder_ / "one/result.json").at("arms"));
 }
 
 TEST_F(Ranks, OtherCommandsRunInOneProcess) {

@@ -3,21 +3,15 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <set>
 
 #include "attack/attack_settings.h"
-#include "base/clock.h"
 #include "base/error.h"
 #include "base/field_json.h"
 #include "base/fields.h"
 #include "base/files.h"
-#include "base/interrupt.h"
-#include "base/json_fields.h"
 #include "base/logging.h"
-#include "base/unused_memory.h"
-#include "detection/detector.h"
-#include "scene/data/data_rig.h"
+#include "base/ranks.h"
 #include "validation/paper/findings.h"
 #include "validation/process.h"
 
@@ -26,36 +20,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-
-fs::path record_file(const Case& command, const fs::path& out) {
-  std::string name = command.name;
-  std::replace(name.begin(), name.end(), '/', '_');
-  return out / "steps" / (name + ".json");
-}
-
-/// What the case's result is made of: settings, other cases by their names so that OUT may be moved, and
-/// hashes of the files that may change under the same settings.
-json made_of(const Case& command, const fs::path& out) {
-  json read = json::object();
-  if (command.kind == Case::Kind::evaluate) {
-    read["adversary"] = file_hash(out / command.run() / "adversary.glb");
-    read["hosts"] = file_hash(out / command.hosts_of() / "run.json");
-  } else if (command.kind != Case::Kind::generate) {
-    read["weights"] = "";  // without the file the command itself says what is missing
-    try {
-      DetectorOptions detector;
-      detector.detector = command.setting("detector");
-      detector.rig = data_rig(command.settings_in(out).at("data"));
-      detector.defense = command.setting("defense", "none");
-      read["weights"] = weights_hash(detector);
-    } catch (const InputError&) {
-    }
-  }
-  return {{"command", to_word(command.kind)},
-          {"settings", command.settings},
-          {"needs", command.needs},
-          {"read", read}};
-}
 
 /// The page's file; empty if it could not be written.
 fs::path write_page(const fs::path& out) {
@@ -91,76 +55,7 @@ std::string markdown(const std::vector<CaseReliance>& list) {
   return text + "\n";
 }
 
-/// Seconds that the finished case took. InputError naming file and field.
-double recorded_seconds(const fs::path& file) {
-  const json record = read_json(file);
-  return JsonFields(file, record, kMakeAgain).number("seconds", 0, Range::kMost);
-}
-
 }  // namespace
-
-bool is_finished(const Case& command, const fs::path& out) {
-  if (!fs::exists(out / command.name / "result.json")) return false;
-  try {
-    return read_json(record_file(command, out)).value("made_of", json()) == made_of(command, out);
-  } catch (const std::exception&) {
-    return false;  // the command itself will say what is wrong
-  }
-}
-
-std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
-                                    const Execute& run) {
-  std::map<std::string, Step> steps;
-  std::size_t number_of = 0;
-  for (const Case& command : experiments.cases) {
-    throw_if_interrupted("finished steps are kept; run the same command to go on");
-    Step& step = steps[command.name];
-    const auto say = [&](const char* what) {
-      if (settings.quiet) return;
-      std::fputs(fmt::format("\n== {}/{} {}{} ==\n", number_of, experiments.cases.size(), command.name, what)
-                     .c_str(),
-                 stdout);
-      std::fflush(stdout);
-    };
-    ++number_of;
-    const auto broken = std::find_if(command.needs.begin(), command.needs.end(), [&](const auto& need) {
-      return steps[need.second].status != Step::Status::done;
-    });
-    if (broken != command.needs.end()) {
-      step.status = Step::Status::failed;
-      step.error = "needs " + broken->second;
-      say(": left out, it needs what failed");
-      continue;
-    }
-    try {
-      if (is_finished(command, settings.out)) {
-        say(": kept");
-      } else {
-        say("");
-        NamedSettings named = command.settings_in(settings.out);
-        named["out"] = (settings.out / command.name).string();
-        named["threads"] = std::to_string(settings.threads);
-        named["quiet"] = fmt::format("{}", settings.quiet);
-        fs::remove(record_file(command, settings.out));
-        const auto start = Clock::now();
-        run(to_word(command.kind), named);
-        return_unused_memory();
-        write_json(record_file(command, settings.out), {{"case", command.name},
-                                                        {"made_of", made_of(command, settings.out)},
-                                                        {"seconds", seconds_since(start)}});
-      }
-      step.status = Step::Status::done;
-      step.seconds = recorded_seconds(record_file(command, settings.out));
-    } catch (const Interrupted&) {
-      throw;
-    } catch (const std::exception& error) {
-      step.status = Step::Status::failed;
-      step.error = error.what();
-      spdlog::warn("{}: {}", command.name, error.what());
-    }
-  }
-  return steps;
-}
 
 json to_json(const ReproduceResult& result) {
   const ReproduceSettings& settings = result.settings;
@@ -201,7 +96,9 @@ ReproduceResult reproduce(const ReproduceSettings& given, const Execute& run) {
   result.settings = given;
   const fs::path out = result.settings.out = fs::absolute(given.out).lexically_normal();
   const Experiments list = experiments(result.settings);
-  const Evidence evidence = gather(list, out, execute(list, result.settings, run));
+  result.steps = execute(list, result.settings, run);
+  if (rank() > 0) return result;
+  const Evidence evidence = gather(list, out, result.steps);
   std::string text = "# The experiments of Tu et al. (CoRL 2021)\n\n";
   for (const Table& table : list.tables) {
     result.tables.push_back(table_result(table, list, evidence));
@@ -212,7 +109,6 @@ ReproduceResult reproduce(const ReproduceSettings& given, const Execute& run) {
   result.arms = evaluation_arms(list, result.settings, evidence);
   result.findings = findings(evidence);
   result.reliance = reliance_of(evidence);
-  result.steps = evidence.steps;
   write_json(out / "reproduce.json", to_json(result));
   write_file(out / "reproduce.md", text + markdown(result.reliance) + markdown(result.findings));
   result.page = write_page(out);

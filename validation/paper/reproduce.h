@@ -5,11 +5,11 @@
 //     OUT/evaluations/NAME       mirage evaluate; FROM--on--RUN: transfer onto RUN's hosts
 //     OUT/detect/NAME            mirage detect: clean AP
 //     OUT/steps/NAME.json        the settings of each finished command, what it read, and its seconds
+//     OUT/steps/NAME.failed.json why it failed, for the other processes under mpirun
 //     OUT/reproduce.{json,md,html}
 #pragma once
 
 #include <filesystem>
-#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -19,20 +19,10 @@
 #include "validation/paper/evaluation_arms.h"
 #include "validation/paper/experiments.h"
 #include "validation/paper/finding.h"
+#include "validation/paper/steps.h"
 #include "validation/paper/tables.h"
 
 namespace mirage::paper {
-
-/// Runs one command of mirage to its end; throws what it throws.
-using Execute = std::function<void(const std::string& command, const NamedSettings& settings)>;
-
-/// Whether the case's folder holds the result of exactly these settings, made of what its inputs are now.
-bool is_finished(const Case& command, const std::filesystem::path& out);
-
-/// Executes the cases that are not finished, in order. One that fails, and all that need it, become failed
-/// steps; an interrupt (base/error.h, Interrupted) ends everything.
-std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
-                                    const Execute& run);
 
 /// How much an attacked detector uses its picture, and in which evaluation that was measured.
 struct CaseReliance {
@@ -54,7 +44,7 @@ struct ReproduceResult {
 /// steps: {case: step}, page?}.
 nlohmann::json to_json(const ReproduceResult& result);
 
-/// All of it; writes OUT.
+/// All of it; writes OUT. A call of all ranks, of which the first makes tables, findings and page.
 ReproduceResult reproduce(const ReproduceSettings& settings, const Execute& run);
 
 }  // namespace mirage::paper
