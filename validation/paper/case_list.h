@@ -20,6 +20,11 @@ struct Variant {
   std::string parts = {};    ///< word of --parts; empty: shape and texture
 };
 
+/// With a box of half length `size`, m; 0.8 is the default one's.
+inline Variant of_size(double size) {
+  return {.size = size == 0.8 ? 0 : size};
+}
+
 /// Folder of an attack's run, and of its evaluation on its own hosts: "kitti64-fusion-both-size0.2",
 /// "kitti64-fusion-both-jpeg50".
 std::string run_name(const std::string& rig, const std::string& detector, const std::string& target,

@@ -135,9 +135,10 @@ Table fig4(CaseList& list) {
       kSuccess,
       {}};
   for (const double size : kBoxSizes) {
-    const bool standing = size == 0.8;
+    const Variant variant = of_size(size);
+    const bool standing = variant.size == 0;
     if (list.quick() && !standing && size != kQuickSize) continue;
-    const std::string run = list.attack("kitti64", "fusion", "both", {.size = standing ? 0 : size});
+    const std::string run = list.attack("kitti64", "fusion", "both", variant);
     Row size_row = row(fmt::format("L = {:.1f} m", size), "kitti64", list.evaluate(run, standing, standing));
     size_row.size = size;
     table.rows.push_back(size_row);

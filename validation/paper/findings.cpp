@@ -152,7 +152,7 @@ Finding larger(const Evidence& evidence) {
       "size", "A larger mesh is a stronger one", [&](const std::string& rig, std::vector<Check>& checks) {
         std::vector<std::pair<double, Outcomes>> sizes;
         for (const double size : kBoxSizes) {
-          const std::string run = run_name(rig, "fusion", "both", {.size = size == 0.8 ? 0 : size});
+          const std::string run = run_name(rig, "fusion", "both", of_size(size));
           if (const Outcomes* learned = evidence.learned("evaluations/" + run))
             sizes.push_back({size, *learned});
         }

@@ -2,11 +2,9 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <set>
 
 #include "attack/attack_settings.h"
-#include "base/error.h"
 #include "base/field_json.h"
 #include "base/fields.h"
 #include "base/files.h"

@@ -90,7 +90,10 @@ class Steps {
       for (auto next = open.begin(); next != open.end();) {
         throw_if_interrupted("finished steps are kept; run the same command to go on");
         const bool ended = end(**next, steps_[(*next)->name]);
-        ended_one = ended_one || ended;
+        if (ended)
+          ended_one = true;
+        else
+          awaited_.insert((*next)->name);
         next = ended ? open.erase(next) : std::next(next);
       }
       if (!ended_one) std::this_thread::sleep_for(std::chrono::milliseconds(200));
@@ -104,10 +107,7 @@ class Steps {
     for (const auto& [folder, need] : command.needs) {
       const Step::Status of_need = steps_[need].status;
       if (of_need == Step::Status::done) continue;
-      if (among_others_ && of_need == Step::Status::missing) {
-        awaited_.insert(command.name);
-        return false;
-      }
+      if (among_others_ && of_need == Step::Status::missing) return false;
       say(command, ": left out, it needs what failed");
       fail(step, "needs " + need);
       return true;
@@ -138,9 +138,9 @@ class Steps {
     try {
       claim.emplace(settings_.out / command.name);
     } catch (const FolderInUse&) {
-      awaited_.insert(command.name);
+      return false;
     }
-    return claim.has_value();
+    return true;
   }
 
   /// Whether it need not be run any more: finished, or failed on another rank.
@@ -198,7 +198,7 @@ class Steps {
   const Execute& run_;
   bool among_others_;
   std::map<std::string, Step> steps_;
-  std::set<std::string> awaited_;  ///< what other ranks run, or what such a case comes before
+  std::set<std::string> awaited_;  ///< not ended at first sight
 };
 
 }  // namespace
