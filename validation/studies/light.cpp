@@ -1,25 +1,43 @@
 // How far the light-weight light models are from Cycles, front-lit and back-lit:
 //
-//     mirage_light_study DATA MESH.glb OUT [VEHICLES [SAMPLES [VARIANTS]]]
+//     mirage_light_study DATA MESHES OUT [VEHICLES [SAMPLES [VARIANTS]]]
 //
-// The mesh ("random": a random one a vehicle) stands on the VEHICLES nearest cars of DATA, one a frame, lit
-// by the default light with the sun 40° up, 30° beside the line behind the camera (front) or beyond the
-// vehicle (back). Each is rendered by Cycles with everything but specular and with everything ("all": sun of
-// 0.53° with shadows, occluded sky, 4 bounces, specular; host and road as unseen surroundings). Error: mean
-// |Δ| of scene-linear RGB over the pixels that the object covers by more than half, over the mean radiance of
-// all those in Cycles; in brackets the mean difference, by the same. The rasteriser draws with hard edges and
-// 8×8 samples a pixel. VARIANTS: "models" (default) or "all", which varies the model's settings.
+// MESHES: adversaries (.glb) with commas between them, of which the vehicles take one each in turn, or
+// "random": another random mesh for each. VEHICLES (4): the nearest cars of DATA, one a frame; "all":
+// every usable car of every frame; "1/5": of all, nearest first, each fifth. They are lit by the default
+// light with the sun 40° up, 30° beside the line behind the camera (front) or beyond the vehicle (back).
+// Cycles renders each with everything (sun of 0.53° with shadows, occluded sky, 4 bounces, specular; host and
+// road as unseen surroundings), as two independent halves of SAMPLES (64). The rasteriser draws with hard
+// edges and 8×8 samples a pixel. VARIANTS: "models" (default) or "all", which varies the model's settings.
+// What is measured of a vehicle is kept in OUT, and is not measured again.
+//
+// Over the pixels that the object covers by more than half, of scene-linear RGB, all as shares of the
+// object's mean radiance in Cycles:
+//     mean |Δ|    from the mean of the halves, whose noise is in it, and in brackets the mean difference
+//     no noise    mean |Δ| at twice that noise (from either half), carried on in a straight line to none: it
+//     grows
+//                 slower the more noise there is already, so this is not less than what is looked for
+//     noise       mean |half − other half| / 2: what a perfect picture would have
+//     RMS         of the noise-free difference, by both halves (validation/blender/unbiased_error.h), the
+//     mean
+//                 square over vehicles, with 95 % by bootstrap over frames
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cstdio>
 #include <limits>
 #include <map>
-#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
 
 #include "attack/adversary.h"
 #include "base/angles.h"
+#include "base/bootstrap.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/image_io.h"
 #include "exchange/gltf.h"
@@ -28,6 +46,7 @@
 #include "scene/data/read_frames.h"
 #include "sensors/light_nodes.h"
 #include "validation/blender/host_scene.h"
+#include "validation/blender/unbiased_error.h"
 #include "validation/fidelity/picture_errors.h"
 
 namespace mirage {
@@ -86,123 +105,236 @@ Vec3d towards_sun(bool front) {
   return {sign * std::cos(up) * std::cos(side), std::cos(up) * std::sin(side), std::sin(up)};
 }
 
+/// A vehicle, and which of the meshes it carries.
 struct Place {
   HostId id;
   double range = 0;
 };
 
-/// The nearest usable car of each frame, nearest first.
-std::vector<Place> places(FrameStore& store, const std::filesystem::path& data, int count) {
-  std::vector<Place> nearest;
-  for (const std::string& id : list_frames(data)) {
-    Place best{{id, -1}, 1e9};
-    for (const Host& host : find_hosts(store, id, {2, 60, -40, 40}, {}, 0.95)) {
-      const auto held = store.get(id);
-      const BevBox& box = label_of(held->frame, host.id).box.bev;
-      if (const double range = std::hypot(box.x, box.y); range < best.range) best = {host.id, range};
-    }
-    if (best.id.label >= 0) nearest.push_back(best);
-  }
-  std::sort(nearest.begin(), nearest.end(), [](const Place& a, const Place& b) { return a.range < b.range; });
-  if (static_cast<int>(nearest.size()) > count) nearest.resize(static_cast<std::size_t>(count));
-  return nearest;
+/// Which vehicles.
+struct Choice {
+  std::optional<int> nearest = 4;  ///< this many, at most one a frame
+  int every = 1;                   ///< without `nearest`: each one of so many, nearest first
+};
+/// VEHICLES, as the first lines say.
+Choice choice_of(const std::string& text) {
+  if (text == "all") return {std::nullopt, 1};
+  const bool share = text.starts_with("1/");
+  const auto number = static_cast<int>(parse_number(share ? text.substr(2) : text, "VEHICLES"));
+  if (number < 1) throw InputError("VEHICLES", text, "is less than one", "give a number, all or 1/N");
+  return share ? Choice{std::nullopt, number} : Choice{number, 1};
 }
 
-struct Sum {
-  double error = 0, bias = 0, mean = 0;
+/// Usable cars of DATA, nearest first.
+std::vector<Place> places(FrameStore& store, const std::filesystem::path& data, const Choice& choice) {
+  std::vector<Place> found;
+  for (const std::string& id : list_frames(data)) {
+    std::vector<Place> of_frame;
+    for (const Host& host : find_hosts(store, id, {2, 60, -40, 40}, {}, 0.95)) {
+      const BevBox& box = label_of(store.get(id)->frame, host.id).box.bev;
+      of_frame.push_back({host.id, std::hypot(box.x, box.y)});
+    }
+    std::ranges::sort(of_frame, {}, &Place::range);
+    if (choice.nearest && of_frame.size() > 1) of_frame.resize(1);
+    found.insert(found.end(), of_frame.begin(), of_frame.end());
+  }
+  std::ranges::stable_sort(found, {}, &Place::range);
+  std::vector<Place> chosen;
+  for (std::size_t i = 0; i < found.size(); i += static_cast<std::size_t>(choice.every))
+    if (!choice.nearest || static_cast<int>(i) < *choice.nearest) chosen.push_back(found[i]);
+  return chosen;
+}
+
+/// What Cycles made of one vehicle under one sun.
+struct Reference {
+  Halves halves;
+  ImageF mean, mask;
+  double pixels = 0, radiance = 0;  ///< of the object: how many, and their mean
 };
 
-int study(const std::filesystem::path& data, const std::string& mesh, const std::filesystem::path& out,
-          int vehicles, int samples, bool all) {
-  make_output_folder(out);
-  FrameStore store(FrameSource{.data = data});
-  BlenderWorker blender(out / "blender.log");
-  std::map<std::string, std::map<std::string, Sum>> sums;  // light and reference; variant
-  const auto list = variants(all);
+/// Mean over the mask of |Δ| from black.
+double mean_of(const ImageF& picture, const ImageF& mask) {
+  return mean_absolute_error(picture, ImageF(mask.width, mask.height, 3), mask);
+}
+
+Reference render_reference(BlenderWorker& blender, const HostScene& scene, const PixelRect& rect,
+                           const ImageF& photograph) {
+  RenderJob job = job_for(scene, rect);
+  job.effects = full_effects();
+  job.effects.surroundings = RenderEffects::Surroundings::unseen;
+  const RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::reference);
+  Reference reference{over(rendered, {}, photograph), {}, coverage_of(rendered, {})};
+  reference.mean = reference.halves.mean();
+  reference.pixels = static_cast<double>(
+      std::ranges::count_if(reference.mask.data, [](float covered) { return covered > 0.5f; }));
+  reference.radiance = mean_of(reference.mean, reference.mask);
+  return reference;
+}
+
+/// The window as one of the variants draws it.
+ImageF draw(const HostScene& scene, const Variant& variant, const PixelRect& rect, const ImageF& photograph) {
+  PreparedFrame lit = *scene.prepared;
+  if (variant.uniform) {
+    lit.frame.lighting.ambient += lit.frame.lighting.hemisphere / 2;
+    lit.frame.lighting.hemisphere.setZero();
+  }
+  HostScene drawn = scene;
+  drawn.prepared = &lit;
+  if (variant.as_faces) {
+    drawn.adversary = texels_as_faces(scene.adversary);
+    drawn.placed = place(drawn.adversary, drawn.rooftop);
+  }
+  const Simulated simulated = simulate_host(drawn, variant.settings);
+  ImageF ours = photograph;
+  for (int v = 0; v < ours.height; ++v)
+    for (int u = 0; u < ours.width; ++u)
+      for (int c = 0; c < 3; ++c)
+        ours.at(u, v, c) = static_cast<float>(rgba_at(simulated, rect.u0 + u, rect.v0 + v, c));
+  return ours;
+}
+
+/// Of one variant on one vehicle; all but the squares in scene-linear radiance.
+nlohmann::json errors_of(const ImageF& ours, const Reference& reference) {
+  const auto& [halves, mean, mask, pixels, radiance] = reference;
+  return {
+      {"error", mean_absolute_error(ours, mean, mask)},
+      {"error_twice_the_noise",
+       (mean_absolute_error(ours, halves.first, mask) + mean_absolute_error(ours, halves.second, mask)) / 2},
+      {"difference", mean_of(ours, mask) - radiance},
+      {"squared", squared_error({ours, {}}, halves, mask, pixels, radiance).unbiased}};
+}
+
+/// Every variant on one vehicle, front- and back-lit; null where the object covers no pixel.
+nlohmann::json measure(BlenderWorker& blender, const PreparedFrame& frame, HostScene scene, bool front,
+                       const std::vector<Variant>& list, const std::filesystem::path& out,
+                       const std::string& name) {
+  PreparedFrame prepared = frame;
+  prepared.frame.lighting.to_sun_velo = towards_sun(front);
+  scene.prepared = &prepared;
+  scene.glb = out / (name + ".glb");
+  write_scene(scene.glb, host_scene(prepared.frame, *scene.host, scene.rooftop, scene.adversary, name));
+  const Simulated first = simulate_host(scene, list.front().settings);
+  if (first.rect.empty()) return nullptr;
+  const ImageF photograph = crop(prepared.frame.image, first.rect);
+  const Reference reference = render_reference(blender, scene, first.rect, photograph);
+  if (reference.pixels == 0) return nullptr;
+  write_srgb(out / (name + ".png"), reference.mean);
+  nlohmann::json result = {
+      {"pixels", reference.pixels},
+      {"radiance", reference.radiance},
+      {"noise", mean_absolute_error(reference.halves.first, reference.halves.second, reference.mask) / 2}};
+  for (const Variant& variant : list) {
+    const ImageF ours = draw(scene, variant, first.rect, photograph);
+    result["variants"][variant.name] = errors_of(ours, reference);
+    if (variant.name == "visible" || variant.name == "plain")
+      write_srgb(out / (name + "_" + variant.name + ".png"), ours);
+  }
+  return result;
+}
+
+/// One variant's figures over vehicles: rows of measure(), with their frames.
+nlohmann::json pooled(const std::vector<std::pair<std::string, nlohmann::json>>& rows,
+                      const std::string& variant) {
+  double error = 0, twice = 0, difference = 0, radiance = 0, noise = 0;
+  std::map<std::string, ClusterSums> by_frame;
+  for (const auto& [frame, row] : rows) {
+    const nlohmann::json& of = row.at("variants").at(variant);
+    error += of.at("error").get<double>(), twice += of.at("error_twice_the_noise").get<double>();
+    difference += of.at("difference").get<double>(), radiance += row.at("radiance").get<double>();
+    noise += row.at("noise").get<double>();
+    by_frame[frame].numerator += of.at("squared").get<double>(), ++by_frame[frame].denominator;
+  }
+  std::vector<ClusterSums> clusters;
+  for (const auto& [frame, sums] : by_frame) clusters.push_back(sums);
+  const Interval rms = bootstrap_statistic(clusters.size(), [&](std::span<const int> drawn) {
+    ClusterSums sums;
+    for (std::size_t i = 0; i < clusters.size(); ++i)
+      sums.numerator += drawn[i] * clusters[i].numerator,
+          sums.denominator += drawn[i] * clusters[i].denominator;
+    return signed_root(sums.numerator / sums.denominator);
+  });
+  return {{"vehicles", rows.size()},
+          {"error", error / radiance},
+          {"no_noise", (2 * error - twice) / radiance},
+          {"difference", difference / radiance},
+          {"noise", noise / radiance},
+          {"rms", to_json(rms)}};
+}
+
+void print(const nlohmann::json& of, const std::string& variant, const std::string& side) {
+  const auto percent = [&](const nlohmann::json& value) { return 100 * value.get<double>(); };
+  std::printf(
+      "%s\n",
+      fmt::format("{:28s} {:5s} {:4d} vehicles  mean |Δ| {:5.2f} % ({:+.1f})  no noise {:5.2f} %  noise "
+                  "{:4.2f} %  RMS {:5.1f} % ({:.1f} to {:.1f})",
+                  variant, side, of.at("vehicles").get<int>(), percent(of.at("error")),
+                  percent(of.at("difference")), percent(of.at("no_noise")), percent(of.at("noise")),
+                  percent(of.at("rms").at("value")), percent(of.at("rms").at("low")),
+                  percent(of.at("rms").at("high")))
+          .c_str());
+}
+
+struct Options {
+  std::filesystem::path data, out;
+  std::vector<std::string> meshes;  ///< files, or "random"
+  Choice vehicles;
+  int samples = 64;
+  bool all_variants = false;
+};
+
+int study(const Options& options) {
+  make_output_folder(options.out);
+  FrameStore store(FrameSource{.data = options.data});
+  BlenderWorker blender(options.out / "blender.log");
+  const auto list = variants(options.all_variants);
+  std::map<std::string, std::vector<std::pair<std::string, nlohmann::json>>> rows;  // by side
   std::uint64_t seed = 0;
-  for (const Place& place_of : places(store, data, vehicles)) {
+  for (const Place& place_of : places(store, options.data, options.vehicles)) {
+    const std::string mesh = options.meshes[seed % options.meshes.size()];
     ++seed;
     for (bool front : {true, false}) {
-      PreparedFrame prepared = *store.get(place_of.id.frame);
-      prepared.frame.lighting.to_sun_velo = towards_sun(front);
-      HostScene scene;
-      scene.prepared = &prepared;
-      scene.host = &label_of(prepared.frame, place_of.id);
-      scene.rooftop = store.rooftop(place_of.id);
-      scene.adversary = mesh == "random" ? random_adversary(seed) : read_adversary(mesh);
-      scene.placed = place(scene.adversary, scene.rooftop);
-      scene.samples = samples;
-      scene.seed = seed;
-      const std::string name = host_name(place_of.id) + (front ? "_front" : "_back");
-      scene.glb = out / (name + ".glb");
-      scene.scratch = out;
-      write_scene(scene.glb, host_scene(prepared.frame, *scene.host, scene.rooftop, scene.adversary, name));
-      const Simulated first = simulate_host(scene, list.front().settings);
-      const PixelRect rect = first.rect;
-      const ImageF photograph = crop(prepared.frame.image, rect);
-      for (bool specular : {false, true}) {
-        RenderJob job = job_for(scene, rect);
-        job.effects = full_effects();
-        job.effects.specular = specular;
-        job.effects.surroundings = RenderEffects::Surroundings::unseen;
-        const Rendered rendered = render(blender, job);
-        ImageF reference = photograph;
-        composite(rendered, {}, reference);
-        const ImageF mask = alpha_mask(rendered.rgba);
-        const double mean = mean_absolute_error(reference, ImageF(mask.width, mask.height, 3), mask);
-        const std::string key =
-            std::string(front ? "front" : "back") + (specular ? ", all" : ", no specular");
-        const std::string picture = name + (specular ? "_all" : "_diffuse");
-        write_exr(out / (picture + ".exr"), reference);
-        write_srgb(out / (picture + ".png"), reference);
-        std::string line = fmt::format("{} {:5.1f} m {:5d} px {:18s} mean {:.3f}", host_name(place_of.id),
-                                       place_of.range, first.adversary_pixels, key, mean);
-        for (const Variant& variant : list) {
-          PreparedFrame lit = prepared;
-          if (variant.uniform) {
-            lit.frame.lighting.ambient += lit.frame.lighting.hemisphere / 2;
-            lit.frame.lighting.hemisphere.setZero();
-          }
-          HostScene drawn = scene;
-          drawn.prepared = &lit;
-          if (variant.as_faces) {
-            drawn.adversary = texels_as_faces(scene.adversary);
-            drawn.placed = place(drawn.adversary, drawn.rooftop);
-          }
-          const Simulated simulated = simulate_host(drawn, variant.settings);
-          ImageF ours = photograph;
-          for (int v = 0; v < ours.height; ++v)
-            for (int u = 0; u < ours.width; ++u)
-              for (int c = 0; c < 3; ++c)
-                ours.at(u, v, c) = static_cast<float>(rgba_at(simulated, rect.u0 + u, rect.v0 + v, c));
-          const double error = mean_absolute_error(ours, reference, mask);
-          Sum& sum = sums[key][variant.name];
-          sum.error += error;
-          sum.bias += mean_absolute_error(ours, ImageF(mask.width, mask.height, 3), mask) - mean;
-          sum.mean += mean;
-          line += fmt::format(" {:.1f}", 100 * error / mean);
-          if (!specular && (variant.name == "visible" || variant.name == "plain")) {
-            write_exr(out / (name + "_" + variant.name + ".exr"), ours);
-            write_srgb(out / (name + "_" + variant.name + ".png"), ours);
-          }
-        }
-        std::printf("%s\n", line.c_str());
-        std::fflush(stdout);
+      const std::string side = front ? "front" : "back", name = host_name(place_of.id) + "_" + side;
+      const nlohmann::json settings = {{"mesh", mesh == "random" ? mesh : file_hash(mesh)},
+                                       {"seed", seed},
+                                       {"samples", options.samples},
+                                       {"all_variants", options.all_variants}};
+      const std::filesystem::path file = options.out / (name + ".json");
+      nlohmann::json record = std::filesystem::exists(file) ? read_json(file) : nlohmann::json::object();
+      if (record.value("settings", nlohmann::json()) != settings) {
+        const auto frame = store.get(place_of.id.frame);
+        HostScene scene;
+        scene.host = &label_of(frame->frame, place_of.id);
+        scene.rooftop = store.rooftop(place_of.id);
+        scene.adversary = mesh == "random" ? random_adversary(seed) : read_adversary(mesh);
+        scene.placed = place(scene.adversary, scene.rooftop);
+        scene.samples = options.samples;
+        scene.seed = seed;
+        scene.scratch = options.out;
+        record = {{"settings", settings},
+                  {"measured", measure(blender, *frame, scene, front, list, options.out, name)}};
+        write_json(file, record);
       }
+      const nlohmann::json& row = record.at("measured");
+      if (row.is_null()) continue;
+      rows[side].emplace_back(place_of.id.frame, row);
+      std::string line = fmt::format("{:16s} {:5s} {:5.1f} m {:5.0f} px radiance {:.3f} noise {:.1f} |",
+                                     host_name(place_of.id), side, place_of.range,
+                                     row.at("pixels").get<double>(), row.at("radiance").get<double>(),
+                                     100 * row.at("noise").get<double>() / row.at("radiance").get<double>());
+      for (const Variant& variant : list)
+        line += fmt::format(" {:.1f}", 100 * row.at("variants").at(variant.name).at("error").get<double>() /
+                                           row.at("radiance").get<double>());
+      std::printf("%s\n", line.c_str());
+      std::fflush(stdout);
     }
   }
   nlohmann::json result;
-  for (const Variant& variant : list) {
-    std::string line = fmt::format("{:24s}", variant.name);
-    for (const auto& [key, by_variant] : sums) {
-      const Sum& sum = by_variant.at(variant.name);
-      result[variant.name][key] = sum.error / sum.mean;
-      line += fmt::format("  {}: {:5.2f} % ({:+.1f})", key, 100 * sum.error / sum.mean,
-                          100 * sum.bias / sum.mean);
+  for (const Variant& variant : list)
+    for (const auto& [side, of_side] : rows) {
+      result[variant.name][side] = pooled(of_side, variant.name);
+      print(result[variant.name][side], variant.name, side);
     }
-    std::printf("%s\n", line.c_str());
-  }
-  write_json(out / "result.json", result);
+  write_json(options.out / "result.json", result);
   return 0;
 }
 
@@ -211,12 +343,18 @@ int study(const std::filesystem::path& data, const std::string& mesh, const std:
 
 int main(int argc, char** argv) {
   if (argc < 4) {
-    std::fprintf(stderr, "mirage_light_study DATA MESH.glb|random OUT [VEHICLES [SAMPLES [models|all]]]\n");
+    std::fprintf(
+        stderr,
+        "mirage_light_study DATA MESH.glb[,…]|random OUT [VEHICLES|all|1/N [SAMPLES [models|all]]]\n");
     return 2;
   }
   try {
-    return mirage::study(argv[1], argv[2], argv[3], argc > 4 ? std::stoi(argv[4]) : 4,
-                         argc > 5 ? std::stoi(argv[5]) : 64, argc > 6 && std::string(argv[6]) == "all");
+    mirage::Options options;
+    options.data = argv[1], options.meshes = mirage::listed_words(argv[2]), options.out = argv[3];
+    if (argc > 4) options.vehicles = mirage::choice_of(argv[4]);
+    if (argc > 5) options.samples = std::stoi(argv[5]);
+    options.all_variants = argc > 6 && std::string_view(argv[6]) == "all";
+    return mirage::study(options);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s\n", error.what());
     return 1;
