@@ -11,8 +11,6 @@
 namespace mirage {
 
 inline constexpr double kRoughness = 0.5, kRefractiveIndex = 1.5;
-/// Share of an even light from all around that the surface's gloss sends back to all sides together.
-inline constexpr double kEvenGloss = 0.06;
 
 /// F: share of unpolarised light that the surface sends back; `cosine` of the incidence in [0, 1].
 double fresnel(double cosine);

@@ -144,15 +144,54 @@ class Tracer {
   Vec3d sky(const Vec3d& direction) const {
     return light_.ambient + light_.hemisphere / 2 + 0.75 * direction.z() * light_.hemisphere;
   }
-  /// Radiance of a level surface under the open sky, met along a direction that goes down. It is as rough and
-  /// glossy as the object's: so are the vehicle and the road in the path tracer.
+  /// What the gloss of a flat surface under the open sky sends back of sky and sun, met along a direction. It
+  /// is as rough and glossy as the object's: so are the vehicle and the road in the path tracer.
+  struct Sheen {
+    Vec3d sky = Vec3d::Zero(), sun = Vec3d::Zero();
+  };
+  Sheen sheen(const Vec3d& normal, const Vec3d& direction) const {
+    const Vec3d v = -direction;
+    return {specular_albedo(normal.dot(v)) * sky(direction + 2 * normal.dot(v) * normal),
+            specular_response(normal, light_.to_sun_velo, v) * light_.sun};
+  }
+  /// Radiance of a level surface under the open sky, met along a direction that goes down.
   Vec3d level_radiance(const Vec3d& albedo, const Vec3d& direction) const {
-    const Vec3d n = Vec3d::UnitZ(), v = -direction, &l = light_.to_sun_velo;
+    const Vec3d n = Vec3d::UnitZ(), &l = light_.to_sun_velo;
     const Vec3d lit = light_.ambient + light_.hemisphere +
-                      std::max(0.0, l.z()) * diffuse_response(n, l, v) * light_.sun,
-                mirrored = sky(Vec3d(direction.x(), direction.y(), -direction.z()));
-    return albedo.cwiseProduct(lit) + specular_albedo(v.z()) * mirrored +
-           specular_response(n, l, v) * light_.sun;
+                      std::max(0.0, l.z()) * diffuse_response(n, l, -direction) * light_.sun;
+    const Sheen gloss = sheen(n, direction);
+    return albedo.cwiseProduct(lit) + gloss.sky + gloss.sun;
+  }
+  /// What deck, road and the roof's gloss send against each direction.
+  void light_surroundings() {
+    deck_.assign(directions_.size(), Vec3d::Zero());
+    road_ = deck_;
+    roof_.resize(directions_.size());
+    if (!around_) return;
+    const Vec3d roof = around_->velo_from_roof.linear().col(2);
+    for (std::size_t k = 0; k < directions_.size(); ++k) {
+      if (directions_[k].z() < 0) {
+        deck_[k] = level_radiance(around_->paint, directions_[k]);
+        road_[k] = level_radiance(around_->road, directions_[k]);
+      }
+      if (directions_[k].dot(roof) < 0) roof_[k] = sheen(roof, directions_[k]);
+    }
+  }
+  /// Share of an even light that the gloss of a node of the object sends against direction k.
+  double gloss_along(int node, std::size_t k) const {
+    if (nodes_.views.empty() || node >= nodes_.patches()) return 0;
+    return specular_albedo(-leaf(node).normal.cast<double>().dot(directions_[k]));
+  }
+  /// The light from direction k where `met` is, but for what a node reflects by its albedo.
+  Vec3d fixed_radiance(int met, std::size_t k) const {
+    if (met == kSky) return sky(directions_[k]);
+    if (met == kDeck) return deck_[k];
+    if (met == kRoad) return road_[k];
+    const double sunny = result_.sun_share[static_cast<std::size_t>(met)];
+    if (met >= nodes_.patches()) return roof_[k].sky + sunny * roof_[k].sun;
+    if (nodes_.views.empty() || sunny == 0) return Vec3d::Zero();
+    return sunny * specular_response(leaf(met).normal.cast<double>(), light_.to_sun_velo, -directions_[k]) *
+           light_.sun;
   }
 
   static constexpr int kSky = -1, kDeck = -2, kRoad = -3;
@@ -202,17 +241,11 @@ class Tracer {
     r.diffuse_sun.assign(count, 1);
     if (around_) {
       r.roof_normal = around_->velo_from_roof.linear().col(2);
-      r.paint = around_->paint + Vec3d::Constant(kEvenGloss);
+      r.paint = around_->paint;
     }
-    if (!nodes_.views.empty()) r.even_gloss = kEvenGloss;
     if (sent_.empty()) return;
     aim_gloss();
-    std::vector<Vec3d> deck(directions_.size(), Vec3d::Zero()), road = deck;
-    for (std::size_t k = 0; around_ && k < directions_.size(); ++k)
-      if (directions_[k].z() < 0) {
-        deck[k] = level_radiance(around_->paint, directions_[k]);
-        road[k] = level_radiance(around_->road, directions_[k]);
-      }
+    light_surroundings();
     std::vector<int> met(sent_.size(), kSky);
     for (std::size_t i = 0; i < sent_.size(); ++i) {
       const Sent& sent = sent_[i];
@@ -220,15 +253,11 @@ class Tracer {
       const Vec3d& direction = directions_[k];
       const int face = hits_.face[i];
       met[i] = face < 0 ? meet_surroundings(starts_[i], direction) : met_patch(i, face, direction);
-      if (const double shown = specular_weight(i); shown > 0 && met[i] < 0)
-        r.specular[static_cast<std::size_t>(sent.node)] += shown * (met[i] == kDeck   ? deck[k]
-                                                                    : met[i] == kRoad ? road[k]
-                                                                                      : sky(direction));
+      const Vec3d fixed = fixed_radiance(met[i], k);
+      r.specular[static_cast<std::size_t>(sent.node)] += specular_weight(i) * fixed;
       if (met[i] == kSky) continue;
-      Vec3d change = -sky(direction);
-      if (met[i] == kDeck) change += deck[k];
-      if (met[i] == kRoad) change += road[k];
-      r.blocked[static_cast<std::size_t>(sent.node)] += weight(sent.node) * direction * change.transpose();
+      r.blocked[static_cast<std::size_t>(sent.node)] +=
+          weight(sent.node) * direction * (fixed - sky(direction)).transpose();
       if (met[i] >= 0) ++r.first[static_cast<std::size_t>(sent.node) + 1];
     }
     for (std::size_t i = 1; i < r.first.size(); ++i) r.first[i] += r.first[i - 1];
@@ -240,7 +269,7 @@ class Tracer {
       const int at = next[static_cast<std::size_t>(sent.node)]++;
       r.reflections[static_cast<std::size_t>(at)] = {
           met[i], weight(sent.node) * directions_[static_cast<std::size_t>(sent.direction)],
-          specular_weight(i)};
+          specular_weight(i), gloss_along(met[i], static_cast<std::size_t>(sent.direction))};
     }
   }
 
@@ -304,6 +333,8 @@ class Tracer {
   std::vector<std::vector<Vec3f>> met_points_;  ///< of each node that the camera does not see
   Transform roof_from_velo_ = Transform::Identity();
   std::vector<Vec3d> directions_;
+  std::vector<Vec3d> deck_, road_;  ///< of each direction: their radiance, met along it
+  std::vector<Sheen> roof_;         ///< of each direction: that of the roof's gloss
   std::vector<Vec3f> starts_;
   std::vector<Sent> sent_;
   HitTable hits_;

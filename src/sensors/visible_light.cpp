@@ -59,15 +59,15 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
   VisibleLight<S> result;
   result.albedo.assign(nodes, visibility.paint.cast<S>());
   std::vector<Vec3<S>> open(nodes);  // sky and road, without sun and without reflections
-  std::vector<Vec3<S>> direct(nodes);
+  std::vector<Vec3<S>>& direct = result.direct;
+  direct.resize(nodes);
   for (std::size_t i = 0; i < nodes; ++i) {
     if (i < visibility.side_of.size()) {
       const std::size_t first = first_texel(visibility, i, per_face);
       const std::vector<int>& mine = visibility.texels_of(i);
       Vec3<S> sum = Vec3<S>::Zero();
       for (const int t : mine) sum += texels[first + static_cast<std::size_t>(t)];
-      result.albedo[i] =
-          sum / static_cast<S>(mine.size()) + Vec3<S>::Constant(static_cast<S>(visibility.even_gloss));
+      result.albedo[i] = sum / static_cast<S>(mine.size());
     }
     open[i] = ambient;
     direct[i].setZero();
@@ -78,18 +78,20 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
   }
   std::vector<Vec3<S>> reflected(nodes, Vec3<S>::Zero());
   for (int step = 0; step < bounces; ++step) {
-    std::vector<Vec3<S>> received(nodes), gathered(nodes);
+    std::vector<Vec3<S>> sky(nodes), gathered(nodes);
     for (std::size_t i = 0; i < nodes; ++i) {
-      received[i] = open[i] + direct[i] + reflected[i];
-      gathered[i] = result.albedo[i].cwiseProduct(received[i]);
+      sky[i] = open[i] + reflected[i];
+      gathered[i] = result.albedo[i].cwiseProduct(sky[i] + direct[i]);
     }
     for (std::size_t i = 0; i < nodes; ++i) {
       reflected[i].setZero();
       for (const auto& r : visibility.met_by(i)) {
-        reflected[i] += n[i].dot(r.towards.template cast<S>()) * gathered[static_cast<std::size_t>(r.node)];
+        const auto j = static_cast<std::size_t>(r.node);
+        reflected[i] +=
+            n[i].dot(r.towards.template cast<S>()) * (gathered[j] + static_cast<S>(r.gloss) * sky[j]);
       }
     }
-    result.received.push_back(std::move(received));
+    result.skies.push_back(std::move(sky));
   }
   result.sky.resize(nodes);
   const std::size_t shown = visibility.texel_of.size();
@@ -102,10 +104,12 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
     sheens.clear();
     for (std::size_t i = first; i < visibility.first_node(side + 1); ++i) {
       Vec3<S> sheen = visibility.specular[i].template cast<S>();
-      if (!result.received.empty())
+      if (!result.skies.empty())
         for (const auto& r : visibility.met_by(i)) {
           const auto j = static_cast<std::size_t>(r.node);
-          sheen += static_cast<S>(r.specular) * result.albedo[j].cwiseProduct(result.received.back()[j]);
+          const Vec3<S>& sky = result.skies.back()[j];
+          sheen += static_cast<S>(r.specular) *
+                   (result.albedo[j].cwiseProduct(sky + direct[j]) + static_cast<S>(r.gloss) * sky);
         }
       sheens.push_back(sheen);
     }
@@ -136,7 +140,8 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
   std::vector<Vec3<S>> d_n(nodes, Vec3<S>::Zero()), d_open(nodes, Vec3<S>::Zero()),
       d_direct(nodes, Vec3<S>::Zero()), d_albedo(nodes, Vec3<S>::Zero());
   std::vector<S> d_cosine(nodes, S(0));  // of the angle to the sun
-  std::vector<Vec3<S>> d_reflected(nodes, Vec3<S>::Zero()), d_mirrored(nodes, Vec3<S>::Zero());
+  std::vector<Vec3<S>> d_reflected(nodes, Vec3<S>::Zero()), d_mirrored(nodes, Vec3<S>::Zero()),
+      d_mirrored_gloss(nodes, Vec3<S>::Zero());
   std::vector<Vec3<S>> d_sheen(nodes, Vec3<S>::Zero());
   const std::size_t shown = visibility.texel_of.size();
   for (std::size_t f = 0; f < faces; ++f)
@@ -153,30 +158,38 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
     for (int c = 0; c < 3; ++c)
       if (at.sky[i][c] <= 0) d_open[i][c] = 0;
     d_reflected[i] = d_open[i];
-    if (at.received.empty() || d_sheen[i].isZero(0)) continue;
-    for (const auto& r : visibility.met_by(i))
-      d_mirrored[static_cast<std::size_t>(r.node)] += static_cast<S>(r.specular) * d_sheen[i];
+    if (at.skies.empty() || d_sheen[i].isZero(0)) continue;
+    for (const auto& r : visibility.met_by(i)) {
+      const auto j = static_cast<std::size_t>(r.node);
+      const Vec3<S> d_radiance = static_cast<S>(r.specular) * d_sheen[i];
+      d_mirrored[j] += d_radiance;
+      d_mirrored_gloss[j] += static_cast<S>(r.gloss) * d_radiance;
+    }
   }
-  for (std::size_t step = at.received.size(); step-- > 0;) {
-    const std::vector<Vec3<S>>& received = at.received[step];
-    std::vector<Vec3<S>> d_gathered(nodes, Vec3<S>::Zero());
-    if (step + 1 == at.received.size()) d_gathered.swap(d_mirrored);
+  for (std::size_t step = at.skies.size(); step-- > 0;) {
+    const std::vector<Vec3<S>>& sky = at.skies[step];
+    std::vector<Vec3<S>> d_gathered(nodes, Vec3<S>::Zero()), d_sky(nodes, Vec3<S>::Zero());
+    if (step + 1 == at.skies.size()) d_gathered.swap(d_mirrored), d_sky.swap(d_mirrored_gloss);
     for (std::size_t i = 0; i < nodes; ++i) {
       if (d_reflected[i].isZero(0)) continue;
       for (const auto& r : visibility.met_by(i)) {
         const auto j = static_cast<std::size_t>(r.node);
         const Vec3<S> towards = r.towards.template cast<S>();
-        d_gathered[j] += n[i].dot(towards) * d_reflected[i];
-        d_n[i] += d_reflected[i].dot(at.albedo[j].cwiseProduct(received[j])) * towards;
+        const auto gloss = static_cast<S>(r.gloss);
+        const Vec3<S> d_radiance = n[i].dot(towards) * d_reflected[i];
+        d_gathered[j] += d_radiance;
+        d_sky[j] += gloss * d_radiance;
+        d_n[i] +=
+            d_reflected[i].dot(at.albedo[j].cwiseProduct(sky[j] + at.direct[j]) + gloss * sky[j]) * towards;
       }
     }
-    // gathered = albedo · (open + direct + reflected of the step before)
+    // gathered = albedo · (sky + direct), sky = open + reflected of the step before
     for (std::size_t i = 0; i < nodes; ++i) {
       const Vec3<S> d_light = d_gathered[i].cwiseProduct(at.albedo[i]);
-      d_open[i] += d_light;
       d_direct[i] += d_light;
-      d_reflected[i] = d_light;
-      d_albedo[i] += d_gathered[i].cwiseProduct(received[i]);
+      d_reflected[i] = d_light + d_sky[i];
+      d_open[i] += d_reflected[i];
+      d_albedo[i] += d_gathered[i].cwiseProduct(sky[i] + at.direct[i]);
     }
   }
   std::vector<Vec3<S>> d_unit(faces, Vec3<S>::Zero());

@@ -7,8 +7,10 @@
 //     E_i = ambient + hemisphere (1 + n̂·up)/2 + sun max(0, n̂·l) v_i
 //         + Σ_k (4/K) max(0, n̂·ω_k) (L_hit − L_sky(ω_k))          over the directions that meet something
 //     L_sky(ω) = ambient + hemisphere/2 + 3/4 hemisphere ω·up        whose irradiance is the first two terms
-//     L_hit    = (ρ_j + gloss) E_j of the node that is met, gloss kEvenGloss; or the radiance of the road or
-//                of the host's body under the open sky, colour and gloss
+//     L_hit    = ρ_j E_j + a_ij (E_j − sun's part) + π f_s(l) max(0, n̂_j·l) sun v_j     a node of the object
+//                ρ_j E_j, and the gloss of an open sky and of the sun v_j                  a cell of the roof
+//                the radiance of road or vehicle under the open sky, colour and gloss      what is left
+// with a_ij and f_s of the gloss of what is met, along the ray
 // (radiosity by gathering; Goral et al., SIGGRAPH 1984, equation 5), iterated from E without reflections. A
 // convex object in free space has the plain model's light exactly. A face is shown as the side that the
 // camera sees is lit: a texel t of albedo ρ_t at node i has the radiance
@@ -21,8 +23,8 @@
 // and where a shadow's border is seen near for parts of it (sensors/light_sun.h); v_i is the node's.
 //
 // What each ray meets is a value without a gradient: it jumps. So are the shares that depend on where the
-// camera is: a_i, f_k, m_i, F_d and f_s. For them held fixed everything else is exact, through the normals
-// and through the albedos that reflect.
+// camera is or where a ray runs: a_i, a_ij, f_k, m_i, F_d and f_s. For them held fixed everything else is
+// exact, through the normals and through the albedos that reflect.
 #pragma once
 
 #include <array>
@@ -71,8 +73,7 @@ struct VisibleLightSettings {
   /// sr; a side that the camera sees under a larger angle has the light of n² parts of no larger one, n at
   /// most the atlas's C. KITTI's pixel is 1.9e-6.
   double node_angle = 6e-5;
-  /// Whether the object's surface is a rough dielectric's (sensors/gloss.h), or Lambert's. Light within the
-  /// object is reflected to all sides evenly, by albedo and gloss together.
+  /// Whether the object's surface is a rough dielectric's (sensors/gloss.h), or Lambert's.
   bool glossy = true;
 };
 
@@ -121,6 +122,7 @@ struct LightVisibility : LightLayout {
     int node = 0;         ///< the one that is met
     Vec3d towards;        ///< ω times its weight
     double specular = 0;  ///< a_i f_k / Σ f_k: share of its radiance that the gloss shows
+    double gloss = 0;     ///< a_ij: share of an even light that its own gloss sends along the ray
   };
   std::vector<Eigen::Matrix3d> blocked;  ///< of each node: Σ ω weight (L_fixed − L_sky)ᵀ, so that E += mᵀ n̂
   std::vector<int> first;                ///< nodes + 1: where each node's reflections start
@@ -135,7 +137,6 @@ struct LightVisibility : LightLayout {
   std::vector<double> diffuse;       ///< of each node: m_i
   std::vector<double> diffuse_sun;   ///< of each node: F_d(l)
   Vec3d roof_normal = Vec3d::UnitZ(), paint = Vec3d::Zero();
-  double even_gloss = 0;  ///< added to the object's albedos where light is reflected within it
   std::size_t rays = 0;
 
   /// How many.
@@ -160,11 +161,12 @@ LightVisibility find_visibility(const TexturedMesh& placed, const Lighting& ligh
 /// VJP needs.
 template <class S>
 struct VisibleLight {
-  std::vector<Vec3<S>> factor;                 ///< of each part, times its texel's albedo; never negative
-  std::vector<Vec3<S>> gloss;                  ///< of each part, whatever the albedo
-  std::vector<std::vector<Vec3<S>>> received;  ///< E of every node before each gathering step
-  std::vector<Vec3<S>> albedo;                 ///< of every node
-  std::vector<Vec3<S>> sky;  ///< of every node: all light but the sun's own, before max(0, ·)
+  std::vector<Vec3<S>> factor;              ///< of each part, times its texel's albedo; never negative
+  std::vector<Vec3<S>> gloss;               ///< of each part, whatever the albedo
+  std::vector<std::vector<Vec3<S>>> skies;  ///< E of every node before each gathering step, less `direct`
+  std::vector<Vec3<S>> direct;              ///< of every node: the sun's own part of E
+  std::vector<Vec3<S>> albedo;              ///< of every node
+  std::vector<Vec3<S>> sky;                 ///< of every node: all light but the sun's own, before max(0, ·)
 };
 /// `normals`: unnormalised, of the faces, `velo`; `texels`: the atlas's albedos. A face without area has the
 /// ambient term alone.

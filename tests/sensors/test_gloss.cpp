@@ -63,7 +63,8 @@ TEST(Gloss, AlbedoIsTheLobesIntegral) {
   }
   double even = 0;
   for (int i = 0; i < 1000; ++i) even += 2 * (i + 0.5) / 1000 * specular_albedo((i + 0.5) / 1000) / 1000;
-  EXPECT_NEAR(kEvenGloss, even, 0.005);
+  EXPECT_NEAR(even, 0.059,
+              0.001);  // sampled: four million pairs of directions
 }
 
 }  // namespace

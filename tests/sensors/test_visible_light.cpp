@@ -31,6 +31,24 @@ VisibleLight<double> light_of(const TexturedMesh& mesh, const Lighting& light,
                        find_visibility(mesh, light, around, nullptr, settings), settings.bounces);
 }
 
+/// What the gloss of a wide level surface sends to a face that looks straight down on it: the integral of its
+/// radiance n·ω/π over the half space, of an open sky and the sun.
+Vec3d light_of_gloss(const Lighting& light) {
+  constexpr int kRings = 400, kTurns = 400;
+  Vec3d sum = Vec3d::Zero();
+  for (int i = 0; i < kRings; ++i) {
+    const double z = std::sqrt((i + 0.5) / kRings), r = std::sqrt(1 - z * z);  // cosine-weighted
+    const Vec3d mirrored = light.ambient + light.hemisphere / 2 + 0.75 * z * light.hemisphere;
+    for (int k = 0; k < kTurns; ++k) {
+      const double turn = 2 * M_PI * (k + 0.5) / kTurns;
+      const Vec3d up(r * std::cos(turn), r * std::sin(turn), z);
+      sum += specular_albedo(z) * mirrored +
+             specular_response(Vec3d::UnitZ(), light.to_sun_velo, up) * light.sun;
+    }
+  }
+  return sum / (kRings * kTurns);
+}
+
 double largest_difference(const std::vector<Vec3d>& a, const std::vector<Vec3d>& b) {
   EXPECT_EQ(a.size(), b.size());
   double worst = 0;
@@ -194,25 +212,53 @@ TEST(VisibleLight, RoofAndRoadLightAFaceFromBelow) {
   around.paint = Vec3d(0.6, 0.3, 0.1);
   VisibleLightSettings settings;
   settings.directions = 4096;
-  const Vec3d open = light.ambient + light.hemisphere + light.to_sun_velo.z() * light.sun;
-  const auto reflected = [](const Vec3d& albedo) { return Vec3d(albedo + Vec3d::Constant(kEvenGloss)); };
-  EXPECT_LT((light_of(plate, light, &around, settings).factor[0] - reflected(around.paint).cwiseProduct(open))
-                .norm(),
-            5e-3);
+  const auto direct = [&](const Lighting& by, const Vec3d& albedo) {
+    const Vec3d colour =
+        albedo.cwiseProduct(by.ambient + by.hemisphere + std::max(0.0, by.to_sun_velo.z()) * by.sun);
+    return Vec3d(colour + light_of_gloss(by));
+  };
+  EXPECT_LT((light_of(plate, light, &around, settings).factor[0] - direct(light, around.paint)).norm(), 5e-3);
+  // A low sun: most of what comes from below is its glint.
+  Lighting low = light;
+  low.to_sun_velo = Vec3d(1, 0, 0.15).normalized();
+  const Vec3d glinting = light_of(plate, low, &around, settings).factor[0];
+  EXPECT_LT((glinting - direct(low, around.paint)).norm(), 5e-3);
   around.roof = {Vec2d(-1e-3, -1e-3), Vec2d(1e-3, 1e-3)};  // no roof, no deck: the road
   around.deck = around.roof;
   // Under an even sky the road's gloss sends its share of it up, as its colour does.
   Lighting even = light;
   even.hemisphere = even.sun = Vec3d::Zero();
-  EXPECT_LT(
-      (light_of(plate, even, &around, settings).factor[0] - reflected(around.road).cwiseProduct(even.ambient))
-          .norm(),
-      5e-3 * even.ambient.norm());
+  EXPECT_LT((light_of(plate, even, &around, settings).factor[0] - direct(even, around.road)).norm(),
+            5e-3 * even.ambient.norm());
   // The sun's part besides: more than the colour's share of it, less than twice.
   const Vec3d sunlit = light_of(plate, light, &around, settings).factor[0];
   for (int c = 0; c < 3; ++c) {
-    EXPECT_GT(sunlit[c], around.road[c] * open[c]);
-    EXPECT_LT(sunlit[c], 2 * around.road[c] * open[c]);
+    EXPECT_GT(sunlit[c], direct(light, Vec3d::Zero())[c]);
+    EXPECT_NEAR(sunlit[c] / direct(light, around.road)[c], 1, 0.05);  // Burley's lobe for Lambert's
+  }
+}
+
+/// A roof of the object's own: under an even sky and a sun it lights a face over it as the vehicle's does.
+TEST(VisibleLight, ThePartsOfAnObjectMirrorLightToEachOther) {
+  TexturedMesh plates;
+  plates.mesh.vertices = {{-0.01, -0.01, 0.3}, {0.01, 0, 0.3}, {0, 0.01, 0.3},
+                          {-60, -60, 0},       {60, -60, 0},   {0, 90, 0}};
+  plates.mesh.faces = {{0, 2, 1}, {3, 4, 5}};
+  plates.atlas = {1, {Vec3d::Zero(), Vec3d(0.6, 0.3, 0.1)}};
+  Lighting light;
+  light.ambient = Vec3d(0.2, 0.3, 0.4);
+  light.hemisphere.setZero();
+  VisibleLightSettings settings;
+  settings.directions = 4096;
+  settings.rough_directions = 1024;
+  const Vec3d eye(0.1, 0, 0.1);  // between the two: it sees both
+  for (const double height : {0.15, 1.0}) {
+    light.to_sun_velo = Vec3d(1, 0, height).normalized();
+    const auto lit = visible_light(face_normals(plates.mesh), plates.atlas.texels, light,
+                                   find_visibility(plates, light, nullptr, &eye, settings), 2);
+    const Vec3d colour =
+        plates.atlas.texels[1].cwiseProduct(light.ambient + light.to_sun_velo.z() * light.sun);
+    EXPECT_LT((lit.sky[0] - colour - light_of_gloss(light)).norm(), 1e-2) << height;
   }
 }
 
