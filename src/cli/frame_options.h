@@ -36,11 +36,13 @@ struct QualityOption {
   void ask(Overrides& asked) const {
     if (!name.empty()) asked["quality"] = name;
   }
+  /// Whether the user gave the option.
+  bool given(const char* option) const {
+    const auto* known = app->get_option_no_throw(option);
+    return known && known->count() > 0;
+  }
   void apply(SimulationSettings& settings) const {
-    apply_quality(name, settings, [this](const char* option) {
-      const auto* known = app->get_option_no_throw(option);
-      return known && known->count() > 0;
-    });
+    apply_quality(name, settings, [this](const char* option) { return given(option); });
   }
 };
 

@@ -345,6 +345,30 @@ TEST(CommandLine, CtrlCKeepsFinishedFramesAndTheNextRunGoesOn) {
   EXPECT_TRUE(fs::exists(folder / "d/result.json"));
 }
 
+/// Beside Cycles' pictures the gradient is that of pictures like them, unless the user asks for another.
+TEST(CommandLine, AnAttackUnderCyclesGoesThroughExactAreasAndVisibleLight) {
+  if (!fs::exists(fs::path(MIRAGE_BUILD) / "plugins/fusion.so"))
+    GTEST_SKIP() << "the fusion plugin was not built (MIRAGE_DETECTORS)";
+  TemporaryFolder folder;
+  const std::string data = folder / "data";
+  ASSERT_EQ(run(folder, {"generate", "--frames", "2", "--seed", "5", "--out", data, "--quiet"}).code, 0);
+  const auto simulation = [&](const std::string& out, const std::vector<std::string>& more) {
+    std::vector<std::string> words = {"attack",           "--data", data,      "--iterations", "1",
+                                      "--batch",          "1",      "--quiet", "--renderer",   "cycles",
+                                      "--cycles-samples", "1",      "--out",   folder / out};
+    words.insert(words.end(), more.begin(), more.end());
+    const Outcome outcome = run(folder, words);
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    return read_json(folder / (out + "/run.json")).at("simulation");
+  };
+  const auto by_itself = simulation("a", {}),
+             asked = simulation("b", {"--light", "plain", "--sigma", "1e-6"});
+  EXPECT_EQ(by_itself.value("light", "plain"), "visible");
+  EXPECT_TRUE(by_itself.value("exact_coverage", false));
+  EXPECT_EQ(asked.value("light", "plain"), "plain");
+  EXPECT_FALSE(asked.value("exact_coverage", false));
+}
+
 /// The chain up to Blender, with the shipped detector, and an attack that is stopped in the middle.
 TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   if (!fs::exists(fs::path(MIRAGE_BUILD) / "plugins/fusion.so"))

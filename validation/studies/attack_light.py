@@ -26,7 +26,7 @@ import time
 HERE = pathlib.Path(__file__).resolve().parents[2]
 LIGHTS = {"plain": [], "visible": ["--light", "visible"], "exact": ["--quality", "exact"],
           "exact-visible": ["--quality", "exact", "--light", "visible"],
-          "exact-fine": ["--quality", "exact", "--light", "fine"], "cycles": ["--renderer", "cycles"],
+          "exact-fine": ["--quality", "exact", "--light", "fine"], "cycles": ["--renderer", "cycles", "--quality", "default", "--light", "plain"],
           "cycles-exact": ["--renderer", "cycles", "--quality", "exact", "--light", "visible"]}
 ARMS = [("raster", "ideal"), ("visible", "ideal"), ("cycles", "ideal"), ("cycles", "realistic")]
 DRAWS = 10000
