@@ -168,7 +168,7 @@ class Tracer {
     road_ = deck_;
     roof_.resize(directions_.size());
     if (!around_) return;
-    const Vec3d roof = around_->velo_from_roof.linear().col(2);
+    const Vec3d& roof = result_.roof_normal;
     for (std::size_t k = 0; k < directions_.size(); ++k) {
       if (directions_[k].z() < 0) {
         deck_[k] = level_radiance(around_->paint, directions_[k]);

@@ -9,7 +9,8 @@
 // Cycles renders each with everything (sun of 0.53° with shadows, occluded sky, 4 bounces, specular; host and
 // road as unseen surroundings), as two independent halves of SAMPLES (64). The rasteriser draws with hard
 // edges and 8×8 samples a pixel. VARIANTS: "models" (default) or "all", which varies the model's settings.
-// What is measured of a vehicle is kept in OUT, and is not measured again.
+// What is measured of a vehicle is kept in OUT and not measured again: after a change of the program or of
+// DATA give another OUT.
 //
 // Over the pixels that the object covers by more than half, of scene-linear RGB, all as shares of the
 // object's mean radiance in Cycles:
@@ -105,7 +106,7 @@ Vec3d towards_sun(bool front) {
   return {sign * std::cos(up) * std::cos(side), std::cos(up) * std::sin(side), std::sin(up)};
 }
 
-/// A vehicle, and which of the meshes it carries.
+/// A vehicle, and how far it is (m).
 struct Place {
   HostId id;
   double range = 0;
@@ -204,7 +205,7 @@ nlohmann::json errors_of(const ImageF& ours, const Reference& reference) {
       {"squared", squared_error({ours, {}}, halves, mask, pixels, radiance).unbiased}};
 }
 
-/// Every variant on one vehicle, front- and back-lit; null where the object covers no pixel.
+/// Every variant on one vehicle under one sun; null where the object covers no pixel.
 nlohmann::json measure(BlenderWorker& blender, const PreparedFrame& frame, HostScene scene, bool front,
                        const std::vector<Variant>& list, const std::filesystem::path& out,
                        const std::string& name) {
