@@ -59,7 +59,7 @@ class Nodes {
   }
 
   /// Which side of each face the camera looks at, how large, and where it sees it.
-  void look(const RayCaster& caster, const Vec3d& eye) {
+  void look(RayPencil& pencil, const Vec3d& eye) {
     const std::vector<Vec2d> points = texel_centroids(kLooks);
     std::vector<Vec3f> targets;
     for (std::size_t f = 0; f < mesh_.faces.size(); ++f) {
@@ -73,7 +73,9 @@ class Nodes {
         made_.angles[side] = std::abs(normal.dot(to_eye)) / (2 * distance * distance * distance);
       add_targets(made_.wholes[side], points, targets);
     }
-    for (const auto& [side, b12] : first_met(caster, eye, targets))
+    const Vec3f from = (eye - made_.centre).cast<float>();
+    pencil.from(from, from.isZero(0) ? Vec3f::UnitX() : Vec3f(-from));
+    for (const auto& [side, b12] : first_met(pencil, targets))
       points_[side].push_back(made_.wholes[side].at(b12.x(), b12.y()));
   }
 
@@ -102,7 +104,7 @@ class Nodes {
   }
 
   /// Which patches the camera sees, and where.
-  void look_at_patches(const RayCaster& caster, const Vec3d& eye) {
+  void look_at_patches(const RayPencil& pencil, const Vec3d& eye) {
     const std::vector<Vec2d> points = texel_centroids(kTexelLooks);
     std::vector<Vec3f> targets;
     made_.seen_points.resize(made_.side_of.size());
@@ -114,7 +116,7 @@ class Nodes {
       for (std::size_t i = made_.first_node(side); i < made_.first_node(side + 1); ++i)
         add_targets(made_.leaves[i], points, targets);
     }
-    for (const auto& [side, b12] : first_met(caster, eye, targets)) {
+    for (const auto& [side, b12] : first_met(pencil, targets)) {
       if (made_.parts[side] == 1) continue;
       const int part = texel_index<double>(std::max(0.0f, 1 - b12.sum()), b12.x(), made_.parts[side]);
       made_.seen_points[made_.first_node(side) + static_cast<std::size_t>(part)].push_back(
@@ -145,18 +147,14 @@ class Nodes {
       targets.push_back(leaf.at(static_cast<float>(point.x()), static_cast<float>(point.y())));
   }
   /// What the camera sees in those directions: sides of the object, and (b1, b2).
-  std::vector<std::pair<std::size_t, Vec2f>> first_met(const RayCaster& caster, const Vec3d& eye,
+  std::vector<std::pair<std::size_t, Vec2f>> first_met(const RayPencil& pencil,
                                                        const std::vector<Vec3f>& targets) const {
+    std::vector<RayPencil::Met> hits(targets.size());
+    pencil.intersect(targets, hits);
     std::vector<std::pair<std::size_t, Vec2f>> met;
-    if (targets.empty()) return met;
-    RayTable rays(1, targets.size());
-    const Vec3f from = (eye - made_.centre).cast<float>();
-    for (std::size_t i = 0; i < targets.size(); ++i) rays.set(0, i, from, targets[i] - from);
-    HitTable hits;
-    caster.intersect(rays, 0, 1e30f, hits);
-    for (std::size_t i = 0; i < targets.size(); ++i)
-      if (hits.face[i] >= 0)
-        met.emplace_back(made_.side(static_cast<std::size_t>(hits.face[i])), Vec2f(hits.b1[i], hits.b2[i]));
+    for (const RayPencil::Met& hit : hits)
+      if (hit.face >= 0)
+        met.emplace_back(made_.side(static_cast<std::size_t>(hit.face)), Vec2f(hit.b1, hit.b2));
     return met;
   }
 
@@ -223,14 +221,14 @@ TexturedMesh texels_as_faces(const TexturedMesh& mesh) {
   return parts;
 }
 
-LightNodes light_nodes(const TexturedMesh& placed, const Vec3d& centre, const RayCaster* caster,
+LightNodes light_nodes(const TexturedMesh& placed, const Vec3d& centre, RayPencil* pencil,
                        const LightSurroundings* around, const Vec3d* eye,
                        const VisibleLightSettings& settings) {
   Nodes nodes(placed, centre, settings);
-  const bool has_eye = caster && eye;
-  if (has_eye) nodes.look(*caster, *eye);
+  const bool has_eye = pencil && eye;
+  if (has_eye) nodes.look(*pencil, *eye);
   nodes.make_patches();
-  if (has_eye) nodes.look_at_patches(*caster, *eye);
+  if (has_eye) nodes.look_at_patches(*pencil, *eye);
   return nodes.finish(around, has_eye);
 }
 

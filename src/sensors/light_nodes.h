@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "sensors/ray_caster.h"
+#include "sensors/ray_pencil.h"
 #include "sensors/visible_light.h"
 
 namespace mirage {
@@ -47,9 +47,9 @@ std::vector<std::vector<int>> centroids_within(int p, int n);
 /// The same mesh with every texel as a face of its own, in the atlas's order.
 TexturedMesh texels_as_faces(const TexturedMesh& mesh);
 
-/// `caster` holds the object alone, about `centre`; null for one without faces. `around` and `eye` as of
+/// `pencil` holds the object alone, about `centre`; null for one without faces. `around` and `eye` as of
 /// find_visibility.
-LightNodes light_nodes(const TexturedMesh& placed, const Vec3d& centre, const RayCaster* caster,
+LightNodes light_nodes(const TexturedMesh& placed, const Vec3d& centre, RayPencil* pencil,
                        const LightSurroundings* around, const Vec3d* eye,
                        const VisibleLightSettings& settings);
 

@@ -14,20 +14,21 @@ constexpr int kMostParts = 4;   // a texel is split into 4² at most
 
 class SunTracer {
  public:
-  SunTracer(const LightNodes& nodes, const RayCaster* caster, const Vec3d& to_sun, int resolution,
+  SunTracer(const LightNodes& nodes, RayPencil* pencil, const Vec3d& to_sun, int resolution,
             const VisibleLightSettings& settings)
       : nodes_(nodes),
-        caster_(caster),
+        pencil_(pencil),
         to_sun_(to_sun.cast<float>()),
         resolution_(resolution),
         settings_(settings),
-        lit_(nodes.wholes.size()) {
-    shares_.resolution = resolution;
+        lit_(nodes.wholes.size()),
+        resolutions_(nodes.faces, resolution) {
     shares_.of_nodes.assign(static_cast<std::size_t>(nodes.nodes()), 0);
   }
 
   SunShares run(const std::vector<std::vector<Vec3f>>& met_points) {
-    if (caster_) {
+    if (pencil_) {
+      pencil_->along(to_sun_);
       look_from_sides(met_points);
       refine();
     }
@@ -52,11 +53,9 @@ class SunTracer {
     std::vector<std::uint8_t> sees(starts.size(), 0);
     if (starts.empty()) return sees;
     shares_.rays += starts.size();
-    RayTable rays(1, starts.size());
-    for (std::size_t i = 0; i < starts.size(); ++i) rays.set(0, i, starts[i], to_sun_);
-    HitTable hits;
-    caster_->intersect(rays, 0, 1e30f, hits);
-    for (std::size_t i = 0; i < starts.size(); ++i) sees[i] = hits.face[i] < 0;
+    std::vector<RayPencil::Met> met(starts.size());
+    pencil_->intersect(starts, met);
+    for (std::size_t i = 0; i < starts.size(); ++i) sees[i] = met[i].face < 0;
     return sees;
   }
 
@@ -69,6 +68,7 @@ class SunTracer {
       if (!is_turned_to_sun(whole)) continue;
       const bool seen = nodes_.is_side_seen(side);
       const std::vector<Vec3f>& met = met_points[nodes_.first_node(side)];
+      if (met.empty() && nodes_.side(nodes_.face_of(side)) != side) continue;  // nothing shows it
       const std::vector<Vec2d>& points = seen ? many : few;
       lit_[side].n = seen ? settings_.sun_samples : kUnseenRays;
       for (std::size_t k = 0; k < points.size(); ++k)
@@ -90,31 +90,26 @@ class SunTracer {
   /// Looks again from the sides that a shadow's border runs through, as finely as the camera sees them.
   void refine() {
     std::vector<std::size_t> bordered;
-    double angle = 0, squares = 0;
+    std::vector<Vec3f> starts;
     for (std::size_t side = 0; side < lit_.size(); ++side) {
-      const auto& lit = lit_[side].lit;
+      Samples& samples = lit_[side];
+      const auto& lit = samples.lit;
       if (!nodes_.is_side_seen(side) || std::find(lit.begin(), lit.end(), 0) == lit.end() ||
           std::find(lit.begin(), lit.end(), 1) == lit.end())
         continue;
+      const double texel = nodes_.angles[side] / (resolution_ * resolution_),
+                   parts = std::min<double>(std::ceil(std::sqrt(texel / settings_.sun_angle)), kMostParts);
+      if (!(parts > 1)) continue;
       bordered.push_back(side);
-      angle += nodes_.angles[side];
-      squares += nodes_.angles[side] * nodes_.angles[side];
+      samples.n = resolution_ * static_cast<int>(parts);
+      resolutions_[nodes_.face_of(side)] = samples.n;
+      for (const Vec2d& point : centroids(samples.n)) starts.push_back(at(nodes_.wholes[side], point));
     }
-    if (angle <= 0) return;
-    const double texel = squares / angle / (resolution_ * resolution_),  // the mean over what is seen
-        parts = std::ceil(std::sqrt(texel / settings_.sun_angle));
-    if (parts <= 1) return;
-    shares_.resolution = resolution_ * static_cast<int>(std::min<double>(parts, kMostParts));
-    const std::vector<Vec2d> points = texel_centroids(shares_.resolution);
-    std::vector<Vec3f> starts;
-    starts.reserve(bordered.size() * points.size());
-    for (const std::size_t side : bordered)
-      for (const Vec2d& point : points) starts.push_back(at(nodes_.wholes[side], point));
     const std::vector<std::uint8_t> sees = look(starts);
     auto next = sees.begin();
     for (const std::size_t side : bordered) {
-      const auto end = next + static_cast<std::ptrdiff_t>(points.size());
-      lit_[side] = {shares_.resolution, {next, end}};
+      const auto end = next + lit_[side].n * lit_[side].n;
+      lit_[side].lit.assign(next, end);
       next = end;
     }
   }
@@ -143,33 +138,47 @@ class SunTracer {
   }
 
   void share_to_parts() {
-    const auto per_face = static_cast<std::size_t>(shares_.resolution) * shares_.resolution;
-    shares_.of_parts.assign(nodes_.faces * per_face, 0);
+    shares_.parts = TexelGrid(std::move(resolutions_));
+    shares_.of_parts.assign(static_cast<std::size_t>(shares_.parts.first.back()), 0);
     for (std::size_t f = 0; f < nodes_.faces; ++f) {
       const Samples& samples = lit_[nodes_.side(f)];
       if (samples.n == 0) continue;
-      float* part = &shares_.of_parts[f * per_face];
-      for (const auto& some : samples_of(shares_.resolution, samples.n))
+      float* part = &shares_.of_parts[shares_.parts.first_texel(f)];
+      if (samples.n == shares_.parts.resolution_of(f)) {
+        std::copy(samples.lit.begin(), samples.lit.end(), part);
+        continue;
+      }
+      for (const auto& some : samples_of(shares_.parts.resolution_of(f), samples.n))
         *part++ = static_cast<float>(share(samples, some));
     }
   }
 
+  /// Centroids of n² parts of a side.
+  const std::vector<Vec2d>& centroids(int n) {
+    for (const auto& [key, points] : centroids_)
+      if (key == n) return points;
+    centroids_.emplace_back(n, texel_centroids(n));
+    return centroids_.back().second;
+  }
+
   const LightNodes& nodes_;
-  const RayCaster* caster_;
+  RayPencil* pencil_;
   const Vec3f to_sun_;
   int resolution_;
   const VisibleLightSettings& settings_;
-  std::vector<Samples> lit_;  ///< of each side; none of one that is turned away
+  std::vector<Samples> lit_;      ///< of each side; none of one that is turned away
+  std::vector<int> resolutions_;  ///< of each face: of its shown parts
+  std::vector<std::pair<int, std::vector<Vec2d>>> centroids_;
   std::vector<std::pair<std::pair<int, int>, std::vector<std::vector<int>>>> lists_;
   SunShares shares_;
 };
 
 }  // namespace
 
-SunShares share_sun(const LightNodes& nodes, const RayCaster* caster,
+SunShares share_sun(const LightNodes& nodes, RayPencil* pencil,
                     const std::vector<std::vector<Vec3f>>& met_points, const Vec3d& to_sun, int resolution,
                     const VisibleLightSettings& settings) {
-  return SunTracer(nodes, caster, to_sun, resolution, settings).run(met_points);
+  return SunTracer(nodes, pencil, to_sun, resolution, settings).run(met_points);
 }
 
 }  // namespace mirage

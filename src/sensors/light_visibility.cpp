@@ -1,4 +1,4 @@
-// The rays of the light model with visibility: one table, sorted by direction, so that packets stay together.
+// The rays of the light model with visibility, one pencil of them for each direction.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -49,21 +49,15 @@ class Tracer {
         around_(around),
         settings_(settings) {
     const Vec3d centre = bounds(placed.mesh).center();
-    if (faces_ > 0) caster_.emplace(std::span(&placed.mesh, 1), centre);
-    nodes_ = light_nodes(placed, centre, caster_ ? &*caster_ : nullptr, around, eye, settings);
+    if (faces_ > 0) pencil_.emplace(placed.mesh, centre);
+    nodes_ = light_nodes(placed, centre, pencil_ ? &*pencil_ : nullptr, around, eye, settings);
     if (around) roof_from_velo_ = around->velo_from_roof.inverse();
     cosines_.assign(static_cast<std::size_t>(nodes()), 0);
     met_points_.resize(static_cast<std::size_t>(nodes()));
   }
 
   LightVisibility run() {
-    if (caster_) {
-      aim(true);
-      trace();
-      find_met_points();
-      aim(false);
-      trace();
-    }
+    if (pencil_) trace_all();
     collect();
     return std::move(result_);
   }
@@ -80,65 +74,82 @@ class Tracer {
     sent_.push_back({node, direction});
   }
 
-  /// Rays of the nodes that the camera sees, or of the others, those of one direction together.
-  void aim(bool seen) {
-    const int n = seen ? settings_.directions : settings_.rough_directions;
+  /// Rays of the sides that are shown, then of what those meet, of what these meet, and so on: what nothing
+  /// shows lights nothing.
+  void trace_all() {
+    std::vector<bool> asked(static_cast<std::size_t>(nodes()), false);
+    std::vector<int> seen, others;
+    for (int i = 0; i < nodes_.patches(); ++i) {
+      const auto side = static_cast<std::size_t>(side_of(i));
+      const bool is_seen = nodes_.is_seen(i);
+      if (!is_seen && nodes_.side(nodes_.face_of(side)) != side) continue;
+      (is_seen ? seen : others).push_back(i);
+      asked[static_cast<std::size_t>(i)] = true;
+    }
+    const std::size_t about = seen.size() * static_cast<std::size_t>(settings_.directions) +
+                              others.size() * static_cast<std::size_t>(settings_.rough_directions);
+    starts_.reserve(about), sent_.reserve(about), hits_.reserve(about), met_.reserve(about);
+    trace(seen, settings_.directions);
+    std::size_t first = 0;
+    do {
+      const std::size_t end = sent_.size();
+      for (std::size_t ray = first; ray < end; ++ray) {
+        const int node = met_[ray];
+        if (node < 0 || nodes_.is_seen(node)) continue;
+        if (!asked[static_cast<std::size_t>(node)]) others.push_back(node);
+        asked[static_cast<std::size_t>(node)] = true;
+        if (node < nodes_.patches() && cosines_[static_cast<std::size_t>(node)] == 0)
+          met_points_[static_cast<std::size_t>(node)].push_back(
+              nodes_.wholes[static_cast<std::size_t>(side_of(node))].at(hits_[ray].b1, hits_[ray].b2));
+      }
+      first = end;
+      std::sort(others.begin(), others.end());
+      trace(others, settings_.rough_directions);
+      others.clear();
+    } while (first < sent_.size());
+  }
+
+  /// Rays along n directions from some nodes.
+  void trace(const std::vector<int>& from, int n) {
+    if (from.empty()) return;
     for (int k = 0; k < n; ++k) {
       const Vec3d direction = lattice_direction(k, n);
       const Vec3f towards = direction.cast<float>();
       const Vec2f point = lattice_point(k, 0.7548776662466927, 0.5698402909980532);  // Roberts's R2 sequence
       const int index = static_cast<int>(directions_.size());
       directions_.push_back(direction);
-      for (int i = 0; i < (seen ? nodes_.patches() : nodes()); ++i) {
-        if (nodes_.is_seen(i) != seen) continue;
-        const LightLeaf& from = leaf(i);
-        const float cosine = from.normal.dot(towards);
+      sky_.push_back(sky(direction));
+      const Vec3d in_roof = roof_from_velo_.linear() * direction;
+      const std::size_t before = starts_.size();
+      for (const int i : from) {
+        const float cosine = leaf(i).normal.dot(towards);
         if (cosine <= 0) continue;
         cosines_[static_cast<std::size_t>(i)] += cosine;
-        // What runs through others is lit as where it is seen: by the camera, or by those that it lights.
-        const std::vector<Vec3f>& starts = seen && !nodes_.seen_points.empty()
-                                               ? nodes_.seen_points[static_cast<std::size_t>(i)]
-                                               : met_points_[static_cast<std::size_t>(i)];
-        if (!starts.empty()) {
-          send(starts[static_cast<std::size_t>(k) % starts.size()], i, index);
-          continue;
-        }
-        const Vec2f shift = lattice_point(i, 0.6180339887498949, 0.4142135623730951);  // from node to node
-        Vec2f b(wrapped(point.x() + shift.x()), wrapped(point.y() + shift.y()));
-        if (i < nodes_.patches() && b.sum() > 1) b = Vec2f::Ones() - b;
-        send(from.at(b.x(), b.y()), i, index);
+        send(start_of(i, k, point), i, index);
+      }
+      const std::size_t count = starts_.size() - before;
+      hits_.resize(starts_.size());
+      pencil_->along(towards);
+      pencil_->intersect(std::span(starts_).last(count), std::span(hits_).last(count));
+      for (std::size_t ray = before; ray < starts_.size(); ++ray) {
+        const int face = hits_[ray].face;
+        met_.push_back(face < 0 ? meet_surroundings(starts_[ray], direction, in_roof)
+                                : met_patch(ray, face, direction));
       }
     }
   }
 
-  /// Where the rays traced so far meet each of the nodes that the camera does not see.
-  void find_met_points() {
-    for (std::size_t i = 0; i < sent_.size(); ++i) {
-      const int face = hits_.face[i], k = sent_[i].direction;
-      if (face < 0) continue;
-      const int node = met_patch(i, face, directions_[static_cast<std::size_t>(k)]);
-      if (nodes_.is_seen(node)) continue;
-      met_points_[static_cast<std::size_t>(node)].push_back(
-          nodes_.wholes[static_cast<std::size_t>(side_of(node))].at(hits_.b1[i], hits_.b2[i]));
-    }
-  }
-
-  /// What the rays meet that were sent since the last call.
-  void trace() {
-    const std::size_t from = hits_.face.size(), count = sent_.size() - from;
-    if (count == 0) return;
-    RayTable rays(1, count);
-    for (std::size_t i = from; i < sent_.size(); ++i)
-      rays.set(0, i - from, starts_[i],
-               directions_[static_cast<std::size_t>(sent_[i].direction)].cast<float>());
-    HitTable hits;
-    caster_->intersect(rays, 0, 1e30f, hits);
-    const auto append = [&](auto& all, const auto& some) {
-      all.insert(all.end(), some.begin(), some.begin() + static_cast<std::ptrdiff_t>(count));
-    };
-    append(hits_.face, hits.face);
-    append(hits_.b1, hits.b1);
-    append(hits_.b2, hits.b2);
+  /// Where a node's ray along direction k starts. `point`: of the unit square, for direction k.
+  Vec3f start_of(int node, int k, const Vec2f& point) const {
+    // What runs through others is lit as where it is seen: by the camera, or by those that it lights.
+    const std::vector<Vec3f>& starts = nodes_.is_seen(node) && !nodes_.seen_points.empty()
+                                           ? nodes_.seen_points[static_cast<std::size_t>(node)]
+                                           : met_points_[static_cast<std::size_t>(node)];
+    if (!starts.empty()) return starts[static_cast<std::size_t>(k) % starts.size()];
+    const Vec2f shift = lattice_point(node, 0.6180339887498949, 0.4142135623730951);  // from node to node
+    Vec2f b(wrapped(point.x() + shift.x()), wrapped(point.y() + shift.y()));
+    if (node < nodes_.patches() && b.sum() > 1) b = Vec2f::Ones() - b;
+    return leaf(node).at(b.x(), b.y());
   }
 
   Vec3d sky(const Vec3d& direction) const {
@@ -184,7 +195,7 @@ class Tracer {
   }
   /// The light from direction k where `met` is, but for what a node reflects by its albedo.
   Vec3d fixed_radiance(int met, std::size_t k) const {
-    if (met == kSky) return sky(directions_[k]);
+    if (met == kSky) return sky_[k];
     if (met == kDeck) return deck_[k];
     if (met == kRoad) return road_[k];
     const double sunny = result_.sun_share[static_cast<std::size_t>(met)];
@@ -195,13 +206,13 @@ class Tracer {
   }
 
   static constexpr int kSky = -1, kDeck = -2, kRoad = -3;
-  /// What a ray that misses the object meets: a cell's node, or kSky, kDeck, kRoad.
-  int meet_surroundings(const Vec3f& start, const Vec3d& direction) const {
+  /// What a ray that misses the object meets: a cell's node, or kSky, kDeck, kRoad. `d`: its direction in the
+  /// roof's frame.
+  int meet_surroundings(const Vec3f& start, const Vec3d& direction, const Vec3d& d) const {
     if (!around_) return kSky;
-    const Vec3d p = roof_from_velo_ * (start.cast<double>() + nodes_.centre),
-                d = roof_from_velo_.linear() * direction;
-    const auto crossing = [&](double z) { return Vec2d((p + (z - p.z()) / d.z() * d).head<2>()); };
     if (d.z() < 0) {
+      const Vec3d p = roof_from_velo_ * (start.cast<double>() + nodes_.centre);
+      const auto crossing = [&](double z) { return Vec2d((p + (z - p.z()) / d.z() * d).head<2>()); };
       if (p.z() > 0) {
         const Vec2d at = crossing(0);
         if (around_->roof.contains(at)) {
@@ -217,14 +228,22 @@ class Tracer {
   }
 
   void share_sun() {
-    SunShares sun = mirage::share_sun(nodes_, caster_ ? &*caster_ : nullptr, met_points_, light_.to_sun_velo,
+    SunShares sun = mirage::share_sun(nodes_, pencil_ ? &*pencil_ : nullptr, met_points_, light_.to_sun_velo,
                                       resolution_, settings_);
     result_.rays += sun.rays;
     result_.sun = std::move(sun.of_parts);
     result_.sun_share = std::move(sun.of_nodes);
-    result_.shown_resolution = sun.resolution;
-    for (const Vec2d& part : texel_centroids(sun.resolution))
-      result_.texel_of.push_back(texel_index<double>(part.x(), part.y(), resolution_));
+    result_.shown = std::move(sun.parts);
+    result_.resolution = resolution_;
+    for (std::size_t f = 0; f < nodes_.faces; ++f) {
+      const auto finest = static_cast<std::size_t>(result_.shown.resolution_of(f) / resolution_);
+      while (result_.texel_of_part.size() < finest) {
+        std::vector<int>& texel_of = result_.texel_of_part.emplace_back();
+        for (const Vec2d& part :
+             texel_centroids(resolution_ * static_cast<int>(result_.texel_of_part.size())))
+          texel_of.push_back(texel_index<double>(part.x(), part.y(), resolution_));
+      }
+    }
   }
 
   void collect() {
@@ -246,30 +265,28 @@ class Tracer {
     if (sent_.empty()) return;
     aim_gloss();
     light_surroundings();
-    std::vector<int> met(sent_.size(), kSky);
+    for (const double sum : cosines_) weights_.push_back(sum > 0 ? 1 / sum : 0);
     for (std::size_t i = 0; i < sent_.size(); ++i) {
       const Sent& sent = sent_[i];
       const auto k = static_cast<std::size_t>(sent.direction);
       const Vec3d& direction = directions_[k];
-      const int face = hits_.face[i];
-      met[i] = face < 0 ? meet_surroundings(starts_[i], direction) : met_patch(i, face, direction);
-      const Vec3d fixed = fixed_radiance(met[i], k);
+      const Vec3d fixed = fixed_radiance(met_[i], k);
       r.specular[static_cast<std::size_t>(sent.node)] += specular_weight(i) * fixed;
-      if (met[i] == kSky) continue;
+      if (met_[i] == kSky) continue;
       r.blocked[static_cast<std::size_t>(sent.node)] +=
-          weight(sent.node) * direction * (fixed - sky(direction)).transpose();
-      if (met[i] >= 0) ++r.first[static_cast<std::size_t>(sent.node) + 1];
+          weight(sent.node) * direction * (fixed - sky_[k]).transpose();
+      if (met_[i] >= 0) ++r.first[static_cast<std::size_t>(sent.node) + 1];
     }
     for (std::size_t i = 1; i < r.first.size(); ++i) r.first[i] += r.first[i - 1];
     r.reflections.resize(static_cast<std::size_t>(r.first.back()));
     std::vector<int> next(r.first.begin(), r.first.end() - 1);
     for (std::size_t i = 0; i < sent_.size(); ++i) {
       const Sent& sent = sent_[i];
-      if (met[i] < 0) continue;
+      if (met_[i] < 0) continue;
       const int at = next[static_cast<std::size_t>(sent.node)]++;
       r.reflections[static_cast<std::size_t>(at)] = {
-          met[i], weight(sent.node) * directions_[static_cast<std::size_t>(sent.direction)],
-          specular_weight(i), gloss_along(met[i], static_cast<std::size_t>(sent.direction))};
+          met_[i], weight(sent.node) * directions_[static_cast<std::size_t>(sent.direction)],
+          specular_weight(i), gloss_along(met_[i], static_cast<std::size_t>(sent.direction))};
     }
   }
 
@@ -278,7 +295,7 @@ class Tracer {
     const int front = leaf(first(face)).normal.dot(direction.cast<float>()) < 0 ? face : face + faces_;
     const int parts = nodes_.parts[static_cast<std::size_t>(front)];
     if (parts == 1) return first(front);
-    const double b1 = hits_.b1[ray], b2 = hits_.b2[ray];
+    const double b1 = hits_[ray].b1, b2 = hits_[ray].b2;
     return first(front) + texel_index<double>(std::max(0.0, 1 - b1 - b2), b1, parts);
   }
 
@@ -320,24 +337,27 @@ class Tracer {
   /// a_i f_k / Σ f_k of a ray.
   double specular_weight(std::size_t ray) const { return responses_.empty() ? 0 : responses_[ray]; }
   /// 4/K, scaled so that the cosines' weights of the node sum to one.
-  double weight(int node) const { return 1.0 / cosines_[static_cast<std::size_t>(node)]; }
+  double weight(int node) const { return weights_[static_cast<std::size_t>(node)]; }
 
   int faces_, resolution_;
   const Lighting& light_;
   const LightSurroundings* around_;
   const VisibleLightSettings& settings_;
-  std::optional<RayCaster> caster_;
+  std::optional<RayPencil> pencil_;
   LightNodes nodes_;
   std::vector<double> responses_;  ///< of each ray: specular_weight()
   std::vector<double> cosines_;    ///< of each node: sum over the directions that it sends rays along
+  std::vector<double> weights_;    ///< of each node: 1 / that sum
   std::vector<std::vector<Vec3f>> met_points_;  ///< of each node that the camera does not see
   Transform roof_from_velo_ = Transform::Identity();
   std::vector<Vec3d> directions_;
+  std::vector<Vec3d> sky_;          ///< of each direction: the open sky's radiance
   std::vector<Vec3d> deck_, road_;  ///< of each direction: their radiance, met along it
   std::vector<Sheen> roof_;         ///< of each direction: that of the roof's gloss
   std::vector<Vec3f> starts_;
   std::vector<Sent> sent_;
-  HitTable hits_;
+  std::vector<RayPencil::Met> hits_;  ///< of each ray
+  std::vector<int> met_;              ///< of each ray: a node, or kSky, kDeck, kRoad
   LightVisibility result_;
 };
 

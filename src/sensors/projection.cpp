@@ -52,11 +52,11 @@ Vec3d position(const ScreenCorner& corner, const std::vector<Vec3d>& p_camera, d
 }  // namespace
 
 ProjectedMesh project_mesh(const std::vector<Vec3d>& p_camera, const std::vector<Face>& faces,
-                           const PinholeCamera& camera, double near, Texture texture, int resolution,
+                           const PinholeCamera& camera, double near, Texture texture, const TexelGrid& grid,
                            std::vector<Vec3d> texels) {
   ProjectedMesh projected;
   ScreenMesh<double>& screen = projected.screen;
-  screen.resolution = resolution;
+  static_cast<TexelGrid&>(screen) = grid;
   screen.texture = texture;
   bool clipped = false;
   const auto add = [&](int source, const std::array<ScreenCorner, 3>& corners) {

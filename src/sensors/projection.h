@@ -34,7 +34,7 @@ struct ProjectedMesh {
 /// vertex: faces × 3). Faces that cross the plane z = near are clipped (Sutherland and Hodgman 1974) into one
 /// or two parts; faces behind it vanish, and so do those with a vertex that is not finite. near > 0.
 ProjectedMesh project_mesh(const std::vector<Vec3d>& p_camera, const std::vector<Face>& faces,
-                           const PinholeCamera& camera, double near, Texture texture, int resolution,
+                           const PinholeCamera& camera, double near, Texture texture, const TexelGrid& grid,
                            std::vector<Vec3d> texels);
 
 /// Adds d loss / d p_camera and d loss / d texels (of the mesh's own faces), given the rasteriser's gradient.

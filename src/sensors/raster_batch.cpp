@@ -36,7 +36,8 @@ struct RasterTape::State {
 
   raster::Setup setup;
   raster::Constants constants;
-  std::vector<float> texels;            ///< see Constants
+  std::vector<float> texels;  ///< see Constants
+  std::vector<std::size_t> texel_starts;
   std::vector<std::int32_t> pixel_of;   ///< the kernel's order of samples
   std::vector<int> tape_of;             ///< tile → its tape, −1 where no face is
   std::vector<raster::TileTape> tapes;  ///< touched tiles, row by row
@@ -59,12 +60,23 @@ bool vjp_in_kernel(const RasterJob& job) {
   return in_kernel(*job.settings) && job.mesh->texture == Texture::atlas;
 }
 
-std::size_t mesh_texels_per_face(const ScreenMesh<double>& mesh) {
-  return mesh.texture == Texture::vertex ? 3 : static_cast<std::size_t>(mesh.resolution) * mesh.resolution;
-}
-
-std::size_t texel_stride(std::size_t per_face) {
-  return std::max(per_face, static_cast<std::size_t>(raster::kTableTexels));
+/// Every face's texels (or its corners' colours) in planes, and where they start.
+void lay_out_texels(const ScreenMesh<double>& mesh, std::vector<float>& texels,
+                    std::vector<std::size_t>& starts) {
+  const bool vertex = mesh.texture == Texture::vertex;
+  const std::size_t faces = vertex ? mesh.texels.size() / 3 : mesh.faces_with(mesh.texels.size());
+  starts.assign(1, 0);
+  for (std::size_t f = 0; f < faces; ++f)
+    starts.push_back(starts.back() + 3 * static_cast<std::size_t>(raster::texel_stride(
+                                             vertex ? 3 : static_cast<int>(mesh.texels_of(f)))));
+  texels.assign(starts.back(), 0);
+  for (std::size_t f = 0; f < faces; ++f) {
+    const std::size_t first = vertex ? 3 * f : mesh.first_texel(f), count = vertex ? 3 : mesh.texels_of(f),
+                      stride = (starts[f + 1] - starts[f]) / 3;
+    for (std::size_t t = 0; t < count; ++t)
+      for (std::size_t c = 0; c < 3; ++c)
+        texels[starts[f] + c * stride + t] = static_cast<float>(mesh.texels[first + t][static_cast<int>(c)]);
+  }
 }
 
 raster::Constants constants_of(const RasterJob& job, const raster::Setup& setup) {
@@ -84,7 +96,6 @@ raster::Constants constants_of(const RasterJob& job, const raster::Setup& setup)
   constexpr double kSlack = 1e-6;
   k.key_low = bounded((setup.middle - settings.far) / setup.depth_range - kSlack);
   k.key_high = bounded((setup.middle - settings.near) / setup.depth_range + kSlack);
-  k.resolution = mesh.resolution;
   k.mesh = &mesh;
   return k;
 }
@@ -222,16 +233,9 @@ void sum_gradient(const RasterJob& job, const RasterTape::State& state, ScreenGr
 void RasterTape::State::prepare(const RasterJob& job) {
   raster::set_up(*job.mesh, *job.settings, *job.target, setup);
   constants = constants_of(job, setup);
-  const auto per_face = mesh_texels_per_face(*job.mesh), stride = texel_stride(per_face);
-  const std::size_t textured = job.mesh->texels.size() / per_face;
-  texels.assign(3 * stride * textured, 0);
-  for (std::size_t f = 0; f < textured; ++f)
-    for (std::size_t t = 0; t < per_face; ++t)
-      for (std::size_t c = 0; c < 3; ++c)
-        texels[(3 * f + c) * stride + t] =
-            static_cast<float>(job.mesh->texels[f * per_face + t][static_cast<int>(c)]);
-  constants.texel_stride = static_cast<int>(stride);
+  lay_out_texels(*job.mesh, texels, texel_starts);
   constants.texels = texels.data();
+  constants.texel_starts = texel_starts.data();
   pixel_of.resize(kSamples);
   raster::sample_order(job.target->supersampling, setup.tile_pixels, pixel_of.data());
   const auto tiles = setup.first.size() - 1;

@@ -10,6 +10,7 @@
 
 #include "base/image.h"
 #include "base/types.h"
+#include "geometry/texel_grid.h"
 
 namespace mirage {
 
@@ -77,11 +78,11 @@ inline constexpr double kNoArea = 1e-12;
 /// What is drawn. Screen frame: x right, y up in NDC of the longer image side (pixel (u, v) has its centre at
 /// ((2u + 1 − W)/L, (H − 1 − 2v)/L), L = max(W, H)); z is depth in metres, > 0. A face with a coordinate that
 /// is not finite or a depth ≤ 0 is skipped.
+/// The grid says where the texels of each face that has some are.
 template <class S>
-struct ScreenMesh {
+struct ScreenMesh : TexelGrid {
   std::vector<std::array<Vec3<S>, 3>> faces;
   std::vector<Vec3<S>> texels;  ///< colours with the light already multiplied in; see `texture`
-  int resolution = 1;           ///< C
   Texture texture = Texture::atlas;
   /// Parts of clipped faces (projection.h), atlas only. Both empty: every face is whole and has its own
   /// texels. Otherwise one entry a face: whose texels it uses, and the barycentrics there of its corners.

@@ -76,6 +76,10 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
         hemisphere * ((1 + n[i].z()) / 2) + visibility.blocked[i].template cast<S>().transpose() * n[i];
     direct[i] = sun * (std::max(S(0), n[i].dot(to_sun)) * static_cast<S>(visibility.sun_share[i]));
   }
+  result.weights.reserve(visibility.reflections.size());
+  for (std::size_t i = 0; i < nodes; ++i)
+    for (const auto& r : visibility.met_by(i))
+      result.weights.push_back(n[i].dot(r.towards.template cast<S>()));
   std::vector<Vec3<S>> reflected(nodes, Vec3<S>::Zero());
   for (int step = 0; step < bounces; ++step) {
     std::vector<Vec3<S>> sky(nodes), gathered(nodes);
@@ -83,25 +87,29 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
       sky[i] = open[i] + reflected[i];
       gathered[i] = result.albedo[i].cwiseProduct(sky[i] + direct[i]);
     }
+    const S* weight = result.weights.data();
     for (std::size_t i = 0; i < nodes; ++i) {
       reflected[i].setZero();
       for (const auto& r : visibility.met_by(i)) {
         const auto j = static_cast<std::size_t>(r.node);
-        reflected[i] +=
-            n[i].dot(r.towards.template cast<S>()) * (gathered[j] + static_cast<S>(r.gloss) * sky[j]);
+        reflected[i] += *weight++ * (gathered[j] + static_cast<S>(r.gloss) * sky[j]);
       }
     }
     result.skies.push_back(std::move(sky));
   }
   result.sky.resize(nodes);
-  const std::size_t shown = visibility.texel_of.size();
-  result.factor.resize(faces * shown);
-  result.gloss.resize(faces * shown);
+  result.factor.resize(visibility.sun.size());
+  result.gloss.resize(visibility.sun.size());
   for (std::size_t i = 0; i < nodes; ++i) result.sky[i] = open[i] + reflected[i];
-  std::vector<Vec3<S>> sheens;
+  // Of each of a side's nodes, what each part of it shows: the light and the gloss of all but the sun, and
+  // what the sun adds to both where a part sees all of it.
+  struct Shown {
+    Vec3<S> light, sheen, sunlight, glint;
+  };
+  std::vector<Shown> parts;
   for (std::size_t f = 0; f < faces; ++f) {
     const std::size_t side = visibility.side(f), first = visibility.first_node(side);
-    sheens.clear();
+    parts.clear();
     for (std::size_t i = first; i < visibility.first_node(side + 1); ++i) {
       Vec3<S> sheen = visibility.specular[i].template cast<S>();
       if (!result.skies.empty())
@@ -111,17 +119,17 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
           sheen += static_cast<S>(r.specular) *
                    (result.albedo[j].cwiseProduct(sky + direct[j]) + static_cast<S>(r.gloss) * sky);
         }
-      sheens.push_back(sheen);
+      const S lit = std::max(S(0), n[i].dot(to_sun)) * static_cast<S>(visibility.diffuse_sun[i]);
+      parts.push_back({result.sky[i].cwiseMax(S(0)) * static_cast<S>(visibility.diffuse[i]), sheen, sun * lit,
+                       sun * static_cast<S>(visibility.specular_sun[i])});
     }
     const std::vector<int>& shown_by = visibility.nodes_of_texels(side);
-    for (std::size_t k = 0; k < shown; ++k) {
-      const auto part = static_cast<std::size_t>(shown_by[static_cast<std::size_t>(visibility.texel_of[k])]);
-      const std::size_t i = first + part, at = f * shown + k;
-      const auto sunny = static_cast<S>(visibility.sun[at]),
-                 lit = std::max(S(0), n[i].dot(to_sun)) * static_cast<S>(visibility.diffuse_sun[i]);
-      result.factor[at] =
-          result.sky[i].cwiseMax(S(0)) * static_cast<S>(visibility.diffuse[i]) + sun * (lit * sunny);
-      result.gloss[at] = sheens[part] + sun * (static_cast<S>(visibility.specular_sun[i]) * sunny);
+    std::size_t at = visibility.shown.first_texel(f);
+    for (const int texel : visibility.texels_of_parts(f)) {
+      const Shown& part = parts[static_cast<std::size_t>(shown_by[static_cast<std::size_t>(texel)])];
+      const auto sunny = static_cast<S>(visibility.sun[at]);
+      result.factor[at] = part.light + sunny * part.sunlight;
+      result.gloss[at++] = part.sheen + sunny * part.glint;
     }
   }
   return result;
@@ -143,15 +151,18 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
   std::vector<Vec3<S>> d_reflected(nodes, Vec3<S>::Zero()), d_mirrored(nodes, Vec3<S>::Zero()),
       d_mirrored_gloss(nodes, Vec3<S>::Zero());
   std::vector<Vec3<S>> d_sheen(nodes, Vec3<S>::Zero());
-  const std::size_t shown = visibility.texel_of.size();
-  for (std::size_t f = 0; f < faces; ++f)
-    for (std::size_t k = 0; k < shown; ++k) {
-      const std::size_t i = visibility.node(f, static_cast<std::size_t>(visibility.texel_of[k])),
-                        part = f * shown + k;
+  for (std::size_t f = 0; f < faces; ++f) {
+    const std::size_t side = visibility.side(f), first = visibility.first_node(side);
+    const std::vector<int>& shown_by = visibility.nodes_of_texels(side);
+    std::size_t part = visibility.shown.first_texel(f);
+    for (const int texel : visibility.texels_of_parts(f)) {
+      const std::size_t i = first + static_cast<std::size_t>(shown_by[static_cast<std::size_t>(texel)]);
       d_open[i] += d_factor[part];
       d_sheen[i] += d_gloss[part];
       d_cosine[i] += static_cast<S>(visibility.sun[part]) * d_factor[part].dot(sun);
+      ++part;
     }
+  }
   for (std::size_t i = 0; i < visibility.side_of.size(); ++i) {
     d_open[i] *= static_cast<S>(visibility.diffuse[i]);
     d_cosine[i] *= static_cast<S>(visibility.diffuse_sun[i]);
@@ -166,21 +177,22 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
       d_mirrored_gloss[j] += static_cast<S>(r.gloss) * d_radiance;
     }
   }
+  std::vector<S> d_weights(at.weights.size(), S(0));
   for (std::size_t step = at.skies.size(); step-- > 0;) {
     const std::vector<Vec3<S>>& sky = at.skies[step];
-    std::vector<Vec3<S>> d_gathered(nodes, Vec3<S>::Zero()), d_sky(nodes, Vec3<S>::Zero());
+    std::vector<Vec3<S>> d_gathered(nodes, Vec3<S>::Zero()), d_sky(nodes, Vec3<S>::Zero()), gathered(nodes);
+    for (std::size_t i = 0; i < nodes; ++i) gathered[i] = at.albedo[i].cwiseProduct(sky[i] + at.direct[i]);
     if (step + 1 == at.skies.size()) d_gathered.swap(d_mirrored), d_sky.swap(d_mirrored_gloss);
     for (std::size_t i = 0; i < nodes; ++i) {
       if (d_reflected[i].isZero(0)) continue;
+      auto at_weight = static_cast<std::size_t>(visibility.first[i]);
       for (const auto& r : visibility.met_by(i)) {
         const auto j = static_cast<std::size_t>(r.node);
-        const Vec3<S> towards = r.towards.template cast<S>();
         const auto gloss = static_cast<S>(r.gloss);
-        const Vec3<S> d_radiance = n[i].dot(towards) * d_reflected[i];
+        const Vec3<S> d_radiance = at.weights[at_weight] * d_reflected[i];
         d_gathered[j] += d_radiance;
         d_sky[j] += gloss * d_radiance;
-        d_n[i] +=
-            d_reflected[i].dot(at.albedo[j].cwiseProduct(sky[j] + at.direct[j]) + gloss * sky[j]) * towards;
+        d_weights[at_weight++] += d_reflected[i].dot(gathered[j] + gloss * sky[j]);
       }
     }
     // gathered = albedo · (sky + direct), sky = open + reflected of the step before
@@ -191,6 +203,11 @@ void visible_light_vjp(const std::vector<Vec3<S>>& normals, const std::vector<Ve
       d_open[i] += d_reflected[i];
       d_albedo[i] += d_gathered[i].cwiseProduct(sky[i] + at.direct[i]);
     }
+  }
+  for (std::size_t i = 0; i < nodes; ++i) {
+    auto at_weight = static_cast<std::size_t>(visibility.first[i]);
+    for (const auto& r : visibility.met_by(i))
+      d_n[i] += d_weights[at_weight++] * r.towards.template cast<S>();
   }
   std::vector<Vec3<S>> d_unit(faces, Vec3<S>::Zero());
   for (std::size_t i = 0; i < visibility.side_of.size(); ++i) {

@@ -33,6 +33,7 @@
 
 #include "base/fields.h"
 #include "geometry/mesh.h"
+#include "geometry/texel_grid.h"
 #include "sensors/lighting.h"
 
 namespace mirage {
@@ -68,7 +69,7 @@ struct VisibleLightSettings {
   int sun_samples = 5;  ///< n² rays to the sun from a face, each for the texels around it
   /// sr; where a shadow's border runs through faces whose texels the camera sees under a larger angle, texels
   /// are split until their parts' are no larger, each with its own ray to the sun.
-  double sun_angle = 4e-6;
+  double sun_angle = 1e-6;
   double cell = 0.4;  ///< m; the roof's cells, each with its own light
   /// sr; a side that the camera sees under a larger angle has the light of n² parts of no larger one, n at
   /// most the atlas's C. KITTI's pixel is 1.9e-6.
@@ -127,8 +128,10 @@ struct LightVisibility : LightLayout {
   std::vector<Eigen::Matrix3d> blocked;  ///< of each node: Σ ω weight (L_fixed − L_sky)ᵀ, so that E += mᵀ n̂
   std::vector<int> first;                ///< nodes + 1: where each node's reflections start
   std::vector<Reflection> reflections;
-  int shown_resolution = 1;       ///< of what is shown: the atlas's C, or a multiple of it
-  std::vector<int> texel_of;      ///< of each of a face's shown parts: which of its texels it is part of
+  TexelGrid shown;  ///< parts of faces that are shown: of each face, its texels or parts of them
+  /// By how many parts a texel's edge has, less one: of each of a face's parts, which texel it is part of.
+  std::vector<std::vector<int>> texel_of_part;
+  int resolution = 1;             ///< the atlas's C
   std::vector<float> sun;         ///< of each shown part: share that sees the sun
   std::vector<double> sun_share;  ///< of each node
   // Of the sides that the camera sees; of the others as without a camera.
@@ -139,6 +142,10 @@ struct LightVisibility : LightLayout {
   Vec3d roof_normal = Vec3d::UnitZ(), paint = Vec3d::Zero();
   std::size_t rays = 0;
 
+  /// Of each of a face's shown parts, which of its texels it is part of.
+  const std::vector<int>& texels_of_parts(std::size_t face) const {
+    return texel_of_part[static_cast<std::size_t>(shown.resolution_of(face) / resolution) - 1];
+  }
   /// How many.
   std::size_t nodes() const { return sun_share.size(); }
   /// The nodes that a node's rays met.
@@ -157,8 +164,8 @@ LightVisibility find_visibility(const TexturedMesh& placed, const Lighting& ligh
                                 const LightSurroundings* surroundings, const Vec3d* eye = nullptr,
                                 const VisibleLightSettings& settings = {});
 
-/// Light factor of every texel, or of every part of one as LightVisibility::texel_of has them, and what the
-/// VJP needs.
+/// Light factor of every texel, or of every part of one as LightVisibility::shown has them, and what the VJP
+/// needs.
 template <class S>
 struct VisibleLight {
   std::vector<Vec3<S>> factor;              ///< of each part, times its texel's albedo; never negative
@@ -167,6 +174,7 @@ struct VisibleLight {
   std::vector<Vec3<S>> direct;              ///< of every node: the sun's own part of E
   std::vector<Vec3<S>> albedo;              ///< of every node
   std::vector<Vec3<S>> sky;                 ///< of every node: all light but the sun's own, before max(0, ·)
+  std::vector<S> weights;                   ///< of every reflection: n̂·towards
 };
 /// `normals`: unnormalised, of the faces, `velo`; `texels`: the atlas's albedos. A face without area has the
 /// ambient term alone.

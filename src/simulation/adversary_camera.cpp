@@ -64,7 +64,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   if (settings.exact_coverage) tape.settings.sigma = kSmallestSigma;  // edges reach no further than the faces
   tape.light = light_on(prepared, host, rooftop, placed, settings);
   tape.projected = project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearPlane, Texture::atlas,
-                                tape.light->resolution(), tape.light->lit(placed.atlas.texels));
+                                tape.light->grid(), tape.light->lit(placed.atlas.texels));
 
   PixelRect rect = touched_pixels(tape.projected.screen, tape.settings, camera.width, camera.height,
                                   {0, 0, camera.width, camera.height});

@@ -15,7 +15,7 @@ class PlainLight : public ObjectLight {
     for (const Vec3d& normal : normals_) factors_.push_back(shade<double>(normal, lighting));
   }
 
-  int resolution() const override { return resolution_; }
+  TexelGrid grid() const override { return resolution_; }
   std::vector<Vec3d> lit(const std::vector<Vec3d>& texels) const override {
     std::vector<Vec3d> radiance = texels;
     for (std::size_t t = 0; t < radiance.size(); ++t)
@@ -53,31 +53,34 @@ class LightWithVisibility : public ObjectLight {
         visibility_(find_visibility(placed, lighting, around, &eye, settings)),
         visible_(visible_light(normals_, placed.atlas.texels, lighting, visibility_, settings.bounces)) {}
 
-  int resolution() const override { return visibility_.shown_resolution; }
+  TexelGrid grid() const override { return visibility_.shown; }
   std::vector<Vec3d> lit(const std::vector<Vec3d>& texels) const override {
     std::vector<Vec3d> radiance(visible_.factor.size());
-    for (std::size_t i = 0; i < radiance.size(); ++i)
-      radiance[i] = texels[texel_of(i)].cwiseProduct(visible_.factor[i]) + visible_.gloss[i];
+    for_each_part([&](std::size_t i, std::size_t t) {
+      radiance[i] = texels[t].cwiseProduct(visible_.factor[i]) + visible_.gloss[i];
+    });
     return radiance;
   }
 
   void vjp(const std::vector<Vec3d>& texels, const std::vector<Vec3d>& d_lit, std::vector<Vec3d>& d_normals,
            std::vector<Vec3d>& d_texels) const override {
     std::vector<Vec3d> d_factor(d_lit.size());
-    for (std::size_t i = 0; i < d_lit.size(); ++i) {
-      const std::size_t t = texel_of(i);
+    for_each_part([&](std::size_t i, std::size_t t) {
       d_texels[t] += d_lit[i].cwiseProduct(visible_.factor[i]);
       d_factor[i] = d_lit[i].cwiseProduct(texels[t]);
-    }
+    });
     visible_light_vjp(normals_, texels, lighting_, visibility_, visible_, d_factor, d_lit, d_normals,
                       d_texels);
   }
 
  private:
-  /// The texel that a shown part belongs to.
-  std::size_t texel_of(std::size_t part) const {
-    const std::size_t shown = visibility_.texel_of.size();
-    return part / shown * per_face_ + static_cast<std::size_t>(visibility_.texel_of[part % shown]);
+  /// Calls do_part(part, the texel that it belongs to) for each shown part.
+  template <class F>
+  void for_each_part(F do_part) const {
+    std::size_t part = 0;
+    for (std::size_t f = 0; f < visibility_.faces; ++f)
+      for (const int texel : visibility_.texels_of_parts(f))
+        do_part(part++, f * per_face_ + static_cast<std::size_t>(texel));
   }
 
   std::vector<Vec3d> normals_;

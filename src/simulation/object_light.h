@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "geometry/mesh.h"
+#include "geometry/texel_grid.h"
 #include "sensors/lighting.h"
 #include "sensors/visible_light.h"
 
@@ -15,9 +16,9 @@ namespace mirage {
 class ObjectLight {
  public:
   virtual ~ObjectLight() = default;
-  /// C of what lit() returns: the mesh's, or a multiple of it where light varies within texels.
-  virtual int resolution() const = 0;
-  /// Radiance of every texel of an atlas of that resolution.
+  /// How finely lit() divides each face: as the mesh's atlas, or finer where light varies within texels.
+  virtual TexelGrid grid() const = 0;
+  /// Radiance of every texel of that grid.
   virtual std::vector<Vec3d> lit(const std::vector<Vec3d>& texels) const = 0;
   /// Adds d loss / d face normal (unnormalised) and d loss / d texel, given d loss / d radiance as
   /// lit() has it.

@@ -118,11 +118,11 @@ TEST(VisibleLight, AShadowsBorderRunsThroughTexels) {
     double mistaken = 0;
     for (const Vec2d& b : centroids) {
       const double x = -2 * b.x() + 2 * b.y();  // of vertices 0, 1 and 2
-      const auto part = static_cast<std::size_t>(texel_index<double>(b.x(), b.y(), v.shown_resolution));
+      const auto part = static_cast<std::size_t>(texel_index<double>(b.x(), b.y(), v.shown.resolution_of(0)));
       // The wall is as wide as its triangle is at that height: whole where the plate's shadow falls.
       mistaken += std::abs(v.sun[part] - (x > 0.1 ? 1.0 : 0.0));
     }
-    EXPECT_EQ(v.texel_of.size(), static_cast<std::size_t>(v.shown_resolution * v.shown_resolution));
+    EXPECT_EQ(v.texels_of_parts(0).size(), v.shown.texels_of(0));
     return mistaken / static_cast<double>(centroids.size());
   };
   const double whole = wrong(1), halves = wrong(1.5e-3), finest = wrong(1e-9);

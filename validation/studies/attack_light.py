@@ -5,7 +5,7 @@ their success in Cycles with realistic returns:
     python3 validation/studies/attack_light.py --data DATA --out OUT [--detectors camera,late,fusion]
         [--lights plain,visible,exact,exact-visible,exact-fine,cycles,cycles-exact] [--seeds 1,2,3,4,5] [--iterations N] [--frames F] [--samples S] [-- ...]
 
-Everything after -- goes to every `mirage attack`. One attack and one `mirage validate` for each detector, light and
+A light may name its own number of steps (plain@240): so attacks of equal time are compared. Everything after -- goes to every `mirage attack`. One attack and one `mirage validate` for each detector, light and
 seed, in OUT/DETECTOR/LIGHT-SEED; what is finished is kept, and a stopped one goes on. All meshes are judged by the
 same arms (validation/fidelity/arms.h): default quality, plain light, Cycles with S samples. Prints a table and writes
 OUT/attack_light.json. A seed splits the frames anew; shares are of the held-back vehicles that were found clean, pooled
@@ -88,23 +88,25 @@ def main():
     parser.add_argument("--detectors", default="camera,late,fusion")
     parser.add_argument("--lights", default=",".join(LIGHTS))
     parser.add_argument("--seeds", default="1,2,3,4,5")
-    parser.add_argument("--iterations", type=int, default=0, help="0: as many as mirage attack takes by itself")
+    parser.add_argument("--iterations", type=int, default=0, help="of lights that name no own; 0: as many as mirage attack takes by itself")
     parser.add_argument("--frames", type=int, default=0, help="to validate, held-back ones first; 0: all held back")
     parser.add_argument("--samples", type=int, default=32)
     parser.add_argument("--threads", type=int, default=0)
     parser.add_argument("--mirage", default=str(HERE / "build" / "release" / "mirage"))
     options = parser.parse_args(sys.argv[1:split])
     more, table, threads = sys.argv[split + 1:], [], ["--threads", options.threads]
-    steps_asked = ["--iterations", options.iterations] if options.iterations else []
     for detector in options.detectors.split(","):
         pooled = {}
         for light in options.lights.split(","):
             steps = seconds = 0
+            kind, _, own = light.partition("@")
+            iterations = int(own) if own else options.iterations
+            steps_asked = ["--iterations", iterations] if iterations else []
             for seed in options.seeds.split(","):
                 folder = options.out / detector / f"{light}-{seed}"
-                if not options.iterations or not finished(folder, options.iterations):  # it goes on where it was
+                if not iterations or not finished(folder, iterations):  # it goes on where it was
                     run([options.mirage, "attack", "--data", options.data, "--detector", detector, "--seed", seed,
-                         *steps_asked, "--quiet", "--out", folder, *threads, *LIGHTS[light], *more])
+                         *steps_asked, "--quiet", "--out", folder, *threads, *LIGHTS[kind], *more])
                 result = json.loads((folder / "result.json").read_text())
                 steps += result["stages"]["iterations"]
                 seconds += result["stages"]["iterations"] * result["seconds_per_iteration"]

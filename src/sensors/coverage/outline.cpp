@@ -117,8 +117,10 @@ Point carried(const Visible& visible, const Vec2d& p, const Side& side, double i
 }
 
 /// All texels of a face that is seen whole: each border once, with the texels of both sides.
-void outline_whole(const ScreenFace& face, int index, int resolution, Outline& outline) {
-  const int c = resolution, base = face.face * c * c, first = static_cast<int>(outline.points.size());
+void outline_whole(const ScreenMesh<double>& mesh, const ScreenFace& face, int index, Outline& outline) {
+  const auto owner = static_cast<std::size_t>(face.face);
+  const int c = mesh.resolution_of(owner), base = static_cast<int>(mesh.first_texel(owner)),
+            first = static_cast<int>(outline.points.size());
   const bool flipped = face.corner[1] == 2;
   // Row j of the grid has c + 1 − j points.
   const auto at = [&](int i, int j) { return first + j * (c + 1) - j * (j - 1) / 2 + i; };
@@ -188,7 +190,7 @@ void outline_piece(const ScreenMesh<double>& mesh, const Visible& visible, const
   if (face.nearest <= inv_limit) return;
   const bool clipped = face.farthest < inv_limit;
   if (piece.whole && !clipped && mesh.corner_barycentrics.empty())
-    return outline_whole(face, piece.face, mesh.resolution, outline);
+    return outline_whole(mesh, face, piece.face, outline);
   Pool& pool = outline.pool;
   pool.corners.clear();
   Polygon polygon = pool.copy(visible.pool, piece.polygon);
@@ -203,14 +205,15 @@ void outline_piece(const ScreenMesh<double>& mesh, const Visible& visible, const
   outline.cells.clear();
   if (!polygon.empty()) outline.cells.push_back(polygon);
   const TextureCorners texture(mesh, face);
-  divide(face, piece.face, texture, mesh.resolution, outline);
-  const int per_face = mesh.resolution * mesh.resolution;
+  const int resolution = mesh.resolution_of(texture.owner),
+            first_texel = static_cast<int>(mesh.first_texel(texture.owner));
+  divide(face, piece.face, texture, resolution, outline);
   for (const Polygon& cell : outline.cells) {
     Vec2d middle = Vec2d::Zero();
     for (int i = 0; i < cell.count; ++i) middle += pool.corner(cell, i).p / cell.count;
     const Vec3d b = on_face(face, middle);
     const Vec3d t = b[0] * texture.at[0] + b[1] * texture.at[1] + b[2] * texture.at[2];
-    const int texel = static_cast<int>(texture.owner) * per_face + texel_index(t[0], t[1], mesh.resolution);
+    const int texel = first_texel + texel_index(t[0], t[1], resolution);
     for (int i = 0; i < cell.count; ++i) {
       const Corner& from = pool.corner(cell, i);
       const Corner& to = pool.corner(cell, i + 1 < cell.count ? i + 1 : 0);

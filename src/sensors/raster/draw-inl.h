@@ -37,8 +37,8 @@ void DrawFaces(const TileJob& job) {
           if (behind || !face.colored || hn::AllFalse(d, f.colored)) return;
 
           const auto color_here = [&]() HWY_ATTR __attribute__((always_inline)) {
-            return !kPlain && k.vertex_texture ? VertexColor(local, k, f)
-                                               : TexelColor(local, k, TexelIndex<kPlain>(local, k, f));
+            return !kPlain && k.vertex_texture ? VertexColor(local, f)
+                                               : TexelColor(local, TexelIndex<kPlain>(local, f));
           };
           if (hard) {
             // sum holds the key of the nearest so far, top the number of its face.

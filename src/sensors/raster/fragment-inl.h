@@ -17,8 +17,9 @@ struct LocalFace {
   float nx[3], ny[3], c[3];            ///< s = nx x + ny y + c
   float ex[3], ey[3], g[3], g_end[3];  ///< r = ex x + ey y + g; g_end: from the edge's end
   const FaceSetup* face;
-  int texel_face;
-  const float* texels;                         ///< of its texture's face: 3 planes of texel_stride
+  int resolution, first_texel;  ///< of its texture's face
+  int texel_stride;
+  const float* texels;                         ///< 3 planes of texel_stride
   const std::array<Vec3<double>, 3>* corners;  ///< of a clipped part, or null
 };
 
@@ -42,8 +43,11 @@ inline LocalFace Localise(const TileJob& job, const FaceSetup& face) {
   const ScreenMesh<double>& mesh = *constants.mesh;
   const auto f = static_cast<std::size_t>(face.face);
   const auto owner = mesh.texel_face.empty() ? f : static_cast<std::size_t>(mesh.texel_face[f]);
-  local.texel_face = static_cast<int>(owner);
-  local.texels = constants.texels + 3 * static_cast<std::size_t>(constants.texel_stride) * owner;
+  local.resolution = mesh.resolution_of(owner);
+  local.first_texel = static_cast<int>(mesh.first_texel(owner));
+  local.texel_stride =
+      constants.vertex_texture ? texel_stride(3) : texel_stride(local.resolution * local.resolution);
+  local.texels = constants.texels + constants.texel_starts[owner];
   local.corners = mesh.corner_barycentrics.empty() ? nullptr : &mesh.corner_barycentrics[f];
   return local;
 }
@@ -122,7 +126,7 @@ HWY_INLINE void PlaceNowhere(Fragment& f) {
 
 /// Index of the texel at the looked-up barycentrics (TexelAtlas; texel_index is its plain form).
 template <bool kPlain>
-HWY_INLINE VI TexelIndex(const LocalFace& local, const Constants& k, const Fragment& f) {
+HWY_INLINE VI TexelIndex(const LocalFace& local, const Fragment& f) {
   const D d;
   const DI di;
   V b0 = f.lookup[0], b1 = f.lookup[1];
@@ -135,7 +139,7 @@ HWY_INLINE VI TexelIndex(const LocalFace& local, const Constants& k, const Fragm
     }
     b0 = m[0], b1 = m[1];
   }
-  const int resolution = k.resolution;
+  const int resolution = local.resolution;
   const V size = Set(static_cast<float>(resolution));
   const V x = hn::Mul(b0, size), y = hn::Mul(b1, size);
   const VI last = hn::Set(di, resolution - 1), zero = hn::Zero(di);
@@ -153,23 +157,23 @@ struct Color {
   V c[3];
 };
 
-HWY_INLINE Color VertexColor(const LocalFace& local, const Constants& k, const Fragment& f) {
+HWY_INLINE Color VertexColor(const LocalFace& local, const Fragment& f) {
   Color color;
   for (int c = 0; c < 3; ++c) {
     color.c[c] = Zero();
     for (int e = 0; e < 3; ++e)
-      color.c[c] = hn::MulAdd(f.lookup[e], Set(local.texels[k.texel_stride * c + e]), color.c[c]);
+      color.c[c] = hn::MulAdd(f.lookup[e], Set(local.texels[local.texel_stride * c + e]), color.c[c]);
   }
   return color;
 }
 
 /// Up to kTableTexels texels a face fit in registers and are looked up there: gathers are several times
 /// slower.
-HWY_INLINE Color TexelColor(const LocalFace& local, const Constants& k, VI index) {
+HWY_INLINE Color TexelColor(const LocalFace& local, VI index) {
   const D d;
   const DI di;
   Color color;
-  if (kLanes >= 8 && k.texel_stride == kTableTexels) {
+  if (kLanes >= 8 && local.texel_stride == kTableTexels) {
     const auto lane = hn::IndicesFromVec(d, hn::And(index, hn::Set(di, kLanes - 1)));
     const M upper = hn::RebindMask(d, hn::TestBit(index, hn::Set(di, kTableTexels / 2)));
     for (int c = 0; c < 3; ++c) {
@@ -187,7 +191,7 @@ HWY_INLINE Color TexelColor(const LocalFace& local, const Constants& k, VI index
     }
     return color;
   }
-  for (int c = 0; c < 3; ++c) color.c[c] = hn::GatherIndex(d, local.texels + k.texel_stride * c, index);
+  for (int c = 0; c < 3; ++c) color.c[c] = hn::GatherIndex(d, local.texels + local.texel_stride * c, index);
   return color;
 }
 

@@ -1,6 +1,7 @@
 // One tile of the fast soft rasteriser: the part that is vectorised.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -11,6 +12,11 @@ namespace mirage::raster {
 inline constexpr int kSamples = kTile * kTile;
 inline constexpr int kTableTexels = 32;
 
+/// Of a face with so many texels (or colours of corners): kTableTexels if they fit in there.
+constexpr int texel_stride(int texels) {
+  return texels > kTableTexels ? texels : kTableTexels;
+}
+
 /// A job's settings as the kernel reads them.
 struct Constants {
   bool hard = false;  ///< the nearest face that contains the sample, S is 0 or 1; else soft
@@ -20,10 +26,9 @@ struct Constants {
   float inv_gamma = 1;
   float key_scale = 1;              ///< middle / (far − near)
   float key_low = 0, key_high = 1;  ///< keys of far and near
-  int resolution = 1;
-  /// By face, three planes (r, g, b) of texel_stride values: kTableTexels if the face's texels fit in there.
+  /// By face, from starts on, three planes (r, g, b) of texel_stride() values.
   const float* texels = nullptr;
-  int texel_stride = 0;
+  const std::size_t* texel_starts = nullptr;
   const ScreenMesh<double>* mesh = nullptr;
   /// Soft, whole faces with atlas: what every insertion uses.
   bool plain() const;

@@ -130,7 +130,8 @@ void read_texture(const ScreenMesh<S>& mesh, Fragment<S>& f) {
     on_face = f.lookup[0] * corner[0] + f.lookup[1] * corner[1] + f.lookup[2] * corner[2];
     owner = mesh.texel_face[f.face];
   }
-  f.texel = owner * mesh.resolution * mesh.resolution + texel_index(on_face[0], on_face[1], mesh.resolution);
+  f.texel = static_cast<int>(mesh.first_texel(owner)) +
+            texel_index(on_face[0], on_face[1], mesh.resolution_of(owner));
   f.color = mesh.texels[f.texel];
 }
 

@@ -124,14 +124,14 @@ void DrawFacesVjp(const TileJob& job) {
   SampleGradients& samples = scratch.samples;
   TexelSums& texel_sums = scratch.texels;
   const float little = kNoPush * BeginVjp(job, samples);
-  const int per_face = k.resolution * k.resolution;
-  texel_sums.Begin(per_face);
   const bool hard = !kPlain && k.hard;
   V lane_x, lane_y;
   LanePlaces(lane_x, lane_y);
   for (int i = 0; i < job.count; ++i) {
     const FaceSetup& face = job.setup->faces[job.faces[i]];
     const LocalFace local = Localise(job, face);
+    const int texels = local.resolution * local.resolution;
+    texel_sums.Begin(texels);
     const float turn = local.nx[0] * local.ey[0] > local.ny[0] * local.ex[0] ? -1.f : 1.f;
     // ∇b_e, bounded for faces seen edge-on.
     float slope_x[3], slope_y[3];
@@ -170,10 +170,10 @@ void DrawFacesVjp(const TileJob& job) {
             if (!hn::AllFalse(d, some)) {
               V d_color[3];
               for (int c = 0; c < 3; ++c) d_color[c] = hn::Load(d, samples.color[c] + first);
-              const VI index = TexelIndex<kPlain>(local, k, f);
+              const VI index = TexelIndex<kPlain>(local, f);
               texel_sums.Add(index, weight, d_color);
               if (!hard) {
-                const Color color = TexelColor(local, k, index);
+                const Color color = TexelColor(local, index);
                 V advantage = hn::Neg(hn::Load(d, samples.mean + first));
                 for (int c = 0; c < 3; ++c) advantage = hn::MulAdd(d_color[c], color.c[c], advantage);
                 const V gain = hn::Mul(weight, advantage);
@@ -236,7 +236,7 @@ void DrawFacesVjp(const TileJob& job) {
       out.y[e] = Total(sums.y[e]);
       out.delta[e] = Total(sums.delta[e]);
     }
-    texel_sums.End(per_face, local.texel_face * per_face, *job.texel_gradients);
+    texel_sums.End(texels, local.first_texel, *job.texel_gradients);
   }
 }
 
