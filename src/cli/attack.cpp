@@ -52,9 +52,8 @@ Renderers make_renderers(const AttackOptions& options, const AttackSettings& set
 void apply_rasteriser(const AttackOptions& options, SimulationSettings& settings) {
   QualityOption quality = options.quality;
   if (options.renderer != kRasterRenderer) {
-    const std::initializer_list<const char*> soft = {"--quality", "--sigma", "--gamma", "--supersampling"};
-    if (std::ranges::none_of(soft, [&](const char* option) { return quality.given(option); }))
-      quality.name = "exact";
+    const auto given = [&](const char* option) { return quality.given(option); };
+    if (!given("--quality") && std::ranges::none_of(kSoftOptions, given)) quality.name = "exact";
     if (!quality.given("--light")) settings.light = LightModel::visible;
   }
   quality.apply(settings);

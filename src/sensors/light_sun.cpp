@@ -10,7 +10,7 @@ namespace mirage {
 namespace {
 
 constexpr int kUnseenRays = 2;  // 2² rays from a side that only reflections show
-constexpr int kMostParts = 4;   // a texel is split into 4² at most
+constexpr int kMostParts = 8;   // a texel is split into 8² at most
 
 class SunTracer {
  public:

@@ -30,7 +30,7 @@ void apply_quality(const std::string& name, SimulationSettings& settings,
   if (name.empty()) return;
   const Quality& quality = quality_of(name);
   const auto free = [&](const char* option) { return !given || !given(option); };
-  for (const char* option : {"--sigma", "--gamma", "--supersampling"})
+  for (const char* option : kSoftOptions)
     if (quality.exact && !free(option))
       throw InputError(option, "", "means nothing at --quality exact, which draws exact areas",
                        "leave it out, or choose draft or default");

@@ -3,6 +3,7 @@
 // the picture of an area-sampling camera (sensors/exact_coverage.h).
 #pragma once
 
+#include <array>
 #include <functional>
 #include <span>
 #include <string>
@@ -23,14 +24,17 @@ struct Quality {
   bool exact;         ///< exact areas in place of the soft rasteriser; the rest is then not looked at
 };
 
+/// The options for what a soft rasteriser alone has: `exact` takes none of them.
+inline constexpr std::array<const char*, 3> kSoftOptions = {"--sigma", "--gamma", "--supersampling"};
+
 /// draft, default and exact, in this order. `default` is what SimulationSettings holds by itself.
 std::span<const Quality> qualities();
 /// InputError naming the three for another word.
 const Quality& quality_of(const std::string& name);
 
-/// Sets what the quality sets, but for what the user gave: given("--sigma"), "--gamma" and "--supersampling"
-/// tell which options those are. An empty name changes nothing. InputError for an unknown one, and for such
-/// an option beside `exact`, which has none of them.
+/// Sets what the quality sets, but for what the user gave: given(option) tells of each of kSoftOptions
+/// whether it is one. An empty name changes nothing. InputError for an unknown one, and for such an option
+/// beside `exact`.
 void apply_quality(const std::string& name, SimulationSettings& settings,
                    const std::function<bool(const char* option)>& given = {});
 
