@@ -54,7 +54,6 @@ int main(int argc, char** argv) {
   register_insertion_benchmarks();
   register_lidar_benchmarks();
   register_lidar_effect_benchmarks();
-  register_ray_pencil_benchmarks();
   register_fit_benchmarks();
   register_generator_benchmarks();
   register_detector_benchmarks();

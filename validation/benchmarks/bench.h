@@ -23,8 +23,6 @@ void register_insertion_benchmarks();
 void register_lidar_benchmarks();
 /// What each optional LiDAR effect changes.
 void register_lidar_effect_benchmarks();
-/// Rays of one pencil against Embree's packets.
-void register_ray_pencil_benchmarks();
 /// The vehicle fit by stage.
 void register_fit_benchmarks();
 /// The street generator: frames a second and the share of each stage, for both rigs.
