@@ -69,7 +69,7 @@ struct View {
 };
 
 struct Tree {
-  std::size_t faces = 0, blocks = 0, eights = 0, groups = 0;  ///< eights: of blocks
+  std::size_t blocks = 0, eights = 0, groups = 0;  ///< eights: of blocks
   std::vector<int> order;          ///< which face each place of the blocks holds; padded with the last
   std::vector<Corners> corners;    ///< of each block
   std::vector<Faces> seen;         ///< of each block, as the present view has it
@@ -333,8 +333,7 @@ RayPencil::RayPencil(const Mesh& mesh, const Vec3d& origin) : state_(std::make_u
   using namespace pencil;
   State& s = *state_;
   check_mesh({mesh, {}}, "mesh whose light is found");
-  s.faces = mesh.faces.size();
-  if (s.faces == 0) return;
+  if (mesh.faces.empty()) return;
   double size = 0;
   for (const Vec3d& vertex : mesh.vertices) size = std::max(size, (vertex - origin).cwiseAbs().maxCoeff());
   s.scale = size > 0 ? static_cast<float>(1 / size) : 1;
@@ -346,10 +345,10 @@ RayPencil::RayPencil(const Mesh& mesh, const Vec3d& origin) : state_(std::make_u
       corners[i] = s.scale * (mesh.vertices[static_cast<std::size_t>(face[i])] - origin).cast<float>();
     centroids.push_back((corners[0] + corners[1] + corners[2]) / 3);
   }
-  s.order.resize(s.faces);
+  s.order.resize(mesh.faces.size());
   std::iota(s.order.begin(), s.order.end(), 0);
-  gather(centroids, s.order.data(), s.order.data() + s.faces);
-  s.blocks = (s.faces + kBlock - 1) / kBlock;
+  gather(centroids, s.order.data(), s.order.data() + s.order.size());
+  s.blocks = (s.order.size() + kBlock - 1) / kBlock;
   s.eights = (s.blocks + kBlock - 1) / kBlock;
   s.groups = (s.blocks + kGroup - 1) / kGroup;
   s.order.resize(s.blocks * kBlock, s.order.back());
