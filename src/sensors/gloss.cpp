@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 namespace mirage {
@@ -10,10 +11,34 @@ namespace {
 
 constexpr double kAlpha2 = kRoughness * kRoughness * kRoughness * kRoughness;
 
-/// 1 + 2Λ of Smith's shadowing for GGX.
-double shadowing(double cosine) {
-  return std::sqrt(1 + kAlpha2 * (1 / (cosine * cosine) - 1));
+/// Of numbers or Eigen's arrays of them.
+template <class A>
+A reflectance(const A& cosine) {
+  using S = typename A::Scalar;
+  const A g = (static_cast<S>(kRefractiveIndex * kRefractiveIndex - 1) + cosine.square()).sqrt(),
+          a = (g - cosine) / (g + cosine), b = (cosine * (g + cosine) - 1) / (cosine * (g - cosine) + 1);
+  return S(0.5) * a.square() * (1 + b.square());
 }
+
+/// 1 + 2Λ of Smith's shadowing for GGX.
+template <class A>
+A shadowing(const A& cosine) {
+  using S = typename A::Scalar;
+  return (1 + static_cast<S>(kAlpha2) * (1 / cosine.square() - 1)).sqrt();
+}
+
+/// π f_s max(0, n·l), wherever n·l and n·v are positive.
+template <class A>
+A response(const A& nl, const A& nv, const A& lv) {
+  using S = typename A::Scalar;
+  const A sum2 = (2 + 2 * lv).max(std::numeric_limits<S>::min()),  // |l + v|²
+      spread = 1 + (nl + nv).square() / sum2 * static_cast<S>(kAlpha2 - 1),
+          d = static_cast<S>(kAlpha2) / spread.square(), g = 2 / (shadowing(nl) + shadowing(nv)),
+          half = (sum2.sqrt() / 2).min(S(1));
+  return d * g * reflectance(half) / (4 * nv);
+}
+
+using One = Eigen::Array<double, 1, 1>;
 
 double schlick_weight(double cosine) {
   const double m = std::clamp(1 - cosine, 0.0, 1.0);
@@ -59,17 +84,26 @@ class CosineTable {
 }  // namespace
 
 double fresnel(double cosine) {
-  const double g = std::sqrt(kRefractiveIndex * kRefractiveIndex - 1 + cosine * cosine),
-               a = (g - cosine) / (g + cosine), b = (cosine * (g + cosine) - 1) / (cosine * (g - cosine) + 1);
-  return 0.5 * a * a * (1 + b * b);
+  return reflectance(One(cosine)).value();
 }
 
 double specular_response(double nl, double nv, double lv) {
-  if (nl <= 0 || nv <= 0) return 0;
-  const double sum2 = std::max(2 + 2 * lv, 1e-300),  // |l + v|²
-      nh2 = (nl + nv) * (nl + nv) / sum2, spread = 1 + nh2 * (kAlpha2 - 1), d = kAlpha2 / (spread * spread),
-               g = 2 / (shadowing(nl) + shadowing(nv));
-  return d * g * fresnel(std::min(1.0, std::sqrt(sum2) / 2)) / (4 * nv);
+  return nl > 0 && nv > 0 ? response(One(nl), One(nv), One(lv)).value() : 0;
+}
+
+void specular_response(std::span<const float> nl, std::span<const float> nv, std::span<const float> lv,
+                       std::span<float> responses) {
+  using Eight = Eigen::Array<float, 8, 1>;
+  constexpr std::size_t kEight = 8;
+  for (std::size_t at = 0; at < responses.size(); at += kEight) {
+    const std::size_t count = std::min(kEight, responses.size() - at);
+    Eight n_l = Eight::Zero(), n_v = n_l, l_v = n_l;
+    std::copy_n(&nl[at], count, n_l.data());
+    std::copy_n(&nv[at], count, n_v.data());
+    std::copy_n(&lv[at], count, l_v.data());
+    const Eight of = (n_l > 0 && n_v > 0).select(response(n_l, n_v, l_v), 0);
+    std::copy_n(of.data(), count, &responses[at]);
+  }
 }
 
 double specular_response(const Vec3d& n, const Vec3d& l, const Vec3d& v) {

@@ -6,6 +6,8 @@
 //     f_d = ρ/π · F_d(n, l, v)                   Burley's diffuse lobe (SIGGRAPH 2012 course notes, 5.3)
 #pragma once
 
+#include <span>
+
 #include "base/types.h"
 
 namespace mirage {
@@ -18,6 +20,9 @@ double fresnel(double cosine);
 /// π f_s max(0, n·l) by the cosines n·l, n·v and l·v: times an irradiance over π on a face square to l, the
 /// radiance towards v. 0 where the light or the camera is behind the surface.
 double specular_response(double nl, double nv, double lv);
+/// The same of as many as there are places for.
+void specular_response(std::span<const float> nl, std::span<const float> nv, std::span<const float> lv,
+                       std::span<float> responses);
 /// The same of unit vectors.
 double specular_response(const Vec3d& n, const Vec3d& l, const Vec3d& v);
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 #include <utility>
 
 #include "geometry/atlas_triangles.h"
@@ -15,8 +16,12 @@ constexpr int kLooks = 3;       // 3² rays to a face tell which of it the camer
 constexpr int kTexelLooks = 2;  // 2² rays to a texel
 
 /// The corners (b1, b2) of each texel's triangle, by its index.
-std::vector<std::array<Vec2f, 3>> texel_corners(int resolution) {
-  std::vector<std::array<Vec2f, 3>> corners(static_cast<std::size_t>(resolution) * resolution);
+const std::vector<std::array<Vec2f, 3>>& texel_corners(int resolution) {
+  thread_local std::map<int, std::vector<std::array<Vec2f, 3>>> made;
+  const auto [at, is_new] = made.try_emplace(resolution);
+  std::vector<std::array<Vec2f, 3>>& corners = at->second;
+  if (!is_new) return corners;
+  corners.resize(static_cast<std::size_t>(resolution) * static_cast<std::size_t>(resolution));
   for (const AtlasTriangle& triangle : atlas_triangles(resolution))
     for (std::size_t i = 0; i < 3; ++i) {
       const Vec2d& b = triangle.corners[i];
@@ -55,12 +60,14 @@ class Nodes {
     made_.faces = mesh_.faces.size();
     made_.behind.resize(made_.faces);
     points_.resize(made_.wholes.size());
+    is_whole_.assign(made_.faces, false);
+    for (const Vec3d& vertex : mesh_.vertices) vertices_.push_back((vertex - centre).cast<float>());
     made_.angles.assign(made_.wholes.size(), 0);
   }
 
   /// Which side of each face the camera looks at, how large, and where it sees it.
   void look(RayPencil& pencil, const Vec3d& eye) {
-    const std::vector<Vec2d> points = texel_centroids(kLooks);
+    const std::vector<Vec2d>& points = texel_centroids(kLooks);
     std::vector<Vec3f> targets;
     for (std::size_t f = 0; f < mesh_.faces.size(); ++f) {
       const LightLeaf& front = made_.wholes[f];
@@ -75,15 +82,21 @@ class Nodes {
     }
     const Vec3f from = (eye - made_.centre).cast<float>();
     pencil.from(from, from.isZero(0) ? Vec3f::UnitX() : Vec3f(-from));
-    for (const auto& [side, b12] : first_met(pencil, targets))
-      points_[side].push_back(made_.wholes[side].at(b12.x(), b12.y()));
+    std::vector<RayPencil::Met> hits(targets.size());
+    pencil.intersect(targets, hits);
+    std::vector<std::size_t> own(mesh_.faces.size(), 0);
+    for (std::size_t i = 0; i < hits.size(); ++i) {
+      if (hits[i].face < 0) continue;
+      const std::size_t face = static_cast<std::size_t>(hits[i].face), side = made_.side(face);
+      points_[side].push_back(made_.wholes[side].at(hits[i].b1, hits[i].b2));
+      own[face] += i / points.size() == face;
+    }
+    for (std::size_t f = 0; f < own.size(); ++f) is_whole_[f] = own[f] == points.size();
   }
 
   /// The nodes, but for the cells.
   void make_patches() {
-    std::vector<std::vector<std::array<Vec2f, 3>>> corners;
     for (int n = 1; n <= resolution_; ++n) {
-      corners.push_back(texel_corners(n));
       made_.texels_of_node.push_back(centroids_within(n, resolution_));
       made_.node_of_texel.emplace_back();
       for (const Vec2d& texel : texel_centroids(resolution_))
@@ -93,7 +106,7 @@ class Nodes {
     for (std::size_t side = 0; side < made_.wholes.size(); ++side) {
       const LightLeaf& whole = made_.wholes[side];
       made_.parts.push_back(parts_of(side));
-      for (const auto& [p, q, r] : corners[static_cast<std::size_t>(made_.parts.back()) - 1])
+      for (const auto& [p, q, r] : texel_corners(made_.parts.back()))
         made_.leaves.push_back({whole.at(p.x(), p.y()),
                                 (q.x() - p.x()) * whole.edge1 + (q.y() - p.y()) * whole.edge2,
                                 (r.x() - p.x()) * whole.edge1 + (r.y() - p.y()) * whole.edge2, whole.normal});
@@ -104,28 +117,43 @@ class Nodes {
   }
 
   /// Which patches the camera sees, and where.
-  void look_at_patches(const RayPencil& pencil, const Vec3d& eye) {
-    const std::vector<Vec2d> points = texel_centroids(kTexelLooks);
+  void look_at_patches(const RayPencil& pencil) {
+    const std::vector<Vec2d>& points = texel_centroids(kTexelLooks);
+    std::vector<std::pair<std::size_t, Vec3f>> seen;  // of a patch, a point
     std::vector<Vec3f> targets;
-    made_.seen_points.resize(made_.side_of.size());
     for (std::size_t side = 0; side < made_.wholes.size(); ++side) {
+      const std::size_t first = made_.first_node(side);
       if (made_.parts[side] == 1) {
-        made_.seen_points[made_.first_node(side)] = std::move(points_[side]);
+        for (const Vec3f& point : points_[side]) seen.emplace_back(first, point);
         continue;
       }
-      for (std::size_t i = made_.first_node(side); i < made_.first_node(side + 1); ++i)
-        add_targets(made_.leaves[i], points, targets);
+      for (std::size_t i = first; i < made_.first_node(side + 1); ++i) {
+        if (!is_whole_[made_.face_of(side)]) {
+          add_targets(made_.leaves[i], points, targets);
+          continue;
+        }
+        std::vector<Vec3f> of_patch;
+        add_targets(made_.leaves[i], points, of_patch);
+        for (const Vec3f& point : of_patch) seen.emplace_back(i, point);
+      }
     }
-    for (const auto& [side, b12] : first_met(pencil, targets)) {
+    std::vector<RayPencil::Met> hits(targets.size());
+    pencil.intersect(targets, hits);
+    for (const RayPencil::Met& hit : hits) {
+      if (hit.face < 0) continue;
+      const std::size_t side = made_.side(static_cast<std::size_t>(hit.face));
       if (made_.parts[side] == 1) continue;
-      const int part = texel_index<double>(std::max(0.0f, 1 - b12.sum()), b12.x(), made_.parts[side]);
-      made_.seen_points[made_.first_node(side) + static_cast<std::size_t>(part)].push_back(
-          made_.wholes[side].at(b12.x(), b12.y()));
+      const int part = texel_index<double>(std::max(0.0f, 1 - hit.b1 - hit.b2), hit.b1, made_.parts[side]);
+      seen.emplace_back(made_.first_node(side) + static_cast<std::size_t>(part),
+                        made_.wholes[side].at(hit.b1, hit.b2));
     }
-    for (std::size_t i = 0; i < made_.seen.size(); ++i) made_.seen[i] = !made_.seen_points[i].empty();
-    if (settings_.glossy)
-      for (const LightLeaf& leaf : made_.leaves)
-        made_.views.push_back((eye - made_.centre - middle(leaf)).normalized());
+    keep(seen);
+  }
+
+  /// Towards the camera, of each patch.
+  void view(const Vec3d& eye) {
+    for (const LightLeaf& leaf : made_.leaves)
+      made_.views.push_back((eye - made_.centre - middle(leaf)).normalized());
   }
 
   LightNodes finish(const LightSurroundings* around, bool has_eye) {
@@ -135,9 +163,27 @@ class Nodes {
   }
 
  private:
+  /// How far above a side's plane the object stands, as its middle sees it: sine of the highest corner's
+  /// elevation.
+  double horizon(std::size_t side) const {
+    const LightLeaf& whole = made_.wholes[side];
+    const Vec3f at = whole.at(1 / 3.0f, 1 / 3.0f);
+    float highest = 0;
+    for (const Vec3f& vertex : vertices_) {
+      const Vec3f to = vertex - at;
+      const float height = whole.normal.dot(to);
+      if (height > 0) highest = std::max(highest, height * height / to.squaredNorm());
+    }
+    return std::sqrt(highest);
+  }
   int parts_of(std::size_t side) const {
-    if (points_[side].empty() || made_.angles[side] <= settings_.node_angle) return 1;
-    const double parts = std::ceil(std::sqrt(made_.angles[side] / settings_.node_angle));
+    const double angle = made_.angles[side];
+    double most = settings_.node_angle;
+    if (points_[side].empty() || angle <= std::min(most, settings_.enclosed_node_angle)) return 1;
+    if (settings_.enclosed_node_angle < most && horizon(side) > settings_.open_below)
+      most = settings_.enclosed_node_angle;
+    if (angle <= most) return 1;
+    const double parts = std::ceil(std::sqrt(angle / most));
     return parts < resolution_ ? static_cast<int>(parts) : resolution_;
   }
   static Vec3d middle(const LightLeaf& leaf) { return leaf.at(1 / 3.0f, 1 / 3.0f).cast<double>(); }
@@ -146,26 +192,26 @@ class Nodes {
     for (const Vec2d& point : points)
       targets.push_back(leaf.at(static_cast<float>(point.x()), static_cast<float>(point.y())));
   }
-  /// What the camera sees in those directions: sides of the object, and (b1, b2).
-  std::vector<std::pair<std::size_t, Vec2f>> first_met(const RayPencil& pencil,
-                                                       const std::vector<Vec3f>& targets) const {
-    std::vector<RayPencil::Met> hits(targets.size());
-    pencil.intersect(targets, hits);
-    std::vector<std::pair<std::size_t, Vec2f>> met;
-    for (const RayPencil::Met& hit : hits)
-      if (hit.face >= 0)
-        met.emplace_back(made_.side(static_cast<std::size_t>(hit.face)), Vec2f(hit.b1, hit.b2));
-    return met;
+  /// Points that the camera sees, by their patches.
+  void keep(const std::vector<std::pair<std::size_t, Vec3f>>& seen) {
+    std::vector<int>& first = made_.first_seen_point;
+    first.assign(made_.seen.size() + 1, 0);
+    for (const auto& [patch, point] : seen) ++first[patch + 1], made_.seen[patch] = true;
+    for (std::size_t i = 1; i < first.size(); ++i) first[i] += first[i - 1];
+    made_.seen_points.resize(seen.size());
+    std::vector<int> next(first.begin(), first.end() - 1);
+    for (const auto& [patch, point] : seen)
+      made_.seen_points[static_cast<std::size_t>(next[patch]++)] = point;
   }
 
   void add_cells(const LightSurroundings& around) {
     const Vec2d size = around.roof.sizes().cwiseMax(1e-3);
-    made_.columns = std::clamp(static_cast<int>(std::ceil(size.x() / settings_.cell)), 1, 64);
-    made_.rows = std::clamp(static_cast<int>(std::ceil(size.y() / settings_.cell)), 1, 64);
+    made_.cells.columns = std::clamp(static_cast<int>(std::ceil(size.x() / settings_.cell)), 1, 64);
+    made_.cells.rows = std::clamp(static_cast<int>(std::ceil(size.y() / settings_.cell)), 1, 64);
     const Eigen::Matrix3d axes = around.velo_from_roof.linear();
-    const Vec2d cell(size.x() / made_.columns, size.y() / made_.rows);
-    for (int row = 0; row < made_.rows; ++row)
-      for (int column = 0; column < made_.columns; ++column) {
+    const Vec2d cell(size.x() / made_.cells.columns, size.y() / made_.cells.rows);
+    for (int row = 0; row < made_.cells.rows; ++row)
+      for (int column = 0; column < made_.cells.columns; ++column) {
         const Vec2d corner = around.roof.min() + Vec2d(column * cell.x(), row * cell.y());
         made_.leaves.push_back(
             {(around.velo_from_roof * Vec3d(corner.x(), corner.y(), lift_) - made_.centre).cast<float>(),
@@ -179,14 +225,20 @@ class Nodes {
   const VisibleLightSettings& settings_;
   double lift_ = 0;
   std::vector<std::vector<Vec3f>> points_;  ///< of each side: where the camera sees it
+  std::vector<bool> is_whole_;              ///< of each face: nothing was found to hide it
+  std::vector<Vec3f> vertices_;             ///< about the centre
   LightNodes made_;
 };
 
 }  // namespace
 
-std::vector<std::vector<int>> centroids_within(int p, int n) {
-  std::vector<std::vector<int>> lists(static_cast<std::size_t>(p) * p);
-  const std::vector<Vec2d> centroids = texel_centroids(n), parts = texel_centroids(p);
+const std::vector<std::vector<int>>& centroids_within(int p, int n) {
+  thread_local std::map<std::pair<int, int>, std::vector<std::vector<int>>> made;
+  const auto [at, is_new] = made.try_emplace({p, n});
+  std::vector<std::vector<int>>& lists = at->second;
+  if (!is_new) return lists;
+  lists.resize(static_cast<std::size_t>(p) * static_cast<std::size_t>(p));
+  const std::vector<Vec2d>&centroids = texel_centroids(n), &parts = texel_centroids(p);
   for (std::size_t i = 0; i < centroids.size(); ++i)
     lists[static_cast<std::size_t>(texel_index<double>(centroids[i].x(), centroids[i].y(), p))].push_back(
         static_cast<int>(i));
@@ -195,18 +247,36 @@ std::vector<std::vector<int>> centroids_within(int p, int n) {
   return lists;
 }
 
-std::vector<Vec2d> texel_centroids(int n) {
-  std::vector<Vec2d> centres;
+const std::vector<Vec2d>& texel_centroids(int n) {
+  thread_local std::map<int, std::vector<Vec2d>> made;
+  const auto [at, is_new] = made.try_emplace(n);
+  if (!is_new) return at->second;
   for (const auto& [p, q, r] : texel_corners(n)) {
     const Vec2d b12 = (p + q + r).cast<double>() / 3;
-    centres.emplace_back(1 - b12.sum(), b12.x());
+    at->second.emplace_back(1 - b12.sum(), b12.x());
   }
-  return centres;
+  return at->second;
+}
+
+const std::vector<std::vector<int>>& texel_neighbours(int n, double apart) {
+  thread_local std::map<std::pair<int, double>, std::vector<std::vector<int>>> made;
+  const auto [at, is_new] = made.try_emplace({n, apart});
+  std::vector<std::vector<int>>& lists = at->second;
+  if (!is_new) return lists;
+  const std::vector<Vec2d>& centroids = texel_centroids(n);
+  lists.resize(centroids.size());
+  for (std::size_t i = 0; i < centroids.size(); ++i)
+    for (std::size_t k = 0; k < centroids.size(); ++k) {
+      const Vec2d d = centroids[k] - centroids[i];
+      const double furthest = std::max({std::abs(d.x()), std::abs(d.y()), std::abs(d.sum())});
+      if (k != i && furthest < apart / n) lists[i].push_back(static_cast<int>(k));
+    }
+  return lists;
 }
 
 TexturedMesh texels_as_faces(const TexturedMesh& mesh) {
   TexturedMesh parts{{}, {1, mesh.atlas.texels}};
-  const auto corners = texel_corners(mesh.atlas.resolution);
+  const auto& corners = texel_corners(mesh.atlas.resolution);
   for (const Face& face : mesh.mesh.faces) {
     const Vec3d &a = mesh.mesh.vertices[static_cast<std::size_t>(face[0])],
                 &b = mesh.mesh.vertices[static_cast<std::size_t>(face[1])],
@@ -228,7 +298,8 @@ LightNodes light_nodes(const TexturedMesh& placed, const Vec3d& centre, RayPenci
   const bool has_eye = pencil && eye;
   if (has_eye) nodes.look(*pencil, *eye);
   nodes.make_patches();
-  if (has_eye) nodes.look_at_patches(*pencil, *eye);
+  if (has_eye) nodes.look_at_patches(*pencil);
+  if (has_eye && settings.glossy) nodes.view(*eye);
   return nodes.finish(around, has_eye);
 }
 

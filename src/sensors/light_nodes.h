@@ -2,6 +2,7 @@
 // object's faces, parts of those that the camera sees large, and cells of the roof.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "sensors/ray_pencil.h"
@@ -16,33 +17,52 @@ struct LightLeaf {
   Vec3f at(float b1, float b2) const { return corner + b1 * edge1 + b2 * edge2; }
 };
 
+/// The roof's cells: rows of columns.
+struct RoofCells {
+  int columns = 0, rows = 0;
+};
+
 /// Nodes [0, patches) are the sides'; the roof's cells follow, row by row.
 struct LightNodes : LightLayout {
   Vec3d centre = Vec3d::Zero();
   std::vector<LightLeaf> leaves;  ///< of each node
   std::vector<LightLeaf> wholes;  ///< of each side
   std::vector<bool> seen;         ///< of each patch: the camera sees some of it; without a camera: of a front
-  /// Of each patch, where: starts of rays as LightLeaf::at. Empty without a camera.
-  std::vector<std::vector<Vec3f>> seen_points;
+  /// Where, starts of rays as LightLeaf::at, patch after patch; and patches + 1: where each one's start.
+  /// Empty without a camera.
+  std::vector<Vec3f> seen_points;
+  std::vector<int> first_seen_point;
   std::vector<double> angles;  ///< of each side that the camera looks at: how large, sr; else 0
   std::vector<Vec3d> views;    ///< of each patch, towards the camera; empty where there is no gloss
-  int columns = 0, rows = 0;   ///< cells
+  RoofCells cells;
 
   int sides() const { return static_cast<int>(wholes.size()); }
   int patches() const { return static_cast<int>(side_of.size()); }
   int nodes() const { return static_cast<int>(leaves.size()); }
   /// Whether the node is one that the camera sees.
   bool is_seen(int node) const { return node < patches() && seen[static_cast<std::size_t>(node)]; }
+  /// Where the camera sees a patch.
+  std::span<const Vec3f> points_seen(int patch) const {
+    if (first_seen_point.empty()) return {};
+    const int* first = &first_seen_point[static_cast<std::size_t>(patch)];
+    return std::span(seen_points)
+        .subspan(static_cast<std::size_t>(first[0]), static_cast<std::size_t>(first[1] - first[0]));
+  }
   /// Whether the camera may see some of a side.
   bool is_side_seen(std::size_t side) const { return parts[side] > 1 || is_seen(first_of_side[side]); }
 };
 
-/// Centroids (b0, b1) of the n² congruent triangles of a face, by their index in TexelAtlas's order.
-std::vector<Vec2d> texel_centroids(int n);
+/// Centroids (b0, b1) of the n² congruent triangles of a face, by their index in TexelAtlas's order. Made
+/// once a thread.
+const std::vector<Vec2d>& texel_centroids(int n);
+
+/// Of each of the n² triangles, which others are near: their centroids' barycentrics less than `apart` / n
+/// away.
+const std::vector<std::vector<int>>& texel_neighbours(int n, double apart);
 
 /// Which of the centroids of n² triangles stand for each of p² parts of the face: those within it, or else
-/// the one whose triangle the part's own lies in.
-std::vector<std::vector<int>> centroids_within(int p, int n);
+/// the one whose triangle the part's own lies in. Made once a thread.
+const std::vector<std::vector<int>>& centroids_within(int p, int n);
 
 /// The same mesh with every texel as a face of its own, in the atlas's order.
 TexturedMesh texels_as_faces(const TexturedMesh& mesh);

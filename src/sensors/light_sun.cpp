@@ -11,6 +11,8 @@ namespace {
 
 constexpr int kUnseenRays = 2;  // 2² rays from a side that only reflections show
 constexpr int kMostParts = 8;   // a texel is split into 8² at most
+/// A border is looked for this many edges of samples' triangles around where two differ.
+constexpr double kBorder = 2.1;
 
 class SunTracer {
  public:
@@ -60,8 +62,8 @@ class SunTracer {
   }
 
   void look_from_sides(const std::vector<std::vector<Vec3f>>& met_points) {
-    const std::vector<Vec2d> many = texel_centroids(settings_.sun_samples),
-                             few = texel_centroids(kUnseenRays);
+    const std::vector<Vec2d>&many = texel_centroids(settings_.sun_samples),
+          &few = texel_centroids(kUnseenRays);
     std::vector<Vec3f> starts;
     for (std::size_t side = 0; side < lit_.size(); ++side) {
       const LightLeaf& whole = nodes_.wholes[side];
@@ -87,9 +89,15 @@ class SunTracer {
       if (is_turned_to_sun(nodes_.leaves[i])) shares_.of_nodes[i] = *next++;
   }
 
-  /// Looks again from the sides that a shadow's border runs through, as finely as the camera sees them.
+  /// Looks again from the sides that a shadow's border runs through, as finely as the camera sees them, where
+  /// it may run.
   void refine() {
-    std::vector<std::size_t> bordered;
+    struct Again {
+      std::size_t side;
+      std::vector<std::uint8_t> lit;    ///< of each part: as what was found before says
+      std::vector<std::size_t> places;  ///< of rays: which part
+    };
+    std::vector<Again> bordered;
     std::vector<Vec3f> starts;
     for (std::size_t side = 0; side < lit_.size(); ++side) {
       Samples& samples = lit_[side];
@@ -100,39 +108,49 @@ class SunTracer {
       const double texel = nodes_.angles[side] / (resolution_ * resolution_),
                    parts = std::min<double>(std::ceil(std::sqrt(texel / settings_.sun_angle)), kMostParts);
       if (!(parts > 1)) continue;
-      bordered.push_back(side);
-      samples.n = resolution_ * static_cast<int>(parts);
-      resolutions_[nodes_.face_of(side)] = samples.n;
-      for (const Vec2d& point : centroids(samples.n)) starts.push_back(at(nodes_.wholes[side], point));
+      const int n = resolution_ * static_cast<int>(parts);
+      const std::vector<std::uint8_t> near = near_border(samples);
+      const std::vector<Vec2d>& points = texel_centroids(n);
+      Again again{side, std::vector<std::uint8_t>(points.size()), {}};
+      for (std::size_t i = 0; i < points.size(); ++i) {
+        const auto sample =
+            static_cast<std::size_t>(texel_index<double>(points[i].x(), points[i].y(), samples.n));
+        again.lit[i] = lit[sample];
+        if (!near[sample]) continue;
+        again.places.push_back(i);
+        starts.push_back(at(nodes_.wholes[side], points[i]));
+      }
+      samples.n = n;
+      resolutions_[nodes_.face_of(side)] = n;
+      bordered.push_back(std::move(again));
     }
     const std::vector<std::uint8_t> sees = look(starts);
     auto next = sees.begin();
-    for (const std::size_t side : bordered) {
-      const auto end = next + lit_[side].n * lit_[side].n;
-      lit_[side].lit.assign(next, end);
-      next = end;
+    for (Again& again : bordered) {
+      for (const std::size_t place : again.places) again.lit[place] = *next++;
+      lit_[again.side].lit = std::move(again.lit);
     }
   }
 
+  /// Of each sample of a side, whether one of those near it sees the sun where it does not.
+  static std::vector<std::uint8_t> near_border(const Samples& samples) {
+    const std::vector<std::vector<int>>& around = texel_neighbours(samples.n, kBorder);
+    std::vector<std::uint8_t> near(samples.lit.size(), 0);
+    for (std::size_t i = 0; i < near.size(); ++i)
+      for (const int k : around[i]) near[i] |= samples.lit[i] != samples.lit[static_cast<std::size_t>(k)];
+    return near;
+  }
   /// The share of a side's samples that are lit.
   static double share(const Samples& samples, const std::vector<int>& some) {
     int count = 0;
     for (const int k : some) count += samples.lit[static_cast<std::size_t>(k)];
     return static_cast<double>(count) / static_cast<double>(some.size());
   }
-  /// Which of n² samples stand for each of p² parts of a side.
-  const std::vector<std::vector<int>>& samples_of(int p, int n) {
-    for (const auto& [key, lists] : lists_)
-      if (key == std::pair(p, n)) return lists;
-    lists_.emplace_back(std::pair(p, n), centroids_within(p, n));
-    return lists_.back().second;
-  }
-
   void share_to_nodes() {
     for (std::size_t side = 0; side < lit_.size(); ++side) {
       if (lit_[side].n == 0) continue;
       std::size_t node = nodes_.first_node(side);
-      for (const auto& some : samples_of(nodes_.parts[side], lit_[side].n))
+      for (const auto& some : centroids_within(nodes_.parts[side], lit_[side].n))
         shares_.of_nodes[node++] = share(lit_[side], some);
     }
   }
@@ -148,17 +166,9 @@ class SunTracer {
         std::copy(samples.lit.begin(), samples.lit.end(), part);
         continue;
       }
-      for (const auto& some : samples_of(shares_.parts.resolution_of(f), samples.n))
+      for (const auto& some : centroids_within(shares_.parts.resolution_of(f), samples.n))
         *part++ = static_cast<float>(share(samples, some));
     }
-  }
-
-  /// Centroids of n² parts of a side.
-  const std::vector<Vec2d>& centroids(int n) {
-    for (const auto& [key, points] : centroids_)
-      if (key == n) return points;
-    centroids_.emplace_back(n, texel_centroids(n));
-    return centroids_.back().second;
   }
 
   const LightNodes& nodes_;
@@ -168,8 +178,6 @@ class SunTracer {
   const VisibleLightSettings& settings_;
   std::vector<Samples> lit_;      ///< of each side; none of one that is turned away
   std::vector<int> resolutions_;  ///< of each face: of its shown parts
-  std::vector<std::pair<int, std::vector<Vec2d>>> centroids_;
-  std::vector<std::pair<std::pair<int, int>, std::vector<std::vector<int>>>> lists_;
   SunShares shares_;
 };
 

@@ -1,15 +1,15 @@
-// Faces stand in blocks of eight that lie near each other, and blocks in groups of 64. A ray looks at the
-// boxes of all groups, at all blocks' of those that hold it, and at the faces of the blocks that do, eight at
-// a time: a few branches that cannot be foreseen, where a tree of boxes has one for each of its nodes.
+// In the plane across a pencil a ray is a point and a face a triangle. Rays are sorted into cells of that
+// plane, row by row, so that those a face may be met by lie together: a face is tried on some of each row
+// that it reaches, eight rays at a time, and each ray keeps the nearest so far, without a branch for a ray.
 #include "sensors/ray_pencil.h"
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <numeric>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
@@ -30,8 +30,7 @@
 #define MIRAGE_SENSORS_RAY_PENCIL_CPP_
 namespace mirage::pencil {
 
-inline constexpr std::size_t kBlock = 8;                // faces
-inline constexpr std::size_t kGroup = kBlock * kBlock;  // blocks: as many as a word has bits
+inline constexpr std::size_t kEight = 8;
 /// What lies nearer the eye than this, in the mesh's sizes, is not met.
 inline constexpr float kNear = 1e-3f;
 /// Faces are this much larger than they are, in their own sizes: what float32 leaves open between two.
@@ -39,26 +38,23 @@ inline constexpr float kEdge = 2e-6f;
 inline constexpr float kFar = 1e30f;
 /// Twice the area of what is seen edge on.
 inline constexpr float kEdgeOn = 1e-12f;
-/// Eight floats that stand for eight faces, blocks or groups.
+/// Rays to a cell, and how many times as high as wide one is: narrow ones cost nothing in a row.
+inline constexpr float kRaysPerCell = 1.5f, kTall = 3;
+inline constexpr int kMostRows = 64;
+
+/// Eight floats that stand for eight faces.
 struct alignas(32) Eight {
-  float values[kBlock];
+  float values[kEight];
 };
-constexpr Eight all(float x) {
-  return {{x, x, x, x, x, x, x, x}};
-}
-/// Corners of eight faces, in space or across the pencil: x, y, z of each of three.
+/// Corners of eight faces, in space: x, y, z of each of three.
 using Corners = std::array<std::array<Eight, 3>, 3>;
 
-/// Eight faces across the pencil. From corner 0, b1 and b2 rise by `slopes` for each x and y, and so does the
-/// depth.
-struct Faces {
-  Eight x, y, depth;
-  std::array<std::array<Eight, 2>, 2> slopes;
-  std::array<Eight, 2> depth_slopes;
-};
-/// Where eight faces, blocks or groups may be met.
+/// A face across the pencil: its corner 0 (x, y, depth), and how b1, b2 and the depth rise from there for
+/// each x and for each y.
+using Seen = std::array<float, 9>;
+/// Where faces may be met; low above high: nowhere.
 struct Boxes {
-  Eight x_low = all(kFar), x_high = all(-kFar), y_low = all(kFar), y_high = all(-kFar), deepest = all(-kFar);
+  Eight x_low, x_high, y_low, y_high;
 };
 
 /// How the pencil sees: coordinates along `axes` of what is seen from `point`.
@@ -68,21 +64,32 @@ struct View {
   bool perspective = false;
 };
 
-struct Tree {
-  std::size_t blocks = 0, eights = 0, groups = 0;  ///< eights: of blocks
-  std::vector<int> order;          ///< which face each place of the blocks holds; padded with the last
-  std::vector<Corners> corners;    ///< of each block
-  std::vector<Faces> seen;         ///< of each block, as the present view has it
-  std::vector<Boxes> block_boxes;  ///< of each eight blocks; eight times as many as there are groups
-  std::vector<Boxes> group_boxes;  ///< of each eight groups
-  std::vector<Eight> nearness;     ///< in perspective, three a block: 1 / distance of the corners
+struct Faces {
+  std::size_t count = 0;
+  std::vector<Corners> corners;  ///< of each eight faces; padded with the last
+  std::vector<Seen> seen;        ///< of each face, as the present view has it; padded
+  std::vector<Boxes> boxes;      ///< of each eight faces
+  float x_low = kFar, x_high = -kFar, y_low = kFar, y_high = -kFar;  ///< of all faces
+  /// In perspective, of each face: 1 / distance of the corners.
+  std::vector<std::array<float, 3>> nearness;
   View view;
   float scale = 1;  ///< to coordinates within 1
 };
 
-/// A pencil's point: where a ray runs, and from which depth.
-struct Place {
-  float x, y, depth;
+/// Rays, each a point of the plane and a depth that it starts from, and what each has met so far. Sorted by
+/// cells, and padded with rays that meet nothing.
+struct Rays {
+  std::vector<float> x, y, start, depth, b1, b2;
+  std::vector<std::int32_t> face;
+  std::vector<int> first;  ///< of each cell, and past the last
+  std::vector<int> next;   ///< of each cell: where its next ray goes
+
+  /// As they come.
+  struct Place {
+    float x, y, start;
+    int cell;  ///< < 0: it meets nothing; once sorted, which of the sorted it is
+  };
+  std::vector<Place> places;
 };
 
 }  // namespace mirage::pencil
@@ -92,38 +99,17 @@ HWY_BEFORE_NAMESPACE();
 namespace mirage::pencil::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
-using D = hn::CappedTag<float, kBlock>;
+using D = hn::CappedTag<float, kEight>;
+using I = hn::RebindToSigned<D>;
 using V = hn::Vec<D>;
 using M = hn::Mask<D>;
-constexpr std::size_t kLanes = HWY_LANES(float) < kBlock ? HWY_LANES(float) : kBlock;
+constexpr std::size_t kLanes = HWY_LANES(float) < kEight ? HWY_LANES(float) : kEight;
 
 HWY_INLINE V Load(const Eight& from, std::size_t lane) {
   return hn::Load(D(), from.values + lane);
 }
-HWY_INLINE void Store(V v, Eight& to, std::size_t lane) {
-  hn::Store(v, D(), to.values + lane);
-}
 HWY_INLINE V Set(float x) {
   return hn::Set(D(), x);
-}
-
-HWY_INLINE float Least(const Eight& of) {
-  V least = Load(of, 0);
-  for (std::size_t lane = kLanes; lane < kBlock; lane += kLanes) least = hn::Min(least, Load(of, lane));
-  return hn::GetLane(hn::MinOfLanes(D(), least));
-}
-HWY_INLINE float Greatest(const Eight& of) {
-  V greatest = Load(of, 0);
-  for (std::size_t lane = kLanes; lane < kBlock; lane += kLanes) greatest = hn::Max(greatest, Load(of, lane));
-  return hn::GetLane(hn::MaxOfLanes(D(), greatest));
-}
-/// The box of eight boxes as one of eight others.
-HWY_INLINE void Enclose(const Boxes& these, Boxes& in, std::size_t place) {
-  in.x_low.values[place] = Least(these.x_low);
-  in.x_high.values[place] = Greatest(these.x_high);
-  in.y_low.values[place] = Least(these.y_low);
-  in.y_high.values[place] = Greatest(these.y_high);
-  in.deepest.values[place] = Greatest(these.deepest);
 }
 
 /// A corner as the view has it: x, y and the depth, which grows away from where rays start; false where it
@@ -143,21 +129,16 @@ HWY_INLINE M Look(const View& view, const std::array<Eight, 3>& corner, std::siz
 }
 
 /// All faces as the view has them.
-void Project(Tree& tree) {
-  for (std::size_t block = 0; block < tree.blocks; ++block) {
-    const Corners& corners = tree.corners[block];
-    Faces& faces = tree.seen[block];
-    Boxes boxes;
-    for (std::size_t lane = 0; lane < kBlock; lane += kLanes) {
+void Project(Faces& faces) {
+  const D d;
+  V x_low = Set(kFar), x_high = Set(-kFar), y_low = Set(kFar), y_high = Set(-kFar);
+  for (std::size_t eight = 0; eight < faces.corners.size(); ++eight)
+    for (std::size_t lane = 0; lane < kEight; lane += kLanes) {
+      const Corners& corners = faces.corners[eight];
       V a[3], b[3], c[3];
-      M valid = Look(tree.view, corners[0], lane, a);
-      valid = hn::And(valid, Look(tree.view, corners[1], lane, b));
-      valid = hn::And(valid, Look(tree.view, corners[2], lane, c));
-      if (tree.view.perspective) {
-        Store(hn::Neg(a[2]), tree.nearness[3 * block], lane);
-        Store(hn::Neg(b[2]), tree.nearness[3 * block + 1], lane);
-        Store(hn::Neg(c[2]), tree.nearness[3 * block + 2], lane);
-      }
+      M valid = Look(faces.view, corners[0], lane, a);
+      valid = hn::And(valid, Look(faces.view, corners[1], lane, b));
+      valid = hn::And(valid, Look(faces.view, corners[2], lane, c));
       V ab[3], ac[3];
       for (int i = 0; i < 3; ++i) ab[i] = hn::Sub(b[i], a[i]), ac[i] = hn::Sub(c[i], a[i]);
       const V area = hn::Sub(hn::Mul(ab[0], ac[1]), hn::Mul(ab[1], ac[0]));
@@ -165,125 +146,182 @@ void Project(Tree& tree) {
       const V per = hn::Div(Set(1), hn::IfThenElse(valid, area, Set(1)));
       const V b1x = hn::Mul(ac[1], per), b1y = hn::Neg(hn::Mul(ac[0], per)),
               b2x = hn::Neg(hn::Mul(ab[1], per)), b2y = hn::Mul(ab[0], per);
-      Store(b1x, faces.slopes[0][0], lane), Store(b1y, faces.slopes[0][1], lane);
-      Store(b2x, faces.slopes[1][0], lane), Store(b2y, faces.slopes[1][1], lane);
-      Store(hn::MulAdd(b1x, ab[2], hn::Mul(b2x, ac[2])), faces.depth_slopes[0], lane);
-      Store(hn::MulAdd(b1y, ab[2], hn::Mul(b2y, ac[2])), faces.depth_slopes[1], lane);
-      Store(a[0], faces.x, lane), Store(a[1], faces.y, lane);
-      // A face that is not met lies before every start.
-      Store(hn::IfThenElse(valid, a[2], Set(-std::numeric_limits<float>::infinity())), faces.depth, lane);
       const auto least = [&](int i) HWY_ATTR { return hn::Min(a[i], hn::Min(b[i], c[i])); };
       const auto most = [&](int i) HWY_ATTR { return hn::Max(a[i], hn::Max(b[i], c[i])); };
       const V edge = Set(4 * kEdge);  // no face is larger than 2
       const auto or_else = [&](V v, float none) HWY_ATTR { return hn::IfThenElse(valid, v, Set(none)); };
-      Store(or_else(hn::Sub(least(0), edge), kFar), boxes.x_low, lane);
-      Store(or_else(hn::Add(most(0), edge), -kFar), boxes.x_high, lane);
-      Store(or_else(hn::Sub(least(1), edge), kFar), boxes.y_low, lane);
-      Store(or_else(hn::Add(most(1), edge), -kFar), boxes.y_high, lane);
-      Store(or_else(most(2), -kFar), boxes.deepest, lane);
-    }
-    Enclose(boxes, tree.block_boxes[block / kBlock], block % kBlock);
-  }
-  for (std::size_t group = 0; group < tree.groups; ++group) {
-    Boxes of_eights;
-    for (std::size_t i = 0; i < kBlock; ++i) Enclose(tree.block_boxes[group * kBlock + i], of_eights, i);
-    Enclose(of_eights, tree.group_boxes[group / kBlock], group % kBlock);
-  }
-}
-
-/// A bit for each lane.
-HWY_INLINE unsigned Bits(M mask) {
-  std::uint8_t bytes[8] = {};
-  hn::StoreMaskBits(D(), mask, bytes);
-  return bytes[0];
-}
-/// Which of eight boxes may hold what a ray meets.
-HWY_INLINE unsigned Holding(const Boxes& boxes, V x, V y, V depth) {
-  unsigned bits = 0;
-  for (std::size_t lane = 0; lane < kBlock; lane += kLanes) {
-    const M across = hn::And(hn::Ge(x, Load(boxes.x_low, lane)), hn::Le(x, Load(boxes.x_high, lane))),
-            up = hn::And(hn::Ge(y, Load(boxes.y_low, lane)), hn::Le(y, Load(boxes.y_high, lane)));
-    bits |= Bits(hn::And(hn::And(across, up), hn::Le(depth, Load(boxes.deepest, lane)))) << lane;
-  }
-  return bits;
-}
-
-/// The nearest face of each lane so far.
-struct Nearest {
-  V depth, b1, b2, block;
-};
-/// The nearer of these and a block's faces.
-HWY_INLINE void Meet(const Faces& faces, std::size_t block, V x, V y, V depth, Nearest* nearest) {
-  for (std::size_t lane = 0; lane < kBlock; lane += kLanes, ++nearest) {
-    const V dx = hn::Sub(x, Load(faces.x, lane)), dy = hn::Sub(y, Load(faces.y, lane));
-    const V b1 = hn::MulAdd(dx, Load(faces.slopes[0][0], lane), hn::Mul(dy, Load(faces.slopes[0][1], lane))),
-            b2 = hn::MulAdd(dx, Load(faces.slopes[1][0], lane), hn::Mul(dy, Load(faces.slopes[1][1], lane))),
-            at = hn::MulAdd(dx, Load(faces.depth_slopes[0], lane),
-                            hn::MulAdd(dy, Load(faces.depth_slopes[1], lane), Load(faces.depth, lane)));
-    const M inside = hn::And(hn::Ge(hn::Min(b1, b2), Set(-kEdge)), hn::Le(hn::Add(b1, b2), Set(1 + kEdge))),
-            before = hn::And(hn::Gt(at, depth), hn::Lt(at, nearest->depth)), nearer = hn::And(inside, before);
-    nearest->depth = hn::IfThenElse(nearer, at, nearest->depth);
-    nearest->b1 = hn::IfThenElse(nearer, b1, nearest->b1);
-    nearest->b2 = hn::IfThenElse(nearer, b2, nearest->b2);
-    nearest->block = hn::IfThenElse(nearer, Set(static_cast<float>(block)), nearest->block);
-  }
-}
-
-/// What a ray meets.
-RayPencil::Met Meet(const Tree& tree, const Place& place) {
-  const V x = Set(place.x), y = Set(place.y), depth = Set(place.depth);
-  Nearest nearest[kBlock / kLanes];
-  for (Nearest& none : nearest) none = {Set(kFar), Set(0), Set(0), Set(0)};
-  for (std::size_t eight = 0; eight < tree.group_boxes.size(); ++eight)
-    for (unsigned groups = Holding(tree.group_boxes[eight], x, y, depth); groups != 0; groups &= groups - 1) {
-      const std::size_t group = eight * kBlock + static_cast<std::size_t>(std::countr_zero(groups)),
-                        last = std::min((group + 1) * kBlock, tree.eights);
-      std::uint64_t blocks = 0;
-      for (std::size_t i = last; i-- > group * kBlock;)
-        blocks = blocks << kBlock | Holding(tree.block_boxes[i], x, y, depth);
-      for (; blocks != 0; blocks &= blocks - 1) {
-        const std::size_t block = group * kGroup + static_cast<std::size_t>(std::countr_zero(blocks));
-        Meet(tree.seen[block], block, x, y, depth, nearest);
+      const V depth_x = hn::MulAdd(b1x, ab[2], hn::Mul(b2x, ac[2])),
+              depth_y = hn::MulAdd(b1y, ab[2], hn::Mul(b2y, ac[2]));
+      const V values[] = {a[0], a[1], a[2], b1x, b1y, b2x, b2y, depth_x, depth_y};
+      const V left = or_else(hn::Sub(least(0), edge), kFar), right = or_else(hn::Add(most(0), edge), -kFar),
+              low = or_else(hn::Sub(least(1), edge), kFar), high = or_else(hn::Add(most(1), edge), -kFar);
+      Boxes& boxes = faces.boxes[eight];
+      hn::Store(left, d, boxes.x_low.values + lane), hn::Store(right, d, boxes.x_high.values + lane);
+      hn::Store(low, d, boxes.y_low.values + lane), hn::Store(high, d, boxes.y_high.values + lane);
+      x_low = hn::Min(x_low, left), x_high = hn::Max(x_high, right);
+      y_low = hn::Min(y_low, low), y_high = hn::Max(y_high, high);
+      alignas(32) float of_lanes[kLanes];
+      for (std::size_t i = 0; i < std::size(values); ++i) {
+        hn::Store(values[i], d, of_lanes);
+        for (std::size_t k = 0; k < kLanes; ++k) faces.seen[eight * kEight + lane + k][i] = of_lanes[k];
+      }
+      if (!faces.view.perspective) continue;
+      for (const auto& [corner, i] : {std::pair(a, 0), std::pair(b, 1), std::pair(c, 2)}) {
+        hn::Store(hn::Neg(corner[2]), d, of_lanes);
+        for (std::size_t k = 0; k < kLanes; ++k)
+          faces.nearness[eight * kEight + lane + k][static_cast<std::size_t>(i)] = of_lanes[k];
       }
     }
-  const D d;
-  V least = nearest[0].depth;
-  for (std::size_t i = 1; i < kBlock / kLanes; ++i) least = hn::Min(least, nearest[i].depth);
-  least = hn::MinOfLanes(d, least);
-  if (hn::GetLane(least) >= kFar) return {};
-  const Nearest* of = nearest;
-  while (hn::AllFalse(d, hn::Eq(of->depth, least))) ++of;
-  Eight first, second, block;
-  Store(of->b1, first, 0), Store(of->b2, second, 0), Store(of->block, block, 0);
-  const auto in_vector = static_cast<std::size_t>(hn::FindFirstTrue(d, hn::Eq(of->depth, least)));
-  const std::size_t lane = static_cast<std::size_t>(of - nearest) * kLanes + in_vector,
-                    found = static_cast<std::size_t>(block.values[in_vector]) * kBlock + lane;
-  RayPencil::Met met{tree.order[found], std::max(0.0f, first.values[in_vector]),
-                     std::max(0.0f, second.values[in_vector])};
-  if (tree.view.perspective) {  // the share of a corner in space is that across the pencil times its nearness
-    const Eight* nearness = &tree.nearness[found / kBlock * 3];
-    const float w1 = met.b1 * nearness[1].values[lane], w2 = met.b2 * nearness[2].values[lane],
-                w = std::max(0.0f, 1 - met.b1 - met.b2) * nearness[0].values[lane] + w1 + w2;
-    met.b1 = w1 / w, met.b2 = w2 / w;
-  }
-  return met;
+  faces.x_low = hn::GetLane(hn::MinOfLanes(d, x_low)), faces.x_high = hn::GetLane(hn::MaxOfLanes(d, x_high));
+  faces.y_low = hn::GetLane(hn::MinOfLanes(d, y_low)), faces.y_high = hn::GetLane(hn::MaxOfLanes(d, y_high));
 }
 
-void MeetAll(const Tree& tree, std::span<const Vec3f> points, std::span<RayPencil::Met> met) {
-  const View& view = tree.view;
+/// Where the sorted rays lie.
+struct Sorted {
+  const float *HWY_RESTRICT x, *HWY_RESTRICT y, *HWY_RESTRICT start;
+  float *HWY_RESTRICT depth, *HWY_RESTRICT b1, *HWY_RESTRICT b2;
+  std::int32_t* HWY_RESTRICT face;
+};
+/// A face for each of eight rays.
+struct Broadcast {
+  V of[std::tuple_size_v<Seen>];
+  explicit HWY_INLINE Broadcast(const Seen& face) {
+    for (std::size_t i = 0; i < face.size(); ++i) of[i] = Set(face[i]);
+  }
+};
+/// Tries a face on the rays from `ray` to before `end`, and on some more.
+HWY_INLINE void Try(const Broadcast& face, int index, const Sorted& rays, std::size_t ray, std::size_t end) {
+  const D d;
+  const I ints;
+  const auto& [x, y, depth_0, b1x, b1y, b2x, b2y, depth_x, depth_y] = face.of;
+  for (; ray < end; ray += kLanes) {
+    const V dx = hn::Sub(hn::LoadU(d, rays.x + ray), x), dy = hn::Sub(hn::LoadU(d, rays.y + ray), y),
+            b1 = hn::MulAdd(dx, b1x, hn::Mul(dy, b1y)), b2 = hn::MulAdd(dx, b2x, hn::Mul(dy, b2y)),
+            at = hn::MulAdd(dx, depth_x, hn::MulAdd(dy, depth_y, depth_0));
+    const V depth = hn::LoadU(d, rays.depth + ray);
+    const M inside = hn::And(hn::Ge(hn::Min(b1, b2), Set(-kEdge)), hn::Le(hn::Add(b1, b2), Set(1 + kEdge))),
+            before = hn::And(hn::Gt(at, hn::LoadU(d, rays.start + ray)), hn::Lt(at, depth)),
+            nearer = hn::And(inside, before);
+    hn::StoreU(hn::IfThenElse(nearer, at, depth), d, rays.depth + ray);
+    hn::StoreU(hn::IfThenElse(nearer, b1, hn::LoadU(d, rays.b1 + ray)), d, rays.b1 + ray);
+    hn::StoreU(hn::IfThenElse(nearer, b2, hn::LoadU(d, rays.b2 + ray)), d, rays.b2 + ray);
+    hn::StoreU(
+        hn::IfThenElse(hn::RebindMask(ints, nearer), hn::Set(ints, index), hn::LoadU(ints, rays.face + ray)),
+        ints, rays.face + ray);
+  }
+}
+
+/// Cells of the part of the plane where faces are: rows of columns.
+struct Cells {
+  float x0, x1, y0, y1;
+  int rows = 1, columns = 1;
+  float per_x = 0, per_y = 0;
+
+  Cells(const Faces& faces, std::size_t rays)
+      : x0(faces.x_low), x1(faces.x_high), y0(faces.y_low), y1(faces.y_high) {
+    if (!(x0 <= x1)) return;
+    const float width = x1 - x0, height = y1 - y0, cells = static_cast<float>(rays) / kRaysPerCell;
+    rows = std::clamp(static_cast<int>(std::sqrt(cells * height / (width * kTall))), 1, kMostRows);
+    columns = std::clamp(static_cast<int>(cells / static_cast<float>(rows)), 1, 4 * kMostRows);
+    per_x = static_cast<float>(columns) / width, per_y = static_cast<float>(rows) / height;
+  }
+  bool hold(float x, float y) const { return x >= x0 && x <= x1 && y >= y0 && y <= y1; }
+  // These rise with what they are of, alone or eight at a time, so that what lies between two places lies in
+  // a cell between theirs.
+  int column(float x) const { return std::min(static_cast<int>((x - x0) * per_x), columns - 1); }
+  int row(float y) const { return std::min(static_cast<int>((y - y0) * per_y), rows - 1); }
+};
+/// Cells of eight places along one axis. Those of no place are whatever they are.
+HWY_INLINE void CellsOf(const Eight& places, float from, float per, int count, std::int32_t* cells) {
+  const D d;
+  const I ints;
+  for (std::size_t lane = 0; lane < kEight; lane += kLanes) {
+    const V place = hn::Min(hn::Mul(hn::Sub(hn::Load(d, places.values + lane), Set(from)), Set(per)),
+                            Set(static_cast<float>(count)));
+    hn::Store(hn::Min(hn::ConvertTo(ints, place), hn::Set(ints, count - 1)), ints, cells + lane);
+  }
+}
+
+/// Where the rays run in the plane, and from where; counts those of each cell.
+void Place(const Faces& faces, const Cells& cells, std::span<const Vec3f> points, Rays& rays) {
+  const View& view = faces.view;
+  rays.places.resize(points.size());
+  rays.first.assign(static_cast<std::size_t>(cells.rows) * static_cast<std::size_t>(cells.columns) + 1, 0);
   for (std::size_t i = 0; i < points.size(); ++i) {
     float seen[3];
     for (std::size_t a = 0; a < 3; ++a) {
       seen[a] = 0;
       for (std::size_t c = 0; c < 3; ++c)
-        seen[a] += view.axes[a][c] * (tree.scale * points[i][static_cast<Eigen::Index>(c)] - view.point[c]);
+        seen[a] += view.axes[a][c] * (faces.scale * points[i][static_cast<Eigen::Index>(c)] - view.point[c]);
     }
-    met[i] = {};
+    bool is_before = true;
     if (view.perspective) {
-      if (!(seen[2] > 0)) continue;
-      seen[0] /= seen[2], seen[1] /= seen[2], seen[2] = -kFar;
+      is_before = seen[2] > 0;
+      const float near = 1 / seen[2];
+      seen[0] *= near, seen[1] *= near, seen[2] = -kFar;
     }
-    met[i] = Meet(tree, {seen[0], seen[1], seen[2]});
+    Rays::Place& place = rays.places[i];
+    place = {seen[0], seen[1], seen[2], -1};
+    if (!is_before || !cells.hold(seen[0], seen[1])) continue;
+    place.cell = cells.row(seen[1]) * cells.columns + cells.column(seen[0]);
+    ++rays.first[static_cast<std::size_t>(place.cell) + 1];
+  }
+}
+
+/// Sorts the rays that may meet something by cells.
+void Sort(Rays& rays) {
+  for (std::size_t cell = 1; cell < rays.first.size(); ++cell) rays.first[cell] += rays.first[cell - 1];
+  const auto count = static_cast<std::size_t>(rays.first.back()), padded = count + kEight;
+  for (auto* of : {&rays.x, &rays.y, &rays.start, &rays.b1, &rays.b2}) of->resize(padded);
+  rays.depth.assign(padded, kFar);
+  rays.face.assign(padded, -1);
+  std::fill_n(rays.x.begin() + static_cast<std::ptrdiff_t>(count), kEight,
+              std::numeric_limits<float>::quiet_NaN());
+  rays.next.assign(rays.first.begin(), rays.first.end() - 1);
+  for (Rays::Place& place : rays.places) {
+    if (place.cell < 0) continue;
+    place.cell = rays.next[static_cast<std::size_t>(place.cell)]++;
+    const auto to = static_cast<std::size_t>(place.cell);
+    rays.x[to] = place.x, rays.y[to] = place.y, rays.start[to] = place.start;
+  }
+}
+
+void MeetAll(const Faces& faces, std::span<const Vec3f> points, std::span<RayPencil::Met> met, Rays& rays) {
+  const Cells cells(faces, points.size());
+  Place(faces, cells, points, rays);
+  Sort(rays);
+  const Sorted sorted{rays.x.data(),  rays.y.data(),  rays.start.data(), rays.depth.data(),
+                      rays.b1.data(), rays.b2.data(), rays.face.data()};
+  alignas(32) std::int32_t left[kEight], right[kEight], low[kEight], high[kEight];
+  for (std::size_t eight = 0; eight < faces.boxes.size(); ++eight) {
+    const Boxes& boxes = faces.boxes[eight];
+    CellsOf(boxes.x_low, cells.x0, cells.per_x, cells.columns, left);
+    CellsOf(boxes.x_high, cells.x0, cells.per_x, cells.columns, right);
+    CellsOf(boxes.y_low, cells.y0, cells.per_y, cells.rows, low);
+    CellsOf(boxes.y_high, cells.y0, cells.per_y, cells.rows, high);
+    const std::size_t first_face = eight * kEight, count = std::min(kEight, faces.count - first_face);
+    for (std::size_t k = 0; k < count; ++k) {
+      if (!(boxes.x_low.values[k] <= boxes.x_high.values[k])) continue;
+      const Broadcast face(faces.seen[first_face + k]);
+      for (int row = low[k]; row <= high[k]; ++row) {
+        const int* first = &rays.first[static_cast<std::size_t>(row * cells.columns)];
+        Try(face, static_cast<int>(first_face + k), sorted, static_cast<std::size_t>(first[left[k]]),
+            static_cast<std::size_t>(first[right[k] + 1]));
+      }
+    }
+  }
+  for (std::size_t i = 0; i < met.size(); ++i) {
+    met[i] = {};
+    if (rays.places[i].cell < 0) continue;
+    const auto ray = static_cast<std::size_t>(rays.places[i].cell);
+    if (rays.face[ray] < 0) continue;
+    met[i] = {rays.face[ray], std::max(0.0f, rays.b1[ray]), std::max(0.0f, rays.b2[ray])};
+    if (!faces.view.perspective) continue;
+    // The share of a corner in space is that across the pencil times its nearness.
+    const auto& near = faces.nearness[static_cast<std::size_t>(met[i].face)];
+    const float w1 = met[i].b1 * near[1], w2 = met[i].b2 * near[2],
+                w = std::max(0.0f, 1 - met[i].b1 - met[i].b2) * near[0] + w1 + w2;
+    met[i].b1 = w1 / w, met[i].b2 = w2 / w;
   }
 }
 
@@ -297,29 +335,11 @@ namespace pencil {
 HWY_EXPORT(Project);
 HWY_EXPORT(MeetAll);
 
-namespace {
-
-/// Brings faces that are near each other into the same blocks and groups.
-void gather(const std::vector<Vec3f>& centroids, int* first, int* last) {
-  const auto count = static_cast<std::size_t>(last - first),
-             unit = count > kGroup * kBlock ? kGroup * kBlock : kBlock;
-  if (count <= kBlock) return;
-  Eigen::AlignedBox3f box;
-  for (const int* i = first; i != last; ++i) box.extend(centroids[static_cast<std::size_t>(*i)]);
-  Eigen::Index axis = 0;
-  box.sizes().maxCoeff(&axis);
-  int* middle = first + std::max<std::size_t>(1, (count + unit - 1) / unit / 2) * unit;
-  std::nth_element(first, middle, last, [&](int a, int b) {
-    return centroids[static_cast<std::size_t>(a)][axis] < centroids[static_cast<std::size_t>(b)][axis];
-  });
-  gather(centroids, first, middle);
-  gather(centroids, middle, last);
-}
-
-}  // namespace
 }  // namespace pencil
 
-struct RayPencil::State : pencil::Tree {
+struct RayPencil::State : pencil::Faces {
+  pencil::Rays rays;
+
   void look(const Vec3f& axis) {
     const Vec3f z = axis.normalized(), x = z.unitOrthogonal(), y = z.cross(x);
     const Vec3f axes[3] = {x, y, z};
@@ -337,31 +357,19 @@ RayPencil::RayPencil(const Mesh& mesh, const Vec3d& origin) : state_(std::make_u
   double size = 0;
   for (const Vec3d& vertex : mesh.vertices) size = std::max(size, (vertex - origin).cwiseAbs().maxCoeff());
   s.scale = size > 0 ? static_cast<float>(1 / size) : 1;
-  std::vector<std::array<Vec3f, 3>> faces;
-  std::vector<Vec3f> centroids;
-  for (const Face& face : mesh.faces) {
-    auto& corners = faces.emplace_back();
-    for (std::size_t i = 0; i < 3; ++i)
-      corners[i] = s.scale * (mesh.vertices[static_cast<std::size_t>(face[i])] - origin).cast<float>();
-    centroids.push_back((corners[0] + corners[1] + corners[2]) / 3);
-  }
-  s.order.resize(mesh.faces.size());
-  std::iota(s.order.begin(), s.order.end(), 0);
-  gather(centroids, s.order.data(), s.order.data() + s.order.size());
-  s.blocks = (s.order.size() + kBlock - 1) / kBlock;
-  s.eights = (s.blocks + kBlock - 1) / kBlock;
-  s.groups = (s.blocks + kGroup - 1) / kGroup;
-  s.order.resize(s.blocks * kBlock, s.order.back());
-  s.corners.resize(s.blocks);
-  for (std::size_t place = 0; place < s.order.size(); ++place)
-    for (std::size_t i = 0; i < 3; ++i)
+  s.count = mesh.faces.size();
+  s.corners.resize((s.count + kEight - 1) / kEight);
+  s.seen.resize(s.corners.size() * kEight);
+  s.boxes.resize(s.corners.size());
+  s.nearness.resize(s.seen.size());
+  for (std::size_t place = 0; place < s.seen.size(); ++place)
+    for (std::size_t i = 0; i < 3; ++i) {
+      const Face& face = mesh.faces[std::min(place, s.count - 1)];
+      const Vec3f corner =
+          s.scale * (mesh.vertices[static_cast<std::size_t>(face[i])] - origin).cast<float>();
       for (std::size_t c = 0; c < 3; ++c)
-        s.corners[place / kBlock][i][c].values[place % kBlock] =
-            faces[static_cast<std::size_t>(s.order[place])][i][static_cast<Eigen::Index>(c)];
-  s.seen.resize(s.blocks);
-  s.nearness.resize(3 * s.blocks);
-  s.block_boxes.resize(s.groups * kBlock);
-  s.group_boxes.resize((s.groups + kBlock - 1) / kBlock);
+        s.corners[place / kEight][i][c].values[place % kEight] = corner[static_cast<Eigen::Index>(c)];
+    }
 }
 
 RayPencil::~RayPencil() = default;
@@ -384,7 +392,8 @@ void RayPencil::from(const Vec3f& point, const Vec3f& axis) {
 void RayPencil::intersect(std::span<const Vec3f> points, std::span<Met> met) const {
   if (points.size() != met.size())
     throw Failure("ray pencil", "as many hits as rays are needed", "give each ray a place for its hit");
-  HWY_DYNAMIC_DISPATCH(pencil::MeetAll)(*state_, points, met);
+  if (points.empty()) return;
+  HWY_DYNAMIC_DISPATCH(pencil::MeetAll)(*state_, points, met, state_->rays);
 }
 
 }  // namespace mirage

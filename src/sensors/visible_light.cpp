@@ -41,10 +41,9 @@ std::size_t first_texel(const LightVisibility& visibility, std::size_t node, std
 
 VisibleLightSettings fine_light() {
   VisibleLightSettings fine;
-  fine.directions = 128, fine.rough_directions = 32;
-  fine.bounces = 8;
-  fine.sun_samples = 20, fine.sun_angle = 1e-6;
-  fine.node_angle = 6e-6;
+  fine.directions = 64, fine.rough_directions = 16;
+  fine.bounces = 6;
+  fine.node_angle = 3e-5, fine.enclosed_node_angle = 4e-6, fine.open_below = 0.6;
   return fine;
 }
 
@@ -80,6 +79,8 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
   for (std::size_t i = 0; i < nodes; ++i)
     for (const auto& r : visibility.met_by(i))
       result.weights.push_back(n[i].dot(r.towards.template cast<S>()));
+  std::vector<bool> is_met(nodes, false);  // what no other meets sends its light to the camera alone
+  for (const auto& r : visibility.reflections) is_met[static_cast<std::size_t>(r.node)] = true;
   std::vector<Vec3<S>> reflected(nodes, Vec3<S>::Zero());
   for (int step = 0; step < bounces; ++step) {
     std::vector<Vec3<S>> sky(nodes), gathered(nodes);
@@ -89,6 +90,10 @@ VisibleLight<S> visible_light(const std::vector<Vec3<S>>& normals, const std::ve
     }
     const S* weight = result.weights.data();
     for (std::size_t i = 0; i < nodes; ++i) {
+      if (!is_met[i] && step + 1 < bounces) {
+        weight += visibility.met_by(i).size();
+        continue;
+      }
       reflected[i].setZero();
       for (const auto& r : visibility.met_by(i)) {
         const auto j = static_cast<std::size_t>(r.node);

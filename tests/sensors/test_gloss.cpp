@@ -1,6 +1,8 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "base/random.h"
 #include "sensors/gloss.h"
@@ -45,6 +47,26 @@ TEST(Gloss, HighlightAsByHand) {
   const Vec3d grazing = Vec3d(1, 0, 1e-9).normalized();
   EXPECT_NEAR(diffuse_response(n, grazing, grazing), 1.5 * 1.5, 1e-6);
   EXPECT_NEAR(diffuse_response(n, grazing, Vec3d(-1, 0, 1e-9).normalized()), 0.5 * 0.5, 1e-6);
+}
+
+TEST(Gloss, ManyAtOnceAreAsOneByOne) {
+  RandomStream random(3, "gloss");
+  std::vector<float> nl, nv, lv;
+  for (int i = 0; i < 1003; ++i) {
+    const Vec3d l = random_direction(random), v = random_direction(random);
+    nl.push_back(static_cast<float>(l.z())), nv.push_back(static_cast<float>(v.z()));
+    lv.push_back(static_cast<float>(l.dot(v)));
+  }
+  nl[0] = nv[1] = 0, lv[2] = -1;
+  std::vector<float> many(nl.size(), -1);
+  specular_response(nl, nv, lv, many);
+  int lit = 0;
+  for (std::size_t i = 0; i < many.size(); ++i) {
+    const double one = specular_response(double{nl[i]}, double{nv[i]}, double{lv[i]});
+    ASSERT_NEAR(many[i], one, 1e-5 * std::max(1.0, one)) << nl[i] << " " << nv[i] << " " << lv[i];
+    lit += one > 0;
+  }
+  EXPECT_GT(lit, 200);
 }
 
 TEST(Gloss, AlbedoIsTheLobesIntegral) {

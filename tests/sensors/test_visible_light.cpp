@@ -65,6 +65,34 @@ TEST(VisibleLight, AConvexObjectInFreeSpaceHasThePlainLight) {
     ASSERT_LT((lit.factor[t] - shade<double>(normals[t / 25], light)).norm(), 1e-6) << t;
 }
 
+/// Parts of a side have lights of their own where something of the object stands over it.
+TEST(VisibleLight, EnclosedSidesHaveMoreNodes) {
+  TexturedMesh mesh{{}, {5, {}}};
+  mesh.mesh.vertices = {{0, 0, 0}, {.2, 0, 0}, {0, .2, 0}};
+  mesh.mesh.faces = {{0, 1, 2}};
+  mesh.atlas.texels.assign(mesh.atlas.per_face(), Vec3d::Constant(0.5));
+  const Vec3d eye(0.06, 0.06, 30);  // 2.2e-5 sr
+  const auto parts = [&](const TexturedMesh& of) {
+    const LightVisibility found = find_visibility(of, {}, nullptr, &eye);
+    return found.parts[found.side(0)];
+  };
+  EXPECT_EQ(parts(mesh), 1);
+  const auto with_wall = [&](double height) {
+    TexturedMesh more = mesh;
+    more.mesh.vertices.insert(more.mesh.vertices.end(),
+                              {{-.05, -.05, -.1}, {-.05, .25, -.1}, {-.05, 0, height}});
+    more.mesh.faces.push_back({3, 4, 5});
+    more.atlas.texels.resize(2 * more.atlas.per_face(), Vec3d::Constant(0.5));
+    return more;
+  };
+  EXPECT_EQ(parts(with_wall(0.05)), 1);  // 20 degrees above the middle
+  EXPECT_EQ(parts(with_wall(0.5)), 2);   // 75 degrees: parts of no more than 6e-6 sr
+  VisibleLightSettings settings;
+  settings.open_below = 1;
+  const LightVisibility open = find_visibility(with_wall(0.5), {}, nullptr, &eye, settings);
+  EXPECT_EQ(open.parts[open.side(0)], 1);
+}
+
 /// What light each texel has by itself is what it has as a face of its own: the light model knows texels
 /// where they are seen large.
 TEST(VisibleLight, ATexelsLightIsThatOfAFaceInItsPlace) {
@@ -85,7 +113,7 @@ TEST(VisibleLight, ATexelsLightIsThatOfAFaceInItsPlace) {
   };
   const TexturedMesh parts = texels_as_faces(whole);
   const auto by_texel = light_at(whole), by_face = light_at(parts);
-  settings.node_angle = 1;
+  settings.node_angle = settings.enclosed_node_angle = 1;
   const auto coarse = light_at(whole);
   double fine_error = 0, coarse_error = 0;
   for (std::size_t t = 0; t < whole.atlas.per_face(); ++t) {

@@ -68,7 +68,8 @@ std::vector<Variant> variants(bool all) {
   SimulationSettings fine = hard;
   fine.light = LightModel::fine;
   Variant coarse{"visible, whole faces", visible};
-  coarse.settings.visible_light.node_angle = std::numeric_limits<double>::infinity();
+  coarse.settings.visible_light.node_angle = coarse.settings.visible_light.enclosed_node_angle =
+      std::numeric_limits<double>::infinity();
   std::vector<Variant> list = {
       {"ambient + sun", hard, true}, {"plain", hard}, coarse, {"visible", visible}, {"fine", fine}};
   if (!all) return list;
@@ -84,7 +85,11 @@ std::vector<Variant> variants(bool all) {
   for (int n : {1, 3, 5, 20}) add(fmt::format("{} sun samples", n), [&](auto& s) { s.sun_samples = n; });
   add("matt", [](auto& s) { s.glossy = false; });
   for (double angle : {0.0, 3e-6, 6e-6, 3e-5, 6e-5})
-    add(fmt::format("nodes of {} sr", angle), [&](auto& s) { s.node_angle = angle; });
+    add(fmt::format("nodes of {} sr", angle), [&](auto& s) { s.node_angle = s.enclosed_node_angle = angle; });
+  for (double angle : {3e-6, 1.2e-5})
+    add(fmt::format("enclosed nodes of {} sr", angle), [&](auto& s) { s.enclosed_node_angle = angle; });
+  for (double sine : {0.0, 0.6, 0.9})
+    add(fmt::format("open below {}", sine), [&](auto& s) { s.open_below = sine; });
   for (int k : {32, 128}) {
     add(fmt::format("texels as faces, {} directions", k),
         [&](auto& s) { s.directions = k, s.sun_samples = 1; });
