@@ -304,7 +304,7 @@ void MeetAll(const Faces& faces, std::span<const Vec3f> points, std::span<RayPen
       if (!(boxes.x_low.values[k] <= boxes.x_high.values[k])) continue;
       const Broadcast face(faces.seen[first_face + k]);
       for (int row = low[k]; row <= high[k]; ++row) {
-        const int* first = &rays.first[static_cast<std::size_t>(row * cells.columns)];
+        const int* first = rays.first.data() + row * cells.columns;
         Try(face, static_cast<int>(first_face + k), sorted, static_cast<std::size_t>(first[left[k]]),
             static_cast<std::size_t>(first[right[k] + 1]));
       }

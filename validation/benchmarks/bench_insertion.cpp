@@ -173,7 +173,7 @@ void compare_lights(const TexturedMesh& adversary, const std::string& suffix) {
 }
 
 void light_models(benchmark::State& state) {
-  for (auto _ : state) {
+  while (state.KeepRunning()) {
     compare_lights(stage().adversary, "");
     compare_lights(crumpled(stage().adversary), "_crumpled");
   }
