@@ -1,5 +1,6 @@
 // Rays of one pencil against the ray caster's (Embree), and what lies at the edges.
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 #include <cmath>
 #include <limits>
@@ -56,7 +57,18 @@ void compare(const Mesh& mesh, const Vec3d& centre, const std::vector<Vec3f>& st
   }
 }
 
-TEST(RayPencil, ParallelRaysMeetWhatTheRayCasterSays) {
+/// On all that this machine has.
+template <class F>
+void on_every_instruction_set(F check) {
+  for (const std::int64_t set : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(set);
+    SCOPED_TRACE(hwy::TargetName(set));
+    check();
+  }
+  hwy::SetSupportedTargetsForTest(0);
+}
+
+void parallel_rays_meet_what_the_ray_caster_says() {
   const Vec3d centre(100, -40, 3);
   Count count;
   for (const int subdivisions : {0, 1, 2, 3, 4}) {
@@ -85,7 +97,11 @@ TEST(RayPencil, ParallelRaysMeetWhatTheRayCasterSays) {
   EXPECT_LE(count.other, count.rays / 5000);
 }
 
-TEST(RayPencil, RaysFromOnePointMeetWhatTheRayCasterSays) {
+TEST(RayPencil, ParallelRaysMeetWhatTheRayCasterSays) {
+  on_every_instruction_set(parallel_rays_meet_what_the_ray_caster_says);
+}
+
+void rays_from_one_point_meet_what_the_ray_caster_says() {
   const Vec3d centre(0, 0, 1);
   Count count;
   for (const int subdivisions : {1, 2, 4}) {
@@ -110,6 +126,10 @@ TEST(RayPencil, RaysFromOnePointMeetWhatTheRayCasterSays) {
               count.rays, count.other);
   EXPECT_GT(count.met, count.rays / 4);
   EXPECT_LE(count.other, count.rays / 5000);
+}
+
+TEST(RayPencil, RaysFromOnePointMeetWhatTheRayCasterSays) {
+  on_every_instruction_set(rays_from_one_point_meet_what_the_ray_caster_says);
 }
 
 TEST(RayPencil, BarycentricsInPerspective) {
