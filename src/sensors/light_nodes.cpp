@@ -6,6 +6,7 @@
 #include <map>
 #include <utility>
 
+#include "base/grouping.h"
 #include "geometry/atlas_triangles.h"
 #include "sensors/screen_mesh.h"
 
@@ -15,19 +16,27 @@ namespace {
 constexpr int kLooks = 3;       // 3² rays to a face tell which of it the camera sees
 constexpr int kTexelLooks = 2;  // 2² rays to a texel
 
+/// What make() makes for a key, made when it is first asked for.
+template <class Key, class Value, class Make>
+const Value& once(std::map<Key, Value>& made, const Key& key, const Make& make) {
+  const auto [at, is_new] = made.try_emplace(key);
+  if (is_new) at->second = make();
+  return at->second;
+}
+
 /// The corners (b1, b2) of each texel's triangle, by its index.
 const std::vector<std::array<Vec2f, 3>>& texel_corners(int resolution) {
   thread_local std::map<int, std::vector<std::array<Vec2f, 3>>> made;
-  const auto [at, is_new] = made.try_emplace(resolution);
-  std::vector<std::array<Vec2f, 3>>& corners = at->second;
-  if (!is_new) return corners;
-  corners.resize(static_cast<std::size_t>(resolution) * static_cast<std::size_t>(resolution));
-  for (const AtlasTriangle& triangle : atlas_triangles(resolution))
-    for (std::size_t i = 0; i < 3; ++i) {
-      const Vec2d& b = triangle.corners[i];
-      corners[static_cast<std::size_t>(triangle.texel)][i] = Vec2d(b.y(), 1 - b.sum()).cast<float>();
-    }
-  return corners;
+  return once(made, resolution, [&] {
+    std::vector<std::array<Vec2f, 3>> corners(static_cast<std::size_t>(resolution) *
+                                              static_cast<std::size_t>(resolution));
+    for (const AtlasTriangle& triangle : atlas_triangles(resolution))
+      for (std::size_t i = 0; i < 3; ++i) {
+        const Vec2d& b = triangle.corners[i];
+        corners[static_cast<std::size_t>(triangle.texel)][i] = Vec2d(b.y(), 1 - b.sum()).cast<float>();
+      }
+    return corners;
+  });
 }
 
 /// Each side whole.
@@ -78,7 +87,7 @@ class Nodes {
       const double distance = to_eye.norm();
       if (distance > 0)
         made_.angles[side] = std::abs(normal.dot(to_eye)) / (2 * distance * distance * distance);
-      add_targets(made_.wholes[side], points, targets);
+      for (const Vec2d& point : points) targets.push_back(point_of(made_.wholes[side], point));
     }
     const Vec3f from = (eye - made_.centre).cast<float>();
     pencil.from(from, from.isZero(0) ? Vec3f::UnitX() : Vec3f(-from));
@@ -98,9 +107,7 @@ class Nodes {
   void make_patches() {
     for (int n = 1; n <= resolution_; ++n) {
       made_.texels_of_node.push_back(centroids_within(n, resolution_));
-      made_.node_of_texel.emplace_back();
-      for (const Vec2d& texel : texel_centroids(resolution_))
-        made_.node_of_texel.back().push_back(texel_index<double>(texel.x(), texel.y(), n));
+      made_.node_of_texel.push_back(texels_of_centroids(resolution_, n));
     }
     made_.first_of_side.push_back(0);
     for (std::size_t side = 0; side < made_.wholes.size(); ++side) {
@@ -127,15 +134,16 @@ class Nodes {
         for (const Vec3f& point : points_[side]) seen.emplace_back(first, point);
         continue;
       }
-      for (std::size_t i = first; i < made_.first_node(side + 1); ++i) {
-        if (!is_whole_[made_.face_of(side)]) {
-          add_targets(made_.leaves[i], points, targets);
-          continue;
+      const bool is_whole = is_whole_[made_.face_of(side)];
+      for (std::size_t i = first; i < made_.first_node(side + 1); ++i)
+        for (const Vec2d& point : points) {
+          const Vec3f at = point_of(made_.leaves[i], point);
+          if (is_whole) {
+            seen.emplace_back(i, at);
+          } else {
+            targets.push_back(at);
+          }
         }
-        std::vector<Vec3f> of_patch;
-        add_targets(made_.leaves[i], points, of_patch);
-        for (const Vec3f& point : of_patch) seen.emplace_back(i, point);
-      }
     }
     std::vector<RayPencil::Met> hits(targets.size());
     pencil.intersect(targets, hits);
@@ -147,7 +155,7 @@ class Nodes {
       seen.emplace_back(made_.first_node(side) + static_cast<std::size_t>(part),
                         made_.wholes[side].at(hit.b1, hit.b2));
     }
-    keep(seen);
+    keep(std::move(seen));
   }
 
   /// Towards the camera, of each patch.
@@ -187,21 +195,17 @@ class Nodes {
     return parts < resolution_ ? static_cast<int>(parts) : resolution_;
   }
   static Vec3d middle(const LightLeaf& leaf) { return leaf.at(1 / 3.0f, 1 / 3.0f).cast<double>(); }
-  static void add_targets(const LightLeaf& leaf, const std::vector<Vec2d>& points,
-                          std::vector<Vec3f>& targets) {
-    for (const Vec2d& point : points)
-      targets.push_back(leaf.at(static_cast<float>(point.x()), static_cast<float>(point.y())));
+  static Vec3f point_of(const LightLeaf& leaf, const Vec2d& b12) {
+    return leaf.at(static_cast<float>(b12.x()), static_cast<float>(b12.y()));
   }
-  /// Points that the camera sees, by their patches.
-  void keep(const std::vector<std::pair<std::size_t, Vec3f>>& seen) {
-    std::vector<int>& first = made_.first_seen_point;
-    first.assign(made_.seen.size() + 1, 0);
-    for (const auto& [patch, point] : seen) ++first[patch + 1], made_.seen[patch] = true;
-    for (std::size_t i = 1; i < first.size(); ++i) first[i] += first[i - 1];
-    made_.seen_points.resize(seen.size());
-    std::vector<int> next(first.begin(), first.end() - 1);
-    for (const auto& [patch, point] : seen)
-      made_.seen_points[static_cast<std::size_t>(next[patch]++)] = point;
+  /// Points that the camera sees, each of a patch.
+  void keep(std::vector<std::pair<std::size_t, Vec3f>> seen) {
+    made_.first_seen_point =
+        group_together(seen, made_.seen.size(), [](const auto& point) { return point.first; });
+    for (const auto& [patch, point] : seen) {
+      made_.seen[patch] = true;
+      made_.seen_points.push_back(point);
+    }
   }
 
   void add_cells(const LightSurroundings& around) {
@@ -232,46 +236,53 @@ class Nodes {
 
 }  // namespace
 
-const std::vector<std::vector<int>>& centroids_within(int p, int n) {
-  thread_local std::map<std::pair<int, int>, std::vector<std::vector<int>>> made;
-  const auto [at, is_new] = made.try_emplace({p, n});
-  std::vector<std::vector<int>>& lists = at->second;
-  if (!is_new) return lists;
-  lists.resize(static_cast<std::size_t>(p) * static_cast<std::size_t>(p));
-  const std::vector<Vec2d>&centroids = texel_centroids(n), &parts = texel_centroids(p);
-  for (std::size_t i = 0; i < centroids.size(); ++i)
-    lists[static_cast<std::size_t>(texel_index<double>(centroids[i].x(), centroids[i].y(), p))].push_back(
-        static_cast<int>(i));
-  for (std::size_t k = 0; k < lists.size(); ++k)
-    if (lists[k].empty()) lists[k].push_back(texel_index<double>(parts[k].x(), parts[k].y(), n));
-  return lists;
-}
-
 const std::vector<Vec2d>& texel_centroids(int n) {
   thread_local std::map<int, std::vector<Vec2d>> made;
-  const auto [at, is_new] = made.try_emplace(n);
-  if (!is_new) return at->second;
-  for (const auto& [p, q, r] : texel_corners(n)) {
-    const Vec2d b12 = (p + q + r).cast<double>() / 3;
-    at->second.emplace_back(1 - b12.sum(), b12.x());
-  }
-  return at->second;
+  return once(made, n, [&] {
+    std::vector<Vec2d> centroids;
+    for (const auto& [p, q, r] : texel_corners(n)) {
+      const Vec2d b12 = (p + q + r).cast<double>() / 3;
+      centroids.emplace_back(1 - b12.sum(), b12.x());
+    }
+    return centroids;
+  });
+}
+
+const std::vector<int>& texels_of_centroids(int n, int p) {
+  thread_local std::map<std::pair<int, int>, std::vector<int>> made;
+  return once(made, std::pair(n, p), [&] {
+    std::vector<int> texels;
+    for (const Vec2d& b : texel_centroids(n)) texels.push_back(texel_index<double>(b.x(), b.y(), p));
+    return texels;
+  });
+}
+
+const std::vector<std::vector<int>>& centroids_within(int p, int n) {
+  thread_local std::map<std::pair<int, int>, std::vector<std::vector<int>>> made;
+  return once(made, std::pair(p, n), [&] {
+    const std::vector<int>&part_of = texels_of_centroids(n, p), &own = texels_of_centroids(p, n);
+    std::vector<std::vector<int>> lists(own.size());
+    for (std::size_t i = 0; i < part_of.size(); ++i)
+      lists[static_cast<std::size_t>(part_of[i])].push_back(static_cast<int>(i));
+    for (std::size_t k = 0; k < lists.size(); ++k)
+      if (lists[k].empty()) lists[k].push_back(own[k]);
+    return lists;
+  });
 }
 
 const std::vector<std::vector<int>>& texel_neighbours(int n, double apart) {
   thread_local std::map<std::pair<int, double>, std::vector<std::vector<int>>> made;
-  const auto [at, is_new] = made.try_emplace({n, apart});
-  std::vector<std::vector<int>>& lists = at->second;
-  if (!is_new) return lists;
-  const std::vector<Vec2d>& centroids = texel_centroids(n);
-  lists.resize(centroids.size());
-  for (std::size_t i = 0; i < centroids.size(); ++i)
-    for (std::size_t k = 0; k < centroids.size(); ++k) {
-      const Vec2d d = centroids[k] - centroids[i];
-      const double furthest = std::max({std::abs(d.x()), std::abs(d.y()), std::abs(d.sum())});
-      if (k != i && furthest < apart / n) lists[i].push_back(static_cast<int>(k));
-    }
-  return lists;
+  return once(made, std::pair(n, apart), [&] {
+    const std::vector<Vec2d>& centroids = texel_centroids(n);
+    std::vector<std::vector<int>> lists(centroids.size());
+    for (std::size_t i = 0; i < centroids.size(); ++i)
+      for (std::size_t k = 0; k < centroids.size(); ++k) {
+        const Vec2d d = centroids[k] - centroids[i];
+        const double furthest = std::max({std::abs(d.x()), std::abs(d.y()), std::abs(d.sum())});
+        if (k != i && furthest < apart / n) lists[i].push_back(static_cast<int>(k));
+      }
+    return lists;
+  });
 }
 
 TexturedMesh texels_as_faces(const TexturedMesh& mesh) {

@@ -56,6 +56,9 @@ struct LightNodes : LightLayout {
 /// once a thread.
 const std::vector<Vec2d>& texel_centroids(int n);
 
+/// Of each of the centroids of n² triangles, which of p² its own lies in. Made once a thread.
+const std::vector<int>& texels_of_centroids(int n, int p);
+
 /// Of each of the n² triangles, which others are near: their centroids' barycentrics less than `apart` / n
 /// away.
 const std::vector<std::vector<int>>& texel_neighbours(int n, double apart);

@@ -111,10 +111,10 @@ class SunTracer {
       const int n = resolution_ * static_cast<int>(parts);
       const std::vector<std::uint8_t> near = near_border(samples);
       const std::vector<Vec2d>& points = texel_centroids(n);
+      const std::vector<int>& sample_of = texels_of_centroids(n, samples.n);
       Again again{side, std::vector<std::uint8_t>(points.size()), {}};
       for (std::size_t i = 0; i < points.size(); ++i) {
-        const auto sample =
-            static_cast<std::size_t>(texel_index<double>(points[i].x(), points[i].y(), samples.n));
+        const auto sample = static_cast<std::size_t>(sample_of[i]);
         again.lit[i] = lit[sample];
         if (!near[sample]) continue;
         again.places.push_back(i);

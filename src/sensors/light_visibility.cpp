@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "base/error.h"
+#include "base/grouping.h"
 #include "geometry/atlas_triangles.h"
 #include "sensors/gloss.h"
 #include "sensors/light_around.h"
@@ -258,26 +259,12 @@ class Tracer {
     for (std::size_t f = 0; f < nodes_.faces; ++f) {
       const auto finest = static_cast<std::size_t>(result_.shown.resolution_of(f) / resolution_);
       while (result_.texel_of_part.size() < finest) {
-        std::vector<int>& texel_of = result_.texel_of_part.emplace_back();
-        for (const Vec2d& part :
-             texel_centroids(resolution_ * static_cast<int>(result_.texel_of_part.size())))
-          texel_of.push_back(texel_index<double>(part.x(), part.y(), resolution_));
+        const int parts = static_cast<int>(result_.texel_of_part.size()) + 1;
+        result_.texel_of_part.push_back(texels_of_centroids(resolution_ * parts, resolution_));
       }
     }
   }
 
-  /// Brings the links of each node together, in the order in which they were found.
-  void sort_links() {
-    std::vector<int>& first = result_.first;
-    first.assign(sums_.size() + 1, 0);
-    for (const Link& link : links_) ++first[static_cast<std::size_t>(link.node) + 1];
-    for (std::size_t i = 1; i < first.size(); ++i) first[i] += first[i - 1];
-    std::vector<Link> sorted(links_.size());
-    std::vector<int> next(first.begin(), first.end() - 1);
-    for (const Link& link : links_)
-      sorted[static_cast<std::size_t>(next[static_cast<std::size_t>(link.node)]++)] = link;
-    links_ = std::move(sorted);
-  }
   /// What the gloss of each link's node sends along it of the sun, were it all lit, over the sun.
   std::vector<float> glints() const {
     std::vector<float> glint(links_.size(), 0);
@@ -296,7 +283,7 @@ class Tracer {
   /// The links as reflections, and what the nodes that they met send whatever their albedo: the gloss of the
   /// sun, and of a cell that of the sky.
   void add_links() {
-    sort_links();
+    result_.first = group_together(links_, sums_.size(), [](const Link& link) { return link.node; });
     const std::vector<float> glint = glints();
     const Vec3f sun = light_.sun.cast<float>();
     result_.reflections.reserve(links_.size());

@@ -1,6 +1,6 @@
 // Rays of one pencil: all along one direction, or all from one point. In the plane across them a ray is a
 // point and a face a triangle with a depth, so what each meets first is found without walking a tree of
-// boxes in space: some five times as fast as Embree's packets for the thousands of rays of a light
+// boxes in space: two to five times as fast as Embree's packets for the thousands of rays of a light
 // (sensors/visible_light.h; `mirage_bench --benchmark_filter=ray_pencil`). For other rays there is
 // sensors/ray_caster.h.
 #pragma once

@@ -1,6 +1,5 @@
 // The fast rasteriser against the plain loop in double, on every instruction set that this machine has.
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <cmath>
 
@@ -9,6 +8,7 @@
 #include "geometry/shapes.h"
 #include "sensors/camera.h"
 #include "sensors/raster_batch.h"
+#include "support/instruction_sets.h"
 
 namespace mirage {
 namespace {
@@ -102,9 +102,7 @@ Difference compare(const Ball& scene) {
 }
 
 TEST(RasterBatch, AgreesWithTheReferenceOnEveryInstructionSet) {
-  for (const std::int64_t set : hwy::SupportedAndGeneratedTargets()) {
-    hwy::SetSupportedTargetsForTest(set);
-    SCOPED_TRACE(raster_instruction_set());
+  on_every_instruction_set([] {
     Difference worst;
     for (const auto& [sigma, gamma, supersampling] :
          {std::tuple{1e-5, 1e-2, 1}, {1e-4, 1e-2, 1}, {5e-7, 1e-2, 2}, {1e-5, 1e-1, 3}}) {
@@ -118,8 +116,7 @@ TEST(RasterBatch, AgreesWithTheReferenceOnEveryInstructionSet) {
     EXPECT_LE(worst.image, 2e-5);
     EXPECT_LE(worst.vertices, 2e-4);
     EXPECT_LE(worst.texels, 2e-5);
-  }
-  hwy::SetSupportedTargetsForTest(0);
+  });
 }
 
 struct Drawn {

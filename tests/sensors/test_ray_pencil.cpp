@@ -1,6 +1,5 @@
 // Rays of one pencil against the ray caster's (Embree), and what lies at the edges.
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <cmath>
 #include <limits>
@@ -10,6 +9,7 @@
 #include "geometry/shapes.h"
 #include "sensors/ray_caster.h"
 #include "sensors/ray_pencil.h"
+#include "support/instruction_sets.h"
 
 namespace mirage {
 namespace {
@@ -55,17 +55,6 @@ void compare(const Mesh& mesh, const Vec3d& centre, const std::vector<Vec3f>& st
                 here = on_face(mesh, met[i].face, met[i].b1, met[i].b2, centre);
     count.other += (there - here).norm() > 1e-3f;
   }
-}
-
-/// On all that this machine has.
-template <class F>
-void on_every_instruction_set(F check) {
-  for (const std::int64_t set : hwy::SupportedAndGeneratedTargets()) {
-    hwy::SetSupportedTargetsForTest(set);
-    SCOPED_TRACE(hwy::TargetName(set));
-    check();
-  }
-  hwy::SetSupportedTargetsForTest(0);
 }
 
 void parallel_rays_meet_what_the_ray_caster_says() {

@@ -1,7 +1,6 @@
 // Faces whose texels are finer than others': every rasteriser draws what it draws of the same colours on an
 // atlas that is fine everywhere, and hands back the same gradient.
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include "base/random.h"
 #include "geometry/atlas_triangles.h"
@@ -12,6 +11,7 @@
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"
 #include "sensors/soft_rasterizer.h"
+#include "support/instruction_sets.h"
 #include "support/raster_problem.h"
 
 namespace mirage {
@@ -114,9 +114,7 @@ TEST(TexelGrid, TheReferenceRasteriserReadsIt) {
 }
 
 TEST(TexelGrid, TheKernelReadsItOnEveryInstructionSet) {
-  for (const std::int64_t set : hwy::SupportedAndGeneratedTargets()) {
-    hwy::SetSupportedTargetsForTest(set);
-    SCOPED_TRACE(raster_instruction_set());
+  on_every_instruction_set([] {
     for (const double near : {0.1, 3.0}) {
       const Pair pair = pair_of(2, near, 1e-4);
       const auto run = [](const RasterProblem& problem, ScreenGradient<double>& gradient) {
@@ -135,8 +133,7 @@ TEST(TexelGrid, TheKernelReadsItOnEveryInstructionSet) {
       const Image<double> own = run(pair.own, d_own), fine = run(pair.fine, d_fine);
       expect_alike(pair, own, fine, d_own, d_fine, 1e-4, 0.01);
     }
-  }
-  hwy::SetSupportedTargetsForTest(0);
+  });
 }
 
 TEST(TexelGrid, ExactAreasReadIt) {
