@@ -41,9 +41,9 @@ std::size_t first_texel(const LightVisibility& visibility, std::size_t node, std
 
 VisibleLightSettings fine_light() {
   VisibleLightSettings fine;
-  fine.directions = 64, fine.rough_directions = 16;
-  fine.bounces = 6;
-  fine.node_angle = 3e-5, fine.enclosed_node_angle = 4e-6, fine.open_below = 0.6;
+  fine.directions = 48;
+  fine.enclosed_node_angle = 3e-6, fine.open_below = 0.6;
+  fine.sun_angle = 2e-7;
   return fine;
 }
 

@@ -78,7 +78,8 @@ std::vector<Variant> variants(bool all) {
     change(variant.settings.visible_light);
     list.push_back(variant);
   };
-  for (int k : {16, 64, 128, 2048}) add(fmt::format("{} directions", k), [&](auto& s) { s.directions = k; });
+  for (int k : {16, 32, 64, 256, 2048})
+    add(fmt::format("{} directions", k), [&](auto& s) { s.directions = k; });
   for (int k : {32, 512})
     add(fmt::format("{} rough directions", k), [&](auto& s) { s.rough_directions = k; });
   for (int b : {0, 1, 2, 3, 8}) add(fmt::format("{} bounces", b), [&](auto& s) { s.bounces = b; });
@@ -86,7 +87,7 @@ std::vector<Variant> variants(bool all) {
   add("matt", [](auto& s) { s.glossy = false; });
   for (double angle : {0.0, 3e-6, 6e-6, 3e-5, 6e-5})
     add(fmt::format("nodes of {} sr", angle), [&](auto& s) { s.node_angle = s.enclosed_node_angle = angle; });
-  for (double angle : {3e-6, 1.2e-5})
+  for (double angle : {3e-6, 4e-6, 1.2e-5})
     add(fmt::format("enclosed nodes of {} sr", angle), [&](auto& s) { s.enclosed_node_angle = angle; });
   for (double sine : {0.0, 0.6, 0.9})
     add(fmt::format("open below {}", sine), [&](auto& s) { s.open_below = sine; });
@@ -95,11 +96,20 @@ std::vector<Variant> variants(bool all) {
         [&](auto& s) { s.directions = k, s.sun_samples = 1; });
     list.back().as_faces = true;
   }
-  add("everything fine", [](auto& s) {
+  const auto everything = [](auto& s) {
     s.directions = 1024, s.rough_directions = 256, s.bounces = 8, s.sun_samples = 20;
     s.node_angle = 0, s.sun_angle = 1e-9, s.cell = 0.1;
-  });
-  for (double angle : {1e-6, 1.6e-5, 1.0})
+  };
+  const VisibleLightSettings own = visible.visible_light;
+  add("everything fine", everything);
+  const auto all_but = [&](const std::string& name, const auto& change) {
+    add("everything fine but " + name, [&](auto& s) { everything(s), change(s); });
+  };
+  all_but("128 directions", [](auto& s) { s.directions = 128; });
+  all_but("nodes of 4e-6 sr", [](auto& s) { s.node_angle = 4e-6; });
+  all_but("bounces", [&](auto& s) { s.bounces = own.bounces; });
+  all_but("borders", [&](auto& s) { s.sun_samples = own.sun_samples, s.sun_angle = own.sun_angle; });
+  for (double angle : {2e-7, 4e-7, 1.6e-5, 1.0})
     add(fmt::format("shadows' borders to {} sr", angle), [&](auto& s) { s.sun_angle = angle; });
   for (double cell : {0.1, 5.0})
     add(fmt::format("roof cells of {} m", cell), [&](auto& s) { s.cell = cell; });
