@@ -7,10 +7,11 @@ their success in Cycles with realistic returns:
 
 A light may name its own number of steps (plain@240): so attacks of equal time are compared. Everything after -- goes to every `mirage attack`. One attack and one `mirage validate` for each detector, light and
 seed, in OUT/DETECTOR/LIGHT-SEED; what is finished is kept, and a stopped one goes on. All meshes are judged by the
-same arms (validation/fidelity/arms.h): default quality, plain light, Cycles with S samples. Prints a table and writes
+same arms (validation/fidelity/arms.h): default quality, plain light, Cycles with S samples; and "own" by `mirage evaluate`, the
+rasteriser that the mesh was learned by (of Cycles' the one whose gradient it took). Prints a table and writes
 OUT/attack_light.json. A seed splits the frames anew; shares are of the held-back vehicles that were found clean, pooled
 over seeds, with 95 % percentile intervals by bootstrap over frames. "kept": success in Cycles with realistic returns over
-that before the plain rasteriser with ideal ones. "logit": how far the vehicle's logit falls in Cycles with realistic
+that before its own rasteriser. "logit": how far the vehicle's logit falls in Cycles with realistic
 returns from that of the photograph without the object (the verdict's control); it tells meshes apart where no outcome
 does. Differences to plain, of success and of logit, are on the same vehicles, drawn together.
 """
@@ -28,7 +29,8 @@ LIGHTS = {"plain": [], "visible": ["--light", "visible"], "exact": ["--quality",
           "exact-visible": ["--quality", "exact", "--light", "visible"],
           "exact-fine": ["--quality", "exact", "--light", "fine"], "cycles": ["--renderer", "cycles", "--quality", "default", "--light", "plain"],
           "cycles-exact": ["--renderer", "cycles", "--quality", "exact", "--light", "visible"]}
-ARMS = [("raster", "ideal"), ("visible", "ideal"), ("cycles", "ideal"), ("cycles", "realistic")]
+OWN = ("own", "ideal")
+ARMS = [OWN, ("raster", "ideal"), ("visible", "ideal"), ("cycles", "ideal"), ("cycles", "realistic")]
 DRAWS = 10000
 
 
@@ -47,12 +49,13 @@ def finished(folder, iterations):
 def outcomes(folder, seed):
     """{(seed, frame, label): {arm: attacked successfully, "logit": its fall}} of the held-back vehicles found clean."""
     test = {(h["frame"], h["label"]) for h in json.loads((folder / "run.json").read_text())["test"]}
+    own = {(h["frame"], h["label"]): h for h in json.loads((folder / "evaluate" / "result.json").read_text())["outcomes"]}
     found = {}
     for file in sorted((folder / "validate" / "hosts").glob("*.json")):
         host = json.loads(file.read_text())
         if (host["frame"], host["label"]) not in test or not host.get("detected"):
             continue
-        of = {(arm["light"], arm["returns"]): arm for arm in host["arms"]}
+        of = {(arm["light"], arm["returns"]): arm for arm in host["arms"]} | {OWN: own[(host["frame"], host["label"])]}
         bare = next(control["logit"] for control in host["controls"] if control["control"] == "photograph")
         found[(seed, host["frame"], host["label"])] = {
             arm: bool(of[arm]["hidden"] or of[arm]["false_positive"]) for arm in ARMS} | {
@@ -112,6 +115,10 @@ def main():
                 seconds += result["stages"]["iterations"] * result["seconds_per_iteration"]
                 test = json.loads((folder / "run.json").read_text())["test"]
                 frames = options.frames or len({host["frame"] for host in test})
+                judged = folder / "evaluate" / "result.json"
+                if not judged.exists() or judged.stat().st_mtime < (folder / "adversary.glb").stat().st_mtime:
+                    run([options.mirage, "evaluate", "--run", folder, "--data", options.data, "--random-meshes", 0, "--quiet",
+                         "--out", folder / "evaluate", *threads])
                 run([options.mirage, "validate", "--run", folder, "--data", options.data, "--frames", frames, "--ladder", 0,
                      "--samples", options.samples, "--quality", "default", "--light", "plain", "--quiet", "--out",
                      folder / "validate", *threads])
