@@ -5,6 +5,7 @@
 #include "base/random.h"
 #include "scene/depth_completion.h"
 #include "simulation/adversary_view.h"
+#include "simulation/render_scene.h"
 #include "support/gradient_check.h"
 #include "support/insertion_world.h"
 
@@ -83,13 +84,8 @@ TEST(InsertionGradient, ExactAreasThroughTheCamera) {
   expect_camera_gradient(world, settings);
   // With texels, their borders move too; and folded, so that faces hide and cross each other.
   RandomStream random(3, "exact areas");
-  TexelAtlas& atlas = world.adversary.atlas;
-  atlas.resolution = 3;
-  atlas.texels.clear();
-  for (std::size_t t = 0; t < 9 * world.adversary.mesh.faces.size(); ++t)
-    atlas.texels.push_back(Vec3d(random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)));
-  for (Vec3d& v : world.adversary.mesh.vertices)
-    v += Vec3d(random.uniform(-.2, .2), random.uniform(-.2, .2), random.uniform(-.2, .2));
+  test::paint(world.adversary, 3, random);
+  test::crumple(world.adversary.mesh, random);
   expect_camera_gradient(world, settings);
 }
 
@@ -156,25 +152,21 @@ TEST(Insertion, FineLightIsNearerToOneOfManyRays) {
                         .sun_angle = 1e-8,
                         .cell = 0.1,
                         .node_angle = 0};
+  // What is fine shows in a camera as fine as KITTI's alone, on an atlas as an attack's.
+  World world = make_world(5);
+  const Mesh uncrumpled = world.adversary.mesh;
+  Frame frame = world.prepared.frame;
+  PinholeCamera& camera = frame.calibration.camera;
+  camera = resized(camera, 6 * camera.width, 6 * camera.height);
+  frame.image = ImageF(camera.width, camera.height, 3, 0.4f);
+  world.prepared = prepare(frame, world.prepared.lidar);
   double coarse = 0, better = 0;
   int nearer = 0;
   for (int k = 0; k < 16; ++k) {
-    World world = make_world(5);
-    // What is fine shows in a camera as fine as KITTI's alone, on an atlas as an attack's.
-    Frame frame = world.prepared.frame;
-    PinholeCamera& camera = frame.calibration.camera;
-    camera = {6 * camera.fx,       6 * camera.fy,    6 * camera.cx + 2.5,
-              6 * camera.cy + 2.5, 6 * camera.width, 6 * camera.height};
-    frame.image = ImageF(camera.width, camera.height, 3, 0.4f);
-    world.prepared = prepare(frame, world.prepared.lidar);
     RandomStream random(static_cast<std::uint64_t>(k), "crumpled");
-    TexelAtlas& atlas = world.adversary.atlas;
-    atlas.resolution = 5;
-    atlas.texels.clear();
-    for (std::size_t t = 0; t < 25 * world.adversary.mesh.faces.size(); ++t)
-      atlas.texels.push_back(Vec3d(random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)));
-    for (Vec3d& v : world.adversary.mesh.vertices)
-      v += Vec3d(random.uniform(-.2, .2), random.uniform(-.2, .2), random.uniform(-.2, .2));
+    world.adversary.mesh = uncrumpled;
+    test::paint(world.adversary, 5, random);
+    test::crumple(world.adversary.mesh, random);
     const auto picture = [&](const SimulationSettings& settings) {
       return simulate(world.prepared, world.host, world.rooftop, world.adversary, settings).image;
     };

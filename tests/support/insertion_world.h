@@ -9,6 +9,22 @@
 
 namespace mirage::test {
 
+/// An atlas of `resolution`² texels a face, of random colours.
+inline void paint(TexturedMesh& adversary, int resolution, RandomStream& random) {
+  TexelAtlas& atlas = adversary.atlas;
+  atlas.resolution = resolution;
+  atlas.texels.clear();
+  const auto side = static_cast<std::size_t>(resolution);
+  for (std::size_t t = 0; t < side * side * adversary.mesh.faces.size(); ++t)
+    atlas.texels.push_back(Vec3d(random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)));
+}
+
+/// Moves vertices by up to 0.2 m along each axis: faces hide and cross each other.
+inline void crumple(Mesh& mesh, RandomStream& random) {
+  for (Vec3d& v : mesh.vertices)
+    v += Vec3d(random.uniform(-.2, .2), random.uniform(-.2, .2), random.uniform(-.2, .2));
+}
+
 /// A KITTI-like rig over an empty world with one car 12 m ahead, a bit to the left.
 struct World {
   PreparedFrame prepared;
@@ -45,14 +61,12 @@ inline World make_world(std::uint64_t seed, const Sweep& sweep = {}) {
   world.prepared = prepare(frame, lidar);
   world.rooftop = BoxRooftopFinder().find(frame, world.host);
 
-  auto& [mesh, atlas] = world.adversary;
+  Mesh& mesh = world.adversary.mesh;
   mesh = icosphere(1);
   for (Vec3d& v : mesh.vertices)
     v = v.cwiseProduct(Vec3d(.7, .7, .45)) +
         Vec3d(random.uniform(-.04, .04), random.uniform(-.04, .04), random.uniform(-.04, .04));
-  atlas.resolution = 1;  // texel borders are jumps of the forward, not slopes
-  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
-    atlas.texels.push_back(Vec3d(random.uniform(.2, .9), random.uniform(.2, .9), random.uniform(.2, .9)));
+  paint(world.adversary, 1, random);  // texel borders are jumps of the forward, not slopes
   return world;
 }
 

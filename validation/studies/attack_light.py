@@ -53,11 +53,12 @@ def outcomes(folder, seed):
     found = {}
     for file in sorted((folder / "validate" / "hosts").glob("*.json")):
         host = json.loads(file.read_text())
-        if (host["frame"], host["label"]) not in test or not host.get("detected"):
+        vehicle = (host["frame"], host["label"])
+        if vehicle not in test or not host.get("detected"):
             continue
-        of = {(arm["light"], arm["returns"]): arm for arm in host["arms"]} | {OWN: own[(host["frame"], host["label"])]}
+        of = {(arm["light"], arm["returns"]): arm for arm in host["arms"]} | {OWN: own[vehicle]}
         bare = next(control["logit"] for control in host["controls"] if control["control"] == "photograph")
-        found[(seed, host["frame"], host["label"])] = {
+        found[(seed, *vehicle)] = {
             arm: bool(of[arm]["hidden"] or of[arm]["false_positive"]) for arm in ARMS} | {
             "logit": bare - of[ARMS[-1]]["logit"]}
     return found
