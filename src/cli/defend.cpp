@@ -37,10 +37,10 @@ nlohmann::json run(const DefendOptions& options, const Common& common) {
                          {"weights", result.weights.string()}};
   if (result.validated) {
     const auto both = [](const PrecisionRecall& before, const PrecisionRecall& after) {
-      return fmt::format("{:.1f} → {:.1f}", 100 * before.average_precision, 100 * after.average_precision);
+      return fmt::format("{:.1f} → {:.1f} %", 100 * before.average_precision, 100 * after.average_precision);
     };
-    rows.push_back({"clean AP50, before → after", both(result.at50_before, result.at50)});
-    rows.push_back({"clean AP70, before → after", both(result.at70_before, result.at70)});
+    rows.push_back({"clean AP 0.5, before → after", both(result.at50_before, result.at50)});
+    rows.push_back({"clean AP 0.7, before → after", both(result.at70_before, result.at70)});
     json["ap50_before"] = result.at50_before.average_precision;
     json["ap70_before"] = result.at70_before.average_precision;
     json["ap50"] = result.at50.average_precision;

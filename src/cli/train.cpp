@@ -6,6 +6,7 @@
 #include "base/names.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
+#include "cli/table.h"
 #include "detection/precision.h"
 #include "detection/training.h"
 #include "scene/depth/depth_training.h"
@@ -48,8 +49,10 @@ nlohmann::json train_detector_command(const TrainingOptions& options, const Comm
                           {"ap70", result.at70.average_precision},
                           {"recall50", result.at50.recall}};
     if (!common.quiet)
-      std::printf("validation: vehicles %d   AP50 %.3f   AP70 %.3f   recall50 %.3f\n", result.at50.boxes,
-                  result.at50.average_precision, result.at70.average_precision, result.at50.recall);
+      std::printf("%s\n", fmt::format("validation: vehicles {}   AP 0.5 {}   AP 0.7 {}   recall 0.5 {}",
+                                      result.at50.boxes, percent(result.at50.average_precision),
+                                      percent(result.at70.average_precision), percent(result.at50.recall))
+                              .c_str());
   }
   return json;
 }

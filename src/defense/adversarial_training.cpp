@@ -42,6 +42,7 @@ nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& a
   json["start"] = file_hash(weights_file(settings.detector));
   json["network_parts"] = settings.detector.parts;
   json["lidar_gradient"] = to_word(attack.simulation.lidar_gradient);
+  json["objective"] = fields_json(attack.objective);
   json["limits"] = {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()};
   json["hosts"] = hosts;
   return json;
@@ -200,8 +201,8 @@ DefenseResult train_defended(const DefenseSettings& settings) {
   DefenseResult result;
   const auto score = [&](const char* when) {
     const DetectionRun run = detect_data_set(*pool.front(), settings.validation, settings.validation_frames);
-    spdlog::info("{}: clean AP50 {:.3f} AP70 {:.3f}", when, run.at50.average_precision,
-                 run.at70.average_precision);
+    spdlog::info("{}: clean AP 0.5 {:.1f} %, AP 0.7 {:.1f} %", when, 100 * run.at50.average_precision,
+                 100 * run.at70.average_precision);
     return run;
   };
   if (!settings.validation.empty()) {

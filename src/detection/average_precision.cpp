@@ -13,19 +13,9 @@ namespace {
 
 constexpr double kCarHeight = 1.53;  // m, KITTI's mean
 
-/// Geiger et al., CVPR 2012; the benchmark's development kit.
-struct Level {
-  double least_height;  // pixels
-  int most_occluded;
-  double most_truncated;
-};
-constexpr Level kLevels[] = {{40, 0, 0.15}, {25, 1, 0.3}, {25, 2, 0.5}};
+constexpr DifficultyLimits kLevels[] = {{40, 0, 0.15}, {25, 1, 0.3}, {25, 2, 0.5}};
 
-const Level& level(Difficulty difficulty) {
-  return kLevels[static_cast<int>(difficulty)];
-}
-
-bool meets(const Label& label, const Level& limits) {
+bool meets(const Label& label, const DifficultyLimits& limits) {
   return label.bottom - label.top >= limits.least_height && label.occluded <= limits.most_occluded &&
          label.truncated <= limits.most_truncated;
 }
@@ -74,7 +64,7 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
     const auto covers = [&](const BevBox& other) {
       return iou(box, other) >= min_iou || intersection_area(box, other) >= box.length * box.width / 2;
     };
-    const bool low = frame.plane == Plane::picture && box.width < level(Difficulty::hard).least_height;
+    const bool low = frame.plane == Plane::picture && box.width < limits_of(Difficulty::hard).least_height;
     if (!low && std::none_of(frame.truth.ignore.begin(), frame.truth.ignore.end(), covers))
       result.push_back({detection.frame, false});
   }
@@ -176,15 +166,19 @@ bool has_boxes(std::span<const ScoredFrame> frames) {
 
 }  // namespace
 
+const DifficultyLimits& limits_of(Difficulty difficulty) {
+  return kLevels[static_cast<int>(difficulty)];
+}
+
 bool counts_by_label(const Label& label, const std::array<double, 4>& region) {
   const BevBox& box = label.box.bev;
-  return label.type == "Car" && meets(label, level(Difficulty::hard)) && box.x >= region[0] &&
+  return label.type == "Car" && meets(label, limits_of(Difficulty::hard)) && box.x >= region[0] &&
          box.x <= region[1] && box.y >= region[2] && box.y <= region[3];
 }
 
 Difficulty easiest_level(const Label& label) {
   for (const Difficulty difficulty : {Difficulty::easy, Difficulty::moderate})
-    if (meets(label, level(difficulty))) return difficulty;
+    if (meets(label, limits_of(difficulty))) return difficulty;
   return Difficulty::hard;
 }
 
@@ -220,7 +214,7 @@ PictureTruth picture_truth(std::span<const Label> labels) {
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const Label& label = labels[i];
     if (label.type == "Misc") truth.look_alikes.push_back(picture_box(label));
-    if (label.type == "Car" && meets(label, level(Difficulty::hard))) {
+    if (label.type == "Car" && meets(label, limits_of(Difficulty::hard))) {
       truth.boxes.push_back(picture_box(label));
       truth.labels.push_back(i);
       truth.difficulty.push_back(easiest_level(label));
@@ -332,7 +326,7 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
     }
     for (const Proposal& proposal : frame.detections) {
       const ApparentSize seen = apparent_size(proposal, frame);
-      const bool high = seen.height >= level(stratum.hardest).least_height;
+      const bool high = seen.height >= limits_of(stratum.hardest).least_height;
       const BevBox there = rectangle(proposal, frame.plane);
       const auto matches = [&](const BevBox& box) { return iou(there, box) >= min_iou; };
       if ((high && (in_range(seen.distance) || std::isinf(seen.distance))) ||

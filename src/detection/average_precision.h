@@ -15,6 +15,14 @@ namespace mirage {
 /// KITTI's levels. Cars of a level: easy at least 40 pixels high, occluded 0, truncated ≤ 0.15; moderate at
 /// least 25, ≤ 1, ≤ 0.3; hard at least 25, ≤ 2, ≤ 0.5. A harder level includes the easier ones.
 enum class Difficulty { easy, moderate, hard };
+/// Geiger et al., CVPR 2012; the benchmark's development kit.
+struct DifficultyLimits {
+  double least_height;  ///< pixels
+  int most_occluded;
+  double most_truncated;
+};
+/// Of a level.
+const DifficultyLimits& limits_of(Difficulty difficulty);
 /// The easiest level whose limits the label meets; hard if it meets none.
 Difficulty easiest_level(const Label& label);
 

@@ -127,6 +127,9 @@ class Detector {
   /// Another instance on the same weights, for another thread: a training step of either changes both. Null
   /// if the plugin cannot.
   virtual std::unique_ptr<Detector> share() { return nullptr; }
+  /// Another number after each train_step of it or of one that shares its weights: what was kept of its
+  /// answers is then another network's.
+  virtual std::uint64_t weights_version() const { return 0; }
   /// Empty (stride 0) where the detector has none or the plugin does not tell.
   virtual ImageFeatures image_features(const SensorView& /*input*/) { return {}; }
 };
@@ -230,8 +233,11 @@ std::filesystem::path plugin_file(const DetectorOptions& options);
 /// later.
 std::unique_ptr<Detector> load_detector(const DetectorOptions& options);
 
-/// InputError, naming the first of them, if a box or a logit is not finite.
-void check_proposals(std::span<const Proposal> proposals);
+/// InputError naming `who` (a file, or a detector) and the first proposal that is none: a logit or a box that
+/// is not finite, and where `plane` is judged sides that are not positive or longer than 1 km (pixels: 1e6),
+/// or a place beyond 100 km. In the picture a box may have no area: what lies beyond its edge has none left.
+void check_proposals(std::span<const Proposal> proposals, Plane plane = Plane::bev,
+                     const std::string& who = "detector");
 
 /// Non-maximum suppression of the (rotated) boxes of `plane`: keeps the best-scored boxes, drops those that
 /// overlap a kept one by more than `max_iou`. Sorted by falling score (ties: input order). Checks them.

@@ -190,6 +190,7 @@ std::string picture_note(const Reliance& reliance) {
   if (!reliance.reads_picture) return "this detector has no picture: nothing follows about images";
   if (reliance.vehicles == 0)
     return "whether this detector uses its picture cannot be measured here: nothing follows about images";
+  if (reliance.ap70 <= 0) return "this detector finds no vehicle as recorded: nothing follows about images";
   return "this detector does not use its picture: nothing follows about images";
 }
 

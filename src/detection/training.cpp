@@ -71,8 +71,8 @@ TrainingResult train_detector(const TrainingOptions& options) {
     loop.log({{"ap50", run.at50.average_precision},
               {"ap70", run.at70.average_precision},
               {"recall50", run.at50.recall}});
-    spdlog::info("step {} validation AP50 {:.3f} AP70 {:.3f} recall50 {:.3f}", loop.state().step,
-                 run.at50.average_precision, run.at70.average_precision, run.at50.recall);
+    spdlog::info("step {} validation AP 0.5 {:.1f} % AP 0.7 {:.1f} % recall 0.5 {:.1f} %", loop.state().step,
+                 100 * run.at50.average_precision, 100 * run.at70.average_precision, 100 * run.at50.recall);
     return run;
   };
   SamplesAhead<std::vector<PreparedSample>> ahead(

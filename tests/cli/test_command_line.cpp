@@ -19,6 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::TemporaryFolder;
+using testing::AllOf;
 using testing::HasSubstr;
 
 const std::string kProgram = std::string(MIRAGE_BUILD) + "/mirage";
@@ -467,9 +468,13 @@ TEST(CommandLine, AModelFromPyTorchIsRunAndScored) {
   };
   const Outcome outcome = detect("works.pt");
   ASSERT_EQ(outcome.code, 0) << outcome.err;
-  EXPECT_THAT(outcome.out, HasSubstr("moderate"));
+  EXPECT_THAT(outcome.out, AllOf(HasSubstr("AP by Mirage's rules"), HasSubstr("AP 0.7 (95 %)"),
+                                 HasSubstr("AP by KITTI's kit, bev, IoU 0.7 (0.5):"), HasSubstr("moderate")));
   const auto result = read_json(folder / "o/result.json");
   EXPECT_EQ(result.at("detector"), "torchscript");
+  EXPECT_EQ(result.at("kitti_ap").at("iou"), 0.7);
+  for (const char* level : {"easy", "moderate", "hard"})
+    EXPECT_TRUE(result.at("kitti_ap").at("bev").contains(level)) << level;
   for (const char* key : {"frames", "vehicles", "ap50", "ap70", "recall50"})
     EXPECT_TRUE(result.at(key).is_number()) << key;
   for (const char* key : {"0_20_m", "20_40_m", "40_70_m", "0_40_m", "easy", "moderate", "hard"})
@@ -480,6 +485,7 @@ TEST(CommandLine, AModelFromPyTorchIsRunAndScored) {
   const Outcome seen = detect("picture.pt");
   ASSERT_EQ(seen.code, 0) << seen.err;
   EXPECT_EQ(read_json(folder / "o/result.json").at("plane"), "picture");
+  EXPECT_TRUE(read_json(folder / "o/result.json").at("kitti_ap").contains("image"));
   const auto frames = read_json(folder / "o/detections.json").at("frames");
   ASSERT_EQ(frames.at(0).at("detections").size(), 2u);
   EXPECT_EQ(frames.at(0).at("detections").at(0).at("right").get<double>() -
@@ -490,7 +496,8 @@ TEST(CommandLine, AModelFromPyTorchIsRunAndScored) {
   EXPECT_EQ(blind.code, 2);
   expect_one_line(blind.err);
   EXPECT_THAT(blind.err, HasSubstr("--target"));
-  for (const char* model : {"one_tensor.pt", "not_finite.pt", "detached.pt", "missing.pt"}) {
+  for (const char* model :
+       {"one_tensor.pt", "not_finite.pt", "detached.pt", "negative_sides.pt", "missing.pt"}) {
     const Outcome wrong = detect(model);
     EXPECT_EQ(wrong.code, 2) << model;
     expect_one_line(wrong.err);
