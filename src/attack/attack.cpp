@@ -42,16 +42,19 @@ std::vector<HostId> ids(const std::vector<Host>& hosts) {
   return list;
 }
 
-/// Loss terms of the last iteration, and how many of the hosts attacked last are hidden.
+/// Loss terms of the last iteration, and how many of the hosts attacked last are hidden, of those that were
+/// found as recorded.
 std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, int batch) {
   constexpr int kHosts = 50;
-  int hosts = 0, hidden = 0;
+  int hosts = 0, found = 0, hidden = 0;
   for (auto past = rows.rbegin(); past != rows.rend() && hosts < kHosts; ++past) {
     hosts += batch;
+    found += past->found;
     hidden += past->hidden;
   }
-  return fmt::format("loss {:.3f} (hide {:.3f}, false positives {:.3f}, smoothness {:.3f})  hidden {} of {}",
-                     row.loss(), row.hide, row.false_positive, row.laplacian, hidden, hosts);
+  return fmt::format(
+      "loss {:.3f} (hide {:.3f}, false positives {:.3f}, smoothness {:.3f})  hidden {} of {} found",
+      row.loss(), row.hide, row.false_positive, row.laplacian, hidden, found);
 }
 
 /// All but the mesh that was kept.
@@ -143,6 +146,14 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
       !why.empty() && target != AttackTarget::random)
     spdlog::info("every pass of the detector is over the whole frame: {}", why);
 
+  // Only of a detector that was loaded from its options do these tell the weights.
+  const auto sights = std::make_shared<CleanSights>(
+      store, settings.weights_hash.empty() ? std::string() : detector_identity(settings.detector));
+  AttackResult result;
+  result.found_clean = find_clean(detectors, store, train, *sights, settings.quiet);
+  spdlog::info("{} {}", detectors.front()->name(), describe(result.found_clean));
+  require_found(result.found_clean, *detectors.front());
+
   // The hosts belong to a run's identity: with other frames or labels the split would be another one, and a
   // resumed run would be tested on what it was trained on.
   nlohmann::json id = identity(settings);
@@ -154,12 +165,11 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   const TexturedMesh random = random_baseline(settings.seed, settings.limits, settings.buildable);
   if (settings.attack == AttackSearch::automatic) {
     const auto began = Clock::now();
-    const AutoOutcome outcome = run_portfolio({settings, detectors, store, train, id});
+    const AutoOutcome outcome = run_portfolio({settings, detectors, store, train, sights, id});
     if (rank() == 0) {
       write_adversary(settings.out / "random.glb", random);
       write_losses(settings.out / "loss.csv", outcome.state.losses);
     }
-    AttackResult result;
     result.automatic = outcome.report;
     result.iterations = static_cast<int>(outcome.steps);
     finish(settings, outcome.state, train, test, outcome.steps - outcome.first, seconds_since(began),
@@ -185,7 +195,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
     write_adversary(settings.out / "random.glb", random);
   }
 
-  const AttackStepper stepper(settings, detectors, store, part.learn, state.adversary.mesh);
+  const AttackStepper stepper(settings, detectors, store, part.learn, state.adversary.mesh, sights);
   const auto save = [&] {
     if (rank() > 0) return;
     write_checkpoint(checkpoint_file, state, id);
@@ -232,7 +242,6 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   }
   const double seconds = seconds_since(start);
   save();
-  AttackResult result;
   if (target == AttackTarget::random) state.adversary = random;
   if (!part.held_out.empty()) {
     result.plateau = plateau_report(state.held_out, part.held_out, settings);

@@ -116,19 +116,21 @@ AttackState fresh_state(const AttackSettings& settings) {
 }
 
 void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows) {
-  std::string text = "iteration,loss,hide,false_positive,laplacian,hidden\n";
+  std::string text = "iteration,loss,hide,false_positive,laplacian,hidden,found\n";
   for (std::size_t i = 0; i < rows.size(); ++i)
-    text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{}\n", i, rows[i].loss(), rows[i].hide,
-                        rows[i].false_positive, rows[i].laplacian, rows[i].hidden);
+    text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{},{}\n", i, rows[i].loss(), rows[i].hide,
+                        rows[i].false_positive, rows[i].laplacian, rows[i].hidden, rows[i].found);
   write_file(file, text);
 }
 
 void write_checkpoint(const std::filesystem::path& file, const AttackState& state,
                       const nlohmann::json& identity) {
   std::vector<double> losses;
-  std::vector<int> hidden;
-  for (const LossRow& row : state.losses)
-    losses.insert(losses.end(), {row.hide, row.false_positive, row.laplacian}), hidden.push_back(row.hidden);
+  std::vector<int> hidden, found;
+  for (const LossRow& row : state.losses) {
+    losses.insert(losses.end(), {row.hide, row.false_positive, row.laplacian});
+    hidden.push_back(row.hidden), found.push_back(row.found);
+  }
   nlohmann::json json = {{"identity", identity},
                          {"iteration", state.iteration},
                          {"vertices", flat(state.adversary.mesh.vertices)},
@@ -136,7 +138,8 @@ void write_checkpoint(const std::filesystem::path& file, const AttackState& stat
                          {"adam_vertices", to_json(state.vertices)},
                          {"adam_texels", to_json(state.texels)},
                          {"losses", losses},
-                         {"hidden", hidden}};
+                         {"hidden", hidden},
+                         {"found", found}};
   if (const HeldOutRecord& held = state.held_out; !held.iterations.empty())
     json["held_out"] = {{"iterations", held.iterations},
                         {"values", held.values},
@@ -186,7 +189,7 @@ std::size_t claimed_iteration(const std::filesystem::path& file) {
 nlohmann::json read_bounded(const std::filesystem::path& file, const TexturedMesh& start) {
   constexpr std::size_t kBeside = 200'000, kBytesBeside = 1 << 22;  // hosts and settings: as run.json
   constexpr std::size_t kMeshes = 5;          // the mesh, two moments, the best one, the rendered one
-  constexpr std::size_t kRow = 4, kHeld = 2;  // a step's losses and count; what is held out, at a step
+  constexpr std::size_t kRow = 5, kHeld = 2;  // a step's losses and counts; what is held out, at a step
   constexpr std::size_t kBytes = 64;          // of a number, with what parts it from the next
   const std::size_t steps = claimed_iteration(file);
   const std::size_t numbers = 3 * (start.mesh.vertices.size() + start.atlas.texels.size());
@@ -230,7 +233,11 @@ AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::j
     read_mesh(rendered, limits, state.rendered.mesh);
   }
   const auto hidden = json.numbers("hidden", rows, 0, std::numeric_limits<int>::max());
-  for (std::size_t i = 0; i < rows; ++i) state.losses[i].hidden = static_cast<int>(hidden[i]);
+  const auto found = json.numbers("found", rows, 0, std::numeric_limits<int>::max());
+  for (std::size_t i = 0; i < rows; ++i) {
+    state.losses[i].hidden = static_cast<int>(hidden[i]);
+    state.losses[i].found = static_cast<int>(found[i]);
+  }
   return state;
 }
 

@@ -14,7 +14,7 @@ namespace mirage {
 /// Loss terms of one iteration, means over its hosts.
 struct LossRow {
   double hide = 0, false_positive = 0, laplacian = 0;
-  int hidden = 0;  ///< hosts that no proposal found (HostStep)
+  int found = 0, hidden = 0;  ///< hosts found as recorded, and of them those hidden (HostStep)
   /// The objective: the sum of its terms.
   double loss() const { return hide + false_positive + laplacian; }
 };

@@ -63,10 +63,10 @@ nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const
                         {"meshes", of.meshes},
                         {"vehicles", of.vehicles},
                         {"extents_m", {size.x(), size.y(), size.z()}},
-                        {"asr", to_json(of.hiding)},
+                        {"hidden", to_json(of.hiding)},
                         {"fn_asr", to_json(of.fn_interval)},
                         {"fp_asr", to_json(of.fp_interval)},
-                        {"any", to_json(of.asr_interval)}};
+                        {"asr", to_json(of.asr_interval)}};
   if (net != nullptr) arm["net"] = to_json(*net);
   return arm;
 }
@@ -131,6 +131,9 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                     result.settings);
   };
   result.learned = judged({&result.run.adversary, 1});
+  if (result.learned.vehicles == 0)
+    spdlog::warn("{} finds none of {} vehicles without the adversary: of its rates nothing is known",
+                 result.detectors.front()->name(), result.hosts.size());
   if (request.random_meshes == 0) return result;
   for (const Baseline kind : kinds) {
     const auto meshes = baseline_meshes(result.run, kind, request.random_meshes);

@@ -68,7 +68,7 @@ class Portfolio {
         folder_(settings_.out / "auto"),
         part_(split_validation(run.train, settings_.seed, kChoosingHosts, "attack")),
         identity_(run.identity),
-        sights_(std::make_shared<CleanSights>()),
+        sights_(run.sights),
         timer_(settings_.checkpoint),
         progress_("attack", static_cast<std::size_t>(settings_.iterations), settings_.quiet) {
     identity_["iterations"] = settings_.iterations;

@@ -49,6 +49,7 @@ struct AutoRun {
   const DetectorPool& detectors;
   FrameStore& store;
   const std::vector<Host>& train;
+  std::shared_ptr<CleanSights> sights;
   nlohmann::json identity;
 };
 /// What came of it.

@@ -126,15 +126,29 @@ bool is_code_made_here(const fs::path& file) {
   return DiskCache::from_environment()->read(kMadeHere, read_file(file)).has_value();
 }
 
+DetectorOptions detector_of_the_run() {
+  DetectorOptions open;
+  open.detector.clear();
+  open.defense.clear();
+  open.precision.clear();
+  open.locality = -1;
+  return open;
+}
+
 void use_detector_of(const Run& run, DetectorOptions& options) {
+  const std::string& own =
+      run.refused.detector.empty() ? run.settings.detector.detector : run.refused.detector;
+  const DetectorOptions computed =
+      options.detector.empty() || options.detector == own ? run.settings.detector : DetectorOptions();
+  if (options.precision.empty()) options.precision = computed.precision;
+  if (options.locality < 0) options.locality = computed.locality;
   if (options.detector.empty() && run.settings.detector.detector == kGivenDetector && !given_detector())
     return use_copy_of_given(run, options);
   const Run::Refused& refused = run.refused;
   if (options.detector.empty() && !refused.detector.empty())
     refuse(run, "detector", "a plugin", refused.detector, "--detector");
   if (options.detector.empty()) options.detector = run.settings.detector.detector;
-  const bool same =
-      options.detector == (refused.detector.empty() ? run.settings.detector.detector : refused.detector);
+  const bool same = options.detector == own;
   if (options.defense.empty())
     options.defense =
         same && (options.weights.empty() || read_defense(run.settings.detector.defense).weights.empty())

@@ -13,7 +13,8 @@ std::string Range::words() const {
     return high == kMost ? "a positive number" : fmt::format("a positive number of at most {:g}", high);
   if (low == -kMost && high == kMost) return "a number";
   if (high == kMost) return fmt::format("{:g} or more", low);
-  return fmt::format("{} to {}", low, high);
+  // Thresholds and shares are often given in percent.
+  return fmt::format("{} to {}{}", low, high, low == 0 && high == 1 ? " (70 % is 0.7)" : "");
 }
 
 std::string Field::option_name() const {

@@ -87,7 +87,6 @@ std::string auto_words(const AutoReport& report) {
 }
 
 void add_options(CLI::App& app, AttackOptions& options) {
-  options.settings.objective.fp_top_k = kFpTopK;
   add_fields(app, options.settings);
   options.quality.add(app);
   options.effects.add(app);
@@ -128,6 +127,7 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   if (renderers.by_rule) settings.renderer = renderers.by_rule;
   const AttackResult result = run_attack(settings);
   Rows rows = {{"vehicles to train on", std::to_string(result.vehicles_train)},
+               {"as recorded the detector", describe(result.found_clean)},
                {"vehicles held back", std::to_string(result.vehicles_test)},
                {"roofs", roofs(result.rooftops.fitted, result.rooftops.from_box)},
                {"iterations", std::to_string(result.iterations)},
@@ -135,8 +135,8 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
                {"seconds an iteration", fmt::format("{:.2f}", result.seconds_per_iteration)},
                {"buildable", buildable_words(result.buildable)},
                {"adversary", (common.out / "adversary.glb").string()}};
-  if (result.plateau) rows.insert(rows.begin() + 4, {"plateau", plateau_words(*result.plateau)});
-  if (result.automatic) rows.insert(rows.begin() + 4, {"candidates", auto_words(*result.automatic)});
+  if (result.plateau) rows.insert(rows.begin() + 5, {"plateau", plateau_words(*result.plateau)});
+  if (result.automatic) rows.insert(rows.begin() + 5, {"candidates", auto_words(*result.automatic)});
   nlohmann::json json = to_json(result);
   if (renderers.cycles) {
     json["pictures"] = pictures_drawn(renderers);

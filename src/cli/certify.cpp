@@ -62,13 +62,14 @@ void add_options(CLI::App& app, CertifyOptions& options) {
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames; 0: all")->capture_default_str();
   app.add_option("--min-view", options.min_view, "share of the reference adversary in view that a car needs")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(within(kShare))
       ->capture_default_str();
   app.add_option("--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")
       ->delimiter(',')
       ->capture_default_str();
   add_fields(app, settings);
   app.add_option("--score", settings.evaluation.score_threshold, "score of a detection")
+      ->check(within(kShare))
       ->capture_default_str();
   options.effects.add(app);
   tell_of_cache(app);

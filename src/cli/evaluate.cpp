@@ -17,12 +17,8 @@ struct EvaluateOptions {
   EvaluationRequest request;
   QualityOption quality;
   LidarEffectsOption effects;
+  Overrides computed;  ///< how the detector computes
   int pictures = 0;
-
-  EvaluateOptions() {  // empty: the run's
-    request.detector.detector.clear();
-    request.detector.defense.clear();
-  }
 };
 
 std::string with_interval(const Interval& share) {
@@ -105,7 +101,8 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
                  "another run folder: judge on exactly its test hosts, with its data set and, unless asked "
                  "otherwise, its detector (black-box transfer)");
   add_overrides<FrameSource>(app, request.asked);
-  add_fields(app, request.detector);
+  add_fields(app, request.detector, {"precision", "locality"});
+  add_overrides<DetectorOptions>(app, options.computed, {"precision", "locality"});
   options.quality.add(app, "the run's settings");
   add_overrides<SimulationSettings>(app, request.asked, {"light", "camera_effects"});
   options.effects.add(app, "the run's");
@@ -125,8 +122,11 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
                  "features, into OUT/pictures")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  app.add_option("--score", request.settings.score_threshold, "score of a detection")->capture_default_str();
+  app.add_option("--score", request.settings.score_threshold, "score of a detection")
+      ->check(within(kShare))
+      ->capture_default_str();
   app.add_option("--iou", request.settings.detected_iou, "IoU at which a vehicle counts as detected")
+      ->check(within(kShare))
       ->capture_default_str();
 }
 
@@ -143,6 +143,7 @@ Command evaluate_command() {
         EvaluationRequest request = options->request;
         request.detector.seed = common.seed;
         request.detector.threads = common.threads;
+        for (const auto& [name, text] : options->computed) set_field(request.detector, name, text);
         request.settings.quiet = common.quiet;
         options->effects.check();
         options->quality.ask(request.asked);

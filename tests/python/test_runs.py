@@ -50,6 +50,9 @@ def losses(run):
 class Attack(unittest.TestCase):
     def test_the_run_is_one(self):
         self.assertEqual(RESULT["iterations"], 6)
+        found = RESULT["found_clean"]
+        self.assertGreater(found["found"], 0)
+        self.assertEqual(found["vehicles"], RESULT["vehicles_train"])
         self.assertEqual(RESULT["vehicles_train"] + RESULT["vehicles_test"], 4)
         for name in ("run.json", "checkpoint.json", "adversary.glb", "random.glb", "loss.csv", "result.json", "detector.pt"):
             self.assertTrue(os.path.exists(os.path.join(RUN, name)), name)
@@ -71,6 +74,8 @@ class Attack(unittest.TestCase):
 
     def test_it_goes_on_with_the_same_network_only(self):
         net = torch.nn.Linear(1, 1)
+        torch.nn.init.ones_(net.weight)
+        torch.nn.init.zeros_(net.bias)
 
         def other(image, points, pixel_from_velo):
             boxes, logits = detector(image, points, pixel_from_velo)
@@ -78,7 +83,7 @@ class Attack(unittest.TestCase):
 
         run = place("another")
         mirage.attack(detector=other, data=FOLDER.data, out=run, copy=False, **dict(SETTINGS, iterations=1))
-        net.weight.data += 1
+        net.weight.data *= 1.5
         with self.assertRaisesRegex(mirage.InputError, "weights"):
             mirage.attack(detector=other, data=FOLDER.data, out=run, copy=False, **dict(SETTINGS, iterations=2))
 
@@ -96,6 +101,17 @@ class Attack(unittest.TestCase):
             attack(lambda i, p, m: (torch.zeros(3, 7), torch.zeros(3)))
         with self.assertRaisesRegex(mirage.InputError, "differentiable"):
             attack(lambda i, p, m: tuple(t.detach() for t in detector(i, p, m)))
+
+        def with_boxes(change):
+            def other(image, points, pixel_from_velo):
+                boxes, logits = detector(image, points, pixel_from_velo)
+                return change(boxes), logits
+            return other
+
+        with self.assertRaisesRegex(mirage.InputError, "finds none of the .* would be found with length and width exchanged"):
+            attack(with_boxes(lambda boxes: boxes[:, [0, 1, 3, 2, 4]]))
+        with self.assertRaisesRegex(mirage.InputError, "box 0 of .*length -3.9 m.*positive"):
+            attack(with_boxes(lambda boxes: boxes * torch.tensor([1, 1, -1, 1, 1.0])))
         with self.assertRaisesRegex(mirage.InputError, "takes 2 arguments"):
             attack(lambda i, p: None)
         with self.assertRaisesRegex(ZeroDivisionError, "division"):  # the caller's own, as it is

@@ -13,8 +13,7 @@ namespace mirage {
 struct ValidationSettings {
   std::filesystem::path run, out;
   Overrides asked;  ///< in place of the run's settings
-  DetectorOptions detector = {
-      .detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0, .defense = ""};
+  DetectorOptions detector = detector_of_the_run();
   EvaluationSettings evaluation_settings;
   TrustRun trust = TrustRun::no;     ///< whether code that the run names may be loaded
   std::filesystem::path evaluation;  ///< result.json of mirage evaluate, or its folder; for the report only

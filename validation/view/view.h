@@ -22,8 +22,7 @@ struct ViewSettings {
   TrustRun trust = TrustRun::no;  ///< of the run
   bool detect = true;             ///< with a run: its detector looks at the frames as recorded and attacked
   /// Who looks; what is empty is the run's.
-  DetectorOptions detector = {
-      .detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0, .defense = ""};
+  DetectorOptions detector = detector_of_the_run();
   double size =
       100;  ///< MB of the page at most: points are thinned, then pictures compressed more, until it fits
   bool quiet = false;
