@@ -24,6 +24,7 @@
 #include "detection/precision.h"
 #include "exchange/gltf.h"
 #include "scene/data/read_frames.h"
+#include "simulation/check_inputs.h"
 
 namespace mirage {
 namespace {
@@ -125,6 +126,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   const AttackTarget target = settings.target;
   check_settings(settings);
   check_target(target, *detectors.front());
+  if (rank() == 0) warn_of_large_object(2 * settings.limits.half, "the box of the object (size)");
   check_renderer(settings, *detectors.front());
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";

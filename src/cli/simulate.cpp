@@ -9,7 +9,7 @@
 #include "cli/command.h"
 #include "cli/insertion_options.h"
 #include "cli/table.h"
-#include "exchange/gltf.h"
+#include "exchange/mesh_files.h"
 #include "frames/hosts.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
@@ -40,7 +40,7 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   InsertionOptions asked = options.insertion;
   asked.apply();
   const SunChoice sun = parse_sun(asked.sun);
-  const TexturedMesh adversary = read_adversary(options.mesh);
+  const TexturedMesh adversary = read_object(options.mesh);
   const LidarModel lidar = lidar_of(asked.data);
   const auto depth = load_depth_completion({asked.depth});
   const auto finder = make_rooftop_finder(asked.rooftop, lidar);
@@ -112,7 +112,8 @@ Command simulate_command() {
             app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();
             app.add_option("--vehicle", options->vehicle, "label index of the host, from 0")
                 ->capture_default_str();
-            app.add_option("--mesh", options->mesh, "adversary (.glb)")->required();
+            app.add_option("--mesh", options->mesh, "object, in metres (.glb, .gltf, .obj or .ply)")
+                ->required();
             options->insertion.add(app);
           },
       .run = [options](const Common& common) { return run(*options, common); },

@@ -43,6 +43,7 @@
 #include "base/image_io.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
+#include "exchange/mesh_files.h"
 #include "frames/hosts.h"
 #include "scene/data/read_frames.h"
 #include "sensors/light_nodes.h"
@@ -321,7 +322,7 @@ int study(const Options& options) {
         HostScene scene;
         scene.host = &label_of(frame->frame, place_of.id);
         scene.rooftop = store.rooftop(place_of.id);
-        scene.adversary = mesh == "random" ? random_adversary(seed) : read_adversary(mesh);
+        scene.adversary = mesh == "random" ? random_adversary(seed) : read_object(mesh);
         scene.placed = place(scene.adversary, scene.rooftop);
         scene.samples = options.samples;
         scene.seed = seed;

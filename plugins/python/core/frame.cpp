@@ -167,6 +167,14 @@ void bind_frames(py::module_& module) {
           },
           "The sweep: N×4 float32; x forward, y left, z up (m, `velo`), reflectance. A view, read-only.")
       .def_property_readonly(
+          "points_in_view",
+          [](const FrameHandle& f) {
+            const std::vector<LidarPoint> points = points_in_view(f.frame().sweep, f.frame().calibration);
+            const auto* from = reinterpret_cast<const float*>(points.data());
+            return own(std::vector<float>(from, from + 4 * points.size()), {ssize(points.size()), 4});
+          },
+          "Those of `points` that project into the picture: what a detector is given.")
+      .def_property_readonly(
           "depth",
           [](const std::shared_ptr<FrameHandle>& f) {
             std::shared_ptr<const PreparedFrame> prepared;
