@@ -10,6 +10,7 @@
 
 #include "attack/attack_settings.h"
 #include "attack/buildable.h"
+#include "base/clusters.h"
 #include "frames/hosts.h"
 
 namespace mirage {
@@ -72,6 +73,7 @@ struct AttackResult {
   int vehicles_train = 0, vehicles_test = 0, iterations = 0;
   double loss = 0;  ///< mean of the last tenth of the iterations
   double seconds_per_iteration = 0;
+  ClusterCount clusters;                 ///< of the vehicles held back
   RooftopCount rooftops;                 ///< of the vehicles of both splits
   BuildableReport buildable;             ///< of the adversary
   nlohmann::json stages;                 ///< where this process's time went (attack/stages.h)
@@ -79,7 +81,7 @@ struct AttackResult {
   std::optional<AutoReport> automatic;   ///< with AttackSearch::automatic
 };
 
-/// result.json of an attack: {vehicles_train, vehicles_test, rooftops, iterations, loss,
+/// result.json of an attack: {vehicles_train, vehicles_test, clusters, rooftops, iterations, loss,
 /// seconds_per_iteration, stages, buildable, plateau (null without one), auto?}
 nlohmann::json to_json(const AttackResult& result);
 

@@ -165,13 +165,21 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
     print_scores(parts);
   }
   nlohmann::json result = scores_json(parts[0]);
+  const Interval ap50 = average_precision_interval(run.frames, 0.5),
+                 ap70 = average_precision_interval(run.frames, 0.7);
+  const ClusterCount clusters = clusters_of(run.frames);
+  if (!common.quiet)
+    print_table(
+        {{"AP50, AP70 (95 %)", fmt::format("{:.3f} ({:.3f}–{:.3f}), {:.3f} ({:.3f}–{:.3f})", ap50.value,
+                                           ap50.low, ap50.high, ap70.value, ap70.low, ap70.high)},
+         {"intervals over", to_string(clusters)}});
   result["frames"] = run.ids.size();
-  result["ap50_interval"] = to_json(average_precision_interval(run.frames, 0.5));
-  result["ap70_interval"] = to_json(average_precision_interval(run.frames, 0.7));
+  result["ap50_interval"] = to_json(ap50);
+  result["ap70_interval"] = to_json(ap70);
   result["detector"] = detector->name();
   result["plane"] = to_string(run.plane);
   result["precision"] = usable_precision(detector_options.precision);
-  result["clusters"] = to_json(clusters_of(run.frames));
+  result["clusters"] = to_json(clusters);
   if (options.reliance) {
     const Reliance reliance = meter ? meter->result() : no_camera();
     result["reliance"] = to_json(reliance);
