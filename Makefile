@@ -3,7 +3,7 @@
 .PHONY: setup build addon python demo test asan tsan fuzz faults format bench clean
 
 PACKAGES := g++ cmake ninja-build ccache pkg-config libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev \
-  nlohmann-json3-dev libtomlplusplus-dev librandom123-dev libcli11-dev libembree-dev libopenimageio-dev \
+  nlohmann-json3-dev libtomlplusplus-dev librandom123-dev libboost-dev libcli11-dev libembree-dev libopenimageio-dev \
   libceres-dev libopenexr-dev libtinygltf-dev libopencv-imgproc-dev libhwy-dev libnova-dev libtinyxml2-dev libopenmpi-dev openmpi-bin \
   python3-imath python3-dev pybind11-dev python3-torch python3-wheel python3-numpy python3-matplotlib python3-jinja2 python3-pil blender xvfb xauth libgl1-mesa-dri libtorch-dev libopenblas0-pthread libturbojpeg0-dev zlib1g-dev \
   libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format clang-tidy strace nodejs npm chromium

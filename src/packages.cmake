@@ -88,6 +88,7 @@ mirage_library(mirage_image_files LAYER base DEBIAN libopenimageio-dev HEADER Op
 mirage_library(mirage_imath LAYER base DEBIAN libimath-dev HEADER ImathVec.h IN Imath)
 mirage_library(mirage_toml LAYER base DEBIAN libtomlplusplus-dev HEADER toml++/toml.h)
 mirage_library(mirage_random LAYER base DEBIAN librandom123-dev HEADER Random123/philox.h)
+mirage_library(mirage_boost LAYER base DEBIAN libboost-dev HEADER boost/math/distributions/students_t.hpp)
 mirage_library(mirage_simd LAYER sensors DEBIAN libhwy-dev HEADER hwy/highway.h LIBRARY hwy)
 mirage_library(mirage_opencv LAYER scene DEBIAN libopencv-imgproc-dev HEADER opencv2/imgproc.hpp IN opencv4
                LIBRARY opencv_imgproc opencv_core)

@@ -89,6 +89,9 @@ void finish(const AttackSettings& settings, const AttackState& state, const std:
   if (rank() == 0) write_adversary(settings.out / "adversary.glb", state.adversary);
   result.vehicles_train = static_cast<int>(train.size());
   result.vehicles_test = static_cast<int>(test.size());
+  Clusters clusters;
+  for (const Host& host : test) clusters.add(host.id.frame, track_of(settings.data, host.id));
+  result.clusters = clusters.count();
   for (const auto* hosts : {&train, &test})
     for (const Host& host : *hosts) result.rooftops.add(host.rooftop);
   result.buildable = buildable_report(state.adversary, settings.buildable);

@@ -11,6 +11,7 @@
 #include "attack/attack_settings.h"
 #include "attack/buildable.h"
 #include "attack/clean_sights.h"
+#include "base/clusters.h"
 #include "frames/hosts.h"
 
 namespace mirage {
@@ -74,6 +75,7 @@ struct AttackResult {
   double loss = 0;  ///< mean of the last tenth of the iterations
   double seconds_per_iteration = 0;
   FoundClean found_clean;                ///< of the training vehicles
+  ClusterCount clusters;                 ///< of the vehicles held back
   RooftopCount rooftops;                 ///< of the vehicles of both splits
   BuildableReport buildable;             ///< of the adversary
   nlohmann::json stages;                 ///< where this process's time went (attack/stages.h)
@@ -81,7 +83,7 @@ struct AttackResult {
   std::optional<AutoReport> automatic;   ///< with AttackSearch::automatic
 };
 
-/// result.json of an attack: {vehicles_train, vehicles_test, found_clean, rooftops, iterations, loss,
+/// result.json of an attack: {vehicles_train, vehicles_test, clusters, found_clean, rooftops, iterations, loss,
 /// seconds_per_iteration, stages, buildable, plateau (null without one), auto?}
 nlohmann::json to_json(const AttackResult& result);
 

@@ -59,6 +59,12 @@ struct BuildableReport {
   double base_area = 0;                ///< m², of faces that lie on it
   bool watertight = false;
   double printable = 0;  ///< share of texels within the print's range
+  /// A solid that stands: watertight, no faces that intersect, walls of at least `least` (m), a flat base,
+  /// and colours that a printer has.
+  bool holds(double least) const {
+    return watertight && intersecting_pairs == 0 && min_thickness >= least - 1e-9 && base_area > 0 &&
+           printable > 1 - 1e-9;
+  }
 };
 BuildableReport buildable_report(const TexturedMesh& adversary, const BuildableSettings& settings);
 

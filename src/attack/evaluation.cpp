@@ -6,7 +6,6 @@
 #include <mutex>
 
 #include "attack/clean_view.h"
-#include "attack/cluster_shares.h"
 #include "attack/evaluation_outcomes.h"
 #include "attack/evaluation_strata.h"
 #include "attack/false_positives.h"
@@ -109,18 +108,16 @@ Evaluation summarize(std::vector<HostOutcome> hosts, int meshes) {
 
   constexpr std::size_t kSteps = 21;
   for (std::size_t step = 0; step < kSteps; ++step) result.iou.push_back(static_cast<double>(step) * 0.05);
-  ClusterShares recall(2 * kSteps);
-  for (const HostOutcome& host : hosts) {
-    auto& sums = recall.count(host);
-    for (std::size_t step = 0; step < kSteps; ++step) {
+  for (const double least : result.iou) {
+    ClusteredShare clean, attacked;
+    for (const HostOutcome& host : hosts) {
       // IoU 0 asks for any overlap at all: a host without one counts as missed.
-      sums[step] += host.clean_iou > 0 && host.clean_iou >= result.iou[step];
-      sums[kSteps + step] += host.attacked_iou > 0 && host.attacked_iou >= result.iou[step];
+      clean.add(host.cluster(), host.clean_iou > 0 && host.clean_iou >= least, 0, 1.0 / meshes);
+      attacked.add(host.cluster(), host.attacked_iou > 0 && host.attacked_iou >= least, 0, 1.0 / meshes);
     }
+    result.recall_clean.push_back(clean.interval());
+    result.recall_attacked.push_back(attacked.interval());
   }
-  const std::vector<Interval> curves = recall.intervals();
-  result.recall_clean.assign(curves.begin(), curves.begin() + kSteps);
-  result.recall_attacked.assign(curves.begin() + kSteps, curves.end());
   result.strata = strata(hosts, meshes);
   result.hosts = std::move(hosts);
   return result;
@@ -215,7 +212,7 @@ nlohmann::json to_json(const Evaluation& evaluation) {
           {"fp_asr", evaluation.fp_asr},
           {"asr", evaluation.asr},
           {"intervals",
-           {{"confidence", BootstrapSettings().confidence},
+           {{"confidence", kConfidence},
             {"fn_asr", to_json(evaluation.fn_interval)},
             {"fp_asr", to_json(evaluation.fp_interval)},
             {"asr", to_json(evaluation.asr_interval)}}},

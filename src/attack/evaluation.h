@@ -24,8 +24,8 @@
 #include "attack/hiding.h"
 #include "attack/host_truth.h"
 #include "attack/success_rates.h"
-#include "base/bootstrap.h"
 #include "base/clusters.h"
+#include "base/intervals.h"
 #include "frames/hosts.h"
 
 namespace mirage {

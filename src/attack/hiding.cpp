@@ -1,12 +1,9 @@
 #include "attack/hiding.h"
 
+#include <algorithm>
 #include <functional>
-#include <map>
-#include <vector>
 
 #include "attack/host_outcome.h"
-#include "base/clustered_share.h"
-#include "base/clusters.h"
 
 namespace mirage {
 namespace {
@@ -16,11 +13,10 @@ using Test = std::function<bool(const HostOutcome&)>;
 /// Of the hosts for which `counts` holds the share for which `works` does.
 ClusteredShare share_of(std::span<const HostOutcome> hosts, const Test& counts, const Test& works) {
   ClusteredShare share;
-  for (const HostOutcome& host : hosts) {
-    const std::string cluster = cluster_of(host.id.frame, host.track);
-    share.note(cluster);
-    if (counts(host)) share.add(cluster, works(host));
-  }
+  int meshes = 1;
+  for (const HostOutcome& host : hosts) meshes = std::max(meshes, host.mesh + 1);
+  for (const HostOutcome& host : hosts)
+    if (counts(host)) share.add(host.cluster(), works(host), 0, 1.0 / meshes);
   return share;
 }
 
@@ -36,13 +32,7 @@ HidingRate rate(std::span<const HostOutcome> hosts, const HidingRule& rule) {
 
 Interval paired(std::span<const HostOutcome> a, std::span<const HostOutcome> b, const Test& counts,
                 const Test& works) {
-  std::map<std::string, PairedSums> clusters;
-  const ClusteredShare of_a = share_of(a, counts, works), of_b = share_of(b, counts, works);
-  for (const auto& [name, sums] : of_a.by_name()) clusters[name].a = sums;
-  for (const auto& [name, sums] : of_b.by_name()) clusters[name].b = sums;
-  std::vector<PairedSums> list;
-  for (const auto& [name, sums] : clusters) list.push_back(sums);
-  return bootstrap_difference(list);
+  return share_difference(share_of(a, counts, works), share_of(b, counts, works));
 }
 
 bool has_metres(std::span<const HostOutcome> hosts) {

@@ -16,7 +16,7 @@
 #include <span>
 #include <string>
 
-#include "base/bootstrap.h"
+#include "base/intervals.h"
 
 namespace mirage {
 
@@ -40,7 +40,7 @@ inline constexpr std::array<HidingRule, 5> kHidingRules = {
 
 /// Of the hosts that a rule finds clean, those that it does not find attacked.
 struct HidingRate {
-  Interval share;    ///< 95 %, bootstrap over clusters (base/clusters.h)
+  Interval share;    ///< 95 % (base/intervals.h)
   int vehicles = 0;  ///< found clean by this rule: the denominator of one mesh
 };
 
@@ -58,8 +58,7 @@ HidingRates hiding_rates(std::span<const HostOutcome> hosts);
 nlohmann::json to_json(const HidingRates& rates);
 
 /// How much more often one mesh works than others on the same hosts: rate(learned) − rate(other) by each of
-/// the rules above, and of FN ASR, FP ASR and ASR (attack/evaluation.h). Paired: the clusters are drawn
-/// together.
+/// the rules above, and of FN ASR, FP ASR and ASR (attack/evaluation.h). Paired (share_difference).
 struct NetSuccess {
   Interval vanished, iou50, iou70;
   std::optional<Interval> distance1m, distance2m;

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "base/clusters.h"
 #include "detection/detector.h"
 #include "frames/host_id.h"
 
@@ -39,6 +40,8 @@ struct HostOutcome {
   std::vector<NewBox> new_boxes;          ///< in the order of `attacked`
   std::vector<Proposal> clean, attacked;  ///< detections after suppression
 
+  /// What it is counted with (base/clusters.h).
+  std::string cluster() const { return cluster_of(id.frame, track); }
   /// Whether the attack worked on this host, in either way: what ASR counts.
   bool fooled() const { return hidden || false_positive; }
 };

@@ -1,21 +1,21 @@
 #include "attack/success_rates.h"
 
-#include "attack/cluster_shares.h"
+#include <algorithm>
 
 namespace mirage {
 
 SuccessRates success_rates(std::span<const HostOutcome* const> hosts, std::optional<double> iou) {
-  ClusterShares shares(3);
+  ClusteredShare fn, fp, either;
+  int meshes = 1;
+  for (const HostOutcome* host : hosts) meshes = std::max(meshes, host->mesh + 1);
   for (const HostOutcome* host : hosts) {
     if (!(iou ? host->clean_iou > *iou : host->detected)) continue;
     const bool hidden = iou ? host->attacked_iou <= *iou : host->hidden;
-    auto& sums = shares.count(*host);
-    sums[0] += hidden;
-    sums[1] += host->false_positive;
-    sums[2] += hidden || host->false_positive;
+    fn.add(host->cluster(), hidden, 0, 1.0 / meshes);
+    fp.add(host->cluster(), host->false_positive, 0, 1.0 / meshes);
+    either.add(host->cluster(), hidden || host->false_positive, 0, 1.0 / meshes);
   }
-  const std::vector<Interval> rates = shares.intervals();
-  return {rates[0], rates[1], rates[2]};
+  return {fn.interval(), fp.interval(), either.interval()};
 }
 
 }  // namespace mirage

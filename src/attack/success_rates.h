@@ -5,7 +5,7 @@
 #include <span>
 
 #include "attack/host_outcome.h"
-#include "base/bootstrap.h"
+#include "base/intervals.h"
 
 namespace mirage {
 

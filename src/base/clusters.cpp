@@ -1,6 +1,10 @@
 #include "base/clusters.h"
 
+#include <fmt/format.h>
+
 #include <climits>
+
+#include "base/intervals.h"
 
 namespace mirage {
 
@@ -15,6 +19,12 @@ void Clusters::add(const std::string& frame, int track) {
 
 ClusterCount Clusters::count() const {
   return {by_vehicle_ ? "vehicle" : "frame", static_cast<int>(names_.size())};
+}
+
+std::string to_string(const ClusterCount& clusters) {
+  const std::string count =
+      fmt::format("{} {}{}", clusters.count, clusters.by, clusters.count == 1 ? "" : "s");
+  return clusters.count < kFewClusters ? count + " only: intervals are wide and approximate" : count;
 }
 
 nlohmann::json to_json(const ClusterCount& clusters) {

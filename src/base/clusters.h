@@ -1,4 +1,4 @@
-// Which observations the bootstrap (base/bootstrap.h) draws together, for every command.
+// Which observations an interval (base/intervals.h) takes together, for every command.
 //
 // A drive's frames show the same cars again and again, so boxes are no independent trials. Where the data set
 // says who is who (training/track_2, scene/data/kitti.h) all that is seen of one vehicle, in whatever frames,
@@ -41,6 +41,8 @@ class Clusters {
   std::set<std::string> names_;
 };
 
+/// "42 frames"; under kFewClusters (base/intervals.h) "7 frames only: intervals are wide and approximate".
+std::string to_string(const ClusterCount& clusters);
 /// {"by": "vehicle" or "frame", "count": N}
 nlohmann::json to_json(const ClusterCount& clusters);
 /// Its inverse. InputError, naming file and field, for anything else.

@@ -128,12 +128,13 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   const AttackResult result = run_attack(settings);
   Rows rows = {{"vehicles to train on", std::to_string(result.vehicles_train)},
                {"as recorded the detector", describe(result.found_clean)},
-               {"vehicles held back", std::to_string(result.vehicles_test)},
+               {"vehicles held back", fmt::format("{} in {}", result.vehicles_test, to_string(result.clusters))},
                {"roofs", roofs(result.rooftops.fitted, result.rooftops.from_box)},
                {"iterations", std::to_string(result.iterations)},
                {"loss (mean of the last tenth)", fmt::format("{:.4f}", result.loss)},
                {"seconds an iteration", fmt::format("{:.2f}", result.seconds_per_iteration)},
-               {"buildable", buildable_words(result.buildable)},
+               {result.buildable.holds(settings.buildable.min_thickness) ? "buildable" : "not buildable",
+                buildable_words(result.buildable)},
                {"adversary", (common.out / "adversary.glb").string()}};
   if (result.plateau) rows.insert(rows.begin() + 5, {"plateau", plateau_words(*result.plateau)});
   if (result.automatic) rows.insert(rows.begin() + 5, {"candidates", auto_words(*result.automatic)});

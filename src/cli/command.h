@@ -30,6 +30,8 @@ struct Command {
   std::function<void(CLI::App&)> options = {};
   /// Does the work, prints a short table on standard output and returns what result.json shall hold.
   std::function<nlohmann::json(const Common&)> run = {};
+  /// After result.json is written: what is made from it, a page.
+  std::function<void(const Common&)> afterwards = {};
   bool many_ranks = false;  ///< may run under mpirun (base/ranks.h)
   /// Of a command whose result is one page: its name in the output folder. Common::out is then the page's
   /// file; --out may name a folder or a file (*.html), beside which the result goes as *.result.json.

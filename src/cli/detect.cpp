@@ -203,6 +203,9 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
     print_kitti(by_kit);
   }
   nlohmann::json result = scores_json(parts[0]);
+  const ClusterCount clusters = clusters_of(run.frames);
+  if (!common.quiet)
+    print_table({{"intervals over", to_string(clusters)}});
   result["frames"] = run.ids.size();
   result["ap50_interval"] = to_json(ap50);
   result["ap70_interval"] = to_json(ap70);
@@ -210,7 +213,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   result["detector"] = detector->name();
   result["plane"] = to_string(run.plane);
   result["precision"] = usable_precision(detector_options.precision);
-  result["clusters"] = to_json(clusters_of(run.frames));
+  result["clusters"] = to_json(clusters);
   if (options.reliance) {
     const Reliance reliance = meter ? meter->result() : no_camera();
     result["reliance"] = to_json(reliance);

@@ -153,6 +153,7 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
       lock.emplace(folder, commands[i].page.empty() ? kFoldersBelow : 0);
     nlohmann::json result = with_options([&] { return commands[i].run(commons[i]); });
     if (rank() == 0) write_json(result_file, result);
+    if (rank() == 0 && commands[i].afterwards) with_options([&] { commands[i].afterwards(commons[i]); });
     if (told) *told = std::move(result);
   }
   return 0;

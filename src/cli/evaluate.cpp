@@ -30,6 +30,7 @@ void print_head(const RunEvaluation& evaluation) {
   Rows rows = {{"hosts", std::to_string(evaluation.hosts.size())},
                {"roofs", roofs(learned.rooftops.fitted, learned.rooftops.from_box)},
                {"vehicles detected without adversary", std::to_string(learned.vehicles)}};
+  rows.push_back({"intervals over", to_string(learned.clusters)});
   if (evaluation.settings.plane == Plane::picture)
     rows.push_back({"vehicles detected without adversary, IoU 0.5", std::to_string(learned.vehicles50)});
   for (auto& row : picture_rows(evaluation.reliance)) rows.push_back(std::move(row));

@@ -50,10 +50,21 @@ void add_summary(const ValidationSummary& summary, Rows& rows) {
 }
 
 void add_attack(const FooledSummary& attack, Rows& rows) {
-  rows.push_back({"hidden", fmt::format("raster {}, Cycles {}, of {} found clean", attack.hidden_raster,
-                                        attack.hidden_cycles, attack.detected_clean)});
-  rows.push_back({"ASR", fmt::format("raster {}, Cycles {}", percent(attack.share(attack.fooled_raster)),
-                                     percent(attack.share(attack.fooled_cycles)))});
+  rows.push_back({"hidden", fmt::format("raster {}, Cycles {}, of {} held back and found clean",
+                                        attack.hidden_raster, attack.hidden_cycles, attack.detected_clean)});
+  rows.push_back({"ASR (hidden or with a false box)",
+                  fmt::format("raster {}, Cycles {}", percent(attack.share(attack.fooled_raster)),
+                              percent(attack.share(attack.fooled_cycles)))});
+}
+
+/// "; -5.9 points (-20.0 to 8.2): cannot be told", after the rate of an arm that is not the first.
+std::string against_first(const Compared<VerdictArm>& arm) {
+  if (!arm.difference) return "";
+  const Interval& gap = *arm.difference;
+  if (arm.flips == 0)
+    return fmt::format("; none flips of {} (at most {:.1f} points)", arm.vehicles, 100 * gap.high);
+  return fmt::format("; {:+.1f} points ({:.1f} to {:.1f}): {}", 100 * gap.value, 100 * gap.low,
+                     100 * gap.high, to_string(told(gap)));
 }
 
 /// `sees`: else who drew the object says nothing about the attack.
@@ -66,12 +77,11 @@ void add_verdict(const Verdict& verdict, bool sees, Rows& rows) {
             {fmt::format("FN | ASR, {}, {} (95 %)", title, variant.name),
              fmt::format("{} | {} of {}", share(variant.fn_asr), share(variant.asr), variant.vehicles)});
   for (const auto& arm : verdict.judged().arms) {
-    if (!sees && arm.look.light != ArmLight::raster) continue;
-    const Interval& gap = arm.difference;
+    if (!sees && (arm.look.light == ArmLight::visible || arm.look.light == ArmLight::cycles)) continue;
     rows.push_back({fmt::format("ASR, {}, {} returns", to_word(arm.look.light), to_word(arm.look.returns)),
-                    fmt::format("{} of {}; {:+.1f} points ({:.1f} to {:.1f})", share(arm.asr), arm.vehicles,
-                                100 * gap.value, 100 * gap.low, 100 * gap.high)});
+                    fmt::format("{} of {}{}", share(arm.asr), arm.vehicles, against_first(arm))});
   }
+  rows.push_back({"intervals over", to_string(verdict.judged().clusters)});
   for (const auto& control : verdict.controls)
     rows.push_back({fmt::format("control: {}, {}", to_word(control.look.channel), control.look.control),
                     fmt::format("{} outcomes of {} change, logits by {:.2f}", control.flips, control.vehicles,
@@ -160,9 +170,12 @@ Command validate_command() {
             settings.seed = common.seed;
             settings.quiet = common.quiet;
             settings.detector.seed = common.seed;
-            print_fidelity(validate(settings));
-            return read_json(settings.out / "result.json");  // with the figures that the report added
+            options->settings = settings;
+            const Validation result = validate(settings);
+            print_fidelity(result);
+            return to_json(result);
           },
+      .afterwards = [options](const Common&) { write_report(options->settings); },
   };
 }
 

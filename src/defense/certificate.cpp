@@ -7,10 +7,10 @@
 #include <mutex>
 
 #include "attack/clean_view.h"
-#include "base/clustered_share.h"
 #include "base/clusters.h"
 #include "base/error.h"
 #include "base/interrupt.h"
+#include "base/intervals.h"
 #include "base/progress.h"
 #include "base/random.h"
 #include "detection/detect.h"

@@ -98,7 +98,8 @@ double area_under(std::vector<std::array<double, 2>>& curve) {
   return sum;
 }
 
-/// The bootstrap's clusters: the frames first, in their order, then the vehicles as they appear.
+/// The clusters that are left out in turn: the frames first, in their order, then the vehicles as they
+/// appear.
 class FramesAndVehicles {
  public:
   explicit FramesAndVehicles(std::span<const ScoredFrame> frames) : boxes_(frames.size(), 0) {
@@ -122,9 +123,11 @@ class FramesAndVehicles {
   std::size_t of(const Judged& detection) const {
     return detection.hit ? of_box_[detection.frame][detection.box] : detection.frame;
   }
-  int boxes(std::span<const int> drawn) const {
-    return std::inner_product(drawn.begin(), drawn.end(), boxes_.begin(), 0);
+  /// Without the cluster.
+  int boxes_without(std::size_t cluster) const {
+    return std::reduce(boxes_.begin(), boxes_.end()) - (cluster < boxes_.size() ? boxes_[cluster] : 0);
   }
+  Trials trials() const { return trials_of(std::vector<double>(boxes_.begin(), boxes_.end())); }
 
  private:
   std::vector<int> boxes_;  ///< of each cluster
@@ -132,22 +135,22 @@ class FramesAndVehicles {
   std::map<int, std::size_t> vehicles_;
 };
 
-/// AP of drawn clusters; NaN without a box.
-class DrawnPrecision {
+/// AP without one of the clusters; NaN without a box.
+class PrecisionWithout {
  public:
-  DrawnPrecision(std::span<const ScoredFrame> frames, double min_iou, const FramesAndVehicles& clusters)
+  PrecisionWithout(std::span<const ScoredFrame> frames, double min_iou, const FramesAndVehicles& clusters)
       : clusters_(clusters) {
     for (const Judged& detection : judged(frames, min_iou))
       detections_.push_back({clusters.of(detection), detection.hit});
   }
-  double operator()(std::span<const int> drawn) {
-    const int boxes = clusters_.boxes(drawn);
+  double operator()(std::size_t left_out) {
+    const int boxes = clusters_.boxes_without(left_out);
     if (boxes == 0) return std::nan("");
     int hits = 0, alarms = 0;
     curve_.clear();
     for (const auto& [cluster, hit] : detections_) {
-      if (drawn[cluster] == 0) continue;
-      (hit ? hits : alarms) += drawn[cluster];
+      if (cluster == left_out) continue;
+      ++(hit ? hits : alarms);
       curve_.push_back({static_cast<double>(hits) / boxes, static_cast<double>(hits) / (hits + alarms)});
     }
     return area_under(curve_);
@@ -158,6 +161,17 @@ class DrawnPrecision {
   std::vector<std::pair<std::size_t, bool>> detections_;
   std::vector<std::array<double, 2>> curve_;
 };
+
+/// A figure with each cluster left out in turn: `without` gets its number, past the last for none. t has the
+/// degrees of the clusters that hold boxes.
+template <class Without>
+Estimate jackknifed(const FramesAndVehicles& clusters, const Without& without) {
+  std::vector<double> figures;
+  for (std::size_t i = 0; i < clusters.size(); ++i) figures.push_back(without(i));
+  Estimate estimate = jackknife(without(clusters.size()), figures);
+  estimate.freedom = clusters.trials().clusters - 1;
+  return estimate;
+}
 
 bool has_boxes(std::span<const ScoredFrame> frames) {
   return std::any_of(frames.begin(), frames.end(),
@@ -274,19 +288,18 @@ std::vector<ScoredFrame> without_look_alikes(std::span<const ScoredFrame> frames
 Interval average_precision_interval(std::span<const ScoredFrame> frames, double min_iou) {
   if (!has_boxes(frames)) return {0, 0, 1};
   const FramesAndVehicles clusters(frames);
-  DrawnPrecision precision(frames, min_iou, clusters);
-  const Interval interval = bootstrap_statistic(clusters.size(), std::ref(precision));
-  return {interval.value, std::max(interval.low, 0.0), std::min(interval.high, 1.0)};
+  PrecisionWithout precision(frames, min_iou, clusters);
+  return share_interval(jackknifed(clusters, std::ref(precision)), clusters.trials());
 }
 
 Interval average_precision_difference(std::span<const ScoredFrame> a, std::span<const ScoredFrame> b,
                                       double min_iou) {
   if (!has_boxes(a)) return {0, -1, 1};
   const FramesAndVehicles clusters(a);
-  DrawnPrecision first(a, min_iou, clusters), second(b, min_iou, clusters);
-  const Interval difference = bootstrap_statistic(
-      clusters.size(), [&](std::span<const int> drawn) { return first(drawn) - second(drawn); });
-  return with_unseen_spread(difference, static_cast<std::size_t>(clusters_of(a).count));
+  PrecisionWithout first(a, min_iou, clusters), second(b, min_iou, clusters);
+  return difference_interval(
+      jackknifed(clusters, [&](std::size_t left_out) { return first(left_out) - second(left_out); }),
+      clusters.trials());
 }
 
 ClusterCount clusters_of(std::span<const ScoredFrame> frames) {

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "base/bootstrap.h"
 #include "base/clusters.h"
+#include "base/intervals.h"
 #include "detection/detector.h"
 
 namespace mirage {
@@ -111,16 +111,13 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
 /// The same frames with look-alikes ignored instead of background: detections of them no longer count.
 std::vector<ScoredFrame> without_look_alikes(std::span<const ScoredFrame> frames);
 
-/// average_precision's AP with its 95 % interval, by bootstrap over frames. {0, 0, 1} without boxes.
-/// average_precision's AP with its 95 % interval, by bootstrap over clusters (base/clusters.h): a box and the
-/// hit on it go with the vehicle where its identity is known, else with the frame; false alarms go with their
-/// frame. The whole of [0, 1] where too many draws hold no box (up to three vehicles). {0, 0, 1} without
-/// boxes.
+/// average_precision's AP with its 95 % interval over clusters (base/intervals.h): a box and the hit on it go
+/// with the vehicle where its identity is known, else with the frame; false alarms go with their frame. The
+/// whole of [0, 1] where a single cluster holds all boxes. {0, 0, 1} without boxes.
 Interval average_precision_interval(std::span<const ScoredFrame> frames, double min_iou);
 
 /// AP of `a` minus AP of `b`, with its 95 % interval: both look at the same frames with the same truth, and
-/// their clusters are drawn together (paired). Where every draw gives the same, the bootstrap sees no spread,
-/// and the interval reaches as far as bootstrap_difference's does. {0, -1, 1} without boxes.
+/// their clusters are left out together (paired). {0, -1, 1} without boxes.
 Interval average_precision_difference(std::span<const ScoredFrame> a, std::span<const ScoredFrame> b,
                                       double min_iou);
 

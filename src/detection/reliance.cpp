@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <climits>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <mutex>
 
@@ -66,6 +67,7 @@ std::optional<Sight> look_without(Detector& detector, SensorView view, const Gro
 Reliance summarize(std::span<const std::unique_ptr<RelianceMeter::Looks>> looks) {
   Reliance result;
   std::vector<ScoredFrame> right, swapped, black, none;
+  ClusteredShare delta_logit;
   for (const auto& sights : looks) {
     if (!sights) continue;  // was not looked at
     ++result.frames;
@@ -76,12 +78,16 @@ Reliance summarize(std::span<const std::unique_ptr<RelianceMeter::Looks>> looks)
     for (std::size_t i = 0; i < sights->right.cars.size(); ++i) {
       const Proposal &seen = sights->right.cars[i], &misled = sights->swapped.cars[i];
       result.mean_delta_logit += std::abs(seen.logit - misled.logit);
+      const std::vector<int>& tracks = sights->right.scored.truth.tracks;
+      delta_logit.add(cluster_of(std::to_string(result.frames), tracks.empty() ? -1 : tracks[i]),
+                      std::abs(seen.logit - misled.logit));
       result.mean_delta_score += std::abs(seen.score() - misled.score());
       ++result.vehicles;
     }
   }
   result.mean_delta_logit /= std::max(1, result.vehicles);
   result.mean_delta_score /= std::max(1, result.vehicles);
+  result.delta_logit_high = delta_logit.mean_interval().high;
   constexpr double kIou = 0.7;
   const auto ap = [&](const std::vector<ScoredFrame>& frames) {
     return average_precision(frames, kIou).average_precision;
@@ -191,6 +197,11 @@ std::string picture_note(const Reliance& reliance) {
   if (reliance.vehicles == 0)
     return "whether this detector uses its picture cannot be measured here: nothing follows about images";
   if (reliance.ap70 <= 0) return "this detector finds no vehicle as recorded: nothing follows about images";
+  if (!reliance.ignores_picture())
+    return fmt::format(
+        "whether this detector uses its picture cannot be told from {} cars in {} frames: nothing follows "
+        "about images",
+        reliance.vehicles, reliance.frames);
   return "this detector does not use its picture: nothing follows about images";
 }
 
@@ -220,6 +231,7 @@ nlohmann::json to_json(const Reliance& reliance) {
                {"frames_left_out", reliance.left_out},
                {"vehicles", reliance.vehicles},
                {"clusters", to_json(reliance.clusters)}});
+  if (std::isfinite(reliance.delta_logit_high)) json["delta_logit_high"] = reliance.delta_logit_high;
   if (reliance.ap70_none) json["ap70_none"] = *reliance.ap70_none;
   return json;
 }
@@ -236,6 +248,8 @@ Reliance reliance_from_json(const JsonFields& fields) {
   if (fields.has("ap70_none")) reliance.ap70_none = share("ap70_none");
   reliance.drop = {share("drop"), share("drop_low"), share("drop_high")};
   reliance.mean_delta_logit = fields.number("mean_delta_logit", 0, 1e9);
+  reliance.delta_logit_high = fields.has("delta_logit_high") ? fields.number("delta_logit_high", 0, 1e9)
+                                                             : std::numeric_limits<double>::infinity();
   reliance.mean_delta_score = share("mean_delta_score");
   reliance.frames = fields.count("frames");
   reliance.left_out = fields.count("frames_left_out");

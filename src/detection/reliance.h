@@ -20,8 +20,8 @@
 #include <string>
 #include <vector>
 
-#include "base/bootstrap.h"
 #include "base/clusters.h"
+#include "base/intervals.h"
 #include "base/json_fields.h"
 #include "detection/detect.h"
 #include "detection/detector.h"
@@ -43,6 +43,7 @@ struct Reliance {
   /// ap70 − ap70_swapped with its 95 % interval (average_precision_difference: paired, by cluster).
   Interval drop;
   double mean_delta_logit = 0;  ///< over the cars: mean |logit(right) − logit(swapped)|
+  double delta_logit_high = 0;  ///< upper end of its 95 % interval; infinite where it cannot be known
   double mean_delta_score = 0;  ///< the same of the scores
   int frames = 0;               ///< looked at
   int left_out = 0;             ///< no other frame has a picture of their size
@@ -51,6 +52,11 @@ struct Reliance {
 
   /// The gate: the wrong picture costs AP beyond the interval, and the cars' logits move by kLeastDeltaLogit.
   bool uses_picture() const { return reads_picture && drop.low > 0 && mean_delta_logit >= kLeastDeltaLogit; }
+  /// Its contrary, which few frames cannot tell: that AP falls by less than kSameWithin, or that the logits
+  /// move by less than kLeastDeltaLogit, is beyond the interval too.
+  bool ignores_picture() const {
+    return reads_picture && vehicles > 0 && (drop.high < kSameWithin || delta_logit_high < kLeastDeltaLogit);
+  }
 };
 
 /// Whether the picture can reach its answers at all.
@@ -106,8 +112,8 @@ std::string picture_note(const Reliance& reliance);
 std::string describe(const Reliance& reliance);
 
 /// {reads_picture, uses_picture, note, ap70, ap70_swapped, ap70_black, ap70_none?, drop, drop_low, drop_high,
-/// mean_delta_logit, mean_delta_score, frames, frames_left_out, vehicles, clusters}; without a camera the
-/// first three alone.
+/// mean_delta_logit, delta_logit_high?, mean_delta_score, frames, frames_left_out, vehicles, clusters};
+/// without a camera the first three alone.
 nlohmann::json to_json(const Reliance& reliance);
 /// Its inverse. InputError, naming file and field, for anything else.
 Reliance reliance_from_json(const JsonFields& fields);

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <vector>
 
-#include "base/bootstrap.h"
+#include "base/intervals.h"
 
 namespace mirage {
 namespace {

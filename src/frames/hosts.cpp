@@ -10,8 +10,15 @@
 #include "base/progress.h"
 #include "base/random.h"
 #include "base/shuffle.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
+
+int track_of(const std::filesystem::path& data, const HostId& host) {
+  const auto tracks = read_tracks(data, host.frame);
+  const auto label = static_cast<std::size_t>(host.label);
+  return tracks && label < tracks->size() ? (*tracks)[label] : -1;
+}
 
 nlohmann::json to_json(const RooftopCount& count) {
   return {{"fitted", count.fitted}, {"from_box", count.from_box}};

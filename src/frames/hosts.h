@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -29,6 +30,9 @@ std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const 
 std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::string>& frames,
                                  const std::array<double, 4>& region, const SimulationSettings& simulation,
                                  double min_view, bool quiet = true);
+
+/// The vehicle's identity in its data set; −1 where that has none.
+int track_of(const std::filesystem::path& data, const HostId& host);
 
 /// On what the hosts of a run stand.
 struct RooftopCount {

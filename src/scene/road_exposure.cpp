@@ -4,7 +4,7 @@
 #include <cmath>
 #include <vector>
 
-#include "base/bootstrap.h"
+#include "base/intervals.h"
 #include "scene/light_surroundings.h"
 #include "sensors/shading.h"
 

@@ -137,7 +137,7 @@ TEST(Evaluation, OneVehicleInManyFramesIsOneCluster) {
   EXPECT_EQ(by_vehicle.clusters.by, "vehicle");
   EXPECT_EQ(by_vehicle.clusters.count, 4);
   EXPECT_DOUBLE_EQ(by_vehicle.asr, by_frame.asr);
-  EXPECT_EQ(by_vehicle.asr_interval.low, 0);  // three draws of ten miss the one that is hidden
+  EXPECT_LT(by_vehicle.asr_interval.low, 0.05);
   EXPECT_GT(by_frame.asr_interval.low, 0.1);
   EXPECT_GT(by_vehicle.asr_interval.high, by_frame.asr_interval.high);
   const auto json = to_json(by_vehicle);
@@ -153,15 +153,11 @@ TEST(Evaluation, RecallHasIntervals) {
   ASSERT_EQ(all.recall_attacked.size(), 21u);
   EXPECT_EQ(all.recall_clean[14].value, 1);  // IoU 0.7 ≤ 0.8
   EXPECT_EQ(all.recall_clean[14].high, 1);
-  EXPECT_NEAR(all.recall_clean[14].low, std::pow(0.025, 1.0 / 40), 1e-12);
+  EXPECT_GT(all.recall_clean[14].low, 0.85);
   EXPECT_EQ(all.recall_attacked[14].value, 0.75);
-  const std::vector<ClusterSums> clusters = [&] {
-    std::vector<ClusterSums> sums;
-    for (int i = 0; i < 40; ++i) sums.push_back({i < 10 ? 0.0 : 1.0, 1});
-    return sums;
-  }();
-  // Frames are ordered by name, so the draws differ; the distribution is the same.
-  EXPECT_NEAR(all.recall_attacked[14].low, bootstrap_interval(clusters).low, 0.0251);
+  ClusteredShare found;
+  for (int i = 0; i < 40; ++i) found.add(std::to_string(i), i >= 10);
+  EXPECT_DOUBLE_EQ(all.recall_attacked[14].low, found.interval().low);
   EXPECT_EQ(all.recall_attacked[17].value, 0);  // IoU 0.85
   const auto json = to_json(all).at("recall_iou");
   for (const char* key :

@@ -7,9 +7,9 @@
 
 #include "attack/adversary.h"
 #include "attack/clean_view.h"
-#include "base/bootstrap.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/intervals.h"
 #include "base/random.h"
 #include "detection/points_in_view.h"
 #include "detection/precision.h"

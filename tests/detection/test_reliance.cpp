@@ -79,6 +79,7 @@ TEST(Reliance, AGlanceIsNotEnough) {
   const Reliance glances = measured(Planted(Eyes::glances), folder.path());
   EXPECT_NEAR(glances.mean_delta_logit, 0.15, 0.01);  // half of the range of brightness
   EXPECT_FALSE(glances.uses_picture());
+  EXPECT_TRUE(glances.ignores_picture());
   Reliance steady = glances;  // moved logits without a drop, and a drop with hardly moved logits
   steady.mean_delta_logit = 1;
   EXPECT_FALSE(steady.uses_picture());
@@ -96,6 +97,15 @@ TEST(Reliance, SaysWhatItCannotMeasure) {
   EXPECT_FALSE(none.reads_picture);
   EXPECT_EQ(none.frames, 0);  // nothing was run
   EXPECT_THAT(picture_note(none), HasSubstr("has no picture"));
+  // Two cars: AP falls from 1 to 0, and yet two frames cannot tell.
+  test::TemporaryFolder pair;
+  for (int k = 0; k < 2; ++k) write_frame(pair.path(), planted_frame(k));
+  const Reliance few = measured(Planted(Eyes::sees), pair.path());
+  EXPECT_EQ(few.drop.value, 1);
+  EXPECT_FALSE(few.uses_picture());
+  EXPECT_FALSE(few.ignores_picture());
+  EXPECT_THAT(picture_note(few), HasSubstr("cannot be told from 2 cars in 2 frames"));
+  EXPECT_EQ(to_json(reliance_from_json({"result.json", to_json(few), ""})), to_json(few));
   test::TemporaryFolder single;
   write_frame(single.path(), planted_frame(0));
   const Reliance alone = measured(Planted(Eyes::sees), single.path());

@@ -50,7 +50,7 @@ struct Stage {
   VehicleResult result(const LookAt& look, int label) const {
     VehicleResult vehicle = seen_vehicle("00000" + std::to_string(label), label);
     vehicle.seen->raster = vehicle.seen->cycles = answer(0.5, true, 0);
-    vehicle.seen->arms = look_at_arms(scene, attacked, full, look);
+    vehicle.seen->arms = look_at_arms(scene, attacked, attacked, full, look);
     return vehicle;
   }
 };
@@ -67,21 +67,25 @@ OutcomeResult seeing_look(const Stage& stage, const ImageF& image, const Sweep&)
   return answer(0.5, change > 0.05, 3 - 8 * change);
 }
 
-TEST(Arms, SixArmsAndThreeControlsEachOfItsOwn) {
+TEST(Arms, SevenArmsAndThreeControlsEachOfItsOwn) {
   const Stage stage;
   ASSERT_GT(stage.attacked.adversary_points, 50);
   std::vector<std::pair<ImageF, Sweep>> views;
-  const ArmsResult result =
-      look_at_arms(stage.scene, stage.attacked, stage.full, [&](const ImageF& image, const Sweep& sweep) {
-        views.emplace_back(image, sweep);
-        return answer(0.5, false, 0);
-      });
-  ASSERT_EQ(result.arms.size(), 6u);
+  const ArmsResult result = look_at_arms(stage.scene, stage.attacked, stage.attacked, stage.full,
+                                         [&](const ImageF& image, const Sweep& sweep) {
+                                           views.emplace_back(image, sweep);
+                                           return answer(0.5, false, 0);
+                                         });
+  ASSERT_EQ(result.arms.size(), 7u);
   ASSERT_EQ(result.controls.size(), 3u);
-  EXPECT_EQ(result.arms[0].arm.light, ArmLight::raster);
-  EXPECT_EQ(result.arms[0].arm.returns, ArmReturns::ideal);
-  EXPECT_EQ(result.arms[5].arm.light, ArmLight::cycles);
-  EXPECT_EQ(result.arms[5].arm.returns, ArmReturns::realistic);
+  EXPECT_EQ(result.arms[0].arm.light, ArmLight::learned);
+  EXPECT_EQ(result.arms[0].arm.returns, ArmReturns::learned);
+  EXPECT_EQ(result.arms[1].arm.light, ArmLight::raster);
+  EXPECT_EQ(result.arms[1].arm.returns, ArmReturns::ideal);
+  EXPECT_EQ(result.arms[6].arm.light, ArmLight::cycles);
+  EXPECT_EQ(result.arms[6].arm.returns, ArmReturns::realistic);
+  EXPECT_EQ(views[0].first.data, stage.attacked.image.data);
+  views.erase(views.begin());  // a plain run's is raster x ideal
   // Pictures go by light, sweeps by returns.
   const ImageF& photograph = stage.prepared.frame.image;
   EXPECT_EQ(views[0].first.data, stage.attacked.image.data);
@@ -103,17 +107,28 @@ TEST(Arms, SixArmsAndThreeControlsEachOfItsOwn) {
   EXPECT_EQ(views[8].second.size(), stage.prepared.frame.sweep.size());
 }
 
-TEST(Arms, ARunUnderVisibleLightStillHasAPlainArm) {
+TEST(Arms, TheFirstIsAsTheRunLearnedIt) {
   Stage stage;
   stage.scene.simulation.light = LightModel::visible;
   stage.attacked = simulate_host(stage.scene, stage.scene.simulation);
-  std::vector<ImageF> images;
-  look_at_arms(stage.scene, stage.attacked, stage.full, [&](const ImageF& image, const Sweep&) {
-    images.push_back(image);
-    return answer(0.5, false, 0);
-  });
-  EXPECT_NE(images[0].data, stage.attacked.image.data);
-  EXPECT_EQ(images[2].data, stage.attacked.image.data);
+  SimulationSettings own = stage.scene.simulation;  // of a run with --lidar-effects unit and camera noise
+  own.lidar_effects = realistic_returns(stage.scene);
+  own.camera_effects.blur_sigma = 1.5;
+  const Simulated learned = simulate_host(stage.scene, own);
+  std::vector<std::pair<ImageF, Sweep>> views;
+  look_at_arms(stage.scene, stage.attacked, learned, stage.full,
+               [&](const ImageF& image, const Sweep& sweep) {
+                 views.emplace_back(image, sweep);
+                 return answer(0.5, false, 0);
+               });
+  EXPECT_EQ(views[0].first.data, learned.image.data);
+  EXPECT_EQ(views[0].second.size(), learned.sweep.size());
+  EXPECT_NE(views[0].first.data, stage.attacked.image.data);
+  EXPECT_LT(views[0].second.size(), stage.attacked.sweep.size());  // some drop out
+  EXPECT_NE(views[1].first.data, stage.attacked.image.data);       // plain light
+  EXPECT_EQ(views[3].first.data, stage.attacked.image.data);       // visible
+  EXPECT_EQ(views[3].second.size(), stage.attacked.sweep.size());
+  EXPECT_EQ(views[9].first.data, learned.image.data);  // no returns
 }
 
 Verdict verdict_of(const Stage& stage,
@@ -134,19 +149,23 @@ TEST(Arms, AVerdictOnADetectorThatNeverLooksIsVacuous) {
   EXPECT_EQ(written.at("vacuous").at("image"), true);
   EXPECT_EQ(written.at("vacuous").at("lidar"), false);
   EXPECT_EQ(written.at("of"), "held_back");
-  ASSERT_EQ(written.at("arms").size(), 6u);
+  ASSERT_EQ(written.at("arms").size(), 7u);
   EXPECT_EQ(written.at("arms")[0].at("vehicles"), 1);
-  EXPECT_EQ(written.at("arms")[5].at("light"), "cycles");
-  EXPECT_EQ(written.at("arms")[5].at("returns"), "realistic");
+  EXPECT_EQ(written.at("arms")[6].at("light"), "cycles");
+  EXPECT_EQ(written.at("arms")[6].at("returns"), "realistic");
   EXPECT_EQ(result.all.arms.at(5).vehicles, 3);
-  const auto& arm = result.judged().arms.at(4);
+  const auto& arm = result.judged().arms.at(5);
   EXPECT_EQ(arm.asr.value, 1);
-  EXPECT_EQ(arm.difference.value, 0);
+  EXPECT_EQ(arm.difference->value, 0);
+  EXPECT_EQ(written.at("arms")[5].at("told"), "cannot be told");  // of one vehicle
+  EXPECT_FALSE(written.at("arms")[0].contains("difference"));     // with itself
+  EXPECT_EQ(result.nearest_to_reality(true)->look.light, ArmLight::cycles);
+  EXPECT_EQ(result.nearest_to_reality(false)->look.light, ArmLight::raster);
   const auto& unmet = result.controls.at(2);
   EXPECT_EQ(unmet.look.control, "no returns");
   EXPECT_EQ(written.at("controls").at(2).at("control"), "no returns");
   EXPECT_EQ(unmet.flips, 3);
-  EXPECT_EQ(unmet.difference.value, -1);
+  EXPECT_EQ(unmet.difference->value, -1);
   EXPECT_NEAR(unmet.mean_delta_logit, 2.8, 1e-9);
   EXPECT_LT(result.controls.at(0).mean_delta_logit, written.at("vacuous").at("bound").get<double>());
 }

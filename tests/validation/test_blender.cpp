@@ -177,7 +177,7 @@ TEST_F(Blender, FullLightHasNoErrorAgainstItselfButItsNoise) {
                                 full.visible, crop(prepared.frame.image, full.rect));
   EXPECT_NE(reference.first.data, reference.second.data);
   EXPECT_NE(reference.first.data, full.radiance.first.data);
-  const SquaredError itself = error_to(reference, full.radiance, full.coverage, full, 0);
+  const SquaredError itself = error_to(reference, full.radiance, full.coverage, full);
   std::printf("full light against itself: plain %.3f, floor %.3f, unbiased %.3f (%.3f to %.3f)\n",
               std::sqrt(itself.plain), std::sqrt(itself.floor), signed_root(itself.unbiased),
               itself.interval.low, itself.interval.high);

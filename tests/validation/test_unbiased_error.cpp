@@ -50,7 +50,7 @@ Expected expected(double error, double own_noise, double noise, int draws) {
     Halves drawn{render_of(right, error, own_noise, seed), {}};
     if (own_noise > 0) drawn.second = render_of(right, error, own_noise, seed + 1);
     const Halves reference{render_of(right, 0, noise, seed + 2), render_of(right, 0, noise, seed + 3)};
-    const SquaredError found = squared_error(drawn, reference, everywhere(), kPixels, kMean, seed);
+    const SquaredError found = squared_error(drawn, reference, everywhere(), kPixels, kMean);
     result.plain += found.plain / draws;
     result.floor += found.floor / draws;
     result.drawn += found.drawn / draws;

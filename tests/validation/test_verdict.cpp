@@ -64,7 +64,7 @@ TEST(Verdict, CountsSharesFlipsAndSplits) {
   EXPECT_NEAR(variant(held_back, "cycles").asr.value, 2 / 3.0, 1e-12);
   EXPECT_NEAR(variant(all, "cycles").fp_asr.value, 0.25, 1e-12);
   EXPECT_EQ(variant(all, "+shadows").vehicles, 1);
-  EXPECT_NEAR(all.difference.fn_asr.value, 0.25, 1e-12);
+  EXPECT_NEAR(all.difference.fn_asr.value, -0.25, 1e-12);
   EXPECT_NEAR(all.difference.asr.value, 0, 1e-12);
   EXPECT_LE(all.difference.asr.low, 0);
   EXPECT_NEAR(all.agree, 0.5, 1e-12);
@@ -102,7 +102,7 @@ TEST(Verdict, IntervalsAreByVehicleWhereItIsKnown) {
   const VerdictGroup together = verdict(vehicles, {}).all;
   EXPECT_EQ(to_json(together.clusters), (json{{"by", "vehicle"}, {"count", 4}}));
   EXPECT_EQ(variant(together, "soft").asr.value, 0.25);
-  EXPECT_EQ(variant(together, "soft").asr.low, 0);
+  EXPECT_LT(variant(together, "soft").asr.low, 0.05);
   EXPECT_GT(variant(apart, "soft").asr.low, 0.1);
 }
 

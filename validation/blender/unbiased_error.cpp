@@ -9,8 +9,7 @@
 namespace mirage {
 namespace {
 
-constexpr int kTile = 8;           // px; noise of neighbouring pixels is nearly independent
-constexpr int kReplicates = 1000;  // of one picture: there are thousands of pictures
+constexpr int kTile = 8;  // px; noise of neighbouring pixels is nearly independent
 
 bool same_size(const ImageF& a, const ImageF& b) {
   return a.width == b.width && a.height == b.height && a.channels == b.channels;
@@ -30,8 +29,12 @@ double signed_root(double x) {
   return std::copysign(std::sqrt(std::abs(x)), x);
 }
 
+Interval signed_root(const Interval& square) {
+  return {signed_root(square.value), signed_root(square.low), signed_root(square.high)};
+}
+
 SquaredError squared_error(const Halves& drawn, const Halves& reference, const ImageF& region, double pixels,
-                           double mean, std::uint64_t seed) {
+                           double mean) {
   const ImageF &a1 = drawn.first, &a2 = drawn.second.empty() ? a1 : drawn.second, &r1 = reference.first,
                &r2 = reference.second.empty() ? r1 : reference.second;
   if (!same_size(a1, a2) || !same_size(a1, r1) || !same_size(r1, r2) || region.width != a1.width ||
@@ -66,15 +69,12 @@ SquaredError squared_error(const Halves& drawn, const Halves& reference, const I
   for (std::size_t i = 0; i < tiles.size(); ++i)
     if (holds[i]) used.push_back(tiles[i]);
   result.unbiased = result.plain - result.floor;
-  // Tiles are drawn with replacement, the scale is the object's: a sum of as many tiles.
-  result.interval = bootstrap_statistic(
-      used.size(),
-      [&](std::span<const int> count) {
-        double sum = 0;
-        for (std::size_t i = 0; i < used.size(); ++i) sum += count[i] * used[i];
-        return signed_root(sum);
-      },
-      {.confidence = 0.95, .replicates = kReplicates, .seed = seed, .purpose = "picture tiles"});
+  // The scale is the object's: a sum of as many tiles.
+  const auto n = static_cast<double>(used.size());
+  std::vector<double> without;
+  for (const double tile : used) without.push_back((result.unbiased - tile) * n / (n - 1));
+  const Interval over_tiles{result.unbiased, result.unbiased - result.floor, result.unbiased + result.floor};
+  result.interval = signed_root(n > 1 ? plain_interval(jackknife(result.unbiased, without)) : over_tiles);
   return result;
 }
 

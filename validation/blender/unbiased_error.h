@@ -19,8 +19,8 @@
 #include <cstdint>
 #include <nlohmann/json.hpp>
 
-#include "base/bootstrap.h"
 #include "base/image.h"
+#include "base/intervals.h"
 
 namespace mirage {
 
@@ -33,12 +33,14 @@ struct Halves {
 
 /// √|x| with the sign of x.
 double signed_root(double x);
+/// Of a mean square, with its ends.
+Interval signed_root(const Interval& square);
 
 /// Squared errors over a region as shares of the object's mean radiance, squared.
 struct SquaredError {
   double plain = 0, floor = 0, drawn = 0, unbiased = 0;
-  /// signed_root(unbiased) with the 95 % interval of the bootstrap over tiles of 8×8 pixels: what the noise
-  /// of these renders leaves open on this one picture.
+  /// signed_root(unbiased) with the 95 % interval over tiles of 8×8 pixels (base/intervals.h; a single tile:
+  /// as far as the noise): what the noise of these renders leaves open on this one picture.
   Interval interval;
 };
 
@@ -46,7 +48,7 @@ struct SquaredError {
 /// channels × mean². `pixels`: how many the object has, so that what is drawn beside it adds to the error and
 /// does not dilute it. All 0 if `pixels` or `mean` is. Failure for images of different size.
 SquaredError squared_error(const Halves& drawn, const Halves& reference, const ImageF& region, double pixels,
-                           double mean, std::uint64_t seed = 0);
+                           double mean);
 
 /// {squared: {plain, floor, drawn, unbiased}, error_plain, floor, error_drawn, error_unbiased, interval:
 /// {value, low, high}}: all but the first as roots.

@@ -40,13 +40,14 @@ ImageF noise_in_place(const Simulated& simulated, const ImageF& photograph, std:
   return image;
 }
 
-ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const FullLight& full,
-                        const LookAt& look) {
+ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const Simulated& learned,
+                        const FullLight& full, const LookAt& look) {
   const Frame& frame = scene.prepared->frame;
   const Sweep ideal = sweep_with(scene, {}), realistic = sweep_with(scene, realistic_returns(scene));
   const ImageF raster = picture_under(scene, attacked, LightModel::plain),
                visible = picture_under(scene, attacked, LightModel::visible);
   ArmsResult result;
+  result.arms.push_back({{ArmLight::learned, ArmReturns::learned}, look(learned.image, learned.sweep)});
   const std::pair<ArmLight, const ImageF*> pictures[] = {
       {ArmLight::raster, &raster}, {ArmLight::visible, &visible}, {ArmLight::cycles, &full.image}};
   for (const auto& [light, image] : pictures) {
@@ -56,9 +57,9 @@ ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const
   const auto control = [&](Channel channel, const char* name, const ImageF& image, const Sweep& sweep) {
     result.controls.push_back({{channel, name}, look(image, sweep)});
   };
-  control(Channel::image, "noise", noise_in_place(attacked, frame.image, scene.seed), ideal);
-  control(Channel::image, "photograph", frame.image, ideal);
-  control(Channel::lidar, "no returns", raster, frame.sweep);
+  control(Channel::image, "noise", noise_in_place(learned, frame.image, scene.seed), learned.sweep);
+  control(Channel::image, "photograph", frame.image, learned.sweep);
+  control(Channel::lidar, "no returns", learned.image, frame.sweep);
   return result;
 }
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <set>
 
-#include "base/clustered_share.h"
+#include "base/intervals.h"
 #include "base/random.h"
 #include "base/shuffle.h"
 #include "validation/blender/unbiased_error.h"

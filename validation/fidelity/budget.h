@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "base/bootstrap.h"
 #include "base/fields.h"
+#include "base/intervals.h"
 #include "validation/fidelity/budget_rule.h"
 #include "validation/fidelity/vehicle_result.h"
 

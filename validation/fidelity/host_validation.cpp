@@ -180,7 +180,7 @@ FullLight full_light(BlenderWorker& blender, const HostScene& scene, const Simul
 }
 
 SquaredError error_to(const Halves& reference, const Halves& drawn, const ImageF& coverage,
-                      const FullLight& full, std::uint64_t seed) {
+                      const FullLight& full) {
   constexpr float kDrawn = 1.0f / 255;  // of a pixel; less changes nothing in a picture of 8 bits
   ImageF region = full.mask;
   double pixels = 0;
@@ -191,12 +191,12 @@ SquaredError error_to(const Halves& reference, const Halves& drawn, const ImageF
   const ImageF picture = reference.mean();
   const double mean =
       mean_absolute_error(picture, ImageF(picture.width, picture.height, picture.channels), full.mask);
-  return squared_error(drawn, reference, region, pixels, mean, seed);
+  return squared_error(drawn, reference, region, pixels, mean);
 }
 
 SquaredError raster_error(const HostScene& scene, const Simulated& simulated, const FullLight& full) {
   return error_to(full.radiance, {radiance_of(simulated, scene.prepared->frame.image, full.rect), {}},
-                  coverage_of(simulated, full.rect), full, scene.seed);
+                  coverage_of(simulated, full.rect), full);
 }
 
 }  // namespace mirage

@@ -65,7 +65,7 @@ struct FullLight {
 /// Over the pixels that either draws the object in, even in part; shares of the object's mean radiance in
 /// `reference` over full.mask. Nothing is clamped. `coverage`: of what is drawn.
 SquaredError error_to(const Halves& reference, const Halves& drawn, const ImageF& coverage,
-                      const FullLight& full, std::uint64_t seed);
+                      const FullLight& full);
 /// The rasteriser's picture as attacked against this full light's.
 SquaredError raster_error(const HostScene& scene, const Simulated& simulated, const FullLight& full);
 

@@ -101,7 +101,7 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
     pictures["reference"] = picture_of(rendered);
     // Without noise of its own and with no error, what is left is the reference's.
     const Halves itself{reference.mean(), {}};
-    result.reference_noise = std::sqrt(error_to(reference, itself, full.coverage, full, scene.seed).floor);
+    result.reference_noise = std::sqrt(error_to(reference, itself, full.coverage, full).floor);
   }
   const auto add = [&](const std::string& effect, const std::string& group, const std::string& base,
                        double seconds, ImageF picture, const Halves& object, const ImageF& coverage) {
@@ -109,7 +109,7 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
     const ImageF& from = pictures.at(base);
     ladder.push_back({effect, group, base, change(from, picture, full.mask), change(from, picture, {}),
                       change(pictures.at("reference"), picture, full.mask),
-                      error_to(reference, object, coverage, full, scene.seed), seconds, std::move(picture)});
+                      error_to(reference, object, coverage, full), seconds, std::move(picture)});
   };
 
   for (const std::string& effect : raster_rungs()) {

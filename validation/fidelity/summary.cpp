@@ -2,10 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <span>
 
-#include "base/clustered_share.h"
 #include "base/clusters.h"
+#include "base/intervals.h"
 #include "validation/blender/unbiased_error.h"
 
 namespace mirage {
@@ -30,35 +29,25 @@ class Errors {
     plain_ += error.plain;
     floor_ += error.floor;
     drawn_ += error.drawn;
-    vehicles_.push_back({error.unbiased, 1});
+    vehicles_.add(std::to_string(vehicles_.sums().size()), error.unbiased);
     clusters_.add(cluster_of(vehicle.host.frame, vehicle.track), error.unbiased);
     picture_ = error.interval;
   }
   /// Of at least one vehicle.
   PooledError pooled() const {
-    const auto n = static_cast<double>(vehicles_.size());
-    const std::vector<ClusterSums> clusters = clusters_.sums();
-    const bool by_cluster = clusters.size() > 1;
-    const std::vector<ClusterSums>& drawn = by_cluster ? clusters : vehicles_;
-    const auto root_of_mean = [&](std::span<const int> count) {
-      ClusterSums sums;
-      for (std::size_t i = 0; i < drawn.size(); ++i) {
-        sums.numerator += count[i] * drawn[i].numerator;
-        sums.denominator += count[i] * drawn[i].denominator;
-      }
-      return signed_root(sums.numerator / sums.denominator);
-    };
+    const auto n = static_cast<double>(vehicles_.sums().size());
+    const bool by_cluster = clusters_.sums().size() > 1, alone = n < 2;
+    const ClusteredShare& over = by_cluster ? clusters_ : vehicles_;
     return {signed_root(plain_ / n), signed_root(floor_ / n), signed_root(drawn_ / n),
-            drawn.size() > 1 ? bootstrap_statistic(drawn.size(), root_of_mean) : picture_,
-            drawn.size() < 2 ? DrawnOver::pixels
-            : by_cluster     ? DrawnOver::clusters
-                             : DrawnOver::vehicles};
+            alone ? picture_ : signed_root(over.mean_interval()),
+            alone        ? DrawnOver::pixels
+            : by_cluster ? DrawnOver::clusters
+                         : DrawnOver::vehicles};
   }
 
  private:
   double plain_ = 0, floor_ = 0, drawn_ = 0;
-  std::vector<ClusterSums> vehicles_;
-  ClusteredShare clusters_;
+  ClusteredShare vehicles_, clusters_;
   Interval picture_;
 };
 
@@ -198,6 +187,14 @@ void add(FooledSummary& sum, const SeenResult& seen) {
 }
 
 }  // namespace
+
+std::vector<Target> targets_of(const MatchedSummary& matched) {
+  constexpr double kMaskIou = 0.9999, kError = 1e-4, kRange = 1e-4;  // scene-linear; m
+  return {{"matched.mask_iou", kMaskIou, matched.mask_iou >= kMaskIou},
+          {"matched.mae", kError, matched.mae <= kError},
+          {"matched.hit_disagreements", 0, matched.hit_disagreements == 0},
+          {"matched.range_error_m", kRange, matched.range_error <= kRange}};
+}
 
 ValidationSummary summarize_vehicles(const std::vector<VehicleResult>& all,
                                      const std::set<std::string>& test_frames) {

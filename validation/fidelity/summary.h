@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "base/bootstrap.h"
+#include "base/intervals.h"
 #include "frames/hosts.h"
 #include "validation/fidelity/vehicle_result.h"
 
@@ -25,6 +25,14 @@ struct MatchedSummary {
   int hit_disagreements = 0, rays = 0, returns = 0;
 };
 
+/// What matched light is to reach.
+struct Target {
+  std::string place;  ///< of the figure in result.json
+  double bound = 0;
+  bool met = false;
+};
+std::vector<Target> targets_of(const MatchedSummary& matched);
+
 /// Means of a Change (light_ladder.h). `psnr`: of the pictures that differ; none where all are equal, or
 /// where it is not measured.
 struct MeanChange {
@@ -39,7 +47,7 @@ constexpr auto words_of(DrawnOver) {
 }
 
 /// Squared errors (unbiased_error.h) over vehicles: their means, as roots, and the interval of the unbiased
-/// one by the bootstrap over clusters (base/clusters.h); of a single cluster over its vehicles, of a single
+/// one over clusters (base/intervals.h); of a single cluster over its vehicles, of a single
 /// vehicle over its picture.
 struct PooledError {
   double plain = 0, floor = 0, drawn = 0;

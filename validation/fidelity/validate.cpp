@@ -30,7 +30,7 @@ using nlohmann::json;
 namespace fs = std::filesystem;
 
 constexpr int kLadder = 4;
-constexpr int kStoredVersion = 13;  // of hosts/*.json; raise it when their content changes
+constexpr int kStoredVersion = 14;  // of hosts/*.json; raise it when their content changes
 
 /// A path that stays below the folder that it is relative to.
 bool is_inside(const fs::path& path) {
@@ -60,13 +60,6 @@ std::optional<VehicleResult> stored_result(const fs::path& out, const fs::path& 
   return vehicle;
 }
 
-/// The host's identity, as its data set has it now: stored results need not be made again for it.
-int track_of(const fs::path& data, const HostId& host) {
-  const auto tracks = read_tracks(data, host.frame);
-  const auto label = static_cast<std::size_t>(host.label);
-  return tracks && label < tracks->size() ? (*tracks)[label] : -1;
-}
-
 /// A result.json that the report needs in the end, given as such or by its folder: complains now.
 void require_result(fs::path& file) {
   if (file.empty()) return;
@@ -74,7 +67,11 @@ void require_result(fs::path& file) {
   read_json(file);
 }
 
-void write_report(const ValidationSettings& settings) {
+}  // namespace
+
+void write_report(const ValidationSettings& given) {
+  ValidationSettings settings = given;
+  for (fs::path* told : {&settings.evaluation, &settings.tradeoff}) require_result(*told);
   const std::string python = plotting_python().string();
   if (python.empty())
     throw InputError("python3", "", "not found on PATH", "install it with apt-get install python3-jinja2");
@@ -94,12 +91,15 @@ void write_report(const ValidationSettings& settings) {
                                                           : "finished vehicles are kept");
 }
 
+namespace {
+
 /// The hosts' results, kept or made, each stored as it is finished. Those that Blender was lost on go to
 /// `failed`.
 std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std::vector<HostId>& hosts,
                                            std::vector<GivenUp>& failed) {
   const ValidationSettings& settings = context.settings;
-  const std::string key = validation_key(settings, context.run, context.blender.version());
+  const std::string key = content_hash(validation_key(settings, context.run, context.blender.version()) +
+                                       to_json(context.learned).dump());
   const std::vector<bool> has_ladder =
       ladder_hosts(hosts, settings.ladder < 0 && !(settings.budget > 0) ? kLadder : settings.ladder);
   Progress progress("validate", hosts.size(), settings.quiet);
@@ -121,6 +121,7 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
       stored["key"] = key;
       write_json(file, stored);
     }
+    // As the data set has it now: stored results need not be made again for it.
     result->track = track_of(context.run.settings.data, hosts[i]);
     results.push_back(std::move(*result));
     progress.update(i + 1, name);
@@ -171,6 +172,7 @@ std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
 Validation validate(const ValidationSettings& given) {
   ValidationSettings settings = given;
   Run run = read_run(settings.run, settings.trust);
+  const SimulationSettings learned = run.settings.simulation;
   override_settings(run, settings.asked, settings.seed);
   check_fields(run.settings);
   // Rays and pixels are compared with Blender's; the ladders add the effects.
@@ -193,7 +195,7 @@ Validation validate(const ValidationSettings& given) {
   validation.reliance =
       cached_reliance(detectors, detector_identity(settings.detector), run.settings.data, settings.quiet);
   FrameStore store(run.settings);
-  ValidationContext context{settings, run, store, *detectors.front(), blender, {}};
+  ValidationContext context{settings, run, learned, store, *detectors.front(), blender, {}};
   const std::vector<VehicleResult> results = vehicle_results(context, hosts, validation.failed);
   if (results.empty()) throw Failure("blender", "was lost on every vehicle", "look at blender.log");
   std::error_code ignored;
@@ -211,11 +213,43 @@ Validation validate(const ValidationSettings& given) {
       validation.blender_losses.emplace_back(vehicle.name, loss);
   }
   validation.samples = settings.samples;
+  validation.run = settings.run;
   validation.blender = blender.version();
   validation.report = settings.out / "report.html";
-  write_json(settings.out / "result.json", to_json(validation));  // the report reads it, and adds to it
-  write_report(settings);
   return validation;
+}
+
+std::string headline(const Validation& validation) {
+  const bool sees = validation.reliance.uses_picture();
+  const Verdict& verdict = validation.verdict;
+  std::string words = "No vehicle was found without the object: there is no success rate";
+  if (const auto* arm = verdict.nearest_to_reality(sees)) {
+    words = fmt::format("Attack success {:.1f} % {}with realistic returns", 100 * arm->asr.value,
+                        sees ? "in Cycles " : "");
+    if (arm->difference) {
+      const auto against = [&]() -> std::string {
+        switch (told(*arm->difference)) {
+          case Told::more:
+            return "more than with what was learned";
+          case Told::less:
+            return "less than with what was learned";
+          case Told::same:
+            return "the same within 5 points as with what was learned";
+          case Told::open:
+            break;
+        }
+        return "whether it differs from what was learned cannot be told";
+      };
+      words += ", " + against();
+    }
+  }
+  for (const auto& [channel, name] :
+       {std::pair(Channel::image, "camera"), std::pair(Channel::lidar, "LiDAR")})
+    if (verdict.vacuous(channel) == true) words += fmt::format("; vacuous for the {}", name);
+  if (!sees) words += "; " + picture_note(validation.reliance);
+  const std::vector<Target> targets = targets_of(validation.summary.matched);
+  const bool met = std::all_of(targets.begin(), targets.end(), [](const Target& of) { return of.met; });
+  return words + (met ? "; the renderers agree in matched light." : "; matched light misses a target.");
 }
 
 json to_json(const Validation& validation) {
@@ -228,6 +262,13 @@ json to_json(const Validation& validation) {
     return {{"name", vehicle.name}, {"problem", vehicle.problem}};
   });
   if (validation.budget) out["budget"] = to_json(*validation.budget);
+  const std::vector<Target> targets = targets_of(validation.summary.matched);
+  out["targets"] = list_json(targets, [](const Target& target) -> json {
+    return {{"place", target.place}, {"target", target.bound}, {"met", target.met}};
+  });
+  out["headline"] = headline(validation);
+  const auto& arms = validation.verdict.judged().arms;
+  const auto* nearest = validation.verdict.nearest_to_reality(validation.reliance.uses_picture());
   out.update({{"verdict", to_json(validation.verdict)},
               {"reliance", to_json(validation.reliance)},
               {"hosts", validation.hosts},
@@ -236,7 +277,10 @@ json to_json(const Validation& validation) {
               {"samples", validation.samples},
               {"blender", validation.blender},
               {"blender_restarts", validation.blender_losses.size()},
+              {"run", validation.run.string()},
+              {"clusters", to_json(validation.verdict.judged().clusters)},
               {"report", validation.report.string()}});
+  if (nearest) out["verdict"]["nearest"] = nearest - arms.data();
   return out;
 }
 

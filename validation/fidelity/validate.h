@@ -37,15 +37,22 @@ struct Validation {
   std::vector<GivenUp> failed;
   int samples = 0;               ///< Cycles samples a pixel, as asked for
   std::string blender;           ///< its version
-  std::filesystem::path report;  ///< report.html
+  std::filesystem::path run;     ///< of the attack
+  std::filesystem::path report;  ///< report.html, which write_report() makes
 };
 
-/// Runs it; writes OUT/{hosts,scenes,pictures}/, OUT/report.html and OUT/result.json, which is to_json() of
-/// what is returned and the figures that the report took from other files. InputError for settings, run or
-/// data that cannot be used; Failure if Blender was lost on every vehicle or a program fails; Interrupted.
+/// Runs it; writes OUT/{hosts,scenes,pictures}/. InputError for settings, run or data that cannot be used;
+/// Failure if Blender was lost on every vehicle or a program fails; Interrupted.
 Validation validate(const ValidationSettings& settings);
+/// OUT/report.html from OUT/result.json, which holds to_json(), and the files beside it. InputError without
+/// Python; Failure if report.py fails.
+void write_report(const ValidationSettings& settings);
 
-/// result.json (src/README.md) without the report's figures: the summary's fields among its own.
+/// What the page says first: success in the arm nearest to reality, what its difference from the first arm
+/// tells, whether matched light agrees. One sentence.
+std::string headline(const Validation& validation);
+
+/// result.json (src/README.md): the summary's fields among its own.
 nlohmann::json to_json(const Validation& validation);
 
 /// What a kept vehicle's result depends on, as a hash; one of another key is made again. `settings`: with

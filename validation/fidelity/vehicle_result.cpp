@@ -133,6 +133,7 @@ void add_seen(const SeenResult& seen, json& out) {
   out["matched"] = fields_json(seen.matched);
   out["samples"] = seen.samples;
   out["full"] = with(fields_json(seen.full), to_json(seen.full.error));
+  if (seen.full.mean > 0) out["full"]["relative"] = seen.full.mae / seen.full.mean;
   out["range"] = seen.range;
   out["detected"] = seen.detected;
   out["clean"] = {{"iou", seen.clean_iou}, {"score", seen.clean_score}};

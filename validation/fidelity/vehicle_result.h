@@ -34,13 +34,13 @@ void visit_fields(Visitor& visit, S& s) {
 }
 
 /// Who draws the object of an arm, and how it meets the rays (arms.h).
-enum class ArmLight { raster, visible, cycles };
+enum class ArmLight { learned, raster, visible, cycles };
 constexpr auto words_of(ArmLight) {
-  return std::to_array<const char*>({"raster", "visible", "cycles"});
+  return std::to_array<const char*>({"learned", "raster", "visible", "cycles"});
 }
-enum class ArmReturns { ideal, realistic };
+enum class ArmReturns { learned, ideal, realistic };
 constexpr auto words_of(ArmReturns) {
-  return std::to_array<const char*>({"ideal", "realistic"});
+  return std::to_array<const char*>({"learned", "ideal", "realistic"});
 }
 struct VerdictArm {
   ArmLight light = ArmLight::raster;

@@ -203,7 +203,8 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
     clean->second = detections(context.detector, {&frame.image, frame.sweep, &frame.calibration}, judge_by);
   // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
   CleanView as_recorded = clean_view(prepared, simulated);
-  as_recorded.changed = full.rect;
+  const Simulated learned = simulate(prepared, *scene.host, scene.rooftop, scene.adversary, context.learned);
+  as_recorded.changed = united(full.rect, learned.rect);
   const BevBox host_box = HostTruth(frame, *scene.host, judge_by.plane).host();
   const auto outcome_of = [&](const ImageF& image, const Sweep& sweep) -> Judged {
     const SensorView view{&image, sweep, &frame.calibration,
@@ -226,7 +227,8 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   const auto look = [&](const ImageF& image, const Sweep& sweep) {
     return outcome_of(image, sweep).result();
   };
-  if (raster.detected) seen.arms = look_at_arms(scene, simulated, full, look);  // else no outcome to change
+  if (raster.detected)
+    seen.arms = look_at_arms(scene, simulated, learned, full, look);  // else no outcome to change
   if (with_ladder) {
     // Where the detector misses the vehicle without the adversary there is no outcome to change.
     const auto outcome = [&](const ImageF& image, const Sweep& sweep) {

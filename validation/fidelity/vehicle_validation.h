@@ -15,6 +15,7 @@ namespace mirage {
 struct ValidationContext {
   const ValidationSettings& settings;
   const Run& run;
+  const SimulationSettings& learned;  ///< the run's own, which `run` may have other than
   FrameStore& store;
   Detector& detector;
   BlenderWorker& blender;

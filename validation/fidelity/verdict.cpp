@@ -2,8 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
-#include "base/clustered_share.h"
+#include "base/intervals.h"
 #include "detection/reliance.h"
 
 namespace mirage {
@@ -37,19 +38,21 @@ struct OutcomeTally {
 
 /// Outcomes against others on the same vehicles.
 struct Paired {
-  OutcomeTally tally;
-  ClusteredShare hidden, false_positive, fooled;  ///< differences
+  OutcomeTally tally, base;
   int flips = 0;
   double logit = 0, score = 0;  ///< sums of |Δ|
 
   void add(const std::string& cluster, const OutcomeResult& outcome, const OutcomeResult& other) {
     tally.add(cluster, outcome);
-    hidden.add(cluster, double(outcome.hidden) - double(other.hidden));
-    false_positive.add(cluster, double(outcome.false_positive) - double(other.false_positive));
-    fooled.add(cluster, double(outcome.fooled()) - double(other.fooled()));
+    base.add(cluster, other);
     flips += outcome.hidden != other.hidden || outcome.false_positive != other.false_positive;
     logit += std::abs(outcome.logit - other.logit);
     score += std::abs(outcome.score - other.score);
+  }
+  SuccessShares difference() const {
+    return {share_difference(tally.hidden, base.hidden),
+            share_difference(tally.false_positive, base.false_positive),
+            share_difference(tally.fooled, base.fooled)};
   }
 };
 
@@ -67,11 +70,14 @@ std::vector<Compared<Look>> compared(const Vehicles& vehicles, std::vector<Entry
       place->second.add(own_cluster(*vehicle), outcome, looks.arms.at(0).outcome);
     }
   }
+  constexpr bool kArms = std::is_same_v<Look, VerdictArm>;  // whose first is not compared with itself
   std::vector<Compared<Look>> list;
   for (const auto& [look, paired] : all) {
     const double n = paired.tally.vehicles;
-    list.push_back({paired.tally.success(), look, paired.fooled.signed_interval(), paired.flips,
-                    paired.logit / n, paired.score / n});
+    const std::optional<Interval> difference =
+        kArms && list.empty() ? std::nullopt : std::optional(paired.difference().asr);
+    list.push_back(
+        {paired.tally.success(), look, difference, paired.flips, paired.logit / n, paired.score / n});
   }
   return list;
 }
@@ -124,26 +130,25 @@ VerdictGroup group(const Vehicles& vehicles) {
   std::set<std::string> frames;
   Clusters clusters;
   std::vector<std::pair<double, double>> scores;
-  Paired soft;  // against cycles
+  Paired cycles;  // against soft
   for (const VehicleResult* vehicle : vehicles) {
     const SeenResult& seen = *vehicle->seen;
     frames.insert(vehicle->host.frame);
     clusters.add(vehicle->host.frame, vehicle->track);
-    soft.add(own_cluster(*vehicle), seen.raster, seen.cycles);
+    cycles.add(own_cluster(*vehicle), seen.cycles, seen.raster);
     scores.emplace_back(seen.raster.score, seen.cycles.score);
   }
-  const int count = soft.tally.vehicles;
+  const int count = cycles.tally.vehicles;
   const double n = std::max(1, count);
-  return {
-      static_cast<int>(frames.size()),
-      count,
-      clusters.count(),
-      variants_of(vehicles),
-      compared<VerdictArm>(vehicles, &ArmsResult::arms),
-      {soft.hidden.signed_interval(), soft.false_positive.signed_interval(), soft.fooled.signed_interval()},
-      (count - soft.flips) / n,
-      correlation(scores),
-      soft.score / n};
+  return {static_cast<int>(frames.size()),
+          count,
+          clusters.count(),
+          variants_of(vehicles),
+          compared<VerdictArm>(vehicles, &ArmsResult::arms),
+          cycles.difference(),
+          (count - cycles.flips) / n,
+          correlation(scores),
+          cycles.score / n};
 }
 
 VerdictFlip flip_of(const VehicleResult& vehicle, bool held_back) {
@@ -164,6 +169,13 @@ std::optional<bool> Verdict::vacuous(Channel channel) const {
     vacuous = vacuous.value_or(true) && !changed;
   }
   return vacuous;
+}
+
+const Compared<VerdictArm>* Verdict::nearest_to_reality(bool sees) const {
+  const VerdictArm wanted{sees ? ArmLight::cycles : ArmLight::raster, ArmReturns::realistic};
+  for (const Compared<VerdictArm>& arm : judged().arms)
+    if (arm.look == wanted) return &arm;
+  return nullptr;
 }
 
 Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::string>& test_frames) {

@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "base/bootstrap.h"
 #include "base/clusters.h"
+#include "base/intervals.h"
 #include "validation/fidelity/vehicle_result.h"
 
 namespace mirage {
@@ -33,13 +33,13 @@ struct VerdictVariant : Success {
   std::string name;  ///< the kind's, or the rung's effect
 };
 
-/// What is looked at (VerdictArm, VerdictControl) against the first arm (raster × ideal) on the same
-/// vehicles.
+/// What is looked at (VerdictArm, VerdictControl) against the first arm, as the attack was learned, on the
+/// same vehicles.
 template <class Look>
 struct Compared : Success {
   Look look;
-  Interval difference;  ///< asr − that of the first arm, paired
-  int flips = 0;        ///< how many end otherwise, hidden or with a false positive
+  std::optional<Interval> difference;  ///< asr − that of the first arm, paired; none of the first itself
+  int flips = 0;                       ///< how many end otherwise, hidden or with a false positive
   double mean_delta_logit = 0, mean_delta_score = 0;  ///< of |Δ|
 };
 
@@ -49,7 +49,7 @@ struct VerdictGroup {
   ClusterCount clusters;
   std::vector<VerdictVariant> variants;  ///< by kind, rungs in the ladder's order; none without vehicles
   std::vector<Compared<VerdictArm>> arms;
-  SuccessShares difference;                 ///< soft − cycles, paired
+  SuccessShares difference;                 ///< cycles − soft, paired
   double agree = 0;                         ///< share of the same outcome, soft and cycles
   std::optional<double> score_correlation;  ///< of the same two; none where one does not vary
   double score_mean_difference = 0;         ///< of |Δ|
@@ -83,16 +83,19 @@ struct Verdict {
   /// channel's controls, and the mean |Δlogit| stays below kLeastDeltaLogit (detection/reliance.h) under
   /// each. Then who drew the object there says nothing about the attack. None without controls.
   std::optional<bool> vacuous(Channel channel) const;
+  /// The arm nearest to what is driven through: realistic returns, Cycles' picture if the detector `sees`,
+  /// else the rasteriser's. None without vehicles.
+  const Compared<VerdictArm>* nearest_to_reality(bool sees) const;
 };
 
 /// `test_frames`: those whose vehicles are held back.
 Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::string>& test_frames);
 
 /// {confidence, held_back, all, pairs, flips, of, arms, controls, vacuous}: the structs' fields by name, with
-///   difference: of a group {fn_asr, fp_asr, asr}; of an arm or a control one interval;
-///   pairs, flips: with split, "test" or "train"; flips with from and to, "hidden" or "found";
-///   of: "held_back" or "all", the judged group, whose arms stand here again;
-///   vacuous: {image, lidar, bound}.
+///   difference: of a group {fn_asr, fp_asr, asr}; of an arm or a control one interval, none of the first
+///   arm; told: what a difference of asr says (base/intervals.h); pairs, flips: with split, "test" or
+///   "train"; flips with from and to, "hidden" or "found"; of: "held_back" or "all", the judged group, whose
+///   arms stand here again; vacuous: {image, lidar, bound}.
 nlohmann::json to_json(const Verdict& verdict);
 
 }  // namespace mirage

@@ -24,8 +24,9 @@ json compared_figures(const std::vector<Compared<Look>>& all) {
   return list_json(all, [](const Compared<Look>& entry) {
     json out = success_figures(entry);
     out.update(fields_json(entry.look));
-    out.update({{"difference", to_json(entry.difference)},
-                {"flips", entry.flips},
+    if (entry.difference)
+      out.update({{"difference", to_json(*entry.difference)}, {"told", to_string(told(*entry.difference))}});
+    out.update({{"flips", entry.flips},
                 {"mean_delta_logit", entry.mean_delta_logit},
                 {"mean_delta_score", entry.mean_delta_score}});
     return out;
@@ -44,6 +45,7 @@ json group_figures(const VerdictGroup& group) {
           {"variants", std::move(variants)},
           {"arms", compared_figures(group.arms)},
           {"difference", share_figures(group.difference)},
+          {"told", to_string(told(group.difference.asr))},
           {"agree", group.agree},
           {"score_correlation", group.score_correlation ? json(*group.score_correlation) : json()},
           {"score_mean_difference", group.score_mean_difference}};
@@ -81,7 +83,7 @@ json truth(const std::optional<bool>& known) {
 }  // namespace
 
 json to_json(const Verdict& verdict) {
-  return {{"confidence", BootstrapSettings().confidence},
+  return {{"confidence", kConfidence},
           {"held_back", group_figures(verdict.held_back)},
           {"all", group_figures(verdict.all)},
           {"pairs", list_json(verdict.pairs, pair_figures)},

@@ -1,10 +1,11 @@
 // What defences take off, and off what.
 #include <fmt/format.h>
 
-#include <array>
+#include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
+#include <span>
+#include <vector>
 
 #include "validation/paper/checks.h"
 #include "validation/paper/experiments.h"
@@ -50,41 +51,28 @@ Finding harder(const Evidence& evidence) {
                  {"adversarial", "adversarial training"}, {"denoising", "feature denoising"}}) {
           const Outcomes* with = evidence.learned(evaluation(rig, "fusion-both-" + defense));
           if (!none || !with) continue;
-          struct Sums {
-            double hidden = 0, positive = 0, vehicles = 0;
-          };
-          std::map<CrossingName, std::array<Sums, 2>> by_name;
+          SumsByCrossing by_name;  // hidden, with a false positive, vehicles; without the defence and with it
           const Outcomes a = shared_hosts(*none, *with), b = shared_hosts(*with, *none);
           for (int side = 0; side < 2; ++side)
             for (const Outcome& host : (side == 0 ? a : b).hosts) {
               if (!host.detected) continue;
-              Sums& sums = by_name[host.crossing()][static_cast<std::size_t>(side)];
-              sums.hidden += host.hidden;
-              sums.positive += host.false_positive;
-              sums.vehicles += 1;
+              std::vector<double>& sums = by_name[{host.cluster(), host.run}];
+              sums.resize(6);
+              double* of = sums.data() + 3 * side;
+              of[0] += host.hidden, of[1] += host.false_positive, of[2] += 1;
             }
-          std::vector<std::array<Sums, 2>> items;
-          for (const auto& [name, sums] : by_name) items.push_back(sums);
-          const auto left = [&](std::span<const int> drawn) {  // {misses left, false positives left}
-            std::array<Sums, 2> sums;
-            for (std::size_t i = 0; i < items.size(); ++i)
-              for (std::size_t side = 0; side < 2; ++side) {
-                sums[side].hidden += drawn[i] * items[i][side].hidden;
-                sums[side].positive += drawn[i] * items[i][side].positive;
-                sums[side].vehicles += drawn[i] * items[i][side].vehicles;
-              }
-            const auto share = [&](double Sums::*part) {
-              return sums[0].*part > 0 && sums[1].vehicles > 0
-                         ? (sums[1].*part / sums[1].vehicles) / (sums[0].*part / sums[0].vehicles)
-                         : kUndefined;
-            };
-            return std::pair{share(&Sums::hidden), share(&Sums::positive)};
+          const auto left = [&](std::span<const double> sums, std::size_t part) {
+            return sums.size() == 6 && sums[part] > 0 && sums[5] > 0
+                       ? (sums[3 + part] / sums[5]) / (sums[part] / sums[2])
+                       : kUndefined;
           };
-          const Interval difference = crossed_statistic(crossings(by_name), [&](std::span<const int> drawn) {
-            const auto [misses, positives] = left(drawn);
-            return positives - misses;
-          });
-          const auto [misses, positives] = left(std::vector<int>(items.size(), 1));
+          std::vector<double> all(6);
+          for (const auto& [name, sums] : by_name)
+            for (std::size_t i = 0; i < all.size(); ++i) all[i] += sums[i];
+          const double misses = left(all, 0), positives = left(all, 1);
+          const Interval difference = plain_interval(
+              jackknife(by_name, [&](std::span<const double> sums) { return left(sums, 1) - left(sums, 0); }),
+              1 / std::max(1.0, std::min(all[0], all[1])));
           if (std::isnan(misses) || std::isnan(positives)) {
             Check rig_check;
             rig_check.rig = title(rig) + ", " + words;

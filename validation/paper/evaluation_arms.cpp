@@ -68,20 +68,20 @@ std::vector<Arm> evaluation_arms(const Experiments& experiments, const Reproduce
 }
 
 json to_json(const Arm& arm) {
-  json result = {{"name", arm.name},
-                 {"detector", arm.detector},
-                 {"target", arm.target},
-                 {"rig", arm.rig},
-                 {"judge", arm.judge},
-                 {"mesh", arm.mesh},
-                 {"seeds", arm.seeds},
-                 {"vehicles", arm.vehicles},
-                 {"frames", arm.frames},
-                 {"hidden", to_json(arm.hiding)},
-                 {"fp_asr", to_json(arm.false_positives)},
-                 {"interval",
-                  {{"confidence", BootstrapSettings().confidence},
-                   {"drawn", arm.seeds.size() > 1 ? "runs and clusters" : "clusters"}}}};
+  json result = {
+      {"name", arm.name},
+      {"detector", arm.detector},
+      {"target", arm.target},
+      {"rig", arm.rig},
+      {"judge", arm.judge},
+      {"mesh", arm.mesh},
+      {"seeds", arm.seeds},
+      {"vehicles", arm.vehicles},
+      {"frames", arm.frames},
+      {"hidden", to_json(arm.hiding)},
+      {"fp_asr", to_json(arm.false_positives)},
+      {"interval",
+       {{"confidence", kConfidence}, {"drawn", arm.seeds.size() > 1 ? "runs and clusters" : "clusters"}}}};
   if (!arm.defense.empty()) result["defense"] = arm.defense;
   if (!arm.parts.empty()) result["parts"] = arm.parts;
   if (arm.net)

@@ -119,32 +119,16 @@ Finding fusion_helps(const Evidence& evidence) {
 
 /// ASR of the drawn frames at each size, then the least-squares slope over L.
 Interval slope(const std::vector<std::pair<double, Outcomes>>& sizes) {
-  std::map<CrossingName, std::vector<ClusterSums>> by_name;
+  std::vector<ClusteredShare> shares(sizes.size());
   for (std::size_t s = 0; s < sizes.size(); ++s)
-    for (const Outcome& host : sizes[s].second.hosts) {
-      if (!host.detected) continue;
-      auto& sums = by_name[host.crossing()];
-      sums.resize(sizes.size());
-      sums[s].numerator += host.fooled();
-      sums[s].denominator += 1;
-    }
-  std::vector<std::vector<ClusterSums>> items;
-  for (const auto& [name, sums] : by_name) items.push_back(sums);
+    for (const Outcome& host : sizes[s].second.hosts)
+      if (host.detected) shares[s].add(host.cluster(), host.fooled(), host.run, 1.0 / sizes[s].second.meshes);
   double mean_size = 0, spread = 0;
   for (const auto& [size, outcomes] : sizes) mean_size += size / static_cast<double>(sizes.size());
   for (const auto& [size, outcomes] : sizes) spread += (size - mean_size) * (size - mean_size);
-  return crossed_statistic(crossings(by_name), [&](std::span<const int> drawn) {
-    double value = 0;
-    for (std::size_t s = 0; s < sizes.size(); ++s) {
-      ClusterSums sums;
-      for (std::size_t i = 0; i < items.size(); ++i) {
-        sums.numerator += drawn[i] * items[i][s].numerator;
-        sums.denominator += drawn[i] * items[i][s].denominator;
-      }
-      value += (sizes[s].first - mean_size) * sums.numerator / sums.denominator;  // NaN without any
-    }
-    return value / spread;
-  });
+  std::vector<double> factors;
+  for (const auto& [size, outcomes] : sizes) factors.push_back((size - mean_size) / spread);
+  return combined_shares(shares, factors);
 }
 
 Finding larger(const Evidence& evidence) {
@@ -208,17 +192,16 @@ struct Distances {
 };
 
 Distances distances(const Outcomes& outcomes) {
-  std::map<CrossingName, ClusterSums> by_name;
+  ClusteredShare far;
   std::vector<double> all;
   for (const Outcome& host : outcomes.hosts) {
     if (!host.detected) continue;
     for (const double distance : host.distances()) {
-      by_name[host.crossing()].numerator += distance > kFar;
-      by_name[host.crossing()].denominator += 1;
+      far.add(host.cluster(), distance > kFar, host.run, 1.0 / outcomes.meshes);
       all.push_back(distance);
     }
   }
-  Distances summary{static_cast<int>(all.size()), crossed_interval(by_name), 0};
+  Distances summary{static_cast<int>(all.size()), far.interval(), 0};
   if (!all.empty()) summary.median = quantile(all, 0.5);
   return summary;
 }

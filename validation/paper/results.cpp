@@ -27,17 +27,11 @@ std::shared_ptr<Outcomes> read_arm(const JsonFields& evaluation, const std::stri
   return arm;
 }
 
-using Sums = std::map<CrossingName, ClusterSums>;
-
-Sums sums_of(const Outcomes& outcomes, const Which& counts, const Which& which) {
-  Sums all;
-  for (const Outcome& host : outcomes.hosts) {
-    if (!counts(host)) continue;
-    ClusterSums& sums = all[host.crossing()];
-    sums.numerator += which(host);
-    sums.denominator += 1;
-  }
-  return all;
+ClusteredShare share_of(const Outcomes& outcomes, const Which& counts, const Which& which) {
+  ClusteredShare share;
+  for (const Outcome& host : outcomes.hosts)
+    if (counts(host)) share.add(host.cluster(), which(host), host.run, 1.0 / outcomes.meshes);
+  return share;
 }
 
 /// Hosts detected clean, each once whatever the meshes and runs.
@@ -135,11 +129,11 @@ Judged pooled(const std::vector<Judged>& runs) {
 }
 
 Interval success(const Outcomes& outcomes, const Which& which) {
-  return crossed_interval(sums_of(outcomes, is_detected, which));
+  return share_of(outcomes, is_detected, which).interval();
 }
 
-static Sums hiding_sums(const Outcomes& outcomes, const HidingRule& rule) {
-  return sums_of(
+static ClusteredShare hiding_share(const Outcomes& outcomes, const HidingRule& rule) {
+  return share_of(
       outcomes, [&](const Outcome& host) { return rule.finds(host, true); },
       [&](const Outcome& host) { return !rule.finds(host, false); });
 }
@@ -148,7 +142,7 @@ std::optional<Interval> hiding(const Outcomes& outcomes, const HidingRule& rule)
   const auto has_metres = [](const Outcome& host) { return std::isfinite(host.clean_distance); };
   if (rule.distance > 0 && std::none_of(outcomes.hosts.begin(), outcomes.hosts.end(), has_metres))
     return std::nullopt;
-  return crossed_interval(hiding_sums(outcomes, rule));
+  return hiding_share(outcomes, rule).interval();
 }
 
 int found_clean(const Outcomes& outcomes, const HidingRule& rule) {
@@ -179,41 +173,23 @@ Outcomes part(const Outcomes& outcomes, const Which& keep) {
 
 static Interval paired_difference(const Outcomes& a, const Outcomes& b, const Which& counts,
                                   const Which& which) {
-  std::map<CrossingName, PairedSums> both;
-  for (const auto& [name, sums] : sums_of(shared_hosts(a, b), counts, which)) both[name].a = sums;
-  for (const auto& [name, sums] : sums_of(shared_hosts(b, a), counts, which)) both[name].b = sums;
-  return crossed_difference(both);
+  return share_difference(share_of(shared_hosts(a, b), counts, which),
+                          share_of(shared_hosts(b, a), counts, which));
 }
 
 Interval hiding_difference(const Outcomes& a, const Outcomes& b, const HidingRule& rule) {
-  std::map<CrossingName, PairedSums> both;
-  for (const auto& [name, sums] : hiding_sums(shared_hosts(a, b), rule)) both[name].a = sums;
-  for (const auto& [name, sums] : hiding_sums(shared_hosts(b, a), rule)) both[name].b = sums;
-  return crossed_difference(both);
+  return share_difference(hiding_share(shared_hosts(a, b), rule), hiding_share(shared_hosts(b, a), rule));
 }
 
 Interval net_difference(const NetOf& a, const NetOf& b, const HidingRule& rule) {
   const std::array<const Outcomes*, 4> of = {a.learned, a.control, b.learned, b.control};
-  std::map<CrossingName, std::array<ClusterSums, 4>> by_name;
-  for (std::size_t k = 0; k < of.size(); ++k) {
-    Outcomes shared = *of[k];
+  std::vector<ClusteredShare> shares;
+  for (const Outcomes* outcomes : of) {
+    Outcomes shared = *outcomes;
     for (const Outcomes* other : of) shared = shared_hosts(shared, *other);
-    for (const auto& [name, sums] : hiding_sums(shared, rule)) by_name[name][k] = sums;
+    shares.push_back(hiding_share(shared, rule));
   }
-  std::vector<std::array<ClusterSums, 4>> items;
-  for (const auto& [name, sums] : by_name) items.push_back(sums);
-  return crossed_statistic(crossings(by_name), [&](std::span<const int> drawn) {
-    std::array<double, 4> share{};
-    for (std::size_t k = 0; k < share.size(); ++k) {
-      ClusterSums sums;
-      for (std::size_t i = 0; i < items.size(); ++i) {
-        sums.numerator += drawn[i] * items[i][k].numerator;
-        sums.denominator += drawn[i] * items[i][k].denominator;
-      }
-      share[k] = sums.numerator / sums.denominator;  // NaN without any
-    }
-    return share[0] - share[1] - share[2] + share[3];
-  });
+  return combined_shares(shares, std::array{1.0, -1.0, -1.0, 1.0});
 }
 
 Interval success_difference(const Outcomes& a, const Outcomes& b, const Which& which) {
@@ -226,21 +202,20 @@ Interval clean_recall_difference(const Outcomes& a, const Outcomes& b, double io
 }
 
 Interval recall(const Outcomes& outcomes, double iou, bool clean) {
-  return crossed_interval(sums_of(
-      outcomes, [](const Outcome&) { return true; },
-      [&](const Outcome& host) { return found(host, iou, clean); }));
+  return share_of(
+             outcomes, [](const Outcome&) { return true; },
+             [&](const Outcome& host) { return found(host, iou, clean); })
+      .interval();
 }
 
 Interval mean_recall(const Outcomes& outcomes, bool clean) {
-  Sums all;
+  ClusteredShare all;
   for (const Outcome& host : outcomes.hosts) {
-    ClusterSums& sums = all[host.crossing()];
-    for (int step = 0; step <= kSteps; ++step) {
-      sums.numerator += found(host, step / double(kSteps), clean);
-      sums.denominator += 1;
-    }
+    double steps = 0;
+    for (int step = 0; step <= kSteps; ++step) steps += found(host, step / double(kSteps), clean);
+    all.add(host.cluster(), steps / (kSteps + 1), host.run, 1.0 / outcomes.meshes);
   }
-  return crossed_interval(all);
+  return all.interval();
 }
 
 RecallCurve recall_curve(const Outcomes& outcomes, bool clean) {

@@ -13,7 +13,7 @@
 #include "attack/hiding.h"
 #include "attack/host_outcome.h"
 #include "base/clusters.h"
-#include "base/crossed_bootstrap.h"
+#include "base/intervals.h"
 #include "detection/reliance.h"
 
 namespace mirage::paper {
@@ -25,8 +25,6 @@ inline constexpr const char* kMakeAgain = "delete the folder and run the same co
 struct Outcome : HostOutcome {
   int run = 0;  ///< of the attack, from another seed
 
-  std::string cluster() const { return cluster_of(id.frame, track); }
-  CrossingName crossing() const { return {cluster(), run}; }
   /// m from the host to each of its false positives; none in the picture's plane, which has no metres.
   std::vector<double> distances() const;
 };
@@ -62,8 +60,8 @@ Judged read_evaluation(const std::filesystem::path& file, const std::string& dat
 /// The same experiment's runs as one; what one of them lacks is missing. `runs` is not empty.
 Judged pooled(const std::vector<Judged>& runs);
 
-/// Share of the vehicles detected clean for which `which` holds; 95 % interval by bootstrap over clusters and
-/// runs (base/crossed_bootstrap.h), as of all figures below.
+/// Share of the vehicles detected clean for which `which` holds; 95 % interval over clusters and runs
+/// (base/intervals.h), as of all figures below.
 Interval success(const Outcomes& outcomes, const Which& which);
 
 /// Share of the vehicles found clean at all (IoU > 0.1 with a detection) of which nothing is found any more:
@@ -87,8 +85,7 @@ struct NetOf {
 /// all four have: which of two attacks has learned more beyond its mesh's size.
 Interval net_difference(const NetOf& a, const NetOf& b, const HidingRule& rule);
 
-/// success(a) − success(b), paired: both are of the same data, only hosts that stand in both count, and the
-/// clusters are drawn together.
+/// success(a) − success(b), paired: both are of the same data, only hosts that stand in both count.
 Interval success_difference(const Outcomes& a, const Outcomes& b, const Which& which);
 
 /// Recall of the frames as recorded, of two detectors on the same hosts: a − b.

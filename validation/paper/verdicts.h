@@ -11,15 +11,15 @@
 // A run asks some thirty such questions, of which one or two would be told by chance. Their p-values are
 // corrected together (Holm, Scandinavian Journal of Statistics 6, 1979), the paper's findings as one family,
 // those about our own defences, parts of the object and kinds of fusion as three others: what is not told
-// after that is left open. p comes from the interval: the normal tail that puts the interval's end where the
-// bootstrap has it.
+// after that is left open. p comes from the interval: the normal tail that puts the interval's end where it
+// is.
 #pragma once
 
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "base/bootstrap.h"
+#include "base/intervals.h"
 
 namespace mirage::paper {
 
@@ -28,7 +28,7 @@ enum class Verdict { holds, fails, open };
 std::string to_string(Verdict verdict);
 
 /// Differences below this share count as none where a claim is "no less than" or "of no help".
-inline constexpr double kMargin = 0.05;
+inline constexpr double kMargin = kSameWithin;
 
 /// What is claimed of a difference; no_help of how much a defence takes off.
 enum class Claim { more, no_less, no_help };

@@ -1,5 +1,5 @@
-"""The figures of the page. All of them stand in result.json: what other files hold (vehicles, evaluation, trade-off,
-loss) is copied into its `report_figures`, and the page names for every figure the place it was read from."""
+"""The figures of the page, each from result.json or from a file beside it (a vehicle, the evaluation, the trade-off): the
+page names for every figure the file and the place that it was read from. Nothing is judged here."""
 
 import csv
 import json
@@ -10,14 +10,28 @@ from markupsafe import Markup, escape
 
 import charts
 
-# To reach in matched light: (what, place, format, target, unit, passes).
-TARGETS = [
-    ("Mask IoU", "matched.mask_iou", "f6", 0.9999, "≥ 0.9999", lambda value, target: value >= target),
-    ("Mean colour error, scene-linear", "matched.mae", "sci", 1e-4, "≤ 10⁻⁴", lambda value, target: value <= target),
-    ("Hit disagreements of LiDAR rays", "matched.hit_disagreements", "int", 0, "0",
-     lambda value, target: value <= target),
-    ("Largest LiDAR range error, m", "matched.range_error_m", "sci", 1e-4, "≤ 10⁻⁴",
-     lambda value, target: value <= target),
+# How the targets of result.json are written: place: (what, format, to reach).
+TARGETS = {
+    "matched.mask_iou": ("Mask IoU", "f6", "≥ 0.9999"),
+    "matched.mae": ("Mean colour error, scene-linear", "sci", "≤ 10⁻⁴"),
+    "matched.hit_disagreements": ("Hit disagreements of LiDAR rays", "int", "0"),
+    "matched.range_error_m": ("Largest LiDAR range error, m", "sci", "≤ 10⁻⁴"),
+}
+# What the head says of how the result was made: (what, places in result.json, of which the first that is there counts).
+MADE_OF = [
+    ("detector", ("provenance.detector", "provenance.settings.detector")),
+    ("weights", ("provenance.weights", "provenance.settings.weights")),
+    ("weights, hash", ("provenance.weights_hash", "provenance.inputs.weights")),
+    ("defence", ("provenance.defense", "provenance.settings.defense")),
+    ("data", ("provenance.data", "provenance.settings.data")),
+    ("data, hash", ("provenance.data_hash", "provenance.inputs.data")),
+    ("run", ("run",)),
+    ("seed", ("provenance.seed", "provenance.settings.seed")),
+    ("program", ("provenance.version", "provenance.program")),
+    ("commit", ("provenance.commit",)),
+    ("made on", ("provenance.date",)),
+    ("command", ("provenance.command",)),
+    ("identity", ("provenance.identity",)),
 ]
 LOSS_POINTS = 200
 
@@ -54,16 +68,17 @@ def written(value, form):
     return text if form == "text" else text.replace("-", "−")
 
 
-def figure_function(result):
-    """`fig(place, format)` for the template: the formatted value and where it stands; a dash without one."""
+def figure_function(tree, origin=str):
+    """`fig(place, format)` for the template: the formatted value and where it stands; a dash without one. `origin(place)`:
+    "place" of result.json, "FILE#place" of another file."""
 
     def fig(place, form="g3"):
-        if not has(result, place):
+        if not has(tree, place):
             return Markup('<span class="none">–</span>')
-        value = at(result, place)
+        value = at(tree, place)
         if isinstance(value, float) and not math.isfinite(value):
             return Markup('<span class="none">–</span>')
-        return Markup(f'<data value="{escape(value)}" data-at="{escape(place)}">{escape(written(value, form))}</data>')
+        return Markup(f'<data value="{escape(value)}" data-at="{escape(origin(place))}">{escape(written(value, form))}</data>')
 
     return fig
 
@@ -110,41 +125,35 @@ def outcome(host, key):
     return "found", "good"
 
 
-def vehicle(host):
-    """A vehicle's figures that the page shows."""
-    kept = {key: host[key] for key in ("name", "range", "visible_share", "adversary_points", "detected", "clean",
-                                       "raster", "cycles", "matched", "full", "samples", "noise") if key in host}
-    if host["full"].get("mean", 0) > 0:
-        kept["full_relative"] = host["full"]["mae"] / host["full"]["mean"]
-    return kept
+def made_of(result):
+    """[(what, place)] of what is known."""
+    rows = [(what, next((place for place in places if has(result, place) and at(result, place) not in ("", {}, [])), None))
+            for what, places in MADE_OF]
+    return [(what, place) for what, place in rows if place]
 
 
-def without_lists(evaluation):
-    """Without the outcome of every vehicle and every false positive."""
-    kept = {key: value for key, value in evaluation.items() if key != "outcomes"}
-    if "false_positives" in kept:
-        kept["false_positives"] = {key: value for key, value in kept["false_positives"].items() if key != "list"}
-    return kept
-
-
-def evaluation_figures(evaluation):
-    if not evaluation:
-        return None
-    kept = without_lists(evaluation)
-    for control in ("random", "sized", "ellipsoid", "cuboid"):
-        if isinstance(kept.get(control), dict):
-            kept[control] = without_lists(kept[control])
-    return kept
+def targets(result):
+    """[{place, met, name, format, target_text}]"""
+    return [dict(zip(("name", "format", "target_text"), TARGETS[target["place"]]), **target)
+            for target in result.get("targets", []) if target["place"] in TARGETS]
 
 
 def gather(result, hosts, loss, evaluation, tradeoff):
-    """result with `report_figures`; parts without data are absent."""
-    parts = {"vehicles": [vehicle(host) for host in hosts], "loss": loss,
-             "evaluation": evaluation_figures(evaluation), "tradeoff": tradeoff}
-    checks = []
-    for name, place, form, target, text, passes in TARGETS:
-        if has(result, place):
-            checks.append({"name": name, "place": place, "format": form, "target": target, "target_text": text,
-                           "met": bool(passes(at(result, place), target))})
-    parts["targets"] = checks
-    return {**result, "report_figures": {name: part for name, part in parts.items() if part}}
+    """All that the page shows: result, and other files under "beside"; parts without data are absent."""
+    parts = {"vehicles": hosts, "loss": loss, "evaluation": evaluation, "tradeoff": tradeoff}
+    return {**result, "beside": {name: part for name, part in parts.items() if part}}
+
+
+def origin_function(hosts, evaluation, tradeoff):
+    """For figure_function: where a place of gather()'s tree was read from. `evaluation`, `tradeoff`: their files."""
+    files = {"evaluation": evaluation, "tradeoff": tradeoff}
+
+    def origin(place):
+        parts = place.split(".")
+        if parts[0] != "beside":
+            return place
+        if parts[1] == "vehicles":
+            return f"hosts/{hosts[int(parts[2])]['name']}.json#{'.'.join(parts[3:])}"
+        return f"{files[parts[1]]}#{'.'.join(parts[2:])}"
+
+    return origin

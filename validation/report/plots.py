@@ -27,17 +27,18 @@ def success(group):
     return charts.intervals("Attack success by renderer", rows, "attack success rate (95 % interval)", high)
 
 
-LIGHT = {"raster": "rasteriser", "visible": "visible light", "cycles": "Cycles"}
+LIGHT = {"learned": "as learned", "raster": "rasteriser", "visible": "visible light", "cycles": "Cycles"}
 
 
 def arms(verdict, raster_alone):
     """Attack success by who drew the object and which returns met it; with a detector that uses no picture the first alone."""
-    chosen = [arm for arm in (verdict or {}).get("arms", []) if not raster_alone or arm["light"] == "raster"]
+    chosen = [arm for arm in (verdict or {}).get("arms", []) if not raster_alone or arm["light"] in ("learned", "raster")]
     if not chosen:
         return None
-    kinds = {"raster": "raster", "cycles": "cycles"}
-    rows = [(f"{LIGHT[arm['light']]}, {arm['returns']}", kinds.get(arm["light"], "rung"), arm["asr"]["value"], arm["asr"]["low"],
-             arm["asr"]["high"], f"{LIGHT[arm['light']]}, {arm['returns']} returns: ASR {interval_text(arm['asr'])}, "
+    kinds = {"learned": "raster", "raster": "raster", "cycles": "cycles"}
+    name = lambda arm: LIGHT[arm["light"]] + ("" if arm["light"] == "learned" else f", {arm['returns']}")
+    rows = [(name(arm), kinds.get(arm["light"], "rung"), arm["asr"]["value"], arm["asr"]["low"],
+             arm["asr"]["high"], f"{name(arm)}: ASR {interval_text(arm['asr'])}, "
              f"{arm['vehicles']} vehicles") for arm in chosen]
     high = min(1.0, max(0.1, max(row[4] for row in rows) * 1.1))
     return charts.intervals("Attack success by light and returns", rows, "attack success rate (95 % interval)", high)

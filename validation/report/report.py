@@ -3,12 +3,11 @@
     python3 report.py --validation DIR --run RUN [--evaluation result.json] [--tradeoff result.json] [--viewer FILE.js]
 
 Reads DIR/result.json, DIR/hosts/*.json, DIR/pictures/*.png, RUN/loss.csv, RUN/adversary.glb, and what `mirage evaluate`
-and `mirage tradeoff` wrote; `--viewer` is model-viewer's module. Writes DIR/report.html, and into DIR/result.json the
-figures of other files that the page shows (`report_figures`). What is missing is left out of the page, never made up.
+and `mirage tradeoff` wrote; `--viewer` is model-viewer's module. Writes DIR/report.html and nothing else. It shows what the
+program has judged. What is missing is left out of the page, never made up.
 """
 
 import argparse
-import json
 import os
 import sys
 
@@ -48,70 +47,9 @@ def model_uri(path):
         return pictures.data_uri(file.read(), "model/gltf-binary")
 
 
-def group_of(result):
-    """Which part of the verdict the page puts first: held-back vehicles, or all if none was held back."""
-    verdict = result.get("verdict", {})
-    for name in ("held_back", "all"):
-        if verdict.get(name, {}).get("variants"):
-            return name
-    return "held_back"
-
-
-def picture_note(result):
-    """What stands in place of statements about images (detection/reliance.h); empty if the detector sees."""
-    return result.get("reliance", {}).get("note", "")
-
-
-def percent(arm):
-    return f"{100 * arm['asr']['value']:.1f}\u202f%"
-
-
 def arms(result):
     """{(light, returns): place in verdict.arms}, of arms that hold a vehicle."""
     return {(arm["light"], arm["returns"]): index for index, arm in enumerate(result.get("verdict", {}).get("arms", []))}
-
-
-def judge(result, group, checks):
-    """What the page says in words."""
-    missed = [check["name"].split(",")[0] for check in checks if not check["met"]]
-    said = {"missed": len(missed), "missed_names": " and ".join(missed), "compared": False, "difference": None,
-            "flips": None}
-    part = result.get("verdict", {}).get(group, {})
-    names = [variant["name"] for variant in part.get("variants", [])]
-    if "soft" in names and "cycles" in names:
-        soft, cycles = names.index("soft"), names.index("cycles")
-        said.update(compared=True, soft=soft, cycles=cycles, flips=len(result["verdict"].get("flips", [])))
-        raster, traced = part["variants"][soft]["asr"]["value"], part["variants"][cycles]["asr"]["value"]
-        gap = part.get("difference", {}).get("asr")
-        if gap:
-            said["difference"] = ("none" if gap["low"] <= 0 <= gap["high"] else
-                                  "overstates" if gap["value"] > 0 else "understates")
-    else:
-        raster, traced = result["attack"]["asr_raster"], result["attack"]["asr_cycles"]
-    known = {"none": ", no significant difference", "overstates": ", weaker than learned",
-             "understates": ", stronger than learned"}.get(said["difference"], "")
-    success = f"{100 * traced:.1f}\u202f% in Cycles, {100 * raster:.1f}\u202f% with the rasteriser{known}"
-    found = arms(result)
-    said["arms"] = {name: index for name, index in found.items()}
-    as_learned, real = (result["verdict"]["arms"][found[name]] if name in found else None
-                        for name in (("raster", "ideal"), ("cycles", "realistic")))
-    if as_learned and real:
-        gap = real["difference"]
-        known = (", weaker than learned" if gap["high"] < 0 else ", stronger than learned" if gap["low"] > 0 else
-                 ", no significant difference")
-        success = (f"{percent(real)} in Cycles with realistic returns, {percent(as_learned)} with the rasteriser and ideal "
-                   f"ones{known}")
-    vacuous = result.get("verdict", {}).get("vacuous", {})
-    said["vacuous"] = [name for channel, name in (("image", "camera"), ("lidar", "LiDAR")) if vacuous.get(channel)]
-    if said["vacuous"]:
-        success += f"; vacuous for the {' and the '.join(said['vacuous'])}"
-    if note := picture_note(result):
-        success = f"{100 * raster:.1f}\u202f% with the rasteriser; {note}"
-        if ("raster", "realistic") in found:
-            real = result["verdict"]["arms"][found["raster", "realistic"]]
-            success = f"{percent(as_learned)} with the rasteriser, {percent(real)} with realistic returns; {note}"
-    correct = "the renderers agree in matched light" if not missed else "correctness in matched light misses a target"
-    return {**said, "title": f"Attack success: {success}; {correct}."}
 
 
 def flips_of(result, folder):
@@ -136,19 +74,21 @@ def pictured_view(folder, index, host):
             "maps": pictures.in_picture(host, scenes) if seen else pictures.bev(host)}
 
 
-def page(result, hosts, folder, model, viewer):
+def page(result, hosts, folder, model, viewer, origin):
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), autoescape=True)
-    fig = figures.figure_function(result)
-    extra, group = result["report_figures"], group_of(result)
+    fig = figures.figure_function(result, origin)
+    beside, group = result["beside"], result.get("verdict", {}).get("of", "held_back")
+    note = result.get("reliance", {}).get("note", "")  # stands in place of statements about images
     # Those that stay hidden under Cycles first, then those that the detector found, the nearest first.
     order = sorted(range(len(hosts)), key=lambda i: (not hosts[i]["cycles"]["hidden"], not hosts[i]["raster"]["hidden"],
                                                      not hosts[i]["detected"], hosts[i]["range"]))
     environment.globals.update(
         result=result, fig=fig, interval=figures.interval_function(result, fig), group=group, shown=plots.SHOWN,
-        verdict=judge(result, group, extra["targets"]), checks=extra["targets"], flips=flips_of(result, folder),
-        note=picture_note(result), light_names=plots.LIGHT, tradeoff=extra.get("tradeoff"), pareto=plots.pareto(extra.get("tradeoff")), viewer_missing=NO_VIEWER, model=model,
-        plots={"loss": plots.loss(extra.get("loss")), "recall": plots.recall(extra.get("evaluation")),
-               "success": plots.arms(result.get("verdict"), bool(picture_note(result))) or
+        arms=arms(result), checks=figures.targets(result), made_of=figures.made_of(result), flips=flips_of(result, folder),
+        note=note, light_names=plots.LIGHT, tradeoff=beside.get("tradeoff"), pareto=plots.pareto(beside.get("tradeoff")),
+        viewer_missing=NO_VIEWER, model=model,
+        plots={"loss": plots.loss(beside.get("loss")), "recall": plots.recall(beside.get("evaluation")),
+               "success": plots.arms(result.get("verdict"), bool(note)) or
                plots.success(result.get("verdict", {}).get(group)),
                "scores": plots.scores(result.get("verdict")), "ladder": plots.ladder(result),
                "remaining": plots.remaining(result), "ladder_cost": plots.ladder_cost(result)},
@@ -174,9 +114,8 @@ def main():
                             figures.read_json(options.evaluation) if options.evaluation else None,
                             figures.read_json(options.tradeoff) if options.tradeoff else None)
     text = page(result, hosts, folder, model_uri(os.path.join(options.run, "adversary.glb")),
-                viewer_script(options.viewer))
+                viewer_script(options.viewer), figures.origin_function(hosts, options.evaluation, options.tradeoff))
     files.write(os.path.join(folder, "report.html"), text)
-    files.write(os.path.join(folder, "result.json"), json.dumps(result, indent=2) + "\n")
 
 
 if __name__ == "__main__":

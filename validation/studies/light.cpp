@@ -21,7 +21,7 @@
 //     noise       mean |half − other half| / 2: what a perfect picture would have
 //     RMS         of the noise-free difference, by both halves (validation/blender/unbiased_error.h), the
 //     mean
-//                 square over vehicles, with 95 % by bootstrap over frames
+//                 square over vehicles, with 95 % over frames
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -36,11 +36,11 @@
 
 #include "attack/adversary.h"
 #include "base/angles.h"
-#include "base/bootstrap.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "base/intervals.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
 #include "exchange/mesh_files.h"
@@ -253,23 +253,15 @@ nlohmann::json measure(BlenderWorker& blender, const PreparedFrame& frame, HostS
 nlohmann::json pooled(const std::vector<std::pair<std::string, nlohmann::json>>& rows,
                       const std::string& variant) {
   double error = 0, twice = 0, difference = 0, radiance = 0, noise = 0;
-  std::map<std::string, ClusterSums> by_frame;
+  ClusteredShare squared;
   for (const auto& [frame, row] : rows) {
     const nlohmann::json& of = row.at("variants").at(variant);
     error += of.at("error").get<double>(), twice += of.at("error_twice_the_noise").get<double>();
     difference += of.at("difference").get<double>(), radiance += row.at("radiance").get<double>();
     noise += row.at("noise").get<double>();
-    by_frame[frame].numerator += of.at("squared").get<double>(), ++by_frame[frame].denominator;
+    squared.add(frame, of.at("squared").get<double>());
   }
-  std::vector<ClusterSums> clusters;
-  for (const auto& [frame, sums] : by_frame) clusters.push_back(sums);
-  const Interval rms = bootstrap_statistic(clusters.size(), [&](std::span<const int> drawn) {
-    ClusterSums sums;
-    for (std::size_t i = 0; i < clusters.size(); ++i)
-      sums.numerator += drawn[i] * clusters[i].numerator,
-          sums.denominator += drawn[i] * clusters[i].denominator;
-    return signed_root(sums.numerator / sums.denominator);
-  });
+  const Interval rms = signed_root(squared.mean_interval());
   return {{"vehicles", rows.size()},
           {"error", error / radiance},
           {"no_noise", (2 * error - twice) / radiance},

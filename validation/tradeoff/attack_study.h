@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "base/bootstrap.h"
+#include "base/intervals.h"
 #include "detection/detector.h"
 #include "validation/tradeoff/settings.h"
 
