@@ -62,7 +62,7 @@ void add_options(CLI::App& app, CertifyOptions& options) {
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames; 0: all")->capture_default_str();
   app.add_option("--min-view", options.min_view, "share of the reference adversary in view that a car needs")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(within({0.0, 1.0}))
       ->capture_default_str();
   app.add_option("--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")
       ->delimiter(',')
@@ -117,6 +117,7 @@ Command certify_command() {
       .name = "certify",
       .help = "counts cars that no object within a box on their roof can hide",
       .default_out = "out/certify",
+      .example = "mirage certify --data generated --detector lidar",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };
