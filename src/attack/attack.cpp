@@ -99,6 +99,7 @@ void finish(const AttackSettings& settings, const AttackState& state, const std:
   for (std::size_t i = state.losses.size() - std::min(tail, state.losses.size()); i < state.losses.size();
        ++i)
     result.loss += state.losses[i].loss() / static_cast<double>(tail);
+  result.steps = steps;
   if (steps > 0) result.seconds_per_iteration = seconds / static_cast<double>(steps);
   result.stages = to_json(stages, seconds, steps, workers);
 }
@@ -190,7 +191,7 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   AttackState state = fresh_state(settings);
   if (std::filesystem::exists(checkpoint_file)) {
     state = read_checkpoint(checkpoint_file, id);
-    spdlog::info("resuming at iteration {}", state.iteration);
+    if (state.iteration < settings.iterations) spdlog::info("resuming at iteration {}", state.iteration);
   }
   if (any_rank(state.iteration != first_rank_value(state.iteration)))
     throw Failure(checkpoint_file.string(), "processes see different checkpoints",

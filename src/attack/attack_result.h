@@ -72,6 +72,7 @@ nlohmann::json to_json(const AutoReport& report);
 /// Of this process and the run that it went on with.
 struct AttackResult {
   int vehicles_train = 0, vehicles_test = 0, iterations = 0;
+  long steps = 0;   ///< of these, by this process: 0 of a run that was finished
   double loss = 0;  ///< mean of the last tenth of the iterations
   double seconds_per_iteration = 0;
   FoundClean found_clean;                ///< of the training vehicles

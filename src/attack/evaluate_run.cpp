@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/names.h"
+#include "base/words.h"
 #include "detection/precision.h"
 #include "frames/frame_cache.h"
 #include "scene/data/data_rig.h"
@@ -19,7 +20,7 @@ namespace {
 std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
   if (which.empty() || which == "test") return run.test;
   if (which == "train") return run.train;
-  if (which != "all") throw FieldError("hosts", which, "unknown choice", "use test, train or all");
+  if (which != "all") throw unknown_word("hosts", which, {"test", "train", "all"});
   auto all = run.train;
   all.insert(all.end(), run.test.begin(), run.test.end());
   return all;
@@ -81,7 +82,8 @@ const BaselineArm* RunEvaluation::arm(Baseline kind) const {
 
 RunEvaluation evaluate_run(const EvaluationRequest& request) {
   if (request.random_meshes < 0)
-    throw FieldError("random_meshes", std::to_string(request.random_meshes), "out of range", "use 0 or more");
+    throw FieldError("random_meshes", std::to_string(request.random_meshes), "out of range",
+                     "use at least 0");
   const std::vector<Baseline> kinds = parse_baselines(request.baseline);
   RunEvaluation result;
   result.run = read_run(request.run, request.trust);

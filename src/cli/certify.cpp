@@ -118,6 +118,7 @@ Command certify_command() {
       .name = "certify",
       .help = "counts cars that no object within a box on their roof can hide",
       .default_out = "out/certify",
+      .example = "mirage certify --data generated --detector lidar",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };

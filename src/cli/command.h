@@ -21,11 +21,13 @@ struct Common {
 };
 
 /// Every x_command() has one form. It makes the command's options (a struct, which `options` and `run` share
-/// and so keep alive) and returns Command{.name = …, .help = …, .default_out = …, .options = …, .run = …}.
-/// What is long there stands above it in the anonymous namespace, with the struct: add_options(CLI::App&,
-/// XOptions&) and run(const XOptions&, const Common&), which in a unity build are overloads on that struct.
+/// and so keep alive) and returns Command{.name = …, .help = …, .default_out = …, .example = …, .options = …,
+/// .run = …}. What is long there stands above it in the anonymous namespace, with the struct:
+/// add_options(CLI::App&, XOptions&) and run(const XOptions&, const Common&), which in a unity build are
+/// overloads on that struct.
 struct Command {
-  std::string name = {}, help = {}, default_out = {};
+  /// `example`: a command line of it, for its help.
+  std::string name = {}, help = {}, default_out = {}, example = {};
   /// Adds the command's own options; the referenced variables live as long as the command.
   std::function<void(CLI::App&)> options = {};
   /// Does the work, prints a short table on standard output and returns what result.json shall hold.

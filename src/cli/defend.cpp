@@ -60,10 +60,11 @@ Command defend_command() {
           "fine-tunes a detector to resist: adversarial training, feature denoising, depth gate; and "
           "controls",
       .default_out = "out/defend",
+      .example = "mirage defend --data generated --method adversarial --steps 1000",
       .options =
           [options](CLI::App& app) {
             add_fields(app, options->settings, {"minutes"});  // a run is of so many steps
-            app.get_option("--precision")->check(CLI::IsMember({kFloat, kBfloat16}));
+            app.get_option("--precision")->check(one_of({kFloat, kBfloat16}));
             app.add_option("--method", options->method,
                            "adversarial (free adversarial training); denoising (the same with non-local "
                            "means on image features); depth-gate (fusion weighs image features by "

@@ -93,8 +93,11 @@ Command demo_command() {
   auto options = std::make_shared<DemoOptions>();
   return Command{
       .name = "demo",
-      .help = "runs the whole chain on the embedded default: attack → export → validate → report",
+      .help =
+          "runs the whole chain on generated frames: generate → attack → evaluate → export → validate, "
+          "which writes the report",
       .default_out = "out/demo",
+      .example = "mirage demo --quick --out out/demo",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };

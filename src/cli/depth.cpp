@@ -131,6 +131,7 @@ Command depth_command() {
       .name = "depth",
       .help = "scores depth completion: against true depth, or on returns held back",
       .default_out = "out/depth",
+      .example = "mirage depth --data generated --backends ip-basic,guided",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };

@@ -247,6 +247,7 @@ Command detect_command() {
           "runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for a "
           "detector of that alone)",
       .default_out = "out/detect",
+      .example = "mirage detect --data path/to/kitti --detector fusion --reliance",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };

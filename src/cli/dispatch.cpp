@@ -3,12 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cstdint>
 #include <cstdio>
 #include <exception>
 #include <filesystem>
-#include <limits>
 #include <new>
 #include <optional>
 
@@ -20,10 +18,12 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/ranks.h"
+#include "base/words.h"
 #include "cli/command.h"
 #include "cli/completion.h"
 #include "cli/config_file.h"
 #include "cli/field_options.h"
+#include "cli/help.h"
 #include "cli/named_settings.h"
 #include "cli/version.h"
 
@@ -43,7 +43,7 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
   common.out = default_out;
   app.add_option("--seed", common.seed, "every random stream starts from it")->capture_default_str();
   app.add_option("--threads", common.threads, "threads at most; 0: all cores")
-      ->check(CLI::Range(0, kMostThreads))
+      ->check(within({0, kMostThreads}))
       ->capture_default_str();
   app.add_option("--out", common.out, "output folder")->capture_default_str();
   app.add_flag("--quiet", common.quiet, "no progress, no log lines but warnings");
@@ -53,19 +53,40 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
       "TorchScript model) is taken from the command line alone");
 }
 
-/// Numbers that cannot be negative: CLI11 would take -1 for the largest, and what is too large likewise.
-void refuse_negative(CLI::App& app) {
-  for (CLI::Option* option : app.get_options())
-    if (option->get_type_name().starts_with("UINT"))
-      option->check([](const std::string& text) -> std::string {
-        constexpr auto kMost = std::numeric_limits<std::uint64_t>::max();
-        std::uint64_t value = 0;
-        const char* end = text.data() + text.size();
-        const auto [read, problem] = std::from_chars(text.data(), end, value);
-        return problem == std::errc() && read == end
-                   ? ""
-                   : fmt::format("\"{}\" is no whole number from 0 to {}", text, kMost);
-      });
+/// InputError for the first argument that looks like an option and is none of the command's, or that stands
+/// where nothing is expected.
+void check_names(const std::vector<std::string>& arguments, const CLI::App& command) {
+  for (std::size_t i = 1; i < arguments.size() && arguments[i] != "--"; ++i) {
+    if (!arguments[i].starts_with("--")) continue;
+    const std::string name = arguments[i].substr(0, arguments[i].find('='));
+    const CLI::Option* option = command.get_option_no_throw(name);
+    if (!option) {
+      std::vector<std::string> known;
+      for (const CLI::Option* other : command.get_options())
+        for (const std::string& its : other->get_lnames()) known.push_back("--" + its);
+      throw InputError(command.get_name(), name, "no such option", use_one_of(name, known));
+    }
+    if (name.size() == arguments[i].size())  // its values follow
+      i += static_cast<std::size_t>(std::max(0, option->get_items_expected_min()));
+  }
+}
+
+/// InputError for a first argument that is no command.
+void check_command(const std::vector<std::string>& arguments, const std::vector<CLI::App*>& commands) {
+  std::vector<std::string> known;
+  for (const CLI::App* command : commands) known.push_back(command->get_name());
+  if (arguments.empty())
+    throw InputError("command", "", "is missing",
+                     use_one_of("", known) + "; mirage --help tells what they do");
+  const std::string& word = arguments.front();
+  const std::vector<std::string> options = {"--help", "--version", "--completion"};
+  const bool dashes = word.starts_with("-");
+  if (word == "-h" || std::find(options.begin(), options.end(), word) != options.end() ||
+      std::find(known.begin(), known.end(), word) != known.end())
+    return;
+  throw InputError(
+      word, "", dashes ? "no such option" : "no such command",
+      dashes ? use_one_of(word, options, "a command first: mirage attack …") : use_one_of(word, known));
 }
 
 /// InputError for a value that can be no path, nor anything else that an option takes.
@@ -99,26 +120,32 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
     if (!commands[i].page.empty())
       sub->get_option("--out")->description("the page (*.html), or a folder for it");
     commands[i].options(*sub);
-    refuse_negative(*sub);
+    check_numbers(*sub);
+    if (!commands[i].example.empty()) add_example(*sub, commands[i].example);
     subcommands.push_back(sub);
   }
-  if (arguments.size() == 2 && arguments[0] == "--completion") {  // of the build, hidden from --help
-    std::fputs((arguments[1] == "bash" ? bash_completion(app) : command_list(app)).c_str(), stdout);
+  app.add_option("--completion",
+                 "prints a script that completes commands, options and words in bash or zsh: "
+                 "source <(mirage --completion bash)")
+      ->check(one_of({"bash", "zsh"}));
+  format_help(app);
+  if (arguments.size() == 2 && arguments[0] == "--completion" && print_completion(app, arguments[1]))
     return 0;
-  }
+  check_command(arguments, subcommands);
   std::vector<std::string> expanded = arguments;
-  for (const CLI::App* sub : subcommands)
-    if (!arguments.empty() && arguments.front() == sub->get_name()) expanded = apply_config(arguments, *sub);
+  const auto chosen = std::find_if(subcommands.begin(), subcommands.end(),
+                                   [&](const CLI::App* sub) { return sub->get_name() == arguments.front(); });
+  if (chosen != subcommands.end()) {
+    check_names(arguments, **chosen);
+    expanded = apply_config(arguments, **chosen);
+  }
   std::reverse(expanded.begin(), expanded.end());  // CLI11 takes them from the back
   const auto with_options = [&](const auto& work) {
     try {
       return work();
     } catch (const FieldError& error) {  // a field that the user set by an option
-      const auto used = std::find_if(subcommands.begin(), subcommands.end(), [&](const CLI::App* sub) {
-        return !arguments.empty() && sub->get_name() == arguments.front();
-      });
-      if (used == subcommands.end()) throw;
-      throw InputError(option_of(**used, error.field), error.value, error.problem, error.fix);
+      if (chosen == subcommands.end()) throw;
+      throw InputError(option_of(**chosen, error.field), error.value, error.problem, error.fix);
     }
   };
   try {
@@ -126,13 +153,15 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
   } catch (const CLI::Success& help) {
     return app.exit(help);
   } catch (const CLI::ParseError& error) {
-    throw InputError("mirage " + (arguments.empty() ? "" : arguments.front()), "", error.what(),
-                     "see mirage " + (arguments.empty() ? "" : arguments.front() + " ") + "--help");
+    const Complaint complaint = complaint_of(error, chosen == subcommands.end() ? app : **chosen);
+    if (!complaint.option.empty() && complaint.problem != "is missing")
+      throw InputError(complaint.option, "", complaint.problem, complaint.fix);
+    throw InputError(arguments.front(), complaint.option, complaint.problem, complaint.fix);
   }
   for (std::size_t i = 0; i < commands.size(); ++i) {
     if (!subcommands[i]->parsed()) continue;
     if (rank_count() > 1 && !commands[i].many_ranks)
-      throw InputError("mirage " + commands[i].name, "mpirun", "this command runs in one process",
+      throw InputError(commands[i].name, "mpirun", "this command runs in one process",
                        "start it without mpirun");
     check_lengths(*subcommands[i]);
     commons[i].quiet = commons[i].quiet || rank() > 0;

@@ -121,7 +121,7 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   app.add_option("--pictures", options.pictures,
                  "draw up to so many hidden vehicles and as many with false positives, with the image "
                  "features, into OUT/pictures")
-      ->check(CLI::NonNegativeNumber)
+      ->check(within(kNotNegative))
       ->capture_default_str();
   app.add_option("--score", request.settings.score_threshold, "score of a detection")
       ->check(within(kShare))
@@ -139,6 +139,7 @@ Command evaluate_command() {
       .name = "evaluate",
       .help = "judges a run: attack success against a detector and a data set",
       .default_out = "out/evaluate",
+      .example = "mirage evaluate --run out/attack --baseline all",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) -> nlohmann::json {
         EvaluationRequest request = options->request;

@@ -148,7 +148,7 @@ void add_options(CLI::App& app, FitOptions& options) {
   data->excludes(build);
   app.add_option("--model", options.model, "shape model (default: the shipped one)");
   app.add_option("--frames", options.frames, "only the first N frames (0: all)")
-      ->check(CLI::NonNegativeNumber)
+      ->check(within(kNotNegative))
       ->capture_default_str();
   app.add_option("--types", options.frame.types, "labels to fit: Car, Van")->capture_default_str();
   app.add_option("--label-noise", options.frame.label_noise,
@@ -156,16 +156,16 @@ void add_options(CLI::App& app, FitOptions& options) {
       ->check(within({0, kMostLabelNoise}))
       ->capture_default_str();
   app.add_option("--min-points", options.min_points, "fewer returns on a vehicle: its box is used")
-      ->check(CLI::PositiveNumber)
+      ->check(within(kFromOne))
       ->capture_default_str();
   app.add_option("--mesh-format", options.format, "meshes written: ply, glb or none")
-      ->check(CLI::IsMember({"ply", "glb", "none"}))
+      ->check(one_of({"ply", "glb", "none"}))
       ->capture_default_str();
   app.add_option("--each", options.each, "with --build-model: cars of each of the seven body styles")
-      ->check(CLI::Range(0, 10000))
+      ->check(within({0, 10000}))
       ->capture_default_str();
   app.add_option("--dimension", options.dimension, "with --build-model: components")
-      ->check(CLI::Range(1, 200))
+      ->check(within({1, 200}))
       ->capture_default_str();
   app.add_option("--meshes", options.meshes,
                  "with --build-model: folder of your own vehicles (glb, gltf, obj, ply)")
@@ -182,6 +182,7 @@ Command fit_command() {
       .name = "fit",
       .help = "fits the vehicle shape manifold: meshes, rooftops, fitting error",
       .default_out = "out/fit",
+      .example = "mirage fit --data generated --mesh-format glb",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) -> nlohmann::json {
         if (!options->build_model.empty()) return build_model(*options, common);

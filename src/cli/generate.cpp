@@ -5,11 +5,12 @@
 #include <memory>
 
 #include "base/error.h"
-#include "base/files.h"
 #include "base/interrupt.h"
 #include "base/names.h"
 #include "base/progress.h"
+#include "base/words.h"
 #include "cli/command.h"
+#include "cli/field_options.h"
 #include "generator/dataset.h"
 #include "generator/generator.h"
 
@@ -23,17 +24,21 @@ struct GenerateOptions {
 };
 
 void add_options(CLI::App& app, GenerateOptions& options) {
-  app.add_option("--rig", options.rig, "sensor rig: kitti64, xenith, or a rig file (.toml)")
+  const auto shipped = [](const char* folder) {
+    return fmt::format("{}", fmt::join(shipped_names(folder, ".toml"), ", "));
+  };
+  app.add_option("--rig", options.rig, "sensor rig: " + shipped("scenes/rigs") + " or a rig file (.toml)")
       ->capture_default_str();
   app.add_option("--lidar", options.lidar,
-                 "another unit than the rig's own: hdl32e, vlp16, vls128, or a file (.toml)");
-  app.add_option("--look", options.look, "another look than the rig's own: european, american");
+                 "another unit than the rig's own: " + shipped("scenes/lidars") + " or a file (.toml)");
+  app.add_option("--look", options.look, "another look than the rig's own")
+      ->check(one_of({"european", "american"}));
   app.add_option("--frames", options.frames, "how many frames")
       ->capture_default_str()
-      ->check(CLI::Range(1, 1000000));
+      ->check(within({1, 1000000}));
   app.add_option("--start", options.start, "index of the first frame")
       ->capture_default_str()
-      ->check(CLI::Range(0, 999999));
+      ->check(within({0, 999999}));
   app.add_flag("--depth", options.depth,
                "write each frame's true depth too (training/depth/ID.png, KITTI's 16-bit format; sky is 0)");
   app.add_flag("--truth", options.truth,
@@ -44,10 +49,7 @@ void add_options(CLI::App& app, GenerateOptions& options) {
 /// A rig file, or a shipped one by its name.
 std::filesystem::path rig_file(const std::string& rig) {
   if (rig.ends_with(".toml")) return rig;
-  if (rig.empty() || rig.find('/') != rig.npos || std::filesystem::exists(rig))
-    throw InputError(rig, "--rig", "is neither a shipped rig nor a file whose name ends in .toml",
-                     "name kitti64, xenith, nuscenes or a rig file");
-  return shipped_file("scenes/rigs/" + rig + ".toml");
+  return shipped_choice("scenes/rigs", ".toml", rig, "rig", "a rig file (.toml)");
 }
 
 nlohmann::json run(const GenerateOptions& options, const Common& common) {
@@ -89,6 +91,7 @@ Command generate_command() {
       .name = "generate",
       .help = "writes generated frames in KITTI's layout",
       .default_out = "generated",
+      .example = "mirage generate --rig kitti64 --frames 20 --out generated",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };

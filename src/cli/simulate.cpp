@@ -107,6 +107,8 @@ Command simulate_command() {
       .name = "simulate",
       .help = "inserts a mesh on the roof of one vehicle: image, sweep, mask, depth",
       .default_out = "out/simulate",
+      .example =
+          "mirage simulate --data generated --frame 000000 --vehicle 0 --mesh out/attack/adversary.glb",
       .options =
           [options](CLI::App& app) {
             app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();

@@ -50,6 +50,7 @@ Command tradeoff_command() {
       .name = "tradeoff",
       .help = "measures speed against accuracy: fronts and recommended settings",
       .default_out = "out/tradeoff",
+      .example = "mirage tradeoff --run out/attack",
       .options =
           [options](CLI::App& app) {
             add_overrides<FrameSource>(app, options->asked, {}, "the run's, or as mirage attack has it");

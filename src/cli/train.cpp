@@ -67,13 +67,14 @@ Command train_command() {
           "trains a detector or depth completion; goes on from its checkpoint when the output folder holds "
           "one",
       .default_out = "out/train",
+      .example = "mirage train --data generated --detector lidar --steps 2000",
       .options =
           [options](CLI::App& app) {
             app.add_option("what", options->what, "detector, or depth: learned depth completion")
-                ->check(CLI::IsMember({"detector", "depth"}))
+                ->check(one_of({"detector", "depth"}))
                 ->capture_default_str();
             add_fields(app, options->detector);
-            app.get_option("--precision")->check(CLI::IsMember({kFloat, kBfloat16}));
+            app.get_option("--precision")->check(one_of({kFloat, kBfloat16}));
             add_fields(app, options->depth);
           },
       .run =

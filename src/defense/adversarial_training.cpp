@@ -13,6 +13,7 @@
 #include "base/logging.h"
 #include "base/random.h"
 #include "base/training_loop.h"
+#include "base/words.h"
 #include "detection/training_data.h"
 #include "exchange/gltf.h"
 #include "scene/data/read_frames.h"
@@ -168,8 +169,8 @@ void set_method(const std::string& word, DefenseSettings& settings) {
                                   [&](const Method& method) { return word == method.word; });
   if (known == methods().end())
     throw FieldError(
-        "method", word, "unknown defence",
-        "use " + fmt::format("{}", fmt::join(defense_methods(), ", ")) +
+        "method", word, "unknown",
+        use_one_of(word, defense_methods()) +
             " (jpeg:QUALITY, ceiling:HEIGHT, consistency and shadows need no training: --defense)");
   settings.detector.parts = known->parts;
   known->set(settings);

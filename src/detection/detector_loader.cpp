@@ -11,6 +11,7 @@
 #include "base/logging.h"
 #include "base/parallel.h"
 #include "base/shared_library.h"
+#include "base/words.h"
 #include "detection/ceiling_detector.h"
 #include "detection/consistent_detector.h"
 #include "detection/defense_words.h"
@@ -44,11 +45,13 @@ fs::path plugin_file(const DetectorOptions& options) {
   }
   const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, options.detector);
   if (plugin && fs::exists(plugin->file)) return plugin->file;
-  const std::string known = shipped_words(kDetectorPlugins);
+  std::vector<std::string> known;
+  for (const ShippedPlugin& shipped : shipped_plugins(kDetectorPlugins))
+    known.insert(known.end(), shipped.words.begin(), shipped.words.end());
   if (plugin || known.empty())
     throw InputError(plugin ? plugin->file.string() : built_file("plugins").string(), "",
                      "the detector plugin is missing", "build it with MIRAGE_DETECTORS=ON (make build)");
-  throw FieldError("detector", options.detector, "unknown detector", "use " + known + " or a plugin (*.so)");
+  throw unknown_word("detector", options.detector, known, "a plugin (*.so)");
 }
 
 namespace {

@@ -1,4 +1,5 @@
 // The program as a user meets it: exit codes, one-line errors, and what survives when something goes wrong.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -9,6 +10,7 @@
 #include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 #include <thread>
 
 #include "base/files.h"
@@ -102,6 +104,116 @@ TEST(CommandLine, AConfigSetsOptionsAndAnUnknownKeyIsAnError) {
   EXPECT_THAT(outcome.err, HasSubstr("run.toml: farmes"));
 }
 
+TEST(CommandLine, AWordThatIsNoneIsAskedAboutAndAllThatThereIsIsNamed) {
+  TemporaryFolder folder;
+  std::ofstream(folder / "c.toml") << "min_veiw = 0.5\n";
+  std::ofstream(folder / "rig.toml") << "lidar = \"hdl32\"\n";
+  using Words = std::vector<std::string>;
+  for (const auto& [arguments, words] : std::vector<std::pair<Words, Words>>{
+           {{"atack"}, {"atack: no such command", "did you mean attack?", "reproduce"}},
+           {{"--hepl"}, {"no such option", "did you mean --help?"}},
+           {{}, {"command: is missing", "attack"}},
+           {{"attack", "--data", "d", "--iteratons", "5"},
+            {"attack: --iteratons: no such option", "did you mean --iterations?", "--until-plateau"}},
+           {{"attack", "--data", "d", "--iteratons=5"}, {"did you mean --iterations?"}},
+           {{"train", "--stepz", "5", "--data", "d"}, {"did you mean --steps?"}},
+           {{"train", "detektor", "--data", "d"}, {"detektor is unknown", "did you mean detector?"}},
+           {{"attack", "--data", "d", "--config", folder / "c.toml"},
+            {"c.toml: min_veiw: unknown key", "did you mean min-view?", "texel-rate"}},
+           {{"attack", "--data", "d", "--light", "visibel"}, {"--light", "did you mean visible?"}},
+           {{"attack", "--data", "d", "--target", "imag"}, {"--target", "did you mean image?"}},
+           {{"attack", "--data", "d", "--precision", "flaot"}, {"did you mean float?", "bfloat16"}},
+           {{"attack", "--data", "d", "--expect", "roof,son"}, {"son: unknown", "did you mean sun?"}},
+           {{"attack", "--data", "d", "--renderer", "cycle"}, {"did you mean cycles?"}},
+           {{"generate", "--rig", "kitti"}, {"--rig: kitti", "did you mean kitti64?", "nuscenes", "xenith"}},
+           {{"generate", "--lidar", "hdl64"}, {"--lidar: hdl64", "hdl32e", "vlp16", "vls128"}},
+           {{"generate", "--look", "amercian"}, {"did you mean american?"}},
+           {{"defend", "--data", "d", "--method", "denoisng"}, {"did you mean denoising?", "adversarial"}},
+           {{"reproduce", "tabel1"}, {"tabel1: no such table or figure", "did you mean table1?"}},
+           {{"render", "--scene", "s.glb", "--renderer", "sotf"}, {"did you mean soft?"}}}) {
+    const Outcome outcome = run(folder, arguments);
+    EXPECT_EQ(outcome.code, 2);
+    expect_one_line(outcome.err);
+    EXPECT_THAT(outcome.err, testing::Not(HasSubstr("…")));
+    EXPECT_THAT(outcome.err, testing::Not(HasSubstr("MIRAGE_HOME")));
+    for (const std::string& word : words) EXPECT_THAT(outcome.err, HasSubstr(word));
+  }
+}
+
+TEST(CommandLine, AValueOutOfItsRangeIsToldTheRange) {
+  TemporaryFolder folder;
+  using Words = std::vector<std::string>;
+  for (const auto& [arguments, line] : std::vector<std::pair<Words, std::string>>{
+           {{"export", "--run", "r", "--frames", "-1"}, "--frames: -1 is out of range; use at least 0"},
+           {{"reproduce", "--judge-frames", "-1"}, "--judge-frames: -1 is out of range; use at least 0"},
+           {{"generate", "--threads", "2000"}, "--threads: 2000 is out of range; use 0 to 1024"},
+           {{"attack", "--data", "d", "--iterations", "ten"},
+            "--iterations: ten is no such number; use a whole number, 0 to 1000000"},
+           {{"attack", "--data", "d", "--vertex-rate", "0"}, "--vertex-rate: 0 is out of range; use above 0"},
+           {{"attack", "--data", "d", "--vertex-rate", "nan"}, "--vertex-rate: nan is out of range"},
+           {{"attack", "--data", "d", "--iterations", "1.5"}, "--iterations: 1.5 is no such number"},
+           {{"generate", "--seed", "-1"}, "--seed: -1 is"},
+           {{"attack", "--data", "d", "--iterations"}, "--iterations: needs a value; Adam steps"},
+           {{"attack"}, "mirage: attack: --data: is missing; give it: "}}) {
+    const Outcome outcome = run(folder, arguments);
+    EXPECT_EQ(outcome.code, 2) << line;
+    expect_one_line(outcome.err);
+    EXPECT_THAT(outcome.err, HasSubstr(line));
+  }
+}
+
+TEST(CommandLine, HelpIsNarrowGroupedAndWithAnExampleThatHolds) {
+  TemporaryFolder folder;
+  const auto help_of = [&](const std::string& command) {
+    const Outcome outcome = run(folder, {command, "--help"});
+    EXPECT_EQ(outcome.code, 0) << command;
+    return outcome.out;
+  };
+  std::istringstream list(run(folder, {"--completion", "commands"}).out);
+  int commands = 0;
+  for (std::string line; std::getline(list, line); ++commands) {
+    const std::string command = line.substr(0, line.find('\t')), help = help_of(command);
+    const auto example = help.find("Example:\n  mirage " + command);
+    EXPECT_NE(example, help.npos) << command;
+    EXPECT_THAT(help, testing::Not(HasSubstr("79769313"))) << command;
+    std::istringstream lines(help), words(help.substr(std::min(example, help.size())));
+    for (std::string text; std::getline(lines, text);)
+      EXPECT_LE(std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }), 100)
+          << text;
+    for (std::string word; words >> word && word != "Completed";)
+      if (word.starts_with("--")) EXPECT_THAT(help, HasSubstr("  " + word)) << command;
+  }
+  EXPECT_GE(commands, 17);
+  const std::string attack = help_of("attack");
+  for (const char* text : {"\nData:\n", "\nDetector:\n", "\nLearning:\n", "\nRun:\n",
+                           "(0 to 1000000; default 200)", "(required)"})
+    EXPECT_THAT(attack, HasSubstr(text));
+  EXPECT_THAT(help_of("generate"), AllOf(HasSubstr("kitti64, nuscenes, xenith"), HasSubstr("hdl32e, vlp16")));
+  EXPECT_THAT(run(folder, {"--help"}).out, HasSubstr("--completion bash"));
+}
+
+TEST(CommandLine, BashCompletesWordsOfOptions) {
+  TemporaryFolder folder;
+  const auto completed = [&](const std::string& line) {
+    const std::string script =
+        "source <(" + kProgram + " --completion bash); COMP_WORDS=(" + line +
+        "); COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _mirage; echo \" ${COMPREPLY[@]} \" > " +
+        (folder / "words.txt").string();
+    EXPECT_EQ(std::system(("bash -c '" + script + "'").c_str()), 0);
+    return read_file(folder / "words.txt");
+  };
+  EXPECT_THAT(completed("mirage att"), HasSubstr(" attack "));
+  EXPECT_THAT(completed("mirage attack --targ"), HasSubstr(" --target "));
+  EXPECT_THAT(completed("mirage attack --target i"), HasSubstr(" image "));
+  EXPECT_THAT(completed("mirage generate --rig k"), HasSubstr(" kitti64 "));
+  EXPECT_THAT(completed("mirage attack --defense adv"), HasSubstr(" adversarial "));
+  EXPECT_THAT(completed("mirage attack --lidar-effects u"), HasSubstr(" unit "));
+  EXPECT_THAT(completed("mirage --comp"), HasSubstr(" --completion "));
+  const Outcome zsh = run(folder, {"--completion", "zsh"});
+  EXPECT_EQ(zsh.code, 0);
+  EXPECT_THAT(zsh.out, HasSubstr("bashcompinit"));
+}
+
 TEST(CommandLine, ABudgetOfAnAttackNeedsCyclesAndARule) {
   TemporaryFolder folder;
   Outcome outcome = run(folder, {"attack", "--data", folder.path(), "--budget", folder.path()});
@@ -183,7 +295,9 @@ TEST(CommandLine, AnAttackOrADefenceThatCannotBeIsOneLine) {
            {{"attack", "--data", data, "--size", "0"}, "--size"},
            {{"attack", "--data", data, "--size", "nan"}, "--size"},
            {{"detect", "--data", data, "--defense", "jpeg:0"}, "jpeg:1 to jpeg:100"},
-           {{"detect", "--data", data, "--defense", "stone-wall"}, "with the defence stone-wall"}}) {
+           {{"detect", "--data", data, "--defense", "stone-wall"}, "with the defence stone-wall"},
+           {{"detect", "--data", data, "--defense", "adversariel"}, "did you mean adversarial? use"},
+           {{"detect", "--data", data, "--defense", "jpeg"}, "did you mean jpeg:QUALITY? use"}}) {
     auto all = arguments;
     all.insert(all.end(), {"--out", out});
     const Outcome outcome = run(folder, all);
@@ -399,6 +513,15 @@ TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   ASSERT_EQ(run(folder, attack(std::to_string(reached + 1).c_str())).code, 0);
   EXPECT_EQ(read_json(folder / "run/result.json").at("iterations"), reached + 1);
 
+  // Finished: nothing is left to do, and it says so.
+  auto finished = attack("1");
+  finished.pop_back();  // --quiet
+  outcome = run(folder, finished);
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_THAT(outcome.out, HasSubstr(fmt::format("already done: {0} of {0} iterations", reached + 1)));
+  EXPECT_THAT(outcome.out, testing::Not(HasSubstr("seconds an iteration")));
+  EXPECT_THAT(outcome.err, testing::Not(HasSubstr("resuming")));
+
   auto by_box = attack(std::to_string(reached + 2).c_str());
   by_box.insert(by_box.end(), {"--rooftop", "box"});
   outcome = run(folder, by_box);
@@ -432,6 +555,18 @@ TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
       exported.at("rooftops").at("fitted").get<int>() + exported.at("rooftops").at("from_box").get<int>(),
       exported.at("scenes"));
   EXPECT_EQ(read_file(folder / "g/adversary.glb"), read_file(folder / "run/adversary.glb"));
+  // All test vehicles by default, and no others; which were learned on is counted and written.
+  const auto split = read_json(folder / "run/run.json");
+  ASSERT_EQ(
+      run(folder, {"export", "--run", attacked, "--frames", "0", "--out", folder / "h", "--quiet"}).code, 0);
+  const auto held_back = read_json(folder / "h/result.json");
+  EXPECT_EQ(held_back.at("scenes"), split.at("test").size());
+  EXPECT_EQ(held_back.at("learned_on"), 0);
+  outcome = run(folder, {"export", "--run", attacked, "--frames", "9", "--out", folder / "i"});
+  const auto everything = read_json(folder / "i/result.json");
+  EXPECT_EQ(everything.at("scenes"), split.at("test").size() + split.at("train").size());
+  EXPECT_EQ(everything.at("learned_on"), split.at("train").size());
+  EXPECT_THAT(outcome.out, HasSubstr(fmt::format("({} of vehicles learned on)", split.at("train").size())));
 
   // The quality's values, but for what a config file or the command line gives.
   std::ofstream(folder / "quality.toml") << "quality = \"draft\"\ngamma = 0.02\n";

@@ -104,7 +104,7 @@ def unknown_options(options, text):
 
 
 COMMANDS = {"demo", "generate", "simulate", "fit", "train", "detect", "attack", "evaluate", "export", "validate", "tradeoff",
-            "defend", "render", "depth", "reproduce"}
+            "defend", "certify", "render", "depth", "reproduce", "view"}
 
 
 def test_names(source):

@@ -60,18 +60,23 @@ std::optional<VehicleResult> stored_result(const fs::path& out, const fs::path& 
   return vehicle;
 }
 
-/// A result.json that the report needs in the end, given as such or by its folder: complains now.
-void require_result(fs::path& file) {
+/// A result.json that the report needs in the end, given as such or by its folder: complains now. `key`: what
+/// the command writes and others do not.
+void require_result(fs::path& file, const char* key, const std::string& command) {
   if (file.empty()) return;
   if (fs::is_directory(file)) file /= "result.json";
-  read_json(file);
+  if (const nlohmann::json result = read_json(file); !result.is_object() || !result.contains(key))
+    throw InputError(
+        file.string(), key, "is missing: this is no result of mirage " + command,
+        "give --" + std::string(command == "evaluate" ? "evaluation" : command) + " the folder of one");
 }
 
 }  // namespace
 
 void write_report(const ValidationSettings& given) {
   ValidationSettings settings = given;
-  for (fs::path* told : {&settings.evaluation, &settings.tradeoff}) require_result(*told);
+  require_result(settings.evaluation, "fn_asr", "evaluate");
+  require_result(settings.tradeoff, "recommended", "tradeoff");
   const std::string python = plotting_python().string();
   if (python.empty())
     throw InputError("python3", "", "not found on PATH", "install it with apt-get install python3-jinja2");
@@ -158,6 +163,16 @@ std::vector<HostId> select_hosts(const Run& run, int frames) {
   return selected;
 }
 
+std::vector<HostId> shown_hosts(const Run& run, int frames) {
+  return frames == 0 ? run.test : select_hosts(run, frames);
+}
+
+bool learned_on(const Run& run, const HostId& vehicle) {
+  return std::any_of(run.train.begin(), run.train.end(), [&](const HostId& own) {
+    return own.frame == vehicle.frame && own.label == vehicle.label;
+  });
+}
+
 std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
   std::vector<bool> on_ladder(hosts.size(), count < 0);
   std::map<std::string, int> of_frame;
@@ -178,7 +193,8 @@ Validation validate(const ValidationSettings& given) {
   // Rays and pixels are compared with Blender's; the ladders add the effects.
   run.settings.simulation.lidar_effects = {};
   run.settings.simulation.camera_effects = {};
-  for (fs::path* told : {&settings.evaluation, &settings.tradeoff}) require_result(*told);
+  require_result(settings.evaluation, "fn_asr", "evaluate");
+  require_result(settings.tradeoff, "recommended", "tradeoff");
   use_detector_of(run, settings.detector);
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);
   if (hosts.empty())

@@ -66,6 +66,10 @@ inline constexpr std::size_t kVerdictVehicles = 100;
 /// Hosts of the first `frames` frames of the run, test frames first, training frames when those run out;
 /// 0: of as many whole frames as hold kVerdictVehicles.
 std::vector<HostId> select_hosts(const Run& run, int frames);
+/// Of what shows a run's vehicles: as select_hosts; 0: of all test frames, and of no others.
+std::vector<HostId> shown_hosts(const Run& run, int frames);
+/// Whether the run learned on the vehicle: it is no evidence of how the object meets others.
+bool learned_on(const Run& run, const HostId& vehicle);
 
 /// Which of the hosts get the ladders: the first of each frame in the hosts' order, then the second of each,
 /// …, `count` in all (−1: every one).

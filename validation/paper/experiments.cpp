@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/words.h"
 #include "detection/defense_words.h"
 #include "validation/paper/case_list.h"
 #include "validation/paper/fusions.h"
@@ -286,8 +287,7 @@ Experiments experiments(const ReproduceSettings& settings) {
   const Strings words = {"table1", "table2", "fig3",    "fig4",           "table3",
                          "table4", "parts",  "fusions", "fusions-xenith", "all"};
   if (std::find(words.begin(), words.end(), settings.what) == words.end())
-    throw InputError("mirage reproduce", settings.what, "no such table or figure",
-                     "use one of " + join(words));
+    throw InputError("reproduce", settings.what, "no such table or figure", use_one_of(settings.what, words));
   CaseList list(settings);
   Experiments experiments;
   const bool all = settings.what == "all", real = !settings.real.empty();

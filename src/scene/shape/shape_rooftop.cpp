@@ -7,6 +7,7 @@
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/parallel.h"
+#include "base/words.h"
 
 namespace mirage {
 namespace {
@@ -27,7 +28,7 @@ std::filesystem::path model_file(const std::string& rooftop) {
       throw InputError(rooftop, "", "no such shape model", "check --rooftop");
     return rooftop;
   }
-  throw FieldError("rooftop", rooftop, "unknown choice", "use shape, box or a shape model (*.shape)");
+  throw unknown_word("rooftop", rooftop, {"shape", "box"}, "a shape model (*.shape)");
 }
 
 }  // namespace
