@@ -14,6 +14,9 @@ import numpy
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import install  # noqa: E402
+
 FOLDER, SOURCE = sys.argv[sys.argv.index("--") + 1:][:2]
 SCENE = os.path.join(FOLDER, "scene.glb")
 
@@ -51,8 +54,8 @@ def pixels(file, *names):
 def fresh():
     """An empty scene, drawn by Mirage."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
-    if "mirage_blender" not in bpy.context.preferences.addons:
-        bpy.ops.preferences.addon_enable(module="mirage_blender")
+    if install.MODULE not in bpy.context.preferences.addons:
+        bpy.ops.preferences.addon_enable(module=install.MODULE)
     bpy.context.scene.render.engine = "MIRAGE"
     return bpy.context.scene
 
@@ -96,16 +99,15 @@ def view(scene, lens=35.0):
 
 class A1_Install(unittest.TestCase):
     def test_zip_installs_and_enables(self):
-        bpy.ops.preferences.addon_install(filepath=path("mirage_blender.zip"), overwrite=True)
-        bpy.ops.preferences.addon_enable(module="mirage_blender")
+        module = install.install(path("mirage_blender.zip"))
         import mirage_blender
 
-        self.assertTrue(mirage_blender.__file__.startswith(os.environ["BLENDER_USER_SCRIPTS"]))
-        self.assertIn("mirage_blender", bpy.context.preferences.addons)
+        self.assertTrue(mirage_blender.__file__.startswith(FOLDER))
+        self.assertIn(module, bpy.context.preferences.addons)
         bpy.ops.wm.save_userpref()
-        bpy.ops.preferences.addon_disable(module="mirage_blender")  # leaves nothing behind
+        bpy.ops.preferences.addon_disable(module=module)  # leaves nothing behind
         self.assertFalse(hasattr(bpy.types.Scene, "mirage"))
-        bpy.ops.preferences.addon_enable(module="mirage_blender")
+        bpy.ops.preferences.addon_enable(module=module)
         bpy.context.scene.render.engine = "MIRAGE"
 
 
