@@ -61,7 +61,8 @@ def upward_irradiance(scene):
     hidden = [(thing, thing.hide_render) for thing in scene.objects]
     data = bpy.data.cameras.new("probe")
     data.type = "PANO"
-    data.cycles.panorama_type = "EQUIRECTANGULAR"
+    lens = data if hasattr(data, "panorama_type") else data.cycles
+    lens.panorama_type = "EQUIRECTANGULAR"
     probe = bpy.data.objects.new("probe", data)
     scene.collection.objects.link(probe)
     probe.rotation_euler = (math.pi / 2, 0, 0)  # upright: the picture's rows are elevations
