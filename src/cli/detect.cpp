@@ -14,6 +14,7 @@
 #include "detection/defense_words.h"
 #include "detection/detection_files.h"
 #include "detection/reliance.h"
+#include "scene/data/label_census.h"
 #include "validation/report/detection_plot.h"
 
 namespace mirage::cli {
@@ -126,6 +127,9 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   if (!options.claim.empty()) read_claims(options.claim);  // now, not after the work
   const DetectorOptions detector_options = with_common(options.detector, common, options.data);
   const auto detector = load_detector(detector_options);
+  const LabelCensus census = count_labels(options.data, first_frames(options.data, options.frames));
+  warn_of_labels(census);
+  if (options.reliance && census.unlabelled == census.frames) require_cars(census, "--reliance");
   std::unique_ptr<Progress> progress;
   const auto tell = [&](const char* what) {
     return [&progress, what, quiet = common.quiet](std::size_t done, std::size_t total) {
@@ -159,13 +163,20 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   parts[0].at50 = run.at50;
   parts[0].at70 = run.at70;
   parts.insert(parts.end(), run.strata.begin(), run.strata.end());
+  const bool scored = run.at50.boxes > 0;
   if (!common.quiet) {
     std::printf("frames %zu   %.3f s a frame%s\n", run.ids.size(), run.seconds_per_frame,
                 run.plane == Plane::picture ? "   boxes in the picture" : "");
-    print_scores(parts);
+    if (scored)
+      print_scores(parts);
+    else
+      std::printf("no vehicle is labelled that must be found: nothing is scored\n");
   }
   nlohmann::json result = scores_json(parts[0]);
+  if (!scored)
+    for (const char* figure : {"ap50", "ap70", "recall50", "recall70"}) result[figure] = nullptr;
   result["frames"] = run.ids.size();
+  result["unlabelled_frames"] = census.unlabelled;
   result["ap50_interval"] = to_json(average_precision_interval(run.frames, 0.5));
   result["ap70_interval"] = to_json(average_precision_interval(run.frames, 0.7));
   result["detector"] = detector->name();
@@ -179,6 +190,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
     if (!common.quiet) print_table(picture_rows(reliance));
   }
   result["seconds_per_frame"] = run.seconds_per_frame;
+  if (!scored) return result;
   for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);
   const std::vector<ScoredFrame> easier = without_look_alikes(run.frames);
   const double easier50 = average_precision(easier, 0.5).average_precision,
