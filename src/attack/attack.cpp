@@ -134,8 +134,8 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   std::vector<std::string> train_frames, test_frames;
   const std::vector<std::string> frames = list_frames(settings.data);
   const LabelCensus census = count_labels(settings.data, frames);
-  if (rank() == 0) warn_of_labels(census);
   require_cars(census, "an attack");
+  if (rank() == 0) warn_of_labels(census);
   split_frames(frames, settings.seed, train_frames, test_frames);
   const auto train = find_all_hosts(store, train_frames, detectors.front()->region(), settings.simulation,
                                     settings.min_view, settings.quiet);

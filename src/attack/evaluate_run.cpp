@@ -35,8 +35,8 @@ std::vector<std::string> frames_of(const std::vector<HostId>& hosts) {
 void check_labels(const std::filesystem::path& data, const std::vector<std::string>& frames) {
   if (frames.empty()) return;
   const LabelCensus census = count_labels(data, frames);
-  warn_of_labels(census);
   require_cars(census, "an evaluation");
+  warn_of_labels(census);
 }
 
 /// Complains about what --hosts-of leaves no choice in.

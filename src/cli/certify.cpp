@@ -90,8 +90,8 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   std::vector<std::string> frames = list_frames(options.data);
   if (options.frames > 0 && frames.size() > options.frames) frames.resize(options.frames);
   const LabelCensus census = count_labels(options.data, frames);
-  warn_of_labels(census);
   require_cars(census, "a certificate");
+  warn_of_labels(census);
   const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));
   std::vector<HostId> hosts;
   for (const Host& host : find_all_hosts(store, frames, detectors.front()->region(), settings.simulation,

@@ -128,8 +128,8 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   const DetectorOptions detector_options = with_common(options.detector, common, options.data);
   const auto detector = load_detector(detector_options);
   const LabelCensus census = count_labels(options.data, first_frames(options.data, options.frames));
-  warn_of_labels(census);
   if (options.reliance && census.unlabelled == census.frames) require_cars(census, "--reliance");
+  warn_of_labels(census);
   std::unique_ptr<Progress> progress;
   const auto tell = [&](const char* what) {
     return [&progress, what, quiet = common.quiet](std::size_t done, std::size_t total) {

@@ -104,8 +104,8 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   FitFrameSettings frame_settings = options.frame;
   for (std::string& type : frame_settings.types) type = kitti_type(type);
   const LabelCensus census = count_labels(options.data, ids);
-  warn_of_labels(census);
   require_types(census, frame_settings.types, "--types");
+  warn_of_labels(census);
   frame_settings.seed = common.seed;
 
   std::vector<std::vector<FittedVehicle>> fits(ids.size());

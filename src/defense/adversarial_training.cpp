@@ -77,8 +77,8 @@ class DefenseTraining {
     std::vector<std::string> frames = list_frames(settings.data);
     if (settings.frames > 0 && frames.size() > settings.frames) frames.resize(settings.frames);
     const LabelCensus census = count_labels(settings.data, frames);
-    warn_of_labels(census);
     require_cars(census, "adversarial training");
+    warn_of_labels(census);
     hosts_ = find_all_hosts(store_, frames, region, attack_.simulation, attack_.min_view);
     if (hosts_.empty())
       throw InputError(settings.data.string(), "labels", "no car has enough of its roof in view",

@@ -60,8 +60,8 @@ TrainingResult train_detector(const TrainingOptions& options) {
   check_options(options);
   make_output_folder(options.out);
   const LabelCensus census = count_labels(options.data, first_frames(options.data, options.frames));
-  warn_of_labels(census);
   require_cars(census, "training");
+  warn_of_labels(census);
   const DetectorOptions load = starting_detector(options);
   auto detector = load_detector(load);
   TrainingData data(options.data, options.frames, detector->region(), options.seed,
