@@ -16,7 +16,13 @@ const Label& label_of(const Frame& frame, const HostId& id) {
   if (id.label < 0 || static_cast<std::size_t>(id.label) >= frame.labels.size())
     throw InputError("run.json", "host " + host_name(id), "is not in the data set",
                      "give the --data folder that the run was made with");
-  return frame.labels[static_cast<std::size_t>(id.label)];
+  const Label& label = frame.labels[static_cast<std::size_t>(id.label)];
+  if (!is_vehicle_type(label.type) || !has_box(label))
+    throw InputError("run.json", "host " + host_name(id),
+                     fmt::format("is a {}{} in the data set", label.type,
+                                 has_box(label) ? "" : " without a box in space"),
+                     "give the --data folder that the run was made with, with its labels");
+  return label;
 }
 
 const Label& vehicle_of(const Frame& frame, int label, const std::string& option) {

@@ -69,7 +69,8 @@ void warn_of_labels(const LabelCensus& census) {
                  data, census.unlabelled, census.frames);
   const auto unknown = unknown_types(census);
   if (census.unlabelled < census.frames && !has_cars(census))
-    spdlog::warn("{}: {}; known are {}", data, none_counts(census), kKnownTypes);
+    spdlog::warn("{}: {}{}{}", data, none_counts(census), unknown.empty() ? "" : "; known are ",
+                 unknown.empty() ? "" : kKnownTypes);
   else if (!unknown.empty())
     spdlog::warn("{}: labels of unknown types count for nothing: {}; known are {}", data,
                  type_counts(unknown), kKnownTypes);
@@ -97,7 +98,9 @@ void require_cars(const LabelCensus& census, const std::string& work) {
     refuse(fmt::format("all {} cars have a box in the picture alone, and {} needs boxes in space",
                        census.types.at("Car"), work),
            "give labels in 3-D; mirage detect --detector camera is scored on these");
-  refuse(none_counts(census), fmt::format("call cars Car: known are {}", kKnownTypes));
+  refuse(none_counts(census), unknown_types(census).empty()
+                                  ? "label the cars"
+                                  : fmt::format("call cars Car: known are {}", kKnownTypes));
 }
 
 void require_types(const LabelCensus& census, std::span<const std::string> types, const std::string& option) {
