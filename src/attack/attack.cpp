@@ -8,6 +8,7 @@
 
 #include "attack/attack_step.h"
 #include "attack/checkpoint.h"
+#include "attack/host_labels.h"
 #include "attack/portfolio.h"
 #include "attack/run.h"
 #include "attack/validation_part.h"
@@ -23,6 +24,7 @@
 #include "detection/given_detector.h"
 #include "detection/precision.h"
 #include "exchange/gltf.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 #include "simulation/check_inputs.h"
 
@@ -126,7 +128,8 @@ AttackResult run_attack(const AttackSettings& settings) {
   return run_attack(known, load_detector_pool(known.detector, settings.batch));
 }
 
-AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors) {
+AttackResult run_attack(const AttackSettings& given, const DetectorPool& detectors) {
+  AttackSettings settings = given;
   const AttackTarget target = settings.target;
   check_settings(settings);
   check_target(target, *detectors.front());
@@ -135,9 +138,14 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 
+  if (settings.hosts_from == HostsFrom::detections) settings.data = label_by_detections(settings, detectors);
   FrameStore store(settings);
   std::vector<std::string> train_frames, test_frames;
-  split_frames(list_frames(settings.data), settings.seed, train_frames, test_frames);
+  const std::vector<std::string> frames = list_frames(settings.data);
+  const LabelCensus census = count_labels(settings.data, frames);
+  require_cars(census, "an attack");
+  if (rank() == 0) warn_of_labels(census);
+  split_frames(frames, settings.seed, train_frames, test_frames);
   const auto train = find_all_hosts(store, train_frames, detectors.front()->region(), settings.simulation,
                                     settings.min_view, settings.quiet);
   const auto test = find_all_hosts(store, test_frames, detectors.front()->region(), settings.simulation,

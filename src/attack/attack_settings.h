@@ -41,6 +41,13 @@ constexpr auto words_of(AttackSearch) {
   return std::to_array<const char*>({"plain", "auto"});
 }
 
+/// Which vehicles carry the object in frames that nobody has labelled. labels: none. detections: what the
+/// detector finds there without it (attack/host_labels.h).
+enum class HostsFrom { labels, detections };
+constexpr auto words_of(HostsFrom) {
+  return std::to_array<const char*>({"labels", "detections"});
+}
+
 class ObjectRenderer;
 
 /// What run.json calls the simulation's own pictures.
@@ -79,6 +86,7 @@ struct AttackSettings : FrameSource {
   /// and need the batch (src/attack/README.md, "What it takes").
   double vertex_rate = 2e-2, texel_rate = 2e-2;
   double min_view = 0.7;
+  HostsFrom hosts_from = HostsFrom::labels;
   CheckpointInterval checkpoint{10};
   bool quiet = false;
   AdversaryLimits limits;
@@ -138,6 +146,12 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "texel_rate", .help = "Adam's rate for texels", .range = kPositive}, s.texel_rate);
   visit({.name = "min_view", .help = "share of the adversary in view that a host needs", .range = kShare},
         s.min_view);
+  visit({.name = "hosts_from",
+         .help =
+             "vehicles of frames that have no labels: labels (none), or detections (what the detector finds "
+             "there without the object; these boxes become the frames' labels, in OUT/labelled)",
+         .written = s.hosts_from != HostsFrom::labels},
+        s.hosts_from);
   visit_fields(visit, s.objective);
   visit.group({.name = "simulation"}, s.simulation);
 }

@@ -12,6 +12,7 @@
 #include "detection/precision.h"
 #include "frames/frame_cache.h"
 #include "scene/data/data_rig.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
@@ -24,6 +25,19 @@ std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
   auto all = run.train;
   all.insert(all.end(), run.test.begin(), run.test.end());
   return all;
+}
+
+std::vector<std::string> frames_of(const std::vector<HostId>& hosts) {
+  std::set<std::string> frames;
+  for (const HostId& host : hosts) frames.insert(host.frame);
+  return {frames.begin(), frames.end()};
+}
+
+void check_labels(const std::filesystem::path& data, const std::vector<std::string>& frames) {
+  if (frames.empty()) return;
+  const LabelCensus census = count_labels(data, frames);
+  require_cars(census, "an evaluation");
+  warn_of_labels(census);
 }
 
 /// Complains about what --hosts-of leaves no choice in.
@@ -101,12 +115,15 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.store = std::make_unique<FrameStore>(stage.settings);
 
   if (other_data) {  // all its usable vehicles are unseen ones
+    const std::vector<std::string> frames = list_frames(stage.settings.data);
+    check_labels(stage.settings.data, frames);
     const auto region = load_detector(result.detector)->region();
-    for (const Host& host : find_all_hosts(*result.store, list_frames(stage.settings.data), region,
-                                           stage.settings.simulation, stage.settings.min_view))
+    for (const Host& host :
+         find_all_hosts(*result.store, frames, region, stage.settings.simulation, stage.settings.min_view))
       result.hosts.push_back(host.id);
   } else {
     result.hosts = hosts_of_split(stage, request.hosts);
+    check_labels(stage.settings.data, frames_of(result.hosts));
   }
   if (result.hosts.empty())
     throw InputError((stage.folder / "run.json").string(), request.hosts.empty() ? "test" : request.hosts,

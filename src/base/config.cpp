@@ -35,7 +35,7 @@ nlohmann::json to_json(const toml::node& node) {
 }  // namespace
 
 nlohmann::json read_toml(const std::filesystem::path& path) {
-  return parse_toml(read_file(path, kLargestToml), path.string());
+  return parse_toml(read_text(path, kLargestToml), path.string());
 }
 
 nlohmann::json parse_toml(const std::string& text, const std::string& name) {

@@ -71,7 +71,7 @@ void write_training_state(const fs::path& out, const nlohmann::json& wanted, Tra
 
 TrainingLog::TrainingLog(const fs::path& out, std::int64_t step) : file_(out / "training.jsonl") {
   if (step == 0 || !fs::exists(file_)) return;
-  std::istringstream lines(read_file(file_, kLargestJson));
+  std::istringstream lines(read_text(file_, kLargestJson));
   for (std::string line; std::getline(lines, line);) {
     if (line.size() > kLargestRecord) continue;
     const auto json = nlohmann::json::parse(line, nullptr, false);

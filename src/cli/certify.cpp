@@ -9,6 +9,7 @@
 #include "cli/table.h"
 #include "cli/trust_option.h"
 #include "defense/certificate.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {
@@ -89,6 +90,9 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
                      "is an approximation, and proves nothing", "leave it out");
   std::vector<std::string> frames = list_frames(options.data);
   if (options.frames > 0 && frames.size() > options.frames) frames.resize(options.frames);
+  const LabelCensus census = count_labels(options.data, frames);
+  require_cars(census, "a certificate");
+  warn_of_labels(census);
   const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));
   std::vector<HostId> hosts;
   for (const Host& host : find_all_hosts(store, frames, detectors.front()->region(), settings.simulation,

@@ -15,6 +15,7 @@
 #include "detection/detection_files.h"
 #include "detection/kitti_ap.h"
 #include "detection/reliance.h"
+#include "scene/data/label_census.h"
 #include "validation/report/detection_plot.h"
 
 namespace mirage::cli {
@@ -156,6 +157,9 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   if (!options.claim.empty()) read_claims(options.claim);  // now, not after the work
   const DetectorOptions detector_options = with_common(options.detector, common, options.data);
   const auto detector = load_detector(detector_options);
+  const LabelCensus census = count_labels(options.data, first_frames(options.data, options.frames));
+  if (options.reliance && census.unlabelled == census.frames) require_cars(census, "--reliance");
+  warn_of_labels(census);
   std::unique_ptr<Progress> progress;
   const auto tell = [&](const char* what) {
     return [&progress, what, quiet = common.quiet](std::size_t done, std::size_t total) {
@@ -195,18 +199,25 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   if (can.finds_bev) planes.push_back(Plane::bev);
   if (can.finds_picture) planes.push_back(Plane::picture);
   const nlohmann::json by_kit = kitti_ap_json(kitti, planes);
+  const ClusterCount clusters = clusters_of(run.frames);
+  const bool scored = run.at50.boxes > 0;
   if (!common.quiet) {
     std::printf("frames %zu   %.3f s a frame   AP by Mirage's rules, %s\n", run.ids.size(),
                 run.seconds_per_frame,
                 run.plane == Plane::picture ? "boxes in the picture" : "bird's-eye view");
-    print_scores(parts, ap50, ap70);
-    print_kitti(by_kit);
+    if (scored) {
+      print_scores(parts, ap50, ap70);
+      print_kitti(by_kit);
+      print_table({{"intervals over", to_string(clusters)}});
+    } else {
+      std::printf("no vehicle is labelled that must be found: nothing is scored\n");
+    }
   }
   nlohmann::json result = scores_json(parts[0]);
-  const ClusterCount clusters = clusters_of(run.frames);
-  if (!common.quiet)
-    print_table({{"intervals over", to_string(clusters)}});
+  if (!scored)
+    for (const char* figure : {"ap50", "ap70", "recall50", "recall70"}) result[figure] = nullptr;
   result["frames"] = run.ids.size();
+  result["unlabelled_frames"] = census.unlabelled;
   result["ap50_interval"] = to_json(ap50);
   result["ap70_interval"] = to_json(ap70);
   result["kitti_ap"] = by_kit;
@@ -221,6 +232,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
     if (!common.quiet) print_table(picture_rows(reliance));
   }
   result["seconds_per_frame"] = run.seconds_per_frame;
+  if (!scored) return result;
   for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);
   const std::vector<ScoredFrame> easier = without_look_alikes(run.frames);
   const double easier50 = average_precision(easier, 0.5).average_precision,

@@ -20,6 +20,8 @@
 #include "frames/hosts.h"
 #include "generator/car_family.h"
 #include "generator/fit_summary.h"
+#include "scene/data/label_census.h"
+#include "scene/data/label_types.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {
@@ -100,6 +102,10 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
     ids.resize(static_cast<std::size_t>(options.frames));
   const auto source = generator::source_of(options.data);
   FitFrameSettings frame_settings = options.frame;
+  for (std::string& type : frame_settings.types) type = kitti_type(type);
+  const LabelCensus census = count_labels(options.data, ids);
+  require_types(census, frame_settings.types, "--types");
+  warn_of_labels(census);
   frame_settings.seed = common.seed;
 
   std::vector<std::vector<FittedVehicle>> fits(ids.size());

@@ -47,21 +47,15 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   Frame frame = read_frame(asked.data, options.frame);
   frame.lighting = with_sun(frame, sun);
   const PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
-  const auto& labels = prepared.frame.labels;
-  const auto index = static_cast<std::size_t>(options.vehicle);
-  if (options.vehicle < 0 || index >= labels.size() || labels[index].type == "DontCare")
-    throw InputError("--vehicle", std::to_string(options.vehicle),
-                     "frame " + options.frame + " has " + std::to_string(labels.size()) +
-                         " labels and this is not a vehicle among them",
-                     "give the place of a vehicle among the frame's labels, from 0");
-  const Box3& box = labels[index].box;
-  const Rooftop rooftop = finder->find(prepared.frame, labels[index]);
+  const Label& host = vehicle_of(prepared.frame, options.vehicle, "--vehicle");
+  const Box3& box = host.box;
+  const Rooftop rooftop = finder->find(prepared.frame, host);
   const Transform& roof = rooftop.velo_from_adversary;
   const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
   const double over_box = roof.translation().z() - box.bottom - box.height;
   const auto start = std::chrono::steady_clock::now();
   const Simulated simulated =
-      simulate(prepared, labels[index], rooftop, adversary,
+      simulate(prepared, host, rooftop, adversary,
                asked.for_unit(lidar, recorded_lidar_effects(asked.data), common.seed));
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   write_srgb(common.out / "image.png", simulated.image);

@@ -16,6 +16,7 @@
 #include "base/words.h"
 #include "detection/training_data.h"
 #include "exchange/gltf.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
@@ -77,6 +78,9 @@ class DefenseTraining {
       : settings_(settings), attack_(attack_settings(settings)), region_(region), store_(attack_) {
     std::vector<std::string> frames = list_frames(settings.data);
     if (settings.frames > 0 && frames.size() > settings.frames) frames.resize(settings.frames);
+    const LabelCensus census = count_labels(settings.data, frames);
+    require_cars(census, "adversarial training");
+    warn_of_labels(census);
     hosts_ = find_all_hosts(store_, frames, region, attack_.simulation, attack_.min_view);
     if (hosts_.empty())
       throw InputError(settings.data.string(), "labels", "no car has enough of its roof in view",

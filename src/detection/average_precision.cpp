@@ -8,12 +8,18 @@
 #include <numeric>
 #include <utility>
 
+#include "scene/data/label_types.h"
+
 namespace mirage {
 namespace {
 
 constexpr double kCarHeight = 1.53;  // m, KITTI's mean
 
 constexpr DifficultyLimits kLevels[] = {{40, 0, 0.15}, {25, 1, 0.3}, {25, 2, 0.5}};
+/// Of a label that says nothing of it: beyond each range of standard_strata(), and within "any".
+constexpr double kUnknownDistance = 1e8;  // m
+/// More than any sensor reaches, and any picture is wide: what lies in it is neither right nor wrong.
+constexpr double kEverywhere = 1e5;  // m or pixels
 
 bool meets(const Label& label, const DifficultyLimits& limits) {
   return label.bottom - label.top >= limits.least_height && label.occluded <= limits.most_occluded &&
@@ -186,8 +192,8 @@ const DifficultyLimits& limits_of(Difficulty difficulty) {
 
 bool counts_by_label(const Label& label, const std::array<double, 4>& region) {
   const BevBox& box = label.box.bev;
-  return label.type == "Car" && meets(label, limits_of(Difficulty::hard)) && box.x >= region[0] &&
-         box.x <= region[1] && box.y >= region[2] && box.y <= region[3];
+  return label.type == "Car" && has_box(label) && meets(label, limits_of(Difficulty::hard)) &&
+         box.x >= region[0] && box.x <= region[1] && box.y >= region[2] && box.y <= region[3];
 }
 
 Difficulty easiest_level(const Label& label) {
@@ -199,8 +205,13 @@ Difficulty easiest_level(const Label& label) {
 GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region) {
   GroundTruth truth;
   truth.picture = picture_truth(frame.labels);
+  if (!frame.labelled) {
+    truth.ignore.push_back({0, 0, 2 * kEverywhere, 2 * kEverywhere, 0});
+    truth.picture.ignore.push_back({-kEverywhere, -kEverywhere, kEverywhere, kEverywhere});
+  }
   for (std::size_t i = 0; i < frame.labels.size(); ++i) {
     const Label& label = frame.labels[i];
+    if (!has_box(label)) continue;
     if (label.type == "Misc") truth.look_alikes.push_back(label.box.bev);
     if (label.type != "Car" && label.type != "Van") continue;
     if (counts_by_label(label, region)) {
@@ -216,7 +227,7 @@ GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region
 }
 
 bool is_vehicle(const Label& label) {
-  return label.type == "Car" || label.type == "Van" || label.type == "Truck" || label.type == "Tram";
+  return is_vehicle_type(label.type);
 }
 
 PictureBox picture_box(const Label& label) {
@@ -232,7 +243,8 @@ PictureTruth picture_truth(std::span<const Label> labels) {
       truth.boxes.push_back(picture_box(label));
       truth.labels.push_back(i);
       truth.difficulty.push_back(easiest_level(label));
-      truth.distance.push_back(std::hypot(label.box.bev.x, label.box.bev.y));
+      truth.distance.push_back(has_box(label) ? std::hypot(label.box.bev.x, label.box.bev.y)
+                                              : kUnknownDistance);
       truth.tracks.push_back(label.track);
     } else if (is_vehicle(label) || label.type == "DontCare") {
       truth.ignore.push_back(picture_box(label));

@@ -7,6 +7,7 @@
 #include "base/training_loop.h"
 #include "detection/precision.h"
 #include "detection/training_data.h"
+#include "scene/data/label_census.h"
 
 namespace mirage {
 namespace {
@@ -58,6 +59,9 @@ DetectorOptions resumed_detector(DetectorOptions load, const std::filesystem::pa
 TrainingResult train_detector(const TrainingOptions& options) {
   check_options(options);
   make_output_folder(options.out);
+  const LabelCensus census = count_labels(options.data, first_frames(options.data, options.frames));
+  require_cars(census, "training");
+  warn_of_labels(census);
   const DetectorOptions load = starting_detector(options);
   auto detector = load_detector(load);
   TrainingData data(options.data, options.frames, detector->region(), options.seed,

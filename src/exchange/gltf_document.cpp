@@ -82,7 +82,7 @@ GltfDocument open_gltf(const fs::path& file) {
     const std::size_t length = json_size(head, size, file.string());
     text = read_head(folder.file(), kHeader + length).substr(kHeader);
   } else {
-    text = read_file(folder.file(), kMostInMemory);
+    text = read_text(folder.file(), kMostInMemory);
   }
   check_json_depth(text, file.string(), "JSON");
   check_json_values(text, file.string(), kMostValues);

@@ -82,7 +82,7 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id)
   entry->rooftops = cache_.rooftops(hash, [&] {
     std::vector<Rooftop> rooftops(frame.labels.size());
     parallel_for(frame.labels.size(), [&](std::size_t i) {
-      if (frame.labels[i].type != "DontCare") rooftops[i] = finder_->find(frame, frame.labels[i]);
+      if (has_box(frame.labels[i])) rooftops[i] = finder_->find(frame, frame.labels[i]);
     });
     return rooftops;
   });

@@ -65,7 +65,7 @@ void check_frame(const Frame& frame) {
       throw InputError(where, fmt::format("sweep point {}", i), kNotFinite, "remove the point");
   }
   for (std::size_t i = 0; i < frame.labels.size(); ++i)
-    if (frame.labels[i].type != "DontCare" && !is_finite(frame.labels[i].box))
+    if (has_box(frame.labels[i]) && !is_finite(frame.labels[i].box))
       throw InputError(where, fmt::format("label {}", i), "its box is not finite", "correct the label");
   const Lighting& light = frame.lighting;
   if (!light.to_sun_velo.allFinite() || !light.sun.allFinite() || !light.ambient.allFinite() ||

@@ -410,6 +410,27 @@ TEST(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   EXPECT_EQ(unknown.code, 2);
   expect_one_line(unknown.err);
   EXPECT_THAT(unknown.err, HasSubstr("--rooftop: cone"));
+  // Hosts that are none, and frames that nobody has labelled.
+  const auto refused = [&](const std::vector<std::string>& arguments) {
+    const Outcome outcome = run(folder, arguments);
+    EXPECT_EQ(outcome.code, 2) << outcome.err;
+    expect_one_line(outcome.err);
+    return outcome.err;
+  };
+  const std::vector<std::string> simulate = {"simulate", "--data", data, "--frame", "000000",    "--vehicle",
+                                             "0",        "--mesh", mesh, "--out",   folder / "s"};
+  EXPECT_THAT(refused({"fit", "--data", data, "--types", "Golem", "--out", folder / "f"}),
+              testing::AllOf(HasSubstr("--types"), HasSubstr("Golem"), HasSubstr("Car")));
+  const auto labels = folder / "data/training/label_2/000000.txt";
+  const std::string rows = read_file(labels);
+  write_file(labels, "Pedestrian" + rows.substr(rows.find(' ')));
+  EXPECT_THAT(refused(simulate), testing::AllOf(HasSubstr("--vehicle: 0"), HasSubstr("a Pedestrian there")));
+  fs::remove(labels);
+  EXPECT_THAT(refused(simulate), HasSubstr("has no labels"));
+  EXPECT_THAT(refused({"fit", "--data", data, "--out", folder / "f"}), HasSubstr("labels"));
+  EXPECT_EQ(run(folder, {"view", data, "--out", folder / "page.html"}).code, 0);
+  EXPECT_THAT(refused({"attack", "--data", folder / "data/training", "--out", folder / "a"}),
+              HasSubstr("give its parent"));
 }
 
 TEST(CommandLine, AnOutputFolderThatCannotBeWritten) {

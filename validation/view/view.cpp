@@ -24,6 +24,7 @@
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
 #include "scene/data/data_rig.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 #include "simulation/render_scene.h"
 #include "validation/fidelity/validate.h"
@@ -186,6 +187,7 @@ json make_view(const ViewSettings& given) {
     if (settings.frames > 0 && ids.size() > static_cast<std::size_t>(settings.frames))
       ids.resize(static_cast<std::size_t>(settings.frames));
   }
+  warn_of_labels(count_labels(settings.data, ids));
   std::optional<DetectionFiles> file;
   if (!settings.detections.empty()) {
     file.emplace(settings.detections);

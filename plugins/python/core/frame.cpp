@@ -49,19 +49,14 @@ std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const std::string& de
 }
 
 Rooftop FrameHandle::rooftop(const std::string& finder, int label) {
-  const auto index = static_cast<std::size_t>(label);
-  if (label < 0 || index >= frame_.labels.size() || frame_.labels[index].type == "DontCare")
-    throw InputError("host", std::to_string(label),
-                     "frame " + frame_.id + " has " + std::to_string(frame_.labels.size()) +
-                         " labels and this is not a vehicle among them",
-                     "take one of frame.hosts()");
+  const Label& host = vehicle_of(frame_, label, "host");
   const std::lock_guard lock(mutex_);
   const auto known = rooftops_.find({finder, label});
   if (known != rooftops_.end()) return known->second;
   const auto finds = kept<RooftopFinder>(finder + " " + std::filesystem::absolute(data_).string(), [&] {
     return std::shared_ptr<const RooftopFinder>(make_rooftop_finder(finder, lidar_));
   });
-  return rooftops_[{finder, label}] = finds->find(frame_, frame_.labels[index]);
+  return rooftops_[{finder, label}] = finds->find(frame_, host);
 }
 
 namespace {
@@ -75,7 +70,8 @@ std::vector<HostHandle> hosts_of(const std::shared_ptr<FrameHandle>& frame, doub
   const auto& labels = prepared->frame.labels;
   std::vector<Rooftop> rooftops(labels.size());
   for (std::size_t i = 0; i < labels.size(); ++i)
-    if (labels[i].type == "Car") rooftops[i] = frame->rooftop(settings.rooftop, static_cast<int>(i));
+    if (labels[i].type == "Car" && has_box(labels[i]))
+      rooftops[i] = frame->rooftop(settings.rooftop, static_cast<int>(i));
   constexpr std::array<double, 4> kRegion = {0, 70, -40, 40};  // of a detector that names none
   std::vector<HostHandle> hosts;
   for (const HostView& seen : host_views(*prepared, rooftops, kRegion, settings.simulation))

@@ -35,7 +35,7 @@ fs::path track_file(const fs::path& data, const std::string& id) {
 /// A whole number a line.
 std::vector<int> read_track_file(const fs::path& file) {
   std::vector<int> tracks;
-  std::istringstream lines(read_file(file, kLargestText));
+  std::istringstream lines(read_text(file, kLargestText));
   int row = 0;
   for (std::string line; std::getline(lines, line);) {
     ++row;
@@ -73,17 +73,13 @@ Vec3d read_triple(const nlohmann::json& json, const char* key, const fs::path& f
 
 class KittiObject : public DataSet {
  public:
-  using DataSet::DataSet;
+  explicit KittiObject(const fs::path& data) : DataSet(data), part_(benchmark_part(data)) {}
 
   const char* layout() const override { return "kitti-object"; }
 
   std::vector<std::string> frames() const override {
-    const fs::path folder = data() / "training" / "velodyne";
-    if (!fs::is_directory(folder))
-      throw InputError(
-          data().string(), "training/velodyne", "no such folder",
-          "give a data set in KITTI's object layout (`mirage generate` makes one), in its tracking "
-          "or raw layout, or in nuScenes'");
+    const fs::path folder = part_ / "velodyne";
+    if (!fs::is_directory(folder)) throw no_layout(data());
     std::vector<std::string> ids;
     for (const auto& entry : fs::directory_iterator(folder)) {
       if (entry.path().extension() != ".bin") continue;
@@ -92,27 +88,31 @@ class KittiObject : public DataSet {
         throw InputError(entry.path().string(), "name", problem, "give the frame's files a shorter name");
     }
     if (ids.empty())
-      throw InputError(data().string(), "training/velodyne", "holds no .bin file",
-                       "give a data set with at least one frame");
+      throw InputError(folder.string(), "", "holds no .bin file", "give a data set with at least one frame");
     std::sort(ids.begin(), ids.end());
     return ids;
   }
 
   std::vector<Part> parts(const std::string& id) const override {
     check_id(id);
-    return {{part(data(), "velodyne", id, ".bin"), "the sweep"},
-            {part(data(), "image_2", id, ".png"), "the image"},
-            {part(data(), "calib", id, ".txt"), "the calibration"},
-            {part(data(), "label_2", id, ".txt"), "the labels"}};
+    std::vector<Part> files = {{part_ / "velodyne" / (id + ".bin"), "the sweep"},
+                               {picture_in(part_ / "image_2", id), "the image"},
+                               {part_ / "calib" / (id + ".txt"), "the calibration"}};
+    if (const fs::path labels = part_ / "label_2" / (id + ".txt"); fs::exists(labels))
+      files.push_back({labels, "the labels"});
+    return files;
   }
 
   Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
 
   Annotations annotations(const std::string& id, int width, int height) const override {
     Annotations known;
-    known.calibration = read_calibration(part(data(), "calib", id, ".txt"), width, height);
-    const fs::path labels = part(data(), "label_2", id, ".txt");
-    known.labels = read_labels(labels, known.calibration);
+    const std::vector<Part> files = parts(id);
+    known.calibration = read_calibration(files[2].file, width, height);
+    known.labelled = files.size() > 3;
+    if (!known.labelled) return known;
+    const fs::path& labels = files[3].file;
+    known.labels = read_labels(labels, known.calibration, &known.notes);
     if (const auto numbers = tracks(id)) {
       if (numbers->size() != known.labels.size())
         throw InputError(track_file(data(), id).string(), fmt::format("{} lines", numbers->size()),
@@ -132,6 +132,9 @@ class KittiObject : public DataSet {
     const fs::path file = track_file(data(), id);
     return fs::exists(file) ? std::optional(read_track_file(file)) : std::nullopt;
   }
+
+ private:
+  fs::path part_;  ///< DATA/training or DATA/testing
 };
 
 }  // namespace

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "scene/frame.h"
+#include "scene/data/data_set.h"
 
 namespace mirage {
 
@@ -33,8 +33,10 @@ void write_calibration(const std::filesystem::path& file, const Calibration& cal
 
 /// A label's (x, y, z) is the bottom centre in `rect`; its heading there is (cos ry, 0, −sin ry). The box in
 /// `velo` has the same bottom centre, sizes and the yaw of that heading turned into `velo` and laid flat
-/// (the two frames' verticals differ by about 1°, which upright boxes can't express).
-std::vector<Label> read_labels(const std::filesystem::path& file, const Calibration& calibration);
+/// (the two frames' verticals differ by about 1°, which upright boxes can't express). Types and boxes in the
+/// picture: label_of (kitti_rows.h); `notes`, if given, says what was made of these.
+std::vector<Label> read_labels(const std::filesystem::path& file, const Calibration& calibration,
+                               LabelNotes* notes = nullptr);
 /// The exact inverse; alpha = ry − atan2(x, z).
 void write_labels(const std::filesystem::path& file, const std::vector<Label>& labels,
                   const Calibration& calibration);

@@ -36,7 +36,7 @@ void require_frame(const fs::path& data, const DataSet& set, const std::string& 
 }  // namespace
 
 std::shared_ptr<const DataSet> open_data_set(const fs::path& data) {
-  for (const auto open : {open_nuscenes, open_kitti_raw, open_kitti_tracking})
+  for (const auto open : {open_given_labels, open_nuscenes, open_kitti_raw, open_kitti_tracking})
     if (auto data_set = open(data)) return data_set;
   return open_kitti_object(data);
 }

@@ -37,7 +37,7 @@ ShapeRooftopFinder::ShapeRooftopFinder(ShapeModel model, LidarModel lidar, const
     : model_(std::move(model)), lidar_(std::move(lidar)), settings_(settings) {}
 
 ShapeFit ShapeRooftopFinder::fit(const SweepIndex& index, const Label& label) const {
-  if (label.type != "Car" && label.type != "Van") {
+  if ((label.type != "Car" && label.type != "Van") || !has_box(label)) {
     ShapeFit none;
     none.reason = "the manifold holds cars and vans, this is a " + label.type;
     return none;
