@@ -14,6 +14,7 @@
 #include "detection/defense_words.h"
 #include "detection/detection_files.h"
 #include "detection/reliance.h"
+#include "frames/data_check.h"
 #include "validation/report/detection_plot.h"
 
 namespace mirage::cli {
@@ -21,6 +22,7 @@ namespace {
 
 struct DetectOptions {
   std::filesystem::path data;
+  std::string rig;
   DetectorOptions detector;
   std::size_t frames = 0;
   bool reliance = false;
@@ -106,6 +108,7 @@ void print_scores(const std::vector<ScoredStratum>& parts) {
 void add_options(CLI::App& app, DetectOptions& options) {
   app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
       ->required();
+  app.add_option("--rig", options.rig, kRigHelp);
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames (0: all)")->capture_default_str();
   const auto reliance = app.add_flag("--reliance", options.reliance,
@@ -124,7 +127,8 @@ void add_options(CLI::App& app, DetectOptions& options) {
 nlohmann::json run(const DetectOptions& options, const Common& common) {
   make_output_folder(common.out);
   if (!options.claim.empty()) read_claims(options.claim);  // now, not after the work
-  const DetectorOptions detector_options = with_common(options.detector, common, options.data);
+  const DetectorOptions detector_options = with_common(options.detector, common, options.data, options.rig);
+  check_data(options.data, options.rig, UnitUse::reads_sweeps);
   const auto detector = load_detector(detector_options);
   std::unique_ptr<Progress> progress;
   const auto tell = [&](const char* what) {

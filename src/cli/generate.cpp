@@ -4,14 +4,13 @@
 #include <chrono>
 #include <memory>
 
-#include "base/error.h"
-#include "base/files.h"
 #include "base/interrupt.h"
 #include "base/names.h"
 #include "base/progress.h"
 #include "cli/command.h"
 #include "generator/dataset.h"
 #include "generator/generator.h"
+#include "scene/data/data_rig.h"
 
 namespace mirage::cli {
 namespace {
@@ -23,7 +22,7 @@ struct GenerateOptions {
 };
 
 void add_options(CLI::App& app, GenerateOptions& options) {
-  app.add_option("--rig", options.rig, "sensor rig: kitti64, xenith, or a rig file (.toml)")
+  app.add_option("--rig", options.rig, "sensor rig: kitti64, xenith, nuscenes, or a rig file (.toml)")
       ->capture_default_str();
   app.add_option("--lidar", options.lidar,
                  "another unit than the rig's own: hdl32e, vlp16, vls128, or a file (.toml)");
@@ -39,15 +38,6 @@ void add_options(CLI::App& app, GenerateOptions& options) {
   app.add_flag("--truth", options.truth,
                "write depth and which object each pixel and point belongs to (training/instance_2/ID.png: k "
                "+ 1 for line k of the labels; training/instance_velodyne/ID.label: SemanticKITTI's layout)");
-}
-
-/// A rig file, or a shipped one by its name.
-std::filesystem::path rig_file(const std::string& rig) {
-  if (rig.ends_with(".toml")) return rig;
-  if (rig.empty() || rig.find('/') != rig.npos || std::filesystem::exists(rig))
-    throw InputError(rig, "--rig", "is neither a shipped rig nor a file whose name ends in .toml",
-                     "name kitti64, xenith, nuscenes or a rig file");
-  return shipped_file("scenes/rigs/" + rig + ".toml");
 }
 
 nlohmann::json run(const GenerateOptions& options, const Common& common) {

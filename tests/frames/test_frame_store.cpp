@@ -1,7 +1,6 @@
 // Streaming of frames, and what of them is kept on disk.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <spdlog/sinks/ostream_sink.h>
 #include <sys/stat.h>
 
 #include <chrono>
@@ -19,11 +18,13 @@
 #include "frames/frame_cache.h"
 #include "frames/hosts.h"
 #include "support/files.h"
+#include "support/heard.h"
 
 namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
+using test::Heard;
 using testing::HasSubstr;
 
 /// MIRAGE_CACHE for a test's duration.
@@ -31,26 +32,6 @@ class CacheIn {
  public:
   explicit CacheIn(const fs::path& folder) { setenv("MIRAGE_CACHE", folder.c_str(), 1); }
   ~CacheIn() { setenv("MIRAGE_CACHE", "off", 1); }
-};
-
-/// What is logged while it lives.
-class Heard {
- public:
-  Heard() : before_(spdlog::default_logger()) {
-    spdlog::set_default_logger(
-        std::make_shared<spdlog::logger>("test", std::make_shared<spdlog::sinks::ostream_sink_mt>(text_)));
-  }
-  ~Heard() { spdlog::set_default_logger(before_); }
-  std::string text() const { return text_.str(); }
-  int warnings() const {
-    int count = 0;
-    for (std::size_t at = 0; (at = text().find("[warning]", at)) != std::string::npos; ++at) ++count;
-    return count;
-  }
-
- private:
-  std::ostringstream text_;
-  std::shared_ptr<spdlog::logger> before_;
 };
 
 /// Everything of a store's frames that could differ, by bits.
