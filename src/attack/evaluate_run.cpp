@@ -110,7 +110,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   override_settings(stage, request.asked, request.detector.seed, true);
   result.detector = request.detector;
   use_detector_of(stage, result.detector);
-  result.detector.rig = data_rig(stage.settings.data);
+  result.detector.rig = data_rig(stage.settings.data, stage.settings.rig);
   result.detector.precision = usable_precision(result.detector.precision);
   result.store = std::make_unique<FrameStore>(stage.settings);
 

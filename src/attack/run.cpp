@@ -85,6 +85,7 @@ nlohmann::json identity(const AttackSettings& settings) {
   nlohmann::json id = fields_json(settings);
   if (const std::string hash = rooftop_model_hash(settings.rooftop); !hash.empty())
     id["rooftop_model_hash"] = hash;
+  if (settings.rig.ends_with(".toml")) id["rig_hash"] = file_hash(settings.rig);
   return id;
 }
 
@@ -171,7 +172,7 @@ void override_settings(AttackSettings& settings, const Overrides& asked, std::ui
   if (const auto words = asked.find("lidar_effects"); words != asked.end()) {  // of the unit that records
     settings.simulation.lidar_effects = parse_lidar_effects(
         words->second == kAsRecorded ? recorded_lidar_effects(settings.data) : words->second,
-        lidar_of(settings.data).divergence);
+        lidar_of(settings.data, settings.rig).divergence);
     if (settings.simulation.lidar_effects.any()) settings.simulation.lidar_effects.seed = seed;
   }
 }

@@ -123,12 +123,12 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   AttackSettings settings = options.settings;
   apply_rasteriser(options, settings.simulation);
   options.effects.check();
-  options.effects.apply(settings.simulation, lidar_of(settings.data), recorded_lidar_effects(settings.data),
-                        common.seed);
+  options.effects.apply(settings.simulation, lidar_of(settings.data, settings.rig),
+                        recorded_lidar_effects(settings.data), common.seed);
   settings.out = common.out;
   settings.seed = common.seed;
   settings.quiet = common.quiet;
-  settings.detector = with_common(settings.detector, common, settings.data);
+  settings.detector = with_common(settings.detector, common, settings.data, settings.rig);
   const Renderers renderers = make_renderers(options, settings);
   settings.renderer = renderers.cycles;
   if (renderers.by_rule) settings.renderer = renderers.by_rule;

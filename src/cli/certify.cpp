@@ -81,10 +81,10 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   settings.seed = common.seed;
   settings.evaluation.quiet = common.quiet;
   if (!options.run.empty()) settings.adversary = read_run(options.run, options.trust).adversary;
-  const LidarModel lidar = lidar_of(options.data);
+  const LidarModel lidar = lidar_of(options.data, options.rig);
   options.effects.apply(settings.simulation, lidar, recorded_lidar_effects(options.data), common.seed);
   FrameStore store(options);
-  const DetectorOptions asked = with_common(options.detector, common, options.data);
+  const DetectorOptions asked = with_common(options.detector, common, options.data, options.rig);
   if (asked.locality > 0)
     throw InputError("--locality", fmt::format("{}", asked.locality),
                      "is an approximation, and proves nothing", "leave it out");

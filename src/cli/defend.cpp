@@ -20,7 +20,7 @@ nlohmann::json run(const DefendOptions& options, const Common& common) {
   DefenseSettings settings = options.settings;
   set_method(options.method, settings);
   take_common(settings, common);
-  settings.detector = with_common(settings.detector, common, settings.data);
+  settings.detector = with_common(settings.detector, common, settings.data, settings.rig);
   const DefenseResult result = train_defended(settings);
   std::vector<std::pair<std::string, std::string>> rows = {
       {"hosts", std::to_string(result.hosts)},

@@ -15,6 +15,7 @@
 #include "detection/detection_files.h"
 #include "detection/kitti_ap.h"
 #include "detection/reliance.h"
+#include "frames/data_check.h"
 #include "scene/data/label_census.h"
 #include "validation/report/detection_plot.h"
 
@@ -23,6 +24,7 @@ namespace {
 
 struct DetectOptions {
   std::filesystem::path data;
+  std::string rig;
   DetectorOptions detector;
   std::size_t frames = 0;
   bool reliance = false;
@@ -137,6 +139,7 @@ void print_kitti(const nlohmann::json& kitti) {
 void add_options(CLI::App& app, DetectOptions& options) {
   app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
       ->required();
+  app.add_option("--rig", options.rig, kRigHelp);
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames (0: all)")->capture_default_str();
   const auto reliance = app.add_flag("--reliance", options.reliance,
@@ -155,7 +158,8 @@ void add_options(CLI::App& app, DetectOptions& options) {
 nlohmann::json run(const DetectOptions& options, const Common& common) {
   make_output_folder(common.out);
   if (!options.claim.empty()) read_claims(options.claim);  // now, not after the work
-  const DetectorOptions detector_options = with_common(options.detector, common, options.data);
+  const DetectorOptions detector_options = with_common(options.detector, common, options.data, options.rig);
+  check_data(options.data, options.rig, UnitUse::reads_sweeps);
   const auto detector = load_detector(detector_options);
   const LabelCensus census = count_labels(options.data, first_frames(options.data, options.frames));
   if (options.reliance && census.unlabelled == census.frames) require_cars(census, "--reliance");

@@ -17,9 +17,10 @@
 #include "cli/field_options.h"
 #include "cli/table.h"
 #include "exchange/mesh_files.h"
-#include "frames/hosts.h"
+#include "frames/data_check.h"
 #include "generator/car_family.h"
 #include "generator/fit_summary.h"
+#include "scene/data/data_rig.h"
 #include "scene/data/label_census.h"
 #include "scene/data/label_types.h"
 #include "scene/data/read_frames.h"
@@ -31,7 +32,7 @@ constexpr double kMostLabelNoise = 10;  // beyond 13 times a drawn size could be
 
 struct FitOptions {
   std::filesystem::path data, model, build_model, meshes;
-  std::string forward, up, format = "ply";
+  std::string rig, forward, up, format = "ply";
   int frames = 0, each = 80, dimension = 16, min_points = ShapeFitSettings().min_points;
   FitFrameSettings frame;
 };
@@ -93,7 +94,8 @@ void print_report(const FitReport& report) {
 
 nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   const auto model_file = options.model.empty() ? shipped_file("scenes/shapes/cars.shape") : options.model;
-  const LidarModel lidar = lidar_of(options.data);
+  const LidarModel lidar = lidar_of(options.data, options.rig);
+  check_data(options.data, options.rig, UnitUse::casts_rays);
   ShapeFitSettings settings;
   settings.min_points = options.min_points;
   const ShapeRooftopFinder finder(read_shape_model(model_file), lidar, settings);
@@ -149,6 +151,7 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
 void add_options(CLI::App& app, FitOptions& options) {
   auto* data =
       app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)");
+  app.add_option("--rig", options.rig, kRigHelp);
   auto* build =
       app.add_option("--build-model", options.build_model, "learn the manifold and write it here (*.shape)");
   data->excludes(build);

@@ -4,7 +4,6 @@
 #include <chrono>
 #include <memory>
 
-#include "base/error.h"
 #include "base/interrupt.h"
 #include "base/names.h"
 #include "base/progress.h"
@@ -13,6 +12,7 @@
 #include "cli/field_options.h"
 #include "generator/dataset.h"
 #include "generator/generator.h"
+#include "scene/data/data_rig.h"
 
 namespace mirage::cli {
 namespace {
@@ -44,12 +44,6 @@ void add_options(CLI::App& app, GenerateOptions& options) {
   app.add_flag("--truth", options.truth,
                "write depth and which object each pixel and point belongs to (training/instance_2/ID.png: k "
                "+ 1 for line k of the labels; training/instance_velodyne/ID.label: SemanticKITTI's layout)");
-}
-
-/// A rig file, or a shipped one by its name.
-std::filesystem::path rig_file(const std::string& rig) {
-  if (rig.ends_with(".toml")) return rig;
-  return shipped_choice("scenes/rigs", ".toml", rig, "rig", "a rig file (.toml)");
 }
 
 nlohmann::json run(const GenerateOptions& options, const Common& common) {

@@ -10,6 +10,7 @@
 #include "cli/insertion_options.h"
 #include "cli/table.h"
 #include "exchange/mesh_files.h"
+#include "frames/data_check.h"
 #include "frames/hosts.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
@@ -41,7 +42,8 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   asked.apply();
   const SunChoice sun = parse_sun(asked.sun);
   const TexturedMesh adversary = read_object(options.mesh);
-  const LidarModel lidar = lidar_of(asked.data);
+  const LidarModel lidar = lidar_of(asked.data, asked.rig);
+  check_data(asked.data, asked.rig, UnitUse::casts_rays);
   const auto depth = load_depth_completion({asked.depth});
   const auto finder = make_rooftop_finder(asked.rooftop, lidar);
   Frame frame = read_frame(asked.data, options.frame);

@@ -9,6 +9,7 @@
 #include "cli/table.h"
 #include "detection/precision.h"
 #include "detection/training.h"
+#include "frames/data_check.h"
 #include "scene/depth/depth_training.h"
 
 namespace mirage::cli {
@@ -80,6 +81,8 @@ Command train_command() {
       .run =
           [options](const Common& common) {
             take_common(options->detector, common);
+            for (const auto& data : {options->detector.data, options->detector.validation})
+              if (!data.empty()) check_data(data, options->detector.rig, UnitUse::reads_sweeps);
             return options->what == "depth" ? train_depth_command(*options, common)
                                             : train_detector_command(options->detector, common);
           },

@@ -35,7 +35,7 @@ void add_options(CLI::App& app, ViewOptions& options) {
   app.add_option("--detector", settings.detector.detector, "with --run: who looks (default: the run's)");
   app.add_option("--weights", settings.detector.weights, "its weights (default: the run's)");
   app.add_option("--defense", settings.detector.defense, "its defence (default: the run's)");
-  add_overrides<FrameSource>(app, settings.asked, {"depth"});
+  add_overrides<FrameSource>(app, settings.asked, {"depth", "rig"});
   add_trust_option(app, settings.trust);
   app.add_option("--size", settings.size,
                  "MB of the page at most: where it is too little, some of the points are left out")

@@ -65,7 +65,8 @@ TrainingResult train_detector(const TrainingOptions& options) {
   const DetectorOptions load = starting_detector(options);
   auto detector = load_detector(load);
   TrainingData data(options.data, options.frames, detector->region(), options.seed,
-                    options.ground_truth_sampling, detector->capabilities().reads_image, options.thin_lidar);
+                    options.ground_truth_sampling, detector->capabilities().reads_image, options.thin_lidar,
+                    options.rig);
   TrainingLoop loop(options, identity(options, data.size()));
   if (loop.goes_on()) detector = load_detector(resumed_detector(load, loop.state().weights));
   const auto& losses = loop.state().losses;  // total, score, box

@@ -7,6 +7,7 @@
 
 #include "base/schedule.h"
 #include "detection/detect.h"
+#include "scene/data/data_rig.h"
 
 namespace mirage {
 
@@ -32,6 +33,7 @@ struct TrainingOptions : TrainingSchedule {
   std::size_t validation_frames = 0;  ///< only the first N (0: all)
   std::int64_t validate_every = 0;    ///< steps between validations (0: at the end only)
   std::string precision = "float";    ///< of convolutions: float or bfloat16
+  std::string rig = {};               ///< of both sets (scene/data/data_rig.h); empty: what they say
 };
 
 /// What files decide is of the identity by their content (train_detector), not by their path.
@@ -41,6 +43,7 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "training set (KITTI's object, tracking or raw layout, nuScenes)",
          .required = true},
         s.data);
+  visit({.name = "rig", .help = kRigHelp, .written = !s.rig.empty()}, s.rig);
   visit({.name = "detector", .help = "lidar, camera, painted, fusion, late or refined"}, s.detector);
   visit({.name = "start",
          .help = "weights to start from (default: fresh ones); fusion may start from lidar weights, refined "

@@ -21,6 +21,7 @@
 #include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
 #include "support/files.h"
+#include "support/heard.h"
 
 namespace mirage {
 namespace {
@@ -534,6 +535,52 @@ TEST(KittiRealFrames, LabelsAndCalibrationSurviveRewriting) {
     EXPECT_NEAR(labels2[i].box.bev.x, labels[i].box.bev.x, 3e-6);
     EXPECT_NEAR(std::remainder(labels2[i].box.bev.yaw - labels[i].box.bev.yaw, 2 * std::numbers::pi), 0,
                 3e-6);
+  }
+}
+
+TEST(Kitti, WhatIsNoReturnIsLeftOutAndCounted) {
+  const TemporaryFolder folder;
+  const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
+  const Sweep good = {{1, 2, 3, 0.5f}, {4, 5, 6, 0.25f}};
+  Sweep all = {{nan, nan, nan, nan}, good[0], {0, 0, 0, 0}, {inf, 1, 1, 0}, good[1], {1, 1, 1, nan}};
+  write_sweep(folder / "000000.bin", all);
+  write_sweep(folder / "000001.bin", all);
+  const test::Heard heard;
+  const Sweep read = read_sweep(folder / "000000.bin");
+  ASSERT_EQ(read.size(), 2u);
+  for (std::size_t i = 0; i < 2; ++i) EXPECT_EQ(read[i].position(), good[i].position());
+  EXPECT_THAT(heard.text(), AllOf(HasSubstr("000000.bin"), HasSubstr("4 of 6 points")));
+  EXPECT_EQ(read_sweep(folder / "000001.bin").size(), 2u);
+  EXPECT_EQ(heard.warnings(), 1) << heard.text();  // once for the folder
+  write_sweep(folder / "none.bin", {all[0], all[2]});
+  EXPECT_THAT(error_text<InputError>([&] { read_sweep(folder / "none.bin"); }),
+              HasSubstr("none is a return"));
+}
+
+// A file of another number of columns is of plausible size now and then, and each of its values is finite.
+TEST(Kitti, OtherNumbersOfFloatsAPointAreSeen) {
+  const TemporaryFolder folder;
+  const auto written = [&](int columns, bool shuffled) {
+    RandomStream random(5, "columns");
+    std::vector<float> values;
+    for (int i = 0; i < 4000; ++i) {
+      const double azimuth = shuffled ? random.uniform(0, 6) : 0.0015 * i,
+                   range = 20 + 8 * std::sin(7 * azimuth);
+      const std::array<double, 6> row = {range * std::cos(azimuth),   range * std::sin(azimuth),
+                                         -1.5 + 0.01 * (i % 9),       columns == 4 ? 0.3 : 60.0 + i % 5,
+                                         static_cast<double>(i % 32), 0.1};
+      for (int k = 0; k < columns; ++k)
+        values.push_back(static_cast<float>(row[static_cast<std::size_t>(k)]));
+    }
+    write_file(folder / "s.bin",
+               {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float)});
+    return folder / "s.bin";
+  };
+  for (const bool shuffled : {false, true}) {
+    EXPECT_EQ(read_sweep(written(4, shuffled)).size(), 4000u);
+    for (const int columns : {5, 6})
+      EXPECT_THAT(error_text<InputError>([&] { read_sweep(written(columns, shuffled)); }),
+                  HasSubstr(std::to_string(columns) + " floats a point"));
   }
 }
 

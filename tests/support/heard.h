@@ -2,12 +2,11 @@
 #pragma once
 
 #include <spdlog/sinks/ostream_sink.h>
+#include <spdlog/spdlog.h>
 
 #include <memory>
 #include <sstream>
 #include <string>
-
-#include "base/logging.h"
 
 namespace mirage::test {
 

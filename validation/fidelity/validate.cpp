@@ -204,7 +204,7 @@ Validation validate(const ValidationSettings& given) {
   make_output_folder(settings.out);
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
   BlenderWorker blender(settings.out / "blender.log");
-  settings.detector.rig = data_rig(run.settings.data);
+  settings.detector.rig = data_rig(run.settings.data, run.settings.rig);
   DetectorPool detectors;
   detectors.push_back(load_detector(settings.detector));
   Validation validation;

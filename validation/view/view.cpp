@@ -21,6 +21,7 @@
 #include "base/progress.h"
 #include "detection/detect.h"
 #include "detection/detection_files.h"
+#include "frames/data_check.h"
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
 #include "scene/data/data_rig.h"
@@ -64,7 +65,7 @@ class Attacker {
     if (!settings.detect) return;
     DetectorOptions options = settings.detector;
     use_detector_of(run, options);
-    options.rig = data_rig(run.settings.data);
+    options.rig = data_rig(run.settings.data, run.settings.rig);
     detector_ = load_detector(options);
     name_ = detector_->name();
     evaluation_.plane = detector_->capabilities().plane();
@@ -184,6 +185,8 @@ json make_view(const ViewSettings& given) {
     if (settings.data.empty())
       throw InputError("view", "DIR", "is missing", "give a data set in KITTI layout, or --run");
     ids = list_frames(settings.data);
+    check_data(settings.data, settings.asked.contains("rig") ? settings.asked.at("rig") : "",
+               UnitUse::reads_sweeps);
     if (settings.frames > 0 && ids.size() > static_cast<std::size_t>(settings.frames))
       ids.resize(static_cast<std::size_t>(settings.frames));
   }

@@ -71,8 +71,8 @@ class DataSet {
   virtual std::string incomplete() const { return ""; }
 
   /// The frame, whole. InputError naming file, field and fix, for: a missing file; a sweep that is cut off or
-  /// holds non-finite values; a calibration that is none, or that the picture's size contradicts; a label
-  /// that no vehicle can have.
+  /// of other columns (kitti.h, read_sweep); a calibration that is none, or that the picture's size
+  /// contradicts; a label that no vehicle can have.
   Frame read(const std::string& id) const;
   /// The picture's width and height, from its header.
   std::pair<int, int> picture_size(const std::string& id) const;

@@ -18,8 +18,10 @@ namespace mirage {
 /// truncation and occlusion are written as they are. The image is encoded to 8-bit sRGB.
 void write_frame(const std::filesystem::path& data, const Frame& frame);
 
-/// KITTI's .bin: four floats a point. InputError naming file and byte: it can't be read, is empty or cut off,
-/// or a point is not finite or farther than 1 km.
+/// KITTI's .bin: four floats a point. Points that are not finite, or at the origin, are no returns: they are
+/// left out, with a warning that counts them, once a process and folder. InputError naming file and byte: it
+/// can't be read, is empty or cut off, a point is farther than 1 km, none is a return, or the values show
+/// another number of floats a point.
 Sweep read_sweep(const std::filesystem::path& file);
 /// KITTI's .bin, atomically.
 void write_sweep(const std::filesystem::path& file, const Sweep& sweep);
