@@ -10,7 +10,7 @@
 #include "base/names.h"
 #include "base/words.h"
 #include "detection/precision.h"
-#include "frames/frame_cache.h"
+#include "frames/made_of.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"

@@ -39,7 +39,8 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "fp_top_k",
          .help = "false positives are sought among so many background proposals, those of the largest "
                  "logits; 0: among all of a score over 0.1",
-         .range = kNotNegative},
+         .range = kNotNegative,
+         .lacking = "0"},
         s.fp_top_k);
 }
 

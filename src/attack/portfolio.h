@@ -50,7 +50,7 @@ struct AutoRun {
   FrameStore& store;
   const std::vector<Host>& train;
   std::shared_ptr<CleanSights> sights;
-  nlohmann::json identity;
+  RunIdentity identity;
 };
 /// What came of it.
 struct AutoOutcome {

@@ -16,6 +16,7 @@
 #include "detection/kitti_ap.h"
 #include "detection/reliance.h"
 #include "frames/data_check.h"
+#include "frames/made_of.h"
 #include "scene/data/label_census.h"
 #include "validation/report/detection_plot.h"
 
@@ -179,6 +180,8 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
     if (!options.kitti.empty())
       write_results(options.kitti / (frame.id + ".txt"), kitti.back().detections, frame.calibration);
   };
+  add_detector(*common.made_of, detector_options);
+  add_data(*common.made_of, options.data, first_frames(options.data, options.frames));
   std::unique_ptr<RelianceMeter> meter;
   ProposalObserver measure;
   if (options.reliance && reads_picture(*detector)) {

@@ -83,6 +83,7 @@ Command train_command() {
             take_common(options->detector, common);
             for (const auto& data : {options->detector.data, options->detector.validation})
               if (!data.empty()) check_data(data, options->detector.rig, UnitUse::reads_sweeps);
+            common.made_of->add(options->detector);
             return options->what == "depth" ? train_depth_command(*options, common)
                                             : train_detector_command(options->detector, common);
           },

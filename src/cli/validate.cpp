@@ -178,6 +178,7 @@ Command validate_command() {
             settings.seed = common.seed;
             settings.quiet = common.quiet;
             settings.detector.seed = common.seed;
+            settings.made_of = common.made_of;
             options->settings = settings;
             const Validation result = validate(settings);
             print_fidelity(result);
