@@ -101,7 +101,7 @@ void check_placement(const Label& host, const Rooftop& rooftop) {
 namespace {
 
 std::string in_metres(const Vec3d& size) {
-  return fmt::format("{:.3g} × {:.3g} × {:.3g} m", size.x(), size.y(), size.z());
+  return fmt::format("{:.4g} × {:.4g} × {:.4g} m", size.x(), size.y(), size.z());
 }
 
 /// What to do about a mesh whose longest measure is `longest`: the units in which that is an object of 0.2 to

@@ -87,7 +87,7 @@ TEST(MeshFiles, AnObjectOfNoRoofIsRefusedWithItsSizeAndUnit) {
     write_mesh(folder / "a.ply", mesh);
     return error_text<InputError>([&] { read_object(folder / "a.ply"); });
   };
-  EXPECT_THAT(refusal(1000), HasSubstr("a.ply: size: 1e+03 × 800 × 500 m is no object"));
+  EXPECT_THAT(refusal(1000), HasSubstr("a.ply: size: 1000 × 800 × 500 m is no object"));
   EXPECT_THAT(refusal(1000), HasSubstr("are these millimetres? scale by 0.001"));
   EXPECT_THAT(refusal(120), HasSubstr("are these centimetres? scale by 0.01"));
   EXPECT_THAT(refusal(0.001), HasSubstr("scale by 1000"));
