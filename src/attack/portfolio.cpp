@@ -155,7 +155,8 @@ class Portfolio {
   }
   void write_looks() const {
     if (rank() > 0) return;
-    write_json(folder_ / "looks.json", {{"identity", identity_.json}, {"shapes", shapes_}, {"starts", starts_}});
+    write_json(folder_ / "looks.json",
+               {{"identity", identity_.json}, {"shapes", shapes_}, {"starts", starts_}});
   }
   long spent() const {
     long steps = spent_;

@@ -71,7 +71,7 @@ struct Field {
   /// The value, as its text, that the field has in files of earlier programs, which left it out; of a list
   /// or group "": all of it off. None: it may not be missing.
   const char* lacking = nullptr;
-  const char* word = "";         ///< a path's value that names none
+  const char* word = "";                        ///< a path's value that names none
   void (*check)(const std::string&) = nullptr;  ///< of a text: throws FieldError
 
   /// "": none.

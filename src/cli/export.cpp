@@ -16,8 +16,8 @@
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
 #include "exchange/obj_file.h"
-#include "frames/made_of.h"
 #include "frames/hosts.h"
+#include "frames/made_of.h"
 #include "validation/blender/fbx_export.h"
 #include "validation/fidelity/validate.h"
 

@@ -224,8 +224,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
     load.weights = loop.state().weights;
     load.parts.clear();
     pool = shared_pool(load, settings.adversary_batch);
-    adversary = read_checkpoint(adversary_file(settings.out, loop.state().step), wanted,
-                                training.attack());
+    adversary = read_checkpoint(adversary_file(settings.out, loop.state().step), wanted, training.attack());
   }
 
   const AttackStepper stepper(training.attack(), pool, training.store(), training.host_list(),

@@ -246,8 +246,9 @@ std::string lidar_identity(const LidarModel& lidar) {
   // A new field does not compile until it is named here.
   const auto& [name, beams, azimuth_step, encoder_step, azimuth_min, azimuth_max, range_min, range_max, rate,
                rotation, divergence, velo_from_lidar, height] = lidar;
-  nlohmann::json all = {azimuth_step, encoder_step, azimuth_min,    azimuth_max,    range_min, range_max,
-              rate,         rotation,     divergence.x(), divergence.y(), height,    nlohmann::json::array()};
+  nlohmann::json all = {azimuth_step,   encoder_step,   azimuth_min, azimuth_max,
+                        range_min,      range_max,      rate,        rotation,
+                        divergence.x(), divergence.y(), height,      nlohmann::json::array()};
   const auto& mount = velo_from_lidar.matrix();
   all.push_back(std::vector<double>(mount.data(), mount.data() + mount.size()));
   for (const auto& [elevation, up, lateral, azimuth_offset, time] : beams)

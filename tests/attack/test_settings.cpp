@@ -122,10 +122,10 @@ TEST(Settings, EachFieldIsInTheFileAtItsDefaultToo) {
 
 /// What a program wrote that left fields out at their default.
 nlohmann::json as_of_an_earlier_program(nlohmann::json json) {
-  for (const auto& [key, value] : lacking_json<AttackSettings>().items())
+  const nlohmann::json lacking = lacking_json<AttackSettings>();
+  for (const auto& [key, value] : lacking.items())
     if (key != "simulation") json.erase(key);
-  for (const auto& [key, value] : lacking_json<AttackSettings>().at("simulation").items())
-    json.at("simulation").erase(key);
+  for (const auto& [key, value] : lacking.at("simulation").items()) json.at("simulation").erase(key);
   json.erase("rooftop_model_hash");
   return json;
 }
