@@ -25,16 +25,30 @@ std::string tinygltf_name(const std::string& uri) {
 }
 
 /// tinygltf opens no file itself: it is given the buffers that open_gltf has read, and nothing else exists.
-tinygltf::FsCallbacks only(Files& files) {
-  return {[](const std::string& name, void* known) { return static_cast<Files*>(known)->contains(name); },
-          [](const std::string& name, void*) { return name; },
-          [](std::vector<unsigned char>* out, std::string*, const std::string& name, void* known) {
-            const std::string& bytes = static_cast<Files*>(known)->at(name);
-            out->assign(bytes.begin(), bytes.end());
-            return true;
-          },
-          [](std::string*, const std::string&, const std::vector<unsigned char>&, void*) { return false; },
-          &files};
+/// A template: what its version lacks is only asked for where the type is not yet known.
+template <typename Callbacks = tinygltf::FsCallbacks>
+Callbacks only(Files& files) {
+  Callbacks callbacks{};
+  callbacks.FileExists = [](const std::string& name, void* known) {
+    return static_cast<Files*>(known)->contains(name);
+  };
+  callbacks.ExpandFilePath = [](const std::string& name, void*) { return name; };
+  callbacks.ReadWholeFile = [](std::vector<unsigned char>* out, std::string*, const std::string& name,
+                               void* known) {
+    const std::string& bytes = static_cast<Files*>(known)->at(name);
+    out->assign(bytes.begin(), bytes.end());
+    return true;
+  };
+  callbacks.WriteWholeFile = [](std::string*, const std::string&, const std::vector<unsigned char>&, void*) {
+    return false;
+  };
+  if constexpr (requires { callbacks.GetFileSizeInBytes; })  // tinygltf 2.9
+    callbacks.GetFileSizeInBytes = [](std::size_t* size, std::string*, const std::string& name, void* known) {
+      *size = static_cast<Files*>(known)->at(name).size();
+      return true;
+    };
+  callbacks.user_data = &files;
+  return callbacks;
 }
 
 }  // namespace
