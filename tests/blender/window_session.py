@@ -10,6 +10,9 @@ import traceback
 import bpy
 import numpy
 
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import install  # noqa: E402
+
 FOLDER, SCENE, OUT = sys.argv[sys.argv.index("--") + 1:][:3]
 LIMIT = 240  # s; 45 s on two busy cores without a graphics card
 STARTED = time.monotonic()
@@ -38,8 +41,7 @@ def override(of):
 
 
 def set_up():
-    bpy.ops.preferences.addon_install(filepath=os.path.join(FOLDER, "mirage_blender.zip"), overwrite=True)
-    bpy.ops.preferences.addon_enable(module="mirage_blender")
+    install.install(os.path.join(FOLDER, "mirage_blender.zip"))
     for thing in list(bpy.data.objects):
         bpy.data.objects.remove(thing)
     bpy.ops.import_scene.mirage(filepath=SCENE)
