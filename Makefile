@@ -82,9 +82,9 @@ bench: build
 	build/release/mirage_bench
 	python3 -B validation/benchmarks/rank_efficiency.py build/release/mirage --json build/release/bench.json
 
-.PHONY: deb deb-test manual docs
+.PHONY: deb deb-test system-test manual docs
 
-# Debian packages in build/, checked by lintian; and one of them installed in a fresh Debian 12 (as root, by debootstrap).
+# Debian packages in build/, checked by lintian; and one of them installed in a fresh Debian (as root, by debootstrap).
 DEB := mirage-simulator_0.1.0_$(shell dpkg --print-architecture 2>/dev/null).deb
 deb: manual
 	@$(MAKE) --no-print-directory setup PACKAGES="lintian dpkg-dev file"
@@ -93,7 +93,13 @@ deb: manual
 
 deb-test: deb
 	@$(MAKE) --no-print-directory setup PACKAGES="debootstrap"
-	src/packaging/fresh_root.sh build/$(DEB)
+	src/packaging/package_test.sh build/$(DEB)
+
+# make demo and make test of the last commit in a bare Debian SUITE (as root, by debootstrap): a table of seconds and failures.
+SUITE ?= trixie
+system-test:
+	@$(MAKE) --no-print-directory setup PACKAGES="debootstrap"
+	src/packaging/system_test.sh $(SUITE)
 
 # Pages for `man`, from --help; the API's pages, from the public headers.
 manual: build
