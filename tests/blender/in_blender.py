@@ -334,7 +334,8 @@ class Validate(unittest.TestCase):
         self.assertEqual(scene.render.engine, "MIRAGE")  # the user's scene is as it was
 
     def test_a_scene_made_in_blender(self):
-        """Base colours, an 8-bit texture on quadrangles, smooth faces, a mirrored thing, a world colour."""
+        """Base colours, an 8-bit texture on quadrangles, smooth faces, normals of its own, a mirrored thing, a world
+        colour."""
         scene = fresh()
         camera = view(scene)
         camera.location = (0.013, 0.021, 0.017)
@@ -362,7 +363,9 @@ class Validate(unittest.TestCase):
         shader = picture.node_tree.nodes["Principled BSDF"]
         picture.node_tree.links.new(texture.outputs["Color"], shader.inputs["Base Color"])
         bpy.ops.mesh.primitive_cube_add(size=0.9, location=(5, -0.6, 0.1), rotation=(0.3, 0.2, 0.6))
-        bpy.context.object.data.materials.append(picture)
+        cube = bpy.context.object.data
+        cube.materials.append(picture)
+        cube.normals_split_custom_set([(0.6, 0, 0.8)] * len(cube.loops))  # Mirage's faces are flat all the same
         scene.mirage.texels = 8  # a multiple of the image's 4: its squares are runs of whole texels
         self.assertEqual(bpy.ops.mirage.validate(output=path("figures.json"), timeout=200), {"FINISHED"})
         figures = dict(scene["mirage_validation"])
