@@ -25,13 +25,13 @@ struct GenerateOptions {
 };
 
 void add_options(CLI::App& app, GenerateOptions& options) {
-  const auto shipped = [](const char* folder) {
+  const auto listed = [](const char* folder) {
     return fmt::format("{}", fmt::join(shipped_names(folder, ".toml"), ", "));
   };
-  app.add_option("--rig", options.rig, "sensor rig: " + shipped("scenes/rigs") + " or a rig file (.toml)")
+  app.add_option("--rig", options.rig, "sensor rig: " + listed("scenes/rigs") + " or a rig file (.toml)")
       ->capture_default_str();
   app.add_option("--lidar", options.lidar,
-                 "another unit than the rig's own: " + shipped("scenes/lidars") + " or a file (.toml)");
+                 "another unit than the rig's own: " + listed("scenes/lidars") + " or a file (.toml)");
   app.add_option("--look", options.look, "another look than the rig's own")
       ->check(one_of({"european", "american"}));
   app.add_option("--frames", options.frames, "how many frames")
