@@ -8,7 +8,9 @@
 #include "attack/attack.h"
 #include "attack/clean_sights.h"
 #include "attack/tiny_world.h"
+#include "base/error.h"
 #include "base/files.h"
+#include "scene/data/read_frames.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -80,7 +82,12 @@ class CleanSightsTest : public testing::Test {
       for (int label : {0, 1}) hosts.push_back({{"00000" + std::to_string(i), label}, {}});
     CleanSights sights;
     const FoundClean found = find_clean(pool, store, hosts, sights, true);
-    refusal_ = error_text<InputError>([&] { require_found(found, *pool.front()); });
+    refusal_.clear();
+    try {
+      require_found(found, *pool.front());
+    } catch (const InputError& error) {
+      refusal_ = error.what();
+    }
     return found;
   }
   /// What is said of boxes that were changed so, which find nothing.
@@ -163,7 +170,7 @@ TEST_F(CleanSightsTest, FewFoundAreToldApartFromNone) {
   FoundClean few;
   few.vehicles = 100, few.found = 9;
   const Street detector;
-  EXPECT_EQ(error_text<InputError>([&] { require_found(few, detector); }), "");
+  EXPECT_NO_THROW(require_found(few, detector));
   few.found = 0;
   EXPECT_THAT(error_text<InputError>([&] { require_found(few, detector); }), HasSubstr("none of the 100"));
 }

@@ -142,7 +142,7 @@ TEST(Loader, PluginThatThrowsOrFailsLater) {
   EXPECT_THAT(run("throws_in_run"), HasSubstr("forward threw an exception (thrown on purpose)"));
   EXPECT_THAT(run("fails_in_run"), HasSubstr("forward failed (out of luck)"));
   const auto detector = load_detector(fake("not_finite"));
-  EXPECT_THAT(test::error_text<InputError>([&] { detector->forward(scene.view(), 0.1, false); }),
+  EXPECT_THAT(message_of<InputError>([&] { detector->forward(scene.view(), 0.1, false); }),
               AllOf(HasSubstr("fake_not_finite.so: box 0 of 1: "), HasSubstr("not finite")));
 }
 
