@@ -145,12 +145,12 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
 
   // The hosts belong to a run's identity: with other frames or labels the split would be another one, and a
   // resumed run would be tested on what it was trained on.
-  nlohmann::json id = identity(settings);
-  id["train"] = to_json(ids(train));
-  id["test"] = to_json(ids(test));
-  id["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
+  RunIdentity id = identity(settings);
+  id.json["train"] = to_json(ids(train));
+  id.json["test"] = to_json(ids(test));
+  id.json["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
   if (settings.renderer)
-    id["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
+    id.json["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
   const TexturedMesh random = random_baseline(settings.seed, settings.limits, settings.buildable);
   if (settings.attack == AttackSearch::automatic) {
     const auto began = Clock::now();
@@ -169,26 +169,26 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   ValidationPart part{train, {}};
   if (settings.until_plateau > 0 && target != AttackTarget::random) {
     part = split_validation(train, settings.seed);
-    id["validation"] = to_json(ids(part.held_out));
+    id.json["validation"] = to_json(ids(part.held_out));
     spdlog::info("{} of them are held out to tell when the attack is at its plateau", part.held_out.size());
   }
   AttackState state = fresh_state(settings);
   if (std::filesystem::exists(checkpoint_file)) {
-    state = read_checkpoint(checkpoint_file, id);
+    state = read_checkpoint(checkpoint_file, id, settings);
     spdlog::info("resuming at iteration {}", state.iteration);
   }
   if (any_rank(state.iteration != first_rank_value(state.iteration)))
     throw Failure(checkpoint_file.string(), "processes see different checkpoints",
                   "give --out a folder that all machines share");
   if (rank() == 0) {
-    write_json(settings.out / "run.json", id);
+    write_json(settings.out / "run.json", id.json);
     write_adversary(settings.out / "random.glb", random);
   }
 
   const AttackStepper stepper(settings, detectors, store, part.learn, state.adversary.mesh);
   const auto save = [&] {
     if (rank() > 0) return;
-    write_checkpoint(checkpoint_file, state, id);
+    write_checkpoint(checkpoint_file, state, id.json);
     write_losses(settings.out / "loss.csv", state.losses);
   };
   // What an earlier, shorter run left stays until this one's result takes its place: each file by itself.

@@ -98,7 +98,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "attack",
          .help = "plain: one start and rate; auto: shapes searched without gradients, starts, targets and "
                  "rates, chosen on vehicles held out from training; --iterations is what all of it may cost",
-         .written = s.attack != AttackSearch::plain},
+         .lacking = "plain"},
         s.attack);
   visit({.name = "target", .help = "whose gradient reaches the adversary; random: none, the random mesh"},
         s.target);
@@ -112,9 +112,9 @@ void visit_fields(Visitor& visit, S& s) {
               .help = "what is drawn anew for each host and step: none, all, or some of "
                       "roof,sun,light,exposure,noise",
               .option = "expect",
-              .written = s.expectation.any()},
+              .lacking = ""},
              s.expectation);
-  visit.list({.name = "buildable", .written = s.buildable.on}, s.buildable);
+  visit.list({.name = "buildable", .lacking = ""}, s.buildable);
   visit({.name = "iterations", .help = "Adam steps", .range = {0, kMostIterations}, .decides = false},
         s.iterations);
   visit(
@@ -129,7 +129,7 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "with --until-plateau or --attack auto: steps between two looks at that objective",
          .range = kFromOne,
          .option = "validate-every",
-         .written = s.until_plateau > 0 || s.attack != AttackSearch::plain},
+         .lacking = "20"},
         s.validation_every);
   visit({.name = "batch", .help = "host vehicles a step", .range = {1, 65536}}, s.batch);
   visit({.name = "seed", .option = ""}, s.seed);  // every command has one

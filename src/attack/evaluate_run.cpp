@@ -9,7 +9,7 @@
 #include "base/fields.h"
 #include "base/names.h"
 #include "detection/precision.h"
-#include "frames/frame_cache.h"
+#include "frames/made_of.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 

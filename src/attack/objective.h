@@ -40,7 +40,7 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "false positives are sought among so many background proposals, those of the largest "
                  "logits; 0: among all of a score over 0.1",
          .range = kNotNegative,
-         .written = s.fp_top_k > 0},
+         .lacking = "0"},
         s.fp_top_k);
 }
 /// What `mirage attack` takes for k where nothing else is asked for.

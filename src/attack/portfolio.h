@@ -49,7 +49,7 @@ struct AutoRun {
   const DetectorPool& detectors;
   FrameStore& store;
   const std::vector<Host>& train;
-  nlohmann::json identity;
+  RunIdentity identity;
 };
 /// What came of it.
 struct AutoOutcome {

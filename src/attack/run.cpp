@@ -81,11 +81,11 @@ nlohmann::json to_json(const SimulationSettings& settings) {
   return fields_json(settings);
 }
 
-nlohmann::json identity(const AttackSettings& settings) {
-  nlohmann::json id = fields_json(settings);
-  if (const std::string hash = rooftop_model_hash(settings.rooftop); !hash.empty())
-    id["rooftop_model_hash"] = hash;
-  return id;
+RunIdentity identity(const AttackSettings& settings) {
+  nlohmann::json id = fields_json(settings), lacking = lacking_json<AttackSettings>();
+  id["rooftop_model_hash"] = rooftop_model_hash(settings.rooftop);
+  lacking["rooftop_model_hash"] = "";
+  return {id, lacking};
 }
 
 bool is_other_data(const Run& run, const std::filesystem::path& data) {

@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "attack/attack_settings.h"
+#include "base/field_json.h"
 #include "frames/host_id.h"
 
 namespace mirage {
@@ -78,6 +79,6 @@ nlohmann::json to_json(const SimulationSettings& settings);
 /// What a run says of itself, and what a checkpoint must agree with: its settings that decide the result,
 /// and the content of the shape model that finds its roofs. Iterations are not in it: a finished run can be
 /// prolonged.
-nlohmann::json identity(const AttackSettings& settings);
+RunIdentity identity(const AttackSettings& settings);
 
 }  // namespace mirage

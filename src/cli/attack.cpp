@@ -6,10 +6,13 @@
 #include <optional>
 
 #include "base/error.h"
+#include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
 #include "cli/table.h"
+#include "frames/made_of.h"
+#include "scene/data/read_frames.h"
 #include "validation/blender/cycles_renderer.h"
 #include "validation/fidelity/budget_renderer.h"
 
@@ -127,6 +130,12 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   settings.renderer = renderers.cycles;
   if (renderers.by_rule) settings.renderer = renderers.by_rule;
   const AttackResult result = run_attack(settings);
+  if (rank() == 0) {
+    common.made_of->add(settings);
+    if (settings.renderer) common.made_of->set("renderer", settings.renderer->identity());
+    add_frames(*common.made_of, settings, list_frames(settings.data));
+    add_detector(*common.made_of, settings.detector);
+  }
   Rows rows = {{"vehicles to train on", std::to_string(result.vehicles_train)},
                {"vehicles held back", std::to_string(result.vehicles_test)},
                {"roofs", roofs(result.rooftops.fitted, result.rooftops.from_box)},

@@ -9,6 +9,7 @@
 #include "cli/table.h"
 #include "cli/trust_option.h"
 #include "defense/certificate.h"
+#include "frames/made_of.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {
@@ -97,6 +98,9 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
     throw InputError(options.data.string(), "labels", "no car has the adversary in view",
                      "give more frames or lower --min-view");
   const CertificateResult result = certify(detectors, store, hosts, lidar, settings);
+  common.made_of->add(settings.simulation);
+  add_frames(*common.made_of, options, frames);
+  add_detector(*common.made_of, asked);
   print_shares(result, settings);
   nlohmann::json json = to_json(result, settings);
   json["data"] = options.data.string();

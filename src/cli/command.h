@@ -5,9 +5,11 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "base/provenance.h"
 #include "base/schedule.h"
 
 namespace mirage::cli {
@@ -18,6 +20,8 @@ struct Common {
   int threads = 0;
   std::filesystem::path out;
   bool quiet = false;
+  /// What the result is made of: options are in it; commands add what these stand for.
+  std::shared_ptr<Provenance> made_of = std::make_shared<Provenance>();
 };
 
 /// Every x_command() has one form. It makes the command's options (a struct, which `options` and `run` share

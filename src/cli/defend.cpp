@@ -7,6 +7,7 @@
 #include "cli/table.h"
 #include "defense/adversarial_training.h"
 #include "detection/precision.h"
+#include "frames/made_of.h"
 
 namespace mirage::cli {
 namespace {
@@ -22,6 +23,8 @@ nlohmann::json run(const DefendOptions& options, const Common& common) {
   take_common(settings, common);
   settings.detector = with_common(settings.detector, common, settings.data);
   const DefenseResult result = train_defended(settings);
+  common.made_of->add(settings);
+  add_detector(*common.made_of, settings.detector);
   std::vector<std::pair<std::string, std::string>> rows = {
       {"hosts", std::to_string(result.hosts)},
       {"updates", std::to_string(result.steps)},

@@ -4,6 +4,7 @@
 #include "attack/adversary.h"
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/names.h"
 #include "base/progress.h"
 #include "cli/command.h"
 #include "cli/table.h"
@@ -94,6 +95,9 @@ nlohmann::json run(const DepthOptions& options, const Common& common) {
   std::vector<std::unique_ptr<DepthCompletion>> backends;
   for (const std::string& name : listed_words(options.backends))
     backends.push_back(load_depth_completion({name, options.weights, false, common.seed, common.threads}));
+  for (const std::string& name : listed_words(options.backends))
+    common.made_of->input("backend_" + escape_name(name),
+                          depth_identity({name, options.weights, false, common.seed, common.threads}));
   if (backends.empty()) throw InputError("--backends", "", "names none", "try ip-basic,guided");
   std::unique_ptr<Progress> progress;
   const auto scores =

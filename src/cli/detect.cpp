@@ -14,6 +14,7 @@
 #include "detection/defense_words.h"
 #include "detection/detection_files.h"
 #include "detection/reliance.h"
+#include "frames/made_of.h"
 #include "validation/report/detection_plot.h"
 
 namespace mirage::cli {
@@ -141,6 +142,8 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
                     frame.calibration);
     };
   }
+  add_detector(*common.made_of, detector_options);
+  add_data(*common.made_of, options.data, first_frames(options.data, options.frames));
   std::unique_ptr<RelianceMeter> meter;
   ProposalObserver measure;
   if (options.reliance && reads_picture(*detector)) {

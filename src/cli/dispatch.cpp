@@ -1,18 +1,24 @@
 #include "cli/dispatch.h"
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <charconv>
 #include <cstdint>
 #include <cstdio>
+#include <ctime>
 #include <exception>
 #include <filesystem>
 #include <limits>
+#include <map>
 #include <new>
 #include <optional>
+#include <set>
 
 #include "base/error.h"
+#include "base/field_json.h"
 #include "base/files.h"
 #include "base/folder_lock.h"
 #include "base/interrupt.h"
@@ -25,7 +31,8 @@
 #include "cli/config_file.h"
 #include "cli/field_options.h"
 #include "cli/named_settings.h"
-#include "cli/version.h"
+#include "frames/made_of.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage::cli {
 namespace {
@@ -82,6 +89,96 @@ void check_lengths(const CLI::App& app) {
     }
 }
 
+/// "mirage 0.1.0 (commit ea8efec)"; for sources without their history: "mirage 0.1.0 (sources without git)".
+std::string version_text() {
+  const std::string commit = program_commit();
+  return fmt::format("mirage {} ({})", program_version(),
+                     commit.empty() ? "sources without git" : "commit " + commit);
+}
+
+/// As a shell takes it.
+std::string quoted(const std::string& text) {
+  const bool plain = !text.empty() && text.find_first_not_of(
+                                          "abcdefghijklmnopqrstuvwxyz"
+                                          "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+                                          "0123456789-_=+./,:@%") == std::string::npos;
+  if (plain) return text;
+  std::string out = "'";
+  for (const char c : text) out += c == '\'' ? "'\\''" : std::string(1, c);
+  return out + "'";
+}
+
+/// A run folder by content, wherever it and its data set lie.
+std::string run_hash(const std::filesystem::path& run) {
+  nlohmann::json about = read_json(run / "run.json");
+  for (const char* place : {"data", "weights"}) about.erase(place);
+  std::string hashes = content_hash(about.dump());
+  for (const char* file : {"adversary.glb", "random.glb"})
+    if (std::filesystem::exists(run / file)) hashes += file_hash(run / file);
+  return content_hash(hashes);
+}
+
+/// A number or truth as such, else the text.
+nlohmann::json typed(const std::string& text) {
+  nlohmann::json value = nlohmann::json::parse(text, nullptr, false);
+  return value.is_number() || value.is_boolean() ? value : nlohmann::json(written_text(text));
+}
+
+/// All options of a command with what they stand at, given or not, but for those that name a place for
+/// results or cost time alone. Files, run folders and earlier results count by content; data sets are the
+/// command's to add, or add_data_sets'.
+void add_options(Provenance& made_of, const CLI::App& command) {
+  const std::set<std::string> beside = {"help", "out", "threads", "quiet", "config", "kitti", "claim"};
+  for (const CLI::Option* option : command.get_options()) {
+    std::string name = option->get_lnames().empty() ? option->get_name() : option->get_lnames().front();
+    if (beside.contains(name)) continue;
+    std::replace(name.begin(), name.end(), '-', '_');
+    std::string text = option->get_default_str();
+    if (option->count() > 0) text = fmt::format("{}", fmt::join(option->results(), ","));
+    if (text.empty() && option->get_expected_max() == 0) text = "false";
+    const std::filesystem::path file = text;
+    std::error_code none;
+    if (text.empty())
+      continue;
+    else if (std::filesystem::is_regular_file(file, none))
+      made_of.file(name, file);
+    else if (std::filesystem::is_regular_file(file / "run.json", none))
+      made_of.input(name, run_hash(file));
+    else if (std::filesystem::is_regular_file(file / "result.json", none))
+      made_of.file(name, file / "result.json");
+    else if (!std::filesystem::is_directory(file, none))
+      made_of.set(name, typed(text));
+  }
+}
+
+/// Folders of options that the command has not added itself: of a data set its first --frames frames, of
+/// others the files in them.
+void add_data_sets(Provenance& made_of, const CLI::App& command) {
+  const CLI::Option* frames = command.get_option_no_throw("--frames");
+  for (const char* name : {"data", "validation", "real", "kitti64", "xenith", "meshes"}) {
+    const CLI::Option* option = command.get_option_no_throw(std::string("--") + name);
+    if (!option || option->count() == 0 || !made_of.input(name).empty()) continue;
+    const std::filesystem::path folder = option->results().back();
+    try {
+      std::vector<std::string> ids = list_frames(folder);
+      if (const auto most = frames && frames->count() > 0 ? frames->as<std::size_t>() : 0; most > 0)
+        ids.resize(std::min(ids.size(), most));
+      if (std::string(name) == "data")
+        add_data(made_of, folder, ids);
+      else
+        made_of.input(name, frames_hash(folder, ids));
+    } catch (const InputError&) {
+      std::map<std::string, std::string> files;
+      std::error_code none;
+      for (const auto& entry : std::filesystem::directory_iterator(folder, none))
+        if (entry.is_regular_file(none)) files[entry.path().filename()] = file_hash(entry.path());
+      std::string all;
+      for (const auto& [file, hash] : files) all += escape_name(file) + " " + hash + "\n";
+      made_of.input(name, content_hash(all));
+    }
+  }
+}
+
 /// Runs one command line; returns CLI11's own exit code for --help, throws for errors. What result.json holds
 /// also goes to `told`, if that is not null.
 int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullptr) {
@@ -89,7 +186,7 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
                "mirage");
   app.require_subcommand(1);
   app.set_help_flag("-h,--help", "prints this text");
-  app.set_version_flag("--version", version(), "prints version and commit");
+  app.set_version_flag("--version", version_text(), "prints version and commit");
   std::vector<Command> commands = all_commands();
   std::vector<Common> commons(commands.size());
   std::vector<CLI::App*> subcommands;
@@ -151,8 +248,19 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
     std::optional<FolderLock> lock;
     if (rank() == 0)  // the only one that writes; what lies in folders beside a page is not the page's
       lock.emplace(folder, commands[i].page.empty() ? kFoldersBelow : 0);
+    Provenance& made_of = *commons[i].made_of;
+    std::string line = "mirage";
+    for (const std::string& argument : arguments) line += " " + quoted(argument);
+    made_of.tell("command", written_text(line));
+    made_of.tell("date", fmt::format("{:%FT%TZ}", fmt::gmtime(std::time(nullptr))));
+    made_of.tell("seed", commons[i].seed);
+    if (rank() == 0) add_options(made_of, *subcommands[i]);
     nlohmann::json result = with_options([&] { return commands[i].run(commons[i]); });
-    if (rank() == 0) write_json(result_file, result);
+    if (rank() == 0) {
+      add_data_sets(made_of, *subcommands[i]);
+      result["provenance"] = made_of.json();
+      write_json(result_file, result);
+    }
     if (told) *told = std::move(result);
   }
   return 0;

@@ -8,6 +8,7 @@
 #include "cli/frame_options.h"
 #include "cli/picture_rows.h"
 #include "cli/trust_option.h"
+#include "frames/made_of.h"
 #include "validation/report/evaluation_pictures.h"
 
 namespace mirage::cli {
@@ -148,6 +149,9 @@ Command evaluate_command() {
         options->quality.ask(request.asked);
         options->effects.ask(request.asked);
         const RunEvaluation evaluation = evaluate_run(request);
+        common.made_of->add(evaluation.stage.settings);
+        add_frames(*common.made_of, evaluation.stage.settings, evaluation.hosts);
+        add_detector(*common.made_of, evaluation.detector);
         print_head(evaluation);
         print_arms(evaluation);
         print_strata(evaluation);

@@ -16,6 +16,7 @@
 #include "exchange/host_proxy.h"
 #include "exchange/obj_file.h"
 #include "frames/hosts.h"
+#include "frames/made_of.h"
 #include "validation/blender/fbx_export.h"
 #include "validation/fidelity/validate.h"
 
@@ -40,6 +41,8 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   }
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = select_hosts(run, options.frames);
+  common.made_of->add(run.settings);
+  add_frames(*common.made_of, run.settings, hosts);
   FrameStore store(run.settings);
   RooftopCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);

@@ -10,6 +10,7 @@
 #include "base/names.h"
 #include "base/progress.h"
 #include "cli/command.h"
+#include "frames/made_of.h"
 #include "generator/dataset.h"
 #include "generator/generator.h"
 
@@ -54,6 +55,8 @@ nlohmann::json run(const GenerateOptions& options, const Common& common) {
   Rig rig = read_rig(rig_file(options.rig));
   if (!options.lidar.empty()) rig = with_lidar(rig, options.lidar);
   if (!options.look.empty()) rig = with_look(rig, parse_look(options.look, "generate", "--look"));
+  common.made_of->file("rig", rig_file(options.rig));
+  common.made_of->input("lidar", lidar_identity(rig.lidar));
   const auto start = std::chrono::steady_clock::now();
   Progress progress("generate", options.frames, common.quiet);
   const DatasetSummary sum = generate_dataset(

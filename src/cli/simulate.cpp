@@ -11,6 +11,7 @@
 #include "cli/table.h"
 #include "exchange/gltf.h"
 #include "frames/hosts.h"
+#include "frames/made_of.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
@@ -64,6 +65,8 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
       simulate(prepared, labels[index], rooftop, adversary,
                asked.for_unit(lidar, recorded_lidar_effects(asked.data), common.seed));
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  common.made_of->add(asked.simulation);
+  add_frames(*common.made_of, asked, {&options.frame, 1});
   write_srgb(common.out / "image.png", simulated.image);
   write_srgb(common.out / "mask.png", mask_picture(simulated, simulated.image.width, simulated.image.height));
   write_exr(common.out / "depth.exr", prepared.depth);

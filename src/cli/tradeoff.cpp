@@ -68,6 +68,7 @@ Command tradeoff_command() {
             settings.detector.seed = common.seed;
             settings.detector.threads = common.threads;
             const TradeoffResult result = tradeoff(settings);
+            common.made_of->add(settings);
             print_result(result);
             return to_json(result);
           },

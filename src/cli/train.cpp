@@ -76,6 +76,7 @@ Command train_command() {
       .run =
           [options](const Common& common) {
             take_common(options->detector, common);
+            common.made_of->add(options->detector);
             return options->what == "depth" ? train_depth_command(*options, common)
                                             : train_detector_command(options->detector, common);
           },

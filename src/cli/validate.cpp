@@ -160,6 +160,7 @@ Command validate_command() {
             settings.seed = common.seed;
             settings.quiet = common.quiet;
             settings.detector.seed = common.seed;
+            settings.made_of = common.made_of;
             print_fidelity(validate(settings));
             return read_json(settings.out / "result.json");  // with the figures that the report added
           },

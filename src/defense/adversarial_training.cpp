@@ -35,16 +35,20 @@ AttackSettings attack_settings(const DefenseSettings& settings) {
   return attack;
 }
 
-/// What must agree for a run to go on. "limits", "vertex_rate" and "texel_rate" are read by read_checkpoint.
-nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& attack, std::size_t hosts) {
+/// What must agree for a run to go on.
+RunIdentity identity(const DefenseSettings& settings, const AttackSettings& attack, std::size_t hosts) {
   nlohmann::json json = fields_json(settings);
-  if (settings.minutes == 0) json.erase("minutes");  // as of runs before they could end by time
   json["start"] = file_hash(weights_file(settings.detector));
   json["network_parts"] = settings.detector.parts;
   json["lidar_gradient"] = to_word(attack.simulation.lidar_gradient);
   json["limits"] = {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()};
   json["hosts"] = hosts;
-  return json;
+  json["objective"] = fields_json(attack.objective);
+  nlohmann::json lacking = lacking_json<DefenseSettings>();
+  ObjectiveSettings earlier;
+  earlier.fp_top_k = 0;
+  lacking["objective"] = fields_json(earlier);
+  return {json, lacking};
 }
 
 /// The trained detector and instances on the same weights that compute the adversary's gradients beside it.
@@ -194,7 +198,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
   check_parts(settings, *pool.front());
   make_output_folder(settings.out);
   DefenseTraining training(settings, pool.front()->region());
-  const nlohmann::json wanted = identity(settings, training.attack(), training.hosts());
+  const RunIdentity wanted = identity(settings, training.attack(), training.hosts());
   TrainingLoop loop(settings, wanted);
   AttackState adversary = fresh_state(training.attack());
   DefenseResult result;
@@ -214,7 +218,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
     load.weights = loop.state().weights;
     load.parts.clear();
     pool = shared_pool(load, settings.adversary_batch);
-    adversary = read_checkpoint(adversary_file(settings.out, loop.state().step), wanted);
+    adversary = read_checkpoint(adversary_file(settings.out, loop.state().step), wanted, training.attack());
   }
 
   const AttackStepper stepper(training.attack(), pool, training.store(), training.host_list(),
@@ -233,7 +237,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
     return std::array{loss.total, loss.score, loss.box};
   };
   work.save = [&](const fs::path& file) {
-    write_checkpoint(adversary_file(settings.out, loop.state().step), adversary, wanted);
+    write_checkpoint(adversary_file(settings.out, loop.state().step), adversary, wanted.json);
     pool.front()->save(file, true);
   };
   work.drop = [&](std::int64_t step) {

@@ -195,19 +195,20 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "MB of what the detector makes of frames without the object that are kept, so that only "
                  "what the object changes is computed anew; 0: every pass is over the whole frame",
          .range = {0, 1 << 20},
-         .decides = false},
+         .decides = false,
+         .matters = false},
         s.clean_memory_mb);
   visit({.name = "precision",
          .help = "of the detector's convolutions: float, bfloat16 (float where the processor lacks it), or "
                  "double, a slow reference",
-         .written = s.precision != kFloat,
+         .lacking = kFloat,
          .check = check_precision},
         s.precision);
   visit({.name = "locality",
          .help = "m: what the detector makes of places further from the object's changes is left as it was, "
                  "which is quicker and an approximation; 0: nothing is left out",
          .range = {0, 100},
-         .written = s.locality > 0},
+         .lacking = "0"},
         s.locality);
 }
 

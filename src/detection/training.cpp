@@ -12,14 +12,16 @@ namespace mirage {
 namespace {
 
 /// What must agree for a run to go on.
-nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
-  nlohmann::json json = fields_json(options);
-  json["start"] = options.start.empty() ? "" : file_hash(options.start);
+RunIdentity identity(const TrainingOptions& options, std::size_t frames) {
+  nlohmann::json json = fields_json(options), lacking = lacking_json<TrainingOptions>();
   json["bfloat16"] = options.precision == kBfloat16;
   json["frames"] = frames;
-  for (const auto& [key, file] : {std::pair("camera", options.camera), std::pair("lidar", options.lidar)})
-    if (!file.empty()) json[key] = file_hash(file);
-  return json;
+  for (const auto& [key, file] : {std::pair("start", options.start), std::pair("camera", options.camera),
+                                  std::pair("lidar", options.lidar)}) {
+    json[key] = file.empty() ? "" : file_hash(file);
+    lacking[key] = "";
+  }
+  return {json, lacking};
 }
 
 void check_options(const TrainingOptions& options) {

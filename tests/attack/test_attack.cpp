@@ -44,8 +44,8 @@ TEST(Attack, LowersTheLossAndKeepsTheBox) {
   const AttackResult result = run_attack(settings, detectors);
   EXPECT_EQ(result.iterations, 25);
   EXPECT_EQ(result.vehicles_train + result.vehicles_test, 3);
-  const AttackState state = read_checkpoint(folder / "run/checkpoint.json",
-                                            read_json(folder / "run/checkpoint.json").at("identity"));
+  const AttackState state = read_checkpoint(
+      folder / "run/checkpoint.json", read_json(folder / "run/checkpoint.json").at("identity"), settings);
   ASSERT_EQ(state.losses.size(), 25u);
   EXPECT_LT(state.losses.back().loss(), state.losses.front().loss());
   for (const Vec3d& v : state.adversary.mesh.vertices)
@@ -160,8 +160,8 @@ TEST(Attack, ADetectorInThePictureIsAttackedAndJudgedThere) {
   auto settings = settings_for(folder / "data", folder / "run", 25);
   settings.target = AttackTarget::image;
   EXPECT_EQ(run_attack(settings, detectors).vehicles_train, 2);
-  const AttackState state = read_checkpoint(folder / "run/checkpoint.json",
-                                            read_json(folder / "run/checkpoint.json").at("identity"));
+  const AttackState state = read_checkpoint(
+      folder / "run/checkpoint.json", read_json(folder / "run/checkpoint.json").at("identity"), settings);
   EXPECT_GT(state.losses.front().hide, 0);
   EXPECT_LT(state.losses.back().loss(), state.losses.front().loss());
   const mirage::Run run = read_run(folder / "run");

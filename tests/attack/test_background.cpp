@@ -151,8 +151,8 @@ TEST(TopBackground, AnAttackLooksAtEachCleanFrameOnce) {
   EXPECT_EQ(std::count(detector.asked.begin(), detector.asked.end(), 0.0),
             12);  // every proposal, 6 × 2 hosts
   // Of the three proposals one is no part of a clean detection: its loss is the whole of it.
-  const AttackState state = read_checkpoint(settings.out / "checkpoint.json",
-                                            read_json(settings.out / "checkpoint.json").at("identity"));
+  const AttackState state = read_checkpoint(
+      settings.out / "checkpoint.json", read_json(settings.out / "checkpoint.json").at("identity"), settings);
   EXPECT_NEAR(state.losses.front().false_positive, -softplus(-5), 1e-12);
   EXPECT_EQ(read_json(settings.out / "run.json").at("fp_top_k"), 3);
   settings.objective.fp_top_k = 0;  // another rule, another run

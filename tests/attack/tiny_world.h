@@ -73,7 +73,7 @@ inline void write_tiny_data(const std::filesystem::path& data, int frames, bool 
 /// What `mirage attack` says of a run with these settings.
 inline void write_run_json(const std::filesystem::path& run, const AttackSettings& settings,
                            const std::vector<HostId>& train, const std::vector<HostId>& test) {
-  nlohmann::json json = identity(settings);
+  nlohmann::json json = identity(settings).json;
   json["train"] = to_json(train);
   json["test"] = to_json(test);
   write_json(run / "run.json", json);

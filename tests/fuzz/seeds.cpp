@@ -214,6 +214,14 @@ nlohmann::json seed_identity() {
   return {{"limits", {0.8, 0.8, 0.5}}, {"vertex_rate", 1e-3}, {"texel_rate", 4e-3}, {"train", {"host"}}};
 }
 
+AttackSettings seed_settings() {
+  AttackSettings settings;
+  settings.limits.half = {0.8, 0.8, 0.5};
+  settings.vertex_rate = 1e-3;
+  settings.texel_rate = 4e-3;
+  return settings;
+}
+
 TexturedMesh seed_start() {
   TexturedMesh start = seed_mesh();
   for (Vec3d& v : start.mesh.vertices) v *= 0.5;

@@ -15,6 +15,7 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/progress.h"
+#include "frames/made_of.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
@@ -30,7 +31,6 @@ using nlohmann::json;
 namespace fs = std::filesystem;
 
 constexpr int kLadder = 4;
-constexpr int kStoredVersion = 13;  // of hosts/*.json; raise it when their content changes
 
 /// A path that stays below the folder that it is relative to.
 bool is_inside(const fs::path& path) {
@@ -99,7 +99,7 @@ void write_report(const ValidationSettings& settings) {
 std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std::vector<HostId>& hosts,
                                            std::vector<GivenUp>& failed) {
   const ValidationSettings& settings = context.settings;
-  const std::string key = validation_key(settings, context.run, context.blender.version());
+  std::map<std::string, std::string> keys;  // by frame
   const std::vector<bool> has_ladder =
       ladder_hosts(hosts, settings.ladder < 0 && !(settings.budget > 0) ? kLadder : settings.ladder);
   Progress progress("validate", hosts.size(), settings.quiet);
@@ -107,6 +107,8 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
   for (std::size_t i = 0; i < hosts.size(); ++i) {
     throw_if_interrupted("finished vehicles are kept; run the same command again to go on");
     const std::string name = host_name(hosts[i]);
+    std::string& key = keys[hosts[i].frame];
+    if (key.empty()) key = validation_key(settings, context.run, hosts[i].frame, context.blender.version());
     const fs::path file = settings.out / "hosts" / (name + ".json");
     std::optional<VehicleResult> result = stored_result(settings.out, file, key, has_ladder[i]);
     if (!result) {
@@ -130,16 +132,23 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
 
 }  // namespace
 
-std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& blender) {
-  std::string bytes = read_file(settings.run / "adversary.glb") + to_json(run.settings.simulation).dump();
-  const auto& d = settings.detector;
-  const FrameSource& source = run.settings;
-  bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, blender, settings.noise,
-                       d.detector, d.weights.string(), d.defense, source.data.string(), settings.samples,
-                       settings.seed, settings.evaluation_settings.score_threshold,
-                       rooftop_model_hash(source.rooftop), source.sun, depth_identity({source.depth}));
-  for (const fs::path& program : renderer_programs()) bytes += file_hash(program);
-  return content_hash(bytes + weights_hash(d));
+std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& frame,
+                           const std::string& blender) {
+  Provenance made_of;
+  add_frames(made_of, run.settings, {&frame, 1});
+  add_detector(made_of, settings.detector);
+  made_of.add(run.settings.simulation);
+  made_of.file("adversary", settings.run / "adversary.glb");
+  for (const fs::path& program : renderer_programs()) made_of.file(program.filename(), program);
+  made_of.input("blender", blender);
+  made_of.set("samples", settings.samples);
+  made_of.set("noise", settings.noise);
+  made_of.set("seed", settings.seed);
+  const EvaluationSettings& evaluation = settings.evaluation_settings;
+  made_of.set("score_threshold", evaluation.score_threshold);
+  made_of.set("detected_iou", evaluation.detected_iou);
+  made_of.set("false_positive_iou", evaluation.false_positive_iou);
+  return made_of.identity();
 }
 
 std::vector<HostId> select_hosts(const Run& run, int frames) {
@@ -213,6 +222,12 @@ Validation validate(const ValidationSettings& given) {
   validation.samples = settings.samples;
   validation.blender = blender.version();
   validation.report = settings.out / "report.html";
+  validation.made_of = settings.made_of;
+  validation.made_of->add(run.settings);
+  validation.made_of->set("samples", settings.samples);
+  validation.made_of->input("blender", blender.version());
+  add_frames(*validation.made_of, run.settings, hosts);
+  add_detector(*validation.made_of, settings.detector);
   write_json(settings.out / "result.json", to_json(validation));  // the report reads it, and adds to it
   write_report(settings);
   return validation;
@@ -236,7 +251,8 @@ json to_json(const Validation& validation) {
               {"samples", validation.samples},
               {"blender", validation.blender},
               {"blender_restarts", validation.blender_losses.size()},
-              {"report", validation.report.string()}});
+              {"report", validation.report.string()},
+              {"provenance", validation.made_of->json()}});
   return out;
 }
 

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -38,6 +39,7 @@ struct Validation {
   int samples = 0;               ///< Cycles samples a pixel, as asked for
   std::string blender;           ///< its version
   std::filesystem::path report;  ///< report.html
+  std::shared_ptr<Provenance> made_of;
 };
 
 /// Runs it; writes OUT/{hosts,scenes,pictures}/, OUT/report.html and OUT/result.json, which is to_json() of
@@ -48,10 +50,11 @@ Validation validate(const ValidationSettings& settings);
 /// result.json (src/README.md) without the report's figures: the summary's fields among its own.
 nlohmann::json to_json(const Validation& validation);
 
-/// What a kept vehicle's result depends on, as a hash; one of another key is made again. `settings`: with
-/// the run's detector, `run`: with what is asked for in its settings, `blender`: its version. Failure if a
-/// program or the weights can't be read.
-std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& blender);
+/// What the kept result of a vehicle of that frame is made of, as a hash (base/provenance.h); one of another
+/// key is made again. `settings`: with the run's detector, `run`: with what is asked for in its settings,
+/// `blender`: its version. InputError if a file of them can't be read.
+std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& frame,
+                           const std::string& blender);
 
 /// Vehicles of a verdict where the number of frames is not given, if the data have as many: a difference of
 /// shares of 100 vehicles is told to within ten points or so.

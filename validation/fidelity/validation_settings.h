@@ -3,9 +3,11 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 
 #include "attack/evaluation.h"
 #include "attack/run.h"
+#include "base/provenance.h"
 #include "validation/fidelity/budget.h"
 
 namespace mirage {
@@ -28,6 +30,8 @@ struct ValidationSettings {
   double budget_confidence = 0.9;  ///< share of unseen scenes that are to be within the budget
   std::uint64_t seed = 0;
   bool quiet = false;
+  /// What result.json says that it is made of: the command's options, to which validate() adds.
+  std::shared_ptr<Provenance> made_of = std::make_shared<Provenance>();
 };
 
 }  // namespace mirage
