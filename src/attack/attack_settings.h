@@ -150,7 +150,7 @@ void visit_fields(Visitor& visit, S& s) {
          .help =
              "vehicles of frames that have no labels: labels (none), or detections (what the detector finds "
              "there without the object; these boxes become the frames' labels, in OUT/labelled)",
-         .written = s.hosts_from != HostsFrom::labels},
+         .lacking = "labels"},
         s.hosts_from);
   visit_fields(visit, s.objective);
   visit.group({.name = "simulation"}, s.simulation);

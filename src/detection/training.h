@@ -43,7 +43,7 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "training set (KITTI's object, tracking or raw layout, nuScenes)",
          .required = true},
         s.data);
-  visit({.name = "rig", .help = kRigHelp, .written = !s.rig.empty()}, s.rig);
+  visit({.name = "rig", .help = kRigHelp, .lacking = ""}, s.rig);
   visit({.name = "detector", .help = "lidar, camera, painted, fusion, late or refined"}, s.detector);
   visit({.name = "start",
          .help = "weights to start from (default: fresh ones); fusion may start from lidar weights, refined "

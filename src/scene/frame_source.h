@@ -27,7 +27,7 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "data set: KITTI's object, tracking or raw layout, or nuScenes",
          .required = true},
         s.data);
-  visit({.name = "rig", .help = kRigHelp, .written = !s.rig.empty()}, s.rig);
+  visit({.name = "rig", .help = kRigHelp, .lacking = ""}, s.rig);
   visit({.name = "depth",
          .help = "depth completion of the photographs: ip-basic, guided (learned) or a plugin (*.so)"},
         s.depth);
