@@ -24,6 +24,7 @@
 #include "detection/given_detector.h"
 #include "detection/precision.h"
 #include "exchange/gltf.h"
+#include "frames/made_of.h"
 #include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 #include "simulation/check_inputs.h"

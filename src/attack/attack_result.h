@@ -84,8 +84,8 @@ struct AttackResult {
   std::optional<AutoReport> automatic;   ///< with AttackSearch::automatic
 };
 
-/// result.json of an attack: {vehicles_train, vehicles_test, clusters, found_clean, rooftops, iterations, loss,
-/// seconds_per_iteration, stages, buildable, plateau (null without one), auto?}
+/// result.json of an attack: {vehicles_train, vehicles_test, clusters, found_clean, rooftops, iterations,
+/// loss, seconds_per_iteration, stages, buildable, plateau (null without one), auto?}
 nlohmann::json to_json(const AttackResult& result);
 
 }  // namespace mirage

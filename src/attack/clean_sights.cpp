@@ -12,7 +12,7 @@
 #include <set>
 
 #include "attack/evaluation.h"
-#include "base/bootstrap.h"
+#include "base/intervals.h"
 #include "base/error.h"
 #include "base/interrupt.h"
 #include "base/progress.h"

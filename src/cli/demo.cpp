@@ -11,7 +11,7 @@ namespace {
 
 struct DemoOptions {
   // Enough held-back vehicles (about 100 found clean) that the interval of learned less random excludes zero.
-  int frames = 70, iterations = 80, validated = 5;
+  int frames = 70, iterations = 120, validated = 5;
   FrameSource source;
   QualityOption quality{"default"};
   bool quick = false;
@@ -73,13 +73,16 @@ nlohmann::json run(const DemoOptions& options, const Common& common) {
         {"evaluation", path("evaluate")},
         {"out", path("validate")}});
   std::fputs("\n", stdout);
+  const auto interval = [](const nlohmann::json& json) {
+    return Interval{json.at("value"), json.at("low"), json.at("high")};
+  };
   const nlohmann::json &learned = evaluation.at("hidden").at("vanished"),
                        &random = evaluation.at("sized").at("hidden").at("vanished"),
                        &difference = evaluation.at("net").at("vanished");
   print_table({{"held-back vehicles, found clean", learned.at("vehicles").dump()},
-               {"vanish under the learned mesh", share(learned)},
-               {"vanish under a random mesh of its size", share(random)},
-               {"difference, points", points(difference)},
+               {"vanish under the learned mesh", percent(interval(learned))},
+               {"vanish under a random mesh of its size", percent(interval(random))},
+               {"difference, points", signed_points(interval(difference))},
                {"adversary", path("run/adversary.glb")},
                {"report", path("validate/report.html")}});
   return {{"report", path("validate/report.html")},

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "attack/evaluate_run.h"
+#include "base/field_text.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
@@ -22,10 +23,6 @@ struct EvaluateOptions {
   int pictures = 0;
 };
 
-std::string with_interval(const Interval& share) {
-  return percent(share.value, share.low, share.high);
-}
-
 void print_head(const RunEvaluation& evaluation) {
   const Evaluation& learned = evaluation.learned;
   Rows rows = {{"hosts", std::to_string(evaluation.hosts.size())},
@@ -36,11 +33,6 @@ void print_head(const RunEvaluation& evaluation) {
     rows.push_back({"vehicles detected without adversary, IoU 0.5", std::to_string(learned.vehicles50)});
   for (auto& row : picture_rows(evaluation.reliance)) rows.push_back(std::move(row));
   print_table(rows);
-}
-
-std::string signed_points(const Interval& difference) {
-  return fmt::format("{:+.1f} ({:+.1f} to {:+.1f})", 100 * difference.value, 100 * difference.low,
-                     100 * difference.high);
 }
 
 /// The headline: whether the box is gone, beside the seed's rule, with every control and net of it.
@@ -55,9 +47,9 @@ void print_arms(const RunEvaluation& evaluation) {
   const auto shares = [&](const std::string& name, const Evaluation& of) {
     const HidingRates& hidden = of.hiding;
     row(of.meshes > 1 ? fmt::format("{} × {}", of.meshes, name) : name,
-        {with_interval(hidden.vanished.share), with_interval(of.fn_interval),
-         with_interval(picture ? hidden.iou50.share : hidden.distance2m->share),
-         with_interval(of.fp_interval), with_interval(of.asr_interval)});
+        {percent(hidden.vanished.share), percent(of.fn_interval),
+         percent(picture ? hidden.iou50.share : hidden.distance2m->share), percent(of.fp_interval),
+         percent(of.asr_interval)});
   };
   std::fputs("\n", stdout);
   row("share of vehicles (95 %)",
@@ -91,7 +83,7 @@ void print_strata(const RunEvaluation& evaluation) {
     const auto& [by, name, hosts, vehicles, rates] = parts[i];
     if (vehicles == 0) continue;
     row(by + " " + name, std::to_string(vehicles), percent(rates.fn_asr.value), percent(rates.fp_asr.value),
-        with_interval(rates.asr), control ? with_interval(control->evaluation.strata[i].rates.asr) : "");
+        percent(rates.asr), control ? percent(control->evaluation.strata[i].rates.asr) : "");
   }
   std::fflush(stdout);
 }

@@ -38,12 +38,6 @@ Printed printed(double fn, double fp, double asr) {
   return {{"fn_asr", fn}, {"fp_asr", fp}, {"asr", asr}};
 }
 
-std::string join(const Strings& parts) {
-  std::string all;
-  for (const auto& part : parts) all += (all.empty() ? "" : ", ") + part;
-  return all;
-}
-
 /// The attacks on one rig, which tables 1 and 2 count and figure 3 draws.
 struct RigAttacks {
   std::string lidar_only, image, lidar, both;
