@@ -70,8 +70,10 @@ void add_frames(Provenance& provenance, const FrameSource& source, std::span<con
 void add_frames(Provenance& provenance, const FrameSource& source, std::span<const std::string> ids) {
   add_data(provenance, source.data, ids);
   provenance.add(source);
+  provenance.set("rig", place_free(source.rig));
   provenance.set("depth", place_free(source.depth));
   provenance.set("rooftop", place_free(source.rooftop));
+  provenance.input("lidar", lidar_identity(lidar_of(source.data, source.rig)));
   provenance.input("depth", depth_identity({source.depth}));
   provenance.input("rooftop", rooftop_identity(source.rooftop));
 }
@@ -82,7 +84,7 @@ void add_detector(Provenance& provenance, const DetectorOptions& options) {
   provenance.set("precision", usable_precision(options.precision));
   provenance.set("network_parts", options.parts);
   provenance.set("fresh", options.fresh);
-  provenance.set("rig", options.rig);
+  provenance.set("detector_rig", options.rig);
   fs::path weights;
   if (is_given(options)) {
     provenance.input("weights", given_detector() ? given_detector()->content : "");
@@ -99,7 +101,8 @@ void add_detector(Provenance& provenance, const DetectorOptions& options) {
   for (const std::string& word : read_defense(options.defense).around)
     if (ceiling_height(word) > 0)  // over the rig's road
       provenance.input(
-          "rig", lidar_identity(read_lidar_model(shipped_file("scenes/rigs/" + options.rig + ".toml"))));
+          "detector_rig",
+          lidar_identity(read_lidar_model(shipped_file("scenes/rigs/" + options.rig + ".toml"))));
   provenance.tell("detector", escape_name(options.detector));
   provenance.tell("weights", weights.empty() ? "" : written_path(weights, ""));
   provenance.tell("weights_hash", provenance.input("weights"));

@@ -61,6 +61,7 @@ TEST(ValidationKey, ChangesWithEverySettingThatAResultDependsOn) {
       if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>) {
         if (std::string(field.name) == "depth") value = "ip-basic-bilateral";
         if (std::string(field.name) == "rooftop") value = "shape";
+        if (std::string(field.name) == "rig") value = "xenith";
       }
       Judged other = judged;
       part(other) = changed;

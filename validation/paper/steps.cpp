@@ -71,9 +71,10 @@ DetectorOptions detector_of(const Case& command, const fs::path& out) {
   DetectorOptions detector;
   detector.detector = command.setting("detector");
   detector.defense = command.setting("defense", "none");
-  detector.rig = data_rig(settings.contains("data")
-                              ? fs::path(settings.at("data"))
-                              : fs::path(read_json(out / command.hosts_of() / "run.json").value("data", "")));
+  fs::path data = settings.contains("data") ? settings.at("data") : "";
+  if (data.empty() && command.kind == Case::Kind::evaluate)
+    data = read_json(out / command.hosts_of() / "run.json").value("data", "");
+  detector.rig = data_rig(data);
   return detector;
 }
 
@@ -83,8 +84,11 @@ json made_of(const Case& command, const fs::path& out) {
   Provenance made_of;
   made_of.set("command", to_word(command.kind));
   for (const auto& [name, value] : command.settings) made_of.set(name, value);
-  for (const auto& [folder, need] : command.needs)
-    made_of.input(folder, need + " " + content_hash(recorded(Case{need, {}, {}, {}}, out).dump()));
+  for (const auto& [folder, need] : command.needs) {
+    made_of.set(folder, need);
+    // Frames are what they were generated from; of a run its mesh and hosts count (below).
+    if (folder == "data") made_of.input(folder, content_hash(recorded(Case{need, {}, {}, {}}, out).dump()));
+  }
   // What is missing or can't be read: the command itself says so.
   if (const std::string data = command.setting("data"); !data.empty()) try {
       made_of.input("data", data_hash(data));
