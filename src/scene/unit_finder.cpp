@@ -23,7 +23,7 @@ namespace {
 constexpr double kTurn = 2 * std::numbers::pi;
 constexpr std::size_t kFewestHits = 2000;  // of all sweeps
 constexpr std::size_t kFewestOfBeam = 30;  // hits that show a beam
-constexpr std::size_t kMostBeams = 256;
+constexpr std::size_t kFewestBeams = 4, kMostBeams = 256;
 constexpr double kEnoughOnRays = 0.95;
 
 double rest_of(double value, double modulus) {
@@ -245,6 +245,8 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
             double nearest, double first_scale) {
   constexpr double kScale = 0.02 * kDegree;
   constexpr int kRounds = 25;
+  constexpr std::size_t kEnough = 150000;
+  const std::size_t every = hits.size() / kEnough + 1;
   const int sweeps = static_cast<int>(pose.drifts.size()), shared = tilts ? 4 : 0,
             count = shared + (moves ? 6 * sweeps : 0);
   for (int round = 0; round < kRounds; ++round) {
@@ -258,7 +260,8 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
     std::vector<Eigen::Vector2d> own_right(beams, Eigen::Vector2d::Zero());
     Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(count, count);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(count);
-    for (const UnitHit& hit : hits) {
+    for (std::size_t at = 0; at < hits.size(); at += every) {
+      const UnitHit& hit = hits[at];
       if (hit.p.norm() < nearest) continue;
       const auto b = static_cast<std::size_t>(hit.beam);
       const double off = angle_off(lines[b], hit), weight = 1 / (1 + std::pow(off / scale, 2));
@@ -509,8 +512,8 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
     return kTurn / (std::abs(per_turn - whole) < 0.03 ? whole : per_turn);
   };
   const double usual = kTurn / step;
-  if (best_near(0.98 * usual, 1.02 * usual, 0.1, false).first > kEven) {
-    const auto [value, per_turn] = best_near(0.98 * usual, 1.02 * usual, 0.02, true);
+  if (const auto [even, at] = best_near(0.98 * usual, 1.02 * usual, 0.25, false); even > kEven) {
+    const auto [value, per_turn] = best_near(at - 2, at + 2, 0.02, true);
     return value > kEven ? grid(per_turn) : 0;
   }
   const auto first = static_cast<std::size_t>(1.15 * usual),
@@ -715,28 +718,42 @@ FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, 
   std::vector<BeamLine> lines;
   if (in_order) lines = lines_in_order(hits, numbers);
   constexpr double kOnBeams = 0.99, kFar = 12;  // m
-  const auto good = [&] { return lines.size() >= 4 && on_beams(hits, lines) >= kOnBeams; };
+  struct Fit {
+    std::vector<BeamLine> lines;
+    UnitPose pose;
+    double on = 0;
+  };
+  Fit best{{}, still, 0};
+  // Keeps what explains clearly more than what was tried before.
   const auto settle = [&](bool tilts, bool moves, double nearest, double scale) {
+    constexpr double kClearly = 0.002;
     clean_lines(hits, lines);
-    if (lines.size() < 4) return;
+    if (lines.size() < kFewestBeams) return;
     refine(hits, lines, pose, tilts, moves, nearest, scale);
     clean_lines(hits, lines);
+    if (lines.size() < kFewestBeams) return;
+    if (const double on = on_beams(hits, lines); on > best.on + kClearly) best = {lines, pose, on};
+  };
+  const auto restart = [&] {
+    pose = still;
+    place_hits(hits, pose);
   };
   settle(false, false, 0, 0.1 * kDegree);
-  if (lines.size() >= 4 && !good()) settle(true, false, 0, 0.2 * kDegree);
-  for (const bool moves : {false, true}) {
+  if (best.on < kOnBeams) settle(true, false, 0, 0.2 * kDegree);
+  if (best.on < kOnBeams) settle(true, true, 0, 0.2 * kDegree);
+  for (const bool moves : {false, true})
     for (const double nearest : {kFar, kFar / 2, 0.0, 0.0}) {
-      if (good()) break;
-      if (nearest == kFar) {
-        pose = still;
-        place_hits(hits, pose);
-      }
+      if (best.on >= kOnBeams) break;
+      if (nearest == kFar) restart();
       lines.clear();
       for (const double elevation : piles(hits, nearest)) lines.push_back({0, std::tan(elevation)});
       settle(moves, moves, nearest, 0.2 * kDegree);
     }
-  }
-  if (lines.size() < 4) throw refuse("their elevations show no beams");
+  if (best.lines.empty()) throw refuse("their elevations show no beams");
+  lines = best.lines;
+  pose = best.pose;
+  place_hits(hits, pose);
+  assign_beams(hits, lines);
 
   FoundUnit found;
   LidarModel& lidar = found.lidar;
