@@ -39,9 +39,9 @@ struct Command {
   /// After result.json is written: what is made from it, a page.
   std::function<void(const Common&)> afterwards = {};
   bool many_ranks = false;  ///< may run under mpirun (base/ranks.h)
-  /// Of a command whose result is one page: its name in the output folder. Common::out is then the page's
-  /// file; --out may name a folder or a file (*.html), beside which the result goes as *.result.json.
-  std::string page = {};
+  /// Of a command whose result is one file (a page, a rig): its name in the output folder. Common::out is then
+  /// that file; --out may name a folder or a file of its kind, beside which the result goes as *.result.json.
+  std::string page = {}, one_file = "the page";
 };
 
 /// What these options say of a training.
@@ -68,6 +68,7 @@ Command demo_command();
 Command depth_command();
 Command render_command();
 Command reproduce_command();
+Command rig_command();
 Command view_command();
 
 }  // namespace mirage::cli

@@ -43,7 +43,7 @@ std::vector<Command> all_commands() {
   return {demo_command(),      generate_command(), simulate_command(), fit_command(),    train_command(),
           detect_command(),    attack_command(),   evaluate_command(), export_command(), validate_command(),
           tradeoff_command(),  defend_command(),   certify_command(),  render_command(), depth_command(),
-          reproduce_command(), view_command()};
+          reproduce_command(), rig_command(),      view_command()};
 }
 
 void add_common(CLI::App& app, Common& common, const std::string& default_out) {
@@ -215,7 +215,9 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
     CLI::App* sub = app.add_subcommand(commands[i].name, commands[i].help);
     add_common(*sub, commons[i], commands[i].default_out);
     if (!commands[i].page.empty())
-      sub->get_option("--out")->description("the page (*.html), or a folder for it");
+      sub->get_option("--out")->description(
+          fmt::format("{} (*{}), or a folder for it", commands[i].one_file,
+                      std::filesystem::path(commands[i].page).extension().string()));
     commands[i].options(*sub);
     check_numbers(*sub);
     if (!commands[i].example.empty()) add_example(*sub, commands[i].example);
@@ -267,7 +269,9 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
     std::filesystem::path result_file = commons[i].out / "result.json";
     if (const std::string& page = commands[i].page; !page.empty()) {
       std::filesystem::path& out = commons[i].out;
-      if (out.extension() == ".html")  // not *.json itself, which may be the user's own beside the page
+      if (out.extension() ==
+          std::filesystem::path(page)
+              .extension())  // not *.json itself, which may be the user's own beside the page
         result_file = std::filesystem::path(out).replace_extension(".result.json");
       else
         out /= page;

@@ -52,8 +52,8 @@ Judgement judgement(const KittiFrame& frame, Plane plane, Difficulty level) {
   }
   for (const Label& label : frame.labels) {
     const BevBox box = plane == Plane::picture ? rectangle(picture_box(label)) : label.box.bev;
-    if (label.type == "DontCare") {  // in space it has no place
-      if (plane == Plane::bev) continue;
+    if (plane == Plane::bev && !has_box(label)) continue;
+    if (label.type == "DontCare") {
       result.covered.emplace_back();
       for (const BevBox& other : boxes) {
         const double area = other.length * other.width;
@@ -146,7 +146,7 @@ const char* kitti_name(Plane plane) {
 }  // namespace
 
 KittiFrame kitti_frame(const Frame& frame, std::span<const Proposal> detections, Plane plane) {
-  KittiFrame result{frame.labels, kitti_detections(detections, plane, frame)};
+  KittiFrame result{frame.labels, kitti_detections(detections, plane, frame), frame.labelled};
   for (KittiDetection& detection : result.detections)
     if (!detection.picture && detection.box) detection.picture = projected(*detection.box, frame.calibration);
   return result;
@@ -158,6 +158,7 @@ KittiPrecision kitti_average_precision(std::span<const KittiFrame> frames, Plane
   std::vector<Judgement> judged;
   std::vector<double> scores;
   for (const KittiFrame& frame : frames) {
+    if (!frame.labelled) continue;
     judged.push_back(judgement(frame, plane, level));
     const auto& labels = judged.back().labels;
     result.cars += static_cast<int>(std::count(labels.begin(), labels.end(), Part::counts));

@@ -31,6 +31,7 @@ namespace mirage {
 struct KittiFrame {
   std::vector<Label> labels;
   std::vector<KittiDetection> detections;
+  bool labelled = true;  ///< false: what is found there is neither a hit nor a false alarm
 };
 /// A detector's own boxes in the picture, else those of the upright boxes projected (kitti_detections).
 KittiFrame kitti_frame(const Frame& frame, std::span<const Proposal> detections, Plane plane);

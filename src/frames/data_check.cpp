@@ -26,7 +26,7 @@ constexpr double kCarsWithReturns = 0.5;
 /// Where a sweep surely reaches a car that is not behind something.
 bool should_hold_returns(const Label& label) {
   constexpr double kFarthest = 50;  // m
-  return label.type == "Car" && label.occluded <= 1 && label.truncated < 0.5 &&
+  return label.type == "Car" && has_box(label) && label.occluded <= 1 && label.truncated < 0.5 &&
          std::hypot(label.box.bev.x, label.box.bev.y) < kFarthest;
 }
 

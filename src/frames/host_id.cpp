@@ -18,10 +18,10 @@ const Label& label_of(const Frame& frame, const HostId& id) {
                      "give the --data folder that the run was made with");
   const Label& label = frame.labels[static_cast<std::size_t>(id.label)];
   if (!is_vehicle_type(label.type) || !has_box(label))
-    throw InputError("run.json", "host " + host_name(id),
-                     fmt::format("is a {}{} in the data set", label.type,
-                                 has_box(label) ? "" : " without a box in space"),
-                     "give the --data folder that the run was made with, with its labels");
+    throw InputError(
+        "run.json", "host " + host_name(id),
+        fmt::format("is a {}{} in the data set", label.type, has_box(label) ? "" : " without a box in space"),
+        "give the --data folder that the run was made with, with its labels");
   return label;
 }
 

@@ -20,6 +20,7 @@ step() {  # step NAME COMMAND…: one row of the table
   printf '| %s | %d | %s |\n' "$name" $((SECONDS - started)) "$outcome" | tee -a "$out/table.md"
 }
 
+echo "a bare $suite; how it is made: $out/root.log" >&2
 started=$SECONDS
 . "$here/fresh_root.sh" > "$out/root.log" 2>&1
 {

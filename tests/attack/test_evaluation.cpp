@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "attack/evaluation.h"
 #include "attack/evaluation_strata.h"
 #include "attack/false_positives.h"
 #include "attack/tiny_world.h"

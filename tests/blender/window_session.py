@@ -153,8 +153,23 @@ def settle():
     return shoot if time.monotonic() > STATE["shoot at"] else settle
 
 
+def screenshot():
+    """What the display shows, from Xvfb's own file (X11/XWDFile.h): Blender 4's screenshot of a window without focus is black."""
+    with open(os.path.join(FOLDER, "Xvfb_screen0"), "rb") as file:
+        data = file.read()
+    header = numpy.frombuffer(data, ">u4", 25)
+    size, width, height, line, colors = (int(header[k]) for k in (0, 4, 5, 12, 19))
+    rows = numpy.frombuffer(data, numpy.uint8, height * line, size + 12 * colors).reshape(height, line)
+    picture = numpy.ones((height, width, 4), numpy.float32)
+    picture[:, :, :3] = rows[:, :4 * width].reshape(height, width, 4)[:, :, 2::-1] / 255  # kept as blue, green, red, unused
+    image = bpy.data.images.new("screen", width, height)
+    image.pixels.foreach_set(picture[::-1].ravel())
+    image.filepath_raw, image.file_format = OUT, "PNG"
+    image.save()
+
+
 def shoot():
-    bpy.ops.screen.screenshot(filepath=OUT)
+    screenshot()
     figures = bpy.context.scene["mirage_validation"]
     print(f"session: mask IoU {figures['mask_iou']:.6f}, mean error {figures['mae']:.2e}", flush=True)
     print("session: done", flush=True)

@@ -54,6 +54,19 @@ TEST(KittiAp, HasNoEndOfTheCurveWhereCarsAreFewerThanItsThresholds) {
   EXPECT_NEAR(ap(twice), 1, 1e-12);
 }
 
+TEST(KittiAp, WhatNobodyLabelledCountsNeitherWay) {
+  std::vector<KittiFrame> frames = forty();
+  frames.push_back({{}, {on(label(60), 0.95)}, false});
+  EXPECT_NEAR(ap(frames), 39.0 / 40, 1e-12);
+  frames.back().labelled = true;
+  EXPECT_LT(ap(frames), 38.5 / 40);
+  // A label of the picture alone is no car from above.
+  frames = forty();
+  for (KittiFrame& frame : frames) frame.labels[0].in_space = false;
+  EXPECT_NEAR(ap(frames), 39.0 / 40, 1e-12);
+  EXPECT_EQ(kitti_average_precision(frames, Plane::bev, Difficulty::easy, 0.7).cars, 0);
+}
+
 TEST(KittiAp, FalseAlarmsCountFromTheirScoreOn) {
   std::vector<KittiFrame> frames = forty();
   frames[0].detections.push_back(on(label(60), 0.705));  // below the first 20 cars

@@ -296,7 +296,7 @@ std::vector<Seed> seeds() {
       {"pickle", "module", pickle()},
       {"run", "whole", run()},
       {"checkpoint-fields", "none", "{}"},
-      {"checkpoint-fields", "some", R"({"losses":[1,2,3,4,5,6],"hidden":[1,0]})"},
+      {"checkpoint-fields", "some", R"({"losses":[1,2,3,4,5,6],"hidden":[1,0],"found":[1,1]})"},
       {"checkpoint", "fresh", seed_checkpoint(0)},
       {"checkpoint", "whole", seed_checkpoint(2)}};
   return all;

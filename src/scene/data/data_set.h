@@ -5,7 +5,8 @@
 //   kitti-tracking  DATA/training/{image_02,velodyne,calib,label_02}, a folder or file for each sequence
 //   kitti-raw       DATA/[DATE/]calib_*.txt, DATA/[DATE/]DATE_drive_NNNN_sync/…, labels from its tracklets
 //   nuscenes        DATA/v1.0-*/*.json, DATA/samples/…: keyframes of LIDAR_TOP and CAM_FRONT
-//   given-labels    DATA/labels.json names another set, DATA/label_2 labels its unlabelled frames
+// DATA/labels.json may name a set of any of these, whose unlabelled frames DATA/label_2 labels
+// (given_labels.cpp).
 //
 // KITTI's benchmarks may lie there as DATA/testing alone, and pictures may be JPEG. Labels may be missing: of
 // all layouts (Frame::labelled). DATA/dataset.json and DATA/rig.toml may say which rig recorded a set of any

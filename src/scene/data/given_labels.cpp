@@ -18,7 +18,7 @@ class GivenLabels : public DataSet {
  public:
   GivenLabels(fs::path data, const fs::path& set) : DataSet(std::move(data)), set_(open_data_set(set)) {}
 
-  const char* layout() const override { return "given-labels"; }
+  const char* layout() const override { return set_->layout(); }
   std::string rig() const override { return data_rig(set_->data()); }
   std::vector<std::string> frames() const override { return set_->frames(); }
   std::string incomplete() const override { return set_->incomplete(); }

@@ -34,6 +34,8 @@ constexpr const char* kCamera = "CAM_FRONT";
 constexpr const char* kFix = "restore the table from the data set's archive";
 constexpr double kFewestRows = 25;     // pixels
 constexpr float kFullIntensity = 255;  // of a return
+/// m; what is nearer in both axes is the car, or a firing without a return (a point at the unit's own place).
+constexpr float kNearestReturn = 1;
 
 struct Sensor {
   Transform ego_from_sensor = Transform::Identity();
@@ -247,6 +249,9 @@ class NuScenes : public DataSet {
     const Sample& sample = of(*tables, id);
     Sweep points = read_points(tables_.parent_path() / sample.lidar.file, 5);  // the fifth is the beam
     const Eigen::Matrix3f turn = velo_from_lidar(sample).linear().cast<float>();
+    std::erase_if(points, [](const LidarPoint& p) {
+      return std::abs(p.x) < kNearestReturn && std::abs(p.y) < kNearestReturn;
+    });
     for (LidarPoint& p : points) {
       const Vec3f at = turn * p.position();
       p = {at.x(), at.y(), at.z(), p.reflectance / kFullIntensity};
