@@ -2,11 +2,15 @@
 .DEFAULT_GOAL := build
 .PHONY: setup build addon python demo test asan tsan fuzz faults format bench clean
 
-PACKAGES := g++ cmake ninja-build ccache pkg-config libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev \
-  nlohmann-json3-dev libtomlplusplus-dev librandom123-dev libboost-dev libcli11-dev libembree-dev libopenimageio-dev \
-  libceres-dev libopenexr-dev libtinygltf-dev libopencv-imgproc-dev libhwy-dev libnova-dev libtinyxml2-dev libopenmpi-dev openmpi-bin \
-  python3-imath python3-dev pybind11-dev python3-torch python3-wheel python3-numpy python3-matplotlib python3-jinja2 python3-pil blender xvfb xauth libgl1-mesa-dri libtorch-dev libopenblas0-pthread libturbojpeg0-dev zlib1g-dev \
+# What the program, its detectors and `mirage demo` are built from and run with.
+DEMO_PACKAGES := g++ cmake ninja-build ccache libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev nlohmann-json3-dev \
+  libtomlplusplus-dev librandom123-dev libboost-dev libcli11-dev libembree-dev libopenimageio-dev libceres-dev libopenexr-dev \
+  libtinygltf-dev libopencv-imgproc-dev libhwy-dev libnova-dev libtinyxml2-dev libopenmpi-dev libtorch-dev \
+  libopenblas0-pthread libturbojpeg0-dev zlib1g-dev blender python3-numpy python3-jinja2 python3-pil
+# What the Python module and the tests take besides.
+TEST_PACKAGES := python3-matplotlib python3-dev pybind11-dev python3-torch python3-wheel openmpi-bin xvfb xauth libgl1-mesa-dri \
   libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format clang-tidy strace nodejs npm chromium
+PACKAGES := $(DEMO_PACKAGES) $(TEST_PACKAGES)
 
 # Parts of the sources that clang-format owns.
 SOURCES := $(shell git ls-files '*.h' '*.cpp' 2>/dev/null)
@@ -26,8 +30,9 @@ setup:
 	if [ -n "$$missing" ]; then echo "installing:$$missing"; \
 	  apt-get update -q && DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $$missing; fi
 
+CONFIGURE := cmake --preset release
 build: setup
-	cmake --preset release
+	$(CONFIGURE)
 	cmake --build --preset release
 
 # The Blender add-on as a zip for Edit > Preferences > Add-ons > Install.
@@ -41,10 +46,11 @@ python: setup
 	ln -sfn release/python build/python
 	/usr/bin/python3 -B plugins/python/pack_wheel.py build/release/python build
 
-# Only what the demo runs: no tests.
+# Installs and builds only what the demo runs: no tests, no Python module. `make test` configures the same folder for all of it.
+demo: PACKAGES := $(DEMO_PACKAGES)
 demo: setup
-	cmake --preset release
-	cmake --build --preset release --target mirage report_viewer
+	cmake --preset demo
+	cmake --build --preset demo
 	build/release/mirage demo --out out/demo
 
 test: build
@@ -82,9 +88,9 @@ bench: build
 	build/release/mirage_bench
 	python3 -B validation/benchmarks/rank_efficiency.py build/release/mirage --json build/release/bench.json
 
-.PHONY: deb deb-test manual docs
+.PHONY: deb deb-test system-test manual docs
 
-# Debian packages in build/, checked by lintian; and one of them installed in a fresh Debian 12 (as root, by debootstrap).
+# Debian packages in build/, checked by lintian; and one of them installed in a fresh Debian (as root, by debootstrap).
 DEB := mirage-simulator_0.1.0_$(shell dpkg --print-architecture 2>/dev/null).deb
 deb: manual
 	@$(MAKE) --no-print-directory setup PACKAGES="lintian dpkg-dev file"
@@ -93,12 +99,18 @@ deb: manual
 
 deb-test: deb
 	@$(MAKE) --no-print-directory setup PACKAGES="debootstrap"
-	src/packaging/fresh_root.sh build/$(DEB)
+	src/packaging/package_test.sh build/$(DEB)
+
+# make demo and make test of the last commit in a bare Debian SUITE (as root, by debootstrap): a table of seconds and failures.
+SUITE ?= trixie
+system-test:
+	@$(MAKE) --no-print-directory setup PACKAGES="debootstrap"
+	src/packaging/system_test.sh $(SUITE)
 
 # Pages for `man`, from --help; the API's pages, from the public headers.
 manual: build
 	@$(MAKE) --no-print-directory setup PACKAGES="help2man"
-	cmake --preset release
+	$(CONFIGURE)
 	cmake --build --preset release --target manual
 
 docs: setup

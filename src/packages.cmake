@@ -17,7 +17,6 @@ endmacro()
 # The layer that needs a package, where that is not base.
 set(MIRAGE_LAYER_OF_CLI11 cli)
 set(MIRAGE_LAYER_OF_ZLIB cli)
-set(MIRAGE_LAYER_OF_embree sensors)
 set(MIRAGE_LAYER_OF_Ceres scene)
 
 function(mirage_package name debian)
@@ -48,7 +47,15 @@ mirage_package(spdlog libspdlog-dev)
 mirage_package(nlohmann_json nlohmann-json3-dev)
 mirage_package(CLI11 libcli11-dev)
 mirage_package(ZLIB zlib1g-dev)  # validation's pages and the fuzzers' seeds
-mirage_package(embree libembree-dev 3)
+# Embree 4 where it is, or else 3 (sensors/embree.h).
+if(sensors IN_LIST MIRAGE_LAYERS AND NOT TARGET mirage_embree)
+  find_package(embree 4 QUIET)
+  if(NOT embree_FOUND)
+    mirage_package(embree libembree-dev 3)
+  endif()
+  add_library(mirage_embree INTERFACE IMPORTED GLOBAL)
+  target_link_libraries(mirage_embree INTERFACE embree)
+endif()
 mirage_package(Ceres libceres-dev 2)
 mirage_package(MPI libopenmpi-dev COMPONENTS C)
 

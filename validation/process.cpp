@@ -10,8 +10,12 @@
 
 #include <cerrno>
 #include <chrono>
+#include <condition_variable>
 #include <cstdlib>
 #include <cstring>
+#include <mutex>
+#include <system_error>
+#include <thread>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -27,6 +31,84 @@ std::vector<char*> c_arguments(const std::vector<std::string>& arguments) {
   for (const std::string& argument : arguments) pointers.push_back(const_cast<char*>(argument.c_str()));
   pointers.push_back(nullptr);
   return pointers;
+}
+
+/// What a child is started with.
+struct Start {
+  std::vector<char*> arguments;
+  int in = -1, out = -1, errors = -1;  ///< its standard files
+  bool own_group = false;
+};
+
+/// Forks from one thread that lives as long as the program. PR_SET_PDEATHSIG kills a child when the thread
+/// that forked it ends, and callers are workers of a pool, which come and go.
+class Spawner {
+ public:
+  Spawner() {
+    std::thread([this] { serve(); }).detach();
+  }
+
+  /// The child's pid, or −1 with errno.
+  pid_t start(const Start& child) {
+    const std::lock_guard turn(turn_);
+    std::unique_lock lock(mutex_);
+    asked_ = &child;
+    changed_.notify_all();
+    changed_.wait(lock, [&] { return asked_ == nullptr; });
+    errno = error_;
+    return pid_;
+  }
+
+ private:
+  void serve() {
+    std::unique_lock lock(mutex_);
+    for (;;) {
+      changed_.wait(lock, [&] { return asked_ != nullptr; });
+      pid_ = fork_and_exec(*asked_);
+      error_ = errno;
+      asked_ = nullptr;
+      changed_.notify_all();
+    }
+  }
+
+  static pid_t fork_and_exec(const Start& child) {
+    const pid_t parent = ::getpid(), pid = ::fork();
+    if (pid != 0) return pid;
+    // Only async-signal-safe calls from here to exec.
+    if (child.own_group) ::setpgid(0, 0);
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (::getppid() != parent) ::_exit(127);
+    ::dup2(child.in, 0);
+    ::dup2(child.out, 1);
+    ::dup2(child.errors, 2);
+    ::execv(child.arguments[0], child.arguments.data());
+    ::_exit(127);
+  }
+
+  std::mutex turn_, mutex_;
+  std::condition_variable changed_;
+  const Start* asked_ = nullptr;
+  pid_t pid_ = -1;
+  int error_ = 0;
+};
+
+/// As Spawner::start. Failure if there is no room for its thread.
+pid_t start_child(const Start& child) {
+  static std::mutex mutex;
+  static pid_t owner = -1;
+  static Spawner* spawner = nullptr;  // never destroyed: its thread ends with the program
+  {
+    const std::lock_guard lock(mutex);
+    if (owner != ::getpid()) {  // the first, or after a fork, which takes no other thread along
+      try {
+        spawner = new Spawner;
+      } catch (const std::system_error& problem) {
+        throw Failure(child.arguments[0], problem.what(), "close other programs");
+      }
+      owner = ::getpid();
+    }
+  }
+  return spawner->start(child);
 }
 
 }  // namespace
@@ -61,19 +143,7 @@ ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std:
     ::close(errors);
     throw Failure(arguments[0], std::strerror(reason), "close other programs");
   }
-  auto argv = c_arguments(arguments);
-  const pid_t parent = ::getpid();
-  pid_ = ::fork();
-  if (pid_ == 0) {  // only async-signal-safe calls from here to exec
-    ::setpgid(0, 0);
-    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (::getppid() != parent) ::_exit(127);
-    ::dup2(ends[1], 0);
-    ::dup2(ends[1], 1);
-    ::dup2(errors, 2);
-    ::execv(argv[0], argv.data());
-    ::_exit(127);
-  }
+  pid_ = start_child({c_arguments(arguments), ends[1], ends[1], errors, true});
   const int reason = errno;
   ::close(ends[1]);
   ::close(errors);
@@ -161,23 +231,17 @@ std::string read_last_line(int file) {
 }  // namespace
 
 int run_program(const std::vector<std::string>& arguments, std::string* last_line) {
-  auto argv = c_arguments(arguments);
   int pipe[2] = {-1, -1};
   if (last_line && ::pipe2(pipe, O_CLOEXEC) != 0)
     throw Failure(arguments[0], std::strerror(errno), "close other programs");
-  const pid_t pid = ::fork();
-  if (pid == 0) {
-    const int nothing = ::open("/dev/null", O_RDONLY);
-    if (nothing >= 0) ::dup2(nothing, 0);
-    if (last_line) ::dup2(pipe[1], 2);
-    ::dup2(2, 1);
-    ::execv(argv[0], argv.data());
-    ::_exit(127);
-  }
+  const int nothing = ::open("/dev/null", O_RDONLY | O_CLOEXEC), said = last_line ? pipe[1] : 2;
+  const pid_t pid = start_child({c_arguments(arguments), nothing, said, said, false});
+  const int reason = errno;
+  if (nothing >= 0) ::close(nothing);
   if (last_line) ::close(pipe[1]);
   if (pid < 0) {
     if (last_line) ::close(pipe[0]);
-    throw Failure(arguments[0], std::strerror(errno), "close other programs");
+    throw Failure(arguments[0], std::strerror(reason), "close other programs");
   }
   if (last_line) *last_line = read_last_line(pipe[0]);
   int status = 0;

@@ -16,8 +16,9 @@ std::filesystem::path find_program(const std::string& name);
 /// the one on PATH; empty if there is none.
 std::filesystem::path plotting_python();
 
-/// A child with its own process group, so that Ctrl-C reaches us first; it dies with us (PR_SET_PDEATHSIG).
-/// Its stdin and stdout are one socket, its stderr goes to `log`.
+/// A child with its own process group, so that Ctrl-C reaches us first. It dies with this program, however
+/// that ends, and not with the thread that starts it. Its stdin and stdout are one socket, its stderr goes to
+/// `log`.
 class ChildProcess {
  public:
   /// Failure if it can't be started, or the log can't be written.
@@ -43,8 +44,8 @@ class ChildProcess {
   std::string buffer_;
 };
 
-/// Runs a program to its end without input; what it prints goes to our stderr, or if `last_line` is given,
-/// its last line goes there and the rest nowhere. Returns the exit status.
+/// Runs a program to its end without input; it dies with this program. What it prints goes to our stderr, or
+/// if `last_line` is given, its last line goes there and the rest nowhere. Returns the exit status.
 int run_program(const std::vector<std::string>& arguments, std::string* last_line = nullptr);
 
 }  // namespace mirage

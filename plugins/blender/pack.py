@@ -1,4 +1,5 @@
-"""Packs the add-on into a zip that Blender installs: pack.py OUT.zip. The same files give the same bytes."""
+"""Packs the add-on into one zip for every Blender: pack.py OUT.zip. Before 4.2 it is installed as an add-on (bl_info of
+__init__.py), since then as an extension (blender_manifest.toml). The same files give the same bytes."""
 
 import os
 import sys
@@ -12,7 +13,7 @@ def main(out):
     temporary = out + ".tmp"
     with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in ["LICENSE", *sorted(os.listdir(package))]:
-            if name != "LICENSE" and not name.endswith(".py"):
+            if name != "LICENSE" and not name.endswith((".py", ".toml")):
                 continue
             with open(os.path.join(folder if name == "LICENSE" else package, name), "rb") as file:
                 archive.writestr(zipfile.ZipInfo(f"mirage_blender/{name}", (2000, 1, 1, 0, 0, 0)), file.read(),

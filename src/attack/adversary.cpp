@@ -45,7 +45,7 @@ void project(TexturedMesh& adversary, const AdversaryLimits& limits) {
 
 Vec3d half_lengths(const Mesh& mesh) {
   Vec3d half = Vec3d::Zero();
-  for (const Vec3d& v : mesh.vertices) half = half.cwiseMax(v.cwiseAbs());
+  for (const std::size_t i : used_vertices(mesh)) half = half.cwiseMax(mesh.vertices[i].cwiseAbs());
   return half;
 }
 

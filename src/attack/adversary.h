@@ -15,7 +15,7 @@ struct AdversaryLimits {
 };
 
 /// m; half lengths outside are no object for a car's roof.
-inline constexpr double kSmallestSize = 1e-3, kLargestSize = 10;
+inline constexpr double kSmallestSize = kSmallestObject, kLargestSize = kLargestObject / 2;
 
 template <class Visitor, FieldsOf<AdversaryLimits> S>
 void visit_fields(Visitor& visit, S& s) {

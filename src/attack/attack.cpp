@@ -8,6 +8,7 @@
 
 #include "attack/attack_step.h"
 #include "attack/checkpoint.h"
+#include "attack/host_labels.h"
 #include "attack/portfolio.h"
 #include "attack/run.h"
 #include "attack/validation_part.h"
@@ -23,7 +24,10 @@
 #include "detection/given_detector.h"
 #include "detection/precision.h"
 #include "exchange/gltf.h"
+#include "frames/made_of.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
+#include "simulation/check_inputs.h"
 
 namespace mirage {
 namespace {
@@ -42,16 +46,19 @@ std::vector<HostId> ids(const std::vector<Host>& hosts) {
   return list;
 }
 
-/// Loss terms of the last iteration, and how many of the hosts attacked last are hidden.
+/// Loss terms of the last iteration, and how many of the hosts attacked last are hidden, of those that were
+/// found as recorded.
 std::string progress_note(const LossRow& row, const std::vector<LossRow>& rows, int batch) {
   constexpr int kHosts = 50;
-  int hosts = 0, hidden = 0;
+  int hosts = 0, found = 0, hidden = 0;
   for (auto past = rows.rbegin(); past != rows.rend() && hosts < kHosts; ++past) {
     hosts += batch;
+    found += past->found;
     hidden += past->hidden;
   }
-  return fmt::format("loss {:.3f} (hide {:.3f}, false positives {:.3f}, smoothness {:.3f})  hidden {} of {}",
-                     row.loss(), row.hide, row.false_positive, row.laplacian, hidden, hosts);
+  return fmt::format(
+      "loss {:.3f} (hide {:.3f}, false positives {:.3f}, smoothness {:.3f})  hidden {} of {} found",
+      row.loss(), row.hide, row.false_positive, row.laplacian, hidden, found);
 }
 
 /// All but the mesh that was kept.
@@ -95,6 +102,7 @@ void finish(const AttackSettings& settings, const AttackState& state, const std:
   for (std::size_t i = state.losses.size() - std::min(tail, state.losses.size()); i < state.losses.size();
        ++i)
     result.loss += state.losses[i].loss() / static_cast<double>(tail);
+  result.steps = steps;
   if (steps > 0) result.seconds_per_iteration = seconds / static_cast<double>(steps);
   result.stages = to_json(stages, seconds, steps, workers);
 }
@@ -121,17 +129,24 @@ AttackResult run_attack(const AttackSettings& settings) {
   return run_attack(known, load_detector_pool(known.detector, settings.batch));
 }
 
-AttackResult run_attack(const AttackSettings& settings, const DetectorPool& detectors) {
+AttackResult run_attack(const AttackSettings& given, const DetectorPool& detectors) {
+  AttackSettings settings = given;
   const AttackTarget target = settings.target;
   check_settings(settings);
   check_target(target, *detectors.front());
+  if (rank() == 0) warn_of_large_object(2 * settings.limits.half, "the box of the object (size)");
   check_renderer(settings, *detectors.front());
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 
+  if (settings.hosts_from == HostsFrom::detections) settings.data = label_by_detections(settings, detectors);
   FrameStore store(settings);
   std::vector<std::string> train_frames, test_frames;
-  split_frames(list_frames(settings.data), settings.seed, train_frames, test_frames);
+  const std::vector<std::string> frames = list_frames(settings.data);
+  const LabelCensus census = count_labels(settings.data, frames);
+  require_cars(census, "an attack");
+  if (rank() == 0) warn_of_labels(census);
+  split_frames(frames, settings.seed, train_frames, test_frames);
   const auto train = find_all_hosts(store, train_frames, detectors.front()->region(), settings.simulation,
                                     settings.min_view, settings.quiet);
   const auto test = find_all_hosts(store, test_frames, detectors.front()->region(), settings.simulation,
@@ -146,23 +161,30 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
       !why.empty() && target != AttackTarget::random)
     spdlog::info("every pass of the detector is over the whole frame: {}", why);
 
+  // Only of a detector that was loaded from its options do these tell the weights.
+  const auto sights = std::make_shared<CleanSights>(
+      store, settings.weights_hash.empty() ? std::string() : detector_identity(settings.detector));
+  AttackResult result;
+  result.found_clean = find_clean(detectors, store, train, *sights, settings.quiet);
+  spdlog::info("{} {}", detectors.front()->name(), describe(result.found_clean));
+  require_found(result.found_clean, *detectors.front());
+
   // The hosts belong to a run's identity: with other frames or labels the split would be another one, and a
   // resumed run would be tested on what it was trained on.
-  nlohmann::json id = identity(settings);
-  id["train"] = to_json(ids(train));
-  id["test"] = to_json(ids(test));
-  id["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
+  RunIdentity id = identity(settings);
+  id.json["train"] = to_json(ids(train));
+  id.json["test"] = to_json(ids(test));
+  id.json["renderer"] = settings.renderer ? settings.renderer->identity() : nlohmann::json(kRasterRenderer);
   if (settings.renderer)
-    id["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
+    id.json["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
   const TexturedMesh random = random_baseline(settings.seed, settings.limits, settings.buildable);
   if (settings.attack == AttackSearch::automatic) {
     const auto began = Clock::now();
-    const AutoOutcome outcome = run_portfolio({settings, detectors, store, train, id});
+    const AutoOutcome outcome = run_portfolio({settings, detectors, store, train, sights, id});
     if (rank() == 0) {
       write_adversary(settings.out / "random.glb", random);
       write_losses(settings.out / "loss.csv", outcome.state.losses);
     }
-    AttackResult result;
     result.automatic = outcome.report;
     result.iterations = static_cast<int>(outcome.steps);
     finish(settings, outcome.state, train, test, outcome.steps - outcome.first, seconds_since(began),
@@ -172,26 +194,26 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   ValidationPart part{train, {}};
   if (settings.until_plateau > 0 && target != AttackTarget::random) {
     part = split_validation(train, settings.seed);
-    id["validation"] = to_json(ids(part.held_out));
+    id.json["validation"] = to_json(ids(part.held_out));
     spdlog::info("{} of them are held out to tell when the attack is at its plateau", part.held_out.size());
   }
   AttackState state = fresh_state(settings);
   if (std::filesystem::exists(checkpoint_file)) {
-    state = read_checkpoint(checkpoint_file, id);
-    spdlog::info("resuming at iteration {}", state.iteration);
+    state = read_checkpoint(checkpoint_file, id, settings);
+    if (state.iteration < settings.iterations) spdlog::info("resuming at iteration {}", state.iteration);
   }
   if (any_rank(state.iteration != first_rank_value(state.iteration)))
     throw Failure(checkpoint_file.string(), "processes see different checkpoints",
                   "give --out a folder that all machines share");
   if (rank() == 0) {
-    write_json(settings.out / "run.json", id);
+    write_json(settings.out / "run.json", id.json);
     write_adversary(settings.out / "random.glb", random);
   }
 
-  const AttackStepper stepper(settings, detectors, store, part.learn, state.adversary.mesh);
+  const AttackStepper stepper(settings, detectors, store, part.learn, state.adversary.mesh, sights);
   const auto save = [&] {
     if (rank() > 0) return;
-    write_checkpoint(checkpoint_file, state, id);
+    write_checkpoint(checkpoint_file, state, id.json);
     write_losses(settings.out / "loss.csv", state.losses);
   };
   // What an earlier, shorter run left stays until this one's result takes its place: each file by itself.
@@ -235,7 +257,6 @@ AttackResult run_attack(const AttackSettings& settings, const DetectorPool& dete
   }
   const double seconds = seconds_since(start);
   save();
-  AttackResult result;
   if (target == AttackTarget::random) state.adversary = random;
   if (!part.held_out.empty()) {
     result.plateau = plateau_report(state.held_out, part.held_out, settings);

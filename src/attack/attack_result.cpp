@@ -46,6 +46,7 @@ nlohmann::json to_json(const AutoReport& report) {
 nlohmann::json to_json(const AttackResult& result) {
   nlohmann::json json = {{"vehicles_train", result.vehicles_train},
                          {"vehicles_test", result.vehicles_test},
+                         {"found_clean", to_json(result.found_clean)},
                          {"clusters", to_json(result.clusters)},
                          {"rooftops", to_json(result.rooftops)},
                          {"iterations", result.iterations},

@@ -10,6 +10,7 @@
 
 #include "attack/attack_settings.h"
 #include "attack/buildable.h"
+#include "attack/clean_sights.h"
 #include "base/clusters.h"
 #include "frames/hosts.h"
 
@@ -71,8 +72,10 @@ nlohmann::json to_json(const AutoReport& report);
 /// Of this process and the run that it went on with.
 struct AttackResult {
   int vehicles_train = 0, vehicles_test = 0, iterations = 0;
+  long steps = 0;   ///< of these, by this process: 0 of a run that was finished
   double loss = 0;  ///< mean of the last tenth of the iterations
   double seconds_per_iteration = 0;
+  FoundClean found_clean;                ///< of the training vehicles
   ClusterCount clusters;                 ///< of the vehicles held back
   RooftopCount rooftops;                 ///< of the vehicles of both splits
   BuildableReport buildable;             ///< of the adversary
@@ -81,8 +84,8 @@ struct AttackResult {
   std::optional<AutoReport> automatic;   ///< with AttackSearch::automatic
 };
 
-/// result.json of an attack: {vehicles_train, vehicles_test, clusters, rooftops, iterations, loss,
-/// seconds_per_iteration, stages, buildable, plateau (null without one), auto?}
+/// result.json of an attack: {vehicles_train, vehicles_test, clusters, found_clean, rooftops, iterations,
+/// loss, seconds_per_iteration, stages, buildable, plateau (null without one), auto?}
 nlohmann::json to_json(const AttackResult& result);
 
 }  // namespace mirage

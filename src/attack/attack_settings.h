@@ -41,6 +41,13 @@ constexpr auto words_of(AttackSearch) {
   return std::to_array<const char*>({"plain", "auto"});
 }
 
+/// Which vehicles carry the object in frames that nobody has labelled. labels: none. detections: what the
+/// detector finds there without it (attack/host_labels.h).
+enum class HostsFrom { labels, detections };
+constexpr auto words_of(HostsFrom) {
+  return std::to_array<const char*>({"labels", "detections"});
+}
+
 class ObjectRenderer;
 
 /// What run.json calls the simulation's own pictures.
@@ -79,6 +86,7 @@ struct AttackSettings : FrameSource {
   /// and need the batch (src/attack/README.md, "What it takes").
   double vertex_rate = 2e-2, texel_rate = 2e-2;
   double min_view = 0.7;
+  HostsFrom hosts_from = HostsFrom::labels;
   CheckpointInterval checkpoint{10};
   bool quiet = false;
   AdversaryLimits limits;
@@ -98,7 +106,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "attack",
          .help = "plain: one start and rate; auto: shapes searched without gradients, starts, targets and "
                  "rates, chosen on vehicles held out from training; --iterations is what all of it may cost",
-         .written = s.attack != AttackSearch::plain},
+         .lacking = "plain"},
         s.attack);
   visit({.name = "target", .help = "whose gradient reaches the adversary; random: none, the random mesh"},
         s.target);
@@ -112,9 +120,9 @@ void visit_fields(Visitor& visit, S& s) {
               .help = "what is drawn anew for each host and step: none, all, or some of "
                       "roof,sun,light,exposure,noise",
               .option = "expect",
-              .written = s.expectation.any()},
+              .lacking = ""},
              s.expectation);
-  visit.list({.name = "buildable", .written = s.buildable.on}, s.buildable);
+  visit.list({.name = "buildable", .lacking = ""}, s.buildable);
   visit({.name = "iterations", .help = "Adam steps", .range = {0, kMostIterations}, .decides = false},
         s.iterations);
   visit(
@@ -129,7 +137,7 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "with --until-plateau or --attack auto: steps between two looks at that objective",
          .range = kFromOne,
          .option = "validate-every",
-         .written = s.until_plateau > 0 || s.attack != AttackSearch::plain},
+         .lacking = "20"},
         s.validation_every);
   visit({.name = "batch", .help = "host vehicles a step", .range = {1, 65536}}, s.batch);
   visit({.name = "seed", .option = ""}, s.seed);  // every command has one
@@ -138,6 +146,12 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "texel_rate", .help = "Adam's rate for texels", .range = kPositive}, s.texel_rate);
   visit({.name = "min_view", .help = "share of the adversary in view that a host needs", .range = kShare},
         s.min_view);
+  visit({.name = "hosts_from",
+         .help =
+             "vehicles of frames that have no labels: labels (none), or detections (what the detector finds "
+             "there without the object; these boxes become the frames' labels, in OUT/labelled)",
+         .lacking = "labels"},
+        s.hosts_from);
   visit_fields(visit, s.objective);
   visit.group({.name = "simulation"}, s.simulation);
 }

@@ -8,7 +8,6 @@
 #include <optional>
 
 #include "attack/clean_view.h"
-#include "attack/evaluation.h"
 #include "attack/rank_steps.h"
 #include "base/error.h"
 #include "base/ranks.h"
@@ -27,13 +26,6 @@ void check_finite(const HostStep& step, const HostId& host, long iteration) {
                   fmt::format("gradient of host {}/{} is not finite in iteration {}", host.frame, host.label,
                               iteration),
                   "check the detector; the last checkpoint is good");
-}
-
-bool finds(const std::vector<Proposal>& proposals, const HostTruth& truth) {
-  const EvaluationSettings by;
-  return std::any_of(proposals.begin(), proposals.end(), [&](const Proposal& p) {
-    return p.score() > by.score_threshold && truth.host_iou(p) > by.detected_iou;
-  });
 }
 
 HostStep run_host(Detector& detector, const PreparedFrame& known, const Host& host,
@@ -86,7 +78,8 @@ HostStep run_host(Detector& detector, const PreparedFrame& known, const Host& ho
   const ObjectiveValue value = objective(proposals, truth, settings.objective, seen_clean);
   step.hide = value.hide;
   step.false_positive = value.false_positive;
-  step.hidden = !finds(proposals, truth);
+  step.found = finds(seen_clean, HostTruth(prepared.frame, label, plane));
+  step.hidden = step.found && !finds(proposals, truth);
   if (!back) return step;
   step.gradient.vertices.assign(adversary.mesh.vertices.size(), Vec3d::Zero());
   step.gradient.texels.assign(adversary.atlas.texels.size(), Vec3d::Zero());
@@ -122,18 +115,6 @@ HostStep judge_host(Detector& detector, const PreparedFrame& prepared, const Hos
                   false);
 }
 
-std::vector<Proposal> CleanSights::of(const PreparedFrame& prepared, Detector& detector) {
-  const Frame& frame = prepared.frame;
-  {
-    const std::scoped_lock lock(mutex_);
-    if (const auto known = frames_.find(frame.id); known != frames_.end()) return known->second;
-  }
-  auto proposals =
-      detections(detector, {&frame.image, frame.sweep, &frame.calibration}, EvaluationSettings());
-  const std::scoped_lock lock(mutex_);
-  return frames_.try_emplace(frame.id, std::move(proposals)).first->second;
-}
-
 AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
                              const std::vector<Host>& hosts, const Mesh& mesh,
                              std::shared_ptr<CleanSights> sights)
@@ -150,11 +131,6 @@ AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool&
   if (settings.renderer) pictures_ = std::make_unique<RenderedPictures>(*settings.renderer, settings.seed);
 }
 
-std::vector<Proposal> AttackStepper::clean_of(const PreparedFrame& prepared, Detector& detector) const {
-  if (settings_.objective.fp_top_k == 0) return {};
-  return sights_->of(prepared, detector);
-}
-
 double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const {
   std::vector<std::vector<double>> losses(hosts.size(), std::vector<double>(1));
   const RenderedMesh rendered{-1, pictures_ ? adversary : TexturedMesh()};
@@ -165,7 +141,7 @@ double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<
     host.rooftop = store_.rooftop(host.id);
     constexpr std::uint64_t kWorlds = std::uint64_t{1} << 62;  // beyond those of any step
     const WorldDraw draw(settings_.expectation, settings_.seed, kWorlds + mine[i]);
-    const auto clean = clean_of(*prepared, detector);
+    const auto clean = sights_->of(*prepared, detector);
     isolated([&] {
       const HostStep judged =
           judge_host(detector, *prepared, host, adversary, settings_,
@@ -212,7 +188,7 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
     host.rooftop = store_.rooftop(host.id);  // with the fitted vehicle, which the list leaves out
     const WorldDraw draw(settings.expectation, settings.seed,
                          static_cast<std::uint64_t>(state.iteration * settings.batch) + k);
-    const auto clean = clean_of(*frames[i], detector);
+    const auto clean = sights_->of(*frames[i], detector);
     isolated([&] {  // or a loop inside would take another host's work, and its time
       steps[k] = attack_host(detector, *frames[i], host, state.adversary, target_, settings,
                              settings.expectation.any() ? &draw : nullptr, clean,
@@ -226,10 +202,10 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
   stages.hosts = clock.lap();
   share_steps(steps, state.adversary);
   stages.exchange = clock.lap();
-  row.hidden = 0;
   for (const HostStep& step : steps) {
     row.hide += step.hide / settings.batch;
     row.false_positive += step.false_positive / settings.batch;
+    row.found += step.found;
     row.hidden += step.hidden;
     for (std::size_t i = 0; i < d_vertices.size(); ++i)
       d_vertices[i] += step.gradient.vertices[i] / settings.batch;

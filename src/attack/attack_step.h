@@ -2,15 +2,14 @@
 // updates of the model.
 #pragma once
 
-#include <map>
 #include <memory>
-#include <mutex>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "attack/attack_settings.h"
 #include "attack/checkpoint.h"
+#include "attack/clean_sights.h"
 #include "attack/detector_pool.h"
 #include "attack/host_order.h"
 #include "attack/host_step.h"
@@ -29,8 +28,8 @@ struct HostPictures {
 /// One host of an iteration: simulates both sensors with the adversary on its roof (in `draw`'s world if
 /// there is one), detects, and takes the loss back to the adversary's vertices (m, adversary frame) and
 /// texels. What is no input of `target` gets no gradient, but is simulated all the same. `clean`: what the
-/// detector finds in the frame as recorded, for the objective's top-k rule. `seen`: see
-/// attack/rendered_pictures.h.
+/// detector finds in the frame as recorded, for the objective's top-k rule and for what counts as hidden.
+/// `seen`: see attack/rendered_pictures.h.
 HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
                      const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
                      const WorldDraw* draw = nullptr, std::span<const Proposal> clean = {},
@@ -40,17 +39,6 @@ HostStep judge_host(Detector& detector, const PreparedFrame& prepared, const Hos
                     const TexturedMesh& adversary, const AttackSettings& settings,
                     const WorldDraw* draw = nullptr, std::span<const Proposal> clean = {},
                     const HostPictures& seen = {});
-
-/// What a detector finds in frames as recorded, kept in memory. Several threads may ask.
-class CleanSights {
- public:
-  /// The frame's detections at the score of an evaluation; the detector is asked once for each frame.
-  std::vector<Proposal> of(const PreparedFrame& prepared, Detector& detector);
-
- private:
-  std::mutex mutex_;
-  std::map<std::string, std::vector<Proposal>> frames_;
-};
 
 /// Steps of one attack. What it is given outlives it.
 class AttackStepper {
@@ -72,8 +60,6 @@ class AttackStepper {
   double held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const;
 
  private:
-  /// What the objective needs of the frame as recorded: nothing, or its detections.
-  std::vector<Proposal> clean_of(const PreparedFrame& prepared, Detector& detector) const;
   /// Names of the frames of this rank's hosts of a batch.
   std::vector<std::string> frames_of(std::span<const std::size_t> batch) const;
 

@@ -7,6 +7,7 @@
 #include "attack/adversary.h"
 #include "base/fields.h"
 #include "base/random.h"
+#include "base/words.h"
 #include "geometry/edges.h"
 
 namespace mirage {
@@ -93,7 +94,7 @@ std::vector<Baseline> parse_baselines(const std::string& words) {
       if (std::find(kinds.begin(), kinds.end(), kind) == kinds.end()) kinds.push_back(kind);
     }
     if (!known)
-      throw FieldError("baseline", word, "unknown", "use start, sized, ellipsoid, cuboid, all or none");
+      throw unknown_word("baseline", word, {"start", "sized", "ellipsoid", "cuboid", "all", "none"});
   }
   return kinds;
 }

@@ -98,17 +98,16 @@ BuildableReport buildable_report(const TexturedMesh& adversary, const BuildableS
   BuildableReport report;
   report.intersecting_pairs = intersecting_faces(mesh).size();
   report.watertight = is_watertight(mesh);
-  double lowest = 1e9;
+  const double lowest = bounds(mesh).min().z();
   report.min_thickness = 1e9;
   for (const Wall& wall : walls(mesh)) report.min_thickness = std::min(report.min_thickness, wall.thickness);
-  for (const Vec3d& v : mesh.vertices) lowest = std::min(lowest, v.z());
   const auto on_base = [&](int v) { return mesh.vertices[static_cast<std::size_t>(v)].z() <= lowest; };
   const std::vector<Vec3d> normals = face_normals(mesh);
   for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
     const Face& face = mesh.faces[f];
     if (on_base(face[0]) && on_base(face[1]) && on_base(face[2])) report.base_area += normals[f].norm() / 2;
   }
-  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) report.base_vertices += on_base(static_cast<int>(i));
+  for (const std::size_t i : used_vertices(mesh)) report.base_vertices += on_base(static_cast<int>(i));
   const std::vector<Vec3d>& texels = adversary.atlas.texels;
   const auto within = std::count_if(texels.begin(), texels.end(), [&](const Vec3d& t) {
     return t.minCoeff() >= settings.black && t.maxCoeff() <= settings.white;

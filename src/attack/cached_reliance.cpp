@@ -1,18 +1,16 @@
 #include "attack/cached_reliance.h"
 
-#include <fmt/format.h>
-
 #include <memory>
 
 #include "base/disk_cache.h"
 #include "base/progress.h"
+#include "frames/made_of.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
 namespace {
 
 constexpr const char* kKind = "reliance";
-constexpr int kVersion = 1;  // of what is measured; raise it when that changes
 
 std::vector<std::string> spread_evenly(const std::vector<std::string>& ids) {
   if (ids.size() <= kRelianceFrames) return ids;
@@ -23,14 +21,10 @@ std::vector<std::string> spread_evenly(const std::vector<std::string>& ids) {
 
 std::string key_of(const std::string& identity, const std::filesystem::path& data,
                    const std::vector<std::string>& ids) {
-  std::string key = fmt::format("{}\n{} {}\n{}\n", program_identity(), kKind, kVersion, identity);
-  for (const std::string& id : ids) {
-    key += frame_hash(data, id);
-    for (const int track : read_tracks(data, id).value_or(std::vector<int>()))
-      key += fmt::format(" {}", track);
-    key += "\n";
-  }
-  return key;
+  Provenance made_of;
+  made_of.input("detector", identity);
+  made_of.input("data", frames_hash(data, ids));
+  return made_of.made_of().dump();
 }
 
 }  // namespace

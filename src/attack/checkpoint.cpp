@@ -5,14 +5,17 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "base/error.h"
 #include "base/files.h"
 #include "base/json_depth.h"
 #include "base/json_fields.h"
 #include "base/json_rows.h"
+#include "base/logging.h"
 #include "base/names.h"
 #include "base/open_file.h"
+#include "base/provenance.h"
 
 namespace mirage {
 namespace {
@@ -79,15 +82,17 @@ void read_held_out(const JsonFields& json, const AdversaryLimits& limits, Attack
 
 }  // namespace
 
-void check_identity(const std::filesystem::path& file, const nlohmann::json& written,
-                    const nlohmann::json& asked) {
+void check_identity(const std::filesystem::path& file, nlohmann::json written, const RunIdentity& identity) {
+  complete(written, identity.lacking);
+  const nlohmann::json& asked = identity.json;
   const auto compare = [&](const std::string& key) {
     if (written.value(key, nlohmann::json()) != asked.value(key, nlohmann::json()))
       throw InputError(file.string(), key, "the folder holds a run with another value",
                        "use another --out folder or the run's own settings");
   };
   const std::string hosts = "train";  // follows from the settings, so the setting is named where one differs
-  for (const nlohmann::json* all : {&asked, &written})  // a key that only one of them has differs as well
+  for (const nlohmann::json* all :
+       {&asked, &std::as_const(written)})  // a key that only one of them has differs as well
     for (const auto& [key, value] : all->items())
       if (key != hosts) compare(key);
   compare(hosts);
@@ -116,27 +121,31 @@ AttackState fresh_state(const AttackSettings& settings) {
 }
 
 void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows) {
-  std::string text = "iteration,loss,hide,false_positive,laplacian,hidden\n";
+  std::string text = "iteration,loss,hide,false_positive,laplacian,hidden,found\n";
   for (std::size_t i = 0; i < rows.size(); ++i)
-    text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{}\n", i, rows[i].loss(), rows[i].hide,
-                        rows[i].false_positive, rows[i].laplacian, rows[i].hidden);
+    text += fmt::format("{},{:.9g},{:.9g},{:.9g},{:.9g},{},{}\n", i, rows[i].loss(), rows[i].hide,
+                        rows[i].false_positive, rows[i].laplacian, rows[i].hidden, rows[i].found);
   write_file(file, text);
 }
 
 void write_checkpoint(const std::filesystem::path& file, const AttackState& state,
                       const nlohmann::json& identity) {
   std::vector<double> losses;
-  std::vector<int> hidden;
-  for (const LossRow& row : state.losses)
-    losses.insert(losses.end(), {row.hide, row.false_positive, row.laplacian}), hidden.push_back(row.hidden);
+  std::vector<int> hidden, found;
+  for (const LossRow& row : state.losses) {
+    losses.insert(losses.end(), {row.hide, row.false_positive, row.laplacian});
+    hidden.push_back(row.hidden), found.push_back(row.found);
+  }
   nlohmann::json json = {{"identity", identity},
+                         {"program", program_identity()},
                          {"iteration", state.iteration},
                          {"vertices", flat(state.adversary.mesh.vertices)},
                          {"texels", flat(state.adversary.atlas.texels)},
                          {"adam_vertices", to_json(state.vertices)},
                          {"adam_texels", to_json(state.texels)},
                          {"losses", losses},
-                         {"hidden", hidden}};
+                         {"hidden", hidden},
+                         {"found", found}};
   if (const HeldOutRecord& held = state.held_out; !held.iterations.empty())
     json["held_out"] = {{"iterations", held.iterations},
                         {"values", held.values},
@@ -150,18 +159,9 @@ void write_checkpoint(const std::filesystem::path& file, const AttackState& stat
   write_file(file, json_text(json));
 }
 
-namespace {
-
-AdversaryLimits limits_of(const nlohmann::json& identity) {
-  Vec3d half;
-  for (int c = 0; c < 3; ++c) half[c] = identity.at("limits").at(static_cast<std::size_t>(c));
-  return {half};
-}
-
-}  // namespace
-
-AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity) {
-  return read_checkpoint(file, identity, initial_adversary(limits_of(identity)));
+AttackState read_checkpoint(const std::filesystem::path& file, const RunIdentity& identity,
+                            const AttackSettings& settings) {
+  return read_checkpoint(file, identity, settings, initial_adversary(settings.limits));
 }
 
 namespace {
@@ -186,7 +186,7 @@ std::size_t claimed_iteration(const std::filesystem::path& file) {
 nlohmann::json read_bounded(const std::filesystem::path& file, const TexturedMesh& start) {
   constexpr std::size_t kBeside = 200'000, kBytesBeside = 1 << 22;  // hosts and settings: as run.json
   constexpr std::size_t kMeshes = 5;          // the mesh, two moments, the best one, the rendered one
-  constexpr std::size_t kRow = 4, kHeld = 2;  // a step's losses and count; what is held out, at a step
+  constexpr std::size_t kRow = 5, kHeld = 2;  // a step's losses and counts; what is held out, at a step
   constexpr std::size_t kBytes = 64;          // of a number, with what parts it from the next
   const std::size_t steps = claimed_iteration(file);
   const std::size_t numbers = 3 * (start.mesh.vertices.size() + start.atlas.texels.size());
@@ -200,22 +200,27 @@ nlohmann::json read_bounded(const std::filesystem::path& file, const TexturedMes
 
 }  // namespace
 
-AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity,
-                            const TexturedMesh& start) {
+AttackState read_checkpoint(const std::filesystem::path& file, const RunIdentity& identity,
+                            const AttackSettings& settings, const TexturedMesh& start) {
   const nlohmann::json whole = read_bounded(file, start);
   const JsonFields json(file, whole, kStartAgain);
   json.object("identity");
   check_identity(file, whole.at("identity"), identity);
   AttackState state;
   state.iteration = json.integer("iteration", 0, kMostIterations);
-  const AdversaryLimits limits = limits_of(identity);
+  if (json.has("program") && json.text("program") != program_identity())
+    spdlog::warn(
+        "{}: {} steps were made by another program or on another processor; for a run of one start in "
+        "another --out",
+        file.string(), state.iteration);
+  const AdversaryLimits& limits = settings.limits;
   state.adversary = start;
   const auto& vertices = state.adversary.mesh.vertices;
   const auto& texels = state.adversary.atlas.texels;
   read_mesh(json, limits, state.adversary);
-  state.vertices.learning_rate = identity.at("vertex_rate");
-  state.texels.learning_rate = identity.at("texel_rate");
-  const bool size_alone = identity.value("parts", "both") == "size";  // three numbers are learned
+  state.vertices.learning_rate = settings.vertex_rate;
+  state.texels.learning_rate = settings.texel_rate;
+  const bool size_alone = settings.parts == AttackParts::size;  // three numbers are learned
   read_adam(json.object("adam_vertices"), size_alone ? 3 : 3 * vertices.size(), state.iteration,
             state.vertices);
   read_adam(json.object("adam_texels"), 3 * texels.size(), state.iteration, state.texels);
@@ -230,7 +235,11 @@ AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::j
     read_mesh(rendered, limits, state.rendered.mesh);
   }
   const auto hidden = json.numbers("hidden", rows, 0, std::numeric_limits<int>::max());
-  for (std::size_t i = 0; i < rows; ++i) state.losses[i].hidden = static_cast<int>(hidden[i]);
+  const auto found = json.numbers("found", rows, 0, std::numeric_limits<int>::max());
+  for (std::size_t i = 0; i < rows; ++i) {
+    state.losses[i].hidden = static_cast<int>(hidden[i]);
+    state.losses[i].found = static_cast<int>(found[i]);
+  }
   return state;
 }
 

@@ -8,13 +8,14 @@
 #include "attack/adversary.h"
 #include "attack/attack_settings.h"
 #include "attack/rendered_pictures.h"
+#include "base/field_json.h"
 
 namespace mirage {
 
 /// Loss terms of one iteration, means over its hosts.
 struct LossRow {
   double hide = 0, false_positive = 0, laplacian = 0;
-  int hidden = 0;  ///< hosts that no proposal found (HostStep)
+  int found = 0, hidden = 0;  ///< hosts found as recorded, and of them those hidden (HostStep)
   /// The objective: the sum of its terms.
   double loss() const { return hide + false_positive + laplacian; }
 };
@@ -53,14 +54,14 @@ void write_checkpoint(const std::filesystem::path& file, const AttackState& stat
 void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows);
 /// InputError naming the first setting in which the identity `written` in the file differs from that asked
 /// for.
-void check_identity(const std::filesystem::path& file, const nlohmann::json& written,
-                    const nlohmann::json& asked);
+void check_identity(const std::filesystem::path& file, nlohmann::json written, const RunIdentity& asked);
 /// InputError when the file is damaged, holds what no run can reach (numbers that are not finite, a mesh
-/// outside its box, more steps than rows of losses) or belongs to a run with other settings: the field is
-/// named.
-AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity);
+/// outside its box, more steps than rows of losses) or belongs to a run with another identity: the field is
+/// named. `settings`: the run's.
+AttackState read_checkpoint(const std::filesystem::path& file, const RunIdentity& identity,
+                            const AttackSettings& settings);
 /// The same of a run that starts from `start`: its faces, and as many vertices and texels.
-AttackState read_checkpoint(const std::filesystem::path& file, const nlohmann::json& identity,
-                            const TexturedMesh& start);
+AttackState read_checkpoint(const std::filesystem::path& file, const RunIdentity& identity,
+                            const AttackSettings& settings, const TexturedMesh& start);
 
 }  // namespace mirage

@@ -8,9 +8,11 @@
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/names.h"
+#include "base/words.h"
 #include "detection/precision.h"
-#include "frames/frame_cache.h"
+#include "frames/made_of.h"
 #include "scene/data/data_rig.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
@@ -19,10 +21,23 @@ namespace {
 std::vector<HostId> hosts_of_split(const Run& run, const std::string& which) {
   if (which.empty() || which == "test") return run.test;
   if (which == "train") return run.train;
-  if (which != "all") throw FieldError("hosts", which, "unknown choice", "use test, train or all");
+  if (which != "all") throw unknown_word("hosts", which, {"test", "train", "all"});
   auto all = run.train;
   all.insert(all.end(), run.test.begin(), run.test.end());
   return all;
+}
+
+std::vector<std::string> frames_of(const std::vector<HostId>& hosts) {
+  std::set<std::string> frames;
+  for (const HostId& host : hosts) frames.insert(host.frame);
+  return {frames.begin(), frames.end()};
+}
+
+void check_labels(const std::filesystem::path& data, const std::vector<std::string>& frames) {
+  if (frames.empty()) return;
+  const LabelCensus census = count_labels(data, frames);
+  require_cars(census, "an evaluation");
+  warn_of_labels(census);
 }
 
 /// Complains about what --hosts-of leaves no choice in.
@@ -63,10 +78,10 @@ nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const
                         {"meshes", of.meshes},
                         {"vehicles", of.vehicles},
                         {"extents_m", {size.x(), size.y(), size.z()}},
-                        {"asr", to_json(of.hiding)},
+                        {"hidden", to_json(of.hiding)},
                         {"fn_asr", to_json(of.fn_interval)},
                         {"fp_asr", to_json(of.fp_interval)},
-                        {"any", to_json(of.asr_interval)}};
+                        {"asr", to_json(of.asr_interval)}};
   if (net != nullptr) arm["net"] = to_json(*net);
   return arm;
 }
@@ -81,7 +96,8 @@ const BaselineArm* RunEvaluation::arm(Baseline kind) const {
 
 RunEvaluation evaluate_run(const EvaluationRequest& request) {
   if (request.random_meshes < 0)
-    throw FieldError("random_meshes", std::to_string(request.random_meshes), "out of range", "use 0 or more");
+    throw FieldError("random_meshes", std::to_string(request.random_meshes), "out of range",
+                     "use at least 0");
   const std::vector<Baseline> kinds = parse_baselines(request.baseline);
   RunEvaluation result;
   result.run = read_run(request.run, request.trust);
@@ -94,17 +110,20 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   override_settings(stage, request.asked, request.detector.seed, true);
   result.detector = request.detector;
   use_detector_of(stage, result.detector);
-  result.detector.rig = data_rig(stage.settings.data);
+  result.detector.rig = data_rig(stage.settings.data, stage.settings.rig);
   result.detector.precision = usable_precision(result.detector.precision);
   result.store = std::make_unique<FrameStore>(stage.settings);
 
   if (other_data) {  // all its usable vehicles are unseen ones
+    const std::vector<std::string> frames = list_frames(stage.settings.data);
+    check_labels(stage.settings.data, frames);
     const auto region = load_detector(result.detector)->region();
-    for (const Host& host : find_all_hosts(*result.store, list_frames(stage.settings.data), region,
-                                           stage.settings.simulation, stage.settings.min_view))
+    for (const Host& host :
+         find_all_hosts(*result.store, frames, region, stage.settings.simulation, stage.settings.min_view))
       result.hosts.push_back(host.id);
   } else {
     result.hosts = hosts_of_split(stage, request.hosts);
+    check_labels(stage.settings.data, frames_of(result.hosts));
   }
   if (result.hosts.empty())
     throw InputError((stage.folder / "run.json").string(), request.hosts.empty() ? "test" : request.hosts,
@@ -131,6 +150,9 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                     result.settings);
   };
   result.learned = judged({&result.run.adversary, 1});
+  if (result.learned.vehicles == 0)
+    spdlog::warn("{} finds none of {} vehicles without the adversary: of its rates nothing is known",
+                 result.detectors.front()->name(), result.hosts.size());
   if (request.random_meshes == 0) return result;
   for (const Baseline kind : kinds) {
     const auto meshes = baseline_meshes(result.run, kind, request.random_meshes);

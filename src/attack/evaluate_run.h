@@ -18,11 +18,11 @@ struct EvaluationRequest {
   /// Black-box transfer: the hosts are exactly this other run's test hosts, and its data set, detector,
   /// roofs, sun, depth and simulation stand where nothing else is asked for. Empty: the run's own.
   std::filesystem::path hosts_of;
-  DetectorOptions detector;       ///< what is empty: the run's; `rig` is set by the data set
-  std::string hosts;              ///< of the run: "test" (also if empty), "train" or "all"
-  Overrides asked;                ///< of another data set all usable vehicles are judged
-  TrustRun trust = TrustRun::no;  ///< of both runs
-  int random_meshes = 1;          ///< meshes of each baseline: seeds run-seed, run-seed + 1, …; 0: none
+  DetectorOptions detector = detector_of_the_run();  ///< `rig` is set by the data set
+  std::string hosts;                                 ///< of the run: "test" (also if empty), "train" or "all"
+  Overrides asked;                                   ///< of another data set all usable vehicles are judged
+  TrustRun trust = TrustRun::no;                     ///< of both runs
+  int random_meshes = 1;  ///< meshes of each baseline: seeds run-seed, run-seed + 1, …; 0: none
   std::string baseline = "start,sized";  ///< which: words of parse_baselines
   EvaluationSettings settings;
 };
@@ -59,8 +59,8 @@ RunEvaluation evaluate_run(const EvaluationRequest& request);
 
 /// The learned mesh's Evaluation; of each baseline the same keys and "meshes", under its word, `start` under
 /// "random"; "arms": the learned mesh and all baselines, each {name, detector, rig,
-/// target, seeds, meshes, vehicles, extents_m, asr: as HidingRates, fn_asr, fp_asr, any: {value, low, high},
-/// net: as NetSuccess, of the learned mesh over that baseline}; "net": that over `sized`; and what was
+/// target, seeds, meshes, vehicles, extents_m, hidden: as HidingRates, fn_asr, fp_asr, asr: {value, low,
+/// high}, net: as NetSuccess, of the learned mesh over that baseline}; "net": that over `sized`; and what was
 /// judged: run, data, depth, rooftop, detector, weights, defense, its reliance on its picture
 /// (detection/reliance.h), simulation, sun, thresholds; hosts_of if it was asked for.
 nlohmann::json to_json(const RunEvaluation& evaluation);

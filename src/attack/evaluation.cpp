@@ -12,6 +12,7 @@
 #include "base/error.h"
 #include "base/interrupt.h"
 #include "base/progress.h"
+#include "detection/detect.h"
 #include "frames/cached_detections.h"
 #include "frames/frame_cache.h"
 
@@ -130,10 +131,16 @@ CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& stor
   for (const auto& [id, none] : clean) frames.push_back(id);
   for_each_with_detector(detectors, frames.size(), [&](Detector& detector, std::size_t i) {
     throw_if_interrupted(kStopped);
-    clean.at(frames[i]) = cached_detections(
-        store, frames[i], settings.detector_identity, settings.score_threshold, [&](const Frame& frame) {
-          return detections(detector, {&frame.image, frame.sweep, &frame.calibration}, settings);
-        });
+    // Down to the score that an attack keeps them (CleanSights): one entry on disk serves both.
+    EvaluationSettings down = settings;
+    down.score_threshold = std::min(settings.score_threshold, kScoreThresholdForAp);
+    clean.at(frames[i]) =
+        scored_over(cached_detections(
+                        store, frames[i], settings.detector_identity, down.score_threshold,
+                        [&](const Frame& frame) {
+                          return detections(detector, {&frame.image, frame.sweep, &frame.calibration}, down);
+                        }),
+                    settings.score_threshold);
   });
   return clean;
 }

@@ -38,7 +38,7 @@ struct EvaluationSettings {
   /// Where the detector is judged (Capabilities::plane); evaluate() sets it.
   Plane plane = Plane::bev;
   bool quiet = false;
-  /// Of the pool's options (frames/frame_cache.h); empty: clean detections are not cached.
+  /// Of the pool's options (frames/made_of.h); empty: clean detections are not cached.
   std::string detector_identity = {};
   /// What kind of vehicle a host is, by host_name; the label's type where it is not in here.
   std::map<std::string, std::string> kinds = {};

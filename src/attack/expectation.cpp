@@ -6,6 +6,7 @@
 
 #include "base/angles.h"
 #include "base/error.h"
+#include "base/words.h"
 
 namespace mirage {
 namespace {
@@ -51,7 +52,7 @@ Expectation parse_expectation(const std::string& words) {
       e.range_noise = 0.02;
     }
     if (!known)
-      throw FieldError("expectation", word, "unknown", "use roof, sun, light, exposure, noise, all or none");
+      throw unknown_word("expectation", word, {"roof", "sun", "light", "exposure", "noise", "all", "none"});
   }
   return e;
 }

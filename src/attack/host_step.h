@@ -10,8 +10,9 @@ namespace mirage {
 /// that world.
 struct HostStep {
   double hide = 0, false_positive = 0;
-  /// No proposal of this step finds the host at the score and IoU of an evaluation (EvaluationSettings). An
-  /// indication that costs no forward pass: taken before suppression, and never used by the optimiser.
+  bool found = false;  ///< as recorded, at the score and IoU of an evaluation (EvaluationSettings)
+  /// Found as recorded, and by no proposal of this step. An indication that costs no forward pass: taken
+  /// before suppression, and never used by the optimiser.
   bool hidden = false;
   AdversaryGradient gradient;
   HostSeconds seconds;

@@ -38,7 +38,7 @@ double softplus(double x) {
 
 ObjectiveValue objective(std::span<const Proposal> proposals, const HostTruth& truth,
                          const ObjectiveSettings& settings, std::span<const Proposal> clean) {
-  check_proposals(proposals);
+  check_proposals(proposals, truth.plane());
   ObjectiveValue value;
   value.d_logits.assign(proposals.size(), 0.0);
   const auto reward = [&](std::size_t i) {

@@ -25,7 +25,7 @@ struct ObjectiveSettings {
   double relevant_score = 0.1;
   double lambda_fp = 1.0;
   double lambda_laplacian = 0.001;
-  int fp_top_k = 0;  ///< see above
+  int fp_top_k = 50;  ///< see above; 0: the other rule
 
   /// Proposals of at most this score are in neither sum.
   double least_score() const { return fp_top_k > 0 ? 0 : relevant_score; }
@@ -40,11 +40,9 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "false positives are sought among so many background proposals, those of the largest "
                  "logits; 0: among all of a score over 0.1",
          .range = kNotNegative,
-         .written = s.fp_top_k > 0},
+         .lacking = "0"},
         s.fp_top_k);
 }
-/// What `mirage attack` takes for k where nothing else is asked for.
-inline constexpr int kFpTopK = 50;
 
 /// The loss of one host and its derivative.
 struct ObjectiveValue {

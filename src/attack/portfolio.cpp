@@ -45,7 +45,7 @@ struct NamedStart {
 struct Candidate {
   std::string start;
   AttackSettings settings;
-  nlohmann::json identity;
+  RunIdentity identity = nlohmann::json::object();
   std::filesystem::path file;
   std::unique_ptr<AttackStepper> stepper;
   AttackState state;
@@ -68,14 +68,14 @@ class Portfolio {
         folder_(settings_.out / "auto"),
         part_(split_validation(run.train, settings_.seed, kChoosingHosts, "attack")),
         identity_(run.identity),
-        sights_(std::make_shared<CleanSights>()),
+        sights_(run.sights),
         timer_(settings_.checkpoint),
         progress_("attack", static_cast<std::size_t>(settings_.iterations), settings_.quiet) {
-    identity_["iterations"] = settings_.iterations;
-    identity_["recipe"] = kRecipe;
+    identity_.json["iterations"] = settings_.iterations;
+    identity_.json["recipe"] = kRecipe;
     std::vector<HostId> held;
     for (const Host& host : part_.held_out) held.push_back(host.id);
-    identity_["validation"] = to_json(held);
+    identity_.json["validation"] = to_json(held);
   }
 
   AutoOutcome run() {
@@ -145,17 +145,18 @@ class Portfolio {
                     "give --out a folder that all machines share");
     if (rank() > 0) return;
     std::filesystem::create_directories(folder_);
-    write_json(settings_.out / "run.json", identity_);
+    write_json(settings_.out / "run.json", identity_.json);
     write_total();
   }
 
   void write_total() const {
     if (rank() > 0) return;
-    write_json(settings_.out / "checkpoint.json", {{"identity", identity_}, {"iteration", spent()}});
+    write_json(settings_.out / "checkpoint.json", {{"identity", identity_.json}, {"iteration", spent()}});
   }
   void write_looks() const {
     if (rank() > 0) return;
-    write_json(folder_ / "looks.json", {{"identity", identity_}, {"shapes", shapes_}, {"starts", starts_}});
+    write_json(folder_ / "looks.json",
+               {{"identity", identity_.json}, {"shapes", shapes_}, {"starts", starts_}});
   }
   long spent() const {
     long steps = spent_;
@@ -244,15 +245,15 @@ class Portfolio {
           c.settings.texel_rate *= rate;
           c.settings.seed += candidates_.size();
           c.identity = identity_;
-          c.identity["start"] = start.name;
-          c.identity["target"] = to_word(target);
-          c.identity["vertex_rate"] = c.settings.vertex_rate;
-          c.identity["texel_rate"] = c.settings.texel_rate;
-          c.identity["seed"] = c.settings.seed;
+          c.identity.json["start"] = start.name;
+          c.identity.json["target"] = to_word(target);
+          c.identity.json["vertex_rate"] = c.settings.vertex_rate;
+          c.identity.json["texel_rate"] = c.settings.texel_rate;
+          c.identity.json["seed"] = c.settings.seed;
           c.file = folder_ / fmt::format("candidate-{}.json", candidates_.size());
           c.state = fresh_state(c.settings);
           c.state.adversary = start.mesh;
-          if (exists(c.file)) c.state = read_checkpoint(c.file, c.identity, start.mesh);
+          if (exists(c.file)) c.state = read_checkpoint(c.file, c.identity, c.settings, start.mesh);
           candidates_.push_back(std::move(c));
         }
     for (Candidate& c : candidates_) {
@@ -265,7 +266,7 @@ class Portfolio {
   }
 
   void save(const Candidate& c) const {
-    if (rank() == 0) write_checkpoint(c.file, c.state, c.identity);
+    if (rank() == 0) write_checkpoint(c.file, c.state, c.identity.json);
     write_total();
   }
 
@@ -345,7 +346,7 @@ class Portfolio {
   const AttackSettings& settings_;
   std::filesystem::path folder_;
   ValidationPart part_;
-  nlohmann::json identity_;
+  RunIdentity identity_;
   std::shared_ptr<CleanSights> sights_;
   CheckpointTimer timer_;
   Progress progress_;

@@ -49,7 +49,8 @@ struct AutoRun {
   const DetectorPool& detectors;
   FrameStore& store;
   const std::vector<Host>& train;
-  nlohmann::json identity;
+  std::shared_ptr<CleanSights> sights;
+  RunIdentity identity;
 };
 /// What came of it.
 struct AutoOutcome {

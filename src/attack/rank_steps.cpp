@@ -13,8 +13,9 @@ std::vector<std::size_t> own_hosts(std::size_t n) {
 
 void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary) {
   if (rank_count() == 1) return;
+  constexpr std::size_t kHead = 4;  // hide, false positives, hidden, found
   const std::size_t vertices = adversary.mesh.vertices.size(), texels = adversary.atlas.texels.size();
-  std::vector<std::vector<double>> blocks(steps.size(), std::vector<double>(3 + 3 * (vertices + texels)));
+  std::vector<std::vector<double>> blocks(steps.size(), std::vector<double>(kHead + 3 * (vertices + texels)));
   const auto pack = [](std::vector<Vec3d>& points, double* into, bool out) {
     for (std::size_t i = 0; i < points.size(); ++i)
       for (int c = 0; c < 3; ++c)
@@ -30,11 +31,12 @@ void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary) {
       step.gradient.vertices.resize(vertices, Vec3d::Zero());
       step.gradient.texels.resize(texels, Vec3d::Zero());
       if (out)
-        block[0] = step.hide, block[1] = step.false_positive, block[2] = step.hidden;
+        block[0] = step.hide, block[1] = step.false_positive, block[2] = step.hidden, block[3] = step.found;
       else
-        step.hide = block[0], step.false_positive = block[1], step.hidden = block[2] != 0;
-      pack(step.gradient.vertices, block + 3, out);
-      pack(step.gradient.texels, block + 3 + 3 * vertices, out);
+        step.hide = block[0], step.false_positive = block[1], step.hidden = block[2] != 0,
+        step.found = block[3] != 0;
+      pack(step.gradient.vertices, block + kHead, out);
+      pack(step.gradient.texels, block + kHead + 3 * vertices, out);
     }
   };
   move(true);

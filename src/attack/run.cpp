@@ -81,11 +81,12 @@ nlohmann::json to_json(const SimulationSettings& settings) {
   return fields_json(settings);
 }
 
-nlohmann::json identity(const AttackSettings& settings) {
-  nlohmann::json id = fields_json(settings);
-  if (const std::string hash = rooftop_model_hash(settings.rooftop); !hash.empty())
-    id["rooftop_model_hash"] = hash;
-  return id;
+RunIdentity identity(const AttackSettings& settings) {
+  nlohmann::json id = fields_json(settings), lacking = lacking_json<AttackSettings>();
+  id["rooftop_model_hash"] = rooftop_model_hash(settings.rooftop);
+  lacking["rooftop_model_hash"] = "";
+  if (settings.rig.ends_with(".toml")) id["rig_hash"] = file_hash(settings.rig);
+  return {id, lacking};
 }
 
 bool is_other_data(const Run& run, const std::filesystem::path& data) {
@@ -126,15 +127,29 @@ bool is_code_made_here(const fs::path& file) {
   return DiskCache::from_environment()->read(kMadeHere, read_file(file)).has_value();
 }
 
+DetectorOptions detector_of_the_run() {
+  DetectorOptions open;
+  open.detector.clear();
+  open.defense.clear();
+  open.precision.clear();
+  open.locality = -1;
+  return open;
+}
+
 void use_detector_of(const Run& run, DetectorOptions& options) {
+  const std::string& own =
+      run.refused.detector.empty() ? run.settings.detector.detector : run.refused.detector;
+  const DetectorOptions computed =
+      options.detector.empty() || options.detector == own ? run.settings.detector : DetectorOptions();
+  if (options.precision.empty()) options.precision = computed.precision;
+  if (options.locality < 0) options.locality = computed.locality;
   if (options.detector.empty() && run.settings.detector.detector == kGivenDetector && !given_detector())
     return use_copy_of_given(run, options);
   const Run::Refused& refused = run.refused;
   if (options.detector.empty() && !refused.detector.empty())
     refuse(run, "detector", "a plugin", refused.detector, "--detector");
   if (options.detector.empty()) options.detector = run.settings.detector.detector;
-  const bool same =
-      options.detector == (refused.detector.empty() ? run.settings.detector.detector : refused.detector);
+  const bool same = options.detector == own;
   if (options.defense.empty())
     options.defense =
         same && (options.weights.empty() || read_defense(run.settings.detector.defense).weights.empty())
@@ -157,7 +172,7 @@ void override_settings(AttackSettings& settings, const Overrides& asked, std::ui
   if (const auto words = asked.find("lidar_effects"); words != asked.end()) {  // of the unit that records
     settings.simulation.lidar_effects = parse_lidar_effects(
         words->second == kAsRecorded ? recorded_lidar_effects(settings.data) : words->second,
-        lidar_of(settings.data).divergence);
+        lidar_of(settings.data, settings.rig).divergence);
     if (settings.simulation.lidar_effects.any()) settings.simulation.lidar_effects.seed = seed;
   }
 }

@@ -6,8 +6,8 @@
 //     RUN/checkpoint.json adversary, Adam's state, iteration (atomic; resumes bit-identically)
 //     RUN/adversary.glb   the learned adversary (lossless)
 //     RUN/random.glb      a random mesh of the same size: the baseline
-//     RUN/loss.csv        iteration, loss, hide, false_positive, laplacian, hidden (hosts of the batch that
-//                         no proposal found)
+//     RUN/loss.csv        iteration, loss, hide, false_positive, laplacian, hidden, found (hosts of the
+//                         batch found as recorded, and those of them that no proposal finds)
 //     RUN/result.json
 #pragma once
 
@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "attack/attack_settings.h"
+#include "base/field_json.h"
 #include "frames/host_id.h"
 
 namespace mirage {
@@ -56,9 +57,12 @@ void override_settings(AttackSettings& settings, const Overrides& asked, std::ui
 /// use_detector_of's), and if not `other_data`, its own data set alone (InputError).
 void override_settings(Run& run, const Overrides& asked, std::uint64_t seed, bool other_data = false);
 
-/// Fills in what `options` leaves open (empty): the run's detector, and its weights and defence if it is that
-/// detector. Weights of the user's own keep none of the run's defences but JPEG. InputError naming the file
-/// that would be loaded if that is code and the run is not trusted.
+/// Options that leave open what use_detector_of fills in.
+DetectorOptions detector_of_the_run();
+/// Fills in what `options` leaves open (empty; a locality below 0): the run's detector, and its weights,
+/// defence, precision and locality if it is that detector, else what a detector has by default. Weights of
+/// the user's own keep none of the run's defences but JPEG. InputError naming the file that would be loaded
+/// if that is code and the run is not trusted.
 void use_detector_of(const Run& run, DetectorOptions& options);
 
 /// Remembers that this user's own program wrote a file of code (by its whole content, in the disk cache), so
@@ -78,6 +82,6 @@ nlohmann::json to_json(const SimulationSettings& settings);
 /// What a run says of itself, and what a checkpoint must agree with: its settings that decide the result,
 /// and the content of the shape model that finds its roofs. Iterations are not in it: a finished run can be
 /// prolonged.
-nlohmann::json identity(const AttackSettings& settings);
+RunIdentity identity(const AttackSettings& settings);
 
 }  // namespace mirage

@@ -17,13 +17,17 @@ struct CheckpointInterval {
 /// Of no identity: how often the state is written does not change the result.
 template <class Visitor, FieldsOf<CheckpointInterval> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit(
-      {.name = "checkpoint_every", .help = "steps between checkpoints", .range = kFromOne, .decides = false},
-      s.steps);
+  visit({.name = "checkpoint_every",
+         .help = "steps between checkpoints",
+         .range = kFromOne,
+         .decides = false,
+         .matters = false},
+        s.steps);
   visit({.name = "checkpoint_seconds",
          .help = "also a checkpoint where so many seconds have passed since the last one; 0: by steps alone",
          .range = kNotNegative,
-         .decides = false},
+         .decides = false,
+         .matters = false},
         s.seconds);
 }
 

@@ -6,8 +6,10 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
 #include "base/toml_text.h"
+#include "base/words.h"
 
 namespace mirage {
 namespace {
@@ -33,7 +35,7 @@ nlohmann::json to_json(const toml::node& node) {
 }  // namespace
 
 nlohmann::json read_toml(const std::filesystem::path& path) {
-  return parse_toml(read_file(path, kLargestToml), path.string());
+  return parse_toml(read_text(path, kLargestToml), path.string());
 }
 
 nlohmann::json parse_toml(const std::string& text, const std::string& name) {
@@ -57,7 +59,7 @@ const nlohmann::json& ConfigTable::get(const std::string& key) {
 
 double ConfigTable::checked(const nlohmann::json& value, const std::string& key, double low,
                             double high) const {
-  const std::string fix = fmt::format("write a number from {} to {}", low, high);
+  const std::string fix = "use " + Range{low, high}.words();
   if (!value.is_number()) fail(key, "not a number", fix);
   const double number = value.get<double>();
   if (!(number >= low && number <= high)) fail(key, fmt::format("{} is out of range", number), fix);
@@ -109,7 +111,8 @@ ConfigTable ConfigTable::table(const std::string& key) {
 
 void ConfigTable::check_all_known() const {
   for (const auto& [key, value] : values_.items())
-    if (!seen_.contains(key)) fail(key, "unknown key", "remove it or correct its spelling");
+    if (!seen_.contains(key))
+      fail(key, "unknown key", use_one_of(key, {seen_.begin(), seen_.end()}) + ", or remove it");
 }
 
 }  // namespace mirage

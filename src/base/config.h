@@ -32,7 +32,10 @@ class ConfigTable {
   }
 
   /// Whether an optional key is there.
-  bool has(const std::string& key) const { return values_.contains(key); }
+  bool has(const std::string& key) {
+    seen_.insert(key);
+    return values_.contains(key);
+  }
   /// A number in [low, high].
   double number(const std::string& key, double low, double high);
   /// A text, which may be empty.

@@ -13,7 +13,6 @@
 #include "base/folder_lock.h"
 #include "base/hash.h"
 #include "base/logging.h"
-#include "base/program.h"
 
 namespace mirage {
 namespace {
@@ -140,17 +139,6 @@ void DiskCache::trim() {
     if (total <= limit_ / 8 * 7) break;
     if (fs::remove(oldest.file, error)) total -= oldest.size;
   }
-}
-
-std::string program_identity() {
-  static const std::string identity = [] {
-    std::ifstream processor("/proc/cpuinfo");
-    std::string line;
-    while (std::getline(processor, line) && line.rfind("flags", 0) != 0 && line.rfind("Features", 0) != 0) {
-    }
-    return file_hash(program_file()) + " " + content_hash(line);
-  }();
-  return identity;
 }
 
 }  // namespace mirage

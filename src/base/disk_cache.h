@@ -49,8 +49,4 @@ class DiskCache {
   bool looked_ = false;
 };
 
-/// Tells programs apart whose results may differ: hash of the running executable and of what the processor
-/// can do (libraries choose their instructions by it).
-std::string program_identity();
-
 }  // namespace mirage

@@ -31,7 +31,8 @@ std::string line(const std::string& where, const std::string& field, const std::
                  const std::string& fix) {
   return (where.empty() ? "\"\"" : shown(where, kLongestPath)) + ": " +
          (field.empty() ? "" : shown(field, kLongestPart) + ": ") +
-         shown(without_lines(problem), kLongestPart) + "; " + shown(fix, kLongestPart);
+         shown(without_lines(problem), kLongestPart) + "; " +
+         shown(fix, kLongestPath);  // a fix may be a list
 }
 
 }  // namespace

@@ -17,6 +17,14 @@ std::string written_text(const std::string& text) {
   return escape_name(text);
 }
 
+void complete(nlohmann::json& written, const nlohmann::json& lacking) {
+  for (const auto& [name, value] : lacking.items())
+    if (!written.contains(name))
+      written[name] = value;
+    else if (value.is_object() && written[name].is_object())
+      complete(written[name], value);
+}
+
 std::string read_text(const JsonFields& json, const char* name) {
   std::string text = unescape_name(json.text(name));
   for (const auto& part : fs::path(text))

@@ -20,9 +20,11 @@ std::string read_text(const JsonFields& json, const char* name);
 /// Of fields_json.
 class JsonWriter {
  public:
+  /// `whole`: also what is of no run's identity.
+  explicit JsonWriter(bool whole = false) : whole_(whole) {}
   template <class T>
   void operator()(const Field& field, const T& value) {
-    if (!field.decides || !field.written) return;
+    if (!whole_ && !field.decides) return;
     nlohmann::json& out = json[field.name];
     if constexpr (HasWords<T>)
       out = to_word(value);
@@ -37,18 +39,25 @@ class JsonWriter {
   }
   template <class T>
   void group(const Field& field, const T& inner) {
-    if (!field.decides || !field.written) return;
-    JsonWriter within;
+    if (!whole_ && !field.decides) return;
+    JsonWriter within(whole_);
     visit_fields(within, inner);
     json[field.name] = std::move(within.json);
   }
+  /// null: what it belongs to is off.
   template <class T>
   void list(const Field& field, const T& inner) {
-    if (!field.decides || !field.written) return;
-    auto& out = json[field.name] = nlohmann::json::array();
+    if (!whole_ && !field.decides) return;
+    auto& out = json[field.name] = nullptr;
+    if constexpr (requires { inner.on; })
+      if (!inner.on) return;
+    out = nlohmann::json::array();
     for (const auto& [number, own] : numbers_of(inner)) out.push_back(*number);
   }
   nlohmann::json json = nlohmann::json::object();
+
+ private:
+  bool whole_;
 };
 
 /// Each entry of the list as `write` makes it.
@@ -72,13 +81,71 @@ nlohmann::json fields_json(const S& s) {
   return std::move(writer.json);
 }
 
+/// The value of Field::lacking.
+template <class T>
+void set_lacking(const Field& field, T& value) {
+  if constexpr (std::same_as<T, bool>)
+    value = std::string(field.lacking) == "true";
+  else if constexpr (HasWords<T>)
+    value = parse_word<T>(field.lacking, field.name);
+  else if constexpr (Number<T>)
+    value = static_cast<T>(parse_number(field.lacking, field.name));
+  else if constexpr (std::same_as<T, std::string> || std::same_as<T, std::filesystem::path>)
+    value = field.lacking;
+  else
+    value = T();
+}
+
+/// Of lacking_json.
+class LackingFields {
+ public:
+  template <class T>
+  void operator()(const Field& field, T& value) {
+    if (!field.lacking) return;
+    set_lacking(field, value);
+    writer(field, value);
+  }
+  template <class T>
+  void group(const Field& field, T& inner) {
+    if (field.lacking) return writer.group(field, inner = T());
+    LackingFields within;
+    visit_fields(within, inner);
+    if (!within.writer.json.empty()) writer.json[field.name] = std::move(within.writer.json);
+  }
+  template <class T>
+  void list(const Field& field, T& inner) {
+    if (field.lacking) writer.list(field, inner = T());
+  }
+  JsonWriter writer;
+};
+
+/// What fields_json() of an earlier program means by the fields that it left out.
+template <class S>
+nlohmann::json lacking_json() {
+  S s;
+  LackingFields fields;
+  visit_fields(fields, s);
+  return std::move(fields.writer.json);
+}
+/// Fills those of `lacking` into what an earlier program wrote.
+void complete(nlohmann::json& written, const nlohmann::json& lacking);
+
+/// What a run says of itself, and must agree for it to go on.
+struct RunIdentity {
+  RunIdentity(nlohmann::json own, nlohmann::json left_out = nlohmann::json::object())
+      : json(std::move(own)), lacking(std::move(left_out)) {}
+  nlohmann::json json;
+  nlohmann::json lacking;  ///< lacking_json() of its settings
+};
+
 /// Of read_fields.
 class JsonReader {
  public:
   explicit JsonReader(const JsonFields& from) : json(from) {}
   template <class T>
   void operator()(const Field& field, T& value) {
-    if (!wants(field)) return;
+    if (!field.decides) return;
+    if (lacks(field)) return set_lacking(field, value);
     const std::string name = field.name;
     const auto [low, high] = std::pair(field.range.low, field.range.high);
     if constexpr (std::same_as<T, bool>) {
@@ -109,15 +176,22 @@ class JsonReader {
   }
   template <class T>
   void group(const Field& field, T& inner) {
-    if (!wants(field)) return;
+    if (!field.decides) return;
+    if (lacks(field)) return set_lacking(field, inner);
     const JsonFields object = json.object(field.name);
     JsonReader within(object);
     visit_fields(within, inner);
   }
-  /// A list that is there switches on what it belongs to.
+  /// A list that is there switches on what it belongs to; null is off.
   template <class T>
   void list(const Field& field, T& inner) {
-    if (!wants(field)) return;
+    if (!field.decides) return;
+    if (lacks(field)) return set_lacking(field, inner);
+    if constexpr (requires { inner.on; })
+      if (json.is_null(field.name)) {
+        inner.on = false;
+        return;
+      }
     const auto numbers = numbers_of(inner);
     const auto read = json.numbers(field.name, numbers.size(), -Range::kMost, Range::kMost);
     for (std::size_t i = 0; i < read.size(); ++i)
@@ -126,8 +200,7 @@ class JsonReader {
   }
 
  private:
-  /// Whether it is to be read: what need not be written may be missing.
-  bool wants(const Field& field) const { return field.decides && (field.written || json.has(field.name)); }
+  bool lacks(const Field& field) const { return field.lacking && !json.has(field.name); }
   /// Runs `read`, whose complaint is about the field of the file.
   template <class Read>
   void named(const Field& field, const Read& read) const {

@@ -6,14 +6,16 @@
 #include <charconv>
 #include <sstream>
 
+#include "base/words.h"
+
 namespace mirage {
 
 std::string Range::words() const {
-  if (low == kPositive.low)
-    return high == kMost ? "a positive number" : fmt::format("a positive number of at most {:g}", high);
-  if (low == -kMost && high == kMost) return "a number";
-  if (high == kMost) return fmt::format("{:g} or more", low);
-  return fmt::format("{} to {}", low, high);
+  if (low == kPositive.low) return high == kMost ? "above 0" : fmt::format("above 0, at most {}", high);
+  if (low == -kMost) return high == kMost ? "a number" : fmt::format("at most {}", high);
+  if (high == kMost) return fmt::format("at least {}", low);
+  // Thresholds and shares are often given in percent.
+  return fmt::format("{} to {}{}", low, high, low == 0 && high == 1 ? " (70 % is 0.7)" : "");
 }
 
 std::string Field::option_name() const {
@@ -24,12 +26,9 @@ std::string Field::option_name() const {
 
 std::size_t place_of(const std::string& word, const std::string& field, const char* const* words,
                      std::size_t count) {
-  std::string known;
-  for (std::size_t i = 0; i < count; ++i) {
+  for (std::size_t i = 0; i < count; ++i)
     if (word == words[i]) return i;
-    known += std::string(i == 0 ? "" : i + 1 == count ? " or " : ", ") + words[i];
-  }
-  throw FieldError(field, word, "unknown", "use " + known);
+  throw unknown_word(field, word, {words, words + count});
 }
 
 std::vector<std::string> listed_words(const std::string& text) {

@@ -66,9 +66,12 @@ struct Field {
   Range range = {};              ///< of a number, or of each of a vector's
   const char* option = nullptr;  ///< the option's name where it is another; "": there is none
   bool required = false;         ///< the option must be given
-  bool decides = true;           ///< the result: it belongs to a run's identity
-  bool written = true;           ///< false where it means nothing beside the others: not in the file
-  const char* word = "";         ///< a path's value that names none
+  bool decides = true;           ///< what a run may go on with: it belongs to the run's identity
+  bool matters = true;           ///< false: to time and memory alone, never to a result
+  /// The value, as its text, that the field has in files of earlier programs, which left it out; of a list
+  /// or group "": all of it off. None: it may not be missing.
+  const char* lacking = nullptr;
+  const char* word = "";                        ///< a path's value that names none
   void (*check)(const std::string&) = nullptr;  ///< of a text: throws FieldError
 
   /// "": none.

@@ -1,6 +1,7 @@
 #include "base/file_characters.h"
 
 #include "base/interrupt.h"
+#include "base/utf8.h"
 
 namespace mirage {
 
@@ -8,6 +9,7 @@ FileCharacters::FileCharacters(const std::filesystem::path& file, std::uintmax_t
     : file_(file), most_(most), size_(file_.size()) {
   file_.check(size_, most_);
   fill();
+  for (std::size_t mark = byte_order_mark({part_, held_}, file.string()); mark > 0; --mark) next();
 }
 
 void FileCharacters::fill() {

@@ -13,7 +13,8 @@ namespace mirage {
 
 class FileCharacters {
  public:
-  /// InputError as OpenFile, and, then or while it is read, if the file holds more than `most` bytes.
+  /// At the first character behind a byte order mark. InputError as OpenFile, for UTF-16, and, then or while
+  /// it is read, if the file holds more than `most` bytes.
   explicit FileCharacters(const std::filesystem::path& file,
                           std::uintmax_t most = std::numeric_limits<std::uintmax_t>::max());
 

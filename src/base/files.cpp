@@ -19,6 +19,7 @@
 #include "base/open_file.h"
 #include "base/parallel.h"
 #include "base/program.h"
+#include "base/utf8.h"
 
 namespace mirage {
 
@@ -78,6 +79,12 @@ std::string read_file(const fs::path& path, std::uintmax_t most) {
   }
   bytes.resize(size);
   return bytes;
+}
+
+std::string read_text(const fs::path& path, std::uintmax_t most) {
+  std::string text = read_file(path, most);
+  text.erase(0, byte_order_mark(text, path.string()));
+  return text;
 }
 
 std::string read_head(const fs::path& path, std::size_t most) {
@@ -226,7 +233,7 @@ void write_file(const fs::path& path, std::string_view bytes) {
 }
 
 nlohmann::json read_json(const fs::path& path, std::uintmax_t most, std::size_t most_values) {
-  const std::string text = read_file(path, most);
+  const std::string text = read_text(path, most);
   if (text.size() >= most_values) check_json_values(text, path.string(), most_values);
   return parse_json(text, path.string());
 }

@@ -18,6 +18,8 @@ inline constexpr std::uintmax_t kLargestFile = std::uintmax_t{1} << 30;
 /// The whole file. InputError if it can't be read, or holds more than `most` bytes: it says so before any of
 /// them is in memory.
 std::string read_file(const std::filesystem::path& path, std::uintmax_t most = kLargestFile);
+/// read_file of a text in UTF-8, without the byte order mark that it may begin with. InputError for UTF-16.
+std::string read_text(const std::filesystem::path& path, std::uintmax_t most = kLargestFile);
 /// Writes atomically; makes the parent folder. Failure on a full disk or a read-only folder.
 void write_file(const std::filesystem::path& path, std::string_view bytes);
 /// 64-bit FNV-1a of the bytes, 16 hexadecimal digits: tells whether content changed, nothing more.

@@ -115,10 +115,14 @@ class Picture {
     if (!format) bad("is no PNG, JPEG or EXR picture", "give one of these");
     if (const std::string problem = claim_beyond_file(*proxy_, format); !problem.empty()) bad(problem);
     input_ = OIIO::ImageInput::create(format);
-    OIIO::ImageSpec ignored;
+    OIIO::ImageSpec ignored, config;
+    config.attribute("oiio:UnassociatedAlpha", 1);  // else a PNG's colours come multiplied by its alpha
     if (!input_ || !input_->set_ioproxy(proxy_.get()) ||
-        !input_->open(std::string("picture.") + format, ignored))
+        !input_->open(std::string("picture.") + format, ignored, config))
       bad("not a readable image" + reason(input_ ? input_->geterror() : OIIO::geterror()));
+    if (const int turned = spec().get_int_attribute("Orientation", 1); turned > 1 && turned <= 8)
+      bad(fmt::format("its EXIF orientation {} asks viewers to turn or mirror it", turned),
+          "store its pixels upright (exiftran -ai, or mogrify -auto-orient)");
     const int width = spec().width, height = spec().height, channels = spec().nchannels;
     const std::string claims = fmt::format("claims {}×{} pixels", width, height);
     if (width < 1 || height < 1 || channels < 1 || pixels() > kMostPixels ||

@@ -19,8 +19,10 @@ struct PictureSize {
   int width = 0, height = 0;
 };
 
-/// Reads an 8-bit sRGB picture (PNG, JPEG) into scene-linear RGB (H×W×3). InputError naming the file if it is
-/// unreadable, no regular file, larger than kMostPixels or not of the `expected` size.
+/// Reads an 8-bit sRGB picture (PNG, JPEG) into scene-linear RGB (H×W×3), its colours as they are stored:
+/// alpha is left out. InputError naming the file if it is unreadable, no regular file, larger than
+/// kMostPixels, not of the `expected` size, or turned by its EXIF orientation (calibrations are of pixels as
+/// they are stored).
 ImageF read_srgb(const std::filesystem::path& path, PictureSize expected = {});
 /// Writes scene-linear RGB (3 channels; or 1, as grey) as 8-bit sRGB PNG, atomically.
 void write_srgb(const std::filesystem::path& path, const ImageF& linear);

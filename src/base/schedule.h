@@ -37,7 +37,10 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "batch", .help = "samples an update", .range = kFromOne}, s.batch);
   visit({.name = "learning_rate", .help = "peak of the one-cycle schedule", .range = kPositive},
         s.learning_rate);
-  visit({.name = "minutes", .help = "end the schedule after this time (0: no limit)", .range = kNotNegative},
+  visit({.name = "minutes",
+         .help = "end the schedule after this time (0: no limit)",
+         .range = kNotNegative,
+         .lacking = "0"},
         s.minutes);
   visit_fields(visit, s.checkpoint);
   visit({.name = "frames", .help = "only the first N frames (0: all)", .decides = false}, s.frames);

@@ -11,8 +11,6 @@
 namespace mirage {
 namespace {
 
-constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
-
 bool is_ascii(std::string_view text) {
   return std::all_of(text.begin(), text.end(), [](unsigned char c) { return c < 0x80; });
 }
@@ -24,7 +22,7 @@ class AsciiWriter {
   AsciiWriter(std::string_view text, const std::string& name) : text_(text), name_(name) {}
 
   std::string write() {
-    if (text_.starts_with(kByteOrderMark)) at_ = kByteOrderMark.size();
+    at_ = byte_order_mark(text_, name_);
     while (at_ < text_.size()) {
       const char c = text_[at_];
       if (c == '#')

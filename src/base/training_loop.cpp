@@ -11,10 +11,10 @@
 
 namespace mirage {
 
-TrainingLoop::TrainingLoop(const TrainingSchedule& schedule, nlohmann::json identity)
+TrainingLoop::TrainingLoop(const TrainingSchedule& schedule, const RunIdentity& identity)
     : schedule_(schedule),
-      identity_(std::move(identity)),
-      state_(read_training_state(schedule.out, identity_)),
+      identity_(identity.json),
+      state_(read_training_state(schedule.out, identity)),
       log_(schedule.out, state_.step) {
   if (goes_on()) kept_ = state_.step;
 }

@@ -11,6 +11,7 @@
 #include <optional>
 #include <string>
 
+#include "base/field_json.h"
 #include "base/schedule.h"
 #include "base/training_state.h"
 
@@ -41,7 +42,7 @@ class TrainingLoop {
  public:
   /// Reads the state of the run in schedule.out. InputError if that is a run of another identity, or
   /// unreadable.
-  TrainingLoop(const TrainingSchedule& schedule, nlohmann::json identity);
+  TrainingLoop(const TrainingSchedule& schedule, const RunIdentity& identity);
 
   /// Where the run stands. Where it `goes_on`, the trainer loads state().weights before run().
   const TrainingState& state() const { return state_; }

@@ -8,7 +8,9 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/json_fields.h"
+#include "base/logging.h"
 #include "base/names.h"
+#include "base/provenance.h"
 
 namespace mirage {
 namespace {
@@ -27,18 +29,25 @@ fs::path state_file(const fs::path& out) {
 
 }  // namespace
 
-TrainingState read_training_state(const fs::path& out, const nlohmann::json& wanted) {
+TrainingState read_training_state(const fs::path& out, const RunIdentity& wanted) {
   TrainingState state;
   const fs::path file = state_file(out);
   if (!fs::exists(file)) return state;
   const nlohmann::json whole = read_json(file, kLargestRecord);
   const JsonFields json(file, whole, "restore the file, or use another --out");
   json.object("options");
-  if (whole.at("options") != wanted)
+  nlohmann::json written = whole.at("options");
+  complete(written, wanted.lacking);
+  if (written != wanted.json)
     throw InputError(file.string(), "options", "this folder holds a run with other options",
                      "use the same options to go on, or another --out");
   constexpr double kAny = std::numeric_limits<double>::max();
-  state.step = json.integer("step", 0, wanted.value("steps", kMostSteps));
+  if (json.has("program") && json.text("program") != program_identity())
+    spdlog::warn(
+        "{}: the steps so far were made by another program or on another processor; for a run of one start "
+        "in another --out",
+        file.string());
+  state.step = json.integer("step", 0, wanted.json.value("steps", kMostSteps));
   state.seconds = json.number("seconds", 0, kAny);
   const auto losses = json.numbers("losses", state.losses.size(), -kAny, kAny);
   std::copy(losses.begin(), losses.end(), state.losses.begin());
@@ -60,6 +69,7 @@ void write_training_state(const fs::path& out, const nlohmann::json& wanted, Tra
   const fs::path weights = out / weights_name(state.step);
   save(weights);
   write_json(state_file(out), {{"options", wanted},
+                               {"program", program_identity()},
                                {"step", state.step},
                                {"seconds", state.seconds},
                                {"losses", state.losses},
@@ -71,7 +81,7 @@ void write_training_state(const fs::path& out, const nlohmann::json& wanted, Tra
 
 TrainingLog::TrainingLog(const fs::path& out, std::int64_t step) : file_(out / "training.jsonl") {
   if (step == 0 || !fs::exists(file_)) return;
-  std::istringstream lines(read_file(file_, kLargestJson));
+  std::istringstream lines(read_text(file_, kLargestJson));
   for (std::string line; std::getline(lines, line);) {
     if (line.size() > kLargestRecord) continue;
     const auto json = nlohmann::json::parse(line, nullptr, false);

@@ -9,6 +9,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "base/field_json.h"
+
 namespace mirage {
 
 /// Where a training stands.
@@ -21,7 +23,7 @@ struct TrainingState {
 
 /// The run in `out` (a fresh state when there is none). InputError if it is of other options than `wanted`,
 /// or unreadable.
-TrainingState read_training_state(const std::filesystem::path& out, const nlohmann::json& wanted);
+TrainingState read_training_state(const std::filesystem::path& out, const RunIdentity& wanted);
 
 /// Moves the running means towards `now`, by `share` or, at the start, by 1 / (steps so far + 1).
 void follow_losses(TrainingState& state, const std::array<double, 3>& now, double share);

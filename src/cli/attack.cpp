@@ -6,10 +6,13 @@
 #include <optional>
 
 #include "base/error.h"
+#include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
 #include "cli/table.h"
+#include "frames/made_of.h"
+#include "scene/data/read_frames.h"
 #include "validation/blender/cycles_renderer.h"
 #include "validation/fidelity/budget_renderer.h"
 
@@ -71,6 +74,13 @@ std::string buildable_words(const BuildableReport& report) {
       report.intersecting_pairs, 1e3 * report.min_thickness, 1e4 * report.base_area, 100 * report.printable);
 }
 
+/// Of a run that had taken its iterations.
+std::string already_done(int iterations, const AttackSettings& settings) {
+  const bool more = settings.until_plateau == 0 && settings.attack == AttackSearch::plain;
+  return fmt::format("already done: {0} of {0} iterations{1}", iterations,
+                     more ? fmt::format("; --iterations above {} goes on", iterations) : "");
+}
+
 /// How the attack ended, in a line.
 std::string plateau_words(const PlateauReport& plateau) {
   return fmt::format("{}; the mesh of step {} is kept, the best on {} vehicles held out",
@@ -87,17 +97,16 @@ std::string auto_words(const AutoReport& report) {
 }
 
 void add_options(CLI::App& app, AttackOptions& options) {
-  options.settings.objective.fp_top_k = kFpTopK;
   add_fields(app, options.settings);
   options.quality.add(app);
   options.effects.add(app);
   app.add_option("--renderer", options.renderer,
                  "who draws the object for the detector: raster (--quality, --light), or cycles (Blender; "
                  "the gradient goes through raster, by default with --quality exact --light visible)")
-      ->check(CLI::IsMember({kRasterRenderer, "cycles"}))
+      ->check(one_of({kRasterRenderer, "cycles"}))
       ->capture_default_str();
   app.add_option("--cycles-samples", options.cycles.samples, "with --renderer cycles: samples a pixel")
-      ->check(CLI::Range(1, 4096))
+      ->check(within({1, 4096}))
       ->capture_default_str();
   app.add_option("--cycles-renew", options.settings.renewal.metres,
                  "with --renderer cycles: draw anew when the vertices have moved by more than this (root "
@@ -117,28 +126,39 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   AttackSettings settings = options.settings;
   apply_rasteriser(options, settings.simulation);
   options.effects.check();
-  options.effects.apply(settings.simulation, lidar_of(settings.data), recorded_lidar_effects(settings.data),
-                        common.seed);
+  options.effects.apply(settings.simulation, lidar_of(settings.data, settings.rig),
+                        recorded_lidar_effects(settings.data), common.seed);
   settings.out = common.out;
   settings.seed = common.seed;
   settings.quiet = common.quiet;
-  settings.detector = with_common(settings.detector, common, settings.data);
+  settings.detector = with_common(settings.detector, common, settings.data, settings.rig);
   const Renderers renderers = make_renderers(options, settings);
   settings.renderer = renderers.cycles;
   if (renderers.by_rule) settings.renderer = renderers.by_rule;
   const AttackResult result = run_attack(settings);
+  if (rank() == 0) {
+    common.made_of->add(settings);
+    if (settings.renderer) common.made_of->set("renderer", settings.renderer->identity());
+    add_frames(*common.made_of, settings, list_frames(settings.data));
+    add_detector(*common.made_of, settings.detector);
+  }
+  // Whose iterations are all there takes none: a random mesh has none.
+  const bool done = result.steps == 0 && result.iterations > 0;
   Rows rows = {
       {"vehicles to train on", std::to_string(result.vehicles_train)},
+      {"as recorded the detector", describe(result.found_clean)},
       {"vehicles held back", fmt::format("{} in {}", result.vehicles_test, to_string(result.clusters))},
       {"roofs", roofs(result.rooftops.fitted, result.rooftops.from_box)},
-      {"iterations", std::to_string(result.iterations)},
+      {"iterations", done ? already_done(result.iterations, settings) : std::to_string(result.iterations)},
       {"loss (mean of the last tenth)", fmt::format("{:.4f}", result.loss)},
-      {"seconds an iteration", fmt::format("{:.2f}", result.seconds_per_iteration)},
       {result.buildable.holds(settings.buildable.min_thickness) ? "buildable" : "not buildable",
        buildable_words(result.buildable)},
       {"adversary", (common.out / "adversary.glb").string()}};
-  if (result.plateau) rows.insert(rows.begin() + 4, {"plateau", plateau_words(*result.plateau)});
-  if (result.automatic) rows.insert(rows.begin() + 4, {"candidates", auto_words(*result.automatic)});
+  if (!done)
+    rows.insert(rows.begin() + 6,
+                {"seconds an iteration", fmt::format("{:.2f}", result.seconds_per_iteration)});
+  if (result.plateau) rows.insert(rows.begin() + 5, {"plateau", plateau_words(*result.plateau)});
+  if (result.automatic) rows.insert(rows.begin() + 5, {"candidates", auto_words(*result.automatic)});
   nlohmann::json json = to_json(result);
   if (renderers.cycles) {
     json["pictures"] = pictures_drawn(renderers);
@@ -160,6 +180,7 @@ Command attack_command() {
       .name = "attack",
       .help = "learns the universal adversary; resumes from its checkpoint",
       .default_out = "out/attack",
+      .example = "mirage attack --data path/to/kitti --detector fusion --iterations 200 --out out/attack",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
       .many_ranks = true,

@@ -9,6 +9,8 @@
 #include "cli/table.h"
 #include "cli/trust_option.h"
 #include "defense/certificate.h"
+#include "frames/made_of.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {
@@ -62,13 +64,14 @@ void add_options(CLI::App& app, CertifyOptions& options) {
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames; 0: all")->capture_default_str();
   app.add_option("--min-view", options.min_view, "share of the reference adversary in view that a car needs")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(within(kShare))
       ->capture_default_str();
   app.add_option("--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")
       ->delimiter(',')
       ->capture_default_str();
   add_fields(app, settings);
   app.add_option("--score", settings.evaluation.score_threshold, "score of a detection")
+      ->check(within(kShare))
       ->capture_default_str();
   options.effects.add(app);
   tell_of_cache(app);
@@ -79,15 +82,18 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
   settings.seed = common.seed;
   settings.evaluation.quiet = common.quiet;
   if (!options.run.empty()) settings.adversary = read_run(options.run, options.trust).adversary;
-  const LidarModel lidar = lidar_of(options.data);
+  const LidarModel lidar = lidar_of(options.data, options.rig);
   options.effects.apply(settings.simulation, lidar, recorded_lidar_effects(options.data), common.seed);
   FrameStore store(options);
-  const DetectorOptions asked = with_common(options.detector, common, options.data);
+  const DetectorOptions asked = with_common(options.detector, common, options.data, options.rig);
   if (asked.locality > 0)
     throw InputError("--locality", fmt::format("{}", asked.locality),
                      "is an approximation, and proves nothing", "leave it out");
   std::vector<std::string> frames = list_frames(options.data);
   if (options.frames > 0 && frames.size() > options.frames) frames.resize(options.frames);
+  const LabelCensus census = count_labels(options.data, frames);
+  require_cars(census, "a certificate");
+  warn_of_labels(census);
   const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));
   std::vector<HostId> hosts;
   for (const Host& host : find_all_hosts(store, frames, detectors.front()->region(), settings.simulation,
@@ -97,6 +103,9 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
     throw InputError(options.data.string(), "labels", "no car has the adversary in view",
                      "give more frames or lower --min-view");
   const CertificateResult result = certify(detectors, store, hosts, lidar, settings);
+  common.made_of->add(settings.simulation);
+  add_frames(*common.made_of, options, frames);
+  add_detector(*common.made_of, asked);
   print_shares(result, settings);
   nlohmann::json json = to_json(result, settings);
   json["data"] = options.data.string();
@@ -117,6 +126,7 @@ Command certify_command() {
       .name = "certify",
       .help = "counts cars that no object within a box on their roof can hide",
       .default_out = "out/certify",
+      .example = "mirage certify --data generated --detector lidar",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };

@@ -5,9 +5,11 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "base/provenance.h"
 #include "base/schedule.h"
 
 namespace mirage::cli {
@@ -18,14 +20,18 @@ struct Common {
   int threads = 0;
   std::filesystem::path out;
   bool quiet = false;
+  /// What the result is made of: options are in it; commands add what these stand for.
+  std::shared_ptr<Provenance> made_of = std::make_shared<Provenance>();
 };
 
 /// Every x_command() has one form. It makes the command's options (a struct, which `options` and `run` share
-/// and so keep alive) and returns Command{.name = …, .help = …, .default_out = …, .options = …, .run = …}.
-/// What is long there stands above it in the anonymous namespace, with the struct: add_options(CLI::App&,
-/// XOptions&) and run(const XOptions&, const Common&), which in a unity build are overloads on that struct.
+/// and so keep alive) and returns Command{.name = …, .help = …, .default_out = …, .example = …, .options = …,
+/// .run = …}. What is long there stands above it in the anonymous namespace, with the struct:
+/// add_options(CLI::App&, XOptions&) and run(const XOptions&, const Common&), which in a unity build are
+/// overloads on that struct.
 struct Command {
-  std::string name = {}, help = {}, default_out = {};
+  /// `example`: a command line of it, for its help.
+  std::string name = {}, help = {}, default_out = {}, example = {};
   /// Adds the command's own options; the referenced variables live as long as the command.
   std::function<void(CLI::App&)> options = {};
   /// Does the work, prints a short table on standard output and returns what result.json shall hold.
@@ -33,9 +39,9 @@ struct Command {
   /// After result.json is written: what is made from it, a page.
   std::function<void(const Common&)> afterwards = {};
   bool many_ranks = false;  ///< may run under mpirun (base/ranks.h)
-  /// Of a command whose result is one page: its name in the output folder. Common::out is then the page's
-  /// file; --out may name a folder or a file (*.html), beside which the result goes as *.result.json.
-  std::string page = {};
+  /// Of a command whose result is one file (a page, a rig): its name in the output folder. Common::out is then
+  /// that file; --out may name a folder or a file of its kind, beside which the result goes as *.result.json.
+  std::string page = {}, one_file = "the page";
 };
 
 /// What these options say of a training.
@@ -62,6 +68,7 @@ Command demo_command();
 Command depth_command();
 Command render_command();
 Command reproduce_command();
+Command rig_command();
 Command view_command();
 
 }  // namespace mirage::cli

@@ -3,16 +3,59 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstdio>
+#include <map>
 #include <vector>
+
+#include "base/shipped_plugins.h"
+#include "base/words.h"
+#include "defense/adversarial_training.h"
+#include "detection/defense_words.h"
+#include "detection/detector.h"
+#include "detection/detector_words.h"
 
 namespace mirage::cli {
 namespace {
 
+std::vector<std::string> shipped(const char* kind) {
+  std::vector<std::string> words;
+  for (const ShippedPlugin& plugin : shipped_plugins(kind))
+    words.insert(words.end(), plugin.words.begin(), plugin.words.end());
+  return words;
+}
+
+/// Words of options that take others, too, such as a file's name.
+std::vector<std::string> usual_words(const CLI::App& command, const CLI::Option& option) {
+  const std::string name = option.get_name();
+  if (name == "--detector") return shipped(kDetectorPlugins);
+  if (name == "--depth") {
+    std::vector<std::string> words = shipped("depth");
+    words.emplace_back("ip-basic");
+    return words;
+  }
+  if (name == "--rig") return shipped_names("scenes/rigs", ".toml");
+  if (name == "--lidar" && command.get_name() == "generate") return shipped_names("scenes/lidars", ".toml");
+  if (name == "--method") return defense_methods();
+  if (name == "--weights") return {kRealWeights};
+  if (name == "--rooftop") return {"shape", "box"};
+  if (name == "--sun") return {"frame", "photo"};
+  if (name == "--hosts") return {"test", "train", "all"};
+  if (name == "--baseline") return {"start", "sized", "ellipsoid", "cuboid", "all", "none"};
+  if (name == "--expect") return {"roof", "sun", "light", "exposure", "noise", "all", "none"};
+  if (name == "--camera-effects") return {"ideal", "unit", "blur", "noise"};
+  if (name == "--lidar-effects")
+    return {"ideal", "as-recorded", "unit", "noise", "drop-out", "divergence", "motion", "albedo"};
+  if (name != "--defense") return {};
+  std::vector<std::string> words = defense_methods();
+  for (const char* word : {"none", "jpeg:", "ceiling:", kConsistency, kShadows}) words.emplace_back(word);
+  return words;
+}
+
 /// The words of a choice, "{both,image}" in the option's type; empty where anything may stand.
-std::vector<std::string> choices(const CLI::Option& option) {
+std::vector<std::string> choices(const CLI::App& command, const CLI::Option& option) {
   const std::string type = option.get_type_name();
   const auto open = type.find('{'), close = type.find('}', open);
-  if (open == std::string::npos || close == std::string::npos) return {};
+  if (open == std::string::npos || close == std::string::npos) return usual_words(command, option);
   return CLI::detail::split(type.substr(open + 1, close - open - 1), ',');
 }
 
@@ -29,7 +72,7 @@ std::string cases_of(const CLI::App& command) {
   std::string text;
   std::vector<std::string> free;
   for (const CLI::Option* option : command.get_options()) {
-    const auto words = choices(*option);
+    const auto words = choices(command, *option);
     if (option->get_positional()) free.insert(free.end(), words.begin(), words.end());
     if (!option->nonpositional()) continue;
     free.push_back(names(*option, " "));
@@ -38,8 +81,6 @@ std::string cases_of(const CLI::App& command) {
   }
   return text + fmt::format("          *) words=\"{}\" ;;\n", fmt::join(free, " "));
 }
-
-}  // namespace
 
 std::string bash_completion(const CLI::App& app) {
   std::string cases, commands;
@@ -58,7 +99,7 @@ _mirage() {{
     previous=${{COMP_WORDS[COMP_CWORD-2]}}
   fi
   if ((COMP_CWORD == 1)); then
-    words="{}--help --version"
+    words="{}--help --version --completion"
   else
     case "${{COMP_WORDS[1]}}" in
 {}    esac
@@ -75,6 +116,18 @@ std::string command_list(const CLI::App& app) {
   for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; }))
     text += command->get_name() + "\t" + command->get_description() + "\n";
   return text;
+}
+
+}  // namespace
+
+bool print_completion(const CLI::App& app, const std::string& what) {
+  const std::map<std::string, std::string> said = {
+      {"bash", bash_completion(app)},
+      {"zsh", "autoload -Uz compinit bashcompinit && compinit && bashcompinit\n" + bash_completion(app)},
+      {"commands", command_list(app)}};
+  if (!said.contains(what)) return false;
+  std::fputs(said.at(what).c_str(), stdout);
+  return true;
 }
 
 }  // namespace mirage::cli

@@ -1,4 +1,6 @@
-// The command tree for other programs: completion in bash, and the list of commands for the manual's pages.
+// The command tree for other programs: completion in bash and zsh, and the list of commands for the manual's
+// pages. A script completes commands, their options, and the words that an option or an argument may be; file
+// names where anything may stand.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -6,11 +8,8 @@
 
 namespace mirage::cli {
 
-/// A script for bash to source: completes commands, their options, and the words that an option or an
-/// argument may be; file names where anything may stand.
-std::string bash_completion(const CLI::App& app);
-
-/// A line for each command: its name, a tab, its help.
-std::string command_list(const CLI::App& app);
+/// Prints the script for "bash" or "zsh", which runs bash's; or for "commands" a line for each command, its
+/// name, a tab, its help, for the manual's pages. False for another word.
+bool print_completion(const CLI::App& app, const std::string& what);
 
 }  // namespace mirage::cli

@@ -9,6 +9,7 @@
 #include "base/config.h"
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/words.h"
 #include "detection/detector_words.h"
 
 namespace mirage::cli {
@@ -19,6 +20,15 @@ std::string text_of(const nlohmann::json& value) {
   if (value.is_number_float() && !std::isfinite(value.get<double>()))
     return fmt::format("{}", value.get<double>());  // of which JSON has none
   return value.dump();
+}
+
+/// The keys that a file may have.
+std::vector<std::string> option_names(const CLI::App& command) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : command.get_options())
+    for (const std::string& name : option->get_lnames())
+      if (name != "config" && name != "help") names.push_back(name);
+  return names;
 }
 
 /// What option `name` will be: by the command line, else by the file, else by itself. None where the command
@@ -81,7 +91,7 @@ std::vector<std::string> apply_config(const std::vector<std::string>& arguments,
     const auto* known = command.get_option_no_throw(option);
     if (!known || option == "--config" || option == "--help")
       throw InputError(file, key, "unknown key for mirage " + command.get_name(),
-                       "see mirage " + command.get_name() + " --help for the options that a config can set");
+                       use_one_of(key, option_names(command)));
     if (written.is_structured() || written.is_null())
       throw InputError(file, key, "must be a single value", "write key = value");
     if (std::find(given.begin(), given.end(), option) != given.end()) continue;

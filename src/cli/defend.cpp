@@ -7,6 +7,7 @@
 #include "cli/table.h"
 #include "defense/adversarial_training.h"
 #include "detection/precision.h"
+#include "frames/made_of.h"
 
 namespace mirage::cli {
 namespace {
@@ -20,8 +21,10 @@ nlohmann::json run(const DefendOptions& options, const Common& common) {
   DefenseSettings settings = options.settings;
   set_method(options.method, settings);
   take_common(settings, common);
-  settings.detector = with_common(settings.detector, common, settings.data);
+  settings.detector = with_common(settings.detector, common, settings.data, settings.rig);
   const DefenseResult result = train_defended(settings);
+  common.made_of->add(settings);
+  add_detector(*common.made_of, settings.detector);
   std::vector<std::pair<std::string, std::string>> rows = {
       {"hosts", std::to_string(result.hosts)},
       {"updates", std::to_string(result.steps)},
@@ -37,10 +40,10 @@ nlohmann::json run(const DefendOptions& options, const Common& common) {
                          {"weights", result.weights.string()}};
   if (result.validated) {
     const auto both = [](const PrecisionRecall& before, const PrecisionRecall& after) {
-      return fmt::format("{:.1f} → {:.1f}", 100 * before.average_precision, 100 * after.average_precision);
+      return fmt::format("{:.1f} → {:.1f} %", 100 * before.average_precision, 100 * after.average_precision);
     };
-    rows.push_back({"clean AP50, before → after", both(result.at50_before, result.at50)});
-    rows.push_back({"clean AP70, before → after", both(result.at70_before, result.at70)});
+    rows.push_back({"clean AP 0.5, before → after", both(result.at50_before, result.at50)});
+    rows.push_back({"clean AP 0.7, before → after", both(result.at70_before, result.at70)});
     json["ap50_before"] = result.at50_before.average_precision;
     json["ap70_before"] = result.at70_before.average_precision;
     json["ap50"] = result.at50.average_precision;
@@ -60,10 +63,11 @@ Command defend_command() {
           "fine-tunes a detector to resist: adversarial training, feature denoising, depth gate; and "
           "controls",
       .default_out = "out/defend",
+      .example = "mirage defend --data generated --method adversarial --steps 1000",
       .options =
           [options](CLI::App& app) {
             add_fields(app, options->settings, {"minutes"});  // a run is of so many steps
-            app.get_option("--precision")->check(CLI::IsMember({kFloat, kBfloat16}));
+            app.get_option("--precision")->check(one_of({kFloat, kBfloat16}));
             app.add_option("--method", options->method,
                            "adversarial (free adversarial training); denoising (the same with non-local "
                            "means on image features); depth-gate (fusion weighs image features by "

@@ -4,9 +4,12 @@
 #include "attack/adversary.h"
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/names.h"
 #include "base/progress.h"
 #include "cli/command.h"
 #include "cli/table.h"
+#include "frames/data_check.h"
+#include "scene/data/data_rig.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
@@ -21,6 +24,7 @@ struct DepthOptions {
       "ip-basic,ip-basic-bilateral,ip-basic-multiscale,ip-basic-multiscale-bilateral,ip-basic-extrapolated,"
       "guided";
   std::filesystem::path weights;
+  std::string rig;
   double hide = -1;
 };
 
@@ -76,6 +80,7 @@ void add_options(CLI::App& app, DepthOptions& options) {
   app.add_option("--data", options.score.data,
                  "data set; with training/depth (mirage generate --depth) or real")
       ->required();
+  app.add_option("--rig", options.rig, kRigHelp);
   app.add_option("--backends", options.backends, "separated by commas")->capture_default_str();
   app.add_option("--weights", options.weights, "of the learned one (default: the shipped ones)");
   app.add_option("--hide", options.hide,
@@ -88,12 +93,16 @@ void add_options(CLI::App& app, DepthOptions& options) {
 nlohmann::json run(const DepthOptions& options, const Common& common) {
   DepthScoreOptions score = options.score;
   score.seed = common.seed;
+  check_data(score.data, options.rig, UnitUse::reads_sweeps);
   const bool has_truth =
       std::filesystem::exists(true_depth_file(score.data, list_frames(score.data).front()));
   score.hidden = options.hide >= 0 ? options.hide : has_truth ? 0 : 0.2;
   std::vector<std::unique_ptr<DepthCompletion>> backends;
   for (const std::string& name : listed_words(options.backends))
     backends.push_back(load_depth_completion({name, options.weights, false, common.seed, common.threads}));
+  for (const std::string& name : listed_words(options.backends))
+    common.made_of->input("backend_" + escape_name(name),
+                          depth_identity({name, options.weights, false, common.seed, common.threads}));
   if (backends.empty()) throw InputError("--backends", "", "names none", "try ip-basic,guided");
   std::unique_ptr<Progress> progress;
   const auto scores =
@@ -131,6 +140,7 @@ Command depth_command() {
       .name = "depth",
       .help = "scores depth completion: against true depth, or on returns held back",
       .default_out = "out/depth",
+      .example = "mirage depth --data generated --backends ip-basic,guided",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };

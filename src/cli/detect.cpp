@@ -13,7 +13,11 @@
 #include "cli/picture_rows.h"
 #include "detection/defense_words.h"
 #include "detection/detection_files.h"
+#include "detection/kitti_ap.h"
 #include "detection/reliance.h"
+#include "frames/data_check.h"
+#include "frames/made_of.h"
+#include "scene/data/label_census.h"
 #include "validation/report/detection_plot.h"
 
 namespace mirage::cli {
@@ -21,6 +25,7 @@ namespace {
 
 struct DetectOptions {
   std::filesystem::path data;
+  std::string rig;
   DetectorOptions detector;
   std::size_t frames = 0;
   bool reliance = false;
@@ -96,16 +101,46 @@ std::string key(std::string name) {
   return name;
 }
 
-void print_scores(const std::vector<ScoredStratum>& parts) {
-  std::printf("%-10s %9s %8s %8s %10s %10s\n", "", "vehicles", "AP50", "AP70", "recall50", "recall70");
-  for (const auto& [stratum, at50, at70] : parts)
-    std::printf("%-10s %9d %8.3f %8.3f %10.3f %10.3f\n", stratum.name.c_str(), at50.boxes,
-                at50.average_precision, at70.average_precision, at50.recall, at70.recall);
+/// By Mirage's rules, percent. The first row's figures stand with their intervals.
+void print_scores(const std::vector<ScoredStratum>& parts, const Interval& ap50, const Interval& ap70) {
+  const auto row = [](const std::string& name, const std::string& vehicles, const std::string& at50,
+                      const std::string& at70, const std::string& found50, const std::string& found70) {
+    std::fputs(fmt::format("{:<10} {:>9} {:>22} {:>22} {:>10} {:>10}\n", name, vehicles, at50, at70, found50,
+                           found70)
+                   .c_str(),
+               stdout);
+  };
+  row("", "vehicles", "AP 0.5 (95 %)", "AP 0.7 (95 %)", "recall 0.5", "recall 0.7");
+  for (const auto& [stratum, at50, at70] : parts) {
+    const bool all = &stratum == &parts.front().stratum;
+    const auto ap = [&](const PrecisionRecall& at, const Interval& interval) {
+      return all ? percent(interval.value, interval.low, interval.high) : percent(at.average_precision);
+    };
+    row(stratum.name, std::to_string(at50.boxes), ap(at50, ap50), ap(at70, ap70), percent(at50.recall),
+        percent(at70.recall));
+  }
+}
+
+/// By the kit's rules: a level without cars has no figure.
+void print_kitti(const nlohmann::json& kitti) {
+  for (const char* plane : {"bev", "image"}) {
+    if (!kitti.contains(plane)) continue;
+    std::string text;
+    for (const char* level : {"easy", "moderate", "hard"}) {
+      const nlohmann::json &at70 = kitti[plane][level], &at50 = kitti["iou50"][plane][level];
+      text += fmt::format(
+          "   {} {}", level,
+          at70.is_null() ? "none"
+                         : fmt::format("{} ({})", percent(at70.get<double>()), percent(at50.get<double>())));
+    }
+    std::printf("AP by KITTI's kit, %s, IoU 0.7 (0.5):%s\n", plane, text.c_str());
+  }
 }
 
 void add_options(CLI::App& app, DetectOptions& options) {
   app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
       ->required();
+  app.add_option("--rig", options.rig, kRigHelp);
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames (0: all)")->capture_default_str();
   const auto reliance = app.add_flag("--reliance", options.reliance,
@@ -124,8 +159,12 @@ void add_options(CLI::App& app, DetectOptions& options) {
 nlohmann::json run(const DetectOptions& options, const Common& common) {
   make_output_folder(common.out);
   if (!options.claim.empty()) read_claims(options.claim);  // now, not after the work
-  const DetectorOptions detector_options = with_common(options.detector, common, options.data);
+  const DetectorOptions detector_options = with_common(options.detector, common, options.data, options.rig);
+  check_data(options.data, options.rig, UnitUse::reads_sweeps);
   const auto detector = load_detector(detector_options);
+  const LabelCensus census = count_labels(options.data, first_frames(options.data, options.frames));
+  if (options.reliance && census.unlabelled == census.frames) require_cars(census, "--reliance");
+  warn_of_labels(census);
   std::unique_ptr<Progress> progress;
   const auto tell = [&](const char* what) {
     return [&progress, what, quiet = common.quiet](std::size_t done, std::size_t total) {
@@ -133,14 +172,16 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
       progress->update(done);
     };
   };
-  std::function<void(const Frame&, const std::vector<Proposal>&)> write_kitti;
-  if (!options.kitti.empty()) {
-    make_output_folder(options.kitti);
-    write_kitti = [&, plane = detector->capabilities().plane()](const Frame& frame, const auto& proposals) {
-      write_results(options.kitti / (frame.id + ".txt"), kitti_detections(proposals, plane, frame),
-                    frame.calibration);
-    };
-  }
+  if (!options.kitti.empty()) make_output_folder(options.kitti);
+  const Capabilities can = detector->capabilities();
+  std::vector<KittiFrame> kitti;
+  const auto seen = [&](const Frame& frame, const std::vector<Proposal>& proposals) {
+    kitti.push_back(kitti_frame(frame, proposals, can.plane()));
+    if (!options.kitti.empty())
+      write_results(options.kitti / (frame.id + ".txt"), kitti.back().detections, frame.calibration);
+  };
+  add_detector(*common.made_of, detector_options);
+  add_data(*common.made_of, options.data, first_frames(options.data, options.frames));
   std::unique_ptr<RelianceMeter> meter;
   ProposalObserver measure;
   if (options.reliance && reads_picture(*detector)) {
@@ -151,7 +192,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   }
   const DetectionRun run =
       detect_data_set(*detector, options.data, options.frames,
-                      tell(meter ? "detect, and use of the picture" : "detect"), write_kitti, measure);
+                      tell(meter ? "detect, and use of the picture" : "detect"), seen, measure);
   progress.reset();
   write_json(common.out / "detections.json", detections_json(run));
   std::vector<ScoredStratum> parts(1);
@@ -159,23 +200,34 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   parts[0].at50 = run.at50;
   parts[0].at70 = run.at70;
   parts.insert(parts.end(), run.strata.begin(), run.strata.end());
-  if (!common.quiet) {
-    std::printf("frames %zu   %.3f s a frame%s\n", run.ids.size(), run.seconds_per_frame,
-                run.plane == Plane::picture ? "   boxes in the picture" : "");
-    print_scores(parts);
-  }
-  nlohmann::json result = scores_json(parts[0]);
   const Interval ap50 = average_precision_interval(run.frames, 0.5),
                  ap70 = average_precision_interval(run.frames, 0.7);
+  std::vector<Plane> planes;
+  if (can.finds_bev) planes.push_back(Plane::bev);
+  if (can.finds_picture) planes.push_back(Plane::picture);
+  const nlohmann::json by_kit = kitti_ap_json(kitti, planes);
   const ClusterCount clusters = clusters_of(run.frames);
-  if (!common.quiet)
-    print_table(
-        {{"AP50, AP70 (95 %)", fmt::format("{:.3f} ({:.3f}–{:.3f}), {:.3f} ({:.3f}–{:.3f})", ap50.value,
-                                           ap50.low, ap50.high, ap70.value, ap70.low, ap70.high)},
-         {"intervals over", to_string(clusters)}});
+  const bool scored = run.at50.boxes > 0;
+  if (!common.quiet) {
+    std::printf("frames %zu   %.3f s a frame   AP by Mirage's rules, %s\n", run.ids.size(),
+                run.seconds_per_frame,
+                run.plane == Plane::picture ? "boxes in the picture" : "bird's-eye view");
+    if (scored) {
+      print_scores(parts, ap50, ap70);
+      print_kitti(by_kit);
+      print_table({{"intervals over", to_string(clusters)}});
+    } else {
+      std::printf("no vehicle is labelled that must be found: nothing is scored\n");
+    }
+  }
+  nlohmann::json result = scores_json(parts[0]);
+  if (!scored)
+    for (const char* figure : {"ap50", "ap70", "recall50", "recall70"}) result[figure] = nullptr;
   result["frames"] = run.ids.size();
+  result["unlabelled_frames"] = census.unlabelled;
   result["ap50_interval"] = to_json(ap50);
   result["ap70_interval"] = to_json(ap70);
+  result["kitti_ap"] = by_kit;
   result["detector"] = detector->name();
   result["plane"] = to_string(run.plane);
   result["precision"] = usable_precision(detector_options.precision);
@@ -187,12 +239,19 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
     if (!common.quiet) print_table(picture_rows(reliance));
   }
   result["seconds_per_frame"] = run.seconds_per_frame;
+  if (!scored) return result;
   for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);
   const std::vector<ScoredFrame> easier = without_look_alikes(run.frames);
   const double easier50 = average_precision(easier, 0.5).average_precision,
                easier70 = average_precision(easier, 0.7).average_precision;
   result["without_lookalikes"] = {{"ap50", easier50}, {"ap70", easier70}};
-  if (!common.quiet) std::printf("look-alikes ignored: AP50 %.3f   AP70 %.3f\n", easier50, easier70);
+  const bool any = std::any_of(run.frames.begin(), run.frames.end(),
+                               [](const ScoredFrame& frame) { return !frame.truth.look_alikes.empty(); });
+  if (!common.quiet && any)
+    std::fputs(
+        fmt::format("with look-alikes ignored: AP 0.5 {}   AP 0.7 {}\n", percent(easier50), percent(easier70))
+            .c_str(),
+        stdout);
   result["plots"] = plot_precision_recall(parts, detector->name(), common.out);
   return result;
 }
@@ -207,6 +266,7 @@ Command detect_command() {
           "runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for a "
           "detector of that alone)",
       .default_out = "out/detect",
+      .example = "mirage detect --data path/to/kitti --detector fusion --reliance",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };

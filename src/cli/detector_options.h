@@ -8,10 +8,11 @@
 
 namespace mirage::cli {
 
-/// `data`: the data set that the detector is to see; its rig chooses the shipped weights.
+/// `data`: the data set that the detector is to see; its rig (or `rig`, if given) chooses the shipped
+/// weights.
 inline DetectorOptions with_common(DetectorOptions options, const Common& common,
-                                   const std::filesystem::path& data) {
-  options.rig = data_rig(data);
+                                   const std::filesystem::path& data, const std::string& rig) {
+  options.rig = data_rig(data, rig);
   options.seed = common.seed;
   options.threads = common.threads;
   return options;

@@ -1,18 +1,22 @@
 #include "cli/dispatch.h"
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cstdint>
 #include <cstdio>
+#include <ctime>
 #include <exception>
 #include <filesystem>
-#include <limits>
+#include <map>
 #include <new>
 #include <optional>
+#include <set>
 
 #include "base/error.h"
+#include "base/field_json.h"
 #include "base/files.h"
 #include "base/folder_lock.h"
 #include "base/interrupt.h"
@@ -20,12 +24,15 @@
 #include "base/names.h"
 #include "base/parallel.h"
 #include "base/ranks.h"
+#include "base/words.h"
 #include "cli/command.h"
 #include "cli/completion.h"
 #include "cli/config_file.h"
 #include "cli/field_options.h"
+#include "cli/help.h"
 #include "cli/named_settings.h"
-#include "cli/version.h"
+#include "frames/made_of.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage::cli {
 namespace {
@@ -36,14 +43,14 @@ std::vector<Command> all_commands() {
   return {demo_command(),      generate_command(), simulate_command(), fit_command(),    train_command(),
           detect_command(),    attack_command(),   evaluate_command(), export_command(), validate_command(),
           tradeoff_command(),  defend_command(),   certify_command(),  render_command(), depth_command(),
-          reproduce_command(), view_command()};
+          reproduce_command(), rig_command(),      view_command()};
 }
 
 void add_common(CLI::App& app, Common& common, const std::string& default_out) {
   common.out = default_out;
   app.add_option("--seed", common.seed, "every random stream starts from it")->capture_default_str();
   app.add_option("--threads", common.threads, "threads at most; 0: all cores")
-      ->check(CLI::Range(0, kMostThreads))
+      ->check(within({0, kMostThreads}))
       ->capture_default_str();
   app.add_option("--out", common.out, "output folder")->capture_default_str();
   app.add_flag("--quiet", common.quiet, "no progress, no log lines but warnings");
@@ -53,19 +60,40 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
       "TorchScript model) is taken from the command line alone");
 }
 
-/// Numbers that cannot be negative: CLI11 would take -1 for the largest, and what is too large likewise.
-void refuse_negative(CLI::App& app) {
-  for (CLI::Option* option : app.get_options())
-    if (option->get_type_name().starts_with("UINT"))
-      option->check([](const std::string& text) -> std::string {
-        constexpr auto kMost = std::numeric_limits<std::uint64_t>::max();
-        std::uint64_t value = 0;
-        const char* end = text.data() + text.size();
-        const auto [read, problem] = std::from_chars(text.data(), end, value);
-        return problem == std::errc() && read == end
-                   ? ""
-                   : fmt::format("\"{}\" is no whole number from 0 to {}", text, kMost);
-      });
+/// InputError for the first argument that looks like an option and is none of the command's, or that stands
+/// where nothing is expected.
+void check_names(const std::vector<std::string>& arguments, const CLI::App& command) {
+  for (std::size_t i = 1; i < arguments.size() && arguments[i] != "--"; ++i) {
+    if (!arguments[i].starts_with("--")) continue;
+    const std::string name = arguments[i].substr(0, arguments[i].find('='));
+    const CLI::Option* option = command.get_option_no_throw(name);
+    if (!option) {
+      std::vector<std::string> known;
+      for (const CLI::Option* other : command.get_options())
+        for (const std::string& its : other->get_lnames()) known.push_back("--" + its);
+      throw InputError(command.get_name(), name, "no such option", use_one_of(name, known));
+    }
+    if (name.size() == arguments[i].size())  // its values follow
+      i += static_cast<std::size_t>(std::max(0, option->get_items_expected_min()));
+  }
+}
+
+/// InputError for a first argument that is no command.
+void check_command(const std::vector<std::string>& arguments, const std::vector<CLI::App*>& commands) {
+  std::vector<std::string> known;
+  for (const CLI::App* command : commands) known.push_back(command->get_name());
+  if (arguments.empty())
+    throw InputError("command", "", "is missing",
+                     use_one_of("", known) + "; mirage --help tells what they do");
+  const std::string& word = arguments.front();
+  const std::vector<std::string> options = {"--help", "--version", "--completion"};
+  const bool dashes = word.starts_with("-");
+  if (word == "-h" || std::find(options.begin(), options.end(), word) != options.end() ||
+      std::find(known.begin(), known.end(), word) != known.end())
+    return;
+  throw InputError(
+      word, "", dashes ? "no such option" : "no such command",
+      dashes ? use_one_of(word, options, "a command first: mirage attack …") : use_one_of(word, known));
 }
 
 /// InputError for a value that can be no path, nor anything else that an option takes.
@@ -82,6 +110,96 @@ void check_lengths(const CLI::App& app) {
     }
 }
 
+/// "mirage 0.1.0 (commit ea8efec)"; for sources without their history: "mirage 0.1.0 (sources without git)".
+std::string version_text() {
+  const std::string commit = program_commit();
+  return fmt::format("mirage {} ({})", program_version(),
+                     commit.empty() ? "sources without git" : "commit " + commit);
+}
+
+/// As a shell takes it.
+std::string quoted(const std::string& text) {
+  const bool plain = !text.empty() && text.find_first_not_of(
+                                          "abcdefghijklmnopqrstuvwxyz"
+                                          "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+                                          "0123456789-_=+./,:@%") == std::string::npos;
+  if (plain) return text;
+  std::string out = "'";
+  for (const char c : text) out += c == '\'' ? "'\\''" : std::string(1, c);
+  return out + "'";
+}
+
+/// A run folder by content, wherever it and its data set lie.
+std::string run_hash(const std::filesystem::path& run) {
+  nlohmann::json about = read_json(run / "run.json");
+  for (const char* place : {"data", "weights"}) about.erase(place);
+  std::string hashes = content_hash(about.dump());
+  for (const char* file : {"adversary.glb", "random.glb"})
+    if (std::filesystem::exists(run / file)) hashes += file_hash(run / file);
+  return content_hash(hashes);
+}
+
+/// A number or truth as such, else the text.
+nlohmann::json typed(const std::string& text) {
+  nlohmann::json value = nlohmann::json::parse(text, nullptr, false);
+  return value.is_number() || value.is_boolean() ? value : nlohmann::json(written_text(text));
+}
+
+/// All options of a command with what they stand at, given or not, but for those that name a place for
+/// results or cost time alone. Files, run folders and earlier results count by content; data sets are the
+/// command's to add, or add_data_sets'.
+void add_options(Provenance& made_of, const CLI::App& command) {
+  const std::set<std::string> beside = {"help", "out", "threads", "quiet", "config", "kitti", "claim"};
+  for (const CLI::Option* option : command.get_options()) {
+    std::string name = option->get_lnames().empty() ? option->get_name() : option->get_lnames().front();
+    if (beside.contains(name)) continue;
+    std::replace(name.begin(), name.end(), '-', '_');
+    std::string text = option->get_default_str();
+    if (option->count() > 0) text = fmt::format("{}", fmt::join(option->results(), ","));
+    if (text.empty() && option->get_expected_max() == 0) text = "false";
+    const std::filesystem::path file = text;
+    std::error_code none;
+    if (text.empty())
+      continue;
+    else if (std::filesystem::is_regular_file(file, none))
+      made_of.file(name, file);
+    else if (std::filesystem::is_regular_file(file / "run.json", none))
+      made_of.input(name, run_hash(file));
+    else if (std::filesystem::is_regular_file(file / "result.json", none))
+      made_of.file(name, file / "result.json");
+    else if (!std::filesystem::is_directory(file, none))
+      made_of.set(name, typed(text));
+  }
+}
+
+/// Folders of options that the command has not added itself: of a data set its first --frames frames, of
+/// others the files in them.
+void add_data_sets(Provenance& made_of, const CLI::App& command) {
+  const CLI::Option* frames = command.get_option_no_throw("--frames");
+  for (const char* name : {"data", "validation", "real", "kitti64", "xenith", "meshes"}) {
+    const CLI::Option* option = command.get_option_no_throw(std::string("--") + name);
+    if (!option || option->count() == 0 || !made_of.input(name).empty()) continue;
+    const std::filesystem::path folder = option->results().back();
+    try {
+      std::vector<std::string> ids = list_frames(folder);
+      if (const auto most = frames && frames->count() > 0 ? frames->as<std::size_t>() : 0; most > 0)
+        ids.resize(std::min(ids.size(), most));
+      if (std::string(name) == "data")
+        add_data(made_of, folder, ids);
+      else
+        made_of.input(name, frames_hash(folder, ids));
+    } catch (const InputError&) {
+      std::map<std::string, std::string> files;
+      std::error_code none;
+      for (const auto& entry : std::filesystem::directory_iterator(folder, none))
+        if (entry.is_regular_file(none)) files[entry.path().filename()] = file_hash(entry.path());
+      std::string all;
+      for (const auto& [file, hash] : files) all += escape_name(file) + " " + hash + "\n";
+      made_of.input(name, content_hash(all));
+    }
+  }
+}
+
 /// Runs one command line; returns CLI11's own exit code for --help, throws for errors. What result.json holds
 /// also goes to `told`, if that is not null.
 int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullptr) {
@@ -89,7 +207,7 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
                "mirage");
   app.require_subcommand(1);
   app.set_help_flag("-h,--help", "prints this text");
-  app.set_version_flag("--version", version(), "prints version and commit");
+  app.set_version_flag("--version", version_text(), "prints version and commit");
   std::vector<Command> commands = all_commands();
   std::vector<Common> commons(commands.size());
   std::vector<CLI::App*> subcommands;
@@ -97,28 +215,36 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
     CLI::App* sub = app.add_subcommand(commands[i].name, commands[i].help);
     add_common(*sub, commons[i], commands[i].default_out);
     if (!commands[i].page.empty())
-      sub->get_option("--out")->description("the page (*.html), or a folder for it");
+      sub->get_option("--out")->description(
+          fmt::format("{} (*{}), or a folder for it", commands[i].one_file,
+                      std::filesystem::path(commands[i].page).extension().string()));
     commands[i].options(*sub);
-    refuse_negative(*sub);
+    check_numbers(*sub);
+    if (!commands[i].example.empty()) add_example(*sub, commands[i].example);
     subcommands.push_back(sub);
   }
-  if (arguments.size() == 2 && arguments[0] == "--completion") {  // of the build, hidden from --help
-    std::fputs((arguments[1] == "bash" ? bash_completion(app) : command_list(app)).c_str(), stdout);
+  app.add_option("--completion",
+                 "prints a script that completes commands, options and words in bash or zsh: "
+                 "source <(mirage --completion bash)")
+      ->check(one_of({"bash", "zsh"}));
+  format_help(app);
+  if (arguments.size() == 2 && arguments[0] == "--completion" && print_completion(app, arguments[1]))
     return 0;
-  }
+  check_command(arguments, subcommands);
   std::vector<std::string> expanded = arguments;
-  for (const CLI::App* sub : subcommands)
-    if (!arguments.empty() && arguments.front() == sub->get_name()) expanded = apply_config(arguments, *sub);
+  const auto chosen = std::find_if(subcommands.begin(), subcommands.end(),
+                                   [&](const CLI::App* sub) { return sub->get_name() == arguments.front(); });
+  if (chosen != subcommands.end()) {
+    check_names(arguments, **chosen);
+    expanded = apply_config(arguments, **chosen);
+  }
   std::reverse(expanded.begin(), expanded.end());  // CLI11 takes them from the back
   const auto with_options = [&](const auto& work) {
     try {
       return work();
     } catch (const FieldError& error) {  // a field that the user set by an option
-      const auto used = std::find_if(subcommands.begin(), subcommands.end(), [&](const CLI::App* sub) {
-        return !arguments.empty() && sub->get_name() == arguments.front();
-      });
-      if (used == subcommands.end()) throw;
-      throw InputError(option_of(**used, error.field), error.value, error.problem, error.fix);
+      if (chosen == subcommands.end()) throw;
+      throw InputError(option_of(**chosen, error.field), error.value, error.problem, error.fix);
     }
   };
   try {
@@ -126,13 +252,15 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
   } catch (const CLI::Success& help) {
     return app.exit(help);
   } catch (const CLI::ParseError& error) {
-    throw InputError("mirage " + (arguments.empty() ? "" : arguments.front()), "", error.what(),
-                     "see mirage " + (arguments.empty() ? "" : arguments.front() + " ") + "--help");
+    const Complaint complaint = complaint_of(error, chosen == subcommands.end() ? app : **chosen);
+    if (!complaint.option.empty() && complaint.problem != "is missing")
+      throw InputError(complaint.option, "", complaint.problem, complaint.fix);
+    throw InputError(arguments.front(), complaint.option, complaint.problem, complaint.fix);
   }
   for (std::size_t i = 0; i < commands.size(); ++i) {
     if (!subcommands[i]->parsed()) continue;
     if (rank_count() > 1 && !commands[i].many_ranks)
-      throw InputError("mirage " + commands[i].name, "mpirun", "this command runs in one process",
+      throw InputError(commands[i].name, "mpirun", "this command runs in one process",
                        "start it without mpirun");
     check_lengths(*subcommands[i]);
     commons[i].quiet = commons[i].quiet || rank() > 0;
@@ -141,7 +269,9 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
     std::filesystem::path result_file = commons[i].out / "result.json";
     if (const std::string& page = commands[i].page; !page.empty()) {
       std::filesystem::path& out = commons[i].out;
-      if (out.extension() == ".html")  // not *.json itself, which may be the user's own beside the page
+      if (out.extension() ==
+          std::filesystem::path(page)
+              .extension())  // not *.json itself, which may be the user's own beside the page
         result_file = std::filesystem::path(out).replace_extension(".result.json");
       else
         out /= page;
@@ -151,8 +281,19 @@ int run(const std::vector<std::string>& arguments, nlohmann::json* told = nullpt
     std::optional<FolderLock> lock;
     if (rank() == 0)  // the only one that writes; what lies in folders beside a page is not the page's
       lock.emplace(folder, commands[i].page.empty() ? kFoldersBelow : 0);
+    Provenance& made_of = *commons[i].made_of;
+    std::string line = "mirage";
+    for (const std::string& argument : arguments) line += " " + quoted(argument);
+    made_of.tell("command", written_text(line));
+    made_of.tell("date", fmt::format("{:%FT%TZ}", fmt::gmtime(std::time(nullptr))));
+    made_of.tell("seed", commons[i].seed);
+    if (rank() == 0) add_options(made_of, *subcommands[i]);
     nlohmann::json result = with_options([&] { return commands[i].run(commons[i]); });
-    if (rank() == 0) write_json(result_file, result);
+    if (rank() == 0) {
+      add_data_sets(made_of, *subcommands[i]);
+      result["provenance"] = made_of.json();
+      write_json(result_file, result);
+    }
     if (rank() == 0 && commands[i].afterwards) with_options([&] { commands[i].afterwards(commons[i]); });
     if (told) *told = std::move(result);
   }

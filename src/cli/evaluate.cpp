@@ -3,11 +3,13 @@
 #include <memory>
 
 #include "attack/evaluate_run.h"
+#include "base/field_text.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
 #include "cli/picture_rows.h"
 #include "cli/trust_option.h"
+#include "frames/made_of.h"
 #include "validation/report/evaluation_pictures.h"
 
 namespace mirage::cli {
@@ -17,17 +19,9 @@ struct EvaluateOptions {
   EvaluationRequest request;
   QualityOption quality;
   LidarEffectsOption effects;
+  Overrides computed;  ///< how the detector computes
   int pictures = 0;
-
-  EvaluateOptions() {  // empty: the run's
-    request.detector.detector.clear();
-    request.detector.defense.clear();
-  }
 };
-
-std::string with_interval(const Interval& share) {
-  return percent(share.value, share.low, share.high);
-}
 
 void print_head(const RunEvaluation& evaluation) {
   const Evaluation& learned = evaluation.learned;
@@ -39,11 +33,6 @@ void print_head(const RunEvaluation& evaluation) {
     rows.push_back({"vehicles detected without adversary, IoU 0.5", std::to_string(learned.vehicles50)});
   for (auto& row : picture_rows(evaluation.reliance)) rows.push_back(std::move(row));
   print_table(rows);
-}
-
-std::string signed_points(const Interval& difference) {
-  return fmt::format("{:+.1f} ({:+.1f} to {:+.1f})", 100 * difference.value, 100 * difference.low,
-                     100 * difference.high);
 }
 
 /// The headline: whether the box is gone, beside the seed's rule, with every control and net of it.
@@ -58,9 +47,9 @@ void print_arms(const RunEvaluation& evaluation) {
   const auto shares = [&](const std::string& name, const Evaluation& of) {
     const HidingRates& hidden = of.hiding;
     row(of.meshes > 1 ? fmt::format("{} × {}", of.meshes, name) : name,
-        {with_interval(hidden.vanished.share), with_interval(of.fn_interval),
-         with_interval(picture ? hidden.iou50.share : hidden.distance2m->share),
-         with_interval(of.fp_interval), with_interval(of.asr_interval)});
+        {percent(hidden.vanished.share), percent(of.fn_interval),
+         percent(picture ? hidden.iou50.share : hidden.distance2m->share), percent(of.fp_interval),
+         percent(of.asr_interval)});
   };
   std::fputs("\n", stdout);
   row("share of vehicles (95 %)",
@@ -94,7 +83,7 @@ void print_strata(const RunEvaluation& evaluation) {
     const auto& [by, name, hosts, vehicles, rates] = parts[i];
     if (vehicles == 0) continue;
     row(by + " " + name, std::to_string(vehicles), percent(rates.fn_asr.value), percent(rates.fp_asr.value),
-        with_interval(rates.asr), control ? with_interval(control->evaluation.strata[i].rates.asr) : "");
+        percent(rates.asr), control ? percent(control->evaluation.strata[i].rates.asr) : "");
   }
   std::fflush(stdout);
 }
@@ -106,7 +95,8 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
                  "another run folder: judge on exactly its test hosts, with its data set and, unless asked "
                  "otherwise, its detector (black-box transfer)");
   add_overrides<FrameSource>(app, request.asked);
-  add_fields(app, request.detector);
+  add_fields(app, request.detector, {"precision", "locality"});
+  add_overrides<DetectorOptions>(app, options.computed, {"precision", "locality"});
   options.quality.add(app, "the run's settings");
   add_overrides<SimulationSettings>(app, request.asked, {"light", "camera_effects"});
   options.effects.add(app, "the run's");
@@ -124,10 +114,13 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   app.add_option("--pictures", options.pictures,
                  "draw up to so many hidden vehicles and as many with false positives, with the image "
                  "features, into OUT/pictures")
-      ->check(CLI::NonNegativeNumber)
+      ->check(within(kNotNegative))
       ->capture_default_str();
-  app.add_option("--score", request.settings.score_threshold, "score of a detection")->capture_default_str();
+  app.add_option("--score", request.settings.score_threshold, "score of a detection")
+      ->check(within(kShare))
+      ->capture_default_str();
   app.add_option("--iou", request.settings.detected_iou, "IoU at which a vehicle counts as detected")
+      ->check(within(kShare))
       ->capture_default_str();
 }
 
@@ -139,16 +132,21 @@ Command evaluate_command() {
       .name = "evaluate",
       .help = "judges a run: attack success against a detector and a data set",
       .default_out = "out/evaluate",
+      .example = "mirage evaluate --run out/attack --baseline all",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) -> nlohmann::json {
         EvaluationRequest request = options->request;
         request.detector.seed = common.seed;
         request.detector.threads = common.threads;
+        for (const auto& [name, text] : options->computed) set_field(request.detector, name, text);
         request.settings.quiet = common.quiet;
         options->effects.check();
         options->quality.ask(request.asked);
         options->effects.ask(request.asked);
         const RunEvaluation evaluation = evaluate_run(request);
+        common.made_of->add(evaluation.stage.settings);
+        add_frames(*common.made_of, evaluation.stage.settings, evaluation.hosts);
+        add_detector(*common.made_of, evaluation.detector);
         print_head(evaluation);
         print_arms(evaluation);
         print_strata(evaluation);

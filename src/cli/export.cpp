@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "attack/run.h"
+#include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/progress.h"
@@ -16,6 +17,7 @@
 #include "exchange/host_proxy.h"
 #include "exchange/obj_file.h"
 #include "frames/hosts.h"
+#include "frames/made_of.h"
 #include "validation/blender/fbx_export.h"
 #include "validation/fidelity/validate.h"
 
@@ -39,7 +41,9 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     blender.emplace(common.out / "blender.log");
   }
   write_adversary(common.out / "adversary.glb", run.adversary);
-  const std::vector<HostId> hosts = select_hosts(run, options.frames);
+  const std::vector<HostId> hosts = shown_hosts(run, options.frames);
+  common.made_of->add(run.settings);
+  add_frames(*common.made_of, run.settings, hosts);
   FrameStore store(run.settings);
   RooftopCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);
@@ -53,7 +57,10 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     blender.reset();
     files.push_back("adversary.fbx");
   }
-  std::size_t scenes = 0;
+  std::size_t scenes = 0, learned = 0;
+  if (hosts.empty())
+    throw InputError((options.run / "run.json").string(), "test", "no test vehicles to export",
+                     "give --frames N, which goes on with those that it learned on");
   for (const HostId& id : hosts) {
     throw_if_interrupted("the files written so far are complete");
     const auto held = store.get(id.frame);
@@ -61,18 +68,22 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     const Rooftop rooftop = store.rooftop(id);
     rooftops.add(rooftop);
     const std::string name = host_name(id);
-    write_scene(common.out / (name + ".glb"),
-                host_scene(prepared.frame, label_of(prepared.frame, id), rooftop, run.adversary, name));
+    ExportScene scene =
+        host_scene(prepared.frame, label_of(prepared.frame, id), rooftop, run.adversary, name);
+    scene.learned_on = learned_on(run, id);
+    learned += *scene.learned_on ? 1 : 0;
+    write_scene(common.out / (name + ".glb"), scene);
     files.push_back(name + ".glb");
     progress.update(++scenes);
   }
   const auto& [mesh, atlas] = run.adversary;
   print_table({{"adversary", fmt::format("{} vertices, {} faces, {}×{} texels a face", mesh.vertices.size(),
                                          mesh.faces.size(), atlas.resolution, atlas.resolution)},
-               {"scenes", std::to_string(hosts.size())},
+               {"scenes", fmt::format("{} ({} of vehicles learned on)", hosts.size(), learned)},
                {"roofs", roofs(rooftops.fitted, rooftops.from_box)},
                {"folder", common.out.string()}});
-  return {{"scenes", hosts.size()}, {"rooftops", to_json(rooftops)}, {"files", files}};
+  return {
+      {"scenes", hosts.size()}, {"learned_on", learned}, {"rooftops", to_json(rooftops)}, {"files", files}};
 }
 
 }  // namespace
@@ -83,14 +94,17 @@ Command export_command() {
       .name = "export",
       .help = "writes the adversary and scenes of a run as .glb (and .fbx, .obj)",
       .default_out = "out/export",
+      .example = "mirage export --run out/attack --frames 0 --fbx",
       .options =
           [options](CLI::App& app) {
             app.add_option("--run", options->run, "folder of a finished mirage attack")->required();
             add_overrides<FrameSource>(app, options->asked);
             add_trust_option(app, options->trust);
             app.add_option("--frames", options->frames,
-                           "frames to export, test frames first; 0: all test frames")
-                ->check(CLI::NonNegativeNumber);
+                           "N frames with the run's vehicles, test frames first, then those that it learned "
+                           "on; 0: all test frames and no others")
+                ->check(within(kNotNegative))
+                ->capture_default_str();
             app.add_flag("--fbx", options->fbx,
                          "also adversary.fbx, by Blender, for game engines and driving simulators: metres, "
                          "pivot on the roof socket, one material with its texels embedded");

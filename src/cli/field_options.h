@@ -5,6 +5,7 @@
 #include <map>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "base/fields.h"
 
@@ -16,6 +17,22 @@ void name_option(const Field& field);
 std::string option_of(const CLI::App& app, const std::string& field);
 /// Refuses, on the command line, what is out of the range.
 CLI::Validator within(const Range& range);
+/// Refuses what is none of the words.
+CLI::Validator one_of(const std::vector<std::string>& words);
+/// Refuses, for every option that takes a number, what is none: CLI11 would say "could not convert", and take
+/// -1 for the largest that has no sign. To be called when the command has all its options.
+void check_numbers(CLI::App& app);
+/// The first part of an option's type, "TEXT" or "INT", and what within() or one_of() added to it.
+struct OptionType {
+  std::string name, limits;
+};
+OptionType type_of(const CLI::Option& option);
+
+/// What CLI11 complains of: the option ("--size"; may be empty), what is wrong and how to mend it.
+struct Complaint {
+  std::string option, problem, fix;
+};
+Complaint complaint_of(const CLI::ParseError& error, const CLI::App& app);
 
 /// Of add_fields.
 class FieldOptions {

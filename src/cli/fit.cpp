@@ -17,9 +17,12 @@
 #include "cli/field_options.h"
 #include "cli/table.h"
 #include "exchange/mesh_files.h"
-#include "frames/hosts.h"
+#include "frames/data_check.h"
 #include "generator/car_family.h"
 #include "generator/fit_summary.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/label_census.h"
+#include "scene/data/label_types.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage::cli {
@@ -29,7 +32,7 @@ constexpr double kMostLabelNoise = 10;  // beyond 13 times a drawn size could be
 
 struct FitOptions {
   std::filesystem::path data, model, build_model, meshes;
-  std::string forward, up, format = "ply";
+  std::string rig, forward, up, format = "ply";
   int frames = 0, each = 80, dimension = 16, min_points = ShapeFitSettings().min_points;
   FitFrameSettings frame;
 };
@@ -91,7 +94,8 @@ void print_report(const FitReport& report) {
 
 nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   const auto model_file = options.model.empty() ? shipped_file("scenes/shapes/cars.shape") : options.model;
-  const LidarModel lidar = lidar_of(options.data);
+  const LidarModel lidar = lidar_of(options.data, options.rig);
+  check_data(options.data, options.rig, UnitUse::casts_rays);
   ShapeFitSettings settings;
   settings.min_points = options.min_points;
   const ShapeRooftopFinder finder(read_shape_model(model_file), lidar, settings);
@@ -100,6 +104,10 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
     ids.resize(static_cast<std::size_t>(options.frames));
   const auto source = generator::source_of(options.data);
   FitFrameSettings frame_settings = options.frame;
+  for (std::string& type : frame_settings.types) type = kitti_type(type);
+  const LabelCensus census = count_labels(options.data, ids);
+  require_types(census, frame_settings.types, "--types");
+  warn_of_labels(census);
   frame_settings.seed = common.seed;
 
   std::vector<std::vector<FittedVehicle>> fits(ids.size());
@@ -143,12 +151,13 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
 void add_options(CLI::App& app, FitOptions& options) {
   auto* data =
       app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)");
+  app.add_option("--rig", options.rig, kRigHelp);
   auto* build =
       app.add_option("--build-model", options.build_model, "learn the manifold and write it here (*.shape)");
   data->excludes(build);
   app.add_option("--model", options.model, "shape model (default: the shipped one)");
   app.add_option("--frames", options.frames, "only the first N frames (0: all)")
-      ->check(CLI::NonNegativeNumber)
+      ->check(within(kNotNegative))
       ->capture_default_str();
   app.add_option("--types", options.frame.types, "labels to fit: Car, Van")->capture_default_str();
   app.add_option("--label-noise", options.frame.label_noise,
@@ -156,16 +165,16 @@ void add_options(CLI::App& app, FitOptions& options) {
       ->check(within({0, kMostLabelNoise}))
       ->capture_default_str();
   app.add_option("--min-points", options.min_points, "fewer returns on a vehicle: its box is used")
-      ->check(CLI::PositiveNumber)
+      ->check(within(kFromOne))
       ->capture_default_str();
   app.add_option("--mesh-format", options.format, "meshes written: ply, glb or none")
-      ->check(CLI::IsMember({"ply", "glb", "none"}))
+      ->check(one_of({"ply", "glb", "none"}))
       ->capture_default_str();
   app.add_option("--each", options.each, "with --build-model: cars of each of the seven body styles")
-      ->check(CLI::Range(0, 10000))
+      ->check(within({0, 10000}))
       ->capture_default_str();
   app.add_option("--dimension", options.dimension, "with --build-model: components")
-      ->check(CLI::Range(1, 200))
+      ->check(within({1, 200}))
       ->capture_default_str();
   app.add_option("--meshes", options.meshes,
                  "with --build-model: folder of your own vehicles (glb, gltf, obj, ply)")
@@ -182,6 +191,7 @@ Command fit_command() {
       .name = "fit",
       .help = "fits the vehicle shape manifold: meshes, rooftops, fitting error",
       .default_out = "out/fit",
+      .example = "mirage fit --data generated --mesh-format glb",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) -> nlohmann::json {
         if (!options->build_model.empty()) return build_model(*options, common);

@@ -29,7 +29,7 @@ struct QualityOption {
             (otherwise.empty() ? "" : "; default: " + otherwise));
     std::vector<std::string> names;
     for (const Quality& quality : qualities()) names.push_back(quality.name);
-    option->check(CLI::IsMember(names));
+    option->check(one_of(names));
     if (otherwise.empty()) option->capture_default_str();
   }
   /// In place of a run's.

@@ -4,14 +4,16 @@
 #include <chrono>
 #include <memory>
 
-#include "base/error.h"
-#include "base/files.h"
 #include "base/interrupt.h"
 #include "base/names.h"
 #include "base/progress.h"
+#include "base/words.h"
 #include "cli/command.h"
+#include "cli/field_options.h"
+#include "frames/made_of.h"
 #include "generator/dataset.h"
 #include "generator/generator.h"
+#include "scene/data/data_rig.h"
 
 namespace mirage::cli {
 namespace {
@@ -23,17 +25,21 @@ struct GenerateOptions {
 };
 
 void add_options(CLI::App& app, GenerateOptions& options) {
-  app.add_option("--rig", options.rig, "sensor rig: kitti64, xenith, or a rig file (.toml)")
+  const auto listed = [](const char* folder) {
+    return fmt::format("{}", fmt::join(shipped_names(folder, ".toml"), ", "));
+  };
+  app.add_option("--rig", options.rig, "sensor rig: " + listed("scenes/rigs") + " or a rig file (.toml)")
       ->capture_default_str();
   app.add_option("--lidar", options.lidar,
-                 "another unit than the rig's own: hdl32e, vlp16, vls128, or a file (.toml)");
-  app.add_option("--look", options.look, "another look than the rig's own: european, american");
+                 "another unit than the rig's own: " + listed("scenes/lidars") + " or a file (.toml)");
+  app.add_option("--look", options.look, "another look than the rig's own")
+      ->check(one_of({"european", "american"}));
   app.add_option("--frames", options.frames, "how many frames")
       ->capture_default_str()
-      ->check(CLI::Range(1, 1000000));
+      ->check(within({1, 1000000}));
   app.add_option("--start", options.start, "index of the first frame")
       ->capture_default_str()
-      ->check(CLI::Range(0, 999999));
+      ->check(within({0, 999999}));
   app.add_flag("--depth", options.depth,
                "write each frame's true depth too (training/depth/ID.png, KITTI's 16-bit format; sky is 0)");
   app.add_flag("--truth", options.truth,
@@ -41,19 +47,12 @@ void add_options(CLI::App& app, GenerateOptions& options) {
                "+ 1 for line k of the labels; training/instance_velodyne/ID.label: SemanticKITTI's layout)");
 }
 
-/// A rig file, or a shipped one by its name.
-std::filesystem::path rig_file(const std::string& rig) {
-  if (rig.ends_with(".toml")) return rig;
-  if (rig.empty() || rig.find('/') != rig.npos || std::filesystem::exists(rig))
-    throw InputError(rig, "--rig", "is neither a shipped rig nor a file whose name ends in .toml",
-                     "name kitti64, xenith, nuscenes or a rig file");
-  return shipped_file("scenes/rigs/" + rig + ".toml");
-}
-
 nlohmann::json run(const GenerateOptions& options, const Common& common) {
   Rig rig = read_rig(rig_file(options.rig));
   if (!options.lidar.empty()) rig = with_lidar(rig, options.lidar);
   if (!options.look.empty()) rig = with_look(rig, parse_look(options.look, "generate", "--look"));
+  common.made_of->file("rig", rig_file(options.rig));
+  common.made_of->input("lidar", lidar_identity(rig.lidar));
   const auto start = std::chrono::steady_clock::now();
   Progress progress("generate", options.frames, common.quiet);
   const DatasetSummary sum = generate_dataset(
@@ -89,6 +88,7 @@ Command generate_command() {
       .name = "generate",
       .help = "writes generated frames in KITTI's layout",
       .default_out = "generated",
+      .example = "mirage generate --rig kitti64 --frames 20 --out generated",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };

@@ -3,11 +3,13 @@
 #include <algorithm>
 
 #include "base/error.h"
+#include "base/words.h"
+#include "cli/field_options.h"
 
 namespace mirage::cli {
 namespace {
 
-std::string option_of(std::string name) {
+std::string option_called(std::string name) {
   std::replace(name.begin(), name.end(), '_', '-');
   return "--" + name;
 }
@@ -34,13 +36,9 @@ std::vector<std::string> arguments_of(const NamedSettings& settings, const CLI::
                                       const std::string& where) {
   std::vector<std::string> arguments;
   for (const auto& [name, value] : settings) {
-    const std::string option = option_of(name);
-    if (!is_setting(option) || !command.get_option_no_throw(option)) {
-      std::string known;
-      for (const std::string& setting : setting_names(command))
-        known += (known.empty() ? "" : ", ") + setting;
-      throw InputError(where, name, "unknown setting", "use one of: " + known);
-    }
+    const std::string option = option_called(name);
+    if (!is_setting(option) || !command.get_option_no_throw(option))
+      throw InputError(where, name, "unknown setting", use_one_of(name, setting_names(command)));
     arguments.push_back(option + "=" + value);
   }
   return arguments;
@@ -49,10 +47,12 @@ std::vector<std::string> arguments_of(const NamedSettings& settings, const CLI::
 void parse_settings(CLI::App& command, const NamedSettings& settings, const std::string& where) {
   std::vector<std::string> arguments = arguments_of(settings, command, where);
   std::reverse(arguments.begin(), arguments.end());  // CLI11 takes them from the back
+  check_numbers(command);
   try {
     command.parse(std::move(arguments));
   } catch (const CLI::ParseError& error) {
-    throw InputError(where, "", error.what(), "correct the setting");
+    const Complaint complaint = complaint_of(error, command);
+    throw InputError(where, complaint.option, complaint.problem, complaint.fix);
   }
 }
 

@@ -128,7 +128,7 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
 void add_options(CLI::App& app, RenderOptions& options) {
   app.add_option("--scene", options.scene, "scene as mirage export writes it (.glb)")->required();
   app.add_option("--renderer", options.renderer, "soft: soft rasteriser; traced: ray-traced camera")
-      ->check(CLI::IsMember({"soft", "traced"}))
+      ->check(one_of({"soft", "traced"}))
       ->capture_default_str();
   app.add_option("--sigma", options.sigma, "softness of edges, NDC² of the longer side")
       ->check(within({kHardSigma, kLargestSigma}))
@@ -137,13 +137,13 @@ void add_options(CLI::App& app, RenderOptions& options) {
                  "softness of depth, share of the scene's depth range (default: 3 cm of it)")
       ->check(within({kSmallestSigma, kLargestGamma}));
   app.add_option("--samples", options.samples, "samples a pixel along each side")
-      ->check(CLI::Range(1, 32))
+      ->check(within({1, 32}))
       ->capture_default_str();
   app.add_option("--size", options.size, "WIDTHxHEIGHT (default: the scene's)");
   app.add_option("--window", options.window, "draw pixels u0,v0,u1,v1 only");
   app.add_option("--background", options.background,
                  "photograph or plain (default: the photograph if there is one)")
-      ->check(CLI::IsMember({"photograph", "plain"}));
+      ->check(one_of({"photograph", "plain"}));
   app.add_option("--color", options.color, "plain background, scene-linear R,G,B")
       ->delimiter(',')
       ->expected(3)
@@ -151,7 +151,7 @@ void add_options(CLI::App& app, RenderOptions& options) {
       ->capture_default_str();
   app.add_option("--parts", options.parts,
                  "all, or adversary: without the stand-ins for host and ground (default over a photograph)")
-      ->check(CLI::IsMember({"all", "adversary"}));
+      ->check(one_of({"all", "adversary"}));
 }
 
 }  // namespace
@@ -162,6 +162,7 @@ Command render_command() {
       .name = "render",
       .help = "draws the meshes of a scene (.glb): picture and depth",
       .default_out = "out/render",
+      .example = "mirage render --scene out/export/000008_0.glb --samples 4",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };

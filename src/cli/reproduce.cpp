@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "cli/command.h"
+#include "cli/field_options.h"
 #include "cli/named_settings.h"
 #include "cli/table.h"
 
@@ -35,29 +36,29 @@ void add_options(CLI::App& app, paper::ReproduceSettings& options) {
   app.add_option("--xenith", options.xenith, "data set of the Xenith rig (default: generated in OUT/data)");
   app.add_option("--real", options.real, "real frames: the same on their vehicles");
   app.add_option("--frames", options.frames, "generated frames of a rig")
-      ->check(CLI::PositiveNumber)
+      ->check(within(kFromOne))
       ->capture_default_str();
   app.add_option("--judge-frames", options.judge_frames,
                  "generated frames of a rig beside those, on all of whose vehicles attacks are judged; 0: on "
                  "vehicles that each attack has held back")
-      ->check(CLI::NonNegativeNumber)
+      ->check(within(kNotNegative))
       ->capture_default_str();
   app.add_option("--only", options.only,
                  "some rows of the tables, by the names of their evaluations: "
                  "kitti64-fusion-both,kitti64-fusion-both-adversarial (default: all)")
       ->delimiter(',');
   app.add_option("--iterations", options.iterations, "Adam steps of each attack")
-      ->check(CLI::PositiveNumber)
+      ->check(within(kFromOne))
       ->capture_default_str();
   app.add_option("--random-meshes", options.random_meshes, "random meshes of the baseline, pooled")
-      ->check(CLI::PositiveNumber)
+      ->check(within(kFromOne))
       ->capture_default_str();
   app.add_option("--seeds", options.seeds,
                  "runs of each attack, from seeds one apart; intervals then know their spread")
-      ->check(CLI::Range(1, 100))
+      ->check(within({1, 100}))
       ->capture_default_str();
   app.add_option("--pictures", options.pictures, "pictures of each attack that shows some")
-      ->check(CLI::NonNegativeNumber)
+      ->check(within(kNotNegative))
       ->capture_default_str();
 }
 
@@ -69,6 +70,7 @@ Command reproduce_command() {
       .name = "reproduce",
       .help = "repeats the experiments of Tu et al. (CoRL 2021): tables with intervals",
       .default_out = "out/reproduce",
+      .example = "mirage reproduce table1 --quick",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run =
           [options](const Common& common) {

@@ -9,8 +9,10 @@
 #include "cli/command.h"
 #include "cli/insertion_options.h"
 #include "cli/table.h"
-#include "exchange/gltf.h"
+#include "exchange/mesh_files.h"
+#include "frames/data_check.h"
 #include "frames/hosts.h"
+#include "frames/made_of.h"
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
@@ -40,30 +42,27 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   InsertionOptions asked = options.insertion;
   asked.apply();
   const SunChoice sun = parse_sun(asked.sun);
-  const TexturedMesh adversary = read_adversary(options.mesh);
-  const LidarModel lidar = lidar_of(asked.data);
+  const TexturedMesh adversary = read_object(options.mesh);
+  const LidarModel lidar = lidar_of(asked.data, asked.rig);
+  check_data(asked.data, asked.rig, UnitUse::casts_rays);
   const auto depth = load_depth_completion({asked.depth});
   const auto finder = make_rooftop_finder(asked.rooftop, lidar);
   Frame frame = read_frame(asked.data, options.frame);
   frame.lighting = with_sun(frame, sun);
   const PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
-  const auto& labels = prepared.frame.labels;
-  const auto index = static_cast<std::size_t>(options.vehicle);
-  if (options.vehicle < 0 || index >= labels.size() || labels[index].type == "DontCare")
-    throw InputError("--vehicle", std::to_string(options.vehicle),
-                     "frame " + options.frame + " has " + std::to_string(labels.size()) +
-                         " labels and this is not a vehicle among them",
-                     "give the place of a vehicle among the frame's labels, from 0");
-  const Box3& box = labels[index].box;
-  const Rooftop rooftop = finder->find(prepared.frame, labels[index]);
+  const Label& host = vehicle_of(prepared.frame, options.vehicle, "--vehicle");
+  const Box3& box = host.box;
+  const Rooftop rooftop = finder->find(prepared.frame, host);
   const Transform& roof = rooftop.velo_from_adversary;
   const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
   const double over_box = roof.translation().z() - box.bottom - box.height;
   const auto start = std::chrono::steady_clock::now();
   const Simulated simulated =
-      simulate(prepared, labels[index], rooftop, adversary,
+      simulate(prepared, host, rooftop, adversary,
                asked.for_unit(lidar, recorded_lidar_effects(asked.data), common.seed));
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  common.made_of->add(asked.simulation);
+  add_frames(*common.made_of, asked, {&options.frame, 1});
   write_srgb(common.out / "image.png", simulated.image);
   write_srgb(common.out / "mask.png", mask_picture(simulated, simulated.image.width, simulated.image.height));
   write_exr(common.out / "depth.exr", prepared.depth);
@@ -107,12 +106,15 @@ Command simulate_command() {
       .name = "simulate",
       .help = "inserts a mesh on the roof of one vehicle: image, sweep, mask, depth",
       .default_out = "out/simulate",
+      .example =
+          "mirage simulate --data generated --frame 000000 --vehicle 0 --mesh out/attack/adversary.glb",
       .options =
           [options](CLI::App& app) {
             app.add_option("--frame", options->frame, "frame id, e.g. 000008")->required();
             app.add_option("--vehicle", options->vehicle, "label index of the host, from 0")
                 ->capture_default_str();
-            app.add_option("--mesh", options->mesh, "adversary (.glb)")->required();
+            app.add_option("--mesh", options->mesh, "object, in metres (.glb, .gltf, .obj or .ply)")
+                ->required();
             options->insertion.add(app);
           },
       .run = [options](const Common& common) { return run(*options, common); },

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/intervals.h"
 #include "base/names.h"
 
 namespace mirage::cli {
@@ -30,6 +31,16 @@ inline std::string percent(double share) {
 /// "20.8 % (8.3–37.5)"
 inline std::string percent(double share, double low, double high) {
   return fmt::format("{} ({:.1f}–{:.1f})", percent(share), 100 * low, 100 * high);
+}
+
+inline std::string percent(const Interval& share) {
+  return percent(share.value, share.low, share.high);
+}
+
+/// Of a difference of shares, in points: "+9.2 (+3.4 to +16.2)"
+inline std::string signed_points(const Interval& difference) {
+  return fmt::format("{:+.1f} ({:+.1f} to {:+.1f})", 100 * difference.value, 100 * difference.low,
+                     100 * difference.high);
 }
 
 }  // namespace mirage::cli

@@ -50,6 +50,7 @@ Command tradeoff_command() {
       .name = "tradeoff",
       .help = "measures speed against accuracy: fronts and recommended settings",
       .default_out = "out/tradeoff",
+      .example = "mirage tradeoff --run out/attack",
       .options =
           [options](CLI::App& app) {
             add_overrides<FrameSource>(app, options->asked, {}, "the run's, or as mirage attack has it");
@@ -68,6 +69,7 @@ Command tradeoff_command() {
             settings.detector.seed = common.seed;
             settings.detector.threads = common.threads;
             const TradeoffResult result = tradeoff(settings);
+            common.made_of->add(settings);
             print_result(result);
             return to_json(result);
           },

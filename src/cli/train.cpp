@@ -6,8 +6,10 @@
 #include "base/names.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
+#include "cli/table.h"
 #include "detection/precision.h"
 #include "detection/training.h"
+#include "frames/data_check.h"
 #include "scene/depth/depth_training.h"
 
 namespace mirage::cli {
@@ -48,8 +50,10 @@ nlohmann::json train_detector_command(const TrainingOptions& options, const Comm
                           {"ap70", result.at70.average_precision},
                           {"recall50", result.at50.recall}};
     if (!common.quiet)
-      std::printf("validation: vehicles %d   AP50 %.3f   AP70 %.3f   recall50 %.3f\n", result.at50.boxes,
-                  result.at50.average_precision, result.at70.average_precision, result.at50.recall);
+      std::printf("%s\n", fmt::format("validation: vehicles {}   AP 0.5 {}   AP 0.7 {}   recall 0.5 {}",
+                                      result.at50.boxes, percent(result.at50.average_precision),
+                                      percent(result.at70.average_precision), percent(result.at50.recall))
+                              .c_str());
   }
   return json;
 }
@@ -64,18 +68,22 @@ Command train_command() {
           "trains a detector or depth completion; goes on from its checkpoint when the output folder holds "
           "one",
       .default_out = "out/train",
+      .example = "mirage train --data generated --detector lidar --steps 2000",
       .options =
           [options](CLI::App& app) {
             app.add_option("what", options->what, "detector, or depth: learned depth completion")
-                ->check(CLI::IsMember({"detector", "depth"}))
+                ->check(one_of({"detector", "depth"}))
                 ->capture_default_str();
             add_fields(app, options->detector);
-            app.get_option("--precision")->check(CLI::IsMember({kFloat, kBfloat16}));
+            app.get_option("--precision")->check(one_of({kFloat, kBfloat16}));
             add_fields(app, options->depth);
           },
       .run =
           [options](const Common& common) {
             take_common(options->detector, common);
+            for (const auto& data : {options->detector.data, options->detector.validation})
+              if (!data.empty()) check_data(data, options->detector.rig, UnitUse::reads_sweeps);
+            common.made_of->add(options->detector);
             return options->what == "depth" ? train_depth_command(*options, common)
                                             : train_detector_command(options->detector, common);
           },

@@ -128,23 +128,30 @@ void add_options(CLI::App& app, ValidateOptions& options) {
   app.add_option("--frames", settings.frames,
                  fmt::format("frames to validate, test frames first; 0: as many as hold {} vehicles",
                              kVerdictVehicles))
-      ->check(CLI::NonNegativeNumber);
-  app.add_option("--samples", settings.samples, "Cycles samples a pixel")->check(CLI::Range(1, 65536));
+      ->check(within(kNotNegative));
+  app.add_option("--samples", settings.samples, "Cycles samples a pixel")
+      ->check(within({1, 65536}))
+      ->capture_default_str();
   app.add_option("--ladder", settings.ladder,
                  "vehicles on which each effect is rendered alone, spread over the frames (default: 4, or "
                  "all with --budget)")
-      ->check(CLI::NonNegativeNumber);
+      ->check(within(kNotNegative));
   app.add_option("--noise", settings.noise,
-                 "choose the samples of each vehicle for this noise, a share of its mean radiance")
-      ->check(CLI::Range(1e-4, 1.0));
-  app.add_option("--budget", settings.budget,
-                 "choose for each scene the cheapest rung whose error stays within this share")
-      ->check(CLI::Range(1e-4, 1.0));
+                 "choose the samples of each vehicle for this noise, a share of its mean radiance (default: "
+                 "--samples "
+                 "for all)")
+      ->check(within({1e-4, 1.0}));
+  app.add_option(
+         "--budget", settings.budget,
+         "choose for each scene the cheapest rung whose error stays within this share (default: no choice)")
+      ->check(within({1e-4, 1.0}));
   FieldOptions(app, {})({.name = "budget_of", .help = "what the budget is a share of"}, settings.budget_of);
-  app.add_option("--budget-confidence", settings.budget_confidence,
-                 "share of unseen scenes that are to be within the budget; C wants C/(1 - C) groups of "
-                 "frames or more")
-      ->check(CLI::Range(0.5, 0.99));
+  app.add_option(
+         "--budget-confidence", settings.budget_confidence,
+         "with --budget: share of unseen scenes that are to be within it; C wants C/(1 - C) groups of "
+         "frames or more")
+      ->check(within({0.5, 0.99}))
+      ->capture_default_str();
   options.quality.add(app, "the run's");
   add_overrides<SimulationSettings>(app, settings.asked, {"light"});
   app.add_option("--evaluation", settings.evaluation,
@@ -161,6 +168,7 @@ Command validate_command() {
       .name = "validate",
       .help = "re-renders in Blender, compares, writes the fidelity report",
       .default_out = "out/validate",
+      .example = "mirage validate --run out/attack --evaluation out/evaluate",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run =
           [options](const Common& common) {
@@ -170,6 +178,7 @@ Command validate_command() {
             settings.seed = common.seed;
             settings.quiet = common.quiet;
             settings.detector.seed = common.seed;
+            settings.made_of = common.made_of;
             options->settings = settings;
             const Validation result = validate(settings);
             print_fidelity(result);

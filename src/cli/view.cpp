@@ -25,19 +25,21 @@ void add_options(CLI::App& app, ViewOptions& options) {
                  "folder of a finished mirage attack: its vehicles, as recorded and attacked, side by side");
   app.add_option("--detections", settings.detections,
                  "boxes to draw: detections.json of mirage detect, or a folder of KITTI result files");
-  app.add_option("--frames", settings.frames,
-                 "the first so many; 0: all. With --run: frames with its vehicles, test frames first; 0: all "
-                 "test frames")
-      ->check(CLI::NonNegativeNumber);
+  app.add_option(
+         "--frames", settings.frames,
+         "the first N frames; 0: all. With --run: N frames with its vehicles, test frames first, then "
+         "those that it learned on; 0: all test frames and no others")
+      ->check(within(kNotNegative))
+      ->capture_default_str();
   app.add_flag("--no-detector", options.no_detector, "with --run: its detector does not look at the frames");
   app.add_option("--detector", settings.detector.detector, "with --run: who looks (default: the run's)");
   app.add_option("--weights", settings.detector.weights, "its weights (default: the run's)");
   app.add_option("--defense", settings.detector.defense, "its defence (default: the run's)");
-  add_overrides<FrameSource>(app, settings.asked, {"depth"});
+  add_overrides<FrameSource>(app, settings.asked, {"depth", "rig"});
   add_trust_option(app, settings.trust);
   app.add_option("--size", settings.size,
                  "MB of the page at most: where it is too little, some of the points are left out")
-      ->check(CLI::Range(0.1, 2000.0))
+      ->check(within({0.1, 2000.0}))
       ->capture_default_str();
 }
 
@@ -49,6 +51,7 @@ Command view_command() {
       .name = "view",
       .help = "writes a folder of frames as one page that opens offline: pictures, points, boxes, attacks",
       .default_out = "out/view",
+      .example = "mirage view --run out/attack",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) -> nlohmann::json {
         ViewSettings settings = options->settings;
@@ -61,7 +64,8 @@ Command view_command() {
         const auto number = [&](const char* key) { return result.at(key).get<double>(); };
         print_table(
             {{"frames", fmt::format("{:.0f}", number("frames"))},
-             {"attacked vehicles", fmt::format("{:.0f}", number("vehicles"))},
+             {"attacked vehicles",
+              fmt::format("{:.0f} ({:.0f} of them learned on)", number("vehicles"), number("learned_on"))},
              {"returns shown", fmt::format("{:.0f} of {:.0f}", number("kept_points"), number("points"))},
              {"page",
               fmt::format("{} ({:.1f} MB)", result.at("page").get<std::string>(), 1e-6 * number("bytes"))}});

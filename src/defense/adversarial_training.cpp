@@ -13,8 +13,10 @@
 #include "base/logging.h"
 #include "base/random.h"
 #include "base/training_loop.h"
+#include "base/words.h"
 #include "detection/training_data.h"
 #include "exchange/gltf.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
@@ -35,16 +37,21 @@ AttackSettings attack_settings(const DefenseSettings& settings) {
   return attack;
 }
 
-/// What must agree for a run to go on. "limits", "vertex_rate" and "texel_rate" are read by read_checkpoint.
-nlohmann::json identity(const DefenseSettings& settings, const AttackSettings& attack, std::size_t hosts) {
+/// What must agree for a run to go on.
+RunIdentity identity(const DefenseSettings& settings, const AttackSettings& attack, std::size_t hosts) {
   nlohmann::json json = fields_json(settings);
-  if (settings.minutes == 0) json.erase("minutes");  // as of runs before they could end by time
   json["start"] = file_hash(weights_file(settings.detector));
   json["network_parts"] = settings.detector.parts;
   json["lidar_gradient"] = to_word(attack.simulation.lidar_gradient);
+  json["objective"] = fields_json(attack.objective);
   json["limits"] = {attack.limits.half.x(), attack.limits.half.y(), attack.limits.half.z()};
   json["hosts"] = hosts;
-  return json;
+  json["objective"] = fields_json(attack.objective);
+  nlohmann::json lacking = lacking_json<DefenseSettings>();
+  ObjectiveSettings earlier;
+  earlier.fp_top_k = 0;
+  lacking["objective"] = fields_json(earlier);
+  return {json, lacking};
 }
 
 /// The trained detector and instances on the same weights that compute the adversary's gradients beside it.
@@ -75,6 +82,9 @@ class DefenseTraining {
       : settings_(settings), attack_(attack_settings(settings)), region_(region), store_(attack_) {
     std::vector<std::string> frames = list_frames(settings.data);
     if (settings.frames > 0 && frames.size() > settings.frames) frames.resize(settings.frames);
+    const LabelCensus census = count_labels(settings.data, frames);
+    require_cars(census, "adversarial training");
+    warn_of_labels(census);
     hosts_ = find_all_hosts(store_, frames, region, attack_.simulation, attack_.min_view);
     if (hosts_.empty())
       throw InputError(settings.data.string(), "labels", "no car has enough of its roof in view",
@@ -167,8 +177,8 @@ void set_method(const std::string& word, DefenseSettings& settings) {
                                   [&](const Method& method) { return word == method.word; });
   if (known == methods().end())
     throw FieldError(
-        "method", word, "unknown defence",
-        "use " + fmt::format("{}", fmt::join(defense_methods(), ", ")) +
+        "method", word, "unknown",
+        use_one_of(word, defense_methods()) +
             " (jpeg:QUALITY, ceiling:HEIGHT, consistency and shadows need no training: --defense)");
   settings.detector.parts = known->parts;
   known->set(settings);
@@ -194,14 +204,14 @@ DefenseResult train_defended(const DefenseSettings& settings) {
   check_parts(settings, *pool.front());
   make_output_folder(settings.out);
   DefenseTraining training(settings, pool.front()->region());
-  const nlohmann::json wanted = identity(settings, training.attack(), training.hosts());
+  const RunIdentity wanted = identity(settings, training.attack(), training.hosts());
   TrainingLoop loop(settings, wanted);
   AttackState adversary = fresh_state(training.attack());
   DefenseResult result;
   const auto score = [&](const char* when) {
     const DetectionRun run = detect_data_set(*pool.front(), settings.validation, settings.validation_frames);
-    spdlog::info("{}: clean AP50 {:.3f} AP70 {:.3f}", when, run.at50.average_precision,
-                 run.at70.average_precision);
+    spdlog::info("{}: clean AP 0.5 {:.1f} %, AP 0.7 {:.1f} %", when, 100 * run.at50.average_precision,
+                 100 * run.at70.average_precision);
     return run;
   };
   if (!settings.validation.empty()) {
@@ -214,7 +224,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
     load.weights = loop.state().weights;
     load.parts.clear();
     pool = shared_pool(load, settings.adversary_batch);
-    adversary = read_checkpoint(adversary_file(settings.out, loop.state().step), wanted);
+    adversary = read_checkpoint(adversary_file(settings.out, loop.state().step), wanted, training.attack());
   }
 
   const AttackStepper stepper(training.attack(), pool, training.store(), training.host_list(),
@@ -233,7 +243,7 @@ DefenseResult train_defended(const DefenseSettings& settings) {
     return std::array{loss.total, loss.score, loss.box};
   };
   work.save = [&](const fs::path& file) {
-    write_checkpoint(adversary_file(settings.out, loop.state().step), adversary, wanted);
+    write_checkpoint(adversary_file(settings.out, loop.state().step), adversary, wanted.json);
     pool.front()->save(file, true);
   };
   work.drop = [&](std::int64_t step) {

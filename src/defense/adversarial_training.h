@@ -71,14 +71,14 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "precision",
          .help = "of convolutions, in training and in the adversary's gradient: float or bfloat16 (float "
                  "where the processor lacks it)",
-         .written = s.detector.precision != kFloat,
+         .lacking = kFloat,
          .check = check_precision},
         s.detector.precision);
-  visit({.name = "defense", .option = "", .written = s.detector.defense != "none"}, s.detector.defense);
+  visit({.name = "defense", .option = "", .lacking = "none"}, s.detector.defense);
   visit_fields(visit, as_base<TrainingSchedule>(s));
-  visit({.name = "carried", .option = "", .written = s.carried != Carried::adversary}, s.carried);
+  visit({.name = "carried", .option = "", .lacking = "adversary"}, s.carried);
   visit({.name = "attacked", .help = "share of a batch that carries a mesh", .range = kShare}, s.attacked);
-  visit({.name = "left_out", .range = kShare, .option = "", .written = s.left_out > 0}, s.left_out);
+  visit({.name = "left_out", .range = kShare, .option = "", .lacking = "0"}, s.left_out);
   visit({.name = "adversary_updates",
          .help = "updates of the adversary before each of the model",
          .range = kNotNegative},

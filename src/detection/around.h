@@ -23,6 +23,7 @@ class DetectorAround : public Detector {
   TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
     return inner_->train_step(samples, learning_rate);
   }
+  std::uint64_t weights_version() const override { return inner_->weights_version(); }
   void save(const std::filesystem::path& file, bool with_optimiser) override {
     inner_->save(file, with_optimiser);
   }

@@ -8,24 +8,20 @@
 #include <numeric>
 #include <utility>
 
+#include "scene/data/label_types.h"
+
 namespace mirage {
 namespace {
 
 constexpr double kCarHeight = 1.53;  // m, KITTI's mean
 
-/// Geiger et al., CVPR 2012; the benchmark's development kit.
-struct Level {
-  double least_height;  // pixels
-  int most_occluded;
-  double most_truncated;
-};
-constexpr Level kLevels[] = {{40, 0, 0.15}, {25, 1, 0.3}, {25, 2, 0.5}};
+constexpr DifficultyLimits kLevels[] = {{40, 0, 0.15}, {25, 1, 0.3}, {25, 2, 0.5}};
+/// Of a label that says nothing of it: beyond each range of standard_strata(), and within "any".
+constexpr double kUnknownDistance = 1e8;  // m
+/// More than any sensor reaches, and any picture is wide: what lies in it is neither right nor wrong.
+constexpr double kEverywhere = 1e5;  // m or pixels
 
-const Level& level(Difficulty difficulty) {
-  return kLevels[static_cast<int>(difficulty)];
-}
-
-bool meets(const Label& label, const Level& limits) {
+bool meets(const Label& label, const DifficultyLimits& limits) {
   return label.bottom - label.top >= limits.least_height && label.occluded <= limits.most_occluded &&
          label.truncated <= limits.most_truncated;
 }
@@ -74,7 +70,7 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
     const auto covers = [&](const BevBox& other) {
       return iou(box, other) >= min_iou || intersection_area(box, other) >= box.length * box.width / 2;
     };
-    const bool low = frame.plane == Plane::picture && box.width < level(Difficulty::hard).least_height;
+    const bool low = frame.plane == Plane::picture && box.width < limits_of(Difficulty::hard).least_height;
     if (!low && std::none_of(frame.truth.ignore.begin(), frame.truth.ignore.end(), covers))
       result.push_back({detection.frame, false});
   }
@@ -190,23 +186,32 @@ bool has_boxes(std::span<const ScoredFrame> frames) {
 
 }  // namespace
 
+const DifficultyLimits& limits_of(Difficulty difficulty) {
+  return kLevels[static_cast<int>(difficulty)];
+}
+
 bool counts_by_label(const Label& label, const std::array<double, 4>& region) {
   const BevBox& box = label.box.bev;
-  return label.type == "Car" && meets(label, level(Difficulty::hard)) && box.x >= region[0] &&
-         box.x <= region[1] && box.y >= region[2] && box.y <= region[3];
+  return label.type == "Car" && has_box(label) && meets(label, limits_of(Difficulty::hard)) &&
+         box.x >= region[0] && box.x <= region[1] && box.y >= region[2] && box.y <= region[3];
 }
 
 Difficulty easiest_level(const Label& label) {
   for (const Difficulty difficulty : {Difficulty::easy, Difficulty::moderate})
-    if (meets(label, level(difficulty))) return difficulty;
+    if (meets(label, limits_of(difficulty))) return difficulty;
   return Difficulty::hard;
 }
 
 GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region) {
   GroundTruth truth;
   truth.picture = picture_truth(frame.labels);
+  if (!frame.labelled) {
+    truth.ignore.push_back({0, 0, 2 * kEverywhere, 2 * kEverywhere, 0});
+    truth.picture.ignore.push_back({-kEverywhere, -kEverywhere, kEverywhere, kEverywhere});
+  }
   for (std::size_t i = 0; i < frame.labels.size(); ++i) {
     const Label& label = frame.labels[i];
+    if (!has_box(label)) continue;
     if (label.type == "Misc") truth.look_alikes.push_back(label.box.bev);
     if (label.type != "Car" && label.type != "Van") continue;
     if (counts_by_label(label, region)) {
@@ -222,7 +227,7 @@ GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region
 }
 
 bool is_vehicle(const Label& label) {
-  return label.type == "Car" || label.type == "Van" || label.type == "Truck" || label.type == "Tram";
+  return is_vehicle_type(label.type);
 }
 
 PictureBox picture_box(const Label& label) {
@@ -234,11 +239,12 @@ PictureTruth picture_truth(std::span<const Label> labels) {
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const Label& label = labels[i];
     if (label.type == "Misc") truth.look_alikes.push_back(picture_box(label));
-    if (label.type == "Car" && meets(label, level(Difficulty::hard))) {
+    if (label.type == "Car" && meets(label, limits_of(Difficulty::hard))) {
       truth.boxes.push_back(picture_box(label));
       truth.labels.push_back(i);
       truth.difficulty.push_back(easiest_level(label));
-      truth.distance.push_back(std::hypot(label.box.bev.x, label.box.bev.y));
+      truth.distance.push_back(has_box(label) ? std::hypot(label.box.bev.x, label.box.bev.y)
+                                              : kUnknownDistance);
       truth.tracks.push_back(label.track);
     } else if (is_vehicle(label) || label.type == "DontCare") {
       truth.ignore.push_back(picture_box(label));
@@ -345,7 +351,7 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
     }
     for (const Proposal& proposal : frame.detections) {
       const ApparentSize seen = apparent_size(proposal, frame);
-      const bool high = seen.height >= level(stratum.hardest).least_height;
+      const bool high = seen.height >= limits_of(stratum.hardest).least_height;
       const BevBox there = rectangle(proposal, frame.plane);
       const auto matches = [&](const BevBox& box) { return iou(there, box) >= min_iou; };
       if ((high && (in_range(seen.distance) || std::isinf(seen.distance))) ||

@@ -15,10 +15,18 @@ namespace mirage {
 /// KITTI's levels. Cars of a level: easy at least 40 pixels high, occluded 0, truncated ≤ 0.15; moderate at
 /// least 25, ≤ 1, ≤ 0.3; hard at least 25, ≤ 2, ≤ 0.5. A harder level includes the easier ones.
 enum class Difficulty { easy, moderate, hard };
+/// Geiger et al., CVPR 2012; the benchmark's development kit.
+struct DifficultyLimits {
+  double least_height;  ///< pixels
+  int most_occluded;
+  double most_truncated;
+};
+/// Of a level.
+const DifficultyLimits& limits_of(Difficulty difficulty);
 /// The easiest level whose limits the label meets; hard if it meets none.
 Difficulty easiest_level(const Label& label);
 
-/// A car, van, truck or tram.
+/// A car, van, truck, tram or bus.
 bool is_vehicle(const Label& label);
 /// The label's box in the picture.
 PictureBox picture_box(const Label& label);
@@ -57,8 +65,8 @@ struct GroundTruth {
 bool counts_by_label(const Label& label, const std::array<double, 4>& region);
 
 /// Sorts the labels by counts_by_label. Other cars and all vans are ignored: finding them is neither right
-/// nor wrong. Everything else (trucks, trams, people, the generator's look-alikes: "Misc") is background.
-/// With picture_truth().
+/// nor wrong. Everything else (trucks, trams, people, the generator's look-alikes: "Misc") is background. In
+/// a frame that nobody has labelled (Frame::labelled) all is ignored. With picture_truth().
 GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region);
 
 /// KITTI's "hard" cars, whatever their distance and their returns: a label must be found if it is a Car,

@@ -168,6 +168,7 @@ class ConsistentDetector : public Detector {
     return sum;
   }
 
+  std::uint64_t weights_version() const override { return members_[Source::fused]->weights_version(); }
   TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
     return members_[Source::fused]->train_step(samples, learning_rate);
   }

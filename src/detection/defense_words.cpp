@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "base/fields.h"
+#include "base/words.h"
 
 namespace mirage {
 namespace {
@@ -37,6 +38,10 @@ std::optional<Number> number_after(std::string_view name, const std::string& tex
 
 }  // namespace
 
+std::vector<std::string> untrained_defenses() {
+  return {"none", "jpeg:QUALITY", "ceiling:HEIGHT", kConsistency, kShadows};
+}
+
 int jpeg_quality(const std::string& text) {
   const auto quality = number_after<int>("jpeg:", text);
   if (quality && !(*quality >= 1 && *quality <= 100))
@@ -62,9 +67,9 @@ Defense read_defense(const std::string& text) {
     if (word.empty() || word == "none" ||
         (!stands_around(word) && word.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") != std::string::npos))
       throw FieldError("defense", text, "is no defence",
-                       "use none, jpeg:QUALITY, ceiling:HEIGHT, consistency, shadows or the word of shipped "
-                       "weights, such as "
-                       "adversarial; several as adversarial+shadows");
+                       use_one_of(word, untrained_defenses(),
+                                  "the word of shipped weights, such as adversarial; several as "
+                                  "adversarial+shadows"));
     if (defense.has(word)) throw FieldError("defense", text, "names " + word + " twice", "name it once");
     if (stands_around(word)) {
       defense.around.push_back(word);

@@ -23,6 +23,9 @@ inline constexpr const char* kShadows = "shadows";
 inline constexpr const char* kCeiling = "ceiling";
 inline constexpr const char* kTrainedCeiling = "ceiling:1.4";
 
+/// Words and forms of the defences that need no training, for messages.
+std::vector<std::string> untrained_defenses();
+
 /// JPEG's quality in "jpeg:QUALITY"; 0 for another word. FieldError for a quality that is none.
 int jpeg_quality(const std::string& word);
 

@@ -1,13 +1,18 @@
 #include "detection/detect.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <future>
 #include <iterator>
 
+#include "base/error.h"
 #include "base/interrupt.h"
 #include "base/parallel.h"
 #include "detection/points_in_view.h"
+#include "detection/upright.h"
+#include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
@@ -31,6 +36,22 @@ std::vector<std::string> first_frames(const std::filesystem::path& data, std::si
   if (limit > 0 && ids.size() > limit) ids.resize(limit);
   return ids;
 }
+
+namespace {
+
+/// InputError for a box that no reader of the files takes: what is written must be read.
+void check_detections(std::span<const Proposal> detections, Plane plane, const std::string& who) {
+  if (plane == Plane::picture) return;
+  for (std::size_t i = 0; i < detections.size(); ++i)
+    if (const std::string problem = box_problem({detections[i].box, 0, kNominalHeight}); !problem.empty())
+      throw InputError(
+          who, fmt::format("box {} of {}", i, detections.size()),
+          fmt::format("x {:g}, y {:g}, length {:g}, width {:g} m {}", detections[i].box.x,
+                      detections[i].box.y, detections[i].box.length, detections[i].box.width, problem),
+          "limit the sizes and places that the network gives");
+}
+
+}  // namespace
 
 DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit,
                              const std::function<void(std::size_t, std::size_t)>& progress,
@@ -57,6 +78,7 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
         {&frame.image, points, &frame.calibration}, proposed ? kFaintScore : kScoreThresholdForAp, false);
     auto detections = suppress(scored_over(proposals, kScoreThresholdForAp), run.plane);
     seconds += std::chrono::duration<double>(Clock::now() - start).count();
+    check_detections(detections, run.plane, detector.name() + ", frame " + run.ids[i]);
     if (proposed) proposed(frame, points, proposals);
     if (seen) seen(frame, detections);
     run.frames.push_back(scored(std::move(detections), ground_truth(frame, detector.region()),

@@ -36,8 +36,11 @@ double number(const json& from, const char* key, const fs::path& file, const std
 }
 
 PictureBox picture_of(const json& from, const fs::path& file, const std::string& where) {
-  return {number(from, "left", file, where), number(from, "top", file, where),
-          number(from, "right", file, where), number(from, "bottom", file, where)};
+  const PictureBox box{number(from, "left", file, where), number(from, "top", file, where),
+                       number(from, "right", file, where), number(from, "bottom", file, where)};
+  if (box.right < box.left || box.bottom < box.top)
+    throw InputError(file.string(), where, "right lies left of left, or bottom over top", kFix);
+  return box;
 }
 
 ListedDetection detection_of(const json& from, const fs::path& file, const std::string& where) {

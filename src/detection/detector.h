@@ -127,6 +127,9 @@ class Detector {
   /// Another instance on the same weights, for another thread: a training step of either changes both. Null
   /// if the plugin cannot.
   virtual std::unique_ptr<Detector> share() { return nullptr; }
+  /// Another number after each train_step of it or of one that shares its weights: what was kept of its
+  /// answers is then another network's.
+  virtual std::uint64_t weights_version() const { return 0; }
   /// Empty (stride 0) where the detector has none or the plugin does not tell.
   virtual ImageFeatures image_features(const SensorView& /*input*/) { return {}; }
 };
@@ -195,19 +198,20 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "MB of what the detector makes of frames without the object that are kept, so that only "
                  "what the object changes is computed anew; 0: every pass is over the whole frame",
          .range = {0, 1 << 20},
-         .decides = false},
+         .decides = false,
+         .matters = false},
         s.clean_memory_mb);
   visit({.name = "precision",
          .help = "of the detector's convolutions: float, bfloat16 (float where the processor lacks it), or "
                  "double, a slow reference",
-         .written = s.precision != kFloat,
+         .lacking = kFloat,
          .check = check_precision},
         s.precision);
   visit({.name = "locality",
          .help = "m: what the detector makes of places further from the object's changes is left as it was, "
                  "which is quicker and an approximation; 0: nothing is left out",
          .range = {0, 100},
-         .written = s.locality > 0},
+         .lacking = "0"},
         s.locality);
 }
 
@@ -230,8 +234,11 @@ std::filesystem::path plugin_file(const DetectorOptions& options);
 /// later.
 std::unique_ptr<Detector> load_detector(const DetectorOptions& options);
 
-/// InputError, naming the first of them, if a box or a logit is not finite.
-void check_proposals(std::span<const Proposal> proposals);
+/// InputError naming `who` (a file, or a detector) and the first proposal that is none: a logit or a box that
+/// is not finite, and where `plane` is judged sides that are not positive or longer than 1 km (pixels: 1e6),
+/// or a place beyond 100 km. In the picture a box may have no area: what lies beyond its edge has none left.
+void check_proposals(std::span<const Proposal> proposals, Plane plane = Plane::bev,
+                     const std::string& who = "detector");
 
 /// Non-maximum suppression of the (rotated) boxes of `plane`: keeps the best-scored boxes, drops those that
 /// overlap a kept one by more than `max_iou`. Sorted by falling score (ties: input order). Checks them.

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -10,6 +11,7 @@
 #include "base/logging.h"
 #include "base/parallel.h"
 #include "base/shared_library.h"
+#include "base/words.h"
 #include "detection/ceiling_detector.h"
 #include "detection/consistent_detector.h"
 #include "detection/defense_words.h"
@@ -43,11 +45,13 @@ fs::path plugin_file(const DetectorOptions& options) {
   }
   const ShippedPlugin* plugin = shipped_plugin(kDetectorPlugins, options.detector);
   if (plugin && fs::exists(plugin->file)) return plugin->file;
-  const std::string known = shipped_words(kDetectorPlugins);
+  std::vector<std::string> known;
+  for (const ShippedPlugin& shipped : shipped_plugins(kDetectorPlugins))
+    known.insert(known.end(), shipped.words.begin(), shipped.words.end());
   if (plugin || known.empty())
     throw InputError(plugin ? plugin->file.string() : built_file("plugins").string(), "",
                      "the detector plugin is missing", "build it with MIRAGE_DETECTORS=ON (make build)");
-  throw FieldError("detector", options.detector, "unknown detector", "use " + known + " or a plugin (*.so)");
+  throw unknown_word("detector", options.detector, known, "a plugin (*.so)");
 }
 
 namespace {
@@ -181,15 +185,13 @@ class PluginDetector : public Detector {
     for (std::int64_t i = 0; i < count; ++i) {
       const MirageBox& b = raw_proposals[i].box;
       const MiragePictureBox& p = raw_proposals[i].picture;
-      // Labels end at the picture's border, and what they are compared with must, too.
-      const PictureBox shown = within({p.left, p.top, p.right, p.bottom}, kept_width_, kept_height_);
-      const Proposal proposal{{b.x, b.y, b.length, b.width, b.yaw}, raw_proposals[i].logit, shown};
-      if (!std::isfinite(b.x + b.y + b.length + b.width + b.yaw + p.left + p.top + p.right + p.bottom +
-                         raw_proposals[i].logit))
-        throw Failure(plugin_.file.string(), "forward gave a proposal that is not finite",
-                      "check the weights and the input");
-      proposals.push_back(proposal);
+      proposals.push_back(
+          {{b.x, b.y, b.length, b.width, b.yaw}, raw_proposals[i].logit, {p.left, p.top, p.right, p.bottom}});
     }
+    check_proposals(proposals, capabilities_.plane(), (given_.empty() ? plugin_.file : given_).string());
+    // Labels end at the picture's border, and what they are compared with must, too.
+    for (Proposal& proposal : proposals)
+      proposal.picture = within(proposal.picture, kept_width_, kept_height_);
     return proposals;
   }
 
@@ -231,8 +233,11 @@ class PluginDetector : public Detector {
       return plugin_.api->train_step(instance_, raw.data(), static_cast<std::int64_t>(raw.size()),
                                      static_cast<float>(learning_rate), loss.data(), error, kPluginErrorSize);
     });
+    ++*version_;
     return {loss[0], loss[1], loss[2]};
   }
+
+  std::uint64_t weights_version() const override { return *version_; }
 
   std::unique_ptr<Detector> share() override {
     if (!plugin_.api->share) return nullptr;
@@ -241,7 +246,9 @@ class PluginDetector : public Detector {
       other = plugin_.api->share(instance_, error, kPluginErrorSize);
       return other ? 0 : 1;
     });
-    return std::make_unique<PluginDetector>(plugin_, name_, other, given_);
+    auto shared = std::make_unique<PluginDetector>(plugin_, name_, other, given_);
+    shared->version_ = version_;
+    return shared;
   }
 
   ImageFeatures image_features(const SensorView& view) override {
@@ -278,6 +285,7 @@ class PluginDetector : public Detector {
   void* instance_;
   Capabilities capabilities_;
   fs::path given_;
+  std::shared_ptr<std::atomic<std::uint64_t>> version_ = std::make_shared<std::atomic<std::uint64_t>>(0);
   int kept_width_ = 0, kept_height_ = 0;  // of the last input
   std::size_t kept_points_ = 0, kept_watched_ = 0;
 };

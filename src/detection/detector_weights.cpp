@@ -1,7 +1,10 @@
 // Which weights a detector is loaded with, and those of the witnesses beside it.
+#include <algorithm>
+
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
+#include "base/words.h"
 #include "detection/defense_words.h"
 #include "detection/detector.h"
 
@@ -34,6 +37,20 @@ fs::path shipped_weights(const DetectorOptions& options, const fs::path& plugin)
          (weights_name(options) + "-" + options.rig + weights_word(options) + ".weights");
 }
 
+/// Words of the defences that weights ship for beside the plugin: the detector's on this rig.
+std::vector<std::string> shipped_defenses(const DetectorOptions& options, const fs::path& plugin) {
+  const std::string start = weights_name(options) + "-" + options.rig + "-";
+  std::vector<std::string> words;
+  std::error_code none;
+  for (const auto& file : fs::directory_iterator(plugin.parent_path() / "weights", none))
+    if (const std::string name = file.path().stem().string();
+        file.path().extension() == ".weights" && name.starts_with(start))
+      words.push_back(name.substr(start.size()));
+  std::erase(words, kRealWeights);  // a family of weights
+  std::sort(words.begin(), words.end());
+  return words;
+}
+
 fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
   const bool real = options.weights == kRealWeights;
   const std::string word = weights_word(options);
@@ -47,16 +64,22 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
   if (options.weights.empty() && options.detector == "torchscript")
     throw FieldError("weights", "", "a torchscript detector has no shipped weights",
                      "name the model that you exported: --weights MODEL.pt");
-  if (options.weights.empty())
-    throw InputError(file.string(), "",
-                     "there are no shipped weights of " + weights_name(options) + " for the rig " +
-                         options.rig + (word.empty() ? "" : " with the defence " + word.substr(1)),
-                     word.empty()
-                         ? "name a weights file with --weights (one of another rig may do), or train one "
-                           "with mirage train"
-                         : "use another --defense, or train one with mirage defend and name it with "
-                           "--weights");
-  throw InputError(file.string(), "", "no such weights file", "check --weights");
+  const std::string missing =
+      "no shipped weights of " + weights_name(options) + " for the rig " + options.rig;
+  if (options.weights.empty() && word.empty())
+    throw InputError(
+        file.string(), "", "there are " + missing,
+        "name a weights file with --weights (one of another rig may do), or train one with mirage train");
+  if (options.weights.empty()) {
+    const std::string defense = word.substr(1);
+    std::vector<std::string> known = untrained_defenses();
+    for (const std::string& trained : shipped_defenses(options, plugin)) known.push_back(trained);
+    throw FieldError("defense", options.defense, missing + " with the defence " + defense,
+                     use_one_of(defense, known, "--weights with a file of mirage defend"));
+  }
+  const std::string name = options.weights.string();
+  throw InputError(file.string(), "", "no such weights file",
+                   use_one_of(name, {kRealWeights}, "a file, or leave --weights out"));
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include "base/random.h"
 #include "detection/compact_frame.h"
 #include "detection/points_in_view.h"
+#include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
@@ -244,15 +245,6 @@ SamplingUnit sampling_unit(const LidarModel& lidar) {
   return unit;
 }
 
-LidarModel unit_of(const fs::path& data) {
-  const fs::path own = data / "rig.toml";
-  return read_lidar_model(fs::exists(own) ? own : shipped_file("scenes/rigs/kitti64.toml"));
-}
-
-SamplingUnit sampling_unit(const fs::path& data) {
-  return sampling_unit(unit_of(data));
-}
-
 bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit) {
   if (!same_camera(frame, car)) return false;
   BevBox grown = car.box.bev;
@@ -326,14 +318,14 @@ bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit) {
 
 GroundTruthSampler::GroundTruthSampler(const fs::path& data, const std::vector<std::string>& ids,
                                        const std::array<double, 4>& region, std::uint64_t seed, double mean,
-                                       bool with_picture)
+                                       bool with_picture, const std::string& rig)
     : data_(data),
       ids_(ids),
       region_(region),
       seed_(seed),
       mean_(mean),
       with_picture_(with_picture),
-      unit_(sampling_unit(data)),
+      unit_(sampling_unit(lidar_of(data, rig))),
       donors_(ids.size()) {
   if (with_picture && !fs::is_directory(data / "training" / "instance_2")) {
     spdlog::warn("{}: no training/instance_2, so no vehicles are pasted; generate the set with --truth",

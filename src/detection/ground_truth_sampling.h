@@ -22,10 +22,6 @@ struct SamplingUnit {
 };
 /// Read off the unit's beams.
 SamplingUnit sampling_unit(const LidarModel& lidar);
-/// The LiDAR of a data set: its own rig's (DIR/rig.toml), or kitti64's when there is none.
-LidarModel unit_of(const std::filesystem::path& data);
-/// That of unit_of(data). Errors as read_lidar_model's.
-SamplingUnit sampling_unit(const std::filesystem::path& data);
 
 /// Pastes the car at its own pose: range, direction and pixels stay true. It is lifted (points, and pixels by
 /// whole rows) to the ground there if that differs by 0.05–0.2 m. False, and the frame is untouched, when
@@ -43,9 +39,10 @@ bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit);
 class GroundTruthSampler {
  public:
   /// `mean`: vehicles wanted in a sample (their number is Poisson's). With `with_picture`, a set without
-  /// training/instance_2 gives nothing to paste, and a warning.
+  /// training/instance_2 gives nothing to paste, and a warning. `rig`: as data_rig.h takes it.
   GroundTruthSampler(const std::filesystem::path& data, const std::vector<std::string>& ids,
-                     const std::array<double, 4>& region, std::uint64_t seed, double mean, bool with_picture);
+                     const std::array<double, 4>& region, std::uint64_t seed, double mean, bool with_picture,
+                     const std::string& rig = "");
   /// Pastes vehicles into the frame, in up to 8 attempts for each that is wanted; which ones depends on
   /// (seed, index) alone. Returns how many. Not for two threads at once.
   int augment(CompactFrame& frame, std::uint64_t index);

@@ -196,6 +196,7 @@ std::string picture_note(const Reliance& reliance) {
   if (!reliance.reads_picture) return "this detector has no picture: nothing follows about images";
   if (reliance.vehicles == 0)
     return "whether this detector uses its picture cannot be measured here: nothing follows about images";
+  if (reliance.ap70 <= 0) return "this detector finds no vehicle as recorded: nothing follows about images";
   if (!reliance.ignores_picture())
     return fmt::format(
         "whether this detector uses its picture cannot be told from {} cars in {} frames: nothing follows "

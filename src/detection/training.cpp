@@ -7,19 +7,22 @@
 #include "base/training_loop.h"
 #include "detection/precision.h"
 #include "detection/training_data.h"
+#include "scene/data/label_census.h"
 
 namespace mirage {
 namespace {
 
 /// What must agree for a run to go on.
-nlohmann::json identity(const TrainingOptions& options, std::size_t frames) {
-  nlohmann::json json = fields_json(options);
-  json["start"] = options.start.empty() ? "" : file_hash(options.start);
+RunIdentity identity(const TrainingOptions& options, std::size_t frames) {
+  nlohmann::json json = fields_json(options), lacking = lacking_json<TrainingOptions>();
   json["bfloat16"] = options.precision == kBfloat16;
   json["frames"] = frames;
-  for (const auto& [key, file] : {std::pair("camera", options.camera), std::pair("lidar", options.lidar)})
-    if (!file.empty()) json[key] = file_hash(file);
-  return json;
+  for (const auto& [key, file] : {std::pair("start", options.start), std::pair("camera", options.camera),
+                                  std::pair("lidar", options.lidar)}) {
+    json[key] = file.empty() ? "" : file_hash(file);
+    lacking[key] = "";
+  }
+  return {json, lacking};
 }
 
 void check_options(const TrainingOptions& options) {
@@ -58,10 +61,14 @@ DetectorOptions resumed_detector(DetectorOptions load, const std::filesystem::pa
 TrainingResult train_detector(const TrainingOptions& options) {
   check_options(options);
   make_output_folder(options.out);
+  const LabelCensus census = count_labels(options.data, first_frames(options.data, options.frames));
+  require_cars(census, "training");
+  warn_of_labels(census);
   const DetectorOptions load = starting_detector(options);
   auto detector = load_detector(load);
   TrainingData data(options.data, options.frames, detector->region(), options.seed,
-                    options.ground_truth_sampling, detector->capabilities().reads_image, options.thin_lidar);
+                    options.ground_truth_sampling, detector->capabilities().reads_image, options.thin_lidar,
+                    options.rig);
   TrainingLoop loop(options, identity(options, data.size()));
   if (loop.goes_on()) detector = load_detector(resumed_detector(load, loop.state().weights));
   const auto& losses = loop.state().losses;  // total, score, box
@@ -71,8 +78,8 @@ TrainingResult train_detector(const TrainingOptions& options) {
     loop.log({{"ap50", run.at50.average_precision},
               {"ap70", run.at70.average_precision},
               {"recall50", run.at50.recall}});
-    spdlog::info("step {} validation AP50 {:.3f} AP70 {:.3f} recall50 {:.3f}", loop.state().step,
-                 run.at50.average_precision, run.at70.average_precision, run.at50.recall);
+    spdlog::info("step {} validation AP 0.5 {:.1f} % AP 0.7 {:.1f} % recall 0.5 {:.1f} %", loop.state().step,
+                 100 * run.at50.average_precision, 100 * run.at70.average_precision, 100 * run.at50.recall);
     return run;
   };
   SamplesAhead<std::vector<PreparedSample>> ahead(

@@ -7,6 +7,7 @@
 
 #include "base/schedule.h"
 #include "detection/detect.h"
+#include "scene/data/data_rig.h"
 
 namespace mirage {
 
@@ -32,6 +33,7 @@ struct TrainingOptions : TrainingSchedule {
   std::size_t validation_frames = 0;  ///< only the first N (0: all)
   std::int64_t validate_every = 0;    ///< steps between validations (0: at the end only)
   std::string precision = "float";    ///< of convolutions: float or bfloat16
+  std::string rig = {};               ///< of both sets (scene/data/data_rig.h); empty: what they say
 };
 
 /// What files decide is of the identity by their content (train_detector), not by their path.
@@ -41,6 +43,7 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "training set (KITTI's object, tracking or raw layout, nuScenes)",
          .required = true},
         s.data);
+  visit({.name = "rig", .help = kRigHelp, .lacking = ""}, s.rig);
   visit({.name = "detector", .help = "lidar, camera, painted, fusion, late or refined"}, s.detector);
   visit({.name = "start",
          .help = "weights to start from (default: fresh ones); fusion may start from lidar weights, refined "
@@ -58,17 +61,17 @@ void visit_fields(Visitor& visit, S& s) {
   visit(
       {.name = "joint",
        .help = "detector: what --camera, --lidar and COCO's weights gave learns too; else it stays as it is",
-       .written = s.joint},
+       .lacking = "false"},
       s.joint);
   visit({.name = "heads",
          .help = "detector camera: the layers that find boxes learn, in place of the mask's (frames that do "
                  "not say which pixels show vehicles teach the mask nothing)",
-         .written = s.heads},
+         .lacking = "false"},
         s.heads);
   visit({.name = "keep_start",
          .help = "detector: share of --start's weights in the result, mixed with those learned",
          .range = kShare,
-         .written = s.keep_start > 0},
+         .lacking = "0"},
         s.keep_start);
   visit({.name = "precision",
          .help = "detector: of convolutions, float or bfloat16 (float where the processor lacks it)",
@@ -87,12 +90,12 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "detector: mean number of other frames' vehicles pasted into a sample; fusion needs a set "
                  "made with --truth",
          .range = {0, 20},
-         .written = s.ground_truth_sampling > 0},
+         .lacking = "0"},
         s.ground_truth_sampling);
   visit({.name = "thin_lidar",
          .help = "detector: share of the samples that lose beams, or returns of some cars",
          .range = kShare,
-         .written = s.thin_lidar > 0},
+         .lacking = "0"},
         s.thin_lidar);
 }
 

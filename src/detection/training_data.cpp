@@ -10,6 +10,7 @@
 #include "base/srgb_bytes.h"
 #include "detection/lidar_thinning.h"
 #include "detection/points_in_view.h"
+#include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/data/truth_files.h"
 
@@ -110,13 +111,13 @@ PreparedSample prepared_sample(const CompactFrame& small, const Eigen::Affine3d&
 
 TrainingData::TrainingData(const std::filesystem::path& data, std::size_t limit,
                            const std::array<double, 4>& region, std::uint64_t seed, double pasted,
-                           bool with_picture, double thinned)
+                           bool with_picture, double thinned, const std::string& rig)
     : data_(data), ids_(list_frames(data)), region_(region), seed_(seed), thinned_(thinned) {
-  if (thinned > 0) lidar_ = unit_of(data);
+  if (thinned > 0) lidar_ = lidar_of(data, rig);
   if (limit > 0 && ids_.size() > limit) ids_.resize(limit);
   frames_.resize(ids_.size());
   if (pasted > 0)
-    sampler_ = std::make_unique<GroundTruthSampler>(data_, ids_, region_, seed_, pasted, with_picture);
+    sampler_ = std::make_unique<GroundTruthSampler>(data_, ids_, region_, seed_, pasted, with_picture, rig);
 }
 
 std::size_t TrainingData::frame_of(std::uint64_t index) const {

@@ -51,10 +51,11 @@ BevBox moved(const BevBox& box, const Eigen::Affine3d& sample_from_data);
 class TrainingData {
  public:
   /// `pasted`: mean number of vehicles of other frames pasted into a sample (see GroundTruthSampler).
-  /// `thinned`: share of the samples that lose returns (thin_lidar); the unit is the set's own (DIR/rig.toml)
-  /// or kitti64's.
+  /// `thinned`: share of the samples that lose returns (thin_lidar). `rig`: which recorded the set, as
+  /// data_rig.h takes it.
   TrainingData(const std::filesystem::path& data, std::size_t limit, const std::array<double, 4>& region,
-               std::uint64_t seed, double pasted = 0, bool with_picture = true, double thinned = 0);
+               std::uint64_t seed, double pasted = 0, bool with_picture = true, double thinned = 0,
+               const std::string& rig = "");
   /// Number of frames, before augmentation.
   std::size_t size() const { return ids_.size(); }
   /// The frame of the `index`-th sample: every epoch is a new permutation of all frames.

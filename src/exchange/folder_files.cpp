@@ -80,6 +80,13 @@ std::string FolderFiles::read(const std::string& name, const std::string& field,
   }
 }
 
+std::string lower_extension(const fs::path& file) {
+  std::string extension = file.extension().string();
+  for (char& c : extension)
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  return extension;
+}
+
 std::optional<std::string> percent_decoded(const std::string& uri) {
   const auto digit = [](char c) {
     if (c >= '0' && c <= '9') return c - '0';

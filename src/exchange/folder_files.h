@@ -28,6 +28,9 @@ class FolderFiles {
   std::filesystem::path given_, file_, folder_;
 };
 
+/// ".glb" of a.GLB: a file's kind does not depend on how its ending is spelt.
+std::string lower_extension(const std::filesystem::path& file);
+
 /// "%20" → " " and so on (RFC 3986, section 2.1). None for a broken sequence or a zero byte.
 std::optional<std::string> percent_decoded(const std::string& uri);
 

@@ -36,7 +36,9 @@ struct ExportScene {
   std::vector<Proxy> proxies;  ///< host vehicle, ground, …
   Calibration calibration;     ///< camera node; fx, fy, cx, cy, width, height in extras
   Lighting lighting;           ///< sun as KHR_lights_punctual directional; all of it in extras
-  ImageF photograph;           ///< scene-linear RGB, of the camera's size; embedded as PNG. May be empty
+  /// Whether the adversary was learned on this vehicle; in extras where it is known.
+  std::optional<bool> learned_on = {};
+  ImageF photograph;  ///< scene-linear RGB, of the camera's size; embedded as PNG. May be empty
 };
 /// Writes it as .glb, atomically. InputError for a mesh that check_mesh refuses; Failure if the file can't be
 /// written.

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -28,6 +29,7 @@ class Checker {
     if (!asset.is_object() || !member(asset, "version").is_string() ||
         !member(asset, "version").get_ref<const std::string&>().starts_with("2."))
       fail("asset.version", "is not 2.0", "give a glTF 2.0 file");
+    check_demands(asset);
     for (const char* name : {"buffers", "bufferViews", "accessors", "images", "materials", "meshes",
                              "cameras", "nodes", "scenes"})
       list(document_, name, name, [&](const json& entry, const std::string& field) {
@@ -143,6 +145,45 @@ class Checker {
     return result;
   }
 
+  /// What the file says that its reader must know (section 3.12, and 3.2 of the version).
+  void check_demands(const json& asset) const {
+    text(asset, "minVersion", "asset");
+    if (const json& least = member(asset, "minVersion"); !least.is_null() && least != "2.0")
+      fail("asset.minVersion", fmt::format("is {}: glTF 2.0 is read", least.get<std::string>()),
+           "export the file as glTF 2.0");
+    list(document_, "extensionsRequired", "extensionsRequired",
+         [&](const json& name, const std::string& field) {
+           if (!name.is_string()) fail(field, "is not a text");
+           if (name != "KHR_lights_punctual")
+             fail(field, fmt::format("{} is not read", name.get<std::string>()),
+                  "export the file without it");
+         });
+  }
+
+  /// What moves, multiplies or hides a mesh beyond transforms is not read: what is left would be another
+  /// shape.
+  void check_shape(const json& node, const std::string& field) const {
+    const json& mesh = member(node, "mesh");
+    const json& extensions = member(node, "extensions");
+    const char* kInstances = "EXT_mesh_gpu_instancing";
+    if (!member(extensions, kInstances).is_null())
+      fail(fmt::format("{}.extensions.{}", field, kInstances), "is not read: one copy would be left of many",
+           "export the copies as nodes of their own");
+    if (member(member(extensions, "KHR_node_visibility"), "visible") == false)
+      fail(field + ".extensions.KHR_node_visibility", "hides what would be drawn", "leave the node away");
+    if (mesh.is_null()) return;
+    if (!member(node, "skin").is_null())
+      fail(field + ".skin", "bends its mesh by a skeleton, which is not read",
+           "apply the armature before exporting");
+    const json& shape = member(document_, "meshes")[mesh.get<std::size_t>()];
+    const bool own = !member(node, "weights").is_null();
+    const json& weights = member(own ? node : shape, "weights");
+    const auto moves = [](const json& weight) { return !weight.is_number() || weight != 0; };
+    if (weights.is_array() && std::any_of(weights.begin(), weights.end(), moves))
+      fail(own ? field + ".weights" : fmt::format("meshes[{}].weights", mesh.get<std::size_t>()),
+           "mixes morph targets, which are not read", "apply the shape keys before exporting");
+  }
+
   void check_view(const json& view, const std::string& field) const {
     index(view, "buffer", field, "buffers", true);
     whole(view, "byteOffset", field, 0, kMostBytes);
@@ -165,6 +206,13 @@ class Checker {
       if (!attributes.is_object()) fail(name + ".attributes", "is not an object");
       for (const auto& [key, value] : attributes.items())
         entry_of(value, name + ".attributes." + key, "accessors");
+      const char* kDraco = "KHR_draco_mesh_compression";
+      if (member(member(primitive, "extensions"), kDraco).is_null() || !attributes.contains("POSITION"))
+        return;
+      const auto positions = member(attributes, "POSITION").get<std::size_t>();
+      if (member(member(document_, "accessors")[positions], "bufferView").is_null())
+        fail(fmt::format("{}.extensions.{}", name, kDraco), "is not read, and there is nothing beside it",
+             "export the file without compression");
     });
   }
 
@@ -233,6 +281,7 @@ class Checker {
       index(node, "mesh", field, "meshes");
       index(node, "camera", field, "cameras");
       check_placement(node, field);
+      check_shape(node, field);
       list(node, "children", field + ".children", [&](const json& value, const std::string& name) {
         const std::size_t below = entry_of(value, name, "nodes");
         if (child[below])

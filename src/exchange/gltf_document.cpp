@@ -60,27 +60,29 @@ constexpr std::size_t kMostValues = 200000;
 /// Of a file, and of all buffers together: a photograph and thirty objects of a million faces.
 constexpr std::size_t kMostInMemory = std::size_t{1} << 28;
 
-bool ends_with_glb(const fs::path& file) {
-  std::string extension = file.extension().string();
-  for (char& c : extension)
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  return extension != ".gltf";
-}
-
 }  // namespace
+
+bool looks_like_json(std::string_view head) {
+  if (head.starts_with("\xEF\xBB\xBF")) head.remove_prefix(3);  // a byte order mark
+  const std::size_t first = head.find_first_not_of(" \t\r\n");
+  return first != std::string_view::npos && head[first] == '{';
+}
 
 GltfDocument open_gltf(const fs::path& file) {
   const FolderFiles folder(file);
   GltfDocument document;
-  const bool binary = document.binary = ends_with_glb(file);
+  // By content, as whoever named the file need not have known; only what is neither is judged by its name.
+  const std::string head = read_head(folder.file(), kHeader);
+  const bool binary = document.binary =
+      head.starts_with("glTF") || (!looks_like_json(head) && lower_extension(file) != ".gltf");
   std::string text;
   if (binary) {
     // Alone at first: what is wrong there is refused before the rest is in memory.
     const std::uintmax_t size = OpenFile(folder.file()).size();
-    const std::size_t length = json_size(read_head(folder.file(), kHeader), size, file.string());
+    const std::size_t length = json_size(head, size, file.string());
     text = read_head(folder.file(), kHeader + length).substr(kHeader);
   } else {
-    text = read_file(folder.file(), kMostInMemory);
+    text = read_text(folder.file(), kMostInMemory);
   }
   check_json_depth(text, file.string(), "JSON");
   check_json_values(text, file.string(), kMostValues);

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace mirage {
@@ -28,11 +29,15 @@ inline constexpr int kDeepestNode = 256;   ///< nodes below each other
 inline constexpr double kBrightest = 1e6;  ///< radiance or lux of a light
 }  // namespace gltf_limits
 
-/// Opens a .glb or (text) .gltf file. InputError naming file and field: not glTF 2.0; JSON nested deeper than
-/// kDeepestJson; an index, offset, length, mode, colour, transform or field of view that glTF does not allow
-/// or that exceeds the limits; a node with two parents or a circle of nodes; a buffer that is neither inside
-/// the file nor a regular file in its folder (FolderFiles). Pictures in files of their own are not opened:
-/// nothing uses them.
+/// Whether a file that begins so is a text's glTF, if it is glTF at all.
+bool looks_like_json(std::string_view head);
+
+/// Opens a binary (.glb) or text (.gltf) file, which it is by its content. InputError naming file and field:
+/// not glTF 2.0; JSON nested deeper than kDeepestJson; an index, offset, length, mode, colour, transform or
+/// field of view that glTF does not allow or that exceeds the limits; what changes shapes and is not read, by
+/// its name: an extension that the file requires, instancing, skins, morph weights, hidden nodes; a node with
+/// two parents or a circle of nodes; a buffer that is neither inside the file nor a regular file in its
+/// folder (FolderFiles). Pictures in files of their own are not opened: nothing uses them.
 GltfDocument open_gltf(const std::filesystem::path& file);
 
 /// The checks alone, on parsed JSON; `file` is for messages.

@@ -1,9 +1,12 @@
 #include "exchange/gltf_model.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 
 #include "base/error.h"
+#include "base/logging.h"
 #include "exchange/gltf_builder.h"
 #include "exchange/gltf_document.h"
 
@@ -25,16 +28,30 @@ std::string tinygltf_name(const std::string& uri) {
 }
 
 /// tinygltf opens no file itself: it is given the buffers that open_gltf has read, and nothing else exists.
-tinygltf::FsCallbacks only(Files& files) {
-  return {[](const std::string& name, void* known) { return static_cast<Files*>(known)->contains(name); },
-          [](const std::string& name, void*) { return name; },
-          [](std::vector<unsigned char>* out, std::string*, const std::string& name, void* known) {
-            const std::string& bytes = static_cast<Files*>(known)->at(name);
-            out->assign(bytes.begin(), bytes.end());
-            return true;
-          },
-          [](std::string*, const std::string&, const std::vector<unsigned char>&, void*) { return false; },
-          &files};
+/// A template: what its version lacks is only asked for where the type is not yet known.
+template <typename Callbacks = tinygltf::FsCallbacks>
+Callbacks only(Files& files) {
+  Callbacks callbacks{};
+  callbacks.FileExists = [](const std::string& name, void* known) {
+    return static_cast<Files*>(known)->contains(name);
+  };
+  callbacks.ExpandFilePath = [](const std::string& name, void*) { return name; };
+  callbacks.ReadWholeFile = [](std::vector<unsigned char>* out, std::string*, const std::string& name,
+                               void* known) {
+    const std::string& bytes = static_cast<Files*>(known)->at(name);
+    out->assign(bytes.begin(), bytes.end());
+    return true;
+  };
+  callbacks.WriteWholeFile = [](std::string*, const std::string&, const std::vector<unsigned char>&, void*) {
+    return false;
+  };
+  if constexpr (requires { callbacks.GetFileSizeInBytes; })  // tinygltf 2.9
+    callbacks.GetFileSizeInBytes = [](std::size_t* size, std::string*, const std::string& name, void* known) {
+      *size = static_cast<Files*>(known)->at(name).size();
+      return true;
+    };
+  callbacks.user_data = &files;
+  return callbacks;
 }
 
 }  // namespace
@@ -252,7 +269,45 @@ TexturedMesh GltfModel::triangles() const {
   });
   if (textured.mesh.faces.empty()) fail("meshes", "no triangles", "give a glTF file with a triangle mesh");
   check_mesh(textured, file_.string());
+  warn_of_what_is_left_out();
   return textured;
+}
+
+TexturedMesh GltfModel::object() const {
+  for (std::size_t m = 0; m < model_.meshes.size(); ++m)
+    if (const tinygltf::Value& extras = model_.meshes[m].extras; extras.IsObject() && extras.Has("mirage"))
+      return exact(extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", m));
+  return triangles();
+}
+
+void GltfModel::warn_of_what_is_left_out() const {
+  std::set<std::string> names;
+  const auto look_at = [&](const tinygltf::Material& material) {
+    if (material.pbrMetallicRoughness.baseColorTexture.index >= 0)
+      names.insert("textures (baseColorTexture)");
+    if (material.alphaMode != "OPAQUE") names.insert("transparency (alphaMode " + material.alphaMode + ")");
+    if (material.emissiveTexture.index >= 0 ||
+        std::any_of(material.emissiveFactor.begin(), material.emissiveFactor.end(),
+                    [](double e) { return e > 0; }))
+      names.insert("emission (emissiveFactor)");
+    for (const auto& [name, value] : material.extensions) names.insert(name);
+  };
+  for (const tinygltf::Mesh& mesh : model_.meshes) {
+    if (mesh.extras.IsObject() && mesh.extras.Has("mirage")) continue;
+    for (const tinygltf::Primitive& primitive : mesh.primitives) {
+      if (primitive.extensions.contains("KHR_materials_variants")) names.insert("KHR_materials_variants");
+      for (const auto& [name, accessor] : primitive.attributes)
+        if (name.starts_with("COLOR_")) names.insert("vertex colours (" + name + ")");
+      if (primitive.mode >= TINYGLTF_MODE_POINTS && primitive.mode <= TINYGLTF_MODE_LINE_STRIP)
+        names.insert("points and lines");
+      if (primitive.material >= 0 && static_cast<std::size_t>(primitive.material) < model_.materials.size())
+        look_at(model_.materials[static_cast<std::size_t>(primitive.material)]);
+    }
+  }
+  if (!model_.animations.empty()) names.insert("animations");
+  if (!names.empty())
+    spdlog::warn("{}: left out: {}; each face has its material's baseColorFactor", file_.string(),
+                 fmt::join(names, ", "));
 }
 
 const tinygltf::Value* GltfModel::scene_extras() const {

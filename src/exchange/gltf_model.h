@@ -39,6 +39,10 @@ class GltfModel {
                    const Eigen::Affine3d& gltf_from_node, TexturedMesh& out) const;
   /// All triangles of the default scene in `velo`, one texel a face.
   TexturedMesh triangles() const;
+  /// Mirage's own mesh, the file's first with its extras; else all triangles.
+  TexturedMesh object() const;
+  /// One warning that names what changes the colours of foreign meshes and is not read, if there is such.
+  void warn_of_what_is_left_out() const;
   /// InputError if a vertex from `first` on lies further than gltf_limits::kFurthest.
   void check_reach(const Mesh& mesh, std::size_t first, const std::string& field) const;
 

@@ -6,7 +6,6 @@
 
 #include "base/error.h"
 #include "base/image_io.h"
-#include "base/logging.h"
 #include "exchange/gltf.h"
 #include "exchange/gltf_builder.h"
 #include "exchange/gltf_document.h"
@@ -26,6 +25,7 @@ class SceneReader {
     gltf_.walk([&](const auto& node, const auto& field, const auto& placed) {
       if (node.mesh >= 0) scene.things.push_back(thing(node, field, placed));
     });
+    gltf_.warn_of_what_is_left_out();
     const tinygltf::Value* extras = gltf_.scene_extras();
     if (extras && extras->Has("camera"))
       read_camera(extras->Get("camera"), "scenes[].extras.mirage.camera", scene);
@@ -84,13 +84,6 @@ class SceneReader {
     }
     result.textured.atlas.resolution = 1;
     gltf_.append_mesh(node, field, gltf_from_node, result.textured);
-    for (const tinygltf::Primitive& primitive : mesh.primitives)
-      if (primitive.material >= 0 && static_cast<std::size_t>(primitive.material) < model_.materials.size() &&
-          model_.materials[primitive.material].pbrMetallicRoughness.baseColorTexture.index >= 0) {
-        spdlog::warn("{}: {}: its texture is left out: only Mirage's own texels are read",
-                     gltf_.file().string(), field);
-        break;
-      }
     check_mesh(result.textured, fmt::format("{}: {}", gltf_.file().string(), field));
     return result;
   }
@@ -199,14 +192,7 @@ class SceneReader {
 }  // namespace
 
 TexturedMesh read_adversary(const std::filesystem::path& file) {
-  const GltfModel gltf(file);
-  const auto& meshes = gltf.model().meshes;
-  for (std::size_t m = 0; m < meshes.size(); ++m) {
-    const tinygltf::Value& extras = meshes[m].extras;
-    if (extras.IsObject() && extras.Has("mirage"))
-      return gltf.exact(extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", m));
-  }
-  return gltf.triangles();
+  return GltfModel(file).object();
 }
 
 RenderScene read_scene(const std::filesystem::path& file, int width, int height) {

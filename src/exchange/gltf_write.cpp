@@ -205,6 +205,7 @@ void write_scene(const std::filesystem::path& file, const ExportScene& scene) {
                                                     {"sun", vector_json(light.sun)},
                                                     {"ambient", vector_json(light.ambient)},
                                                     {"hemisphere", vector_json(light.hemisphere)}}}};
+  if (scene.learned_on) gltf.json()["scenes"][0]["extras"]["mirage"]["learned_on"] = *scene.learned_on;
   if (!scene.photograph.empty())
     gltf.json()["scenes"][0]["extras"]["mirage"]["photograph"] =
         add_picture(gltf, "photograph", scene.photograph);

@@ -3,37 +3,54 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cstdint>
+#include <set>
+#include <string_view>
 
 #include "base/error.h"
+#include "base/file_head.h"
 #include "base/files.h"
+#include "base/logging.h"
 #include "exchange/folder_files.h"
+#include "exchange/gltf.h"
 #include "exchange/gltf_builder.h"
 #include "exchange/gltf_document.h"
 #include "exchange/gltf_model.h"
 #include "exchange/obj_file.h"
 #include "exchange/ply_file.h"
 #include "exchange/polygons.h"
+#include "simulation/check_inputs.h"
 
 namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
 
-std::string extension_of(const fs::path& file) {
-  std::string extension = file.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
+enum class MeshFormat { gltf, ply, obj };
+
+/// Whether a text of which this is the beginning has a row of an OBJ. It has no magic bytes.
+bool looks_like_obj(std::string_view head) {
+  if (head.find('\0') != std::string_view::npos) return false;
+  for (std::size_t at = 0; at < head.size();) {
+    const std::size_t end = std::min(head.find('\n', at), head.size());
+    const std::string_view line = head.substr(at, end - at);
+    const std::size_t first = std::min(line.find_first_not_of(" \t\r"), line.size());
+    const std::string_view word = line.substr(first, line.find_first_of(" \t\r", first) - first);
+    for (const char* row : {"v", "vn", "vt", "vp", "f", "l", "p", "o", "g", "s", "mtllib", "usemtl"})
+      if (word == row) return true;
+    at = end + 1;
+  }
+  return false;
 }
 
-bool is_gltf(const std::string& extension) {
-  return extension == ".glb" || extension == ".gltf";
-}
-
-bool readable(const std::string& extension) {
-  return is_gltf(extension) || extension == ".obj" || extension == ".ply";
+MeshFormat format_of(const fs::path& file) {
+  constexpr std::size_t kHead = 1 << 16;  // longer than what comments precede the first row
+  const std::string head = read_head(FolderFiles(file).file(), kHead);
+  if (head.starts_with("glTF") || looks_like_json(head)) return MeshFormat::gltf;
+  if (head.starts_with("ply")) return MeshFormat::ply;
+  if (looks_like_obj(head)) return MeshFormat::obj;
+  throw InputError(file.string(), "content", "is no glTF, OBJ or PLY mesh",
+                   "give a .glb, .gltf, .obj or .ply file");
 }
 
 Vec3d axis(const std::string& text, const std::string& what) {
@@ -55,29 +72,64 @@ Eigen::Matrix3d vehicle_from_file(const MeshAxes& axes) {
   return m;
 }
 
-/// What the file holds, in its own axes.
-Mesh read_in_own_axes(const fs::path& file, const std::string& extension) {
-  if (!is_gltf(extension))
-    return triangulated(
-        read_polygons(FolderFiles(file).file(), file.string(), extension == ".ply" ? read_ply : read_obj));
-  Mesh mesh = GltfModel(file).triangles().mesh;
-  for (Vec3d& v : mesh.vertices) v = gltf_from_velo() * v;
+/// What an OBJ or PLY holds, in its own axes.
+Polygons polygons_of(const fs::path& file, MeshFormat format) {
+  return read_polygons(FolderFiles(file).file(), file.string(),
+                       format == MeshFormat::ply ? read_ply : read_obj);
+}
+
+Mesh with_faces(Mesh mesh, const fs::path& file) {
+  if (mesh.faces.empty()) throw InputError(file.string(), "faces", "there are none", "export the mesh again");
   return mesh;
 }
 
 }  // namespace
 
 Mesh read_mesh(const fs::path& file, const std::optional<MeshAxes>& axes) {
-  const std::string extension = extension_of(file);
-  if (!readable(extension))
-    throw InputError(file.string(), "extension", "is not one that is read", "give .glb, .gltf, .obj or .ply");
-  const Eigen::Matrix3d turn =
-      vehicle_from_file(axes.value_or(is_gltf(extension) ? MeshAxes{"+z", "+y"} : MeshAxes{"+x", "+z"}));
-  Mesh mesh = joined(read_in_own_axes(file, extension));
-  if (mesh.faces.empty()) throw InputError(file.string(), "faces", "there are none", "export the mesh again");
+  const MeshFormat format = format_of(file);
+  const bool gltf = format == MeshFormat::gltf;
+  Eigen::Matrix3d turn = vehicle_from_file(axes.value_or(gltf ? MeshAxes{"+z", "+y"} : MeshAxes{"+x", "+z"}));
+  if (gltf) turn *= gltf_from_velo();
+  Mesh mesh = with_faces(
+      joined(gltf ? GltfModel(file).triangles().mesh : triangulated(polygons_of(file, format))), file);
   for (Vec3d& vertex : mesh.vertices) vertex = turn * vertex;
   check_mesh({mesh, {}}, file.string());
   return mesh;
+}
+
+TexturedMesh read_textured_mesh(const fs::path& file) {
+  const MeshFormat format = format_of(file);
+  if (format == MeshFormat::gltf) return GltfModel(file).object();
+  const Polygons polygons = polygons_of(file, format);
+  TexturedMesh textured;
+  textured.mesh = with_faces(joined(triangulated(polygons)), file);
+  textured.atlas.texels.assign(textured.mesh.faces.size() * textured.atlas.per_face(), Vec3d::Constant(0.5));
+  check_mesh(textured, file.string());
+  if (!polygons.left_out().empty())
+    spdlog::warn("{}: left out: {}; the mesh is grey", file.string(), fmt::join(polygons.left_out(), ", "));
+  return textured;
+}
+
+TexturedMesh read_object(const fs::path& file) {
+  if (format_of(file) == MeshFormat::gltf && GltfModel(file).scene_extras())
+    throw InputError(file.string(), "scenes[0]", "is a whole scene with host and ground, placed in the world",
+                     "give the object alone: adversary.glb of the same export or run");
+  TexturedMesh object = read_textured_mesh(file);
+  check_object(object, file.string());
+  warn_of_large_object(bounds(object.mesh).sizes(), file.string());
+  return object;
+}
+
+void write_textured_mesh(const fs::path& file, const TexturedMesh& mesh) {
+  const std::string extension = lower_extension(file);
+  if (extension == ".glb")
+    write_adversary(file, mesh);
+  else if (extension == ".obj")
+    write_obj(file, mesh);
+  else if (extension == ".ply")
+    write_mesh(file, mesh.mesh);
+  else
+    throw InputError(file.string(), "extension", "is not one that is written", "give .glb, .obj or .ply");
 }
 
 std::vector<ShapeSample> read_vehicle_meshes(const fs::path& folder, const std::optional<MeshAxes>& axes) {
@@ -85,8 +137,11 @@ std::vector<ShapeSample> read_vehicle_meshes(const fs::path& folder, const std::
     throw InputError(folder.string(), "", "is not a folder",
                      "give a folder with .glb, .gltf, .obj or .ply files");
   std::vector<fs::path> files;
+  const std::set<std::string> kinds = {".glb", ".gltf", ".obj",
+                                       ".ply"};  // beside them lie pictures and materials
   for (const auto& entry : fs::directory_iterator(folder))
-    if (entry.is_regular_file() && readable(extension_of(entry.path()))) files.push_back(entry.path());
+    if (entry.is_regular_file() && kinds.contains(lower_extension(entry.path())))
+      files.push_back(entry.path());
   if (files.empty())
     throw InputError(folder.string(), "", "holds no meshes", "put .glb, .gltf, .obj or .ply files there");
   std::sort(files.begin(), files.end());
@@ -106,7 +161,7 @@ std::vector<ShapeSample> read_vehicle_meshes(const fs::path& folder, const std::
 }
 
 void write_mesh(const fs::path& file, const Mesh& mesh) {
-  const std::string extension = extension_of(file);
+  const std::string extension = lower_extension(file);
   std::vector<float> positions;
   std::vector<std::uint32_t> indices;
   const Eigen::Matrix3d turn =

@@ -16,8 +16,24 @@ struct MeshAxes {
   std::string forward, up;
 };
 
-/// The mesh of a .glb, .gltf, .obj or .ply file in the vehicle's frame (x forward, y left, z up): all of its
-/// nodes placed, polygons cut into triangles, lines and points left out, vertices at one place made one.
+/// The mesh of a glTF (binary or text), OBJ or PLY file, which it is by its content and not by its name, as
+/// an object has it: x forward, y left, z up, with texels. A glTF that Mirage wrote comes back bit for bit;
+/// another one is turned from y up, its faces have their base colour, and one warning names what else colours
+/// it. OBJ and PLY keep their axes, and are mid-grey with 5 × 5 texels a face. InputError and Interrupted as
+/// read_mesh.
+TexturedMesh read_textured_mesh(const std::filesystem::path& file);
+
+/// The same of a file that is to stand on a vehicle's roof: its origin is set there. Warns of an object
+/// larger than a roof. InputError also for a scene of mirage export and as check_object
+/// (simulation/check_inputs.h).
+TexturedMesh read_object(const std::filesystem::path& file);
+
+/// Writes what read_textured_mesh reads, by the file's ending in any case: .glb with every bit of vertices
+/// and texels, .obj with texels of 8 bits (write_obj), .ply the shape alone. InputError for another ending.
+void write_textured_mesh(const std::filesystem::path& file, const TexturedMesh& mesh);
+
+/// The shape of a glTF, OBJ or PLY file (by content) in the vehicle's frame (x forward, y left, z up): all of
+/// its nodes placed, polygons cut into triangles, lines and points left out, vertices at one place made one.
 /// Without `axes`, glTF has +z forward and +y up (glTF 2.0, section 3.4); OBJ and PLY, which say nothing, +x
 /// forward and +z up. A glTF's buffers are read from its own folder only (FolderFiles), and an OBJ's
 /// materials not at all. InputError naming file and fix if it can't be read, holds no faces or vertices

@@ -14,6 +14,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "exchange/folder_files.h"
 #include "exchange/texture_layout.h"
 #include "geometry/atlas_triangles.h"
 
@@ -43,12 +44,15 @@ class ObjReader {
   ObjReader(FileCharacters& from, Polygons& into) : from_(from), into_(into) {}
 
   void read() {
+    for (const char c : {'\xEF', '\xBB', '\xBF'})  // a byte order mark would spoil the first row
+      if (!from_.at_end() && from_.current() == c) from_.next();
     while (!from_.at_end()) {
       const std::size_t first = line_;
       read_line();
       std::string_view line = text_;
       const std::string_view kind = take_word(line);
       number_ = first;
+      if (kind == "usemtl") into_.leave_out("materials (usemtl)");
       if (kind != "v" && kind != "f") continue;
       if (text_.size() == kLongestLine) fail("is too long");
       kind == "v" ? read_vertex(line) : read_face(line);
@@ -88,6 +92,8 @@ class ObjReader {
       place[k] = *value;
     }
     into_.add_vertex(place);
+    take_word(line);  // a weight w, or red
+    if (number<double>(take_word(line)) && number<double>(take_word(line))) into_.leave_out("vertex colours");
   }
   void read_face(std::string_view line) {
     face_.clear();
@@ -125,7 +131,7 @@ TexturedMesh standing_on_origin(TexturedMesh adversary) {
 }
 
 void write_obj(const std::filesystem::path& file, const TexturedMesh& textured) {
-  if (file.extension() != ".obj")
+  if (lower_extension(file) != ".obj")
     throw InputError(file.string(), "extension", "is not .obj", "name the file FILE.obj");
   check_mesh(textured, file.string());
   const auto& [mesh, atlas] = textured;

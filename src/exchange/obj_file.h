@@ -17,7 +17,7 @@ TexturedMesh standing_on_origin(TexturedMesh adversary);
 /// y left, z up, one object of one material. Each face is cut into its C² congruent triangles with all UVs at
 /// one texel's centre, as in glTF (exchange/gltf.h), so that any filter shows the exact texel; without texels
 /// it is whole and grey. Vertices are shared between triangles, with 9 digits. InputError if `file` does not
-/// end in .obj.
+/// end in .obj, however that is spelt.
 void write_obj(const std::filesystem::path& file, const TexturedMesh& textured);
 
 /// The vertices (v) and polygons (f, by absolute or relative numbers) of a file; texture, normals, groups,

@@ -79,33 +79,56 @@ class Cursor {
     std::string text;
     while (!from_.at_end() && text.size() < kLongestHeader && !text.ends_with(kEnd)) {
       text.push_back(from_.current());
-      from_.next();
+      next();
       if (text.size() == kStart.size() && text != kStart) fail("header", "is no PLY file's");
     }
     if (text.size() < kStart.size()) fail("header", "is no PLY file's");
     if (!text.ends_with(kEnd)) fail("header", fmt::format("has no end within {} bytes", kLongestHeader));
-    for (bool on = true; on && !from_.at_end(); from_.next()) on = from_.current() != '\n';
+    for (bool on = true; on && !from_.at_end(); next()) on = from_.current() != '\n';
     return text.substr(0, text.size() - kEnd.size());
   }
   void set_form(Form form) { form_ = form; }
   double number(Scalar type) { return form_ == Form::text ? text_number() : binary_number(type); }
+  /// Before the values of a row, and behind them. A text's row is a line: a value too many or too few would
+  /// move all that follow into each other's places.
+  void begin_row() {
+    if (form_ != Form::text) return;
+    while (!from_.at_end() && (blank(from_.current()) || from_.current() == '\n')) next();
+    if (from_.at_end()) fail("body", "ends too early");
+  }
+  void end_row() {
+    if (form_ != Form::text) return;
+    while (!from_.at_end() && blank(from_.current())) next();
+    if (!from_.at_end() && from_.current() != '\n') fail(line(), "has more values than its element");
+  }
+  /// Behind the last row of a text nothing may follow.
+  void end() {
+    if (form_ != Form::text) return;
+    while (!from_.at_end() && (blank(from_.current()) || from_.current() == '\n')) next();
+    if (!from_.at_end()) fail(line(), "follows the last row that the header counts");
+  }
 
  private:
-  static bool blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\n'; }
+  static bool blank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
+  std::string line() const { return fmt::format("line {}", line_); }
+  void next() {
+    line_ += from_.current() == '\n';
+    from_.next();
+  }
 
   double text_number() {
     constexpr std::size_t kLongestNumber = 400;  // 1e308 without an exponent, and as much behind a point
-    while (!from_.at_end() && blank(from_.current())) from_.next();
-    if (from_.at_end()) fail("body", "ends too early");
-    const std::uintmax_t first = from_.place();
+    while (!from_.at_end() && blank(from_.current())) next();
+    if (from_.at_end() || from_.current() == '\n') fail(line(), "has fewer values than its element");
     std::array<char, kLongestNumber> word;
     std::size_t size = 0;
-    for (; !from_.at_end() && !blank(from_.current()) && size < word.size(); from_.next())
+    for (; !from_.at_end() && !blank(from_.current()) && from_.current() != '\n' && size < word.size();
+         next())
       word[size++] = from_.current();
     double value = 0;
     const auto [stop, error] = std::from_chars(word.data(), word.data() + size, value);
     if (error != std::errc() || stop != word.data() + size || size == word.size())
-      fail(fmt::format("byte {}", first), "is no number");
+      fail(line(), "holds a word that is no number");
     return value;
   }
   template <class T>
@@ -145,6 +168,7 @@ class Cursor {
   FileCharacters& from_;
   const Polygons& into_;
   Form form_ = Form::text;
+  std::size_t line_ = 1;  ///< of a text, that the cursor stands in
 };
 
 std::vector<std::string_view> words_of(std::string_view line) {
@@ -250,7 +274,11 @@ void read_ply(FileCharacters& from, Polygons& into) {
   Cursor cursor(from, into);
   const std::string header = cursor.header();
   for (const Element& element : elements_of(header, cursor)) {
-    for (std::uint64_t i = 0; i < element.count; ++i) {
+    for (const Property& property : element.properties)
+      if (property.name == "red" || property.name == "diffuse_red")
+        into.leave_out(fmt::format("colours ({} of {})", property.name, element.name.substr(0, 40)));
+    for (std::uint64_t i = 0; i < element.count && !element.properties.empty(); ++i) {
+      cursor.begin_row();
       if (element.name == "vertex") {
         read_vertex(element, cursor, into);
       } else if (element.name == "face") {
@@ -263,8 +291,10 @@ void read_ply(FileCharacters& from, Polygons& into) {
           for (auto k = static_cast<std::uint64_t>(count); k > 0; --k) cursor.number(property.type);
         }
       }
+      cursor.end_row();
     }
   }
+  cursor.end();
 }
 
 }  // namespace mirage

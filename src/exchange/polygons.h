@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <filesystem>
 #include <functional>
+#include <set>
 #include <span>
 #include <string>
 #include <utility>
@@ -38,6 +39,9 @@ class Polygons {
   void check_corners(double count) const;
   /// The vertices may follow. InputError as check_corners and corner, and for more work than kMostCutting.
   void add_face(std::span<const int> corners);
+  /// Notes what the file holds and a mesh does not, by its name: colours, materials.
+  void leave_out(std::string what) { left_out_.insert(std::move(what)); }
+  const std::set<std::string>& left_out() const { return left_out_; }
   /// After the last one. InputError for a corner without a vertex.
   void finish() const;
   /// InputError with this file.
@@ -62,6 +66,7 @@ class Polygons {
   std::vector<Vec3d> vertices_;
   std::vector<int> corners_;
   std::vector<std::size_t> ends_;
+  std::set<std::string> left_out_;
 };
 
 /// What `read` adds, twice: first only to be checked, so that a file that is wrong at its end takes no

@@ -1,14 +1,11 @@
 #include "frames/frame_cache.h"
 
-#include <fmt/format.h>
-
 #include <cstring>
 #include <span>
 #include <type_traits>
 
 #include "base/files.h"
-#include "detection/given_detector.h"
-#include "detection/precision.h"
+#include "base/provenance.h"
 #include "scene/shape/shape_rooftop.h"
 
 namespace mirage {
@@ -78,10 +75,10 @@ class Reader {
 
 /// The kept result, or else the computed one, which is then kept.
 template <class T>
-T kept(DiskCache* disk, const char* kind, const std::string& key, const std::function<T()>& compute,
+T kept(DiskCache* disk, const char* kind, const Provenance& made_of, const std::function<T()>& compute,
        const std::function<T(Reader&)>& decode, const std::function<void(Writer&, const T&)>& encode) {
   if (!disk || !disk->on()) return compute();
-  const std::string whole = program_identity() + "\n" + key;
+  const std::string whole = made_of.made_of().dump();
   if (const auto bytes = disk->read(kind, whole)) try {
       Reader reader(*bytes);
       T result = decode(reader);
@@ -134,34 +131,11 @@ Rooftop decode_rooftop(Reader& reader) {
   return rooftop;
 }
 
-/// Every number of the model that says where rays go.
-std::string lidar_identity(const LidarModel& lidar) {
-  Writer writer;
-  static_assert(sizeof(LidarBeam) == 5 * sizeof(double));  // a new field belongs below
-  for (const LidarBeam& b : lidar.beams)
-    for (const double value : {b.elevation, b.height, b.lateral, b.azimuth_offset, b.time}) writer.put(value);
-  for (const double value :
-       {lidar.azimuth_step, lidar.encoder_step, lidar.azimuth_min, lidar.azimuth_max, lidar.range_min,
-        lidar.range_max, lidar.rate, lidar.divergence.x(), lidar.divergence.y(), lidar.height})
-    writer.put(value);
-  writer.put(lidar.rotation);
-  writer.put_all(std::span<const double>(lidar.velo_from_lidar.matrix().data(), 16));
-  return content_hash(writer.take());
-}
-
-/// What of the settings a silhouette and its occlusion depend on.
-std::string camera_identity(const SimulationSettings& settings) {
-  const auto& r = settings.raster;
-  return fmt::format("{:a} {:a} {:a} {:a} {} {} {} {} {} {} {} {} {} {:a}{}", r.sigma, r.gamma, r.epsilon,
-                     r.dist_eps, static_cast<int>(r.coverage), static_cast<int>(r.color),
-                     static_cast<int>(r.silhouette), static_cast<int>(r.background),
-                     static_cast<int>(r.sides), r.perspective_texture, settings.supersampling,
-                     settings.reference, to_word(settings.light), settings.occlusion_margin,
-                     settings.exact_coverage ? " exact" : "");
-}
-
-std::string file_identity(const std::filesystem::path& file) {
-  return file_hash(file);
+/// Of one frame, named by its hash.
+Provenance of_frame(const std::string& frame) {
+  Provenance made_of;
+  made_of.input("frame", frame);
+  return made_of;
 }
 
 }  // namespace
@@ -172,10 +146,19 @@ FrameCache::FrameCache(std::unique_ptr<DiskCache> disk, const std::string& depth
                        const LidarModel& lidar)
     : disk_(std::move(disk)), depth_(depth), rooftop_(rooftop), lidar_(lidar_identity(lidar)) {}
 
+Provenance FrameCache::with_roofs(const std::string& frame) const {
+  Provenance made_of = of_frame(frame);
+  made_of.input("lidar", lidar_);
+  made_of.input("rooftop", rooftop_);
+  return made_of;
+}
+
 ImageF FrameCache::depth(const std::string& frame, int width, int height,
                          const std::function<ImageF()>& compute) {
+  Provenance made_of = of_frame(frame);
+  made_of.input("depth", depth_);
   return kept<ImageF>(
-      disk_.get(), "depth", "depth\n" + frame + "\n" + depth_, compute,
+      disk_.get(), "depth", made_of, compute,
       [&](Reader& reader) {
         if (reader.get<std::int32_t>() != width || reader.get<std::int32_t>() != height)
           throw std::out_of_range("size");
@@ -193,7 +176,7 @@ ImageF FrameCache::depth(const std::string& frame, int width, int height,
 std::vector<Rooftop> FrameCache::rooftops(const std::string& frame,
                                           const std::function<std::vector<Rooftop>()>& compute) {
   return kept<std::vector<Rooftop>>(
-      disk_.get(), "rooftops", "rooftops\n" + frame + "\n" + lidar_ + "\n" + rooftop_, compute,
+      disk_.get(), "rooftops", with_roofs(frame), compute,
       [](Reader& reader) {
         std::vector<Rooftop> rooftops(reader.get_count(16 * sizeof(double)));
         for (Rooftop& rooftop : rooftops) rooftop = decode_rooftop(reader);
@@ -208,11 +191,15 @@ std::vector<Rooftop> FrameCache::rooftops(const std::string& frame,
 std::vector<HostView> FrameCache::views(const std::string& frame, const std::array<double, 4>& region,
                                         const SimulationSettings& simulation,
                                         const std::function<std::vector<HostView>()>& compute) {
-  const std::string key =
-      fmt::format("views\n{}\n{}\n{}\n{}\n{:a} {:a} {:a} {:a}\n{}", frame, lidar_, depth_, rooftop_,
-                  region[0], region[1], region[2], region[3], camera_identity(simulation));
+  Provenance made_of = with_roofs(frame);
+  made_of.input("depth", depth_);
+  made_of.set("region", region);
+  SimulationSettings seen = simulation;  // what no silhouette depends on
+  seen.lidar_effects = {};
+  seen.camera_effects = {};
+  made_of.add(seen);
   return kept<std::vector<HostView>>(
-      disk_.get(), "views", key, compute,
+      disk_.get(), "views", made_of, compute,
       [](Reader& reader) {
         std::vector<HostView> views(reader.get_count(sizeof(std::int32_t) + sizeof(double)));
         for (HostView& view : views) {
@@ -233,9 +220,11 @@ std::vector<HostView> FrameCache::views(const std::string& frame, const std::arr
 std::vector<Proposal> FrameCache::detections(const std::string& frame, const std::string& detector,
                                              double score_threshold,
                                              const std::function<std::vector<Proposal>()>& compute) {
+  Provenance made_of = of_frame(frame);
+  made_of.input("detector", detector);
+  made_of.set("score_threshold", score_threshold);
   return kept<std::vector<Proposal>>(
-      disk_.get(), "detections", fmt::format("detections\n{}\n{}\n{:a}", frame, detector, score_threshold),
-      compute,
+      disk_.get(), "detections", made_of, compute,
       [](Reader& reader) {
         std::vector<Proposal> proposals(reader.get_count(10 * sizeof(double)));
         for (Proposal& p : proposals)
@@ -253,19 +242,22 @@ std::vector<Proposal> FrameCache::detections(const std::string& frame, const std
       });
 }
 
-std::string rooftop_identity(const std::string& rooftop) {
-  return rooftop == "box" ? rooftop : "shape " + rooftop_model_hash(rooftop);
+std::string lidar_identity(const LidarModel& lidar) {
+  // A new field does not compile until it is named here.
+  const auto& [name, beams, azimuth_step, encoder_step, azimuth_min, azimuth_max, range_min, range_max, rate,
+               rotation, divergence, velo_from_lidar, height] = lidar;
+  nlohmann::json all = {azimuth_step,   encoder_step,   azimuth_min, azimuth_max,
+                        range_min,      range_max,      rate,        rotation,
+                        divergence.x(), divergence.y(), height,      nlohmann::json::array()};
+  const auto& mount = velo_from_lidar.matrix();
+  all.push_back(std::vector<double>(mount.data(), mount.data() + mount.size()));
+  for (const auto& [elevation, up, lateral, azimuth_offset, time] : beams)
+    all.push_back({elevation, up, lateral, azimuth_offset, time});
+  return content_hash(all.dump());
 }
 
-std::string detector_identity(const DetectorOptions& options) {
-  if (options.fresh || is_given(options)) return "";
-  std::string parts;
-  for (const std::string& part : options.parts) parts += part + ",";
-  std::string others;
-  for (const DetectorOptions& other : witnesses(options)) others += " with " + detector_identity(other);
-  return fmt::format("{} {} {} {} {} {} {} {}{}", options.detector, file_identity(plugin_file(options)),
-                     file_identity(weights_file(options)), options.defense, parts,
-                     usable_precision(options.precision), options.locality, options.start, others);
+std::string rooftop_identity(const std::string& rooftop) {
+  return rooftop == "box" ? rooftop : "shape " + rooftop_model_hash(rooftop);
 }
 
 }  // namespace mirage

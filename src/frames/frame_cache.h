@@ -1,7 +1,7 @@
 // What of a frame does not depend on the adversary, kept on disk (base/disk_cache.h) by content: completed
 // depth, roofs with their fitted vehicles, how much of the reference adversary each host shows, and clean
-// detections. Keys hold the hash of the frame's files, of the models that were asked, of the settings, and of
-// the program: a result from the cache is the one that would be computed, to the bit.
+// detections. Keys are what they are made of (base/provenance.h): a result from the cache is the one that
+// would be computed, to the bit.
 #pragma once
 
 #include <functional>
@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/disk_cache.h"
+#include "base/provenance.h"
 #include "detection/detector.h"
 #include "simulation/insertion.h"
 
@@ -42,21 +43,20 @@ class FrameCache {
   std::vector<HostView> views(const std::string& frame, const std::array<double, 4>& region,
                               const SimulationSettings& simulation,
                               const std::function<std::vector<HostView>()>& compute);
-  /// The clean frame's proposals of a detector (its name and weights' hash) with a score over the threshold.
+  /// The clean frame's proposals of a detector (detector_identity()) with a score over the threshold.
   std::vector<Proposal> detections(const std::string& frame, const std::string& detector,
                                    double score_threshold,
                                    const std::function<std::vector<Proposal>()>& compute);
 
  private:
+  Provenance with_roofs(const std::string& frame) const;
   std::unique_ptr<DiskCache> disk_;
   std::string depth_, rooftop_, lidar_;
 };
 
+/// Hash of every number of the model that says where rays go.
+std::string lidar_identity(const LidarModel& lidar);
 /// "box", or the name and content of the shape model.
 std::string rooftop_identity(const std::string& rooftop);
-
-/// What a detector's answers depend on besides the frame: plugin and weights by content, options, --defense.
-/// Empty for fresh weights: those are not to be kept.
-std::string detector_identity(const DetectorOptions& options);
 
 }  // namespace mirage

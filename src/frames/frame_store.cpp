@@ -2,9 +2,9 @@
 
 #include <algorithm>
 
-#include "base/files.h"
 #include "base/parallel.h"
 #include "detection/points_in_view.h"
+#include "frames/data_check.h"
 #include "frames/host_views.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
@@ -54,7 +54,8 @@ FrameStore::FrameStore(std::filesystem::path data, const LidarModel& lidar,
 }
 
 FrameStore::FrameStore(const FrameSource& source)
-    : FrameStore(source.data, lidar_of(source.data), load_depth_completion({source.depth})) {
+    : FrameStore(source.data, lidar_of(source.data, source.rig), load_depth_completion({source.depth})) {
+  check_data(source.data, source.rig, UnitUse::casts_rays);
   finder_ = make_rooftop_finder(source.rooftop, lidar_);
   sun_ = parse_sun(source.sun);
   cache_ = FrameCache(DiskCache::from_environment(), depth_identity({source.depth}),
@@ -82,7 +83,7 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id)
   entry->rooftops = cache_.rooftops(hash, [&] {
     std::vector<Rooftop> rooftops(frame.labels.size());
     parallel_for(frame.labels.size(), [&](std::size_t i) {
-      if (frame.labels[i].type != "DontCare") rooftops[i] = finder_->find(frame, frame.labels[i]);
+      if (has_box(frame.labels[i])) rooftops[i] = finder_->find(frame, frame.labels[i]);
     });
     return rooftops;
   });
@@ -221,11 +222,6 @@ void FrameStore::read_ahead() {
     lock.lock();
     if (entry) ahead_.push_back(std::move(entry));
   }
-}
-
-LidarModel lidar_of(const std::filesystem::path& data) {
-  if (const auto own = data / "rig.toml"; std::filesystem::exists(own)) return read_lidar_model(own);
-  return read_lidar_model(shipped_file("scenes/rigs/" + data_rig(data) + ".toml"));
 }
 
 }  // namespace mirage

@@ -33,7 +33,7 @@ class FrameStore {
   FrameStore(std::filesystem::path data, const LidarModel& lidar,
              std::shared_ptr<const DepthCompletion> depth = nullptr,
              std::shared_ptr<const RooftopFinder> finder = nullptr);
-  /// With the LiDAR of the data set and DiskCache::from_environment().
+  /// With the LiDAR of the data set and DiskCache::from_environment(). Warns, and InputError, as check_data.
   explicit FrameStore(const FrameSource& source);
   ~FrameStore();
   FrameStore(const FrameStore&) = delete;
@@ -107,9 +107,5 @@ class FrameStore {
   bool stop_ = false;
   std::thread ahead_thread_;
 };
-
-/// The LiDAR that recorded a data set: the set's own rig.toml (generated ones have it), else the rig that
-/// dataset.json names, else KITTI's HDL-64E.
-LidarModel lidar_of(const std::filesystem::path& data);
 
 }  // namespace mirage

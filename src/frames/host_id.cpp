@@ -4,6 +4,7 @@
 
 #include "base/error.h"
 #include "base/names.h"
+#include "scene/data/label_types.h"
 
 namespace mirage {
 
@@ -15,7 +16,31 @@ const Label& label_of(const Frame& frame, const HostId& id) {
   if (id.label < 0 || static_cast<std::size_t>(id.label) >= frame.labels.size())
     throw InputError("run.json", "host " + host_name(id), "is not in the data set",
                      "give the --data folder that the run was made with");
-  return frame.labels[static_cast<std::size_t>(id.label)];
+  const Label& label = frame.labels[static_cast<std::size_t>(id.label)];
+  if (!is_vehicle_type(label.type) || !has_box(label))
+    throw InputError(
+        "run.json", "host " + host_name(id),
+        fmt::format("is a {}{} in the data set", label.type, has_box(label) ? "" : " without a box in space"),
+        "give the --data folder that the run was made with, with its labels");
+  return label;
+}
+
+const Label& vehicle_of(const Frame& frame, int label, const std::string& option) {
+  const auto carries = [](const Label& of) { return is_vehicle_type(of.type) && has_box(of); };
+  const auto index = static_cast<std::size_t>(label);
+  const bool known = label >= 0 && index < frame.labels.size();
+  if (known && carries(frame.labels[index])) return frame.labels[index];
+  std::string vehicles;
+  for (std::size_t i = 0; i < frame.labels.size(); ++i)
+    if (carries(frame.labels[i])) vehicles += fmt::format("{}{}", vehicles.empty() ? "" : ", ", i);
+  const std::string is = !frame.labelled ? "has no labels"
+                         : !known        ? fmt::format("has {} labels, from 0", frame.labels.size())
+                         : is_vehicle_type(frame.labels[index].type)
+                             ? "has no box in space for this label"
+                             : fmt::format("has a {} there, which is no vehicle", frame.labels[index].type);
+  throw InputError(
+      option, std::to_string(label), "frame " + frame.id + " " + is,
+      vehicles.empty() ? "give a frame with labelled vehicles" : "give one of its vehicles: " + vehicles);
 }
 
 }  // namespace mirage

@@ -12,8 +12,8 @@ std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vecto
   std::vector<HostView> views;
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const BevBox& box = labels[i].box.bev;
-    if (labels[i].type != "Car" || box.x < region[0] || box.x > region[1] || box.y < region[2] ||
-        box.y > region[3])
+    if (labels[i].type != "Car" || !has_box(labels[i]) || box.x < region[0] || box.x > region[1] ||
+        box.y < region[2] || box.y > region[3])
       continue;
     const Simulated seen = simulate(prepared, labels[i], rooftops[i], reference, simulation);
     views.push_back({static_cast<int>(i), seen.visible_share});

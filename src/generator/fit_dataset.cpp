@@ -80,7 +80,9 @@ std::vector<FittedVehicle> fit_frame(const ShapeRooftopFinder& finder, const Fra
   std::vector<FittedVehicle> vehicles;
   for (std::size_t i = 0; i < frame.labels.size(); ++i) {
     Label label = frame.labels[i];
-    if (std::find(settings.types.begin(), settings.types.end(), label.type) == settings.types.end()) continue;
+    if (!has_box(label) ||
+        std::find(settings.types.begin(), settings.types.end(), label.type) == settings.types.end())
+      continue;
     const Box3 given = label.box;
     RandomStream random(settings.seed, "label noise " + frame.id, i);
     if (settings.label_noise > 0) label.box = disturbed(given, settings.label_noise, random);

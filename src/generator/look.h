@@ -4,6 +4,7 @@
 #include <string>
 
 #include "base/error.h"
+#include "base/words.h"
 
 namespace mirage {
 
@@ -22,7 +23,7 @@ inline std::string name_of(Look look) {
 inline Look parse_look(const std::string& name, const std::string& where, const std::string& field) {
   if (name == "european") return Look::european;
   if (name == "american") return Look::american;
-  throw InputError(where, field, "\"" + name + "\" is not a look", "choose european or american");
+  throw InputError(where, field, name + " is not a look", use_one_of(name, {"european", "american"}));
 }
 
 }  // namespace mirage

@@ -39,7 +39,7 @@ Rig read_rig(const std::filesystem::path& file) {
     throw InputError(file.string(), "camera.camera_from_velo", "its 3x3 part is not a rotation",
                      "give an orthonormal, right-handed matrix [R | t], row by row");
   rig.lidar = read_lidar_model(file);
-  rig.text = read_file(file, kLargestToml);
+  rig.text = read_text(file, kLargestToml);
   nlohmann::json whole = read_toml(file);
   if (const nlohmann::json unit = lidar_table(file); whole["lidar"] != unit) {
     whole["lidar"] = unit;

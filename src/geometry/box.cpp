@@ -10,6 +10,11 @@ double cross(const Vec2d& a, const Vec2d& b) {
   return a.x() * b.y() - a.y() * b.x();
 }
 
+/// Two negative sides make no area, though their product is positive.
+bool has_area(const BevBox& box) {
+  return box.length > 0 && box.width > 0;
+}
+
 }  // namespace
 
 std::array<Vec2d, 4> corners(const BevBox& box) {
@@ -29,6 +34,7 @@ std::array<Vec3d, 8> corners(const Box3& box) {
 }
 
 double intersection_area(const BevBox& a, const BevBox& b) {
+  if (!has_area(a) || !has_area(b)) return 0;
   // In a's place: the corners of far boxes would have lost their digits.
   const auto subject = corners(BevBox{0, 0, a.length, a.width, a.yaw}),
              clip = corners(BevBox{b.x - a.x, b.y - a.y, b.length, b.width, b.yaw});
@@ -52,8 +58,8 @@ double intersection_area(const BevBox& a, const BevBox& b) {
 }
 
 double iou(const BevBox& a, const BevBox& b) {
+  if (!has_area(a) || !has_area(b)) return 0;
   const double area_a = a.length * a.width, area_b = b.length * b.width;
-  if (!(area_a > 0) || !(area_b > 0)) return 0;
   const double reach = std::hypot(a.length, a.width) + std::hypot(b.length, b.width);
   if (2 * std::hypot(a.x - b.x, a.y - b.y) > reach) return 0;
   const double both = intersection_area(a, b);

@@ -23,9 +23,10 @@ struct Box3 {
 std::array<Vec2d, 4> corners(const BevBox& box);
 /// Eight corners: the four bottom ones in `corners` order, then the four top ones.
 std::array<Vec3d, 8> corners(const Box3& box);
-/// Exact area of the intersection of two rectangles (Sutherland–Hodgman clipping of convex polygons).
+/// Exact area of the intersection of two rectangles (Sutherland–Hodgman clipping of convex polygons); 0 if a
+/// side of either is not positive.
 double intersection_area(const BevBox& a, const BevBox& b);
-/// Intersection over union in [0, 1]; 0 if either box has no area.
+/// Intersection over union in [0, 1]; 0 if a side of either box is not positive.
 double iou(const BevBox& a, const BevBox& b);
 /// Whether the point lies inside the box grown by `margin` on every side.
 bool contains(const Box3& box, const Vec3d& p_velo, double margin = 0);

@@ -57,10 +57,22 @@ bool is_watertight(const Mesh& mesh) {
   return !edges.empty();
 }
 
+std::vector<std::size_t> used_vertices(const Mesh& mesh) {
+  std::vector<bool> used(mesh.vertices.size(), false);
+  for (const Face& f : mesh.faces)
+    for (const int corner : f) used[static_cast<std::size_t>(corner)] = true;
+  std::vector<std::size_t> indices;
+  indices.reserve(used.size());
+  for (std::size_t i = 0; i < used.size(); ++i)
+    if (used[i]) indices.push_back(i);
+  return indices;
+}
+
 Eigen::AlignedBox3d bounds(const Mesh& mesh) {
   Eigen::AlignedBox3d box;
-  for (const Vec3d& v : mesh.vertices) box.extend(v);
-  if (mesh.vertices.empty()) box.extend(Vec3d::Zero());
+  for (const Face& f : mesh.faces)
+    for (const int corner : f) box.extend(mesh.vertices[static_cast<std::size_t>(corner)]);
+  if (mesh.faces.empty()) box.extend(Vec3d::Zero());
   return box;
 }
 

@@ -42,7 +42,10 @@ std::vector<Vec3d> face_normals(const Mesh& mesh);
 double signed_volume(const Mesh& mesh);
 /// True if every directed edge has exactly one opposite partner.
 bool is_watertight(const Mesh& mesh);
-/// Smallest and largest coordinates. {0, 0} for an empty mesh.
+/// Indices of the vertices that faces use, ascending, each once. Files hold others too, and those are no part
+/// of the surface: whatever asks where a mesh lies asks these.
+std::vector<std::size_t> used_vertices(const Mesh& mesh);
+/// Smallest and largest coordinates of the vertices that faces use. {0, 0} for a mesh without faces.
 Eigen::AlignedBox3d bounds(const Mesh& mesh);
 
 }  // namespace mirage

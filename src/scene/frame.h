@@ -30,13 +30,19 @@ struct Calibration {
 
 /// A ground-truth object, as labelled, with its box in `velo`.
 struct Label {
-  std::string type;                                 ///< "Car", "Van", …, "DontCare"
+  std::string type;                                 ///< "Car", "Van", …, "DontCare" (data/label_types.h)
   double truncated = 0;                             ///< 0 … 1
   int occluded = 0;                                 ///< 0 fully visible … 3 unknown
   double left = 0, top = 0, right = 0, bottom = 0;  ///< 2-D box, pixels
-  Box3 box;                                         ///< in `velo`; meaningless for DontCare
+  Box3 box;                                         ///< in `velo`; meaningless unless has_box()
   int track = -1;                                   ///< the vehicle's identity in the data set; -1: unknown
+  bool in_space = true;                             ///< false: labelled in the picture alone
 };
+
+/// Whether it is known where the object stands: not of DontCare regions, nor of labels of the picture alone.
+inline bool has_box(const Label& label) {
+  return label.in_space && label.type != "DontCare";
+}
 
 /// One moment: what both sensors saw, where they stood, and what is known of the scene.
 struct Frame {
@@ -45,7 +51,8 @@ struct Frame {
   Sweep sweep;     ///< `velo`
   Calibration calibration;
   std::vector<Label> labels;
-  Lighting lighting;  ///< known for generated frames (lighting/ID.json), a default for recorded ones
+  bool labelled = true;  ///< false: nobody has labelled the frame, which is other than that it shows nothing
+  Lighting lighting;     ///< known for generated frames (lighting/ID.json), a default for recorded ones
 };
 
 }  // namespace mirage

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "base/fields.h"
+#include "scene/data/data_rig.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_rooftop.h"
 #include "scene/sun.h"
@@ -17,6 +18,7 @@ struct FrameSource {
   std::string depth = kDefaultDepth;      ///< depth completion of the photographs (learned_depth.h)
   std::string rooftop = kDefaultRooftop;  ///< what finds the roofs (shape_rooftop.h)
   std::string sun = kDefaultSun;          ///< where the sun stands (sun.h)
+  std::string rig = {};  ///< which recorded it, as data_rig.h takes it; empty: what the set says
 };
 
 template <class Visitor, FieldsOf<FrameSource> S>
@@ -25,6 +27,7 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "data set: KITTI's object, tracking or raw layout, or nuScenes",
          .required = true},
         s.data);
+  visit({.name = "rig", .help = kRigHelp, .lacking = ""}, s.rig);
   visit({.name = "depth",
          .help = "depth completion of the photographs: ip-basic, guided (learned) or a plugin (*.so)"},
         s.depth);

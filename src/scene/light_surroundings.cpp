@@ -41,12 +41,12 @@ LightSurroundings light_surroundings(const Frame& frame, const Label& host, cons
   const Transform roof_from_velo = rooftop.velo_from_adversary.inverse();
   const double l = host.box.bev.length, w = host.box.bev.width, h = host.box.height;
   around.deck_below = (1 - saloon::kWaist) * h;
-  if (rooftop.vehicle && !rooftop.vehicle->vertices.empty()) {
+  if (rooftop.vehicle && !rooftop.vehicle->faces.empty()) {
     around.roof.setEmpty();
     around.deck.setEmpty();
     double lowest = 0;
-    for (const Vec3d& v : rooftop.vehicle->vertices) {
-      const Vec3d p = roof_from_velo * v;
+    for (const std::size_t i : used_vertices(*rooftop.vehicle)) {
+      const Vec3d p = roof_from_velo * rooftop.vehicle->vertices[i];
       around.deck.extend(Vec2d(p.head<2>()));
       if (p.z() > -kRoofDrop) around.roof.extend(Vec2d(p.head<2>()));
       lowest = std::min(lowest, p.z());

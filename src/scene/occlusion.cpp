@@ -1,6 +1,8 @@
 #include "scene/occlusion.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -74,28 +76,155 @@ std::vector<int> beams_of(std::span<const LidarPoint> points, const LidarModel& 
   return beams;
 }
 
+double SweepMotion::phase(double azimuth) const {
+  if (!whole) return wrap_angle(azimuth) / (2 * kPi);
+  const double turned = (azimuth - cut) / (2 * kPi);
+  return turned - std::floor(turned);
+}
+
+SweepMotion no_motion(std::span<const double> azimuths) {
+  constexpr std::size_t kSectors = 36;
+  std::array<bool, kSectors> seen{};
+  for (const double azimuth : azimuths)
+    seen[static_cast<std::size_t>((wrap_angle(azimuth) + kPi) / (2 * kPi) * kSectors) % kSectors] = true;
+  SweepMotion motion;
+  motion.whole = std::count(seen.begin(), seen.end(), true) >= static_cast<std::ptrdiff_t>(kSectors) - 1;
+  if (motion.whole) motion.cut = azimuths.front();
+  return motion;
+}
+
+namespace {
+
+/// Points as the unit at rest would see them: where it is, how far, and which beam.
+struct Seen {
+  Vec3d p;
+  double phase;
+};
+
+double angle_off_beam(const LidarModel& lidar, const std::vector<double>& slopes, const Vec3d& p,
+                      std::size_t& beam) {
+  const double rho = horizontal_distance(p);
+  beam = static_cast<std::size_t>(nearest_beam(lidar, slopes, rho, p.z()));
+  return (p.z() - lidar.beams[beam].height - rho * slopes[beam]) / std::hypot(1.0, slopes[beam]) /
+         std::max(p.norm(), 1e-3);
+}
+
+/// The motion that puts most of the points on beams: from steady drives at several speeds, the best is
+/// refined by Gauss-Newton, far points first.
+SweepMotion motion_of(const std::vector<Vec3d>& points, const LidarModel& lidar, SweepMotion motion) {
+  constexpr double kFastest = 3, kBetween = 0.25;  // m a turn
+  constexpr double kNearest = 2, kScale = 0.03 * kPi / 180;
+  constexpr std::size_t kMost = 6000;
+  constexpr int kRounds = 20;
+  const std::vector<double> slopes = slopes_of(lidar);
+  std::vector<Seen> seen;
+  const std::size_t every = points.size() / kMost + 1;
+  for (std::size_t i = 0; i < points.size(); i += every)
+    if (points[i].norm() > kNearest)
+      seen.push_back({points[i], motion.phase(std::atan2(points[i].y(), points[i].x()))});
+  const auto off = [&](const SweepMotion& by, double scale) {
+    double sum = 0;
+    for (const Seen& s : seen) {
+      std::size_t beam = 0;
+      const double angle = angle_off_beam(lidar, slopes, s.p - by.start - s.phase * by.turn, beam) / scale;
+      sum += angle * angle / (1 + angle * angle);
+    }
+    return sum;
+  };
+  SweepMotion best = motion;
+  double least = off(best, 3 * kScale);
+  const Vec3d ahead = lidar.velo_from_lidar.linear().transpose() * Vec3d::UnitX();
+  for (double by = -kFastest; by <= kFastest; by += kBetween)
+    for (const double reference : {0.0, 0.5, 1.0}) {
+      SweepMotion candidate = motion;
+      candidate.turn = by * ahead;
+      candidate.start = -reference * by * ahead;
+      if (const double value = off(candidate, 3 * kScale); value < least) least = value, best = candidate;
+    }
+  for (int round = 0; round < kRounds; ++round) {
+    const double scale = kScale * std::max(1.0, 10.0 - round);
+    using Six = Eigen::Matrix<double, 6, 1>;
+    Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Identity() * (scale * scale);
+    Six right = Six::Zero();
+    for (const Seen& s : seen) {
+      const Vec3d p = s.p - best.start - s.phase * best.turn;
+      std::size_t beam = 0;
+      const double angle = angle_off_beam(lidar, slopes, p, beam),
+                   weight = 1 / (1 + std::pow(angle / scale, 2));
+      const Vec3d outward(p.x() / horizontal_distance(p), p.y() / horizontal_distance(p), 0);
+      const Vec3d gradient = (Vec3d::UnitZ() - slopes[beam] * outward) / std::hypot(1.0, slopes[beam]) /
+                             std::max(p.norm(), 1e-3);
+      Six row;
+      row << gradient, s.phase * gradient;
+      normal += weight * row * row.transpose();
+      right += weight * angle * row;
+    }
+    const Six step = normal.ldlt().solve(right);
+    best.start += step.head<3>();
+    best.turn += step.tail<3>();
+  }
+  return best;
+}
+
+}  // namespace
+
 SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lidar) {
-  const Transform lidar_from_velo = lidar.velo_from_lidar.inverse();
-  const std::vector<int> beams = beams_of(sweep, lidar);
+  constexpr double kExplained = 0.95;
+  constexpr std::size_t kFewest = 500;  // returns that tell of a motion
+  build(sweep, {}, false);
+  if (assigned_share_ >= kExplained || returns_.size() - static_cast<std::size_t>(skipped_) < kFewest ||
+      lidar.beams.size() < 2)
+    return;
+  std::vector<Vec3d> points;
+  std::vector<double> azimuths;
+  for (const Return& r : returns_)
+    if (r.beam >= 0) {
+      points.push_back(lidar.velo_from_lidar.inverse() * r.p_velo);
+      azimuths.push_back(std::atan2(points.back().y(), points.back().x()));
+    }
+  const SweepMotion still = no_motion(azimuths);
+  const auto take_if_better = [&](const SweepMotion& motion, bool own_firings) {
+    SweepIndex other;
+    other.lidar_ = lidar_;
+    other.build(sweep, motion, own_firings);
+    if (other.assigned_share_ > assigned_share_) *this = std::move(other);
+  };
+  const bool free = lidar.encoder_step == 0;
+  if (free) take_if_better(still, true);
+  if (assigned_share_ < kExplained) {
+    const SweepMotion moving = motion_of(points, lidar, still);
+    take_if_better(moving, false);
+    if (free) take_if_better(moving, true);
+  }
+}
+
+Vec3d SweepIndex::seen_by_unit(const Vec3d& p_velo) const {
+  const Vec3d p = lidar_.velo_from_lidar.inverse() * p_velo;
+  return motion_.none() ? p : Vec3d(p - motion_.at(std::atan2(p.y(), p.x())));
+}
+
+void SweepIndex::build(const Sweep& sweep, const SweepMotion& motion, bool own_firings) {
+  motion_ = motion;
+  own_firings_ = own_firings;
+  slopes_ = slopes_of(lidar_);
   returns_.reserve(sweep.size());
-  for (std::size_t i = 0; i < sweep.size(); ++i) {
-    const Vec3d p_velo = sweep[i].position().cast<double>(), p = lidar_from_velo * p_velo;
-    const int beam = beams[i];
-    if (beam < 0) {
+  for (const LidarPoint& point : sweep) {
+    const Vec3d p_velo = point.position().cast<double>(), p = seen_by_unit(p_velo);
+    if (!p.allFinite() || lidar_.beams.empty()) {
       returns_.push_back({p_velo, -1, 0});
       ++skipped_;
       continue;
     }
+    const int beam = nearest_beam(lidar_, slopes_, horizontal_distance(p), p.z());
     returns_.push_back(
-        {p_velo, beam, wrap_angle(firing_through(lidar.beams[static_cast<std::size_t>(beam)], p))});
+        {p_velo, beam, wrap_angle(firing_through(lidar_.beams[static_cast<std::size_t>(beam)], p))});
   }
-  find_firings();
-  for (const LidarBeam& b : lidar.beams) {
+  own_firings ? find_own_firings() : find_firings();
+  for (const LidarBeam& b : lidar_.beams) {
     elevations_.push_back({std::cos(b.elevation), std::sin(b.elevation)});
     offsets_.push_back({std::cos(b.azimuth_offset), std::sin(b.azimuth_offset)});
   }
   for (double azimuth : firings_) turns_.push_back({std::cos(azimuth), std::sin(azimuth)});
-  slopes_ = slopes_of(lidar);
   assign();
 }
 
@@ -105,8 +234,10 @@ LidarRay SweepIndex::ray_of_cell(std::size_t beam, std::size_t firing) const {
   const Turn &elevation = elevations_[beam], &offset = offsets_[beam], &turn = turns_[firing];
   const double ca = turn.cosine * offset.cosine - turn.sine * offset.sine,
                sa = turn.sine * offset.cosine + turn.cosine * offset.sine;
+  Vec3d origin(-b.lateral * sa, b.lateral * ca, b.height);
+  if (!motion_.none()) origin += motion_.at(std::atan2(sa, ca));
   return {
-      lidar_.velo_from_lidar * Vec3d(-b.lateral * sa, b.lateral * ca, b.height),
+      lidar_.velo_from_lidar * origin,
       lidar_.velo_from_lidar.linear() * Vec3d(elevation.cosine * ca, elevation.cosine * sa, elevation.sine)};
 }
 
@@ -129,6 +260,44 @@ void SweepIndex::find_firings() {
     // A field of a whole turn ends where it began.
     if (column == 0 || std::abs(wrap_angle(azimuth - firings_.front())) > lidar_.azimuth_step / 2)
       firings_.push_back(azimuth);
+  }
+  std::sort(firings_.begin(), firings_.end());
+}
+
+void SweepIndex::find_own_firings() {
+  constexpr std::ptrdiff_t kBins = 16, kApart = 7, kAround = 4;  // of a step
+  const auto bins = static_cast<std::ptrdiff_t>(std::lround(kBins * 2 * kPi / lidar_.azimuth_step));
+  const double width = 2 * kPi / static_cast<double>(bins);
+  std::vector<int> counts(static_cast<std::size_t>(bins));
+  std::vector<double> sums(counts.size());  // of the returns' places within their bin
+  const auto wrapped = [&](std::ptrdiff_t bin) {
+    return static_cast<std::size_t>((bin % bins + bins) % bins);
+  };
+  for (const Return& r : returns_) {
+    if (r.beam < 0) continue;
+    const double place = (r.firing + kPi) / width;
+    const auto bin = wrapped(static_cast<std::ptrdiff_t>(std::floor(place)));
+    ++counts[bin];
+    sums[bin] += place - std::floor(place);
+  }
+  std::vector<int> near(counts.size());
+  for (std::ptrdiff_t b = 0; b < bins; ++b)
+    for (std::ptrdiff_t k = -kAround; k <= kAround; ++k)
+      near[wrapped(b)] += static_cast<int>(kAround + 1 - std::abs(k)) * counts[wrapped(b + k)];
+  const int enough = std::max(2, static_cast<int>(lidar_.beams.size()) / 8);
+  for (std::ptrdiff_t b = 0; b < bins; ++b) {
+    bool highest = true;
+    for (std::ptrdiff_t k = -kApart; k <= kApart && highest; ++k)
+      highest = k < 0 ? near[wrapped(b + k)] < near[wrapped(b)] : near[wrapped(b + k)] <= near[wrapped(b)];
+    int count = 0;
+    double sum = 0;
+    for (std::ptrdiff_t k = -kAround; k <= kAround; ++k) {
+      const std::size_t at = wrapped(b + k);
+      count += counts[at];
+      sum += static_cast<double>(k) * counts[at] + sums[at];
+    }
+    if (highest && count >= enough)
+      firings_.push_back(wrap_angle(-kPi + (static_cast<double>(b) + sum / count) * width));
   }
   std::sort(firings_.begin(), firings_.end());
 }
@@ -158,8 +327,9 @@ SweepRay SweepIndex::ray_of(int point, int firing) const {
   const Return& r = returns_[static_cast<std::size_t>(point)];
   const LidarBeam& b = lidar_.beams[static_cast<std::size_t>(r.beam)];
   const double azimuth = r.firing + b.azimuth_offset;
-  const Vec3d origin =
-      lidar_.velo_from_lidar * Vec3d(-b.lateral * std::sin(azimuth), b.lateral * std::cos(azimuth), b.height);
+  Vec3d from(-b.lateral * std::sin(azimuth), b.lateral * std::cos(azimuth), b.height);
+  if (!motion_.none()) from += motion_.at(azimuth);
+  const Vec3d origin = lidar_.velo_from_lidar * from;
   const double range = std::max((r.p_velo - origin).norm(), 1e-6);
   return {{origin, (r.p_velo - origin) / range}, r.beam, firing, r.firing, point, range};
 }
@@ -173,7 +343,7 @@ std::vector<SweepRay> SweepIndex::rays_through(const Vec3d& centre_velo, double 
         candidate.ray.direction.cross(offset).norm() <= radius)
       rays.push_back(candidate);
   };
-  const Vec3d centre = lidar_.velo_from_lidar.inverse() * centre_velo;
+  const Vec3d centre = seen_by_unit(centre_velo);
   const double rho = centre.head<2>().norm(), azimuth = std::atan2(centre.y(), centre.x());
   const std::size_t count = firings_.size();
   for (std::size_t b = 0; b < lidar_.beams.size() && count > 0; ++b) {
@@ -204,7 +374,7 @@ std::vector<SweepRay> SweepIndex::rays_through(const Vec3d& centre_velo, double 
 std::optional<RasterCell> SweepIndex::cell_at(const Vec3d& p_velo) const {
   const std::size_t lasers = lidar_.beams.size();
   if (lasers < 2 || firings_.empty() || !p_velo.allFinite()) return std::nullopt;
-  const Vec3d p = lidar_.velo_from_lidar.inverse() * p_velo;
+  const Vec3d p = seen_by_unit(p_velo);
   const double rho = horizontal_distance(p);
   const auto b = static_cast<std::size_t>(nearest_beam(lidar_, slopes_, rho, p.z()));
   const auto height = [&](std::size_t k) { return lidar_.beams[k].height + rho * slopes_[k]; };

@@ -19,6 +19,23 @@ namespace mirage {
 /// no lasers.
 std::vector<int> beams_of(std::span<const LidarPoint> points, const LidarModel& lidar);
 
+/// How the unit's origin moves within a sweep that was corrected for the car's motion: every return is where
+/// it was seen from, brought to one moment (nuScenes does so; KITTI does not).
+struct SweepMotion {
+  Vec3d start = Vec3d::Zero(), turn = Vec3d::Zero();  ///< m, unit's frame: at phase 0, and in a whole turn
+  double cut = 0;                                     ///< rad: where the sweep begins, if it is a whole turn
+  bool whole = false;                                 ///< else phases are counted from straight ahead
+
+  /// The part of the turn that an azimuth (rad, unit's frame) is seen at.
+  double phase(double azimuth) const;
+  /// The origin then.
+  Vec3d at(double azimuth) const { return start + phase(azimuth) * turn; }
+  bool none() const { return start.isZero(0) && turn.isZero(0); }
+};
+
+/// No motion, for azimuths (rad) in the sweep's order: a whole turn begins at the first.
+SweepMotion no_motion(std::span<const double> azimuths);
+
 /// A ray of the sweep.
 struct SweepRay {
   LidarRay ray;  ///< `velo`; exactly through the return where there is one
@@ -38,7 +55,9 @@ struct RasterCell {
   Vec3d left_per_metre, up_per_metre;
 };
 
-/// An index over a sweep; it keeps no reference to it.
+/// An index over a sweep; it keeps no reference to it. Where fewer than 95 % of the returns lie on the
+/// model's rays, the sweep is asked for its own firings (of a unit without an encoder's grid: every turn
+/// begins at another azimuth) and for the unit's motion within it; what explains more is taken.
 class SweepIndex {
  public:
   SweepIndex() = default;
@@ -67,7 +86,12 @@ class SweepIndex {
     int beam;
     double firing;  ///< rad, exact, not rounded to the grid
   };
+  /// Firings are the model's, or the sweep's own.
+  void build(const Sweep& sweep, const SweepMotion& motion, bool own_firings);
   void find_firings();
+  void find_own_firings();
+  /// A point (`velo`) as the unit sees it when it looks there.
+  Vec3d seen_by_unit(const Vec3d& p_velo) const;
   void assign();
   SweepRay ray_of(int point, int firing) const;
   LidarRay ray_of_cell(std::size_t beam, std::size_t firing) const;
@@ -77,6 +101,8 @@ class SweepIndex {
   };
 
   LidarModel lidar_;
+  SweepMotion motion_;
+  bool own_firings_ = false;
   std::vector<Return> returns_;                     ///< beam −1: not finite, skipped
   std::vector<double> firings_;                     ///< rad, rising, in [−π, π)
   std::vector<Turn> elevations_, offsets_, turns_;  ///< of the beams, their azimuth offsets, the firings

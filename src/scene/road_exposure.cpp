@@ -26,7 +26,7 @@ std::optional<Vec3d> road_radiance(const Frame& frame) {
     const Vec3d p = point.position().cast<double>();
     if (!(p.x() >= kNearest && p.x() <= kFarthest && std::abs(p.y()) <= kAside)) continue;
     const bool on_object = std::any_of(frame.labels.begin(), frame.labels.end(), [&](const Label& label) {
-      return label.type != "DontCare" && contains(label.box, p, kThickness);
+      return has_box(label) && contains(label.box, p, kThickness);
     });
     if (!on_object) corridor.push_back(p);
   }

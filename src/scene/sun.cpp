@@ -19,13 +19,13 @@
 #include "base/angles.h"
 #include "base/error.h"
 #include "base/logging.h"
+#include "base/words.h"
 #include "scene/sun_shadows.h"
 
 namespace mirage {
 namespace {
 
-constexpr const char* kForms =
-    "use frame, photo, AZIMUTH,ELEVATION or LAT,LON,YYYY-MM-DDTHH:MM:SSZ,HEADING (degrees)";
+constexpr const char* kForms = "AZIMUTH,ELEVATION or LAT,LON,YYYY-MM-DDTHH:MM:SSZ,HEADING (degrees)";
 
 std::vector<std::string> split(const std::string& word) {
   std::vector<std::string> parts(1);
@@ -44,10 +44,11 @@ double number(const std::string& word, const std::string& text, const char* what
   const char *begin = text.data() + (text.starts_with('+') ? 1 : 0), *end = text.data() + text.size();
   const auto [stop, error] = std::from_chars(begin, end, value);
   if (error != std::errc() || stop != end || begin == end)
-    throw FieldError("sun", word, fmt::format("the {} \"{}\" is not a number", what, text), kForms);
+    throw FieldError("sun", word, fmt::format("the {} \"{}\" is not a number", what, text),
+                     std::string("use ") + kForms);
   if (!(value >= low && value <= high))
     throw FieldError("sun", word, fmt::format("the {} {} is out of range", what, text),
-                     fmt::format("give degrees from {} to {}", low, high));
+                     fmt::format("use {} degrees", Range{low, high}.words()));
   return value;
 }
 
@@ -121,7 +122,7 @@ SunChoice parse_sun(const std::string& word) {
   if (word == "photo") return {word, {}, true};
   const std::vector<std::string> parts = split(word);
   if (parts.size() == 4) return {word, from_place(word, parts), false};
-  if (parts.size() != 2) throw FieldError("sun", word, "unknown choice", kForms);
+  if (parts.size() != 2) throw unknown_word("sun", word, {kDefaultSun, "photo"}, kForms);
   const double azimuth = number(word, parts[0], "azimuth", -360, 360);
   const double elevation = number(word, parts[1], "elevation", 0, 90);
   if (!(elevation > 0))

@@ -104,11 +104,11 @@ std::vector<Vec2d> outline(const Frame& frame, const Box3& box) {
 }
 
 bool casts(const Label& label) {
-  return label.type != "DontCare";
+  return has_box(label);
 }
 
 bool is_vehicle(const Label& label) {
-  return label.type == "Car" || label.type == "Van" || label.type == "Truck";
+  return has_box(label) && (label.type == "Car" || label.type == "Van" || label.type == "Truck");
 }
 
 /// The ground in view around one vehicle, a sample a cell.

@@ -2,6 +2,8 @@
 
 #include <array>
 
+#include "base/words.h"
+
 namespace mirage {
 namespace {
 
@@ -34,7 +36,9 @@ void spread(const Image<double>& from, const std::array<double, kBlurReach + 1>&
 CameraEffects parse_camera_effects(const std::string& words) {
   CameraEffects effects;
   if (words == "ideal") return effects;
-  bool known = !words.empty();
+  std::vector<std::string> known = {"blur", "noise"};
+  if (words.find(',') == words.npos) known.insert(known.begin(), {"ideal", "unit"});
+  if (words.empty()) throw unknown_word("camera_effects", words, known);
   for (const std::string& word : listed_words(words == "unit" ? "blur,noise" : words)) {
     if (word == "blur") {
       effects.blur_sigma = kLensBlur;
@@ -42,11 +46,9 @@ CameraEffects parse_camera_effects(const std::string& words) {
       effects.shot = 7e-5;
       effects.read_sigma = 1.25e-3;
     } else {
-      known = false;
+      throw unknown_word("camera_effects", word, known);
     }
   }
-  if (!known)
-    throw FieldError("camera_effects", words, "is not known", "use ideal, unit, or some of blur,noise");
   return effects;
 }
 

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/words.h"
 
 namespace mirage {
 
@@ -26,7 +27,9 @@ std::optional<double> reported_range(double range, double arrives, const FiringC
 LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergence) {
   LidarEffects effects;
   if (words == "ideal") return effects;
-  bool known = !words.empty();
+  std::vector<std::string> known = {"noise", "drop-out", "divergence", "motion", "albedo"};
+  if (words.find(',') == words.npos) known.insert(known.begin(), {"ideal", "as-recorded", "unit"});
+  if (words.empty()) throw unknown_word("lidar_effects", words, known);
   for (const std::string& word : listed_words(words == "unit" ? "noise,drop-out,divergence" : words)) {
     if (word == "noise") {
       effects.range_sigma = 0.012;
@@ -41,12 +44,9 @@ LidarEffects parse_lidar_effects(const std::string& words, const Vec2d& divergen
     } else if (word == "albedo") {
       effects.albedo = true;
     } else {
-      known = false;
+      throw unknown_word("lidar_effects", word, known);
     }
   }
-  if (!known)
-    throw FieldError("lidar_effects", words, "is not known",
-                     "use ideal, unit, or some of noise,drop-out,divergence,motion,albedo");
   return effects;
 }
 

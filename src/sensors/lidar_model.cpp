@@ -11,6 +11,7 @@
 #include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/words.h"
 
 namespace mirage {
 namespace {
@@ -62,6 +63,9 @@ std::filesystem::path own_table_of(const std::filesystem::path& named_in, const 
   if (name.empty() || name.ends_with(".toml") || name.find_first_of(std::string("/\0", 2)) != name.npos)
     throw InputError(named_in.string(), field, "is no unit's name",
                      "name a unit of scenes/lidars; a file of your own is given by --lidar");
+  if (const auto units = shipped_names("scenes/lidars", ".toml");
+      std::find(units.begin(), units.end(), name) == units.end())
+    throw InputError(named_in.string(), field, name + " is no shipped unit", use_one_of(name, units));
   const std::filesystem::path unit = lidar_file(name);
   const nlohmann::json file = read_toml(unit);
   const nlohmann::json table = file.value("lidar", nlohmann::json());
@@ -90,7 +94,7 @@ nlohmann::json lidar_table(const std::filesystem::path& path) {
 
 std::filesystem::path lidar_file(const std::string& name) {
   return name.ends_with(".toml") ? std::filesystem::path(name)
-                                 : shipped_file("scenes/lidars/" + name + ".toml");
+                                 : shipped_choice("scenes/lidars", ".toml", name, "lidar", "a file (.toml)");
 }
 
 LidarModel read_lidar_model(const std::filesystem::path& path) {

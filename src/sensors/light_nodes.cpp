@@ -70,7 +70,8 @@ class Nodes {
     made_.behind.resize(made_.faces);
     points_.resize(made_.wholes.size());
     is_whole_.assign(made_.faces, false);
-    for (const Vec3d& vertex : mesh_.vertices) vertices_.push_back((vertex - centre).cast<float>());
+    for (const std::size_t i : used_vertices(mesh_))
+      vertices_.push_back((mesh_.vertices[i] - centre).cast<float>());
     made_.angles.assign(made_.wholes.size(), 0);
   }
 

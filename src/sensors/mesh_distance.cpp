@@ -1,7 +1,5 @@
 #include "sensors/mesh_distance.h"
 
-#include <embree3/rtcore.h>
-
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -9,6 +7,7 @@
 #include "base/error.h"
 #include "base/parallel.h"
 #include "geometry/winding_number.h"
+#include "sensors/embree.h"
 
 namespace mirage {
 namespace {

@@ -1,6 +1,5 @@
 #include "sensors/ray_caster.h"
 
-#include <embree3/rtcore.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
@@ -13,6 +12,7 @@
 
 #include "base/error.h"
 #include "base/parallel.h"
+#include "sensors/embree.h"
 
 namespace mirage {
 namespace {
@@ -133,13 +133,11 @@ RayCaster& RayCaster::operator=(RayCaster&&) noexcept = default;
 
 Hit RayCaster::intersect(const Ray& ray) const {
   if (!ray.origin.allFinite() || !ray.direction.allFinite()) return {};
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
   RTCRayHit query;
   query.ray = embree_ray(ray);
   query.hit.geomID = query.hit.primID = RTC_INVALID_GEOMETRY_ID;
   query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
-  rtcIntersect1(state_->scene, &context, &query);
+  EmbreeQuery().intersect(state_->scene, query);
   Hit hit;
   if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return hit;
   hit.t = query.ray.tfar;
@@ -180,9 +178,7 @@ using RayHitN = std::conditional_t<N == 16, RTCRayHit16, std::conditional_t<N ==
 template <int N>
 void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_min, float t_max,
                HitTable& hits) {
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  EmbreeQuery query(true);
   alignas(64) RayHitN<N> packet;
   alignas(64) int valid[N];
   for (int i = 0; i < N; ++i) {
@@ -215,9 +211,7 @@ void trace_row(RTCScene scene, const RayTable& rays, std::size_t row, float t_mi
       // mask.
       packet.ray.tfar[i] = traced ? t_max : -1;
     }
-    if constexpr (N == 16) rtcIntersect16(valid, scene, &context, &packet);
-    if constexpr (N == 8) rtcIntersect8(valid, scene, &context, &packet);
-    if constexpr (N == 4) rtcIntersect4(valid, scene, &context, &packet);
+    query.intersect(valid, scene, packet);
     for (int i = 0; i < N; ++i)
       if (packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) packet.ray.tfar[i] = -1;
     static_assert(RTC_INVALID_GEOMETRY_ID == ~0u);  // −1 as int
@@ -251,10 +245,8 @@ void RayCaster::intersect(const RayTable& rays, float t_min, float t_max, HitTab
 
 bool RayCaster::occluded(const Ray& ray) const {
   if (!ray.origin.allFinite() || !ray.direction.allFinite()) return false;
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
   RTCRay query = embree_ray(ray);
-  rtcOccluded1(state_->scene, &context, &query);
+  EmbreeQuery().occluded(state_->scene, query);
   return query.tfar < 0;  // Embree marks an occluded ray with −∞
 }
 

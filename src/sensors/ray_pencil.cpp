@@ -355,7 +355,8 @@ RayPencil::RayPencil(const Mesh& mesh, const Vec3d& origin) : state_(std::make_u
   check_mesh({mesh, {}}, "mesh whose light is found");
   if (mesh.faces.empty()) return;
   double size = 0;
-  for (const Vec3d& vertex : mesh.vertices) size = std::max(size, (vertex - origin).cwiseAbs().maxCoeff());
+  for (const std::size_t i : used_vertices(mesh))
+    size = std::max(size, (mesh.vertices[i] - origin).cwiseAbs().maxCoeff());
   s.scale = size > 0 ? static_cast<float>(1 / size) : 1;
   s.count = mesh.faces.size();
   s.corners.resize((s.count + kEight - 1) / kEight);

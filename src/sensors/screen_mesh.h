@@ -21,6 +21,9 @@ enum class Background {
   authors_logit,  ///< as the authors' code: logit 2ε (golden values only)
   silhouette,     ///< I = S · (colour among faces) + (1 − S) · background: edges stay where they are
 };
+constexpr auto words_of(Background) {
+  return std::to_array<const char*>({"paper_logit", "authors_logit", "silhouette"});
+}
 
 /// Coverage D.
 enum class Coverage {
@@ -28,6 +31,9 @@ enum class Coverage {
   barycentric,  ///< sigmoid(δ b² / σ), b the smallest barycentric; skipped where −δ b² ≥ T
   hard,         ///< 1 inside, skipped outside; no gradient
 };
+constexpr auto words_of(Coverage) {
+  return std::to_array<const char*>({"euclidean", "barycentric", "hard"});
+}
 
 /// Colour among faces.
 enum class ColorBlend {
@@ -35,6 +41,9 @@ enum class ColorBlend {
   hard,     ///< the nearest face that contains the sample; gradient to its texture, and to the face by
             ///< its barycentrics there (Texture::vertex)
 };
+constexpr auto words_of(ColorBlend) {
+  return std::to_array<const char*>({"softmax", "hard"});
+}
 
 /// How the coverages D of a pixel's faces make its silhouette S.
 enum class SilhouetteBlend {
@@ -42,9 +51,15 @@ enum class SilhouetteBlend {
   sum,      ///< Σ D / number of faces, as the authors' code has it
   hard,     ///< 1 where any D > 1/2; no gradient
 };
+constexpr auto words_of(SilhouetteBlend) {
+  return std::to_array<const char*>({"product", "sum", "hard"});
+}
 
 /// Faces that give colour, by their winding on screen (y up). The authors' one-sided mode is `clockwise`.
 enum class Sides { both, counter_clockwise, clockwise };
+constexpr auto words_of(Sides) {
+  return std::to_array<const char*>({"both", "counter_clockwise", "clockwise"});
+}
 
 /// What colours a face.
 enum class Texture {

@@ -81,6 +81,20 @@ struct VisibleLightSettings {
   /// Whether the object's surface is a rough dielectric's (sensors/gloss.h), or Lambert's.
   bool glossy = true;
 };
+template <class Visitor, FieldsOf<VisibleLightSettings> S>
+void visit_fields(Visitor& visit, S& s) {
+  constexpr Range angle{0, Range::kMost};
+  visit({.name = "directions", .range = {1, 65536}, .option = ""}, s.directions);
+  visit({.name = "rough_directions", .range = {1, 65536}, .option = ""}, s.rough_directions);
+  visit({.name = "bounces", .range = {0, 64}, .option = ""}, s.bounces);
+  visit({.name = "sun_samples", .range = {1, 64}, .option = ""}, s.sun_samples);
+  visit({.name = "sun_angle", .range = angle, .option = ""}, s.sun_angle);
+  visit({.name = "cell", .range = {0.01, 100}, .option = ""}, s.cell);
+  visit({.name = "node_angle", .range = angle, .option = ""}, s.node_angle);
+  visit({.name = "enclosed_node_angle", .range = angle, .option = ""}, s.enclosed_node_angle);
+  visit({.name = "open_below", .range = {-1, 1}, .option = ""}, s.open_below);
+  visit({.name = "glossy", .option = ""}, s.glossy);
+}
 
 /// Somewhat more directions, finer nodes and far finer shadows; an insertion takes a third longer.
 VisibleLightSettings fine_light();

@@ -14,11 +14,12 @@ namespace {
 
 /// Depth range of the rasteriser: a ball around the object that grows in steps of half a metre, so that it is
 /// constant under the small moves that derivatives are about.
-void set_depth_range(const std::vector<Vec3d>& p_camera, SoftRasterSettings<double>& settings) {
+void set_depth_range(const std::vector<Vec3d>& p_camera, const std::vector<std::size_t>& used,
+                     SoftRasterSettings<double>& settings) {
   Vec3d centre = Vec3d::Zero();
-  for (const Vec3d& p : p_camera) centre += p / static_cast<double>(p_camera.size());
+  for (const std::size_t i : used) centre += p_camera[i] / static_cast<double>(used.size());
   double reach = 0;
-  for (const Vec3d& p : p_camera) reach = std::max(reach, std::abs(p.z() - centre.z()));
+  for (const std::size_t i : used) reach = std::max(reach, std::abs(p_camera[i].z() - centre.z()));
   const double radius = std::max(1.5, std::ceil(2 * reach + 0.5) / 2);
   const double middle = std::round(2 * centre.z()) / 2;
   settings.near = std::max(kNearPlane / 2, middle - radius);
@@ -60,7 +61,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   CameraTape tape;
   for (const Vec3d& v : placed.mesh.vertices) tape.p_camera.push_back(camera_from_velo * v);
   tape.settings = settings.raster;
-  set_depth_range(tape.p_camera, tape.settings);
+  set_depth_range(tape.p_camera, used_vertices(placed.mesh), tape.settings);
   if (settings.exact_coverage) tape.settings.sigma = kSmallestSigma;  // edges reach no further than the faces
   tape.light = light_on(prepared, host, rooftop, placed, settings);
   tape.projected = project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearPlane, Texture::atlas,

@@ -7,6 +7,8 @@
 #include <tuple>
 
 #include "base/error.h"
+#include "base/logging.h"
+#include "geometry/shapes.h"
 #include "sensors/raster/setup.h"
 
 namespace mirage {
@@ -63,7 +65,7 @@ void check_frame(const Frame& frame) {
       throw InputError(where, fmt::format("sweep point {}", i), kNotFinite, "remove the point");
   }
   for (std::size_t i = 0; i < frame.labels.size(); ++i)
-    if (frame.labels[i].type != "DontCare" && !is_finite(frame.labels[i].box))
+    if (has_box(frame.labels[i]) && !is_finite(frame.labels[i].box))
       throw InputError(where, fmt::format("label {}", i), "its box is not finite", "correct the label");
   const Lighting& light = frame.lighting;
   if (!light.to_sun_velo.allFinite() || !light.sun.allFinite() || !light.ambient.allFinite() ||
@@ -94,6 +96,54 @@ void check_placement(const Label& host, const Rooftop& rooftop) {
     throw InputError("host label", host.type, "its box is not finite", "correct the label");
   if (!rooftop.velo_from_adversary.matrix().allFinite())
     throw InputError("rooftop", "velo_from_adversary", kNotFinite, "give a pose on the roof");
+}
+
+namespace {
+
+std::string in_metres(const Vec3d& size) {
+  return fmt::format("{:.4g} × {:.4g} × {:.4g} m", size.x(), size.y(), size.z());
+}
+
+/// What to do about a mesh whose longest measure is `longest`: the units in which that is an object of 0.2 to
+/// 5 m.
+std::string unit_fix(double longest) {
+  std::string units;
+  for (const auto& [unit, scale] :
+       {std::pair{"millimetres", 0.001}, std::pair{"centimetres", 0.01}, std::pair{"inches", 0.0254},
+        std::pair{"metres taken for centimetres", 100.0}, std::pair{"metres taken for millimetres", 1000.0}})
+    if (longest * scale >= 0.2 && longest * scale <= 5)
+      units += fmt::format("{}{}? scale by {:g}", units.empty() ? "are these " : ", or ", unit, scale);
+  return units.empty() ? "give one object, in metres" : units + "; a whole scene is no object";
+}
+
+}  // namespace
+
+void check_object(const TexturedMesh& object, const std::string& where) {
+  check_mesh(object, where);
+  if (object.mesh.faces.empty() || object.atlas.texels.empty())
+    throw InputError(where, "mesh", "has no faces or no texels", "give a textured mesh");
+  const Eigen::AlignedBox3d box = bounds(object.mesh);
+  const double longest = box.sizes().maxCoeff();
+  if (!(longest >= kSmallestObject && longest <= kLargestObject))
+    throw InputError(where, "size",
+                     fmt::format("{} is no object for a car's roof ({:g} to {:g} m)", in_metres(box.sizes()),
+                                 kSmallestObject, kLargestObject),
+                     unit_fix(longest));
+  constexpr double kFurthestOff = 2;  // m
+  const Vec2d outside = box.min().head<2>().cwiseMax(-box.max().head<2>()).cwiseMax(0.0);
+  if (outside.norm() > kFurthestOff)
+    throw InputError(where, "place",
+                     fmt::format("lies {:.3g} m beside its origin, which is set on the roof", outside.norm()),
+                     "move the mesh to its origin");
+}
+
+void warn_of_large_object(const Vec3d& size, const std::string& where) {
+  constexpr double kOfARoof = 3;  // m; roofs are about 2 × 1.3 m, what is carried on them is longer
+  if (size.maxCoeff() > kOfARoof)
+    spdlog::warn(
+        "{}: {} is larger than a car's roof, about 2 × 1.3 m: it hides what no load would; give "
+        "at most {:g} m",
+        where, in_metres(size), kOfARoof);
 }
 
 void check_window(const PreparedFrame& prepared, const PixelRect& rect) {

@@ -14,6 +14,12 @@ void check_frame(const Frame& frame);
 void check_lidar(const LidarModel& lidar);
 /// The host's box and the pose on its roof.
 void check_placement(const Label& host, const Rooftop& rooftop);
+/// What is drawn on a roof: a mesh with faces and texels, of kSmallestObject to kLargestObject, that comes
+/// within 2 m of its origin, which is set on the roof. InputError naming `where`, with the size and the unit
+/// that it may be in.
+void check_object(const TexturedMesh& object, const std::string& where);
+/// Warns, naming `where`, of an object whose longest measure (m) no car's roof has.
+void warn_of_large_object(const Vec3d& size, const std::string& where);
 /// The window of the photograph and of its depth, which must be of the image's size; +∞ is a depth.
 void check_window(const PreparedFrame& prepared, const PixelRect& rect);
 /// Everything but raster.near and far, which simulate() sets itself.

@@ -76,7 +76,7 @@ void check_roofs(const Frame& frame, const ImageF& truth, const std::vector<Imag
   const ImageF nothing(truth.width, truth.height, 1, kFarDepth);
   const Mask line = skyline(truth, border);
   for (const Label& label : frame.labels) {
-    if (label.type != "Car") continue;
+    if (label.type != "Car" || !has_box(label)) continue;
     const Rooftop rooftop = BoxRooftopFinder().find(frame, label);
     const Mask whole = shown(prepared, nothing, label, rooftop, adversary);
     if (std::none_of(whole.data.begin(), whole.data.end(), [](auto x) { return x; })) continue;

@@ -1,7 +1,5 @@
 #include "simulation/insertion.h"
 
-#include <algorithm>
-
 #include "base/error.h"
 #include "scene/depth_completion.h"
 #include "simulation/adversary_view.h"
@@ -20,16 +18,6 @@ struct Simulated::Tape {
   LidarTape lidar;
 };
 
-namespace {
-
-std::size_t lowest_vertex(const Mesh& mesh) {
-  const auto lower = [](const Vec3d& a, const Vec3d& b) { return a.z() < b.z(); };
-  return static_cast<std::size_t>(std::min_element(mesh.vertices.begin(), mesh.vertices.end(), lower) -
-                                  mesh.vertices.begin());
-}
-
-}  // namespace
-
 PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletion* depth) {
   check_frame(frame);
   check_lidar(lidar);
@@ -44,24 +32,21 @@ PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletio
 
 TexturedMesh place(const TexturedMesh& adversary, const Rooftop& rooftop) {
   TexturedMesh placed = adversary;
-  if (placed.mesh.vertices.empty()) return placed;
-  const double lowest = adversary.mesh.vertices[lowest_vertex(adversary.mesh)].z();
+  const double lowest = bounds(adversary.mesh).min().z();
   for (Vec3d& v : placed.mesh.vertices) v = rooftop.velo_from_adversary * (v - Vec3d(0, 0, lowest));
   return placed;
 }
 
 Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooftop& rooftop,
                    const TexturedMesh& adversary, const SimulationSettings& settings) {
-  check_mesh(adversary, "adversary");
-  if (adversary.mesh.vertices.empty() || adversary.atlas.texels.empty())
-    throw InputError("adversary", "mesh", "has no vertices or no texels", "give a textured mesh");
+  check_object(adversary, "adversary");
   check_placement(host, rooftop);
   check_settings(settings);
   auto tape = std::make_shared<Simulated::Tape>();
   tape->placed = place(adversary, rooftop);
   tape->velo_from_adversary = rooftop.velo_from_adversary.linear();
-  const double bottom = adversary.mesh.vertices[lowest_vertex(adversary.mesh)].z();
-  for (std::size_t i = 0; i < adversary.mesh.vertices.size(); ++i)
+  const double bottom = bounds(adversary.mesh).min().z();
+  for (const std::size_t i : used_vertices(adversary.mesh))
     if (adversary.mesh.vertices[i].z() == bottom) tape->lowest.push_back(i);
   tape->calibration = prepared.frame.calibration;
   tape->settings = settings;

@@ -4,6 +4,7 @@
 
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/words.h"
 
 namespace mirage {
 
@@ -22,7 +23,7 @@ std::span<const Quality> qualities() {
 const Quality& quality_of(const std::string& name) {
   for (const Quality& quality : qualities())
     if (name == quality.name) return quality;
-  throw FieldError("quality", name, "is no quality", "use draft, default or exact");
+  throw unknown_word("quality", name, {"draft", "default", "exact"});
 }
 
 void apply_quality(const std::string& name, SimulationSettings& settings,

@@ -121,11 +121,11 @@ void render_soft(const RenderScene& scene, const SceneRenderSettings& settings, 
   const TexturedMesh all = joined(scene);
   std::vector<Vec3d> p_camera;
   p_camera.reserve(all.mesh.vertices.size());
+  for (const Vec3d& v : all.mesh.vertices) p_camera.push_back(scene.camera_from_velo * v);
   double nearest = std::numeric_limits<double>::infinity(), farthest = kNearPlane;
-  for (const Vec3d& v : all.mesh.vertices) {
-    p_camera.push_back(scene.camera_from_velo * v);
-    nearest = std::min(nearest, std::max(kNearPlane, p_camera.back().z()));
-    farthest = std::max(farthest, p_camera.back().z());
+  for (const std::size_t i : used_vertices(all.mesh)) {
+    nearest = std::min(nearest, std::max(kNearPlane, p_camera[i].z()));
+    farthest = std::max(farthest, p_camera[i].z());
   }
   SoftRasterSettings<double> raster = settings.raster;
   raster.near = std::max(kNearPlane / 2, nearest - kDepthMargin);

@@ -69,6 +69,15 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "dist_eps", .range = {1e-12, 0.49}, .option = ""}, s.raster.dist_eps);
   visit({.name = "supersampling", .help = "camera samples along a pixel's side", .range = {1, 32}},
         s.supersampling);
+  visit({.name = "coverage", .option = "", .lacking = "euclidean"}, s.raster.coverage);
+  visit({.name = "color", .option = "", .lacking = "softmax"}, s.raster.color);
+  visit({.name = "silhouette", .option = "", .lacking = "product"}, s.raster.silhouette);
+  visit({.name = "background", .option = "", .lacking = "silhouette"}, s.raster.background);
+  visit({.name = "sides", .option = "", .lacking = "both"}, s.raster.sides);
+  visit({.name = "perspective_texture", .option = "", .lacking = "true"}, s.raster.perspective_texture);
+  visit({.name = "frozen_barycentrics", .option = "", .lacking = "false"}, s.raster.frozen_barycentrics);
+  visit({.name = "edge_on_altitude", .range = {0, 1}, .option = "", .lacking = "1e-6"},
+        s.raster.edge_on_altitude);
   visit({.name = "lidar_reflectivity", .range = {0, 1e3}, .option = ""}, s.lidar_reflectivity);
   visit({.name = "occlusion_margin", .range = {-1e3, 1e3}, .option = ""}, s.occlusion_margin);
   visit({.name = "grazing_cosine", .range = {1e-9, 1}, .option = ""}, s.grazing_cosine);
@@ -77,17 +86,18 @@ void visit_fields(Visitor& visit, S& s) {
        .help = "fixed: which rays meet the object is taken as given; silhouette: its outline may also catch "
                "more of them, or fewer"},
       s.lidar_gradient);
-  visit({.name = "double", .option = "", .written = s.reference}, s.reference);
-  visit({.name = "exact_coverage", .option = "", .written = s.exact_coverage}, s.exact_coverage);
+  visit({.name = "double", .option = "", .lacking = "false"}, s.reference);
+  visit({.name = "exact_coverage", .option = "", .lacking = "false"}, s.exact_coverage);
   visit({.name = "light",
          .help = "on the object: plain (nothing shadows or reflects), visible (sun and sky by ray, light "
                  "from roof and road and within the object) or fine (the same with more rays)",
-         .written = s.light != LightModel::plain},
+         .lacking = "plain"},
         s.light);
-  visit.group({.name = "lidar_effects", .written = s.lidar_effects.any()}, s.lidar_effects);
+  visit.group({.name = "visible_light", .lacking = ""}, s.visible_light);
+  visit.group({.name = "lidar_effects", .lacking = ""}, s.lidar_effects);
   visit.list({.name = "camera_effects",
               .help = "pixels of the object: ideal, unit (lens and sensor), or some of blur,noise",
-              .written = s.camera_effects.any()},
+              .lacking = ""},
              s.camera_effects);
 }
 

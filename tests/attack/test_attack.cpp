@@ -10,6 +10,7 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "exchange/gltf.h"
+#include "scene/data/read_frames.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -44,8 +45,8 @@ TEST(Attack, LowersTheLossAndKeepsTheBox) {
   const AttackResult result = run_attack(settings, detectors);
   EXPECT_EQ(result.iterations, 25);
   EXPECT_EQ(result.vehicles_train + result.vehicles_test, 3);
-  const AttackState state = read_checkpoint(folder / "run/checkpoint.json",
-                                            read_json(folder / "run/checkpoint.json").at("identity"));
+  const AttackState state = read_checkpoint(
+      folder / "run/checkpoint.json", read_json(folder / "run/checkpoint.json").at("identity"), settings);
   ASSERT_EQ(state.losses.size(), 25u);
   EXPECT_LT(state.losses.back().loss(), state.losses.front().loss());
   for (const Vec3d& v : state.adversary.mesh.vertices)
@@ -160,8 +161,8 @@ TEST(Attack, ADetectorInThePictureIsAttackedAndJudgedThere) {
   auto settings = settings_for(folder / "data", folder / "run", 25);
   settings.target = AttackTarget::image;
   EXPECT_EQ(run_attack(settings, detectors).vehicles_train, 2);
-  const AttackState state = read_checkpoint(folder / "run/checkpoint.json",
-                                            read_json(folder / "run/checkpoint.json").at("identity"));
+  const AttackState state = read_checkpoint(
+      folder / "run/checkpoint.json", read_json(folder / "run/checkpoint.json").at("identity"), settings);
   EXPECT_GT(state.losses.front().hide, 0);
   EXPECT_LT(state.losses.back().loss(), state.losses.front().loss());
   const mirage::Run run = read_run(folder / "run");
@@ -256,6 +257,46 @@ TEST(AttackInput, ErrorsNameFileAndField) {
   EXPECT_THAT(
       error_text<InputError>([&] { run_attack(settings_for(folder / "none", folder / "r", 1), detectors); }),
       testing::HasSubstr("none"));
+}
+
+TEST(AttackInput, LabelsThatCannotCountAreSaid) {
+  TemporaryFolder folder;
+  const DetectorPool detectors = stand_ins();
+  test::write_tiny_data(folder / "data", 2);
+  const auto refused = [&] {
+    return error_text<InputError>(
+        [&] { run_attack(settings_for(folder / "data", folder / "run", 1), detectors); });
+  };
+  for (const char* frame : {"000000", "000001"}) {
+    const auto file = folder / "data/training/label_2" / (std::string(frame) + ".txt");
+    write_file(file, "vehicle.foo" + read_file(file).substr(3));
+  }
+  EXPECT_THAT(refused(), testing::AllOf(testing::HasSubstr("0 of 2"), testing::HasSubstr("2 vehicle.foo")));
+  std::filesystem::remove_all(folder / "data/training/label_2");
+  EXPECT_THAT(refused(), testing::HasSubstr("none of the 2 frames has any"));
+}
+
+// The stand-in finds one car in each frame, at the same place.
+TEST(Attack, HostsMayBeWhatTheDetectorFinds) {
+  TemporaryFolder folder;
+  const DetectorPool detectors = stand_ins();
+  test::write_tiny_data(folder / "data", 2);
+  auto settings = settings_for(folder / "data", folder / "run", 2);
+  settings.hosts_from = HostsFrom::detections;
+  EXPECT_THAT(error_text<InputError>([&] { run_attack(settings, detectors); }),
+              testing::HasSubstr("every frame has labels"));
+  std::filesystem::remove_all(folder / "data/training/label_2");
+  const AttackResult result = run_attack(settings, detectors);
+  EXPECT_EQ(result.vehicles_train + result.vehicles_test, 2);
+  const mirage::Run run = read_run(folder / "run");
+  EXPECT_EQ(run.settings.hosts_from, HostsFrom::detections);
+  const Frame frame = read_frame(run.settings.data, "000000");
+  ASSERT_EQ(frame.labels.size(), 1u);
+  EXPECT_NEAR(frame.labels[0].box.bev.x, 11.5, 1e-5);
+  EXPECT_NEAR(frame.labels[0].box.bottom, -1.73, 0.01);  // the ground's
+  EXPECT_GT(frame.labels[0].right, frame.labels[0].left);
+  settings.iterations = 3;
+  EXPECT_EQ(run_attack(settings, detectors).iterations, 3);  // goes on: the same labels, the same run
 }
 
 TEST(AttackInput, OptionsThatNoRunCanUse) {

@@ -34,7 +34,7 @@ AttackSettings settings_for(const test::TemporaryFolder& folder, const char* out
   return settings;
 }
 
-TEST(AttackStep, AHostIsHiddenWhereNoProposalFindsIt) {
+TEST(AttackStep, AHostIsHiddenWhereItWasFoundAndNoProposalFindsIt) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 2);
   FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
@@ -45,8 +45,15 @@ TEST(AttackStep, AHostIsHiddenWhereNoProposalFindsIt) {
     BevBox found = box;
     found.x += shift;
     FixedDetector detector({{found, std::log(score / (1 - score))}});
-    return attack_host(detector, *prepared, host, initial_adversary(), AttackTarget::both, AttackSettings())
-        .hidden;
+    const Proposal clean[] = {{box, 1}};
+    const auto step = [&](std::span<const Proposal> seen) {
+      return attack_host(detector, *prepared, host, initial_adversary(), AttackTarget::both, AttackSettings(),
+                         nullptr, seen);
+    };
+    EXPECT_FALSE(step({}).found);
+    EXPECT_FALSE(step({}).hidden);  // it was not found in the first place
+    EXPECT_TRUE(step(clean).found);
+    return step(clean).hidden;
   };
   EXPECT_FALSE(hidden(0.9, 0));
   EXPECT_FALSE(hidden(0.31, 0));

@@ -115,7 +115,8 @@ TEST(TopBackground, GradientInLogits) {
   }
 }
 
-/// Finds a car that nobody labelled in every frame, and background beside it; counts how often it is asked.
+/// Finds the host and a car that nobody labelled in every frame, and background beside it; counts how often
+/// it is asked.
 class UnlabelledCar : public test::StandInDetector {
  public:
   int clean_passes = 0;
@@ -125,7 +126,8 @@ class UnlabelledCar : public test::StandInDetector {
     clean_passes += !keep_graph;
     asked.push_back(score_threshold);
     std::vector<Proposal> found;
-    for (const Proposal& one : {at(30, 10, 2), at(30.5, 10, 1.5), at(20, -12, -5)})
+    for (const Proposal& one :
+         {at(30, 10, 2), at(30.5, 10, 1.5), at(20, -12, -5), Proposal{test::tiny_car(0), 1}})
       if (one.score() > score_threshold) found.push_back(one);
     return found;
   }
@@ -150,9 +152,9 @@ TEST(TopBackground, AnAttackLooksAtEachCleanFrameOnce) {
   EXPECT_EQ(detector.clean_passes, 2);  // of two training frames
   EXPECT_EQ(std::count(detector.asked.begin(), detector.asked.end(), 0.0),
             12);  // every proposal, 6 × 2 hosts
-  // Of the three proposals one is no part of a clean detection: its loss is the whole of it.
-  const AttackState state = read_checkpoint(settings.out / "checkpoint.json",
-                                            read_json(settings.out / "checkpoint.json").at("identity"));
+  // Of the three beside the host one is no part of a clean detection: its loss is the whole of it.
+  const AttackState state = read_checkpoint(
+      settings.out / "checkpoint.json", read_json(settings.out / "checkpoint.json").at("identity"), settings);
   EXPECT_NEAR(state.losses.front().false_positive, -softplus(-5), 1e-12);
   EXPECT_EQ(read_json(settings.out / "run.json").at("fp_top_k"), 3);
   settings.objective.fp_top_k = 0;  // another rule, another run

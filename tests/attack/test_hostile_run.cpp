@@ -116,6 +116,28 @@ TEST_F(HostileRun, CodeThatItNamesIsRefusedWithTheFileThatItWouldBe) {
   EXPECT_EQ(trusted.settings.depth, "evil-depth.so");
 }
 
+TEST_F(HostileRun, ItsDetectorComputesAsItWasAttackedUnlessAskedOtherwise) {
+  mirage::Run other = read_run(run());
+  other.settings.detector.detector = "fusion";
+  other.settings.detector.precision = kDouble;
+  other.settings.detector.locality = 4;
+  DetectorOptions options = detector_of_the_run();
+  use_detector_of(other, options);
+  EXPECT_EQ(options.precision, kDouble);
+  EXPECT_EQ(options.locality, 4);
+  options = detector_of_the_run();
+  options.precision = kFloat;
+  options.locality = 0;
+  use_detector_of(other, options);
+  EXPECT_EQ(options.precision, kFloat);
+  EXPECT_EQ(options.locality, 0);
+  options = detector_of_the_run();
+  options.detector = "lidar";  // another one computes as it does by default
+  use_detector_of(other, options);
+  EXPECT_EQ(options.precision, kFloat);
+  EXPECT_EQ(options.locality, 0);
+}
+
 TEST_F(HostileRun, ATorchScriptModelIsCodeAndOwnWeightsAreData) {
   json changed = said();
   changed["detector"] = "torchscript";

@@ -147,7 +147,8 @@ TEST(Plateau, TheBestMeshIsKeptAndNotTheLast) {
   const std::vector<double>& values = result.plateau->values;
   EXPECT_EQ(result.plateau->best, *std::min_element(values.begin(), values.end()));
   const auto checkpoint = read_json(folder / "run/checkpoint.json");
-  const AttackState state = read_checkpoint(folder / "run/checkpoint.json", checkpoint.at("identity"));
+  const AttackState state = read_checkpoint(folder / "run/checkpoint.json", checkpoint.at("identity"),
+                                            plateau_settings(folder, "run", 11, 50));
   const mirage::Run run = read_run(folder / "run");
   EXPECT_EQ(run.adversary.mesh.vertices, state.held_out.mesh.mesh.vertices);
   EXPECT_EQ(run.adversary.atlas.texels, state.held_out.mesh.atlas.texels);
@@ -191,7 +192,8 @@ TEST(Plateau, ADamagedRecordIsRefused) {
     auto bad = good;
     bad["held_out"][key] = value;
     write_json(file, bad);
-    return error_text<InputError>([&] { read_checkpoint(file, good.at("identity")); });
+    return error_text<InputError>(
+        [&] { read_checkpoint(file, good.at("identity"), plateau_settings(folder, "run", 4, 50)); });
   };
   EXPECT_THAT(with("iterations", {0, 4, 2}), testing::HasSubstr("held_out.iterations"));
   EXPECT_THAT(with("iterations", {0, 2, 7}), testing::HasSubstr("held_out.iterations"));

@@ -132,7 +132,7 @@ class Everywhere : public test::StandInDetector {
     const auto one = StandInDetector::forward({input.image, {}, input.calibration}, 0, keep);
     const double sure = one.empty() ? 0 : logit(input, one[0].logit);
     std::vector<Proposal> found;
-    for (int i = 0; i < 6; ++i) found.push_back({{11.0 + i, 0.5 * i - 0.5, 3.9, 1.6, 0.1 * i}, sure});
+    for (int i = 0; i < 6; ++i) found.push_back({test::tiny_car(i), sure});
     return found[0].score() > threshold ? found : std::vector<Proposal>();
   }
   SensorGradient backward(std::span<const double> d_logits) override {

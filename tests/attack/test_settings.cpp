@@ -6,8 +6,13 @@
 #include <cmath>
 #include <functional>
 
+#include "attack/checkpoint.h"
 #include "attack/run.h"
 #include "base/field_json.h"
+#include "base/files.h"
+#include "detection/training.h"
+#include "scene/depth/depth_training.h"
+#include "support/each_field.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -28,86 +33,21 @@ AttackSettings everything_on() {
   return settings;
 }
 
-/// Calls `change(field, value, decides, known)` for field number `which`, those of inner structs counted;
-/// `known`: the name by which the library speaks of it.
-template <class Change>
-class OneField {
- public:
-  OneField(int which, const Change& change) : which_(which), change_(change) {}
-  template <class T>
-  void operator()(const Field& field, T& value) {
-    if (at_++ != which_) return;
-    found = true;
-    change_(field, value, decides_ && field.decides, known_ ? known_ : field.name);
-  }
-  template <class T>
-  void group(const Field& field, T& inner) {
-    const bool outer = std::exchange(decides_, decides_ && field.decides);
-    visit_fields(*this, inner);
-    decides_ = outer;
-  }
-  template <class T>
-  void list(const Field& field, T& inner) {
-    if constexpr (HasText<T>) known_ = field.name;
-    group(field, inner);
-    known_ = nullptr;
-  }
-  bool found = false;
-
- private:
-  int which_, at_ = 0;
-  bool decides_ = true;
-  const char* known_ = nullptr;
-  const Change& change_;
-};
+using test::change;
 
 /// change(settings of its own, field, value, decides, known) for every field.
 template <class Change>
 int for_each_field(const Change& change) {
-  for (int i = 0;; ++i) {
-    AttackSettings settings = everything_on();
-    const auto with_settings = [&](const Field& field, auto& value, bool decides, const char* known) {
-      change(settings, field, value, decides, known);
-    };
-    OneField one(i, with_settings);
-    visit_fields(one, settings);
-    if (!one.found) return i;
-  }
-}
-
-double other_number(const Range& range, double value) {
-  for (const double other : {value + 1, value / 2, value * 2, 0.1})
-    if (other != value && range.contains(other)) return other;
-  return value;
-}
-
-/// Another value that the field can have.
-template <class T>
-void change(const Field& field, T& value) {
-  if constexpr (std::same_as<T, bool>)
-    value = !value;
-  else if constexpr (HasWords<T>)
-    value = value == T() ? static_cast<T>(words_of(value).size() - 1) : T();
-  else if constexpr (Number<T>)
-    value = static_cast<T>(other_number(field.range, static_cast<double>(value)));
-  else if constexpr (NumberVector<T>)
-    value[1] = other_number(field.range, value[1]);
-  else if constexpr (std::same_as<T, std::filesystem::path>)
-    value = "/elsewhere";
-  else
-    value = std::string(field.name) == "rooftop"     ? "box"
-            : std::string(field.name) == "sun"       ? "30,40"
-            : std::string(field.name) == "precision" ? "bfloat16"
-                                                     : value + "x";
+  return test::for_each_field(everything_on(), change);
 }
 
 TEST(Settings, EachFieldThatDecidesTheResultChangesTheIdentityAndNoOtherDoes) {
-  const nlohmann::json before = identity(everything_on());
+  const nlohmann::json before = identity(everything_on()).json;
   int deciding = 0, others = 0;
   const int fields = for_each_field(
       [&](AttackSettings& settings, const Field& field, auto& value, bool decides, const char*) {
         change(field, value);
-        EXPECT_EQ(identity(settings) != before, decides) << field.name;
+        EXPECT_EQ(identity(settings).json != before, decides) << field.name;
         ++(decides ? deciding : others);
       });
   EXPECT_EQ(deciding + others, fields);
@@ -162,6 +102,64 @@ TEST(Settings, WordsOfNoMeaningAreRefusedWithThoseThereAre) {
               testing::StrEq("target: camera: unknown; use both, image, lidar or random"));
   for (const char* word : words_of(AttackParts()))
     EXPECT_STREQ(to_word(parse_word<AttackParts>(word, "")), word);
+}
+
+TEST(Settings, EachFieldChangesTheIdentityOfWhatIsMadeOfIt) {
+  const test::TemporaryFolder folder;
+  test::expect_identity_follows(everything_on(), folder.path());
+  test::expect_identity_follows(TrainingOptions(), folder.path());
+  test::expect_identity_follows(DepthTrainingOptions(), folder.path());
+}
+
+TEST(Settings, EachFieldIsInTheFileAtItsDefaultToo) {
+  const nlohmann::json whole = fields_json(AttackSettings());
+  const nlohmann::json on = fields_json(everything_on());
+  for (const auto& [key, value] : on.items()) EXPECT_TRUE(whole.contains(key)) << key;
+  for (const auto& [key, value] : on.at("simulation").items())
+    EXPECT_TRUE(whole.at("simulation").contains(key)) << key;
+  EXPECT_TRUE(whole.at("buildable").is_null());
+}
+
+/// What a program wrote that left fields out at their default.
+nlohmann::json as_of_an_earlier_program(nlohmann::json json) {
+  const nlohmann::json lacking = lacking_json<AttackSettings>();
+  for (const auto& [key, value] : lacking.items())
+    if (key != "simulation") json.erase(key);
+  for (const auto& [key, value] : lacking.at("simulation").items()) json.at("simulation").erase(key);
+  json.erase("rooftop_model_hash");
+  return json;
+}
+
+TEST(Settings, WhatAnEarlierFileLeftOutIsWhatItMeantThen) {
+  const nlohmann::json lacking = lacking_json<AttackSettings>();
+  EXPECT_EQ(lacking.at("fp_top_k"), 0);
+  EXPECT_EQ(lacking.at("attack"), "plain");
+  EXPECT_EQ(lacking.at("simulation").at("light"), "plain");
+  EXPECT_GE(lacking.size() + lacking.at("simulation").size(), 20u);
+  AttackSettings settings;
+  settings.objective.fp_top_k = 7;  // whatever the reader's default is
+  settings.simulation.light = LightModel::fine;
+  settings.buildable.on = true;
+  settings.simulation.camera_effects.shot = 0.1;
+  read_fields(JsonFields("run.json", as_of_an_earlier_program(fields_json(AttackSettings())), "restore it"),
+              settings);
+  EXPECT_EQ(settings.objective.fp_top_k, 0);
+  EXPECT_EQ(settings.simulation.light, LightModel::plain);
+  EXPECT_FALSE(settings.buildable.on);
+  EXPECT_FALSE(settings.simulation.camera_effects.any());
+}
+
+TEST(Settings, ARunOfAnEarlierProgramGoesOnWithTheSameSettingsAndNoOthers) {
+  AttackSettings settings;
+  settings.data = "/data";
+  settings.rooftop = "box";
+  settings.objective.fp_top_k = 0;
+  const nlohmann::json written = as_of_an_earlier_program(identity(settings).json);
+  check_identity("checkpoint.json", written, identity(settings));
+  settings.simulation.light = LightModel::visible;
+  EXPECT_THAT(
+      test::error_text<InputError>([&] { check_identity("checkpoint.json", written, identity(settings)); }),
+      StartsWith("checkpoint.json: simulation: "));
 }
 
 }  // namespace

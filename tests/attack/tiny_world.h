@@ -45,6 +45,11 @@ inline AttackSettings tiny_attack() {
   return settings;
 }
 
+/// Where write_tiny_data's car stands in a frame: where StandInDetector finds it.
+inline BevBox tiny_car(int frame) {
+  return {11.4 + 0.04 * frame, 0.02 * frame, 3.9, 1.6, 0.01 * frame};
+}
+
 /// Flat ground and one car a frame, with or without LiDAR returns on it; a fifth of KITTI's image.
 inline void write_tiny_data(const std::filesystem::path& data, int frames, bool returns = false) {
   setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);  // where scenes/rigs is
@@ -62,7 +67,7 @@ inline void write_tiny_data(const std::filesystem::path& data, int frames, bool 
       for (double y = -6; y <= 6; y += 0.5) frame.sweep.push_back({float(x), float(y), -1.73f, 0.2f});
     Label car;
     car.type = "Car";
-    car.box = {{11.0 + i, 0.5 * i - 0.5, 3.9, 1.6, 0.1 * i}, -1.73, 1.5};
+    car.box = {tiny_car(i), -1.73, 1.5};
     car.left = 90, car.right = 150, car.top = 20, car.bottom = 60;
     frame.labels = {car};
     if (returns) add_returns(frame.sweep, car.box);
@@ -73,13 +78,13 @@ inline void write_tiny_data(const std::filesystem::path& data, int frames, bool 
 /// What `mirage attack` says of a run with these settings.
 inline void write_run_json(const std::filesystem::path& run, const AttackSettings& settings,
                            const std::vector<HostId>& train, const std::vector<HostId>& test) {
-  nlohmann::json json = identity(settings);
+  nlohmann::json json = identity(settings).json;
   json["train"] = to_json(train);
   json["test"] = to_json(test);
   write_json(run / "run.json", json);
 }
 
-/// One proposal on the first frame's car. Its logit grows with the image's brightness inside a fixed window
+/// One proposal on every frame's car. Its logit grows with the image's brightness inside a fixed window
 /// and falls with the number of points near the car's roof, smoothly.
 class StandInDetector : public Detector {
  public:

@@ -9,6 +9,7 @@
 #include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "base/json_rows.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -75,6 +76,26 @@ TEST(ReadFile, WhatIsTooLargeIsRefusedBeforeItIsRead) {
   // One of the system's that tells no size.
   EXPECT_THAT(error_text<InputError>([&] { read_file("/proc/cpuinfo", 9); }),
               HasSubstr("larger than 9 bytes"));
+}
+
+TEST(ReadText, SkipsTheByteOrderMarkAndNamesOtherEncodings) {
+  TemporaryFolder folder;
+  write_file(folder / "a.txt", "\xef\xbb\xbfP2: 1");
+  EXPECT_EQ(read_text(folder / "a.txt"), "P2: 1");
+  EXPECT_EQ(read_file(folder / "a.txt").size(), 8u);
+  write_file(folder / "a.txt", "\xef\xbb\xbf");
+  EXPECT_EQ(read_text(folder / "a.txt"), "");
+  write_file(folder / "a.json", "\xef\xbb\xbf[1]");
+  EXPECT_EQ(read_json(folder / "a.json"), nlohmann::json::array({1}));
+  for_each_json_row(folder / "a.json", "", "mend it",
+                    [](std::size_t, const nlohmann::json& row) { EXPECT_EQ(row, 1); });
+  write_file(folder / "a.toml", "\xef\xbb\xbfx = 1");
+  EXPECT_EQ(read_toml(folder / "a.toml").at("x"), 1);
+  for (const char* mark : {"\xff\xfe", "\xfe\xff"}) {
+    write_file(folder / "b.txt", mark + std::string("P\0002\0", 4));
+    EXPECT_THAT(error_text<InputError>([&] { read_text(folder / "b.txt"); }),
+                AllOf(HasSubstr("b.txt"), HasSubstr("UTF-16")));
+  }
 }
 
 TEST(FileHash, IsThatOfTheContentWhateverItsSize) {

@@ -224,12 +224,11 @@ TEST(TrainingSchedule, ItsFieldsAreCheckedAndTheseDecideTheResult) {
     change(wrong);
     return error_text<FieldError>([&] { check_fields(wrong); });
   };
-  EXPECT_EQ(told([](auto& s) { s.steps = 0; }), "steps: 0: out of range; use 1 or more");
-  EXPECT_EQ(told([](auto& s) { s.batch = -1; }), "batch: -1: out of range; use 1 or more");
-  EXPECT_EQ(told([](auto& s) { s.learning_rate = 0; }),
-            "learning_rate: 0: out of range; use a positive number");
+  EXPECT_EQ(told([](auto& s) { s.steps = 0; }), "steps: 0: out of range; use at least 1");
+  EXPECT_EQ(told([](auto& s) { s.batch = -1; }), "batch: -1: out of range; use at least 1");
+  EXPECT_EQ(told([](auto& s) { s.learning_rate = 0; }), "learning_rate: 0: out of range; use above 0");
   EXPECT_EQ(told([](auto& s) { s.checkpoint.steps = 0; }),
-            "checkpoint_every: 0: out of range; use 1 or more");
+            "checkpoint_every: 0: out of range; use at least 1");
 }
 
 }  // namespace

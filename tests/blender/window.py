@@ -14,11 +14,11 @@ SIZE = (1440, 900)
 COLORS = 200  # a window that drew nothing has a handful
 
 
-def start_display(env):
-    """Xvfb on a free display; returns the process and the display's name, or None and why."""
+def start_display(env, folder):
+    """Xvfb on a free display, what it shows in folder/Xvfb_screen0; returns the process and the display's name, or None and why."""
     read_end, write_end = os.pipe()
-    server = subprocess.Popen(["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24", "+extension",
-                               "GLX", "-nolisten", "tcp"], env=env, pass_fds=[write_end], stdin=subprocess.DEVNULL,
+    server = subprocess.Popen(["Xvfb", "-displayfd", str(write_end), "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24", "-fbdir", folder,
+                               "+extension", "GLX", "-nolisten", "tcp"], env=env, pass_fds=[write_end], stdin=subprocess.DEVNULL,
                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     os.close(write_end)
     with os.fdopen(read_end) as answer:
@@ -75,7 +75,7 @@ def distinct_colors(path):
 
 def picture(blender, source, folder, env, scene, out):
     """Runs the session; returns an empty string, or what went wrong."""
-    server, display = start_display(env)
+    server, display = start_display(env, folder)
     if server is None:
         return display
     log = os.path.join(folder, "window.log")

@@ -1,4 +1,5 @@
 // The program as a user meets it: exit codes, one-line errors, and what survives when something goes wrong.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -9,6 +10,7 @@
 #include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 #include <thread>
 
 #include "base/files.h"
@@ -19,6 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::TemporaryFolder;
+using testing::AllOf;
 using testing::HasSubstr;
 
 const std::string kProgram = std::string(MIRAGE_BUILD) + "/mirage";
@@ -67,7 +70,7 @@ TEST(CommandLine, HelpNamesEveryCommand) {
   EXPECT_EQ(outcome.code, 0);
   for (const char* command :
        {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate", "export", "validate",
-        "tradeoff", "depth", "reproduce", "defend", "certify", "view"})
+        "tradeoff", "depth", "reproduce", "defend", "certify", "view", "rig"})
     EXPECT_THAT(outcome.out, HasSubstr(command));
 }
 
@@ -99,6 +102,116 @@ TEST(CommandLine, AConfigSetsOptionsAndAnUnknownKeyIsAnError) {
   EXPECT_EQ(outcome.code, 2);
   expect_one_line(outcome.err);
   EXPECT_THAT(outcome.err, HasSubstr("run.toml: farmes"));
+}
+
+TEST(CommandLine, AWordThatIsNoneIsAskedAboutAndAllThatThereIsIsNamed) {
+  TemporaryFolder folder;
+  std::ofstream(folder / "c.toml") << "min_veiw = 0.5\n";
+  std::ofstream(folder / "rig.toml") << "lidar = \"hdl32\"\n";
+  using Words = std::vector<std::string>;
+  for (const auto& [arguments, words] : std::vector<std::pair<Words, Words>>{
+           {{"atack"}, {"atack: no such command", "did you mean attack?", "reproduce"}},
+           {{"--hepl"}, {"no such option", "did you mean --help?"}},
+           {{}, {"command: is missing", "attack"}},
+           {{"attack", "--data", "d", "--iteratons", "5"},
+            {"attack: --iteratons: no such option", "did you mean --iterations?", "--until-plateau"}},
+           {{"attack", "--data", "d", "--iteratons=5"}, {"did you mean --iterations?"}},
+           {{"train", "--stepz", "5", "--data", "d"}, {"did you mean --steps?"}},
+           {{"train", "detektor", "--data", "d"}, {"detektor is unknown", "did you mean detector?"}},
+           {{"attack", "--data", "d", "--config", folder / "c.toml"},
+            {"c.toml: min_veiw: unknown key", "did you mean min-view?", "texel-rate"}},
+           {{"attack", "--data", "d", "--light", "visibel"}, {"--light", "did you mean visible?"}},
+           {{"attack", "--data", "d", "--target", "imag"}, {"--target", "did you mean image?"}},
+           {{"attack", "--data", "d", "--precision", "flaot"}, {"did you mean float?", "bfloat16"}},
+           {{"attack", "--data", "d", "--expect", "roof,son"}, {"son: unknown", "did you mean sun?"}},
+           {{"attack", "--data", "d", "--renderer", "cycle"}, {"did you mean cycles?"}},
+           {{"generate", "--rig", "kitti"}, {"--rig: kitti", "did you mean kitti64?", "nuscenes", "xenith"}},
+           {{"generate", "--lidar", "hdl64"}, {"--lidar: hdl64", "hdl32e", "vlp16", "vls128"}},
+           {{"generate", "--look", "amercian"}, {"did you mean american?"}},
+           {{"defend", "--data", "d", "--method", "denoisng"}, {"did you mean denoising?", "adversarial"}},
+           {{"reproduce", "tabel1"}, {"tabel1: no such table or figure", "did you mean table1?"}},
+           {{"render", "--scene", "s.glb", "--renderer", "sotf"}, {"did you mean soft?"}}}) {
+    const Outcome outcome = run(folder, arguments);
+    EXPECT_EQ(outcome.code, 2);
+    expect_one_line(outcome.err);
+    EXPECT_THAT(outcome.err, testing::Not(HasSubstr("…")));
+    EXPECT_THAT(outcome.err, testing::Not(HasSubstr("MIRAGE_HOME")));
+    for (const std::string& word : words) EXPECT_THAT(outcome.err, HasSubstr(word));
+  }
+}
+
+TEST(CommandLine, AValueOutOfItsRangeIsToldTheRange) {
+  TemporaryFolder folder;
+  using Words = std::vector<std::string>;
+  for (const auto& [arguments, line] : std::vector<std::pair<Words, std::string>>{
+           {{"export", "--run", "r", "--frames", "-1"}, "--frames: -1 is out of range; use at least 0"},
+           {{"reproduce", "--judge-frames", "-1"}, "--judge-frames: -1 is out of range; use at least 0"},
+           {{"generate", "--threads", "2000"}, "--threads: 2000 is out of range; use 0 to 1024"},
+           {{"attack", "--data", "d", "--iterations", "ten"},
+            "--iterations: ten is no such number; use a whole number, 0 to 1000000"},
+           {{"attack", "--data", "d", "--vertex-rate", "0"}, "--vertex-rate: 0 is out of range; use above 0"},
+           {{"attack", "--data", "d", "--vertex-rate", "nan"}, "--vertex-rate: nan is out of range"},
+           {{"attack", "--data", "d", "--iterations", "1.5"}, "--iterations: 1.5 is no such number"},
+           {{"generate", "--seed", "-1"}, "--seed: -1 is"},
+           {{"attack", "--data", "d", "--iterations"}, "--iterations: needs a value; Adam steps"},
+           {{"attack"}, "mirage: attack: --data: is missing; give it: "}}) {
+    const Outcome outcome = run(folder, arguments);
+    EXPECT_EQ(outcome.code, 2) << line;
+    expect_one_line(outcome.err);
+    EXPECT_THAT(outcome.err, HasSubstr(line));
+  }
+}
+
+TEST(CommandLine, HelpIsNarrowGroupedAndWithAnExampleThatHolds) {
+  TemporaryFolder folder;
+  const auto help_of = [&](const std::string& command) {
+    const Outcome outcome = run(folder, {command, "--help"});
+    EXPECT_EQ(outcome.code, 0) << command;
+    return outcome.out;
+  };
+  std::istringstream list(run(folder, {"--completion", "commands"}).out);
+  int commands = 0;
+  for (std::string line; std::getline(list, line); ++commands) {
+    const std::string command = line.substr(0, line.find('\t')), help = help_of(command);
+    const auto example = help.find("Example:\n  mirage " + command);
+    EXPECT_NE(example, help.npos) << command;
+    EXPECT_THAT(help, testing::Not(HasSubstr("79769313"))) << command;
+    std::istringstream lines(help), words(help.substr(std::min(example, help.size())));
+    for (std::string text; std::getline(lines, text);)
+      EXPECT_LE(std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }), 100)
+          << text;
+    for (std::string word; words >> word && word != "Completed";)
+      if (word.starts_with("--")) EXPECT_THAT(help, HasSubstr("  " + word)) << command;
+  }
+  EXPECT_GE(commands, 17);
+  const std::string attack = help_of("attack");
+  for (const char* text : {"\nData:\n", "\nDetector:\n", "\nLearning:\n", "\nRun:\n",
+                           "(0 to 1000000; default 200)", "(required)"})
+    EXPECT_THAT(attack, HasSubstr(text));
+  EXPECT_THAT(help_of("generate"), AllOf(HasSubstr("kitti64, nuscenes, xenith"), HasSubstr("hdl32e, vlp16")));
+  EXPECT_THAT(run(folder, {"--help"}).out, HasSubstr("--completion bash"));
+}
+
+TEST(CommandLine, BashCompletesWordsOfOptions) {
+  TemporaryFolder folder;
+  const auto completed = [&](const std::string& line) {
+    const std::string script =
+        "source <(" + kProgram + " --completion bash); COMP_WORDS=(" + line +
+        "); COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _mirage; echo \" ${COMPREPLY[@]} \" > " +
+        (folder / "words.txt").string();
+    EXPECT_EQ(std::system(("bash -c '" + script + "'").c_str()), 0);
+    return read_file(folder / "words.txt");
+  };
+  EXPECT_THAT(completed("mirage att"), HasSubstr(" attack "));
+  EXPECT_THAT(completed("mirage attack --targ"), HasSubstr(" --target "));
+  EXPECT_THAT(completed("mirage attack --target i"), HasSubstr(" image "));
+  EXPECT_THAT(completed("mirage generate --rig k"), HasSubstr(" kitti64 "));
+  EXPECT_THAT(completed("mirage attack --defense adv"), HasSubstr(" adversarial "));
+  EXPECT_THAT(completed("mirage attack --lidar-effects u"), HasSubstr(" unit "));
+  EXPECT_THAT(completed("mirage --comp"), HasSubstr(" --completion "));
+  const Outcome zsh = run(folder, {"--completion", "zsh"});
+  EXPECT_EQ(zsh.code, 0);
+  EXPECT_THAT(zsh.out, HasSubstr("bashcompinit"));
 }
 
 TEST(CommandLine, ABudgetOfAnAttackNeedsCyclesAndARule) {
@@ -182,7 +295,9 @@ TEST(CommandLine, AnAttackOrADefenceThatCannotBeIsOneLine) {
            {{"attack", "--data", data, "--size", "0"}, "--size"},
            {{"attack", "--data", data, "--size", "nan"}, "--size"},
            {{"detect", "--data", data, "--defense", "jpeg:0"}, "jpeg:1 to jpeg:100"},
-           {{"detect", "--data", data, "--defense", "stone-wall"}, "with the defence stone-wall"}}) {
+           {{"detect", "--data", data, "--defense", "stone-wall"}, "with the defence stone-wall"},
+           {{"detect", "--data", data, "--defense", "adversariel"}, "did you mean adversarial? use"},
+           {{"detect", "--data", data, "--defense", "jpeg"}, "did you mean jpeg:QUALITY? use"}}) {
     auto all = arguments;
     all.insert(all.end(), {"--out", out});
     const Outcome outcome = run(folder, all);
@@ -295,6 +410,27 @@ TEST(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   EXPECT_EQ(unknown.code, 2);
   expect_one_line(unknown.err);
   EXPECT_THAT(unknown.err, HasSubstr("--rooftop: cone"));
+  // Hosts that are none, and frames that nobody has labelled.
+  const auto refused = [&](const std::vector<std::string>& arguments) {
+    const Outcome outcome = run(folder, arguments);
+    EXPECT_EQ(outcome.code, 2) << outcome.err;
+    expect_one_line(outcome.err);
+    return outcome.err;
+  };
+  const std::vector<std::string> simulate = {"simulate", "--data", data, "--frame", "000000",    "--vehicle",
+                                             "0",        "--mesh", mesh, "--out",   folder / "s"};
+  EXPECT_THAT(refused({"fit", "--data", data, "--types", "Golem", "--out", folder / "f"}),
+              testing::AllOf(HasSubstr("--types"), HasSubstr("Golem"), HasSubstr("Car")));
+  const auto labels = folder / "data/training/label_2/000000.txt";
+  const std::string rows = read_file(labels);
+  write_file(labels, "Pedestrian" + rows.substr(rows.find(' ')));
+  EXPECT_THAT(refused(simulate), testing::AllOf(HasSubstr("--vehicle: 0"), HasSubstr("a Pedestrian there")));
+  fs::remove(labels);
+  EXPECT_THAT(refused(simulate), HasSubstr("has no labels"));
+  EXPECT_THAT(refused({"fit", "--data", data, "--out", folder / "f"}), HasSubstr("labels"));
+  EXPECT_EQ(run(folder, {"view", data, "--out", folder / "page.html"}).code, 0);
+  EXPECT_THAT(refused({"attack", "--data", folder / "data/training", "--out", folder / "a"}),
+              HasSubstr("give its parent"));
 }
 
 TEST(CommandLine, AnOutputFolderThatCannotBeWritten) {
@@ -398,6 +534,15 @@ TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
   ASSERT_EQ(run(folder, attack(std::to_string(reached + 1).c_str())).code, 0);
   EXPECT_EQ(read_json(folder / "run/result.json").at("iterations"), reached + 1);
 
+  // Finished: nothing is left to do, and it says so.
+  auto finished = attack("1");
+  finished.pop_back();  // --quiet
+  outcome = run(folder, finished);
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_THAT(outcome.out, HasSubstr(fmt::format("already done: {0} of {0} iterations", reached + 1)));
+  EXPECT_THAT(outcome.out, testing::Not(HasSubstr("seconds an iteration")));
+  EXPECT_THAT(outcome.err, testing::Not(HasSubstr("resuming")));
+
   auto by_box = attack(std::to_string(reached + 2).c_str());
   by_box.insert(by_box.end(), {"--rooftop", "box"});
   outcome = run(folder, by_box);
@@ -431,6 +576,18 @@ TEST(CommandLine, AttackSurvivesCtrlCAndTheChainGoesOn) {
       exported.at("rooftops").at("fitted").get<int>() + exported.at("rooftops").at("from_box").get<int>(),
       exported.at("scenes"));
   EXPECT_EQ(read_file(folder / "g/adversary.glb"), read_file(folder / "run/adversary.glb"));
+  // All test vehicles by default, and no others; which were learned on is counted and written.
+  const auto split = read_json(folder / "run/run.json");
+  ASSERT_EQ(
+      run(folder, {"export", "--run", attacked, "--frames", "0", "--out", folder / "h", "--quiet"}).code, 0);
+  const auto held_back = read_json(folder / "h/result.json");
+  EXPECT_EQ(held_back.at("scenes"), split.at("test").size());
+  EXPECT_EQ(held_back.at("learned_on"), 0);
+  outcome = run(folder, {"export", "--run", attacked, "--frames", "9", "--out", folder / "i"});
+  const auto everything = read_json(folder / "i/result.json");
+  EXPECT_EQ(everything.at("scenes"), split.at("test").size() + split.at("train").size());
+  EXPECT_EQ(everything.at("learned_on"), split.at("train").size());
+  EXPECT_THAT(outcome.out, HasSubstr(fmt::format("({} of vehicles learned on)", split.at("train").size())));
 
   // The quality's values, but for what a config file or the command line gives.
   std::ofstream(folder / "quality.toml") << "quality = \"draft\"\ngamma = 0.02\n";
@@ -467,9 +624,13 @@ TEST(CommandLine, AModelFromPyTorchIsRunAndScored) {
   };
   const Outcome outcome = detect("works.pt");
   ASSERT_EQ(outcome.code, 0) << outcome.err;
-  EXPECT_THAT(outcome.out, HasSubstr("moderate"));
+  EXPECT_THAT(outcome.out, AllOf(HasSubstr("AP by Mirage's rules"), HasSubstr("AP 0.7 (95 %)"),
+                                 HasSubstr("AP by KITTI's kit, bev, IoU 0.7 (0.5):"), HasSubstr("moderate")));
   const auto result = read_json(folder / "o/result.json");
   EXPECT_EQ(result.at("detector"), "torchscript");
+  EXPECT_EQ(result.at("kitti_ap").at("iou"), 0.7);
+  for (const char* level : {"easy", "moderate", "hard"})
+    EXPECT_TRUE(result.at("kitti_ap").at("bev").contains(level)) << level;
   for (const char* key : {"frames", "vehicles", "ap50", "ap70", "recall50"})
     EXPECT_TRUE(result.at(key).is_number()) << key;
   for (const char* key : {"0_20_m", "20_40_m", "40_70_m", "0_40_m", "easy", "moderate", "hard"})
@@ -480,6 +641,7 @@ TEST(CommandLine, AModelFromPyTorchIsRunAndScored) {
   const Outcome seen = detect("picture.pt");
   ASSERT_EQ(seen.code, 0) << seen.err;
   EXPECT_EQ(read_json(folder / "o/result.json").at("plane"), "picture");
+  EXPECT_TRUE(read_json(folder / "o/result.json").at("kitti_ap").contains("image"));
   const auto frames = read_json(folder / "o/detections.json").at("frames");
   ASSERT_EQ(frames.at(0).at("detections").size(), 2u);
   EXPECT_EQ(frames.at(0).at("detections").at(0).at("right").get<double>() -
@@ -490,7 +652,8 @@ TEST(CommandLine, AModelFromPyTorchIsRunAndScored) {
   EXPECT_EQ(blind.code, 2);
   expect_one_line(blind.err);
   EXPECT_THAT(blind.err, HasSubstr("--target"));
-  for (const char* model : {"one_tensor.pt", "not_finite.pt", "detached.pt", "missing.pt"}) {
+  for (const char* model :
+       {"one_tensor.pt", "not_finite.pt", "detached.pt", "negative_sides.pt", "missing.pt"}) {
     const Outcome wrong = detect(model);
     EXPECT_EQ(wrong.code, 2) << model;
     expect_one_line(wrong.err);

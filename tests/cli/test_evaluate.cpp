@@ -107,6 +107,8 @@ void Evaluate::check_contradictions() {
            {"--hosts some", "--hosts"},
            {"--random-meshes -1", "--random-meshes"},
            {"--baseline sphere", "--baseline"},
+           {"--iou 70", "--iou: 70 is out of range, use 0 to 1 (70 % is 0.7)"},
+           {"--score 30", "--score"},
            {"--pictures -1", "--pictures"}}) {
     EXPECT_EQ(evaluate(options), 2) << options;
     EXPECT_THAT(said(), testing::StartsWith("mirage: "));
@@ -120,6 +122,9 @@ TEST_F(Evaluate, TransfersPoolsRandomMeshesDrawsAndRefusesContradictions) {
   if (!fs::exists(fs::path(MIRAGE_BUILD) / "plugins/fusion.so"))
     GTEST_SKIP() << "the fusion plugin was not built (MIRAGE_DETECTORS)";
   ASSERT_NO_FATAL_FAILURE(make_runs());
+  const auto attack = read_json(folder_ / "run/result.json");
+  EXPECT_EQ(attack.at("found_clean").at("vehicles"), attack.at("vehicles_train"));
+  EXPECT_GT(attack.at("found_clean").at("found"), 0);
   check_transfer();
   check_gate();
   check_contradictions();

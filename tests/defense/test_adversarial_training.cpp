@@ -9,6 +9,7 @@
 #include "base/files.h"
 #include "defense/adversarial_training.h"
 #include "exchange/gltf.h"
+#include "support/each_field.h"
 #include "support/files.h"
 
 namespace mirage {
@@ -184,6 +185,12 @@ TEST(Defense, EveryMethodHasItsSettings) {
     EXPECT_EQ(word == "picture-dropout", settings.left_out > 0);
     EXPECT_EQ(word == "picture-dropout" || word == "depth-gate", settings.adversary_updates == 0);
   }
+}
+
+TEST(DefenseSettings, EachFieldChangesTheIdentityOfWhatIsMadeOfIt) {
+  const test::TemporaryFolder folder;
+  test::expect_identity_follows(DefenseSettings(), folder.path());
+  test::expect_identity_follows(CertificateSettings(), folder.path());
 }
 
 }  // namespace

@@ -302,6 +302,37 @@ TEST(PictureTruth, CarsCountWhateverTheirDistanceAndReturns) {
   EXPECT_EQ(ground_truth(frame_of(labels), {0, 50, -25, 25}).picture.boxes.size(), 1u);
 }
 
+TEST(GroundTruth, OfAnUnlabelledFrameIgnoresAllThatIsFound) {
+  Frame frame;
+  frame.labelled = false;
+  const GroundTruth nothing = ground_truth(frame, {0, 50, -25, 25});
+  const GroundTruth one{{car(10)}, {}, {}};
+  for (const Plane plane : {Plane::bev, Plane::picture}) {
+    std::vector<ScoredFrame> frames;
+    if (plane == Plane::bev) {
+      frames = {{{found(car(10), 1)}, one}, scored({found(car(45, 20), 3)}, nothing, 700, plane)};
+    } else {
+      frames = {picture_frame({seen_at(in_picture(0, 110), 1)}),
+                scored({seen_at(in_picture(900), 3)}, nothing, 700, plane)};
+    }
+    const double alone = average_precision(std::span(frames).first(1), 0.7).average_precision;
+    EXPECT_GT(alone, 0);
+    EXPECT_DOUBLE_EQ(average_precision(frames, 0.7).average_precision, alone);
+  }
+}
+
+TEST(PictureTruth, LabelsOfThePictureAloneCountThereAlone) {
+  std::vector<Label> labels = {seen(50, 0, 0)};
+  labels[0].in_space = false;
+  labels[0].right = 40;
+  const GroundTruth truth = ground_truth(frame_of(labels), {-50, 50, -25, 25});
+  EXPECT_TRUE(truth.boxes.empty());
+  ASSERT_EQ(truth.picture.boxes.size(), 1u);
+  const std::vector<ScoredFrame> frames = {scored({}, truth, 700, Plane::picture)};
+  EXPECT_EQ(average_precision(frames, 0.7, {"", 0, 20}).boxes, 0);  // nobody knows how far it is
+  EXPECT_EQ(average_precision(frames, 0.7, {"", 0, 1e9}).boxes, 1);
+}
+
 TEST(Difficulty, FollowsKittisLimits) {
   EXPECT_EQ(easiest_level(seen(40, 0, 0.15)), Difficulty::easy);
   EXPECT_EQ(easiest_level(seen(39, 0, 0)), Difficulty::moderate);

@@ -11,6 +11,7 @@
 namespace mirage {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -140,7 +141,9 @@ TEST(Loader, PluginThatThrowsOrFailsLater) {
   };
   EXPECT_THAT(run("throws_in_run"), HasSubstr("forward threw an exception (thrown on purpose)"));
   EXPECT_THAT(run("fails_in_run"), HasSubstr("forward failed (out of luck)"));
-  EXPECT_THAT(run("not_finite"), HasSubstr("not finite"));
+  const auto detector = load_detector(fake("not_finite"));
+  EXPECT_THAT(message_of<InputError>([&] { detector->forward(scene.view(), 0.1, false); }),
+              AllOf(HasSubstr("fake_not_finite.so: box 0 of 1: "), HasSubstr("not finite")));
 }
 
 TEST(Loader, MissingWeights) {

@@ -214,6 +214,23 @@ TEST(TorchScript, WrongAtASingleFrameIsTheModelsFaultToo) {
   EXPECT_THAT(test::error_text<InputError>(run), HasSubstr("works.pt: forward's logits: are not finite"));
 }
 
+TEST(TorchScript, BoxesOfNoSizeAreRefusedWithTheBox) {
+  const SmallScene scene;
+  const auto refusal = [&](const std::string& model) {
+    const auto detector = load(model);
+    const std::string text =
+        test::error_text<InputError>([&] { detector->forward(scene.view(), -1, false); });
+    EXPECT_THAT(text, AllOf(HasSubstr(model + ".pt: box 0 of "), Not(HasSubstr("\n"))));
+    return text;
+  };
+  EXPECT_THAT(refusal("negative_length"), HasSubstr("length -4 m"));
+  EXPECT_THAT(refusal("negative_sides"), HasSubstr("positive"));
+  EXPECT_THAT(refusal("no_width"), HasSubstr("width 0 m"));
+  EXPECT_THAT(refusal("huge"), HasSubstr("at most 1000 m"));
+  EXPECT_THAT(refusal("far"), HasSubstr("is no place near the sensor"));
+  EXPECT_THAT(refusal("picture_centres"), HasSubstr("not a centre and a size"));
+}
+
 // A weights file is data: one that LibTorch would run while it reads it is refused unread.
 TEST(TorchScript, IsCodeAndWeightsAreNot) {
   const auto mark = models() / "mark", file = models() / "planted.pt";

@@ -11,9 +11,11 @@
 #include "exchange/gltf.h"
 #include "exchange/gltf_builder.h"
 #include "exchange/host_proxy.h"
+#include "exchange/mesh_files.h"
 #include "geometry/atlas_triangles.h"
 #include "geometry/shapes.h"
 #include "sensors/soft_rasterizer.h"
+#include "support/files.h"
 
 namespace mirage {
 namespace {
@@ -105,6 +107,8 @@ TEST(Gltf, AdversaryOfASceneComesBack) {
   const ExportScene source = scene();
   write_scene(scratch("scene.glb"), source);
   expect_identical(source.adversary, read_adversary(scratch("scene.glb")));
+  EXPECT_THAT(test::error_text<InputError>([&] { read_object(scratch("scene.glb")); }),
+              testing::HasSubstr("is a whole scene"));
 }
 
 TEST(Gltf, SameSceneGivesTheSameBytes) {

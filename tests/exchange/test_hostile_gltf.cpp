@@ -1,4 +1,5 @@
 // Scenes and meshes from anybody: how deep they may nest, and what is no scene at all.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -15,6 +16,7 @@
 #include "exchange/gltf_builder.h"
 #include "exchange/mesh_files.h"
 #include "support/files.h"
+#include "support/heard.h"
 
 namespace mirage {
 namespace {
@@ -108,6 +110,64 @@ TEST(GltfNodes, EachHasOneParentAndTheTreeIsBounded) {
                    for (int n = 0; n < 40; ++n) d["nodes"].push_back({{"mesh", 0}});
                  }),
                  "nodes[32].mesh");
+}
+
+TEST(GltfDemands, WhatChangesTheShapeAndIsNotReadIsRefusedByName) {
+  const auto requires_it = [](const char* name) {
+    return changed([&](json& d) { d["extensionsUsed"] = d["extensionsRequired"] = {name}; });
+  };
+  for (const char* name : {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization",
+                           "VENDOR_invented_tomorrow"})
+    expect_refused(requires_it(name), fmt::format("extensionsRequired[0]: {} is not read", name));
+  expect_refused(changed([](json& d) { d["asset"]["minVersion"] = "2.1"; }), "asset.minVersion: is 2.1");
+  expect_refused(changed([](json& d) {
+                   d["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"] = {{"attributes", json::object()}};
+                 }),
+                 "nodes[0].extensions.EXT_mesh_gpu_instancing");
+  expect_refused(changed([](json& d) {
+                   d["nodes"][0]["extensions"]["KHR_node_visibility"] = {{"visible", false}};
+                 }),
+                 "nodes[0].extensions.KHR_node_visibility");
+  expect_refused(changed([](json& d) { d["nodes"][0]["skin"] = 0; }), "nodes[0].skin");
+  expect_refused(
+      changed([](json& d) {
+        d["accessors"][0].erase("bufferView");
+        d["meshes"][0]["primitives"][0]["extensions"]["KHR_draco_mesh_compression"] = {{"bufferView", 0}};
+      }),
+      "meshes[0].primitives[0].extensions.KHR_draco_mesh_compression");
+  expect_refused(changed([](json& d) { d["nodes"][0]["weights"] = {0, 0.5}; }), "nodes[0].weights");
+  expect_refused(changed([](json& d) { d["meshes"][0]["weights"] = {1}; }), "meshes[0].weights");
+  const test::TemporaryFolder folder;
+  for (const json& good :
+       {requires_it("KHR_lights_punctual"), changed([](json& d) { d["asset"]["minVersion"] = "2.0"; }),
+        changed([](json& d) { d["extensionsUsed"] = {"KHR_draco_mesh_compression"}; }), changed([](json& d) {
+          d["meshes"][0]["weights"] = {0, 0};
+        }),
+        changed([](json& d) { d["meshes"][0]["weights"] = {1}, d["nodes"][0]["weights"] = {0}; })}) {
+    write_glb(folder / "good.glb", good);
+    EXPECT_EQ(read_adversary(folder / "good.glb").mesh.faces.size(), 1u) << good.dump();
+  }
+}
+
+TEST(GltfColours, WhatIsNotReadIsNamedOnce) {
+  const test::TemporaryFolder folder;
+  write_glb(folder / "painted.glb", changed([](json& d) {
+              d["accessors"].push_back(
+                  {{"bufferView", 0}, {"componentType", 5126}, {"count", 3}, {"type", "VEC3"}});
+              d["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 1;
+              d["meshes"][0]["primitives"][0]["material"] = 0;
+              d["materials"] = {{{"alphaMode", "MASK"},
+                                 {"extensions", {{"KHR_materials_pbrSpecularGlossiness", json::object()}}}}};
+              d["nodes"].push_back({{"mesh", 0}});
+              d["scenes"][0]["nodes"] = {0, 1};
+            }));
+  const test::Heard heard;
+  EXPECT_EQ(read_adversary(folder / "painted.glb").mesh.faces.size(), 2u);
+  const std::string said = heard.text();
+  for (const char* name :
+       {"painted.glb", "vertex colours (COLOR_0)", "alphaMode MASK", "KHR_materials_pbrSpecularGlossiness"})
+    EXPECT_THAT(said, HasSubstr(name));
+  EXPECT_EQ(heard.warnings(), 1);
 }
 
 TEST(GltfValues, RubbishIsRefusedWithItsField) {

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/random.h"
 #include "exchange/mesh_files.h"
 #include "exchange/polygons.h"
 #include "geometry/shapes.h"
@@ -48,6 +49,84 @@ TEST(MeshFiles, WhatIsWrittenIsReadBack) {
   }
 }
 
+TEST(MeshFiles, AMeshIsReadByItsContentAndWrittenByItsEndingInAnyCase) {
+  const test::TemporaryFolder folder;
+  TexturedMesh mesh = grey_ellipsoid({0.6, 0.5, 0.4});
+  RandomStream random(1, "texels");
+  for (Vec3d& t : mesh.atlas.texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
+  for (const char* name : {"a.glb", "A.GLB"}) {
+    write_textured_mesh(folder / name, mesh);
+    for (const char* as : {"b.glb", "b.GLTF", "b.obj", "b"}) {
+      std::filesystem::copy_file(folder / name, folder / as,
+                                 std::filesystem::copy_options::overwrite_existing);
+      const TexturedMesh back = read_textured_mesh(folder / as);
+      EXPECT_EQ(back.mesh.vertices, mesh.mesh.vertices) << as;
+      EXPECT_EQ(back.mesh.faces, mesh.mesh.faces) << as;
+      EXPECT_EQ(back.atlas.texels, mesh.atlas.texels) << as;
+    }
+  }
+  for (const char* name : {"a.ply", "A.PLY", "a.obj", "A.Obj"}) {
+    write_textured_mesh(folder / name, mesh);
+    std::filesystem::copy_file(folder / name, folder / "b.glb",
+                               std::filesystem::copy_options::overwrite_existing);
+    const TexturedMesh back = read_textured_mesh(folder / "b.glb");
+    EXPECT_LT((bounds(back.mesh).sizes() - bounds(mesh.mesh).sizes()).norm(), 1e-6) << name;
+    EXPECT_EQ(back.atlas.texels.size(), back.mesh.faces.size() * back.atlas.per_face()) << name;
+  }
+  for (const char* name : {"a.gltf", "a.stl", "a"})
+    EXPECT_THAT(error_text<InputError>([&] { write_textured_mesh(folder / name, mesh); }),
+                HasSubstr("give .glb, .obj or .ply"))
+        << name;
+}
+
+TEST(MeshFiles, AnObjectOfNoRoofIsRefusedWithItsSizeAndUnit) {
+  const test::TemporaryFolder folder;
+  const auto refusal = [&](double scale, const Vec3d& shift = Vec3d::Zero()) {
+    Mesh mesh = box_mesh(scale * Vec3d(1, 0.8, 0.5));
+    for (Vec3d& v : mesh.vertices) v += shift;
+    write_mesh(folder / "a.ply", mesh);
+    return error_text<InputError>([&] { read_object(folder / "a.ply"); });
+  };
+  EXPECT_THAT(refusal(1000), HasSubstr("a.ply: size: 1000 × 800 × 500 m is no object"));
+  EXPECT_THAT(refusal(1000), HasSubstr("are these millimetres? scale by 0.001"));
+  EXPECT_THAT(refusal(120), HasSubstr("are these centimetres? scale by 0.01"));
+  EXPECT_THAT(refusal(0.001), HasSubstr("scale by 1000"));
+  EXPECT_THAT(refusal(1, {30, -12, 0}), HasSubstr("a.ply: place: lies"));
+  EXPECT_THAT(refusal(60), HasSubstr("a whole scene is no object"));
+  for (const double scale : {0.05, 1.0, 9.9}) {
+    write_mesh(folder / "a.ply", box_mesh(scale * Vec3d(1, 0.8, 0.5)));
+    EXPECT_EQ(read_object(folder / "a.ply").mesh.faces.size(), 12u) << scale;
+  }
+}
+
+TEST(MeshFiles, AByteOrderMarkSpoilsNoRow) {
+  const test::TemporaryFolder folder;
+  write_file(folder / "a.obj", "\xEF\xBB\xBFv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+  EXPECT_EQ(read_mesh(folder / "a.obj").faces.size(), 1u);
+}
+
+TEST(MeshFiles, ATextPlysRowEndsWhereItsLineEnds) {
+  const test::TemporaryFolder folder;
+  const auto read = [&](const std::string& body) {
+    write_file(
+        folder / "a.ply",
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 2\nproperty list uchar int vertex_indices\nend_header\n" +
+            body);
+    return read_mesh(folder / "a.ply").faces.size();
+  };
+  EXPECT_EQ(read("0 0 0\n1 0 0 \r\n\n0 1 0\n\t1 1 1\n3 0 1 2\n3 1 3 2\n\n"), 2u);
+  EXPECT_EQ(read("0 0 0\n1 0 0\n0 1 0\n1 1 1\n3 0 1 2\n3 1 3 2"), 2u);
+  for (const auto& [body, line] :
+       {std::pair{"0 0 0\n1 0\n0 1 0\n1 1 1\n3 0 1 2\n3 1 3 2\n", "line 11: has fewer values"},
+        std::pair{"0 0 0\n1 0 0 0.5\n0 1 0\n1 1 1\n3 0 1 2\n3 1 3 2\n", "line 11: has more values"},
+        std::pair{"0 0 0\n1 0 0\n0 1 0\n1 1 1\n3 0 1 2 0.7\n3 1 3 2\n", "line 14: has more values"},
+        std::pair{"0 0 0\n1 0 0\n0 1 0\n1 1 1\n4 0 1 2\n3 1 3 2\n", "line 14: has fewer values"},
+        std::pair{"0 0 0\n1 0 0\n0 1 0\n1 1 1\n3 0 1 2\n3 1 x 2\n", "line 15: holds a word"},
+        std::pair{"0 0 0\n1 0 0\n0 1 0\n1 1 1\n3 0 1 2\n3 1 3 2\n3 0 1 3\n", "line 16: follows the last"}})
+    EXPECT_THAT(error_text<InputError>([&] { read(body); }), HasSubstr(line)) << body;
+}
+
 TEST(MeshFiles, ObjWithPolygonsAndOtherAxes) {
   const test::TemporaryFolder folder;
   // A box 1.8 × 1.5 × 4 that looks along −z with y up; one open side.
@@ -67,7 +146,9 @@ TEST(MeshFiles, ObjWithPolygonsAndOtherAxes) {
 TEST(MeshFiles, ErrorsNameFileAndFix) {
   const test::TemporaryFolder folder;
   EXPECT_THAT(error_text<InputError>([&] { read_mesh(folder / "none.ply"); }), HasSubstr("none.ply"));
-  EXPECT_THAT(error_text<InputError>([&] { read_mesh(folder / "a.stl"); }), HasSubstr("extension"));
+  write_file(folder / "a.obj", std::string("solid a\nfacet normal 0 0 1\n"));
+  EXPECT_THAT(error_text<InputError>([&] { read_mesh(folder / "a.obj"); }), HasSubstr("a.obj: content"));
+  std::filesystem::remove(folder / "a.obj");
   EXPECT_THAT(error_text<InputError>([&] { read_vehicle_meshes(folder.path()); }), HasSubstr("no meshes"));
   EXPECT_THAT(error_text<InputError>([&] { read_vehicle_meshes(folder / "none"); }),
               HasSubstr("not a folder"));

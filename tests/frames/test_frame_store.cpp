@@ -1,29 +1,31 @@
 // Streaming of frames, and what of them is kept on disk.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <spdlog/sinks/ostream_sink.h>
 #include <sys/stat.h>
 
 #include <chrono>
 #include <cstdlib>
 #include <functional>
-#include <sstream>
 #include <thread>
 
 #include "attack/attack.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
+#include "base/field_json.h"
 #include "base/files.h"
-#include "base/logging.h"
 #include "frames/cached_detections.h"
 #include "frames/frame_cache.h"
 #include "frames/hosts.h"
+#include "frames/made_of.h"
+#include "support/each_field.h"
 #include "support/files.h"
+#include "support/heard.h"
 
 namespace mirage {
 namespace {
 
 namespace fs = std::filesystem;
+using test::Heard;
 using testing::HasSubstr;
 
 /// MIRAGE_CACHE for a test's duration.
@@ -31,26 +33,6 @@ class CacheIn {
  public:
   explicit CacheIn(const fs::path& folder) { setenv("MIRAGE_CACHE", folder.c_str(), 1); }
   ~CacheIn() { setenv("MIRAGE_CACHE", "off", 1); }
-};
-
-/// What is logged while it lives.
-class Heard {
- public:
-  Heard() : before_(spdlog::default_logger()) {
-    spdlog::set_default_logger(
-        std::make_shared<spdlog::logger>("test", std::make_shared<spdlog::sinks::ostream_sink_mt>(text_)));
-  }
-  ~Heard() { spdlog::set_default_logger(before_); }
-  std::string text() const { return text_.str(); }
-  int warnings() const {
-    int count = 0;
-    for (std::size_t at = 0; (at = text().find("[warning]", at)) != std::string::npos; ++at) ++count;
-    return count;
-  }
-
- private:
-  std::ostringstream text_;
-  std::shared_ptr<spdlog::logger> before_;
 };
 
 /// Everything of a store's frames that could differ, by bits.
@@ -266,6 +248,71 @@ TEST_F(FrameStoreTest, AFolderThatCannotBeWrittenCostsOneWarning) {
   EXPECT_EQ(all(frames), bits);
   EXPECT_EQ(heard.warnings(), 1) << heard.text();
   EXPECT_THAT(heard.text(), HasSubstr("nothing more is cached"));
+}
+
+/// Whether a cache of its own still has what another one was asked for first.
+class Entries {
+ public:
+  explicit Entries(const fs::path& folder) : folder_(folder) {}
+  bool views(const SimulationSettings& simulation, const LidarModel& lidar = {},
+             const std::string& depth = "ip-basic", const std::string& rooftop = "box",
+             const std::string& frame = "f", double left = 0) const {
+    FrameCache cache(std::make_unique<DiskCache>(folder_), depth, rooftop, lidar);
+    bool asked = false;
+    cache.views(frame, {left, 50, -25, 25}, simulation, [&] {
+      asked = true;
+      return std::vector<HostView>{{1, 0.5}};
+    });
+    return !asked;
+  }
+
+ private:
+  fs::path folder_;
+};
+
+TEST(FrameCache, AnEntryIsOfOneFrameModelAndSetting) {
+  const test::TemporaryFolder folder;
+  const Entries kept(folder / "cache");
+  const SimulationSettings settings;
+  EXPECT_FALSE(kept.views(settings));
+  EXPECT_TRUE(kept.views(settings));
+  int fields = 0;
+  test::for_each_field(settings,
+                       [&](SimulationSettings& other, const Field& field, auto& value, bool, const char*) {
+                         test::change(field, value);
+                         // What lens, sensor and unit do to the object changes no silhouette.
+                         SimulationSettings plain = other;
+                         plain.lidar_effects = {};
+                         plain.camera_effects = {};
+                         const bool same = fields_json(plain) == fields_json(settings);
+                         EXPECT_EQ(kept.views(other), same) << field.name;
+                         EXPECT_TRUE(kept.views(other)) << field.name;
+                         fields += same ? 0 : 1;
+                       });
+  EXPECT_GT(fields, 25);
+  LidarModel unit;
+  unit.beams.resize(2);
+  EXPECT_FALSE(kept.views(settings, unit));
+  const auto changed = [&](const char* what, const auto& change) {
+    LidarModel other = unit;
+    change(other);
+    EXPECT_FALSE(kept.views(settings, other)) << what;
+  };
+  double LidarBeam::*const of_beam[] = {&LidarBeam::elevation, &LidarBeam::height, &LidarBeam::lateral,
+                                        &LidarBeam::azimuth_offset, &LidarBeam::time};
+  for (const auto number : of_beam) changed("beam", [&](LidarModel& m) { m.beams[1].*number = 0.1; });
+  double LidarModel::*const of_unit[] = {&LidarModel::azimuth_step, &LidarModel::encoder_step,
+                                         &LidarModel::azimuth_min,  &LidarModel::azimuth_max,
+                                         &LidarModel::range_min,    &LidarModel::range_max,
+                                         &LidarModel::rate,         &LidarModel::height};
+  for (const auto number : of_unit) changed("unit", [&](LidarModel& m) { m.*number = 0.1; });
+  changed("rotation", [](LidarModel& m) { m.rotation = -1; });
+  changed("divergence", [](LidarModel& m) { m.divergence.y() = 1e-3; });
+  changed("mount", [](LidarModel& m) { m.velo_from_lidar.translation().x() = 1; });
+  EXPECT_FALSE(kept.views(settings, unit, "guided"));
+  EXPECT_FALSE(kept.views(settings, unit, "ip-basic", "shape"));
+  EXPECT_FALSE(kept.views(settings, unit, "ip-basic", "box", "g"));
+  EXPECT_FALSE(kept.views(settings, unit, "ip-basic", "box", "f", 1));
 }
 
 TEST_F(FrameStoreTest, CleanDetectionsAreKeptByDetectorAndThreshold) {

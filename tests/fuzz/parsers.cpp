@@ -254,7 +254,7 @@ void check(const AttackState& state) {
 }
 
 void checkpoint(const fs::path& file) {
-  check(read_checkpoint(file, seed_identity(), seed_start()));
+  check(read_checkpoint(file, seed_identity(), seed_settings(), seed_start()));
 }
 
 /// The bytes are a JSON merge patch (RFC 7386) on a whole checkpoint: fields that a mutation of its text
@@ -265,7 +265,7 @@ void checkpoint_fields(const fs::path& file) {
   patched.merge_patch(read_json(file));
   const fs::path place = scratch() / "patched-checkpoint.json";
   write_bytes(place, patched.dump(-1, ' ', false, kReplaceBadUtf8));
-  check(read_checkpoint(place, seed_identity(), seed_start()));
+  check(read_checkpoint(place, seed_identity(), seed_settings(), seed_start()));
 }
 
 /// The directory of a weights file.

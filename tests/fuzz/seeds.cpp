@@ -214,6 +214,14 @@ nlohmann::json seed_identity() {
   return {{"limits", {0.8, 0.8, 0.5}}, {"vertex_rate", 1e-3}, {"texel_rate", 4e-3}, {"train", {"host"}}};
 }
 
+AttackSettings seed_settings() {
+  AttackSettings settings;
+  settings.limits.half = {0.8, 0.8, 0.5};
+  settings.vertex_rate = 1e-3;
+  settings.texel_rate = 4e-3;
+  return settings;
+}
+
 TexturedMesh seed_start() {
   TexturedMesh start = seed_mesh();
   for (Vec3d& v : start.mesh.vertices) v *= 0.5;
@@ -288,7 +296,7 @@ std::vector<Seed> seeds() {
       {"pickle", "module", pickle()},
       {"run", "whole", run()},
       {"checkpoint-fields", "none", "{}"},
-      {"checkpoint-fields", "some", R"({"losses":[1,2,3,4,5,6],"hidden":[1,0]})"},
+      {"checkpoint-fields", "some", R"({"losses":[1,2,3,4,5,6],"hidden":[1,0],"found":[1,1]})"},
       {"checkpoint", "fresh", seed_checkpoint(0)},
       {"checkpoint", "whole", seed_checkpoint(2)}};
   return all;

@@ -26,6 +26,8 @@ Calibration seed_calibration();
 const nlohmann::json& seed_tables();
 /// What a checkpoint is asked to agree with.
 nlohmann::json seed_identity();
+/// Of the run that it tells of.
+AttackSettings seed_settings();
 /// The mesh that its run starts from: a real one has forty thousand numbers, and all of the fuzzer's time
 /// goes into reading them.
 TexturedMesh seed_start();

@@ -29,6 +29,13 @@ TEST(BoxIou, ByHand) {
   EXPECT_NEAR(iou({0, 0, 4, 2, 0}, {4, 0, 4, 2, 0}), 0, 1e-12);  // edge to edge
   EXPECT_NEAR(iou({0, 0, 6, 6, 0.3}, {0, 0, 2, 3, 1.1}), 6.0 / 36, 1e-12);
   EXPECT_EQ(iou({0, 0, 0, 2, 0}, {0, 0, 4, 2, 0}), 0);
+  for (const BevBox& none : {BevBox{0, 0, -4, 2, 0}, BevBox{0, 0, 4, -2, 0}, BevBox{0, 0, -4, -2, 0}}) {
+    EXPECT_EQ(iou(none, {0, 0, 4, 2, 0}), 0);  // two negative sides have a positive product
+    EXPECT_EQ(iou({0, 0, 4, 2, 0}, none), 0);
+    EXPECT_EQ(iou(none, none), 0);
+    EXPECT_EQ(intersection_area(none, {0, 0, 4, 2, 0}), 0);
+    EXPECT_EQ(intersection_area({0, 0, 4, 2, 0}, none), 0);
+  }
 }
 
 TEST(BoxIou, SymmetricBoundedAndBlindToRigidMotionAndHalfTurns) {

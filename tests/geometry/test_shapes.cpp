@@ -52,6 +52,22 @@ TEST(BoxMesh, ClosedOutwardAndOfItsSize) {
   EXPECT_TRUE(bounds(mesh).max().isApprox(Vec3d(2, 0.9, 0.75)));
 }
 
+TEST(Bounds, AreOfTheVerticesThatFacesUse) {
+  Mesh mesh = box_mesh({4, 1.8, 1.5});
+  const Eigen::AlignedBox3d own = bounds(mesh);
+  mesh.vertices.insert(mesh.vertices.begin(), Vec3d(0, 0, -900));
+  mesh.vertices.emplace_back(900, 900, 900);
+  for (Face& f : mesh.faces)
+    for (int& corner : f) ++corner;
+  EXPECT_EQ(bounds(mesh).min(), own.min());
+  EXPECT_EQ(bounds(mesh).max(), own.max());
+  EXPECT_EQ(used_vertices(mesh), (std::vector<std::size_t>{1, 2, 3, 4, 5, 6, 7, 8}));
+  mesh.faces.clear();
+  EXPECT_EQ(bounds(mesh).min(), Vec3d::Zero());
+  EXPECT_EQ(bounds(mesh).max(), Vec3d::Zero());
+  EXPECT_TRUE(used_vertices(mesh).empty());
+}
+
 TEST(Append, KeepsBothPartsClosed) {
   Mesh mesh = box_mesh({1, 1, 1});
   Transform aside = Transform::Identity();

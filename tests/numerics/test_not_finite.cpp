@@ -219,7 +219,7 @@ TEST(NotFinite, ProposalsOfADetector) {
     BevBox nowhere = host;
     nowhere.x = bad;
     const std::vector<Proposal> box{{nowhere, 1}};
-    for (const auto& [proposals, name] : {std::pair{logit, "proposal 1"}, std::pair{box, "proposal 0"}}) {
+    for (const auto& [proposals, name] : {std::pair{logit, "box 1 of 2"}, std::pair{box, "box 0 of 1"}}) {
       EXPECT_NE(test::error_text<InputError>([&] {
                   objective(proposals, {host, {}}, {});
                 }).find(name),

@@ -4,3 +4,7 @@ if(NOT MIRAGE_SANITIZE AND NOT MIRAGE_TSAN)
                                            ${CMAKE_BINARY_DIR} ${CMAKE_COMMAND})
   set_tests_properties(packages.installed PROPERTIES TIMEOUT 600)
 endif()
+
+# What `make demo` installs is enough to configure what it builds; the tests are not left out in silence.
+add_test(NAME packages.demo COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/packages/demo.sh ${PROJECT_SOURCE_DIR} ${CMAKE_COMMAND})
+set_tests_properties(packages.demo PROPERTIES TIMEOUT 300)

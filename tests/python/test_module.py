@@ -1,6 +1,7 @@
 """The package without PyTorch: frames, meshes, insertions and their parts, errors."""
 
 import os
+import shutil
 import subprocess
 import sys
 import unittest
@@ -53,6 +54,13 @@ class Frames(unittest.TestCase):
         self.assertTrue(np.shares_memory(FRAME.image, FRAME.image))
         self.assertFalse(FRAME.image.flags.writeable)
 
+    def test_points_in_view_are_those_that_a_detector_gets(self):
+        uvw = np.c_[FRAME.points[:, :3], np.ones(len(FRAME.points))] @ FRAME.pixel_from_velo.T
+        u, v = uvw[:, 0] / uvw[:, 2], uvw[:, 1] / uvw[:, 2]
+        seen = (uvw[:, 2] > 0) & (u >= -0.49) & (u < WIDTH - 0.51) & (v >= -0.49) & (v < HEIGHT - 0.51)
+        self.assertLess(len(FRAME.points_in_view), len(FRAME.points))
+        self.assertAlmostEqual(len(FRAME.points_in_view), int(seen.sum()), delta=3)
+
     def test_hosts(self):
         self.assertEqual([host.index for host in FRAME.hosts()], [0])
         self.assertGreater(HOST.share_in_view, 0.7)
@@ -73,6 +81,34 @@ class Meshes(unittest.TestCase):
         again = mirage.read_mesh(os.path.join(FOLDER.path, "a.glb"))
         for name in ("vertices", "faces", "texels"):
             np.testing.assert_array_equal(getattr(again, name), getattr(mesh, name))
+
+    def test_a_file_is_what_it_holds_and_not_what_it_is_called(self):
+        mesh = mirage.icosphere(1)
+        mesh.texels[:] = np.random.default_rng(2).random(mesh.texels.shape)
+        written, renamed = (os.path.join(FOLDER.path, name) for name in ("A.GLB", "renamed.obj"))
+        mesh.write(written)
+        shutil.copy(written, renamed)
+        for again in (mirage.read_mesh(written), mirage.read_mesh(renamed)):
+            for name in ("vertices", "faces", "texels"):
+                np.testing.assert_array_equal(getattr(again, name), getattr(mesh, name))
+        for name in ("a.gltf", "a.stl", "a"):
+            with self.assertRaisesRegex(mirage.InputError, "extension"):
+                mesh.write(os.path.join(FOLDER.path, name))
+
+    def test_an_object_of_no_roof_is_refused(self):
+        large = mirage.icosphere(1, half=(700, 700, 400))
+        with self.assertRaisesRegex(mirage.InputError, "are these millimetres"):
+            mirage.insert(FRAME, HOST, large)
+
+    def test_vertices_that_no_face_uses_are_not_drawn(self):
+        mesh = mirage.icosphere(1)
+        mesh.vertices[:, 2] += 5
+        more = mirage.Mesh(np.concatenate([mesh.vertices, [[0, 0, 900]]]), mesh.faces, mesh.texels)
+        drawn = [mirage.rasterize(m, FRAME, HEIGHT, WIDTH) for m in (mesh, more)]
+        self.assertGreater(drawn[0].mask.max(), 0.9)
+        np.testing.assert_array_equal(drawn[0].image, drawn[1].image)
+        gradient = drawn[1].vjp(np.ones_like(drawn[1].image))[0]
+        np.testing.assert_array_equal(gradient[-1], 0)
 
     def test_views_outlive_the_mesh(self):
         vertices = mirage.icosphere().vertices

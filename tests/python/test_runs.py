@@ -10,6 +10,7 @@ import textwrap
 import threading
 import time
 import unittest
+import warnings
 
 try:
     import torch
@@ -18,9 +19,37 @@ except ImportError:
     sys.exit(77)
 
 import mirage
+import numpy as np
 from support import PROGRAM, Folder, detector
 
 SETTINGS = {"iterations": 6, "rooftop": "box", "threads": 1}
+
+
+class Pillars(torch.nn.Module):
+    """PointPillars' first stage on a hard grid, with offsets to the pillars' centres; a box where each car may be."""
+
+    CELL, SIDE = 1.6, 32
+
+    def __init__(self):
+        super().__init__()
+        torch.manual_seed(3)
+        self.point = torch.nn.Linear(5, 8)
+        self.head = torch.nn.Linear(8, 2)
+
+    def forward(self, image, points, pixel_from_velo):
+        batch = {"points": points, "side": self.SIDE}  # of two types: TorchScript scripts none, and traces it
+        column = (points[:, 0] / self.CELL).long().clamp(0, self.SIDE - 1)
+        row = (points[:, 1] / self.CELL + self.SIDE / 2).long().clamp(0, self.SIDE - 1)
+        x = points[:, 0] - (column + 0.5) * self.CELL
+        y = points[:, 1] - (row + 0.5 - self.SIDE / 2) * self.CELL
+        features = torch.relu(self.point(torch.cat([batch["points"][:, :3] / 20, x[:, None], y[:, None]], 1)))
+        grid = features.new_zeros(batch["side"] ** 2, 8).index_add(0, row * self.SIDE + column, features)
+        around = torch.nn.functional.avg_pool2d(torch.tanh(grid).t().reshape(1, 8, self.SIDE, self.SIDE), 3, 1, 1)
+        k = torch.arange(4)
+        cell = ((k * 0.5 - 0.5) / self.CELL + self.SIDE / 2).long() * self.SIDE + ((10 + k) / self.CELL).long()
+        found = self.head(around.reshape(8, -1).t()[cell])
+        boxes = torch.stack([10.0 + k, 0.5 * k - 0.5, 0 * k + 3.9, 1.6 + 0.1 * torch.tanh(found[:, 1]), 0.0 * k], 1)
+        return boxes, 3 + found[:, 0] + image.mean()
 
 
 def setUpModule():
@@ -50,6 +79,9 @@ def losses(run):
 class Attack(unittest.TestCase):
     def test_the_run_is_one(self):
         self.assertEqual(RESULT["iterations"], 6)
+        found = RESULT["found_clean"]
+        self.assertGreater(found["found"], 0)
+        self.assertEqual(found["vehicles"], RESULT["vehicles_train"])
         self.assertEqual(RESULT["vehicles_train"] + RESULT["vehicles_test"], 4)
         for name in ("run.json", "checkpoint.json", "adversary.glb", "random.glb", "loss.csv", "result.json", "detector.pt"):
             self.assertTrue(os.path.exists(os.path.join(RUN, name)), name)
@@ -71,6 +103,8 @@ class Attack(unittest.TestCase):
 
     def test_it_goes_on_with_the_same_network_only(self):
         net = torch.nn.Linear(1, 1)
+        torch.nn.init.ones_(net.weight)
+        torch.nn.init.zeros_(net.bias)
 
         def other(image, points, pixel_from_velo):
             boxes, logits = detector(image, points, pixel_from_velo)
@@ -78,7 +112,7 @@ class Attack(unittest.TestCase):
 
         run = place("another")
         mirage.attack(detector=other, data=FOLDER.data, out=run, copy=False, **dict(SETTINGS, iterations=1))
-        net.weight.data += 1
+        net.weight.data *= 1.5
         with self.assertRaisesRegex(mirage.InputError, "weights"):
             mirage.attack(detector=other, data=FOLDER.data, out=run, copy=False, **dict(SETTINGS, iterations=2))
 
@@ -96,6 +130,17 @@ class Attack(unittest.TestCase):
             attack(lambda i, p, m: (torch.zeros(3, 7), torch.zeros(3)))
         with self.assertRaisesRegex(mirage.InputError, "differentiable"):
             attack(lambda i, p, m: tuple(t.detach() for t in detector(i, p, m)))
+
+        def with_boxes(change):
+            def other(image, points, pixel_from_velo):
+                boxes, logits = detector(image, points, pixel_from_velo)
+                return change(boxes), logits
+            return other
+
+        with self.assertRaisesRegex(mirage.InputError, "finds none of the .* would be found with length and width exchanged"):
+            attack(with_boxes(lambda boxes: boxes[:, [0, 1, 3, 2, 4]]))
+        with self.assertRaisesRegex(mirage.InputError, "box 0 of .*length -3.9 m.*positive"):
+            attack(with_boxes(lambda boxes: boxes * torch.tensor([1, 1, -1, 1, 1.0])))
         with self.assertRaisesRegex(mirage.InputError, "takes 2 arguments"):
             attack(lambda i, p: None)
         with self.assertRaisesRegex(ZeroDivisionError, "division"):  # the caller's own, as it is
@@ -150,6 +195,35 @@ class Evaluate(unittest.TestCase):
 
         with self.assertWarnsRegex(UserWarning, "no TorchScript copy"):
             mirage.attack(detector=stubborn, data=FOLDER.data, out=place("stubborn"), **dict(SETTINGS, iterations=1))
+
+    def test_why_there_is_no_copy_is_said_in_pytorchs_own_words(self):
+        def counts(image, points, pixel_from_velo):  # a trace freezes the number of points
+            boxes, logits = detector(image, points, pixel_from_velo)
+            return boxes, logits + (points[:, 3] * torch.arange(len(list(points)))).sum() * 1e-9
+
+        with self.assertWarnsRegex(UserWarning, r"torch\.jit\.trace: RuntimeError: The size of tensor a \(\d+\) must match"):
+            mirage.attack(detector=counts, data=FOLDER.data, out=place("counts"), **dict(SETTINGS, iterations=1))
+
+    def test_a_traced_pillar_network_runs_as_pytorch_runs_it(self):
+        network = Pillars().eval()
+        run = place("pillars")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)
+            mirage.attack(detector=network, data=FOLDER.data, out=run, **dict(SETTINGS, iterations=3))
+        copy = os.path.join(run, "detector.pt")
+        asked = ["--data", FOLDER.data, "--detector", "torchscript", "--weights", copy, "--threads", "1"]
+        done = command_line("detect", *asked, "--out", place("pillars-detect"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        # Its gradient is PyTorch's: three steps lead to the same mesh.
+        again = place("pillars-by-copy")
+        done = command_line("attack", *asked, "--rooftop", "box", "--iterations", "3", "--out", again)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(len(losses(run)), 3)
+        np.testing.assert_allclose(losses(again), losses(run), rtol=1e-5)
+        meshes = [mirage.read_mesh(os.path.join(of, "adversary.glb")) for of in (run, again)]
+        self.assertGreater(np.abs(meshes[0].vertices - mirage.icosphere().vertices).max(), 1e-3)
+        for name in ("vertices", "texels"):
+            np.testing.assert_allclose(getattr(meshes[1], name), getattr(meshes[0], name), atol=1e-5)
 
     def test_export_reads_the_run(self):
         done = command_line("export", "--run", RUN, "--frames", "1", "--out", place("export"))

@@ -25,5 +25,28 @@ TEST(DataRig, IsWhatTheSetSaysElseKitti) {
   }
 }
 
+TEST(DataRig, WhatIsAskedForComesFirst) {
+  const TemporaryFolder folder;
+  EXPECT_TRUE(rig_is_assumed(folder.path()));
+  EXPECT_EQ(lidar_of(folder.path()).beams.size(), 64u);
+  EXPECT_EQ(lidar_of(folder.path(), "nuscenes").beams.size(), 32u);
+  EXPECT_EQ(data_rig(folder.path(), "nuscenes"), "nuscenes");
+  const std::string own = shipped_file("scenes/rigs/xenith.toml").string();
+  EXPECT_EQ(lidar_of(folder.path(), own).beams.size(), 72u);
+  EXPECT_EQ(data_rig(folder.path(), own), "kitti64") << "a file names no shipped weights";
+  std::filesystem::copy_file(own, folder / "rig.toml");
+  EXPECT_FALSE(rig_is_assumed(folder.path()));
+  EXPECT_EQ(lidar_of(folder.path()).beams.size(), 72u);
+  EXPECT_EQ(lidar_of(folder.path(), "kitti64").beams.size(), 64u);
+}
+
+TEST(DataRig, AnUnknownOneIsAnsweredWithThoseThereAre) {
+  for (const char* rig : {"kitti", "hdl64", "../kitti64"})
+    EXPECT_THAT(error_text<InputError>([&] { rig_file(rig); }),
+                testing::AllOf(testing::HasSubstr("kitti64"), testing::HasSubstr("nuscenes"),
+                               testing::HasSubstr("xenith")));
+  EXPECT_THAT(error_text<InputError>([&] { rig_file("nowhere.toml"); }), testing::HasSubstr("mirage rig"));
+}
+
 }  // namespace
 }  // namespace mirage

@@ -155,8 +155,11 @@ TEST_P(DataSets, MissingAndDamagedFilesAreNamed) {
   for (const DataSet::Part& part : set->parts(id)) {
     const std::string whole = read_file(part.file);
     std::filesystem::remove(part.file);
-    EXPECT_THAT(error_text<InputError>([&] { set->read(id); }),
-                AllOf(HasSubstr(part.file.filename().string()), HasSubstr("missing"), one_line));
+    if (std::string(part.what) == "the labels") {  // a frame that nobody has labelled
+      EXPECT_FALSE(set->read(id).labelled);
+    } else
+      EXPECT_THAT(error_text<InputError>([&] { set->read(id); }),
+                  AllOf(HasSubstr(part.file.filename().string()), HasSubstr("missing"), one_line));
     write_file(part.file, whole.substr(0, whole.size() / 2 + 1));
     EXPECT_THAT(error_text<InputError>([&] { set->read(id); }),
                 AllOf(HasSubstr(part.file.filename().string()), one_line));
@@ -177,7 +180,7 @@ TEST(DataSet, IsKittisObjectBenchmarkElse) {
   const TemporaryFolder folder;
   EXPECT_STREQ(open_data_set(folder.path())->layout(), "kitti-object");
   EXPECT_THAT(error_text<InputError>([&] { list_frames(folder.path()); }),
-              AllOf(HasSubstr("training/velodyne"), HasSubstr("nuScenes")));
+              AllOf(HasSubstr("training/velodyne"), HasSubstr("nuScenes"), HasSubstr("holds nothing")));
   EXPECT_STREQ(open_data_set(folder / "nothing")->layout(), "kitti-object");
 }
 
@@ -261,6 +264,40 @@ TEST(NuScenes, AVersionIsChosenByItsFolder) {
   std::filesystem::copy(folder / "v1.0-mini", folder / "v1.0-other",
                         std::filesystem::copy_options::recursive);
   EXPECT_THAT(error_text<InputError>([&] { list_frames(folder.path()); }), HasSubstr("2 versions"));
+}
+
+/// Archives come in parts: of the samples those are listed whose files are there.
+TEST(NuScenes, APartOfTheArchiveWillDo) {
+  const TemporaryFolder folder;
+  test::write_nuscenes(folder.path(), frames());
+  EXPECT_EQ(open_data_set(folder.path())->incomplete(), "");
+  std::filesystem::remove(folder / "samples/LIDAR_TOP/0.pcd.bin");
+  EXPECT_EQ(list_frames(folder.path()), std::vector<std::string>{"sample1"});
+  EXPECT_THAT(open_data_set(folder.path())->incomplete(), HasSubstr("1 of 2 samples"));
+  for (const char* table : {"category", "instance", "sample_annotation"})
+    std::filesystem::remove(folder / "v1.0-mini" / (std::string(table) + ".json"));
+  const Frame frame = read_frame(folder.path(), "sample1");
+  EXPECT_FALSE(frame.labelled);
+  EXPECT_EQ(frame.sweep.size(), frames()[1].sweep.size());
+  std::filesystem::remove_all(folder / "samples/CAM_FRONT");
+  EXPECT_THAT(error_text<InputError>([&] { list_frames(folder.path()); }),
+              AllOf(HasSubstr("1 have their file of LIDAR_TOP"), HasSubstr("0 that of CAM_FRONT")));
+}
+
+TEST(KittiTracking, AndRawNeedNoLabels) {
+  const TemporaryFolder tracking, raw;
+  test::write_tracking(tracking.path(), frames());
+  std::filesystem::remove_all(tracking / "training/label_02");
+  std::filesystem::rename(tracking / "training", tracking / "testing");
+  test::write_raw(raw.path(), frames());
+  std::filesystem::remove(raw / "2011_09_26_drive_0001_sync/tracklet_labels.xml");
+  for (const auto& data : {tracking.path(), raw.path()}) {
+    const std::vector<std::string> ids = list_frames(data);
+    ASSERT_EQ(ids.size(), 2u);
+    const Frame frame = read_frame(data, ids[1]);
+    EXPECT_FALSE(frame.labelled);
+    EXPECT_EQ(frame.sweep.size(), frames()[1].sweep.size());
+  }
 }
 
 TEST(NuScenes, SweepsBetweenKeyframesAreNotTaken) {

@@ -39,7 +39,7 @@ TEST(DepthBackEnds, ClassicalOnesByName) {
     EXPECT_EQ(load_depth_completion({name})->name(), name);
   if (!std::filesystem::exists(MIRAGE_BUILD "/plugins/guided.so"))
     GTEST_SKIP() << "other names are asked of a plugin that was not built";
-  EXPECT_THAT(load_error({"magic"}), HasSubstr("unknown depth completion"));
+  EXPECT_THAT(load_error({"magic"}), HasSubstr("magic: unknown; use ip-basic"));
   EXPECT_THAT(load_error({"ip-basic-magic"}), HasSubstr("ip-basic-magic"));
 }
 

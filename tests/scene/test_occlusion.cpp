@@ -10,6 +10,7 @@
 #include "scene/data/read_frames.h"
 #include "scene/occlusion.h"
 #include "support/files.h"
+#include "support/walled_sweep.h"
 
 namespace mirage {
 namespace {
@@ -123,6 +124,46 @@ TEST(SweepIndexRealFrames, NearlyEveryReturnHasItsOwnRay) {
   }
   std::printf("%d frames: %.3f %% of the returns assigned, %.3f %% in the worst\n", frames,
               100 * sum / frames, 100 * least);
+}
+
+// A unit without an encoder's grid begins every turn elsewhere; and some sets bring all returns of a sweep to
+// one moment, so that the unit's origin moves within it (nuScenes).
+TEST(SweepIndex, FindsASweepsOwnFiringsAndMotion) {
+  LidarModel lidar = read_lidar_model(std::filesystem::path(MIRAGE_SOURCE) / "scenes/lidars/hdl32e.toml");
+  lidar.azimuth_step *= 2;
+  SweepMotion motion;
+  motion.start = Vec3d(-0.6, 0.02, 0.01);
+  motion.turn = Vec3d(0.9, 0, 0);
+  for (const bool moves : {false, true}) {
+    const Sweep sweep = test::walled_sweep(lidar, 1, 0.4, moves ? motion : SweepMotion());
+    const SweepIndex index(sweep, lidar);
+    EXPECT_GT(index.assigned_share(), 0.99) << moves;
+    // A return's ray goes through it, from where the unit was.
+    const LidarPoint& point = sweep[sweep.size() / 2];
+    const Vec3d p = point.position().cast<double>();
+    int through = 0;
+    for (const SweepRay& ray : index.rays_through(p, 1e-3)) {
+      if (ray.point != static_cast<int>(sweep.size() / 2)) continue;
+      ++through;
+      const Vec3d expected = moves ? motion.at(std::atan2(p.y(), p.x())) : Vec3d::Zero();
+      EXPECT_LT((ray.ray.origin - expected).norm(), 0.05);
+      EXPECT_LT((ray.ray.origin + ray.range * ray.ray.direction - p).norm(), 1e-4);
+    }
+    EXPECT_EQ(through, 1) << moves;
+  }
+}
+
+// What the sweep says for itself must not make another unit fit.
+TEST(SweepIndex, AnotherUnitsSweepStaysUnexplained) {
+  const auto unit = [](const char* file) {
+    return read_lidar_model(std::filesystem::path(MIRAGE_SOURCE) / "scenes" / file);
+  };
+  const LidarModel kitti = unit("rigs/kitti64.toml"), hdl32 = unit("lidars/hdl32e.toml"),
+                   vlp16 = unit("lidars/vlp16.toml"), vls128 = unit("lidars/vls128.toml");
+  EXPECT_LT(SweepIndex(test::walled_sweep(hdl32), kitti).assigned_share(), 0.7);
+  EXPECT_LT(SweepIndex(test::walled_sweep(vls128), kitti).assigned_share(), 0.7);
+  EXPECT_LT(SweepIndex(test::walled_sweep(kitti), hdl32).assigned_share(), 0.7);
+  EXPECT_LT(SweepIndex(test::walled_sweep(vlp16), hdl32).assigned_share(), 0.7);
 }
 
 }  // namespace

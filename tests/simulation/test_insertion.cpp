@@ -247,6 +247,72 @@ TEST(Insertion, TheAdversaryStandsOnTheRoof) {
   EXPECT_NEAR(bounds(placed.mesh).min().z(), world.host.box.bottom + world.host.box.height, 1e-12);
 }
 
+/// The same surface with vertices that no face uses: below, ahead, at the camera and beside, the first of
+/// them before all others.
+TexturedMesh with_unused(TexturedMesh adversary) {
+  Mesh& mesh = adversary.mesh;
+  mesh.vertices.insert(mesh.vertices.begin(), Vec3d(0, 0, -2));
+  for (const Vec3d& v : {Vec3d(900, 0, 0), Vec3d(-12, 0, 0), Vec3d(0, 40, 30)}) mesh.vertices.push_back(v);
+  for (Face& face : mesh.faces)
+    for (int& corner : face) ++corner;
+  return adversary;
+}
+
+TEST(Insertion, VerticesThatNoFaceUsesChangeNothing) {
+  const World world = make_world(9);
+  const TexturedMesh more = with_unused(world.adversary);
+  const auto settings_of = [](bool exact, LightModel light) {
+    SimulationSettings settings;
+    settings.exact_coverage = exact;
+    settings.light = light;
+    return settings;
+  };
+  for (const SimulationSettings& settings :
+       {smooth_settings(), settings_of(false, LightModel::plain), settings_of(true, LightModel::visible)}) {
+    const Simulated plain = simulate(world.prepared, world.host, world.rooftop, world.adversary, settings);
+    const Simulated same = simulate(world.prepared, world.host, world.rooftop, more, settings);
+    EXPECT_GT(plain.adversary_pixels, 50);
+    EXPECT_GT(plain.adversary_points, 10);
+    EXPECT_EQ(same.adversary_pixels, plain.adversary_pixels);
+    EXPECT_EQ(same.image.data, plain.image.data);
+    ASSERT_EQ(same.sweep.size(), plain.sweep.size());
+    for (std::size_t i = 0; i < plain.sweep.size(); ++i)
+      EXPECT_EQ(same.sweep[i].position(), plain.sweep[i].position()) << i;
+    const ImageF d_image(plain.image.width, plain.image.height, 3, 1.f);
+    const std::vector<std::array<float, 4>> d_points(plain.sweep.size(), {1, -1, 1, 1});
+    const auto of_plain = simulate_vjp(plain, d_image, d_points),
+               of_same = simulate_vjp(same, d_image, d_points);
+    const std::size_t used = of_plain.vertices.size();
+    ASSERT_EQ(of_same.vertices.size(), used + 4);
+    for (std::size_t i = 0; i < of_same.vertices.size(); ++i)
+      EXPECT_EQ(of_same.vertices[i], i >= 1 && i <= used ? of_plain.vertices[i - 1] : Vec3d(Vec3d::Zero()))
+          << i;
+    EXPECT_EQ(of_same.texels, of_plain.texels);
+  }
+}
+
+TEST(RenderScene, VerticesThatNoFaceUsesChangeNothing) {
+  const World world = make_world(9);
+  const Calibration& calibration = world.prepared.frame.calibration;
+  RenderScene scene;
+  scene.camera = calibration.camera;
+  scene.camera_from_velo = calibration.camera_from_velo;
+  scene.lighting = world.prepared.frame.lighting;
+  for (const SceneRenderer renderer : {SceneRenderer::soft, SceneRenderer::traced}) {
+    SceneRenderSettings settings;
+    settings.renderer = renderer;
+    scene.things = {{"object", "", place(world.adversary, world.rooftop)}};
+    const SceneImage plain = render_scene(scene, world.prepared.frame.image, settings);
+    EXPECT_GT(plain.covered, 50);
+    scene.things = {{"object", "", place(with_unused(world.adversary), world.rooftop)}};
+    const SceneImage same = render_scene(scene, world.prepared.frame.image, settings);
+    EXPECT_EQ(same.rgba.data, plain.rgba.data);
+    EXPECT_EQ(same.depth.data, plain.depth.data);
+    EXPECT_EQ(same.near, plain.near);
+    EXPECT_EQ(same.far, plain.far);
+  }
+}
+
 TEST(Insertion, MeasuredReturnsBehindItGoAndThoseInFrontStay) {
   // A wall 30 m away and a pole 6 m away, both across the object's rays.
   World empty = make_world(6);

@@ -8,6 +8,7 @@
 #include <map>
 
 #include "base/error.h"
+#include "base/files.h"
 #include "base/image_io.h"
 #include "fixture.h"
 #include "validation/fidelity/lidar_ladder.h"
@@ -32,8 +33,20 @@ class Blender : public ::testing::Test {
 std::unique_ptr<BlenderWorker> Blender::worker_;
 
 TEST_F(Blender, AnswersAPing) {
-  EXPECT_EQ(worker_->request({{"job", "ping"}}, 10).value("version", ""), worker_->version());
+  const nlohmann::json answer = worker_->request({{"job", "ping"}}, 10);
+  EXPECT_EQ(answer.value("version", ""), worker_->version());
   EXPECT_FALSE(worker_->version().empty());
+}
+
+TEST_F(Blender, SaysWhatItFoundAndHasAllThatMirageAsksFor) {
+  const nlohmann::json found = worker_->request({{"job", "ping"}}, 10).at("found");
+  EXPECT_EQ(found.at("version"), worker_->version());
+  for (const char* input : {"specular", "coat", "coat roughness"})
+    EXPECT_TRUE(found.at("principled_inputs").at(input).is_string()) << input;
+  for (const char* argument : {"shading", "lighting", "merge"})
+    EXPECT_TRUE(found.at("importer_arguments").at(argument).is_string()) << argument;
+  EXPECT_TRUE(found.at("denoiser").is_boolean());
+  EXPECT_THAT(read_file(test::scratch("blender.log")), HasSubstr("blender_worker.py found: {"));
 }
 
 TEST_F(Blender, MatchedLightEqualsTheHardRasteriser) {

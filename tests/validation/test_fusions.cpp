@@ -151,9 +151,9 @@ TEST(FusionTable, ArmsNameWhoWasAttackedAndWhoJudges) {
   EXPECT_EQ(planted->at("rig"), "kitti64");
   EXPECT_EQ(planted->at("seeds"), (json{7, 8}));
   // The second run is not planted: 0.3 of it is missed at 0.7 and a box is left of all.
-  EXPECT_EQ(planted->at("asr").at("vanished").at("vehicles"), 600);
-  EXPECT_NEAR(planted->at("asr").at("vanished").at("value").get<double>(), 0.3 * 600 / 800, 1e-12);
-  EXPECT_TRUE(planted->at("asr").at("distance2m").is_null());  // no detection has one
+  EXPECT_EQ(planted->at("hidden").at("vanished").at("vehicles"), 600);
+  EXPECT_NEAR(planted->at("hidden").at("vanished").at("value").get<double>(), 0.3 * 600 / 800, 1e-12);
+  EXPECT_TRUE(planted->at("hidden").at("distance2m").is_null());  // no detection has one
   EXPECT_GT(planted->at("net").at("vanished").at("value").get<double>(), 0);
 }
 

@@ -35,6 +35,19 @@ TEST(SelectHosts, AsManyWholeFramesAsAVerdictWants) {
   EXPECT_EQ(hosts.back().label, 2);
 }
 
+TEST(SelectHosts, WhatIsShownIsAllTestVehiclesAndNoOthers) {
+  ::mirage::Run run;
+  run.train = {{"000001", 0}, {"000002", 3}};
+  run.test = {{"000005", 0}, {"000005", 2}, {"000009", 1}};
+  using Names = std::vector<std::string>;
+  EXPECT_EQ(names(shown_hosts(run, 0)), (Names{"000005_0", "000005_2", "000009_1"}));
+  EXPECT_EQ(names(shown_hosts(run, 1)), (Names{"000005_0", "000005_2"}));
+  EXPECT_EQ(shown_hosts(run, 9).size(), 5u);
+  EXPECT_TRUE(learned_on(run, {"000002", 3}));
+  EXPECT_FALSE(learned_on(run, {"000002", 0}));
+  EXPECT_FALSE(learned_on(run, {"000005", 0}));
+}
+
 TEST(SelectHosts, TheLadderIsSpreadOverTheFrames) {
   const std::vector<HostId> hosts{{"a", 0}, {"a", 1}, {"a", 4}, {"b", 2}, {"c", 0}, {"c", 1}};
   using Chosen = std::vector<bool>;

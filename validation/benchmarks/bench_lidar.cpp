@@ -1,7 +1,6 @@
 // LiDAR figures. Sweep tracing is compared with a loop written directly against Embree, over the same rays
 // and triangles, in alternation within one run: medians, and the ratio of medians.
 #include <benchmark/benchmark.h>
-#include <embree3/rtcore.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -17,6 +16,7 @@
 #include "base/parallel.h"
 #include "bench.h"
 #include "geometry/shapes.h"
+#include "sensors/embree.h"
 #include "sensors/lidar_model.h"
 #include "sensors/ray_caster.h"
 #include "simulation/adversary_lidar.h"
@@ -94,9 +94,7 @@ class BareEmbree {
 
   void trace(float t_min, float t_max) {
     parallel_for(rays_.rows, [&](std::size_t row) {
-      RTCIntersectContext context;
-      rtcInitIntersectContext(&context);
-      context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+      EmbreeQuery query(true);
       alignas(64) RTCRayHit16 packet;
       alignas(64) int valid[16];
       for (int i = 0; i < 16; ++i) {
@@ -120,7 +118,7 @@ class BareEmbree {
         }
         if (column + 16 > rays_.columns)
           for (std::size_t i = rays_.columns - column; i < 16; ++i) valid[i] = 0;
-        rtcIntersect16(valid, scene_, &context, &packet);
+        query.intersect(valid, scene_, packet);
         for (int i = 0; i < 16; ++i) {
           t_[at + i] = packet.ray.tfar[i];
           face_[at + i] = packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID ? ~0u : packet.hit.primID[i];

@@ -57,7 +57,7 @@ ImageF read_channels(const std::filesystem::path& file, PictureSize size,
   if (spec.width != size.width || spec.height != size.height)
     throw Failure(file.string(),
                   fmt::format("is {}×{}, not {}×{}", spec.width, spec.height, size.width, size.height),
-                  "use Blender 3.4");
+                  "use Blender 3.4 to 4.3");
   std::vector<float> all(static_cast<std::size_t>(spec.width) * spec.height * spec.nchannels);
   if (!input->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, all.data()))
     throw Failure(file.string(), "cut short, as by a full disk", "free some space and run again");
@@ -212,12 +212,12 @@ Rendered render(BlenderWorker& blender, const RenderJob& job) {
       answer.contains("seconds") && answer["seconds"].is_number() ? answer["seconds"].get<double>() : 0;
   const PictureSize size{job.rect.width(), job.rect.height()};
   result.rgba = read_channels(job.output, size, {"Combined.R", "Combined.G", "Combined.B", "Combined.A"});
-  if (result.rgba.empty()) throw Failure(job.output.string(), "has no picture", "use Blender 3.4");
+  if (result.rgba.empty()) throw Failure(job.output.string(), "has no picture", "use Blender 3.4 to 4.3");
   if (job.effects.surroundings == RenderEffects::Surroundings::catcher) {
     result.catcher =
         read_channels(job.output, size, {"Shadow Catcher.R", "Shadow Catcher.G", "Shadow Catcher.B"});
     if (result.catcher.empty())
-      throw Failure(job.output.string(), "has no shadow catcher pass", "use Blender 3.4");
+      throw Failure(job.output.string(), "has no shadow catcher pass", "use Blender 3.4 to 4.3");
   }
   return result;
 }

@@ -38,7 +38,7 @@ sys.dont_write_bytecode = True
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(HERE, "..", "..", "plugins", "blender")]
 from mirage_blender import camera as camera_model  # noqa: E402
-from mirage_blender import cycles_light, scene_import  # noqa: E402
+from mirage_blender import cycles_light, features, scene_import  # noqa: E402
 from mirage_blender.paint import Paint  # noqa: E402
 
 import fbx_file  # noqa: E402
@@ -65,6 +65,7 @@ class LoadedScene:
 
 
 SCENE = LoadedScene()
+FOUND = features.found()
 GREY = (0.5, 0.5, 0.5)  # of a mesh without texels
 
 
@@ -133,7 +134,7 @@ def raycast(job):
 
 
 def ping(job):
-    return {"version": bpy.app.version_string,
+    return {"version": bpy.app.version_string, "found": FOUND,
             "runs_scripts": bool(bpy.context.preferences.filepaths.use_scripts_auto_execute)}
 
 
@@ -151,6 +152,7 @@ JOBS = {"ping": ping, "render": render, "raycast": raycast, "fbx": write_fbx, "i
 
 
 def main():
+    print("blender_worker.py found:", json.dumps(FOUND), file=sys.stderr, flush=True)
     for line in sys.stdin:
         if not line.strip():
             continue

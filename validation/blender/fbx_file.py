@@ -9,6 +9,7 @@ import os
 import tempfile
 
 import bpy
+from mirage_blender import features
 from mirage_blender.glb import Glb
 
 NAME = "adversary"
@@ -21,7 +22,7 @@ def fresh_scene():
 
 def write(mesh, output):
     fresh_scene()
-    bpy.ops.import_scene.gltf(filepath=mesh, import_shading="FLAT", merge_vertices=True)
+    bpy.ops.import_scene.gltf(filepath=mesh, **features.importer_arguments(shading="FLAT", merge=True))
     things = [thing for thing in bpy.data.objects if thing.type == "MESH"]
     if len(things) != 1:
         raise ValueError(f"{mesh}: {len(things)} meshes where one belongs")
@@ -57,7 +58,7 @@ def material(picture):
     made.use_nodes = True
     shader = made.node_tree.nodes["Principled BSDF"]
     shader.inputs["Roughness"].default_value = 1.0
-    shader.inputs["Specular"].default_value = 0.0
+    features.principled_input(shader, "specular").default_value = 0.0
     node = made.node_tree.nodes.new("ShaderNodeTexImage")
     node.image, node.interpolation = picture, "Closest"
     made.node_tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])

@@ -7,6 +7,7 @@ import tempfile
 import bpy
 import numpy
 
+from mirage_blender import features
 from mirage_blender.cycles_light import Nodes
 
 LUMINANCE = numpy.array([0.2126, 0.7152, 0.0722])
@@ -30,10 +31,11 @@ def set_paint(host, on):
             for node in material.node_tree.nodes:
                 if node.type == "BSDF_PRINCIPLED":
                     node.inputs["Roughness"].default_value = 0.3
-                    node.inputs["Specular"].default_value = 0.5
+                    node.inputs["IOR"].default_value = 1.5
+                    features.principled_input(node, "specular").default_value = 0.5
                     node.inputs["Metallic"].default_value = 0.0
-                    node.inputs["Clearcoat"].default_value = 1.0
-                    node.inputs["Clearcoat Roughness"].default_value = 0.03
+                    features.principled_input(node, "coat").default_value = 1.0
+                    features.principled_input(node, "coat roughness").default_value = 0.03
     host.data.materials[0] = material
 
 
@@ -59,7 +61,8 @@ def upward_irradiance(scene):
     hidden = [(thing, thing.hide_render) for thing in scene.objects]
     data = bpy.data.cameras.new("probe")
     data.type = "PANO"
-    data.cycles.panorama_type = "EQUIRECTANGULAR"
+    lens = data if hasattr(data, "panorama_type") else data.cycles
+    lens.panorama_type = "EQUIRECTANGULAR"
     probe = bpy.data.objects.new("probe", data)
     scene.collection.objects.link(probe)
     probe.rotation_euler = (math.pi / 2, 0, 0)  # upright: the picture's rows are elevations

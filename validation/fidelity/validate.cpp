@@ -15,6 +15,7 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/progress.h"
+#include "frames/made_of.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
@@ -30,7 +31,6 @@ using nlohmann::json;
 namespace fs = std::filesystem;
 
 constexpr int kLadder = 4;
-constexpr int kStoredVersion = 14;  // of hosts/*.json; raise it when their content changes
 
 /// A path that stays below the folder that it is relative to.
 bool is_inside(const fs::path& path) {
@@ -60,18 +60,23 @@ std::optional<VehicleResult> stored_result(const fs::path& out, const fs::path& 
   return vehicle;
 }
 
-/// A result.json that the report needs in the end, given as such or by its folder: complains now.
-void require_result(fs::path& file) {
+/// A result.json that the report needs in the end, given as such or by its folder: complains now. `key`: what
+/// the command writes and others do not.
+void require_result(fs::path& file, const char* key, const std::string& command) {
   if (file.empty()) return;
   if (fs::is_directory(file)) file /= "result.json";
-  read_json(file);
+  if (const nlohmann::json result = read_json(file); !result.is_object() || !result.contains(key))
+    throw InputError(
+        file.string(), key, "is missing: this is no result of mirage " + command,
+        "give --" + std::string(command == "evaluate" ? "evaluation" : command) + " the folder of one");
 }
 
 }  // namespace
 
 void write_report(const ValidationSettings& given) {
   ValidationSettings settings = given;
-  for (fs::path* told : {&settings.evaluation, &settings.tradeoff}) require_result(*told);
+  require_result(settings.evaluation, "fn_asr", "evaluate");
+  require_result(settings.tradeoff, "recommended", "tradeoff");
   const std::string python = plotting_python().string();
   if (python.empty())
     throw InputError("python3", "", "not found on PATH", "install it with apt-get install python3-jinja2");
@@ -98,8 +103,7 @@ namespace {
 std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std::vector<HostId>& hosts,
                                            std::vector<GivenUp>& failed) {
   const ValidationSettings& settings = context.settings;
-  const std::string key = content_hash(validation_key(settings, context.run, context.blender.version()) +
-                                       to_json(context.learned).dump());
+  std::map<std::string, std::string> keys;  // by frame
   const std::vector<bool> has_ladder =
       ladder_hosts(hosts, settings.ladder < 0 && !(settings.budget > 0) ? kLadder : settings.ladder);
   Progress progress("validate", hosts.size(), settings.quiet);
@@ -107,6 +111,10 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
   for (std::size_t i = 0; i < hosts.size(); ++i) {
     throw_if_interrupted("finished vehicles are kept; run the same command again to go on");
     const std::string name = host_name(hosts[i]);
+    std::string& key = keys[hosts[i].frame];
+    if (key.empty())
+      key = content_hash(validation_key(settings, context.run, hosts[i].frame, context.blender.version()) +
+                         to_json(context.learned).dump());
     const fs::path file = settings.out / "hosts" / (name + ".json");
     std::optional<VehicleResult> result = stored_result(settings.out, file, key, has_ladder[i]);
     if (!result) {
@@ -131,16 +139,23 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
 
 }  // namespace
 
-std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& blender) {
-  std::string bytes = read_file(settings.run / "adversary.glb") + to_json(run.settings.simulation).dump();
-  const auto& d = settings.detector;
-  const FrameSource& source = run.settings;
-  bytes += fmt::format("|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}|{}", kStoredVersion, blender, settings.noise,
-                       d.detector, d.weights.string(), d.defense, source.data.string(), settings.samples,
-                       settings.seed, settings.evaluation_settings.score_threshold,
-                       rooftop_model_hash(source.rooftop), source.sun, depth_identity({source.depth}));
-  for (const fs::path& program : renderer_programs()) bytes += file_hash(program);
-  return content_hash(bytes + weights_hash(d));
+std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& frame,
+                           const std::string& blender) {
+  Provenance made_of;
+  add_frames(made_of, run.settings, {&frame, 1});
+  add_detector(made_of, settings.detector);
+  made_of.add(run.settings.simulation);
+  made_of.file("adversary", settings.run / "adversary.glb");
+  for (const fs::path& program : renderer_programs()) made_of.file(program.filename(), program);
+  made_of.input("blender", blender);
+  made_of.set("samples", settings.samples);
+  made_of.set("noise", settings.noise);
+  made_of.set("seed", settings.seed);
+  const EvaluationSettings& evaluation = settings.evaluation_settings;
+  made_of.set("score_threshold", evaluation.score_threshold);
+  made_of.set("detected_iou", evaluation.detected_iou);
+  made_of.set("false_positive_iou", evaluation.false_positive_iou);
+  return made_of.identity();
 }
 
 std::vector<HostId> select_hosts(const Run& run, int frames) {
@@ -156,6 +171,16 @@ std::vector<HostId> select_hosts(const Run& run, int frames) {
     }
   }
   return selected;
+}
+
+std::vector<HostId> shown_hosts(const Run& run, int frames) {
+  return frames == 0 ? run.test : select_hosts(run, frames);
+}
+
+bool learned_on(const Run& run, const HostId& vehicle) {
+  return std::any_of(run.train.begin(), run.train.end(), [&](const HostId& own) {
+    return own.frame == vehicle.frame && own.label == vehicle.label;
+  });
 }
 
 std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
@@ -178,7 +203,8 @@ Validation validate(const ValidationSettings& given) {
   // Rays and pixels are compared with Blender's; the ladders add the effects.
   run.settings.simulation.lidar_effects = {};
   run.settings.simulation.camera_effects = {};
-  for (fs::path* told : {&settings.evaluation, &settings.tradeoff}) require_result(*told);
+  require_result(settings.evaluation, "fn_asr", "evaluate");
+  require_result(settings.tradeoff, "recommended", "tradeoff");
   use_detector_of(run, settings.detector);
   const std::vector<HostId> hosts = select_hosts(run, settings.frames);
   if (hosts.empty())
@@ -188,7 +214,7 @@ Validation validate(const ValidationSettings& given) {
   make_output_folder(settings.out);
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
   BlenderWorker blender(settings.out / "blender.log");
-  settings.detector.rig = data_rig(run.settings.data);
+  settings.detector.rig = data_rig(run.settings.data, run.settings.rig);
   DetectorPool detectors;
   detectors.push_back(load_detector(settings.detector));
   Validation validation;
@@ -216,6 +242,11 @@ Validation validate(const ValidationSettings& given) {
   validation.run = settings.run;
   validation.blender = blender.version();
   validation.report = settings.out / "report.html";
+  settings.made_of->add(run.settings);
+  settings.made_of->set("samples", settings.samples);
+  settings.made_of->input("blender", blender.version());
+  add_frames(*settings.made_of, run.settings, hosts);
+  add_detector(*settings.made_of, settings.detector);
   return validation;
 }
 

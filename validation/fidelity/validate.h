@@ -4,6 +4,7 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -55,10 +56,11 @@ std::string headline(const Validation& validation);
 /// result.json (src/README.md): the summary's fields among its own.
 nlohmann::json to_json(const Validation& validation);
 
-/// What a kept vehicle's result depends on, as a hash; one of another key is made again. `settings`: with
-/// the run's detector, `run`: with what is asked for in its settings, `blender`: its version. Failure if a
-/// program or the weights can't be read.
-std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& blender);
+/// What the kept result of a vehicle of that frame is made of, as a hash (base/provenance.h); one of another
+/// key is made again. `settings`: with the run's detector, `run`: with what is asked for in its settings,
+/// `blender`: its version. InputError if a file of them can't be read.
+std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& frame,
+                           const std::string& blender);
 
 /// Vehicles of a verdict where the number of frames is not given, if the data have as many: a difference of
 /// shares of 100 vehicles is told to within ten points or so.
@@ -66,6 +68,10 @@ inline constexpr std::size_t kVerdictVehicles = 100;
 /// Hosts of the first `frames` frames of the run, test frames first, training frames when those run out;
 /// 0: of as many whole frames as hold kVerdictVehicles.
 std::vector<HostId> select_hosts(const Run& run, int frames);
+/// Of what shows a run's vehicles: as select_hosts; 0: of all test frames, and of no others.
+std::vector<HostId> shown_hosts(const Run& run, int frames);
+/// Whether the run learned on the vehicle: it is no evidence of how the object meets others.
+bool learned_on(const Run& run, const HostId& vehicle);
 
 /// Which of the hosts get the ladders: the first of each frame in the hosts' order, then the second of each,
 /// …, `count` in all (−1: every one).

@@ -3,9 +3,11 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 
 #include "attack/evaluation.h"
 #include "attack/run.h"
+#include "base/provenance.h"
 #include "validation/fidelity/budget.h"
 
 namespace mirage {
@@ -13,8 +15,7 @@ namespace mirage {
 struct ValidationSettings {
   std::filesystem::path run, out;
   Overrides asked;  ///< in place of the run's settings
-  DetectorOptions detector = {
-      .detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0, .defense = ""};
+  DetectorOptions detector = detector_of_the_run();
   EvaluationSettings evaluation_settings;
   TrustRun trust = TrustRun::no;     ///< whether code that the run names may be loaded
   std::filesystem::path evaluation;  ///< result.json of mirage evaluate, or its folder; for the report only
@@ -28,6 +29,8 @@ struct ValidationSettings {
   double budget_confidence = 0.9;  ///< share of unseen scenes that are to be within the budget
   std::uint64_t seed = 0;
   bool quiet = false;
+  /// What result.json says that it is made of: the command's options, to which validate() adds.
+  std::shared_ptr<Provenance> made_of = std::make_shared<Provenance>();
 };
 
 }  // namespace mirage

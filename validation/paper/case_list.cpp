@@ -63,7 +63,7 @@ std::string CaseList::attack(const std::string& rig, const std::string& detector
                 {"batch", std::to_string(recipe.batch)},
                 {"vertex_rate", fmt::format("{}", recipe.vertex_rate)},
                 {"texel_rate", fmt::format("{}", recipe.texel_rate)},
-                {"fp_top_k", std::to_string(kFpTopK)},
+                {"fp_top_k", std::to_string(recipe.objective.fp_top_k)},
                 {"lidar_gradient", to_word(LidarGradient::silhouette)},
                 {"seed", std::to_string(settings_.seed)}},
                {}};

@@ -78,7 +78,7 @@ json to_json(const Arm& arm) {
       {"seeds", arm.seeds},
       {"vehicles", arm.vehicles},
       {"frames", arm.frames},
-      {"asr", to_json(arm.hiding)},
+      {"hidden", to_json(arm.hiding)},
       {"fp_asr", to_json(arm.false_positives)},
       {"interval",
        {{"confidence", kConfidence}, {"drawn", arm.seeds.size() > 1 ? "runs and clusters" : "clusters"}}}};

@@ -8,6 +8,7 @@
 
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/words.h"
 #include "detection/defense_words.h"
 #include "validation/paper/case_list.h"
 #include "validation/paper/fusions.h"
@@ -35,12 +36,6 @@ const std::map<std::string, std::string> kRigTitles = {
 
 Printed printed(double fn, double fp, double asr) {
   return {{"fn_asr", fn}, {"fp_asr", fp}, {"asr", asr}};
-}
-
-std::string join(const Strings& parts) {
-  std::string all;
-  for (const auto& part : parts) all += (all.empty() ? "" : ", ") + part;
-  return all;
 }
 
 /// The attacks on one rig, which tables 1 and 2 count and figure 3 draws.
@@ -286,8 +281,7 @@ Experiments experiments(const ReproduceSettings& settings) {
   const Strings words = {"table1", "table2", "fig3",    "fig4",           "table3",
                          "table4", "parts",  "fusions", "fusions-xenith", "all"};
   if (std::find(words.begin(), words.end(), settings.what) == words.end())
-    throw InputError("mirage reproduce", settings.what, "no such table or figure",
-                     "use one of " + join(words));
+    throw InputError("reproduce", settings.what, "no such table or figure", use_one_of(settings.what, words));
   CaseList list(settings);
   Experiments experiments;
   const bool all = settings.what == "all", real = !settings.real.empty();

@@ -6,6 +6,8 @@
 #include <chrono>
 #include <cstdio>
 #include <list>
+#include <map>
+#include <mutex>
 #include <optional>
 #include <set>
 #include <thread>
@@ -19,8 +21,9 @@
 #include "base/logging.h"
 #include "base/ranks.h"
 #include "base/unused_memory.h"
-#include "detection/detector.h"
+#include "frames/made_of.h"
 #include "scene/data/data_rig.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage::paper {
 namespace {
@@ -43,28 +46,63 @@ fs::path failure_file(const Case& command, const fs::path& out) {
   return step_file(command, out, ".failed.json");
 }
 
-/// What the case's result is made of: settings, other cases by their names so that OUT may be moved, and
-/// hashes of the files that may change under the same settings.
+/// What is recorded of a case that was begun; null without a record, or one that can't be read.
+json recorded(const Case& command, const fs::path& out) {
+  try {
+    return read_json(record_file(command, out)).value("made_of", json());
+  } catch (const std::exception&) {
+    return {};
+  }
+}
+
+/// Hash of all frames of a data set that no case makes; each set is looked at once.
+std::string data_hash(const fs::path& data) {
+  static std::mutex mutex;
+  static std::map<fs::path, std::string> known;
+  const std::lock_guard lock(mutex);
+  std::string& hash = known[fs::absolute(data)];
+  if (hash.empty()) hash = frames_hash(data, list_frames(data));
+  return hash;
+}
+
+/// The detector that the case names, on its data's rig.
+DetectorOptions detector_of(const Case& command, const fs::path& out) {
+  const NamedSettings settings = command.settings_in(out);
+  DetectorOptions detector;
+  detector.detector = command.setting("detector");
+  detector.defense = command.setting("defense", "none");
+  fs::path data = settings.contains("data") ? settings.at("data") : "";
+  if (data.empty() && command.kind == Case::Kind::evaluate)
+    data = read_json(out / command.hosts_of() / "run.json").value("data", "");
+  detector.rig = data_rig(data);
+  return detector;
+}
+
+/// What the case's result is made of (base/provenance.h): cases that it needs count by what those are made
+/// of, so that OUT may be moved.
 json made_of(const Case& command, const fs::path& out) {
-  json read = json::object();
-  if (command.kind == Case::Kind::evaluate) {
-    read["adversary"] = file_hash(out / command.run() / "adversary.glb");
-    read["hosts"] = file_hash(out / command.hosts_of() / "run.json");
-  } else if (command.kind != Case::Kind::generate) {
-    read["weights"] = "";  // without the file the command itself says what is missing
-    try {
-      DetectorOptions detector;
-      detector.detector = command.setting("detector");
-      detector.rig = data_rig(command.settings_in(out).at("data"));
-      detector.defense = command.setting("defense", "none");
-      read["weights"] = weights_hash(detector);
+  Provenance made_of;
+  made_of.set("command", to_word(command.kind));
+  for (const auto& [name, value] : command.settings) made_of.set(name, value);
+  for (const auto& [folder, need] : command.needs) {
+    made_of.set(folder, need);
+    // Frames are what they were generated from; of a run its mesh and hosts count (below).
+    if (folder == "data") made_of.input(folder, content_hash(recorded(Case{need, {}, {}, {}}, out).dump()));
+  }
+  // What is missing or can't be read: the command itself says so.
+  if (const std::string data = command.setting("data"); !data.empty()) try {
+      made_of.input("data", data_hash(data));
     } catch (const InputError&) {
     }
+  if (!command.setting("detector").empty()) try {
+      add_detector(made_of, detector_of(command, out));
+    } catch (const InputError&) {
+    }
+  if (command.kind == Case::Kind::evaluate) {
+    made_of.file("adversary", out / command.run() / "adversary.glb");
+    made_of.file("hosts", out / command.hosts_of() / "run.json");
   }
-  return {{"command", to_word(command.kind)},
-          {"settings", command.settings},
-          {"needs", command.needs},
-          {"read", read}};
+  return made_of.made_of();
 }
 
 /// Seconds that the finished case took. InputError naming file and field.
@@ -157,21 +195,31 @@ class Steps {
     return true;
   }
 
+  /// Drops what the folder holds of a case that was begun as something else: no command may go on from it.
+  void start_afresh(const Case& command, const json& now) const {
+    const json before = recorded(command, settings_.out);
+    if (before.is_null() || before == now) return;
+    for (const auto& entry : fs::directory_iterator(settings_.out / command.name))
+      if (!entry.path().filename().native().starts_with('.')) fs::remove_all(entry.path());  // but the lock
+  }
+
   void run_case(const Case& command) {
+    const json now = made_of(command, settings_.out);
+    make_output_folder(settings_.out / command.name);
+    start_afresh(command, now);
     NamedSettings named = command.settings_in(settings_.out);
     named["out"] = (settings_.out / command.name).string();
     named["threads"] = std::to_string(settings_.threads);
     named["quiet"] = fmt::format("{}", settings_.quiet);
-    fs::remove(record_file(command, settings_.out));
+    write_json(record_file(command, settings_.out), {{"case", command.name}, {"made_of", now}});
     const auto start = Clock::now();
     {
       const AloneAmongRanks alone;
       run_(to_word(command.kind), named);
     }
     return_unused_memory();
-    write_json(record_file(command, settings_.out), {{"case", command.name},
-                                                     {"made_of", made_of(command, settings_.out)},
-                                                     {"seconds", seconds_since(start)}});
+    write_json(record_file(command, settings_.out),
+               {{"case", command.name}, {"made_of", now}, {"seconds", seconds_since(start)}});
   }
 
   void succeed(const Case& command, Step& step) const {
@@ -207,7 +255,7 @@ bool is_finished(const Case& command, const fs::path& out) {
   const fs::path record = record_file(command, out);
   if (!fs::exists(record) || !fs::exists(out / command.name / "result.json")) return false;
   try {
-    return read_json(record).value("made_of", json()) == made_of(command, out);
+    return read_json(record).contains("seconds") && recorded(command, out) == made_of(command, out);
   } catch (const std::exception&) {
     return false;  // the command itself will say what is wrong
   }

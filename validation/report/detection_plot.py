@@ -46,7 +46,8 @@ def draw(axes, curves, names, overlap):
                   label=f"{name}: AP {100 * curve['ap']:.1f}  ({curve['vehicles']} vehicles)")
     axes.set_xlim(0, 1)
     axes.set_ylim(0, 1.02)
-    axes.legend(loc="lower left", fontsize=8, frameon=False, labelcolor=MUTED)
+    if axes.get_legend_handles_labels()[0]:  # matplotlib warns of a legend without entries
+        axes.legend(loc="lower left", fontsize=8, frameon=False, labelcolor=MUTED)
 
 
 def main(folder):

@@ -51,7 +51,7 @@ Box3 standing(const BevBox& box, const Frame& frame, const Label& host) {
   Box3 result{box, host.box.bottom, kNominalHeight};
   double best = 0;
   for (const Label& label : frame.labels) {
-    if (label.type == "DontCare") continue;
+    if (!has_box(label)) continue;
     if (const double overlap = iou(box, label.box.bev); overlap > best) {
       best = overlap;
       result.bottom = label.box.bottom;

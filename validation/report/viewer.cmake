@@ -1,5 +1,9 @@
 # Fetches model-viewer (Apache-2.0) from the npm registry for the report's 3-D view: cmake -DOUT=DIR -DNPM=npm -P viewer.cmake
-# Without npm or the registry the build goes on, and the report says that the view is missing.
+# By npm, which knows a mirror or proxy of its own; where there is none, by CMake from REGISTRY. Without the registry the
+# build goes on, and the report says that the view is missing.
+if(NOT REGISTRY)
+  set(REGISTRY https://registry.npmjs.org)
+endif()
 set(version 4.1.0)
 set(checksum 8367184a607fbe07a78b650c0d359e5ebbd96f7e2b22f95f761f559b63430386)  # SHA-256 of dist/model-viewer.min.js
 set(target ${OUT}/model-viewer.min.js)
@@ -15,6 +19,10 @@ file(MAKE_DIRECTORY ${scratch})
 if(NPM)
   execute_process(COMMAND ${NPM} pack --silent --fetch-retries=0 --fetch-timeout=60000 @google/model-viewer@${version} WORKING_DIRECTORY ${scratch} TIMEOUT 120
                   RESULT_VARIABLE status OUTPUT_QUIET ERROR_QUIET)
+else()
+  # One file of a fixed name, held against its checksum below.
+  file(DOWNLOAD ${REGISTRY}/@google/model-viewer/-/model-viewer-${version}.tgz ${scratch}/model-viewer.tgz
+       TIMEOUT 120 INACTIVITY_TIMEOUT 60 STATUS status)
 endif()
 file(GLOB archive ${scratch}/*.tgz)
 if(archive)
@@ -30,6 +38,6 @@ if(EXISTS ${file} AND found STREQUAL checksum)
 elseif(EXISTS ${file})
   message(WARNING "model-viewer ${version} from the npm registry has another checksum: the report will lack its 3-D view")
 else()
-  message(STATUS "model-viewer is not to be had (npm): the report will lack its 3-D view")
+  message(STATUS "model-viewer is not to be had (npm registry): the report will lack its 3-D view")
 endif()
 file(REMOVE_RECURSE ${scratch})

@@ -22,7 +22,7 @@
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/random.h"
-#include "exchange/gltf.h"
+#include "exchange/mesh_files.h"
 #include "scene/data/read_frames.h"
 #include "simulation/object_window.h"
 #include "simulation/render_scene.h"
@@ -70,7 +70,7 @@ int study(const std::filesystem::path& data, const std::string& mesh, const std:
     const auto prepared = store.get(frame);
     const Label& label = label_of(prepared->frame, host.id);
     const HostInWorld world{*prepared, host, host.rooftop, settings};
-    const TexturedMesh before = mesh == "random" ? random_adversary(seed) : read_adversary(mesh);
+    const TexturedMesh before = mesh == "random" ? random_adversary(seed) : read_object(mesh);
     const auto raster_of = [&](const TexturedMesh& of) {
       return simulate(*prepared, label, host.rooftop, of, settings);
     };

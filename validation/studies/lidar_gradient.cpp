@@ -89,7 +89,6 @@ void study(const std::string& data, const std::string& name, std::size_t vehicle
   AttackSettings settings;
   settings.data = data;
   settings.detector.detector = name;
-  settings.objective.fp_top_k = kFpTopK;
   const auto detector = load_detector(settings.detector);
   FrameStore store(settings);
   const auto hosts =

@@ -9,8 +9,8 @@
 // Cycles renders each with everything (sun of 0.53° with shadows, occluded sky, 4 bounces, specular; host and
 // road as unseen surroundings), as two independent halves of SAMPLES (64). The rasteriser draws with hard
 // edges and 8×8 samples a pixel. VARIANTS: "models" (default) or "all", which varies the model's settings.
-// What is measured of a vehicle is kept in OUT and not measured again: after a change of the program or of
-// DATA give another OUT.
+// What is measured of a vehicle is kept in OUT and not measured again while it is made of the same
+// (base/provenance.h): program, frame, mesh, models' settings.
 //
 // Over the pixels that the object covers by more than half, of scene-linear RGB, all as shares of the
 // object's mean radiance in Cycles:
@@ -43,7 +43,9 @@
 #include "base/intervals.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
+#include "exchange/mesh_files.h"
 #include "frames/hosts.h"
+#include "frames/made_of.h"
 #include "scene/data/read_frames.h"
 #include "sensors/light_nodes.h"
 #include "validation/blender/host_scene.h"
@@ -292,7 +294,8 @@ struct Options {
 
 int study(const Options& options) {
   make_output_folder(options.out);
-  FrameStore store(FrameSource{.data = options.data});
+  const FrameSource source{.data = options.data};
+  FrameStore store(source);
   BlenderWorker blender(options.out / "blender.log");
   const auto list = variants(options.all_variants);
   std::map<std::string, std::vector<std::pair<std::string, nlohmann::json>>> rows;  // by side
@@ -302,23 +305,39 @@ int study(const Options& options) {
     ++seed;
     for (bool front : {true, false}) {
       const std::string side = front ? "front" : "back", name = host_name(place_of.id) + "_" + side;
-      const nlohmann::json settings = {{"mesh", mesh == "random" ? mesh : file_hash(mesh)},
-                                       {"seed", seed},
-                                       {"samples", options.samples},
-                                       {"all_variants", options.all_variants}};
+      Provenance made_of;
+      add_frames(made_of, source, {&place_of.id.frame, 1});
+      made_of.set("side", side);
+      made_of.set("seed", seed);
+      made_of.set("samples", options.samples);
+      if (mesh == "random")
+        made_of.set("mesh", mesh);
+      else
+        made_of.file("mesh", mesh);
+      made_of.input("blender", blender.version());
+      for (const std::filesystem::path& program : renderer_programs())
+        made_of.file(program.filename(), program);
+      for (const Variant& variant : list) {
+        Provenance its;
+        its.add(variant.settings);
+        its.set("uniform", variant.uniform);
+        its.set("as_faces", variant.as_faces);
+        made_of.input(variant.name, its.identity());
+      }
+      const std::string identity = made_of.identity();
       const std::filesystem::path file = options.out / (name + ".json");
       nlohmann::json record = std::filesystem::exists(file) ? read_json(file) : nlohmann::json::object();
-      if (record.value("settings", nlohmann::json()) != settings) {
+      if (record.value("identity", "") != identity) {
         const auto frame = store.get(place_of.id.frame);
         HostScene scene;
         scene.host = &label_of(frame->frame, place_of.id);
         scene.rooftop = store.rooftop(place_of.id);
-        scene.adversary = mesh == "random" ? random_adversary(seed) : read_adversary(mesh);
+        scene.adversary = mesh == "random" ? random_adversary(seed) : read_object(mesh);
         scene.placed = place(scene.adversary, scene.rooftop);
         scene.samples = options.samples;
         scene.seed = seed;
         scene.scratch = options.out;
-        record = {{"settings", settings},
+        record = {{"identity", identity},
                   {"measured", measure(blender, *frame, scene, front, list, options.out, name)}};
         write_json(file, record);
       }

@@ -58,7 +58,7 @@ std::vector<TimedAttack> attack_study(const TradeoffSettings& settings) {
   attack.iterations = kMostIterations;
   attack.seconds = settings.attack_seconds;
   DetectorOptions options = settings.detector;
-  options.rig = data_rig(settings.source.data);
+  options.rig = data_rig(settings.source.data, settings.source.rig);
   const DetectorPool judges = load_detector_pool(options, attack.batch);
   SimulationSettings exact;
   apply_quality("exact", exact);

@@ -35,7 +35,7 @@ std::vector<TradeoffPoint> pass_points(const TradeoffSettings& settings, const S
     }
   if (hosts.empty()) return {};
   DetectorOptions options = settings.detector;
-  options.rig = data_rig(settings.source.data);
+  options.rig = data_rig(settings.source.data, settings.source.rig);
   const OneThread bound;
   return detector_points(options, hosts, subjects.adversary, settings.repeats);
 }

@@ -45,7 +45,7 @@ json labels_json(const ViewFrame& view) {
   for (std::size_t k = 0; k < view.frame.labels.size(); ++k) {
     const Label& label = view.frame.labels[k];
     json entry = {{"type", label.type}, {"picture", page_box(picture_box(label))}};
-    if (label.type != "DontCare")
+    if (has_box(label))
       entry.update({{"box", page_box(label.box)},
                     {"occluded", label.occluded},
                     {"truncated", rounded(label.truncated, 100)},
@@ -171,7 +171,7 @@ void find_instances(const std::filesystem::path& data, ViewFrame& view) {
   }
   for (std::size_t k = 0; k < frame.labels.size(); ++k) {
     const Label& label = frame.labels[k];
-    if (label.type == "DontCare") continue;
+    if (!has_box(label)) continue;
     const double reach = std::hypot(label.box.bev.length, label.box.bev.width) / 2;
     for (std::size_t i = 0; i < frame.sweep.size(); ++i) {
       const LidarPoint& p = frame.sweep[i];

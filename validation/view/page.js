@@ -127,6 +127,7 @@ function outcome() {
   line.replaceChildren();
   if (!attack) return;
   const of = attack.outcome, part = (text, name) => make(line, "span", name, text);
+  if (of.learned_on) part("Learned on, so no evidence: ", "bad");
   if (of.clean_score === undefined) {
     part(`${Math.round(100 * of.visible)} % of the object is in view.`, "quiet");
     return;
@@ -205,7 +206,8 @@ async function show(index) {
   const list = byId("vehicle").querySelector("select");
   list.replaceChildren(...frame.attacks.map((attack, k) => {
     const [x, y] = frame.labels[attack.label].box;
-    return new Option(`${k + 1} of ${frame.attacks.length}: ${frame.labels[attack.label].type}, ${number(Math.hypot(x, y), 0)} m`, k);
+    const learned = attack.outcome.learned_on ? ", learned on" : "";
+    return new Option(`${k + 1} of ${frame.attacks.length}: ${frame.labels[attack.label].type}, ${number(Math.hypot(x, y), 0)} m${learned}`, k);
   }));
   list.value = state.vehicle;
   byId("tip").hidden = true;

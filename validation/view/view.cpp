@@ -21,9 +21,11 @@
 #include "base/progress.h"
 #include "detection/detect.h"
 #include "detection/detection_files.h"
+#include "frames/data_check.h"
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
 #include "scene/data/data_rig.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 #include "simulation/render_scene.h"
 #include "validation/fidelity/validate.h"
@@ -63,7 +65,7 @@ class Attacker {
     if (!settings.detect) return;
     DetectorOptions options = settings.detector;
     use_detector_of(run, options);
-    options.rig = data_rig(run.settings.data);
+    options.rig = data_rig(run.settings.data, run.settings.rig);
     detector_ = load_detector(options);
     name_ = detector_->name();
     evaluation_.plane = detector_->capabilities().plane();
@@ -95,7 +97,8 @@ class Attacker {
       attack.removed = missing(view.frame.sweep, seen.sweep, {simulated.sweep.begin(), own});
       attack.outcome = {{"visible", simulated.visible_share},
                         {"returns", simulated.adversary_points},
-                        {"removed", simulated.removed_points}};
+                        {"removed", simulated.removed_points},
+                        {"learned_on", learned_on(run_, id)}};
       if (detector_) judge_attack(view.frame, seen, id, clean, simulated, attack);
       view.attacks.push_back(std::move(attack));
     }
@@ -173,17 +176,21 @@ json make_view(const ViewSettings& given) {
     if (settings.data.empty()) settings.data = run->settings.data;
     require_own_data(*run, settings.data);
     run->settings.data = settings.data;
-    for (const HostId& id : select_hosts(*run, settings.frames)) hosts[id.frame].push_back(id);
+    for (const HostId& id : shown_hosts(*run, settings.frames)) hosts[id.frame].push_back(id);
     for (const auto& [id, of_frame] : hosts) ids.push_back(id);
     if (ids.empty())
-      throw InputError((settings.run / "run.json").string(), "test", "no vehicles to show", "give --frames");
+      throw InputError((settings.run / "run.json").string(), "test", "no test vehicles to show",
+                       "give --frames N, which goes on with those that it learned on");
   } else {
     if (settings.data.empty())
-      throw InputError("mirage view", "DIR", "is missing", "give a data set in KITTI layout, or --run");
+      throw InputError("view", "DIR", "is missing", "give a data set in KITTI layout, or --run");
     ids = list_frames(settings.data);
+    check_data(settings.data, settings.asked.contains("rig") ? settings.asked.at("rig") : "",
+               UnitUse::reads_sweeps);
     if (settings.frames > 0 && ids.size() > static_cast<std::size_t>(settings.frames))
       ids.resize(static_cast<std::size_t>(settings.frames));
   }
+  warn_of_labels(count_labels(settings.data, ids));
   std::optional<DetectionFiles> file;
   if (!settings.detections.empty()) {
     file.emplace(settings.detections);
@@ -205,7 +212,7 @@ json make_view(const ViewSettings& given) {
   std::string frames;
   PackSettings coarsest;
   double lowest = std::numeric_limits<double>::infinity(), highest = -lowest, brightest = 0;
-  std::size_t points = 0, kept = 0, vehicles = 0;
+  std::size_t points = 0, kept = 0, vehicles = 0, trained_on = 0;
   Progress progress("view", ids.size(), settings.quiet);
   const std::size_t batch = 2 * static_cast<std::size_t>(std::max(1, thread_count()));
   for (std::size_t first = 0; first < ids.size(); first += batch) {
@@ -234,6 +241,8 @@ json make_view(const ViewSettings& given) {
       points += frame.points;
       kept += frame.kept;
       vehicles += views[i].attacks.size();
+      for (const ViewAttack& attack : views[i].attacks)
+        if (attack.outcome.at("learned_on").get<bool>()) ++trained_on;
     }
     progress.update(first + count);
   }
@@ -259,6 +268,7 @@ json make_view(const ViewSettings& given) {
           {"bytes", page.size()},
           {"frames", ids.size()},
           {"vehicles", vehicles},
+          {"learned_on", trained_on},
           {"points", points},
           {"kept_points", kept},
           {"step", coarsest.step},

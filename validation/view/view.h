@@ -15,22 +15,21 @@ struct ViewSettings {
   std::filesystem::path run;         ///< of mirage attack: its adversary on its hosts; empty: none
   std::filesystem::path detections;  ///< detection/detection_files.h; empty: none
   std::filesystem::path page;        ///< the .html that is written
-  /// The first so many; with a run the first frames with its test vehicles, then training ones. 0: all (of a
-  /// run: all test frames).
+  /// The first so many; 0: all. With a run as shown_hosts() (validation/fidelity/validate.h).
   int frames = 0;
   Overrides asked;                ///< in place of the run's
   TrustRun trust = TrustRun::no;  ///< of the run
   bool detect = true;             ///< with a run: its detector looks at the frames as recorded and attacked
   /// Who looks; what is empty is the run's.
-  DetectorOptions detector = {
-      .detector = "", .weights = "", .fresh = false, .seed = 0, .threads = 0, .defense = ""};
+  DetectorOptions detector = detector_of_the_run();
   double size =
       100;  ///< MB of the page at most: points are thinned, then pictures compressed more, until it fits
   bool quiet = false;
 };
 
 /// Writes the page (atomically) and returns what the result shall hold: page, bytes, frames, vehicles
-/// (attacked), points, kept_points, step and quality (the coarsest of any frame), seconds.
+/// (attacked), learned_on (of them), points, kept_points, step and quality (the coarsest of any frame),
+/// seconds.
 nlohmann::json make_view(const ViewSettings& settings);
 
 }  // namespace mirage

@@ -6,6 +6,8 @@ import math
 import bpy
 from mathutils import Vector
 
+from . import features
+
 SUN_ANGLE = math.radians(0.53)  # the sun's disc seen from the Earth
 NO_EFFECTS = {"shadows": False, "sky": False, "bounces": 0, "specular": False, "surroundings": "none"}
 
@@ -60,7 +62,8 @@ def surface(nodes, color, specular):
     if specular:
         node = nodes.add("ShaderNodeBsdfPrincipled")
         nodes.put(color, node.inputs["Base Color"])
-        node.inputs["Specular"].default_value = 0.5
+        features.principled_input(node, "specular").default_value = 0.5
+        node.inputs["IOR"].default_value = 1.5  # with a level of 0.5: 4 % reflected head-on, under either name
         node.inputs["Roughness"].default_value = 0.5
         node.inputs["Metallic"].default_value = 0.0
     else:
@@ -74,7 +77,10 @@ def make_lambert(material, paint, light, effects=NO_EFFECTS):
     """Turns the material into `paint` under the light: sun by a BSDF; ambient and hemisphere by the sky where
     effects["sky"], or else as emission."""
     material.use_nodes = True
-    material.cycles.sample_as_light = False
+    if hasattr(material.cycles, "emission_sampling"):  # Blender 3.5
+        material.cycles.emission_sampling = "NONE"
+    else:
+        material.cycles.sample_as_light = False
     nodes = Nodes(material.node_tree)
     output = nodes.add("ShaderNodeOutputMaterial")
     color = nodes.color(paint)
@@ -131,15 +137,23 @@ def set_sun(sun, light, shadows):
     sun.data.energy = math.pi * strongest
     sun.data.color = [value / strongest for value in light["sun"]]
     sun.data.angle = SUN_ANGLE if shadows else 0.0
-    sun.data.cycles.cast_shadow = bool(shadows)
+    # Both where both are: which of them Cycles reads has changed.
+    for holder, name in ((sun.data, "use_shadow"), (sun.data.cycles, "cast_shadow")):
+        if hasattr(holder, name):
+            setattr(holder, name, bool(shadows))
     sun.parent = None
     sun.matrix_world = Vector(light["to_sun_velo"]).to_track_quat("Z", "Y").to_matrix().to_4x4()
 
 
+def set_view(scene):
+    """Pictures for the eye in plain sRGB: the default view is Filmic or AgX, by the version."""
+    view = scene.view_settings
+    view.view_transform, view.look, view.exposure, view.gamma = "Standard", "None", 0.0, 1.0
+
+
 def set_quality(scene, layer, samples=1, seed=0, pixel="area", effects=NO_EFFECTS, threads=0,
                 file_format="OPEN_EXR_MULTILAYER"):
-    """Cycles on the CPU, exact: no denoiser (Debian's build has none), no adaptive sampling, no clamping, linear
-    32-bit EXR. `pixel`: "centre" samples the pixel's centre alone, "area" its area evenly."""
+    """Cycles on the CPU, exact: no denoiser, no adaptive sampling, no clamping, linear 32-bit EXR. `pixel`: "centre" samples the pixel's centre alone, "area" its area evenly."""
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     cycles.device = "CPU"
@@ -162,6 +176,7 @@ def set_quality(scene, layer, samples=1, seed=0, pixel="area", effects=NO_EFFECT
     else:
         cycles.pixel_filter_type = "BOX"
     render.film_transparent = True
+    set_view(scene)
     render.use_compositing = render.use_sequencer = False
     render.use_persistent_data = False
     render.threads_mode = "FIXED" if threads else "AUTO"

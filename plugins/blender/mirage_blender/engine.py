@@ -30,6 +30,15 @@ def arguments(settings, window, color, scene, out):
     return line + ["--background", "plain", "--color", ",".join(f"{c:.9g}" for c in color)]
 
 
+def fill(target, pixels):
+    """height x width x channels, row 0 on top, into a render pass, which has the bottom first."""
+    rows = numpy.ascontiguousarray(pixels[::-1]).reshape(-1, pixels.shape[2])
+    try:
+        target.rect.foreach_set(rows)  # Blender 3: a row a pixel
+    except (TypeError, ValueError):
+        target.rect.foreach_set(rows.ravel())  # Blender 4: all numbers in one row
+
+
 class MirageEngine(bpy.types.RenderEngine):
     bl_idname = "MIRAGE"
     bl_label = "Mirage"
@@ -88,10 +97,10 @@ class MirageEngine(bpy.types.RenderEngine):
             passes = result.layers[0].passes
             for name, pixels in (("Combined", color), ("Depth", depth[:, :, None])):
                 target = passes.get(name)
-                if target is not None:  # one row a pixel, the picture's bottom first
-                    target.rect.foreach_set(numpy.ascontiguousarray(pixels[::-1]).reshape(-1, pixels.shape[2]))
+                if target is not None:
+                    fill(target, pixels)
         except (TypeError, ValueError) as error:
-            self.report({"ERROR"}, f"render result: {error}; is this Blender 3.4?")
+            self.report({"ERROR"}, f"render result: {error}; use Blender 3.4 to 4.3")
         finally:
             self.end_result(result)
 

@@ -41,6 +41,17 @@ def timed_render(path):
     return seconds
 
 
+def drop_own_normals():
+    """Normals that a mesh brings along would bend the light on its flat faces."""
+    import bpy
+
+    for thing in bpy.data.objects:
+        mesh = thing.data if thing.type == "MESH" else None
+        if mesh is not None and mesh.has_custom_normals and not hasattr(mesh, "use_auto_smooth"):
+            with bpy.context.temp_override(object=thing, active_object=thing, mesh=mesh):
+                bpy.ops.mesh.customdata_custom_splitnormals_clear()
+
+
 def match_light(scene, light):
     """Every surface that Mirage draws becomes Lambert under `light`; everything else is hidden."""
     import bpy
@@ -60,7 +71,9 @@ def match_light(scene, light):
             thing.data.materials.append(bare)
     for mesh in bpy.data.meshes:  # flat faces
         mesh.polygons.foreach_set("use_smooth", [False] * len(mesh.polygons))
-        mesh.use_auto_smooth = False
+        if hasattr(mesh, "use_auto_smooth"):  # gone in Blender 4.1, whose meshes always use normals of their own
+            mesh.use_auto_smooth = False
+    drop_own_normals()
     for curve in bpy.data.curves:
         for spline in getattr(curve, "splines", ()):
             spline.use_smooth = False

@@ -13,7 +13,7 @@ if "bool" not in vars(numpy):
 
 import bpy  # noqa: E402
 
-from . import camera, cycles_light  # noqa: E402
+from . import camera, cycles_light, features  # noqa: E402
 from .glb import Glb  # noqa: E402
 from .glb_check import MOST_PIXELS  # noqa: E402
 from .paint import Paint  # noqa: E402
@@ -45,7 +45,7 @@ def load(path):
     glb = Glb(path)
     before, scene = set(bpy.data.objects), bpy.context.scene
     engine = scene.render.engine
-    bpy.ops.import_scene.gltf(filepath=path, import_shading="FLAT", convert_lighting_mode="RAW")
+    bpy.ops.import_scene.gltf(filepath=path, **features.importer_arguments(shading="FLAT", lighting="RAW"))
     scene.render.engine = engine  # the importer knows Cycles and Eevee only, and takes others for Eevee
     return Loaded(glb, [thing for thing in bpy.data.objects if thing not in before], path)
 
@@ -143,10 +143,10 @@ def import_scene(scene, path):
         show_behind(view, photograph)
     scene["mirage_photograph"] = photograph.name if photograph else ""
     scene["mirage_source"] = os.path.abspath(path)
-    scene.view_settings.view_transform = "Standard"
-    scene.view_settings.look = "None"
+    cycles_light.set_view(scene)
     scene.render.film_transparent = True
-    scene.cycles.use_denoising = False  # Debian's build has no denoiser and fails
+    if not features.has_denoiser():
+        scene.cycles.use_denoising = False
     settings = getattr(scene, "mirage", None)  # absent where the add-on is not registered
     if settings:
         settings.light = "GIVEN"

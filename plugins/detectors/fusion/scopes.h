@@ -2,6 +2,7 @@
 #pragma once
 
 #include <ATen/autocast_mode.h>
+#include <torch/version.h>
 
 #include <vector>
 
@@ -15,18 +16,27 @@ class Bfloat16 {
  public:
   explicit Bfloat16(bool asked) : asked_(asked) {
     if (!asked_) return;
-    at::autocast::set_autocast_cpu_dtype(at::kBFloat16);
-    at::autocast::set_cpu_enabled(true);
+    set_bfloat16(true);
   }
   Bfloat16(const Bfloat16&) = delete;
   Bfloat16& operator=(const Bfloat16&) = delete;
   ~Bfloat16() {
     if (!asked_) return;
     at::autocast::clear_cache();  // its copies of the weights, which the optimiser is about to change
-    at::autocast::set_cpu_enabled(false);
+    set_bfloat16(false);
   }
 
  private:
+  static void set_bfloat16(bool on) {
+#if TORCH_VERSION_MAJOR * 100 + TORCH_VERSION_MINOR >= 204
+    at::autocast::set_autocast_dtype(at::kCPU, at::kBFloat16);
+    at::autocast::set_autocast_enabled(at::kCPU, on);
+#else
+    at::autocast::set_autocast_cpu_dtype(at::kBFloat16);
+    at::autocast::set_cpu_enabled(on);
+#endif
+  }
+
   bool asked_;
 };
 

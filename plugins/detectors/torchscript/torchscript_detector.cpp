@@ -2,6 +2,7 @@
 
 #include <ATen/Parallel.h>
 #include <torch/csrc/autograd/autograd.h>
+#include <torch/csrc/jit/runtime/graph_executor.h>
 
 #include <algorithm>
 #include <cmath>
@@ -21,13 +22,14 @@ constexpr const char* kSignature =
     "the picture";
 constexpr const char* kReturns = "(boxes [M,5], logits [M])";
 constexpr const char* kReturnsInPicture = "(boxes [M,4], logits [M])";
+constexpr const char* kWrite = "write it with torch.jit.script(model).save(FILE)";
 constexpr const char* kGuide = "see plugins/detectors/torchscript/README.md";
 
 [[noreturn]] void bad(const std::string& field, const std::string& problem, const std::string& fix) {
   throw BadFile(field + ": " + problem + "; " + fix);
 }
 
-/// The line that says why: the last one of a TorchScript trace, or else the first.
+/// The line that says why: the last one of a TorchScript trace, or else the first. As _copy.py's.
 std::string reason(const std::string& what) {
   std::string line, last;
   std::istringstream lines(what);
@@ -37,7 +39,9 @@ std::string reason(const std::string& what) {
       last = line;
       if (!trace) break;
     }
-  return last;
+  if (last.empty()) return "without a word";
+  // What LibTorch's own containers throw says nothing of the model.
+  return last.find(' ') == std::string::npos ? "LibTorch itself failed: " + last : last;
 }
 
 /// Runs user code: whatever it throws becomes BadFile, naming the method.
@@ -75,12 +79,18 @@ Tensor from_memory(const float* values, std::vector<std::int64_t> shape) {
 }  // namespace
 
 TorchScriptDetector::TorchScriptDetector(const std::string& file, int threads) : threads_(threads) {
-  // Plain interpretation: no specialisation to the first inputs' shapes, the same result at every call.
-  torch::jit::setGraphExecutorOptimize(false);
+  // Plain interpretation: no specialisation to the first inputs' shapes, the same result at every call, and
+  // PyTorch's own gradients. The profiling executor without its optimiser (setGraphExecutorOptimize(false))
+  // is none: it leaves out passes that a traced graph needs, and an integer tensor plus a float is then
+  // float64.
+  torch::jit::getExecutorMode() = true;
+  torch::jit::getProfilingMode() = false;
   try {
     module_ = torch::jit::load(file, torch::kCPU);
-  } catch (const std::exception&) {
-    bad("file", "not a TorchScript model", "write it with torch.jit.script(model).save(FILE)");
+  } catch (const c10::Error& problem) {
+    bad("file", "not a TorchScript model (" + reason(problem.what_without_backtrace()) + ")", kWrite);
+  } catch (const std::exception& problem) {
+    bad("file", "not a TorchScript model (" + reason(problem.what()) + ")", kWrite);
   }
   module_.eval();
   for (Tensor parameter : module_.parameters()) parameter.requires_grad_(false);
@@ -222,7 +232,7 @@ void TorchScriptDetector::backward(std::span<const float> d_logits, float* d_ima
     Tensor seed = torch::zeros({logits_.size(0)});
     for (std::size_t i = 0; i < places_.size(); ++i) seed.data_ptr<float>()[places_[i]] = d_logits[i];
     gradients = guarded_call("backward", [&] {
-      return torch::autograd::grad({logits_}, {image_, points_}, {seed}, true, false, true);
+      return torch::autograd::grad({logits_}, {image_, points_}, {seed}, false, false, true);
     });
   }
   const auto copy = [](const Tensor& gradient, const Tensor& like, const char* name, float* out) {

@@ -102,12 +102,14 @@ class PythonDetector : public Detector {
       proposal.logit = logits.data()[i];
       if (!(proposal.score() > score_threshold)) continue;
       if (picture_)
-        proposal.picture = within({box[0], box[1], box[2], box[3]}, image.width, image.height);
+        proposal.picture = {box[0], box[1], box[2], box[3]};
       else
         proposal.box = {box[0], box[1], box[2], box[3], box[4]};
       kept.push_back(proposal);
       places_.push_back(i);
     }
+    check_proposals(kept, picture_ ? Plane::picture : Plane::bev);
+    for (Proposal& proposal : kept) proposal.picture = within(proposal.picture, image.width, image.height);
     return kept;
   }
 

@@ -3,9 +3,10 @@
 #include "bind.h"
 #include "cli/named_settings.h"
 #include "detection/points_in_view.h"
-#include "frames/frame_store.h"
+#include "frames/data_check.h"
 #include "frames/host_views.h"
 #include "handles.h"
+#include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_rooftop.h"
@@ -28,9 +29,10 @@ std::shared_ptr<const Made> kept(const std::string& key,
 
 }  // namespace
 
-FrameHandle::FrameHandle(const std::filesystem::path& data, const std::string& id)
+FrameHandle::FrameHandle(const std::filesystem::path& data, const std::string& id, const std::string& rig)
     : data_(data),
-      lidar_(lidar_of(data)),
+      rig_(rig),
+      lidar_(lidar_of(data, rig)),
       recorded_(recorded_lidar_effects(data)),
       frame_(read_frame(data, id)) {}
 
@@ -38,6 +40,7 @@ std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const std::string& de
   const std::lock_guard lock(mutex_);
   auto& known = prepared_[{depth, sun}];
   if (!known) {
+    check_data(data_, rig_, UnitUse::casts_rays);
     const SunChoice choice = parse_sun(sun);
     const auto completion = kept<DepthCompletion>(
         depth, [&] { return std::shared_ptr<const DepthCompletion>(load_depth_completion({depth})); });
@@ -49,19 +52,14 @@ std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const std::string& de
 }
 
 Rooftop FrameHandle::rooftop(const std::string& finder, int label) {
-  const auto index = static_cast<std::size_t>(label);
-  if (label < 0 || index >= frame_.labels.size() || frame_.labels[index].type == "DontCare")
-    throw InputError("host", std::to_string(label),
-                     "frame " + frame_.id + " has " + std::to_string(frame_.labels.size()) +
-                         " labels and this is not a vehicle among them",
-                     "take one of frame.hosts()");
+  const Label& host = vehicle_of(frame_, label, "host");
   const std::lock_guard lock(mutex_);
   const auto known = rooftops_.find({finder, label});
   if (known != rooftops_.end()) return known->second;
-  const auto finds = kept<RooftopFinder>(finder + " " + std::filesystem::absolute(data_).string(), [&] {
-    return std::shared_ptr<const RooftopFinder>(make_rooftop_finder(finder, lidar_));
-  });
-  return rooftops_[{finder, label}] = finds->find(frame_, frame_.labels[index]);
+  const auto finds = kept<RooftopFinder>(
+      finder + " " + rig_ + " " + std::filesystem::absolute(data_).string(),
+      [&] { return std::shared_ptr<const RooftopFinder>(make_rooftop_finder(finder, lidar_)); });
+  return rooftops_[{finder, label}] = finds->find(frame_, host);
 }
 
 namespace {
@@ -75,7 +73,8 @@ std::vector<HostHandle> hosts_of(const std::shared_ptr<FrameHandle>& frame, doub
   const auto& labels = prepared->frame.labels;
   std::vector<Rooftop> rooftops(labels.size());
   for (std::size_t i = 0; i < labels.size(); ++i)
-    if (labels[i].type == "Car") rooftops[i] = frame->rooftop(settings.rooftop, static_cast<int>(i));
+    if (labels[i].type == "Car" && has_box(labels[i]))
+      rooftops[i] = frame->rooftop(settings.rooftop, static_cast<int>(i));
   constexpr std::array<double, 4> kRegion = {0, 70, -40, 40};  // of a detector that names none
   std::vector<HostHandle> hosts;
   for (const HostView& seen : host_views(*prepared, rooftops, kRegion, settings.simulation))
@@ -135,7 +134,7 @@ void bind_frames(py::module_& module) {
       .def(py::init([](const NamedSettings& named, const std::string& where) {
              auto options = std::make_shared<InsertionOptions>();
              CLI::App table;
-             options->add(table, {"data"});
+             options->add(table, {"data", "rig"});
              cli::parse_settings(table, named, where);
              options->apply();
              options->quality.app = nullptr;  // the table ends here
@@ -145,11 +144,11 @@ void bind_frames(py::module_& module) {
            py::arg("named"), py::arg("where"));
   py::class_<FrameHandle, std::shared_ptr<FrameHandle>>(
       module, "Frame", "A recorded or generated moment: picture, sweep, calibration and labels.")
-      .def(py::init([](const std::string& folder, const std::string& id) {
+      .def(py::init([](const std::string& folder, const std::string& id, const std::string& rig) {
              const py::gil_scoped_release free;
-             return std::make_shared<FrameHandle>(folder, id);
+             return std::make_shared<FrameHandle>(folder, id, rig);
            }),
-           py::arg("folder"), py::arg("id"))
+           py::arg("folder"), py::arg("id"), py::arg("rig") = "")
       .def_property_readonly(
           "id", [](const FrameHandle& f) { return f.frame().id; }, "e.g. \"000008\"")
       .def_property_readonly(
@@ -166,6 +165,14 @@ void bind_frames(py::module_& module) {
             return view(reinterpret_cast<const float*>(sweep.data()), {ssize(sweep.size()), 4}, f, false);
           },
           "The sweep: N×4 float32; x forward, y left, z up (m, `velo`), reflectance. A view, read-only.")
+      .def_property_readonly(
+          "points_in_view",
+          [](const FrameHandle& f) {
+            const std::vector<LidarPoint> points = points_in_view(f.frame().sweep, f.frame().calibration);
+            const auto* from = reinterpret_cast<const float*>(points.data());
+            return own(std::vector<float>(from, from + 4 * points.size()), {ssize(points.size()), 4});
+          },
+          "Those of `points` that project into the picture: what a detector is given.")
       .def_property_readonly(
           "depth",
           [](const std::shared_ptr<FrameHandle>& f) {

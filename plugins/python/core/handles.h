@@ -15,11 +15,12 @@ namespace mirage::python {
 /// may ask.
 class FrameHandle {
  public:
-  /// InputError as read_frame's.
-  FrameHandle(const std::filesystem::path& data, const std::string& id);
+  /// `rig`: which recorded it, as data_rig.h takes it. InputError as read_frame's.
+  FrameHandle(const std::filesystem::path& data, const std::string& id, const std::string& rig);
 
   const Frame& frame() const { return frame_; }
-  /// With the photograph's depth by `depth` and the sun where `sun` says.
+  /// With the photograph's depth by `depth` and the sun where `sun` says. Warns, and InputError, as
+  /// check_data.
   std::shared_ptr<const PreparedFrame> prepared(const std::string& depth, const std::string& sun);
   /// The roof of a label's vehicle. InputError naming the label if it is none.
   Rooftop rooftop(const std::string& finder, int label);
@@ -28,6 +29,7 @@ class FrameHandle {
 
  private:
   std::filesystem::path data_;
+  std::string rig_;
   LidarModel lidar_;
   std::string recorded_;
   Frame frame_;

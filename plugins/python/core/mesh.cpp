@@ -2,7 +2,6 @@
 #include "attack/adversary.h"
 #include "base/error.h"
 #include "bind.h"
-#include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
 #include "geometry/shapes.h"
 
@@ -99,23 +98,13 @@ Shared start(int subdivisions, const py::object& half, int resolution) {
 
 Shared read(const std::filesystem::path& file) {
   const py::gil_scoped_release free;
-  auto mesh = std::make_shared<TexturedMesh>();
-  if (file.extension() == ".glb") {
-    *mesh = read_adversary(file);
-  } else {
-    mesh->mesh = read_mesh(file);
-    give_grey(*mesh, TexelAtlas().resolution);
-  }
-  return mesh;
+  return std::make_shared<TexturedMesh>(read_textured_mesh(file));
 }
 
 void write(const TexturedMesh& mesh, const std::filesystem::path& file) {
   const py::gil_scoped_release free;
   check_mesh(mesh, "mesh");  // the arrays may have been written to
-  if (file.extension() == ".glb")
-    write_adversary(file, mesh);
-  else
-    write_mesh(file, mesh.mesh);
+  write_textured_mesh(file, mesh);
 }
 
 }  // namespace
@@ -144,9 +133,8 @@ void bind_meshes(py::module_& module) {
           [](TexturedMesh& m, const py::object& t) { assign(m.atlas.texels, t, "texels"); },
           "F×C×C×3 float64, scene-linear albedo in [0, 1]. A view: writing to it changes the mesh.")
       .def("write", &write, py::arg("file"),
-           "Writes a .glb that keeps every bit of vertices and texels and that every viewer shows as it is, "
-           "or\n"
-           "the shape alone as .ply.")
+           "Writes a .glb that keeps every bit of vertices and texels and that every viewer shows as it is,\n"
+           "an .obj with texels of 8 bits, or the shape alone as .ply.")
       .def(
           "copy", [](const TexturedMesh& m) { return std::make_shared<TexturedMesh>(m); },
           "Another mesh alike.")
@@ -160,10 +148,10 @@ void bind_meshes(py::module_& module) {
       py::arg("resolution") = TexelAtlas().resolution,
       "An icosphere of 10·4^n + 2 vertices and 20·4^n faces, stretched to the half axes `half` (x, y, z in\n"
       "m; None: those that an attack starts from), with resolution² texels of mid-grey a face.");
-  module.def(
-      "read_mesh", &read, py::arg("file"),
-      "The mesh of a file: .glb as Mesh.write and mirage attack write it (every bit), other .glb with\n"
-      "their base colour; .gltf, .obj and .ply in grey.");
+  module.def("read_mesh", &read, py::arg("file"),
+             "The mesh of a glTF, OBJ or PLY file, which it is by its content: glTF as Mesh.write and mirage "
+             "attack\n"
+             "write it (every bit), other glTF with its base colours, OBJ and PLY in grey.");
 }
 
 }  // namespace mirage::python

@@ -2,6 +2,7 @@
 
 #include "arrays.h"
 #include "base/error.h"
+#include "base/words.h"
 #include "bind.h"
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"
@@ -39,8 +40,9 @@ SoftRasterSettings<double> settings_of(const std::map<std::string, double>& numb
   for (const auto& [name, value] : numbers) {
     const auto field = fields.find(name);
     if (field == fields.end())
-      throw InputError("rasterize", name, "unknown setting",
-                       "use sigma, gamma, epsilon, dist_eps, near or far");
+      throw InputError(
+          "rasterize", name, "unknown setting",
+          use_one_of(name, {"sigma", "gamma", "epsilon", "dist_eps", "near", "far", "blend", "sides"}));
     *field->second = value;
   }
   const auto choose = [&](const std::string& name, auto& field, const auto& choices) {
@@ -48,9 +50,9 @@ SoftRasterSettings<double> settings_of(const std::map<std::string, double>& numb
     if (word == words.end()) return;
     for (const auto& [known, value] : choices)
       if (word->second == known) return void(field = value);
-    std::string list;
-    for (const auto& [known, value] : choices) list += (list.empty() ? "" : ", ") + known;
-    throw InputError("rasterize", name, "unknown choice " + word->second, "use one of: " + list);
+    std::vector<std::string> all;
+    for (const auto& [known, value] : choices) all.push_back(known);
+    throw InputError("rasterize", name, word->second + " is unknown", use_one_of(word->second, all));
   };
   choose("blend", settings.background,
          std::map<std::string, Background>{{"silhouette", Background::silhouette},

@@ -37,7 +37,8 @@ class Pillars(nn.Module):
         place = (2 * uvw[:, :2] / uvw[:, 2:].clamp(min=0.1) + 1) / size - 1
         colour = F.grid_sample(image.permute(2, 0, 1)[None], place[None, None], align_corners=False)[0, :, 0].t()
         features = self.point(torch.cat([points / 20, colour], 1))
-        # Each point is shared among the four pillars around it: a hard grid would give x and y no gradient.
+        # A point is shared among the four pillars around it. One pillar a point, as PointPillars has it, does as well:
+        # a point's features carry the gradient. Shared, it also says what moving over a pillar's border does.
         x, y = points[:, 0] / CELL - 0.5, points[:, 1] / CELL + ROWS / 2 - 0.5
         grid = features.new_zeros(ROWS * COLUMNS, 32)
         for dc, dr in ((0, 0), (0, 1), (1, 0), (1, 1)):
@@ -56,7 +57,7 @@ def train(network, frames, steps):
     optimiser = torch.optim.Adam(network.parameters(), lr=2e-3)
     for step in range(steps):
         frame = frames[step % len(frames)]
-        boxes, logits = network(*(torch.tensor(a) for a in (frame.image, frame.points, frame.pixel_from_velo)))
+        boxes, logits = network(*(torch.tensor(a) for a in (frame.image, frame.points_in_view, frame.pixel_from_velo)))
         truth = torch.tensor([label.box_bev for label in frame.labels if label.type == "Car"]).reshape(-1, 5)
         apart = torch.cdist(truth[:, :2], centres())
         wanted = torch.zeros_like(logits)

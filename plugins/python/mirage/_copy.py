@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import warnings
-from typing import Callable
+from typing import Callable, Iterator
 
 import torch
 
@@ -23,36 +24,77 @@ class _Wrapped(torch.nn.Module):
         return self._function[0](*inputs)
 
 
-def _agree(function: Callable, copy: Callable, inputs: tuple[torch.Tensor, ...]) -> bool:
-    with torch.no_grad():
-        for ours, theirs in zip(function(*inputs), copy(*inputs)):
-            if ours.shape != theirs.shape or not torch.allclose(ours, theirs, rtol=1e-3, atol=1e-4):
-                return False
-    return True
+@contextlib.contextmanager
+def _as_the_plugin_runs_it() -> Iterator[None]:
+    """The executor of plugins/detectors/torchscript: another one takes other passes, and so other types."""
+    executor, profiling = torch._C._jit_set_profiling_executor(True), torch._C._jit_set_profiling_mode(False)
+    try:
+        yield
+    finally:
+        torch._C._jit_set_profiling_executor(executor)
+        torch._C._jit_set_profiling_mode(profiling)
+
+
+def _answer(function: Callable, inputs: tuple[torch.Tensor, ...]) -> list[torch.Tensor | None]:
+    """Boxes, logits, and the gradients of the logits' sum to image and points."""
+    inputs = tuple(tensor.clone().requires_grad_(k < 2) for k, tensor in enumerate(inputs))
+    with torch.enable_grad():
+        boxes, logits = function(*inputs)
+        gradients = (torch.autograd.grad(logits.sum(), inputs[:2], allow_unused=True) if logits.requires_grad
+                     else [None] * len(inputs[:2]))
+    return [boxes.detach(), logits.detach(), *gradients]
+
+
+def _differs(function: Callable, copy: Callable, inputs: tuple[torch.Tensor, ...]) -> str:
+    """What the copy says otherwise, in a word, or ""."""
+    names = ("its boxes", "its logits", "its gradients to the image", "its gradients to the points")
+    for name, ours, theirs in zip(names, _answer(function, inputs), _answer(copy, inputs)):
+        if ours is None and theirs is None:
+            continue
+        like = theirs if ours is None else ours
+        ours, theirs = (torch.zeros_like(like) if tensor is None else tensor.double() for tensor in (ours, theirs))
+        if ours.shape != theirs.shape:
+            return f"{name} have shape {list(theirs.shape)} for {list(ours.shape)}"
+        largest = float(ours.abs().max()) if ours.numel() else 0.0
+        if not torch.allclose(ours, theirs.to(ours.dtype), rtol=1e-3, atol=1e-3 * largest + 1e-9):
+            return f"{name} differ on another frame"
+    return ""
+
+
+def _reason(problem: Exception) -> str:
+    """The line that says why: the last one of a TorchScript trace, or else the first. As the plugin's."""
+    text = str(problem)
+    lines = [line.strip() for line in text.splitlines() if line.strip(" \t\r~^<-HERE")]
+    if not lines:
+        return type(problem).__name__
+    line = lines[-1 if "Traceback of TorchScript" in text else 0]
+    return line if " " in line else f"{type(problem).__name__} in PyTorch itself: {line}"
 
 
 def write_copy(detector: TorchDetector, samples: list[tuple[torch.Tensor, ...]], file: str) -> str:
-    """Writes the copy, or nothing; why not, in words, or "". What it says must be what the network says, on all
-    samples: their numbers of points differ, which a trace that has frozen a shape does not survive."""
+    """Writes the copy, or nothing; why not, in words, or "". What it says, and its gradients, must be what the network
+    says, run as the plugin runs it, on all samples: their numbers of points differ, which a trace that has frozen a
+    shape does not survive."""
     function = detector.function
     arity = 1 if detector.finds_picture else 3
     samples = [tuple(tensor.to(detector.device) for tensor in sample[:arity]) for sample in samples]
-    why = "it is not TorchScript"
+    why = []
     temporary = f"{file}.mirage-{os.getpid()}.tmp"  # the core clears away those of dead processes
-    for make in (torch.jit.script, lambda f: torch.jit.trace(
-            f if isinstance(f, torch.nn.Module) else _Wrapped(f), samples[0], check_trace=False)):
+    for name, make in (("script", torch.jit.script), ("trace", lambda f: torch.jit.trace(
+            f if isinstance(f, torch.nn.Module) else _Wrapped(f), samples[0], check_trace=False))):
         try:
-            with warnings.catch_warnings(), torch.no_grad():
+            with warnings.catch_warnings(), torch.no_grad(), _as_the_plugin_runs_it():
                 warnings.simplefilter("ignore")
                 copy = make(function)
                 copy.save(temporary)
                 copy = torch.jit.load(temporary)
-            if all(_agree(function, copy, sample) for sample in samples):
+                found = next(filter(None, (_differs(function, copy, sample) for sample in samples)), "")
+            if not found:
                 os.replace(temporary, file)
                 return ""
-            why = "a trace of it says something else on another frame"
+            why.append(f"torch.jit.{name}: {found}")
         except Exception as problem:  # whatever TorchScript objects to
-            why = (str(problem).strip() or type(problem).__name__).splitlines()[0]
+            why.append(f"torch.jit.{name}: {_reason(problem)}")
     if os.path.exists(temporary):
         os.remove(temporary)
-    return why
+    return "; ".join(why)

@@ -9,15 +9,17 @@ from . import _core
 from ._settings import insertion_settings
 
 
-def read_frame(folder: str | os.PathLike, id: str) -> _core.Frame:
+def read_frame(folder: str | os.PathLike, id: str, *, rig: str | os.PathLike = "") -> _core.Frame:
     """Reads a frame of a data set (KITTI's object, tracking or raw layout, or nuScenes).
 
     The frame has .image (H×W×3 float32, scene-linear RGB in [0, 1]), .points (N×4 float32: x, y, z in m and
     reflectance), .pixel_from_velo (3×4 float32), .labels, .depth (H×W float32, m) and .hosts().
 
+    rig: which recorded it, as --rig of the command line takes it ("": what the data set says).
+
     InputError naming file, field and fix for anything that is missing or wrong.
     """
-    return _core.Frame(os.fspath(folder), str(id))
+    return _core.Frame(os.fspath(folder), str(id), os.fspath(rig))
 
 
 def hosts(self: _core.Frame, min_view: float = 0.7, **settings: Any) -> list[_core.Host]:

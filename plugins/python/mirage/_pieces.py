@@ -63,8 +63,8 @@ def rasterize(mesh: _core.Mesh, camera: Any, height: int, width: int, *, backgro
     double: the plain loop in float64.
     """
     if near is None or far is None:
-        depths = mesh.vertices[:, 2]
-        front, back = float(depths.min()), float(depths.max())
+        depths = mesh.vertices[:, 2][mesh.faces]  # a vertex that no face uses is not drawn
+        front, back = (float(depths.min()), float(depths.max())) if depths.size else (1.0, 1.0)
         near = max(0.05, front - 0.5) if near is None else near
         far = max(near + 1.0, back + 0.5) if far is None else far
     numbers = {"sigma": sigma, "gamma": gamma, "epsilon": epsilon, "dist_eps": dist_eps, "near": near, "far": far}

@@ -46,7 +46,7 @@ def _samples(data: str) -> list:
     samples = []
     for id in ids[:1] + ids[1:][-1:]:
         frame = read_frame(data, id)
-        samples.append(tuple(torch.tensor(array) for array in (frame.image, frame.points, frame.pixel_from_velo)))
+        samples.append(tuple(torch.tensor(array) for array in (frame.image, frame.points_in_view, frame.pixel_from_velo)))
     image, points, projection = samples[0]
     return samples + [(image, points[::2].contiguous(), projection)]
 
@@ -58,7 +58,8 @@ def attack(detector: Callable | str = "fusion", *, data: str | os.PathLike, out:
 
     detector: a callable (image, points, pixel_from_velo) -> (boxes, logits) on torch tensors, in PyTorch's own
     autograd, without any export, or a name as of `mirage attack --detector`.
-        image: H×W×3 float32, scene-linear RGB in [0, 1]. points: N×4 float32, x, y, z (m), reflectance, those in view.
+        image: H×W×3 float32, scene-linear RGB in [0, 1]. points: N×4 float32, x, y, z (m), reflectance, those in view
+        (frame.points_in_view).
         pixel_from_velo: 3×4 float32. boxes: M×5, x, y, length, width (m), yaw (rad) in the bird's-eye view; logits: M.
         One that takes the image alone returns boxes in the picture: M×4, left, top, right, bottom (pixels).
         An attribute `region` (x_min, x_max, y_min, y_max in m) says where it looks; 0, 70, -40, 40 without it.

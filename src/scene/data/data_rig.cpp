@@ -1,25 +1,50 @@
 #include "scene/data/data_rig.h"
 
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/files.h"
+#include "base/words.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
 
-std::string data_rig(const std::filesystem::path& data) {
+namespace fs = std::filesystem;
+
+fs::path rig_file(const std::string& rig) {
+  if (rig.ends_with(".toml")) {
+    if (!fs::is_regular_file(rig))
+      throw FieldError("rig", rig, "no such file", "`mirage rig --data LOG --out FILE.toml` makes one");
+    return rig;
+  }
+  return shipped_choice("scenes/rigs", ".toml", rig, "rig", "a rig file (.toml)");
+}
+
+std::string data_rig(const fs::path& data, const std::string& rig) {
+  if (!rig.empty() && !rig.ends_with(".toml")) return rig_file(rig).stem().string();
   const auto file = data / "dataset.json";
-  if (!std::filesystem::exists(file)) return open_data_set(data)->rig();
+  if (!fs::exists(file)) return open_data_set(data)->rig();
   const nlohmann::json about = read_json(file, kLargestRecord);
   if (!about.is_object() || !about.contains("rig") || !about.at("rig").is_string())
     throw InputError(file.string(), "rig", "missing or not a text", "name the rig, for example \"kitti64\"");
-  const std::string rig = about.at("rig");
-  if (rig.empty() || rig.find('/') != std::string::npos || rig.find('\0') != std::string::npos)
+  const std::string named = about.at("rig");
+  if (named.empty() || named.find('/') != std::string::npos || named.find('\0') != std::string::npos)
     throw InputError(file.string(), "rig", "is no rig's name", "name the rig, for example \"kitti64\"");
-  return rig;
+  return named;
 }
 
-std::string recorded_lidar_effects(const std::filesystem::path& data) {
-  return std::filesystem::exists(data / "dataset.json") ? "noise,drop-out" : "unit";
+LidarModel lidar_of(const fs::path& data, const std::string& rig) {
+  if (!rig.empty()) return read_lidar_model(rig_file(rig));
+  if (const auto own = data / "rig.toml"; fs::exists(own)) return read_lidar_model(own);
+  return read_lidar_model(shipped_file("scenes/rigs/" + data_rig(data) + ".toml"));
+}
+
+bool rig_is_assumed(const fs::path& data, const std::string& rig) {
+  return rig.empty() && !fs::exists(data / "rig.toml") && !fs::exists(data / "dataset.json") &&
+         std::string(open_data_set(data)->layout()).starts_with("kitti");
+}
+
+std::string recorded_lidar_effects(const fs::path& data) {
+  return fs::exists(data / "dataset.json") ? "noise,drop-out" : "unit";
 }
 
 }  // namespace mirage

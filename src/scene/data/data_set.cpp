@@ -20,9 +20,11 @@ std::vector<DataSet::Part> DataSet::existing_parts(const std::string& id) const 
   check_id(id);
   std::vector<Part> all = parts(id);
   for (const Part& part : all)
-    if (!fs::is_regular_file(part.file))
+    if (!fs::is_regular_file(part.file)) {
+      if (!fs::exists(part.file.parent_path())) static_cast<void>(frames());  // no data set: it says why
       throw InputError(part.file.string(), "", std::string("missing (") + part.what + " of the frame)",
                        "add the file or drop the frame");
+    }
   return all;
 }
 
@@ -55,6 +57,7 @@ Frame DataSet::read(const std::string& id) const {
   frame.calibration = known.calibration;
   frame.image = read_srgb(files.at(1).file, {width, height});
   frame.labels = std::move(known.labels);
+  frame.labelled = known.labelled;
   const auto own = lighting(id);
   frame.lighting = own ? *own : with_road_exposure(frame);
   return frame;

@@ -1,12 +1,16 @@
 // Data sets: folders of frames in one of the layouts that Mirage reads. What a layout is stands in one class
-// (kitti.cpp, kitti_tracking.cpp, kitti_raw.cpp, nuscenes.cpp); read_frames.h opens them.
+// (kitti.cpp, kitti_tracking.cpp, kitti_raw.cpp, nuscenes.cpp, given_labels.cpp); read_frames.h opens them.
 //
 //   kitti-object    DATA/training/{image_2,velodyne,calib,label_2}, and what Mirage adds to it (kitti.h)
 //   kitti-tracking  DATA/training/{image_02,velodyne,calib,label_02}, a folder or file for each sequence
 //   kitti-raw       DATA/[DATE/]calib_*.txt, DATA/[DATE/]DATE_drive_NNNN_sync/…, labels from its tracklets
 //   nuscenes        DATA/v1.0-*/*.json, DATA/samples/…: keyframes of LIDAR_TOP and CAM_FRONT
+// DATA/labels.json may name a set of any of these, whose unlabelled frames DATA/label_2 labels
+// (given_labels.cpp).
 //
-// DATA/dataset.json and DATA/rig.toml may say which rig recorded a set of any layout (data_rig.h).
+// KITTI's benchmarks may lie there as DATA/testing alone, and pictures may be JPEG. Labels may be missing: of
+// all layouts (Frame::labelled). DATA/dataset.json and DATA/rig.toml may say which rig recorded a set of any
+// layout (data_rig.h).
 #pragma once
 
 #include <filesystem>
@@ -19,10 +23,18 @@
 
 namespace mirage {
 
+/// Boxes in the picture that are not as the labels' files have them (kitti_rows.h, label_of).
+struct LabelNotes {
+  int clipped = 0;    ///< reached past the picture's edge
+  int projected = 0;  ///< were missing or beside the picture: projected from the boxes in space
+};
+
 /// What is known of a frame beside what its sensors measured.
 struct Annotations {
   Calibration calibration;
   std::vector<Label> labels;  ///< with their identities where the set knows them
+  bool labelled = true;       ///< false: nobody has labelled the frame
+  LabelNotes notes = {};
 };
 
 /// A data set of one layout. It holds a path and no frame; several threads may ask at once.
@@ -43,7 +55,8 @@ class DataSet {
     std::filesystem::path file;
     const char* what;  ///< "the sweep"
   };
-  /// Files of a frame: its sweep, its picture, and those that hold its annotations.
+  /// Files of a frame: its sweep, its picture, and those that hold its annotations. A frame that nobody has
+  /// labelled has no file of labels.
   virtual std::vector<Part> parts(const std::string& id) const = 0;
   /// Calibration and labels, which neither sweep nor picture is read for. InputError naming file and field.
   virtual Annotations annotations(const std::string& id, int width, int height) const = 0;
@@ -55,10 +68,12 @@ class DataSet {
   virtual std::string annotations_hash(const std::string& id) const;
   /// Identities of the frame's labels, in their order; none where the set does not know them.
   virtual std::optional<std::vector<int>> tracks(const std::string& id) const;
+  /// What frames() leaves out because the folder holds it in part, as a line; empty: nothing.
+  virtual std::string incomplete() const { return ""; }
 
   /// The frame, whole. InputError naming file, field and fix, for: a missing file; a sweep that is cut off or
-  /// holds non-finite values; a calibration that is none, or that the picture's size contradicts; a label
-  /// that no vehicle can have.
+  /// of other columns (kitti.h, read_sweep); a calibration that is none, or that the picture's size
+  /// contradicts; a label that no vehicle can have.
   Frame read(const std::string& id) const;
   /// The picture's width and height, from its header.
   std::pair<int, int> picture_size(const std::string& id) const;

@@ -6,12 +6,15 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
-#include <functional>
+#include <mutex>
+#include <optional>
+#include <set>
 #include <sstream>
 
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "base/logging.h"
 #include "base/names.h"
 #include "base/open_file.h"
 #include "scene/data/kitti_rows.h"
@@ -35,7 +38,7 @@ fs::path track_file(const fs::path& data, const std::string& id) {
 /// A whole number a line.
 std::vector<int> read_track_file(const fs::path& file) {
   std::vector<int> tracks;
-  std::istringstream lines(read_file(file, kLargestText));
+  std::istringstream lines(read_text(file, kLargestText));
   int row = 0;
   for (std::string line; std::getline(lines, line);) {
     ++row;
@@ -73,17 +76,13 @@ Vec3d read_triple(const nlohmann::json& json, const char* key, const fs::path& f
 
 class KittiObject : public DataSet {
  public:
-  using DataSet::DataSet;
+  explicit KittiObject(const fs::path& data) : DataSet(data), part_(benchmark_part(data)) {}
 
   const char* layout() const override { return "kitti-object"; }
 
   std::vector<std::string> frames() const override {
-    const fs::path folder = data() / "training" / "velodyne";
-    if (!fs::is_directory(folder))
-      throw InputError(
-          data().string(), "training/velodyne", "no such folder",
-          "give a data set in KITTI's object layout (`mirage generate` makes one), in its tracking "
-          "or raw layout, or in nuScenes'");
+    const fs::path folder = part_ / "velodyne";
+    if (!fs::is_directory(folder)) throw no_layout(data());
     std::vector<std::string> ids;
     for (const auto& entry : fs::directory_iterator(folder)) {
       if (entry.path().extension() != ".bin") continue;
@@ -92,27 +91,31 @@ class KittiObject : public DataSet {
         throw InputError(entry.path().string(), "name", problem, "give the frame's files a shorter name");
     }
     if (ids.empty())
-      throw InputError(data().string(), "training/velodyne", "holds no .bin file",
-                       "give a data set with at least one frame");
+      throw InputError(folder.string(), "", "holds no .bin file", "give a data set with at least one frame");
     std::sort(ids.begin(), ids.end());
     return ids;
   }
 
   std::vector<Part> parts(const std::string& id) const override {
     check_id(id);
-    return {{part(data(), "velodyne", id, ".bin"), "the sweep"},
-            {part(data(), "image_2", id, ".png"), "the image"},
-            {part(data(), "calib", id, ".txt"), "the calibration"},
-            {part(data(), "label_2", id, ".txt"), "the labels"}};
+    std::vector<Part> files = {{part_ / "velodyne" / (id + ".bin"), "the sweep"},
+                               {picture_in(part_ / "image_2", id), "the image"},
+                               {part_ / "calib" / (id + ".txt"), "the calibration"}};
+    if (const fs::path labels = part_ / "label_2" / (id + ".txt"); fs::exists(labels))
+      files.push_back({labels, "the labels"});
+    return files;
   }
 
   Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
 
   Annotations annotations(const std::string& id, int width, int height) const override {
     Annotations known;
-    known.calibration = read_calibration(part(data(), "calib", id, ".txt"), width, height);
-    const fs::path labels = part(data(), "label_2", id, ".txt");
-    known.labels = read_labels(labels, known.calibration);
+    const std::vector<Part> files = parts(id);
+    known.calibration = read_calibration(files[2].file, width, height);
+    known.labelled = files.size() > 3;
+    if (!known.labelled) return known;
+    const fs::path& labels = files[3].file;
+    known.labels = read_labels(labels, known.calibration, &known.notes);
     if (const auto numbers = tracks(id)) {
       if (numbers->size() != known.labels.size())
         throw InputError(track_file(data(), id).string(), fmt::format("{} lines", numbers->size()),
@@ -132,6 +135,9 @@ class KittiObject : public DataSet {
     const fs::path file = track_file(data(), id);
     return fs::exists(file) ? std::optional(read_track_file(file)) : std::nullopt;
   }
+
+ private:
+  fs::path part_;  ///< DATA/training or DATA/testing
 };
 
 }  // namespace
@@ -140,44 +146,126 @@ std::shared_ptr<const DataSet> open_kitti_object(const fs::path& data) {
   return std::make_shared<KittiObject>(data);
 }
 
-Sweep read_points(const fs::path& file, std::size_t columns) {
-  const std::size_t row = columns * sizeof(float);
-  const auto for_each = [&](const std::function<void(const LidarPoint&)>& visit) {
-    constexpr std::size_t kAtOnce = 1024;
-    const OpenFile from(file);
+namespace {
+
+/// How many floats a point has, by a file's first values: from one point to the next they differ least where
+/// the same column is compared. `columns`, unless another number stands out.
+std::size_t floats_a_point(const std::vector<float>& values, std::size_t columns) {
+  constexpr std::size_t kFewest = 3, kMost = 8;
+  constexpr float kClearly = 0.5;
+  const auto step = [&](std::size_t apart) {
+    std::vector<float> steps;
+    for (std::size_t i = apart; i < values.size(); ++i)
+      if (const float by = std::abs(values[i] - values[i - apart]); std::isfinite(by)) steps.push_back(by);
+    if (steps.empty()) return HUGE_VALF;
+    const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+    std::nth_element(steps.begin(), middle, steps.end());
+    return *middle;
+  };
+  std::size_t best = columns;
+  float least = kClearly * step(columns);
+  for (std::size_t apart = kFewest; apart <= kMost; ++apart)
+    if (const float by = step(apart); apart != columns && by < least) best = apart, least = by;
+  return best;
+}
+
+/// Whether something came back: drivers write NaN or zeros where nothing did.
+bool is_return(const LidarPoint& p) {
+  return p.position().allFinite() && std::isfinite(p.reflectance) && !p.position().isZero(0);
+}
+
+/// Says, once for a folder, that points of a sweep are left out.
+void tell_of_no_returns(const fs::path& file, std::size_t left_out, std::size_t points) {
+  static std::mutex mutex;
+  static std::set<fs::path> told;
+  const std::scoped_lock lock(mutex);
+  if (told.insert(file.parent_path()).second)
+    spdlog::warn(
+        "{}: {} of {} points are not finite, or zeros (nothing came back): such points are left out, "
+        "of the folder's other sweeps too",
+        file.string(), left_out, points);
+}
+
+/// The rows of a file of floats, streamed; whole ones only.
+class PointFile {
+ public:
+  PointFile(const fs::path& file, std::size_t columns) : file_(file), row_(columns * sizeof(float)) {}
+
+  /// The file's first values, as many as tell its columns; the size of what was read, in bytes.
+  std::vector<float> head;
+  std::uintmax_t size = 0;
+
+  template <class Visit>
+  void for_each(const Visit& visit) {
+    constexpr std::size_t kAtOnce = 1024, kHead = 1 << 16;
+    const OpenFile from(file_);
     from.check(from.size(), kLargestSweep);
-    std::string bytes(kAtOnce * row, '\0');
-    std::uintmax_t place = 0;  // of the first of them
-    for (std::size_t held = 1; held != 0; place += held) {
+    std::string bytes(kAtOnce * row_, '\0');
+    size = 0;
+    for (std::size_t held = 1; held != 0; size += held) {
       held = 0;
       for (std::size_t got = 1; got != 0 && held < bytes.size(); held += got)
         got = from.read(bytes.data() + held, bytes.size() - held);
-      from.check(place + held, kLargestSweep);
-      for (std::size_t at = 0; at + row <= held; at += row) {
+      from.check(size + held, kLargestSweep);
+      const std::size_t floats = held / sizeof(float), before = size / sizeof(float);
+      if (before == head.size() && head.size() < kHead) {
+        head.resize(before + floats);
+        std::memcpy(head.data() + before, bytes.data(), floats * sizeof(float));
+      }
+      for (std::size_t at = 0; at + row_ <= held; at += row_) {
         LidarPoint p;
         std::memcpy(&p, bytes.data() + at, sizeof p);
-        const auto bad = [&](const char* problem) {
-          const std::uintmax_t byte = place + at;
-          return InputError(file.string(), fmt::format("point {} (byte {})", byte / row, byte), problem,
-                            kRestore);
-        };
-        if (!p.position().allFinite() || !std::isfinite(p.reflectance)) throw bad("not a finite number");
-        if (p.position().cwiseAbs().maxCoeff() > 1000) throw bad("further than 1 km away");
-        visit(p);
+        visit(p, (size + at) / row_);
       }
-      if (place + held == 0) throw InputError(file.string(), "byte 0", "the sweep is empty", kRestore);
-      if (const std::size_t cut = held % row; cut != 0)
-        throw InputError(file.string(), fmt::format("byte {}", place + held - cut),
-                         fmt::format("truncated: {} bytes are no multiple of {}", place + held, row),
-                         kRestore);
     }
-  };
+  }
+
+ private:
+  const fs::path& file_;
+  std::size_t row_;
+};
+
+}  // namespace
+
+Sweep read_points(const fs::path& file, std::size_t columns) {
+  const std::size_t row = columns * sizeof(float);
+  constexpr float kFarthest = 1000;  // m
+  constexpr std::size_t kOdd = 100;  // one reflectance of so many is more than a slip of rounding
+  PointFile points(file, columns);
   // First only to see whether all of it is good, so that what is wrong at its end takes no memory.
-  std::size_t count = 0;
-  for_each([&](const LidarPoint&) { ++count; });
+  std::size_t rows = 0, returns = 0, odd = 0;
+  std::optional<std::size_t> far;
+  points.for_each([&](const LidarPoint& p, std::size_t place) {
+    ++rows;
+    if (!is_return(p)) return;
+    ++returns;
+    odd += !(p.reflectance >= 0 && p.reflectance <= 1);
+    if (!far && p.position().cwiseAbs().maxCoeff() > kFarthest) far = place;
+  });
+  if (points.size == 0) throw InputError(file.string(), "byte 0", "the sweep is empty", kRestore);
+  const std::size_t cut = points.size % row;
+  if (columns == 4 && (cut != 0 || far || odd * kOdd > returns))
+    if (const std::size_t floats = floats_a_point(points.head, columns); floats != columns)
+      throw InputError(
+          file.string(), "",
+          fmt::format("has {} floats a point{}", floats, floats == 5 ? ", as nuScenes' files" : ""),
+          "write four of each (x, y, z, reflectance from 0 to 1), or give nuScenes' data set with "
+          "its tables");
+  if (far)
+    throw InputError(file.string(), fmt::format("point {} (byte {})", *far, *far * row),
+                     "further than 1 km away", kRestore);
+  if (cut != 0)
+    throw InputError(file.string(), fmt::format("byte {}", points.size - cut),
+                     fmt::format("truncated: {} bytes are no multiple of {}", points.size, row), kRestore);
+  if (returns == 0)
+    throw InputError(file.string(), fmt::format("{} points", rows), "none is a return (not finite, or zeros)",
+                     kRestore);
+  if (returns < rows) tell_of_no_returns(file, rows - returns, rows);
   Sweep sweep;
-  sweep.reserve(count);
-  for_each([&](const LidarPoint& p) { sweep.push_back(p); });
+  sweep.reserve(returns);
+  points.for_each([&](const LidarPoint& p, std::size_t) {
+    if (is_return(p)) sweep.push_back(p);
+  });
   return sweep;
 }
 

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "scene/frame.h"
+#include "scene/data/data_set.h"
 
 namespace mirage {
 
@@ -18,8 +18,10 @@ namespace mirage {
 /// truncation and occlusion are written as they are. The image is encoded to 8-bit sRGB.
 void write_frame(const std::filesystem::path& data, const Frame& frame);
 
-/// KITTI's .bin: four floats a point. InputError naming file and byte: it can't be read, is empty or cut off,
-/// or a point is not finite or farther than 1 km.
+/// KITTI's .bin: four floats a point. Points that are not finite, or at the origin, are no returns: they are
+/// left out, with a warning that counts them, once a process and folder. InputError naming file and byte: it
+/// can't be read, is empty or cut off, a point is farther than 1 km, none is a return, or the values show
+/// another number of floats a point.
 Sweep read_sweep(const std::filesystem::path& file);
 /// KITTI's .bin, atomically.
 void write_sweep(const std::filesystem::path& file, const Sweep& sweep);
@@ -33,8 +35,10 @@ void write_calibration(const std::filesystem::path& file, const Calibration& cal
 
 /// A label's (x, y, z) is the bottom centre in `rect`; its heading there is (cos ry, 0, −sin ry). The box in
 /// `velo` has the same bottom centre, sizes and the yaw of that heading turned into `velo` and laid flat
-/// (the two frames' verticals differ by about 1°, which upright boxes can't express).
-std::vector<Label> read_labels(const std::filesystem::path& file, const Calibration& calibration);
+/// (the two frames' verticals differ by about 1°, which upright boxes can't express). Types and boxes in the
+/// picture: label_of (kitti_rows.h); `notes`, if given, says what was made of these.
+std::vector<Label> read_labels(const std::filesystem::path& file, const Calibration& calibration,
+                               LabelNotes* notes = nullptr);
 /// The exact inverse; alpha = ry − atan2(x, z).
 void write_labels(const std::filesystem::path& file, const std::vector<Label>& labels,
                   const Calibration& calibration);

@@ -12,6 +12,7 @@
 #include "base/files.h"
 #include "scene/data/kitti.h"
 #include "scene/data/kitti_rows.h"
+#include "scene/data/label_types.h"
 #include "scene/data/layouts.h"
 
 namespace mirage {
@@ -29,7 +30,7 @@ constexpr const char* kFix = "restore the drive's tracklets";
 class Tracklets {
  public:
   explicit Tracklets(fs::path file) : file_(std::move(file)) {
-    const std::string text = read_file(file_, kLargestLabels);
+    const std::string text = read_text(file_, kLargestLabels);
     // A tag takes 165 bytes of memory, an attribute as many.
     constexpr std::ptrdiff_t kMostTags = 400000;
     if (std::count_if(text.begin(), text.end(), [](char c) { return c == '<' || c == '='; }) > kMostTags)
@@ -85,15 +86,20 @@ class KittiRaw : public DataSet {
   const char* layout() const override { return "kitti-raw"; }
 
   std::vector<std::string> frames() const override {
+    // Drives without tracklets only where no other is there: beside labelled ones they are none that anybody
+    // wants to attack.
     std::vector<std::string> ids;
-    for (const fs::path& drive : drives()) {
-      const fs::path sweeps = drive / "velodyne_points" / "data";
-      if (!fs::is_directory(sweeps) || !fs::exists(drive / kLabels)) continue;
-      add_numbered_sweeps(sweeps, drive.filename().string(), ids);
+    for (const bool labelled : {true, false}) {
+      for (const fs::path& drive : drives()) {
+        const fs::path sweeps = drive / "velodyne_points" / "data";
+        if (fs::is_directory(sweeps) && fs::exists(drive / kLabels) == labelled)
+          add_numbered_sweeps(sweeps, drive.filename().string(), ids);
+      }
+      if (!ids.empty()) break;
     }
     if (ids.empty())
       throw InputError(
-          data().string(), "velodyne_points/data", "no drive with a tracklet_labels.xml holds a .bin file",
+          data().string(), "velodyne_points/data", "no drive holds a .bin file",
           "give the folder of a day (with calib_*.txt and its *_sync folders) or of several days");
     std::sort(ids.begin(), ids.end());
     return ids;
@@ -101,11 +107,12 @@ class KittiRaw : public DataSet {
 
   std::vector<Part> parts(const std::string& id) const override {
     const Place at = place(id);
-    return {{at.drive / "velodyne_points" / "data" / (at.name + ".bin"), "the sweep"},
-            {at.drive / "image_02" / "data" / (at.name + ".png"), "the image"},
-            {at.drive.parent_path() / kCameras, "the cameras' calibration"},
-            {at.drive.parent_path() / kPose, "the LiDAR's calibration"},
-            {at.drive / kLabels, "the labels"}};
+    std::vector<Part> files = {{at.drive / "velodyne_points" / "data" / (at.name + ".bin"), "the sweep"},
+                               {picture_in(at.drive / "image_02" / "data", at.name), "the image"},
+                               {at.drive.parent_path() / kCameras, "the cameras' calibration"},
+                               {at.drive.parent_path() / kPose, "the LiDAR's calibration"}};
+    if (fs::exists(at.drive / kLabels)) files.push_back({at.drive / kLabels, "the labels"});
+    return files;
   }
 
   Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
@@ -114,8 +121,9 @@ class KittiRaw : public DataSet {
     const Place at = place(id);
     const std::vector<Part> files = parts(id);
     const CalibrationFile cameras(files[2].file), pose(files[3].file);
-    const MatrixRow projection = cameras.row("P_rect_02", 12), rectification = cameras.row("R_rect_00", 9);
-    const MatrixRow r = pose.row("R", 9), t = pose.row("T", 3);
+    const MatrixRow projection = cameras.row({"P_rect_02"}, 12),
+                    rectification = cameras.row({"R_rect_00"}, 9);
+    const MatrixRow r = pose.row({"R"}, 9), t = pose.row({"T"}, 3);
     MatrixRow whole{files[3].file, "R, T", {}};
     for (std::size_t row = 0; row < 3; ++row) {
       for (std::size_t column = 0; column < 3; ++column) whole.values.push_back(r.values[3 * row + column]);
@@ -123,7 +131,9 @@ class KittiRaw : public DataSet {
     }
     Annotations known;
     known.calibration = calibration_of(projection, rectification, whole, width, height);
-    known.labels = read_tracklets(files[4].file, at.frame, at.drive_number, known.calibration);
+    known.labelled = files.size() > 4;
+    if (known.labelled)
+      known.labels = read_tracklets(files[4].file, at.frame, at.drive_number, known.calibration);
     return known;
   }
 
@@ -182,9 +192,7 @@ std::vector<Label> read_tracklets(const fs::path& file, int frame, std::size_t d
         tracklets.number(*item, "h")};
     if (const std::string problem = box_problem(box); !problem.empty())
       throw tracklets.wrong(*pose, "tx", "the box " + problem);
-    std::string type = tracklets.text(*item, "objectType");
-    if (type == "Person (sitting)") type = "Person_sitting";  // as the benchmarks call it
-    auto label = projected_label(type, box, calibration);
+    auto label = projected_label(kitti_type(tracklets.text(*item, "objectType")), box, calibration);
     if (!label) continue;
     const int hidden = tracklets.whole(*pose, "occlusion", -1, 3);
     label->occluded = hidden < 0 ? 3 : hidden;  // -1: nobody said

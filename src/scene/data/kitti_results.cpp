@@ -8,12 +8,12 @@
 
 #include "base/files.h"
 #include "scene/data/kitti_rows.h"
+#include "scene/data/label_types.h"
 
 namespace mirage {
 namespace {
 
 constexpr double kNearCamera = 0.1;  // m before the camera: nearer parts of a box aren't seen
-constexpr const char* kNoBox = "-1 -1 -1 -1000 -1000 -1000 -10";
 
 /// The smallest box that holds what of the upright box lies before the camera, within the picture or not.
 PictureBox extent(const Box3& box, const Calibration& calibration) {
@@ -77,15 +77,14 @@ std::vector<KittiDetection> read_results(const std::filesystem::path& file, cons
                               "correct the row or delete it"};
   std::vector<KittiDetection> detections;
   for_each_row(file, kAdvice, [&](const KittiRow& row) {
-    if (row.words[0] == "DontCare") return;
     const auto& value = row.value;
     KittiDetection detection;
-    detection.type = row.words[0];
+    detection.type = kitti_type(row.words[0]);
+    if (detection.type == "DontCare") return;
     detection.score = value[15];
     if (value[6] > value[4] && value[7] > value[5])
       detection.picture = {value[4], value[5], value[6], value[7]};
-    const bool left_out = value[8] <= 0 && value[9] <= 0 && value[10] <= 0;
-    if (!left_out) detection.box = row.box(calibration);
+    if (!row.leaves_box_out()) detection.box = row.box(calibration);
     row.demand(detection.box || detection.picture, 8, "is no size, and the 2-D box is empty");
     detections.push_back(detection);
   });

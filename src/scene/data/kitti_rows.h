@@ -5,13 +5,14 @@
 #include <array>
 #include <filesystem>
 #include <functional>
+#include <initializer_list>
 #include <map>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
-#include "scene/frame.h"
+#include "scene/data/data_set.h"
 
 namespace mirage {
 
@@ -37,6 +38,8 @@ Box3 velo_box(const RectBox& box, const Calibration& calibration);
 RectBox rect_box(const Box3& box, const Calibration& calibration);
 /// The observation angle ry − atan2(x, z), in [−π, π].
 double observation_angle(const RectBox& box);
+/// The seven numbers of a row whose box is of the picture alone.
+inline constexpr const char* kNoBox = "-1 -1 -1 -1000 -1000 -1000 -10";
 /// "h w l x y z ry" to a micrometre and a microradian.
 std::string to_row(const RectBox& box);
 
@@ -60,6 +63,8 @@ struct KittiRow {
 
   /// InputError naming file, row and column, and the word there, unless `good`.
   void demand(bool good, int column, const std::string& problem) const;
+  /// Whether the row says nothing of the box in space: sizes of 0 or -1.
+  bool leaves_box_out() const { return value[8] <= 0 && value[9] <= 0 && value[10] <= 0; }
   /// The row's box. InputError for a size or a place that no road user has.
   Box3 box(const Calibration& calibration) const;
 };
@@ -67,8 +72,11 @@ struct KittiRow {
 /// 16 (and those before) and for what is no finite number.
 void for_each_row(const std::filesystem::path& file, const RowAdvice& advice,
                   const std::function<void(const KittiRow&)>& visit);
-/// The row as a label of the object benchmark. InputError, at row and column, for what no label can be.
-Label label_of(const KittiRow& row, const Calibration& calibration);
+/// The row as a label of the object benchmark, of its KITTI type (label_types.h). A box in the picture that
+/// passes its edge is clipped, one that is missing (of no size) or lies beside the picture is projected from
+/// the box in space; `notes` counts both. Zeros or -1 for the sizes: labelled in the picture alone.
+/// InputError, at row and column, for what no label can be.
+Label label_of(const KittiRow& row, const Calibration& calibration, LabelNotes& notes);
 
 /// A row of a calibration file, and where it stands.
 struct MatrixRow {
@@ -80,14 +88,20 @@ struct MatrixRow {
 class CalibrationFile {
  public:
   explicit CalibrationFile(std::filesystem::path file);
-  /// InputError if the row is missing, does not hold `count` words or one of them is no finite number.
-  MatrixRow row(const std::string& name, std::size_t count) const;
+  /// By the first of its names that the file has: the benchmarks call the same row R0_rect and R_rect.
+  /// InputError if it is missing, stands twice (as the names say, or otherwise), does not hold `count` words
+  /// or one of them is no finite number.
+  MatrixRow row(std::initializer_list<const char*> names, std::size_t count) const;
 
  private:
+  using Words = std::vector<std::string_view>;
   std::filesystem::path file_;
   std::string text_;
-  std::map<std::string, std::vector<std::string_view>, std::less<>> rows_;
+  std::map<std::string, std::vector<Words>, std::less<>> rows_;  ///< each as often as it stands there
 };
+/// The names of the rectifying rotation and of the LiDAR's pose in the object and the tracking benchmark.
+inline constexpr std::initializer_list<const char*> kRectification = {"R0_rect", "R_rect"},
+                                                    kLidarPose = {"Tr_velo_to_cam", "Tr_velo_cam"};
 /// From a projection (12 numbers), the rectifying rotation (9) and the LiDAR's pose in the reference camera
 /// (12); `width`, `height`: the picture's. Errors as read_calibration's (kitti.h).
 Calibration calibration_of(const MatrixRow& projection, const MatrixRow& rectification, const MatrixRow& pose,

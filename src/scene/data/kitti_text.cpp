@@ -3,13 +3,16 @@
 
 #include <Eigen/LU>
 #include <Eigen/SVD>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
 #include "base/error.h"
 #include "base/files.h"
 #include "scene/data/kitti.h"
+#include "scene/data/kitti_results.h"
 #include "scene/data/kitti_rows.h"
+#include "scene/data/label_types.h"
 
 namespace mirage {
 namespace {
@@ -32,31 +35,63 @@ constexpr double kFocal[] = {1, 1e5}, kFarthest = 20;
 /// A box may pass the image's edge by this much: rounding in labels.
 constexpr double kEdgeTolerance = 1.0;
 
+/// Keeps the label's box in the picture within the picture, or projects the box in space where there is none.
+void clip(Label& label, const Calibration& calibration, LabelNotes& notes) {
+  const double right = calibration.camera.width - 1, bottom = calibration.camera.height - 1;
+  const bool missing = label.right <= label.left || label.bottom <= label.top || label.right <= 0 ||
+                       label.bottom <= 0 || label.left >= right || label.top >= bottom;
+  if (missing && label.in_space) {
+    ++notes.projected;
+    const PictureBox seen = projected(label.box, calibration).value_or(PictureBox{});
+    label.left = seen.left, label.top = seen.top, label.right = seen.right, label.bottom = seen.bottom;
+    return;
+  }
+  const double beyond = std::max({-label.left, -label.top, label.right - right, label.bottom - bottom});
+  if (beyond <= kEdgeTolerance) return;
+  ++notes.clipped;
+  label.left = std::clamp(label.left, 0.0, right), label.right = std::clamp(label.right, 0.0, right);
+  label.top = std::clamp(label.top, 0.0, bottom), label.bottom = std::clamp(label.bottom, 0.0, bottom);
+}
+
 }  // namespace
 
 CalibrationFile::CalibrationFile(fs::path file)
-    : file_(std::move(file)), text_(read_file(file_, kLargestText)) {
+    : file_(std::move(file)), text_(read_text(file_, kLargestText)) {
   for (const std::string_view line : split(text_, "\n")) {
-    const auto words = split(line, " \t\r");
-    if (words.size() < 2) continue;
-    std::string_view name = words[0];
-    if (name.ends_with(':')) name.remove_suffix(1);
-    rows_[std::string(name)] = {words.begin() + 1, words.end()};
+    const std::size_t begin = line.find_first_not_of(" \t\r");
+    if (begin == line.npos) continue;
+    // Behind the name stands a colon, a blank or both.
+    const std::size_t end = std::min(line.find_first_of(": \t\r", begin), line.size());
+    std::string_view numbers = line.substr(end);
+    numbers.remove_prefix(std::min(numbers.find_first_not_of(" \t\r"), numbers.size()));
+    if (numbers.starts_with(':')) numbers.remove_prefix(1);
+    Words words = split(numbers, " \t\r");
+    if (!words.empty()) rows_[std::string(line.substr(begin, end - begin))].push_back(std::move(words));
   }
 }
 
-MatrixRow CalibrationFile::row(const std::string& name, std::size_t count) const {
-  const auto row = rows_.find(name);
-  if (row == rows_.end())
-    throw InputError(file_.string(), name, "row missing",
+MatrixRow CalibrationFile::row(std::initializer_list<const char*> names, std::size_t count) const {
+  std::string name;
+  std::vector<Words> found;
+  for (const char* known : names)
+    if (const auto rows = rows_.find(known); rows != rows_.end()) {
+      if (!name.empty() && rows->second.front() == found.front()) continue;  // the same under both names
+      name += (name.empty() ? "" : ", ") + std::string(known);
+      found.insert(found.end(), rows->second.begin(), rows->second.end());
+    }
+  if (found.empty())
+    throw InputError(file_.string(), fmt::format("{}", fmt::join(names, " or ")), "row missing",
                      "add the row (KITTI's development kit describes it)");
-  if (row->second.size() != count)
-    throw InputError(file_.string(), name,
-                     fmt::format("{} numbers where {} belong", row->second.size(), count),
+  if (found.size() > 1)
+    throw InputError(file_.string(), name, fmt::format("the row stands there {} times", found.size()),
+                     "keep the one that belongs to the recording");
+  const Words& words = found.front();
+  if (words.size() != count)
+    throw InputError(file_.string(), name, fmt::format("{} numbers where {} belong", words.size(), count),
                      "complete the row");
   MatrixRow matrix{file_, name, {}};
   for (std::size_t i = 0; i < count; ++i)
-    matrix.values.push_back(to_number(row->second[i], file_, fmt::format("{}, number {}", name, i + 1)));
+    matrix.values.push_back(to_number(words[i], file_, fmt::format("{}, number {}", name, i + 1)));
   return matrix;
 }
 
@@ -103,8 +138,8 @@ Calibration calibration_of(const MatrixRow& projection, const MatrixRow& rectifi
 
 Calibration read_calibration(const fs::path& file, int width, int height) {
   const CalibrationFile rows(file);
-  const MatrixRow projection = rows.row("P2", 12), rectification = rows.row("R0_rect", 9);
-  return calibration_of(projection, rectification, rows.row("Tr_velo_to_cam", 12), width, height);
+  const MatrixRow projection = rows.row({"P2"}, 12), rectification = rows.row(kRectification, 9);
+  return calibration_of(projection, rectification, rows.row(kLidarPose, 12), width, height);
 }
 
 void write_calibration(const fs::path& file, const Calibration& calibration) {
@@ -129,34 +164,36 @@ void write_calibration(const fs::path& file, const Calibration& calibration) {
                        row("Tr_imu_to_velo", imu));
 }
 
-Label label_of(const KittiRow& row, const Calibration& calibration) {
+Label label_of(const KittiRow& row, const Calibration& calibration, LabelNotes& notes) {
   const auto& value = row.value;
   Label label;
-  label.type = row.words[0];
+  label.type = kitti_type(row.words[0]);
   label.truncated = value[1];
   label.left = value[4], label.top = value[5], label.right = value[6], label.bottom = value[7];
   row.demand(value[1] >= -1 && value[1] <= 1, 1, "is not a share from 0 to 1");
   row.demand(value[2] == std::floor(value[2]) && value[2] >= -1 && value[2] <= 3, 2,
              "is not one of 0, 1, 2, 3");
   label.occluded = static_cast<int>(value[2]);
-  const auto& camera = calibration.camera;
-  const double limits[] = {camera.width - 1 + kEdgeTolerance, camera.height - 1 + kEdgeTolerance};
-  for (int i = 4; i < 8; ++i)
-    row.demand(value[i] >= -kEdgeTolerance && value[i] <= limits[i % 2], i,
-               fmt::format("lies beyond the {}x{} image", camera.width, camera.height));
   row.demand(label.right >= label.left, 6, "is left of the box's left side");
   row.demand(label.bottom >= label.top, 7, "is above the box's top");
-  if (label.type != "DontCare") {
+  label.in_space = label.type != "DontCare" && !row.leaves_box_out();
+  if (label.in_space) {
     label.box = row.box(calibration);
     row.demand(std::abs(value[14]) <= 2 * std::numbers::pi, 14, "rad is more than a full turn");
   }
+  const bool empty = label.right <= label.left || label.bottom <= label.top;
+  row.demand(label.in_space || label.type == "DontCare" || !empty, 8, "is no size, and the 2-D box is empty");
+  clip(label, calibration, notes);
   return label;
 }
 
-std::vector<Label> read_labels(const fs::path& file, const Calibration& calibration) {
+std::vector<Label> read_labels(const fs::path& file, const Calibration& calibration, LabelNotes* notes) {
   constexpr RowAdvice kAdvice{"15", "complete the row", "correct the label or delete its row"};
   std::vector<Label> labels;
-  for_each_row(file, kAdvice, [&](const KittiRow& row) { labels.push_back(label_of(row, calibration)); });
+  LabelNotes counted;
+  for_each_row(file, kAdvice,
+               [&](const KittiRow& row) { labels.push_back(label_of(row, calibration, counted)); });
+  if (notes != nullptr) *notes = counted;
   return labels;
 }
 
@@ -167,6 +204,11 @@ void write_labels(const fs::path& file, const std::vector<Label>& labels, const 
         fmt::format("{:.2f} {:.2f} {:.2f} {:.2f}", label.left, label.top, label.right, label.bottom);
     if (label.type == "DontCare") {
       text += fmt::format("DontCare -1 -1 -10 {} -1 -1 -1 -1000 -1000 -1000 -10\n", box2d);
+      continue;
+    }
+    if (!label.in_space) {
+      text +=
+          fmt::format("{} {:.2f} {} -10 {} {}\n", label.type, label.truncated, label.occluded, box2d, kNoBox);
       continue;
     }
     const RectBox box = rect_box(label.box, calibration);

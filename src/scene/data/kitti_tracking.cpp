@@ -21,21 +21,20 @@ constexpr double kTruncated[] = {0, 0.3, 0.8};
 
 class KittiTracking : public DataSet {
  public:
-  using DataSet::DataSet;
+  explicit KittiTracking(const fs::path& data) : DataSet(data), part_(benchmark_part(data)) {}
 
   const char* layout() const override { return "kitti-tracking"; }
 
   std::vector<std::string> frames() const override {
-    const fs::path folder = data() / "training" / "velodyne";
+    const fs::path folder = part_ / "velodyne";
     if (!fs::is_directory(folder))
-      throw InputError(data().string(), "training/velodyne", "no such folder",
-                       "add the tracking benchmark's sweeps");
+      throw InputError(folder.string(), "", "no such folder", "add the tracking benchmark's sweeps");
     std::vector<std::string> ids;
     for (const auto& sequence : fs::directory_iterator(folder))
       if (sequence.is_directory())
         add_numbered_sweeps(sequence.path(), sequence.path().filename().string(), ids);
     if (ids.empty())
-      throw InputError(data().string(), "training/velodyne", "holds no SEQUENCE/FRAME.bin",
+      throw InputError(folder.string(), "", "holds no SEQUENCE/FRAME.bin",
                        "add the tracking benchmark's sweeps");
     std::sort(ids.begin(), ids.end());
     return ids;
@@ -43,11 +42,12 @@ class KittiTracking : public DataSet {
 
   std::vector<Part> parts(const std::string& id) const override {
     const Place at = place(id);
-    const fs::path training = data() / "training";
-    return {{training / "velodyne" / at.sequence / (at.name + ".bin"), "the sweep"},
-            {training / "image_02" / at.sequence / (at.name + ".png"), "the image"},
-            {training / "calib" / (at.sequence + ".txt"), "the calibration"},
-            {training / "label_02" / (at.sequence + ".txt"), "the labels"}};
+    std::vector<Part> files = {{part_ / "velodyne" / at.sequence / (at.name + ".bin"), "the sweep"},
+                               {picture_in(part_ / "image_02" / at.sequence, at.name), "the image"},
+                               {part_ / "calib" / (at.sequence + ".txt"), "the calibration"}};
+    if (const fs::path labels = part_ / "label_02" / (at.sequence + ".txt"); fs::exists(labels))
+      files.push_back({labels, "the labels"});
+    return files;
   }
 
   Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
@@ -56,10 +56,13 @@ class KittiTracking : public DataSet {
     const Place at = place(id);
     const std::vector<Part> files = parts(id);
     const CalibrationFile rows(files[2].file);
-    const MatrixRow projection = rows.row("P2", 12), rectification = rows.row("R_rect", 9);
+    const MatrixRow projection = rows.row({"P2"}, 12), rectification = rows.row(kRectification, 9);
     Annotations known;
-    known.calibration = calibration_of(projection, rectification, rows.row("Tr_velo_cam", 12), width, height);
-    known.labels = read_tracking_labels(files[3].file, at.frame, at.sequence_number, known.calibration);
+    known.calibration = calibration_of(projection, rectification, rows.row(kLidarPose, 12), width, height);
+    known.labelled = files.size() > 3;
+    if (known.labelled)
+      known.labels =
+          read_tracking_labels(files[3].file, at.frame, at.sequence_number, known.calibration, known.notes);
     return known;
   }
 
@@ -80,12 +83,14 @@ class KittiTracking : public DataSet {
                         sequence.find_first_not_of("0123456789") == std::string::npos;
     return {sequence, id.substr(sequence.size() + 1), frame, number ? std::stoul(sequence) : 0};
   }
+
+  fs::path part_;  ///< DATA/training or DATA/testing
 };
 
 }  // namespace
 
 std::vector<Label> read_tracking_labels(const fs::path& file, int frame, std::size_t sequence,
-                                        const Calibration& calibration) {
+                                        const Calibration& calibration, LabelNotes& notes) {
   std::vector<Label> labels;
   constexpr RowAdvice kAdvice{"17", "complete the row", "correct the label or delete its row", 2};
   for_each_row(file, kAdvice, [&](const KittiRow& given) {
@@ -94,7 +99,7 @@ std::vector<Label> read_tracking_labels(const fs::path& file, int frame, std::si
     const double step = row.value[1];
     row.demand(step == -1 || step == 0 || step == 1 || step == 2, 1, "is not one of 0, 1, 2");
     if (step > 0) row.value[1] = kTruncated[static_cast<std::size_t>(step)];
-    Label label = label_of(row, calibration);
+    Label label = label_of(row, calibration, notes);
     const double track = row.before[1];
     if (track >= 0 && track < static_cast<double>(kMostVehicles) && track == std::floor(track))
       label.track = track_number(sequence, static_cast<std::size_t>(track));
@@ -105,7 +110,9 @@ std::vector<Label> read_tracking_labels(const fs::path& file, int frame, std::si
 
 std::shared_ptr<const DataSet> open_kitti_tracking(const fs::path& data) {
   // Where both benchmarks lie in one folder it is the object benchmark's.
-  if (!fs::is_directory(data / "training" / "label_02") || fs::is_directory(data / "training" / "label_2"))
+  const fs::path part = benchmark_part(data);
+  if (fs::is_directory(part / "label_2") || fs::is_directory(part / "image_2") ||
+      !(fs::is_directory(part / "label_02") || fs::is_directory(part / "image_02")))
     return nullptr;
   return std::make_shared<KittiTracking>(data);
 }

@@ -1,7 +1,11 @@
 #include "scene/data/layouts.h"
 
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <initializer_list>
 
 #include "base/error.h"
 #include "base/names.h"
@@ -30,6 +34,63 @@ std::string box_problem(const Box3& box) {
 
 int track_number(std::size_t group, std::size_t index) {
   return static_cast<int>((group * kMostVehicles + index) % 0x7fffffff);
+}
+
+InputError no_layout(const std::filesystem::path& data) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  const auto wrong = [&](const std::string& problem, const std::string& fix) {
+    return InputError(data.string(), "", problem, fix);
+  };
+  const auto has = [&](std::initializer_list<const char*> folders) {
+    return std::any_of(folders.begin(), folders.end(),
+                       [&](const char* name) { return fs::is_directory(data / name, error); });
+  };
+  if (!fs::exists(data, error)) return wrong("no such folder", "check --data");
+  if (!fs::is_directory(data, error)) return wrong("is a file", "give the folder of a data set");
+  fs::path whole = fs::absolute(data, error).lexically_normal();
+  if (!whole.has_filename()) whole = whole.parent_path();
+  const std::string name = whole.filename().string();
+  if (has({"velodyne", "image_2", "image_02", "velodyne_points", "LIDAR_TOP", "CAM_FRONT"})) {
+    const bool drive = name.find("_drive_") != std::string::npos;
+    if (drive || name == "training" || name == "testing" || name == "samples")
+      return wrong("is a part of a data set",
+                   fmt::format("give its parent, {}{}", whole.parent_path().string(),
+                               drive ? ", with calib_cam_to_cam.txt and calib_velo_to_cam.txt in it" : ""));
+    return wrong("holds the folders of KITTI's benchmark themselves",
+                 "put them into a folder called training, and give the folder around that");
+  }
+  if (has({"training/image_2", "training/label_2", "training/image_02", "testing/image_2"}))
+    return wrong(fmt::format("{}/velodyne: no such folder", benchmark_part(data).filename().string()),
+                 "add the benchmark's sweeps");
+  if (has({"samples"}))
+    return wrong("holds samples and no tables (v1.0-*/sample_data.json)", "unpack nuScenes' metadata there");
+  std::vector<std::string> found;
+  for (fs::directory_iterator entry(data, error), end; !error && entry != end; entry.increment(error))
+    found.push_back(entry->path().filename().string());
+  std::sort(found.begin(), found.end());
+  constexpr std::size_t kMost = 6;
+  const std::size_t more = found.size() > kMost ? found.size() - kMost : 0;
+  found.resize(found.size() - more);
+  const std::string holds = found.empty() ? "nothing" : fmt::format("{}", fmt::join(found, ", "));
+  return wrong(fmt::format("is of none of the layouts that are read: it holds {}{}", holds,
+                           more > 0 ? fmt::format(" and {} more", more) : ""),
+               "give KITTI's object or tracking benchmark (training/velodyne), a day of its raw recordings "
+               "(calib_*.txt), nuScenes (v1.0-*), or what mirage generate makes");
+}
+
+std::filesystem::path benchmark_part(const std::filesystem::path& data) {
+  std::error_code error;
+  const bool testing = !std::filesystem::is_directory(data / "training", error) &&
+                       std::filesystem::is_directory(data / "testing", error);
+  return data / (testing ? "testing" : "training");
+}
+
+std::filesystem::path picture_in(const std::filesystem::path& folder, const std::string& name) {
+  std::error_code error;
+  for (const char* extension : {".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"})
+    if (auto file = folder / (name + extension); std::filesystem::exists(file, error)) return file;
+  return folder / (name + ".png");
 }
 
 void add_numbered_sweeps(const std::filesystem::path& folder, const std::string& prefix,

@@ -11,7 +11,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <mutex>
@@ -22,6 +21,7 @@
 #include "base/json_rows.h"
 #include "base/names.h"
 #include "scene/data/kitti_rows.h"
+#include "scene/data/label_types.h"
 #include "scene/data/layouts.h"
 
 namespace mirage {
@@ -34,6 +34,8 @@ constexpr const char* kCamera = "CAM_FRONT";
 constexpr const char* kFix = "restore the table from the data set's archive";
 constexpr double kFewestRows = 25;     // pixels
 constexpr float kFullIntensity = 255;  // of a return
+/// m; what is nearer in both axes is the car, or a firing without a return (a point at the unit's own place).
+constexpr float kNearestReturn = 1;
 
 struct Sensor {
   Transform ego_from_sensor = Transform::Identity();
@@ -65,25 +67,11 @@ struct Sample {
 struct Tables {
   std::map<std::string, Sensor> sensors;  ///< calibrated ones of the two channels, by token
   std::map<std::string, Sample> samples;  ///< by token
+  bool labelled = false;                  ///< whether there is an annotation of any
 };
 
-/// KITTI's word for a category: what AP, hosts and objectives ask for.
-std::string type_of(const std::string& category) {
-  constexpr std::array<std::pair<std::string_view, const char*>, 10> kTypes = {
-      {{"vehicle.car", "Car"},
-       {"vehicle.emergency", "Van"},
-       {"vehicle.truck", "Truck"},
-       {"vehicle.trailer", "Truck"},
-       {"vehicle.construction", "Truck"},
-       {"vehicle.bus", "Bus"},
-       {"vehicle.bicycle", "Cyclist"},
-       {"vehicle.motorcycle", "Cyclist"},
-       {"human.pedestrian", "Pedestrian"},
-       {"animal", "Animal"}}};
-  for (const auto& [prefix, type] : kTypes)
-    if (category.starts_with(prefix)) return type;
-  return "Misc";  // cones, barriers and other things that stand about
-}
+/// What the tables of annotations are in; a test set has none, or empty ones.
+constexpr const char* kAnnotationTables[] = {"category.json", "instance.json", "sample_annotation.json"};
 
 Transform pose_of(const JsonFields& row) {
   constexpr double kFar = 1e7;  // m; maps are kilometres wide
@@ -158,6 +146,11 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
   });
   if (!waiting.empty())
     throw InputError((folder / "ego_pose.json").string(), waiting.begin()->first, "no such pose", kFix);
+  std::erase_if(tables->samples, [](const auto& sample) {
+    return sample.second.lidar.file.empty() || sample.second.camera.file.empty();
+  });
+  for (const char* name : kAnnotationTables)
+    if (!fs::exists(folder / name)) return tables;
   struct Instance {
     std::string type;
     int track = -1;
@@ -167,11 +160,12 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
   for_each_row_of(folder / "category.json",
                   [&](const JsonFields& row) { category_of[row.text("token")] = row.text("name"); });
   for_each_row_of(folder / "instance.json", [&](const JsonFields& row) {
-    instances[row.text("token")].type = type_of(category_of[row.text("category_token")]);
+    instances[row.text("token")].type = kitti_type(category_of[row.text("category_token")]);
   });
   std::size_t number = 0;
   for (auto& [token, instance] : instances) instance.track = track_number(0, number++);
   for_each_row_of(folder / "sample_annotation.json", [&](const JsonFields& row) {
+    tables->labelled = true;
     const auto sample = tables->samples.find(row.text("sample_token"));
     if (sample == tables->samples.end()) return;
     const auto instance = instances.find(row.text("instance_token"));
@@ -184,9 +178,6 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
          visibility.size() == 1 && visibility[0] >= '1' && visibility[0] <= '4' ? visibility[0] - '0' : 0,
          row.integer("num_lidar_pts", 0, 1 << 30), instance->second.track});
   });
-  std::erase_if(tables->samples, [](const auto& sample) {
-    return sample.second.lidar.file.empty() || sample.second.camera.file.empty();
-  });
   return tables;
 }
 
@@ -196,15 +187,17 @@ std::shared_ptr<const Tables> tables_of(const fs::path& folder) {
   static std::map<fs::path, std::pair<std::string, std::shared_ptr<const Tables>>> kept;
   const std::scoped_lock lock(mutex);
   std::string state;
-  for (const char* name : {"sensor.json", "calibrated_sensor.json", "sample_data.json", "ego_pose.json",
-                           "category.json", "instance.json", "sample_annotation.json"}) {
+  const auto look = [&](const char* name, bool needed) {
     const fs::path file = folder / name;
     struct stat about {};
-    if (::stat(file.c_str(), &about) != 0 || !S_ISREG(about.st_mode))
-      throw InputError(file.string(), "", "missing", kFix);
+    const bool there = ::stat(file.c_str(), &about) == 0 && S_ISREG(about.st_mode);
+    if (!there && needed) throw InputError(file.string(), "", "missing", kFix);
     state +=
         fmt::format("{} {} {}.{} ", about.st_ino, about.st_size, about.st_mtim.tv_sec, about.st_mtim.tv_nsec);
-  }
+  };
+  for (const char* name : {"sensor.json", "calibrated_sensor.json", "sample_data.json", "ego_pose.json"})
+    look(name, true);
+  for (const char* name : kAnnotationTables) look(name, false);
   const auto same = kept.find(folder);
   if (same != kept.end() && same->second.first == state) return same->second.second;
   auto tables = read_tables(folder);
@@ -223,12 +216,25 @@ class NuScenes : public DataSet {
   std::string rig() const override { return "nuscenes"; }
 
   std::vector<std::string> frames() const override {
-    std::vector<std::string> ids;
-    for (const auto& [token, sample] : tables_of(tables_)->samples) ids.push_back(token);
-    if (ids.empty())
+    const Archive archive = look_at_files();
+    if (archive.samples == 0)
       throw InputError((tables_ / "sample_data.json").string(), "",
                        fmt::format("no sample has keyframes of {} and {}", kLidar, kCamera), kFix);
-    return ids;
+    if (archive.whole.empty())
+      throw InputError(
+          tables_.parent_path().string(), "samples",
+          fmt::format("of {} samples {} have their file of {} there and {} that of {}: none has both",
+                      archive.samples, archive.sweeps, kLidar, archive.pictures, kCamera),
+          "unpack the archives that hold them");
+    return archive.whole;
+  }
+
+  std::string incomplete() const override {
+    const Archive archive = look_at_files();
+    return archive.whole.size() == archive.samples
+               ? ""
+               : fmt::format("{} of {} samples are left out: their files of {} or {} are not there",
+                             archive.samples - archive.whole.size(), archive.samples, kLidar, kCamera);
   }
 
   std::vector<Part> parts(const std::string& id) const override {
@@ -243,6 +249,9 @@ class NuScenes : public DataSet {
     const Sample& sample = of(*tables, id);
     Sweep points = read_points(tables_.parent_path() / sample.lidar.file, 5);  // the fifth is the beam
     const Eigen::Matrix3f turn = velo_from_lidar(sample).linear().cast<float>();
+    std::erase_if(points, [](const LidarPoint& p) {
+      return std::abs(p.x) < kNearestReturn && std::abs(p.y) < kNearestReturn;
+    });
     for (LidarPoint& p : points) {
       const Vec3f at = turn * p.position();
       p = {at.x(), at.y(), at.z(), p.reflectance / kFullIntensity};
@@ -263,6 +272,7 @@ class NuScenes : public DataSet {
     MatrixRow pose{file, "translation, rotation", {}};
     for (int i = 0; i < 12; ++i) pose.values.push_back(camera_from_velo.matrix()(i / 4, i % 4));
     Annotations known;
+    known.labelled = tables->labelled;
     known.calibration = calibration_of(projection, upright, pose, width, height);
     const Transform velo_from_global = global_from_velo.inverse();
     for (const Annotation& annotation : sample.annotations) {
@@ -288,7 +298,7 @@ class NuScenes : public DataSet {
   std::string annotations_hash(const std::string& id) const override {
     const auto [width, height] = picture_size(id);
     const Annotations known = annotations(id, width, height);
-    std::string text;
+    std::string text = known.labelled ? "" : "no labels ";
     const auto add = [&](double value) { text += fmt::format("{:.9g} ", value); };
     const PinholeCamera& camera = known.calibration.camera;
     for (const double value : {camera.fx, camera.fy, camera.cx, camera.cy}) add(value);
@@ -304,6 +314,24 @@ class NuScenes : public DataSet {
   }
 
  private:
+  /// Which samples have their files in the folder: archives come in parts.
+  struct Archive {
+    std::size_t samples = 0, sweeps = 0, pictures = 0;
+    std::vector<std::string> whole;
+  };
+  Archive look_at_files() const {
+    const auto tables = tables_of(tables_);
+    Archive archive{tables->samples.size(), 0, 0, {}};
+    for (const auto& [token, sample] : tables->samples) {
+      const bool sweep = fs::exists(tables_.parent_path() / sample.lidar.file),
+                 picture = fs::exists(tables_.parent_path() / sample.camera.file);
+      archive.sweeps += sweep;
+      archive.pictures += picture;
+      if (sweep && picture) archive.whole.push_back(token);
+    }
+    return archive;
+  }
+
   const Sample& of(const Tables& tables, const std::string& id) const {
     check_id(id);
     const auto sample = tables.samples.find(id);

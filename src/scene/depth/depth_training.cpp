@@ -61,11 +61,11 @@ class DepthData {
 };
 
 /// What must agree for a run to go on.
-nlohmann::json identity(const DepthTrainingOptions& options, std::size_t frames) {
+RunIdentity identity(const DepthTrainingOptions& options, std::size_t frames) {
   nlohmann::json json = fields_json(options);
   json["start"] = options.start.empty() ? "" : file_hash(options.start);
   json["frames"] = frames;
-  return json;
+  return {json, lacking_json<DepthTrainingOptions>()};
 }
 
 }  // namespace

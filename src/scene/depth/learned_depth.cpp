@@ -12,6 +12,7 @@
 #include "base/parallel.h"
 #include "base/shared_library.h"
 #include "base/shipped_plugins.h"
+#include "base/words.h"
 #include "scene/depth/depth_abi.h"
 
 namespace mirage {
@@ -33,13 +34,14 @@ fs::path find_plugin(const std::string& backend) {
   }
   const ShippedPlugin* plugin = shipped_plugin(kDepthPlugins, backend);
   if (plugin && fs::exists(plugin->file)) return plugin->file;
-  const std::string known = shipped_words(kDepthPlugins);
-  if (plugin || known.empty())
+  std::vector<std::string> known{kDefaultDepth};
+  for (const ShippedPlugin& shipped : shipped_plugins(kDepthPlugins))
+    known.insert(known.end(), shipped.words.begin(), shipped.words.end());
+  if (plugin || known.size() == 1)
     throw InputError(plugin ? plugin->file.string() : built_file("plugins").string(), "",
                      "the depth completion plugin is missing",
                      "build it with MIRAGE_DETECTORS=ON (make build), or use --depth ip-basic");
-  throw FieldError("depth", backend, "unknown depth completion",
-                   "use ip-basic, " + known + " or a plugin (*.so)");
+  throw unknown_word("depth", backend, known, "a plugin (*.so)");
 }
 
 fs::path find_weights(const DepthOptions& options, const fs::path& plugin) {

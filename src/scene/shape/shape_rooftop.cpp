@@ -7,6 +7,7 @@
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/parallel.h"
+#include "base/words.h"
 
 namespace mirage {
 namespace {
@@ -27,7 +28,7 @@ std::filesystem::path model_file(const std::string& rooftop) {
       throw InputError(rooftop, "", "no such shape model", "check --rooftop");
     return rooftop;
   }
-  throw FieldError("rooftop", rooftop, "unknown choice", "use shape, box or a shape model (*.shape)");
+  throw unknown_word("rooftop", rooftop, {"shape", "box"}, "a shape model (*.shape)");
 }
 
 }  // namespace
@@ -36,7 +37,7 @@ ShapeRooftopFinder::ShapeRooftopFinder(ShapeModel model, LidarModel lidar, const
     : model_(std::move(model)), lidar_(std::move(lidar)), settings_(settings) {}
 
 ShapeFit ShapeRooftopFinder::fit(const SweepIndex& index, const Label& label) const {
-  if (label.type != "Car" && label.type != "Van") {
+  if ((label.type != "Car" && label.type != "Van") || !has_box(label)) {
     ShapeFit none;
     none.reason = "the manifold holds cars and vans, this is a " + label.type;
     return none;

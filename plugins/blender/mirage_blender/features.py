@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What this Blender has, asked of Blender itself and not of its version number: names of inputs, properties and operators'
+arguments differ between 3.4 and 4.3, and a later one may have either. The first name that is there is used."""
+
+import bpy
+
+# Inputs of the principled shader: the names since Blender 4.0, and those before.
+PRINCIPLED = {"specular": ("Specular IOR Level", "Specular"), "coat": ("Coat Weight", "Clearcoat"),
+              "coat roughness": ("Coat Roughness", "Clearcoat Roughness")}
+# The glTF importer's arguments by what they say; an importer that lacks one does what it says by default.
+IMPORTER = {"shading": ("import_shading",), "lighting": ("export_import_convert_lighting_mode", "convert_lighting_mode"),
+            "merge": ("merge_vertices",)}
+
+
+def first(names, there):
+    """The first name that is there, or None."""
+    return next((name for name in names if name in there), None)
+
+
+def principled_input(node, what):
+    """The socket of a principled shader; ValueError where this Blender has none."""
+    name = first(PRINCIPLED[what], node.inputs)
+    if name is None:
+        raise ValueError(f"principled shader: Blender {bpy.app.version_string} has no input "
+                         f"{' or '.join(PRINCIPLED[what])}; use Blender 3.4 to 4.3")
+    return node.inputs[name]
+
+
+def importer_names():
+    """{what an argument says: its name in bpy.ops.import_scene.gltf, or None}."""
+    there = bpy.ops.import_scene.gltf.get_rna_type().properties.keys()
+    return {what: first(names, there) for what, names in IMPORTER.items()}
+
+
+def importer_arguments(**wanted):
+    """{argument: value} for bpy.ops.import_scene.gltf, under the names that this importer has."""
+    names = importer_names()
+    return {names[what]: value for what, value in wanted.items() if names[what]}
+
+
+def has_denoiser():
+    """Whether this build holds OpenImageDenoise: Cycles fails where it is asked for and missing."""
+    try:
+        import _cycles
+    except ImportError:
+        return False
+    return bool(getattr(_cycles, "with_openimagedenoise", False))
+
+
+def found():
+    """What the worker says at its start, as JSON: the names that were chosen, None where there is none."""
+    material = bpy.data.materials.new("asked")
+    material.use_nodes = True
+    node = material.node_tree.nodes.new("ShaderNodeBsdfPrincipled")
+    inputs = {what: first(names, node.inputs) for what, names in PRINCIPLED.items()}
+    bpy.data.materials.remove(material)
+    return {"version": bpy.app.version_string, "principled_inputs": inputs, "importer_arguments": importer_names(),
+            "view_transform": bpy.context.scene.view_settings.view_transform, "denoiser": has_denoiser()}

@@ -1,0 +1,331 @@
+#include "attack/clean_sights.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
+#include <set>
+
+#include "attack/evaluation.h"
+#include "base/intervals.h"
+#include "base/error.h"
+#include "base/interrupt.h"
+#include "base/progress.h"
+#include "base/types.h"
+#include "detection/average_precision.h"
+#include "detection/detect.h"
+
+namespace mirage {
+namespace {
+
+/// What a detector says of one frame, and the hosts there.
+struct CleanFrame {
+  std::vector<Proposal> proposals;
+  std::vector<HostTruth> hosts;
+  ScoredFrame scored;
+  int width = 0, height = 0;  // of the picture
+};
+
+using Undo = std::function<Proposal(Proposal, const CleanFrame&)>;
+
+/// A mistake that a detector's boxes may hold, and the boxes without it.
+struct Mistake {
+  std::string name;
+  Undo undo;
+};
+
+Mistake of_bev(std::string name, std::function<BevBox(BevBox)> undo) {
+  return {std::move(name), [undo = std::move(undo)](Proposal proposal, const CleanFrame&) {
+            proposal.box = undo(proposal.box);
+            return proposal;
+          }};
+}
+
+/// Axes that are given as others: x and y exchanged or turned round, and the heading with them or for itself.
+void add_axes(std::vector<Mistake>& list) {
+  for (const bool exchanged : {false, true})
+    for (const int sx : {1, -1})
+      for (const int sy : {1, -1})
+        for (const int heading : {0, 1, 2}) {
+          const bool same = !exchanged && sx == 1 && sy == 1;
+          if (same && heading != 2) continue;
+          const char* of_heading[] = {"", ", yaw as it is", ", yaw clockwise"};
+          list.push_back(of_bev(
+              fmt::format("the axes read as x = {}{}, y = {}{}{}", sx < 0 ? "−" : "", exchanged ? "y" : "x",
+                          sy < 0 ? "−" : "", exchanged ? "x" : "y", of_heading[heading]),
+              [=](BevBox box) {
+                double along = std::cos(box.yaw), left = std::sin(box.yaw);
+                if (heading == 2) left = -left;
+                if (exchanged) std::swap(box.x, box.y);
+                box.x *= sx, box.y *= sy;
+                if (heading != 1) {
+                  if (exchanged) std::swap(along, left);
+                  along *= sx, left *= sy;
+                }
+                box.yaw = std::atan2(left, along);
+                return box;
+              }));
+        }
+}
+
+std::vector<Mistake> mistakes(Plane plane) {
+  std::vector<Mistake> list;
+  if (plane == Plane::picture) {
+    list.push_back({"columns and rows exchanged", [](Proposal p, const CleanFrame&) {
+                      std::swap(p.picture.left, p.picture.top), std::swap(p.picture.right, p.picture.bottom);
+                      return p;
+                    }});
+    list.push_back(
+        {"shares of the picture's width and height read as pixels", [](Proposal p, const CleanFrame& frame) {
+           p.picture.left *= frame.width, p.picture.right *= frame.width;
+           p.picture.top *= frame.height, p.picture.bottom *= frame.height;
+           return p;
+         }});
+    return list;
+  }
+  list.push_back(of_bev("yaw read as degrees", [](BevBox box) {
+    box.yaw *= std::numbers::pi / 180;
+    return box;
+  }));
+  list.push_back(of_bev("length and width exchanged (or yaw turned by 90°)", [](BevBox box) {
+    std::swap(box.length, box.width);
+    return box;
+  }));
+  list.push_back(of_bev("yaw read as degrees, and length and width exchanged", [](BevBox box) {
+    std::swap(box.length, box.width);
+    box.yaw *= std::numbers::pi / 180;
+    return box;
+  }));
+  list.push_back(of_bev("yaw read as KITTI's rotation_y", [](BevBox box) {
+    box.yaw = -box.yaw - std::numbers::pi / 2;
+    return box;
+  }));
+  list.push_back(of_bev("length and width read as halves", [](BevBox box) {
+    box.length *= 2, box.width *= 2;
+    return box;
+  }));
+  list.push_back(of_bev("length and width read as logarithms", [](BevBox box) {
+    box.length = std::exp(std::min(box.length, 5.0)), box.width = std::exp(std::min(box.width, 5.0));
+    return box;
+  }));
+  add_axes(list);
+  return list;
+}
+
+bool found_in(const CleanFrame& frame, const HostTruth& host, double score, double iou, const Undo& undo) {
+  return std::any_of(frame.proposals.begin(), frame.proposals.end(), [&](const Proposal& proposal) {
+    return proposal.score() > score && host.host_iou(undo ? undo(proposal, frame) : proposal) > iou;
+  });
+}
+
+int count_found(const std::vector<CleanFrame>& frames, double score, double iou, const Undo& undo = {}) {
+  int found = 0;
+  for (const CleanFrame& frame : frames)
+    for (const HostTruth& host : frame.hosts) found += found_in(frame, host, score, iou, undo);
+  return found;
+}
+
+/// From each host to the nearest box of any score, as (x, y); of hosts whose frame has a box.
+std::vector<Vec2d> nearest_offsets(const std::vector<CleanFrame>& frames, Plane plane) {
+  std::vector<Vec2d> offsets;
+  for (const CleanFrame& frame : frames)
+    for (const HostTruth& host : frame.hosts) {
+      Vec2d nearest = Vec2d::Constant(std::numeric_limits<double>::infinity());
+      for (const Proposal& proposal : frame.proposals) {
+        const BevBox box = rectangle(proposal, plane);
+        const Vec2d offset(box.x - host.host().x, box.y - host.host().y);
+        if (offset.norm() < nearest.norm()) nearest = offset;
+      }
+      if (nearest.allFinite()) offsets.push_back(nearest);
+    }
+  return offsets;
+}
+
+/// All logits between 0 and 1, and of more than one value: no network's logits are, all probabilities are.
+bool looks_like_probabilities(const std::vector<CleanFrame>& frames) {
+  constexpr std::size_t kEnough = 20;
+  std::set<double> logits;
+  for (const CleanFrame& frame : frames)
+    for (const Proposal& proposal : frame.proposals) {
+      if (proposal.logit < 0 || proposal.logit > 1) return false;
+      logits.insert(proposal.logit);
+    }
+  return logits.size() >= kEnough;
+}
+
+/// What is wrong with the boxes where too few vehicles are found.
+void tell_mistakes(const std::vector<CleanFrame>& frames, Plane plane, FoundClean& result) {
+  const EvaluationSettings by;
+  std::vector<std::string>& hints = result.hints;
+  std::size_t boxes = 0, turned = 0, most = 0;
+  for (const CleanFrame& frame : frames) {
+    boxes += frame.proposals.size();
+    most = std::max(most, frame.proposals.size());
+    for (const Proposal& proposal : frame.proposals)
+      turned += std::abs(proposal.box.yaw) > 2 * std::numbers::pi;
+  }
+  if (boxes == 0) {
+    hints.push_back(
+        fmt::format("it gives no box with a score over {:g} in any of {} frames: look at its top-k, its "
+                    "own threshold and its logits",
+                    kScoreThresholdForAp, frames.size()));
+    return;
+  }
+  if (plane == Plane::bev && 10 * turned >= boxes)
+    hints.push_back(
+        fmt::format("{} of {} headings are beyond ±2π: yaw is in radians, not in degrees", turned, boxes));
+  const int few = std::max(result.found, static_cast<int>(kFewFound * result.vehicles));
+  const auto tell = [&](int found, const std::string& how) {
+    if (found > few) hints.push_back(fmt::format("{} of {} would be found {}", found, result.vehicles, how));
+  };
+  int best = few;
+  std::string how;
+  for (const Mistake& mistake : mistakes(plane))
+    if (const int found = count_found(frames, by.score_threshold, by.detected_iou, mistake.undo);
+        found > best)
+      best = found, how = "with " + mistake.name;
+  if (!how.empty()) tell(best, how);
+  tell(count_found(frames, kScoreThresholdForAp, by.detected_iou),
+       fmt::format("at scores over {:g}: its best score is {:.2f}, and a detection counts from {:g}",
+                   kScoreThresholdForAp, result.best_score, by.score_threshold));
+  tell(count_found(frames, by.score_threshold, 0.5), "at IoU 0.5: its boxes are too loose for IoU 0.7");
+  const std::vector<Vec2d> offsets = nearest_offsets(frames, plane);
+  std::vector<double> distances, x, y;
+  for (const Vec2d& offset : offsets) {
+    distances.push_back(offset.norm());
+    x.push_back(offset.x()), y.push_back(offset.y());
+  }
+  const char* unit = plane == Plane::bev ? "m" : "pixels";
+  if (how.empty() && plane == Plane::bev) {
+    const Vec2d shift(quantile(x, 0.5), quantile(y, 0.5));
+    tell(count_found(frames, by.score_threshold, by.detected_iou,
+                     [&](Proposal p, const CleanFrame&) {
+                       p.box.x -= shift.x(), p.box.y -= shift.y();
+                       return p;
+                     }),
+         fmt::format("with all boxes moved by x {:+.2f} m, y {:+.2f} m: is their origin the LiDAR?",
+                     -shift.x(), -shift.y()));
+  }
+  if (const double away = quantile(distances, 0.5); hints.empty() && away > (plane == Plane::bev ? 5 : 50))
+    hints.push_back(fmt::format("the box nearest to a vehicle is {:.0f} {} away (median): {}", away, unit,
+                                plane == Plane::bev
+                                    ? "boxes are in metres in the LiDAR's frame, x forward, y left"
+                                    : "boxes are left, top, right, bottom in pixels"));
+  if (most * frames.size() == boxes && most < 10)
+    hints.push_back(
+        fmt::format("every frame has {} box{}: is its top-k too small?", most, most == 1 ? "" : "es"));
+}
+
+}  // namespace
+
+bool finds(std::span<const Proposal> proposals, const HostTruth& truth) {
+  const EvaluationSettings by;
+  return std::any_of(proposals.begin(), proposals.end(), [&](const Proposal& p) {
+    return p.score() > by.score_threshold && truth.host_iou(p) > by.detected_iou;
+  });
+}
+
+std::vector<Proposal> CleanSights::of(const PreparedFrame& prepared, Detector& detector) {
+  return scored_over(all_of(prepared, detector), EvaluationSettings().score_threshold);
+}
+
+std::vector<Proposal> CleanSights::all_of(const PreparedFrame& prepared, Detector& detector) {
+  const Frame& frame = prepared.frame;
+  const std::uint64_t version = detector.weights_version();
+  {
+    const std::scoped_lock lock(mutex_);
+    if (version != version_) frames_.clear(), version_ = version;
+    if (const auto known = frames_.find(frame.id); known != frames_.end()) return known->second;
+  }
+  const auto look = [&] {
+    EvaluationSettings settings;
+    settings.score_threshold = kScoreThresholdForAp;
+    return detections(detector, {&frame.image, frame.sweep, &frame.calibration}, settings);
+  };
+  std::vector<Proposal> proposals =
+      store_ && !identity_.empty() && version == 0
+          ? store_->cache().detections(store_->content(frame.id), identity_, kScoreThresholdForAp, look)
+          : look();
+  const std::scoped_lock lock(mutex_);
+  if (version != version_) return proposals;
+  return frames_.try_emplace(frame.id, std::move(proposals)).first->second;
+}
+
+FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
+                      CleanSights& sights, bool quiet) {
+  std::map<std::string, std::vector<HostId>> by_frame;
+  for (const Host& host : hosts) by_frame[host.id.frame].push_back(host.id);
+  std::vector<std::pair<std::string, std::vector<HostId>>> listed(by_frame.begin(), by_frame.end());
+  const Plane plane = detectors.front()->capabilities().plane();
+  std::vector<CleanFrame> frames(listed.size());
+  Progress progress("look at frames as recorded", listed.size(), quiet);
+  std::mutex mutex;
+  std::size_t done = 0;
+  for_each_with_detector(detectors, listed.size(), [&](Detector& detector, std::size_t i) {
+    throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
+    const auto prepared = store.get(listed[i].first);
+    const Frame& frame = prepared->frame;
+    CleanFrame& clean = frames[i];
+    clean.proposals = sights.all_of(*prepared, detector);
+    for (const HostId& id : listed[i].second) clean.hosts.emplace_back(frame, label_of(frame, id), plane);
+    clean.scored =
+        scored(clean.proposals, ground_truth(frame, detector.region()), frame.calibration.camera.fy, plane);
+    clean.width = frame.image.width, clean.height = frame.image.height;
+    const std::scoped_lock lock(mutex);
+    progress.update(++done);
+  });
+
+  FoundClean result;
+  const EvaluationSettings by;
+  std::vector<ScoredFrame> scores;
+  for (CleanFrame& frame : frames) {
+    result.vehicles += static_cast<int>(frame.hosts.size());
+    for (const HostTruth& host : frame.hosts) result.found += finds(frame.proposals, host);
+    for (const Proposal& proposal : frame.proposals) {
+      result.boxes += proposal.score() > by.score_threshold;
+      result.best_score = std::max(result.best_score, proposal.score());
+    }
+    scores.push_back(std::move(frame.scored));
+  }
+  result.frames = static_cast<int>(frames.size());
+  result.ap50 = average_precision(scores, 0.5).average_precision;
+  result.ap70 = average_precision(scores, 0.7).average_precision;
+  if (looks_like_probabilities(frames))
+    result.hints.push_back(
+        "all its logits lie between 0 and 1, as probabilities do: give logits, log(p / (1 − p))");
+  if (result.found < kFewFound * result.vehicles) tell_mistakes(frames, plane, result);
+  return result;
+}
+
+std::string describe(const FoundClean& found) {
+  return fmt::format("finds {} of {} vehicles (AP 0.7 {:.1f} %)", found.found, found.vehicles,
+                     100 * found.ap70);
+}
+
+nlohmann::json to_json(const FoundClean& found) {
+  return {{"found", found.found}, {"vehicles", found.vehicles}, {"frames", found.frames},
+          {"ap50", found.ap50},   {"ap70", found.ap70},         {"hints", found.hints}};
+}
+
+void require_found(const FoundClean& found, const Detector& detector) {
+  const std::string hints = fmt::format("{}", fmt::join(found.hints, "; "));
+  if (found.found == 0)
+    throw InputError(
+        "detector", detector.name(),
+        fmt::format("finds none of the {} vehicles as recorded ({} boxes in {} frames, AP 0.7 {:.1f} %), so "
+                    "none can be hidden from it",
+                    found.vehicles, found.boxes, found.frames, 100 * found.ap70),
+        hints.empty() ? "look at its boxes with mirage detect and mirage view" : hints);
+  if (found.found < kFewFound * found.vehicles)
+    spdlog::warn("{} {}, fewer than {:.0f} %: rates over so few say little{}{}", detector.name(),
+                 describe(found), 100 * kFewFound, hints.empty() ? "" : ". ", hints);
+  else if (!hints.empty())
+    spdlog::warn("{} {}, but {}", detector.name(), describe(found), hints);
+}
+
+}  // namespace mirage

@@ -1,0 +1,67 @@
+// What a detector finds in frames as recorded: an attack succeeds only where there was a detection before.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "attack/detector_pool.h"
+#include "attack/host_truth.h"
+#include "frames/hosts.h"
+
+namespace mirage {
+
+/// Detections of frames as recorded, kept in memory as long as the network's weights are the same, and on
+/// disk where it is told what detector they are of. Several threads may ask.
+class CleanSights {
+ public:
+  CleanSights() = default;
+  /// `identity`: detector_identity(); empty: nothing is kept on disk. `store` outlives this.
+  CleanSights(FrameStore& store, std::string identity) : store_(&store), identity_(std::move(identity)) {}
+  /// The frame's detections at the score of an evaluation.
+  std::vector<Proposal> of(const PreparedFrame& prepared, Detector& detector);
+  /// Down to the score that AP looks at (kScoreThresholdForAp); the detector is asked once for each frame.
+  std::vector<Proposal> all_of(const PreparedFrame& prepared, Detector& detector);
+
+ private:
+  FrameStore* store_ = nullptr;
+  std::string identity_;
+  std::mutex mutex_;  // of what follows
+  std::uint64_t version_ = 0;
+  std::map<std::string, std::vector<Proposal>> frames_;
+};
+
+/// Whether any of them finds the host at the score and the IoU of an evaluation (EvaluationSettings).
+bool finds(std::span<const Proposal> proposals, const HostTruth& truth);
+
+/// How many of an attack's vehicles its detector finds as recorded.
+struct FoundClean {
+  int found = 0, vehicles = 0, frames = 0;
+  double ap50 = 0, ap70 = 0;  ///< over the frames' vehicles, by Mirage's rules (average_precision.h)
+  int boxes = 0;              ///< over the score of an evaluation, in all frames
+  double best_score = 0;      ///< of any box; 0 without one
+  /// What the boxes look like instead, the likeliest first: each a measured fact.
+  std::vector<std::string> hints;
+};
+
+/// Looks at every frame of `hosts`. What looks like a mistake in the detector's boxes is told in `hints`:
+/// with too few found each known mistake is undone (degrees, sides swapped, other axes, …), and what then
+/// finds more is named with its number.
+FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
+                      CleanSights& sights, bool quiet);
+
+/// "finds 83 of 112 vehicles (AP 0.7 59.0 %)"
+std::string describe(const FoundClean& found);
+/// {found, vehicles, frames, ap50, ap70, hints}
+nlohmann::json to_json(const FoundClean& found);
+
+/// Fewer than this share found: a warning. Of rates over so few vehicles nothing follows.
+inline constexpr double kFewFound = 0.1;
+/// InputError naming the detector, with the hints, if it finds no vehicle; a warning where it finds few, or
+/// where its logits look like none.
+void require_found(const FoundClean& found, const Detector& detector);
+
+}  // namespace mirage

@@ -1,0 +1,120 @@
+#include "frames/data_check.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <mutex>
+#include <set>
+
+#include "base/error.h"
+#include "base/logging.h"
+#include "detection/points_in_view.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/read_frames.h"
+#include "scene/occlusion.h"
+
+namespace mirage {
+namespace {
+
+constexpr double kEnoughOnRays = 0.95;
+/// Fewer returns than a tenth of a VLP-16's in view say nothing of the unit.
+constexpr std::size_t kFewestReturns = 500;
+constexpr double kOddReflectances = 0.001;
+constexpr std::size_t kFewestCars = 5;
+constexpr double kCarsWithReturns = 0.5;
+
+/// Where a sweep surely reaches a car that is not behind something.
+bool should_hold_returns(const Label& label) {
+  constexpr double kFarthest = 50;  // m
+  return label.type == "Car" && has_box(label) && label.occluded <= 1 && label.truncated < 0.5 &&
+         std::hypot(label.box.bev.x, label.box.bev.y) < kFarthest;
+}
+
+void look_at_frame(const DataSet& set, const std::string& id, const LidarModel& lidar, DataLook& look) {
+  const Sweep sweep = set.sweep(id);
+  const auto [width, height] = set.picture_size(id);
+  const Annotations known = set.annotations(id, width, height);
+  const Sweep seen = points_in_view(sweep, known.calibration);
+  look.on_rays += SweepIndex(seen, lidar).assigned_share() * static_cast<double>(seen.size());
+  look.returns += seen.size();
+  look.points += sweep.size();
+  for (const LidarPoint& point : sweep) {
+    look.odd_reflectance += !(point.reflectance >= 0 && point.reflectance <= 1);
+    look.highest = std::max(look.highest, point.reflectance);
+  }
+  for (const Label& label : known.labels) {
+    if (!should_hold_returns(label)) continue;
+    ++look.cars;
+    constexpr double kMargin = 0.2;  // m
+    look.cars_with_returns += std::any_of(seen.begin(), seen.end(), [&](const LidarPoint& point) {
+      return contains(label.box, point.position().cast<double>(), kMargin);
+    });
+  }
+  ++look.frames;
+}
+
+std::string percent_of(double share) {
+  return fmt::format("{:.1f} %", 100 * share);
+}
+
+}  // namespace
+
+DataLook look_at_data(const std::filesystem::path& data, const std::string& rig, std::size_t frames) {
+  DataLook look;
+  const auto set = open_data_set(data);
+  std::vector<std::string> ids;
+  try {
+    ids = set->frames();
+  } catch (const InputError&) {
+    return look;
+  }
+  const LidarModel lidar = lidar_of(data, rig);
+  const std::size_t count = std::min(frames, ids.size());
+  for (std::size_t i = 0; i < count; ++i) {
+    try {
+      look_at_frame(*set, ids[count > 1 ? i * (ids.size() - 1) / (count - 1) : 0], lidar, look);
+    } catch (const InputError&) {
+    }
+  }
+  if (look.returns > 0) look.on_rays /= static_cast<double>(look.returns);
+  return look;
+}
+
+void check_data(const std::filesystem::path& data, const std::string& rig, UnitUse use) {
+  static std::mutex mutex;
+  static std::set<std::string> checked;
+  const std::scoped_lock lock(mutex);
+  const std::string key = std::filesystem::absolute(data).lexically_normal().string() + '\0' + rig;
+  if (checked.contains(key)) return;
+  const DataLook look = look_at_data(data, rig);
+  const std::string set = data.string();
+  if (look.returns >= kFewestReturns && look.on_rays < kEnoughOnRays) {
+    const bool assumed = rig_is_assumed(data, rig);
+    const std::string name = !rig.empty() ? rig : data_rig(data),
+                      problem = fmt::format(
+                          "{} of the returns lie on a ray of the LiDAR of the rig {}{}: "
+                          "another unit recorded these sweeps, or in other axes",
+                          percent_of(look.on_rays), name, assumed ? ", which is assumed of this layout" : ""),
+                      fix = fmt::format(
+                          "find the unit (mirage rig --data {} --out rig.toml) and give it "
+                          "(--rig rig.toml)",
+                          set);
+    if (assumed && use == UnitUse::casts_rays) throw InputError(set, "sweeps", problem, fix);
+    spdlog::warn("{}: {}; {}", set, problem, fix);
+  }
+  if (static_cast<double>(look.odd_reflectance) > kOddReflectances * static_cast<double>(look.points))
+    spdlog::warn(
+        "{}: {} of the returns have a reflectance outside [0, 1] (up to {:g}); divide by the "
+        "largest that the unit can report, often 255",
+        set, percent_of(static_cast<double>(look.odd_reflectance) / static_cast<double>(look.points)),
+        look.highest);
+  if (look.cars >= kFewestCars &&
+      static_cast<double>(look.cars_with_returns) < kCarsWithReturns * static_cast<double>(look.cars))
+    spdlog::warn(
+        "{}: {} of {} labelled cars near by and in view hold a return; check that labels, sweeps "
+        "and calibration are of the same moment and axes",
+        set, look.cars_with_returns, look.cars);
+  checked.insert(key);
+}
+
+}  // namespace mirage

@@ -1,0 +1,33 @@
+// Whether a data set is what is assumed of it: said once, before a command works on it.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+namespace mirage {
+
+/// What a few frames of a data set say of it, evenly spread over the set.
+struct DataLook {
+  std::size_t frames = 0;             ///< looked at: those whose sweep, calibration and labels could be read
+  std::size_t returns = 0;            ///< in view
+  double on_rays = 0;                 ///< share of them that SweepIndex::assigned_share() counts
+  std::size_t odd_reflectance = 0;    ///< returns (of whole sweeps) with a reflectance outside [0, 1]
+  std::size_t points = 0;             ///< returns of the whole sweeps
+  float highest = 0;                  ///< reflectance
+  std::size_t cars = 0;               ///< labelled, within 50 m, less than half occluded
+  std::size_t cars_with_returns = 0;  ///< of those
+};
+
+/// Looks at up to `frames` frames. Frames that cannot be read are passed over: who needs them says why.
+DataLook look_at_data(const std::filesystem::path& data, const std::string& rig, std::size_t frames = 4);
+
+/// Whether the caller casts rays of the unit (an inserted object's returns), or only reads sweeps.
+enum class UnitUse { casts_rays, reads_sweeps };
+
+/// Warns, once a process for a data set, of what contradicts the rig (data_rig.h): less than 95 % of the
+/// returns on a ray of its unit, reflectances outside [0, 1], labelled cars without a return. InputError in
+/// place of the first where rays are cast and the rig is only assumed (rig_is_assumed). Costs a few sweeps'
+/// reading, and depends neither on threads nor on which frames the caller uses.
+void check_data(const std::filesystem::path& data, const std::string& rig, UnitUse use);
+
+}  // namespace mirage

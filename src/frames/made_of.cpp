@@ -1,0 +1,112 @@
+#include "frames/made_of.h"
+
+#include <set>
+#include <vector>
+
+#include "base/files.h"
+#include "base/names.h"
+#include "base/parallel.h"
+#include "detection/defense_words.h"
+#include "detection/given_detector.h"
+#include "detection/precision.h"
+#include "frames/frame_store.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/read_frames.h"
+#include "scene/depth/learned_depth.h"
+#include "scene/shape/shape_rooftop.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+json numbers(const Vec3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+/// A word, or of a file's path its name: the content counts beside it.
+std::string place_free(const std::string& word) {
+  return escape_name(fs::path(word).has_parent_path() ? fs::path(word).filename().string() : word);
+}
+
+}  // namespace
+
+std::string frames_hash(const fs::path& data, std::span<const std::string> ids) {
+  const auto set = open_data_set(data);
+  std::vector<json> frames(ids.size());
+  parallel_for(ids.size(), [&](std::size_t i) {
+    json& frame = frames[i] = {escape_name(ids[i]), set->hash(ids[i])};
+    frame.push_back(set->tracks(ids[i]).value_or(std::vector<int>()));
+    if (const auto lighting = set->lighting(ids[i])) {
+      const auto& [to_sun, sun, ambient, hemisphere] = *lighting;
+      for (const Vec3d* part : {&to_sun, &sun, &ambient, &hemisphere}) frame.push_back(numbers(*part));
+    }
+  });
+  return content_hash(
+      json{lidar_identity(lidar_of(data)), data_rig(data), recorded_lidar_effects(data), frames}.dump());
+}
+
+std::string detector_identity(const DetectorOptions& options) {
+  if (options.fresh || is_given(options)) return "";
+  Provenance provenance;
+  add_detector(provenance, options);
+  return provenance.identity();
+}
+
+void add_data(Provenance& provenance, const fs::path& data, std::span<const std::string> ids) {
+  provenance.input("data", frames_hash(data, ids));
+  provenance.tell("data", written_path(data, ""));
+  provenance.tell("data_hash", provenance.input("data"));
+  provenance.tell("frames", ids.size());
+}
+
+void add_frames(Provenance& provenance, const FrameSource& source, std::span<const HostId> hosts) {
+  std::set<std::string> ids;
+  for (const HostId& host : hosts) ids.insert(host.frame);
+  add_frames(provenance, source, std::vector<std::string>(ids.begin(), ids.end()));
+}
+
+void add_frames(Provenance& provenance, const FrameSource& source, std::span<const std::string> ids) {
+  add_data(provenance, source.data, ids);
+  provenance.add(source);
+  provenance.set("rig", place_free(source.rig));
+  provenance.set("depth", place_free(source.depth));
+  provenance.set("rooftop", place_free(source.rooftop));
+  provenance.input("lidar", lidar_identity(lidar_of(source.data, source.rig)));
+  provenance.input("depth", depth_identity({source.depth}));
+  provenance.input("rooftop", rooftop_identity(source.rooftop));
+}
+
+void add_detector(Provenance& provenance, const DetectorOptions& options) {
+  provenance.add(options);
+  provenance.set("detector", place_free(options.detector));
+  provenance.set("precision", usable_precision(options.precision));
+  provenance.set("network_parts", options.parts);
+  provenance.set("fresh", options.fresh);
+  provenance.set("detector_rig", options.rig);
+  fs::path weights;
+  if (is_given(options)) {
+    provenance.input("weights", given_detector() ? given_detector()->content : "");
+  } else {
+    provenance.file("plugin", plugin_file(options));
+    weights = weights_file(options);
+    provenance.input("weights", options.fresh ? "" : weights_hash(options));
+    for (const DetectorOptions& witness : witnesses(options)) {
+      Provenance its;
+      add_detector(its, witness);
+      provenance.input("witness_" + witness.detector, its.identity());
+    }
+  }
+  for (const std::string& word : read_defense(options.defense).around)
+    if (ceiling_height(word) > 0)  // over the rig's road
+      provenance.input(
+          "detector_rig",
+          lidar_identity(read_lidar_model(shipped_file("scenes/rigs/" + options.rig + ".toml"))));
+  provenance.tell("detector", escape_name(options.detector));
+  provenance.tell("weights", weights.empty() ? "" : written_path(weights, ""));
+  provenance.tell("weights_hash", provenance.input("weights"));
+  provenance.tell("defense", options.defense);
+}
+
+}  // namespace mirage

@@ -1,0 +1,81 @@
+// Labels beside a data set (layouts.h): what a detector finds in a set that nobody has labelled, say.
+#include "base/error.h"
+#include "base/files.h"
+#include "base/json_fields.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/kitti.h"
+#include "scene/data/layouts.h"
+#include "scene/data/read_frames.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kAbout = "labels.json";
+
+class GivenLabels : public DataSet {
+ public:
+  GivenLabels(fs::path data, const fs::path& set) : DataSet(std::move(data)), set_(open_data_set(set)) {}
+
+  const char* layout() const override { return set_->layout(); }
+  std::string rig() const override { return data_rig(set_->data()); }
+  std::vector<std::string> frames() const override { return set_->frames(); }
+  std::string incomplete() const override { return set_->incomplete(); }
+  Sweep sweep(const std::string& id) const override { return set_->sweep(id); }
+  std::optional<Lighting> lighting(const std::string& id) const override { return set_->lighting(id); }
+
+  std::vector<Part> parts(const std::string& id) const override {
+    check_id(id);
+    std::vector<Part> files = set_->parts(id);
+    if (fs::exists(labels_file(id))) files.push_back({labels_file(id), "the labels"});
+    return files;
+  }
+
+  Annotations annotations(const std::string& id, int width, int height) const override {
+    Annotations known = set_->annotations(id, width, height);
+    if (known.labelled || !fs::exists(labels_file(id))) return known;
+    known.labels = read_labels(labels_file(id), known.calibration, &known.notes);
+    known.labelled = true;
+    return known;
+  }
+
+  std::string annotations_hash(const std::string& id) const override {
+    std::string hashes = set_->annotations_hash(id);
+    if (fs::exists(labels_file(id))) hashes += file_hash(labels_file(id), kLargestFile);
+    return hashes;
+  }
+
+  std::optional<std::vector<int>> tracks(const std::string& id) const override {
+    if (fs::exists(labels_file(id))) return std::nullopt;
+    return set_->tracks(id);
+  }
+
+ private:
+  fs::path labels_file(const std::string& id) const { return data() / "label_2" / (id + ".txt"); }
+
+  std::shared_ptr<const DataSet> set_;
+};
+
+}  // namespace
+
+std::shared_ptr<const DataSet> open_given_labels(const fs::path& data) {
+  std::error_code error;
+  const fs::path about = data / kAbout;
+  if (!fs::is_regular_file(about, error)) return nullptr;
+  const nlohmann::json json = read_json(about, kLargestRecord);
+  const fs::path set = JsonFields(about, json, "make the labels again").text("data");
+  if (!fs::is_directory(set, error) || fs::exists(set / kAbout, error))
+    throw InputError(about.string(), "data", set.string() + " is no folder of a data set",
+                     "write down where the data set lies now");
+  return std::make_shared<GivenLabels>(data, set);
+}
+
+void write_given_labels(const fs::path& folder, const fs::path& data, nlohmann::json about) {
+  about["data"] = fs::absolute(data).lexically_normal().string();
+  for (const char* name : {"dataset.json", "rig.toml"})
+    if (fs::exists(data / name)) write_file(folder / name, read_file(data / name));
+  write_json(folder / kAbout, about);
+}
+
+}  // namespace mirage

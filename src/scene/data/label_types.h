@@ -1,0 +1,29 @@
+// Names of classes: KITTI's types, and which of them other data sets' names mean.
+#pragma once
+
+#include <map>
+#include <string>
+#include <string_view>
+
+#include "scene/frame.h"
+
+namespace mirage {
+
+/// KITTI's word for a class by the name that KITTI, nuScenes (category or detection name), Waymo or Argoverse
+/// (1 and 2) has for it, whatever its case: "vehicle.bus.rigid" is "Bus", which KITTI has no word for. A name
+/// that the table lacks comes back as it is. KITTI's development kit compares types without case, too.
+std::string kitti_type(std::string_view name);
+/// Whether the table has the name.
+bool is_known_type(std::string_view name);
+/// Whether it is the type of a motor vehicle: Car, Van, Truck, Tram or Bus.
+bool is_vehicle_type(std::string_view type);
+
+/// Counts of labels by type: "41 vehicle.foo, 3 Pedestrian", the most frequent first, at most eight of them.
+std::string type_counts(const std::map<std::string, int>& types);
+/// What types are known, for messages.
+inline constexpr const char* kKnownTypes =
+    "KITTI's types (Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc, DontCare) and the "
+    "class "
+    "names of nuScenes, Waymo and Argoverse";
+
+}  // namespace mirage

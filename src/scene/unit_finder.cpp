@@ -1,0 +1,819 @@
+#include "scene/unit_finder.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <map>
+#include <numbers>
+#include <numeric>
+#include <optional>
+#include <unsupported/Eigen/FFT>
+
+#include "base/angles.h"
+#include "base/error.h"
+#include "scene/occlusion.h"
+
+namespace mirage {
+namespace {
+
+constexpr double kTurn = 2 * std::numbers::pi;
+constexpr std::size_t kFewestHits = 2000;  // of all sweeps
+constexpr std::size_t kFewestOfBeam = 30;  // hits that show a beam
+constexpr std::size_t kFewestBeams = 4, kMostBeams = 256;
+constexpr double kEnoughOnRays = 0.95;
+
+double rest_of(double value, double modulus) {
+  return value - modulus * std::floor(value / modulus);
+}
+
+double median_of(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// A beam in the plane of horizontal distance ρ and height z: z = height + slope · ρ.
+struct BeamLine {
+  double height = 0, slope = 0;
+  double at(double rho) const { return height + slope * rho; }
+};
+
+/// A return, in `velo` and as the unit sees it.
+struct UnitHit {
+  Vec3d p_velo, p = Vec3d::Zero();
+  int sweep = 0, beam = -1;
+  double phase = 0;  ///< of the turn, when it was measured: 0 … 1, or around 0 ahead where less is seen
+  double rho = 0;
+};
+
+/// Where the unit stood: the same in all sweeps, and for each sweep how its origin moves within it (sweeps
+/// that were corrected for the car's motion).
+struct UnitPose {
+  Transform velo_from_lidar = Transform::Identity();
+  std::vector<std::pair<Vec3d, Vec3d>> drifts;  ///< at phase 0, and a turn (m, unit's frame)
+};
+
+void place_hits(std::vector<UnitHit>& hits, const UnitPose& pose) {
+  const Transform lidar_from_velo = pose.velo_from_lidar.inverse();
+  for (UnitHit& hit : hits) {
+    const auto& [start, turn] = pose.drifts[static_cast<std::size_t>(hit.sweep)];
+    hit.p = lidar_from_velo * hit.p_velo - start - hit.phase * turn;
+    hit.rho = std::max(hit.p.head<2>().norm(), 1e-3);
+  }
+}
+
+double elevation_of(const UnitHit& hit) {
+  return std::atan2(hit.p.z(), hit.rho);
+}
+
+// ---------------------------------------------------------------------------------------------- which beam
+
+/// The azimuth at which sweeps begin: in the middle of the widest gap, or where neighbours in the file are
+/// most often of other beams.
+double cut_of(const std::vector<double>& azimuths, const std::vector<double>& elevations, double& seen) {
+  constexpr int kBins = 720;
+  std::vector<int> counts(kBins), changes(kBins);
+  const auto bin_of = [&](double azimuth) {
+    return static_cast<std::size_t>(rest_of(azimuth, kTurn) / kTurn * kBins) % kBins;
+  };
+  for (std::size_t i = 0; i < azimuths.size(); ++i) {
+    ++counts[bin_of(azimuths[i])];
+    if (i > 0 && std::abs(wrap_angle(azimuths[i] - azimuths[i - 1])) < 5 * kDegree &&
+        std::abs(elevations[i] - elevations[i - 1]) > 0.1 * kDegree)
+      ++changes[bin_of(azimuths[i])];
+  }
+  int gap = 0, widest = 0, end = 0;
+  for (int b = 0; b < 2 * kBins; ++b) {
+    gap = counts[static_cast<std::size_t>(b % kBins)] == 0 ? gap + 1 : 0;
+    if (gap > widest && gap <= kBins) widest = gap, end = b + 1;
+  }
+  seen = kTurn * (kBins - widest) / kBins;
+  if (widest > kBins / 36) return kTurn * (end - widest / 2.0) / kBins;
+  const auto most = std::max_element(changes.begin(), changes.end()) - changes.begin();
+  return kTurn * (static_cast<double>(most) - 0.5) / kBins;
+}
+
+/// Numbers the beams of a sweep that is written beam by beam: a new one where the azimuth falls back. Empty:
+/// it is not.
+std::vector<int> beams_in_order(const std::vector<double>& azimuths, const std::vector<double>& elevations,
+                                double cut) {
+  constexpr double kSame = 0.06 * kDegree, kBack = 5 * kDegree;
+  std::vector<double> changes;
+  std::size_t forward = 0, backward = 0;
+  for (std::size_t i = 1; i < azimuths.size(); ++i) {
+    changes.push_back(std::abs(elevations[i] - elevations[i - 1]));
+    const double by = wrap_angle(azimuths[i] - azimuths[i - 1]);
+    if (std::abs(by) < 2 * kDegree) ++(by > 0 ? forward : backward);
+  }
+  if (median_of(changes) > kSame) return {};
+  std::vector<int> beams(azimuths.size());
+  double before = 0;
+  for (std::size_t i = 0; i < azimuths.size(); ++i) {
+    const double turned = rest_of((forward > backward ? 1 : -1) * (azimuths[i] - cut), kTurn);
+    beams[i] = i == 0 ? 0 : beams[i - 1] + (turned < before - kBack);
+    before = turned;
+  }
+  return beams;
+}
+
+/// Elevations (rad) at which hits from `nearest` (m) on pile up, from the top down; at the finest resolution
+/// that still leaves little between them.
+std::vector<double> piles(const std::vector<UnitHit>& hits, double nearest) {
+  constexpr double kFine = 0.005 * kDegree, kSpan = 90 * kDegree;
+  const auto bins = static_cast<std::size_t>(kSpan / kFine);
+  std::vector<double> fine(bins);
+  for (const UnitHit& hit : hits)
+    if (hit.p.norm() >= nearest && std::abs(elevation_of(hit)) < kSpan / 2)
+      fine[static_cast<std::size_t>((elevation_of(hit) + kSpan / 2) / kFine)] += 1;
+  std::vector<double> best;
+  double most = 0;
+  for (const double width : {0.02, 0.04, 0.08, 0.16}) {
+    const auto reach = static_cast<std::ptrdiff_t>(width * kDegree / kFine);
+    std::vector<double> smooth(bins);
+    for (std::size_t b = 0; b < bins; ++b) {
+      if (fine[b] == 0) continue;
+      for (std::ptrdiff_t k = -2 * reach; k <= 2 * reach; ++k) {
+        const auto to = static_cast<std::ptrdiff_t>(b) + k;
+        if (to >= 0 && to < static_cast<std::ptrdiff_t>(bins))
+          smooth[static_cast<std::size_t>(to)] +=
+              fine[b] * std::exp(-2 * std::pow(static_cast<double>(k) / static_cast<double>(reach), 2));
+      }
+    }
+    // Peaks with a valley of less than half on both sides.
+    std::vector<std::size_t> peaks;
+    double valley = 0;
+    std::size_t peak = 0;
+    bool rising = true;
+    for (std::size_t b = 0; b < bins; ++b) {
+      if (rising) {
+        if (smooth[b] > smooth[peak]) peak = b;
+        if (smooth[b] < 0.5 * smooth[peak] && smooth[peak] >= kFewestOfBeam / 2.0)
+          peaks.push_back(peak), valley = smooth[b], rising = false;
+        else if (smooth[b] == 0)
+          peak = b;
+      } else {
+        valley = std::min(valley, smooth[b]);
+        if (smooth[b] > 2 * valley + 1) peak = b, rising = true;
+      }
+    }
+    double inside = 0, all = 0;
+    for (const double count : fine) all += count;
+    for (const std::size_t at : peaks)
+      for (std::ptrdiff_t k = -reach; k <= reach; ++k)
+        if (const auto to = static_cast<std::ptrdiff_t>(at) + k;
+            to >= 0 && to < static_cast<std::ptrdiff_t>(bins))
+          inside += fine[static_cast<std::size_t>(to)];
+    const double spread = 2 * width * kDegree * static_cast<double>(peaks.size());
+    // What lies in the peaks above what would if hits were spread evenly.
+    const double score = all > 0 ? inside / all - spread / (40 * kDegree) : 0;
+    if (peaks.size() < kMostBeams && score > most) {
+      most = score;
+      best.clear();
+      for (const std::size_t at : peaks) best.push_back(-kSpan / 2 + (static_cast<double>(at) + 0.5) * kFine);
+    }
+  }
+  std::reverse(best.begin(), best.end());
+  return best;
+}
+
+/// The line of hits of one beam, robustly; heights are near 0 unless the hits say otherwise.
+BeamLine line_of(const std::vector<const UnitHit*>& hits) {
+  constexpr double kScale = 0.02 * kDegree, kHeight = 0.3;
+  std::vector<double> elevations;
+  for (const UnitHit* hit : hits) elevations.push_back(elevation_of(*hit));
+  BeamLine line{0, std::tan(median_of(elevations))};
+  for (int round = 0; round < 30; ++round) {
+    const double scale = kScale * std::max(1.0, 20.0 - round);
+    Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+    Eigen::Vector2d right = Eigen::Vector2d::Zero();
+    normal(0, 0) = std::pow(scale / kHeight, 2);
+    const double cosine = 1 / std::hypot(1.0, line.slope);
+    for (const UnitHit* hit : hits) {
+      const double per_metre = cosine / hit->p.norm(), off = (hit->p.z() - line.at(hit->rho)) * per_metre;
+      const double weight = 1 / (1 + std::pow(off / scale, 2));
+      const Eigen::Vector2d row = per_metre * Eigen::Vector2d(1, hit->rho);
+      normal += weight * row * row.transpose();
+      right += weight * row * per_metre * hit->p.z();
+    }
+    const Eigen::Vector2d solved = normal.ldlt().solve(right);
+    line = {solved[0], solved[1]};
+  }
+  return line;
+}
+
+/// From the top down.
+void sort_lines(std::vector<BeamLine>& lines) {
+  std::sort(lines.begin(), lines.end(), [](const auto& a, const auto& b) { return a.slope > b.slope; });
+}
+
+std::size_t nearest_line(const std::vector<BeamLine>& lines, const UnitHit& hit) {
+  std::size_t low = 0, high = lines.size() - 1;
+  while (high - low > 1) {
+    const std::size_t middle = (low + high) / 2;
+    (lines[middle].at(hit.rho) >= hit.p.z() ? low : high) = middle;
+  }
+  const auto off = [&](std::size_t k) { return std::abs(lines[k].at(hit.rho) - hit.p.z()); };
+  return off(low) <= off(high) ? low : high;
+}
+
+/// Angle by which the hit misses the line.
+double angle_off(const BeamLine& line, const UnitHit& hit) {
+  return (hit.p.z() - line.at(hit.rho)) / std::hypot(1.0, line.slope) / hit.p.norm();
+}
+
+void assign_beams(std::vector<UnitHit>& hits, const std::vector<BeamLine>& lines) {
+  for (UnitHit& hit : hits) hit.beam = static_cast<int>(nearest_line(lines, hit));
+}
+
+/// Share of the hits that lie on their beam.
+double on_beams(const std::vector<UnitHit>& hits, const std::vector<BeamLine>& lines) {
+  constexpr double kOn = 0.05 * kDegree;
+  const auto on = std::count_if(hits.begin(), hits.end(), [&](const UnitHit& hit) {
+    return std::abs(angle_off(lines[static_cast<std::size_t>(hit.beam)], hit)) < kOn;
+  });
+  return static_cast<double>(on) / static_cast<double>(hits.size());
+}
+
+/// Gauss–Newton on all lines and the pose at once, robustly: hits from `nearest` (m) on are drawn to the beam
+/// they are next to. `moves`: each sweep's own drift too.
+void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& pose, bool tilts, bool moves,
+            double nearest, double first_scale) {
+  constexpr double kScale = 0.02 * kDegree;
+  constexpr int kRounds = 25;
+  constexpr std::size_t kEnough = 150000;
+  const std::size_t every = hits.size() / kEnough + 1;
+  const int sweeps = static_cast<int>(pose.drifts.size()), shared = tilts ? 4 : 0,
+            count = shared + (moves ? 6 * sweeps : 0);
+  for (int round = 0; round < kRounds; ++round) {
+    place_hits(hits, pose);
+    assign_beams(hits, lines);
+    const double scale =
+        std::max(kScale, first_scale * std::pow(kScale / first_scale, round / (0.6 * kRounds)));
+    const auto beams = lines.size();
+    std::vector<Eigen::Matrix2d> own(beams, Eigen::Matrix2d::Zero());
+    std::vector<Eigen::MatrixXd> mixed(beams, Eigen::MatrixXd::Zero(2, count));
+    std::vector<Eigen::Vector2d> own_right(beams, Eigen::Vector2d::Zero());
+    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(count, count);
+    Eigen::VectorXd right = Eigen::VectorXd::Zero(count);
+    for (std::size_t at = 0; at < hits.size(); at += every) {
+      const UnitHit& hit = hits[at];
+      if (hit.p.norm() < nearest) continue;
+      const auto b = static_cast<std::size_t>(hit.beam);
+      const double off = angle_off(lines[b], hit), weight = 1 / (1 + std::pow(off / scale, 2));
+      const double per_metre = 1 / std::hypot(1.0, lines[b].slope) / hit.p.norm();
+      // off + row · globals − per_metre (1, ρ) · line = 0
+      const Eigen::Vector2d beam_row = per_metre * Eigen::Vector2d(1, hit.rho);
+      own[b] += weight * beam_row * beam_row.transpose();
+      own_right[b] += weight * off * beam_row;
+      if (count == 0) continue;
+      const Vec3d outward(hit.p.x() / hit.rho, hit.p.y() / hit.rho, 0);
+      const Vec3d up = per_metre * (Vec3d::UnitZ() - lines[b].slope * outward);  // off changes by, a metre
+      std::array<std::pair<int, double>, 10> row;  // what of the globals the hit depends on
+      std::size_t held = 0;
+      if (tilts) {  // the point turns by −w × p and shifts by −o
+        row[held++] = {0, -up.dot(Vec3d::UnitX().cross(hit.p))};
+        row[held++] = {1, -up.dot(Vec3d::UnitY().cross(hit.p))};
+        row[held++] = {2, -up.x()};
+        row[held++] = {3, -up.y()};
+      }
+      if (moves)
+        for (int i = 0; i < 3; ++i) {
+          row[held++] = {shared + 6 * hit.sweep + i, -up[i]};
+          row[held++] = {shared + 6 * hit.sweep + 3 + i, -up[i] * hit.phase};
+        }
+      for (std::size_t i = 0; i < held; ++i) {
+        const auto& [column, value] = row[i];
+        mixed[b].col(column) -= weight * value * beam_row;
+        right[column] -= weight * off * value;
+        for (std::size_t k = 0; k < held; ++k) normal(column, row[k].first) += weight * value * row[k].second;
+      }
+    }
+    // Weak priors hold what hits do not show.
+    for (int i = 0; i < count; ++i) normal(i, i) += std::pow(scale / (i < shared && i < 2 ? 0.1 : 0.5), 2);
+    std::vector<Eigen::Matrix2d> inverse(beams);
+    for (std::size_t b = 0; b < beams; ++b) {
+      own[b](0, 0) += std::pow(scale / 0.3, 2);
+      own_right[b][0] -= std::pow(scale / 0.3, 2) * lines[b].height;
+      own[b](1, 1) += 1e-12;
+      inverse[b] = own[b].inverse();
+      if (count == 0) continue;
+      normal -= mixed[b].transpose() * inverse[b] * mixed[b];
+      right -= mixed[b].transpose() * inverse[b] * own_right[b];
+    }
+    const Eigen::VectorXd step = count > 0 ? Eigen::VectorXd(normal.ldlt().solve(right)) : Eigen::VectorXd();
+    for (std::size_t b = 0; b < beams; ++b) {
+      Eigen::Vector2d moved = own_right[b];
+      if (count > 0) moved -= mixed[b] * step;
+      moved = inverse[b] * moved;
+      lines[b].height += moved[0], lines[b].slope += moved[1];
+    }
+    if (tilts) {
+      Transform by = Transform::Identity();
+      by.linear() = (Eigen::AngleAxisd(step[0], Vec3d::UnitX()) * Eigen::AngleAxisd(step[1], Vec3d::UnitY()))
+                        .toRotationMatrix();
+      by.translation() = Vec3d(step[2], step[3], 0);
+      pose.velo_from_lidar = pose.velo_from_lidar * by;
+    }
+    if (moves)
+      for (int s = 0; s < sweeps; ++s) {
+        auto& [start, turn] = pose.drifts[static_cast<std::size_t>(s)];
+        start += step.segment<3>(shared + 6 * s);
+        turn += step.segment<3>(shared + 6 * s + 3);
+      }
+    sort_lines(lines);
+  }
+  place_hits(hits, pose);
+  assign_beams(hits, lines);
+}
+
+/// Lines of the beams as the sweeps' order numbers them; a beam that several sweeps show is one.
+std::vector<BeamLine> lines_in_order(const std::vector<UnitHit>& hits, const std::vector<int>& numbers) {
+  std::map<std::pair<int, int>, std::vector<const UnitHit*>> groups;
+  for (std::size_t i = 0; i < hits.size(); ++i) groups[{hits[i].sweep, numbers[i]}].push_back(&hits[i]);
+  std::map<int, std::vector<std::vector<const UnitHit*>*>> of_sweep;
+  for (auto& [key, members] : groups)
+    if (members.size() >= kFewestOfBeam) of_sweep[key.first].push_back(&members);
+  std::vector<std::vector<std::vector<const UnitHit*>*>> order;
+  for (auto& [sweep, rings] : of_sweep) order.push_back(rings);
+  std::stable_sort(order.begin(), order.end(),
+                   [](const auto& a, const auto& b) { return a.size() > b.size(); });
+  std::vector<BeamLine> lines;
+  for (const auto& rings : order) {
+    std::vector<BeamLine> more;
+    for (const auto* ring : rings) {
+      const BeamLine line = line_of(*ring);
+      std::vector<double> off, from_known;
+      for (const UnitHit* hit : *ring) {
+        off.push_back(std::abs(angle_off(line, *hit)));
+        if (!lines.empty()) from_known.push_back(std::abs(angle_off(lines[nearest_line(lines, *hit)], *hit)));
+      }
+      if (median_of(off) > 0.05 * kDegree) continue;  // two beams in one, or none
+      if (lines.empty() || median_of(from_known) > 0.07 * kDegree) more.push_back(line);
+    }
+    lines.insert(lines.end(), more.begin(), more.end());
+    sort_lines(lines);
+  }
+  return lines;
+}
+
+/// Drops lines that few hits lie on, and joins those that are one.
+void clean_lines(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines) {
+  if (lines.empty()) return;
+  assign_beams(hits, lines);
+  std::vector<std::size_t> counts(lines.size());
+  for (const UnitHit& hit : hits) {
+    const auto b = static_cast<std::size_t>(hit.beam);
+    counts[b] += std::abs(angle_off(lines[b], hit)) < 0.1 * kDegree;
+  }
+  std::vector<BeamLine> kept;
+  std::vector<std::size_t> of_kept;
+  for (std::size_t b = 0; b < lines.size(); ++b) {
+    if (counts[b] < kFewestOfBeam) continue;
+    const double apart = kept.empty() ? 1 : std::atan(kept.back().slope) - std::atan(lines[b].slope);
+    if (apart < 0.03 * kDegree) {
+      if (counts[b] > of_kept.back()) kept.back() = lines[b];
+      of_kept.back() += counts[b];
+      continue;
+    }
+    kept.push_back(lines[b]);
+    of_kept.push_back(counts[b]);
+  }
+  // What a crowd of stray hits drew between two beams.
+  std::vector<BeamLine> sure;
+  for (std::size_t b = 0; b < kept.size(); ++b) {
+    if (b >= 2 && b + 2 < kept.size()) {
+      const auto apart = [&](std::size_t i, std::size_t k) {
+        return std::atan(kept[i].slope) - std::atan(kept[k].slope);
+      };
+      const double usual = std::min(apart(b - 2, b - 1), apart(b + 1, b + 2)),
+                   closest = std::min(apart(b - 1, b), apart(b, b + 1));
+      if (closest < 0.6 * usual && 10 * of_kept[b] < std::min(of_kept[b - 1], of_kept[b + 1])) continue;
+    }
+    sure.push_back(kept[b]);
+  }
+  lines = std::move(sure);
+  if (!lines.empty()) assign_beams(hits, lines);
+}
+
+// ------------------------------------------------------------------------------------------ when it fires
+
+/// Azimuths (rad) of far hits of a beam, by sweep.
+using BeamAzimuths = std::vector<std::vector<std::vector<double>>>;
+
+BeamAzimuths azimuths_of(const std::vector<UnitHit>& hits, const std::vector<double>& laterals,
+                         std::size_t sweeps, double nearest) {
+  BeamAzimuths all(laterals.size(), std::vector<std::vector<double>>(sweeps));
+  for (const UnitHit& hit : hits) {
+    if (hit.rho < nearest) continue;
+    const auto b = static_cast<std::size_t>(hit.beam);
+    const double sideways = std::asin(std::clamp(laterals[b] / hit.rho, -1.0, 1.0));
+    all[b][static_cast<std::size_t>(hit.sweep)].push_back(std::atan2(hit.p.y(), hit.p.x()) - sideways);
+  }
+  for (auto& beam : all)
+    for (auto& sweep : beam) std::sort(sweep.begin(), sweep.end());
+  return all;
+}
+
+/// Mean of what lies between firings that follow each other (rad); 0: none is seen.
+double mean_step(const BeamAzimuths& all) {
+  std::vector<double> steps;
+  for (const auto& beam : all)
+    for (const auto& sweep : beam)
+      for (std::size_t i = 1; i < sweep.size(); ++i)
+        if (const double by = sweep[i] - sweep[i - 1]; by > 0.01 * kDegree && by < 3 * kDegree)
+          steps.push_back(by);
+  if (steps.size() < kFewestHits / 4) return 0;
+  const double usual = median_of(steps);
+  double sum = 0, count = 0;
+  for (const double by : steps)
+    if (by > 0.3 * usual && by < 1.45 * usual) sum += by, ++count;
+  return sum / count;
+}
+
+std::complex<double> resultant(const std::vector<double>& azimuths, double step) {
+  std::complex<double> sum = 0;
+  for (const double azimuth : azimuths) sum += std::polar(1.0, kTurn * azimuth / step);
+  return sum;
+}
+
+/// Far hits of one beam: azimuth, horizontal distance, sweep.
+struct FarHits {
+  std::vector<double> azimuths, rhos;
+  std::vector<int> sweeps;
+};
+
+/// How well the beam's firings agree on `per_turn` steps a turn, all sweeps on one grid or each on its own: 1
+/// is exactly, 0 not at all.
+double coherence(const FarHits& hits, double lateral, double per_turn, bool together) {
+  std::map<int, std::complex<double>> sums;
+  for (std::size_t i = 0; i < hits.azimuths.size(); ++i)
+    sums[together ? 0 : hits.sweeps[i]] += std::polar(
+        1.0, per_turn * (hits.azimuths[i] - std::asin(std::clamp(lateral / hits.rhos[i], -1.0, 1.0))));
+  double sum = 0;
+  for (const auto& [sweep, own] : sums) sum += std::abs(own);
+  return sum / std::max<double>(1, static_cast<double>(hits.azimuths.size()));
+}
+
+/// coherence() for every whole number of steps a turn.
+std::vector<double> coherences(const FarHits& hits, double lateral) {
+  constexpr std::size_t kBins = 360000;
+  std::vector<double> counts(kBins);
+  for (std::size_t i = 0; i < hits.azimuths.size(); ++i) {
+    const double azimuth = hits.azimuths[i] - std::asin(std::clamp(lateral / hits.rhos[i], -1.0, 1.0));
+    counts[static_cast<std::size_t>(rest_of(azimuth, kTurn) / kTurn * kBins) % kBins] += 1;
+  }
+  Eigen::FFT<double> fft;
+  std::vector<std::complex<double>> spectrum;
+  fft.fwd(spectrum, counts);
+  std::vector<double> values(kBins / 2);
+  for (std::size_t k = 0; k < values.size(); ++k)
+    values[k] = std::abs(spectrum[k]) / static_cast<double>(hits.azimuths.size());
+  return values;
+}
+
+/// The grid of azimuths (rad) that all sweeps' firings of a beam lie on: `step` itself, nearly, where firings
+/// follow each other evenly; else an encoder's, finer one. 0: there is none.
+double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step) {
+  constexpr double kEven = 0.65, kCoherent = 0.5, kFar = 8, kFinest = 0.02 * kDegree;
+  constexpr double kMostLateral = 0.06, kLateralStep = 0.004;
+  constexpr std::size_t kLooked = 4;  // beams, those with the most hits
+  std::vector<FarHits> all(beams);
+  for (const UnitHit& hit : hits)
+    if (hit.rho > kFar) {
+      FarHits& of = all[static_cast<std::size_t>(hit.beam)];
+      of.azimuths.push_back(std::atan2(hit.p.y(), hit.p.x()));
+      of.rhos.push_back(hit.rho);
+      of.sweeps.push_back(hit.sweep);
+    }
+  std::stable_sort(all.begin(), all.end(),
+                   [](const auto& a, const auto& b) { return a.azimuths.size() > b.azimuths.size(); });
+  if (all.size() > kLooked) all.resize(kLooked);
+  std::erase_if(all, [](const auto& of) { return of.azimuths.size() < kFewestOfBeam; });
+  if (all.empty()) return 0;
+  std::vector<double> laterals(all.size());
+  const auto mean = [&](double per_turn, bool together) {
+    double sum = 0;
+    for (std::size_t b = 0; b < all.size(); ++b) sum += coherence(all[b], laterals[b], per_turn, together);
+    return sum / static_cast<double>(all.size());
+  };
+  const auto best_near = [&](double low, double high, double by, bool together) {
+    std::pair<double, double> best{-1, low};
+    for (double per_turn = low; per_turn <= high; per_turn += by)
+      best = std::max(best, {mean(per_turn, together), per_turn});
+    return best;
+  };
+  const auto grid = [](double per_turn) {
+    const double whole = std::round(per_turn);
+    return kTurn / (std::abs(per_turn - whole) < 0.03 ? whole : per_turn);
+  };
+  const double usual = kTurn / step;
+  if (const auto [even, at] = best_near(0.98 * usual, 1.02 * usual, 0.25, false); even > kEven) {
+    const auto [value, per_turn] = best_near(at - 2, at + 2, 0.02, true);
+    return value > kEven ? grid(per_turn) : 0;
+  }
+  const auto first = static_cast<std::size_t>(1.15 * usual),
+             last = std::max(first + 1, static_cast<std::size_t>(kTurn / kFinest));
+  std::vector<double> sums(last);
+  for (std::size_t b = 0; b < all.size(); ++b) {
+    double most = -1;
+    std::vector<double> kept;
+    for (double lateral = -kMostLateral; lateral <= kMostLateral; lateral += kLateralStep) {
+      std::vector<double> values = coherences(all[b], lateral);
+      const double value = *std::max_element(values.begin() + static_cast<std::ptrdiff_t>(first),
+                                             values.begin() + static_cast<std::ptrdiff_t>(last));
+      if (value > most) most = value, laterals[b] = lateral, kept = std::move(values);
+    }
+    for (std::size_t k = 0; k < last; ++k) sums[k] += kept[k];
+  }
+  auto most = static_cast<std::size_t>(
+      std::max_element(sums.begin() + static_cast<std::ptrdiff_t>(first), sums.end()) - sums.begin());
+  for (const std::size_t part : {3u, 2u})  // of a fine grid every multiple is one
+    if (most / part > first && sums[most / part] > 0.8 * sums[most]) {
+      most /= part;
+      break;
+    }
+  const auto [value, per_turn] =
+      best_near(static_cast<double>(most) - 1, static_cast<double>(most) + 1, 0.02, true);
+  return value > kCoherent ? grid(per_turn) : 0;
+}
+
+/// Where the beams' rays leave beside the axis (m): what puts their azimuths on the grid best, near and far.
+std::vector<double> laterals_of(const std::vector<UnitHit>& hits, std::size_t beams, double grid) {
+  constexpr double kMost = 0.06, kStep = 0.002, kNear = 2, kGain = 0.02;
+  std::vector<std::vector<std::pair<double, double>>> seen(beams);  // azimuth, ρ
+  for (const UnitHit& hit : hits)
+    if (hit.rho > kNear)
+      seen[static_cast<std::size_t>(hit.beam)].push_back({std::atan2(hit.p.y(), hit.p.x()), hit.rho});
+  std::vector<double> laterals(beams);
+  for (std::size_t b = 0; b < beams; ++b) {
+    const auto coherent = [&](double lateral) {
+      std::complex<double> sum = 0;
+      for (const auto& [azimuth, rho] : seen[b])
+        sum += std::polar(1.0, kTurn * (azimuth - std::asin(lateral / rho)) / grid);
+      return std::abs(sum) / std::max<double>(1, static_cast<double>(seen[b].size()));
+    };
+    double best = coherent(0) + kGain;
+    for (double lateral = -kMost; lateral <= kMost; lateral += kStep)
+      if (const double value = coherent(lateral); value > best) best = value, laterals[b] = lateral;
+  }
+  return laterals;
+}
+
+/// Phase of each beam's azimuths on a grid that is the same in all sweeps (rad, within half a step).
+std::vector<double> phases_on_grid(const BeamAzimuths& all, double grid) {
+  std::vector<double> phases;
+  for (const auto& beam : all) {
+    std::complex<double> sum = 0;
+    for (const auto& sweep : beam) sum += resultant(sweep, grid);
+    phases.push_back(std::arg(sum) / kTurn * grid);
+  }
+  return phases;
+}
+
+/// Whole steps of the grid that bring the beams' firing patterns onto each other, added to the phases.
+void align_patterns(const BeamAzimuths& all, double grid, std::vector<double>& phases) {
+  constexpr double kFarthest = 12 * kDegree;
+  const auto steps = static_cast<std::size_t>(std::lround(kTurn / grid));
+  const int most = static_cast<int>(kFarthest / grid);
+  const std::size_t sweeps = all.front().size();
+  std::vector<std::vector<double>> pattern(sweeps, std::vector<double>(steps));
+  const auto place = [&](double azimuth, double phase) {
+    return std::lround(rest_of(azimuth - phase, kTurn) / grid);
+  };
+  std::vector<std::size_t> order(all.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  const auto size_of = [&](std::size_t b) {
+    return std::accumulate(all[b].begin(), all[b].end(), std::size_t{0},
+                           [](std::size_t sum, const auto& sweep) { return sum + sweep.size(); });
+  };
+  std::stable_sort(order.begin(), order.end(), [&](auto a, auto b) { return size_of(a) > size_of(b); });
+  for (const std::size_t b : order) {
+    int best = 0;
+    double most_hits = -1;
+    for (int k = 0; k <= 2 * most; ++k) {
+      const int lag = k % 2 == 0 ? k / 2 : -(k + 1) / 2;  // the smallest first
+      double meets = 0;
+      for (std::size_t s = 0; s < sweeps; ++s)
+        for (const double azimuth : all[b][s])
+          meets += pattern[s][static_cast<std::size_t>(place(azimuth, phases[b]) - lag +
+                                                       2 * static_cast<long>(steps)) %
+                              steps];
+      if (meets > 1.001 * most_hits) most_hits = meets, best = lag;
+    }
+    phases[b] += best * grid;
+    for (std::size_t s = 0; s < sweeps; ++s)
+      for (const double azimuth : all[b][s])
+        pattern[s][static_cast<std::size_t>(place(azimuth, phases[b])) % steps] += 1;
+  }
+}
+
+/// Phases of the beams against each other where every sweep begins at another azimuth: what is common to
+/// windows of 10°.
+std::vector<double> phases_between(const BeamAzimuths& all, double step) {
+  constexpr int kWindows = 36;
+  const std::size_t sweeps = all.front().size();
+  using Windows = std::vector<std::complex<double>>;
+  std::vector<Windows> own(all.size(), Windows(sweeps * kWindows));
+  for (std::size_t b = 0; b < all.size(); ++b)
+    for (std::size_t s = 0; s < sweeps; ++s)
+      for (const double azimuth : all[b][s]) {
+        const auto w = static_cast<std::size_t>(rest_of(azimuth, kTurn) / kTurn * kWindows) % kWindows;
+        own[b][s * kWindows + w] += std::polar(1.0, kTurn * azimuth / step);
+      }
+  std::vector<double> phases(all.size());
+  Windows common(sweeps * kWindows);
+  for (int round = 0; round < 5; ++round) {
+    Windows next(common.size());
+    for (std::size_t b = 0; b < all.size(); ++b) {
+      std::complex<double> against = 0;
+      for (std::size_t w = 0; w < common.size(); ++w) {
+        const auto others =
+            common[w] - (round > 0 ? own[b][w] * std::polar(1.0, -phases[b] * kTurn / step) : 0);
+        if (std::abs(others) > 0) against += own[b][w] * std::conj(others) / std::abs(others);
+      }
+      if (std::abs(against) > 0) phases[b] = std::arg(against) / kTurn * step;
+      for (std::size_t w = 0; w < common.size(); ++w) {
+        const auto turned = own[b][w] * std::polar(1.0, -phases[b] * kTurn / step);
+        next[w] += turned;
+        if (round == 0) common[w] += turned;
+      }
+    }
+    common = next;
+  }
+  return phases;
+}
+
+}  // namespace
+
+namespace {
+
+/// Height of the velo origin over the ground: the fullest layer of low returns near by.
+double height_over_ground(const std::vector<UnitHit>& hits) {
+  constexpr double kNearest = 4, kFarthest = 20, kLayer = 0.05;
+  std::map<long, std::size_t> layers;
+  for (const UnitHit& hit : hits)
+    if (const double rho = hit.p_velo.head<2>().norm();
+        rho > kNearest && rho < kFarthest && hit.p_velo.z() < -0.5)
+      ++layers[std::lround(hit.p_velo.z() / kLayer)];
+  if (layers.empty()) return 0;
+  const auto fullest = std::max_element(layers.begin(), layers.end(),
+                                        [](const auto& a, const auto& b) { return a.second < b.second; });
+  return -static_cast<double>(fullest->first) * kLayer;
+}
+
+/// Sweeps without what is too near to be of the world.
+Sweep of_world(const Sweep& sweep) {
+  Sweep kept;
+  for (const LidarPoint& point : sweep)
+    if (point.position().norm() >= kOwnCar) kept.push_back(point);
+  return kept;
+}
+
+}  // namespace
+
+FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, const Transform& start) {
+  const auto refuse = [&](const std::string& problem) {
+    return InputError(where, "sweeps", problem,
+                      "give sweeps as the unit recorded them: one turn each, in its own axes, all returns");
+  };
+  std::vector<UnitHit> hits;
+  std::vector<int> numbers;
+  bool in_order = true;
+  double seen = 0, cut = 0;
+  for (std::size_t s = 0; s < sweeps.size(); ++s) {
+    const Sweep sweep = of_world(sweeps[s]);
+    std::vector<double> azimuths, elevations;
+    for (const LidarPoint& point : sweep) {
+      const Vec3d p = start.inverse() * point.position().cast<double>();
+      azimuths.push_back(std::atan2(p.y(), p.x()));
+      elevations.push_back(std::atan2(p.z(), p.head<2>().norm()));
+    }
+    if (sweep.empty()) continue;
+    double width = 0;
+    cut = cut_of(azimuths, elevations, width);
+    seen = std::max(seen, width);
+    const std::vector<int> order = beams_in_order(azimuths, elevations, cut);
+    in_order = in_order && !order.empty();
+    if (in_order) numbers.insert(numbers.end(), order.begin(), order.end());
+    const SweepMotion still = no_motion(azimuths);
+    for (std::size_t i = 0; i < sweep.size(); ++i) {
+      UnitHit hit;
+      hit.p_velo = hit.p = sweep[i].position().cast<double>();
+      hit.rho = std::max(hit.p.head<2>().norm(), 1e-3);
+      hit.sweep = static_cast<int>(s);
+      hit.phase = still.phase(azimuths[i]);
+      hits.push_back(hit);
+    }
+  }
+  if (hits.size() < kFewestHits) throw refuse(fmt::format("{} returns are too few", hits.size()));
+
+  const UnitPose still{start, {sweeps.size(), {Vec3d::Zero(), Vec3d::Zero()}}};
+  UnitPose pose = still;
+  place_hits(hits, pose);
+  std::vector<BeamLine> lines;
+  if (in_order) lines = lines_in_order(hits, numbers);
+  constexpr double kOnBeams = 0.99, kFar = 12;  // m
+  struct Fit {
+    std::vector<BeamLine> lines;
+    UnitPose pose;
+    double on = 0;
+  };
+  Fit best{{}, still, 0};
+  // Keeps what explains clearly more than what was tried before.
+  const auto settle = [&](bool tilts, bool moves, double nearest, double scale) {
+    constexpr double kClearly = 0.002;
+    clean_lines(hits, lines);
+    if (lines.size() < kFewestBeams) return;
+    refine(hits, lines, pose, tilts, moves, nearest, scale);
+    clean_lines(hits, lines);
+    if (lines.size() < kFewestBeams) return;
+    if (const double on = on_beams(hits, lines); on > best.on + kClearly) best = {lines, pose, on};
+  };
+  const auto restart = [&] {
+    pose = still;
+    place_hits(hits, pose);
+  };
+  settle(false, false, 0, 0.1 * kDegree);
+  if (best.on < kOnBeams) settle(true, false, 0, 0.2 * kDegree);
+  if (best.on < kOnBeams) settle(true, true, 0, 0.2 * kDegree);
+  for (const bool moves : {false, true})
+    for (const double nearest : {kFar, kFar / 2, 0.0, 0.0}) {
+      if (best.on >= kOnBeams) break;
+      if (nearest == kFar) restart();
+      lines.clear();
+      for (const double elevation : piles(hits, nearest)) lines.push_back({0, std::tan(elevation)});
+      settle(moves, moves, nearest, 0.2 * kDegree);
+    }
+  if (best.lines.empty()) throw refuse("their elevations show no beams");
+  lines = best.lines;
+  pose = best.pose;
+  place_hits(hits, pose);
+  assign_beams(hits, lines);
+
+  FoundUnit found;
+  LidarModel& lidar = found.lidar;
+  lidar.name = fmt::format("{} beams, found from sweeps", lines.size());
+  lidar.velo_from_lidar = pose.velo_from_lidar;
+  lidar.rate = 10;
+  std::vector<double> laterals(lines.size());
+  BeamAzimuths all = azimuths_of(hits, laterals, sweeps.size(), 8);
+  const double step = mean_step(all);
+  if (step == 0) throw refuse("their azimuths show no firings");
+  lidar.azimuth_step = step;
+  const double grid = grid_of(hits, lines.size(), step);
+  std::vector<double> phases;
+  if (grid > 0) {
+    laterals = laterals_of(hits, lines.size(), grid);
+    all = azimuths_of(hits, laterals, sweeps.size(), 2);
+    phases = phases_on_grid(all, grid);
+    if (grid < 0.97 * step) {  // not every place of the grid fires
+      align_patterns(all, grid, phases);
+      lidar.encoder_step = grid;
+    } else {
+      lidar.azimuth_step = grid;
+    }
+  } else {
+    phases = phases_between(all, step);
+  }
+  double low = 0, high = 0, farthest = 0;
+  for (std::size_t b = 0; b < lines.size(); ++b)
+    lidar.beams.push_back({std::atan(lines[b].slope), lines[b].height, laterals[b], phases[b], 0});
+  for (const UnitHit& hit : hits) {
+    const double azimuth = std::atan2(hit.p.y(), hit.p.x()) - phases[static_cast<std::size_t>(hit.beam)];
+    low = std::min(low, azimuth), high = std::max(high, azimuth);
+    farthest = std::max(farthest, hit.p.norm());
+  }
+  if (seen > kTurn - 15 * kDegree) low = -std::numbers::pi, high = std::numbers::pi;
+  const double raster = grid > 0 ? lidar.azimuth_step : 1 * kDegree;
+  lidar.azimuth_min = std::max(-std::numbers::pi, std::floor(low / raster) * raster);
+  lidar.azimuth_max = std::min(std::numbers::pi, std::ceil(high / raster) * raster);
+  if (grid > 0 && lidar.azimuth_min < low)  // on the grid, whatever half a turn is of it
+    lidar.azimuth_min = std::ceil(lidar.azimuth_min / raster - 1e-9) * raster;
+  else if (grid > 0)
+    lidar.azimuth_min = std::ceil(-std::numbers::pi / raster) * raster;
+  lidar.range_min = kOwnCar;
+  lidar.range_max = std::min(1000.0, std::ceil(farthest));
+  lidar.height = height_over_ground(hits);
+  double on = 0;
+  for (const Sweep& whole : sweeps) {
+    const Sweep sweep = of_world(whole);
+    const SweepIndex index(sweep, lidar);
+    on += index.assigned_share() * static_cast<double>(sweep.size());
+    found.returns += sweep.size();
+    found.firings += index.firing_count() / static_cast<double>(sweeps.size());
+  }
+  found.on_rays = on / static_cast<double>(found.returns);
+  if (found.on_rays < kEnoughOnRays)
+    throw refuse(
+        fmt::format("no spinning unit explains them: {:.1f} % of the returns lie on a ray of the best "
+                    "({} beams)",
+                    100 * found.on_rays, lines.size()));
+  return found;
+}
+
+}  // namespace mirage

@@ -1,0 +1,77 @@
+// Embree 3 and 4 by one name: what the two say differently about a query, and nothing else.
+// src/packages.cmake finds either, 4 first. Source: https://github.com/RenderKit/embree, "Upgrading from
+// Embree 3 to Embree 4".
+#pragma once
+
+#if __has_include(<embree4/rtcore.h>)
+#include <embree4/rtcore.h>
+#else
+#include <embree3/rtcore.h>
+#endif
+
+namespace mirage {
+
+/// How a scene is asked for what rays meet. One a thread, for as many queries as it likes; throws nothing.
+/// Rays are in the scene's own frame and units; a hit shortens `tfar`, an occluded ray has it at −∞.
+class EmbreeQuery {
+ public:
+  /// `coherent`: the rays of a packet run close to each other, so that they are taken through the tree
+  /// together.
+  explicit EmbreeQuery(bool coherent = false) {
+#if RTC_VERSION_MAJOR == 3
+    rtcInitIntersectContext(&settings_);
+    if (coherent) settings_.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+#else
+    rtcInitIntersectArguments(&settings_);
+    if (coherent) settings_.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+#endif
+  }
+
+  void intersect(RTCScene scene, RTCRayHit& ray) {
+#if RTC_VERSION_MAJOR == 3
+    rtcIntersect1(scene, &settings_, &ray);
+#else
+    rtcIntersect1(scene, &ray, &settings_);
+#endif
+  }
+  /// `valid`: as many numbers as the packet has rays, −1 for a ray that is traced and 0 for one that is not.
+  void intersect(const int* valid, RTCScene scene, RTCRayHit4& packet) {
+#if RTC_VERSION_MAJOR == 3
+    rtcIntersect4(valid, scene, &settings_, &packet);
+#else
+    rtcIntersect4(valid, scene, &packet, &settings_);
+#endif
+  }
+  void intersect(const int* valid, RTCScene scene, RTCRayHit8& packet) {
+#if RTC_VERSION_MAJOR == 3
+    rtcIntersect8(valid, scene, &settings_, &packet);
+#else
+    rtcIntersect8(valid, scene, &packet, &settings_);
+#endif
+  }
+  void intersect(const int* valid, RTCScene scene, RTCRayHit16& packet) {
+#if RTC_VERSION_MAJOR == 3
+    rtcIntersect16(valid, scene, &settings_, &packet);
+#else
+    rtcIntersect16(valid, scene, &packet, &settings_);
+#endif
+  }
+  void occluded(RTCScene scene, RTCRay& ray) {
+#if RTC_VERSION_MAJOR == 3
+    rtcOccluded1(scene, &settings_, &ray);
+#else
+    RTCOccludedArguments settings;
+    rtcInitOccludedArguments(&settings);
+    rtcOccluded1(scene, &ray, &settings);
+#endif
+  }
+
+ private:
+#if RTC_VERSION_MAJOR == 3
+  RTCIntersectContext settings_;
+#else
+  RTCIntersectArguments settings_;
+#endif
+};
+
+}  // namespace mirage

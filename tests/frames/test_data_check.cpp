@@ -1,0 +1,99 @@
+// What is said of a data set that is not what is assumed of it.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "frames/data_check.h"
+#include "generator/generator.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/kitti.h"
+#include "support/files.h"
+#include "support/heard.h"
+#include "support/walled_sweep.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+using test::Heard;
+using test::TemporaryFolder;
+using testing::AllOf;
+using testing::HasSubstr;
+
+/// A frame with a small picture, walls and ten cars; `shift`: of the labels, m.
+Frame walled_frame(const std::string& rig, double shift = 0) {
+  const Rig recorder = read_rig(rig_file(rig));
+  Frame frame;
+  frame.id = "000000";
+  frame.calibration = read_rig(rig_file("kitti64")).calibration;
+  PinholeCamera& camera = frame.calibration.camera;
+  camera = {camera.fx / 10, camera.fy / 10, 61.5, 18.5, 124, 38};
+  frame.image = ImageF(124, 38, 3, 0.25f);
+  frame.sweep = test::walled_sweep(recorder.lidar);
+  for (int i = 0; i < 10; ++i) {
+    Label label;
+    label.type = "Car";
+    label.left = 10, label.top = 10, label.right = 30, label.bottom = 30;
+    label.box = {{8.0 + i / 2, 0.3 * (i - 5), 4, 2, 0}, -recorder.lidar.height - 0.1 + shift, 1.5};
+    frame.labels.push_back(label);
+  }
+  return frame;
+}
+
+TEST(DataCheck, OwnUnitsAreSilentAndOthersAreNot) {
+  const TemporaryFolder folder;
+  const auto data = folder / "data";
+  write_frame(data, walled_frame("kitti64"));
+  Heard heard;
+  check_data(data, "", UnitUse::casts_rays);
+  EXPECT_EQ(heard.warnings(), 0) << heard.text();
+  EXPECT_GT(look_at_data(data, "").on_rays, 0.99);
+  check_data(data, "nuscenes", UnitUse::casts_rays);  // the user says so: a warning
+  EXPECT_THAT(heard.text(),
+              AllOf(HasSubstr("rig nuscenes"), HasSubstr("mirage rig --data"), HasSubstr("--rig")));
+  check_data(data, "nuscenes", UnitUse::casts_rays);
+  EXPECT_EQ(heard.warnings(), 1) << "once";
+}
+
+TEST(DataCheck, AUnitThatIsOnlyAssumedIsRefusedWhereRaysAreCast) {
+  const TemporaryFolder folder;
+  const auto data = folder / "data";
+  write_frame(data, walled_frame("nuscenes"));
+  EXPECT_THAT(error_text<InputError>([&] { check_data(data, "", UnitUse::casts_rays); }),
+              AllOf(HasSubstr("rig kitti64"), HasSubstr("assumed"), HasSubstr("mirage rig --data")));
+  Heard heard;
+  check_data(data, "", UnitUse::reads_sweeps);
+  EXPECT_EQ(heard.warnings(), 1) << heard.text();
+  check_data(data, "nuscenes", UnitUse::casts_rays);
+  EXPECT_EQ(heard.warnings(), 1) << heard.text();
+  write_file(data / "dataset.json", R"({"rig": "kitti64"})");  // the set says so: a warning
+  std::filesystem::rename(data, folder / "told");
+  check_data(folder / "told", "", UnitUse::casts_rays);
+  EXPECT_EQ(heard.warnings(), 2) << heard.text();
+}
+
+TEST(DataCheck, ReflectancesAndLabelsThatContradictAreSaid) {
+  const TemporaryFolder folder;
+  Frame frame = walled_frame("kitti64", 40);
+  for (LidarPoint& point : frame.sweep) point.reflectance *= 255;
+  write_frame(folder / "data", frame);
+  Heard heard;
+  check_data(folder / "data", "", UnitUse::casts_rays);
+  EXPECT_THAT(heard.text(), AllOf(HasSubstr("100.0 % of the returns have a reflectance outside [0, 1]"),
+                                  HasSubstr("0 of 10 labelled cars")));
+  EXPECT_EQ(heard.warnings(), 2);
+}
+
+TEST(DataCheck, RecordedKittiIsSilent) {
+  MIRAGE_NEED_REAL_FRAMES();
+  Heard heard;
+  check_data(test::real_frames(), "", UnitUse::casts_rays);
+  EXPECT_EQ(heard.warnings(), 0) << heard.text();
+  const DataLook look = look_at_data(test::real_frames(), "");
+  EXPECT_GE(look.on_rays, 0.9985);
+  EXPECT_GE(look.cars_with_returns, 0.9 * static_cast<double>(look.cars));
+}
+
+}  // namespace
+}  // namespace mirage

@@ -1,0 +1,32 @@
+#!/bin/sh
+# demo.sh SOURCE CMAKE: the demo's configuration needs none of the packages that only tests and the Python module take, and
+# `make demo` installs none of them. Without them the configuration of `make test` ends with what is missing.
+set -eu
+source=$1 cmake=$2
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+without=""
+for package in GTest rapidcheck benchmark pybind11 Python Python3; do without="$without -DCMAKE_DISABLE_FIND_PACKAGE_$package=ON"; done
+
+cd "$source"
+"$cmake" --preset demo -B "$scratch/demo" $without -DMIRAGE_NPM=MIRAGE_NPM-NOTFOUND > "$scratch/log" 2>&1 || { cat "$scratch/log"; exit 1; }
+for part in TESTS PYTHON BENCHMARKS; do
+  if "$cmake" --preset release -B "$scratch/$part" -DMIRAGE_TESTS=OFF -DMIRAGE_PYTHON=OFF -DMIRAGE_BENCHMARKS=OFF \
+       -DMIRAGE_$part=ON -DMIRAGE_DETECTORS=OFF $without > "$scratch/log" 2>&1; then
+    echo "MIRAGE_$part=ON was configured without its packages"
+    exit 1
+  fi
+done
+
+# Of what it installs.
+make -s --no-print-directory -f - demo-packages > "$scratch/packages" <<MAKE
+include Makefile
+demo-packages:
+	@echo \$(DEMO_PACKAGES)
+MAKE
+for package in chromium nodejs npm clang-tidy clang-format strace libgtest-dev librapidcheck-dev libbenchmark-dev xvfb pybind11-dev; do
+  if grep -qw -- "$package" "$scratch/packages"; then
+    echo "make demo would install $package, which it does not run"
+    exit 1
+  fi
+done
