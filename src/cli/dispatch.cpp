@@ -56,9 +56,10 @@ void add_common(CLI::App& app, Common& common, const std::string& default_out) {
   app.add_option("--out", common.out, "output folder")->capture_default_str();
   app.add_flag("--quiet", common.quiet, "no progress, no log lines but warnings");
   app.add_option(
-      "--config",
-      "TOML file whose keys are these options' names; the command line wins. What is code (a plugin, a "
-      "TorchScript model) is taken from the command line alone");
+         "--config",
+         "TOML file whose keys are these options' names; the command line wins. What is code (a plugin, a "
+         "TorchScript model) is taken from the command line alone")
+      ->type_name("TEXT");
 }
 
 /// InputError for the first argument that looks like an option and is none of the command's, or that stands

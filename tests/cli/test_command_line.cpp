@@ -148,7 +148,7 @@ TEST(CommandLine, AValueOutOfItsRangeIsToldTheRange) {
            {{"reproduce", "--judge-frames", "-1"}, "--judge-frames: -1 is out of range; use at least 0"},
            {{"generate", "--threads", "2000"}, "--threads: 2000 is out of range; use 0 to 1024"},
            {{"attack", "--data", "d", "--iterations", "ten"},
-            "--iterations: ten is no such number; use a whole number, 0 to 1000000"},
+            "--iterations: ten is no such number; use a whole number, 0 to 1000000000"},
            {{"attack", "--data", "d", "--vertex-rate", "0"}, "--vertex-rate: 0 is out of range; use above 0"},
            {{"attack", "--data", "d", "--vertex-rate", "nan"}, "--vertex-rate: nan is out of range"},
            {{"attack", "--data", "d", "--iterations", "1.5"}, "--iterations: 1.5 is no such number"},
@@ -186,7 +186,7 @@ TEST(CommandLine, HelpIsNarrowGroupedAndWithAnExampleThatHolds) {
   EXPECT_GE(commands, 17);
   const std::string attack = help_of("attack");
   for (const char* text : {"\nData:\n", "\nDetector:\n", "\nLearning:\n", "\nRun:\n",
-                           "(0 to 1000000; default 200)", "(required)"})
+                           "(0 to 1000000000; default 200)", "(required)"})
     EXPECT_THAT(attack, HasSubstr(text));
   EXPECT_THAT(help_of("generate"), AllOf(HasSubstr("kitti64, nuscenes, xenith"), HasSubstr("hdl32e, vlp16")));
   EXPECT_THAT(run(folder, {"--help"}).out, HasSubstr("--completion bash"));
