@@ -181,7 +181,9 @@ TEST(CommandLine, HelpIsNarrowGroupedAndWithAnExampleThatHolds) {
       EXPECT_LE(std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }), 100)
           << text;
     for (std::string word; words >> word && word != "Completed";)
-      if (word.starts_with("--")) EXPECT_THAT(help, HasSubstr("  " + word)) << command;
+      if (word.starts_with("--")) {
+        EXPECT_THAT(help, HasSubstr("  " + word)) << command;
+      }
   }
   EXPECT_GE(commands, 17);
   const std::string attack = help_of("attack");
