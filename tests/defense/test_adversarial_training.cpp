@@ -8,6 +8,7 @@
 #include "base/field_json.h"
 #include "base/files.h"
 #include "defense/adversarial_training.h"
+#include "defense/certificate.h"
 #include "exchange/gltf.h"
 #include "support/each_field.h"
 #include "support/files.h"
