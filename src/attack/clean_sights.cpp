@@ -12,9 +12,9 @@
 #include <set>
 
 #include "attack/evaluation.h"
-#include "base/intervals.h"
 #include "base/error.h"
 #include "base/interrupt.h"
+#include "base/intervals.h"
 #include "base/progress.h"
 #include "base/types.h"
 #include "detection/average_precision.h"
@@ -73,7 +73,8 @@ void add_axes(std::vector<Mistake>& list) {
         }
 }
 
-std::vector<Mistake> mistakes(Plane plane) {
+/// `beyond_a_turn`: headings are.
+std::vector<Mistake> mistakes(Plane plane, bool beyond_a_turn) {
   std::vector<Mistake> list;
   if (plane == Plane::picture) {
     list.push_back({"columns and rows exchanged", [](Proposal p, const CleanFrame&) {
@@ -88,17 +89,19 @@ std::vector<Mistake> mistakes(Plane plane) {
          }});
     return list;
   }
-  list.push_back(of_bev("yaw read as degrees", [](BevBox box) {
-    box.yaw *= std::numbers::pi / 180;
-    return box;
-  }));
+  if (beyond_a_turn) {  // or small headings would become none, which many cars have
+    list.push_back(of_bev("yaw read as degrees", [](BevBox box) {
+      box.yaw *= std::numbers::pi / 180;
+      return box;
+    }));
+    list.push_back(of_bev("yaw read as degrees, and length and width exchanged", [](BevBox box) {
+      std::swap(box.length, box.width);
+      box.yaw *= std::numbers::pi / 180;
+      return box;
+    }));
+  }
   list.push_back(of_bev("length and width exchanged (or yaw turned by 90°)", [](BevBox box) {
     std::swap(box.length, box.width);
-    return box;
-  }));
-  list.push_back(of_bev("yaw read as degrees, and length and width exchanged", [](BevBox box) {
-    std::swap(box.length, box.width);
-    box.yaw *= std::numbers::pi / 180;
     return box;
   }));
   list.push_back(of_bev("yaw read as KITTI's rotation_y", [](BevBox box) {
@@ -148,7 +151,7 @@ std::vector<Vec2d> nearest_offsets(const std::vector<CleanFrame>& frames, Plane 
 
 /// All logits between 0 and 1, and of more than one value: no network's logits are, all probabilities are.
 bool looks_like_probabilities(const std::vector<CleanFrame>& frames) {
-  constexpr std::size_t kEnough = 20;
+  constexpr std::size_t kEnough = 10;
   std::set<double> logits;
   for (const CleanFrame& frame : frames)
     for (const Proposal& proposal : frame.proposals) {
@@ -176,7 +179,8 @@ void tell_mistakes(const std::vector<CleanFrame>& frames, Plane plane, FoundClea
                     kScoreThresholdForAp, frames.size()));
     return;
   }
-  if (plane == Plane::bev && 10 * turned >= boxes)
+  const bool many_turned = plane == Plane::bev && 10 * turned >= boxes;
+  if (many_turned)
     hints.push_back(
         fmt::format("{} of {} headings are beyond ±2π: yaw is in radians, not in degrees", turned, boxes));
   const int few = std::max(result.found, static_cast<int>(kFewFound * result.vehicles));
@@ -185,40 +189,40 @@ void tell_mistakes(const std::vector<CleanFrame>& frames, Plane plane, FoundClea
   };
   int best = few;
   std::string how;
-  for (const Mistake& mistake : mistakes(plane))
+  for (const Mistake& mistake : mistakes(plane, many_turned))
     if (const int found = count_found(frames, by.score_threshold, by.detected_iou, mistake.undo);
         found > best)
       best = found, how = "with " + mistake.name;
-  if (!how.empty()) tell(best, how);
+  if (most * frames.size() == boxes && most < 10)
+    hints.push_back(
+        fmt::format("every frame has {} box{}: is its top-k too small?", most, most == 1 ? "" : "es"));
+  if (!how.empty()) return tell(best, how);
   tell(count_found(frames, kScoreThresholdForAp, by.detected_iou),
        fmt::format("at scores over {:g}: its best score is {:.2f}, and a detection counts from {:g}",
                    kScoreThresholdForAp, result.best_score, by.score_threshold));
   tell(count_found(frames, by.score_threshold, 0.5), "at IoU 0.5: its boxes are too loose for IoU 0.7");
-  const std::vector<Vec2d> offsets = nearest_offsets(frames, plane);
   std::vector<double> distances, x, y;
-  for (const Vec2d& offset : offsets) {
+  for (const Vec2d& offset : nearest_offsets(frames, plane)) {
     distances.push_back(offset.norm());
     x.push_back(offset.x()), y.push_back(offset.y());
   }
-  const char* unit = plane == Plane::bev ? "m" : "pixels";
-  if (how.empty() && plane == Plane::bev) {
-    const Vec2d shift(quantile(x, 0.5), quantile(y, 0.5));
-    tell(count_found(frames, by.score_threshold, by.detected_iou,
-                     [&](Proposal p, const CleanFrame&) {
-                       p.box.x -= shift.x(), p.box.y -= shift.y();
-                       return p;
-                     }),
-         fmt::format("with all boxes moved by x {:+.2f} m, y {:+.2f} m: is their origin the LiDAR?",
-                     -shift.x(), -shift.y()));
-  }
-  if (const double away = quantile(distances, 0.5); hints.empty() && away > (plane == Plane::bev ? 5 : 50))
-    hints.push_back(fmt::format("the box nearest to a vehicle is {:.0f} {} away (median): {}", away, unit,
+  const double away = quantile(distances, 0.5), far = plane == Plane::bev ? 5 : 50;
+  if (away > far) {
+    hints.push_back(fmt::format("the box nearest to a vehicle is {:.0f} {} away (median): {}", away,
+                                plane == Plane::bev ? "m" : "pixels",
                                 plane == Plane::bev
                                     ? "boxes are in metres in the LiDAR's frame, x forward, y left"
                                     : "boxes are left, top, right, bottom in pixels"));
-  if (most * frames.size() == boxes && most < 10)
-    hints.push_back(
-        fmt::format("every frame has {} box{}: is its top-k too small?", most, most == 1 ? "" : "es"));
+  } else if (plane == Plane::bev) {
+    const Vec2d shift(quantile(x, 0.5), quantile(y, 0.5));
+    const Undo moved = [&](Proposal p, const CleanFrame&) {
+      p.box.x -= shift.x(), p.box.y -= shift.y();
+      return p;
+    };
+    tell(count_found(frames, by.score_threshold, by.detected_iou, moved),
+         fmt::format("with all boxes moved by x {:+.2f} m, y {:+.2f} m: is their origin the LiDAR?",
+                     -shift.x(), -shift.y()));
+  }
 }
 
 }  // namespace
@@ -317,7 +321,7 @@ void require_found(const FoundClean& found, const Detector& detector) {
   if (found.found == 0)
     throw InputError(
         "detector", detector.name(),
-        fmt::format("finds none of the {} vehicles as recorded ({} boxes in {} frames, AP 0.7 {:.1f} %), so "
+        fmt::format("finds none of the {} vehicles as recorded (boxes: {}, frames: {}, AP 0.7: {:.1f} %), so "
                     "none can be hidden from it",
                     found.vehicles, found.boxes, found.frames, 100 * found.ap70),
         hints.empty() ? "look at its boxes with mirage detect and mirage view" : hints);

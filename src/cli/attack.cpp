@@ -147,7 +147,8 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   Rows rows = {
       {"vehicles to train on", std::to_string(result.vehicles_train)},
       {"as recorded the detector", describe(result.found_clean)},
-      {"vehicles held back", fmt::format("{} in {}", result.vehicles_test, to_string(result.clusters))},
+      {"vehicles held back", std::to_string(result.vehicles_test)},
+      {"intervals of an evaluation over", to_string(result.clusters)},
       {"roofs", roofs(result.rooftops.fitted, result.rooftops.from_box)},
       {"iterations", done ? already_done(result.iterations, settings) : std::to_string(result.iterations)},
       {"loss (mean of the last tenth)", fmt::format("{:.4f}", result.loss)},

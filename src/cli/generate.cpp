@@ -10,7 +10,7 @@
 #include "base/words.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
-#include "frames/made_of.h"
+#include "frames/frame_cache.h"
 #include "generator/dataset.h"
 #include "generator/generator.h"
 #include "scene/data/data_rig.h"

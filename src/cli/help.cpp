@@ -71,11 +71,16 @@ std::size_t line_width() {
   return std::clamp<std::size_t>(size.ws_col, kNarrowest, kWidest);
 }
 
-/// "both, image, lidar" of "{both,image,lidar}".
-std::string words_in(const std::string& braces) {
-  const auto close = braces.find('}');
-  const auto words = CLI::detail::split(braces.substr(1, close - 1), ',');
-  return fmt::format("{}", fmt::join(words, ", "));
+/// The words of "{both,image,lidar}".
+std::vector<std::string> words_in(const std::string& braces) {
+  return CLI::detail::split(braces.substr(1, braces.find('}') - 1), ',');
+}
+
+/// Whether a description names all the words.
+bool told(const std::string& description, const std::string& braces) {
+  const auto words = words_in(braces);
+  return std::all_of(words.begin(), words.end(),
+                     [&](const std::string& word) { return description.find(word) != std::string::npos; });
 }
 
 class Formatter : public CLI::Formatter {
@@ -83,7 +88,11 @@ class Formatter : public CLI::Formatter {
   std::string make_help(const CLI::App* app, std::string name, CLI::AppFormatMode) const override {
     std::string text = wrapped(app->get_description(), line_width(), 0) + "\n\n" + make_usage(app, name);
     text += make_positionals(app);
-    const auto own = app->get_options([](const CLI::Option* option) { return option->nonpositional(); });
+    auto own = app->get_options([](const CLI::Option* option) { return option->nonpositional(); });
+    // The command's own first, those of every command last.
+    std::stable_partition(own.begin(), own.end(), [](const CLI::Option* option) {
+      return heading_of(*option) != headings().back().first;
+    });
     std::map<std::string, std::vector<const CLI::Option*>> under;
     for (const CLI::Option* option : own)
       under[own.size() > kUngrouped ? heading_of(*option) : ""].push_back(option);
@@ -101,11 +110,10 @@ class Formatter : public CLI::Formatter {
     std::string name = "  " + make_option_name(option, is_positional);
     if (takes && !is_positional) name += " " + placeholder(type, limits);
     std::vector<std::string> more;
-    if (type.starts_with('{')) more.push_back(words_in(type));
-    if (limits.starts_with('{'))
-      more.push_back(words_in(limits));
-    else if (!limits.empty())
-      more.push_back(limits);
+    for (const std::string& said : {type, limits})
+      if (said.starts_with('{') && !told(option->get_description(), said))
+        more.push_back(fmt::format("{}", fmt::join(words_in(said), ", ")));
+    if (!limits.empty() && !limits.starts_with('{')) more.push_back(limits);
     if (option->get_required()) more.emplace_back("required");
     if (const std::string standing = option->get_default_str();
         takes && !standing.empty() && standing != "\"\"" && standing != "[]")

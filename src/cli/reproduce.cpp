@@ -15,7 +15,7 @@ namespace {
 
 void print_result(const paper::ReproduceResult& result) {
   for (const paper::TableResult& table : result.tables)
-    std::fputs(("\n" + paper::markdown(table)).c_str(), stdout);
+    std::fputs(fmt::format("\n{}", paper::markdown(table)).c_str(), stdout);
   Rows rows;
   for (const paper::Finding& finding : result.findings) rows.push_back({finding.claim, overall(finding)});
   if (!result.page.empty()) rows.push_back({"page", result.page.string()});

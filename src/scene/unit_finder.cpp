@@ -591,9 +591,9 @@ std::vector<double> phases_on_grid(const BeamAzimuths& all, double grid) {
 
 /// Whole steps of the grid that bring the beams' firing patterns onto each other, added to the phases.
 void align_patterns(const BeamAzimuths& all, double grid, std::vector<double>& phases) {
-  constexpr double kFarthest = 12 * kDegree;
+  constexpr double kWidestTurn = 12 * kDegree;
   const auto steps = static_cast<std::size_t>(std::lround(kTurn / grid));
-  const int most = static_cast<int>(kFarthest / grid);
+  const int most = static_cast<int>(kWidestTurn / grid);
   const std::size_t sweeps = all.front().size();
   std::vector<std::vector<double>> pattern(sweeps, std::vector<double>(steps));
   const auto place = [&](double azimuth, double phase) {
@@ -668,11 +668,11 @@ namespace {
 
 /// Height of the velo origin over the ground: the fullest layer of low returns near by.
 double height_over_ground(const std::vector<UnitHit>& hits) {
-  constexpr double kNearest = 4, kFarthest = 20, kLayer = 0.05;
+  constexpr double kNearest = 4, kFarthestReturn = 20, kLayer = 0.05;
   std::map<long, std::size_t> layers;
   for (const UnitHit& hit : hits)
     if (const double rho = hit.p_velo.head<2>().norm();
-        rho > kNearest && rho < kFarthest && hit.p_velo.z() < -0.5)
+        rho > kNearest && rho < kFarthestReturn && hit.p_velo.z() < -0.5)
       ++layers[std::lround(hit.p_velo.z() / kLayer)];
   if (layers.empty()) return 0;
   const auto fullest = std::max_element(layers.begin(), layers.end(),

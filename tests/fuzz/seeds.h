@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "attack/attack_settings.h"
 #include "geometry/mesh.h"
 #include "scene/frame.h"
 

@@ -122,7 +122,7 @@ def make(folder):
                             "mean_delta_logit": 0.1}, {"case": "kitti64-lidar-lidar", "reads_picture": False,
                                                        "uses_picture": False}],
               "settings": {"iterations": 400, "batch": 8, "vertex_rate": 0.02, "texel_rate": 0.02, "seed": 0, "random_meshes": 3, "quick": False, "kitti64": "k", "xenith": "x",
-                           "real": "", "confidence": 0.95, "replicates": 10000},
+                           "real": "", "confidence": 0.95},
               "steps": {"runs/kitti64-fusion-both": {"status": "done", "seconds": 61.5},
                         "runs/kitti64-fusion-lidar": {"status": "failed", "error": "made to fail"}}}
     with open(os.path.join(folder, "reproduce.json"), "w", encoding="utf-8") as file:

@@ -252,35 +252,16 @@ Validation validate(const ValidationSettings& given) {
 
 std::string headline(const Validation& validation) {
   const bool sees = validation.reliance.uses_picture();
-  const Verdict& verdict = validation.verdict;
   std::string words = "No vehicle was found without the object: there is no success rate";
-  if (const auto* arm = verdict.nearest_to_reality(sees)) {
-    words = fmt::format("Attack success {:.1f} % {}with realistic returns", 100 * arm->asr.value,
-                        sees ? "in Cycles " : "");
-    if (arm->difference) {
-      const auto against = [&]() -> std::string {
-        switch (told(*arm->difference)) {
-          case Told::more:
-            return "more than with what was learned";
-          case Told::less:
-            return "less than with what was learned";
-          case Told::same:
-            return "the same within 5 points as with what was learned";
-          case Told::open:
-            break;
-        }
-        return "whether it differs from what was learned cannot be told";
-      };
-      words += ", " + against();
-    }
+  if (const auto* arm = validation.verdict.nearest_to_reality(sees)) {
+    words =
+        fmt::format("Attack success {:.1f} % ({:.1f}–{:.1f}) {}with realistic returns", 100 * arm->asr.value,
+                    100 * arm->asr.low, 100 * arm->asr.high, sees ? "in Cycles " : "");
+    if (arm->difference) words += "; against what was learned: " + to_string(told(*arm->difference));
   }
-  for (const auto& [channel, name] :
-       {std::pair(Channel::image, "camera"), std::pair(Channel::lidar, "LiDAR")})
-    if (verdict.vacuous(channel) == true) words += fmt::format("; vacuous for the {}", name);
-  if (!sees) words += "; " + picture_note(validation.reliance);
   const std::vector<Target> targets = targets_of(validation.summary.matched);
   const bool met = std::all_of(targets.begin(), targets.end(), [](const Target& of) { return of.met; });
-  return words + (met ? "; the renderers agree in matched light." : "; matched light misses a target.");
+  return words + (met ? "." : "; matched light misses a target.");
 }
 
 json to_json(const Validation& validation) {

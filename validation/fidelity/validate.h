@@ -50,7 +50,7 @@ Validation validate(const ValidationSettings& settings);
 void write_report(const ValidationSettings& settings);
 
 /// What the page says first: success in the arm nearest to reality, what its difference from the first arm
-/// tells, whether matched light agrees. One sentence.
+/// tells, and whether matched light misses a target. One sentence.
 std::string headline(const Validation& validation);
 
 /// result.json (src/README.md): the summary's fields among its own.

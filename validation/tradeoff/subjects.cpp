@@ -8,6 +8,7 @@
 
 #include "attack/adversary.h"
 #include "base/error.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {
@@ -28,6 +29,9 @@ Subjects choose_subjects(const TradeoffSettings& settings, const Run* run, Frame
     all = evenly(all, static_cast<std::size_t>(4 * settings.hosts));
   } else {
     const auto frames = evenly(list_frames(settings.source.data), static_cast<std::size_t>(settings.frames));
+    const LabelCensus census = count_labels(settings.source.data, frames);
+    require_cars(census, "a trade-off");
+    warn_of_labels(census);
     for (const Host& host : find_all_hosts(store, frames, kRegion, {}, kInView)) all.push_back(host.id);
   }
   if (all.empty())

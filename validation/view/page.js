@@ -49,7 +49,7 @@ function boxesOf(frame, attack, side) {
   if (state.layers.label)
     frame.labels.forEach((label, k) => {
       const host = frame.attacks.length > 0 && k === frame.attacks[state.vehicle]?.label;
-      if (label.box) boxes.push({...label, kind: "label", colour: "truth", host});
+      if (label.type !== "DontCare") boxes.push({...label, kind: "label", colour: "truth", host});
       else boxes.push({...label, kind: "region", colour: "muted"});
     });
   const add = (found, kind, colour) => (found ?? []).filter(one => one.score >= state.score - 1e-9)

@@ -104,7 +104,7 @@ void require_cars(const LabelCensus& census, const std::string& work) {
 }
 
 void require_types(const LabelCensus& census, std::span<const std::string> types, const std::string& option) {
-  if (census.unlabelled == census.frames) return require_cars(census, "this");
+  if (census.unlabelled == census.frames) return require_cars(census, "a fit");
   const bool some =
       std::ranges::any_of(types, [&](const std::string& type) { return census.types.contains(type); });
   if (some) return;
