@@ -57,8 +57,7 @@ struct RasterCell {
 
 /// An index over a sweep; it keeps no reference to it. Where fewer than 95 % of the returns lie on the
 /// model's rays, the sweep is asked for its own firings (of a unit without an encoder's grid: every turn
-/// begins at another azimuth) and for the unit's motion within it; what explains more, and 90 % at least, is
-/// taken.
+/// begins at another azimuth) and for the unit's motion within it; what explains more is taken.
 class SweepIndex {
  public:
   SweepIndex() = default;
