@@ -5,6 +5,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <cstdio>
 #include <ctime>
@@ -133,10 +134,11 @@ std::string quoted(const std::string& text) {
 /// A run folder by content, wherever it and its data set lie.
 std::string run_hash(const std::filesystem::path& run) {
   nlohmann::json about = read_json(run / "run.json");
-  for (const char* place : {"data", "weights"}) about.erase(place);
-  std::string hashes = content_hash(about.dump());
+  if (about.is_object())
+    for (const char* place : {"data", "weights"}) about.erase(place);
+  std::string hashes = content_hash(json_text(about));
   for (const char* file : {"adversary.glb", "random.glb"})
-    if (std::filesystem::exists(run / file)) hashes += file_hash(run / file);
+    if (std::filesystem::is_regular_file(run / file)) hashes += file_hash(run / file);
   return content_hash(hashes);
 }
 
@@ -144,6 +146,20 @@ std::string run_hash(const std::filesystem::path& run) {
 nlohmann::json typed(const std::string& text) {
   nlohmann::json value = nlohmann::json::parse(text, nullptr, false);
   return value.is_number() || value.is_boolean() ? value : nlohmann::json(written_text(text));
+}
+
+/// An earlier result by what it was made of: its date and timings do not count.
+std::string result_hash(const std::filesystem::path& file) {
+  const nlohmann::json result = read_json(file);
+  const nlohmann::json::json_pointer identity("/provenance/identity");
+  return result.contains(identity) && result.at(identity).is_string() ? result.at(identity).get<std::string>()
+                                                                      : file_hash(file);
+}
+
+constexpr auto kDataOptions =
+    std::to_array<const char*>({"data", "validation", "real", "kitti64", "xenith", "meshes"});
+bool is_data_option(const std::string& name) {
+  return std::ranges::find(kDataOptions, name) != kDataOptions.end();
 }
 
 /// All options of a command with what they stand at, given or not, but for those that name a place for
@@ -160,16 +176,20 @@ void add_options(Provenance& made_of, const CLI::App& command) {
     if (text.empty() && option->get_expected_max() == 0) text = "false";
     const std::filesystem::path file = text;
     std::error_code none;
-    if (text.empty())
-      continue;
-    else if (std::filesystem::is_regular_file(file, none))
-      made_of.file(name, file);
-    else if (std::filesystem::is_regular_file(file / "run.json", none))
-      made_of.input(name, run_hash(file));
-    else if (std::filesystem::is_regular_file(file / "result.json", none))
-      made_of.file(name, file / "result.json");
-    else if (!std::filesystem::is_directory(file, none))
-      made_of.set(name, typed(text));
+    if (text.empty()) continue;
+    try {
+      if (std::filesystem::is_regular_file(file, none))
+        made_of.file(name, file);
+      else if (std::filesystem::is_regular_file(file / "run.json", none))
+        made_of.input(name, run_hash(file));
+      else if (is_data_option(name))  // beside generated frames lies a result.json, too
+        continue;
+      else if (std::filesystem::is_regular_file(file / "result.json", none))
+        made_of.input(name, result_hash(file / "result.json"));
+      else if (!std::filesystem::is_directory(file, none))
+        made_of.set(name, typed(text));
+    } catch (const InputError&) {  // the command itself says what is wrong with the file
+    }
   }
 }
 
@@ -177,18 +197,19 @@ void add_options(Provenance& made_of, const CLI::App& command) {
 /// others the files in them.
 void add_data_sets(Provenance& made_of, const CLI::App& command) {
   const CLI::Option* frames = command.get_option_no_throw("--frames");
-  for (const char* name : {"data", "validation", "real", "kitti64", "xenith", "meshes"}) {
+  for (const char* name : kDataOptions) {
     const CLI::Option* option = command.get_option_no_throw(std::string("--") + name);
     if (!option || option->count() == 0 || !made_of.input(name).empty()) continue;
     const std::filesystem::path folder = option->results().back();
     try {
       std::vector<std::string> ids = list_frames(folder);
+      if (std::string(name) != "data") {
+        made_of.input(name, frames_hash(folder, ids));
+        continue;
+      }
       if (const auto most = frames && frames->count() > 0 ? frames->as<std::size_t>() : 0; most > 0)
         ids.resize(std::min(ids.size(), most));
-      if (std::string(name) == "data")
-        add_data(made_of, folder, ids);
-      else
-        made_of.input(name, frames_hash(folder, ids));
+      add_data(made_of, folder, ids);
     } catch (const InputError&) {
       std::map<std::string, std::string> files;
       std::error_code none;

@@ -181,7 +181,9 @@ TEST(CommandLine, HelpIsNarrowGroupedAndWithAnExampleThatHolds) {
       EXPECT_LE(std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }), 100)
           << text;
     for (std::string word; words >> word && word != "Completed";)
-      if (word.starts_with("--")) EXPECT_THAT(help, HasSubstr("  " + word)) << command;
+      if (word.starts_with("--")) {
+        EXPECT_THAT(help, HasSubstr("  " + word)) << command;
+      }
   }
   EXPECT_GE(commands, 17);
   const std::string attack = help_of("attack");
@@ -245,6 +247,36 @@ TEST(CommandLine, AQualityIsOneOfThree) {
     for (const char* word : {"--quality", "best", "draft", "default", "exact"})
       EXPECT_THAT(outcome.err, HasSubstr(word)) << arguments[0];
   }
+}
+
+TEST(CommandLine, AResultSaysWhatItIsMadeOfWhereverThatLies) {
+  TemporaryFolder folder;
+  const auto made_of = [&](const fs::path& data, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> arguments = {"depth", "--data", data, "--frames", "1", "--backends", "ip-basic"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    arguments.insert(arguments.end(), {"--out", folder / "o", "--quiet"});
+    const Outcome outcome = run(folder, arguments);
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    return read_json(folder / "o/result.json").at("provenance");
+  };
+  const fs::path data = folder / "data";
+  ASSERT_EQ(run(folder, {"generate", "--frames", "2", "--out", data, "--quiet"}).code, 0);
+  const auto first = made_of(data);
+  for (const char* key : {"program", "version", "commit", "date", "command", "seed", "settings", "inputs",
+                          "identity", "data", "data_hash", "frames"})
+    EXPECT_TRUE(first.contains(key)) << key;
+  EXPECT_THAT(first.at("command").get<std::string>(), testing::StartsWith("mirage depth --data "));
+  EXPECT_EQ(first.at("frames"), 1);
+  // Another place, other threads and the frame that is not looked at are nothing to it.
+  fs::rename(data, folder / "moved");
+  write_file(folder / "moved/training/label_2/000001.txt", "");
+  EXPECT_EQ(made_of(folder / "moved", {"--threads", "1"}).at("identity"), first.at("identity"));
+  EXPECT_NE(made_of(folder / "moved", {"--hide", "0.3"}).at("identity"), first.at("identity"));
+  const fs::path sweep = folder / "moved/training/velodyne/000000.bin";
+  std::string bytes = read_file(sweep);
+  bytes[12] ^= 1;
+  write_file(sweep, bytes);
+  EXPECT_NE(made_of(folder / "moved").at("identity"), first.at("identity"));
 }
 
 TEST(CommandLine, ASunThatIsNoneIsOneLine) {
