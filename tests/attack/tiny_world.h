@@ -67,8 +67,6 @@ inline BevBox tiny_car(int frame) {
 inline void write_tiny_data(const std::filesystem::path& data, int frames, bool returns = false) {
   setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);  // where scenes/rigs is
   setenv("MIRAGE_CACHE", "off", 0);         // unless a test says otherwise
-  // Its ground is a grid and lies on no unit's rays: a unit that is named is not taken for an assumed one.
-  write_file(data / "rig.toml", read_file(shipped_file("scenes/rigs/kitti64.toml")));
   for (int i = 0; i < frames; ++i) {
     Frame frame;
     frame.id = "00000" + std::to_string(i);
