@@ -109,7 +109,8 @@ TEST(JsonFields, EachErrorNamesFileAndField) {
   EXPECT_EQ(text([&] { fields.integer("none", 0, 1); }), "f.json: none: missing; mend it");
   EXPECT_THAT(text([&] { fields.integer("x", 0, 1); }), HasSubstr("x: not a whole number"));
   EXPECT_THAT(text([&] { fields.integer("huge", 0, 1); }), HasSubstr("huge: not a whole number"));
-  EXPECT_THAT(text([&] { fields.integer("most", 0, 9); }), HasSubstr("18446744073709551615 is out of range (0 to 9)"));
+  EXPECT_THAT(text([&] { fields.integer("most", 0, 9); }),
+              HasSubstr("18446744073709551615 is out of range (0 to 9)"));
   EXPECT_THAT(text([&] { fields.integer("minus", 0, 9); }), HasSubstr("-1 is out of range (0 to 9)"));
   EXPECT_THAT(text([&] { fields.counter("minus"); }), HasSubstr("minus: not a whole number from 0"));
   EXPECT_THAT(text([&] { fields.number("t", 0, 1); }), HasSubstr("t: not a number"));
