@@ -35,8 +35,7 @@ TEST(Words, OnlyWhatIsNearIsMeant) {
   EXPECT_THAT(meant_by("", known), IsEmpty());
   EXPECT_THAT(meant_by("iter", {"batch", "iterations"}), ElementsAre("iterations"));
   EXPECT_THAT(meant_by("kitti", {"nuscenes", "kitti64", "xenith"}), ElementsAre("kitti64"));
-  EXPECT_THAT(meant_by("frame", {"frames", "farm", "frame-rate"}),
-              ElementsAre("frames", "farm", "frame-rate"));
+  EXPECT_THAT(meant_by("frame", {"farm", "frames", "frame-rate"}), ElementsAre("frames", "frame-rate"));
   EXPECT_THAT(meant_by("a", {"b"}), IsEmpty());
 }
 
