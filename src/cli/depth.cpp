@@ -81,7 +81,8 @@ void add_options(CLI::App& app, DepthOptions& options) {
                  "data set; with training/depth (mirage generate --depth) or real")
       ->required();
   app.add_option("--rig", options.rig, kRigHelp);
-  app.add_option("--backends", options.backends, "separated by commas")->capture_default_str();
+  app.add_option("--backends", options.backends, "separated by commas")
+      ->default_str("ip-basic in five variants, guided");
   app.add_option("--weights", options.weights, "of the learned one (default: the shipped ones)");
   app.add_option("--hide", options.hide,
                  "score on this share of the returns, held back (default: 0.2 where there is no true depth)");

@@ -48,16 +48,25 @@ TEST(Training, TheScheduleRisesAndFalls) {
 
 TEST(Training, WhatDecidesARunKeepsItsKeys) {
   TrainingOptions options;
-  nlohmann::json keys = {{"data", ""},   {"detector", "fusion"},  {"steps", 4000},
-                         {"batch", 2},   {"learning_rate", 2e-3}, {"seed", 0},
-                         {"minutes", 0}, {"thin_lidar", 0.5}};
+  nlohmann::json keys = {{"data", ""},
+                         {"rig", ""},
+                         {"detector", "fusion"},
+                         {"steps", 4000},
+                         {"batch", 2},
+                         {"learning_rate", 2e-3},
+                         {"seed", 0},
+                         {"minutes", 0},
+                         {"thin_lidar", 0.5},
+                         {"joint", false},
+                         {"heads", false},
+                         {"keep_start", 0},
+                         {"ground_truth_sampling", 0}};
   EXPECT_EQ(fields_json(options), keys);
   options.joint = true;
   options.ground_truth_sampling = 2;
   options.thin_lidar = 0;
   options.validate_every = 7;
-  keys.erase("thin_lidar");
-  keys.update({{"joint", true}, {"ground_truth_sampling", 2}});
+  keys.update({{"thin_lidar", 0}, {"joint", true}, {"ground_truth_sampling", 2}});
   EXPECT_EQ(fields_json(options), keys);
 }
 
