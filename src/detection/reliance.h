@@ -55,7 +55,8 @@ struct Reliance {
   /// Its contrary, which few frames cannot tell: that AP falls by less than kSameWithin, or that the logits
   /// move by less than kLeastDeltaLogit, is beyond the interval too.
   bool ignores_picture() const {
-    return reads_picture && vehicles > 0 && (drop.high < kSameWithin || delta_logit_high < kLeastDeltaLogit);
+    return reads_picture && vehicles > 0 && drop.value < kSameWithin &&
+           (drop.high < kSameWithin || delta_logit_high < kLeastDeltaLogit);
   }
 };
 
