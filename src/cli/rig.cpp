@@ -112,6 +112,7 @@ Command rig_command() {
           "from "
           "the calibration",
       .default_out = "rig.toml",
+      .example = "mirage rig --data log --out rig.toml",
       .options =
           [options](CLI::App& app) {
             app.add_option("--data", options->data,
