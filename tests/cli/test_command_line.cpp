@@ -393,12 +393,13 @@ TEST(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   ASSERT_EQ(run(folder, {"generate", "--frames", "1", "--out", data, "--quiet"}).code, 0);
   ASSERT_EQ(run(folder, {"fit", "--data", data, "--mesh-format", "glb", "--out", folder / "f"}).code, 0);
   const auto fits = read_json(folder / "f/result.json");
-  // Any mesh will do for the object: a fitted car.
-  std::string mesh;
+  std::string fit;
   for (const auto& file : fs::recursive_directory_iterator(folder / "f"))
-    if (file.path().extension() == ".glb") mesh = file.path();
-  ASSERT_NE(mesh, "");
-  const int vehicle = std::stoi(mesh.substr(mesh.rfind('_') + 1));
+    if (file.path().extension() == ".glb") fit = file.path();
+  ASSERT_NE(fit, "");
+  const int vehicle = std::stoi(fit.substr(fit.rfind('_') + 1));
+  const std::string mesh = folder / "object.obj";  // a tetrahedron of a metre
+  write_file(mesh, "\xef\xbb\xbfv -0.5 -0.5 0\nv 0.5 -0.5 0\nv 0 0.5 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n");
   const auto simulated = [&](const std::vector<std::string>& more) {
     std::vector<std::string> arguments = {
         "simulate", "--data", data,    "--frame",   "000000", "--vehicle", std::to_string(vehicle),
