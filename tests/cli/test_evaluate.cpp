@@ -107,7 +107,7 @@ void Evaluate::check_contradictions() {
            {"--hosts some", "--hosts"},
            {"--random-meshes -1", "--random-meshes"},
            {"--baseline sphere", "--baseline"},
-           {"--iou 70", "--iou: 70 is out of range, use 0 to 1 (70 % is 0.7)"},
+           {"--iou 70", "--iou: 70 is out of range; use 0 to 1 (70 % is 0.7)"},
            {"--score 30", "--score"},
            {"--pictures -1", "--pictures"}}) {
     EXPECT_EQ(evaluate(options), 2) << options;
