@@ -6,8 +6,6 @@
 #include <charconv>
 #include <sstream>
 
-#include "base/words.h"
-
 namespace mirage {
 
 std::string Range::words() const {
@@ -22,13 +20,6 @@ std::string Field::option_name() const {
   std::string text = option ? option : name;
   std::replace(text.begin(), text.end(), '_', '-');
   return text;
-}
-
-std::size_t place_of(const std::string& word, const std::string& field, const char* const* words,
-                     std::size_t count) {
-  for (std::size_t i = 0; i < count; ++i)
-    if (word == words[i]) return i;
-  throw unknown_word(field, word, {words, words + count});
 }
 
 std::vector<std::string> listed_words(const std::string& text) {

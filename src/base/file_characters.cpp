@@ -1,7 +1,7 @@
 #include "base/file_characters.h"
 
+#include "base/files.h"
 #include "base/interrupt.h"
-#include "base/utf8.h"
 
 namespace mirage {
 

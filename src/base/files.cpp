@@ -19,7 +19,6 @@
 #include "base/open_file.h"
 #include "base/parallel.h"
 #include "base/program.h"
-#include "base/utf8.h"
 
 namespace mirage {
 
@@ -79,6 +78,12 @@ std::string read_file(const fs::path& path, std::uintmax_t most) {
   }
   bytes.resize(size);
   return bytes;
+}
+
+std::size_t byte_order_mark(std::string_view head, const std::string& where) {
+  if (head.starts_with("\xff\xfe") || head.starts_with("\xfe\xff"))
+    throw InputError(where, "byte 0", "the text is in UTF-16", "save it as UTF-8");
+  return head.starts_with("\xef\xbb\xbf") ? 3 : 0;
 }
 
 std::string read_text(const fs::path& path, std::uintmax_t most) {

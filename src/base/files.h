@@ -18,6 +18,9 @@ inline constexpr std::uintmax_t kLargestFile = std::uintmax_t{1} << 30;
 /// The whole file. InputError if it can't be read, or holds more than `most` bytes: it says so before any of
 /// them is in memory.
 std::string read_file(const std::filesystem::path& path, std::uintmax_t most = kLargestFile);
+/// Bytes of the mark (U+FEFF) that some editors put before a text: 3, or 0 without one. InputError naming the
+/// file `where` for the marks of UTF-16 and UTF-32, whose letters are no bytes.
+std::size_t byte_order_mark(std::string_view head, const std::string& where);
 /// read_file of a text in UTF-8, without the byte order mark that it may begin with. InputError for UTF-16.
 std::string read_text(const std::filesystem::path& path, std::uintmax_t most = kLargestFile);
 /// Writes atomically; makes the parent folder. Failure on a full disk or a read-only folder.

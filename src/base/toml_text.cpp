@@ -6,6 +6,7 @@
 #include <cstdint>
 
 #include "base/error.h"
+#include "base/files.h"
 #include "base/utf8.h"
 
 namespace mirage {

@@ -1,7 +1,5 @@
 #include "base/utf8.h"
 
-#include "base/error.h"
-
 namespace mirage {
 
 Utf8Character first_character(std::string_view bytes) {
@@ -23,12 +21,6 @@ Utf8Character first_character(std::string_view bytes) {
   const bool surrogate = point >= 0xd800 && point <= 0xdfff;
   if (point < kSmallest[length] || point > 0x10ffff || surrogate) return {};
   return {length, point};
-}
-
-std::size_t byte_order_mark(std::string_view head, const std::string& where) {
-  if (head.starts_with("\xff\xfe") || head.starts_with("\xfe\xff"))
-    throw InputError(where, "byte 0", "the text is in UTF-16", "save it as UTF-8");
-  return head.starts_with("\xef\xbb\xbf") ? 3 : 0;
 }
 
 }  // namespace mirage

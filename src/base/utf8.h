@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <string>
 #include <string_view>
 
 namespace mirage {
@@ -15,9 +14,5 @@ struct Utf8Character {
 /// The one at the head of `bytes`, which are not empty. Overlong forms, surrogates and what lies past
 /// U+10FFFF are none.
 Utf8Character first_character(std::string_view bytes);
-
-/// Bytes of the mark (U+FEFF) that some editors put before a text: 3, or 0 without one. InputError naming the
-/// file `where` for the marks of UTF-16 and UTF-32, whose letters are no bytes.
-std::size_t byte_order_mark(std::string_view head, const std::string& where);
 
 }  // namespace mirage

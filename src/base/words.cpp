@@ -106,4 +106,12 @@ fs::path shipped_choice(const std::string& folder, const std::string& extension,
   return place / (word + extension);
 }
 
+// Of fields.h, which cannot know this header.
+std::size_t place_of(const std::string& word, const std::string& field, const char* const* words,
+                     std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i)
+    if (word == words[i]) return i;
+  throw unknown_word(field, word, {words, words + count});
+}
+
 }  // namespace mirage

@@ -39,8 +39,9 @@ struct Command {
   /// After result.json is written: what is made from it, a page.
   std::function<void(const Common&)> afterwards = {};
   bool many_ranks = false;  ///< may run under mpirun (base/ranks.h)
-  /// Of a command whose result is one file (a page, a rig): its name in the output folder. Common::out is then
-  /// that file; --out may name a folder or a file of its kind, beside which the result goes as *.result.json.
+  /// Of a command whose result is one file (a page, a rig): its name in the output folder. Common::out is
+  /// then that file; --out may name a folder or a file of its kind, beside which the result goes as
+  /// *.result.json.
   std::string page = {}, one_file = "the page";
 };
 

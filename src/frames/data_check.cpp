@@ -17,8 +17,8 @@ namespace mirage {
 namespace {
 
 constexpr double kEnoughOnRays = 0.95;
-/// Fewer returns than a tenth of a VLP-16's in view say nothing of the unit.
-constexpr std::size_t kFewestReturns = 500;
+/// Of a frame: fewer say nothing of the unit (16 beams give 6 000 in 80 degrees).
+constexpr std::size_t kFewestReturns = 2000;
 constexpr double kOddReflectances = 0.001;
 constexpr std::size_t kFewestCars = 5;
 constexpr double kCarsWithReturns = 0.5;
@@ -35,9 +35,9 @@ void look_at_frame(const DataSet& set, const std::string& id, const LidarModel& 
   const auto [width, height] = set.picture_size(id);
   const Annotations known = set.annotations(id, width, height);
   const Sweep seen = points_in_view(sweep, known.calibration);
-  look.on_rays += SweepIndex(seen, lidar).assigned_share() * static_cast<double>(seen.size());
-  look.returns += seen.size();
-  look.points += sweep.size();
+  // Of whole sweeps: at a picture's edges a firing has few returns, and is not found.
+  look.on_rays += SweepIndex(sweep, lidar).assigned_share() * static_cast<double>(sweep.size());
+  look.returns += sweep.size();
   for (const LidarPoint& point : sweep) {
     look.odd_reflectance += !(point.reflectance >= 0 && point.reflectance <= 1);
     look.highest = std::max(look.highest, point.reflectance);
@@ -88,7 +88,7 @@ void check_data(const std::filesystem::path& data, const std::string& rig, UnitU
   if (checked.contains(key)) return;
   const DataLook look = look_at_data(data, rig);
   const std::string set = data.string();
-  if (look.returns >= kFewestReturns && look.on_rays < kEnoughOnRays) {
+  if (look.returns >= kFewestReturns * look.frames && look.frames > 0 && look.on_rays < kEnoughOnRays) {
     const bool assumed = rig_is_assumed(data, rig);
     const std::string name = !rig.empty() ? rig : data_rig(data),
                       problem = fmt::format(
@@ -102,11 +102,11 @@ void check_data(const std::filesystem::path& data, const std::string& rig, UnitU
     if (assumed && use == UnitUse::casts_rays) throw InputError(set, "sweeps", problem, fix);
     spdlog::warn("{}: {}; {}", set, problem, fix);
   }
-  if (static_cast<double>(look.odd_reflectance) > kOddReflectances * static_cast<double>(look.points))
+  if (static_cast<double>(look.odd_reflectance) > kOddReflectances * static_cast<double>(look.returns))
     spdlog::warn(
         "{}: {} of the returns have a reflectance outside [0, 1] (up to {:g}); divide by the "
         "largest that the unit can report, often 255",
-        set, percent_of(static_cast<double>(look.odd_reflectance) / static_cast<double>(look.points)),
+        set, percent_of(static_cast<double>(look.odd_reflectance) / static_cast<double>(look.returns)),
         look.highest);
   if (look.cars >= kFewestCars &&
       static_cast<double>(look.cars_with_returns) < kCarsWithReturns * static_cast<double>(look.cars))

@@ -9,10 +9,9 @@ namespace mirage {
 /// What a few frames of a data set say of it, evenly spread over the set.
 struct DataLook {
   std::size_t frames = 0;             ///< looked at: those whose sweep, calibration and labels could be read
-  std::size_t returns = 0;            ///< in view
+  std::size_t returns = 0;            ///< of their sweeps
   double on_rays = 0;                 ///< share of them that SweepIndex::assigned_share() counts
-  std::size_t odd_reflectance = 0;    ///< returns (of whole sweeps) with a reflectance outside [0, 1]
-  std::size_t points = 0;             ///< returns of the whole sweeps
+  std::size_t odd_reflectance = 0;    ///< those with a reflectance outside [0, 1]
   float highest = 0;                  ///< reflectance
   std::size_t cars = 0;               ///< labelled, within 50 m, less than half occluded
   std::size_t cars_with_returns = 0;  ///< of those

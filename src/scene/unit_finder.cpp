@@ -112,6 +112,11 @@ std::vector<int> beams_in_order(const std::vector<double>& azimuths, const std::
     if (std::abs(by) < 2 * kDegree) ++(by > 0 ? forward : backward);
   }
   if (median_of(changes) > kSame) return {};
+  // Beside the one before in the file, and clearly above or below it.
+  const auto is_other_beam = [&](std::size_t i) {
+    return std::abs(wrap_angle(azimuths[i] - azimuths[i - 1])) < kBack &&
+           std::abs(elevations[i] - elevations[i - 1]) > kOtherBeam;
+  };
   std::vector<int> best;
   std::size_t fewest = azimuths.size();
   for (const double cut : cuts) {
@@ -121,7 +126,7 @@ std::vector<int> beams_in_order(const std::vector<double>& azimuths, const std::
     for (std::size_t i = 0; i < azimuths.size(); ++i) {
       const double turned = rest_of((forward > backward ? 1 : -1) * (azimuths[i] - cut), kTurn);
       beams[i] = i == 0 ? 0 : beams[i - 1] + (turned < before - kBack);
-      mixed += i > 0 && beams[i] == beams[i - 1] && std::abs(elevations[i] - elevations[i - 1]) > kOtherBeam;
+      mixed += i > 0 && beams[i] == beams[i - 1] && is_other_beam(i);
       before = turned;
     }
     if (mixed < fewest) fewest = mixed, best = std::move(beams);

@@ -118,10 +118,14 @@ std::string unit_fix(double longest) {
 
 }  // namespace
 
-void check_object(const TexturedMesh& object, const std::string& where) {
+void check_textured(const TexturedMesh& object, const std::string& where) {
   check_mesh(object, where);
   if (object.mesh.faces.empty() || object.atlas.texels.empty())
     throw InputError(where, "mesh", "has no faces or no texels", "give a textured mesh");
+}
+
+void check_object(const TexturedMesh& object, const std::string& where) {
+  check_textured(object, where);
   const Eigen::AlignedBox3d box = bounds(object.mesh);
   const double longest = box.sizes().maxCoeff();
   if (!(longest >= kSmallestObject && longest <= kLargestObject))

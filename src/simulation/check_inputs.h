@@ -14,7 +14,9 @@ void check_frame(const Frame& frame);
 void check_lidar(const LidarModel& lidar);
 /// The host's box and the pose on its roof.
 void check_placement(const Label& host, const Rooftop& rooftop);
-/// What is drawn on a roof: a mesh with faces and texels, of kSmallestObject to kLargestObject, that comes
+/// A mesh with faces and texels, of any size. InputError naming `where`.
+void check_textured(const TexturedMesh& object, const std::string& where);
+/// What a user puts on a roof: a mesh with faces and texels, of kSmallestObject to kLargestObject, that comes
 /// within 2 m of its origin, which is set on the roof. InputError naming `where`, with the size and the unit
 /// that it may be in.
 void check_object(const TexturedMesh& object, const std::string& where);

@@ -39,7 +39,7 @@ TexturedMesh place(const TexturedMesh& adversary, const Rooftop& rooftop) {
 
 Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooftop& rooftop,
                    const TexturedMesh& adversary, const SimulationSettings& settings) {
-  check_object(adversary, "adversary");
+  check_textured(adversary, "adversary");
   check_placement(host, rooftop);
   check_settings(settings);
   auto tape = std::make_shared<Simulated::Tape>();

@@ -139,6 +139,7 @@ TEST(Baseline, PatchesAreLargeAndConnected) {
 TEST(Baseline, BoundsOfDegenerateMeshesAreMoved) {
   Mesh flat;
   flat.vertices = {{0, 0, 2}, {1, 0, 2}, {0, 3, 2}};
+  flat.faces = {{0, 1, 2}};
   fit_bounds(flat, Eigen::AlignedBox3d(Vec3d(-1, -1, 5), Vec3d(1, 1, 6)));
   EXPECT_EQ(flat.vertices[1], Vec3d(1, -1, 5));
   EXPECT_EQ(flat.vertices[2], Vec3d(-1, 1, 5));

@@ -127,7 +127,8 @@ TEST(Hiding, NetIsPairedOverTheSameHosts) {
     }
   const NetSuccess net = net_success(learned, control);
   EXPECT_NEAR(net.vanished.value, 0.2, 1e-12);
-  EXPECT_NEAR(net.vanished.low, 0.2, 1e-12);  // in every frame alike: the pairing leaves no spread …
+  // In every frame alike: the pairing leaves no spread but one flip more than was seen …
+  EXPECT_NEAR(net.vanished.low, 0.2, 0.015);
   const Interval alone = hiding_rates(learned).vanished.share;
   EXPECT_GT(alone.high - alone.low, 0.15);  // … where either share by itself is uncertain
   EXPECT_NEAR(net.false_positive.value, 0.2, 1e-12);

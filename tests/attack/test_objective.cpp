@@ -149,6 +149,7 @@ TEST(Objective, InThePictureTheHostHasTwoBoxes) {
                                      seen({700, 100, 760, 140}, -1.0), seen({700, 100, 760, 140}, -9.0)};
   ObjectiveSettings settings;
   settings.lambda_fp = 0.5;
+  settings.fp_top_k = 0;
   const ObjectiveValue value = objective(proposals, truth, settings);
   EXPECT_NEAR(value.hide, softplus(2) * 78 / 80 + softplus(0.7) / 3, 1e-12);
   EXPECT_NEAR(value.false_positive, -0.5 * softplus(-1), 1e-12);

@@ -36,6 +36,19 @@ inline void add_returns(Sweep& sweep, const Box3& box) {
     }
 }
 
+/// What KITTI's LiDAR sees of flat ground 6 to 40 m ahead, 6 m to either side: every eighth firing.
+inline void add_ground(Sweep& sweep) {
+  const LidarModel lidar = read_lidar_model(shipped_file("scenes/rigs/kitti64.toml"));
+  for (std::size_t beam = 0; beam < lidar.beams.size(); ++beam)
+    for (int column = 0; column < lidar.azimuth_count(); column += 8) {
+      const LidarRay ray = lidar.ray(static_cast<int>(beam), column);
+      if (ray.direction.z() >= 0) continue;
+      const Vec3d p = ray.origin + (-1.73 - ray.origin.z()) / ray.direction.z() * ray.direction;
+      if (p.x() >= 6 && p.x() < 40 && std::abs(p.y()) <= 6)
+        sweep.push_back({static_cast<float>(p.x()), static_cast<float>(p.y()), -1.73f, 0.2f});
+    }
+}
+
 /// Few hosts a step, and the paper's slow rates.
 inline AttackSettings tiny_attack() {
   AttackSettings settings;
@@ -63,8 +76,7 @@ inline void write_tiny_data(const std::filesystem::path& data, int frames, bool 
     frame.calibration.camera_from_velo.linear() = axes;
     frame.calibration.camera_from_velo.translation() = Vec3d(0, -0.08, -0.27);
     frame.image = ImageF(248, 75, 3, 0.3f);
-    for (double x = 6; x < 40; x += 0.8)
-      for (double y = -6; y <= 6; y += 0.5) frame.sweep.push_back({float(x), float(y), -1.73f, 0.2f});
+    add_ground(frame.sweep);
     Label car;
     car.type = "Car";
     car.box = {tiny_car(i), -1.73, 1.5};

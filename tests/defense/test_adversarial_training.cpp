@@ -35,7 +35,12 @@ TEST(Defense, WhatDecidesARunKeepsItsKeys) {
                                                    {"adversary_batch", 2},
                                                    {"vertex_rate", 5e-3},
                                                    {"texel_rate", 2e-2},
-                                                   {"seed", 0}}));
+                                                   {"seed", 0},
+                                                   {"carried", "adversary"},
+                                                   {"defense", "none"},
+                                                   {"left_out", 0.0},
+                                                   {"precision", "float"},
+                                                   {"rig", ""}}));
 }
 
 TEST(Defense, SettingsOutOfRangeAreOneLine) {

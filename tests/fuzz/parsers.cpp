@@ -92,8 +92,9 @@ void check(const std::vector<Label>& labels) {
   for (const Label& label : labels) {
     demand(std::isfinite(label.truncated + label.left + label.top + label.right + label.bottom),
            "a label is not finite");
-    if (label.type == "DontCare") continue;
-    check(label.box);
+    demand(label.left <= label.right && label.top <= label.bottom,
+           "a label's box in the picture is turned over");
+    if (has_box(label)) check(label.box);
   }
 }
 
@@ -110,7 +111,8 @@ void check(const Annotations& known) {
 
 void tracking(const fs::path& file) {
   static const Calibration known = seed_calibration();
-  check(read_tracking_labels(file, 0, 0, known));
+  LabelNotes notes;
+  check(read_tracking_labels(file, 0, 0, known, notes));
 }
 
 void tracklets(const fs::path& file) {

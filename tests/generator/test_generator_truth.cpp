@@ -93,9 +93,8 @@ TEST(Looks, AreDeterministicBySeedAndDiffer) {
 }
 
 TEST(Looks, AnUnknownOneIsAClearError) {
-  EXPECT_THAT(
-      test::error_text<InputError>([] { parse_look("lunar", "generate", "--look"); }),
-      testing::AllOf(HasSubstr("--look"), HasSubstr("lunar"), HasSubstr("choose european or american")));
+  EXPECT_THAT(test::error_text<InputError>([] { parse_look("lunar", "generate", "--look"); }),
+              testing::AllOf(HasSubstr("--look"), HasSubstr("lunar"), HasSubstr("use european or american")));
   const test::TemporaryFolder folder;
   std::string text = read_file(shipped_rig("kitti64"));
   write_file(folder / "rig.toml", text.replace(text.find("\"european\""), 10, "\"lunar\""));

@@ -58,6 +58,9 @@ def write_data(folder, frames=4):
                  f"{-y:.3f} {-bottom - 0.08:.3f} {x - 0.27:.3f} {-np.pi / 2:.4f}")
         with open(place.format("label_2", "txt"), "w") as file:
             file.write(label + "\n")
+    # The ground is a grid and lies on no unit's rays: a unit that is named is not taken for an assumed one.
+    root = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+    shutil.copy(os.path.join(root, "scenes", "rigs", "kitti64.toml"), os.path.join(folder, "rig.toml"))
 
 
 class Folder:

@@ -84,7 +84,7 @@ INSTANTIATE_TEST_SUITE_P(Units, UnitFinderTest,
                                          Case{"EverySecondOfKitti", "rigs/kitti64.toml", 2},
                                          Case{"Vlp16", "lidars/vlp16.toml"},
                                          Case{"Hdl32Anywhere", "lidars/hdl32e.toml", 1, true}),
-                         [](const auto& info) { return info.param.name; });
+                         [](const auto& unit) { return unit.param.name; });
 
 TEST(UnitFinder, PointsInAnyOrderWillDo) {
   std::vector<Sweep> sweeps = sweeps_of(unit("lidars/vlp16.toml"));

@@ -113,7 +113,7 @@ TEST(Arms, TheFirstIsAsTheRunLearnedIt) {
   stage.attacked = simulate_host(stage.scene, stage.scene.simulation);
   SimulationSettings own = stage.scene.simulation;  // of a run with --lidar-effects unit and camera noise
   own.lidar_effects = realistic_returns(stage.scene);
-  own.camera_effects.blur_sigma = 1.5;
+  own.camera_effects.blur_sigma = 0.8;
   const Simulated learned = simulate_host(stage.scene, own);
   std::vector<std::pair<ImageF, Sweep>> views;
   look_at_arms(stage.scene, stage.attacked, learned, stage.full,

@@ -61,8 +61,13 @@ TEST(SelectHosts, TheLadderIsSpreadOverTheFrames) {
 TEST(SelectHosts, AHostThatTheDataDoesNotHoldIsAnInputError) {
   Frame frame;
   frame.labels.resize(2);
+  frame.labels[1].type = "Car";
   EXPECT_NO_THROW(label_of(frame, {"000001", 1}));
   EXPECT_THROW(label_of(frame, {"000001", 2}), InputError);
+  frame.labels[1].in_space = false;  // another set of labels than the run's
+  EXPECT_THROW(label_of(frame, {"000001", 1}), InputError);
+  frame.labels[1] = {.type = "vehicle.foo"};
+  EXPECT_THROW(label_of(frame, {"000001", 1}), InputError);
 }
 
 }  // namespace

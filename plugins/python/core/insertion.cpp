@@ -6,6 +6,7 @@
 #include "bind.h"
 #include "handles.h"
 #include "sensors/ray_caster.h"
+#include "simulation/check_inputs.h"
 #include "simulation/upstream.h"
 #include "validation/thread_clock.h"
 
@@ -31,6 +32,7 @@ SimulationSettings settings_of(const cli::InsertionOptions& options, const Lidar
 Result insert(const std::shared_ptr<FrameHandle>& frame, int host, const TexturedMesh& mesh,
               const cli::InsertionOptions& options, bool in_double) {
   const py::gil_scoped_release free;
+  check_object(mesh, "mesh");
   auto result = std::make_shared<ResultHandle>();
   result->frame = frame;
   result->prepared = frame->prepared(options.depth, options.sun);
