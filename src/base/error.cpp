@@ -8,7 +8,7 @@
 namespace mirage {
 namespace {
 
-constexpr std::size_t kLongestPath = 4096, kLongestPart = 480;
+constexpr std::size_t kLongestPath = 4096, kLongestPart = 480, kLongestList = 2048;
 
 /// As it is shown, its middle left out where it is longer than `most` bytes.
 std::string shown(std::string_view part, std::size_t most) {
@@ -32,7 +32,7 @@ std::string line(const std::string& where, const std::string& field, const std::
   return (where.empty() ? "\"\"" : shown(where, kLongestPath)) + ": " +
          (field.empty() ? "" : shown(field, kLongestPart) + ": ") +
          shown(without_lines(problem), kLongestPart) + "; " +
-         shown(fix, kLongestPath);  // a fix may be a list
+         shown(fix, kLongestList);  // of all that there is
 }
 
 }  // namespace

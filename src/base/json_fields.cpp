@@ -13,7 +13,7 @@ std::string range_problem(const nlohmann::json& value, double low, double high) 
   if (!value.is_number()) return "not a number";
   const double number = value.get<double>();
   const Range range{low, high};
-  return range.contains(number) ? "" : fmt::format("{} is out of range ({})", number, range.words());
+  return range.contains(number) ? "" : fmt::format("{} is out of range, {}", number, range.words());
 }
 
 }  // namespace
@@ -51,7 +51,7 @@ std::int64_t JsonFields::integer(const std::string& key, std::int64_t low, std::
   if (!value.is_number_integer()) fail(key, "not a whole number");
   const bool huge = value.is_number_unsigned() && value.get<std::uint64_t>() > INT64_MAX;
   if (huge || value.get<std::int64_t>() < low || value.get<std::int64_t>() > high)
-    fail(key, fmt::format("{} is out of range ({} to {})", value.dump(), low, high));
+    fail(key, fmt::format("{} is out of range, {} to {}", value.dump(), low, high));
   return value.get<std::int64_t>();
 }
 

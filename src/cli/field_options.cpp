@@ -32,12 +32,14 @@ std::string option_of(const CLI::App& app, const std::string& field) {
 }
 
 CLI::Validator within(const Range& range) {
+  const bool any = range.low <= -Range::kMost && range.high >= Range::kMost;
+  const std::string words = any ? "" : range.words();
   return {[range](const std::string& text) -> std::string {
             double value = 0;
             if (!CLI::detail::lexical_cast(text, value) || range.contains(value)) return "";
             return fmt::format("{} is out of range; use {}", text, range.words());
           },
-          range.low > -Range::kMost || range.high < Range::kMost ? range.words() : "", ""};
+          words.substr(0, words.find(" (")), ""};  // without what is said to who missed it
 }
 
 CLI::Validator one_of(const std::vector<std::string>& words) {

@@ -46,7 +46,7 @@ TEST(Errors, AreOneLineWhateverTheyQuote) {
   std::string street;
   for (int i = 0; i < 1000; ++i) street += "街";
   const std::string said = InputError(street, "x" + street + "y", street, street).what();
-  EXPECT_LT(said.size(), 9000u);  // a path, and a list of all that the fix names
+  EXPECT_LT(said.size(), 6100u);
   EXPECT_EQ(printable(said), said);
   EXPECT_THAT(said, AllOf(HasSubstr(": x街"), HasSubstr("…"), HasSubstr("街y: 街"), testing::EndsWith("街")));
   const std::string file = "/" + std::string(4000, 'd');
@@ -110,12 +110,13 @@ TEST(JsonFields, EachErrorNamesFileAndField) {
   EXPECT_THAT(text([&] { fields.integer("x", 0, 1); }), HasSubstr("x: not a whole number"));
   EXPECT_THAT(text([&] { fields.integer("huge", 0, 1); }), HasSubstr("huge: not a whole number"));
   EXPECT_THAT(text([&] { fields.integer("most", 0, 9); }),
-              HasSubstr("18446744073709551615 is out of range (0 to 9)"));
-  EXPECT_THAT(text([&] { fields.integer("minus", 0, 9); }), HasSubstr("-1 is out of range (0 to 9)"));
+              HasSubstr("18446744073709551615 is out of range, 0 to 9"));
+  EXPECT_THAT(text([&] { fields.integer("minus", 0, 9); }), HasSubstr("-1 is out of range, 0 to 9"));
   EXPECT_THAT(text([&] { fields.counter("minus"); }), HasSubstr("minus: not a whole number from 0"));
   EXPECT_THAT(text([&] { fields.number("t", 0, 1); }), HasSubstr("t: not a number"));
   EXPECT_THAT(text([&] { fields.numbers("list", 3, 0, 1); }), HasSubstr("not a list of 3 numbers"));
-  EXPECT_THAT(text([&] { fields.numbers("list", 2, 0, 1); }), HasSubstr("list[1]: 2 is out of range"));
+  EXPECT_THAT(text([&] { fields.numbers("list", 2, 0, 1); }),
+              HasSubstr("list[1]: 2 is out of range, 0 to 1"));
   EXPECT_THAT(text([&] { fields.object("in").text("b"); }), HasSubstr("f.json: in.b: missing"));
   EXPECT_THAT(text([&] { fields.object("n"); }), HasSubstr("f.json: n: not a JSON object"));
   EXPECT_THAT(text([&] { JsonFields("f.json", nlohmann::json::array(), "mend it"); }),
