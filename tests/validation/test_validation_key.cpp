@@ -33,6 +33,8 @@ struct Judged {
     settings.detector.detector = folder / "fake.so";
     settings.detector.weights = folder / "weights";
     settings.detector.defense = "none";
+    settings.detector.precision = kFloat;
+    settings.detector.locality = 0;
   }
   std::string key(const std::string& blender = "3.4") const {
     return validation_key(settings, run, "000000", blender);
