@@ -103,7 +103,7 @@ TEST(Loader, MissingPlugin) {
 TEST(Loader, UnknownName) {
   DetectorOptions options;
   options.detector = "pointpillars";
-  EXPECT_THAT(load_error(options), HasSubstr("unknown detector"));
+  EXPECT_THAT(load_error(options), HasSubstr("pointpillars: unknown; use lidar, camera"));
 }
 
 TEST(Loader, NotALibrary) {
