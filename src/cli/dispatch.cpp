@@ -95,7 +95,7 @@ void check_command(const std::vector<std::string>& arguments, const std::vector<
     return;
   throw InputError(
       word, "", dashes ? "no such option" : "no such command",
-      dashes ? use_one_of(word, options, "a command first, as in mirage attack") : use_one_of(word, known));
+      dashes ? use_one_of(word, options, "a command first, such as mirage attack") : use_one_of(word, known));
 }
 
 /// InputError for a value that can be no path, nor anything else that an option takes.

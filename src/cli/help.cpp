@@ -163,6 +163,12 @@ std::string wrapped(const std::string& text, std::size_t width, std::size_t inde
     std::size_t used = 0;
     std::istringstream words(line);
     for (std::string word; words >> word;) {
+      while (columns(word) > width && word.find(',') < width) {  // a list without spaces parts at its commas
+        const std::size_t end = word.rfind(',', width - 1) + 1;
+        result += (used > 0 ? "\n" + std::string(indent, ' ') : "") + word.substr(0, end);
+        word.erase(0, end);
+        used = width;  // the rest stands in a line of its own
+      }
       const std::size_t length = columns(word);
       if (used > 0 && used + 1 + length > width) {
         result += "\n" + std::string(indent, ' ');

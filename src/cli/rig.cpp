@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/names.h"
 #include "cli/command.h"
+#include "cli/field_options.h"
 #include "cli/table.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
@@ -112,14 +113,14 @@ Command rig_command() {
           "from "
           "the calibration",
       .default_out = "rig.toml",
-      .example = "mirage rig --data log --out rig.toml",
+      .example = "mirage rig --data path/to/my-log --out my-rig.toml",
       .options =
           [options](CLI::App& app) {
             app.add_option("--data", options->data,
                            "data set (KITTI's object, tracking or raw layout, nuScenes)")
                 ->required();
             app.add_option("--sweeps", options->sweeps, "look at so many, evenly spread over the set")
-                ->check(CLI::Range(1, 50))
+                ->check(within({1, 50}))
                 ->capture_default_str();
           },
       .run = [options](const Common& common) { return run(*options, common); },
