@@ -399,7 +399,9 @@ TEST(CommandLine, SimulateStandsOnTheFittedRoofOrTheBoxsAndSaysWhich) {
   ASSERT_NE(fit, "");
   const int vehicle = std::stoi(fit.substr(fit.rfind('_') + 1));
   const std::string mesh = folder / "object.obj";  // a tetrahedron of a metre
-  write_file(mesh, "\xef\xbb\xbfv -0.5 -0.5 0\nv 0.5 -0.5 0\nv 0 0.5 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n");
+  write_file(
+      mesh,
+      "\xef\xbb\xbfv -0.5 -0.5 0\nv 0.5 -0.5 0\nv 0 0.5 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n");
   const auto simulated = [&](const std::vector<std::string>& more) {
     std::vector<std::string> arguments = {
         "simulate", "--data", data,    "--frame",   "000000", "--vehicle", std::to_string(vehicle),
