@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "attack/run.h"
 #include "base/files.h"
@@ -16,37 +17,44 @@
 
 namespace mirage::test {
 
-/// What KITTI's LiDAR sees of a car of the family that fills the box.
-inline void add_returns(Sweep& sweep, const Box3& box) {
+/// What KITTI's LiDAR sees of flat ground before it, each eighth firing, and of a car of the family that
+/// fills the box, if one is given: a laser after the other, as its sweeps are.
+inline Sweep tiny_sweep(const Box3* box) {
+  constexpr double kGround = -1.73;
+  constexpr int kEvery = 8;
   const LidarModel lidar = read_lidar_model(shipped_file("scenes/rigs/kitti64.toml"));
   RandomStream random(1, "tiny world");
   Mesh car = car_mesh(draw_body(BodyStyle::hatchback, random));
   const Vec3d size = bounds(car).sizes();
-  for (Vec3d& v : car.vertices)
-    v = velo_from_box(box) *
-        v.cwiseProduct(Vec3d(box.bev.length, box.bev.width, box.height).cwiseQuotient(size));
+  if (box)
+    for (Vec3d& v : car.vertices)
+      v = velo_from_box(*box) *
+          v.cwiseProduct(Vec3d(box->bev.length, box->bev.width, box->height).cwiseQuotient(size));
   const RayCaster caster({&car, 1});
-  for (std::size_t beam = 0; beam < lidar.beams.size(); ++beam)
+  const auto hit_by = [&](const LidarRay& ray) {
+    const Hit hit = caster.intersect({ray.origin.cast<float>(), ray.direction.cast<float>()});
+    return box && hit.hit() ? hit.t : 0.f;
+  };
+  const int beams = static_cast<int>(lidar.beams.size());
+  std::vector<bool> fires(static_cast<std::size_t>(lidar.azimuth_count()));
+  for (int column = 0; column < lidar.azimuth_count(); ++column)
+    for (int beam = 0; beam < beams; ++beam)
+      if (column % kEvery == 0 || hit_by(lidar.ray(beam, column)) > 0)
+        fires[static_cast<std::size_t>(column)] = true;
+  Sweep sweep;
+  for (int beam = 0; beam < beams; ++beam)
     for (int column = 0; column < lidar.azimuth_count(); ++column) {
-      const LidarRay ray = lidar.ray(static_cast<int>(beam), column);
-      const Hit hit = caster.intersect({ray.origin.cast<float>(), ray.direction.cast<float>()});
-      if (!hit.hit()) continue;
-      const Vec3f p = (ray.origin + hit.t * ray.direction).cast<float>();
-      sweep.push_back({p.x(), p.y(), p.z(), 0.3f});
+      if (!fires[static_cast<std::size_t>(column)]) continue;
+      const LidarRay ray = lidar.ray(beam, column);
+      const float on_car = hit_by(ray);
+      const double to_ground = (kGround - ray.origin.z()) / ray.direction.z();
+      const Vec3f p = (ray.origin + (on_car > 0 ? on_car : to_ground) * ray.direction).cast<float>();
+      if (on_car > 0)
+        sweep.push_back({p.x(), p.y(), p.z(), 0.3f});
+      else if (to_ground > 0 && p.x() > 6 && p.x() < 40 && std::abs(p.y()) <= 0.35f * p.x())
+        sweep.push_back({p.x(), p.y(), p.z(), 0.2f});
     }
-}
-
-/// What KITTI's LiDAR sees of flat ground 6 to 40 m ahead, 6 m to either side: every eighth firing.
-inline void add_ground(Sweep& sweep) {
-  const LidarModel lidar = read_lidar_model(shipped_file("scenes/rigs/kitti64.toml"));
-  for (std::size_t beam = 0; beam < lidar.beams.size(); ++beam)
-    for (int column = 0; column < lidar.azimuth_count(); column += 8) {
-      const LidarRay ray = lidar.ray(static_cast<int>(beam), column);
-      if (ray.direction.z() >= 0) continue;
-      const Vec3d p = ray.origin + (-1.73 - ray.origin.z()) / ray.direction.z() * ray.direction;
-      if (p.x() >= 6 && p.x() < 40 && std::abs(p.y()) <= 6)
-        sweep.push_back({static_cast<float>(p.x()), static_cast<float>(p.y()), -1.73f, 0.2f});
-    }
+  return sweep;
 }
 
 /// Few hosts a step, and the paper's slow rates.
@@ -76,13 +84,12 @@ inline void write_tiny_data(const std::filesystem::path& data, int frames, bool 
     frame.calibration.camera_from_velo.linear() = axes;
     frame.calibration.camera_from_velo.translation() = Vec3d(0, -0.08, -0.27);
     frame.image = ImageF(248, 75, 3, 0.3f);
-    add_ground(frame.sweep);
     Label car;
     car.type = "Car";
     car.box = {tiny_car(i), -1.73, 1.5};
     car.left = 90, car.right = 150, car.top = 20, car.bottom = 60;
     frame.labels = {car};
-    if (returns) add_returns(frame.sweep, car.box);
+    frame.sweep = tiny_sweep(returns ? &car.box : nullptr);
     write_frame(data, frame);
   }
 }
