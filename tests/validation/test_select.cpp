@@ -66,7 +66,8 @@ TEST(SelectHosts, AHostThatTheDataDoesNotHoldIsAnInputError) {
   EXPECT_THROW(label_of(frame, {"000001", 2}), InputError);
   frame.labels[1].in_space = false;  // another set of labels than the run's
   EXPECT_THROW(label_of(frame, {"000001", 1}), InputError);
-  frame.labels[1] = {.type = "vehicle.foo"};
+  frame.labels[1] = {};
+  frame.labels[1].type = "vehicle.foo";
   EXPECT_THROW(label_of(frame, {"000001", 1}), InputError);
 }
 
