@@ -155,7 +155,7 @@ std::string wrapped(const std::string& text, std::size_t width, std::size_t inde
   std::string result;
   std::istringstream lines(text);
   for (std::string line; std::getline(lines, line);) {
-    if (!result.empty()) result += "\n" + std::string(line.empty() ? 0 : indent, ' ');
+    if (!result.empty()) result.append("\n").append(line.empty() ? 0 : indent, ' ');
     if (line.starts_with(' ')) {
       result += line;
       continue;
@@ -165,13 +165,14 @@ std::string wrapped(const std::string& text, std::size_t width, std::size_t inde
     for (std::string word; words >> word;) {
       while (columns(word) > width && word.find(',') < width) {  // a list without spaces parts at its commas
         const std::size_t end = word.rfind(',', width - 1) + 1;
-        result += (used > 0 ? "\n" + std::string(indent, ' ') : "") + word.substr(0, end);
+        if (used > 0) result.append("\n").append(indent, ' ');
+        result.append(word, 0, end);
         word.erase(0, end);
         used = width;  // the rest stands in a line of its own
       }
       const std::size_t length = columns(word);
       if (used > 0 && used + 1 + length > width) {
-        result += "\n" + std::string(indent, ' ');
+        result.append("\n").append(indent, ' ');
         used = 0;
       } else if (used > 0) {
         result += ' ';
