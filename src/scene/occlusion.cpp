@@ -109,8 +109,8 @@ double angle_off_beam(const LidarModel& lidar, const std::vector<double>& slopes
          std::max(p.norm(), 1e-3);
 }
 
-/// The motion straight ahead that puts most of the points on beams (elevations hardly show another): the best
-/// of several speeds, refined by Gauss-Newton.
+/// The motion that puts most of the points on beams: from steady drives at several speeds, the best is
+/// refined by Gauss-Newton, far points first.
 SweepMotion motion_of(const std::vector<Vec3d>& points, const LidarModel& lidar, SweepMotion motion) {
   constexpr double kFastest = 3, kBetween = 0.25;  // m a turn
   constexpr double kNearest = 2, kScale = 0.03 * kPi / 180;
@@ -143,8 +143,9 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, const LidarModel& lidar,
     }
   for (int round = 0; round < kRounds; ++round) {
     const double scale = kScale * std::max(1.0, 10.0 - round);
-    Eigen::Matrix2d normal = Eigen::Matrix2d::Identity() * (scale * scale);
-    Eigen::Vector2d right = Eigen::Vector2d::Zero();
+    using Six = Eigen::Matrix<double, 6, 1>;
+    Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Identity() * (scale * scale);
+    Six right = Six::Zero();
     for (const Seen& s : seen) {
       const Vec3d p = s.p - best.start - s.phase * best.turn;
       std::size_t beam = 0;
@@ -153,13 +154,14 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, const LidarModel& lidar,
       const Vec3d outward(p.x() / horizontal_distance(p), p.y() / horizontal_distance(p), 0);
       const Vec3d gradient = (Vec3d::UnitZ() - slopes[beam] * outward) / std::hypot(1.0, slopes[beam]) /
                              std::max(p.norm(), 1e-3);
-      const Eigen::Vector2d row = gradient.dot(ahead) * Eigen::Vector2d(1, s.phase);
+      Six row;
+      row << gradient, s.phase * gradient;
       normal += weight * row * row.transpose();
       right += weight * angle * row;
     }
-    const Eigen::Vector2d step = normal.ldlt().solve(right);
-    best.start += step[0] * ahead;
-    best.turn += step[1] * ahead;
+    const Six step = normal.ldlt().solve(right);
+    best.start += step.head<3>();
+    best.turn += step.tail<3>();
   }
   return best;
 }

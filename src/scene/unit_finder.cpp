@@ -24,7 +24,6 @@ constexpr double kTurn = 2 * std::numbers::pi;
 constexpr std::size_t kFewestHits = 2000;  // of all sweeps
 constexpr std::size_t kFewestOfBeam = 30;  // hits that show a beam
 constexpr std::size_t kFewestBeams = 4, kMostBeams = 256;
-constexpr double kOtherBeam = 0.1 * kDegree;
 constexpr double kEnoughOnRays = 0.95;
 
 double rest_of(double value, double modulus) {
@@ -74,10 +73,9 @@ double elevation_of(const UnitHit& hit) {
 
 // ---------------------------------------------------------------------------------------------- which beam
 
-/// Azimuths at which a sweep's beams may begin in its file: in the middle of the widest gap, and where
-/// neighbours in the file are most often of other beams. `seen`: how much of the turn has returns.
-std::vector<double> cuts_of(const std::vector<double>& azimuths, const std::vector<double>& elevations,
-                            double& seen) {
+/// The azimuth at which sweeps begin: in the middle of the widest gap, or where neighbours in the file are
+/// most often of other beams.
+double cut_of(const std::vector<double>& azimuths, const std::vector<double>& elevations, double& seen) {
   constexpr int kBins = 720;
   std::vector<int> counts(kBins), changes(kBins);
   const auto bin_of = [&](double azimuth) {
@@ -86,7 +84,7 @@ std::vector<double> cuts_of(const std::vector<double>& azimuths, const std::vect
   for (std::size_t i = 0; i < azimuths.size(); ++i) {
     ++counts[bin_of(azimuths[i])];
     if (i > 0 && std::abs(wrap_angle(azimuths[i] - azimuths[i - 1])) < 5 * kDegree &&
-        std::abs(elevations[i] - elevations[i - 1]) > kOtherBeam)
+        std::abs(elevations[i] - elevations[i - 1]) > 0.1 * kDegree)
       ++changes[bin_of(azimuths[i])];
   }
   int gap = 0, widest = 0, end = 0;
@@ -95,14 +93,15 @@ std::vector<double> cuts_of(const std::vector<double>& azimuths, const std::vect
     if (gap > widest && gap <= kBins) widest = gap, end = b + 1;
   }
   seen = kTurn * (kBins - widest) / kBins;
+  if (widest > kBins / 36) return kTurn * (end - widest / 2.0) / kBins;
   const auto most = std::max_element(changes.begin(), changes.end()) - changes.begin();
-  return {kTurn * (end - widest / 2.0) / kBins, kTurn * (static_cast<double>(most) - 0.5) / kBins};
+  return kTurn * (static_cast<double>(most) - 0.5) / kBins;
 }
 
-/// Numbers the beams of a sweep that is written beam by beam: a new one where the azimuth falls back; by the
-/// cut that leaves the fewest other beams' returns among a beam's. Empty: it is not written so.
+/// Numbers the beams of a sweep that is written beam by beam: a new one where the azimuth falls back. Empty:
+/// it is not.
 std::vector<int> beams_in_order(const std::vector<double>& azimuths, const std::vector<double>& elevations,
-                                const std::vector<double>& cuts) {
+                                double cut) {
   constexpr double kSame = 0.06 * kDegree, kBack = 5 * kDegree;
   std::vector<double> changes;
   std::size_t forward = 0, backward = 0;
@@ -112,26 +111,14 @@ std::vector<int> beams_in_order(const std::vector<double>& azimuths, const std::
     if (std::abs(by) < 2 * kDegree) ++(by > 0 ? forward : backward);
   }
   if (median_of(changes) > kSame) return {};
-  // Beside the one before in the file, and clearly above or below it.
-  const auto is_other_beam = [&](std::size_t i) {
-    return std::abs(wrap_angle(azimuths[i] - azimuths[i - 1])) < kBack &&
-           std::abs(elevations[i] - elevations[i - 1]) > kOtherBeam;
-  };
-  std::vector<int> best;
-  std::size_t fewest = azimuths.size();
-  for (const double cut : cuts) {
-    std::vector<int> beams(azimuths.size());
-    double before = 0;
-    std::size_t mixed = 0;
-    for (std::size_t i = 0; i < azimuths.size(); ++i) {
-      const double turned = rest_of((forward > backward ? 1 : -1) * (azimuths[i] - cut), kTurn);
-      beams[i] = i == 0 ? 0 : beams[i - 1] + (turned < before - kBack);
-      mixed += i > 0 && beams[i] == beams[i - 1] && is_other_beam(i);
-      before = turned;
-    }
-    if (mixed < fewest) fewest = mixed, best = std::move(beams);
+  std::vector<int> beams(azimuths.size());
+  double before = 0;
+  for (std::size_t i = 0; i < azimuths.size(); ++i) {
+    const double turned = rest_of((forward > backward ? 1 : -1) * (azimuths[i] - cut), kTurn);
+    beams[i] = i == 0 ? 0 : beams[i - 1] + (turned < before - kBack);
+    before = turned;
   }
-  return best;
+  return beams;
 }
 
 /// Elevations (rad) at which hits from `nearest` (m) on pile up, from the top down; at the finest resolution
@@ -261,15 +248,13 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
   constexpr std::size_t kEnough = 150000;
   const std::size_t every = hits.size() / kEnough + 1;
   const int sweeps = static_cast<int>(pose.drifts.size()), shared = tilts ? 4 : 0,
-            count = shared + (moves ? 2 * sweeps : 0);
+            count = shared + (moves ? 6 * sweeps : 0);
   for (int round = 0; round < kRounds; ++round) {
     place_hits(hits, pose);
     assign_beams(hits, lines);
     const double scale =
         std::max(kScale, first_scale * std::pow(kScale / first_scale, round / (0.6 * kRounds)));
     const auto beams = lines.size();
-    const Vec3d ahead =
-        pose.velo_from_lidar.linear().transpose() * Vec3d::UnitX();  // cars do not slide sideways
     std::vector<Eigen::Matrix2d> own(beams, Eigen::Matrix2d::Zero());
     std::vector<Eigen::MatrixXd> mixed(beams, Eigen::MatrixXd::Zero(2, count));
     std::vector<Eigen::Vector2d> own_right(beams, Eigen::Vector2d::Zero());
@@ -288,7 +273,7 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
       if (count == 0) continue;
       const Vec3d outward(hit.p.x() / hit.rho, hit.p.y() / hit.rho, 0);
       const Vec3d up = per_metre * (Vec3d::UnitZ() - lines[b].slope * outward);  // off changes by, a metre
-      std::array<std::pair<int, double>, 6> row;  // what of the globals the hit depends on
+      std::array<std::pair<int, double>, 10> row;  // what of the globals the hit depends on
       std::size_t held = 0;
       if (tilts) {  // the point turns by −w × p and shifts by −o
         row[held++] = {0, -up.dot(Vec3d::UnitX().cross(hit.p))};
@@ -296,10 +281,11 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
         row[held++] = {2, -up.x()};
         row[held++] = {3, -up.y()};
       }
-      if (moves) {
-        row[held++] = {shared + 2 * hit.sweep, -up.dot(ahead)};
-        row[held++] = {shared + 2 * hit.sweep + 1, -up.dot(ahead) * hit.phase};
-      }
+      if (moves)
+        for (int i = 0; i < 3; ++i) {
+          row[held++] = {shared + 6 * hit.sweep + i, -up[i]};
+          row[held++] = {shared + 6 * hit.sweep + 3 + i, -up[i] * hit.phase};
+        }
       for (std::size_t i = 0; i < held; ++i) {
         const auto& [column, value] = row[i];
         mixed[b].col(column) -= weight * value * beam_row;
@@ -336,8 +322,8 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
     if (moves)
       for (int s = 0; s < sweeps; ++s) {
         auto& [start, turn] = pose.drifts[static_cast<std::size_t>(s)];
-        start += step[shared + 2 * s] * ahead;
-        turn += step[shared + 2 * s + 1] * ahead;
+        start += step.segment<3>(shared + 6 * s);
+        turn += step.segment<3>(shared + 6 * s + 3);
       }
     sort_lines(lines);
   }
@@ -698,7 +684,7 @@ FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, 
   std::vector<UnitHit> hits;
   std::vector<int> numbers;
   bool in_order = true;
-  double seen = 0;
+  double seen = 0, cut = 0;
   for (std::size_t s = 0; s < sweeps.size(); ++s) {
     const Sweep sweep = of_world(sweeps[s]);
     std::vector<double> azimuths, elevations;
@@ -709,9 +695,9 @@ FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, 
     }
     if (sweep.empty()) continue;
     double width = 0;
-    const std::vector<double> cuts = cuts_of(azimuths, elevations, width);
+    cut = cut_of(azimuths, elevations, width);
     seen = std::max(seen, width);
-    const std::vector<int> order = beams_in_order(azimuths, elevations, cuts);
+    const std::vector<int> order = beams_in_order(azimuths, elevations, cut);
     in_order = in_order && !order.empty();
     if (in_order) numbers.insert(numbers.end(), order.begin(), order.end());
     const SweepMotion still = no_motion(azimuths);

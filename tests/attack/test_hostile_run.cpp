@@ -177,7 +177,7 @@ TEST_F(HostileRun, EachFieldIsCheckedAndNamed) {
            {"/test/0/frame", "", "run.json: test[0].frame"},
            {"/test/0/frame", "a\\x2fb", "run.json: test[0].frame: holds a separator"},
            {"/test/0/frame", std::string(300, 'x'), "run.json: test[0].frame"},
-           {"/test/0/label", -1, "run.json: test[0].label: -1 is not"},
+           {"/test/0/label", -1, "run.json: test[0].label: -1 is out of range"},
            {"/test/0/label", 1e12, "run.json: test[0].label"},
            {"/test/0/label", 1000000000000, "run.json: test[0].label"},
            {"/min_view", 1e308, "run.json: min_view"},

@@ -196,12 +196,10 @@ TEST_F(Kitti, BrokenSweeps) {
   EXPECT_THAT(reading_fails(), AllOf(HasSubstr("000042.bin"), HasSubstr("byte 784"), HasSubstr("truncated")));
   write_file(file("velodyne/000042.bin"), "");
   EXPECT_THAT(reading_fails(), AllOf(HasSubstr("000042.bin"), HasSubstr("empty")));
-  for (float bad : {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(), 2e3f}) {
-    Sweep sweep = small_frame().sweep;
-    sweep[7].y = bad;
-    write_sweep(file("velodyne/000042.bin"), sweep);
-    EXPECT_THAT(reading_fails(), AllOf(HasSubstr("000042.bin"), HasSubstr("point 7 (byte 112)")));
-  }
+  Sweep sweep = small_frame().sweep;
+  sweep[7].y = 2e3f;
+  write_sweep(file("velodyne/000042.bin"), sweep);
+  EXPECT_THAT(reading_fails(), AllOf(HasSubstr("000042.bin"), HasSubstr("point 7 (byte 112)")));
 }
 
 TEST_F(Kitti, BrokenCalibration) {
@@ -538,7 +536,7 @@ TEST(KittiRealFrames, LabelsAndCalibrationSurviveRewriting) {
   }
 }
 
-TEST(Kitti, WhatIsNoReturnIsLeftOutAndCounted) {
+TEST(KittiSweep, WhatIsNoReturnIsLeftOutAndCounted) {
   const TemporaryFolder folder;
   const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
   const Sweep good = {{1, 2, 3, 0.5f}, {4, 5, 6, 0.25f}};
@@ -558,7 +556,7 @@ TEST(Kitti, WhatIsNoReturnIsLeftOutAndCounted) {
 }
 
 // A file of another number of columns is of plausible size now and then, and each of its values is finite.
-TEST(Kitti, OtherNumbersOfFloatsAPointAreSeen) {
+TEST(KittiSweep, OtherNumbersOfFloatsAPointAreSeen) {
   const TemporaryFolder folder;
   const auto written = [&](int columns, bool shuffled) {
     RandomStream random(5, "columns");

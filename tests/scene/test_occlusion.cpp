@@ -132,7 +132,7 @@ TEST(SweepIndex, FindsASweepsOwnFiringsAndMotion) {
   LidarModel lidar = read_lidar_model(std::filesystem::path(MIRAGE_SOURCE) / "scenes/lidars/hdl32e.toml");
   lidar.azimuth_step *= 2;
   SweepMotion motion;
-  motion.start = Vec3d(-0.6, 0, 0);
+  motion.start = Vec3d(-0.6, 0.02, 0.01);
   motion.turn = Vec3d(0.9, 0, 0);
   for (const bool moves : {false, true}) {
     const Sweep sweep = test::walled_sweep(lidar, 1, 0.4, moves ? motion : SweepMotion());
