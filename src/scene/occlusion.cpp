@@ -169,7 +169,7 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, const LidarModel& lidar,
 }  // namespace
 
 SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lidar) {
-  constexpr double kExplained = 0.95, kTaken = 0.9;
+  constexpr double kExplained = 0.95;
   constexpr std::size_t kFewest = 500;  // returns that tell of a motion
   build(sweep, {}, false);
   if (assigned_share_ >= kExplained || returns_.size() - static_cast<std::size_t>(skipped_) < kFewest ||
@@ -187,8 +187,7 @@ SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lid
     SweepIndex other;
     other.lidar_ = lidar_;
     other.build(sweep, motion, own_firings);
-    // What explains little is no motion, but another unit.
-    if (other.assigned_share_ > std::max(assigned_share_, kTaken)) *this = std::move(other);
+    if (other.assigned_share_ > assigned_share_) *this = std::move(other);
   };
   const bool free = lidar.encoder_step == 0;
   if (free) take_if_better(still, true);

@@ -43,8 +43,12 @@ class ForeignRuns : public testing::Test {
   /// A run against a plugin that always finds one box.
   void make_run() {
     ASSERT_EQ(mirage("generate --frames 2 --seed 5 --quiet --out " + at("data")), 0) << said();
+    for (const char* id : {"000000", "000001"})  // a car where the plugin finds one
+      write_file(folder_ / "data/training/label_2" / (std::string(id) + ".txt"),
+                 "Car 0 0 0 500 170 720 360 1.5 2 4 -1 1.65 9.73 -1.5708\n");
+    fs::remove_all(folder_ / "data/training/track_2");
     write_file(folder_ / "some.weights", "weights");
-    ASSERT_EQ(mirage("attack --quiet --iterations 2 --rooftop box --detector " + kPlugins +
+    ASSERT_EQ(mirage("attack --quiet --iterations 2 --min-view 0 --rooftop box --detector " + kPlugins +
                      "fake_works.so --weights " + at("some.weights") + " --data " + at("data") + " --out " +
                      at("run")),
               0)
