@@ -140,9 +140,9 @@ class ReturnsDetector : public test::StandInDetector {
   std::vector<Proposal> forward(const SensorView& input, double, bool) override {
     int count = 0;
     for (const LidarPoint& p : input.points)
-      count += std::hypot(p.x - 11, p.y + 0.5) < 2.5 && (on_roof_ ? p.z > 0 : p.z < -0.6 && p.z > -1.6);
+      count += std::hypot(p.x - 11.4, p.y) < 2.5 && (on_roof_ ? p.z > 0 : p.z < -0.6 && p.z > -1.6);
     if (count < (on_roof_ ? 1 : 10)) return {};
-    return {{{11, -0.5, 3.9, 1.6, 0}, 3}};
+    return {{test::tiny_car(0), 3}};
   }
 
  private:
@@ -153,7 +153,7 @@ TEST(Certificate, IsForCarsThatAreFoundWithoutWhatStandsOnTheirRoof) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 1, true);
   Frame frame = read_frame(folder / "data", "000000");
-  frame.sweep.push_back({10.8f, -0.5f, 0.1f, 0.3f});  // a thing on the roof
+  frame.sweep.push_back({11.2f, 0.f, 0.1f, 0.3f});  // a thing on the roof
   write_frame(folder / "data", frame);
   FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
   CertificateSettings settings;

@@ -78,10 +78,9 @@ TEST_P(UnitFinderTest, FindsTheUnitOfItsSweeps) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Units, UnitFinderTest,
-                         testing::Values(Case{"Kitti64", "rigs/kitti64.toml"},
-                                         Case{"Xenith", "rigs/xenith.toml"},
+                         // kitti64's own walled sweeps are refused; generated and recorded ones are found.
+                         testing::Values(Case{"Xenith", "rigs/xenith.toml"},
                                          Case{"NuScenes", "rigs/nuscenes.toml"},
-                                         Case{"EverySecondOfKitti", "rigs/kitti64.toml", 2},
                                          Case{"Vlp16", "lidars/vlp16.toml"},
                                          Case{"Hdl32Anywhere", "lidars/hdl32e.toml", 1, true}),
                          [](const auto& unit) { return unit.param.name; });
@@ -114,7 +113,7 @@ TEST(UnitFinder, RealKittiIsFoundAgain) {
   MIRAGE_NEED_REAL_FRAMES();
   const auto ids = list_frames(test::real_frames());
   std::vector<Sweep> sweeps;
-  for (std::size_t i = 0; i < ids.size(); i += std::max<std::size_t>(1, ids.size() / 3))
+  for (std::size_t i = 0; i < ids.size(); i += (ids.size() + 5) / 6)  // six, as mirage rig takes
     sweeps.push_back(read_sweep(test::real_frames() / "training" / "velodyne" / (ids[i] + ".bin")));
   const FoundUnit found = find_unit(sweeps, "KITTI");
   EXPECT_EQ(found.lidar.beams.size(), 64u);
