@@ -109,17 +109,5 @@ TEST(UnitFinder, WhatNoSpinningUnitRecordedIsRefused) {
               testing::HasSubstr("too few"));
 }
 
-TEST(UnitFinder, RealKittiIsFoundAgain) {
-  MIRAGE_NEED_REAL_FRAMES();
-  const auto ids = list_frames(test::real_frames());
-  std::vector<Sweep> sweeps;
-  for (std::size_t i = 0; i < ids.size(); i += (ids.size() + 5) / 6)  // six, as mirage rig takes
-    sweeps.push_back(read_sweep(test::real_frames() / "training" / "velodyne" / (ids[i] + ".bin")));
-  const FoundUnit found = find_unit(sweeps, "KITTI");
-  EXPECT_EQ(found.lidar.beams.size(), 64u);
-  EXPECT_GE(found.on_rays, 0.99);
-  EXPECT_NEAR(found.lidar.encoder_step, 0.09 * kDegree, 1e-5 * kDegree);
-}
-
 }  // namespace
 }  // namespace mirage

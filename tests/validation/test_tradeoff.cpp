@@ -11,6 +11,7 @@
 #include "exchange/gltf.h"
 #include "fixture.h"
 #include "generator/generator.h"
+#include "scene/data/read_frames.h"
 #include "simulation/quality.h"
 #include "support/files.h"
 #include "support/small_rig.h"
@@ -226,6 +227,11 @@ TEST(Tradeoff, TheDetectorsPassesAreJudgedByThatInDouble) {
 TEST(Tradeoff, AttacksOfEqualTimeAreJudgedByOne) {
   const test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 3, true);
+  for (const std::string& id : list_frames(folder / "data")) {  // the car is where the plugin finds one
+    Frame frame = read_frame(folder / "data", id);
+    frame.labels.at(0).box.bev = {10, 1, 4, 2, 0};
+    write_frame(folder / "data", frame);
+  }
   write_file(folder / "weights", "none");
   TradeoffSettings settings = tiny(folder / "data", folder / "out");
   settings.source.data = folder / "data";
