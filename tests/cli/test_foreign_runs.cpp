@@ -82,7 +82,7 @@ TEST_F(ForeignRuns, RunNoCodeThatTheyName) {
   // The attack goes on by what the command line names, whatever run.json says meanwhile.
   change("depth", planted);
   change("detector", planted);
-  EXPECT_EQ(mirage("attack --quiet --iterations 3 --rooftop box --detector " + kPlugins +
+  EXPECT_EQ(mirage("attack --quiet --iterations 3 --min-view 0 --rooftop box --detector " + kPlugins +
                    "fake_works.so --weights " + at("some.weights") + " --data " + at("data") + " --out " +
                    at("run")),
             0)
