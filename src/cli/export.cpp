@@ -42,9 +42,9 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   }
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = shown_hosts(run, options.frames);
+  FrameStore store(run.settings);
   common.made_of->add(run.settings);
   add_frames(*common.made_of, run.settings, hosts);
-  FrameStore store(run.settings);
   RooftopCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);
   auto files = nlohmann::json::array({"adversary.glb"});
