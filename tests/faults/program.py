@@ -109,5 +109,13 @@ def demand_one_line(code, said, codes=(1,)):
     demand(len(lines) == 1 and lines[0].startswith("mirage: "), f"{len(lines)} lines where one belongs: {said.strip()!r}")
 
 
+def cars_for_stand_in(data, picture_box):
+    """Labels of generated frames: one car, where the stand-in of fake_works.so finds one. The box in pixels is of the rig's camera."""
+    for label in (data / "training/label_2").glob("*.txt"):
+        label.write_text(f"Car 0 0 0 {picture_box} 1.5 2 4 -1 1.65 9.73 -1.5708\n")
+    for tracks in (data / "training/track_2").glob("*.txt"):
+        tracks.unlink()
+
+
 def fresh(folder):
     shutil.rmtree(folder, ignore_errors=True)
