@@ -2,6 +2,7 @@
 import json
 import os
 import pathlib
+import re
 import shutil
 import signal
 import subprocess
@@ -57,6 +58,9 @@ class Program:
         return int(count.read_text())
 
 
+DATE = re.compile(rb"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\dZ")  # as provenance and the report write it
+
+
 def contents(folder):
     return {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
 
@@ -66,13 +70,16 @@ def volatile(name):
 
 
 def timeless(name, bytes_):
-    """A file without what was measured of time: "seconds" and their like in JSON."""
+    """A file without what was measured of time ("seconds" and their like in JSON), and without the date of its making."""
+    if name.endswith(".html"):
+        return DATE.sub(b"", bytes_)
     if not name.endswith(".json"):
         return bytes_
 
     def without(value):
         if isinstance(value, dict):
-            return {key: without(inner) for key, inner in value.items() if "seconds" not in key}
+            return {key: without(inner) for key, inner in value.items()
+                    if "seconds" not in key and key != "date"}
         return [without(inner) for inner in value] if isinstance(value, list) else value
 
     return without(json.loads(bytes_))
