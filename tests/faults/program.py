@@ -49,6 +49,11 @@ class Program:
             process.wait()
             raise Wrong(f"hangs for more than {timeout} s") from None
 
+    def demand_done(self, command):
+        """Runs what must succeed, without a fault."""
+        code, said = self.run(command)
+        demand(code == 0, f"{command[0]} fails without a fault: {said}")
+
     def calls(self, command, kind, under, where={}):
         """How many calls of a kind a whole run makes on files under a folder."""
         count = self.folder / "count"
