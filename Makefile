@@ -5,11 +5,12 @@
 # What the program, its detectors and `mirage demo` are built from and run with.
 DEMO_PACKAGES := g++ cmake ninja-build ccache libeigen3-dev libtbb-dev libspdlog-dev libfmt-dev nlohmann-json3-dev \
   libtomlplusplus-dev librandom123-dev libboost-dev libcli11-dev libembree-dev libopenimageio-dev libceres-dev libopenexr-dev \
-  libtinygltf-dev libopencv-imgproc-dev libhwy-dev libnova-dev libtinyxml2-dev libopenmpi-dev libtorch-dev \
+  libtinygltf-dev libopencv-imgproc-dev libhwy-dev libnova-dev libtinyxml2-dev libopenmpi-dev libtorch-dev libssl-dev \
   libopenblas0-pthread libturbojpeg0-dev zlib1g-dev blender python3-numpy python3-jinja2 python3-pil
 # What the Python module and the tests take besides.
 TEST_PACKAGES := python3-matplotlib python3-dev pybind11-dev python3-torch python3-wheel openmpi-bin xvfb xauth libgl1-mesa-dri \
-  libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format clang-tidy strace nodejs npm chromium
+  libgtest-dev libgmock-dev librapidcheck-dev libbenchmark-dev clang-format clang-tidy strace nodejs npm chromium \
+  mkdocs mkdocs-material
 PACKAGES := $(DEMO_PACKAGES) $(TEST_PACKAGES)
 
 # Parts of the sources that clang-format owns.
@@ -39,12 +40,12 @@ build: setup
 addon:
 	python3 plugins/blender/pack.py build/mirage_blender.zip
 
-# The Python package in build/python, and its wheel in build/.
+# The Python package in build/python, and its wheel in build/: for Debian's Python, and with PYTHON=… for another one as well.
 python: setup
-	cmake --preset release
-	cmake --build --preset release --target mirage_python
+	cmake --preset release -DMIRAGE_OTHER_PYTHON=$(PYTHON)
+	cmake --build --preset release --target $(if $(PYTHON),mirage_other_python,mirage_python)
 	ln -sfn release/python build/python
-	/usr/bin/python3 -B plugins/python/pack_wheel.py build/release/python build
+	/usr/bin/python3 -B plugins/python/pack_wheel.py build/release/python build $(PYTHON)
 
 # Installs and builds only what the demo runs: no tests, no Python module. `make test` configures the same folder for all of it.
 demo: PACKAGES := $(DEMO_PACKAGES)
@@ -53,7 +54,7 @@ demo: setup
 	cmake --build --preset demo
 	build/release/mirage demo --out out/demo
 
-test: build
+test: metrics build
 	ctest --preset release -j2
 
 asan: setup
@@ -69,7 +70,7 @@ tsan: setup
 	for layer in $(TSAN_LAYERS); do MIRAGE_CACHE=off TSAN_OPTIONS="suppressions=$(CURDIR)/tests/tsan.supp" \
 	  build/tsan/test_$$layer || exit; done
 
-# Every parser under libFuzzer for FUZZ_SECONDS each (tests/fuzz/README.md). Needs clang, as nothing else does.
+# Every parser under libFuzzer for FUZZ_SECONDS each (CONTRIBUTING.md). Needs clang, as nothing else does.
 FUZZ_SECONDS ?= 60
 fuzz: PACKAGES += clang
 fuzz: setup
@@ -77,7 +78,7 @@ fuzz: setup
 	cmake --build --preset fuzz
 	tests/fuzz/run.py build/fuzz --seconds $(FUZZ_SECONDS) $(FUZZ_PARSERS)
 
-# Every injected fault and KILLS kills (tests/faults/README.md); make test does a part of it.
+# Every injected fault and KILLS kills (CONTRIBUTING.md); make test does a part of it.
 KILLS ?= 100
 faults: build
 	python3 -B tests/faults/run.py . build/release --kills $(KILLS)
@@ -87,6 +88,22 @@ bench: build
 	cmake --build --preset release --target mirage_bench
 	build/release/mirage_bench
 	python3 -B validation/benchmarks/rank_efficiency.py build/release/mirage --json build/release/bench.json
+
+.PHONY: reference evidence site metrics
+
+# The pages: commands from --help, tables and plots of the evidence from validation/results, and all of them as a site in build/site.
+reference: build
+	/usr/bin/python3 -B src/guide/reference.py build/release/mirage src/guide/commands.md
+
+evidence:
+	/usr/bin/python3 -B src/guide/evidence.py .
+
+site: setup
+	/usr/bin/python3 -B src/guide/site.py . build/site
+
+# Words, lines, files, weights and casts.
+metrics:
+	@python3 -B src/guide/metrics.py .
 
 .PHONY: deb deb-test system-test manual docs
 

@@ -2,7 +2,7 @@
 # An installed Mirage takes this file along: packaging/MirageConfig.cmake.in includes it to find for somebody
 # else's program what the layers that it links (MIRAGE_LAYERS) need. Hence the targets made here are imported ones.
 if(NOT DEFINED MIRAGE_LAYERS)
-  set(MIRAGE_LAYERS base geometry sensors scene simulation generator exchange detection frames attack defense cli)
+  set(MIRAGE_LAYERS base geometry tracking sensors scene simulation generator exchange detection frames attack defense cli)
 endif()
 
 # Ends the configuration, or says to somebody else's find_package(Mirage) what is missing.

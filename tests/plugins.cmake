@@ -29,6 +29,12 @@ set_target_properties(planted PROPERTIES PREFIX "" LIBRARY_OUTPUT_DIRECTORY ${CM
 add_dependencies(test_cli planted)
 
 mirage_fake_plugins(detection fake fake_detector.cpp)
+add_library(named MODULE ${CMAKE_CURRENT_SOURCE_DIR}/detection/plugins/named_detector.cpp)
+target_compile_definitions(named PRIVATE FAKE=0)
+target_include_directories(named PRIVATE ${PROJECT_SOURCE_DIR}/src ${CMAKE_CURRENT_SOURCE_DIR})
+target_link_libraries(named PRIVATE mirage_options)
+set_target_properties(named PROPERTIES PREFIX "" LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/test_plugins)
+add_dependencies(test_detection named)
 mirage_tested_plugin(detection fusion)
 mirage_tested_plugin(detection torchscript)
 mirage_tested_plugin(defense fusion)

@@ -96,7 +96,7 @@ void finish(const AttackSettings& settings, const AttackState& state, const std:
   for (const Host& host : test) clusters.add(host.id.frame, track_of(settings.data, host.id));
   result.clusters = clusters.count();
   for (const auto* hosts : {&train, &test})
-    for (const Host& host : *hosts) result.rooftops.add(host.rooftop);
+    for (const Host& host : *hosts) result.rooftops.add(host.from_box);
   result.buildable = buildable_report(state.adversary, settings.buildable);
   const std::size_t tail = std::max<std::size_t>(1, state.losses.size() / 10);
   for (std::size_t i = state.losses.size() - std::min(tail, state.losses.size()); i < state.losses.size();
@@ -122,9 +122,9 @@ AttackResult run_attack(const AttackSettings& settings) {
   check_settings(settings);  // before the detector is loaded
   AttackSettings known = settings;
   known.detector.precision = usable_precision(settings.detector.precision);
-  if (const GivenDetector* given = given_detector(); given && is_given(settings.detector))
-    known.weights_hash = given->content;
-  else if (!settings.detector.fresh && !is_given(settings.detector))
+  if (is_outside(settings.detector))
+    known.weights_hash = outside_content(settings.detector);
+  else if (!settings.detector.fresh)
     known.weights_hash = weights_hash(settings.detector);
   return run_attack(known, load_detector_pool(known.detector, settings.batch));
 }

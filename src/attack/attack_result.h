@@ -77,7 +77,7 @@ struct AttackResult {
   double seconds_per_iteration = 0;
   FoundClean found_clean;                ///< of the training vehicles
   ClusterCount clusters;                 ///< of the vehicles held back
-  RooftopCount rooftops;                 ///< of the vehicles of both splits
+  RoofCount rooftops;                    ///< of the vehicles of both splits
   BuildableReport buildable;             ///< of the adversary
   nlohmann::json stages;                 ///< where this process's time went (attack/stages.h)
   std::optional<PlateauReport> plateau;  ///< of a plain attack with until_plateau

@@ -83,7 +83,7 @@ struct AttackSettings : FrameSource {
   int batch = 8;  ///< hosts an iteration; their losses are averaged
   std::uint64_t seed = 0;
   /// Adam's. Tu et al. learn for thousands of steps at 1e-3 and 4e-3. These find their meshes in hundreds,
-  /// and need the batch (src/attack/README.md, "What it takes").
+  /// and need the batch (src/README.md, Adversary).
   double vertex_rate = 2e-2, texel_rate = 2e-2;
   double min_view = 0.7;
   HostsFrom hosts_from = HostsFrom::labels;
@@ -104,20 +104,21 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, s.detector);
   visit({.name = "weights_hash", .option = ""}, s.weights_hash);
   visit({.name = "attack",
-         .help = "plain: one start and rate; auto: shapes searched without gradients, starts, targets and "
-                 "rates, chosen on vehicles held out from training; --iterations is what all of it may cost",
+         .help = "plain: one start and rate; auto: searches shapes, starts, targets and rates "
+                 "within --iterations, and chooses on vehicles held out from training",
          .lacking = "plain"},
         s.attack);
-  visit({.name = "target", .help = "whose gradient reaches the adversary; random: none, the random mesh"},
-        s.target);
-  visit({.name = "parts", .help = "what is learned; size: the start's three half lengths alone, a control"},
+  visit(
+      {.name = "target", .help = "sensor whose gradient reaches the adversary; random: none, a random mesh"},
+      s.target);
+  visit({.name = "parts", .help = "what to learn; size: the start's three half lengths alone (a control)"},
         s.parts);
   visit.list({.name = "limits",
               .help = "L: the mesh stays within ±L along and across the roof and ±5/8 L in height, m",
               .option = "size"},
              s.limits);
   visit.list({.name = "expectation",
-              .help = "what is drawn anew for each host and step: none, all, or some of "
+              .help = "environment to sample for each host and step: none, all, or some of "
                       "roof,sun,light,exposure,noise",
               .option = "expect",
               .lacking = ""},
@@ -125,16 +126,15 @@ void visit_fields(Visitor& visit, S& s) {
   visit.list({.name = "buildable", .lacking = ""}, s.buildable);
   visit({.name = "iterations", .help = "Adam steps", .range = {0, kMostIterations}, .decides = false},
         s.iterations);
-  visit(
-      {.name = "until_plateau",
-       .help = "end where the objective on a part of the training vehicles that is held out (a fifth of the "
-               "frames, at most 16 vehicles) has not improved for so many steps, and keep the best mesh; "
-               "0: after --iterations, with the last mesh",
-       .range = kNotNegative,
-       .decides = false},  // but for the vehicles held out, which run.json names
-      s.until_plateau);
+  visit({.name = "until_plateau",
+         .help = "stop when the objective on validation vehicles (a fifth of the training frames, "
+                 "at most 16 vehicles) has not improved for N steps, and keep the best mesh. 0: "
+                 "stop after --iterations with the last mesh",
+         .range = kNotNegative,
+         .decides = false},  // but for the vehicles held out, which run.json names
+        s.until_plateau);
   visit({.name = "validation_every",
-         .help = "with --until-plateau or --attack auto: steps between two looks at that objective",
+         .help = "with --until-plateau or --attack auto: steps between two validations",
          .range = kFromOne,
          .option = "validate-every",
          .lacking = "20"},
@@ -144,12 +144,11 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, s.checkpoint);
   visit({.name = "vertex_rate", .help = "Adam's rate for vertices, m", .range = kPositive}, s.vertex_rate);
   visit({.name = "texel_rate", .help = "Adam's rate for texels", .range = kPositive}, s.texel_rate);
-  visit({.name = "min_view", .help = "share of the adversary in view that a host needs", .range = kShare},
+  visit({.name = "min_view", .help = "a host needs this share of the adversary in view", .range = kShare},
         s.min_view);
   visit({.name = "hosts_from",
-         .help =
-             "vehicles of frames that have no labels: labels (none), or detections (what the detector finds "
-             "there without the object; these boxes become the frames' labels, in OUT/labelled)",
+         .help = "hosts in frames without labels: labels (none), or detections (the detector's "
+                 "boxes without the object become labels, in OUT/labelled)",
          .lacking = "labels"},
         s.hosts_from);
   visit_fields(visit, s.objective);

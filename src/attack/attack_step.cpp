@@ -5,14 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <optional>
 
-#include "attack/clean_view.h"
 #include "attack/rank_steps.h"
 #include "base/error.h"
 #include "base/ranks.h"
-#include "simulation/object_window.h"
-#include "simulation/upstream.h"
 
 namespace mirage {
 namespace {
@@ -28,91 +24,64 @@ void check_finite(const HostStep& step, const HostId& host, long iteration) {
                   "check the detector; the last checkpoint is good");
 }
 
-HostStep run_host(Detector& detector, const PreparedFrame& known, const Host& host,
-                  const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
-                  const WorldDraw* draw, std::span<const Proposal> seen_clean, const HostPictures& seen,
-                  bool back) {
-  HostStep step;
-  Stopwatch clock;
-  std::optional<PreparedFrame> drawn;
-  if (draw != nullptr && settings.expectation.any_in_frame()) drawn = draw->frame(known);
-  const PreparedFrame& prepared = drawn ? *drawn : known;
-  const Label& label = prepared.frame.labels[static_cast<std::size_t>(host.id.label)];
-  step.seconds.worlds += clock.lap();
-  const Rooftop rooftop = draw == nullptr ? host.rooftop : draw->rooftop(host.rooftop);
-  const SimulationSettings simulation =
-      draw == nullptr ? settings.simulation : draw->simulation(settings.simulation);
-  Simulated simulated = simulate(prepared, label, rooftop, adversary, simulation);
-  step.seconds.simulation_forward = clock.lap();
-  PixelRect changed = simulated.rect;
-  if (seen.pictures != nullptr) {
-    const HostInWorld in_world{prepared, host, rooftop, simulation, draw == nullptr ? 0 : draw->number()};
-    changed = united(changed, seen.pictures->correct(in_world, adversary, *seen.of, simulated));
+/// The objective over the host's targets: what hides each of them, and the false positives once.
+ObjectiveValue loss_of(const Observation& seen, std::span<const Detection> proposals, Matching matching,
+                       HostStep& step) {
+  const StepHost& host = seen.host();
+  const auto object = matching.in_picture() ? carried_box(seen.simulated(), host.placement) : std::nullopt;
+  ObjectiveSettings settings = seen.settings().objective;
+  ObjectiveValue sum;
+  bool found_attacked = false;
+  for (const Label& target : host.placement.targets) {
+    const HostTruth truth(host.prepared.frame, target, matching, object);
+    const ObjectiveValue value = objective(proposals, truth, settings, host.clean);
+    sum.hide += value.hide;
+    sum.false_positive += value.false_positive;
+    sum.d_logits.resize(proposals.size(), 0.0);
+    for (std::size_t i = 0; i < proposals.size(); ++i) sum.d_logits[i] += value.d_logits[i];
+    step.found |= finds(host.clean, HostTruth(host.prepared.frame, target, matching));
+    found_attacked |= finds(proposals, truth);
+    settings.lambda_fp = 0;
   }
-  step.seconds.rendering = clock.lap();
-  if (draw != nullptr) draw->add_noise(simulated.image);
-  step.seconds.worlds += clock.lap();
+  step.hide = sum.hide;
+  step.false_positive = sum.false_positive;
+  step.hidden = step.found && !found_attacked;
+  return sum;
+}
 
-  SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
-  // Another exposure or noise changes every pixel: to a detector that reads them nothing is as recorded.
-  const Capabilities can = detector.capabilities();
-  const bool own_picture =
-      draw != nullptr && (settings.expectation.exposure > 0 || settings.expectation.image_noise > 0);
-  CleanView clean;
-  if (can.why_whole.empty() && !(own_picture && can.reads_image)) {
-    clean = clean_view(prepared, simulated);
-    clean.changed = changed;
-    view.clean = &clean;
-  }
-  LidarSilhouette silhouette;
-  if (back && can.knows_presence && simulation.lidar_gradient == LidarGradient::silhouette &&
-      target != AttackTarget::image && settings.parts != AttackParts::texture)
-    silhouette = lidar_silhouette(prepared, placed_adversary(simulated));
-  view.watched = silhouette.places;
-  step.seconds.simulation_forward += clock.lap();
-  const auto proposals = detector.forward(view, settings.objective.least_score(), back);
+HostStep run_host(Detector& detector, Observation& seen, const TexturedMesh& adversary, bool back) {
+  HostStep step;
+  const SensorView view = seen.view(detector.capabilities(), back);
+  step.seconds = seen.seconds();
+  Stopwatch clock;
+  const auto proposals = detector.forward(view, seen.settings().objective.least_score(), back);
   step.seconds.detector_forward = clock.lap();
-  const Plane plane = can.plane();
-  const HostTruth truth(prepared.frame, label, plane,
-                        plane == Plane::picture ? silhouette_box(simulated) : std::nullopt);
-  const ObjectiveValue value = objective(proposals, truth, settings.objective, seen_clean);
-  step.hide = value.hide;
-  step.false_positive = value.false_positive;
-  step.found = finds(seen_clean, HostTruth(prepared.frame, label, plane));
-  step.hidden = step.found && !finds(proposals, truth);
+  const ObjectiveValue value = loss_of(seen, proposals, detector.capabilities().matching(), step);
   if (!back) return step;
   step.gradient.vertices.assign(adversary.mesh.vertices.size(), Vec3d::Zero());
   step.gradient.texels.assign(adversary.atlas.texels.size(), Vec3d::Zero());
   const bool any = std::any_of(value.d_logits.begin(), value.d_logits.end(), [](double d) { return d != 0; });
   step.seconds.rest += clock.lap();
   if (!any) return step;
-  SensorGradient gradient = detector.backward(value.d_logits);
+  const SensorGradient gradient = detector.backward(value.d_logits);
   step.seconds.detector_backward = clock.lap();
-
-  Upstream<float> upstream;
-  if (target != AttackTarget::lidar && !gradient.image.empty())
-    upstream = {gradient.image.data.data(), gradient.image.width, gradient.image.height};
-  if (target != AttackTarget::image) upstream.points = gradient.points;
-  upstream.silhouette = &silhouette;
-  upstream.presence = gradient.presence;
-  step.gradient = simulate_vjp(simulated, upstream);
+  step.gradient = seen.vjp(gradient);
   step.seconds.simulation_vjp = clock.lap();
   return step;
 }
 
 }  // namespace
 
-HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
-                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
-                     const WorldDraw* draw, std::span<const Proposal> clean, const HostPictures& seen) {
-  return run_host(detector, prepared, host, adversary, target, settings, draw, clean, seen, true);
+HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMesh& adversary,
+                     const AttackSettings& settings) {
+  Observation seen(host, adversary, settings);
+  return run_host(detector, seen, adversary, true);
 }
 
-HostStep judge_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
-                    const TexturedMesh& adversary, const AttackSettings& settings, const WorldDraw* draw,
-                    std::span<const Proposal> clean, const HostPictures& seen) {
-  return run_host(detector, prepared, host, adversary, AttackTarget::both, settings, draw, clean, seen,
-                  false);
+HostStep judge_host(Detector& detector, const StepHost& host, const TexturedMesh& adversary,
+                    const AttackSettings& settings) {
+  Observation seen(host, adversary, settings);
+  return run_host(detector, seen, adversary, false);
 }
 
 AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool& detectors, FrameStore& store,
@@ -123,7 +92,6 @@ AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool&
       store_(store),
       hosts_(hosts),
       order_(hosts, settings.batch, settings.seed),
-      target_(settings.target),
       parts_(settings.parts),
       laplacian_(mesh),
       unit_(initial_adversary({Vec3d::Ones()}, 1).mesh.vertices),
@@ -136,16 +104,19 @@ double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<
   const RenderedMesh rendered{-1, pictures_ ? adversary : TexturedMesh()};
   const std::vector<std::size_t> mine = own_hosts(hosts.size());
   for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
-    Host host = hosts[mine[i]];
-    const auto prepared = store_.get(host.id.frame);
-    host.rooftop = store_.rooftop(host.id);
+    const HostId& id = hosts[mine[i]].id;
+    const auto prepared = store_.get(id.frame);
     constexpr std::uint64_t kWorlds = std::uint64_t{1} << 62;  // beyond those of any step
     const WorldDraw draw(settings_.expectation, settings_.seed, kWorlds + mine[i]);
     const auto clean = sights_->of(*prepared, detector);
+    const StepHost host{*prepared,
+                        id,
+                        store_.placement(id),
+                        clean,
+                        settings_.expectation.any() ? &draw : nullptr,
+                        {pictures_.get(), &rendered}};
     isolated([&] {
-      const HostStep judged =
-          judge_host(detector, *prepared, host, adversary, settings_,
-                     settings_.expectation.any() ? &draw : nullptr, clean, {pictures_.get(), &rendered});
+      const HostStep judged = judge_host(detector, host, adversary, settings_);
       losses[mine[i]][0] = judged.hide + judged.false_positive;
     });
   });
@@ -184,15 +155,18 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
   const std::vector<std::size_t> mine = own_hosts(batch.size());
   for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
     const std::size_t k = mine[i];
-    Host host = hosts_[batch[k]];
-    host.rooftop = store_.rooftop(host.id);  // with the fitted vehicle, which the list leaves out
+    const HostId& id = hosts_[batch[k]].id;
     const WorldDraw draw(settings.expectation, settings.seed,
                          static_cast<std::uint64_t>(state.iteration * settings.batch) + k);
     const auto clean = sights_->of(*frames[i], detector);
+    const StepHost host{*frames[i],
+                        id,
+                        store_.placement(id),
+                        clean,
+                        settings.expectation.any() ? &draw : nullptr,
+                        {pictures_.get(), &state.rendered}};
     isolated([&] {  // or a loop inside would take another host's work, and its time
-      steps[k] = attack_host(detector, *frames[i], host, state.adversary, target_, settings,
-                             settings.expectation.any() ? &draw : nullptr, clean,
-                             {pictures_.get(), &state.rendered});
+      steps[k] = attack_host(detector, host, state.adversary, settings);
     });
   });
   for (const std::size_t k : mine) {

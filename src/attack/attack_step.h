@@ -13,32 +13,22 @@
 #include "attack/detector_pool.h"
 #include "attack/host_order.h"
 #include "attack/host_step.h"
-#include "attack/rendered_pictures.h"
+#include "attack/observation.h"
 #include "attack/stages.h"
 #include "frames/hosts.h"
 #include "geometry/laplacian.h"
 
 namespace mirage {
 
-/// What draws the object for the detector where it is not the simulation.
-struct HostPictures {
-  RenderedPictures* pictures = nullptr;  ///< null: the simulation
-  const RenderedMesh* of = nullptr;
-};
-/// One host of an iteration: simulates both sensors with the adversary on its roof (in `draw`'s world if
-/// there is one), detects, and takes the loss back to the adversary's vertices (m, adversary frame) and
-/// texels. What is no input of `target` gets no gradient, but is simulated all the same. `clean`: what the
-/// detector finds in the frame as recorded, for the objective's top-k rule and for what counts as hidden.
-/// `seen`: see attack/rendered_pictures.h.
-HostStep attack_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
-                     const TexturedMesh& adversary, AttackTarget target, const AttackSettings& settings,
-                     const WorldDraw* draw = nullptr, std::span<const Proposal> clean = {},
-                     const HostPictures& seen = {});
+/// One host of an iteration: simulates both sensors with the adversary placed (in the host's drawn world if
+/// there is one), detects, and takes the loss of the placement's targets back to the adversary's vertices (m,
+/// adversary frame) and texels. What is no input of settings.target gets no gradient, but is simulated all
+/// the same.
+HostStep attack_host(Detector& detector, const StepHost& host, const TexturedMesh& adversary,
+                     const AttackSettings& settings);
 /// The same without the way back: its gradient is empty.
-HostStep judge_host(Detector& detector, const PreparedFrame& prepared, const Host& host,
-                    const TexturedMesh& adversary, const AttackSettings& settings,
-                    const WorldDraw* draw = nullptr, std::span<const Proposal> clean = {},
-                    const HostPictures& seen = {});
+HostStep judge_host(Detector& detector, const StepHost& host, const TexturedMesh& adversary,
+                    const AttackSettings& settings);
 
 /// Steps of one attack. What it is given outlives it.
 class AttackStepper {
@@ -68,7 +58,6 @@ class AttackStepper {
   FrameStore& store_;
   const std::vector<Host>& hosts_;
   HostOrder order_;
-  AttackTarget target_;
   AttackParts parts_;
   Laplacian laplacian_;
   std::vector<Vec3d> unit_;  ///< --parts size: the start's vertices in a box of half lengths 1

@@ -7,7 +7,7 @@
 namespace mirage {
 namespace {
 
-/// Of the budget, at most: steps by gradient end below warped shapes (README.md).
+/// Of the budget, at most: steps by gradient end below warped shapes.
 constexpr double kSearchShare = 0.25;
 
 }  // namespace

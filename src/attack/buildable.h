@@ -24,10 +24,10 @@ struct BuildableSettings {
 template <class Visitor, FieldsOf<BuildableSettings> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "buildable",
-         .help = "keep the mesh free of self-intersection, its walls thick, its base flat and its texels "
-                 "printable"},
+         .help = "keep the mesh printable: no self-intersection, thick walls, flat base, colours "
+                 "of a printer"},
         s.on);
-  visit({.name = "min_thickness", .help = "with --buildable: wall, m", .range = {0, kLargestSize}},
+  visit({.name = "min_thickness", .help = "with --buildable: thinnest wall, m", .range = {0, kLargestSize}},
         s.min_thickness);
   visit({.name = "base", .range = {0, kLargestSize}, .option = ""}, s.base);
   visit({.name = "black", .range = kShare, .option = ""}, s.black);

@@ -12,13 +12,6 @@ namespace {
 
 constexpr const char* kKind = "reliance";
 
-std::vector<std::string> spread_evenly(const std::vector<std::string>& ids) {
-  if (ids.size() <= kRelianceFrames) return ids;
-  std::vector<std::string> kept;
-  for (std::size_t i = 0; i < kRelianceFrames; ++i) kept.push_back(ids[i * ids.size() / kRelianceFrames]);
-  return kept;
-}
-
 std::string key_of(const std::string& identity, const std::filesystem::path& data,
                    const std::vector<std::string>& ids) {
   Provenance made_of;
@@ -31,7 +24,7 @@ std::string key_of(const std::string& identity, const std::filesystem::path& dat
 
 Reliance cached_reliance(const DetectorPool& detectors, const std::string& identity,
                          const std::filesystem::path& data, bool quiet) {
-  const std::vector<std::string> ids = spread_evenly(list_frames(data));
+  const std::vector<std::string> ids = spread_evenly(list_frames(data), kAuditFrames);
   const auto measure = [&] {
     std::vector<Detector*> instances;
     for (const auto& detector : detectors) instances.push_back(detector.get());

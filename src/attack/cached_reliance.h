@@ -10,12 +10,9 @@
 
 namespace mirage {
 
-/// The most frames that are looked at: of larger sets so many, spread evenly.
-inline constexpr std::size_t kRelianceFrames = 120;
-
-/// measure_reliance() on the data set's frames, or what is kept of it in DiskCache::from_environment() for
-/// the same detector, frames and program. `identity`: detector_identity() of the pool's options; empty: not
-/// cached. Shows progress unless `quiet`.
+/// measure_reliance() on at most kAuditFrames of the data set's frames, spread evenly, or what is kept of it
+/// in DiskCache::from_environment() for the same detector, frames and program. `identity`:
+/// detector_identity() of the pool's options; empty: not cached. Shows progress unless `quiet`.
 Reliance cached_reliance(const DetectorPool& detectors, const std::string& identity,
                          const std::filesystem::path& data, bool quiet = true);
 

@@ -17,21 +17,12 @@
 #include "base/intervals.h"
 #include "base/progress.h"
 #include "base/types.h"
-#include "detection/average_precision.h"
 #include "detection/detect.h"
 
 namespace mirage {
 namespace {
 
-/// What a detector says of one frame, and the hosts there.
-struct CleanFrame {
-  std::vector<Proposal> proposals;
-  std::vector<HostTruth> hosts;
-  ScoredFrame scored;
-  int width = 0, height = 0;  // of the picture
-};
-
-using Undo = std::function<Proposal(Proposal, const CleanFrame&)>;
+using Undo = std::function<Detection(Detection, const CleanFrame&)>;
 
 /// A mistake that a detector's boxes may hold, and the boxes without it.
 struct Mistake {
@@ -40,8 +31,8 @@ struct Mistake {
 };
 
 Mistake of_bev(std::string name, std::function<BevBox(BevBox)> undo) {
-  return {std::move(name), [undo = std::move(undo)](Proposal proposal, const CleanFrame&) {
-            proposal.box = undo(proposal.box);
+  return {std::move(name), [undo = std::move(undo)](Detection proposal, const CleanFrame&) {
+            proposal.box.bev = undo(proposal.box.bev);
             return proposal;
           }};
 }
@@ -74,15 +65,15 @@ void add_axes(std::vector<Mistake>& list) {
 }
 
 /// `beyond_a_turn`: headings are.
-std::vector<Mistake> mistakes(Plane plane, bool beyond_a_turn) {
+std::vector<Mistake> mistakes(Matching matching, bool beyond_a_turn) {
   std::vector<Mistake> list;
-  if (plane == Plane::picture) {
-    list.push_back({"columns and rows exchanged", [](Proposal p, const CleanFrame&) {
+  if (matching.in_picture()) {
+    list.push_back({"columns and rows exchanged", [](Detection p, const CleanFrame&) {
                       std::swap(p.picture.left, p.picture.top), std::swap(p.picture.right, p.picture.bottom);
                       return p;
                     }});
     list.push_back(
-        {"shares of the picture's width and height read as pixels", [](Proposal p, const CleanFrame& frame) {
+        {"shares of the picture's width and height read as pixels", [](Detection p, const CleanFrame& frame) {
            p.picture.left *= frame.width, p.picture.right *= frame.width;
            p.picture.top *= frame.height, p.picture.bottom *= frame.height;
            return p;
@@ -121,7 +112,7 @@ std::vector<Mistake> mistakes(Plane plane, bool beyond_a_turn) {
 }
 
 bool found_in(const CleanFrame& frame, const HostTruth& host, double score, double iou, const Undo& undo) {
-  return std::any_of(frame.proposals.begin(), frame.proposals.end(), [&](const Proposal& proposal) {
+  return std::any_of(frame.proposals.begin(), frame.proposals.end(), [&](const Detection& proposal) {
     return proposal.score() > score && host.host_iou(undo ? undo(proposal, frame) : proposal) > iou;
   });
 }
@@ -134,14 +125,14 @@ int count_found(const std::vector<CleanFrame>& frames, double score, double iou,
 }
 
 /// From each host to the nearest box of any score, as (x, y); of hosts whose frame has a box.
-std::vector<Vec2d> nearest_offsets(const std::vector<CleanFrame>& frames, Plane plane) {
+std::vector<Vec2d> nearest_offsets(const std::vector<CleanFrame>& frames, Matching matching) {
   std::vector<Vec2d> offsets;
   for (const CleanFrame& frame : frames)
     for (const HostTruth& host : frame.hosts) {
       Vec2d nearest = Vec2d::Constant(std::numeric_limits<double>::infinity());
-      for (const Proposal& proposal : frame.proposals) {
-        const BevBox box = rectangle(proposal, plane);
-        const Vec2d offset(box.x - host.host().x, box.y - host.host().y);
+      for (const Detection& proposal : frame.proposals) {
+        const BevBox box = matching.flat(proposal), own = matching.flat(host.host());
+        const Vec2d offset(box.x - own.x, box.y - own.y);
         if (offset.norm() < nearest.norm()) nearest = offset;
       }
       if (nearest.allFinite()) offsets.push_back(nearest);
@@ -154,7 +145,7 @@ bool looks_like_probabilities(const std::vector<CleanFrame>& frames) {
   constexpr std::size_t kEnough = 10;
   std::set<double> logits;
   for (const CleanFrame& frame : frames)
-    for (const Proposal& proposal : frame.proposals) {
+    for (const Detection& proposal : frame.proposals) {
       if (proposal.logit < 0 || proposal.logit > 1) return false;
       logits.insert(proposal.logit);
     }
@@ -162,15 +153,15 @@ bool looks_like_probabilities(const std::vector<CleanFrame>& frames) {
 }
 
 /// What is wrong with the boxes where too few vehicles are found.
-void tell_mistakes(const std::vector<CleanFrame>& frames, Plane plane, FoundClean& result) {
+void tell_mistakes(const std::vector<CleanFrame>& frames, Matching matching, FoundClean& result) {
   const EvaluationSettings by;
   std::vector<std::string>& hints = result.hints;
   std::size_t boxes = 0, turned = 0, most = 0;
   for (const CleanFrame& frame : frames) {
     boxes += frame.proposals.size();
     most = std::max(most, frame.proposals.size());
-    for (const Proposal& proposal : frame.proposals)
-      turned += std::abs(proposal.box.yaw) > 2 * std::numbers::pi;
+    for (const Detection& proposal : frame.proposals)
+      turned += std::abs(proposal.box.bev.yaw) > 2 * std::numbers::pi;
   }
   if (boxes == 0) {
     hints.push_back(
@@ -179,7 +170,7 @@ void tell_mistakes(const std::vector<CleanFrame>& frames, Plane plane, FoundClea
                     kScoreThresholdForAp, frames.size()));
     return;
   }
-  const bool many_turned = plane == Plane::bev && 10 * turned >= boxes;
+  const bool many_turned = !matching.in_picture() && 10 * turned >= boxes;
   if (many_turned)
     hints.push_back(
         fmt::format("{} of {} headings are beyond ±2π: yaw is in radians, not in degrees", turned, boxes));
@@ -189,7 +180,7 @@ void tell_mistakes(const std::vector<CleanFrame>& frames, Plane plane, FoundClea
   };
   int best = few;
   std::string how;
-  for (const Mistake& mistake : mistakes(plane, many_turned))
+  for (const Mistake& mistake : mistakes(matching, many_turned))
     if (const int found = count_found(frames, by.score_threshold, by.detected_iou, mistake.undo);
         found > best)
       best = found, how = "with " + mistake.name;
@@ -202,21 +193,21 @@ void tell_mistakes(const std::vector<CleanFrame>& frames, Plane plane, FoundClea
                    kScoreThresholdForAp, result.best_score, by.score_threshold));
   tell(count_found(frames, by.score_threshold, 0.5), "at IoU 0.5: its boxes are too loose for IoU 0.7");
   std::vector<double> distances, x, y;
-  for (const Vec2d& offset : nearest_offsets(frames, plane)) {
+  for (const Vec2d& offset : nearest_offsets(frames, matching)) {
     distances.push_back(offset.norm());
     x.push_back(offset.x()), y.push_back(offset.y());
   }
-  const double away = quantile(distances, 0.5), far = plane == Plane::bev ? 5 : 50;
+  const double away = quantile(distances, 0.5), far = matching.in_picture() ? 50 : 5;
   if (away > far) {
     hints.push_back(fmt::format("the box nearest to a vehicle is {:.0f} {} away (median): {}", away,
-                                plane == Plane::bev ? "m" : "pixels",
-                                plane == Plane::bev
-                                    ? "boxes are in metres in the LiDAR's frame, x forward, y left"
-                                    : "boxes are left, top, right, bottom in pixels"));
-  } else if (plane == Plane::bev) {
+                                matching.in_picture() ? "pixels" : "m",
+                                matching.in_picture()
+                                    ? "boxes are left, top, right, bottom in pixels"
+                                    : "boxes are in metres in the LiDAR's frame, x forward, y left"));
+  } else if (!matching.in_picture()) {
     const Vec2d shift(quantile(x, 0.5), quantile(y, 0.5));
-    const Undo moved = [&](Proposal p, const CleanFrame&) {
-      p.box.x -= shift.x(), p.box.y -= shift.y();
+    const Undo moved = [&](Detection p, const CleanFrame&) {
+      p.box.bev.x -= shift.x(), p.box.bev.y -= shift.y();
       return p;
     };
     tell(count_found(frames, by.score_threshold, by.detected_iou, moved),
@@ -227,18 +218,18 @@ void tell_mistakes(const std::vector<CleanFrame>& frames, Plane plane, FoundClea
 
 }  // namespace
 
-bool finds(std::span<const Proposal> proposals, const HostTruth& truth) {
+bool finds(std::span<const Detection> proposals, const HostTruth& truth) {
   const EvaluationSettings by;
-  return std::any_of(proposals.begin(), proposals.end(), [&](const Proposal& p) {
+  return std::any_of(proposals.begin(), proposals.end(), [&](const Detection& p) {
     return p.score() > by.score_threshold && truth.host_iou(p) > by.detected_iou;
   });
 }
 
-std::vector<Proposal> CleanSights::of(const PreparedFrame& prepared, Detector& detector) {
+std::vector<Detection> CleanSights::of(const PreparedFrame& prepared, Detector& detector) {
   return scored_over(all_of(prepared, detector), EvaluationSettings().score_threshold);
 }
 
-std::vector<Proposal> CleanSights::all_of(const PreparedFrame& prepared, Detector& detector) {
+std::vector<Detection> CleanSights::all_of(const PreparedFrame& prepared, Detector& detector) {
   const Frame& frame = prepared.frame;
   const std::uint64_t version = detector.weights_version();
   {
@@ -249,9 +240,9 @@ std::vector<Proposal> CleanSights::all_of(const PreparedFrame& prepared, Detecto
   const auto look = [&] {
     EvaluationSettings settings;
     settings.score_threshold = kScoreThresholdForAp;
-    return detections(detector, {&frame.image, frame.sweep, &frame.calibration}, settings);
+    return detections(detector, view_of(frame), settings);
   };
-  std::vector<Proposal> proposals =
+  std::vector<Detection> proposals =
       store_ && !identity_.empty() && version == 0
           ? store_->cache().detections(store_->content(frame.id), identity_, kScoreThresholdForAp, look)
           : look();
@@ -260,12 +251,35 @@ std::vector<Proposal> CleanSights::all_of(const PreparedFrame& prepared, Detecto
   return frames_.try_emplace(frame.id, std::move(proposals)).first->second;
 }
 
+FoundClean judge_clean(const std::vector<CleanFrame>& frames, Matching matching) {
+  FoundClean result;
+  const EvaluationSettings by;
+  std::vector<ScoredFrame> scores;
+  for (const CleanFrame& frame : frames) {
+    result.vehicles += static_cast<int>(frame.hosts.size());
+    for (const HostTruth& host : frame.hosts) result.found += finds(frame.proposals, host);
+    for (const Detection& proposal : frame.proposals) {
+      result.boxes += proposal.score() > by.score_threshold;
+      result.best_score = std::max(result.best_score, proposal.score());
+    }
+    scores.push_back(frame.scored);
+  }
+  result.frames = static_cast<int>(frames.size());
+  result.ap50 = average_precision(scores, 0.5).average_precision;
+  result.ap70 = average_precision(scores, 0.7).average_precision;
+  if (looks_like_probabilities(frames))
+    result.hints.push_back(
+        "all its logits lie between 0 and 1, as probabilities do: give logits, log(p / (1 − p))");
+  if (result.found < kFewFound * result.vehicles) tell_mistakes(frames, matching, result);
+  return result;
+}
+
 FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
                       CleanSights& sights, bool quiet) {
   std::map<std::string, std::vector<HostId>> by_frame;
   for (const Host& host : hosts) by_frame[host.id.frame].push_back(host.id);
   std::vector<std::pair<std::string, std::vector<HostId>>> listed(by_frame.begin(), by_frame.end());
-  const Plane plane = detectors.front()->capabilities().plane();
+  const Matching matching = detectors.front()->capabilities().matching();
   std::vector<CleanFrame> frames(listed.size());
   Progress progress("look at frames as recorded", listed.size(), quiet);
   std::mutex mutex;
@@ -276,34 +290,15 @@ FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const st
     const Frame& frame = prepared->frame;
     CleanFrame& clean = frames[i];
     clean.proposals = sights.all_of(*prepared, detector);
-    for (const HostId& id : listed[i].second) clean.hosts.emplace_back(frame, label_of(frame, id), plane);
-    clean.scored =
-        scored(clean.proposals, ground_truth(frame, detector.region()), frame.calibration.camera.fy, plane);
+    for (const HostId& id : listed[i].second) clean.hosts.emplace_back(frame, label_of(frame, id), matching);
+    clean.scored = scored(clean.proposals, ground_truth(frame, detector.region()),
+                          frame.calibration.camera.fy, matching);
     clean.width = frame.image.width, clean.height = frame.image.height;
     const std::scoped_lock lock(mutex);
     progress.update(++done);
   });
 
-  FoundClean result;
-  const EvaluationSettings by;
-  std::vector<ScoredFrame> scores;
-  for (CleanFrame& frame : frames) {
-    result.vehicles += static_cast<int>(frame.hosts.size());
-    for (const HostTruth& host : frame.hosts) result.found += finds(frame.proposals, host);
-    for (const Proposal& proposal : frame.proposals) {
-      result.boxes += proposal.score() > by.score_threshold;
-      result.best_score = std::max(result.best_score, proposal.score());
-    }
-    scores.push_back(std::move(frame.scored));
-  }
-  result.frames = static_cast<int>(frames.size());
-  result.ap50 = average_precision(scores, 0.5).average_precision;
-  result.ap70 = average_precision(scores, 0.7).average_precision;
-  if (looks_like_probabilities(frames))
-    result.hints.push_back(
-        "all its logits lie between 0 and 1, as probabilities do: give logits, log(p / (1 − p))");
-  if (result.found < kFewFound * result.vehicles) tell_mistakes(frames, plane, result);
-  return result;
+  return judge_clean(frames, matching);
 }
 
 std::string describe(const FoundClean& found) {

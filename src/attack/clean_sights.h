@@ -10,6 +10,7 @@
 
 #include "attack/detector_pool.h"
 #include "attack/host_truth.h"
+#include "detection/average_precision.h"
 #include "frames/hosts.h"
 
 namespace mirage {
@@ -22,22 +23,30 @@ class CleanSights {
   /// `identity`: detector_identity(); empty: nothing is kept on disk. `store` outlives this.
   CleanSights(FrameStore& store, std::string identity) : store_(&store), identity_(std::move(identity)) {}
   /// The frame's detections at the score of an evaluation.
-  std::vector<Proposal> of(const PreparedFrame& prepared, Detector& detector);
+  std::vector<Detection> of(const PreparedFrame& prepared, Detector& detector);
   /// Down to the score that AP looks at (kScoreThresholdForAp); the detector is asked once for each frame.
-  std::vector<Proposal> all_of(const PreparedFrame& prepared, Detector& detector);
+  std::vector<Detection> all_of(const PreparedFrame& prepared, Detector& detector);
 
  private:
   FrameStore* store_ = nullptr;
   std::string identity_;
   std::mutex mutex_;  // of what follows
   std::uint64_t version_ = 0;
-  std::map<std::string, std::vector<Proposal>> frames_;
+  std::map<std::string, std::vector<Detection>> frames_;
 };
 
 /// Whether any of them finds the host at the score and the IoU of an evaluation (EvaluationSettings).
-bool finds(std::span<const Proposal> proposals, const HostTruth& truth);
+bool finds(std::span<const Detection> proposals, const HostTruth& truth);
 
-/// How many of an attack's vehicles its detector finds as recorded.
+/// What a detector says of one frame as recorded, and the vehicles there that count.
+struct CleanFrame {
+  std::vector<Detection> proposals;  ///< down to kScoreThresholdForAp, after suppression
+  std::vector<HostTruth> hosts;
+  ScoredFrame scored;
+  int width = 0, height = 0;  ///< of the picture
+};
+
+/// How many of the vehicles a detector finds as recorded.
 struct FoundClean {
   int found = 0, vehicles = 0, frames = 0;
   double ap50 = 0, ap70 = 0;  ///< over the frames' vehicles, by Mirage's rules (average_precision.h)
@@ -47,9 +56,11 @@ struct FoundClean {
   std::vector<std::string> hints;
 };
 
-/// Looks at every frame of `hosts`. What looks like a mistake in the detector's boxes is told in `hints`:
-/// with too few found each known mistake is undone (degrees, sides swapped, other axes, …), and what then
-/// finds more is named with its number.
+/// What looks like a mistake in the detector's boxes is told in `hints`: with too few found each known
+/// mistake is undone (degrees, sides swapped, other axes, …), and what then finds more is named with its
+/// number.
+FoundClean judge_clean(const std::vector<CleanFrame>& frames, Matching matching);
+/// Looks at every frame of `hosts`.
 FoundClean find_clean(const DetectorPool& detectors, FrameStore& store, const std::vector<Host>& hosts,
                       CleanSights& sights, bool quiet);
 

@@ -138,7 +138,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.settings.kinds = vehicle_kinds(stage.settings.data, result.hosts);
   result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
   const Capabilities can = result.detectors.front()->capabilities();
-  result.settings.plane = can.plane();
+  result.settings.matching = can.matching();
   if (!can.why_whole.empty())
     spdlog::info("every pass of the detector is over the whole frame: {}", can.why_whole);
   result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, stage.settings.data,
@@ -191,7 +191,8 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   result["sun"] = evaluation.stage.settings.sun;
   result["depth"] = escape_name(evaluation.stage.settings.depth);
   result["rooftop"] = escape_name(evaluation.stage.settings.rooftop);
-  result["plane"] = to_string(evaluation.settings.plane);
+  result["placement"] = text_of(evaluation.stage.settings.placement);
+  result["plane"] = evaluation.settings.matching.name();
   result["score_threshold"] = evaluation.settings.score_threshold;
   result["detected_iou"] = evaluation.settings.detected_iou;
   return result;

@@ -20,19 +20,19 @@ namespace mirage {
 namespace {
 
 /// Best IoU with the host, and that detection's score.
-std::pair<double, double> best_match(const std::vector<Proposal>& detections, const HostTruth& truth) {
+std::pair<double, double> best_match(const std::vector<Detection>& detections, const HostTruth& truth) {
   std::pair<double, double> best{0, 0};
-  for (const Proposal& d : detections)
+  for (const Detection& d : detections)
     if (const double overlap = truth.host_iou(d); overlap > best.first) best = {overlap, d.score()};
   return best;
 }
 
 /// m to the nearest detection's centre; infinite in the picture, whose boxes have no metres.
-double nearest_centre(const std::vector<Proposal>& detections, const HostTruth& truth) {
+double nearest_centre(const std::vector<Detection>& detections, const HostTruth& truth) {
   double nearest = std::numeric_limits<double>::infinity();
-  if (truth.plane() == Plane::picture) return nearest;
-  for (const Proposal& d : detections)
-    nearest = std::min(nearest, std::hypot(d.box.x - truth.host().x, d.box.y - truth.host().y));
+  if (truth.matching().in_picture()) return nearest;
+  for (const Detection& d : detections)
+    nearest = std::min(nearest, truth.matching().distance(d, truth.host()));
   return nearest;
 }
 
@@ -40,19 +40,20 @@ constexpr const char* kStopped = "an evaluation writes nothing until it is done;
 
 }  // namespace
 
-std::vector<Proposal> detections(Detector& detector, const SensorView& view,
-                                 const EvaluationSettings& settings) {
-  return suppress(detector.forward(view, settings.score_threshold, false), detector.capabilities().plane());
+std::vector<Detection> detections(Detector& detector, const SensorView& view,
+                                  const EvaluationSettings& settings) {
+  return suppress(detector.forward(view, settings.score_threshold, false),
+                  detector.capabilities().matching());
 }
 
-HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> clean,
-                  std::vector<Proposal> attacked, const EvaluationSettings& settings,
+HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> clean,
+                  std::vector<Detection> attacked, const EvaluationSettings& settings,
                   const std::optional<PictureBox>& object) {
   HostOutcome outcome;
-  outcome.plane = settings.plane;
+  outcome.matching = settings.matching;
   outcome.id = id;
   const Label& label = frame.labels[static_cast<std::size_t>(id.label)];
-  const HostTruth recorded(frame, label, settings.plane), truth(frame, label, settings.plane, object);
+  const HostTruth recorded(frame, label, settings.matching), truth(frame, label, settings.matching, object);
   const auto kind = settings.kinds.find(host_name(id));
   outcome.kind = kind == settings.kinds.end() ? label.type : kind->second;
   outcome.track = label.track;
@@ -65,15 +66,15 @@ HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> cl
   outcome.attacked_distance = nearest_centre(attacked, truth);
   outcome.detected = outcome.clean_iou > settings.detected_iou;
   outcome.hidden = outcome.detected && outcome.attacked_iou <= settings.detected_iou;
-  for (const Proposal& proposal : attacked) {
-    const BevBox box = rectangle(proposal, settings.plane);
-    const bool known = std::any_of(clean.begin(), clean.end(), [&](const Proposal& c) {
-      return iou(box, rectangle(c, settings.plane)) > 0;
+  for (const Detection& proposal : attacked) {
+    const bool known = std::any_of(clean.begin(), clean.end(), [&](const Detection& c) {
+      return settings.matching.overlap(proposal, c) > 0;
     });
     if (known || truth.label_iou(proposal) >= settings.false_positive_iou) continue;
-    const double distance = std::hypot(box.x - truth.host().x, box.y - truth.host().y);
-    const double range = settings.plane == Plane::bev ? std::hypot(box.x, box.y) : 0;
-    outcome.new_boxes.push_back({box, proposal.score(), distance, range});
+    const double distance = settings.matching.distance(proposal, truth.host());
+    const BevBox& box = proposal.box.bev;
+    const double range = settings.matching.in_picture() ? 0 : std::hypot(box.x, box.y);
+    outcome.new_boxes.push_back({proposal, proposal.score(), distance, range});
     outcome.false_positive = true;
     outcome.false_positive_distance = std::max(outcome.false_positive_distance, distance);
   }
@@ -134,13 +135,10 @@ CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& stor
     // Down to the score that an attack keeps them (CleanSights): one entry on disk serves both.
     EvaluationSettings down = settings;
     down.score_threshold = std::min(settings.score_threshold, kScoreThresholdForAp);
-    clean.at(frames[i]) =
-        scored_over(cached_detections(
-                        store, frames[i], settings.detector_identity, down.score_threshold,
-                        [&](const Frame& frame) {
-                          return detections(detector, {&frame.image, frame.sweep, &frame.calibration}, down);
-                        }),
-                    settings.score_threshold);
+    clean.at(frames[i]) = scored_over(
+        cached_detections(store, frames[i], settings.detector_identity, down.score_threshold,
+                          [&](const Frame& frame) { return detections(detector, view_of(frame), down); }),
+        settings.score_threshold);
   });
   return clean;
 }
@@ -149,7 +147,7 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
                     const CleanDetections& clean, std::span<const TexturedMesh> adversaries,
                     const SimulationSettings& simulation, const EvaluationSettings& settings) {
   EvaluationSettings by = settings;
-  by.plane = detectors.front()->capabilities().plane();
+  by.matching = detectors.front()->capabilities().matching();
   const std::size_t count = hosts.size() * adversaries.size();
   // A clean frame costs a whole pass, and saves more than half of one each time.
   constexpr std::size_t kWorthKeeping = 3;
@@ -166,20 +164,19 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
     const std::size_t mesh = i % adversaries.size();
     const auto held = store.get(id.frame);
     const PreparedFrame& prepared = *held;
-    const Rooftop rooftop = store.rooftop(id);
-    const Simulated simulated =
-        simulate(prepared, label_of(prepared.frame, id), rooftop, adversaries[mesh], simulation);
-    SensorView view{&simulated.image, simulated.sweep, &prepared.frame.calibration};
+    const Placement placement = store.placement(id);
+    const Simulated simulated = simulate(prepared, placement, adversaries[mesh], simulation);
+    SensorView view = view_of(prepared.frame, simulated.image, simulated.sweep);
     CleanView as_recorded;
     if (local && passes.at(id.frame) >= kWorthKeeping) {
       as_recorded = clean_view(prepared, simulated);
       view.clean = &as_recorded;
     }
     HostOutcome& outcome = outcomes[mesh * hosts.size() + i / adversaries.size()];
-    const auto object = by.plane == Plane::picture ? silhouette_box(simulated) : std::nullopt;
+    const auto object = by.matching.in_picture() ? carried_box(simulated, placement) : std::nullopt;
     outcome = judge(id, prepared.frame, clean.at(id.frame), detections(detector, view, by), by, object);
     outcome.mesh = static_cast<int>(mesh);
-    outcome.from_box = rooftop.from_box;
+    outcome.from_box = placement.carrier->from_box;
     const std::lock_guard lock(mutex);
     progress.update(++done);
   });

@@ -35,8 +35,8 @@ struct EvaluationSettings {
   double score_threshold = 0.3;
   double detected_iou = 0.7;
   double false_positive_iou = 0.3;
-  /// Where the detector is judged (Capabilities::plane); evaluate() sets it.
-  Plane plane = Plane::bev;
+  /// How the detector is judged (Capabilities::matching); evaluate() sets it.
+  Matching matching = {};
   bool quiet = false;
   /// Of the pool's options (frames/made_of.h); empty: clean detections are not cached.
   std::string detector_identity = {};
@@ -57,25 +57,25 @@ struct Evaluation {
   std::vector<double> iou;                              ///< 0 … 1
   std::vector<Interval> recall_clean, recall_attacked;  ///< of all hosts, at each of `iou`
   std::vector<StratumSuccess> strata;
-  RooftopCount rooftops;  ///< of all hosts
+  RoofCount rooftops;     ///< of all hosts
   ClusterCount clusters;  ///< of the hosts detected clean
 };
 
 /// Detections of one view: proposals over the threshold after suppression.
-std::vector<Proposal> detections(Detector& detector, const SensorView& view,
-                                 const EvaluationSettings& settings);
+std::vector<Detection> detections(Detector& detector, const SensorView& view,
+                                  const EvaluationSettings& settings);
 
-/// Judges one host, given its clean and attacked detections. `object`: silhouette_box() of what stands on its
-/// roof in the attacked picture, which only Plane::picture needs.
-HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Proposal> clean,
-                  std::vector<Proposal> attacked, const EvaluationSettings& settings,
+/// Judges one host, given its clean and attacked detections. `object`: carried_box() of what stands on its
+/// roof in the attacked picture, which Matching::in_picture alone needs.
+HostOutcome judge(const HostId& id, const Frame& frame, std::vector<Detection> clean,
+                  std::vector<Detection> attacked, const EvaluationSettings& settings,
                   const std::optional<PictureBox>& object = {});
 
 /// Shares and curves over outcomes; with several meshes each host has as many outcomes.
 Evaluation summarize(std::vector<HostOutcome> hosts, int meshes = 1);
 
 /// By frame.
-using CleanDetections = std::map<std::string, std::vector<Proposal>>;
+using CleanDetections = std::map<std::string, std::vector<Detection>>;
 /// What the detector sees in the hosts' frames as they were recorded.
 CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& store,
                                  const std::vector<HostId>& hosts, const EvaluationSettings& settings);

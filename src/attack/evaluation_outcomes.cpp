@@ -56,7 +56,7 @@ nlohmann::json outcomes_json(const std::vector<HostOutcome>& hosts, int meshes) 
   for (const HostOutcome& host : hosts) {
     nlohmann::json entry = fields_json(host);
     entry.update({{"frame", host.id.frame}, {"label", host.id.label}, {"kind", host.kind}});
-    if (host.plane == Plane::bev)
+    if (!host.matching.in_picture())
       for (const auto& [key, distance] : kDistances)
         entry[key] = std::isfinite(host.*distance) ? nlohmann::json(host.*distance) : nlohmann::json();
     if (meshes > 1) entry["mesh"] = host.mesh;
@@ -83,7 +83,7 @@ std::vector<HostOutcome> read_outcomes(const JsonFields& evaluation) {
   std::vector<HostOutcome> hosts;
   each(evaluation, "outcomes", [&](const JsonFields& json) {
     HostOutcome host = read_outcome(json);
-    host.plane = in_picture ? Plane::picture : Plane::bev;
+    host.matching = in_picture ? kInPicture : kFromAbove;
     if (const auto own = boxes.find({host.id.frame, host.id.label, host.mesh}); own != boxes.end())
       host.new_boxes = own->second;
     hosts.push_back(std::move(host));

@@ -1,6 +1,5 @@
 #include "attack/evaluation_strata.h"
 
-#include <functional>
 #include <set>
 
 #include "base/image_io.h"
@@ -9,15 +8,8 @@
 #include "scene/data/read_frames.h"
 
 namespace mirage {
-namespace {
-
-struct Part {
-  std::string by, name;
-  std::function<bool(const HostOutcome&)> holds;
-};
-
-std::vector<Part> parts(const std::vector<HostOutcome>& hosts) {
-  std::vector<Part> list;
+std::vector<HostPart> host_parts(std::span<const HostOutcome> hosts) {
+  std::vector<HostPart> list;
   const auto add_range = [&](const std::string& name, double nearest, double farthest) {
     list.push_back({"range", name, [nearest, farthest](const HostOutcome& host) {
                       return host.range >= nearest && host.range < farthest;
@@ -43,11 +35,9 @@ std::vector<Part> parts(const std::vector<HostOutcome>& hosts) {
   return list;
 }
 
-}  // namespace
-
 std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int meshes) {
   std::vector<StratumSuccess> result;
-  for (const Part& part : parts(hosts)) {
+  for (const HostPart& part : host_parts(hosts)) {
     std::vector<const HostOutcome*> members;
     int detected = 0;
     for (const HostOutcome& host : hosts)

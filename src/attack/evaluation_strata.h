@@ -2,8 +2,10 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -12,6 +14,15 @@
 namespace mirage {
 
 /// One part of the hosts.
+struct HostPart {
+  std::string by, name;
+  std::function<bool(const HostOutcome&)> holds;
+};
+/// Range: 0-15, 15-30, 30-50, 50+ m (the nearer end belongs to the part). Occlusion: KITTI's four levels.
+/// Truncation: up to 0.15 (KITTI's "easy") and more. Kind: HostOutcome::kind, in alphabetical order.
+std::vector<HostPart> host_parts(std::span<const HostOutcome> hosts);
+
+/// Success in one of host_parts.
 struct StratumSuccess {
   std::string by;    ///< "range", "occlusion", "truncation" or "kind"
   std::string name;  ///< "15-30 m", "partly occluded", …
@@ -20,9 +31,7 @@ struct StratumSuccess {
   SuccessRates rates;
 };
 
-/// Range: 0-15, 15-30, 30-50, 50+ m (the nearer end belongs to the part). Occlusion: KITTI's four levels.
-/// Truncation: up to 0.15 (KITTI's "easy") and more. Kind: HostOutcome::kind, in alphabetical order. All
-/// parts of the first three are listed, with no hosts too.
+/// In each part, with no hosts too.
 std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int meshes = 1);
 
 /// [{by, name, hosts, vehicles, fn_asr: {value, low, high}, fp_asr, asr}]

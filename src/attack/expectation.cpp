@@ -64,13 +64,17 @@ std::string text_of(const Expectation& value) {
 WorldDraw::WorldDraw(const Expectation& expectation, std::uint64_t seed, std::uint64_t draw)
     : expectation_(expectation), seed_(seed), draw_(draw) {}
 
-Rooftop WorldDraw::rooftop(const Rooftop& known) const {
+Placement WorldDraw::placement(const Placement& known) const {
   RandomStream random(seed_, "expected roof", draw_);
   const double s = expectation_.roof_shift;
   const Vec3d shift(random.normal() * s, random.normal() * s, random.normal() * s / 5);
-  Rooftop varied = known;
-  varied.velo_from_adversary = known.velo_from_adversary * Eigen::Translation3d(shift) *
-                               Eigen::AngleAxisd(random.normal() * expectation_.roof_yaw, Vec3d::UnitZ());
+  const double turn = random.normal() * expectation_.roof_yaw;
+  const auto move = [&](Transform& pose) {
+    pose = pose * Eigen::Translation3d(shift) * Eigen::AngleAxisd(turn, Vec3d::UnitZ());
+  };
+  Placement varied = known;
+  move(varied.velo_from_adversary);
+  if (varied.support == Support::roof && varied.carrier) move(varied.carrier->velo_from_roof);
   return varied;
 }
 

@@ -55,8 +55,8 @@ class WorldDraw {
 
   /// Which draw it is.
   std::uint64_t number() const { return draw_; }
-  /// The roof's pose, shifted and turned.
-  Rooftop rooftop(const Rooftop& known) const;
+  /// The object's pose, shifted and turned, and with it the roof that it stands on.
+  Placement placement(const Placement& known) const;
   /// The frame under another light and exposure.
   PreparedFrame frame(const PreparedFrame& known) const;
   /// The settings with the range noise of the object's returns.

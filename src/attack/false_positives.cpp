@@ -13,17 +13,17 @@ std::vector<double> even_edges(double last, int bins) {
   return edges;
 }
 
-/// The box and how far it is off, by the names of its plane.
-nlohmann::json box_json(const NewBox& new_box, Plane plane) {
-  if (plane == Plane::picture) {
-    const PictureBox box = picture_box(new_box.box);
+/// The box and how far it is off, by the names it has from above or in the picture.
+nlohmann::json box_json(const NewBox& new_box, bool in_picture) {
+  if (in_picture) {
+    const PictureBox& box = new_box.box.picture;
     return {{"left", box.left},
             {"top", box.top},
             {"right", box.right},
             {"bottom", box.bottom},
             {"distance_from_host_px", new_box.distance}};
   }
-  const auto& [x, y, length, width, yaw] = new_box.box;
+  const auto& [x, y, length, width, yaw] = new_box.box.box.bev;
   return {{"x", x},
           {"y", y},
           {"length", length},
@@ -68,7 +68,7 @@ nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts) {
       from_host.push_back(box.distance);
       from_sensor.push_back(box.range);
       scores.push_back(box.score);
-      nlohmann::json entry = box_json(box, host.plane);
+      nlohmann::json entry = box_json(box, host.matching.in_picture());
       entry.update(
           {{"frame", host.id.frame}, {"label", host.id.label}, {"mesh", host.mesh}, {"score", box.score}});
       list.push_back(std::move(entry));
@@ -79,7 +79,7 @@ nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts) {
                            {"boxes", list.size()},
                            {"score", to_json(distribution(scores, even_edges(1, 10)), any)},
                            {"list", list}};
-  if (!hosts.empty() && hosts.front().plane == Plane::picture) {
+  if (!hosts.empty() && hosts.front().matching.in_picture()) {
     result["distance_from_host_px"] = to_json(distribution(from_host, even_edges(1000, 20)), any);
   } else {
     result["distance_from_host"] = to_json(distribution(from_host, even_edges(100, 20)), any);

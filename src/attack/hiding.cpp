@@ -36,7 +36,7 @@ Interval paired(std::span<const HostOutcome> a, std::span<const HostOutcome> b, 
 }
 
 bool has_metres(std::span<const HostOutcome> hosts) {
-  return hosts.empty() || hosts.front().plane == Plane::bev;
+  return hosts.empty() || !hosts.front().matching.in_picture();
 }
 
 nlohmann::json rate_json(const HidingRate& rate) {

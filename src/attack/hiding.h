@@ -1,11 +1,12 @@
 // What "hidden" means. A host is hidden when the detector found it in the frame as recorded and does not find
 // it with the adversary on its roof; what counts as found is one of several rules, because a box that was
 // only turned or moved a little is a miss at IoU 0.7 and no danger in traffic:
-//     vanished             best IoU of a detection with the host's box > 0.1: no box stands there any more
-//     iou50, iou70         > 0.5; > 0.7, the seed's (Tu et al., CoRL 2021, section 4)
-//     distance1m, …2m      a detection's centre lies within 1 or 2 m of the host's (nuScenes' matching:
+//     vanished             best IoU (or what else Matching compares by) of a detection with the host's box >
+//     0.1: no box stands there any more iou50, iou70         > 0.5; > 0.7, the seed's (Tu et al., CoRL 2021,
+//     section 4) distance1m, …2m      a detection's centre lies within 1 or 2 m of the host's (nuScenes'
+//     matching:
 //                          Caesar et al., CVPR 2020), however its box is turned
-// Each rate has its own denominator: the hosts that its rule finds clean. In the picture plane there are no
+// Each rate has its own denominator: the hosts that its rule finds clean. In the picture there are no
 // metres, and no rates by distance.
 #pragma once
 
@@ -44,7 +45,7 @@ struct HidingRate {
   int vehicles = 0;  ///< found clean by this rule: the denominator of one mesh
 };
 
-/// By each rule; those by distance only where boxes lie in the bird's-eye view.
+/// By each rule; those by distance only where boxes lie in space.
 struct HidingRates {
   HidingRate vanished, iou50, iou70;
   std::optional<HidingRate> distance1m, distance2m;
@@ -54,7 +55,7 @@ struct HidingRates {
 HidingRates hiding_rates(std::span<const HostOutcome> hosts);
 
 /// {"vanished": {value, low, high, vehicles}, "iou50", "iou70", "distance1m", "distance2m"}, the last two
-/// null in the picture plane.
+/// null in the picture.
 nlohmann::json to_json(const HidingRates& rates);
 
 /// How much more often one mesh works than others on the same hosts: rate(learned) − rate(other) by each of

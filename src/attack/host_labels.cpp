@@ -21,8 +21,8 @@ namespace {
 /// The cars of a frame, by what a detector finds there.
 std::vector<Label> found_cars(Detector& detector, const Frame& frame, double score) {
   std::vector<Label> labels;
-  for (const Proposal& found : detect_vehicles(detector, frame.image, frame.sweep, frame.calibration, score))
-    if (auto label = projected_label("Car", upright(found.box, frame.sweep), frame.calibration))
+  for (const Detection& found : detect_vehicles(detector, frame, score))
+    if (auto label = projected_label("Car", upright(found, frame.sweep), frame.calibration))
       labels.push_back(std::move(*label));
   return labels;
 }
@@ -31,7 +31,7 @@ std::vector<Label> found_cars(Detector& detector, const Frame& frame, double sco
 
 std::filesystem::path label_by_detections(const AttackSettings& settings, const DetectorPool& detectors) {
   const Detector& detector = *detectors.front();
-  if (detector.capabilities().plane() == Plane::picture)
+  if (detector.capabilities().matching().in_picture())
     throw FieldError("hosts_from", "detections",
                      detector.name() + " finds boxes in the picture, which stand nowhere in space",
                      "use a detector that reads the LiDAR's returns");

@@ -11,12 +11,6 @@ namespace {
 
 constexpr double kCarHeight = 1.5;  // m
 
-double largest_iou(const BevBox& box, const std::vector<BevBox>& others) {
-  double largest = 0;
-  for (const BevBox& other : others) largest = std::max(largest, iou(box, other));
-  return largest;
-}
-
 }  // namespace
 
 std::optional<PictureBox> silhouette_box(const Simulated& simulated) {
@@ -34,47 +28,53 @@ std::optional<PictureBox> silhouette_box(const Simulated& simulated) {
                     std::min<double>(last_column, rect.u1 - 0.5), std::min<double>(last_row, rect.v1 - 0.5)};
 }
 
-HostTruth::HostTruth(const Frame& frame, const Label& host, Plane plane,
+std::optional<PictureBox> carried_box(const Simulated& simulated, const Placement& placement) {
+  return placement.support == Support::roof ? silhouette_box(simulated) : std::nullopt;
+}
+
+HostTruth::HostTruth(const Frame& frame, const Label& host, Matching matching,
                      const std::optional<PictureBox>& object)
-    : plane_(plane) {
-  for (const Label& label : frame.labels)
-    if (label.type == "DontCare") dont_care_.push_back(rectangle(picture_box(label)));
-  if (plane == Plane::bev) {
-    host_ = {host.box.bev};
-    labels_ = ground_truth_boxes(frame);
+    : matching_(matching), host_({boxes_of(host)}), ground_(host.box.bottom) {
+  for (const Label& label : frame.labels) {
+    if (label.type == "DontCare") dont_care_.push_back(boxes_of(label));
+    if (is_road_user(label) && (matching.in_picture() || has_box(label))) labels_.push_back(boxes_of(label));
+  }
+  if (!matching.in_picture()) {
     calibration_ = frame.calibration;
-    ground_ = host.box.bottom;
-    return;
+  } else if (object) {
+    host_.emplace_back(joined(picture_box(host), *object));
+    labels_.push_back(host_.back());
   }
-  host_ = {rectangle(picture_box(host))};
-  for (const Label& label : frame.labels)
-    if (is_road_user(label)) labels_.push_back(rectangle(picture_box(label)));
-  if (!object) return;
-  host_.push_back(rectangle(joined(picture_box(host), *object)));
-  labels_.push_back(host_.back());
 }
 
-double HostTruth::host_iou(const Proposal& proposal) const {
-  return largest_iou(rectangle(proposal, plane_), host_);
+double HostTruth::largest(const ObjectBoxes& found, const std::vector<ObjectBoxes>& others) const {
+  double most = 0;
+  for (const ObjectBoxes& other : others) most = std::max(most, matching_.overlap(found, other));
+  return most;
 }
 
-double HostTruth::label_iou(const Proposal& proposal) const {
-  const BevBox box = rectangle(proposal, plane_);
-  if (plane_ == Plane::bev) return largest_iou(box, labels_);
-  if (in_dont_care(proposal)) return 1;
-  return std::max(largest_iou(box, labels_), largest_iou(box, dont_care_));
+double HostTruth::host_iou(const ObjectBoxes& found) const {
+  return largest(found, host_);
 }
 
-bool HostTruth::in_dont_care(const Proposal& proposal) const {
+double HostTruth::label_iou(const ObjectBoxes& found) const {
+  if (!matching_.in_picture()) return largest(found, labels_);
+  if (in_dont_care(found)) return 1;
+  return std::max(largest(found, labels_), largest(found, dont_care_));
+}
+
+bool HostTruth::in_dont_care(const ObjectBoxes& found) const {
   if (dont_care_.empty()) return false;
-  BevBox box = rectangle(proposal, plane_);
-  if (plane_ == Plane::bev) {
-    const auto seen = projected({box, ground_, kCarHeight}, calibration_);
-    if (!seen) return false;
-    box = rectangle(*seen);
+  ObjectBoxes seen = found;
+  if (!matching_.in_picture()) {
+    Box3 box = found.box;
+    if (!(box.height > 0)) box.bottom = ground_, box.height = kCarHeight;
+    const auto there = projected(box, calibration_);
+    if (!there) return false;
+    seen.picture = *there;
   }
-  return std::any_of(dont_care_.begin(), dont_care_.end(), [&](const BevBox& region) {
-    return intersection_area(box, region) >= box.length * box.width / 2;
+  return std::any_of(dont_care_.begin(), dont_care_.end(), [&](const ObjectBoxes& region) {
+    return kInPicture.intersection(seen, region) >= kInPicture.area(seen) / 2;
   });
 }
 

@@ -13,13 +13,13 @@ namespace mirage {
 /// A host in the world that a step sees it in.
 struct HostInWorld {
   const PreparedFrame& prepared;
-  const Host& host;
-  const Rooftop& rooftop;  ///< the host's, or one drawn (attack/expectation.h)
+  const HostId& host;
+  const Placement& placement;  ///< at the host, or one drawn (attack/expectation.h)
   const SimulationSettings& simulation;
   std::uint64_t world = 0;  ///< which draw it is of; 0: as recorded, or the only one
 };
 
-/// Draws objects on hosts. Several threads may ask at a time.
+/// Draws placed objects. Several threads may ask at a time.
 class ObjectRenderer {
  public:
   /// A part of the photograph.
@@ -28,7 +28,7 @@ class ObjectRenderer {
     ImageF picture;  ///< rect-sized RGB: the photograph with the object in it, scene-linear, not clamped
   };
   virtual ~ObjectRenderer() = default;
-  /// The object on the host, behind what the photograph shows in front of it; the same bits for the same
+  /// The placed object, behind what the photograph shows in front of it; the same bits for the same
   /// arguments. `simulated`: what the insertion makes of them. Failure if the renderer is lost for good.
   virtual Window draw(const HostInWorld& host, const TexturedMesh& adversary, const Simulated& simulated,
                       std::uint64_t seed) = 0;

@@ -8,10 +8,8 @@ namespace mirage {
 namespace {
 
 /// Indices of the `most` background proposals of the largest logits, the largest first.
-std::vector<std::size_t> top_background(std::span<const Proposal> proposals, const HostTruth& truth,
-                                        std::span<const Proposal> clean, std::size_t most) {
-  std::vector<BevBox> known;
-  for (const Proposal& seen : clean) known.push_back(rectangle(seen, truth.plane()));
+std::vector<std::size_t> top_background(std::span<const Detection> proposals, const HostTruth& truth,
+                                        std::span<const Detection> clean, std::size_t most) {
   std::vector<std::size_t> heap(proposals.size()), top;
   for (std::size_t i = 0; i < heap.size(); ++i) heap[i] = i;
   const auto below = [&](std::size_t a, std::size_t b) {
@@ -20,10 +18,10 @@ std::vector<std::size_t> top_background(std::span<const Proposal> proposals, con
   std::make_heap(heap.begin(), heap.end(), below);
   while (!heap.empty() && top.size() < most) {
     std::pop_heap(heap.begin(), heap.end(), below);
-    const Proposal& proposal = proposals[heap.back()];
-    const BevBox box = rectangle(proposal, truth.plane());
+    const Detection& proposal = proposals[heap.back()];
     if (truth.host_iou(proposal) == 0 && truth.label_iou(proposal) == 0 && !truth.in_dont_care(proposal) &&
-        std::none_of(known.begin(), known.end(), [&](const BevBox& seen) { return iou(box, seen) > 0; }))
+        std::none_of(clean.begin(), clean.end(),
+                     [&](const Detection& seen) { return truth.matching().overlap(proposal, seen) > 0; }))
       top.push_back(heap.back());
     heap.pop_back();
   }
@@ -36,9 +34,9 @@ double softplus(double x) {
   return std::max(x, 0.0) + std::log1p(std::exp(-std::abs(x)));
 }
 
-ObjectiveValue objective(std::span<const Proposal> proposals, const HostTruth& truth,
-                         const ObjectiveSettings& settings, std::span<const Proposal> clean) {
-  check_proposals(proposals, truth.plane());
+ObjectiveValue objective(std::span<const Detection> proposals, const HostTruth& truth,
+                         const ObjectiveSettings& settings, std::span<const Detection> clean) {
+  check_proposals(proposals, truth.matching());
   ObjectiveValue value;
   value.d_logits.assign(proposals.size(), 0.0);
   const auto reward = [&](std::size_t i) {
@@ -46,7 +44,7 @@ ObjectiveValue objective(std::span<const Proposal> proposals, const HostTruth& t
     value.d_logits[i] = -settings.lambda_fp * proposals[i].score();
   };
   for (std::size_t i = 0; i < proposals.size(); ++i) {
-    const Proposal& proposal = proposals[i];
+    const Detection& proposal = proposals[i];
     const double score = proposal.score();  // the derivative of softplus
     if (score <= settings.relevant_score) continue;
     if (const double overlap = truth.host_iou(proposal); overlap > 0) {

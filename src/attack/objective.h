@@ -37,8 +37,8 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "lambda_laplacian", .help = "weight of smoothness", .option = "lambda-lap"},
         s.lambda_laplacian);
   visit({.name = "fp_top_k",
-         .help = "false positives are sought among so many background proposals, those of the largest "
-                 "logits; 0: among all of a score over 0.1",
+         .help = "false positives count among the N background proposals with the largest logits. "
+                 "0: among all with a score over 0.1",
          .range = kNotNegative,
          .lacking = "0"},
         s.fp_top_k);
@@ -53,8 +53,8 @@ struct ObjectiveValue {
 /// The loss over the proposals of one host's frame, and d loss / d logit of each. Written in logits: log(1 −
 /// sigmoid(x)) = −softplus(x). `clean`: what the detector finds in the frame without an object (attack/
 /// evaluation.h, detections); only fp_top_k takes notice. Equal logits: the earlier proposal is the larger.
-ObjectiveValue objective(std::span<const Proposal> proposals, const HostTruth& truth,
-                         const ObjectiveSettings& settings, std::span<const Proposal> clean = {});
+ObjectiveValue objective(std::span<const Detection> proposals, const HostTruth& truth,
+                         const ObjectiveSettings& settings, std::span<const Detection> clean = {});
 
 /// log(1 + exp(x)) without overflow.
 double softplus(double x);

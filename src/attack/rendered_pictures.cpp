@@ -37,12 +37,12 @@ std::shared_ptr<const RenderedPictures::Correction> RenderedPictures::make(const
   SimulationSettings ideal = host.simulation;
   ideal.camera_effects = {};
   const bool now = same_mesh(adversary, rendered.mesh) && !host.simulation.camera_effects.any();
-  if (!now) then = simulate(host.prepared, label_of(frame, host.host.id), host.rooftop, rendered.mesh, ideal);
+  if (!now) then = simulate(host.prepared, host.placement, rendered.mesh, ideal);
   const Simulated& at = now ? simulated : then;
   auto correction = std::make_shared<Correction>();
   correction->world = host.world;
   if (at.rect.empty()) return correction;
-  RandomStream random(seed_, "rendered " + host_name(host.host.id),
+  RandomStream random(seed_, "rendered " + host_name(host.host),
                       static_cast<std::uint64_t>(rendered.iteration));
   ObjectRenderer::Window window = renderer_.draw(host, rendered.mesh, at, random.next_u32());
   const ImageF raster = radiance_of(at, frame.image, window.rect);
@@ -56,7 +56,7 @@ std::shared_ptr<const RenderedPictures::Correction> RenderedPictures::make(const
 
 PixelRect RenderedPictures::correct(const HostInWorld& host, const TexturedMesh& adversary,
                                     const RenderedMesh& rendered, Simulated& simulated) {
-  const std::string name = host_name(host.host.id);
+  const std::string name = host_name(host.host);
   std::shared_ptr<const Correction> correction;
   const bool keep = rendered.iteration >= 0;
   if (keep) {

@@ -13,6 +13,7 @@
 #include "detection/defense_words.h"
 #include "detection/detector_words.h"
 #include "detection/given_detector.h"
+#include "detection/process_detector.h"
 #include "exchange/gltf.h"
 #include "frames/frame_store.h"
 #include "scene/data/data_rig.h"
@@ -29,12 +30,13 @@ constexpr const char* kMadeHere = "made-here";  // the cache's name for code tha
 constexpr const char* kAgain = "restore the file, or run mirage attack again into an empty folder";
 
 bool is_plugin(const std::string& name) {
-  return fs::path(name).extension() == ".so";
+  return fs::path(name).extension() == ".so" || is_program(name);
 }
 
 [[noreturn]] void refuse(const Run& run, const char* field, const char* what, const fs::path& file,
                          const char* option) {
-  const std::string path = fs::absolute(file).lexically_normal().string();
+  const std::string path =
+      is_program(file) ? "\"" + file.string() + "\"" : fs::absolute(file).lexically_normal().string();
   throw InputError((run.folder / "run.json").string(), field,
                    fmt::format("{} would be loaded, which is code: {}", what, path),
                    fmt::format("if you trust it, name it yourself ({} {}) or add --trust-run", option, path));
@@ -143,11 +145,13 @@ void use_detector_of(const Run& run, DetectorOptions& options) {
       options.detector.empty() || options.detector == own ? run.settings.detector : DetectorOptions();
   if (options.precision.empty()) options.precision = computed.precision;
   if (options.locality < 0) options.locality = computed.locality;
+  if (options.matching == MatchBy::own) options.matching = computed.matching;
   if (options.detector.empty() && run.settings.detector.detector == kGivenDetector && !given_detector())
     return use_copy_of_given(run, options);
   const Run::Refused& refused = run.refused;
   if (options.detector.empty() && !refused.detector.empty())
-    refuse(run, "detector", "a plugin", refused.detector, "--detector");
+    refuse(run, "detector", is_program(refused.detector) ? "a program" : "a plugin", refused.detector,
+           "--detector");
   if (options.detector.empty()) options.detector = run.settings.detector.detector;
   const bool same = options.detector == own;
   if (options.defense.empty())

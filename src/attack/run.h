@@ -60,9 +60,9 @@ void override_settings(Run& run, const Overrides& asked, std::uint64_t seed, boo
 /// Options that leave open what use_detector_of fills in.
 DetectorOptions detector_of_the_run();
 /// Fills in what `options` leaves open (empty; a locality below 0): the run's detector, and its weights,
-/// defence, precision and locality if it is that detector, else what a detector has by default. Weights of
-/// the user's own keep none of the run's defences but JPEG. InputError naming the file that would be loaded
-/// if that is code and the run is not trusted.
+/// defence, precision, locality and matching if it is that detector, else what a detector has by default.
+/// Weights of the user's own keep none of the run's defences but JPEG. InputError naming the file that would
+/// be loaded if that is code and the run is not trusted.
 void use_detector_of(const Run& run, DetectorOptions& options);
 
 /// Remembers that this user's own program wrote a file of code (by its whole content, in the disk cache), so

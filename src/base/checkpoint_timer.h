@@ -24,7 +24,7 @@ void visit_fields(Visitor& visit, S& s) {
          .matters = false},
         s.steps);
   visit({.name = "checkpoint_seconds",
-         .help = "also a checkpoint where so many seconds have passed since the last one; 0: by steps alone",
+         .help = "also write a checkpoint after so many seconds. 0: by steps alone",
          .range = kNotNegative,
          .decides = false,
          .matters = false},

@@ -28,6 +28,8 @@ class JsonWriter {
     nlohmann::json& out = json[field.name];
     if constexpr (HasWords<T>)
       out = to_word(value);
+    else if constexpr (HasText<T>)
+      out = text_of(value);
     else if constexpr (NumberVector<T>)
       out = std::vector<double>(value.data(), value.data() + value.size());
     else if constexpr (std::same_as<T, std::filesystem::path>)
@@ -88,6 +90,8 @@ void set_lacking(const Field& field, T& value) {
     value = std::string(field.lacking) == "true";
   else if constexpr (HasWords<T>)
     value = parse_word<T>(field.lacking, field.name);
+  else if constexpr (HasText<T>)
+    *field.lacking ? set_from_text(field.lacking, value) : void(value = T());
   else if constexpr (Number<T>)
     value = static_cast<T>(parse_number(field.lacking, field.name));
   else if constexpr (std::same_as<T, std::string> || std::same_as<T, std::filesystem::path>)
@@ -167,6 +171,8 @@ class JsonReader {
       named(field, [&] {
         if constexpr (HasWords<T>)
           value = parse_word<T>(text, field.name);
+        else if constexpr (HasText<T>)
+          set_from_text(text, value);
         else
           value = text;
         if constexpr (std::same_as<T, std::string>)

@@ -18,6 +18,8 @@ class FieldSetter {
     found = true;
     if constexpr (HasWords<T>) {
       value = parse_word<T>(text_, name_);
+    } else if constexpr (HasText<T>) {
+      set_from_text(text_, value);
     } else if constexpr (std::same_as<T, bool>) {
       value = text_ == "true";
     } else if constexpr (Number<T>) {

@@ -12,10 +12,10 @@
 // ranges (check_fields), a field set by its name (set_field), options of the command line
 // (cli/field_options.h).
 //
-// A field is a number, truth, text, path, vector or enum; a nested struct may also be written as one text. An
-// enum has one table of words, found beside it:    constexpr auto words_of(Target) { return
-// std::to_array<const char*>({"both", "image"}); }    in the enumerators' order. A struct has two functions:
-// set_from_text(text, value), which throws FieldError, and text_of(value).
+// A field is a number, truth, text, path, vector, enum, or a struct that is written as one text. An enum has
+// one table of words, found beside it:    constexpr auto words_of(Target) { return
+// std::to_array<const char*>({"both", "image"}); }    in the enumerators' order. Such a struct has two
+// functions: set_from_text(text, value), which throws FieldError, and text_of(value); so may a nested one.
 #pragma once
 
 #include <concepts>

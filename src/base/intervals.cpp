@@ -2,10 +2,14 @@
 
 #include <algorithm>
 #include <array>
+#include <boost/math/distributions/binomial.hpp>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <set>
+
+#include "base/error.h"
 
 namespace mirage {
 namespace {
@@ -41,6 +45,12 @@ Estimate left_out(const SumsByCrossing& sums, const std::vector<double>& all, do
     without.push_back(groups.size() > 1 ? figure(others) : std::nan(""));
   }
   return jackknife(value, without);
+}
+
+/// Of an interval of this file: its longer half, since ends are cut at 1. Infinite where nothing is known.
+double standard_error(const Interval& interval, int clusters) {
+  if (clusters < 2) return kUnknown;
+  return std::max(interval.high - interval.value, interval.value - interval.low) / t_quantile(clusters - 1);
 }
 
 }  // namespace
@@ -179,6 +189,46 @@ Interval share_difference(const ClusteredShare& a, const ClusteredShare& b) {
   if (a.sums().empty() || b.sums().empty()) return {0, -1, 1};
   const Interval wide = combined_shares(std::array{a, b}, std::array{1.0, -1.0});
   return {wide.value, std::max(-1.0, wide.low), std::min(1.0, wide.high)};
+}
+
+double p_value(const Interval& difference, int clusters) {
+  const double error = standard_error(difference, clusters);
+  if (!std::isfinite(error) || error <= 0) return 1;
+  const boost::math::students_t t(clusters - 1);
+  return 2 * boost::math::cdf(boost::math::complement(t, std::abs(difference.value) / error));
+}
+
+double detectable_difference(const Interval& difference, int clusters) {
+  const double error = standard_error(difference, clusters);
+  if (!std::isfinite(error)) return 1;
+  constexpr double kPower = 0.8;
+  return std::min(1.0, error * (t_quantile(clusters - 1) +
+                                boost::math::quantile(boost::math::students_t(clusters - 1), kPower)));
+}
+
+std::vector<double> holm(std::span<const double> p) {
+  std::vector<std::size_t> order(p.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return p[a] < p[b]; });
+  std::vector<double> adjusted(p.size());
+  double largest = 0;
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    largest = std::max(largest, std::min(1.0, static_cast<double>(p.size() - k) * p[order[k]]));
+    adjusted[order[k]] = largest;
+  }
+  return adjusted;
+}
+
+Interval median_interval(std::vector<double> values) {
+  if (values.empty()) throw InputError("median", "values", "there are none", "give at least one");
+  std::sort(values.begin(), values.end());
+  const std::size_t n = values.size();
+  const boost::math::binomial ranks(static_cast<double>(n), 0.5);
+  std::size_t outside = 0;  // values on each side that the interval may leave out, and one
+  while (2 * boost::math::cdf(ranks, static_cast<double>(outside)) <= 1 - kConfidence) ++outside;
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  return {(values[(n - 1) / 2] + values[n / 2]) / 2, outside > 0 ? values[outside - 1] : -kInfinity,
+          outside > 0 ? values[n - outside] : kInfinity};
 }
 
 double quantile(std::vector<double> values, double q) {

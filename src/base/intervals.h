@@ -106,10 +106,24 @@ class ClusteredShare {
   SumsByCrossing sums_;
 };
 
+/// Two-sided p value of "there is no difference", by Student's t over `clusters`; 1 where nothing is known.
+double p_value(const Interval& difference, int clusters);
+/// The smallest true difference whose interval excludes 0 in 80 % of sets as large and as scattered as the
+/// one that gave this interval: (t(97.5 %) + t(80 %)) standard errors. 1 where nothing is known.
+double detectable_difference(const Interval& difference, int clusters);
+/// Holm's adjusted p values, in the order of `p` (Scandinavian Journal of Statistics 6, 1979).
+std::vector<double> holm(std::span<const double> p);
+
 /// Σ factor · share, paired by cluster and run. Not cut; reaches to infinity where a share has no trial.
 Interval combined_shares(std::span<const ClusteredShare> shares, std::span<const double> factors);
 /// share(a) − share(b), as above but in [-1, 1]. 0 in [-1, 1] where either has no trial.
 Interval share_difference(const ClusteredShare& a, const ClusteredShare& b);
+
+/// The median (of an even number the mean of the two in the middle) of independent values, one a cluster,
+/// with the narrowest pair of them, equally far from both ends, that holds the true median with 95 % or more
+/// (binomial; Conover, Practical Nonparametric Statistics, 1999, section 3.2). Under six values none does,
+/// and it reaches to infinity. InputError without any value.
+Interval median_interval(std::vector<double> values);
 
 /// The ⌈q·n⌉-th smallest of n > 0 values (q ≤ 0: the smallest; q ≥ 1: the largest).
 double quantile(std::vector<double> values, double q);

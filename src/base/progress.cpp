@@ -5,6 +5,8 @@
 
 #include <cstdio>
 
+#include "base/progress_listener.h"
+
 namespace mirage {
 namespace {
 
@@ -14,17 +16,27 @@ std::string clock_text(double seconds) {
                        : fmt::format("{}:{:02}", total / 60, total % 60);
 }
 
+ProgressListener listener;
+
 }  // namespace
+
+ProgressTo::ProgressTo(ProgressListener told) {
+  listener = std::move(told);
+}
+
+ProgressTo::~ProgressTo() {
+  listener = nullptr;
+}
 
 Progress::Progress(std::string what, std::size_t total, bool quiet)
     : what_(std::move(what)),
       total_(total),
-      shown_(!quiet && isatty(STDERR_FILENO)),
+      shown_(listener || (!quiet && isatty(STDERR_FILENO))),
       start_(std::chrono::steady_clock::now()),
       last_(start_) {}
 
 Progress::~Progress() {
-  if (shown_ && started_) std::fputs("\n", stderr);
+  if (shown_ && started_ && !listener) std::fputs("\n", stderr);
 }
 
 void Progress::update(std::size_t done, const std::string& note) {
@@ -40,6 +52,7 @@ void Progress::update(std::size_t done, const std::string& note) {
   last_ = now;
   const double elapsed = std::chrono::duration<double>(now - start_).count();
   const double left = done > first_ ? elapsed / double(done - first_) * double(total_ - done) : 0;
+  if (listener) return listener(what_, done, total_, clock_text(left), note);
   std::fputs(
       fmt::format("\r\033[K{} {}/{}  {} left  {}", what_, done, total_, clock_text(left), note).c_str(),
       stderr);

@@ -61,6 +61,7 @@ class ProvenanceFields {
   template <class T>
   void operator()(const Field& field, const T& value) {
     to_.settings_.erase(field.name);  // of an option of that name (cli/dispatch.cpp)
+    if constexpr (HasText<T>) to_.settings_.erase(field.option_name());  // one of its spellings
     if (!field.matters) return;
     if constexpr (std::same_as<T, std::filesystem::path>) {
       if (value == field.word)

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <exception>
 #include <filesystem>
+#include <initializer_list>
 #include <string>
 #include <type_traits>
 
@@ -48,19 +49,22 @@ void run_plugin(const std::filesystem::path& file, const std::string& function, 
 /// statics that do not survive that.
 void* plugin_symbol(const std::filesystem::path& file, const std::string& entry, const std::string& contract);
 
-/// Opens a plugin whose entry returns a `const Api*` with an abi_version. InputError for a wrong version.
+/// Opens a plugin whose entry returns a `const Api*` with an abi_version. InputError for a version that is
+/// none of `versions`.
 template <class Api>
 const Api* open_plugin(const std::filesystem::path& file, const std::string& entry,
-                       const std::string& contract, std::uint32_t abi) {
+                       const std::string& contract, std::initializer_list<std::uint32_t> versions) {
   void* symbol = plugin_symbol(file, entry, contract);
   const Api* api = call_plugin(file, entry, [&] { return reinterpret_cast<const Api* (*)()>(symbol)(); });
   if (!api) throw InputError(file.string(), entry, "the entry point returned nothing", "rebuild the plugin");
-  if (api->abi_version != abi)
-    throw InputError(
-        file.string(), "abi_version",
-        "is " + std::to_string(api->abi_version) + ", this program speaks " + std::to_string(abi),
-        "rebuild the plugin against this version");
-  return api;
+  std::string known;
+  for (const std::uint32_t version : versions) {
+    if (api->abi_version == version) return api;
+    known += (known.empty() ? "" : " and ") + std::to_string(version);
+  }
+  throw InputError(file.string(), "abi_version",
+                   "is " + std::to_string(api->abi_version) + ", this program speaks " + known,
+                   "rebuild the plugin against this version");
 }
 
 }  // namespace mirage

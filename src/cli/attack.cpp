@@ -50,7 +50,7 @@ Renderers make_renderers(const AttackOptions& options, const AttackSettings& set
 
 /// What the gradient goes through: what the user gave, and beside Cycles' pictures otherwise that of pictures
 /// most like them. Through the default's the mesh descends half as far
-/// (validation/README.md, "How much physical light must an attack know?").
+/// (src/guide/evidence.md, Light).
 void apply_rasteriser(const AttackOptions& options, SimulationSettings& settings) {
   QualityOption quality = options.quality;
   if (options.renderer != kRasterRenderer) {
@@ -101,24 +101,24 @@ void add_options(CLI::App& app, AttackOptions& options) {
   options.quality.add(app);
   options.effects.add(app);
   app.add_option("--renderer", options.renderer,
-                 "who draws the object for the detector: raster (--quality, --light), or cycles (Blender; "
-                 "the gradient goes through raster, by default with --quality exact --light visible)")
+                 "renderer of the object: raster (--quality, --light), or cycles (Blender; the "
+                 "gradient is that of raster, by default with --quality exact --light visible)")
       ->check(one_of({kRasterRenderer, "cycles"}))
       ->capture_default_str();
   app.add_option("--cycles-samples", options.cycles.samples, "with --renderer cycles: samples a pixel")
       ->check(within({1, 4096}))
       ->capture_default_str();
   app.add_option("--cycles-renew", options.settings.renewal.metres,
-                 "with --renderer cycles: draw anew when the vertices have moved by more than this (root "
-                 "mean square, m); 0: every step")
+                 "with --renderer cycles: render again when vertices have moved by this (root mean "
+                 "square, m). 0: every step")
       ->capture_default_str();
   app.add_option("--cycles-renew-texels", options.settings.renewal.texels,
-                 "the same for the texels (root mean square of their channels)")
+                 "with --renderer cycles: render again when texels have changed by this (root mean "
+                 "square)")
       ->capture_default_str();
-  app.add_option(
-      "--budget", options.budget,
-      "with --renderer cycles: folder of a validation with --budget, whose rule says of each vehicle "
-      "whether the rasteriser's picture will do");
+  app.add_option("--budget", options.budget,
+                 "with --renderer cycles: folder of mirage validate --budget; Cycles renders only "
+                 "vehicles for which its rule requires it");
   tell_of_cache(app);
 }
 

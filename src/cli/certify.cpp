@@ -53,17 +53,18 @@ void print_shares(const CertificateResult& result, const CertificateSettings& se
                       fmt::format("{} of {}{}", of.violations, of.objects,
                                   of.adversary ? ", the run's adversary among them" : "")});
   }
+  rows.push_back({"intervals over", to_string(result.clusters)});
   print_table(rows);
 }
 
 void add_options(CLI::App& app, CertifyOptions& options) {
   CertificateSettings& settings = options.settings;
-  add_fields(app, static_cast<FrameSource&>(options));
-  app.add_option("--run", options.run, "finished mirage attack, whose adversary is told beside");
+  add_fields(app, static_cast<FrameSource&>(options), {"placement"});  // it is about roofs
+  app.add_option("--run", options.run, "run folder whose adversary is also judged");
   add_trust_option(app, options.trust);
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames; 0: all")->capture_default_str();
-  app.add_option("--min-view", options.min_view, "share of the reference adversary in view that a car needs")
+  app.add_option("--min-view", options.min_view, "a car needs this share of the reference adversary in view")
       ->check(within(kShare))
       ->capture_default_str();
   app.add_option("--sizes", settings.sizes, "half lengths L of the box, m (height 5/4 L), with commas")

@@ -53,6 +53,8 @@ inline void take_common(TrainingSchedule& schedule, const Common& common) {
   schedule.quiet = common.quiet;
 }
 
+Command audit_command();
+Command compare_command();
 Command generate_command();
 Command simulate_command();
 Command fit_command();
@@ -66,6 +68,7 @@ Command tradeoff_command();
 Command defend_command();
 Command certify_command();
 Command demo_command();
+Command drive_command();
 Command depth_command();
 Command render_command();
 Command reproduce_command();

@@ -38,6 +38,7 @@ std::vector<std::string> usual_words(const CLI::App& command, const CLI::Option&
   if (name == "--method") return defense_methods();
   if (name == "--weights") return {kRealWeights};
   if (name == "--rooftop") return {"shape", "box"};
+  if (name == "--place") return {"roof"};
   if (name == "--sun") return {"frame", "photo"};
   if (name == "--hosts") return {"test", "train", "all"};
   if (name == "--baseline") return {"start", "sized", "ellipsoid", "cuboid", "all", "none"};

@@ -11,6 +11,7 @@
 #include "base/fields.h"
 #include "base/words.h"
 #include "detection/detector_words.h"
+#include "detection/process_detector.h"
 
 namespace mirage::cli {
 namespace {
@@ -49,7 +50,7 @@ std::optional<std::string> value_of(const std::string& name, const std::vector<s
 bool names_plugin(const std::string& words) {
   const std::vector<std::string> all = listed_words(words);
   return std::any_of(all.begin(), all.end(), [](const std::string& word) {
-    return word.ends_with(".so") || word.find('/') != std::string::npos;
+    return word.ends_with(".so") || word.find('/') != std::string::npos || is_program(word);
   });
 }
 

@@ -1,5 +1,6 @@
 #include <memory>
 
+#include "base/clusters.h"
 #include "cli/command.h"
 #include "cli/frame_options.h"
 #include "cli/named_settings.h"
@@ -23,12 +24,12 @@ constexpr int kQuickFrames = 6, kQuickIterations = 8, kQuickValidated = 2;
 void add_options(CLI::App& app, DemoOptions& options) {
   app.add_option("--frames", options.frames, "generated frames")->capture_default_str();
   app.add_option("--iterations", options.iterations, "attack steps")->capture_default_str();
-  add_fields(app, options.source, {"data", "depth", "sun", "rig"});
+  add_fields(app, options.source, {"data", "depth", "sun", "rig", "placement"});
   options.quality.add(app);
   app.add_option("--validated", options.validated, "frames rendered in Blender")->capture_default_str();
   app.add_flag("--quick", options.quick,
-               fmt::format("a minute or two, with too few frames for figures: --frames {} --iterations {} "
-                           "--validated {} where nothing else is given",
+               fmt::format("every step in a minute or two, with too few frames for figures: --frames {} "
+                           "--iterations {} --validated {} unless given",
                            kQuickFrames, kQuickIterations, kQuickValidated));
   app.callback([&app, &options] {
     if (!options.quick) return;
@@ -78,11 +79,13 @@ nlohmann::json run(const DemoOptions& options, const Common& common) {
   };
   const nlohmann::json &learned = evaluation.at("hidden").at("vanished"),
                        &random = evaluation.at("sized").at("hidden").at("vanished"),
-                       &difference = evaluation.at("net").at("vanished");
+                       &difference = evaluation.at("net").at("vanished"),
+                       &clusters = evaluation.at("clusters");
   print_table({{"held-back vehicles, found clean", learned.at("vehicles").dump()},
                {"vanish under the learned mesh", percent(interval(learned))},
                {"vanish under a random mesh of its size", percent(interval(random))},
                {"difference, points", signed_points(interval(difference))},
+               {"intervals over", to_string(ClusterCount{clusters.at("by"), clusters.at("count")})},
                {"adversary", path("run/adversary.glb")},
                {"report", path("validate/report.html")}});
   return {{"report", path("validate/report.html")},

@@ -83,7 +83,8 @@ void add_options(CLI::App& app, DepthOptions& options) {
   app.add_option("--rig", options.rig, kRigHelp);
   app.add_option("--backends", options.backends, "separated by commas")
       ->default_str("ip-basic in five variants, guided");
-  app.add_option("--weights", options.weights, "of the learned one (default: the shipped ones)");
+  app.add_option("--weights", options.weights,
+                 "weights of learned depth completion (default: the shipped ones)");
   app.add_option("--hide", options.hide,
                  "score on this share of the returns, held back (default: 0.2 where there is no true depth)");
   app.add_option("--farthest", options.score.farthest, "score up to this true depth, m")

@@ -1,21 +1,24 @@
 // mirage detect: runs a detector over a data set and scores it.
 #include "detection/detect.h"
 
+#include <fmt/ranges.h>
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <cstdio>
 #include <memory>
 
+#include "attack/glue_check.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/names.h"
 #include "base/progress.h"
 #include "cli/detector_options.h"
-#include "cli/picture_rows.h"
-#include "detection/defense_words.h"
+#include "cli/table.h"
 #include "detection/detection_files.h"
 #include "detection/kitti_ap.h"
-#include "detection/reliance.h"
 #include "frames/data_check.h"
+#include "frames/frame_store.h"
 #include "frames/made_of.h"
 #include "scene/data/label_census.h"
 #include "validation/report/detection_plot.h"
@@ -28,34 +31,9 @@ struct DetectOptions {
   std::string rig;
   DetectorOptions detector;
   std::size_t frames = 0;
-  bool reliance = false;
-  std::filesystem::path claim, kitti;
+  int check = 0;
+  std::filesystem::path kitti;
 };
-
-/// The measured detectors that the file holds; none if there is no file.
-nlohmann::json read_claims(const std::filesystem::path& file) {
-  if (!std::filesystem::exists(file)) return nlohmann::json::object();
-  nlohmann::json claims = read_json(file, kLargestRecord);
-  if (!claims.is_object())
-    throw InputError(file.string(), "", "is no object of measured detectors",
-                     "name another file with --claim");
-  return claims;
-}
-
-/// Puts what was measured under the weights' name into the file that the tests hold it against.
-void write_claim(const std::filesystem::path& file, const DetectorOptions& detector,
-                 const std::filesystem::path& data, const Reliance& reliance) {
-  const Defense defense = read_defense(detector.defense);
-  if (defense.around != read_defense(defense.weights).around)
-    throw FieldError("claim", file.string(), "is of weights, and the defence stands around them",
-                     "leave --defense or --claim out");
-  const std::filesystem::path weights = weights_file(detector);
-  nlohmann::json claims = read_claims(file);
-  claims[weights.stem().string()] = to_json(reliance);
-  claims[weights.stem().string()].update(
-      {{"data", data.filename().string()}, {"weights_hash", file_hash(weights)}});
-  write_json(file, claims);
-}
 
 nlohmann::json box_json(const BevBox& box) {
   return {{"x", box.x}, {"y", box.y}, {"length", box.length}, {"width", box.width}, {"yaw", box.yaw}};
@@ -65,23 +43,30 @@ nlohmann::json box_json(const PictureBox& box) {
   return {{"left", box.left}, {"top", box.top}, {"right", box.right}, {"bottom", box.bottom}};
 }
 
-/// A rectangle of the plane where the detector is judged, by its names there.
-nlohmann::json box_json(const BevBox& rectangle, Plane plane) {
-  return plane == Plane::picture ? box_json(picture_box(rectangle)) : box_json(rectangle);
+/// The box that is compared, and with its height where that is known of detections.
+nlohmann::json box_json(const ObjectBoxes& boxes, Matching matching, bool heights) {
+  if (matching.in_picture()) return box_json(boxes.picture);
+  nlohmann::json json = box_json(boxes.box.bev);
+  if (heights) json["bottom"] = boxes.box.bottom, json["height"] = boxes.box.height;
+  return json;
 }
 
-nlohmann::json detections_json(const DetectionRun& run) {
+nlohmann::json detections_json(const DetectionRun& run, const Capabilities& can) {
   nlohmann::json frames = nlohmann::json::array();
   for (std::size_t i = 0; i < run.ids.size(); ++i) {
     nlohmann::json detections = nlohmann::json::array(), boxes = nlohmann::json::array();
-    for (const Proposal& proposal : run.frames[i].detections) {
-      nlohmann::json entry = box_json(rectangle(proposal, run.plane), run.plane);
-      if (run.plane == Plane::bev && area(proposal.picture) > 0)
+    for (const Detection& proposal : run.frames[i].detections) {
+      nlohmann::json entry = box_json(proposal, run.matching, can.finds_heights);
+      if (proposal.velocity)
+        entry["velocity"] = {proposal.velocity->x(), proposal.velocity->y(), proposal.velocity->z()};
+      if (proposal.identity >= 0) entry["identity"] = proposal.identity;
+      if (!run.matching.in_picture() && area(proposal.picture) > 0)
         entry["picture"] = box_json(proposal.picture);
       entry["score"] = proposal.score();
       detections.push_back(std::move(entry));
     }
-    for (const BevBox& box : run.frames[i].truth.boxes) boxes.push_back(box_json(box, run.plane));
+    for (const ObjectBoxes& box : run.frames[i].truth.boxes)
+      boxes.push_back(box_json(box, run.matching, can.finds_heights));
     frames.push_back({{"frame", escape_name(run.ids[i])}, {"detections", detections}, {"vehicles", boxes}});
   }
   return {{"frames", frames}};
@@ -143,27 +128,21 @@ void add_options(CLI::App& app, DetectOptions& options) {
   app.add_option("--rig", options.rig, kRigHelp);
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames (0: all)")->capture_default_str();
-  const auto reliance = app.add_flag("--reliance", options.reliance,
-                                     "also measure whether the detector uses its picture: the same frames "
-                                     "with another frame's picture, with a black one and with none");
-  app.add_option("--claim", options.claim,
-                 "with --reliance: put what was measured under the weights' name into this file "
-                 "(plugins/detectors/fusion/weights/reliance.json is what the tests check)")
-      ->needs(reliance);
-  app.add_option(
-      "--kitti", options.kitti,
-      "also write KITTI result files ID.txt into this folder, for the official evaluation and other people's "
-      "viewers (heights from the sweep: detectors find boxes in the bird's-eye view)");
+  app.add_option("--check", options.check,
+                 "also say whether the detector's glue is right: its boxes beside the labels, and how "
+                 "much of its change the gradient sees at the first N vehicles that it finds")
+      ->check(CLI::Range(1, 1000));
+  app.add_option("--kitti", options.kitti,
+                 "also write KITTI result files ID.txt into this folder (heights come from the "
+                 "sweep)");
 }
 
 nlohmann::json run(const DetectOptions& options, const Common& common) {
   make_output_folder(common.out);
-  if (!options.claim.empty()) read_claims(options.claim);  // now, not after the work
   const DetectorOptions detector_options = with_common(options.detector, common, options.data, options.rig);
   check_data(options.data, options.rig, UnitUse::reads_sweeps);
   const auto detector = load_detector(detector_options);
   const LabelCensus census = count_labels(options.data, first_frames(options.data, options.frames));
-  if (options.reliance && census.unlabelled == census.frames) require_cars(census, "--reliance");
   warn_of_labels(census);
   std::unique_ptr<Progress> progress;
   const auto tell = [&](const char* what) {
@@ -175,26 +154,24 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   if (!options.kitti.empty()) make_output_folder(options.kitti);
   const Capabilities can = detector->capabilities();
   std::vector<KittiFrame> kitti;
-  const auto seen = [&](const Frame& frame, const std::vector<Proposal>& proposals) {
-    kitti.push_back(kitti_frame(frame, proposals, can.plane()));
+  std::vector<CleanFrame> clean;
+  const auto seen = [&](const Frame& frame, const std::vector<Detection>& proposals) {
+    CleanFrame& here = clean.emplace_back();
+    here.scored = scored(proposals, ground_truth(frame, detector->region()), frame.calibration.camera.fy,
+                         can.matching());
+    here.proposals = proposals;
+    here.width = frame.image.width, here.height = frame.image.height;
+    for (const std::size_t label : here.scored.truth.labels)
+      here.hosts.emplace_back(frame, frame.labels[label], can.matching());
+    kitti.push_back(kitti_frame(frame, proposals, can.matching()));
     if (!options.kitti.empty())
       write_results(options.kitti / (frame.id + ".txt"), kitti.back().detections, frame.calibration);
   };
   add_detector(*common.made_of, detector_options);
   add_data(*common.made_of, options.data, first_frames(options.data, options.frames));
-  std::unique_ptr<RelianceMeter> meter;
-  ProposalObserver measure;
-  if (options.reliance && reads_picture(*detector)) {
-    meter = std::make_unique<RelianceMeter>(options.data, first_frames(options.data, options.frames));
-    measure = [&](const Frame& frame, std::span<const LidarPoint> points, const auto& proposals) {
-      meter->look(*detector, frame, points, proposals);
-    };
-  }
-  const DetectionRun run =
-      detect_data_set(*detector, options.data, options.frames,
-                      tell(meter ? "detect, and use of the picture" : "detect"), seen, measure);
+  const DetectionRun run = detect_data_set(*detector, options.data, options.frames, tell("detect"), seen);
   progress.reset();
-  write_json(common.out / "detections.json", detections_json(run));
+  write_json(common.out / "detections.json", detections_json(run, can));
   std::vector<ScoredStratum> parts(1);
   parts[0].stratum.name = "all";
   parts[0].at50 = run.at50;
@@ -202,17 +179,18 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   parts.insert(parts.end(), run.strata.begin(), run.strata.end());
   const Interval ap50 = average_precision_interval(run.frames, 0.5),
                  ap70 = average_precision_interval(run.frames, 0.7);
-  std::vector<Plane> planes;
-  if (can.finds_bev) planes.push_back(Plane::bev);
-  if (can.finds_picture) planes.push_back(Plane::picture);
-  const nlohmann::json by_kit = kitti_ap_json(kitti, planes);
+  std::vector<Matching> ways;
+  if (can.finds_bev) ways.push_back(kFromAbove);
+  if (can.finds_heights) ways.push_back(kInSpace);
+  if (can.finds_picture) ways.push_back(kInPicture);
+  const nlohmann::json by_kit = kitti_ap_json(kitti, ways);
   const ClusterCount clusters = clusters_of(run.frames);
-  const bool scored = run.at50.boxes > 0;
+  const FoundClean found = judge_clean(clean, run.matching);
+  const bool any_truth = run.at50.boxes > 0;
   if (!common.quiet) {
     std::printf("frames %zu   %.3f s a frame   AP by Mirage's rules, %s\n", run.ids.size(),
-                run.seconds_per_frame,
-                run.plane == Plane::picture ? "boxes in the picture" : "bird's-eye view");
-    if (scored) {
+                run.seconds_per_frame, describe(run.matching).c_str());
+    if (any_truth) {
       print_scores(parts, ap50, ap70);
       print_kitti(by_kit);
       print_table({{"intervals over", to_string(clusters)}});
@@ -221,7 +199,20 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
     }
   }
   nlohmann::json result = scores_json(parts[0]);
-  if (!scored)
+  result["found"] = found.found;
+  result["hints"] = found.hints;
+  if (options.check > 0) {
+    FrameSource source;
+    source.data = options.data, source.rig = options.rig;
+    FrameStore store(source);
+    const BoxHabits habits = !run.matching.in_picture() ? box_habits(clean) : BoxHabits();
+    const SeenChange change = seen_change(*detector, store, run.ids, options.check);
+    result["check"] = {{"boxes", to_json(habits)}, {"gradient", to_json(change)}};
+    print_table(rows_of(found, habits, change));
+  } else if (any_truth && !found.hints.empty()) {
+    spdlog::warn("{} {}, but {}", detector->name(), describe(found), fmt::join(found.hints, "; "));
+  }
+  if (!any_truth)
     for (const char* figure : {"ap50", "ap70", "recall50", "recall70"}) result[figure] = nullptr;
   result["frames"] = run.ids.size();
   result["unlabelled_frames"] = census.unlabelled;
@@ -229,17 +220,11 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   result["ap70_interval"] = to_json(ap70);
   result["kitti_ap"] = by_kit;
   result["detector"] = detector->name();
-  result["plane"] = to_string(run.plane);
+  result["plane"] = run.matching.name();
   result["precision"] = usable_precision(detector_options.precision);
   result["clusters"] = to_json(clusters);
-  if (options.reliance) {
-    const Reliance reliance = meter ? meter->result() : no_camera();
-    result["reliance"] = to_json(reliance);
-    if (!options.claim.empty()) write_claim(options.claim, detector_options, options.data, reliance);
-    if (!common.quiet) print_table(picture_rows(reliance));
-  }
   result["seconds_per_frame"] = run.seconds_per_frame;
-  if (!scored) return result;
+  if (!any_truth) return result;
   for (const ScoredStratum& part : run.strata) result["strata"][key(part.stratum.name)] = scores_json(part);
   const std::vector<ScoredFrame> easier = without_look_alikes(run.frames);
   const double easier50 = average_precision(easier, 0.5).average_precision,
@@ -266,7 +251,7 @@ Command detect_command() {
           "runs a detector over a data set and scores it (AP in the bird's-eye view; in the picture for a "
           "detector of that alone)",
       .default_out = "out/detect",
-      .example = "mirage detect --data path/to/kitti --detector fusion --reliance",
+      .example = "mirage detect --data path/to/kitti --detector fusion",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
   };

@@ -44,21 +44,21 @@ std::vector<Command> all_commands() {
   return {demo_command(),      generate_command(), simulate_command(), fit_command(),    train_command(),
           detect_command(),    attack_command(),   evaluate_command(), export_command(), validate_command(),
           tradeoff_command(),  defend_command(),   certify_command(),  render_command(), depth_command(),
-          reproduce_command(), rig_command(),      view_command()};
+          reproduce_command(), rig_command(),      view_command(),     audit_command(),  compare_command(),
+          drive_command()};
 }
 
 void add_common(CLI::App& app, Common& common, const std::string& default_out) {
   common.out = default_out;
-  app.add_option("--seed", common.seed, "every random stream starts from it")->capture_default_str();
+  app.add_option("--seed", common.seed, "seed of every random stream")->capture_default_str();
   app.add_option("--threads", common.threads, "threads at most; 0: all cores")
       ->check(within({0, kMostThreads}))
       ->capture_default_str();
   app.add_option("--out", common.out, "output folder")->capture_default_str();
-  app.add_flag("--quiet", common.quiet, "no progress, no log lines but warnings");
-  app.add_option(
-         "--config",
-         "TOML file whose keys are these options' names; the command line wins. What is code (a plugin, a "
-         "TorchScript model) is taken from the command line alone")
+  app.add_flag("--quiet", common.quiet, "print warnings only");
+  app.add_option("--config",
+                 "TOML file with option names as keys; the command line wins. Plugins and "
+                 "TorchScript models are code: the command line alone may name them")
       ->type_name("TEXT");
 }
 

@@ -29,7 +29,7 @@ void print_head(const RunEvaluation& evaluation) {
                {"roofs", roofs(learned.rooftops.fitted, learned.rooftops.from_box)},
                {"vehicles detected without adversary", std::to_string(learned.vehicles)}};
   rows.push_back({"intervals over", to_string(learned.clusters)});
-  if (evaluation.settings.plane == Plane::picture)
+  if (evaluation.settings.matching.in_picture())
     rows.push_back({"vehicles detected without adversary, IoU 0.5", std::to_string(learned.vehicles50)});
   for (auto& row : picture_rows(evaluation.reliance)) rows.push_back(std::move(row));
   print_table(rows);
@@ -37,7 +37,7 @@ void print_head(const RunEvaluation& evaluation) {
 
 /// The headline: whether the box is gone, beside the seed's rule, with every control and net of it.
 void print_arms(const RunEvaluation& evaluation) {
-  const bool picture = evaluation.settings.plane == Plane::picture;
+  const bool picture = evaluation.settings.matching.in_picture();
   const auto row = [](const std::string& name, const std::array<std::string, 5>& cells) {
     std::string text = fmt::format("{:<34}", name);
     for (const std::string& cell : cells) text += fmt::format(" {:<23}", cell);
@@ -90,10 +90,10 @@ void print_strata(const RunEvaluation& evaluation) {
 
 void add_options(CLI::App& app, EvaluateOptions& options) {
   EvaluationRequest& request = options.request;
-  app.add_option("--run", request.run, "run folder of mirage attack: whose adversary is judged")->required();
+  app.add_option("--run", request.run, "run folder of mirage attack")->required();
   app.add_option("--hosts-of", request.hosts_of,
-                 "another run folder: judge on exactly its test hosts, with its data set and, unless asked "
-                 "otherwise, its detector (black-box transfer)");
+                 "another run folder: judge on its test hosts, data set and detector (black-box "
+                 "transfer)");
   add_overrides<FrameSource>(app, request.asked);
   add_fields(app, request.detector, {"precision", "locality"});
   add_overrides<DetectorOptions>(app, options.computed, {"precision", "locality"});
@@ -102,18 +102,18 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   options.effects.add(app, "the run's");
   add_trust_option(app, request.trust);
   tell_of_cache(app);
-  app.add_option("--hosts", request.hosts, "test, train or all hosts of the run; default: test");
+  app.add_option("--hosts", request.hosts,
+                 "hosts of the run to judge on: test, train or all (default: test)");
   app.add_option("--random-meshes", request.random_meshes,
-                 "meshes of each baseline, of the seeds run-seed, run-seed + 1, …, pooled; 0: none")
+                 "random meshes of each baseline, pooled (seeds from the run's on). 0: none")
       ->capture_default_str();
-  app.add_option(
-         "--baseline", request.baseline,
-         "what the mesh is compared with: all, none, or some of start (a random mesh of 0.75 of the box), "
-         "sized (a random mesh of the learned one's extents), ellipsoid and cuboid (filling the box)")
+  app.add_option("--baseline", request.baseline,
+                 "controls: all, none, or some of start (a random mesh of 0.75 of the box), sized "
+                 "(a random mesh with the learned extents), ellipsoid and cuboid (filling the box)")
       ->capture_default_str();
   app.add_option("--pictures", options.pictures,
-                 "draw up to so many hidden vehicles and as many with false positives, with the image "
-                 "features, into OUT/pictures")
+                 "draw up to N hidden vehicles and N with false positives, with image features, "
+                 "into OUT/pictures")
       ->check(within(kNotNegative))
       ->capture_default_str();
   app.add_option("--score", request.settings.score_threshold, "score of a detection")

@@ -18,7 +18,7 @@
 #include "exchange/obj_file.h"
 #include "frames/hosts.h"
 #include "frames/made_of.h"
-#include "validation/blender/fbx_export.h"
+#include "validation/blender/blender_process.h"
 #include "validation/fidelity/validate.h"
 
 namespace mirage::cli {
@@ -45,7 +45,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   FrameStore store(run.settings);
   common.made_of->add(run.settings);
   add_frames(*common.made_of, run.settings, hosts);
-  RooftopCount rooftops;
+  RoofCount rooftops;
   Progress progress("export", hosts.size(), common.quiet);
   auto files = nlohmann::json::array({"adversary.glb"});
   if (options.obj) {
@@ -53,7 +53,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     for (const char* file : {"adversary.obj", "adversary.mtl", "adversary.png"}) files.push_back(file);
   }
   if (blender) {
-    write_fbx(*blender, common.out / "adversary.fbx", run.adversary);
+    blender->write_fbx(common.out / "adversary.fbx", run.adversary);
     blender.reset();
     files.push_back("adversary.fbx");
   }
@@ -65,11 +65,10 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     throw_if_interrupted("the files written so far are complete");
     const auto held = store.get(id.frame);
     const PreparedFrame& prepared = *held;
-    const Rooftop rooftop = store.rooftop(id);
-    rooftops.add(rooftop);
+    const Placement placement = store.placement(id);
+    rooftops.add(placement.carrier->from_box);
     const std::string name = host_name(id);
-    ExportScene scene =
-        host_scene(prepared.frame, label_of(prepared.frame, id), rooftop, run.adversary, name);
+    ExportScene scene = host_scene(prepared.frame, placement, run.adversary, name);
     scene.learned_on = learned_on(run, id);
     learned += *scene.learned_on ? 1 : 0;
     write_scene(common.out / (name + ".glb"), scene);
@@ -82,8 +81,11 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
                {"scenes", fmt::format("{} ({} of vehicles learned on)", hosts.size(), learned)},
                {"roofs", roofs(rooftops.fitted, rooftops.from_box)},
                {"folder", common.out.string()}});
-  return {
-      {"scenes", hosts.size()}, {"learned_on", learned}, {"rooftops", to_json(rooftops)}, {"files", files}};
+  return {{"scenes", hosts.size()},
+          {"learned_on", learned},
+          {"rooftops", to_json(rooftops)},
+          {"placement", text_of(run.settings.placement)},
+          {"files", files}};
 }
 
 }  // namespace
@@ -101,15 +103,14 @@ Command export_command() {
             add_overrides<FrameSource>(app, options->asked);
             add_trust_option(app, options->trust);
             app.add_option("--frames", options->frames,
-                           "N frames with the run's vehicles, test frames first, then those that it learned "
-                           "on; 0: all test frames and no others")
+                           "export N frames of the run, test frames first. 0: all test frames")
                 ->check(within(kNotNegative))
                 ->capture_default_str();
             app.add_flag("--fbx", options->fbx,
-                         "also adversary.fbx, by Blender, for game engines and driving simulators: metres, "
-                         "pivot on the roof socket, one material with its texels embedded");
+                         "also write adversary.fbx (by Blender) for engines: metres, pivot on the roof "
+                         "socket, embedded texels");
             app.add_flag("--obj", options->obj,
-                         "also adversary.obj with .mtl and .png: the same in metres, x forward, z up");
+                         "also write adversary.obj with .mtl and .png: metres, x forward, z up");
           },
       .run = [options](const Common& common) { return run(*options, common); },
   };

@@ -51,6 +51,8 @@ class FieldOptions {
       by_text(field, value, to_word(value), [field](const std::string& text, T& set) {
         set = parse_word<T>(text, field.name);
       })->type_name(words + "}");
+    } else if constexpr (HasText<T>) {
+      by_text(field, value);
     } else if constexpr (!NumberVector<T>) {
       CLI::Option* option = app.add_option("--" + name, value, field.help)->required(field.required);
       if constexpr (Number<T>) option->check(within(field.range));
@@ -66,14 +68,18 @@ class FieldOptions {
   void list(const Field& field, T& inner) {
     if constexpr (HasText<T>) {
       name_option(field);
-      by_text(field, inner, text_of(inner),
-              [](const std::string& text, T& set) { set_from_text(text, set); });
+      by_text(field, inner);
     } else {
       visit_fields(*this, inner);
     }
   }
 
  private:
+  template <HasText T>
+  CLI::Option* by_text(const Field& field, T& value) {
+    return by_text(field, value, text_of(value),
+                   [](const std::string& text, T& set) { set_from_text(text, set); });
+  }
   template <class T, class Set>
   CLI::Option* by_text(const Field& field, T& value, const std::string& otherwise, const Set& set) {
     return app

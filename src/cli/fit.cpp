@@ -98,7 +98,7 @@ nlohmann::json fit_data_set(const FitOptions& options, const Common& common) {
   check_data(options.data, options.rig, UnitUse::casts_rays);
   ShapeFitSettings settings;
   settings.min_points = options.min_points;
-  const ShapeRooftopFinder finder(read_shape_model(model_file), lidar, settings);
+  const ShapeRoofFinder finder(read_shape_model(model_file), lidar, settings);
   std::vector<std::string> ids = list_frames(options.data);
   if (options.frames > 0 && ids.size() > static_cast<std::size_t>(options.frames))
     ids.resize(static_cast<std::size_t>(options.frames));
@@ -153,7 +153,7 @@ void add_options(CLI::App& app, FitOptions& options) {
       app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)");
   app.add_option("--rig", options.rig, kRigHelp);
   auto* build =
-      app.add_option("--build-model", options.build_model, "learn the manifold and write it here (*.shape)");
+      app.add_option("--build-model", options.build_model, "learn a shape model and write it here (*.shape)");
   data->excludes(build);
   app.add_option("--model", options.model, "shape model (default: the shipped one)");
   app.add_option("--frames", options.frames, "only the first N frames (0: all)")
@@ -161,10 +161,11 @@ void add_options(CLI::App& app, FitOptions& options) {
       ->capture_default_str();
   app.add_option("--types", options.frame.types, "labels to fit: Car, Van")->capture_default_str();
   app.add_option("--label-noise", options.frame.label_noise,
-                 "disturb the labels first: times 7 cm, 7 cm, 5 cm, 0.02 rad, 3 % of the size")
+                 "disturb labels first, by this times 7 cm (x, y), 5 cm (z), 0.02 rad and 3 % of "
+                 "the size")
       ->check(within({0, kMostLabelNoise}))
       ->capture_default_str();
-  app.add_option("--min-points", options.min_points, "fewer returns on a vehicle: its box is used")
+  app.add_option("--min-points", options.min_points, "vehicles with fewer returns use their labelled box")
       ->check(within(kFromOne))
       ->capture_default_str();
   app.add_option("--mesh-format", options.format, "meshes written: ply, glb or none")

@@ -32,7 +32,7 @@ void add_options(CLI::App& app, GenerateOptions& options) {
       ->capture_default_str();
   app.add_option("--lidar", options.lidar,
                  "another unit than the rig's own: " + listed("scenes/lidars") + " or a file (.toml)");
-  app.add_option("--look", options.look, "another look than the rig's own")
+  app.add_option("--look", options.look, "streets: european or american (default: the rig's own)")
       ->check(one_of({"european", "american"}));
   app.add_option("--frames", options.frames, "how many frames")
       ->capture_default_str()

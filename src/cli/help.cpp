@@ -19,14 +19,18 @@ constexpr std::size_t kIndent = 30, kWidest = 100, kNarrowest = 60;
 /// Headings in their order, and the options under them.
 const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() {
   static const std::vector<std::pair<std::string, std::vector<std::string>>> all = {
-      {"Data", {"--data",        "--run",        "--hosts-of",          "--hosts",      "--rig",
-                "--frames",      "--validation", "--validation-frames", "--types",      "--depth",
-                "--rooftop",     "--sun",        "--min-view",          "--hosts-from", "--min-points",
-                "--evaluation",  "--tradeoff",   "--kitti64",           "--xenith",     "--real",
-                "--judge-frames"}},
+      {"Data", {"--data",        "--run",      "--hosts-of",     "--hosts",
+                "--rig",         "--frames",   "--validation",   "--validation-frames",
+                "--types",       "--depth",    "--rooftop",      "--place",
+                "--sun",         "--min-view", "--hosts-from",   "--min-points",
+                "--evaluation",  "--tradeoff", "--runs",         "--kitti64",
+                "--xenith",      "--real",     "--judge-frames", "--sequence",
+                "--least-frames"}},
+      {"Tracker", {"--birth", "--death", "--track-by", "--track-iou", "--track-distance"}},
       {"Detector",
-       {"--detector", "--weights", "--defense", "--clean-memory", "--precision", "--locality", "--trust-run",
-        "--start", "--camera", "--lidar", "--fresh", "--reliance", "--score", "--iou", "--keep-start"}},
+       {"--detector", "--detectors", "--weights", "--defense", "--clean-memory", "--precision", "--locality",
+        "--matching", "--trust-run", "--start", "--camera", "--lidar", "--fresh", "--gate", "--claim",
+        "--score", "--iou", "--keep-start"}},
       {"Object",
        {"--size", "--parts", "--mesh", "--buildable", "--min-thickness", "--baseline", "--random-meshes",
         "--mesh-forward", "--mesh-up", "--model", "--mesh-format", "--objects", "--sizes"}},
@@ -45,7 +49,7 @@ const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() 
                     "--shift",           "--without-picture"}},
       {"Run",
        {"--out", "--seed", "--threads", "--quiet", "--config", "--checkpoint-every", "--checkpoint-seconds",
-        "--pictures", "--help"}},
+        "--pictures", "--fail-above", "--help"}},
   };
   return all;
 }

@@ -130,11 +130,10 @@ void add_options(CLI::App& app, RenderOptions& options) {
   app.add_option("--renderer", options.renderer, "soft: soft rasteriser; traced: ray-traced camera")
       ->check(one_of({"soft", "traced"}))
       ->capture_default_str();
-  app.add_option("--sigma", options.sigma, "softness of edges, NDC² of the longer side")
+  app.add_option("--sigma", options.sigma, kSigmaHelp)
       ->check(within({kHardSigma, kLargestSigma}))
       ->capture_default_str();
-  app.add_option("--gamma", options.gamma,
-                 "softness of depth, share of the scene's depth range (default: 3 cm of it)")
+  app.add_option("--gamma", options.gamma, std::string(kGammaHelp) + " (default: 3 cm of it)")
       ->check(within({kSmallestSigma, kLargestGamma}));
   app.add_option("--samples", options.samples, "samples a pixel along each side")
       ->check(within({1, 32}))

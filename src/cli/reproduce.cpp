@@ -1,10 +1,10 @@
 // mirage reproduce: the paper's experiments, one command a table.
 #include "validation/paper/reproduce.h"
 
-#include <fmt/format.h>
-
+#include <filesystem>
 #include <memory>
 
+#include "base/files.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/named_settings.h"
@@ -15,7 +15,8 @@ namespace {
 
 void print_result(const paper::ReproduceResult& result) {
   for (const paper::TableResult& table : result.tables)
-    std::fputs(fmt::format("\n{}", paper::markdown(table)).c_str(), stdout);
+    if (const auto text = paper::text_file(result.settings.out, table.name); std::filesystem::exists(text))
+      std::fputs(("\n" + read_file(text)).c_str(), stdout);
   Rows rows;
   for (const paper::Finding& finding : result.findings) rows.push_back({finding.claim, overall(finding)});
   if (!result.page.empty()) rows.push_back({"page", result.page.string()});
@@ -30,21 +31,20 @@ void add_options(CLI::App& app, paper::ReproduceSettings& options) {
          "size alone; fusions: six detectors, "
          "attacked through each sensor, every mesh judged by all (fusions-xenith: that rig); all")
       ->capture_default_str();
-  app.add_flag("--quick", options.quick,
-               "few frames and iterations, some rows of many: all of it in minutes, to see that it runs");
+  app.add_flag("--quick", options.quick, "few frames, iterations and rows: minutes, to see that it runs");
   app.add_option("--kitti64", options.kitti64, "data set of the KITTI rig (default: generated in OUT/data)");
   app.add_option("--xenith", options.xenith, "data set of the Xenith rig (default: generated in OUT/data)");
-  app.add_option("--real", options.real, "real frames: the same on their vehicles");
+  app.add_option("--real", options.real, "data set of recorded frames: judge on their vehicles as well");
   app.add_option("--frames", options.frames, "generated frames of a rig")
       ->check(within(kFromOne))
       ->capture_default_str();
   app.add_option("--judge-frames", options.judge_frames,
-                 "generated frames of a rig beside those, on all of whose vehicles attacks are judged; 0: on "
-                 "vehicles that each attack has held back")
+                 "judge on all vehicles of N more generated frames a rig. 0: on each attack's "
+                 "held-back vehicles")
       ->check(within(kNotNegative))
       ->capture_default_str();
   app.add_option("--only", options.only,
-                 "some rows of the tables, by the names of their evaluations: "
+                 "some rows of the tables, by the folders of their evaluations: "
                  "kitti64-fusion-both,kitti64-fusion-both-adversarial (default: all)")
       ->delimiter(',');
   app.add_option("--iterations", options.iterations, "Adam steps of each attack")
@@ -54,10 +54,10 @@ void add_options(CLI::App& app, paper::ReproduceSettings& options) {
       ->check(within(kFromOne))
       ->capture_default_str();
   app.add_option("--seeds", options.seeds,
-                 "runs of each attack, from seeds one apart; intervals then know their spread")
+                 "runs of each attack, with consecutive seeds; intervals then include their spread")
       ->check(within({1, 100}))
       ->capture_default_str();
-  app.add_option("--pictures", options.pictures, "pictures of each attack that shows some")
+  app.add_option("--pictures", options.pictures, "pictures of each attack")
       ->check(within(kNotNegative))
       ->capture_default_str();
 }

@@ -16,7 +16,7 @@
 #include "scene/data/kitti.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/shape/shape_rooftop.h"
+#include "scene/shape/shape_roof.h"
 #include "scene/sun.h"
 
 namespace mirage::cli {
@@ -46,20 +46,21 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   const LidarModel lidar = lidar_of(asked.data, asked.rig);
   check_data(asked.data, asked.rig, UnitUse::casts_rays);
   const auto depth = load_depth_completion({asked.depth});
-  const auto finder = make_rooftop_finder(asked.rooftop, lidar);
+  const auto finder = make_roof_finder(asked.rooftop, lidar);
   Frame frame = read_frame(asked.data, options.frame);
   frame.lighting = with_sun(frame, sun);
   const PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
   const Label& host = vehicle_of(prepared.frame, options.vehicle, "--vehicle");
   const Box3& box = host.box;
-  const Rooftop rooftop = finder->find(prepared.frame, host);
-  const Transform& roof = rooftop.velo_from_adversary;
+  const Carrier carrier = finder->find(prepared.frame, host);
+  const Transform& roof = carrier.velo_from_roof;
+  const Placement placement = placement_of(asked.placement, carrier);
+  const Vec3d at = placement.velo_from_adversary.translation();
   const Vec3d& to_sun = prepared.frame.lighting.to_sun_velo;
   const double over_box = roof.translation().z() - box.bottom - box.height;
   const auto start = std::chrono::steady_clock::now();
-  const Simulated simulated =
-      simulate(prepared, host, rooftop, adversary,
-               asked.for_unit(lidar, recorded_lidar_effects(asked.data), common.seed));
+  const Simulated simulated = simulate(
+      prepared, placement, adversary, asked.for_unit(lidar, recorded_lidar_effects(asked.data), common.seed));
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   common.made_of->add(asked.simulation);
   add_frames(*common.made_of, asked, {&options.frame, 1});
@@ -67,9 +68,12 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   write_srgb(common.out / "mask.png", mask_picture(simulated, simulated.image.width, simulated.image.height));
   write_exr(common.out / "depth.exr", prepared.depth);
   write_sweep(common.out / "sweep.bin", simulated.sweep);
-  print_table({{"roof", rooftop.from_box
-                            ? "the labelled box's" + (rooftop.reason.empty() ? "" : ": " + rooftop.reason)
+  print_table({{"roof", carrier.from_box
+                            ? "the labelled box's" + (carrier.reason.empty() ? "" : ": " + carrier.reason)
                             : fmt::format("fitted, {:+.3f} m over the labelled box", over_box)},
+               {"adversary stands",
+                fmt::format("{} at ({:.2f}, {:.2f}, {:.2f}) m",
+                            placement.support == Support::roof ? "on it" : "free", at.x(), at.y(), at.z())},
                {"pixels on the adversary", std::to_string(simulated.adversary_pixels)},
                {"returns on the adversary", std::to_string(simulated.adversary_points)},
                {"returns hidden by the scene", std::to_string(simulated.occluded_points)},
@@ -84,11 +88,12 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
           {"removed_points", simulated.removed_points},
           {"visible_share", simulated.visible_share},
           {"rooftop",
-           {{"from_box", rooftop.from_box},
-            {"reason", rooftop.reason},
+           {{"from_box", carrier.from_box},
+            {"reason", carrier.reason},
             {"velo", {roof(0, 3), roof(1, 3), roof(2, 3)}},
             {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
             {"over_box_m", over_box}}},
+          {"placement", text_of(asked.placement)},
           {"lost_points", simulated.lost_points},
           {"sweep_points", prepared.frame.sweep.size()},
           {"sweep_rays_assigned", prepared.index.assigned_share()},

@@ -10,6 +10,7 @@
 #include "cli/frame_options.h"
 #include "cli/table.h"
 #include "cli/trust_option.h"
+#include "validation/blender/blender_process.h"
 
 namespace mirage::cli {
 namespace {
@@ -68,7 +69,9 @@ Command tradeoff_command() {
             settings.quiet = common.quiet;
             settings.detector.seed = common.seed;
             settings.detector.threads = common.threads;
-            const TradeoffResult result = tradeoff(settings);
+            if (settings.cycles) require_text_path(common.out);
+            const TradeoffResult result =
+                tradeoff(settings, [](const auto& out) { return start_blender(out); });
             common.made_of->add(settings);
             print_result(result);
             return to_json(result);

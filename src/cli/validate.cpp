@@ -11,6 +11,7 @@
 #include "cli/frame_options.h"
 #include "cli/picture_rows.h"
 #include "cli/trust_option.h"
+#include "validation/blender/blender_process.h"
 
 namespace mirage::cli {
 namespace {
@@ -126,7 +127,7 @@ void add_options(CLI::App& app, ValidateOptions& options) {
   app.add_option("--defense", settings.detector.defense, "the detector's defence (default: the run's)");
   add_trust_option(app, settings.trust);
   app.add_option("--frames", settings.frames,
-                 fmt::format("frames to validate, test frames first; 0: as many as hold {} vehicles",
+                 fmt::format("frames to validate, test frames first. 0: as many as hold {} vehicles",
                              kVerdictVehicles))
       ->check(within(kNotNegative));
   app.add_option("--samples", settings.samples, "Cycles samples a pixel")
@@ -137,19 +138,17 @@ void add_options(CLI::App& app, ValidateOptions& options) {
                  "all with --budget)")
       ->check(within(kNotNegative));
   app.add_option("--noise", settings.noise,
-                 "choose the samples of each vehicle for this noise, a share of its mean radiance (default: "
-                 "--samples "
-                 "for all)")
+                 "choose samples for each vehicle to reach this noise, a share of its mean "
+                 "radiance (default: --samples for all)")
       ->check(within({1e-4, 1.0}));
   app.add_option(
          "--budget", settings.budget,
          "choose for each scene the cheapest rung whose error stays within this share (default: no choice)")
       ->check(within({1e-4, 1.0}));
   FieldOptions(app, {})({.name = "budget_of", .help = "what the budget is a share of"}, settings.budget_of);
-  app.add_option(
-         "--budget-confidence", settings.budget_confidence,
-         "with --budget: share of unseen scenes that are to be within it; C wants C/(1 - C) groups of "
-         "frames or more")
+  app.add_option("--budget-confidence", settings.budget_confidence,
+                 "with --budget: share C of unseen scenes that keep it; needs C/(1 - C) groups of "
+                 "frames")
       ->check(within({0.5, 0.99}))
       ->capture_default_str();
   options.quality.add(app, "the run's");
@@ -180,9 +179,15 @@ Command validate_command() {
             settings.detector.seed = common.seed;
             settings.made_of = common.made_of;
             options->settings = settings;
-            const Validation result = validate(settings);
+            const Validation result = validate(settings, [](const auto& out) { return start_blender(out); });
             print_fidelity(result);
-            return to_json(result);
+            nlohmann::json json = to_json(result);
+            // The same under the keys by which readers of result.json look for Blender.
+            const nlohmann::json& reference = json.at("reference");
+            json.update({{"blender", reference.at("version")},
+                         {"blender_losses", reference.at("losses")},
+                         {"blender_restarts", reference.at("losses").size()}});
+            return json;
           },
       .afterwards = [options](const Common&) { write_report(options->settings); },
   };

@@ -22,23 +22,23 @@ void add_options(CLI::App& app, ViewOptions& options) {
   ViewSettings& settings = options.settings;
   app.add_option("dir,--data", settings.data, "data set (default with --run: the run's)");
   app.add_option("--run", settings.run,
-                 "folder of a finished mirage attack: its vehicles, as recorded and attacked, side by side");
+                 "run folder of mirage attack: show its vehicles as recorded and attacked");
   app.add_option("--detections", settings.detections,
                  "boxes to draw: detections.json of mirage detect, or a folder of KITTI result files");
-  app.add_option(
-         "--frames", settings.frames,
-         "the first N frames; 0: all. With --run: N frames with its vehicles, test frames first, then "
-         "those that it learned on; 0: all test frames and no others")
+  app.add_option("--frames", settings.frames,
+                 "show the first N frames (0: all). With --run: N of its frames, test frames first "
+                 "(0: all test frames)")
       ->check(within(kNotNegative))
       ->capture_default_str();
-  app.add_flag("--no-detector", options.no_detector, "with --run: its detector does not look at the frames");
-  app.add_option("--detector", settings.detector.detector, "with --run: who looks (default: the run's)");
-  app.add_option("--weights", settings.detector.weights, "its weights (default: the run's)");
-  app.add_option("--defense", settings.detector.defense, "its defence (default: the run's)");
-  add_overrides<FrameSource>(app, settings.asked, {"depth", "rig"});
+  app.add_flag("--no-detector", options.no_detector, "with --run: do not run its detector");
+  app.add_option("--detector", settings.detector.detector, "with --run: detector (default: the run's)");
+  app.add_option("--weights", settings.detector.weights,
+                 "with --run: the detector's weights (default: the run's)");
+  app.add_option("--defense", settings.detector.defense,
+                 "with --run: the detector's defence (default: the run's)");
+  add_overrides<FrameSource>(app, settings.asked, {"depth", "rig", "placement"});
   add_trust_option(app, settings.trust);
-  app.add_option("--size", settings.size,
-                 "MB of the page at most: where it is too little, some of the points are left out")
+  app.add_option("--size", settings.size, "largest page, MB; beyond it returns are thinned")
       ->check(within({0.1, 2000.0}))
       ->capture_default_str();
 }

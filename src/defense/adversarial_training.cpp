@@ -113,7 +113,7 @@ class DefenseTraining {
       Frame frame = prepared->frame;
       if (i < attacked) {
         const Simulated simulated = simulate(
-            *prepared, label_of(prepared->frame, host.id), host.rooftop,
+            *prepared, store_.placement(host.id),
             random ? random_load(settings_.seed, index, attack_.limits) : adversary, attack_.simulation);
         frame.image = simulated.image;
         frame.sweep = simulated.sweep;

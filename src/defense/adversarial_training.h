@@ -61,7 +61,7 @@ struct DefenseSettings : FrameSource, TrainingSchedule {
 template <class Visitor, FieldsOf<DefenseSettings> S>
 void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, as_base<FrameSource>(s));
-  visit({.name = "validation", .help = "data set that scores it, clean, before and after", .decides = false},
+  visit({.name = "validation", .help = "data set to score it on, clean, before and after", .decides = false},
         s.validation);
   visit({.name = "detector", .help = "fusion or lidar"}, s.detector.detector);
   visit({.name = "weights",
@@ -69,8 +69,8 @@ void visit_fields(Visitor& visit, S& s) {
          .decides = false},
         s.detector.weights);
   visit({.name = "precision",
-         .help = "of convolutions, in training and in the adversary's gradient: float or bfloat16 (float "
-                 "where the processor lacks it)",
+         .help = "precision of convolutions, in training and in the adversary's gradient: float or "
+                 "bfloat16 (float where the processor lacks it)",
          .lacking = kFloat,
          .check = check_precision},
         s.detector.precision);

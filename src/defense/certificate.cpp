@@ -33,30 +33,30 @@ struct Sight {
   const PreparedFrame& prepared;
   EvaluationSettings by;  ///< down to the scores that AP asks for
   GroundTruth truth;
-  std::vector<Proposal> clean;
+  std::vector<Detection> clean;
   std::optional<CleanView> recorded;  ///< where the detector computes only what a mask changes
   std::vector<HostTruth> hosts = {};
-  std::vector<Rooftop> roofs = {};
+  std::vector<Placement> roofs = {};
 
   MaskedFrame behind(const Box3& box, const MaskMargin& margin) const {
     return masked(prepared.frame.image, prepared.frame.sweep, prepared.frame.calibration, box, margin);
   }
-  std::vector<Proposal> found(const MaskedFrame& masked) {
-    SensorView view{&masked.image, masked.sweep, &prepared.frame.calibration};
+  std::vector<Detection> found(const MaskedFrame& masked) {
+    SensorView view = view_of(prepared.frame, masked.image, masked.sweep);
     if (recorded) {
       recorded->changed = masked.hidden;
       view.clean = &*recorded;
     }
     return detections(detector, view, by);
   }
-  ScoredFrame score(std::vector<Proposal> detected) const {
-    return scored(std::move(detected), truth, prepared.frame.calibration.camera.fy, by.plane);
+  ScoredFrame score(std::vector<Detection> detected) const {
+    return scored(std::move(detected), truth, prepared.frame.calibration.camera.fy, by.matching);
   }
 };
 
-double best_iou(const std::vector<Proposal>& proposals, const HostTruth& truth, double score) {
+double best_iou(const std::vector<Detection>& proposals, const HostTruth& truth, double score) {
   double best = 0;
-  for (const Proposal& proposal : proposals)
+  for (const Detection& proposal : proposals)
     if (proposal.score() >= score) best = std::max(best, truth.host_iou(proposal));
   return best;
 }
@@ -105,13 +105,13 @@ class Certifier {
     const PreparedFrame& prepared = *held;
     const Frame& frame = prepared.frame;
     EvaluationSettings by = settings_.evaluation;
-    by.plane = detector.capabilities().plane();
+    by.matching = detector.capabilities().matching();
     by.score_threshold = std::min(kScoreThresholdForAp, settings_.evaluation.score_threshold);
     Sight sight{detector,
                 prepared,
                 by,
                 ground_truth(frame, detector.region()),
-                detections(detector, {&frame.image, frame.sweep, &frame.calibration}, by),
+                detections(detector, view_of(frame), by),
                 std::nullopt};
     if (detector.capabilities().why_whole.empty()) sight.recorded = clean_view(prepared, {});
     const double score = settings_.evaluation.score_threshold;
@@ -120,31 +120,30 @@ class Certifier {
     for (std::size_t place : work.hosts) {
       CertifiedHost& host = hosts[place];
       const Label& label = label_of(frame, host.id);
-      const HostTruth& truth = sight.hosts.emplace_back(frame, label, by.plane);
-      const Rooftop& roof = sight.roofs.emplace_back(store_.rooftop(host.id));
+      const HostTruth& truth = sight.hosts.emplace_back(frame, label, by.matching);
+      const Placement& roof = sight.roofs.emplace_back(store_.placement(host.id));
       host.track = label.track;
       host.range = std::hypot(label.box.bev.x, label.box.bev.y);
       host.clean_iou = best_iou(sight.clean, truth, score);
       host.sizes.resize(limits_.size());
       host.control_iou = best_iou(sight.found(sight.behind(label.box, margin_)), truth, score);
       if (!settings_.adversary) continue;
-      const Simulated attacked = simulate(prepared, label, roof, *settings_.adversary, settings_.simulation);
-      host.attacked_iou =
-          best_iou(detections(detector, {&attacked.image, attacked.sweep, &frame.calibration}, by),
-                   HostTruth(frame, label, by.plane, silhouette_box(attacked)), score);
+      const Simulated attacked = simulate(prepared, roof, *settings_.adversary, settings_.simulation);
+      host.attacked_iou = best_iou(detections(detector, view_of(frame, attacked.image, attacked.sweep), by),
+                                   HostTruth(frame, label, by.matching, silhouette_box(attacked)), score);
     }
     for (std::size_t s = 0; s < limits_.size(); ++s) {
       for (std::size_t h = 0; h < work.hosts.size(); ++h) {
         throw_if_interrupted(kNothingWritten);
         CertifiedHost& host = hosts[work.hosts[h]];
         Certificate& certificate = host.sizes[s];
-        const Box3 box = object_box(sight.roofs[h], limits_[s]);
+        const Box3 box = object_box(sight.roofs[h].velo_from_adversary, limits_[s]);
         const MaskedFrame recorded = sight.behind(box, margin_);
         certificate.removed = recorded.removed;
         certificate.hidden_share = static_cast<double>(recorded.hidden.width()) * recorded.hidden.height() /
                                    (static_cast<double>(frame.image.width) * frame.image.height);
         certificate.known_iou = best_iou(sight.found(recorded), sight.hosts[h], score);
-        work.violations[s] += violations(prepared, host.id, sight.roofs[h], limits_[s], box, recorded);
+        work.violations[s] += violations(prepared, sight.roofs[h], limits_[s], box, recorded);
       }
       if (settings_.with_lattice) look_through_lattice(sight, s, work, hosts);
     }
@@ -152,11 +151,11 @@ class Certifier {
 
  private:
   /// How many objects change something that the mask leaves: random ones, and the run's if it is in the box.
-  std::size_t violations(const PreparedFrame& prepared, const HostId& id, const Rooftop& roof,
-                         const AdversaryLimits& limits, const Box3& box, const MaskedFrame& recorded) const {
+  std::size_t violations(const PreparedFrame& prepared, const Placement& roof, const AdversaryLimits& limits,
+                         const Box3& box, const MaskedFrame& recorded) const {
     const Frame& frame = prepared.frame;
     const auto reaches_past = [&](const TexturedMesh& object) {
-      const Simulated attacked = simulate(prepared, label_of(frame, id), roof, object, settings_.simulation);
+      const Simulated attacked = simulate(prepared, roof, object, settings_.simulation);
       return !same(masked(attacked.image, attacked.sweep, frame.calibration, box, margin_), recorded);
     };
     std::size_t count = 0;
@@ -170,8 +169,9 @@ class Certifier {
                             std::vector<CertifiedHost>& hosts) const {
     const double score = settings_.evaluation.score_threshold;
     std::vector<Box3> objects;
-    for (const Rooftop& roof : sight.roofs) objects.push_back(object_box(roof, limits_[s]));
-    std::vector<Proposal> united = sight.clean;
+    for (const Placement& roof : sight.roofs)
+      objects.push_back(object_box(roof.velo_from_adversary, limits_[s]));
+    std::vector<Detection> united = sight.clean;
     const std::vector<Box3> masks =
         lattice(sight.prepared.frame.calibration, limits_[s], ground_, settings_.lattice);
     for (const Box3& mask : masks) {
@@ -187,7 +187,7 @@ class Certifier {
       united.insert(united.end(), proposals.begin(), proposals.end());
     }
     work.masks.push_back(masks.size());
-    work.united.push_back(sight.score(suppress(std::move(united), sight.by.plane)));
+    work.united.push_back(sight.score(suppress(std::move(united), sight.by.matching)));
   }
 
   const CertificateSettings& settings_;
@@ -277,6 +277,9 @@ CertificateResult certify(const DetectorPool& detectors, FrameStore& store, cons
     const std::lock_guard lock(mutex);
     progress.update(++done, frames[i].id);
   });
+  Clusters clusters;
+  for (const CertifiedHost& host : result.hosts) clusters.add(host.id.frame, host.track);
+  result.clusters = clusters.count();
   std::vector<ScoredFrame> clean;
   for (const FrameWork& frame : frames) clean.push_back(frame.clean);
   result.clean_ap70 = average_precision(clean, 0.7).average_precision;
@@ -347,6 +350,7 @@ nlohmann::json to_json(const CertificateResult& result, const CertificateSetting
     if (settings.adversary) outcomes.back()["attacked_iou"] = host.attacked_iou;
   }
   return {{"hosts", result.hosts.size()},
+          {"clusters", to_json(result.clusters)},
           {"score_threshold", settings.evaluation.score_threshold},
           {"clean_ap70", result.clean_ap70},
           {"mask_pixels", settings.mask_pixels},

@@ -15,6 +15,7 @@
 #include <optional>
 
 #include "attack/evaluation.h"
+#include "base/clusters.h"
 #include "base/fields.h"
 #include "defense/roof_mask.h"
 
@@ -57,14 +58,15 @@ struct CertificateSettings {
 /// But `sizes`, a list of any length.
 template <class Visitor, FieldsOf<CertificateSettings> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit(
-      {.name = "with_lattice",
-       .help = "also without knowing the roofs: masks on a grid over the ground, hundreds of passes a frame",
-       .option = "lattice"},
-      s.with_lattice);
+  visit({.name = "with_lattice",
+         .help = "also certify without knowing the roofs: masks on a grid over the ground, "
+                 "hundreds of passes a frame",
+         .option = "lattice"},
+        s.with_lattice);
   visit_fields(visit, s.lattice);
   visit({.name = "objects",
-         .help = "random objects a car and size for which it is checked that the mask hides all they change",
+         .help = "random objects for each car and size, to check that the mask covers all that "
+                 "they change",
          .range = kNotNegative},
         s.objects);
   visit({.name = "mask_pixels", .help = "the mask's margin in the picture, pixels", .range = {0, 1e4}},
@@ -117,6 +119,7 @@ struct CertificateResult {
   /// AP at 0.7 of the frame as recorded, and of the lattice's whole answer to it; one a size.
   double clean_ap70 = 0;
   std::vector<double> lattice_ap70;
+  ClusterCount clusters;  ///< of the hosts: what the shares' intervals rest on
 };
 
 /// Certifies every host. FieldError for settings out of range; Interrupted between hosts.

@@ -117,8 +117,8 @@ double beam_origin_spread(const LidarModel& lidar) {
   return spread;
 }
 
-Box3 object_box(const Rooftop& rooftop, const AdversaryLimits& limits) {
-  const Transform& pose = rooftop.velo_from_adversary;
+Box3 object_box(const Transform& velo_from_adversary, const AdversaryLimits& limits) {
+  const Transform& pose = velo_from_adversary;
   const Vec3d at = pose.translation();
   Box3 box;
   box.bev = {at.x(), at.y(), 2 * limits.half.x(), 2 * limits.half.y(), std::atan2(pose(1, 0), pose(0, 0))};

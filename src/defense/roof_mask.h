@@ -11,7 +11,6 @@
 #include "base/image.h"
 #include "geometry/box.h"
 #include "scene/frame.h"
-#include "scene/rooftop.h"
 #include "sensors/lidar_model.h"
 
 namespace mirage {
@@ -27,9 +26,9 @@ struct MaskMargin {
 /// Largest distance (m) of a beam's origin from the `velo` origin.
 double beam_origin_spread(const LidarModel& lidar);
 
-/// What any object of these limits can fill on this roof (`velo`): |x| ≤ half.x, |y| ≤ half.y along and
-/// across the heading, and up to 2 half.z over the roof point, where its lowest vertex stands.
-Box3 object_box(const Rooftop& rooftop, const AdversaryLimits& limits);
+/// What any object of these limits can fill at this pose: |x| ≤ half.x, |y| ≤ half.y along and across its
+/// heading, and up to 2 half.z over its origin, at whose height the lowest vertex stands.
+Box3 object_box(const Transform& velo_from_adversary, const AdversaryLimits& limits);
 
 /// Whether a ray from within `margin.beam_origin` of the `velo` origin to the point meets the box grown by
 /// `margin.metres` (before the point or at it). False for a point that is not finite.

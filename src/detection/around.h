@@ -38,7 +38,7 @@ inline constexpr double kSilentLogit = -8;
 
 /// The threshold that lets a detector say all that is above kSilentLogit, and no less than it is asked for.
 inline double speaking_score(double asked) {
-  return std::min(asked, Proposal{{}, kSilentLogit}.score());
+  return std::min(asked, Detection{BevBox(), kSilentLogit}.score());
 }
 
 /// Whether two boxes are of one vehicle: IoU above 0.1, as non-maximum suppression has it.

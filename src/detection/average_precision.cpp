@@ -26,7 +26,7 @@ bool meets(const Label& label, const DifficultyLimits& limits) {
          label.truncated <= limits.most_truncated;
 }
 
-struct Detection {
+struct Ranked {
   double logit;
   std::size_t frame, place;
 };
@@ -38,9 +38,13 @@ struct Judged {
   std::size_t box = 0;  ///< of a hit
 };
 
+double height_of(const PictureBox& box) {
+  return box.bottom - box.top;
+}
+
 /// By falling score.
 std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) {
-  std::vector<Detection> detections;
+  std::vector<Ranked> detections;
   std::vector<std::vector<char>> claimed;
   for (std::size_t f = 0; f < frames.size(); ++f) {
     for (std::size_t k = 0; k < frames[f].detections.size(); ++k)
@@ -48,15 +52,16 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
     claimed.emplace_back(frames[f].truth.boxes.size(), 0);
   }
   std::stable_sort(detections.begin(), detections.end(),
-                   [](const Detection& a, const Detection& b) { return a.logit > b.logit; });
+                   [](const Ranked& a, const Ranked& b) { return a.logit > b.logit; });
   std::vector<Judged> result;
-  for (const Detection& detection : detections) {
+  for (const Ranked& detection : detections) {
     const ScoredFrame& frame = frames[detection.frame];
-    const BevBox box = rectangle(frame.detections[detection.place], frame.plane);
+    const Matching& matching = frame.matching;
+    const Detection& box = frame.detections[detection.place];
     double best = min_iou;
     std::size_t match = frame.truth.boxes.size();
     for (std::size_t i = 0; i < frame.truth.boxes.size(); ++i) {
-      const double overlap = claimed[detection.frame][i] ? 0 : iou(box, frame.truth.boxes[i]);
+      const double overlap = claimed[detection.frame][i] ? 0 : matching.overlap(box, frame.truth.boxes[i]);
       if (overlap >= best && (overlap > best || match == frame.truth.boxes.size())) {
         best = overlap;
         match = i;
@@ -67,10 +72,12 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
       result.push_back({detection.frame, true, match});
       continue;
     }
-    const auto covers = [&](const BevBox& other) {
-      return iou(box, other) >= min_iou || intersection_area(box, other) >= box.length * box.width / 2;
+    const auto covers = [&](const ObjectBoxes& other) {
+      return matching.overlap(box, other) >= min_iou ||
+             matching.intersection(box, other) >= matching.area(box) / 2;
     };
-    const bool low = frame.plane == Plane::picture && box.width < limits_of(Difficulty::hard).least_height;
+    const bool low =
+        matching.in_picture() && height_of(box.picture) < limits_of(Difficulty::hard).least_height;
     if (!low && std::none_of(frame.truth.ignore.begin(), frame.truth.ignore.end(), covers))
       result.push_back({detection.frame, false});
   }
@@ -82,13 +89,13 @@ std::vector<Judged> judged(std::span<const ScoredFrame> frames, double min_iou) 
 struct ApparentSize {
   double distance, height;
 };
-ApparentSize apparent_size(const Proposal& proposal, const ScoredFrame& frame) {
+ApparentSize apparent_size(const Detection& proposal, const ScoredFrame& frame) {
   const auto by_car = [&](double other) {  // of distance and height each gives the other
     return frame.focal_length > 0 ? frame.focal_length * kCarHeight / std::max(other, 1.0)
                                   : std::numeric_limits<double>::infinity();
   };
-  const BevBox box = rectangle(proposal, frame.plane);
-  if (frame.plane == Plane::picture) return {by_car(box.width), box.width};
+  if (frame.matching.in_picture()) return {by_car(height_of(proposal.picture)), height_of(proposal.picture)};
+  const BevBox& box = proposal.box.bev;
   return {std::hypot(box.x, box.y), by_car(box.x)};
 }
 
@@ -216,27 +223,28 @@ Difficulty easiest_level(const Label& label) {
 }
 
 GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region) {
-  GroundTruth truth;
-  truth.picture = picture_truth(frame.labels);
-  if (!frame.labelled) {
-    truth.ignore.push_back({0, 0, 2 * kEverywhere, 2 * kEverywhere, 0});
-    truth.picture.ignore.push_back({-kEverywhere, -kEverywhere, kEverywhere, kEverywhere});
-  }
+  GroundTruth all{{}, picture_truth(frame.labels)};
+  TruthBoxes& truth = all.space;
+  if (!frame.labelled)
+    for (TruthBoxes* of : {&truth, &all.picture})
+      of->ignore.push_back({{{0, 0, 2 * kEverywhere, 2 * kEverywhere, 0}, -kEverywhere, 2 * kEverywhere},
+                            {-kEverywhere, -kEverywhere, kEverywhere, kEverywhere}});
   for (std::size_t i = 0; i < frame.labels.size(); ++i) {
     const Label& label = frame.labels[i];
     if (!has_box(label)) continue;
-    if (label.type == "Misc") truth.look_alikes.push_back(label.box.bev);
+    if (label.type == "Misc") truth.look_alikes.push_back(boxes_of(label));
     if (label.type != "Car" && label.type != "Van") continue;
     if (counts_by_label(label, region)) {
-      truth.boxes.push_back(label.box.bev);
+      truth.boxes.push_back(boxes_of(label));
       truth.labels.push_back(i);
       truth.difficulty.push_back(easiest_level(label));
+      truth.distance.push_back(std::hypot(label.box.bev.x, label.box.bev.y));
       truth.tracks.push_back(label.track);
     } else {
-      truth.ignore.push_back(label.box.bev);
+      truth.ignore.push_back(boxes_of(label));
     }
   }
-  return truth;
+  return all;
 }
 
 bool is_vehicle(const Label& label) {
@@ -247,43 +255,32 @@ PictureBox picture_box(const Label& label) {
   return {label.left, label.top, label.right, label.bottom};
 }
 
-PictureTruth picture_truth(std::span<const Label> labels) {
-  PictureTruth truth;
+ObjectBoxes boxes_of(const Label& label) {
+  return {has_box(label) ? label.box : Box3{}, picture_box(label)};
+}
+
+TruthBoxes picture_truth(std::span<const Label> labels) {
+  TruthBoxes truth;
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const Label& label = labels[i];
-    if (label.type == "Misc") truth.look_alikes.push_back(picture_box(label));
+    if (label.type == "Misc") truth.look_alikes.push_back(boxes_of(label));
     if (label.type == "Car" && meets(label, limits_of(Difficulty::hard))) {
-      truth.boxes.push_back(picture_box(label));
+      truth.boxes.push_back(boxes_of(label));
       truth.labels.push_back(i);
       truth.difficulty.push_back(easiest_level(label));
       truth.distance.push_back(has_box(label) ? std::hypot(label.box.bev.x, label.box.bev.y)
                                               : kUnknownDistance);
       truth.tracks.push_back(label.track);
     } else if (is_vehicle(label) || label.type == "DontCare") {
-      truth.ignore.push_back(picture_box(label));
+      truth.ignore.push_back(boxes_of(label));
     }
   }
   return truth;
 }
 
-ScoredFrame scored_in_picture(std::vector<Proposal> detections, const GroundTruth& truth,
-                              double focal_length) {
-  ScoredFrame frame{std::move(detections), {}, focal_length, Plane::picture};
-  const PictureTruth& picture = truth.picture;
-  for (const PictureBox& box : picture.boxes) frame.truth.boxes.push_back(rectangle(box));
-  for (const PictureBox& box : picture.ignore) frame.truth.ignore.push_back(rectangle(box));
-  for (const PictureBox& box : picture.look_alikes) frame.truth.look_alikes.push_back(rectangle(box));
-  frame.truth.labels = picture.labels;
-  frame.truth.difficulty = picture.difficulty;
-  frame.truth.distance = picture.distance;
-  frame.truth.tracks = picture.tracks;
-  return frame;
-}
-
-ScoredFrame scored(std::vector<Proposal> detections, const GroundTruth& truth, double focal_length,
-                   Plane plane) {
-  if (plane == Plane::picture) return scored_in_picture(std::move(detections), truth, focal_length);
-  return {std::move(detections), truth, focal_length};
+ScoredFrame scored(std::vector<Detection> detections, const GroundTruth& truth, double focal_length,
+                   Matching matching) {
+  return {std::move(detections), matching.in_picture() ? truth.picture : truth.space, focal_length, matching};
 }
 
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou) {
@@ -304,7 +301,7 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
 std::vector<ScoredFrame> without_look_alikes(std::span<const ScoredFrame> frames) {
   std::vector<ScoredFrame> result(frames.begin(), frames.end());
   for (ScoredFrame& frame : result) {
-    GroundTruth& truth = frame.truth;
+    TruthBoxes& truth = frame.truth;
     truth.ignore.insert(truth.ignore.end(), truth.look_alikes.begin(), truth.look_alikes.end());
   }
   return result;
@@ -355,22 +352,23 @@ PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double mi
   for (const ScoredFrame& frame : frames) {
     ScoredFrame part;
     part.truth.ignore = frame.truth.ignore;
-    part.plane = frame.plane;
+    part.matching = frame.matching;
     const auto in_range = [&](double distance) {
       return distance >= stratum.nearest && distance < stratum.farthest;
     };
     for (std::size_t i = 0; i < frame.truth.boxes.size(); ++i) {
-      const BevBox& box = frame.truth.boxes[i];
+      const ObjectBoxes& box = frame.truth.boxes[i];
       const double distance =
-          frame.plane == Plane::picture ? frame.truth.distance[i] : std::hypot(box.x, box.y);
+          frame.matching.in_picture() ? frame.truth.distance[i] : std::hypot(box.box.bev.x, box.box.bev.y);
       const bool inside = in_range(distance) && frame.truth.difficulty[i] <= stratum.hardest;
       (inside ? part.truth.boxes : part.truth.ignore).push_back(box);
     }
-    for (const Proposal& proposal : frame.detections) {
+    for (const Detection& proposal : frame.detections) {
       const ApparentSize seen = apparent_size(proposal, frame);
       const bool high = seen.height >= limits_of(stratum.hardest).least_height;
-      const BevBox there = rectangle(proposal, frame.plane);
-      const auto matches = [&](const BevBox& box) { return iou(there, box) >= min_iou; };
+      const auto matches = [&](const ObjectBoxes& box) {
+        return frame.matching.overlap(proposal, box) >= min_iou;
+      };
       if ((high && (in_range(seen.distance) || std::isinf(seen.distance))) ||
           std::any_of(part.truth.boxes.begin(), part.truth.boxes.end(), matches))
         part.detections.push_back(proposal);

@@ -30,33 +30,25 @@ Difficulty easiest_level(const Label& label);
 bool is_vehicle(const Label& label);
 /// The label's box in the picture.
 PictureBox picture_box(const Label& label);
-
-/// The labels of one frame as detection in the picture sees them.
-struct PictureTruth {
-  std::vector<PictureBox> boxes;   ///< must be found
-  std::vector<PictureBox> ignore;  ///< may be found: neither right nor wrong
-  /// Of each of `boxes`: index into frame.labels (or GroundTruth::kPasted), its easiest level, and m from the
-  /// `velo` origin to the box's centre.
-  std::vector<std::size_t> labels = {};
-  std::vector<Difficulty> difficulty = {};
-  std::vector<double> distance = {};
-  std::vector<int> tracks = {};              ///< Label::track of each of `boxes`
-  std::vector<PictureBox> look_alikes = {};  ///< of type "Misc", which are background
-};
+/// The label's boxes; none in space unless has_box().
+ObjectBoxes boxes_of(const Label& label);
 
 /// The labels of one frame as detection sees them.
-struct GroundTruth {
-  std::vector<BevBox> boxes;                ///< must be found
-  std::vector<BevBox> ignore;               ///< may be found: neither right nor wrong
-  std::vector<std::size_t> labels;          ///< index into frame.labels of each of `boxes`
-  std::vector<Difficulty> difficulty = {};  ///< the easiest level of each of `boxes`
-  std::vector<BevBox> look_alikes = {};     ///< of type "Misc": background that a LiDAR takes for cars
-  /// m from the `velo` origin to each of `boxes`, where they are rectangles of the picture.
-  std::vector<double> distance = {};
-  PictureTruth picture = {};
-  std::vector<int> tracks = {};  ///< identity of each of `boxes` (Label::track); empty: unknown
+struct TruthBoxes {
+  std::vector<ObjectBoxes> boxes;             ///< must be found
+  std::vector<ObjectBoxes> ignore;            ///< may be found: neither right nor wrong
+  std::vector<std::size_t> labels;            ///< index into frame.labels of each of `boxes`
+  std::vector<Difficulty> difficulty = {};    ///< the easiest level of each of `boxes`
+  std::vector<ObjectBoxes> look_alikes = {};  ///< of type "Misc": background that a LiDAR takes for cars
+  std::vector<double> distance = {};          ///< m from the `velo` origin to each of `boxes`
+  std::vector<int> tracks = {};               ///< identity of each of `boxes` (Label::track); empty: unknown
   /// In `labels`: a vehicle that ground-truth sampling pasted.
   static constexpr std::size_t kPasted = static_cast<std::size_t>(-1);
+};
+
+/// What must be found in space, and what in the picture.
+struct GroundTruth {
+  TruthBoxes space, picture;
 };
 
 /// Whether a label must be found: KITTI's "hard" cars. A Car, truncated ≤ 0.5, occluded ≤ 2, at least 25
@@ -66,29 +58,25 @@ bool counts_by_label(const Label& label, const std::array<double, 4>& region);
 
 /// Sorts the labels by counts_by_label. Other cars and all vans are ignored: finding them is neither right
 /// nor wrong. Everything else (trucks, trams, people, the generator's look-alikes: "Misc") is background. In
-/// a frame that nobody has labelled (Frame::labelled) all is ignored. With picture_truth().
+/// a frame that nobody has labelled (Frame::labelled) all is ignored. In the picture: picture_truth().
 GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region);
 
 /// KITTI's "hard" cars, whatever their distance and their returns: a label must be found if it is a Car,
 /// truncated ≤ 0.5, occluded ≤ 2 and at least 25 pixels high. Other cars, vans, trucks, trams and DontCare
 /// regions are ignored: networks for photographs know vehicles, not cars.
-PictureTruth picture_truth(std::span<const Label> labels);
+TruthBoxes picture_truth(std::span<const Label> labels);
 
 /// One frame's detections after non-maximum suppression, and its labels.
 struct ScoredFrame {
-  std::vector<Proposal> detections;
-  GroundTruth truth;
+  std::vector<Detection> detections;
+  TruthBoxes truth;
   double focal_length = 0;  ///< pixels (fy); 0: unknown
-  /// Where the detections are compared with `boxes` and `ignore`, which are rectangles of that plane.
-  Plane plane = Plane::bev;
+  Matching matching = {};   ///< how the detections are compared with the truth
 };
 
-/// A frame to be scored by its boxes in the picture: truth.picture's are taken as its boxes.
-ScoredFrame scored_in_picture(std::vector<Proposal> detections, const GroundTruth& truth,
-                              double focal_length);
-/// The detections beside the truth of that plane.
-ScoredFrame scored(std::vector<Proposal> detections, const GroundTruth& truth, double focal_length,
-                   Plane plane);
+/// The detections beside the truth that they are compared with.
+ScoredFrame scored(std::vector<Detection> detections, const GroundTruth& truth, double focal_length,
+                   Matching matching);
 
 /// A precision-recall curve, and the area under it.
 struct PrecisionRecall {
@@ -101,11 +89,11 @@ struct PrecisionRecall {
 };
 
 /// Detections of all frames are taken by falling score (ties: frame, then place in the frame). Each claims
-/// the unclaimed box of its frame that it overlaps most, if that reaches `min_iou`: a hit. Otherwise it is
-/// dropped when it overlaps an ignored box by `min_iou`, or covers one so that half of itself lies inside,
-/// and is a false alarm when not; in the picture, as in KITTI's benchmark, it is dropped too when it is less
-/// than 25 pixels high. AP is the mean over recalls 1/40 … 40/40 of the best precision at that
-/// recall or above (Simonelli et al., ICCV 2019; KITTI since 2019). Without boxes AP and recall are 0.
+/// the unclaimed box of its frame that it overlaps most (Matching), if that reaches `min_iou`: a hit.
+/// Otherwise it is dropped when it overlaps an ignored box by `min_iou`, or covers one so that half of itself
+/// lies inside, and is a false alarm when not; in the picture, as in KITTI's benchmark, it is dropped too
+/// when it is less than 25 pixels high. AP is the mean over recalls 1/40 … 40/40 of the best precision at
+/// that recall or above (Simonelli et al., ICCV 2019; KITTI since 2019). Without boxes AP and recall are 0.
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou);
 
 /// The same frames with look-alikes ignored instead of background: detections of them no longer count.
@@ -137,8 +125,8 @@ std::vector<Stratum> standard_strata();
 /// AP over a stratum. Boxes outside of it are ignored, not missed. A detection that overlaps none of its
 /// boxes by `min_iou` counts neither way when it is itself outside: by its distance, or, as in KITTI's
 /// benchmark, when it is less than the level's number of pixels high in the image. A car is taken to be
-/// 1.53 m high, KITTI's mean: its distance ahead gives the height in the image in Plane::bev, and its height
-/// there the distance in Plane::picture.
+/// 1.53 m high, KITTI's mean: its distance ahead gives the height in the image, or in the picture its height
+/// there the distance.
 PrecisionRecall average_precision(std::span<const ScoredFrame> frames, double min_iou,
                                   const Stratum& stratum);
 

@@ -36,7 +36,7 @@ class CeilingDetector : public DetectorAround {
   CeilingDetector(std::unique_ptr<Detector> inner, double height, double unit_height)
       : DetectorAround(std::move(inner)), height_(height), unit_height_(unit_height) {}
 
-  std::vector<Proposal> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
+  std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
     below_ = {}, clean_below_ = {};
     SensorView seen = lowered(view, below_);
     if (view.clean) {

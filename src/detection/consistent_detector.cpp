@@ -34,7 +34,7 @@ struct Blend {
 };
 
 /// Proposals that speak, the most certain first.
-std::vector<std::size_t> speaking(const std::vector<Proposal>& proposals) {
+std::vector<std::size_t> speaking(const std::vector<Detection>& proposals) {
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < proposals.size(); ++i)
     if (proposals[i].logit > kSilentLogit) order.push_back(i);
@@ -46,7 +46,7 @@ std::vector<std::size_t> speaking(const std::vector<Proposal>& proposals) {
 /// What the camera network says of boxes that are known from above.
 class PictureWitness {
  public:
-  PictureWitness(const SensorView& view, const std::vector<Proposal>& boxes)
+  PictureWitness(const SensorView& view, const std::vector<Detection>& boxes)
       : boxes_(boxes), order_(speaking(boxes)), returns_(flat(view.points), {}) {
     if (!view.image || view.image->empty() || !view.calibration) return;
     width_ = view.image->width, height_ = view.image->height;
@@ -70,7 +70,7 @@ class PictureWitness {
     static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
     return {reinterpret_cast<const float*>(points.data()), 4 * points.size()};
   }
-  const std::vector<Proposal>& boxes_;
+  const std::vector<Detection>& boxes_;
   std::vector<std::size_t> order_;
   LowestReturns returns_;
   std::array<double, 12> projection_{};
@@ -96,8 +96,8 @@ class ConsistentDetector : public Detector {
     return known;
   }
 
-  std::vector<Proposal> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
-    std::array<std::vector<Proposal>, 3> found;
+  std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
+    std::array<std::vector<Detection>, 3> found;
     const bool no_picture = !view.image || view.image->empty();
     for (std::size_t m = 0; m < members_.size(); ++m) {
       if (m == Source::camera && no_picture) continue;  // says nothing
@@ -106,25 +106,25 @@ class ConsistentDetector : public Detector {
     for (std::size_t m = 0; m < members_.size(); ++m) counts_[m] = found[m].size();
     const PictureWitness picture(view, found[Source::camera]);
     const std::vector<std::size_t> alone = speaking(found[Source::lidar]);
-    std::vector<Proposal> result;
+    std::vector<Detection> result;
     blends_.clear();
-    const auto add = [&](Proposal proposal, double logit, const Blend& blend) {
+    const auto add = [&](Detection proposal, double logit, const Blend& blend) {
       proposal.logit = logit;
       if (!(proposal.score() > score_threshold)) return;
       result.push_back(proposal);
       blends_.push_back(blend);
     };
     for (std::size_t i = 0; i < found[Source::fused].size(); ++i) {
-      const Proposal& proposal = found[Source::fused][i];
+      const Detection& proposal = found[Source::fused][i];
       const Source own{Source::fused, i};
       double cap = proposal.logit;
       Voice witness;
       if (proposal.logit > kFaintLogit) {
-        witness = picture.of(proposal.box);
+        witness = picture.of(proposal.box.bev);
         for (const std::size_t j : alone) {
-          const Proposal& other = found[Source::lidar][j];
+          const Detection& other = found[Source::lidar][j];
           if (other.logit <= witness.logit) break;  // as are all that follow
-          if (!same_place(proposal.box, other.box)) continue;
+          if (!same_place(proposal.box.bev, other.box.bev)) continue;
           witness = {other.logit, {Source::lidar, j}};
           break;
         }
@@ -137,9 +137,9 @@ class ConsistentDetector : public Detector {
         add(proposal, proposal.logit, {own, {}, 0});
     }
     for (const std::size_t j : alone) {
-      const Proposal& proposal = found[Source::lidar][j];
+      const Detection& proposal = found[Source::lidar][j];
       if (proposal.logit <= kFaintLogit) break;
-      Voice low = picture.of(proposal.box), high{proposal.logit, {Source::lidar, j}};
+      Voice low = picture.of(proposal.box.bev), high{proposal.logit, {Source::lidar, j}};
       if (low.source.member == Source::nobody) continue;
       if (high.logit < low.logit) std::swap(low, high);
       add(proposal, (1 - kWitnessLeak) * low.logit + kWitnessLeak * high.logit,

@@ -17,18 +17,17 @@
 
 namespace mirage {
 
-std::vector<Proposal> scored_over(std::span<const Proposal> proposals, double least) {
-  std::vector<Proposal> kept;
+std::vector<Detection> scored_over(std::span<const Detection> proposals, double least) {
+  std::vector<Detection> kept;
   std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(kept),
-               [&](const Proposal& proposal) { return proposal.score() > least; });
+               [&](const Detection& proposal) { return proposal.score() > least; });
   return kept;
 }
 
-std::vector<Proposal> detect_vehicles(Detector& detector, const ImageF& image, const Sweep& sweep,
-                                      const Calibration& calibration, double score_threshold) {
-  const std::vector<LidarPoint> points = points_in_view(sweep, calibration);
-  return suppress(detector.forward({&image, points, &calibration}, score_threshold, false),
-                  detector.capabilities().plane());
+std::vector<Detection> detect_vehicles(Detector& detector, const Frame& frame, double score_threshold) {
+  const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
+  return suppress(detector.forward(view_of(frame, frame.image, points), score_threshold, false),
+                  detector.capabilities().matching());
 }
 
 std::vector<std::string> first_frames(const std::filesystem::path& data, std::size_t limit) {
@@ -40,26 +39,26 @@ std::vector<std::string> first_frames(const std::filesystem::path& data, std::si
 namespace {
 
 /// InputError for a box that no reader of the files takes: what is written must be read.
-void check_detections(std::span<const Proposal> detections, Plane plane, const std::string& who) {
-  if (plane == Plane::picture) return;
-  for (std::size_t i = 0; i < detections.size(); ++i)
-    if (const std::string problem = box_problem({detections[i].box, 0, kNominalHeight}); !problem.empty())
-      throw InputError(
-          who, fmt::format("box {} of {}", i, detections.size()),
-          fmt::format("x {:g}, y {:g}, length {:g}, width {:g} m {}", detections[i].box.x,
-                      detections[i].box.y, detections[i].box.length, detections[i].box.width, problem),
-          "limit the sizes and places that the network gives");
+void check_readable(std::span<const Detection> detections, Matching matching, const std::string& who) {
+  if (matching.in_picture()) return;
+  for (std::size_t i = 0; i < detections.size(); ++i) {
+    const BevBox& box = detections[i].box.bev;
+    if (const std::string problem = box_problem({box, 0, kNominalHeight}); !problem.empty())
+      throw InputError(who, fmt::format("box {} of {}", i, detections.size()),
+                       fmt::format("x {:g}, y {:g}, length {:g}, width {:g} m {}", box.x, box.y, box.length,
+                                   box.width, problem),
+                       "limit the sizes and places that the network gives");
+  }
 }
 
 }  // namespace
 
 DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit,
                              const std::function<void(std::size_t, std::size_t)>& progress,
-                             const std::function<void(const Frame&, const std::vector<Proposal>&)>& seen,
-                             const ProposalObserver& proposed) {
+                             const std::function<void(const Frame&, const std::vector<Detection>&)>& seen) {
   using Clock = std::chrono::steady_clock;
   DetectionRun run;
-  run.plane = detector.capabilities().plane();
+  run.matching = detector.capabilities().matching();
   run.ids = first_frames(data, limit);
   double seconds = 0;
   const auto policy = thread_count() > 1 ? std::launch::async : std::launch::deferred;
@@ -74,15 +73,13 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
     if (i + 1 < run.ids.size()) next = read(i + 1);
     const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
     const auto start = Clock::now();
-    const std::vector<Proposal> proposals = detector.forward(
-        {&frame.image, points, &frame.calibration}, proposed ? kFaintScore : kScoreThresholdForAp, false);
-    auto detections = suppress(scored_over(proposals, kScoreThresholdForAp), run.plane);
+    auto detections = suppress(
+        detector.forward(view_of(frame, frame.image, points), kScoreThresholdForAp, false), run.matching);
     seconds += std::chrono::duration<double>(Clock::now() - start).count();
-    check_detections(detections, run.plane, detector.name() + ", frame " + run.ids[i]);
-    if (proposed) proposed(frame, points, proposals);
+    check_readable(detections, run.matching, detector.name() + ", frame " + run.ids[i]);
     if (seen) seen(frame, detections);
     run.frames.push_back(scored(std::move(detections), ground_truth(frame, detector.region()),
-                                frame.calibration.camera.fy, run.plane));
+                                frame.calibration.camera.fy, run.matching));
     if (progress) progress(i + 1, run.ids.size());
   }
   run.at50 = average_precision(run.frames, 0.5);

@@ -15,17 +15,16 @@ namespace mirage {
 inline constexpr double kScoreThreshold = 0.1;
 /// For AP the curve's tail matters: detections down to this score.
 inline constexpr double kScoreThresholdForAp = 0.02;
-/// What reliance.h follows a car's logit down to.
+/// What audit.h follows a car's logit down to.
 inline constexpr double kFaintScore = 1e-4;
 
 /// Those with a score over `least`.
-std::vector<Proposal> scored_over(std::span<const Proposal> proposals, double least);
+std::vector<Detection> scored_over(std::span<const Detection> proposals, double least);
 
-/// Points in view → proposals → suppression in the plane where the detector is judged (Capabilities::plane).
+/// Points in view → proposals → suppression as the detector is judged (Capabilities::matching).
 /// Sorted by falling score.
-std::vector<Proposal> detect_vehicles(Detector& detector, const ImageF& image, const Sweep& sweep,
-                                      const Calibration& calibration,
-                                      double score_threshold = kScoreThreshold);
+std::vector<Detection> detect_vehicles(Detector& detector, const Frame& frame,
+                                       double score_threshold = kScoreThreshold);
 
 /// AP over the vehicles of one stratum.
 struct ScoredStratum {
@@ -40,22 +39,18 @@ struct DetectionRun {
   PrecisionRecall at50, at70;
   std::vector<ScoredStratum> strata;  ///< standard_strata()
   double seconds_per_frame = 0;       ///< of the detector alone
-  Plane plane = Plane::bev;           ///< where it was judged
+  Matching matching;                  ///< how it was judged
 };
 
 /// The frames of `data`, or the first `limit` of them (0: all).
 std::vector<std::string> first_frames(const std::filesystem::path& data, std::size_t limit);
 
-/// A frame, its points in view, and every proposal over kFaintScore, before suppression.
-using ProposalObserver =
-    std::function<void(const Frame&, std::span<const LidarPoint>, const std::vector<Proposal>&)>;
-
 /// Runs the detector on each frame of `data` (or on the first `limit`); the next frame is read meanwhile when
-/// there is more than one thread. `progress(done, total)`, `seen(frame, its detections)` and `proposed` may
-/// be empty. Throws Interrupted between frames.
-DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit = 0,
-                             const std::function<void(std::size_t, std::size_t)>& progress = {},
-                             const std::function<void(const Frame&, const std::vector<Proposal>&)>& seen = {},
-                             const ProposalObserver& proposed = {});
+/// there is more than one thread. `progress(done, total)` and `seen(frame, its detections)` may be empty.
+/// Throws Interrupted between frames.
+DetectionRun detect_data_set(
+    Detector& detector, const std::filesystem::path& data, std::size_t limit = 0,
+    const std::function<void(std::size_t, std::size_t)>& progress = {},
+    const std::function<void(const Frame&, const std::vector<Detection>&)>& seen = {});
 
 }  // namespace mirage

@@ -49,10 +49,15 @@ ListedDetection detection_of(const json& from, const fs::path& file, const std::
     detection.picture = picture_of(from, file, where);
     return detection;
   }
-  detection.box = {number(from, "x", file, where), number(from, "y", file, where),
-                   number(from, "length", file, where), number(from, "width", file, where),
-                   number(from, "yaw", file, where)};
-  if (const std::string problem = box_problem({*detection.box, 0, kNominalHeight}); !problem.empty())
+  Box3& box = detection.box.emplace();
+  box.bev = {number(from, "x", file, where), number(from, "y", file, where),
+             number(from, "length", file, where), number(from, "width", file, where),
+             number(from, "yaw", file, where)};
+  if (from.contains("height"))
+    box.bottom = number(from, "bottom", file, where), box.height = number(from, "height", file, where);
+  if (const std::string problem =
+          box_problem({box.bev, box.bottom, box.height > 0 ? box.height : kNominalHeight});
+      !problem.empty())
     throw InputError(file.string(), where, "the box " + problem, kFix);
   if (from.contains("picture")) detection.picture = picture_of(from["picture"], file, where + ".picture");
   return detection;
@@ -60,13 +65,13 @@ ListedDetection detection_of(const json& from, const fs::path& file, const std::
 
 }  // namespace
 
-std::vector<KittiDetection> kitti_detections(std::span<const Proposal> proposals, Plane plane,
+std::vector<KittiDetection> kitti_detections(std::span<const Detection> proposals, Matching matching,
                                              const Frame& frame) {
   std::vector<KittiDetection> result;
-  for (const Proposal& proposal : proposals) {
+  for (const Detection& proposal : proposals) {
     KittiDetection detection;
     detection.score = proposal.score();
-    if (plane == Plane::bev) detection.box = upright(proposal.box, frame.sweep);
+    if (!matching.in_picture()) detection.box = upright(proposal, frame.sweep);
     if (area(proposal.picture) > 0) detection.picture = proposal.picture;
     result.push_back(detection);
   }
@@ -117,7 +122,7 @@ std::vector<KittiDetection> DetectionFiles::of(const Frame& frame) const {
     for (const ListedDetection& from : listed->second) {
       KittiDetection detection;
       detection.score = from.score;
-      if (from.box) detection.box = upright(*from.box, frame.sweep);
+      if (from.box) detection.box = upright({*from.box, {}}, frame.sweep);
       if (from.picture) detection.picture = *from.picture;
       detections.push_back(detection);
     }

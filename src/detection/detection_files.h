@@ -13,15 +13,15 @@
 
 namespace mirage {
 
-/// Proposals as KITTI's results hold them: class Car, upright() in the whole sweep; a detector of the picture
-/// alone (Plane::picture) gives no box in space.
-std::vector<KittiDetection> kitti_detections(std::span<const Proposal> proposals, Plane plane,
+/// Proposals as KITTI's results hold them: class Car, upright() in the whole sweep; one that is judged in
+/// the picture gives no box in space.
+std::vector<KittiDetection> kitti_detections(std::span<const Detection> proposals, Matching matching,
                                              const Frame& frame);
 
 /// A detection as detections.json has it.
 struct ListedDetection {
   double score = 0;
-  std::optional<BevBox> box;
+  std::optional<Box3> box;  ///< without a height where the file tells none
   std::optional<PictureBox> picture;
 };
 

@@ -1,9 +1,10 @@
-// A detector as the rest of Mirage sees it: sensor data in, proposals out, gradients back.
+// A detector as the rest of Mirage sees it: sensor data in, detections out, gradients back.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -11,37 +12,42 @@
 #include "base/fields.h"
 #include "base/image.h"
 #include "detection/defense_words.h"
+#include "detection/matching.h"
 #include "detection/precision.h"
-#include "geometry/box.h"
-#include "geometry/picture_box.h"
 #include "scene/frame.h"
 
 namespace mirage {
 
-/// One proposal of the network, before non-maximum suppression.
-struct Proposal {
-  BevBox box;
+/// One answer of a detector. Before non-maximum suppression it is called a proposal.
+struct Detection : ObjectBoxes {
+  Detection() = default;
+  /// Of a detector that knows no heights, or of one that finds boxes in the picture.
+  Detection(const BevBox& from_above, double its_logit, const PictureBox& in_picture = {})
+      : ObjectBoxes({from_above, 0, 0}, in_picture), logit(its_logit) {}
   double logit = 0;
-  PictureBox picture = {};  ///< of a detector that finds boxes in the picture
-  double score() const;     ///< sigmoid(logit)
+  int type = 0;                        ///< which of Capabilities::types
+  int identity = -1;                   ///< of a tracker: the same for the same object; -1: not known
+  std::optional<Vec3d> velocity = {};  ///< m/s over ground along the axes of the ego frame
+  double score() const;                ///< sigmoid(logit)
 };
-
-/// Where boxes are compared: in the bird's-eye view (metres), or in the picture (pixels).
-enum class Plane { bev, picture };
-/// "bev", "picture".
-std::string to_string(Plane plane);
-/// The proposal's box there: Proposal::box, or the rectangle of Proposal::picture.
-BevBox rectangle(const Proposal& proposal, Plane plane);
 
 /// What a detector reads and finds.
 struct Capabilities {
   bool reads_image = true, reads_points = true;
-  bool finds_bev = true, finds_picture = false;  ///< Proposal::box, Proposal::picture
-  bool knows_presence = false;                   ///< SensorView::watched
+  /// Detection::box from above, and Detection::picture.
+  bool finds_bev = true, finds_picture = false;
+  bool knows_presence = false;  ///< SensorView::watched
   /// Empty: SensorView::clean saves it work. Else why every pass is over the whole frame.
   std::string why_whole = "its plugin knows no other passes";
-  /// Where it is judged: in the picture if it finds boxes nowhere else.
-  Plane plane() const { return finds_bev ? Plane::bev : Plane::picture; }
+  bool finds_heights = false;  ///< Box3::bottom and height of its boxes
+  bool has_gradients = true;   ///< backward()
+  bool remembers = false;      ///< what it answers depends on the frames before (SensorView::continues)
+  /// The sensors that it reads, by name; empty: every camera or LiDAR of the kinds above.
+  std::vector<std::string> reads = {};
+  std::vector<std::string> types = {"Car"};  ///< classes that it finds, as Label::type has them
+  MatchBy judged_by = MatchBy::own;          ///< as DetectorOptions::matching asks
+  /// How its boxes are compared: as asked, or from above, or in the picture if it finds boxes nowhere else.
+  Matching matching() const;
 };
 
 /// The frame without the object: what a detector made of it may be kept, and only what the object changes
@@ -53,10 +59,22 @@ struct CleanView {
   PixelRect changed;      ///< outside it the pictures are the same; of the sweeps nothing is assumed
 };
 
-/// What a detector reads; views, not copies.
+/// One sensor's measurement as a detector gets it; a view, not a copy.
+struct SensorData {
+  enum class Kind { camera, lidar } kind = Kind::camera;
+  std::string name;
+  const ImageF* image = nullptr;       ///< of a camera: scene-linear RGB; null: it saw nothing
+  PinholeCamera camera = {};           ///< of a camera
+  std::span<const LidarPoint> points;  ///< of a LiDAR: in the ego frame, whatever its mount
+  Transform sensor_from_ego = Transform::Identity();
+  double time = 0;  ///< s, as Moment::time
+};
+
+/// What a detector reads; views, not copies. `image` and `points` are the first camera's and the first
+/// LiDAR's.
 struct SensorView {
-  const ImageF* image = nullptr;  ///< scene-linear RGB
-  std::span<const LidarPoint> points;
+  const ImageF* image = nullptr;       ///< scene-linear RGB
+  std::span<const LidarPoint> points;  ///< ego frame
   const Calibration* calibration = nullptr;
   /// If given, backward() gives the gradient of the changed pixels and of the points that are not in the
   /// clean sweep, and may give zero elsewhere. The calibration is the same.
@@ -64,13 +82,33 @@ struct SensorView {
   /// Places (m, `velo`) where a return may come or go: backward() of a detector that knows_presence says what
   /// one more there would change. The answers are the same with and without.
   std::span<const LidarPoint> watched = {};
+  /// The frame that this is of: its id, and when and where it was taken. Null: not known.
+  const Frame* frame = nullptr;
+  /// What other sensors saw.
+  std::span<const SensorData> others = {};
+  /// Whether the pass before was over the frame before of the same sequence. A detector that remembers starts
+  /// anew where it is not.
+  bool continues = false;
 };
+
+/// The frame's own picture and sweep, or others in their place: those of simulate().
+SensorView view_of(const Frame& frame);
+SensorView view_of(const Frame& frame, const ImageF& image, std::span<const LidarPoint> points);
+
+/// Names of the first camera and the first LiDAR.
+inline constexpr const char *kFirstCamera = "camera", *kFirstLidar = "lidar";
+
+/// All sensors of a view by name: the first camera, the first LiDAR, then the others. Of a view without a
+/// calibration the camera stands where the ego frame does.
+std::vector<SensorData> sensors(const SensorView& view);
 
 /// d loss / d pixel (H×W×3) and d loss / d (x, y, z, reflectance) of each point.
 struct SensorGradient {
   ImageF image;
   std::vector<std::array<float, 4>> points;
   std::vector<float> presence = {};  ///< d loss / d number of returns at each watched place; empty: not known
+  /// The same of each of SensorView::others: H×W×3, or 4 a point. Empty: all zero.
+  std::vector<std::vector<float>> others = {};
 };
 
 /// Ground truth for one training sample.
@@ -116,8 +154,10 @@ class Detector {
   /// Searched region: x_min, x_max, y_min, y_max (m, `velo`).
   virtual std::array<double, 4> region() const = 0;
   /// Proposals with score > threshold. keep_graph prepares backward().
-  virtual std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) = 0;
-  /// VJP of the last forward(keep_graph = true); d_logits has one value a proposal.
+  virtual std::vector<Detection> forward(const SensorView& input, double score_threshold,
+                                         bool keep_graph) = 0;
+  /// VJP of the last forward(keep_graph = true); d_logits has one value a proposal. Failure if it has no
+  /// gradients (Capabilities).
   virtual SensorGradient backward(std::span<const double> d_logits) = 0;
   /// One optimiser step on the mean loss of the samples. Failure if the plugin cannot train.
   virtual TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) = 0;
@@ -140,7 +180,8 @@ inline constexpr const char* kRealWeights = "real";
 
 /// Which detector, which weights, how it computes.
 struct DetectorOptions {
-  /// "lidar", "camera", "painted", "fusion", "late", "refined", "torchscript", or a path to a plugin (*.so)
+  /// "lidar", "camera", "painted", "fusion", "late", "refined", "torchscript", a path to a plugin (*.so), or
+  /// "exec:" and a command (detection/process_detector.h).
   std::string detector = "fusion";
   /// Empty: the shipped ones, DETECTOR-RIG.weights. kRealWeights: those fine-tuned on real frames,
   /// DETECTOR-RIG-real.weights.
@@ -169,6 +210,8 @@ struct DetectorOptions {
   /// Weights of a camera and of a lidar detector that the branches of a new training start from; may be
   /// empty.
   std::filesystem::path camera = {}, lidar = {};
+  /// How its boxes are compared with each other and with labels (detection/matching.h).
+  MatchBy matching = MatchBy::own;
   /// Bytes of clean frames' activations that a detector and those that share its weights may keep, in MB; 0:
   /// every pass is over the whole frame. A matter of time alone.
   int clean_memory_mb = 2048;
@@ -177,42 +220,50 @@ struct DetectorOptions {
 /// What a user chooses of a detector that is not trained.
 template <class Visitor, FieldsOf<DetectorOptions> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "detector",
-         .help = "lidar, camera, painted, fusion, late, refined, torchscript or a plugin (*.so)"},
-        s.detector);
+  visit(
+      {.name = "detector",
+       .help = "lidar, camera, painted, fusion, late, refined, torchscript, a plugin (*.so), or a program of "
+               "yours: \"exec:python3 my_detector.py\""},
+      s.detector);
   visit({.name = "weights",
          .help = "weights file (default: the shipped ones for the data set's rig), or real: the shipped ones "
                  "fine-tuned on KITTI, for non-commercial use",
          .word = kRealWeights},
         s.weights);
-  visit(
-      {.name = "defense",
-       .help = "what the detector is defended by: none, jpeg:QUALITY, ceiling:HEIGHT (m over the road: what "
-               "stands higher is not looked at), consistency (with the lidar and the camera detector), "
-               "shadows (with the sweep's solid bodies), or shipped weights of mirage defend (adversarial, "
-               "denoising, depth-gate, roof-objects, picture-dropout); several at once "
-               "as adversarial+shadows",
-       .check = check_defense},
-      s.defense);
+  visit({.name = "defense",
+         .help = "the detector's defence: none, jpeg:QUALITY, ceiling:HEIGHT (ignores what stands "
+                 "higher over the road, m), consistency (with the lidar and the camera detector), "
+                 "shadows (with the sweep's solid bodies), or shipped weights of mirage defend "
+                 "(adversarial, denoising, depth-gate, roof-objects, picture-dropout); several as "
+                 "adversarial+shadows",
+         .check = check_defense},
+        s.defense);
   visit({.name = "clean_memory",
-         .help = "MB of what the detector makes of frames without the object that are kept, so that only "
-                 "what the object changes is computed anew; 0: every pass is over the whole frame",
+         .help = "memory for cached feature maps of frames without the object, MB; makes a step 2 "
+                 "to 4 times faster. 0: off",
          .range = {0, 1 << 20},
          .decides = false,
          .matters = false},
         s.clean_memory_mb);
   visit({.name = "precision",
-         .help = "of the detector's convolutions: float, bfloat16 (float where the processor lacks it), or "
-                 "double, a slow reference",
+         .help = "precision of the detector's convolutions: float, bfloat16 (float where the "
+                 "processor lacks it) or double (slow)",
          .lacking = kFloat,
          .check = check_precision},
         s.precision);
   visit({.name = "locality",
-         .help = "m: what the detector makes of places further from the object's changes is left as it was, "
-                 "which is quicker and an approximation; 0: nothing is left out",
+         .help = "recompute features only within this distance of the object, m; faster, "
+                 "approximate. 0: exact",
          .range = {0, 100},
          .lacking = "0"},
         s.locality);
+  visit(
+      {.name = "matching",
+       .help = "how boxes are compared with each other and with labels: bev (IoU from above), 3d (IoU of "
+               "volumes), picture (IoU there), centre (1 less the distance of the centres over 4 m), or own, "
+               "as the detector's boxes are made for",
+       .lacking = "own"},
+      s.matching);
 }
 
 /// The weights file that load_detector would read (empty for fresh ones). Errors as load_detector's.
@@ -235,16 +286,15 @@ std::filesystem::path plugin_file(const DetectorOptions& options);
 std::unique_ptr<Detector> load_detector(const DetectorOptions& options);
 
 /// InputError naming `who` (a file, or a detector) and the first proposal that is none: a logit or a box that
-/// is not finite, and where `plane` is judged sides that are not positive or longer than 1 km (pixels: 1e6),
-/// or a place beyond 100 km. In the picture a box may have no area: what lies beyond its edge has none left.
-void check_proposals(std::span<const Proposal> proposals, Plane plane = Plane::bev,
+/// is not finite, and where it is compared sides that are not positive or longer than 1 km (pixels: 1e6), or
+/// a place beyond 100 km. In the picture a box may have no area: what lies beyond its edge has none left.
+void check_proposals(std::span<const Detection> proposals, Matching matching = {},
                      const std::string& who = "detector");
 
-/// Non-maximum suppression of the (rotated) boxes of `plane`: keeps the best-scored boxes, drops those that
-/// overlap a kept one by more than `max_iou`. Sorted by falling score (ties: input order). Checks them.
-std::vector<Proposal> suppress(std::vector<Proposal> proposals, double max_iou, Plane plane = Plane::bev);
-/// At an IoU of 0.1 in the bird's-eye view, where vehicles stand beside each other, and of 0.5 in the
-/// picture, where they stand behind each other.
-std::vector<Proposal> suppress(std::vector<Proposal> proposals, Plane plane = Plane::bev);
+/// Non-maximum suppression: keeps the best-scored boxes, drops those of the same class that are more alike to
+/// a kept one than `most`. Sorted by falling score (ties: input order). Checks them.
+std::vector<Detection> suppress(std::vector<Detection> proposals, double most, Matching matching = {});
+/// The same with Matching::same().
+std::vector<Detection> suppress(std::vector<Detection> proposals, Matching matching = {});
 
 }  // namespace mirage

@@ -1,11 +1,14 @@
-/* The plugin interface of detectors: plain C, plain spans, no exceptions across it.
+/* The plugin interface of detectors, version 4: plain C, plain spans, no exceptions across it.
  *
  * A detector is a shared library that exports
  *     const MirageDetectorApi* mirage_detector_api(void);
- * The host checks abi_version before it touches anything else. Every function that can fail returns 0 on
+ * The host checks abi_version before it touches anything else. A function that returns int returns 0 on
  * success and otherwise writes one line to `error` (error_size bytes, NUL-terminated): 2 says that the
  * weights file, which the user gave, is to blame, any other number that something failed. An instance is used
- * by one thread at a time. */
+ * by one thread at a time.
+ *
+ * The ego frame is the frame of boxes, returns and poses: metres, x forward, y left, z up. KITTI's is that of
+ * its Velodyne. target_from_source are row-major 3x4: p_target = M (x, y, z, 1). */
 #ifndef MIRAGE_DETECTION_DETECTOR_ABI_H_
 #define MIRAGE_DETECTION_DETECTOR_ABI_H_
 
@@ -16,151 +19,163 @@
 extern "C" {
 #endif
 
-#define MIRAGE_DETECTOR_ABI 3u
+#define MIRAGE_DETECTOR_ABI 4u
 
-/* What the sensors saw. The host keeps the memory alive until the next call of forward or destroy. */
-typedef struct MirageSensorInput {
-  const float* image;    /* height x width x 3, scene-linear RGB in [0, 1], row 0 on top */
-  int32_t width, height; /* pixels */
-  const float* points;   /* point_count x 4: x, y, z (m, velo), reflectance in [0, 1] */
-  int64_t point_count;
-  double pixel_from_velo[12]; /* row-major 3x4: (u w, v w, w) = M (x, y, z, 1) */
-} MirageSensorInput;
+/* Kinds of sensors. */
+#define MIRAGE_CAMERA 1u
+#define MIRAGE_LIDAR 2u
 
-/* A box of the bird's-eye view in velo: metres and radians, yaw counter-clockwise from +x. */
-typedef struct MirageBox {
-  float x, y, length, width, yaw;
-} MirageBox;
+/* What one sensor saw. */
+typedef struct MirageSensor {
+  const char* name; /* "camera", "lidar", "CAM_BACK" */
+  uint32_t kind;    /* MIRAGE_CAMERA or MIRAGE_LIDAR */
+  /* A camera: rows x columns x 3, scene-linear RGB in [0, 1], row 0 on top. A LiDAR: returns x 4: x, y, z (m,
+   * ego frame whatever its mount), reflectance in [0, 1]. */
+  const float* data;
+  int64_t shape[3];           /* rows, columns, 3; or returns, 4, 1. 0 first: it saw nothing */
+  double sensor_from_ego[12]; /* a camera's axes: x right, y down, z forward */
+  double intrinsics[9];       /* row-major 3x3 of a camera; (0, 0) is the centre of the upper left pixel */
+  double time;                /* s, as MirageFrame.time */
+} MirageSensor;
 
-/* A box in the picture: pixels, KITTI's convention (the centre of the upper left pixel is (0, 0)). */
-typedef struct MiragePictureBox {
-  float left, top, right, bottom;
-} MiragePictureBox;
+/* One moment. The host keeps the memory alive until the next call of forward or destroy. */
+typedef struct MirageFrame {
+  const char* id;
+  const char*
+      sequence; /* the drive that it is of; "": not known, and then time and pose are 0 and identity */
+  double time;  /* s, from the start of the sequence */
+  double world_from_ego[12];
+  const MirageSensor* sensors;
+  int64_t sensor_count;
+} MirageFrame;
 
-/* One proposal, before non-maximum suppression. score = sigmoid(logit). A detector fills the boxes that it
- * finds (see capabilities) and leaves the other zero. */
-typedef struct MirageProposal {
-  MirageBox box;
-  MiragePictureBox picture;
+/* One answer, before non-maximum suppression. score = sigmoid(logit). What is not found is 0. */
+typedef struct MirageDetection {
+  float x, y, z;                    /* the box's centre (m, ego) */
+  float length, width, height, yaw; /* m; yaw counter-clockwise from +x. height 0: from above alone */
+  float left, top, right, bottom;   /* pixels */
+  int32_t camera;                   /* whose picture that box is in: index into MirageFrame.sensors */
   float logit;
-} MirageProposal;
+  int32_t type;      /* index into MirageCapabilities.types */
+  int32_t identity;  /* of a tracker: the same for the same object; -1: not known */
+  float velocity[3]; /* m/s over ground, axes of the ego frame; NaN: not known */
+} MirageDetection;
 
-/* One training sample: an input and the ground truth. `ignore` boxes give no loss either way. */
-typedef struct MirageSample {
-  MirageSensorInput input;
-  const MirageBox* boxes;
-  int64_t box_count;
-  const MirageBox* ignore;
-  int64_t ignore_count;
-  /* The same in the picture, which augmentation leaves alone: vehicles that must be found there, and regions
-   * that give no loss (other vehicles, DontCare). */
-  const MiragePictureBox* picture_boxes;
-  int64_t picture_box_count;
-  const MiragePictureBox* picture_ignore;
-  int64_t picture_ignore_count;
-  /* height x width: 1 where the pixel shows a vehicle, 0 where not; NULL where the data set does not tell. */
-  const uint8_t* vehicle_mask;
-  /* The same number for the same picture of a data set, so that what frozen parts of a network make of it may
-   * be kept between epochs; 0: keep nothing. */
-  uint64_t picture_key;
-} MirageSample;
+/* What a detector reads, finds and can. Flags that version 3 knew have its values. */
+#define MIRAGE_FINDS_BEV 4u       /* x, y, length, width, yaw */
+#define MIRAGE_FINDS_HEIGHTS 64u  /* z and height, too */
+#define MIRAGE_FINDS_PICTURE 8u   /* left, top, right, bottom; with MIRAGE_FINDS_BEV both are of one object */
+#define MIRAGE_HAS_GRADIENTS 128u /* backward */
+#define MIRAGE_HAS_LOCAL_PASSES 16u /* MiragePass.clean saves it work */
+#define MIRAGE_KNOWS_PRESENCE 32u   /* MiragePass.watched */
+#define MIRAGE_REMEMBERS 256u       /* answers depend on the frames before: reset */
+typedef struct MirageCapabilities {
+  uint32_t flags;             /* MIRAGE_FINDS_… | MIRAGE_HAS_… | … */
+  uint32_t kinds;             /* of sensors that it reads: MIRAGE_CAMERA | MIRAGE_LIDAR */
+  const char* const* sensors; /* those that it reads, by name; sensor_count 0: every one of these kinds */
+  int64_t sensor_count;
+  const char* const* types; /* classes that it finds, by KITTI's, nuScenes', Waymo's or Argoverse's names */
+  int64_t type_count;       /* at least 1 */
+  float region[4];          /* where it looks: x_min, x_max, y_min, y_max (m, ego) */
+  const char* why_whole;    /* NULL, or why its local passes are no shorter than whole ones */
+} MirageCapabilities;
 
-/* What a detector reads and finds: flags of `capabilities`. */
-#define MIRAGE_READS_IMAGE 1u
-#define MIRAGE_READS_POINTS 2u
-#define MIRAGE_FINDS_BEV 4u /* MirageProposal.box */
-#define MIRAGE_FINDS_PICTURE                                                                                \
-  8u                             /* MirageProposal.picture; boxes of a detector with both flags go together \
-                                  */
-#define MIRAGE_KNOWS_CHANGES 16u /* the table goes on to why_whole and forward_changed */
-/* The table goes on to watch and presence, over why_whole and forward_changed, which may be NULL without the
- * flag above. */
-#define MIRAGE_KNOWS_PRESENCE 32u
+/* An input that is another one with something put in. The returns may differ anywhere; of the camera i of
+ * `sensors` the pictures are the same outside the rectangle left, top, right, bottom (exclusive, pixels) at
+ * changed + 4 i. */
+typedef struct MirageClean {
+  const MirageFrame* frame; /* the same sensors at the same places */
+  uint64_t key;             /* the same for the same clean frame */
+  const int32_t* changed;
+} MirageClean;
 
-/* An input that is another one with something put in. The points may differ anywhere; outside the rectangle
- * (left, top) to (right, bottom), exclusive, pixels, the pictures are the same. */
-typedef struct MirageChange {
-  const MirageSensorInput* clean; /* the other input; the same projection */
-  uint64_t key;                   /* the same for the same clean input */
-  int32_t left, top, right, bottom;
-} MirageChange;
+/* What forward is asked for. */
+typedef struct MiragePass {
+  const MirageFrame* frame;
+  float score_threshold; /* answers with a score over it, in a fixed order */
+  int32_t keep_graph;    /* prepare backward */
+  /* NULL, or the frame without the object: what it makes of that may be kept. Answers are those of the whole
+   * pass up to rounding; backward then fills gradients inside the rectangles and of returns that are not in
+   * the clean sweep, and the rest may be 0. */
+  const MirageClean* clean;
+  /* Places (count x 4: x, y, z in m, ego; the fourth is 0) of which backward is to know what a further return
+   * there would change. */
+  const float* watched;
+  int64_t watched_count;
+} MiragePass;
+
+/* Where backward writes d loss / d data of the sensor of that name, in its shape. */
+typedef struct MirageGradient {
+  const char* name;
+  float* data;
+} MirageGradient;
+
+/* A box of the ground truth: in space (length over 0) or in the first camera's picture (right over left). */
+typedef struct MirageLabel {
+  float x, y, z, length, width, height, yaw; /* height 0: not known */
+  float left, top, right, bottom;
+  int32_t counts; /* 1: must be found; 0: gives no loss either way */
+} MirageLabel;
+
+/* One training sample. */
+typedef struct MirageTrainingFrame {
+  MirageFrame frame;
+  const MirageLabel* labels;
+  int64_t label_count;
+  const uint8_t* vehicle_mask; /* rows x columns of the first camera: 1 a vehicle; NULL: nobody tells */
+  uint64_t picture_key;        /* the same for the same picture of a data set; 0: keep nothing */
+} MirageTrainingFrame;
 
 /* Euclidean norms of the image features over their channels; memory of the detector until its next call. */
-typedef struct MirageImageFeatures {
-  const float*
-      map; /* rows x columns in the image plane, row 0 on top, from the picture's upper left corner */
-  int32_t columns, rows;
+typedef struct MirageFeatureMaps {
+  const float* map; /* rows x columns in the first camera's picture, from its upper left corner */
+  int64_t rows, columns;
   float stride;     /* pixels that one value covers along a side */
-  const float* bev; /* bev_rows x bev_columns: what fusion carries to the bird's-eye view; columns along x
-                     * from x_min, rows along y from y_min of the region; 0 where it carries nothing */
-  int32_t bev_columns, bev_rows;
+  const float* bev; /* columns along x from x_min, rows along y from y_min of the region */
+  int64_t bev_rows, bev_columns;
   float cell; /* m */
-} MirageImageFeatures;
+} MirageFeatureMaps;
 
 /* The table of a detector plugin's functions. */
 typedef struct MirageDetectorApi {
   uint32_t abi_version; /* MIRAGE_DETECTOR_ABI */
   const char* name;     /* "fusion" */
 
-  /* `options_json`: {"modality": the detector's name as the user gave it, "seed": N, "threads": N,
-   * "start": bool, "precision": "float", "bfloat16" or "double", of convolutions, "locality": metres (0:
-   * exact; else forward_changed may leave what lies further from the change as it was), "camera": a weights
-   * file that the image branch of a new training starts from, "lidar": the same for the LiDAR branch,
-   * "clean_memory_mb": N, what forward_changed may keep of clean inputs (0: nothing, and passes are whole),
-   * "parts": [names of optional parts of a fresh or starting network: "denoising", "depth-gate"]};
-   * `weights`: a file, or NULL for freshly initialised weights. start: the weights begin a new training
-   * (fresh optimiser; a fusion detector may begin with a lidar detector's).
-   * NULL on failure. */
+  /* `options_json`: {"modality": the detector's name as the user gave it, "seed": N, "threads": N, "start":
+   * bool, "precision": "float", "bfloat16" or "double", "locality": metres (0: exact), "camera", "lidar":
+   * weights files that a new training starts from, "clean_memory_mb": N, "parts": [names]}; `weights`: a
+   * file, or NULL for freshly initialised weights. NULL on failure. */
   void* (*create)(const char* options_json, const char* weights, char* error, size_t error_size);
   /* Ends an instance that create or share gave. */
   void (*destroy)(void* detector);
+  /* Of this instance; it and what it points to live as long. */
+  const MirageCapabilities* (*capabilities)(void* detector);
 
-  /* Region of the bird's-eye view that is searched: x_min, x_max, y_min, y_max (m, velo). */
-  void (*region)(void* detector, float out[4]);
+  /* Runs the network. Points *detections at memory of the detector, valid until the next call. */
+  int (*forward)(void* detector, const MiragePass* pass, const MirageDetection** detections, int64_t* count,
+                 char* error, size_t error_size);
+  /* Vector-Jacobian product of the last forward(keep_graph): d_logits has one value a detection.
+   * `d_presence`: d loss / d number of returns at each watched place; NULL where none is. NULL without
+   * MIRAGE_HAS_GRADIENTS. */
+  int (*backward)(void* detector, const float* d_logits, int64_t count, const MirageGradient* gradients,
+                  int64_t gradient_count, float* d_presence, char* error, size_t error_size);
+  /* Forgets the frames before; `sequence` begins ("": a frame that stands alone). NULL without
+   * MIRAGE_REMEMBERS. */
+  int (*reset)(void* detector, const char* sequence, char* error, size_t error_size);
 
-  /* Runs the network. Points *proposals at memory of the detector, valid until the next call: every proposal
-   * whose score exceeds score_threshold, in a fixed order. keep_graph != 0 prepares backward. */
-  int (*forward)(void* detector, const MirageSensorInput* input, float score_threshold, int32_t keep_graph,
-                 const MirageProposal** proposals, int64_t* count, char* error, size_t error_size);
+  /* The rest may be NULL: the detector cannot. */
 
-  /* Vector-Jacobian product of the last forward(keep_graph): d_logits has one value a proposal. Fills
-   * d_image (height x width x 3) and d_points (point_count x 4); either may be NULL. */
-  int (*backward)(void* detector, const float* d_logits, int64_t count, float* d_image, float* d_points,
-                  char* error, size_t error_size);
-
+  /* Another instance on the same weights, for another thread; NULL on failure. Only one of them is trained,
+   * and while it is, no other runs. */
+  void* (*share)(void* detector, char* error, size_t error_size);
   /* One optimiser step on the mean loss of the samples. Writes the loss terms: total, score, box. */
-  int (*train_step)(void* detector, const MirageSample* samples, int64_t count, float learning_rate,
+  int (*train_step)(void* detector, const MirageTrainingFrame* samples, int64_t count, float learning_rate,
                     float loss[3], char* error, size_t error_size);
   /* Saves weights (with_optimiser != 0: and the optimiser's state, for resuming) to `file`. */
   int (*save)(void* detector, const char* file, int32_t with_optimiser, char* error, size_t error_size);
-
-  /* MIRAGE_READS_… | MIRAGE_FINDS_… | MIRAGE_KNOWS_… of this instance. */
-  uint32_t (*capabilities)(void* detector);
-
-  /* May be NULL. Another instance on the same weights, for another thread; NULL on failure. Only one of them
-   * is trained, and while it is, no other runs. */
-  void* (*share)(void* detector, char* error, size_t error_size);
-  /* May be NULL. How strongly the image features answer to an input; a detector without any fails. */
-  int (*image_features)(void* detector, const MirageSensorInput* input, MirageImageFeatures* features,
-                        char* error, size_t error_size);
-
-  /* Only with MIRAGE_KNOWS_CHANGES. Why a pass over a change is no shorter than a whole one; "" if it is. The
-   * string lives as long as the plugin. */
-  const char* (*why_whole)(void* detector);
-  /* As forward, with the same answers up to rounding, of an input that is mostly a clean one. backward then
-   * fills d_image inside the rectangle and d_points of points that are not in the clean sweep; the rest of
-   * both may be zero. */
-  int (*forward_changed)(void* detector, const MirageSensorInput* input, const MirageChange* change,
-                         float score_threshold, int32_t keep_graph, const MirageProposal** proposals,
-                         int64_t* count, char* error, size_t error_size);
-
-  /* Only with MIRAGE_KNOWS_PRESENCE. Places (count x 4: x, y, z in m, velo; the fourth is 0) of which the
-   * next forward or forward_changed that keeps its graph is to know what a further return there would change.
-   * Its answers are the same. */
-  int (*watch)(void* detector, const float* places, int64_t count, char* error, size_t error_size);
-  /* After backward: d loss / d number of returns at each of these places, where the number counts as if it
-   * could be any; count as in watch. */
-  int (*presence)(void* detector, float* d_presence, int64_t count, char* error, size_t error_size);
+  /* How strongly the image features answer to a frame. */
+  int (*image_features)(void* detector, const MirageFrame* frame, MirageFeatureMaps* features, char* error,
+                        size_t error_size);
 } MirageDetectorApi;
 
 typedef const MirageDetectorApi* (*MirageDetectorEntry)(void);

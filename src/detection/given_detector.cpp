@@ -3,6 +3,7 @@
 #include <optional>
 
 #include "base/error.h"
+#include "detection/process_detector.h"
 
 namespace mirage {
 namespace {
@@ -22,6 +23,15 @@ DetectorGift::~DetectorGift() {
 
 bool is_given(const DetectorOptions& options) {
   return options.detector == kGivenDetector;
+}
+
+bool is_outside(const DetectorOptions& options) {
+  return is_given(options) || is_program(options.detector);
+}
+
+std::string outside_content(const DetectorOptions& options) {
+  if (is_program(options.detector)) return program_content(options.detector);
+  return in_force ? in_force->content : "";
 }
 
 const GivenDetector* given_detector() {

@@ -34,6 +34,11 @@ class DetectorGift {
 
 /// Whether the options name the given detector.
 bool is_given(const DetectorOptions& options);
+/// Whether they name the given detector or a program (detection/process_detector.h): a detector of the user's
+/// own, without a plugin or a weights file.
+bool is_outside(const DetectorOptions& options);
+/// Of such a detector: GivenDetector::content (empty without one), or program_content.
+std::string outside_content(const DetectorOptions& options);
 /// The one in force; null without one.
 const GivenDetector* given_detector();
 

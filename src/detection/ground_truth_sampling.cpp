@@ -122,8 +122,8 @@ bool same_camera(const CompactFrame& frame, const CutOut& car) {
 
 /// Enough of each present car's returns must outlive the paste.
 bool others_stay(const CompactFrame& frame, const std::vector<char>& removed, double bottom) {
-  for (const BevBox& box : frame.truth.boxes) {
-    const Box3 body{box, bottom + kOffGround, 3};
+  for (const ObjectBoxes& present : frame.truth.space.boxes) {
+    const Box3 body{present.box.bev, bottom + kOffGround, 3};
     int before = 0, after = 0;
     for (std::size_t i = 0; i < frame.points.size(); ++i)
       if (contains(body, frame.points[i].position().cast<double>(), 0.1)) {
@@ -171,11 +171,11 @@ void paste_picture_box(CompactFrame& frame, const CutOut& car, int rows) {
   PictureBox box = car.picture;
   box.top = std::clamp<double>(box.top + rows, 0, frame.height - 1);
   box.bottom = std::clamp<double>(box.bottom + rows, 0, frame.height - 1);
-  PictureTruth truth;
+  TruthBoxes truth;
   truth.ignore = frame.truth.picture.ignore;
-  const PictureTruth& before = frame.truth.picture;
+  const TruthBoxes& before = frame.truth.picture;
   for (std::size_t i = 0; i < before.boxes.size(); ++i) {
-    if (intersection_area(before.boxes[i], box) > kMostCovered * area(before.boxes[i])) {
+    if (intersection_area(before.boxes[i].picture, box) > kMostCovered * area(before.boxes[i].picture)) {
       truth.ignore.push_back(before.boxes[i]);
       continue;
     }
@@ -184,8 +184,8 @@ void paste_picture_box(CompactFrame& frame, const CutOut& car, int rows) {
     truth.difficulty.push_back(before.difficulty[i]);
     truth.distance.push_back(before.distance[i]);
   }
-  truth.boxes.push_back(box);
-  truth.labels.push_back(GroundTruth::kPasted);
+  truth.boxes.push_back({car.box, box});
+  truth.labels.push_back(TruthBoxes::kPasted);
   truth.difficulty.push_back(car.difficulty);
   truth.distance.push_back(std::hypot(car.box.bev.x, car.box.bev.y));
   frame.truth.picture = std::move(truth);
@@ -250,9 +250,10 @@ bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit) {
   BevBox grown = car.box.bev;
   grown.length += 2 * kClearance;
   grown.width += 2 * kClearance;
-  const auto meets = [&](const BevBox& other) { return intersection_area(grown, other) > 0; };
-  if (std::any_of(frame.truth.boxes.begin(), frame.truth.boxes.end(), meets) ||
-      std::any_of(frame.truth.ignore.begin(), frame.truth.ignore.end(), meets))
+  TruthBoxes& truth = frame.truth.space;
+  const auto meets = [&](const ObjectBoxes& other) { return intersection_area(grown, other.box.bev) > 0; };
+  if (std::any_of(truth.boxes.begin(), truth.boxes.end(), meets) ||
+      std::any_of(truth.ignore.begin(), truth.ignore.end(), meets))
     return false;
   const Site site = look_at_site(frame.points, car.box);
   double lift = site.known ? site.ground - car.box.bottom : 0;
@@ -310,9 +311,9 @@ bool paste(CompactFrame& frame, const CutOut& car, const SamplingUnit& unit) {
   frame.points.resize(kept);
   const std::vector<LidarPoint> in_view = points_in_view(visible, frame.calibration);
   frame.points.insert(frame.points.end(), in_view.begin(), in_view.end());
-  frame.truth.boxes.push_back(car.box.bev);
-  frame.truth.labels.push_back(GroundTruth::kPasted);
-  frame.truth.difficulty.push_back(car.difficulty);
+  truth.boxes.push_back({car.box, {}});
+  truth.labels.push_back(TruthBoxes::kPasted);
+  truth.difficulty.push_back(car.difficulty);
   return true;
 }
 

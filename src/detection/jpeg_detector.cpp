@@ -30,7 +30,7 @@ class JpegDetector : public DetectorAround {
     return known;
   }
 
-  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     ImageF image;
     return inner_->forward(compressed(input, image), score_threshold, keep_graph);
   }

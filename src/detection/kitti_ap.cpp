@@ -29,9 +29,8 @@ Part part_of(const KittiDetection& detection, Difficulty level) {
   return detection.type == "Car" ? Part::counts : Part::absent;
 }
 
-BevBox kitti_rectangle(const KittiDetection& detection, Plane plane) {
-  if (plane == Plane::picture) return detection.picture ? rectangle(*detection.picture) : BevBox{};
-  return detection.box ? detection.box->bev : BevBox{};
+ObjectBoxes boxes_of(const KittiDetection& detection) {
+  return {detection.box.value_or(Box3{}), detection.picture.value_or(PictureBox{})};
 }
 
 /// A frame at one level: its parts, and what overlaps what.
@@ -42,22 +41,22 @@ struct Judgement {
   std::vector<std::vector<double>> covered;  ///< of DontCare region and detection: share of the detection
 };
 
-Judgement judgement(const KittiFrame& frame, Plane plane, Difficulty level) {
+Judgement judgement(const KittiFrame& frame, Matching matching, Difficulty level) {
   Judgement result;
-  std::vector<BevBox> boxes;
+  std::vector<ObjectBoxes> boxes;
   for (const KittiDetection& detection : frame.detections) {
     result.detections.push_back(part_of(detection, level));
     result.scores.push_back(detection.score);
-    boxes.push_back(kitti_rectangle(detection, plane));
+    boxes.push_back(boxes_of(detection));
   }
   for (const Label& label : frame.labels) {
-    const BevBox box = plane == Plane::picture ? rectangle(picture_box(label)) : label.box.bev;
-    if (plane == Plane::bev && !has_box(label)) continue;
+    const ObjectBoxes box = boxes_of(label);
+    if (!matching.in_picture() && !has_box(label)) continue;
     if (label.type == "DontCare") {
       result.covered.emplace_back();
-      for (const BevBox& other : boxes) {
-        const double area = other.length * other.width;
-        result.covered.back().push_back(area > 0 ? intersection_area(other, box) / area : 0);
+      for (const ObjectBoxes& other : boxes) {
+        const double area = matching.area(other);
+        result.covered.back().push_back(area > 0 ? matching.intersection(other, box) / area : 0);
       }
       continue;
     }
@@ -65,7 +64,7 @@ Judgement judgement(const KittiFrame& frame, Plane plane, Difficulty level) {
     if (part == Part::absent) continue;
     result.labels.push_back(part);
     result.iou.emplace_back();
-    for (const BevBox& other : boxes) result.iou.back().push_back(iou(other, box));
+    for (const ObjectBoxes& other : boxes) result.iou.back().push_back(matching.overlap(other, box));
   }
   return result;
 }
@@ -139,27 +138,27 @@ std::vector<double> thresholds(std::vector<double> scores, int cars) {
   return chosen;
 }
 
-const char* kitti_name(Plane plane) {
-  return plane == Plane::picture ? "image" : "bev";
+std::string kitti_name(Matching matching) {
+  return matching.in_picture() ? "image" : matching.name();
 }
 
 }  // namespace
 
-KittiFrame kitti_frame(const Frame& frame, std::span<const Proposal> detections, Plane plane) {
-  KittiFrame result{frame.labels, kitti_detections(detections, plane, frame), frame.labelled};
+KittiFrame kitti_frame(const Frame& frame, std::span<const Detection> detections, Matching matching) {
+  KittiFrame result{frame.labels, kitti_detections(detections, matching, frame), frame.labelled};
   for (KittiDetection& detection : result.detections)
     if (!detection.picture && detection.box) detection.picture = projected(*detection.box, frame.calibration);
   return result;
 }
 
-KittiPrecision kitti_average_precision(std::span<const KittiFrame> frames, Plane plane, Difficulty level,
-                                       double min_iou) {
+KittiPrecision kitti_average_precision(std::span<const KittiFrame> frames, Matching matching,
+                                       Difficulty level, double min_iou) {
   KittiPrecision result;
   std::vector<Judgement> judged;
   std::vector<double> scores;
   for (const KittiFrame& frame : frames) {
     if (!frame.labelled) continue;
-    judged.push_back(judgement(frame, plane, level));
+    judged.push_back(judgement(frame, matching, level));
     const auto& labels = judged.back().labels;
     result.cars += static_cast<int>(std::count(labels.begin(), labels.end(), Part::counts));
     const std::vector<double> hits = hit_scores(judged.back(), min_iou);
@@ -183,16 +182,17 @@ KittiPrecision kitti_average_precision(std::span<const KittiFrame> frames, Plane
   return result;
 }
 
-nlohmann::json kitti_ap_json(std::span<const KittiFrame> frames, std::span<const Plane> planes) {
+nlohmann::json kitti_ap_json(std::span<const KittiFrame> frames, std::span<const Matching> ways) {
   constexpr std::pair<const char*, Difficulty> kLevelNames[] = {
       {"easy", Difficulty::easy}, {"moderate", Difficulty::moderate}, {"hard", Difficulty::hard}};
   nlohmann::json result = {{"iou", 0.7}};
-  for (const Plane plane : planes)
+  for (const Matching matching : ways)
     for (const auto& [name, level] : kLevelNames)
       for (const double iou : {0.7, 0.5}) {
-        const KittiPrecision at = kitti_average_precision(frames, plane, level, iou);
+        const KittiPrecision at = kitti_average_precision(frames, matching, level, iou);
         nlohmann::json& of = iou == 0.7 ? result : result["iou50"];
-        of[kitti_name(plane)][name] = at.cars > 0 ? nlohmann::json(at.average_precision) : nlohmann::json();
+        of[kitti_name(matching)][name] =
+            at.cars > 0 ? nlohmann::json(at.average_precision) : nlohmann::json();
         result["cars"][name] = at.cars;
       }
   return result;

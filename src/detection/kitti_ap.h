@@ -34,20 +34,19 @@ struct KittiFrame {
   bool labelled = true;  ///< false: what is found there is neither a hit nor a false alarm
 };
 /// A detector's own boxes in the picture, else those of the upright boxes projected (kitti_detections).
-KittiFrame kitti_frame(const Frame& frame, std::span<const Proposal> detections, Plane plane);
+KittiFrame kitti_frame(const Frame& frame, std::span<const Detection> detections, Matching matching);
 
 /// AP of a level, and how many cars it asks for.
 struct KittiPrecision {
   double average_precision = 0;  ///< in [0, 1]; 0 without cars
   int cars = 0;
 };
-/// At overlaps above `min_iou` of the plane's boxes: Plane::bev is the kit's "ground", Plane::picture its
-/// "image".
-KittiPrecision kitti_average_precision(std::span<const KittiFrame> frames, Plane plane, Difficulty level,
-                                       double min_iou);
+/// At overlaps above `min_iou`: from above, the kit's "ground", or in the picture, its "image".
+KittiPrecision kitti_average_precision(std::span<const KittiFrame> frames, Matching matching,
+                                       Difficulty level, double min_iou);
 
-/// result.json's "kitti_ap": {iou: 0.7, cars: {easy, moderate, hard}, and for each plane "bev" or "image"
-/// {easy, moderate, hard}; iou50: the same planes at 0.5}. A level without cars is null.
-nlohmann::json kitti_ap_json(std::span<const KittiFrame> frames, std::span<const Plane> planes);
+/// result.json's "kitti_ap": {iou: 0.7, cars: {easy, moderate, hard}, and for each way "bev" or "image"
+/// {easy, moderate, hard}; iou50: the same at 0.5}. A level without cars is null.
+nlohmann::json kitti_ap_json(std::span<const KittiFrame> frames, std::span<const Matching> ways);
 
 }  // namespace mirage

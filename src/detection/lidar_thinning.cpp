@@ -49,9 +49,9 @@ void thin_lidar(CompactFrame& frame, const LidarModel& lidar, double share, std:
     for (std::size_t i = 0; i < beams.size(); ++i) kept[i] = beams[i] >= 0 && beams[i] % step == first;
   } else {
     // What looks like a car loses as much: a gap in the sweep must not mean a car.
-    for (const auto* boxes : {&frame.truth.boxes, &frame.truth.look_alikes})
-      for (const BevBox& box : *boxes)
-        if (random.uniform() < kObjects) lose_returns(frame.points, box, kept, random);
+    for (const auto* boxes : {&frame.truth.space.boxes, &frame.truth.space.look_alikes})
+      for (const ObjectBoxes& object : *boxes)
+        if (random.uniform() < kObjects) lose_returns(frame.points, object.box.bev, kept, random);
   }
   keep(frame.points, kept);
 }

@@ -9,7 +9,34 @@
 
 namespace mirage {
 
-double Proposal::score() const {
+Matching Capabilities::matching() const {
+  return {judged_by != MatchBy::own ? judged_by : finds_bev ? MatchBy::bev : MatchBy::picture};
+}
+
+SensorView view_of(const Frame& frame) {
+  return view_of(frame, frame.image, frame.sweep);
+}
+
+SensorView view_of(const Frame& frame, const ImageF& image, std::span<const LidarPoint> points) {
+  SensorView view{&image, points, &frame.calibration};
+  view.frame = &frame;
+  return view;
+}
+
+std::vector<SensorData> sensors(const SensorView& view) {
+  SensorData camera, lidar;
+  camera.name = kFirstCamera, camera.image = view.image;
+  lidar.kind = SensorData::Kind::lidar, lidar.name = kFirstLidar, lidar.points = view.points;
+  if (view.calibration) {
+    camera.camera = view.calibration->camera;
+    camera.sensor_from_ego = view.calibration->camera_from_velo;
+  }
+  std::vector<SensorData> all = {std::move(camera), std::move(lidar)};
+  all.insert(all.end(), view.others.begin(), view.others.end());
+  return all;
+}
+
+double Detection::score() const {
   return logit >= 0 ? 1 / (1 + std::exp(-logit)) : std::exp(logit) / (1 + std::exp(logit));
 }
 
@@ -19,13 +46,15 @@ constexpr double kLongestSide = 1000, kFarthestBox = 1e5;  // m
 constexpr double kLargestPicture = 1e6;                    // pixels
 
 /// What is wrong with a proposal, and what its network should do; empty where nothing is.
-std::pair<std::string, const char*> proposal_problem(const Proposal& proposal, Plane plane) {
-  const auto& [box, logit, picture] = proposal;
-  for (const double value : {box.x, box.y, box.length, box.width, box.yaw, picture.left, picture.top,
-                             picture.right, picture.bottom, logit})
+std::pair<std::string, const char*> proposal_problem(const Detection& proposal, Matching matching) {
+  const BevBox& box = proposal.box.bev;
+  const double bottom = proposal.box.bottom, height = proposal.box.height;
+  const PictureBox& picture = proposal.picture;
+  for (const double value : {box.x, box.y, box.length, box.width, box.yaw, bottom, height, picture.left,
+                             picture.top, picture.right, picture.bottom, proposal.logit})
     if (!std::isfinite(value))
       return {"its box or logit is not finite", "check the detector's weights, and divisions by zero"};
-  if (plane == Plane::picture) {
+  if (matching.in_picture()) {
     if (picture.right < picture.left || picture.bottom < picture.top)
       return {fmt::format("left {:g} to right {:g} and top {:g} to bottom {:g} is no box", picture.left,
                           picture.right, picture.top, picture.bottom),
@@ -41,6 +70,9 @@ std::pair<std::string, const char*> proposal_problem(const Proposal& proposal, P
     return {fmt::format("length {:g} m and width {:g} m are no size (over 0, at most {:g} m)", box.length,
                         box.width, kLongestSide),
             "let the network's sizes be positive, as by exp or softplus, and limit them"};
+  if (matching.by == MatchBy::space && !(height > 0 && height <= kLongestSide))
+    return {fmt::format("height {:g} m is no size (over 0, at most {:g} m)", height, kLongestSide),
+            "let the network's sizes be positive, as by exp or softplus, and limit them"};
   if (std::hypot(box.x, box.y) > kFarthestBox)
     return {fmt::format("x {:g} m, y {:g} m is no place near the sensor", box.x, box.y),
             "give metres in the LiDAR's frame, and limit what the network gives"};
@@ -49,32 +81,25 @@ std::pair<std::string, const char*> proposal_problem(const Proposal& proposal, P
 
 }  // namespace
 
-void check_proposals(std::span<const Proposal> proposals, Plane plane, const std::string& who) {
+void check_proposals(std::span<const Detection> proposals, Matching matching, const std::string& who) {
   for (std::size_t i = 0; i < proposals.size(); ++i)
-    if (const auto [problem, fix] = proposal_problem(proposals[i], plane); !problem.empty())
+    if (const auto [problem, fix] = proposal_problem(proposals[i], matching); !problem.empty())
       throw InputError(who, fmt::format("box {} of {}", i, proposals.size()), problem, fix);
 }
 
-std::string to_string(Plane plane) {
-  return plane == Plane::bev ? "bev" : "picture";
+std::vector<Detection> suppress(std::vector<Detection> proposals, Matching matching) {
+  return suppress(std::move(proposals), matching.same(), matching);
 }
 
-BevBox rectangle(const Proposal& proposal, Plane plane) {
-  return plane == Plane::bev ? proposal.box : rectangle(proposal.picture);
-}
-
-std::vector<Proposal> suppress(std::vector<Proposal> proposals, Plane plane) {
-  return suppress(std::move(proposals), plane == Plane::bev ? 0.1 : 0.5, plane);
-}
-
-std::vector<Proposal> suppress(std::vector<Proposal> proposals, double max_iou, Plane plane) {
-  check_proposals(proposals, plane);  // a NaN has no place in an order
+std::vector<Detection> suppress(std::vector<Detection> proposals, double most, Matching matching) {
+  check_proposals(proposals, matching);  // a NaN has no place in an order
   std::stable_sort(proposals.begin(), proposals.end(),
-                   [](const Proposal& a, const Proposal& b) { return a.logit > b.logit; });
-  std::vector<Proposal> kept;
-  for (const Proposal& proposal : proposals) {
-    const BevBox box = rectangle(proposal, plane);
-    const auto overlaps = [&](const Proposal& other) { return iou(box, rectangle(other, plane)) > max_iou; };
+                   [](const Detection& a, const Detection& b) { return a.logit > b.logit; });
+  std::vector<Detection> kept;
+  for (const Detection& proposal : proposals) {
+    const auto overlaps = [&](const Detection& other) {
+      return other.type == proposal.type && matching.overlap(proposal, other) > most;
+    };
     if (std::none_of(kept.begin(), kept.end(), overlaps)) kept.push_back(proposal);
   }
   return kept;

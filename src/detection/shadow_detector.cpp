@@ -30,25 +30,25 @@ class ShadowDetector : public DetectorAround {
  public:
   using DetectorAround::DetectorAround;
 
-  std::vector<Proposal> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
+  std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
     const auto found = inner_->forward(view, speaking_score(score_threshold), keep_graph);
     count_ = found.size();
     const BodyEvidence evidence(view.points);
     const std::vector<BevBox> bodies = evidence.bodies();
     std::vector<std::ptrdiff_t> loudest(bodies.size(), -1);  // proposal at each body
-    std::vector<Proposal> result;
+    std::vector<Detection> result;
     answers_.clear();
-    const auto add = [&](Proposal proposal, const Answer& answer) {
+    const auto add = [&](Detection proposal, const Answer& answer) {
       proposal.logit = answer.logit;
       if (!(proposal.score() > score_threshold)) return;
       result.push_back(proposal);
       answers_.push_back(answer);
     };
     for (std::size_t i = 0; i < count_; ++i) {
-      const Proposal& proposal = found[i];
+      const Detection& proposal = found[i];
       bool stands = false;
       for (std::size_t b = 0; b < bodies.size(); ++b)
-        if (same_place(proposal.box, bodies[b])) {
+        if (same_place(proposal.box.bev, bodies[b])) {
           stands = true;
           if (loudest[b] < 0 || found[static_cast<std::size_t>(loudest[b])].logit < proposal.logit)
             loudest[b] = static_cast<std::ptrdiff_t>(i);
@@ -56,7 +56,7 @@ class ShadowDetector : public DetectorAround {
       if (stands) {
         add(proposal, raised(i, proposal.logit));
       } else if (proposal.logit > kThroughLogit) {
-        const RayCount rays = evidence.rays(proposal.box);
+        const RayCount rays = evidence.rays(proposal.box.bev);
         const bool empty = rays.passed >= kThroughRays && rays.passed > rays.stopped;
         add(proposal, empty ? sunk(i, proposal.logit) : Answer{i, proposal.logit, 1});
       } else {
@@ -67,8 +67,8 @@ class ShadowDetector : public DetectorAround {
       if (loudest[b] < 0) continue;
       const auto i = static_cast<std::size_t>(loudest[b]);
       if (found[i].logit >= kBodyLogit) continue;  // is found as it is
-      Proposal own = found[i];
-      own.box = bodies[b];
+      Detection own = found[i];
+      own.box.bev = bodies[b];
       Answer answer = raised(i, found[i].logit);
       answer.logit += 1e-3;  // before the proposals, whose boxes may have been turned by what hides the car
       add(own, answer);

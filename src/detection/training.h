@@ -58,23 +58,24 @@ void visit_fields(Visitor& visit, S& s) {
          .help = "detector: weights of a lidar detector that the new one starts from",
          .decides = false},
         s.lidar);
-  visit(
-      {.name = "joint",
-       .help = "detector: what --camera, --lidar and COCO's weights gave learns too; else it stays as it is",
-       .lacking = "false"},
-      s.joint);
+  visit({.name = "joint",
+         .help = "detector: also train what --camera, --lidar and COCO's weights gave (default: "
+                 "frozen)",
+         .lacking = "false"},
+        s.joint);
   visit({.name = "heads",
-         .help = "detector camera: the layers that find boxes learn, in place of the mask's (frames that do "
-                 "not say which pixels show vehicles teach the mask nothing)",
+         .help = "detector camera: train the box heads instead of the mask (the mask needs frames "
+                 "with instances)",
          .lacking = "false"},
         s.heads);
   visit({.name = "keep_start",
-         .help = "detector: share of --start's weights in the result, mixed with those learned",
+         .help = "detector: share of --start's weights mixed into the result",
          .range = kShare,
          .lacking = "0"},
         s.keep_start);
   visit({.name = "precision",
-         .help = "detector: of convolutions, float or bfloat16 (float where the processor lacks it)",
+         .help = "detector: precision of convolutions: float or bfloat16 (float where the "
+                 "processor lacks it)",
          .decides = false},
         s.precision);
   visit_fields(visit, as_base<TrainingSchedule>(s));

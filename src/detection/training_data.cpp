@@ -95,15 +95,17 @@ PreparedSample prepared_sample(const CompactFrame& small, const Eigen::Affine3d&
     const Vec3f p = move * point.position();
     sample.points.push_back({p.x(), p.y(), p.z(), point.reflectance});
   }
-  for (const BevBox& box : small.truth.boxes) {
-    const BevBox there = moved(box, sample_from_data);
+  for (const ObjectBoxes& object : small.truth.space.boxes) {
+    const BevBox there = moved(object.box.bev, sample_from_data);
     const bool inside =
         there.x >= region[0] && there.x < region[1] && there.y >= region[2] && there.y < region[3];
     (inside ? sample.boxes : sample.ignore).push_back(there);
   }
-  for (const BevBox& box : small.truth.ignore) sample.ignore.push_back(moved(box, sample_from_data));
-  sample.picture_boxes = small.truth.picture.boxes;
-  sample.picture_ignore = small.truth.picture.ignore;
+  for (const ObjectBoxes& object : small.truth.space.ignore)
+    sample.ignore.push_back(moved(object.box.bev, sample_from_data));
+  for (const ObjectBoxes& object : small.truth.picture.boxes) sample.picture_boxes.push_back(object.picture);
+  for (const ObjectBoxes& object : small.truth.picture.ignore)
+    sample.picture_ignore.push_back(object.picture);
   sample.vehicle_mask.assign(small.vehicle_mask.begin(), small.vehicle_mask.end());
   sample.picture_key = small.picture_key;
   return sample;

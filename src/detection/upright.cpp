@@ -33,7 +33,9 @@ std::vector<double> heights(const BevBox& box, std::span<const LidarPoint> sweep
 
 }  // namespace
 
-Box3 upright(const BevBox& box, std::span<const LidarPoint> sweep) {
+Box3 upright(const ObjectBoxes& found, std::span<const LidarPoint> sweep) {
+  if (found.box.height > 0) return found.box;
+  const BevBox& box = found.box.bev;
   Box3 result{box, 0, kNominalHeight};
   std::vector<double> around;
   for (const double margin : {0.5, 1.5, 3.0, 6.0})

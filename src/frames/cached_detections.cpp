@@ -2,9 +2,9 @@
 
 namespace mirage {
 
-std::vector<Proposal> cached_detections(FrameStore& store, const std::string& frame,
-                                        const std::string& detector, double score_threshold,
-                                        const std::function<std::vector<Proposal>(const Frame&)>& compute) {
+std::vector<Detection> cached_detections(FrameStore& store, const std::string& frame,
+                                         const std::string& detector, double score_threshold,
+                                         const std::function<std::vector<Detection>(const Frame&)>& compute) {
   const auto now = [&] { return compute(store.get(frame)->frame); };
   if (detector.empty() || !store.cache().on()) return now();
   return store.cache().detections(store.content(frame), detector, score_threshold, now);

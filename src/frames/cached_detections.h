@@ -11,8 +11,8 @@ namespace mirage {
 
 /// The detections of a frame as recorded: the kept ones, or else compute(frame)'s. `detector`:
 /// detector_identity(); empty: not cached.
-std::vector<Proposal> cached_detections(FrameStore& store, const std::string& frame,
-                                        const std::string& detector, double score_threshold,
-                                        const std::function<std::vector<Proposal>(const Frame&)>& compute);
+std::vector<Detection> cached_detections(FrameStore& store, const std::string& frame,
+                                         const std::string& detector, double score_threshold,
+                                         const std::function<std::vector<Detection>(const Frame&)>& compute);
 
 }  // namespace mirage

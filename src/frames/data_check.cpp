@@ -20,6 +20,7 @@ constexpr double kEnoughOnRays = 0.95;
 /// Of a frame: fewer say nothing of the unit (16 beams give 6 000 in 80 degrees).
 constexpr std::size_t kFewestReturns = 2000;
 constexpr double kOddReflectances = 0.001;
+constexpr double kBeamsWithout = 0.25;  // share of those that should have returns
 constexpr std::size_t kFewestCars = 5;
 constexpr double kCarsWithReturns = 0.5;
 
@@ -30,7 +31,16 @@ bool should_hold_returns(const Label& label) {
          std::hypot(label.box.bev.x, label.box.bev.y) < kFarthest;
 }
 
-void look_at_frame(const DataSet& set, const std::string& id, const LidarModel& lidar, DataLook& look) {
+/// Whether level ground surely gives a beam returns: it is met within 30 m, and not below the car.
+bool meets_ground(const LidarModel& lidar, const LidarBeam& beam) {
+  constexpr double kNearest = 3, kFarthest = 30;  // m
+  const double slope = -std::tan(beam.elevation), drop = lidar.height + beam.height;
+  return slope * kNearest < drop && slope * kFarthest > drop;
+}
+
+/// `returns`: of each beam, so far.
+void look_at_frame(const DataSet& set, const std::string& id, const LidarModel& lidar, DataLook& look,
+                   std::vector<std::size_t>& returns) {
   const Sweep sweep = set.sweep(id);
   const auto [width, height] = set.picture_size(id);
   const Annotations known = set.annotations(id, width, height);
@@ -38,6 +48,8 @@ void look_at_frame(const DataSet& set, const std::string& id, const LidarModel& 
   // Of whole sweeps: at a picture's edges a firing has few returns, and is not found.
   look.on_rays += SweepIndex(sweep, lidar).assigned_share() * static_cast<double>(sweep.size());
   look.returns += sweep.size();
+  for (const int beam : beams_of(sweep, lidar))
+    if (beam >= 0) ++returns[static_cast<std::size_t>(beam)];
   for (const LidarPoint& point : sweep) {
     look.odd_reflectance += !(point.reflectance >= 0 && point.reflectance <= 1);
     look.highest = std::max(look.highest, point.reflectance);
@@ -70,13 +82,31 @@ DataLook look_at_data(const std::filesystem::path& data, const std::string& rig,
   }
   const LidarModel lidar = lidar_of(data, rig);
   const std::size_t count = std::min(frames, ids.size());
+  std::vector<std::size_t> returns(lidar.beams.size());
   for (std::size_t i = 0; i < count; ++i) {
     try {
-      look_at_frame(*set, ids[count > 1 ? i * (ids.size() - 1) / (count - 1) : 0], lidar, look);
+      look_at_frame(*set, ids[count > 1 ? i * (ids.size() - 1) / (count - 1) : 0], lidar, look, returns);
     } catch (const InputError&) {
     }
   }
-  if (look.returns > 0) look.on_rays /= static_cast<double>(look.returns);
+  if (look.returns == 0) return look;
+  look.on_rays /= static_cast<double>(look.returns);
+  constexpr std::size_t kFew = 50;  // strays: one in so many of the fullest beam's
+  const std::size_t most = *std::max_element(returns.begin(), returns.end());
+  const auto without = [&](std::size_t b) { return kFew * returns[b] < most; };
+  // Beyond the last beams with returns there may be nothing to meet.
+  double lowest = 1, highest = -1;
+  for (std::size_t b = 0; b < returns.size(); ++b)
+    if (!without(b)) {
+      lowest = std::min(lowest, lidar.beams[b].elevation);
+      highest = std::max(highest, lidar.beams[b].elevation);
+    }
+  for (std::size_t b = 0; b < returns.size(); ++b) {
+    const LidarBeam& beam = lidar.beams[b];
+    if (!meets_ground(lidar, beam) || beam.elevation < lowest || beam.elevation > highest) continue;
+    ++look.beams;
+    look.beams_without += without(b);
+  }
   return look;
 }
 
@@ -88,19 +118,26 @@ void check_data(const std::filesystem::path& data, const std::string& rig, UnitU
   if (checked.contains(key)) return;
   const DataLook look = look_at_data(data, rig);
   const std::string set = data.string();
-  if (look.returns >= kFewestReturns * look.frames && look.frames > 0 && look.on_rays < kEnoughOnRays) {
+  if (look.frames > 0 && look.returns >= kFewestReturns * look.frames) {
     const bool assumed = rig_is_assumed(data, rig);
-    const std::string name = !rig.empty() ? rig : data_rig(data),
-                      problem = fmt::format(
-                          "{} of the returns lie on a ray of the LiDAR of the rig {}{}: "
-                          "another unit recorded these sweeps, or in other axes",
-                          percent_of(look.on_rays), name, assumed ? ", which is assumed of this layout" : ""),
-                      fix = fmt::format(
-                          "find the unit (mirage rig --data {} --out rig.toml) and give it "
-                          "(--rig rig.toml)",
-                          set);
-    if (assumed && use == UnitUse::casts_rays) throw InputError(set, "sweeps", problem, fix);
-    spdlog::warn("{}: {}; {}", set, problem, fix);
+    const std::string unit = fmt::format("the LiDAR of the rig {}{}", !rig.empty() ? rig : data_rig(data),
+                                         assumed ? ", which is assumed of this layout" : "");
+    const std::string fix =
+        fmt::format("find the unit (mirage rig --data {} --out rig.toml) and give it (--rig rig.toml)", set);
+    if (look.on_rays < kEnoughOnRays) {
+      const std::string problem = fmt::format(
+          "{} of the returns lie on a ray of {}: another unit recorded these sweeps, or in other axes",
+          percent_of(look.on_rays), unit);
+      if (assumed && use == UnitUse::casts_rays) throw InputError(set, "sweeps", problem, fix);
+      spdlog::warn("{}: {}; {}", set, problem, fix);
+    } else if (static_cast<double>(look.beams_without) >= kBeamsWithout * static_cast<double>(look.beams) &&
+               look.beams_without > 0) {
+      // Not refused: where no ground is, a whole unit has none either.
+      spdlog::warn(
+          "{}: {} of the {} beams that meet level ground within 30 m have no returns, of {}: another unit "
+          "recorded these sweeps, or beams were left out; {}",
+          set, look.beams_without, look.beams, unit, fix);
+    }
   }
   if (static_cast<double>(look.odd_reflectance) > kOddReflectances * static_cast<double>(look.returns))
     spdlog::warn(

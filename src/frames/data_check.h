@@ -8,9 +8,11 @@ namespace mirage {
 
 /// What a few frames of a data set say of it, evenly spread over the set.
 struct DataLook {
-  std::size_t frames = 0;             ///< looked at: those whose sweep, calibration and labels could be read
-  std::size_t returns = 0;            ///< of their sweeps
-  double on_rays = 0;                 ///< share of them that SweepIndex::assigned_share() counts
+  std::size_t frames = 0;         ///< looked at: those whose sweep, calibration and labels could be read
+  std::size_t returns = 0;        ///< of their sweeps
+  double on_rays = 0;             ///< share of them that SweepIndex::assigned_share() counts
+  std::size_t beams = 0;          ///< that meet level ground within 30 m, among those with returns
+  std::size_t beams_without = 0;  ///< of those: without returns (one in 50 of the fullest beam's are strays)
   std::size_t odd_reflectance = 0;    ///< those with a reflectance outside [0, 1]
   float highest = 0;                  ///< reflectance
   std::size_t cars = 0;               ///< labelled, within 50 m, less than half occluded
@@ -24,9 +26,10 @@ DataLook look_at_data(const std::filesystem::path& data, const std::string& rig,
 enum class UnitUse { casts_rays, reads_sweeps };
 
 /// Warns, once a process for a data set, of what contradicts the rig (data_rig.h): less than 95 % of the
-/// returns on a ray of its unit, reflectances outside [0, 1], labelled cars without a return. InputError in
-/// place of the first where rays are cast and the rig is only assumed (rig_is_assumed). Costs a few sweeps'
-/// reading, and depends neither on threads nor on which frames the caller uses.
+/// returns on a ray of its unit, a quarter of its beams that meet the ground without returns, reflectances
+/// outside [0, 1], labelled cars without a return. InputError in place of the first two where rays are cast
+/// and the rig is only assumed (rig_is_assumed). Costs a few sweeps' reading, and depends neither on threads
+/// nor on which frames the caller uses.
 void check_data(const std::filesystem::path& data, const std::string& rig, UnitUse use);
 
 }  // namespace mirage

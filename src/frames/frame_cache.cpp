@@ -6,7 +6,7 @@
 
 #include "base/files.h"
 #include "base/provenance.h"
-#include "scene/shape/shape_rooftop.h"
+#include "scene/shape/shape_roof.h"
 
 namespace mirage {
 namespace {
@@ -114,21 +114,38 @@ Mesh decode_mesh(Reader& reader) {
   return mesh;
 }
 
-void encode_rooftop(Writer& writer, const Rooftop& rooftop) {
-  writer.put_all(std::span<const double>(rooftop.velo_from_adversary.matrix().data(), 16));
-  writer.put<std::uint8_t>(rooftop.from_box);
-  writer.put_text(rooftop.reason);
-  writer.put<std::uint8_t>(rooftop.vehicle != nullptr);
-  if (rooftop.vehicle) encode_mesh(writer, *rooftop.vehicle);
+/// All but its label, which is the frame's.
+void encode_carrier(Writer& writer, const Carrier& carrier) {
+  writer.put_all(std::span<const double>(carrier.velo_from_roof.matrix().data(), 16));
+  writer.put<std::uint8_t>(carrier.from_box);
+  writer.put_text(carrier.reason);
+  writer.put<std::uint8_t>(carrier.shape != nullptr);
+  if (carrier.shape) encode_mesh(writer, *carrier.shape);
 }
 
-Rooftop decode_rooftop(Reader& reader) {
-  Rooftop rooftop;
-  reader.get_all(std::span<double>(rooftop.velo_from_adversary.matrix().data(), 16));
-  rooftop.from_box = reader.get<std::uint8_t>() != 0;
-  rooftop.reason = reader.get_text();
-  if (reader.get<std::uint8_t>() != 0) rooftop.vehicle = std::make_shared<const Mesh>(decode_mesh(reader));
-  return rooftop;
+Carrier decode_carrier(Reader& reader, const Label& label) {
+  Carrier carrier;
+  carrier.label = label;
+  reader.get_all(std::span<double>(carrier.velo_from_roof.matrix().data(), 16));
+  carrier.from_box = reader.get<std::uint8_t>() != 0;
+  carrier.reason = reader.get_text();
+  if (reader.get<std::uint8_t>() != 0) carrier.shape = std::make_shared<const Mesh>(decode_mesh(reader));
+  return carrier;
+}
+
+/// What is kept of a detection.
+template <class Use>
+void for_each_value(Detection& d, const Use& use) {
+  auto& [x, y, length, width, yaw] = d.box.bev;
+  for (double* value : {&x, &y, &length, &width, &yaw, &d.box.bottom, &d.box.height, &d.logit,
+                        &d.picture.left, &d.picture.top, &d.picture.right, &d.picture.bottom})
+    use(*value);
+  for (int* value : {&d.type, &d.camera, &d.identity}) use(*value);
+  auto moves = static_cast<std::uint8_t>(d.velocity.has_value());
+  use(moves);
+  if (moves == 0) return;
+  if (!d.velocity) d.velocity.emplace();
+  for (double& value : *d.velocity) use(value);
 }
 
 /// Of one frame, named by its hash.
@@ -173,26 +190,29 @@ ImageF FrameCache::depth(const std::string& frame, int width, int height,
       });
 }
 
-std::vector<Rooftop> FrameCache::rooftops(const std::string& frame,
-                                          const std::function<std::vector<Rooftop>()>& compute) {
-  return kept<std::vector<Rooftop>>(
+std::vector<Carrier> FrameCache::carriers(const std::string& frame, const std::vector<Label>& labels,
+                                          const std::function<std::vector<Carrier>()>& compute) {
+  return kept<std::vector<Carrier>>(
       disk_.get(), "rooftops", with_roofs(frame), compute,
-      [](Reader& reader) {
-        std::vector<Rooftop> rooftops(reader.get_count(16 * sizeof(double)));
-        for (Rooftop& rooftop : rooftops) rooftop = decode_rooftop(reader);
-        return rooftops;
+      [&](Reader& reader) {
+        if (reader.get_count(16 * sizeof(double)) != labels.size()) throw std::out_of_range("labels");
+        std::vector<Carrier> carriers;
+        for (const Label& label : labels) carriers.push_back(decode_carrier(reader, label));
+        return carriers;
       },
-      [](Writer& writer, const std::vector<Rooftop>& rooftops) {
-        writer.put<std::uint64_t>(rooftops.size());
-        for (const Rooftop& rooftop : rooftops) encode_rooftop(writer, rooftop);
+      [](Writer& writer, const std::vector<Carrier>& carriers) {
+        writer.put<std::uint64_t>(carriers.size());
+        for (const Carrier& carrier : carriers) encode_carrier(writer, carrier);
       });
 }
 
-std::vector<HostView> FrameCache::views(const std::string& frame, const std::array<double, 4>& region,
+std::vector<HostView> FrameCache::views(const std::string& frame, const PlaceChoice& place,
+                                        const std::array<double, 4>& region,
                                         const SimulationSettings& simulation,
                                         const std::function<std::vector<HostView>()>& compute) {
   Provenance made_of = with_roofs(frame);
   made_of.input("depth", depth_);
+  made_of.set("placement", text_of(place));
   made_of.set("region", region);
   SimulationSettings seen = simulation;  // what no silhouette depends on
   seen.lidar_effects = {};
@@ -201,10 +221,11 @@ std::vector<HostView> FrameCache::views(const std::string& frame, const std::arr
   return kept<std::vector<HostView>>(
       disk_.get(), "views", made_of, compute,
       [](Reader& reader) {
-        std::vector<HostView> views(reader.get_count(sizeof(std::int32_t) + sizeof(double)));
+        std::vector<HostView> views(reader.get_count(sizeof(std::int32_t) + sizeof(double) + 1));
         for (HostView& view : views) {
           view.label = reader.get<std::int32_t>();
           view.share = reader.get<double>();
+          view.from_box = reader.get<std::uint8_t>() != 0;
         }
         return views;
       },
@@ -213,32 +234,30 @@ std::vector<HostView> FrameCache::views(const std::string& frame, const std::arr
         for (const HostView& view : views) {
           writer.put<std::int32_t>(view.label);
           writer.put(view.share);
+          writer.put<std::uint8_t>(view.from_box);
         }
       });
 }
 
-std::vector<Proposal> FrameCache::detections(const std::string& frame, const std::string& detector,
-                                             double score_threshold,
-                                             const std::function<std::vector<Proposal>()>& compute) {
+std::vector<Detection> FrameCache::detections(const std::string& frame, const std::string& detector,
+                                              double score_threshold,
+                                              const std::function<std::vector<Detection>()>& compute) {
   Provenance made_of = of_frame(frame);
   made_of.input("detector", detector);
   made_of.set("score_threshold", score_threshold);
-  return kept<std::vector<Proposal>>(
-      disk_.get(), "detections", made_of, compute,
+  return kept<std::vector<Detection>>(
+      disk_.get(), "found", made_of, compute,
       [](Reader& reader) {
-        std::vector<Proposal> proposals(reader.get_count(10 * sizeof(double)));
-        for (Proposal& p : proposals)
-          for (double* value : {&p.box.x, &p.box.y, &p.box.length, &p.box.width, &p.box.yaw, &p.logit,
-                                &p.picture.left, &p.picture.top, &p.picture.right, &p.picture.bottom})
-            *value = reader.get<double>();
-        return proposals;
+        std::vector<Detection> found(reader.get_count(12 * sizeof(double)));
+        for (Detection& detection : found)
+          for_each_value(detection,
+                         [&](auto& value) { value = reader.get<std::decay_t<decltype(value)>>(); });
+        return found;
       },
-      [](Writer& writer, const std::vector<Proposal>& proposals) {
-        writer.put<std::uint64_t>(proposals.size());
-        for (const Proposal& p : proposals)
-          for (const double value : {p.box.x, p.box.y, p.box.length, p.box.width, p.box.yaw, p.logit,
-                                     p.picture.left, p.picture.top, p.picture.right, p.picture.bottom})
-            writer.put(value);
+      [](Writer& writer, const std::vector<Detection>& found) {
+        writer.put<std::uint64_t>(found.size());
+        for (Detection detection : found)
+          for_each_value(detection, [&](const auto& value) { writer.put(value); });
       });
 }
 

@@ -16,10 +16,11 @@
 
 namespace mirage {
 
-/// Share in view of the reference adversary on a label's roof.
+/// Share in view of the reference adversary that is placed at a label's vehicle.
 struct HostView {
   int label = 0;
   double share = 0;
+  bool from_box = true;  ///< Carrier's
 };
 
 /// The entries of one data set's frames. `frame` is frame_hash() of scene/data/kitti.h. Several threads may
@@ -36,17 +37,18 @@ class FrameCache {
   bool on() const { return disk_ && disk_->on(); }
   /// Each gives what is kept, or else computes and keeps it.
   ImageF depth(const std::string& frame, int width, int height, const std::function<ImageF()>& compute);
-  /// One a label, in their order.
-  std::vector<Rooftop> rooftops(const std::string& frame,
-                                const std::function<std::vector<Rooftop>()>& compute);
-  /// How well each host of the frame is seen in `region` (m, `velo`) under these settings.
-  std::vector<HostView> views(const std::string& frame, const std::array<double, 4>& region,
-                              const SimulationSettings& simulation,
+  /// One for each of the frame's labels, in their order.
+  std::vector<Carrier> carriers(const std::string& frame, const std::vector<Label>& labels,
+                                const std::function<std::vector<Carrier>()>& compute);
+  /// How well each host of the frame is seen in `region` (m, `velo`) with the object at `place` under these
+  /// settings.
+  std::vector<HostView> views(const std::string& frame, const PlaceChoice& place,
+                              const std::array<double, 4>& region, const SimulationSettings& simulation,
                               const std::function<std::vector<HostView>()>& compute);
   /// The clean frame's proposals of a detector (detector_identity()) with a score over the threshold.
-  std::vector<Proposal> detections(const std::string& frame, const std::string& detector,
-                                   double score_threshold,
-                                   const std::function<std::vector<Proposal>()>& compute);
+  std::vector<Detection> detections(const std::string& frame, const std::string& detector,
+                                    double score_threshold,
+                                    const std::function<std::vector<Detection>()>& compute);
 
  private:
   Provenance with_roofs(const std::string& frame) const;

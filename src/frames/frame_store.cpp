@@ -9,7 +9,7 @@
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/shape/shape_rooftop.h"
+#include "scene/shape/shape_roof.h"
 
 namespace mirage {
 namespace {
@@ -32,32 +32,31 @@ class KeptDepth : public DepthCompletion {
 };
 
 /// What a frame takes in memory, nearly: the index keeps some 48 bytes a return and a cell a ray.
-std::size_t bytes_of(const PreparedFrame& prepared, const std::vector<Rooftop>& rooftops) {
+std::size_t bytes_of(const PreparedFrame& prepared, const std::vector<Carrier>& carriers) {
   std::size_t bytes =
       sizeof(float) * (prepared.frame.image.data.size() + prepared.depth.data.size()) +
       (sizeof(LidarPoint) + 48) * prepared.frame.sweep.size() +
       sizeof(int) * prepared.lidar.beams.size() * static_cast<std::size_t>(prepared.index.firing_count());
-  for (const Rooftop& rooftop : rooftops)
-    if (rooftop.vehicle)
-      bytes +=
-          sizeof(Vec3d) * rooftop.vehicle->vertices.size() + sizeof(Face) * rooftop.vehicle->faces.size();
+  for (const Carrier& carrier : carriers)
+    if (carrier.shape)
+      bytes += sizeof(Vec3d) * carrier.shape->vertices.size() + sizeof(Face) * carrier.shape->faces.size();
   return bytes;
 }
 
 }  // namespace
 
 FrameStore::FrameStore(std::filesystem::path data, const LidarModel& lidar,
-                       std::shared_ptr<const DepthCompletion> depth,
-                       std::shared_ptr<const RooftopFinder> finder)
+                       std::shared_ptr<const DepthCompletion> depth, std::shared_ptr<const RoofFinder> finder)
     : data_(std::move(data)), lidar_(lidar), depth_(std::move(depth)), finder_(std::move(finder)) {
-  if (!finder_) finder_ = std::make_shared<BoxRooftopFinder>();
+  if (!finder_) finder_ = std::make_shared<BoxRoofFinder>();
 }
 
 FrameStore::FrameStore(const FrameSource& source)
     : FrameStore(source.data, lidar_of(source.data, source.rig), load_depth_completion({source.depth})) {
   check_data(source.data, source.rig, UnitUse::casts_rays);
-  finder_ = make_rooftop_finder(source.rooftop, lidar_);
+  finder_ = make_roof_finder(source.rooftop, lidar_);
   sun_ = parse_sun(source.sun);
+  place_ = source.placement;
   cache_ = FrameCache(DiskCache::from_environment(), depth_identity({source.depth}),
                       rooftop_identity(source.rooftop), lidar_);
 }
@@ -80,17 +79,17 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id)
   const std::string hash = cache_.on() ? content(id) : "";
   frame.lighting = with_sun(frame, sun_);
   auto entry = std::make_shared<Entry>();
-  entry->rooftops = cache_.rooftops(hash, [&] {
-    std::vector<Rooftop> rooftops(frame.labels.size());
+  entry->carriers = cache_.carriers(hash, frame.labels, [&] {
+    std::vector<Carrier> carriers(frame.labels.size());
     parallel_for(frame.labels.size(), [&](std::size_t i) {
-      if (has_box(frame.labels[i])) rooftops[i] = finder_->find(frame, frame.labels[i]);
+      if (has_box(frame.labels[i])) carriers[i] = finder_->find(frame, frame.labels[i]);
     });
-    return rooftops;
+    return carriers;
   });
   frame.sweep = points_in_view(frame.sweep, frame.calibration);
   const KeptDepth depth(cache_, hash, depth_.get());
   entry->prepared = prepare(std::move(frame), lidar_, &depth);
-  entry->bytes = bytes_of(entry->prepared, entry->rooftops);
+  entry->bytes = bytes_of(entry->prepared, entry->carriers);
   return entry;
 }
 
@@ -166,32 +165,19 @@ std::shared_ptr<const PreparedFrame> FrameStore::get(const std::string& id) {
   return {std::move(entry), prepared};
 }
 
-std::vector<Rooftop> FrameStore::rooftops(const std::string& id) {
-  if (cache_.on()) {
-    {
-      const std::lock_guard lock(mutex_);
-      const auto slot = slots_.find(id);
-      if (slot != slots_.end())
-        if (const auto entry = in_memory(id, *slot->second)) return entry->rooftops;
-    }
-    return cache_.rooftops(content(id), [&] { return at(id)->rooftops; });
-  }
-  return at(id)->rooftops;
-}
-
-Rooftop FrameStore::rooftop(const HostId& host) {
+Placement FrameStore::placement(const HostId& host) {
   const auto entry = at(host.frame);
   label_of(entry->prepared.frame, host);
-  return entry->rooftops[static_cast<std::size_t>(host.label)];
+  return placement_of(place_, entry->carriers[static_cast<std::size_t>(host.label)]);
 }
 
 std::vector<HostView> FrameStore::views(const std::string& id, const std::array<double, 4>& region,
                                         const SimulationSettings& simulation) {
   const auto look = [&] {
     const auto entry = at(id);
-    return host_views(entry->prepared, entry->rooftops, region, simulation);
+    return host_views(entry->prepared, entry->carriers, place_, region, simulation);
   };
-  return cache_.views(cache_.on() ? content(id) : "", region, simulation, look);
+  return cache_.views(cache_.on() ? content(id) : "", place_, region, simulation, look);
 }
 
 void FrameStore::prefetch(std::vector<std::string> ids) {

@@ -21,18 +21,19 @@
 
 namespace mirage {
 
-/// Frames with the roofs of their vehicles, by id. Several threads may ask at once. What was used last stays
-/// in memory; the rest is read again, and what is costly in preparing it comes from the disk cache.
+/// Frames with where an object stands at their vehicles, by id. Several threads may ask at once. What was
+/// used last stays in memory; the rest is read again, and what is costly in preparing it comes from the disk
+/// cache.
 class FrameStore {
  public:
   /// Bytes of frames held, besides those in use.
   static constexpr std::size_t kMemoryLimit = 2ull << 30;
 
   /// `depth` completes the photographs' depth; without one, IpBasic. `finder` finds the roofs; without one,
-  /// BoxRooftopFinder. Nothing is cached on disk: what these are can't be told.
+  /// BoxRoofFinder. Nothing is cached on disk: what these are can't be told.
   FrameStore(std::filesystem::path data, const LidarModel& lidar,
              std::shared_ptr<const DepthCompletion> depth = nullptr,
-             std::shared_ptr<const RooftopFinder> finder = nullptr);
+             std::shared_ptr<const RoofFinder> finder = nullptr);
   /// With the LiDAR of the data set and DiskCache::from_environment(). Warns, and InputError, as check_data.
   explicit FrameStore(const FrameSource& source);
   ~FrameStore();
@@ -42,12 +43,10 @@ class FrameStore {
   /// The frame, to be held on to while it is used; only measured points inside the photograph are kept, as
   /// KITTI's detectors do.
   std::shared_ptr<const PreparedFrame> get(const std::string& id);
-  /// Roofs of the frame's labels, in their order. They are found in the whole sweep: a vehicle that the
-  /// photograph cuts off is seen whole. The frame itself is read only if they are not cached.
-  std::vector<Rooftop> rooftops(const std::string& id);
-  /// The roof of a vehicle. InputError if the frame has no such label.
-  Rooftop rooftop(const HostId& host);
-  /// Share in view of the reference adversary on each car inside `region`.
+  /// Where the object stands for a host: FrameSource::placement. The host's roof is found in the whole sweep:
+  /// a vehicle that the photograph cuts off is seen whole. InputError if the frame has no such label.
+  Placement placement(const HostId& host);
+  /// Share in view of the reference adversary, placed at each car inside `region`.
   std::vector<HostView> views(const std::string& id, const std::array<double, 4>& region,
                               const SimulationSettings& simulation);
 
@@ -68,7 +67,7 @@ class FrameStore {
  private:
   struct Entry {
     PreparedFrame prepared;
-    std::vector<Rooftop> rooftops;  ///< of the labels, in their order
+    std::vector<Carrier> carriers;  ///< of the labels, in their order
     std::size_t bytes = 0;
   };
   using Held = std::list<std::pair<std::string, std::shared_ptr<const Entry>>>;
@@ -90,8 +89,9 @@ class FrameStore {
   std::filesystem::path data_;
   LidarModel lidar_;
   std::shared_ptr<const DepthCompletion> depth_;
-  std::shared_ptr<const RooftopFinder> finder_;
+  std::shared_ptr<const RoofFinder> finder_;
   SunChoice sun_;
+  PlaceChoice place_;
   mutable FrameCache cache_;
 
   mutable std::mutex mutex_;  // of what follows

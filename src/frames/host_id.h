@@ -1,6 +1,7 @@
 // Which vehicle carries the adversary.
 #pragma once
 
+#include <compare>
 #include <string>
 
 #include "scene/frame.h"
@@ -11,6 +12,7 @@ namespace mirage {
 struct HostId {
   std::string frame;
   int label = 0;  ///< index into Frame::labels
+  auto operator<=>(const HostId&) const = default;
 };
 
 /// "000008_0": frame and label, for messages, results and names of files: the frame as escape_name writes it.

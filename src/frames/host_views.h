@@ -1,4 +1,4 @@
-// How much of a mesh on its roof each car of a frame shows.
+// How much of a mesh that is placed at each car of a frame is in view.
 #pragma once
 
 #include <array>
@@ -8,9 +8,10 @@
 
 namespace mirage {
 
-/// Share in view of the reference adversary on each car of the frame inside `region` (x_min, x_max, y_min,
-/// y_max; m, `velo`). `rooftops`: of the labels, in their order.
-std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vector<Rooftop>& rooftops,
-                                 const std::array<double, 4>& region, const SimulationSettings& simulation);
+/// Share in view of the reference adversary at `place` of each car of the frame inside `region` (x_min,
+/// x_max, y_min, y_max; m, `velo`). `carriers`: of the labels, in their order.
+std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vector<Carrier>& carriers,
+                                 const PlaceChoice& place, const std::array<double, 4>& region,
+                                 const SimulationSettings& simulation);
 
 }  // namespace mirage

@@ -20,19 +20,15 @@ int track_of(const std::filesystem::path& data, const HostId& host) {
   return tracks && label < tracks->size() ? (*tracks)[label] : -1;
 }
 
-nlohmann::json to_json(const RooftopCount& count) {
+nlohmann::json to_json(const RoofCount& count) {
   return {{"fitted", count.fitted}, {"from_box", count.from_box}};
 }
 
 std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const std::array<double, 4>& region,
                              const SimulationSettings& simulation, double min_view) {
   std::vector<Host> hosts;
-  std::vector<Rooftop> rooftops;
-  for (const HostView& view : store.views(frame, region, simulation)) {
-    if (!(view.share >= min_view)) continue;
-    if (rooftops.empty()) rooftops = store.rooftops(frame);
-    hosts.push_back({{frame, view.label}, rooftops.at(static_cast<std::size_t>(view.label))});
-  }
+  for (const HostView& view : store.views(frame, region, simulation))
+    if (view.share >= min_view) hosts.push_back({{frame, view.label}, view.from_box});
   return hosts;
 }
 
@@ -48,7 +44,6 @@ std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::strin
     try {
       throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
       by_frame[i] = find_hosts(store, frames[i], region, simulation, min_view);
-      for (Host& host : by_frame[i]) host.rooftop.vehicle.reset();
     } catch (...) {
       problems[i] = std::current_exception();
     }

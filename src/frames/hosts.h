@@ -14,10 +14,10 @@
 
 namespace mirage {
 
-/// A vehicle with its roof pose.
+/// A vehicle, and how its roof was found.
 struct Host {
   HostId id;
-  Rooftop rooftop;
+  bool from_box = true;  ///< Carrier's
 };
 
 /// Cars of the frame that can be hosts: labelled "Car", box centre inside the detector's region, and at least
@@ -25,8 +25,7 @@ struct Host {
 std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const std::array<double, 4>& region,
                              const SimulationSettings& simulation, double min_view = 0.7);
 
-/// Hosts of every frame of a data set. Their rooftops come without the fitted vehicle's mesh, which would
-/// fill the memory: FrameStore::rooftop has it. Shows progress unless `quiet`.
+/// Hosts of every frame of a data set. Shows progress unless `quiet`.
 std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::string>& frames,
                                  const std::array<double, 4>& region, const SimulationSettings& simulation,
                                  double min_view, bool quiet = true);
@@ -35,13 +34,13 @@ std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::strin
 int track_of(const std::filesystem::path& data, const HostId& host);
 
 /// On what the hosts of a run stand.
-struct RooftopCount {
+struct RoofCount {
   int fitted = 0, from_box = 0;
   /// Counts one roof.
-  void add(const Rooftop& rooftop) { ++(rooftop.from_box ? from_box : fitted); }
+  void add(bool is_from_box) { ++(is_from_box ? from_box : fitted); }
 };
 /// {"fitted": N, "from_box": N}
-nlohmann::json to_json(const RooftopCount& count);
+nlohmann::json to_json(const RoofCount& count);
 
 /// Splits frames (not hosts) train : test = 7 : 3 at random by seed. At least one frame each when there are
 /// two.

@@ -9,11 +9,12 @@
 #include "detection/defense_words.h"
 #include "detection/given_detector.h"
 #include "detection/precision.h"
+#include "detection/process_detector.h"
 #include "frames/frame_store.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/shape/shape_rooftop.h"
+#include "scene/shape/shape_roof.h"
 
 namespace mirage {
 namespace {
@@ -48,7 +49,7 @@ std::string frames_hash(const fs::path& data, std::span<const std::string> ids) 
 }
 
 std::string detector_identity(const DetectorOptions& options) {
-  if (options.fresh || is_given(options)) return "";
+  if (options.fresh || is_outside(options)) return "";
   Provenance provenance;
   add_detector(provenance, options);
   return provenance.identity();
@@ -73,6 +74,7 @@ void add_frames(Provenance& provenance, const FrameSource& source, std::span<con
   provenance.set("rig", place_free(source.rig));
   provenance.set("depth", place_free(source.depth));
   provenance.set("rooftop", place_free(source.rooftop));
+  provenance.set("placement", text_of(source.placement));
   provenance.input("lidar", lidar_identity(lidar_of(source.data, source.rig)));
   provenance.input("depth", depth_identity({source.depth}));
   provenance.input("rooftop", rooftop_identity(source.rooftop));
@@ -86,8 +88,9 @@ void add_detector(Provenance& provenance, const DetectorOptions& options) {
   provenance.set("fresh", options.fresh);
   provenance.set("detector_rig", options.rig);
   fs::path weights;
-  if (is_given(options)) {
-    provenance.input("weights", given_detector() ? given_detector()->content : "");
+  if (is_outside(options)) {
+    if (is_program(options.detector)) provenance.set("detector", "exec");  // its words count by content
+    provenance.input("weights", outside_content(options));
   } else {
     provenance.file("plugin", plugin_file(options));
     weights = weights_file(options);

@@ -25,7 +25,7 @@ double mean_distance(const Mesh& mesh, const MeshDistance& surface,
   return counted == 0 ? 0 : sum / static_cast<double>(counted);
 }
 
-FitError measure(const ShapeFit& fit, const Rooftop& box_roof, const generator::TrueVehicle& truth) {
+FitError measure(const ShapeFit& fit, const Carrier& by_box, const generator::TrueVehicle& truth) {
   const Transform truth_from_velo = velo_from_box(truth.box).inverse();
   const auto moved = [&](Mesh mesh) {
     for (Vec3d& v : mesh.vertices) v = truth_from_velo * v;
@@ -35,7 +35,7 @@ FitError measure(const ShapeFit& fit, const Rooftop& box_roof, const generator::
   const Vec3d roof = roof_point(true_mesh);
   FitError error;
   error.roof = truth_from_velo * Vec3d(fit.velo_from_roof.translation()) - roof;
-  error.box = truth_from_velo * Vec3d(box_roof.velo_from_adversary.translation()) - roof;
+  error.box = truth_from_velo * Vec3d(by_box.velo_from_roof.translation()) - roof;
   const Vec3d heading = truth_from_velo.linear() * fit.velo_from_vehicle.linear().col(0);
   error.yaw = std::atan2(heading.y(), heading.x());
   error.to_truth = mean_distance(fitted, MeshDistance(true_mesh), [](const Vec3d&) { return true; });
@@ -72,11 +72,11 @@ double lower_quantile(std::vector<double> values, double p) {
                          static_cast<std::size_t>(p * static_cast<double>(values.size())))];
 }
 
-std::vector<FittedVehicle> fit_frame(const ShapeRooftopFinder& finder, const Frame& frame,
+std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame& frame,
                                      const LidarModel& lidar, const FitFrameSettings& settings,
                                      const std::vector<generator::TrueVehicle>* truth) {
   const SweepIndex index(frame.sweep, lidar);
-  const BoxRooftopFinder by_box;
+  const BoxRoofFinder by_box;
   std::vector<FittedVehicle> vehicles;
   for (std::size_t i = 0; i < frame.labels.size(); ++i) {
     Label label = frame.labels[i];
@@ -91,7 +91,7 @@ std::vector<FittedVehicle> fit_frame(const ShapeRooftopFinder& finder, const Fra
     vehicle.label = static_cast<int>(i);
     vehicle.range = std::hypot(label.box.bev.x, label.box.bev.y);
     vehicle.occluded = label.occluded;
-    vehicle.rooftop = by_box.find(frame, label);
+    vehicle.carrier = by_box.find(frame, label);
     const auto start = std::chrono::steady_clock::now();
     vehicle.fit = finder.fit(index, label);
     vehicle.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -108,8 +108,8 @@ std::vector<FittedVehicle> fit_frame(const ShapeRooftopFinder& finder, const Fra
       vehicle.roof_over_returns = roof.z() - lower_quantile(std::move(heights), 0.99);
       if (truth)
         if (const auto* true_vehicle = generator::find_vehicle(*truth, label.type, given))
-          vehicle.error = measure(vehicle.fit, vehicle.rooftop, *true_vehicle);
-      vehicle.rooftop = {vehicle.fit.velo_from_roof, false};
+          vehicle.error = measure(vehicle.fit, vehicle.carrier, *true_vehicle);
+      vehicle.carrier = {label, vehicle.fit.velo_from_roof, false};
     }
     vehicles.push_back(std::move(vehicle));
   }
@@ -125,12 +125,12 @@ nlohmann::json list(const Vec3d& v) {
 }  // namespace
 
 nlohmann::json to_json(const FittedVehicle& v) {
-  const Transform& roof = v.rooftop.velo_from_adversary;
+  const Transform& roof = v.carrier.velo_from_roof;
   nlohmann::json out = {{"frame", v.frame},
                         {"label", v.label},
                         {"range_m", v.range},
                         {"returns", v.fit.points},
-                        {"from_box", v.rooftop.from_box},
+                        {"from_box", v.carrier.from_box},
                         {"roof_velo", list(roof.translation())},
                         {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
                         {"seconds", v.seconds}};

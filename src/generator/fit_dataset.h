@@ -8,14 +8,14 @@
 #include <vector>
 
 #include "generator/vehicle_truth.h"
-#include "scene/shape/shape_rooftop.h"
+#include "scene/shape/shape_roof.h"
 
 namespace mirage {
 
 /// Against the true mesh of a generated vehicle. Its roof point is roof_point() of the true mesh.
 struct FitError {
   Vec3d roof = Vec3d::Zero();  ///< fitted minus true roof point, along the true vehicle's axes (m)
-  Vec3d box = Vec3d::Zero();   ///< the same for BoxRooftopFinder's point
+  Vec3d box = Vec3d::Zero();   ///< the same for BoxRoofFinder's point
   double yaw = 0;              ///< rad
   double to_truth = 0;         ///< mean distance of the fitted surface to the true one (m)
   double from_truth = 0;       ///< mean distance of the true outer surface to the fitted one (m)
@@ -27,7 +27,7 @@ struct FittedVehicle {
   int label = 0;     ///< index among the frame's labels
   double range = 0;  ///< m, horizontal, from the LiDAR to the box
   int occluded = 0;
-  Rooftop rooftop;  ///< from_box where there is no fit
+  Carrier carrier;  ///< from_box where there is no fit
   ShapeFit fit;
   double residual = 0;           ///< median distance of the returns to the fitted mesh (m)
   double roof_over_box = 0;      ///< fitted roof point's height over the labelled box's top (m)
@@ -45,7 +45,7 @@ struct FitFrameSettings {
 };
 
 /// Fits the frame's labels. `truth`: the frame's true vehicles, null if not known.
-std::vector<FittedVehicle> fit_frame(const ShapeRooftopFinder& finder, const Frame& frame,
+std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame& frame,
                                      const LidarModel& lidar, const FitFrameSettings& settings,
                                      const std::vector<generator::TrueVehicle>* truth);
 

@@ -39,7 +39,7 @@ StreetLabels label_street(const Street& street, const Calibration& calibration, 
     for (const Surface& s : street.surfaces)
       if (s.object == static_cast<int>(i)) meshes.push_back(s.mesh);
     // KITTI's boxes in the picture are those around the corners of the 3-D box, which is wider than the
-    // outline of a round body (README.md).
+    // outline of a round body.
     PictureBox full{1e9, 1e9, -1e9, -1e9};
     for (const Vec3d& corner : corners(street.placed[i].box)) {
       Vec3d p = calibration.camera_from_velo * corner;

@@ -66,6 +66,15 @@ double iou(const BevBox& a, const BevBox& b) {
   return std::clamp(both / (area_a + area_b - both), 0.0, 1.0);
 }
 
+double iou(const Box3& a, const Box3& b) {
+  if (!has_area(a.bev) || !has_area(b.bev) || !(a.height > 0) || !(b.height > 0)) return 0;
+  const double common = std::min(a.bottom + a.height, b.bottom + b.height) - std::max(a.bottom, b.bottom);
+  if (!(common > 0)) return 0;
+  const double both = intersection_area(a.bev, b.bev) * common;
+  const auto volume = [](const Box3& box) { return box.bev.length * box.bev.width * box.height; };
+  return std::clamp(both / (volume(a) + volume(b) - both), 0.0, 1.0);
+}
+
 Transform velo_from_box(const Box3& box) {
   Transform transform = Transform::Identity();
   transform.linear() = Eigen::AngleAxisd(box.bev.yaw, Vec3d::UnitZ()).toRotationMatrix();

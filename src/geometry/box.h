@@ -28,6 +28,8 @@ std::array<Vec3d, 8> corners(const Box3& box);
 double intersection_area(const BevBox& a, const BevBox& b);
 /// Intersection over union in [0, 1]; 0 if a side of either box is not positive.
 double iou(const BevBox& a, const BevBox& b);
+/// The same of volumes; 0 if a side or the height of either box is not positive.
+double iou(const Box3& a, const Box3& b);
 /// Whether the point lies inside the box grown by `margin` on every side.
 bool contains(const Box3& box, const Vec3d& p_velo, double margin = 0);
 /// velo_from_box: origin at the centre of the bottom face, x along the heading, z up.

@@ -11,15 +11,17 @@ foreach(plugin ${plugins})
 endforeach()
 if(MIRAGE_DETECTORS)
   file(GLOB weights CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/plugins/*/*/weights/*.weights)
-  install(FILES ${weights} DESTINATION ${parts}/plugins/weights COMPONENT program)
+  install(FILES ${weights} ${PROJECT_SOURCE_DIR}/plugins/convert_weights.py DESTINATION ${parts}/plugins/weights COMPONENT program)
 endif()
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/scenes DESTINATION ${data} COMPONENT program
         FILES_MATCHING PATTERN *.toml PATTERN *.shape)
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/validation DESTINATION ${data} COMPONENT program
-        FILES_MATCHING PATTERN *.py PATTERN *.j2 PATTERN *.html PATTERN *.css PATTERN *.js
+        FILES_MATCHING PATTERN *.py PATTERN *.toml PATTERN *.j2 PATTERN *.html PATTERN *.css PATTERN *.js
         PATTERN benchmarks EXCLUDE PATTERN studies EXCLUDE PATTERN __pycache__ EXCLUDE)
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/plugins/blender/mirage_blender DESTINATION ${data}/plugins/blender
         COMPONENT program FILES_MATCHING PATTERN *.py PATTERN __pycache__ EXCLUDE)
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/plugins/process DESTINATION ${parts}/plugins COMPONENT program
+        FILES_MATCHING PATTERN mirage_serve.py PATTERN mirage_process.h)
 # Fetched by the build, where npm was in reach.
 install(FILES ${CMAKE_BINARY_DIR}/report/model-viewer.min.js DESTINATION ${parts}/report COMPONENT program OPTIONAL)
 foreach(paper LICENSE NOTICE README.md CHANGELOG.md CITATION.cff)

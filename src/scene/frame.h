@@ -37,12 +37,22 @@ struct Label {
   Box3 box;                                         ///< in `velo`; meaningless unless has_box()
   int track = -1;                                   ///< the vehicle's identity in the data set; -1: unknown
   bool in_space = true;                             ///< false: labelled in the picture alone
+  std::string category = {};                        ///< the class as labelled: "Tram", "vehicle.bus.rigid"
+  std::optional<Vec3d> velocity = {};  ///< m/s over ground along the axes of `velo`; none: not known
 };
 
 /// Whether it is known where the object stands: not of DontCare regions, nor of labels of the picture alone.
 inline bool has_box(const Label& label) {
   return label.in_space && label.type != "DontCare";
 }
+
+/// When a frame was taken and where the car stood. The ego frame is `velo`.
+struct Moment {
+  std::string sequence;  ///< the drive, scene or sequence, by its name in the data set
+  int index = 0;         ///< the frame's number there, as the data set counts
+  double time = 0;       ///< s, of the sweep; all frames of a sequence count from one start
+  Transform world_from_ego = Transform::Identity();  ///< world: of the sequence, z up (m)
+};
 
 /// One moment: what both sensors saw, where they stood, and what is known of the scene.
 struct Frame {
@@ -53,6 +63,7 @@ struct Frame {
   std::vector<Label> labels;
   bool labelled = true;  ///< false: nobody has labelled the frame, which is other than that it shows nothing
   Lighting lighting;     ///< known for generated frames (lighting/ID.json), a default for recorded ones
+  std::optional<Moment> moment = {};  ///< none: the data set does not say
 };
 
 }  // namespace mirage

@@ -7,18 +7,20 @@
 #include "base/fields.h"
 #include "scene/data/data_rig.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/shape/shape_rooftop.h"
+#include "scene/place.h"
+#include "scene/shape/shape_roof.h"
 #include "scene/sun.h"
 
 namespace mirage {
 
 /// A data set and how its frames are prepared.
 struct FrameSource {
-  std::filesystem::path data = {};        ///< a layout of scene/data/data_set.h
-  std::string depth = kDefaultDepth;      ///< depth completion of the photographs (learned_depth.h)
-  std::string rooftop = kDefaultRooftop;  ///< what finds the roofs (shape_rooftop.h)
-  std::string sun = kDefaultSun;          ///< where the sun stands (sun.h)
-  std::string rig = {};  ///< which recorded it, as data_rig.h takes it; empty: what the set says
+  std::filesystem::path data = {};     ///< a layout of scene/data/data_set.h
+  std::string depth = kDefaultDepth;   ///< depth completion of the photographs (learned_depth.h)
+  std::string rooftop = kDefaultRoof;  ///< what finds the roofs (shape_roof.h)
+  std::string sun = kDefaultSun;       ///< where the sun stands (sun.h)
+  std::string rig = {};        ///< which recorded it, as data_rig.h takes it; empty: what the set says
+  PlaceChoice placement = {};  ///< where the object is put (place.h)
 };
 
 template <class Visitor, FieldsOf<FrameSource> S>
@@ -36,6 +38,13 @@ void visit_fields(Visitor& visit, S& s) {
        .help = "roof the adversary stands on: shape (fitted to the vehicle's returns), box (the label's) or "
                "a shape model (*.shape)"},
       s.rooftop);
+  visit({.name = "placement",
+         .help = "where the object is put: roof (of the host), X,Y,Z,YAW (m forward, left and up from the "
+                 "ground under the host, degrees from its heading) or world:X,Y,Z,YAW (the same in the "
+                 "LiDAR's frame)",
+         .option = "place",
+         .lacking = "roof"},
+        s.placement);
   visit({.name = "sun",
          .help = "where the sun stands: frame (the frame's own lighting), photo (from its shadows), "
                  "AZIMUTH,ELEVATION (degrees; azimuth counter-clockwise from forward) or "

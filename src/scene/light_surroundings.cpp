@@ -33,20 +33,21 @@ Vec3d vehicle_paint(const Frame& frame, const Label& host) {
   return albedo;
 }
 
-LightSurroundings light_surroundings(const Frame& frame, const Label& host, const Rooftop& rooftop) {
+LightSurroundings light_surroundings(const Frame& frame, const Carrier& carrier) {
+  const Label& host = carrier.label;
   LightSurroundings around;
-  around.velo_from_roof = rooftop.velo_from_adversary;
+  around.velo_from_roof = carrier.velo_from_roof;
   around.paint = vehicle_paint(frame, host);
   around.road = Vec3d::Constant(kRoadAlbedo);
-  const Transform roof_from_velo = rooftop.velo_from_adversary.inverse();
+  const Transform roof_from_velo = carrier.velo_from_roof.inverse();
   const double l = host.box.bev.length, w = host.box.bev.width, h = host.box.height;
   around.deck_below = (1 - saloon::kWaist) * h;
-  if (rooftop.vehicle && !rooftop.vehicle->faces.empty()) {
+  if (carrier.shape && !carrier.shape->faces.empty()) {
     around.roof.setEmpty();
     around.deck.setEmpty();
     double lowest = 0;
-    for (const std::size_t i : used_vertices(*rooftop.vehicle)) {
-      const Vec3d p = roof_from_velo * rooftop.vehicle->vertices[i];
+    for (const std::size_t i : used_vertices(*carrier.shape)) {
+      const Vec3d p = roof_from_velo * carrier.shape->vertices[i];
       around.deck.extend(Vec2d(p.head<2>()));
       if (p.z() > -kRoofDrop) around.roof.extend(Vec2d(p.head<2>()));
       lowest = std::min(lowest, p.z());

@@ -82,24 +82,46 @@ double SweepMotion::phase(double azimuth) const {
   return turned - std::floor(turned);
 }
 
-SweepMotion no_motion(std::span<const double> azimuths) {
+Vec3d SweepMotion::seen(const Vec3d& p, double& phase_) const {
+  if (turn.isZero(0)) return p - start;
+  constexpr int kRounds = 4;  // each leaves a sixth of |turn| / distance
+  for (int round = 0; round < kRounds; ++round) {
+    const Vec3d q = p - at(phase_);
+    const double looked = phase(std::atan2(q.y(), q.x()));
+    phase_ = looked + std::round(phase_ - looked);
+  }
+  return p - at(phase_);
+}
+
+SweepMotion no_motion(std::span<const Vec3d> points, std::vector<double>& phases) {
   constexpr std::size_t kSectors = 36;
-  std::array<bool, kSectors> seen{};
-  for (const double azimuth : azimuths)
-    seen[static_cast<std::size_t>((wrap_angle(azimuth) + kPi) / (2 * kPi) * kSectors) % kSectors] = true;
+  constexpr double kNothing = 0.1;   // m: what came back empty
+  constexpr double kOneTurn = 0.05;  // what a sweep may turn more or less
+  std::array<bool, kSectors> looked{};
+  bool any = false;
+  double first = 0, last = 0, turned = 0;
+  phases.clear();
+  for (const Vec3d& p : points) {
+    if (p.norm() > kNothing) {
+      const double azimuth = std::atan2(p.y(), p.x());
+      looked[static_cast<std::size_t>((azimuth + kPi) / (2 * kPi) * kSectors) % kSectors] = true;
+      if (any) turned += wrap_angle(azimuth - last) / (2 * kPi);
+      if (!any) first = azimuth;
+      any = true;
+      last = azimuth;
+    }
+    phases.push_back(turned);
+  }
   SweepMotion motion;
-  motion.whole = std::count(seen.begin(), seen.end(), true) >= static_cast<std::ptrdiff_t>(kSectors) - 1;
-  if (motion.whole) motion.cut = azimuths.front();
+  motion.whole = std::count(looked.begin(), looked.end(), true) >= static_cast<std::ptrdiff_t>(kSectors) - 1;
+  if (motion.whole) motion.cut = first;
+  const bool by_firing = motion.whole && std::abs(std::abs(turned) - 1) < kOneTurn;
+  for (std::size_t i = 0; i < phases.size(); ++i)
+    phases[i] = by_firing ? phases[i] + (turned < 0) : motion.phase(std::atan2(points[i].y(), points[i].x()));
   return motion;
 }
 
 namespace {
-
-/// Points as the unit at rest would see them: where it is, how far, and which beam.
-struct Seen {
-  Vec3d p;
-  double phase;
-};
 
 double angle_off_beam(const LidarModel& lidar, const std::vector<double>& slopes, const Vec3d& p,
                       std::size_t& beam) {
@@ -111,32 +133,33 @@ double angle_off_beam(const LidarModel& lidar, const std::vector<double>& slopes
 
 /// The motion that puts most of the points on beams: from steady drives at several speeds, the best is
 /// refined by Gauss-Newton, far points first.
-SweepMotion motion_of(const std::vector<Vec3d>& points, const LidarModel& lidar, SweepMotion motion) {
+SweepMotion motion_of(const std::vector<Vec3d>& points, std::vector<double>& phases, const LidarModel& lidar,
+                      const SweepMotion& still) {
   constexpr double kFastest = 3, kBetween = 0.25;  // m a turn
   constexpr double kNearest = 2, kScale = 0.03 * kPi / 180;
   constexpr std::size_t kMost = 6000;
   constexpr int kRounds = 20;
   const std::vector<double> slopes = slopes_of(lidar);
-  std::vector<Seen> seen;
+  std::vector<std::size_t> looked;
   const std::size_t every = points.size() / kMost + 1;
   for (std::size_t i = 0; i < points.size(); i += every)
-    if (points[i].norm() > kNearest)
-      seen.push_back({points[i], motion.phase(std::atan2(points[i].y(), points[i].x()))});
+    if (points[i].norm() > kNearest) looked.push_back(i);
   const auto off = [&](const SweepMotion& by, double scale) {
     double sum = 0;
-    for (const Seen& s : seen) {
+    for (const std::size_t i : looked) {
       std::size_t beam = 0;
-      const double angle = angle_off_beam(lidar, slopes, s.p - by.start - s.phase * by.turn, beam) / scale;
+      double phase = phases[i];
+      const double angle = angle_off_beam(lidar, slopes, by.seen(points[i], phase), beam) / scale;
       sum += angle * angle / (1 + angle * angle);
     }
     return sum;
   };
-  SweepMotion best = motion;
+  SweepMotion best = still;
   double least = off(best, 3 * kScale);
   const Vec3d ahead = lidar.velo_from_lidar.linear().transpose() * Vec3d::UnitX();
   for (double by = -kFastest; by <= kFastest; by += kBetween)
     for (const double reference : {0.0, 0.5, 1.0}) {
-      SweepMotion candidate = motion;
+      SweepMotion candidate = still;
       candidate.turn = by * ahead;
       candidate.start = -reference * by * ahead;
       if (const double value = off(candidate, 3 * kScale); value < least) least = value, best = candidate;
@@ -146,8 +169,9 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, const LidarModel& lidar,
     using Six = Eigen::Matrix<double, 6, 1>;
     Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Identity() * (scale * scale);
     Six right = Six::Zero();
-    for (const Seen& s : seen) {
-      const Vec3d p = s.p - best.start - s.phase * best.turn;
+    for (const std::size_t i : looked) {
+      double phase = phases[i];
+      const Vec3d p = best.seen(points[i], phase);
       std::size_t beam = 0;
       const double angle = angle_off_beam(lidar, slopes, p, beam),
                    weight = 1 / (1 + std::pow(angle / scale, 2));
@@ -155,7 +179,7 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, const LidarModel& lidar,
       const Vec3d gradient = (Vec3d::UnitZ() - slopes[beam] * outward) / std::hypot(1.0, slopes[beam]) /
                              std::max(p.norm(), 1e-3);
       Six row;
-      row << gradient, s.phase * gradient;
+      row << gradient, phase * gradient;
       normal += weight * row * row.transpose();
       right += weight * angle * row;
     }
@@ -163,36 +187,46 @@ SweepMotion motion_of(const std::vector<Vec3d>& points, const LidarModel& lidar,
     best.start += step.head<3>();
     best.turn += step.tail<3>();
   }
+  // The cut, as the moving unit saw it: in the middle between the first and the last.
+  double first = 1, last = 0;
+  for (const std::size_t i : looked) {
+    double phase = phases[i];
+    best.seen(points[i], phase);
+    first = std::min(first, phase), last = std::max(last, phase);
+  }
+  if (best.whole) {
+    const double later = (first + last - 1) / 2;
+    best.cut += later * 2 * kPi;
+    best.start += later * best.turn;
+    for (double& phase : phases) phase -= later;
+  }
   return best;
 }
 
 }  // namespace
 
 SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lidar) {
-  constexpr double kExplained = 0.95;
+  const bool free = lidar.encoder_step == 0;
+  const double explained = free ? 0.99 : 0.95;
   constexpr std::size_t kFewest = 500;  // returns that tell of a motion
-  build(sweep, {}, false);
-  if (assigned_share_ >= kExplained || returns_.size() - static_cast<std::size_t>(skipped_) < kFewest ||
+  build(sweep, {}, {}, false);
+  if (assigned_share_ >= explained || returns_.size() - static_cast<std::size_t>(skipped_) < kFewest ||
       lidar.beams.size() < 2)
     return;
   std::vector<Vec3d> points;
-  std::vector<double> azimuths;
   for (const Return& r : returns_)
-    if (r.beam >= 0) {
-      points.push_back(lidar.velo_from_lidar.inverse() * r.p_velo);
-      azimuths.push_back(std::atan2(points.back().y(), points.back().x()));
-    }
-  const SweepMotion still = no_motion(azimuths);
+    if (r.beam >= 0) points.push_back(lidar.velo_from_lidar.inverse() * r.p_velo);
+  std::vector<double> phases;
+  const SweepMotion still = no_motion(points, phases);
   const auto take_if_better = [&](const SweepMotion& motion, bool own_firings) {
     SweepIndex other;
     other.lidar_ = lidar_;
-    other.build(sweep, motion, own_firings);
+    other.build(sweep, phases, motion, own_firings);
     if (other.assigned_share_ > assigned_share_) *this = std::move(other);
   };
-  const bool free = lidar.encoder_step == 0;
   if (free) take_if_better(still, true);
-  if (assigned_share_ < kExplained) {
-    const SweepMotion moving = motion_of(points, lidar, still);
+  if (assigned_share_ < explained) {
+    const SweepMotion moving = motion_of(points, phases, lidar, still);
     take_if_better(moving, false);
     if (free) take_if_better(moving, true);
   }
@@ -200,24 +234,31 @@ SweepIndex::SweepIndex(const Sweep& sweep, const LidarModel& lidar) : lidar_(lid
 
 Vec3d SweepIndex::seen_by_unit(const Vec3d& p_velo) const {
   const Vec3d p = lidar_.velo_from_lidar.inverse() * p_velo;
-  return motion_.none() ? p : Vec3d(p - motion_.at(std::atan2(p.y(), p.x())));
+  if (motion_.none()) return p;
+  double phase = motion_.phase(std::atan2(p.y(), p.x()));
+  return motion_.seen(p, phase);
 }
 
-void SweepIndex::build(const Sweep& sweep, const SweepMotion& motion, bool own_firings) {
+void SweepIndex::build(const Sweep& sweep, std::span<const double> phases, const SweepMotion& motion,
+                       bool own_firings) {
   motion_ = motion;
   own_firings_ = own_firings;
   slopes_ = slopes_of(lidar_);
   returns_.reserve(sweep.size());
+  std::size_t seen = 0;  // of `phases`, which returns that are skipped do not have
   for (const LidarPoint& point : sweep) {
-    const Vec3d p_velo = point.position().cast<double>(), p = seen_by_unit(p_velo);
+    const Vec3d p_velo = point.position().cast<double>();
+    Vec3d p = lidar_.velo_from_lidar.inverse() * p_velo;
     if (!p.allFinite() || lidar_.beams.empty()) {
-      returns_.push_back({p_velo, -1, 0});
+      returns_.push_back({p_velo, -1, 0, 0});
       ++skipped_;
       continue;
     }
+    double phase = seen < phases.size() ? phases[seen++] : 0;
+    if (!motion_.none()) p = motion_.seen(p, phase);
     const int beam = nearest_beam(lidar_, slopes_, horizontal_distance(p), p.z());
     returns_.push_back(
-        {p_velo, beam, wrap_angle(firing_through(lidar_.beams[static_cast<std::size_t>(beam)], p))});
+        {p_velo, beam, wrap_angle(firing_through(lidar_.beams[static_cast<std::size_t>(beam)], p)), phase});
   }
   own_firings ? find_own_firings() : find_firings();
   for (const LidarBeam& b : lidar_.beams) {
@@ -235,7 +276,7 @@ LidarRay SweepIndex::ray_of_cell(std::size_t beam, std::size_t firing) const {
   const double ca = turn.cosine * offset.cosine - turn.sine * offset.sine,
                sa = turn.sine * offset.cosine + turn.cosine * offset.sine;
   Vec3d origin(-b.lateral * sa, b.lateral * ca, b.height);
-  if (!motion_.none()) origin += motion_.at(std::atan2(sa, ca));
+  if (!motion_.none()) origin += motion_.at(motion_.phase(std::atan2(sa, ca)));
   return {
       lidar_.velo_from_lidar * origin,
       lidar_.velo_from_lidar.linear() * Vec3d(elevation.cosine * ca, elevation.cosine * sa, elevation.sine)};
@@ -328,7 +369,7 @@ SweepRay SweepIndex::ray_of(int point, int firing) const {
   const LidarBeam& b = lidar_.beams[static_cast<std::size_t>(r.beam)];
   const double azimuth = r.firing + b.azimuth_offset;
   Vec3d from(-b.lateral * std::sin(azimuth), b.lateral * std::cos(azimuth), b.height);
-  if (!motion_.none()) from += motion_.at(azimuth);
+  if (!motion_.none()) from += motion_.at(r.phase);
   const Vec3d origin = lidar_.velo_from_lidar * from;
   const double range = std::max((r.p_velo - origin).norm(), 1e-6);
   return {{origin, (r.p_velo - origin) / range}, r.beam, firing, r.firing, point, range};

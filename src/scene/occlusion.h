@@ -26,15 +26,19 @@ struct SweepMotion {
   double cut = 0;                                     ///< rad: where the sweep begins, if it is a whole turn
   bool whole = false;                                 ///< else phases are counted from straight ahead
 
-  /// The part of the turn that an azimuth (rad, unit's frame) is seen at.
+  /// The part of the turn that the unit looks to an azimuth (rad, unit's frame) at.
   double phase(double azimuth) const;
-  /// The origin then.
-  Vec3d at(double azimuth) const { return start + phase(azimuth) * turn; }
+  /// The origin at a phase.
+  Vec3d at(double phase) const { return start + phase * turn; }
+  /// A point (m, unit's frame at rest) as the unit sees it when it looks there. `phase`: near which part of
+  /// the turn that is (where the sweep begins and ends the unit sees some points twice), and then which.
+  Vec3d seen(const Vec3d& p, double& phase) const;
   bool none() const { return start.isZero(0) && turn.isZero(0); }
 };
 
-/// No motion, for azimuths (rad) in the sweep's order: a whole turn begins at the first.
-SweepMotion no_motion(std::span<const double> azimuths);
+/// No motion, for returns (unit's frame) in the sweep's order: a whole turn begins at the first. `phases`:
+/// when each was seen; of a sweep that is written firing by firing its order tells.
+SweepMotion no_motion(std::span<const Vec3d> points, std::vector<double>& phases);
 
 /// A ray of the sweep.
 struct SweepRay {
@@ -56,8 +60,9 @@ struct RasterCell {
 };
 
 /// An index over a sweep; it keeps no reference to it. Where fewer than 95 % of the returns lie on the
-/// model's rays, the sweep is asked for its own firings (of a unit without an encoder's grid: every turn
-/// begins at another azimuth) and for the unit's motion within it; what explains more is taken.
+/// model's rays (99 % of a unit without an encoder's grid), the sweep is asked for its own firings (of a unit
+/// without an encoder's grid: every turn begins at another azimuth) and for the unit's motion within it; what
+/// explains more is taken.
 class SweepIndex {
  public:
   SweepIndex() = default;
@@ -85,9 +90,10 @@ class SweepIndex {
     Vec3d p_velo;
     int beam;
     double firing;  ///< rad, exact, not rounded to the grid
+    double phase;   ///< of the turn, when it was seen
   };
   /// Firings are the model's, or the sweep's own.
-  void build(const Sweep& sweep, const SweepMotion& motion, bool own_firings);
+  void build(const Sweep& sweep, std::span<const double> phases, const SweepMotion& motion, bool own_firings);
   void find_firings();
   void find_own_firings();
   /// A point (`velo`) as the unit sees it when it looks there.

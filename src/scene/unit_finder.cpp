@@ -47,22 +47,20 @@ struct BeamLine {
 struct UnitHit {
   Vec3d p_velo, p = Vec3d::Zero();
   int sweep = 0, beam = -1;
-  double phase = 0;  ///< of the turn, when it was measured: 0 … 1, or around 0 ahead where less is seen
+  double phase = 0;  ///< of the turn, when it was seen
   double rho = 0;
 };
 
-/// Where the unit stood: the same in all sweeps, and for each sweep how its origin moves within it (sweeps
-/// that were corrected for the car's motion).
+/// Where the unit stood: the same in all sweeps, and how it moved within each.
 struct UnitPose {
   Transform velo_from_lidar = Transform::Identity();
-  std::vector<std::pair<Vec3d, Vec3d>> drifts;  ///< at phase 0, and a turn (m, unit's frame)
+  std::vector<SweepMotion> motions;
 };
 
 void place_hits(std::vector<UnitHit>& hits, const UnitPose& pose) {
   const Transform lidar_from_velo = pose.velo_from_lidar.inverse();
   for (UnitHit& hit : hits) {
-    const auto& [start, turn] = pose.drifts[static_cast<std::size_t>(hit.sweep)];
-    hit.p = lidar_from_velo * hit.p_velo - start - hit.phase * turn;
+    hit.p = pose.motions[static_cast<std::size_t>(hit.sweep)].seen(lidar_from_velo * hit.p_velo, hit.phase);
     hit.rho = std::max(hit.p.head<2>().norm(), 1e-3);
   }
 }
@@ -73,9 +71,10 @@ double elevation_of(const UnitHit& hit) {
 
 // ---------------------------------------------------------------------------------------------- which beam
 
-/// The azimuth at which sweeps begin: in the middle of the widest gap, or where neighbours in the file are
-/// most often of other beams.
-double cut_of(const std::vector<double>& azimuths, const std::vector<double>& elevations, double& seen) {
+/// The azimuths at which sweeps may begin: where neighbours in the file are most often of other beams, and in
+/// the middle of a wide gap. `seen`: the angle outside the gap.
+std::vector<double> cuts_of(const std::vector<double>& azimuths, const std::vector<double>& elevations,
+                            double& seen) {
   constexpr int kBins = 720;
   std::vector<int> counts(kBins), changes(kBins);
   const auto bin_of = [&](double azimuth) {
@@ -93,16 +92,17 @@ double cut_of(const std::vector<double>& azimuths, const std::vector<double>& el
     if (gap > widest && gap <= kBins) widest = gap, end = b + 1;
   }
   seen = kTurn * (kBins - widest) / kBins;
-  if (widest > kBins / 36) return kTurn * (end - widest / 2.0) / kBins;
   const auto most = std::max_element(changes.begin(), changes.end()) - changes.begin();
-  return kTurn * (static_cast<double>(most) - 0.5) / kBins;
+  std::vector<double> cuts{kTurn * (static_cast<double>(most) - 0.5) / kBins};
+  if (widest > kBins / 36) cuts.push_back(kTurn * (end - widest / 2.0) / kBins);
+  return cuts;
 }
 
-/// Numbers the beams of a sweep that is written beam by beam: a new one where the azimuth falls back. Empty:
-/// it is not.
-std::vector<int> beams_in_order(const std::vector<double>& azimuths, const std::vector<double>& elevations,
-                                double cut) {
-  constexpr double kSame = 0.06 * kDegree, kBack = 5 * kDegree;
+/// Numbers runs of one beam in a sweep that is written beam by beam: a new one where the azimuth falls back,
+/// or leaps (the next beam's returns may begin far behind the last of this). Empty: it is not.
+std::vector<int> runs_in_order(const std::vector<double>& azimuths, const std::vector<double>& elevations,
+                               double cut) {
+  constexpr double kSame = 0.06 * kDegree, kBack = 5 * kDegree, kLeap = 4 * kDegree;
   std::vector<double> changes;
   std::size_t forward = 0, backward = 0;
   for (std::size_t i = 1; i < azimuths.size(); ++i) {
@@ -111,14 +111,14 @@ std::vector<int> beams_in_order(const std::vector<double>& azimuths, const std::
     if (std::abs(by) < 2 * kDegree) ++(by > 0 ? forward : backward);
   }
   if (median_of(changes) > kSame) return {};
-  std::vector<int> beams(azimuths.size());
+  std::vector<int> runs(azimuths.size());
   double before = 0;
   for (std::size_t i = 0; i < azimuths.size(); ++i) {
     const double turned = rest_of((forward > backward ? 1 : -1) * (azimuths[i] - cut), kTurn);
-    beams[i] = i == 0 ? 0 : beams[i - 1] + (turned < before - kBack);
+    runs[i] = i == 0 ? 0 : runs[i - 1] + (turned < before - kBack || turned > before + kLeap);
     before = turned;
   }
-  return beams;
+  return runs;
 }
 
 /// Elevations (rad) at which hits from `nearest` (m) on pile up, from the top down; at the finest resolution
@@ -181,29 +181,44 @@ std::vector<double> piles(const std::vector<UnitHit>& hits, double nearest) {
   return best;
 }
 
-/// The line of hits of one beam, robustly; heights are near 0 unless the hits say otherwise.
-BeamLine line_of(const std::vector<const UnitHit*>& hits) {
-  constexpr double kScale = 0.02 * kDegree, kHeight = 0.3;
-  std::vector<double> elevations;
-  for (const UnitHit* hit : hits) elevations.push_back(elevation_of(*hit));
-  BeamLine line{0, std::tan(median_of(elevations))};
-  for (int round = 0; round < 30; ++round) {
-    const double scale = kScale * std::max(1.0, 20.0 - round);
-    Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
-    Eigen::Vector2d right = Eigen::Vector2d::Zero();
-    normal(0, 0) = std::pow(scale / kHeight, 2);
-    const double cosine = 1 / std::hypot(1.0, line.slope);
+/// Angle by which the hit misses the line.
+double angle_off(const BeamLine& line, const UnitHit& hit) {
+  return (hit.p.z() - line.at(hit.rho)) / std::hypot(1.0, line.slope) / hit.p.norm();
+}
+
+/// The line of hits of one beam: that of all heights near `usual` (m) which most lie on. Hits that are all
+/// equally far do not show the height; it is the usual one then.
+BeamLine line_of(const std::vector<const UnitHit*>& hits, double usual) {
+  constexpr double kOn = 0.03 * kDegree, kReach = 0.3, kStep = 0.015, kUnusual = 0.2;
+  constexpr std::size_t kEnough = 400;
+  BeamLine best;
+  double most = -1;
+  for (double height = usual - kReach; height <= usual + kReach; height += kStep) {
+    std::vector<double> slopes;
+    for (std::size_t i = 0; i < hits.size(); i += hits.size() / kEnough + 1)
+      slopes.push_back((hits[i]->p.z() - height) / hits[i]->rho);
+    const BeamLine line{height, median_of(slopes)};
+    double on = 0;
+    for (std::size_t i = 0; i < hits.size(); i += hits.size() / kEnough + 1)
+      on += 1 / (1 + std::pow(angle_off(line, *hits[i]) / kOn, 2));
+    on = on / static_cast<double>(slopes.size()) - kUnusual * std::abs(height - usual);
+    if (on > most) most = on, best = line;
+  }
+  for (int round = 0; round < 8; ++round) {  // to the bottom of it
+    Eigen::Matrix2d normal = Eigen::Vector2d(std::pow(kOn / kReach, 2), 0).asDiagonal();
+    Eigen::Vector2d right = normal * Eigen::Vector2d(best.height, 0);
+    const double cosine = 1 / std::hypot(1.0, best.slope);
     for (const UnitHit* hit : hits) {
-      const double per_metre = cosine / hit->p.norm(), off = (hit->p.z() - line.at(hit->rho)) * per_metre;
-      const double weight = 1 / (1 + std::pow(off / scale, 2));
+      const double per_metre = cosine / hit->p.norm(),
+                   weight = 1 / (1 + std::pow(angle_off(best, *hit) / kOn, 2));
       const Eigen::Vector2d row = per_metre * Eigen::Vector2d(1, hit->rho);
       normal += weight * row * row.transpose();
       right += weight * row * per_metre * hit->p.z();
     }
     const Eigen::Vector2d solved = normal.ldlt().solve(right);
-    line = {solved[0], solved[1]};
+    best = {solved[0], solved[1]};
   }
-  return line;
+  return best;
 }
 
 /// From the top down.
@@ -219,11 +234,6 @@ std::size_t nearest_line(const std::vector<BeamLine>& lines, const UnitHit& hit)
   }
   const auto off = [&](std::size_t k) { return std::abs(lines[k].at(hit.rho) - hit.p.z()); };
   return off(low) <= off(high) ? low : high;
-}
-
-/// Angle by which the hit misses the line.
-double angle_off(const BeamLine& line, const UnitHit& hit) {
-  return (hit.p.z() - line.at(hit.rho)) / std::hypot(1.0, line.slope) / hit.p.norm();
 }
 
 void assign_beams(std::vector<UnitHit>& hits, const std::vector<BeamLine>& lines) {
@@ -244,14 +254,16 @@ double on_beams(const std::vector<UnitHit>& hits, const std::vector<BeamLine>& l
 void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& pose, bool tilts, bool moves,
             double nearest, double first_scale) {
   constexpr double kScale = 0.02 * kDegree;
-  constexpr int kRounds = 25;
-  constexpr std::size_t kEnough = 150000;
-  const std::size_t every = hits.size() / kEnough + 1;
-  const int sweeps = static_cast<int>(pose.drifts.size()), shared = tilts ? 4 : 0,
+  constexpr int kRounds = 20;
+  constexpr std::size_t kEnough = 60000;
+  const std::size_t every = (hits.size() / kEnough) | 1;  // odd: files go through the beams by even numbers
+  std::vector<UnitHit> some;
+  for (std::size_t at = 0; at < hits.size(); at += every) some.push_back(hits[at]);
+  const int sweeps = static_cast<int>(pose.motions.size()), shared = tilts ? 4 : 0,
             count = shared + (moves ? 6 * sweeps : 0);
   for (int round = 0; round < kRounds; ++round) {
-    place_hits(hits, pose);
-    assign_beams(hits, lines);
+    place_hits(some, pose);
+    assign_beams(some, lines);
     const double scale =
         std::max(kScale, first_scale * std::pow(kScale / first_scale, round / (0.6 * kRounds)));
     const auto beams = lines.size();
@@ -260,8 +272,7 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
     std::vector<Eigen::Vector2d> own_right(beams, Eigen::Vector2d::Zero());
     Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(count, count);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(count);
-    for (std::size_t at = 0; at < hits.size(); at += every) {
-      const UnitHit& hit = hits[at];
+    for (const UnitHit& hit : some) {
       if (hit.p.norm() < nearest) continue;
       const auto b = static_cast<std::size_t>(hit.beam);
       const double off = angle_off(lines[b], hit), weight = 1 / (1 + std::pow(off / scale, 2));
@@ -321,9 +332,9 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
     }
     if (moves)
       for (int s = 0; s < sweeps; ++s) {
-        auto& [start, turn] = pose.drifts[static_cast<std::size_t>(s)];
-        start += step.segment<3>(shared + 6 * s);
-        turn += step.segment<3>(shared + 6 * s + 3);
+        SweepMotion& motion = pose.motions[static_cast<std::size_t>(s)];
+        motion.start += step.segment<3>(shared + 6 * s);
+        motion.turn += step.segment<3>(shared + 6 * s + 3);
       }
     sort_lines(lines);
   }
@@ -331,31 +342,37 @@ void refine(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines, UnitPose& 
   assign_beams(hits, lines);
 }
 
-/// Lines of the beams as the sweeps' order numbers them; a beam that several sweeps show is one.
-std::vector<BeamLine> lines_in_order(const std::vector<UnitHit>& hits, const std::vector<int>& numbers) {
+/// The lines of runs in the files' order, those with the most hits first: a run is of a line that is there
+/// already, or shows a new one. `on`: hits of runs that one line explains.
+std::vector<BeamLine> lines_in_order(const std::vector<UnitHit>& hits, const std::vector<int>& runs,
+                                     std::size_t& on) {
+  constexpr double kOneBeam = 0.05 * kDegree, kAnother = 0.07 * kDegree;
   std::map<std::pair<int, int>, std::vector<const UnitHit*>> groups;
-  for (std::size_t i = 0; i < hits.size(); ++i) groups[{hits[i].sweep, numbers[i]}].push_back(&hits[i]);
-  std::map<int, std::vector<std::vector<const UnitHit*>*>> of_sweep;
-  for (auto& [key, members] : groups)
-    if (members.size() >= kFewestOfBeam) of_sweep[key.first].push_back(&members);
-  std::vector<std::vector<std::vector<const UnitHit*>*>> order;
-  for (auto& [sweep, rings] : of_sweep) order.push_back(rings);
+  for (std::size_t i = 0; i < hits.size(); ++i) groups[{hits[i].sweep, runs[i]}].push_back(&hits[i]);
+  std::vector<const std::vector<const UnitHit*>*> order;
+  for (const auto& [key, members] : groups)
+    if (members.size() >= kFewestOfBeam) order.push_back(&members);
   std::stable_sort(order.begin(), order.end(),
-                   [](const auto& a, const auto& b) { return a.size() > b.size(); });
+                   [](const auto* a, const auto* b) { return a->size() > b->size(); });
+  const auto off_median = [](const std::vector<const UnitHit*>& run, const auto& line_of_hit) {
+    std::vector<double> off;
+    for (const UnitHit* hit : run) off.push_back(std::abs(angle_off(line_of_hit(*hit), *hit)));
+    return median_of(off);
+  };
   std::vector<BeamLine> lines;
-  for (const auto& rings : order) {
-    std::vector<BeamLine> more;
-    for (const auto* ring : rings) {
-      const BeamLine line = line_of(*ring);
-      std::vector<double> off, from_known;
-      for (const UnitHit* hit : *ring) {
-        off.push_back(std::abs(angle_off(line, *hit)));
-        if (!lines.empty()) from_known.push_back(std::abs(angle_off(lines[nearest_line(lines, *hit)], *hit)));
-      }
-      if (median_of(off) > 0.05 * kDegree) continue;  // two beams in one, or none
-      if (lines.empty() || median_of(from_known) > 0.07 * kDegree) more.push_back(line);
+  on = 0;
+  for (const auto* run : order) {
+    const auto nearest = [&](const UnitHit& hit) { return lines[nearest_line(lines, hit)]; };
+    if (!lines.empty() && off_median(*run, nearest) < kAnother) {
+      on += run->size();
+      continue;
     }
-    lines.insert(lines.end(), more.begin(), more.end());
+    std::vector<double> heights;
+    for (const BeamLine& other : lines) heights.push_back(other.height);
+    const BeamLine line = line_of(*run, median_of(heights));
+    if (off_median(*run, [&](const UnitHit&) { return line; }) > kOneBeam) continue;  // two beams, or none
+    on += run->size();
+    lines.push_back(line);
     sort_lines(lines);
   }
   return lines;
@@ -383,17 +400,23 @@ void clean_lines(std::vector<UnitHit>& hits, std::vector<BeamLine>& lines) {
     kept.push_back(lines[b]);
     of_kept.push_back(counts[b]);
   }
-  // What a crowd of stray hits drew between two beams.
+  // What a crowd of stray hits drew between two beams, or beside one.
+  const auto apart = [&](std::size_t i, std::size_t k) {
+    return std::atan(kept[i].slope) - std::atan(kept[k].slope);
+  };
   std::vector<BeamLine> sure;
   for (std::size_t b = 0; b < kept.size(); ++b) {
-    if (b >= 2 && b + 2 < kept.size()) {
-      const auto apart = [&](std::size_t i, std::size_t k) {
-        return std::atan(kept[i].slope) - std::atan(kept[k].slope);
-      };
-      const double usual = std::min(apart(b - 2, b - 1), apart(b + 1, b + 2)),
-                   closest = std::min(apart(b - 1, b), apart(b, b + 1));
-      if (closest < 0.6 * usual && 10 * of_kept[b] < std::min(of_kept[b - 1], of_kept[b + 1])) continue;
-    }
+    constexpr std::size_t kNeighbours = 4;
+    std::vector<double> gaps;
+    for (std::size_t i = b > kNeighbours ? b - kNeighbours : 0;
+         i + 1 < std::min(kept.size(), b + kNeighbours + 1); ++i)
+      gaps.push_back(apart(i, i + 1));
+    const double usual = median_of(gaps), above = b > 0 ? apart(b - 1, b) : kTurn,
+                 below = b + 1 < kept.size() ? apart(b, b + 1) : kTurn, closest = std::min(above, below);
+    const bool between = b > 0 && b + 1 < kept.size();
+    if (between && closest < 0.6 * usual && 10 * of_kept[b] < std::min(of_kept[b - 1], of_kept[b + 1]))
+      continue;
+    if (closest < 0.1 * usual && of_kept[b] < of_kept[above < below ? b - 1 : b + 1]) continue;
     sure.push_back(kept[b]);
   }
   lines = std::move(sure);
@@ -479,7 +502,7 @@ std::vector<double> coherences(const FarHits& hits, double lateral) {
 /// The grid of azimuths (rad) that all sweeps' firings of a beam lie on: `step` itself, nearly, where firings
 /// follow each other evenly; else an encoder's, finer one. 0: there is none.
 double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step) {
-  constexpr double kEven = 0.65, kCoherent = 0.5, kFar = 8, kFinest = 0.02 * kDegree;
+  constexpr double kEven = 0.65, kCoherent = 0.5, kClearly = 0.1, kFar = 8, kFinest = 0.02 * kDegree;
   constexpr double kMostLateral = 0.06, kLateralStep = 0.004;
   constexpr std::size_t kLooked = 4;  // beams, those with the most hits
   std::vector<FarHits> all(beams);
@@ -512,10 +535,7 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
     return kTurn / (std::abs(per_turn - whole) < 0.03 ? whole : per_turn);
   };
   const double usual = kTurn / step;
-  if (const auto [even, at] = best_near(0.98 * usual, 1.02 * usual, 0.25, false); even > kEven) {
-    const auto [value, per_turn] = best_near(at - 2, at + 2, 0.02, true);
-    return value > kEven ? grid(per_turn) : 0;
-  }
+  const auto [even, at] = best_near(0.98 * usual, 1.02 * usual, 0.25, false);
   const auto first = static_cast<std::size_t>(1.15 * usual),
              last = std::max(first + 1, static_cast<std::size_t>(kTurn / kFinest));
   std::vector<double> sums(last);
@@ -539,7 +559,12 @@ double grid_of(const std::vector<UnitHit>& hits, std::size_t beams, double step)
     }
   const auto [value, per_turn] =
       best_near(static_cast<double>(most) - 1, static_cast<double>(most) + 1, 0.02, true);
-  return value > kCoherent ? grid(per_turn) : 0;
+  // Firings on every second or third place of a fine grid, by turns, look even to a half.
+  if (value > std::max(kCoherent, even + kClearly)) return grid(per_turn);
+  if (even < kEven) return 0;
+  std::fill(laterals.begin(), laterals.end(), 0.0);
+  const auto [together, steps] = best_near(at - 2, at + 2, 0.02, true);
+  return together > kEven ? grid(steps) : 0;
 }
 
 /// Where the beams' rays leave beside the axis (m): what puts their azimuths on the grid best, near and far.
@@ -592,24 +617,31 @@ void align_patterns(const BeamAzimuths& all, double grid, std::vector<double>& p
                            [](std::size_t sum, const auto& sweep) { return sum + sweep.size(); });
   };
   std::stable_sort(order.begin(), order.end(), [&](auto a, auto b) { return size_of(a) > size_of(b); });
-  for (const std::size_t b : order) {
-    int best = 0;
-    double most_hits = -1;
-    for (int k = 0; k <= 2 * most; ++k) {
-      const int lag = k % 2 == 0 ? k / 2 : -(k + 1) / 2;  // the smallest first
-      double meets = 0;
-      for (std::size_t s = 0; s < sweeps; ++s)
-        for (const double azimuth : all[b][s])
-          meets += pattern[s][static_cast<std::size_t>(place(azimuth, phases[b]) - lag +
-                                                       2 * static_cast<long>(steps)) %
-                              steps];
-      if (meets > 1.001 * most_hits) most_hits = meets, best = lag;
-    }
-    phases[b] += best * grid;
+  // The first are brought onto few others: all are looked at again, each against all others.
+  constexpr int kRounds = 3;
+  const auto count = [&](std::size_t b, double by) {
     for (std::size_t s = 0; s < sweeps; ++s)
       for (const double azimuth : all[b][s])
-        pattern[s][static_cast<std::size_t>(place(azimuth, phases[b])) % steps] += 1;
-  }
+        pattern[s][static_cast<std::size_t>(place(azimuth, phases[b])) % steps] += by;
+  };
+  for (int round = 0; round < kRounds; ++round)
+    for (const std::size_t b : order) {
+      if (round > 0) count(b, -1);
+      int best = 0;
+      double most_hits = -1;
+      for (int k = 0; k <= 2 * most; ++k) {
+        const int lag = k % 2 == 0 ? k / 2 : -(k + 1) / 2;  // the smallest first
+        double meets = 0;
+        for (std::size_t s = 0; s < sweeps; ++s)
+          for (const double azimuth : all[b][s])
+            meets += pattern[s][static_cast<std::size_t>(place(azimuth, phases[b]) - lag +
+                                                         2 * static_cast<long>(steps)) %
+                                steps];
+        if (meets > 1.001 * most_hits) most_hits = meets, best = lag;
+      }
+      phases[b] += best * grid;
+      count(b, 1);
+    }
 }
 
 /// Phases of the beams against each other where every sweep begins at another azimuth: what is common to
@@ -682,41 +714,42 @@ FoundUnit find_unit(const std::vector<Sweep>& sweeps, const std::string& where, 
                       "give sweeps as the unit recorded them: one turn each, in its own axes, all returns");
   };
   std::vector<UnitHit> hits;
-  std::vector<int> numbers;
-  bool in_order = true;
-  double seen = 0, cut = 0;
+  std::vector<std::vector<int>> runs(2);  // by the cut
+  UnitPose still{start, {}};
+  double seen = 0;
   for (std::size_t s = 0; s < sweeps.size(); ++s) {
-    const Sweep sweep = of_world(sweeps[s]);
-    std::vector<double> azimuths, elevations;
-    for (const LidarPoint& point : sweep) {
-      const Vec3d p = start.inverse() * point.position().cast<double>();
+    std::vector<Vec3d> points;
+    std::vector<double> azimuths, elevations, phases;
+    for (const LidarPoint& point : of_world(sweeps[s])) {
+      const Vec3d p_velo = point.position().cast<double>(), p = start.inverse() * p_velo;
+      points.push_back(p);
       azimuths.push_back(std::atan2(p.y(), p.x()));
       elevations.push_back(std::atan2(p.z(), p.head<2>().norm()));
+      hits.push_back({p_velo, p, static_cast<int>(s), -1, 0, 0});
     }
-    if (sweep.empty()) continue;
+    still.motions.push_back(no_motion(points, phases));
+    for (std::size_t i = 0; i < phases.size(); ++i) hits[hits.size() - phases.size() + i].phase = phases[i];
+    if (points.empty()) continue;
     double width = 0;
-    cut = cut_of(azimuths, elevations, width);
+    const std::vector<double> cuts = cuts_of(azimuths, elevations, width);
     seen = std::max(seen, width);
-    const std::vector<int> order = beams_in_order(azimuths, elevations, cut);
-    in_order = in_order && !order.empty();
-    if (in_order) numbers.insert(numbers.end(), order.begin(), order.end());
-    const SweepMotion still = no_motion(azimuths);
-    for (std::size_t i = 0; i < sweep.size(); ++i) {
-      UnitHit hit;
-      hit.p_velo = hit.p = sweep[i].position().cast<double>();
-      hit.rho = std::max(hit.p.head<2>().norm(), 1e-3);
-      hit.sweep = static_cast<int>(s);
-      hit.phase = still.phase(azimuths[i]);
-      hits.push_back(hit);
+    for (std::size_t c = 0; c < runs.size(); ++c) {
+      const std::vector<int> order = runs_in_order(azimuths, elevations, cuts[std::min(c, cuts.size() - 1)]);
+      runs[c].insert(runs[c].end(), order.begin(), order.end());
     }
   }
   if (hits.size() < kFewestHits) throw refuse(fmt::format("{} returns are too few", hits.size()));
 
-  const UnitPose still{start, {sweeps.size(), {Vec3d::Zero(), Vec3d::Zero()}}};
   UnitPose pose = still;
   place_hits(hits, pose);
   std::vector<BeamLine> lines;
-  if (in_order) lines = lines_in_order(hits, numbers);
+  std::size_t explained = 0;
+  for (std::size_t c = 0; c < runs.size(); ++c) {
+    std::size_t on = 0;
+    if (runs[c].size() != hits.size() || (c > 0 && runs[c] == runs[0])) continue;
+    if (std::vector<BeamLine> found = lines_in_order(hits, runs[c], on); on > explained)
+      lines = std::move(found), explained = on;
+  }
   constexpr double kOnBeams = 0.99, kFar = 12;  // m
   struct Fit {
     std::vector<BeamLine> lines;

@@ -16,10 +16,11 @@ constexpr double kBorder = 2.1;
 
 class SunTracer {
  public:
-  SunTracer(const LightNodes& nodes, RayPencil* pencil, const Vec3d& to_sun, int resolution,
-            const VisibleLightSettings& settings)
+  SunTracer(const LightNodes& nodes, RayPencil* pencil, RayPencil* beside, const Vec3d& to_sun,
+            int resolution, const VisibleLightSettings& settings)
       : nodes_(nodes),
         pencil_(pencil),
+        beside_(beside),
         to_sun_(to_sun.cast<float>()),
         resolution_(resolution),
         settings_(settings),
@@ -31,6 +32,7 @@ class SunTracer {
   SunShares run(const std::vector<std::vector<Vec3f>>& met_points) {
     if (pencil_) {
       pencil_->along(to_sun_);
+      if (beside_) beside_->along(to_sun_);
       look_from_sides(met_points);
       refine();
     }
@@ -58,6 +60,10 @@ class SunTracer {
     std::vector<RayPencil::Met> met(starts.size());
     pencil_->intersect(starts, met);
     for (std::size_t i = 0; i < starts.size(); ++i) sees[i] = met[i].face < 0;
+    if (beside_) {
+      beside_->intersect(starts, met);
+      for (std::size_t i = 0; i < starts.size(); ++i) sees[i] = sees[i] && met[i].face < 0;
+    }
     return sees;
   }
 
@@ -172,7 +178,7 @@ class SunTracer {
   }
 
   const LightNodes& nodes_;
-  RayPencil* pencil_;
+  RayPencil *pencil_, *beside_;
   const Vec3f to_sun_;
   int resolution_;
   const VisibleLightSettings& settings_;
@@ -183,10 +189,10 @@ class SunTracer {
 
 }  // namespace
 
-SunShares share_sun(const LightNodes& nodes, RayPencil* pencil,
+SunShares share_sun(const LightNodes& nodes, RayPencil* pencil, RayPencil* beside,
                     const std::vector<std::vector<Vec3f>>& met_points, const Vec3d& to_sun, int resolution,
                     const VisibleLightSettings& settings) {
-  return SunTracer(nodes, pencil, to_sun, resolution, settings).run(met_points);
+  return SunTracer(nodes, pencil, beside, to_sun, resolution, settings).run(met_points);
 }
 
 }  // namespace mirage

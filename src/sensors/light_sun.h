@@ -18,8 +18,9 @@ struct SunShares {
 /// those that are lit in part, where the camera sees a side's texels under more than
 /// `settings.sun_angle`: shadows' borders run through texels. From the others at `met_points` (of each node,
 /// where other rays met it), or where that is empty all over them. `pencil` holds the object alone, about
-/// nodes.centre; null for one without faces: nothing is in the way. `resolution`: the atlas's C.
-SunShares share_sun(const LightNodes& nodes, RayPencil* pencil,
+/// nodes.centre; null for one without faces: nothing is in the way. `beside`: what else is in the way, about
+/// the same point; null: nothing. `resolution`: the atlas's C.
+SunShares share_sun(const LightNodes& nodes, RayPencil* pencil, RayPencil* beside,
                     const std::vector<std::vector<Vec3f>>& met_points, const Vec3d& to_sun, int resolution,
                     const VisibleLightSettings& settings);
 

@@ -12,6 +12,7 @@
 #include "sensors/gloss.h"
 #include "sensors/light_around.h"
 #include "sensors/light_sun.h"
+#include "sensors/shading.h"
 #include "sensors/soft_rasterizer.h"
 
 namespace mirage {
@@ -63,7 +64,7 @@ struct Rays {
   std::vector<Vec3f> starts;
   std::vector<float> cosines, to_eye, eye_cosines;  ///< n·l, n·v and l·v
   std::vector<float> responses;                     ///< of the nodes' gloss
-  std::vector<RayPencil::Met> hits;
+  std::vector<RayPencil::Met> hits, beside;         ///< on the object, and on the vehicle beside it
 
   void clear() { nodes.clear(), starts.clear(), cosines.clear(), to_eye.clear(), eye_cosines.clear(); }
   void add(int node, const Vec3f& start, float nl, float nv, float lv) {
@@ -84,6 +85,11 @@ class Tracer {
     if (faces_ > 0) pencil_.emplace(placed.mesh, centre);
     nodes_ = light_nodes(placed, centre, pencil_ ? &*pencil_ : nullptr, around, eye, settings);
     around_.emplace(light, around, centre, nodes_.cells);
+    if (around && around->beside) {
+      beside_.emplace(*around->beside, centre);
+      for (const Vec3d& normal : face_normals(*around->beside))  // it is closed: met from outside
+        beside_light_.push_back(around->paint.cwiseProduct(shade<double>(normal, light)).cast<float>());
+    }
     if (around) {
       result_.roof_normal = around->velo_from_roof.linear().col(2);
       result_.paint = around->paint;
@@ -184,6 +190,11 @@ class Tracer {
       if (is_any_glossy) specular_response(rays.cosines, rays.to_eye, rays.eye_cosines, rays.responses);
       pencil_->along(towards);
       pencil_->intersect(rays.starts, rays.hits);
+      if (beside_) {
+        rays.beside.resize(rays.nodes.size());
+        beside_->along(towards);
+        beside_->intersect(rays.starts, rays.beside);
+      }
       add(rays, static_cast<int>(direction));
     }
   }
@@ -228,6 +239,11 @@ class Tracer {
               nodes_.wholes[static_cast<std::size_t>(side_of(met))].at(hit.b1, hit.b2));
         continue;
       }
+      if (beside_ && rays.beside[ray].face >= 0) {
+        const auto face = static_cast<std::size_t>(rays.beside[ray].face);
+        sums.add(beside_light_[face], response, along);
+        continue;
+      }
       const int met = around_->meet(along, rays.starts[ray]);
       if (met == LightAround::kSky) {
         sums.specular += response * along.sky;
@@ -249,8 +265,8 @@ class Tracer {
   }
 
   void share_sun() {
-    SunShares sun = mirage::share_sun(nodes_, pencil_ ? &*pencil_ : nullptr, met_points_, light_.to_sun_velo,
-                                      resolution_, settings_);
+    SunShares sun = mirage::share_sun(nodes_, pencil_ ? &*pencil_ : nullptr, beside_ ? &*beside_ : nullptr,
+                                      met_points_, light_.to_sun_velo, resolution_, settings_);
     result_.rays += sun.rays;
     result_.sun = std::move(sun.of_parts);
     result_.sun_share = std::move(sun.of_nodes);
@@ -342,7 +358,8 @@ class Tracer {
   int faces_, resolution_;
   const Lighting& light_;
   const VisibleLightSettings& settings_;
-  std::optional<RayPencil> pencil_;
+  std::optional<RayPencil> pencil_, beside_;
+  std::vector<Vec3f> beside_light_;  ///< radiance of each face of the vehicle beside the object
   LightNodes nodes_;
   std::optional<LightAround> around_;
   std::vector<LightAround::Along> directions_;

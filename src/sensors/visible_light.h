@@ -9,6 +9,7 @@
 //     L_sky(ω) = ambient + hemisphere/2 + 3/4 hemisphere ω·up        whose irradiance is the first two terms
 //     L_hit    = ρ_j E_j + a_ij (E_j − sun's part) + π f_s(l) max(0, n̂_j·l) sun v_j     a node of the object
 //                ρ_j E_j, and the gloss of an open sky and of the sun v_j                  a cell of the roof
+//                the plain model's radiance                                a vehicle beside the object
 //                the radiance of road or vehicle under the open sky, colour and gloss      what is left
 // with a_ij and f_s of the gloss of what is met, along the ray
 // (radiosity by gathering; Goral et al., SIGGRAPH 1984, equation 5), iterated from E without reflections. A
@@ -28,6 +29,7 @@
 #pragma once
 
 #include <array>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -57,6 +59,9 @@ struct LightSurroundings {
   Vec3d paint = Vec3d::Constant(0.3);                            ///< albedo of the vehicle
   double road_below = 1.5;             ///< m from the roof's origin down to the road
   Vec3d road = Vec3d::Constant(0.18);  ///< albedo of the road
+  /// A vehicle of that paint beside the object (`velo`, m): it hides sun and sky, and shows the plain model's
+  /// light. Null: none.
+  std::shared_ptr<const Mesh> beside = {};
 };
 
 /// How finely visibility is sampled.

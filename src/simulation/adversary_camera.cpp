@@ -3,7 +3,6 @@
 #include <limits>
 
 #include "scene/depth_completion.h"
-#include "scene/light_surroundings.h"
 #include "sensors/raster/limits.h"
 #include "simulation/adversary_view.h"
 #include "simulation/check_inputs.h"
@@ -26,36 +25,27 @@ void set_depth_range(const std::vector<Vec3d>& p_camera, const std::vector<std::
   settings.far = std::max(settings.near + 1, middle + radius);  // all of it behind the camera
 }
 
-double host_near_depth(const Label& host, const Calibration& calibration) {
-  double nearest = std::numeric_limits<double>::infinity();
-  for (const Vec3d& corner : corners(host.box))
-    nearest = std::min(nearest, (calibration.camera_from_velo * corner).z());
-  return nearest;
-}
-
 int count_opaque(const Image<double>& rgba) {
   int count = 0;
   for (std::size_t i = 3; i < rgba.data.size(); i += 4) count += rgba.data[i] > 0.5;
   return count;
 }
 
-std::unique_ptr<ObjectLight> light_on(const PreparedFrame& prepared, const Label& host,
-                                      const Rooftop* rooftop, const TexturedMesh& placed,
-                                      const SimulationSettings& settings) {
+std::unique_ptr<ObjectLight> light_on(const PreparedFrame& prepared, const Placement& placement,
+                                      const TexturedMesh& placed, const SimulationSettings& settings) {
   const Lighting& lighting = prepared.frame.lighting;
   if (settings.light == LightModel::plain)
     return plain_light(face_normals(placed.mesh), placed.atlas.resolution, lighting);
   const Vec3d eye = prepared.frame.calibration.camera_from_velo.inverse().translation();
-  LightSurroundings around;
-  if (rooftop) around = light_surroundings(prepared.frame, host, *rooftop);
-  return light_with_visibility(placed, lighting, rooftop ? &around : nullptr, eye,
+  const std::optional<LightSurroundings> around = surroundings_of(prepared.frame, placement);
+  return light_with_visibility(placed, lighting, around ? &*around : nullptr, eye,
                                settings.light == LightModel::fine ? fine_light() : settings.visible_light);
 }
 
 }  // namespace
 
-CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, const TexturedMesh& placed,
-                          const SimulationSettings& settings, Simulated& result, const Rooftop* rooftop) {
+CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placement,
+                          const TexturedMesh& placed, const SimulationSettings& settings, Simulated& result) {
   const PinholeCamera& camera = prepared.frame.calibration.camera;
   const Transform& camera_from_velo = prepared.frame.calibration.camera_from_velo;
   CameraTape tape;
@@ -63,7 +53,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   tape.settings = settings.raster;
   set_depth_range(tape.p_camera, used_vertices(placed.mesh), tape.settings);
   if (settings.exact_coverage) tape.settings.sigma = kSmallestSigma;  // edges reach no further than the faces
-  tape.light = light_on(prepared, host, rooftop, placed, settings);
+  tape.light = light_on(prepared, placement, placed, settings);
   tape.projected = project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearPlane, Texture::atlas,
                                 tape.light->grid(), tape.light->lit(placed.atlas.texels));
 
@@ -84,7 +74,8 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, cons
   target.depth_limit = ImageF(rect.width(), rect.height(), 1, std::numeric_limits<float>::infinity());
   bool occluded = false;
   bool obstructed = rect.u0 == 0 || rect.v0 == 0 || rect.u1 == camera.width || rect.v1 == camera.height;
-  const double occluder_depth = host_near_depth(host, prepared.frame.calibration) - settings.occlusion_margin;
+  const double occluder_depth =
+      unhidden_depth(placement, prepared.frame.calibration) - settings.occlusion_margin;
   for (int v = 0; v < rect.height(); ++v)
     for (int u = 0; u < rect.width(); ++u) {
       for (int c = 0; c < 3; ++c)

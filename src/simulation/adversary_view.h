@@ -9,6 +9,7 @@
 #include "simulation/adversary_lidar.h"
 #include "simulation/camera_pass.h"
 #include "simulation/object_light.h"
+#include "simulation/placement.h"
 #include "simulation/simulation.h"
 
 namespace mirage {
@@ -27,10 +28,8 @@ struct CameraTape {
 
 /// Projects, shades and rasterises `placed` (in `velo`) into the photograph; fills image, rect, rgba,
 /// visible_share and adversary_pixels.
-/// `rooftop`: what the visible light's surroundings come from; null for an object in free space.
-CameraTape draw_in_camera(const PreparedFrame& prepared, const Label& host, const TexturedMesh& placed,
-                          const SimulationSettings& settings, Simulated& result,
-                          const Rooftop* rooftop = nullptr);
+CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placement,
+                          const TexturedMesh& placed, const SimulationSettings& settings, Simulated& result);
 /// Adds d loss / d placed vertices (`velo`) and d loss / d texels.
 /// `d_image`: height × width × 3 of the photograph's size, S float or double; the rect's pixels are read.
 template <class S>

@@ -91,11 +91,12 @@ void check_lidar(const LidarModel& lidar) {
     throw InputError(where, "mount pose", kNotFinite, "correct the model");
 }
 
-void check_placement(const Label& host, const Rooftop& rooftop) {
-  if (!is_finite(host.box))
-    throw InputError("host label", host.type, "its box is not finite", "correct the label");
-  if (!rooftop.velo_from_adversary.matrix().allFinite())
-    throw InputError("rooftop", "velo_from_adversary", kNotFinite, "give a pose on the roof");
+void check_placement(const Placement& placement) {
+  if (placement.carrier && !is_finite(placement.carrier->label.box))
+    throw InputError("host label", placement.carrier->label.type, "its box is not finite",
+                     "correct the label");
+  if (!placement.velo_from_adversary.matrix().allFinite())
+    throw InputError("placement", "velo_from_adversary", kNotFinite, "give a pose");
 }
 
 namespace {

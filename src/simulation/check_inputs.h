@@ -2,6 +2,7 @@
 // and gradient that it touches. Each check throws one InputError that names the input.
 #pragma once
 
+#include "simulation/placement.h"
 #include "simulation/simulation.h"
 #include "simulation/upstream.h"
 
@@ -12,8 +13,8 @@ namespace mirage {
 void check_frame(const Frame& frame);
 /// Beams (at least one), steps and limits.
 void check_lidar(const LidarModel& lidar);
-/// The host's box and the pose on its roof.
-void check_placement(const Label& host, const Rooftop& rooftop);
+/// The pose and the carrier's box.
+void check_placement(const Placement& placement);
 /// A mesh with faces and texels, of any size. InputError naming `where`.
 void check_textured(const TexturedMesh& object, const std::string& where);
 /// What a user puts on a roof: a mesh with faces and texels, of kSmallestObject to kLargestObject, that comes

@@ -54,10 +54,10 @@ Mask skyline(const ImageF& truth, int reach) {
 }
 
 /// The object's pixels (S > 1/2) by depth image: the whole picture, 1 where it shows.
-Mask shown(PreparedFrame& prepared, const ImageF& depth, const Label& host, const Rooftop& rooftop,
+Mask shown(PreparedFrame& prepared, const ImageF& depth, const Placement& roof,
            const TexturedMesh& adversary) {
   prepared.depth = depth;
-  const Simulated simulated = simulate(prepared, host, rooftop, adversary);
+  const Simulated simulated = simulate(prepared, roof, adversary);
   Mask mask(depth.width, depth.height, 1);
   const PixelRect& rect = simulated.rect;
   for (int v = rect.v0; v < rect.v1; ++v)
@@ -77,12 +77,12 @@ void check_roofs(const Frame& frame, const ImageF& truth, const std::vector<Imag
   const Mask line = skyline(truth, border);
   for (const Label& label : frame.labels) {
     if (label.type != "Car" || !has_box(label)) continue;
-    const Rooftop rooftop = BoxRooftopFinder().find(frame, label);
-    const Mask whole = shown(prepared, nothing, label, rooftop, adversary);
+    const Placement roof = on_roof(BoxRoofFinder().find(frame, label));
+    const Mask whole = shown(prepared, nothing, roof, adversary);
     if (std::none_of(whole.data.begin(), whole.data.end(), [](auto x) { return x; })) continue;
-    const Mask right = shown(prepared, far_truth, label, rooftop, adversary);
+    const Mask right = shown(prepared, far_truth, roof, adversary);
     for (std::size_t b = 0; b < dense.size(); ++b) {
-      const Mask mask = shown(prepared, dense[b], label, rooftop, adversary);
+      const Mask mask = shown(prepared, dense[b], roof, adversary);
       for (std::size_t i = 0; i < whole.data.size(); ++i) {
         if (!whole.data[i]) continue;
         scores[b].roof.add(mask.data[i], right.data[i]);

@@ -11,7 +11,7 @@ namespace mirage {
 struct Simulated::Tape {
   TexturedMesh placed;
   Eigen::Matrix3d velo_from_adversary;
-  std::vector<std::size_t> lowest;  ///< vertices that stand on the roof: more than one at a tie
+  std::vector<std::size_t> lowest;  ///< vertices that it stands on: more than one at a tie
   Calibration calibration;
   SimulationSettings settings;
   CameraTape camera;
@@ -30,28 +30,21 @@ PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletio
   return prepared;
 }
 
-TexturedMesh place(const TexturedMesh& adversary, const Rooftop& rooftop) {
-  TexturedMesh placed = adversary;
-  const double lowest = bounds(adversary.mesh).min().z();
-  for (Vec3d& v : placed.mesh.vertices) v = rooftop.velo_from_adversary * (v - Vec3d(0, 0, lowest));
-  return placed;
-}
-
-Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooftop& rooftop,
-                   const TexturedMesh& adversary, const SimulationSettings& settings) {
+Simulated simulate(const PreparedFrame& prepared, const Placement& placement, const TexturedMesh& adversary,
+                   const SimulationSettings& settings) {
   check_textured(adversary, "adversary");
-  check_placement(host, rooftop);
+  check_placement(placement);
   check_settings(settings);
   auto tape = std::make_shared<Simulated::Tape>();
-  tape->placed = place(adversary, rooftop);
-  tape->velo_from_adversary = rooftop.velo_from_adversary.linear();
+  tape->placed = place(adversary, placement);
+  tape->velo_from_adversary = placement.velo_from_adversary.linear();
   const double bottom = bounds(adversary.mesh).min().z();
   for (const std::size_t i : used_vertices(adversary.mesh))
     if (adversary.mesh.vertices[i].z() == bottom) tape->lowest.push_back(i);
   tape->calibration = prepared.frame.calibration;
   tape->settings = settings;
   Simulated result;
-  tape->camera = draw_in_camera(prepared, host, tape->placed, settings, result, &rooftop);
+  tape->camera = draw_in_camera(prepared, placement, tape->placed, settings, result);
   tape->lidar = draw_in_lidar(prepared, tape->placed, settings, result);
   result.tape = std::move(tape);
   return result;

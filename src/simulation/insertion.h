@@ -1,9 +1,10 @@
-// One adversary on one roof, seen by both sensors, with occlusion both ways, and the VJP of that.
+// One placed adversary, seen by both sensors, with occlusion both ways, and the VJP of that.
 #pragma once
 
 #include <array>
 #include <vector>
 
+#include "simulation/placement.h"
 #include "simulation/simulation.h"
 
 namespace mirage {
@@ -14,19 +15,15 @@ class DepthCompletion;
 /// not of the calibration's size. The photograph's depth comes from `depth`; without one, from IpBasic.
 PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletion* depth = nullptr);
 
-/// `adversary` in the adversary frame; its lowest vertex is set on the roof point's height. Faces that
-/// cross the camera's near plane are clipped. InputError, naming it, for a number that is not finite in any
-/// input.
-Simulated simulate(const PreparedFrame& prepared, const Label& host, const Rooftop& rooftop,
-                   const TexturedMesh& adversary, const SimulationSettings& settings = {});
+/// `adversary` in the adversary frame. Faces that cross the camera's near plane are clipped. InputError,
+/// naming it, for a number that is not finite in any input.
+Simulated simulate(const PreparedFrame& prepared, const Placement& placement, const TexturedMesh& adversary,
+                   const SimulationSettings& settings = {});
 
 /// VJP: d loss / d image (H×W×3, whole image) and d loss / d (x, y, z, reflectance) of every point of
 /// simulated.sweep → adversary. Either may be empty (modality gating). InputError if what is
 /// read of them is not finite.
 AdversaryGradient simulate_vjp(const Simulated& simulated, const ImageF& d_image,
                                const std::vector<std::array<float, 4>>& d_points);
-
-/// The adversary as placed: vertices in `velo`, the lowest on the roof.
-TexturedMesh place(const TexturedMesh& adversary, const Rooftop& rooftop);
 
 }  // namespace mirage

@@ -9,7 +9,6 @@
 #include "geometry/mesh.h"
 #include "scene/frame.h"
 #include "scene/occlusion.h"
-#include "scene/rooftop.h"
 #include "sensors/camera_effects.h"
 #include "sensors/lidar_effects.h"
 #include "sensors/raster/limits.h"
@@ -46,8 +45,8 @@ struct SimulationSettings {
   /// `supersampling` and `reference` are then not looked at.
   bool exact_coverage = false;
   double lidar_reflectivity = 0.5;  ///< reflectance of the adversary at normal incidence
-  /// An occluder in the photograph must be nearer than the object and than the host itself by this (m): the
-  /// completed depth smears the host's rear over its roof, and a roof never hides what stands on it.
+  /// An occluder in the photograph must be nearer than the object by this (m), and than the vehicle that it
+  /// stands on: the completed depth smears the rear over the roof, and a roof never hides what stands on it.
   double occlusion_margin = 0.3;
   /// Incidence below which a LiDAR return keeps its place but its gradient is scaled down: |n·d| / |n|.
   double grazing_cosine = 0.05;
@@ -61,10 +60,8 @@ struct SimulationSettings {
 /// What a run says of how it simulated.
 template <class Visitor, FieldsOf<SimulationSettings> S>
 void visit_fields(Visitor& visit, S& s) {
-  visit({.name = "sigma", .help = "soft rasteriser's σ", .range = {kSmallestSigma, kLargestSigma}},
-        s.raster.sigma);
-  visit({.name = "gamma", .help = "soft rasteriser's γ", .range = {kSmallestSigma, kLargestGamma}},
-        s.raster.gamma);
+  visit({.name = "sigma", .help = kSigmaHelp, .range = {kSmallestSigma, kLargestSigma}}, s.raster.sigma);
+  visit({.name = "gamma", .help = kGammaHelp, .range = {kSmallestSigma, kLargestGamma}}, s.raster.gamma);
   visit({.name = "epsilon", .range = {-1e6, 1e6}, .option = ""}, s.raster.epsilon);
   visit({.name = "dist_eps", .range = {1e-12, 0.49}, .option = ""}, s.raster.dist_eps);
   visit({.name = "supersampling", .help = "camera samples along a pixel's side", .range = {1, 32}},
@@ -81,27 +78,28 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "lidar_reflectivity", .range = {0, 1e3}, .option = ""}, s.lidar_reflectivity);
   visit({.name = "occlusion_margin", .range = {-1e3, 1e3}, .option = ""}, s.occlusion_margin);
   visit({.name = "grazing_cosine", .range = {1e-9, 1}, .option = ""}, s.grazing_cosine);
-  visit(
-      {.name = "lidar_gradient",
-       .help = "fixed: which rays meet the object is taken as given; silhouette: its outline may also catch "
-               "more of them, or fewer"},
-      s.lidar_gradient);
+  visit({.name = "lidar_gradient",
+         .help = "fixed: gradients of existing returns alone; silhouette: also of returns that "
+                 "appear and vanish at the object's outline"},
+        s.lidar_gradient);
   visit({.name = "double", .option = "", .lacking = "false"}, s.reference);
   visit({.name = "exact_coverage", .option = "", .lacking = "false"}, s.exact_coverage);
   visit({.name = "light",
-         .help = "on the object: plain (nothing shadows or reflects), visible (sun and sky by ray, light "
-                 "from roof and road and within the object) or fine (the same with more rays)",
+         .help = "light on the object: plain (no shadows, no reflections), visible (ray-traced "
+                 "sun, sky and bounces from roof, road and object) or fine (visible with more "
+                 "rays)",
          .lacking = "plain"},
         s.light);
   visit.group({.name = "visible_light", .lacking = ""}, s.visible_light);
   visit.group({.name = "lidar_effects", .lacking = ""}, s.lidar_effects);
   visit.list({.name = "camera_effects",
-              .help = "pixels of the object: ideal, unit (lens and sensor), or some of blur,noise",
+              .help = "lens and sensor on the object's pixels: ideal, unit (both), or some of "
+                      "blur,noise",
               .lacking = ""},
              s.camera_effects);
 }
 
-/// What both sensors see once the adversary is on the roof.
+/// What both sensors see once the adversary is placed.
 struct Simulated {
   ImageF image;              ///< the photograph with the object in it
   Sweep sweep;               ///< the sweep with the object in it; new returns come last

@@ -129,16 +129,17 @@ TEST(Attack, LidarEffectsArePartOfARun) {
 TEST(Attack, TargetsGateTheGradientNotTheSensors) {
   TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 2);
-  const auto settings = settings_for(folder / "data", folder / "run", 1);
+  auto settings = settings_for(folder / "data", folder / "run", 1);
   FrameStore store(settings.data, lidar_of(settings.data));
   const DetectorPool detectors = stand_ins();
-  const auto held = store.get("000000");
-  const PreparedFrame& prepared = *held;
+  const auto prepared = store.get("000000");
   const auto hosts = find_hosts(store, "000000", detectors[0]->region(), settings.simulation);
   ASSERT_EQ(hosts.size(), 1u);
   const TexturedMesh adversary = initial_adversary();
   const auto step = [&](AttackTarget target) {
-    return attack_host(*detectors[0], prepared, hosts[0], adversary, target, settings);
+    settings.target = target;
+    return attack_host(*detectors[0], {*prepared, hosts[0].id, store.placement(hosts[0].id)}, adversary,
+                       settings);
   };
   const HostStep both = step(AttackTarget::both), image = step(AttackTarget::image),
                  lidar = step(AttackTarget::lidar);
@@ -173,7 +174,7 @@ TEST(Attack, ADetectorInThePictureIsAttackedAndJudgedThere) {
       evaluate(detectors, store, hosts, run.adversary, settings.simulation, EvaluationSettings());
   EXPECT_EQ(evaluation.vehicles, 3);
   for (const HostOutcome& host : evaluation.hosts) {
-    EXPECT_EQ(host.plane, Plane::picture);
+    EXPECT_TRUE(host.matching.in_picture());
     EXPECT_EQ(host.clean_iou, 1);
     EXPECT_NEAR(host.range, 11, 3);
   }
@@ -352,7 +353,7 @@ TEST(AttackInput, MoreFramesAreAnotherRun) {
               testing::HasSubstr("checkpoint.json: t"));
 }
 
-TEST(AttackRooftop, CarsWithReturnsAreFittedAndTheOthersFlagged) {
+TEST(AttackRoofs, CarsWithReturnsAreFittedAndTheOthersFlagged) {
   TemporaryFolder folder;
   const DetectorPool detectors = stand_ins();
   test::write_tiny_data(folder / "seen", 3, true);
@@ -379,8 +380,11 @@ TEST(AttackRooftop, CarsWithReturnsAreFittedAndTheOthersFlagged) {
   EXPECT_EQ(counted("seen", "box", "box"), std::pair(0, 3));
   EXPECT_EQ(counted("unseen", "few", "shape"), std::pair(0, 3));
   FrameStore store(FrameSource{folder / "unseen", "ip-basic", "shape"});
-  EXPECT_THAT(store.rooftop({"000000", 0}).reason, testing::HasSubstr("fewer than"));
-  EXPECT_THAT(error_text<InputError>([&] { store.rooftop({"000000", 7}); }), testing::HasSubstr("000000_7"));
+  EXPECT_THAT(store.placement({"000000", 0}).carrier->reason, testing::HasSubstr("fewer than"));
+  EXPECT_THAT(error_text<InputError>([&] {
+                store.placement({"000000", 7});
+              }),
+              testing::HasSubstr("000000_7"));
 }
 
 TEST(AttackSun, AFolderHoldsARunUnderOneSun) {
@@ -407,7 +411,7 @@ TEST(AttackSun, AFolderHoldsARunUnderOneSun) {
   EXPECT_EQ(lit.sun, before.sun);
 }
 
-TEST(AttackRooftop, AFolderHoldsOneFindersRun) {
+TEST(AttackRoofs, AFolderHoldsOneFindersRun) {
   TemporaryFolder folder;
   const DetectorPool detectors = stand_ins();
   test::write_tiny_data(folder / "data", 2, true);

@@ -14,14 +14,14 @@ namespace {
 /// Answers with the same proposals to anything.
 class FixedDetector : public test::StandInDetector {
  public:
-  explicit FixedDetector(std::vector<Proposal> answer) : answer_(std::move(answer)) {}
-  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
+  explicit FixedDetector(std::vector<Detection> answer) : answer_(std::move(answer)) {}
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     StandInDetector::forward(input, score_threshold, keep_graph);
     return answer_;
   }
 
  private:
-  std::vector<Proposal> answer_;
+  std::vector<Detection> answer_;
 };
 
 AttackSettings settings_for(const test::TemporaryFolder& folder, const char* out, int iterations) {
@@ -38,17 +38,17 @@ TEST(AttackStep, AHostIsHiddenWhereItWasFoundAndNoProposalFindsIt) {
   test::TemporaryFolder folder;
   test::write_tiny_data(folder / "data", 2);
   FrameStore store(FrameSource{folder / "data", "ip-basic", "box"});
-  const Host host = find_hosts(store, "000000", {0, 50, -25, 25}, {}).at(0);
+  const HostId host = find_hosts(store, "000000", {0, 50, -25, 25}, {}).at(0).id;
   const auto prepared = store.get("000000");
   const BevBox box = prepared->frame.labels[0].box.bev;
   const auto hidden = [&](double score, double shift) {
     BevBox found = box;
     found.x += shift;
     FixedDetector detector({{found, std::log(score / (1 - score))}});
-    const Proposal clean[] = {{box, 1}};
-    const auto step = [&](std::span<const Proposal> seen) {
-      return attack_host(detector, *prepared, host, initial_adversary(), AttackTarget::both, AttackSettings(),
-                         nullptr, seen);
+    const Detection clean[] = {{box, 1}};
+    const auto step = [&](std::span<const Detection> seen) {
+      return attack_host(detector, {*prepared, host, store.placement(host), seen}, initial_adversary(),
+                         AttackSettings());
     };
     EXPECT_FALSE(step({}).found);
     EXPECT_FALSE(step({}).hidden);  // it was not found in the first place
@@ -63,6 +63,30 @@ TEST(AttackStep, AHostIsHiddenWhereItWasFoundAndNoProposalFindsIt) {
   EXPECT_TRUE(hidden(0.9, 10));
 }
 
+TEST(AttackStep, TheLossIsOfEveryTargetAndFalsePositivesCountOnce) {
+  const test::World world = test::make_world(1);
+  const Label& car = world.placement.targets[0];
+  Label other = car;
+  other.box.bev.y += 4;
+  BevBox nobodys = car.box.bev;
+  nobodys.y -= 10;
+  FixedDetector detector({{car.box.bev, 0.5}, {other.box.bev, -0.25}, {nobodys, 0.1}});
+  const Detection clean[] = {{other.box.bev, 1}};
+  const auto judge = [&](std::vector<Label> targets) {
+    StepHost host{world.prepared, {}, world.placement, clean};
+    host.placement.targets = std::move(targets);
+    return judge_host(detector, host, initial_adversary(), AttackSettings());
+  };
+  const HostStep one = judge({car}), two = judge({car, other});
+  EXPECT_NEAR(one.hide, softplus(0.5), 1e-9);
+  EXPECT_NEAR(two.hide, softplus(0.5) + softplus(-0.25), 1e-9);
+  EXPECT_EQ(two.false_positive, one.false_positive);
+  EXPECT_LT(two.false_positive, 0);
+  EXPECT_FALSE(one.found);
+  EXPECT_TRUE(two.found);
+  EXPECT_FALSE(two.hidden);
+}
+
 /// Sees returns alone, and knows what they are worth.
 class CountingDetector : public test::StandInDetector {
  public:
@@ -71,7 +95,7 @@ class CountingDetector : public test::StandInDetector {
     can.knows_presence = true;
     return can;
   }
-  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     watched.assign(input.watched.begin(), input.watched.end());
     const ImageF blank(input.image->width, input.image->height, 3, 0.3f);
     return StandInDetector::forward({&blank, input.points, input.calibration}, score_threshold, keep_graph);
@@ -98,16 +122,15 @@ TEST(AttackStep, TheSilhouetteTellsThatALargerObjectCatchesMoreReturns) {
           lidar.azimuth_max += column / 4. * lidar.azimuth_step;
       rasters.back().index = SweepIndex(world.prepared.frame.sweep, lidar);
     }
-  Host host;
-  host.rooftop = world.rooftop;
   const TexturedMesh mesh = initial_adversary();
   CountingDetector detector;
   AttackSettings settings = test::tiny_attack();
   const auto slope = [&](AttackTarget target, LidarGradient kind) {
     settings.simulation.lidar_gradient = kind;
+    settings.target = target;
     double sum = 0;
     for (const PreparedFrame& prepared : rasters) {
-      const HostStep step = attack_host(detector, prepared, host, mesh, target, settings);
+      const HostStep step = attack_host(detector, {prepared, {}, world.placement}, mesh, settings);
       for (std::size_t i = 0; i < mesh.mesh.vertices.size(); ++i)
         sum += step.gradient.vertices[i].dot(mesh.mesh.vertices[i]);
     }
@@ -118,7 +141,7 @@ TEST(AttackStep, TheSilhouetteTellsThatALargerObjectCatchesMoreReturns) {
     for (Vec3d& v : other.mesh.vertices) v *= scale;
     double sum = 0;
     for (const PreparedFrame& prepared : rasters)
-      sum += judge_host(detector, prepared, host, other, settings).hide;
+      sum += judge_host(detector, {prepared, {}, world.placement}, other, settings).hide;
     return sum / static_cast<double>(rasters.size());
   };
   const double difference = (hide(1.05) - hide(0.95)) / 0.1;

@@ -16,7 +16,7 @@ namespace {
 
 const BevBox kCarrier{10, 0, 4, 2, 0};
 
-Proposal at(double x, double y, double logit) {
+Detection at(double x, double y, double logit) {
   return {{x, y, 4, 2, 0}, logit};
 }
 
@@ -28,13 +28,13 @@ ObjectiveSettings top(int k, double lambda = 1) {
 }
 
 TEST(TopBackground, TakesTheLargestLogitsWhateverTheirScore) {
-  const std::vector<BevBox> labels{kCarrier, {31, 0, 4, 2, 0}};
-  const std::vector<Proposal> proposals{at(10, 0, 2),      // the host
-                                        at(30, 0, 5),      // another label
-                                        at(50, 10, -6),    // background at 0.2 %
-                                        at(50, -10, -4),   // … at 2 %
-                                        at(20, 15, -9),    //
-                                        at(40, -15, -4)};  // as large as the fourth, and later
+  const std::vector<ObjectBoxes> labels{kCarrier, BevBox{31, 0, 4, 2, 0}};
+  const std::vector<Detection> proposals{at(10, 0, 2),      // the host
+                                         at(30, 0, 5),      // another label
+                                         at(50, 10, -6),    // background at 0.2 %
+                                         at(50, -10, -4),   // … at 2 %
+                                         at(20, 15, -9),    //
+                                         at(40, -15, -4)};  // as large as the fourth, and later
   const HostTruth truth(kCarrier, labels);
   const auto one = objective(proposals, truth, top(1, 0.5));
   EXPECT_NEAR(one.false_positive, -0.5 * softplus(-4), 1e-15);
@@ -52,8 +52,8 @@ TEST(TopBackground, TakesTheLargestLogitsWhateverTheirScore) {
 }
 
 TEST(TopBackground, LeavesOutWhatIsSeenInTheCleanFrame) {
-  const std::vector<Proposal> proposals{at(50, 10, 1), at(52, 10.5, 0.5), at(20, 15, -3)};
-  const std::vector<Proposal> clean{at(51, 10, 2)};  // a car that nobody labelled
+  const std::vector<Detection> proposals{at(50, 10, 1), at(52, 10.5, 0.5), at(20, 15, -3)};
+  const std::vector<Detection> clean{at(51, 10, 2)};  // a car that nobody labelled
   const HostTruth truth(kCarrier, {kCarrier});
   const auto value = objective(proposals, truth, top(2), clean);
   EXPECT_EQ(value.d_logits[0], 0);
@@ -81,20 +81,20 @@ Frame frame_with_region(const PictureBox& region) {
 TEST(TopBackground, LeavesOutDontCareRegionsSeenFromAbove) {
   // A car's box at 40 m, 10 m to the left, stands around column 600 − 700 · 10 / 40 = 425.
   const Frame frame = frame_with_region({380, 170, 470, 220});
-  const HostTruth truth(frame, frame.labels[0], Plane::bev);
+  const HostTruth truth(frame, frame.labels[0], kFromAbove);
   EXPECT_TRUE(truth.in_dont_care(at(40, 10, 0)));
   EXPECT_FALSE(truth.in_dont_care(at(40, -10, 0)));
   EXPECT_FALSE(truth.in_dont_care(at(40, 13, 0)));   // beside it
   EXPECT_FALSE(truth.in_dont_care(at(-40, 10, 0)));  // behind the camera
   EXPECT_EQ(truth.label_iou(at(40, 10, 0)), 0);      // an evaluation's rule is as it was
-  const std::vector<Proposal> proposals{at(40, 10, 3), at(40, -10, -2)};
+  const std::vector<Detection> proposals{at(40, 10, 3), at(40, -10, -2)};
   EXPECT_NEAR(objective(proposals, truth, top(1)).false_positive, -softplus(-2), 1e-15);
 }
 
 TEST(TopBackground, GradientInLogits) {
   RandomStream random(3, "top background");
   for (int round = 0; round < 5; ++round) {
-    std::vector<Proposal> proposals;
+    std::vector<Detection> proposals;
     std::vector<double> logits;
     for (int i = 0; i < 40; ++i) {  // logits far enough apart that a difference changes no set
       logits.push_back(0.4 * i - 10);
@@ -102,8 +102,8 @@ TEST(TopBackground, GradientInLogits) {
     }
     for (const double logit : logits)
       proposals.push_back(at(random.uniform(0, 70), random.uniform(-30, 30), logit));
-    const HostTruth truth(kCarrier, {kCarrier, {40, 5, 4, 2, 1}});
-    const std::vector<Proposal> clean{at(20, 10, 1)};
+    const HostTruth truth(kCarrier, {kCarrier, BevBox{40, 5, 4, 2, 1}});
+    const std::vector<Detection> clean{at(20, 10, 1)};
     const auto f = [&](const std::vector<double>& x) {
       for (std::size_t i = 0; i < x.size(); ++i) proposals[i].logit = x[i];
       const auto value = objective(proposals, truth, top(8, 0.7), clean);
@@ -121,13 +121,13 @@ class UnlabelledCar : public test::StandInDetector {
  public:
   int clean_passes = 0;
   std::vector<double> asked;
-  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     StandInDetector::forward(input, score_threshold, keep_graph);
     clean_passes += !keep_graph;
     asked.push_back(score_threshold);
-    std::vector<Proposal> found;
-    for (const Proposal& one :
-         {at(30, 10, 2), at(30.5, 10, 1.5), at(20, -12, -5), Proposal{test::tiny_car(0), 1}})
+    std::vector<Detection> found;
+    for (const Detection& one :
+         {at(30, 10, 2), at(30.5, 10, 1.5), at(20, -12, -5), Detection{test::tiny_car(0), 1}})
       if (one.score() > score_threshold) found.push_back(one);
     return found;
   }

@@ -46,15 +46,15 @@ void write_street(const std::filesystem::path& data) {
 /// Finds every car of write_street, with something done to its boxes.
 class Street : public test::StandInDetector {
  public:
-  using Change = std::function<Proposal(Proposal)>;
+  using Change = std::function<Detection(Detection)>;
   explicit Street(Change change = {}, int most = 100) : change_(std::move(change)), most_(most) {}
   std::array<double, 4> region() const override { return {0, 70, -40, 40}; }
-  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool) override {
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool) override {
     ++passes;
     const int frame = static_cast<int>(std::lround((input.image->data[0] - 0.1) / 0.2));
-    std::vector<Proposal> found;
+    std::vector<Detection> found;
     for (const BevBox& box : cars_of(frame)) {
-      Proposal proposal{box, 3 - 0.1 * static_cast<double>(found.size())};
+      Detection proposal{box, 3 - 0.1 * static_cast<double>(found.size())};
       if (change_) proposal = change_(proposal);
       if (proposal.score() > score_threshold && static_cast<int>(found.size()) < most_)
         found.push_back(proposal);
@@ -92,8 +92,8 @@ class CleanSightsTest : public testing::Test {
   }
   /// What is said of boxes that were changed so, which find nothing.
   std::string refusal(const std::function<void(BevBox&)>& change) {
-    const FoundClean found = look([&](Proposal proposal) {
-      change(proposal.box);
+    const FoundClean found = look([&](Detection proposal) {
+      change(proposal.box.bev);
       return proposal;
     });
     EXPECT_EQ(found.found, 0);
@@ -147,7 +147,7 @@ TEST_F(CleanSightsTest, MistakesInTheBoxesAreNamedWithWhatWouldBeFound) {
 
 TEST_F(CleanSightsTest, ScoresAndNumbersOfBoxesAreLookedAt) {
   const auto with_logit = [&](double logit) {
-    return look([=](Proposal proposal) {
+    return look([=](Detection proposal) {
       proposal.logit = logit;
       return proposal;
     });
@@ -157,8 +157,8 @@ TEST_F(CleanSightsTest, ScoresAndNumbersOfBoxesAreLookedAt) {
   with_logit(-9);
   EXPECT_THAT(refusal_, AllOf(HasSubstr("gives no box with a score over 0.02"), HasSubstr("top-k")));
   const FoundClean one = look(
-      [](Proposal proposal) {
-        proposal.box = {60, 30, 4, 2, 0};
+      [](Detection proposal) {
+        proposal.box.bev = {60, 30, 4, 2, 0};
         return proposal;
       },
       1);
@@ -199,8 +199,8 @@ TEST_F(CleanSightsTest, AnAttackOnADetectorThatFindsNothingIsRefused) {
   settings.quiet = true;
   settings.min_view = 0;
   DetectorPool pool;
-  pool.push_back(std::make_unique<Street>([](Proposal proposal) {
-    std::swap(proposal.box.length, proposal.box.width);
+  pool.push_back(std::make_unique<Street>([](Detection proposal) {
+    std::swap(proposal.box.bev.length, proposal.box.bev.width);
     return proposal;
   }));
   EXPECT_THAT(error_text<InputError>([&] { run_attack(settings, pool); }),

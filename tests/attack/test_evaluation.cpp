@@ -197,7 +197,7 @@ Frame frame_with_host() {
 TEST(FalsePositives, EveryNewBoxHasItsDistances) {
   const Frame frame = frame_with_host();
   EvaluationSettings settings;
-  const Proposal found{{6, 8, 4, 1.6, 0}, 2}, near_box{{9, 12, 4, 1.6, 0}, 0},
+  const Detection found{{6, 8, 4, 1.6, 0}, 2}, near_box{{9, 12, 4, 1.6, 0}, 0},
       far_box{{36, 48, 4, 1.6, 0}, 1}, known{{15, -9, 4, 1.6, 0}, 1}, real{{30, 8, 4, 1.6, 0}, 1};
   HostOutcome host =
       judge({"000000", 0}, frame, {found, known}, {found, far_box, near_box, known, real}, settings);

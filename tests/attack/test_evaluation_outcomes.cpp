@@ -13,10 +13,10 @@ namespace {
 constexpr int kMeshes = 2;
 
 /// A host that every field tells from a default one, under two meshes, and one of which nothing is known.
-std::vector<HostOutcome> outcomes(Plane plane) {
+std::vector<HostOutcome> outcomes(Matching matching) {
   HostOutcome host;
   host.id = {"000012", 3};
-  host.plane = plane;
+  host.matching = matching;
   host.track = 40;
   host.from_box = false;
   host.range = 12.5;
@@ -25,14 +25,14 @@ std::vector<HostOutcome> outcomes(Plane plane) {
   host.kind = "hatchback";
   host.clean_iou = 0.9, host.attacked_iou = 0.2;
   host.clean_score = 0.8, host.attacked_score = 0.4;
-  if (plane == Plane::bev) host.clean_distance = 0.1;
+  if (!matching.in_picture()) host.clean_distance = 0.1;
   host.detected = host.hidden = host.false_positive = true;
   host.false_positive_distance = 30;
   host.new_boxes = {{{}, 0.5, 30, 20}, {{}, 0.6, 4, 10}};
   HostOutcome other = host, plain;
   other.mesh = 1;
   other.new_boxes.pop_back();
-  plain.plane = plane;
+  plain.matching = matching;
   plain.id = {"000013", 0};
   return {host, plain, other};
 }
@@ -42,12 +42,12 @@ nlohmann::json file_of(const std::vector<HostOutcome>& hosts) {
 }
 
 TEST(EvaluationOutcomes, AreReadAsTheyWereWritten) {
-  for (const Plane plane : {Plane::bev, Plane::picture}) {
-    const nlohmann::json written = file_of(outcomes(plane));
+  for (const Matching matching : {kFromAbove, kInPicture}) {
+    const nlohmann::json written = file_of(outcomes(matching));
     const std::vector<HostOutcome> read = read_outcomes({"result.json", written, "fix"});
     ASSERT_EQ(read.size(), 3u);
     EXPECT_EQ(outcomes_json(read, kMeshes), written.at("outcomes"));
-    EXPECT_EQ(read[0].plane, plane);
+    EXPECT_EQ(read[0].matching.in_picture(), matching.in_picture());
     ASSERT_EQ(read[0].new_boxes.size(), 2u);
     EXPECT_EQ(read[0].new_boxes[1].distance, 4);
     EXPECT_TRUE(read[1].new_boxes.empty());
@@ -57,7 +57,7 @@ TEST(EvaluationOutcomes, AreReadAsTheyWereWritten) {
 }
 
 TEST(EvaluationOutcomes, ADamagedFileIsNamedByItsField) {
-  const nlohmann::json written = file_of(outcomes(Plane::bev));
+  const nlohmann::json written = file_of(outcomes(kFromAbove));
   const auto error = [](const nlohmann::json& file) {
     return test::error_text<InputError>([&] { read_outcomes({"result.json", file, "fix"}); });
   };

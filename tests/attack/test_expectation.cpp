@@ -34,12 +34,12 @@ TEST(Expectation, WordsSwitchWhatVaries) {
 
 TEST(Expectation, DrawsHaveTheStatedSpreadAndDependOnTheirIndexAlone) {
   const Expectation e = parse_expectation("all");
-  Rooftop known;
+  Placement known;
   known.velo_from_adversary = Eigen::Translation3d(10, 2, -0.2) * Eigen::AngleAxisd(0.7, Vec3d::UnitZ());
   double along = 0, up = 0, yaw = 0;
   constexpr int kDraws = 4000;
   for (int i = 0; i < kDraws; ++i) {
-    const Rooftop drawn = WorldDraw(e, 5, static_cast<std::uint64_t>(i)).rooftop(known);
+    const Placement drawn = WorldDraw(e, 5, static_cast<std::uint64_t>(i)).placement(known);
     const Transform off = known.velo_from_adversary.inverse() * drawn.velo_from_adversary;
     along += std::pow(off.translation().x(), 2) / kDraws;
     up += std::pow(off.translation().z(), 2) / kDraws;
@@ -49,7 +49,7 @@ TEST(Expectation, DrawsHaveTheStatedSpreadAndDependOnTheirIndexAlone) {
   EXPECT_NEAR(std::sqrt(along) / e.roof_shift, 1, 0.05);
   EXPECT_NEAR(std::sqrt(up) / (e.roof_shift / 5), 1, 0.05);
   EXPECT_NEAR(std::sqrt(yaw) / e.roof_yaw, 1, 0.05);
-  const Rooftop one = WorldDraw(e, 5, 17).rooftop(known), same = WorldDraw(e, 5, 17).rooftop(known);
+  const Placement one = WorldDraw(e, 5, 17).placement(known), same = WorldDraw(e, 5, 17).placement(known);
   EXPECT_EQ(one.velo_from_adversary.matrix(), same.velo_from_adversary.matrix());
 }
 

@@ -52,7 +52,7 @@ TEST(GradientFlow, FromALogitToTheAdversaryThroughEachSensorAlone) {
   frame.labels = {host};
   const PreparedFrame prepared = prepare(frame, rig.lidar);
   const Simulated simulated =
-      simulate(prepared, host, BoxRooftopFinder().find(frame, host), random_adversary(1));
+      simulate(prepared, on_roof(BoxRoofFinder().find(frame, host)), random_adversary(1));
   ASSERT_GT(simulated.adversary_pixels, 500);
   ASSERT_GT(simulated.adversary_points, 20);
 
@@ -60,7 +60,7 @@ TEST(GradientFlow, FromALogitToTheAdversaryThroughEachSensorAlone) {
   const auto proposals = detector->forward(view, 0, true);
   ASSERT_FALSE(proposals.empty());
   std::size_t nearest = 0;
-  const auto distance = [&](const Proposal& p) { return std::hypot(p.box.x - 12, p.box.y - 0.5); };
+  const auto distance = [&](const Detection& p) { return std::hypot(p.box.bev.x - 12, p.box.bev.y - 0.5); };
   for (std::size_t i = 0; i < proposals.size(); ++i)
     if (distance(proposals[i]) < distance(proposals[nearest])) nearest = i;
   std::vector<double> d_logits(proposals.size(), 0);

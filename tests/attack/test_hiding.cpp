@@ -11,8 +11,8 @@ namespace {
 
 const BevBox kParked{10, 0, 4, 2, 0};
 
-HostOutcome judged_host(const std::string& frame_name, const std::vector<Proposal>& clean,
-                        const std::vector<Proposal>& attacked) {
+HostOutcome judged_host(const std::string& frame_name, const std::vector<Detection>& clean,
+                        const std::vector<Detection>& attacked) {
   Frame frame;
   Label label;
   label.type = "Car";
@@ -22,9 +22,9 @@ HostOutcome judged_host(const std::string& frame_name, const std::vector<Proposa
 }
 
 TEST(Hiding, ABoxThatOnlyTurnedIsHiddenForTheSeedAndHasNotVanished) {
-  const Proposal on{kParked, 3};
+  const Detection on{kParked, 3};
   // Turned on the spot by 0.4 rad: IoU 0.68, its centre where it was.
-  const Proposal turned{{10, 0, 4, 2, 0.4}, 3};
+  const Detection turned{{10, 0, 4, 2, 0.4}, 3};
   const HostOutcome outcome = judged_host("0", {on}, {turned});
   EXPECT_GT(outcome.attacked_iou, 0.5);
   EXPECT_LT(outcome.attacked_iou, 0.7);
@@ -38,10 +38,10 @@ TEST(Hiding, ABoxThatOnlyTurnedIsHiddenForTheSeedAndHasNotVanished) {
 }
 
 TEST(Hiding, EachRuleHasItsOwnDenominator) {
-  const Proposal on{kParked, 3};
-  const Proposal shifted{{11.5, 0, 4, 2, 0}, 3};  // IoU 5/11, 1.5 m
-  const Proposal corner{{13.2, 0, 4, 2, 0}, 3};   // IoU 1/9, 3.2 m
-  const Proposal elsewhere{{40, 5, 4, 2, 0}, 3};  // IoU 0
+  const Detection on{kParked, 3};
+  const Detection shifted{{11.5, 0, 4, 2, 0}, 3};  // IoU 5/11, 1.5 m
+  const Detection corner{{13.2, 0, 4, 2, 0}, 3};   // IoU 1/9, 3.2 m
+  const Detection elsewhere{{40, 5, 4, 2, 0}, 3};  // IoU 0
   const std::vector<HostOutcome> hosts = {
       judged_host("0", {on}, {on}),          // found by every rule
       judged_host("1", {on}, {shifted}),     // hidden at 0.7, 0.5 and 1 m
@@ -93,8 +93,8 @@ TEST(Hiding, InThePictureThereAreNoMetres) {
   label.left = 100, label.top = 100, label.right = 200, label.bottom = 150;
   frame.labels = {label};
   EvaluationSettings settings;
-  settings.plane = Plane::picture;
-  const Proposal on{{}, 3, {100, 100, 200, 150}}, half{{}, 3, {100, 100, 160, 150}};
+  settings.matching = kInPicture;
+  const Detection on{{}, 3, {100, 100, 200, 150}}, half{{}, 3, {100, 100, 160, 150}};
   const auto outcome = judge({"0", 0}, frame, {on}, {half}, settings);
   EXPECT_TRUE(std::isinf(outcome.clean_distance));
   const Evaluation made = summarize({outcome});
@@ -111,7 +111,7 @@ TEST(Hiding, InThePictureThereAreNoMetres) {
 
 TEST(Hiding, NetIsPairedOverTheSameHosts) {
   // The same half of the frames is hard for both meshes; the learned one hides one vehicle more in each.
-  const Proposal on{kParked, 3}, ghost{{40, 5, 4, 2, 0}, 3};
+  const Detection on{kParked, 3}, ghost{{40, 5, 4, 2, 0}, 3};
   std::vector<HostOutcome> learned, control;
   for (int frame = 0; frame < 40; ++frame)
     for (int host = 0; host < 5; ++host) {

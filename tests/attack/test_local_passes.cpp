@@ -64,7 +64,7 @@ double apart(double difference, double norm) {
 
 /// Answers and gradient of one pass.
 struct Answer {
-  std::vector<Proposal> proposals;
+  std::vector<Detection> proposals;
   SensorGradient gradient;
 };
 
@@ -124,8 +124,8 @@ class LocalPasses : public testing::TestWithParam<const char*> {
   /// All proposals, and the gradient of a random weighing of those that score above `least`.
   void expect_same(const PreparedFrame& prepared, const Label& host, double least = -1,
                    const TexturedMesh& adversary = random_adversary(3)) {
-    const Rooftop roof = BoxRooftopFinder().find(prepared.frame, host);
-    const Simulated simulated = simulate(prepared, host, roof, adversary);
+    const Placement roof = on_roof(BoxRoofFinder().find(prepared.frame, host));
+    const Simulated simulated = simulate(prepared, roof, adversary);
     expect_same(prepared, simulated, least);
   }
 
@@ -144,7 +144,7 @@ class LocalPasses : public testing::TestWithParam<const char*> {
 
     std::vector<double> weights;
     RandomStream random(7, "weights of proposals");
-    for (const Proposal& p : whole.proposals) {
+    for (const Detection& p : whole.proposals) {
       const double weight = random.uniform(-1, 1);
       weights.push_back(p.score() > least ? weight : 0);
     }
@@ -164,12 +164,12 @@ class LocalPasses : public testing::TestWithParam<const char*> {
                 may_hide_all);
   }
 
-  static void expect_same(const std::vector<Proposal>& found, const std::vector<Proposal>& expected) {
+  static void expect_same(const std::vector<Detection>& found, const std::vector<Detection>& expected) {
     ASSERT_EQ(found.size(), expected.size());
     double difference = 0, norm = 0, box_difference = 0, box_norm = 0;
     for (std::size_t i = 0; i < found.size(); ++i) {
       difference += std::pow(found[i].logit - expected[i].logit, 2), norm += std::pow(expected[i].logit, 2);
-      const BevBox &a = found[i].box, &b = expected[i].box;
+      const BevBox &a = found[i].box.bev, &b = expected[i].box.bev;
       for (const auto& [x, y] : {std::pair{a.x, b.x}, {a.y, b.y}, {a.length, b.length}, {a.width, b.width}})
         box_difference += (x - y) * (x - y), box_norm += y * y;
       const PictureBox &p = found[i].picture, &q = expected[i].picture;
@@ -268,10 +268,10 @@ TEST_P(LocalPasses, GiveTheSameBitsWhateverIsKept) {
   const auto logits = [](Detector& detector, const PreparedFrame& prepared) {
     const Label host = car_at(12, 1);
     const Simulated simulated =
-        simulate(prepared, host, BoxRooftopFinder().find(prepared.frame, host), random_adversary(4));
+        simulate(prepared, on_roof(BoxRoofFinder().find(prepared.frame, host)), random_adversary(4));
     const CleanView clean = clean_view(prepared, simulated);
     std::vector<double> all;
-    for (const Proposal& p : detector.forward(
+    for (const Detection& p : detector.forward(
              {&simulated.image, simulated.sweep, &prepared.frame.calibration, &clean}, -1, false))
       all.push_back(p.logit);
     return all;
@@ -294,7 +294,7 @@ TEST_P(LocalPasses, InBfloat16AreNearThoseInFloat) {
   const PreparedFrame prepared = generated(38);
   const Label host = car_at(12, 1);
   const Simulated simulated =
-      simulate(prepared, host, BoxRooftopFinder().find(prepared.frame, host), random_adversary(4));
+      simulate(prepared, on_roof(BoxRoofFinder().find(prepared.frame, host)), random_adversary(4));
   const CleanView clean = clean_view(prepared, simulated);
   for (const bool whole : {true, false}) {
     const auto rounded = detector_of(GetParam(), whole ? 0 : kMemory, "none", "bfloat16");

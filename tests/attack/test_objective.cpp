@@ -16,12 +16,12 @@ TEST(Objective, SoftplusIsStable) {
 }
 
 TEST(Objective, WeighsRelevantByOverlapAndRewardsFalsePositives) {
-  const std::vector<Proposal> proposals{{kHost, 2.0},                // on the host
-                                        {{12, 0, 4, 2, 0}, 1.0},     // IoU 1/3 with it
-                                        {{10, 0, 4, 2, 0}, -4.0},    // score below 0.1
-                                        {{30, 0, 4, 2, 0}, 0.5},     // overlaps another car
-                                        {{50, 10, 4, 2, 0}, -1.0}};  // overlaps nothing
-  const std::vector<BevBox> truth{kHost, {31, 0, 4, 2, 0}};
+  const std::vector<Detection> proposals{{kHost, 2.0},                // on the host
+                                         {{12, 0, 4, 2, 0}, 1.0},     // IoU 1/3 with it
+                                         {{10, 0, 4, 2, 0}, -4.0},    // score below 0.1
+                                         {{30, 0, 4, 2, 0}, 0.5},     // overlaps another car
+                                         {{50, 10, 4, 2, 0}, -1.0}};  // overlaps nothing
+  const std::vector<ObjectBoxes> truth{kHost, BevBox{31, 0, 4, 2, 0}};
   ObjectiveSettings settings;
   settings.lambda_fp = 0.5;
   const ObjectiveValue value = objective(proposals, {kHost, truth}, settings);
@@ -34,9 +34,9 @@ TEST(Objective, WeighsRelevantByOverlapAndRewardsFalsePositives) {
 }
 
 TEST(Objective, GradientInLogits) {
-  std::vector<Proposal> proposals{
+  std::vector<Detection> proposals{
       {kHost, 2.0}, {{11, .5, 4, 2, .3}, 40}, {{50, 10, 4, 2, 0}, -1.0}, {{60, 0, 4, 2, 0}, 35}};
-  const std::vector<BevBox> truth{kHost};
+  const std::vector<ObjectBoxes> truth{kHost};
   const auto f = [&](const std::vector<double>& logits) {
     for (std::size_t i = 0; i < logits.size(); ++i) proposals[i].logit = logits[i];
     const auto value = objective(proposals, {kHost, truth}, {});
@@ -57,7 +57,7 @@ Frame frame_with_host() {
 
 TEST(Evaluation, JudgesMissesAndFalsePositives) {
   const Frame frame = frame_with_host();
-  const Proposal on{kHost, 3}, off{{12, 0, 4, 2, 0}, 3}, elsewhere{{40, 5, 4, 2, 0}, 3};
+  const Detection on{kHost, 3}, off{{12, 0, 4, 2, 0}, 3}, elsewhere{{40, 5, 4, 2, 0}, 3};
   const EvaluationSettings settings;
   EXPECT_FALSE(judge({"0", 0}, frame, {on}, {on}, settings).hidden);
   EXPECT_TRUE(judge({"0", 0}, frame, {on}, {}, settings).hidden);
@@ -71,10 +71,10 @@ TEST(Evaluation, JudgesMissesAndFalsePositives) {
               std::hypot(30, 5), 1e-9);
 }
 
-// A hedge in a car's shape is background: a box that appears on it under attack is a false positive, in both
-// planes, where one on a pedestrian is none.
+// A hedge in a car's shape is background: a box that appears on it under attack is a false positive, from
+// above and in the picture, where one on a pedestrian is none.
 TEST(Evaluation, ALookAlikeIsNoRoadUser) {
-  for (const Plane plane : {Plane::bev, Plane::picture})
+  for (const Matching matching : {kFromAbove, kInPicture})
     for (const char* type : {"Misc", "Pedestrian"}) {
       Frame frame = frame_with_host();
       frame.labels[0].right = 200, frame.labels[0].bottom = 150;
@@ -84,11 +84,11 @@ TEST(Evaluation, ALookAlikeIsNoRoadUser) {
       other.left = 300, other.top = 100, other.right = 400, other.bottom = 150;
       frame.labels.push_back(other);
       EvaluationSettings settings;
-      settings.plane = plane;
-      const Proposal on{kHost, 3, {0, 0, 200, 150}}, appears{other.box.bev, 3, {300, 100, 400, 150}};
+      settings.matching = matching;
+      const Detection on{kHost, 3, {0, 0, 200, 150}}, appears{other.box.bev, 3, {300, 100, 400, 150}};
       const bool background = other.type == "Misc";
       EXPECT_EQ(judge({"0", 0}, frame, {on}, {on, appears}, settings).false_positive, background) << type;
-      const HostTruth truth(frame, frame.labels[0], plane);
+      const HostTruth truth(frame, frame.labels[0], matching);
       const ObjectiveValue value = objective(std::vector{on, appears}, truth, {});
       EXPECT_EQ(value.false_positive < 0, background) << type;
     }
@@ -96,7 +96,7 @@ TEST(Evaluation, ALookAlikeIsNoRoadUser) {
 
 TEST(Evaluation, SharesAreOfTheVehiclesDetectedClean) {
   const Frame frame = frame_with_host();
-  const Proposal on{kHost, 3}, elsewhere{{40, 5, 4, 2, 0}, 3};
+  const Detection on{kHost, 3}, elsewhere{{40, 5, 4, 2, 0}, 3};
   const EvaluationSettings settings;
   const Evaluation result = summarize(
       {judge({"0", 0}, frame, {on}, {}, settings), judge({"1", 0}, frame, {on}, {on, elsewhere}, settings),
@@ -127,26 +127,26 @@ Frame picture_frame() {
   return frame;
 }
 const PictureBox kOnRoof{130, 70, 170, 105};  // the object's silhouette
-Proposal seen(const PictureBox& box, double logit = 3) {
+Detection seen(const PictureBox& box, double logit = 3) {
   return {{}, logit, box};
 }
 
 TEST(Objective, InThePictureTheHostHasTwoBoxes) {
   const Frame frame = picture_frame();
-  const HostTruth truth(frame, frame.labels[0], Plane::picture, kOnRoof);
+  const HostTruth truth(frame, frame.labels[0], kInPicture, kOnRoof);
   EXPECT_DOUBLE_EQ(truth.host_iou(seen({100, 100, 200, 150})), 1);
   EXPECT_DOUBLE_EQ(truth.host_iou(seen({100, 70, 200, 150})), 1);  // around car and object
   EXPECT_DOUBLE_EQ(truth.host_iou(seen({130, 70, 170, 105})), 40 * 35 / 8000.);
-  const HostTruth bare(frame, frame.labels[0], Plane::picture);
+  const HostTruth bare(frame, frame.labels[0], kInPicture);
   EXPECT_DOUBLE_EQ(bare.host_iou(seen({100, 70, 200, 150})), 50 / 80.);
   EXPECT_EQ(truth.label_iou(seen({450, 100, 500, 140})), 1);  // nobody knows
   EXPECT_NEAR(truth.label_iou(seen({595, 100, 645, 160})), 300 / (16000. + 3000 - 300), 1e-12);
 
-  std::vector<Proposal> proposals = {seen({100, 72, 200, 150}, 2.0),   // IoU 78 / 80 with the joined box
-                                     seen({150, 100, 250, 150}, 0.7),  // 1/3 with the label's
-                                     seen({305, 100, 325, 150}, 1.0),  // the pedestrian
-                                     seen({450, 100, 500, 140}, 1.0),  // in the region
-                                     seen({700, 100, 760, 140}, -1.0), seen({700, 100, 760, 140}, -9.0)};
+  std::vector<Detection> proposals = {seen({100, 72, 200, 150}, 2.0),   // IoU 78 / 80 with the joined box
+                                      seen({150, 100, 250, 150}, 0.7),  // 1/3 with the label's
+                                      seen({305, 100, 325, 150}, 1.0),  // the pedestrian
+                                      seen({450, 100, 500, 140}, 1.0),  // in the region
+                                      seen({700, 100, 760, 140}, -1.0), seen({700, 100, 760, 140}, -9.0)};
   ObjectiveSettings settings;
   settings.lambda_fp = 0.5;
   settings.fp_top_k = 0;
@@ -189,11 +189,11 @@ TEST(SilhouetteBox, HoldsTheObjectsPixels) {
 TEST(Evaluation, ABoxAroundCarAndObjectIsNoMiss) {
   const Frame frame = picture_frame();
   EvaluationSettings settings;
-  settings.plane = Plane::picture;
-  const Proposal on = seen({100, 100, 200, 150}), around = seen({100, 70, 200, 150}), object = seen(kOnRoof),
-                 half = seen({100, 100, 160, 150}), elsewhere = seen({700, 100, 760, 140}),
-                 unlabelled = seen({450, 100, 500, 140});
-  const auto outcome = [&](const std::vector<Proposal>& clean, const std::vector<Proposal>& attacked) {
+  settings.matching = kInPicture;
+  const Detection on = seen({100, 100, 200, 150}), around = seen({100, 70, 200, 150}), object = seen(kOnRoof),
+                  half = seen({100, 100, 160, 150}), elsewhere = seen({700, 100, 760, 140}),
+                  unlabelled = seen({450, 100, 500, 140});
+  const auto outcome = [&](const std::vector<Detection>& clean, const std::vector<Detection>& attacked) {
     return judge({"0", 0}, frame, clean, attacked, settings, kOnRoof);
   };
   EXPECT_FALSE(outcome({on}, {on}).hidden);
@@ -210,7 +210,7 @@ TEST(Evaluation, ABoxAroundCarAndObjectIsNoMiss) {
   const HostOutcome made = outcome({on}, {on, elsewhere});
   ASSERT_EQ(made.new_boxes.size(), 1u);
   EXPECT_EQ(made.new_boxes[0].distance, std::hypot(730 - 150, 120 - 125));
-  EXPECT_EQ(made.plane, Plane::picture);
+  EXPECT_TRUE(made.matching.in_picture());
   EXPECT_EQ(made.range, 10);
 
   const Evaluation result = summarize({outcome({on}, {half}), outcome({on}, {around}), outcome({half}, {})});

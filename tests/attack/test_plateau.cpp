@@ -82,7 +82,7 @@ TEST(Plateau, WholeFramesAreHeldOutBySeed) {
 /// Answers the same whatever stands there, so that nothing can improve.
 class Unmoved : public test::StandInDetector {
  public:
-  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     StandInDetector::forward(input, score_threshold, keep_graph);
     return {{{11.5, 0, 4, 1.7, 0}, 1.5}};
   }
@@ -117,9 +117,9 @@ TEST(Plateau, APlantedOneEndsTheAttack) {
 /// Gets surer with every step that was taken: what was learned first stays the best.
 class Hardening : public test::StandInDetector {
  public:
-  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     auto found = StandInDetector::forward(input, score_threshold, keep_graph);
-    for (Proposal& one : found) one.logit += 0.5 * std::max(0, steps_ - 4);
+    for (Detection& one : found) one.logit += 0.5 * std::max(0, steps_ - 4);
     return found;
   }
   SensorGradient backward(std::span<const double> d_logits) override {
@@ -272,7 +272,7 @@ TEST(SizeAlone, OnlyThreeNumbersAreLearned) {
 /// Sees the picture alone: returns appear and vanish with size, which no gradient knows.
 class PictureReader : public test::StandInDetector {
  public:
-  std::vector<Proposal> forward(const SensorView& input, double threshold, bool keep) override {
+  std::vector<Detection> forward(const SensorView& input, double threshold, bool keep) override {
     return StandInDetector::forward({input.image, {}, input.calibration}, threshold, keep);
   }
 };
@@ -285,8 +285,10 @@ TEST(SizeAlone, TheWholeChainAgainstDifferences) {
   AttackSettings settings = test::tiny_attack();
   settings.simulation.reference = true;  // in double
   PictureReader detector;
-  const Host host = find_hosts(store, "000000", detector.region(), settings.simulation).at(0);
+  settings.target = AttackTarget::image;
+  const HostId id = find_hosts(store, "000000", detector.region(), settings.simulation).at(0).id;
   const auto prepared = store.get("000000");
+  const StepHost host{*prepared, id, store.placement(id)};
   const auto unit = initial_adversary({Vec3d::Ones()}, 1).mesh.vertices;
   const auto mesh = [&](const Vec3d& half) {
     TexturedMesh made = initial_adversary();
@@ -294,7 +296,7 @@ TEST(SizeAlone, TheWholeChainAgainstDifferences) {
     return made;
   };
   const Vec3d start = half_lengths(initial_adversary().mesh);
-  const HostStep step = attack_host(detector, *prepared, host, mesh(start), AttackTarget::image, settings);
+  const HostStep step = attack_host(detector, host, mesh(start), settings);
   const Vec3d exact = half_length_gradient(unit, step.gradient.vertices);
   ASSERT_GT(exact.norm(), 0);
   for (int c = 0; c < 3; ++c) {
@@ -302,7 +304,7 @@ TEST(SizeAlone, TheWholeChainAgainstDifferences) {
     const auto loss = [&](double shift) {
       Vec3d half = start;
       half[c] += shift;
-      return judge_host(detector, *prepared, host, mesh(half), settings).hide;
+      return judge_host(detector, host, mesh(half), settings).hide;
     };
     const double numeric = (loss(h) - loss(-h)) / (2 * h);
     EXPECT_NEAR(exact[c], numeric, 0.02 * exact.norm()) << c;

@@ -127,13 +127,13 @@ TEST(AutoTargets, AreThoseThatTheDetectorsSensorsAllow) {
 /// Finds the car of every frame of the tiny data, the surer the brighter the picture.
 class Everywhere : public test::StandInDetector {
  public:
-  std::vector<Proposal> forward(const SensorView& input, double threshold, bool keep) override {
+  std::vector<Detection> forward(const SensorView& input, double threshold, bool keep) override {
     returns_ = input.points.size();
     const auto one = StandInDetector::forward({input.image, {}, input.calibration}, 0, keep);
     const double sure = one.empty() ? 0 : logit(input, one[0].logit);
-    std::vector<Proposal> found;
+    std::vector<Detection> found;
     for (int i = 0; i < 6; ++i) found.push_back({test::tiny_car(i), sure});
-    return found[0].score() > threshold ? found : std::vector<Proposal>();
+    return found[0].score() > threshold ? found : std::vector<Detection>();
   }
   SensorGradient backward(std::span<const double> d_logits) override {
     double sum = 0;
@@ -248,7 +248,7 @@ TEST(Auto, TheCandidateThatMustWinWins) {
 class Mortal : public Everywhere {
  public:
   static inline int calls_left = 0;
-  std::vector<Proposal> forward(const SensorView& input, double threshold, bool keep) override {
+  std::vector<Detection> forward(const SensorView& input, double threshold, bool keep) override {
     if (calls_left-- <= 0) throw Failure("detector", "died", "try again");
     return Everywhere::forward(input, threshold, keep);
   }

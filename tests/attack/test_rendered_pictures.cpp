@@ -58,22 +58,24 @@ struct OneHost {
     test::write_tiny_data(data, 1);
     store = std::make_unique<FrameStore>(FrameSource{data, "ip-basic", "box"});
     prepared = store->get("000000");
-    host = find_hosts(*store, "000000", {0, 50, -25, 25}, {}).at(0);
+    host = find_hosts(*store, "000000", {0, 50, -25, 25}, {}).at(0).id;
+    placement = store->placement(host);
     RandomStream random(4, "rendered pictures");
     mesh = initial_adversary();
     for (Vec3d& v : mesh.mesh.vertices) v *= random.uniform(0.9, 1.1);
     for (Vec3d& t : mesh.atlas.texels) t = Vec3d(random.uniform(), random.uniform(), random.uniform());
   }
   Simulated simulated(const TexturedMesh& of, const SimulationSettings& settings = {}) const {
-    return simulate(*prepared, prepared->frame.labels[0], host.rooftop, of, settings);
+    return simulate(*prepared, placement, of, settings);
   }
   HostInWorld in_world(const SimulationSettings& settings) const {
-    return {*prepared, host, host.rooftop, settings};
+    return {*prepared, host, placement, settings};
   }
   std::filesystem::path data;
   std::unique_ptr<FrameStore> store;
   std::shared_ptr<const PreparedFrame> prepared;
-  Host host;
+  HostId host;
+  Placement placement;
   TexturedMesh mesh;
 };
 

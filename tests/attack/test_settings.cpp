@@ -56,16 +56,16 @@ TEST(Settings, EachFieldThatDecidesTheResultChangesTheIdentityAndNoOtherDoes) {
 }
 
 TEST(Settings, EachFieldComesBackFromJson) {
-  const auto back = [](const nlohmann::json& json) {
+  const auto back = [](const nlohmann::json& file) {
     AttackSettings settings;
     settings.until_plateau = 5;  // which no file names: it is no part of the result
-    read_fields(JsonFields("run.json", json, "restore it"), settings);
+    read_fields(JsonFields("run.json", file, "restore it"), settings);
     return fields_json(settings);
   };
   for_each_field([&](AttackSettings& settings, const Field& field, auto& value, bool, const char*) {
     change(field, value);
-    const nlohmann::json json = fields_json(settings);
-    EXPECT_EQ(back(json), json) << field.name;
+    const nlohmann::json written = fields_json(settings);
+    EXPECT_EQ(back(written), written) << field.name;
   });
 }
 
@@ -121,13 +121,13 @@ TEST(Settings, EachFieldIsInTheFileAtItsDefaultToo) {
 }
 
 /// What a program wrote that left fields out at their default.
-nlohmann::json as_of_an_earlier_program(nlohmann::json json) {
+nlohmann::json as_of_an_earlier_program(nlohmann::json run) {
   const nlohmann::json lacking = lacking_json<AttackSettings>();
   for (const auto& [key, value] : lacking.items())
-    if (key != "simulation") json.erase(key);
-  for (const auto& [key, value] : lacking.at("simulation").items()) json.at("simulation").erase(key);
-  json.erase("rooftop_model_hash");
-  return json;
+    if (key != "simulation") run.erase(key);
+  for (const auto& [key, value] : lacking.at("simulation").items()) run.at("simulation").erase(key);
+  run.erase("rooftop_model_hash");
+  return run;
 }
 
 TEST(Settings, WhatAnEarlierFileLeftOutIsWhatItMeantThen) {
@@ -139,12 +139,14 @@ TEST(Settings, WhatAnEarlierFileLeftOutIsWhatItMeantThen) {
   AttackSettings settings;
   settings.objective.fp_top_k = 7;  // whatever the reader's default is
   settings.simulation.light = LightModel::fine;
+  settings.placement.in = PlaceChoice::In::world;
   settings.buildable.on = true;
   settings.simulation.camera_effects.shot = 0.1;
   read_fields(JsonFields("run.json", as_of_an_earlier_program(fields_json(AttackSettings())), "restore it"),
               settings);
   EXPECT_EQ(settings.objective.fp_top_k, 0);
   EXPECT_EQ(settings.simulation.light, LightModel::plain);
+  EXPECT_EQ(text_of(settings.placement), "roof");
   EXPECT_FALSE(settings.buildable.on);
   EXPECT_FALSE(settings.simulation.camera_effects.any());
 }

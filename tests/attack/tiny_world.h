@@ -109,13 +109,13 @@ class StandInDetector : public Detector {
  public:
   std::string name() const override { return "stand-in"; }
   std::array<double, 4> region() const override { return {0, 50, -25, 25}; }
-  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool) override {
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool) override {
     image_ = *input.image;
     points_.assign(input.points.begin(), input.points.end());
     double logit = 1;
     for (float value : image_.data) logit += kImage * (value - 0.3);
     for (const LidarPoint& p : points_) logit += kPoints * weight(p);
-    const Proposal proposal{{11.5, 0, 4, 1.7, 0}, logit};
+    const Detection proposal{{11.5, 0, 4, 1.7, 0}, logit};
     if (proposal.score() <= score_threshold) return {};
     return {proposal};
   }
@@ -146,9 +146,9 @@ class StandInDetector : public Detector {
 class PictureStandIn : public StandInDetector {
  public:
   Capabilities capabilities() const override { return {true, false, false, true}; }
-  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     auto found = StandInDetector::forward({input.image, {}, input.calibration}, score_threshold, keep_graph);
-    for (Proposal& proposal : found) {
+    for (Detection& proposal : found) {
       proposal.box = {};
       proposal.picture = {90, 20, 150, 60};
     }

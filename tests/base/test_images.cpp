@@ -6,6 +6,7 @@
 
 #include <array>
 #include <atomic>
+#include <bit>
 #include <chrono>
 #include <cmath>
 #include <csignal>
@@ -346,6 +347,34 @@ TEST(DepthPng, KeepsKittisFormat) {
   write_srgb(folder / "c.png", noise(4, 4, 3));
   EXPECT_THAT(error_text<InputError>([&] { read_depth_png(folder / "c.png"); }),
               AllOf(HasSubstr("c.png"), HasSubstr("16-bit")));
+}
+
+TEST(SrgbBytes, TheTableIsTheCurveRounded) {
+  std::vector<float> values = {-1, 0, 1, 2, std::nanf(""), 1e-30f, 6e-5f};
+  for (int level = 0; level < 255; ++level) {  // to both sides of where the next level begins, and between
+    const float edge = linear_from_srgb((static_cast<float>(level) + 0.5f) / 255);
+    for (int step = -40; step <= 40; ++step)
+      values.push_back(
+          std::bit_cast<float>(std::bit_cast<std::uint32_t>(edge) + static_cast<std::uint32_t>(step)));
+  }
+  for (std::uint32_t bits = 0x38000000; bits < 0x3f800000; bits += 9973)
+    values.push_back(std::bit_cast<float>(bits));
+  std::vector<std::uint8_t> bytes(values.size());
+  write_srgb_bytes(values, bytes.data());
+  for (std::size_t i = 0; i < values.size(); ++i)
+    ASSERT_EQ(bytes[i], std::lround(255 * srgb_from_linear(values[i]))) << values[i];
+}
+
+TEST(SrgbBytes, TheSlopeIsTheCurves) {
+  for (int level = 1; level < 255; ++level) {
+    const auto byte = static_cast<std::uint8_t>(level);
+    float slope = 1;
+    through_srgb_slope({&byte, 1}, {&slope, 1});
+    const float linear = linear_level(byte), step = 1e-3f * linear;
+    const double numeric =
+        255.0 * (srgb_from_linear(linear + step) - srgb_from_linear(linear - step)) / (2 * step);
+    EXPECT_NEAR(slope, numeric, 0.001 * numeric) << level;
+  }
 }
 
 }  // namespace

@@ -33,7 +33,7 @@ int main(int count, char** arguments) {
   host.type = "Car";
   host.left = 120, host.top = 50, host.right = 200, host.bottom = 110;
   host.box = {{7, 0.6, 4.1, 1.7, 0.3}, -1.7, 1.5};
-  const Rooftop rooftop = BoxRooftopFinder().find(frame, host);
-  write_scene(arguments[1], host_scene(frame, host, rooftop, adversary, "add-on test"));
+  const Placement roof = on_roof(BoxRoofFinder().find(frame, host));
+  write_scene(arguments[1], host_scene(frame, roof, adversary, "add-on test"));
   return 0;
 }

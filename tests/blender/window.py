@@ -1,5 +1,5 @@
 """Opens Blender's window under Xvfb with an imported scene, a Mirage render, the panel and the difference image,
-and takes a screenshot. As a program: window.py SOURCE BUILD SCENE.glb OUT.png makes the picture of plugins/blender/README.md."""
+and takes a screenshot. As a program: window.py SOURCE BUILD SCENE.glb OUT.png makes the picture of src/guide/export.md."""
 
 import os
 import shutil

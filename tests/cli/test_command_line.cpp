@@ -70,7 +70,7 @@ TEST(CommandLine, HelpNamesEveryCommand) {
   EXPECT_EQ(outcome.code, 0);
   for (const char* command :
        {"demo", "generate", "simulate", "train", "detect", "attack", "evaluate", "export", "validate",
-        "tradeoff", "depth", "reproduce", "defend", "certify", "view", "rig"})
+        "tradeoff", "depth", "reproduce", "defend", "certify", "view", "rig", "drive"})
     EXPECT_THAT(outcome.out, HasSubstr(command));
 }
 

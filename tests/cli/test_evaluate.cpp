@@ -80,23 +80,28 @@ void Evaluate::check_transfer() {
   EXPECT_EQ(again.at("clusters").at("by"), "frame");
 }
 
-/// mirage detect --reliance on the same frames.
+/// mirage audit --gate on the same frames.
 void Evaluate::check_gate() {
-  const std::string detect = "detect --data " + at("data") + " --out " + at("d");
-  ASSERT_EQ(mirage(detect + " --reliance --claim " + at("claims.json")), 0) << said();
+  const std::string gate =
+      "audit --gate --data " + at("data") + " --out " + at("d") + " --claim " + at("claims.json");
+  ASSERT_EQ(mirage(gate), 0) << said();
   EXPECT_THAT(said(), HasSubstr("with another frame's"));
   const auto result = read_json(folder_ / "d/result.json"), &reliance = result.at("reliance");
   EXPECT_EQ(reliance.at("frames"), 2);
   EXPECT_GT(reliance.at("vehicles"), 0);
   EXPECT_TRUE(reliance.contains("ap70_none"));
   EXPECT_LE(reliance.at("drop_low"), reliance.at("drop_high"));
+  EXPECT_EQ(result.at("audit").size(), 3u);
+  EXPECT_EQ(result.at("audit").at(0).at("drop"), reliance.at("drop"));
+  EXPECT_FALSE(fs::exists(folder_ / "d/audit.html"));
   const auto claim = read_json(folder_ / "claims.json").at("fusion-kitti64");
   EXPECT_EQ(claim.at("drop"), reliance.at("drop"));
   EXPECT_EQ(claim.at("weights_hash"),
             file_hash(fs::path(MIRAGE_BUILD) / "plugins/weights/fusion-kitti64.weights"));
-  ASSERT_EQ(mirage(detect + " --detector lidar --reliance"), 0) << said();
+  ASSERT_EQ(mirage("audit --detector lidar --data " + at("data") + " --out " + at("d")), 0) << said();
   EXPECT_THAT(said(), HasSubstr("has no picture"));
-  EXPECT_EQ(mirage(detect + " --claim " + at("claims.json")), 2);
+  EXPECT_THAT(said(), HasSubstr("points 2 beams"));
+  EXPECT_TRUE(fs::exists(folder_ / "d/audit.html"));
 }
 
 void Evaluate::check_contradictions() {

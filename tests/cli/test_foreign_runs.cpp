@@ -150,7 +150,7 @@ TEST_F(ForeignRuns, ConfigurationsRunNoCodeThatTheyName) {
   EXPECT_TRUE(marked());
 }
 
-TEST_F(ForeignRuns, WithARooftopOfAnyLengthAreRefusedInALine) {
+TEST_F(ForeignRuns, WithARoofFinderOfAnyLengthAreRefusedInALine) {
   make_run();
   for (const std::size_t length : {300, 5000, 100'000}) {
     change("rooftop", std::string(length, 'r'));

@@ -39,6 +39,7 @@ TEST(Defense, WhatDecidesARunKeepsItsKeys) {
                                                    {"carried", "adversary"},
                                                    {"defense", "none"},
                                                    {"left_out", 0.0},
+                                                   {"placement", "roof"},
                                                    {"precision", "float"},
                                                    {"rig", ""}}));
 }

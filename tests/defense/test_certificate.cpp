@@ -92,12 +92,12 @@ TEST(RoofMask, HidesAllThatAnyObjectChanges) {
   }
   // The check sees what sticks out: objects of one size under the mask of a smaller one.
   const auto held = store.get("000000");
-  const Rooftop roof = store.rooftop(hosts[0]);
-  const Box3 small = object_box(roof, limits_of_size(0.2));
+  const Placement roof = store.placement(hosts[0]);
+  const Box3 small = object_box(roof.velo_from_adversary, limits_of_size(0.2));
   const MaskMargin margin{4, 0.02, beam_origin_spread(lidar)};
   const Frame& frame = held->frame;
   const Simulated attacked =
-      simulate(*held, frame.labels[0], roof, random_adversary(1, limits_of_size(0.8)), settings.simulation);
+      simulate(*held, roof, random_adversary(1, limits_of_size(0.8)), settings.simulation);
   const MaskedFrame before = masked(frame.image, frame.sweep, frame.calibration, small, margin),
                     after = masked(attacked.image, attacked.sweep, frame.calibration, small, margin);
   EXPECT_NE(before.image.data, after.image.data);
@@ -115,13 +115,12 @@ TEST(Lattice, CoversEveryRoof) {
     const std::vector<Box3> masks = lattice(calibration, limits, -1.73, settings);
     EXPECT_GT(masks.size(), 100u);
     for (int trial = 0; trial < 500; ++trial) {
-      Rooftop roof;
       const double range = random.uniform(5, settings.farthest - settings.step),
                    turn = random.uniform(-0.6, 0.6);
-      roof.velo_from_adversary =
+      const Transform roof(
           Eigen::Translation3d(range * std::cos(turn), range * std::sin(turn),
                                -1.73 + random.uniform(settings.roof_low, settings.roof_high)) *
-          Eigen::AngleAxisd(random.uniform(-3, 3), Vec3d::UnitZ());
+          Eigen::AngleAxisd(random.uniform(-3, 3), Vec3d::UnitZ()));
       const Box3 box = object_box(roof, limits);
       EXPECT_TRUE(
           std::any_of(masks.begin(), masks.end(), [&](const Box3& mask) { return covers(mask, box); }));
@@ -137,7 +136,7 @@ TEST(Lattice, CoversEveryRoof) {
 class ReturnsDetector : public test::StandInDetector {
  public:
   explicit ReturnsDetector(bool on_roof) : on_roof_(on_roof) {}
-  std::vector<Proposal> forward(const SensorView& input, double, bool) override {
+  std::vector<Detection> forward(const SensorView& input, double, bool) override {
     int count = 0;
     for (const LidarPoint& p : input.points)
       count += std::hypot(p.x - 11.4, p.y) < 2.5 && (on_roof_ ? p.z > 0 : p.z < -0.6 && p.z > -1.6);

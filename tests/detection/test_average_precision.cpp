@@ -1,8 +1,11 @@
 // AP, suppression and the rule for which labels count, against cases worked out by hand.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <numbers>
+#include <random>
 
 #include "base/error.h"
 #include "detection/average_precision.h"
@@ -13,7 +16,7 @@ namespace {
 BevBox car(double x, double y = 0) {
   return {x, y, 4, 2, 0};
 }
-Proposal found(const BevBox& box, double logit) {
+Detection found(const BevBox& box, double logit) {
   return {box, logit};
 }
 
@@ -23,13 +26,13 @@ TEST(Suppress, KeepsTheBestOfOverlappingBoxesAndAllOthers) {
   ASSERT_EQ(kept.size(), 3u);
   EXPECT_EQ(kept[0].logit, 3);
   EXPECT_EQ(kept[1].logit, 2);
-  EXPECT_EQ(kept[2].box.x, 13.9);  // overlaps 10.5 by 0.6 m of 4: IoU 0.081
+  EXPECT_EQ(kept[2].box.bev.x, 13.9);  // overlaps 10.5 by 0.6 m of 4: IoU 0.081
 }
 
 TEST(Suppress, BreaksTiesByInputOrder) {
   const auto kept = suppress({found(car(10), 1), found(car(10.5), 1)}, 0.1);
   ASSERT_EQ(kept.size(), 1u);
-  EXPECT_EQ(kept[0].box.x, 10);
+  EXPECT_EQ(kept[0].box.bev.x, 10);
 }
 
 TEST(AveragePrecision, PerfectDetectionsScoreOne) {
@@ -90,6 +93,55 @@ TEST(AveragePrecision, BoxesOfOneVehicleAreDrawnTogether) {
   // Without an identity a box stays with its frame.
   for (std::size_t i = 0; i < frames.size(); ++i) frames[i].truth.tracks = {-1};
   EXPECT_DOUBLE_EQ(average_precision_interval(frames, 0.5).low, apart.low);
+}
+
+/// Frames of 1 to 6 cars, each found with its frame's own probability (beta, of mean `recall` and correlation
+/// `within`), scored above most of the false alarms, one a frame on average.
+std::vector<ScoredFrame> drawn_frames(std::mt19937_64& random, int count, double recall, double within) {
+  std::vector<ScoredFrame> frames;
+  for (int f = 0; f < count; ++f) {
+    double own = recall;
+    if (within > 0) {
+      const double a = std::gamma_distribution<>(recall * (1 - within) / within)(random),
+                   b = std::gamma_distribution<>((1 - recall) * (1 - within) / within)(random);
+      own = a + b > 0 ? a / (a + b) : recall;
+    }
+    ScoredFrame frame;
+    const int cars = std::uniform_int_distribution<>(1, 6)(random),
+              alarms = std::poisson_distribution<>(1)(random);
+    for (int i = 0; i < cars; ++i) {
+      frame.truth.boxes.push_back(car(10.0 * (i + 1)));
+      if (std::bernoulli_distribution(own)(random))
+        frame.detections.push_back(found(car(10.0 * (i + 1)), std::normal_distribution<>(1.5, 1)(random)));
+    }
+    for (int i = 0; i < alarms; ++i)
+      frame.detections.push_back(found(car(10.0 * (i + 1), 30), std::normal_distribution<>(0, 1)(random)));
+    frames.push_back(std::move(frame));
+  }
+  return frames;
+}
+
+TEST(AveragePrecision, ItsIntervalCoversAsOftenAsSaid) {
+  constexpr std::array<double, 3> kRecalls = {0.5, 0.75, 0.9};
+  for (const double within : {0.0, 0.3}) {
+    std::mt19937_64 random(within > 0 ? 7 : 8);
+    std::array<double, 3> truth{};  // of very many frames
+    for (std::size_t r = 0; r < kRecalls.size(); ++r)
+      truth[r] = average_precision(drawn_frames(random, 5000, kRecalls[r], within), 0.7).average_precision;
+    for (const int clusters : {5, 7, 20, 100}) {
+      const int trials = clusters > 50 ? 240 : 900;
+      int covered = 0;
+      for (int t = 0; t < trials; ++t) {
+        const std::size_t r = static_cast<std::size_t>(t) % kRecalls.size();
+        const Interval interval =
+            average_precision_interval(drawn_frames(random, clusters, kRecalls[r], within), 0.7);
+        covered += interval.low <= truth[r] && truth[r] <= interval.high;
+      }
+      const double coverage = static_cast<double>(covered) / trials;
+      RecordProperty(fmt::format("clusters_{}_within_{}", clusters, within), std::to_string(coverage));
+      EXPECT_GE(coverage, 0.9) << clusters << " " << within;
+    }
+  }
 }
 
 TEST(AveragePrecision, FalseAlarmsAreDrawnWithTheirFrame) {
@@ -159,35 +211,35 @@ TEST(AveragePrecision, NothingToFindScoresZero) {
 PictureBox in_picture(double left, double height = 50, double width = 100) {
   return {left, 100, left + width, 100 + height};
 }
-Proposal seen_at(const PictureBox& box, double logit) {
+Detection seen_at(const PictureBox& box, double logit) {
   return {{}, logit, box};
 }
 
 TEST(Suppress, InThePictureCarsBehindEachOtherStay) {
   // Shifted by 40 of 100 pixels: IoU 3 / 7; by 20: 2 / 3.
-  const std::vector<Proposal> found = {seen_at(in_picture(0), 3), seen_at(in_picture(40), 2),
-                                       seen_at(in_picture(60), 1)};
-  const auto kept = suppress(found, Plane::picture);
+  const std::vector<Detection> found = {seen_at(in_picture(0), 3), seen_at(in_picture(40), 2),
+                                        seen_at(in_picture(60), 1)};
+  const auto kept = suppress(found, kInPicture);
   ASSERT_EQ(kept.size(), 2u);
   EXPECT_EQ(kept[1].picture.left, 40);
-  EXPECT_THROW(suppress(found, Plane::bev), InputError);  // no boxes there
+  EXPECT_THROW(suppress(found, kFromAbove), InputError);  // no boxes there
 }
 
 /// Cars in the picture: easy at 10 m (0 …), moderate at 30 m (200 …), hard at 60 m (400 …), DontCare (600 …).
-ScoredFrame picture_frame(std::vector<Proposal> detections) {
+ScoredFrame picture_frame(std::vector<Detection> detections) {
   GroundTruth truth;
-  truth.boxes = {car(10)};  // of no consequence
+  truth.space.boxes = {car(10)};  // of no consequence
   truth.picture.boxes = {in_picture(0, 110), in_picture(200, 37), in_picture(400, 26)};
-  truth.picture.ignore = {{600, 80, 800, 200}};
+  truth.picture.ignore = {PictureBox{600, 80, 800, 200}};
   truth.picture.labels = {0, 1, 2};
   truth.picture.difficulty = {Difficulty::easy, Difficulty::moderate, Difficulty::hard};
   truth.picture.distance = {10, 30, 60};
-  return scored_in_picture(std::move(detections), truth, 720);
+  return scored(std::move(detections), truth, 720, kInPicture);
 }
 
 TEST(AveragePrecisionInThePicture, ByHand) {
-  const Proposal first = seen_at(in_picture(0, 110), 5), alarm = seen_at(in_picture(900), 4),
-                 second = seen_at(in_picture(205, 37), 3);
+  const Detection first = seen_at(in_picture(0, 110), 5), alarm = seen_at(in_picture(900), 4),
+                  second = seen_at(in_picture(205, 37), 3);
   // By score: hit (P 1, R 1/3), alarm, hit (P 2/3, R 2/3): 13 recalls at 1, 13 at 2/3 (13/40 < 1/3).
   const std::vector<ScoredFrame> frames = {picture_frame({first, alarm, second})};
   const auto result = average_precision(frames, 0.7);
@@ -199,7 +251,7 @@ TEST(AveragePrecisionInThePicture, ByHand) {
 }
 
 TEST(AveragePrecisionInThePicture, RegionsNobodyLabelledAndSmallBoxesCountNeitherWay) {
-  const Proposal hit = seen_at(in_picture(0, 110), 1);
+  const Detection hit = seen_at(in_picture(0, 110), 1);
   const double alone = average_precision(std::vector{picture_frame({hit})}, 0.5).average_precision;
   const auto with = [&](const PictureBox& other) {
     return average_precision(std::vector{picture_frame({hit, seen_at(other, 2)})}, 0.5).average_precision;
@@ -254,9 +306,9 @@ TEST(GroundTruth, AppliesItsRules) {
   frame.labels.push_back(good);
   frame.labels[8].type = "Misc";  // background, like the pedestrian
   const GroundTruth truth = ground_truth(frame, {0, 50, -25, 25});
-  EXPECT_EQ(truth.labels, (std::vector<std::size_t>{0, 7}));
-  EXPECT_EQ(truth.boxes.size(), 2u);
-  EXPECT_EQ(truth.ignore.size(), 5u);
+  EXPECT_EQ(truth.space.labels, (std::vector<std::size_t>{0, 7}));
+  EXPECT_EQ(truth.space.boxes.size(), 2u);
+  EXPECT_EQ(truth.space.ignore.size(), 5u);
 }
 
 Label seen(double height, int occluded, double truncated) {
@@ -287,10 +339,10 @@ TEST(PictureTruth, CarsCountWhateverTheirDistanceAndReturns) {
   labels[6].type = "DontCare";
   labels[7].type = "Pedestrian";
   labels[8].truncated = 0.6;
-  const PictureTruth truth = picture_truth(labels);
+  const TruthBoxes truth = picture_truth(labels);
   EXPECT_EQ(truth.labels, std::vector<std::size_t>{0});
   ASSERT_EQ(truth.boxes.size(), 1u);
-  EXPECT_EQ(truth.boxes[0].bottom, 125);
+  EXPECT_EQ(truth.boxes[0].picture.bottom, 125);
   EXPECT_EQ(truth.difficulty, std::vector<Difficulty>{Difficulty::hard});
   EXPECT_DOUBLE_EQ(truth.distance[0], 130);
   EXPECT_EQ(truth.ignore.size(), 7u);  // all but the pedestrian
@@ -298,7 +350,7 @@ TEST(PictureTruth, CarsCountWhateverTheirDistanceAndReturns) {
   labels[7].type = "Misc";
   EXPECT_EQ(picture_truth(labels).look_alikes.size(), 1u);
   EXPECT_EQ(
-      scored_in_picture({}, ground_truth(frame_of(labels), {0, 50, -25, 25}), 0).truth.look_alikes.size(),
+      scored({}, ground_truth(frame_of(labels), {0, 50, -25, 25}), 0, kInPicture).truth.look_alikes.size(),
       1u);
   EXPECT_EQ(ground_truth(frame_of(labels), {0, 50, -25, 25}).picture.boxes.size(), 1u);
 }
@@ -307,14 +359,14 @@ TEST(GroundTruth, OfAnUnlabelledFrameIgnoresAllThatIsFound) {
   Frame frame;
   frame.labelled = false;
   const GroundTruth nothing = ground_truth(frame, {0, 50, -25, 25});
-  const GroundTruth one{{car(10)}, {}, {}};
-  for (const Plane plane : {Plane::bev, Plane::picture}) {
+  const TruthBoxes one{{car(10)}, {}, {}};
+  for (const Matching matching : {kFromAbove, kInPicture}) {
     std::vector<ScoredFrame> frames;
-    if (plane == Plane::bev) {
-      frames = {{{found(car(10), 1)}, one}, scored({found(car(45, 20), 3)}, nothing, 700, plane)};
+    if (!matching.in_picture()) {
+      frames = {{{found(car(10), 1)}, one}, scored({found(car(45, 20), 3)}, nothing, 700, matching)};
     } else {
       frames = {picture_frame({seen_at(in_picture(0, 110), 1)}),
-                scored({seen_at(in_picture(900), 3)}, nothing, 700, plane)};
+                scored({seen_at(in_picture(900), 3)}, nothing, 700, matching)};
     }
     const double alone = average_precision(std::span(frames).first(1), 0.7).average_precision;
     EXPECT_GT(alone, 0);
@@ -327,9 +379,9 @@ TEST(PictureTruth, LabelsOfThePictureAloneCountThereAlone) {
   labels[0].in_space = false;
   labels[0].right = 40;
   const GroundTruth truth = ground_truth(frame_of(labels), {-50, 50, -25, 25});
-  EXPECT_TRUE(truth.boxes.empty());
+  EXPECT_TRUE(truth.space.boxes.empty());
   ASSERT_EQ(truth.picture.boxes.size(), 1u);
-  const std::vector<ScoredFrame> frames = {scored({}, truth, 700, Plane::picture)};
+  const std::vector<ScoredFrame> frames = {scored({}, truth, 700, kInPicture)};
   EXPECT_EQ(average_precision(frames, 0.7, {"", 0, 20}).boxes, 0);  // nobody knows how far it is
   EXPECT_EQ(average_precision(frames, 0.7, {"", 0, 1e9}).boxes, 1);
 }
@@ -344,8 +396,8 @@ TEST(Difficulty, FollowsKittisLimits) {
 }
 
 /// Three cars, one a level, at 10, 30 and 50 m.
-std::vector<ScoredFrame> three_levels(std::vector<Proposal> detections) {
-  GroundTruth truth{{car(10), car(30), car(50)}, {}, {}};
+std::vector<ScoredFrame> three_levels(std::vector<Detection> detections) {
+  TruthBoxes truth{{car(10), car(30), car(50)}, {}, {}};
   truth.difficulty = {Difficulty::easy, Difficulty::moderate, Difficulty::hard};
   return {{std::move(detections), truth, 700}};
 }

@@ -22,7 +22,7 @@ class Witness : public Detector {
   explicit Witness(Given& given) : given_(given) {}
   std::string name() const override { return "witness"; }
   std::array<double, 4> region() const override { return {0, 70, -40, 40}; }
-  std::vector<Proposal> forward(const SensorView& input, double, bool) override {
+  std::vector<Detection> forward(const SensorView& input, double, bool) override {
     given_ = {};
     if (input.image) given_.image = *input.image;
     given_.points.assign(input.points.begin(), input.points.end());

@@ -50,7 +50,7 @@ struct Crossing {
                           std::make_unique<Scripted>("lidar", kLidar, lidar),
                           std::make_unique<Scripted>("camera", kCamera, camera));
   }
-  std::vector<Proposal> answers() { return detector()->forward(view(), 0, false); }
+  std::vector<Detection> answers() { return detector()->forward(view(), 0, false); }
 
   Calibration calibration;
   ImageF image{kWidth, kHeight, 3};
@@ -83,7 +83,7 @@ TEST(Consistent, WhatBothSensorsSeeIsFoundThoughTheFusionDoesNot) {
   ASSERT_EQ(found.size(), 2u);
   EXPECT_DOUBLE_EQ(found[1].logit,
                    soft(1, 2));  // the camera is the less certain, of its two boxes the better
-  EXPECT_DOUBLE_EQ(found[1].box.x, kBeside.x);
+  EXPECT_DOUBLE_EQ(found[1].box.bev.x, kBeside.x);
   // Without a picture the fusion and LiDAR are all there is.
   const auto blind = world.detector()->forward({nullptr, world.points, &world.calibration}, 0, false);
   ASSERT_EQ(blind.size(), 1u);
@@ -160,7 +160,7 @@ TEST(Consistent, SuppressionKeepsTheBestBoxOfThoseThatOneWitnessSpeaksFor) {
   world.lidar.lines = {{{kBeside, -1}}};
   const auto kept = suppress(world.answers());
   ASSERT_EQ(kept.size(), 1u);
-  EXPECT_DOUBLE_EQ(kept[0].box.x, kSeen.x);
+  EXPECT_DOUBLE_EQ(kept[0].box.bev.x, kSeen.x);
 }
 
 TEST(Consistent, SaysWhatItsMembersCan) {

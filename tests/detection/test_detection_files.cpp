@@ -46,10 +46,10 @@ TEST(Upright, BottomAndHeightComeFromTheSweep) {
   EXPECT_NEAR(box.bottom, -1.7, 0.01);
   EXPECT_NEAR(box.height, 1.4, 0.08);
   EXPECT_EQ(box.bev.x, kCar.x);
-  const Box3 bare = upright({25, -4, 4, 1.8, 0.4}, frame.sweep);  // the road alone
+  const Box3 bare = upright(BevBox{25, -4, 4, 1.8, 0.4}, frame.sweep);  // the road alone
   EXPECT_NEAR(bare.bottom, -1.7, 0.01);
   EXPECT_EQ(bare.height, kNominalHeight);
-  EXPECT_NEAR(upright({200, 0, 4, 1.8, 0}, frame.sweep).bottom, -1.7, 0.01);  // no return near
+  EXPECT_NEAR(upright(BevBox{200, 0, 4, 1.8, 0}, frame.sweep).bottom, -1.7, 0.01);  // no return near
   EXPECT_EQ(upright(kCar, {}).height, kNominalHeight);
   Frame mirrored = frame;
   for (int i = 0; i < 30; ++i) mirrored.sweep.push_back({12.f, 3.f, -25.f, 0.1f});
@@ -80,18 +80,18 @@ TEST(Upright, OnLabelledCarsOfRealFrames) {
 TEST(DetectionFiles, WhatDetectWritesInBothFormatsIsTheSame) {
   const TemporaryFolder folder;
   const Frame frame = frame_with_car();
-  std::vector<Proposal> found(2);
+  std::vector<Detection> found(2);
   found[0] = {kCar, 2.0, {100, 50, 200, 120}};
   found[1] = {{20, -4, 4.2, 1.7, 0.7}, 0.3, {}};
-  write_results(folder / "kitti" / "000004.txt", kitti_detections(found, Plane::bev, frame),
+  write_results(folder / "kitti" / "000004.txt", kitti_detections(found, kFromAbove, frame),
                 frame.calibration);
   nlohmann::json list;
-  for (const Proposal& p : found) {
-    list.push_back({{"x", p.box.x},
-                    {"y", p.box.y},
-                    {"length", p.box.length},
-                    {"width", p.box.width},
-                    {"yaw", p.box.yaw},
+  for (const Detection& p : found) {
+    list.push_back({{"x", p.box.bev.x},
+                    {"y", p.box.bev.y},
+                    {"length", p.box.bev.length},
+                    {"width", p.box.bev.width},
+                    {"yaw", p.box.bev.yaw},
                     {"score", p.score()}});
     if (area(p.picture) > 0)
       list.back()["picture"] = {{"left", p.picture.left},
@@ -108,9 +108,9 @@ TEST(DetectionFiles, WhatDetectWritesInBothFormatsIsTheSame) {
     const auto back = files.of(frame);
     ASSERT_EQ(back.size(), 2u) << place;
     for (std::size_t i = 0; i < 2; ++i) {
-      EXPECT_NEAR(back[i].box->bev.x, found[i].box.x, 2e-6);
-      EXPECT_NEAR(back[i].box->bev.yaw, found[i].box.yaw, 2e-6);
-      EXPECT_NEAR(back[i].box->bottom, upright(found[i].box, frame.sweep).bottom, 2e-6);
+      EXPECT_NEAR(back[i].box->bev.x, found[i].box.bev.x, 2e-6);
+      EXPECT_NEAR(back[i].box->bev.yaw, found[i].box.bev.yaw, 2e-6);
+      EXPECT_NEAR(back[i].box->bottom, upright(found[i], frame.sweep).bottom, 2e-6);
       EXPECT_NEAR(back[i].score, found[i].score(), 1e-9);
     }
     EXPECT_NEAR(back[0].picture->right, 200, 1e-9);

@@ -71,7 +71,7 @@ std::unique_ptr<Detector> trained(const Street& street, const std::string& name 
 }
 
 /// Weights of a scalar objective over all proposals (threshold 0 keeps every cell, in a fixed order).
-std::vector<double> weights_near(const std::vector<Proposal>& proposals, const BevBox& box) {
+std::vector<double> weights_near(const std::vector<Detection>& proposals, const BevBox& box) {
   std::vector<double> weights;
   for (std::size_t i = 0; i < proposals.size(); ++i) {
     const double row = std::floor(static_cast<double>(i) / kColumns);
@@ -226,7 +226,7 @@ TEST(Fusion, OverfitsOneFrameAndFindsItsCar) {
   EXPECT_LT(last, first / 3);
   const auto found = suppress(detector->forward(street.view(), 0.1, false));
   ASSERT_FALSE(found.empty());
-  EXPECT_GT(iou(found[0].box, street.box), 0.5);
+  EXPECT_GT(iou(found[0].box.bev, street.box), 0.5);
 }
 
 TEST(Fusion, ThreadsChangeNothing) {
@@ -355,7 +355,7 @@ TEST(Fusion, ASecondStageLearnsAloneOnAFirstOne) {
     double apart = 0;
     for (std::size_t i = 0; i < found.size(); ++i)
       apart = std::max({apart, std::abs(found[i].logit - expected[i].logit),
-                        std::abs(found[i].box.x - expected[i].box.x)});
+                        std::abs(found[i].box.bev.x - expected[i].box.bev.x)});
     EXPECT_EQ(found.size(), expected.size());
     EXPECT_LE(apart, most);
     return apart;
@@ -453,7 +453,7 @@ TEST(Fusion, PartsAreAddedAndStayWithTheWeights) {
   plain->save(file, false);
   const auto logits = [&](Detector& detector) {
     std::vector<double> values;
-    for (const Proposal& p : detector.forward(street.view(), -1, false)) values.push_back(p.logit);
+    for (const Detection& p : detector.forward(street.view(), -1, false)) values.push_back(p.logit);
     return values;
   };
   DetectorOptions options{"fusion", file, false, 1, 1};

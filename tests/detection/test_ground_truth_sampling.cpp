@@ -195,7 +195,7 @@ TEST_F(GroundTruthSampling, APastedCarIsAsIfItHadBeenThere) {
     ASSERT_TRUE(paste(pasted, cut({block(x, y)}), unit));
     EXPECT_LT(difference(made.points, pasted.points), 0.02) << x;
     EXPECT_GT(difference(before.points, pasted.points), 3 * difference(made.points, pasted.points)) << x;
-    EXPECT_EQ(pasted.truth.boxes.size(), 2u);
+    EXPECT_EQ(pasted.truth.space.boxes.size(), 2u);
     int apart = 0, changed = 0;
     for (std::size_t i = 0; i < made.srgb.size(); i += 3) {
       apart += std::abs(made.srgb[i] - pasted.srgb[i]) > 1;
@@ -227,13 +227,13 @@ TEST_F(GroundTruthSampling, ThePicturesTruthHasThePastedCar) {
   EXPECT_EQ(cut_out.picture.right, 60);
   ASSERT_TRUE(paste(pasted, cut_out, unit));
   EXPECT_EQ(pasted.picture_key, 0u);
-  const PictureTruth& truth = pasted.truth.picture;
-  EXPECT_EQ(truth.labels, (std::vector<std::size_t>{0, GroundTruth::kPasted}));
+  const TruthBoxes& truth = pasted.truth.picture;
+  EXPECT_EQ(truth.labels, (std::vector<std::size_t>{0, TruthBoxes::kPasted}));
   ASSERT_EQ(truth.boxes.size(), 2u);
-  EXPECT_EQ(truth.boxes[1].right, 60);
+  EXPECT_EQ(truth.boxes[1].picture.right, 60);
   EXPECT_EQ(truth.distance.size(), 2u);
   ASSERT_EQ(truth.ignore.size(), 1u);
-  EXPECT_EQ(truth.ignore[0].right, 58);
+  EXPECT_EQ(truth.ignore[0].picture.right, 58);
 
   Frame made = world.frame("000002", {block(18, -8, 0.1), wall(30, 9, 20, 1), block(20, 3)});
   world.write(data.path(), made, true, true);
@@ -285,7 +285,7 @@ TEST_F(GroundTruthSampling, TakenPlacesAreRefused) {
   CompactFrame bush = scene({wall(20.5, 3, 0.6, 0.6)});
   EXPECT_FALSE(paste(bush, cut_out, unit));
   CompactFrame behind = scene({block(27, 4.5)});  // it would vanish behind the car that is pasted
-  EXPECT_EQ(behind.truth.boxes.size(), 1u);
+  EXPECT_EQ(behind.truth.space.boxes.size(), 1u);
   EXPECT_FALSE(paste(behind, cut_out, unit));
 }
 
@@ -334,7 +334,7 @@ TEST_F(GroundTruthSampling, WithoutInstancesOnlyPointsArePasted) {
   EXPECT_EQ(GroundTruthSampler(data.path(), {"000000"}, kRegion, 1, 20, true).augment(frame, 0), 0);
   EXPECT_EQ(GroundTruthSampler(data.path(), {"000000"}, kRegion, 1, 20, false).augment(frame, 0), 1);
   EXPECT_EQ(frame.srgb, empty.srgb);
-  EXPECT_EQ(frame.truth.boxes.size(), 1u);
+  EXPECT_EQ(frame.truth.space.boxes.size(), 1u);
 }
 
 TEST_F(GroundTruthSampling, APointLabelFileOfAnotherSweepIsNamed) {

@@ -19,7 +19,7 @@ class SumDetector : public Detector {
   std::string name() const override { return "sum"; }
   std::array<double, 4> region() const override { return {0, 50, -25, 25}; }
   Capabilities capabilities() const override { return {true, false, false, true}; }
-  std::vector<Proposal> forward(const SensorView& input, double, bool) override {
+  std::vector<Detection> forward(const SensorView& input, double, bool) override {
     seen_ = input.image ? *input.image : ImageF();
     double sum = 0;
     for (float value : seen_.data) sum += value;

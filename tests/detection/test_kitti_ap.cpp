@@ -25,9 +25,9 @@ KittiDetection on(const Label& of, double score, double off = 0) {
   return result;
 }
 
-double ap(const std::vector<KittiFrame>& frames, Plane plane = Plane::picture,
+double ap(const std::vector<KittiFrame>& frames, Matching matching = kInPicture,
           Difficulty level = Difficulty::moderate, double iou = 0.7) {
-  return kitti_average_precision(frames, plane, level, iou).average_precision;
+  return kitti_average_precision(frames, matching, level, iou).average_precision;
 }
 
 /// 40 cars that are all found but the last `missed`, scores falling.
@@ -48,7 +48,7 @@ TEST(KittiAp, HasNoEndOfTheCurveWhereCarsAreFewerThanItsThresholds) {
   std::vector<KittiFrame> cars = forty();
   cars.resize(25);
   EXPECT_NEAR(ap(cars), 24.0 / 40, 1e-12);
-  EXPECT_EQ(kitti_average_precision(cars, Plane::bev, Difficulty::easy, 0.7).cars, 25);
+  EXPECT_EQ(kitti_average_precision(cars, kFromAbove, Difficulty::easy, 0.7).cars, 25);
   std::vector<KittiFrame> twice = forty(), more = forty();
   twice.insert(twice.end(), more.begin(), more.end());
   EXPECT_NEAR(ap(twice), 1, 1e-12);
@@ -64,7 +64,7 @@ TEST(KittiAp, WhatNobodyLabelledCountsNeitherWay) {
   frames = forty();
   for (KittiFrame& frame : frames) frame.labels[0].in_space = false;
   EXPECT_NEAR(ap(frames), 39.0 / 40, 1e-12);
-  EXPECT_EQ(kitti_average_precision(frames, Plane::bev, Difficulty::easy, 0.7).cars, 0);
+  EXPECT_EQ(kitti_average_precision(frames, kFromAbove, Difficulty::easy, 0.7).cars, 0);
 }
 
 TEST(KittiAp, FalseAlarmsCountFromTheirScoreOn) {
@@ -110,7 +110,7 @@ TEST(KittiAp, DontCareForgivesInThePictureByTheShareOfTheDetection) {
   KittiDetection inside = on(label(60), 0.99);
   frames[0].detections.push_back(inside);
   EXPECT_NEAR(ap(frames), 39.0 / 40, 1e-12);  // its IoU with the region is small
-  EXPECT_LT(ap(frames, Plane::bev), 39.0 / 40);
+  EXPECT_LT(ap(frames, kFromAbove), 39.0 / 40);
   frames[0].detections.back().picture->bottom += 160;  // 200 of 210 rows
   EXPECT_NEAR(ap(frames), 39.0 / 40, 1e-12);
   frames[0].detections.back().picture->top -= 100;  // 200 of 310
@@ -123,7 +123,7 @@ TEST(KittiAp, LowDetectionsAreNeitherHitsNorAlarms) {
   EXPECT_NEAR(ap(frames), 39.0 / 40, 1e-12);
   frames[0].detections.back() = on(label(60, "Car", 26), 0.99);
   EXPECT_LT(ap(frames), 39.0 / 40);
-  EXPECT_NEAR(ap(frames, Plane::picture, Difficulty::easy), 39.0 / 40, 1e-12);  // under 40 pixels
+  EXPECT_NEAR(ap(frames, kInPicture, Difficulty::easy), 39.0 / 40, 1e-12);  // under 40 pixels
   // A car 27 pixels high with a box of 24: IoU 0.89, and no hit.
   std::vector<KittiFrame> cut = forty();
   for (KittiFrame& frame : cut) {
@@ -131,21 +131,21 @@ TEST(KittiAp, LowDetectionsAreNeitherHitsNorAlarms) {
     frame.detections[0].picture->bottom = frame.labels[0].top + 24;
   }
   EXPECT_EQ(ap(cut), 0);
-  EXPECT_EQ(ap(cut, Plane::bev), 0);
+  EXPECT_EQ(ap(cut, kFromAbove), 0);
 }
 
 TEST(KittiAp, ALimitIsPassedNotReached) {
   std::vector<KittiFrame> frames = forty();
   for (KittiFrame& frame : frames) frame.detections[0].box->bev.length = 2;  // IoU 0.5
-  EXPECT_EQ(ap(frames, Plane::bev, Difficulty::moderate, 0.5), 0);
-  EXPECT_GT(ap(frames, Plane::bev, Difficulty::moderate, 0.49), 0.9);
+  EXPECT_EQ(ap(frames, kFromAbove, Difficulty::moderate, 0.5), 0);
+  EXPECT_GT(ap(frames, kFromAbove, Difficulty::moderate, 0.49), 0.9);
 }
 
 TEST(KittiAp, ALevelWithoutCarsHasNoFigure) {
   std::vector<KittiFrame> frames = forty();
   for (KittiFrame& frame : frames) frame.labels[0].occluded = 1;
-  const Plane planes[] = {Plane::bev};
-  const auto json = kitti_ap_json(frames, planes);
+  const Matching ways[] = {kFromAbove};
+  const auto json = kitti_ap_json(frames, ways);
   EXPECT_TRUE(json.at("bev").at("easy").is_null());
   EXPECT_NEAR(json.at("bev").at("moderate").get<double>(), 39.0 / 40, 1e-12);
   EXPECT_EQ(json.at("iou"), 0.7);

@@ -34,8 +34,8 @@ CompactFrame sample(const LidarModel& lidar) {
       const Vec3f p = (fired.origin + hit.t * fired.direction).cast<float>();
       frame.points.push_back({p.x(), p.y(), p.z(), 0.3f});
     }
-  frame.truth.boxes = {kThinnedCar};
-  frame.truth.look_alikes = {kOther};
+  frame.truth.space.boxes = {kThinnedCar};
+  frame.truth.space.look_alikes = {kOther};
   return frame;
 }
 
@@ -64,7 +64,7 @@ TEST(LidarThinning, TakesBeamsOrReturnsOfCarsInItsShareOfTheSamples) {
     CompactFrame again = whole;
     thin_lidar(again, lidar, 0.5, 3, index);
     ASSERT_EQ(frame.points.size(), again.points.size());
-    EXPECT_EQ(frame.truth.boxes.size(), 1u);
+    EXPECT_EQ(frame.truth.space.boxes.size(), 1u);
     const std::size_t ground = frame.points.size() - on(kThinnedCar, frame) - on(kOther, frame);
     if (ground == all - of_car - of_other) {  // the road stays: nothing, or objects only
       const auto judge = [&](std::size_t left, std::size_t before, int& lost) {

@@ -94,6 +94,110 @@ TEST(Loader, HandsThePicturesTruthOn) {
   EXPECT_EQ(loss.box, 42);
 }
 
+/// What a plugin of version 4 that reads "camera", "lidar" and "back" is shown.
+struct NamedScene : Scene {
+  ImageF behind{64, 8, 3};
+  SensorData back;
+  NamedScene() {
+    behind.data[0] = 0.25f;
+    back.name = "back", back.image = &behind;
+    back.sensor_from_ego.translation() = Vec3d(2, 0, 0);
+  }
+  SensorView view() {
+    SensorView all = Scene::view();
+    all.others = {&back, 1};
+    return all;
+  }
+};
+
+DetectorOptions named() {
+  DetectorOptions options;
+  options.detector = std::string(MIRAGE_BUILD) + "/test_plugins/named.so";
+  options.fresh = true;
+  return options;
+}
+
+TEST(Loader, Version4ReadsSensorsByNameAndAnswersIn3d) {
+  const auto detector = load_detector(named());
+  NamedScene scene;
+  const auto found = detector->forward(scene.view(), 0.1, true);
+  ASSERT_EQ(found.size(), 1u);  // the pedestrian is none of the classes looked for
+  const Detection& car = found[0];
+  EXPECT_EQ(car.box.bev.x, -13);  // three sensors
+  EXPECT_DOUBLE_EQ(car.box.bottom, -1.75);
+  EXPECT_DOUBLE_EQ(car.box.height, 1.5);
+  EXPECT_EQ(car.logit, 1.25);  // of the camera behind and the first return
+  EXPECT_EQ(car.identity, 7);
+  EXPECT_EQ(car.velocity->x(), 2);  // where that camera stands
+  EXPECT_EQ(car.camera, 2);
+  EXPECT_EQ(car.picture.right, 63);  // ends at that picture's border
+  const Capabilities can = detector->capabilities();
+  EXPECT_TRUE(can.finds_heights && can.remembers && can.has_gradients && can.knows_presence);
+  EXPECT_EQ(can.types, std::vector<std::string>{"Car"});
+  EXPECT_EQ(detector->region()[0], -50);
+}
+
+TEST(Loader, Version4GivesGradientsByTheSameNames) {
+  const auto detector = load_detector(named());
+  NamedScene scene;
+  SensorView view = scene.view();
+  const std::vector<LidarPoint> places{{3, 0, 0, 0}};
+  view.watched = places;
+  detector->forward(view, 0.1, true);
+  const SensorGradient gradient = detector->backward(std::vector<double>{0.5});
+  EXPECT_EQ(gradient.image.data[0], 0);
+  EXPECT_EQ(gradient.points[0][0], 0.5f);
+  ASSERT_EQ(gradient.others.size(), 1u);
+  ASSERT_EQ(gradient.others[0].size(), scene.behind.data.size());
+  EXPECT_EQ(gradient.others[0][0], 0.5f);
+  EXPECT_EQ(gradient.presence, std::vector<float>{1.5f});
+}
+
+TEST(Loader, Version4StartsAnewWhereAFrameDoesNotContinue) {
+  const auto detector = load_detector(named());
+  NamedScene scene;
+  SensorView view = scene.view();
+  const auto frames = [&] { return detector->forward(view, 0.1, false).at(0).box.bev.y; };
+  EXPECT_EQ(frames(), 1);
+  view.continues = true;
+  EXPECT_EQ(frames(), 2);
+  view.continues = false;
+  EXPECT_EQ(frames(), 1);
+}
+
+TEST(Loader, Version4LearnsFromBoxesInSpaceAndInThePicture) {
+  const auto detector = load_detector(named());
+  NamedScene scene;
+  TrainingSample sample;
+  sample.input = scene.view();
+  sample.boxes = {{10, 0, 4.5, 2, 0}};
+  sample.picture_ignore = {{5, 6, 7, 8}};
+  const TrainingLoss loss = detector->train_step({&sample, 1}, 1e-3);
+  EXPECT_EQ(loss.total, 2);
+  EXPECT_EQ(loss.score, 4.5);
+  EXPECT_EQ(loss.box, 7);
+  EXPECT_EQ(detector->weights_version(), 1u);
+}
+
+TEST(Loader, ASensorThatTheFrameLacksIsNamed) {
+  const auto detector = load_detector(named());
+  Scene scene;
+  EXPECT_THAT(message_of<InputError>([&] { detector->forward(scene.view(), 0.1, false); }),
+              HasSubstr("named.so: back: the frame has no such sensor"));
+}
+
+TEST(Loader, AWayOfComparingThatItsBoxesLackIsRefused) {
+  DetectorOptions options = fake("works");
+  options.matching = MatchBy::space;
+  EXPECT_THAT(message_of<FieldError>([&] { load_detector(options); }),
+              HasSubstr("finds no heights of its boxes"));
+  options.matching = MatchBy::centre;
+  EXPECT_EQ(load_detector(options)->capabilities().matching().name(), "centre");
+  options = named();
+  options.matching = MatchBy::space;
+  EXPECT_EQ(load_detector(options)->capabilities().matching().name(), "3d");
+}
+
 TEST(Loader, MissingPlugin) {
   DetectorOptions options;
   options.detector = "/nowhere/plugin.so";
@@ -121,7 +225,7 @@ TEST(Loader, NoEntryPoint) {
 }
 
 TEST(Loader, WrongAbi) {
-  EXPECT_THAT(load_error(fake("wrong_abi")), HasSubstr("abi_version: is 999, this program speaks 3"));
+  EXPECT_THAT(load_error(fake("wrong_abi")), HasSubstr("abi_version: is 999, this program speaks 4 and 3"));
 }
 
 TEST(Loader, PluginThatRefuses) {

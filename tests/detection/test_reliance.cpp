@@ -56,23 +56,6 @@ TEST(Reliance, TellsPlantedDetectorsApart) {
   EXPECT_THAT(picture_note(ignores), HasSubstr("does not use its picture: nothing follows about images"));
 }
 
-TEST(Reliance, IsTheSameWhileTheFramesAreScored) {
-  test::TemporaryFolder folder;
-  write_planted(folder.path());
-  for (const Eyes eyes : {Eyes::sees, Eyes::glances}) {
-    Planted detector(eyes);
-    RelianceMeter meter(folder.path(), first_frames(folder.path(), 0));
-    const DetectionRun run = detect_data_set(
-        detector, folder.path(), 0, {}, {},
-        [&](const Frame& frame, std::span<const LidarPoint> points, const std::vector<Proposal>& proposals) {
-          meter.look(detector, frame, points, proposals);
-        });
-    EXPECT_EQ(detector.passes, 4 * kPlaces);  // no frame is looked at twice under its own picture
-    EXPECT_EQ(to_json(meter.result()), to_json(measured(Planted(eyes), folder.path())));
-    EXPECT_EQ(run.at70.average_precision, meter.result().ap70);
-  }
-}
-
 TEST(Reliance, AGlanceIsNotEnough) {
   test::TemporaryFolder folder;
   write_planted(folder.path());
@@ -185,7 +168,7 @@ fs::path generated(const std::string& rig) {
   return data;
 }
 
-// weights/reliance.json holds what `mirage detect --reliance --claim` measured on a whole data set; weights
+// weights/reliance.json holds what `mirage audit --gate --claim` measured on a whole data set; weights
 // that it does not name claim nothing. Six frames are too few for the interval, but what claims to see must
 // lose by another frame's picture, and its cars' logits must move.
 TEST(Reliance, ShippedDetectorsSeeWhatTheyClaim) {
@@ -207,7 +190,7 @@ TEST(Reliance, ShippedDetectorsSeeWhatTheyClaim) {
     const nlohmann::json claim = claims.value(stem, nlohmann::json({{"uses_picture", false}}));
     if (claims.contains(stem)) {
       EXPECT_EQ(claim.at("weights_hash"), file_hash(entry.path()))
-          << stem << ": other weights than those that were measured; run mirage detect --reliance --claim";
+          << stem << ": other weights than those that were measured; run mirage audit --gate --claim";
     }
     const fs::path data = generated(options.rig);
     Detector* const only[] = {detector.get()};
@@ -218,7 +201,7 @@ TEST(Reliance, ShippedDetectorsSeeWhatTheyClaim) {
       EXPECT_GT(here.drop.value, 0) << stem << ": " << describe(here);
     } else {
       EXPECT_FALSE(here.uses_picture())
-          << stem << " sees and does not claim it; run mirage detect --reliance --claim: " << describe(here);
+          << stem << " sees and does not claim it; run mirage audit --gate --claim: " << describe(here);
     }
   }
   EXPECT_GT(cameras, 0);

@@ -128,7 +128,7 @@ struct Street {
   std::unique_ptr<Detector> detector() {
     return with_shadows(std::make_unique<Scripted>("fusion", kFuses, script));
   }
-  std::vector<Proposal> answers(double threshold = 0) {
+  std::vector<Detection> answers(double threshold = 0) {
     return detector()->forward({&image, points, nullptr}, threshold, false);
   }
 };
@@ -144,7 +144,7 @@ TEST(Shadows, ABodyIsFoundThoughTheDetectorDoesNotAndWhatRaysPassIsNoCar) {
   EXPECT_NEAR(found[1].logit, kThroughLogit + kBodySlope * (5 - kThroughLogit), 1e-12);
   EXPECT_EQ(found[2].logit, 5);  // nobody knows
   EXPECT_GT(found[3].logit, found[0].logit);
-  EXPECT_GT(iou(found[3].box, kSide), 0.75);  // the body's own box comes first
+  EXPECT_GT(iou(found[3].box.bev, kSide), 0.75);  // the body's own box comes first
   // A car that is found needs nobody; one of which the detector says nothing is no car.
   street.script.lines = {{{kSide, 2}}};
   ASSERT_EQ(street.answers().size(), 1u);
@@ -152,7 +152,7 @@ TEST(Shadows, ABodyIsFoundThoughTheDetectorDoesNotAndWhatRaysPassIsNoCar) {
   street.script.lines = {};
   EXPECT_TRUE(street.answers().empty());
   street.script.lines = {{{kSide, -7.5}}};
-  for (const Proposal& proposal : street.answers()) EXPECT_LT(proposal.score(), 0.05);
+  for (const Detection& proposal : street.answers()) EXPECT_LT(proposal.score(), 0.05);
   EXPECT_TRUE(street.answers(0.3).empty());
 }
 

@@ -78,8 +78,8 @@ TEST(TorchScript, RunsAModelAndReadsItsRegion) {
   const SmallScene scene;
   const auto found = detector->forward(scene.view(), -1, false);
   ASSERT_EQ(found.size(), 3u);
-  EXPECT_FLOAT_EQ(static_cast<float>(found[1].box.yaw), 0.3f);
-  EXPECT_EQ(found[2].box.x, 20);
+  EXPECT_FLOAT_EQ(static_cast<float>(found[1].box.bev.yaw), 0.3f);
+  EXPECT_EQ(found[2].box.bev.x, 20);
   // Proposals at or below the threshold are dropped, the rest keeps its order.
   const double middle = std::max({found[0].score(), found[1].score(), found[2].score()}) - 1e-9;
   EXPECT_EQ(detector->forward(scene.view(), middle, false).size(), 1u);
@@ -145,13 +145,13 @@ TEST(TorchScript, NothingFoundAndNothingSeen) {
 
 TEST(TorchScript, OneArgumentIsADetectorInThePicture) {
   const auto both = load("works");
-  EXPECT_EQ(both->capabilities().plane(), Plane::bev);
+  EXPECT_FALSE(both->capabilities().matching().in_picture());
   EXPECT_TRUE(both->capabilities().reads_points);
   for (const char* name : {"picture_option", "picture_options"})
     EXPECT_TRUE(load(name)->capabilities().finds_picture) << name;
   const auto detector = load("picture");
   const Capabilities can = detector->capabilities();
-  EXPECT_EQ(can.plane(), Plane::picture);
+  EXPECT_TRUE(can.matching().in_picture());
   EXPECT_TRUE(can.reads_image);
   EXPECT_FALSE(can.reads_points || can.finds_bev);
   const SmallScene scene;
@@ -159,7 +159,7 @@ TEST(TorchScript, OneArgumentIsADetectorInThePicture) {
   ASSERT_EQ(found.size(), 2u);
   EXPECT_EQ(found[0].picture.left, 2);
   EXPECT_EQ(found[1].picture.bottom, 25);
-  EXPECT_EQ(found[1].box.length, 0);
+  EXPECT_EQ(found[1].box.bev.length, 0);
   EXPECT_GT(found[0].logit, found[1].logit);
 
   const SensorGradient gradient = detector->backward(std::vector<double>{1, -0.5});
@@ -240,7 +240,7 @@ TEST(TorchScript, IsCodeAndWeightsAreNot) {
   for (const char* detector : {"fusion", "lidar", "late"}) {
     DetectorOptions options{detector, file, false, 1, 1};
     EXPECT_THAT(test::error_text<InputError>([&] { load_detector(options); }),
-                AllOf(HasSubstr("planted.pt"), HasSubstr("holds code")));
+                AllOf(HasSubstr("planted.pt"), HasSubstr("is for --detector torchscript")));
     EXPECT_FALSE(std::filesystem::exists(mark)) << detector;
   }
 #endif

@@ -51,14 +51,14 @@ ExportScene scene(bool fitted = false) {
   Label host;
   host.left = 500, host.top = 150, host.right = 640, host.bottom = 220;
   host.box = {{12, 1, 4.1, 1.7, 0.3}, -1.7, 1.5};
-  Rooftop rooftop = BoxRooftopFinder().find(frame, host);
+  Carrier carrier = BoxRoofFinder().find(frame, host);
   if (fitted) {
     Mesh vehicle = icosphere(3);
     for (Vec3d& v : vehicle.vertices) v = velo_from_box(host.box) * (v.cwiseProduct(half) + Vec3d(0, 0, 0.7));
-    rooftop.from_box = false;
-    rooftop.vehicle = std::make_shared<const Mesh>(vehicle);
+    carrier.from_box = false;
+    carrier.shape = std::make_shared<const Mesh>(vehicle);
   }
-  return host_scene(frame, host, rooftop, noisy_adversary(), "test scene");
+  return host_scene(frame, on_roof(carrier), noisy_adversary(), "test scene");
 }
 
 /// The node of a role in a scene's JSON, and its mesh's first primitive.

@@ -67,19 +67,15 @@ def mesh_document(uri=None, image=None, count=3):
     return document
 
 
-def directory_that_claims(bytes_):
-    """An archive of LibTorch's writer whose first record claims four thousand million bytes."""
-    at = bytes_.find(b"PK\1\2")
-    return bytes_[:at + 24] + b"\xf0\xff\xff\xff" + bytes_[at + 28:]
+def header_that_claims(bytes_, length):
+    """A weights file whose header has so many bytes, by its own word."""
+    return struct.pack("<Q", length) + bytes_[8:]
 
 
-def directory_of(count):
-    """An archive of as many records, with nothing in them."""
-    head = b"PK\3\4" + b"\0" * 26
-    entries = b"".join(b"PK\1\2" + b"\0" * 24 + struct.pack("<HHH", 7, 0, 0) + b"\0" * 12 + b"%07d" % i for i in range(count))
-    end64 = len(head) + len(entries)
-    return (head + entries + b"PK\6\6" + b"\0" * 28 + struct.pack("<QQQ", count, 0, len(head)) + b"PK\6\7" +
-            struct.pack("<IQI", 0, end64, 1) + b"PK\5\6" + b"\0" * 18)
+def tensors_of_nothing(count):
+    """A weights file with so many tensors in its header, and none behind it."""
+    header = b"{" + b",".join(b'"%d":{"dtype":"F32","shape":[1],"data_offsets":[0,4]}' % i for i in range(count)) + b"}"
+    return struct.pack("<Q", len(header)) + header
 
 
 class Refusals:
@@ -315,8 +311,9 @@ def everything(suite, source, build):
         ours.write_bytes(fusion.read_bytes())
         detect = ["detect", "--data", data, "--detector", "lidar", "--weights", ours, *common, out]
         suite.kind("weights", ours, detect, (data, given),
-                   [*found(source, "archive"), ("claims 4 GB", directory_that_claims(ours.read_bytes())),
-                    ("150 000 records", directory_of(150_000)),
+                   [*found(source, "weights"), ("claims 4 GB", header_that_claims(ours.read_bytes(), 4_000_000_000)),
+                    ("all of it header", header_that_claims(ours.read_bytes(), len(ours.read_bytes()) - 8)),
+                    ("150 000 tensors", tensors_of_nothing(150_000)),
                     ("half of it", ours.read_bytes()[:1500000]), *below])
 
 

@@ -8,6 +8,7 @@
 #include "generator/generator.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/kitti.h"
+#include "scene/occlusion.h"
 #include "support/files.h"
 #include "support/heard.h"
 #include "support/walled_sweep.h"
@@ -71,6 +72,26 @@ TEST(DataCheck, AUnitThatIsOnlyAssumedIsRefusedWhereRaysAreCast) {
   std::filesystem::rename(data, folder / "told");
   check_data(folder / "told", "", UnitUse::casts_rays);
   EXPECT_EQ(heard.warnings(), 2) << heard.text();
+}
+
+// Half of its beams left out: all returns lie on rays, and an object would get twice those that it can.
+TEST(DataCheck, BeamsWithoutReturnsAreSaid) {
+  const TemporaryFolder folder;
+  Frame frame = walled_frame("kitti64");
+  const LidarModel lidar = read_rig(rig_file("kitti64")).lidar;
+  const std::vector<int> beams = beams_of(frame.sweep, lidar);
+  Sweep thinned;
+  for (std::size_t i = 0; i < beams.size(); ++i)
+    if (beams[i] % 2 == 0) thinned.push_back(frame.sweep[i]);
+  frame.sweep = thinned;
+  write_frame(folder / "data", frame);
+  const DataLook look = look_at_data(folder / "data", "");
+  EXPECT_GT(look.on_rays, 0.98);
+  EXPECT_NEAR(static_cast<double>(look.beams_without), static_cast<double>(look.beams) / 2, 1);
+  Heard heard;
+  check_data(folder / "data", "", UnitUse::casts_rays);
+  EXPECT_EQ(heard.warnings(), 1) << heard.text();
+  EXPECT_THAT(heard.text(), AllOf(HasSubstr("beams that meet level ground"), HasSubstr("mirage rig --data")));
 }
 
 TEST(DataCheck, ReflectancesAndLabelsThatContradictAreSaid) {

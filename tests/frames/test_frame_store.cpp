@@ -43,14 +43,16 @@ std::string told(FrameStore& store, const std::vector<std::string>& ids) {
   };
   for (const std::string& id : ids) {
     for (const HostView& view : store.views(id, {0, 50, -25, 25}, {})) add(&view.share, sizeof view.share);
-    for (const Rooftop& rooftop : store.rooftops(id)) {
-      add(rooftop.velo_from_adversary.matrix().data(), 16 * sizeof(double));
-      text += rooftop.reason + (rooftop.from_box ? "box" : "fitted");
-      if (!rooftop.vehicle) continue;
-      for (const Vec3d& v : rooftop.vehicle->vertices) add(v.data(), 3 * sizeof(double));
-      for (const Face& f : rooftop.vehicle->faces) add(f.data(), 3 * sizeof(int));
-    }
     const auto frame = store.get(id);
+    for (std::size_t i = 0; i < frame->frame.labels.size(); ++i) {
+      if (!has_box(frame->frame.labels[i])) continue;
+      const Carrier carrier = *store.placement({id, static_cast<int>(i)}).carrier;
+      add(carrier.velo_from_roof.matrix().data(), 16 * sizeof(double));
+      text += carrier.reason + (carrier.from_box ? "box" : "fitted");
+      if (!carrier.shape) continue;
+      for (const Vec3d& v : carrier.shape->vertices) add(v.data(), 3 * sizeof(double));
+      for (const Face& f : carrier.shape->faces) add(f.data(), 3 * sizeof(int));
+    }
     add(frame->depth.data.data(), frame->depth.data.size() * sizeof(float));
     add(frame->frame.sweep.data(), frame->frame.sweep.size() * sizeof(LidarPoint));
     add(frame->frame.image.data.data(), frame->frame.image.data.size() * sizeof(float));
@@ -153,9 +155,24 @@ TEST_F(FrameStoreTest, TheDiskCacheChangesNoBitAndSparesTheWork) {
       find_all_hosts(hosts, {"000000", "000001", "000002"}, {0, 50, -25, 25}, SimulationSettings(), 0.7);
   EXPECT_EQ(found.size(), 3u);
   EXPECT_EQ(hosts.reads(), 0u);
-  EXPECT_FALSE(found[0].rooftop.from_box);
-  EXPECT_EQ(found[0].rooftop.vehicle, nullptr);
-  EXPECT_NE(hosts.rooftop(found[0].id).vehicle, nullptr);
+  EXPECT_FALSE(found[0].from_box);
+  EXPECT_NE(hosts.placement(found[0].id).carrier->shape, nullptr);
+}
+
+TEST_F(FrameStoreTest, TheObjectIsWhereTheSourceSays) {
+  const CacheIn here(cache_);
+  FrameSource source{data_, "ip-basic", "shape"};
+  FrameStore roof(source);
+  EXPECT_EQ(roof.placement({"000000", 0}).support, Support::roof);
+  const double on_roof = roof.views("000000", {0, 50, -25, 25}, {}).at(0).share;
+  source.placement = {PlaceChoice::In::vehicle, Vec3d(30, 0, 0), 0};  // behind the car
+  FrameStore behind(source);
+  const Placement placement = behind.placement({"000000", 0});
+  EXPECT_EQ(placement.support, Support::free);
+  EXPECT_NE(placement.carrier->shape, nullptr);
+  EXPECT_NE(behind.views("000000", {0, 50, -25, 25}, {}).at(0).share, on_roof);
+  EXPECT_EQ(entries(cache_, "rooftops").size(), 1u);  // of the vehicle, wherever the object is
+  EXPECT_EQ(entries(cache_, "views").size(), 2u);
 }
 
 TEST_F(FrameStoreTest, KeysAreContentAndSettings) {
@@ -259,7 +276,7 @@ class Entries {
              const std::string& frame = "f", double left = 0) const {
     FrameCache cache(std::make_unique<DiskCache>(folder_), depth, rooftop, lidar);
     bool asked = false;
-    cache.views(frame, {left, 50, -25, 25}, simulation, [&] {
+    cache.views(frame, {}, {left, 50, -25, 25}, simulation, [&] {
       asked = true;
       return std::vector<HostView>{{1, 0.5}};
     });
@@ -321,8 +338,8 @@ TEST_F(FrameStoreTest, CleanDetectionsAreKeptByDetectorAndThreshold) {
   int asked = 0;
   const auto detect = [&](const Frame& frame) {
     ++asked;
-    return std::vector<Proposal>{{{frame.labels[0].box.bev.x, 1, 2, 3, 0.1}, 0.3},
-                                 {{5, 1, 2, 3, 0.1}, 1e-300}};
+    return std::vector<Detection>{{{frame.labels[0].box.bev.x, 1, 2, 3, 0.1}, 0.3},
+                                  {{5, 1, 2, 3, 0.1}, 1e-300}};
   };
   const auto first = cached_detections(frames, "000001", "one", 0.3, detect);
   FrameStore later = store();
@@ -331,8 +348,8 @@ TEST_F(FrameStoreTest, CleanDetectionsAreKeptByDetectorAndThreshold) {
   EXPECT_EQ(later.reads(), 0u);
   ASSERT_EQ(again.size(), 2u);
   for (std::size_t i = 0; i < again.size(); ++i) {
-    EXPECT_EQ(again[i].box.x, first[i].box.x);
-    EXPECT_EQ(again[i].box.yaw, first[i].box.yaw);
+    EXPECT_EQ(again[i].box.bev.x, first[i].box.bev.x);
+    EXPECT_EQ(again[i].box.bev.yaw, first[i].box.bev.yaw);
     EXPECT_EQ(again[i].logit, first[i].logit);
   }
   cached_detections(later, "000001", "two", 0.3, detect);

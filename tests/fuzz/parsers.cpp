@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <cstring>
 #include <fstream>
 #include <map>
 #include <stdexcept>
@@ -21,8 +22,7 @@
 #include "exchange/mesh_files.h"
 #include "fuzz/seeds.h"
 #include "generator/generator.h"
-#include "plugins/archive_check.h"
-#include "plugins/pickle_check.h"
+#include "plugins/tensor_file.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/kitti.h"
 #include "scene/data/layouts.h"
@@ -279,27 +279,35 @@ void checkpoint_fields(const fs::path& file) {
   check(read_checkpoint(place, seed_identity(), seed_settings(), seed_start()));
 }
 
-/// The directory of a weights file.
-void archive(const fs::path& file) {
+/// A weights file, but for the files that it names.
+void weights(const fs::path& file) {
   const std::string bytes = read_file(file);
+  TensorFile read;
   try {
-    std::uint64_t all = 0;
-    for (const auto& [name, size] : check_archive(bytes)) all += size;
-    demand(all <= kArchiveGrowth * bytes.size() + kArchiveSlack, "an archive of any size");
+    read = parse_tensor_file(bytes);
   } catch (const std::runtime_error& refused) {
     throw InputError(file.string(), "", refused.what(), "train anew");
   }
-}
-
-/// The parts of a weights file that say what is in it; storages are of 64 bytes.
-void pickle(const fs::path& file) {
-  const std::string bytes = read_file(file);
-  try {
-    check_pickle(bytes,
-                 [](const std::string& key) { return std::optional<std::size_t>(key == "0" ? 64 : 0); });
-  } catch (const std::runtime_error& refused) {
-    throw InputError(file.string(), "", refused.what(), "train anew");
+  std::size_t all = 0;
+  for (const auto& [name, tensor] : read.tensors) {
+    std::size_t size = element_size(tensor.element);
+    for (const std::int64_t side : tensor.shape) size *= static_cast<std::size_t>(side);
+    demand(size == tensor.data.size(), "a tensor's shape is not that of its data");
+    demand(tensor.data.data() >= bytes.data() &&
+               tensor.data.data() + tensor.data.size() <= bytes.data() + bytes.size(),
+           "a tensor leaves its file");
+    float value = 0;
+    if (tensor.element == Element::float32)
+      for (std::size_t at = 0; at < size; at += sizeof value) {
+        std::memcpy(&value, tensor.data.data() + at, sizeof value);
+        demand(std::isfinite(value), "a weight is not finite");
+      }
+    all += size;
   }
+  demand(all < bytes.size(), "tensors overlap");
+  demand(read.parts.size() <= kMostParts, "parts without end");
+  for (const NamedPart& part : read.parts)
+    demand(part.file.find('/') == std::string::npos, "a part lies elsewhere");
 }
 
 constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
@@ -318,8 +326,7 @@ constexpr Parser kParsers[] = {{"calibration", "calib.txt", calibration},
                                {"toml", "any.toml", toml},
                                {"rig", "rig.toml", rig},
                                {"shape", "cars.shape", shape},
-                               {"archive", "some.weights", archive},
-                               {"pickle", "data.pkl", pickle},
+                               {"weights", "some.weights", weights},
                                {"run", "run.json", run},
                                {"checkpoint", "checkpoint.json", checkpoint},
                                {"checkpoint-fields", "patch.json", checkpoint_fields}};

@@ -13,6 +13,7 @@
 #include "exchange/gltf.h"
 #include "exchange/mesh_files.h"
 #include "fuzz/parsers.h"
+#include "plugins/tensor_file.h"
 #include "scene/data/kitti.h"
 #include "scene/shape/shape_model.h"
 #include "support/layouts.h"
@@ -121,56 +122,20 @@ std::string foreign() {
          text + word(binary.size()) + std::string("BIN\0", 4) + binary;
 }
 
-/// {"weight": a 2×3 tensor of floats, "on": true, "n": [1, -1, 70000], "x": 0.5} as LibTorch writes a module.
-std::string pickle() {
-  const auto text = [](const std::string& said) {
-    return "X" + std::string(1, static_cast<char>(said.size())) + std::string(3, '\0') + said;
+/// Three tensors, and two files whose tensors count, too, with `parts`.
+std::string weights(bool parts) {
+  constexpr float kKernel[] = {0.5f, -1, 2, 0, 1e-3f, 8};
+  constexpr std::uint16_t kHalves[] = {0x3c00, 0x8000};
+  constexpr std::int64_t kSteps = 70'000;
+  const auto bytes = [](const auto& values) {
+    return std::string_view(reinterpret_cast<const char*>(&values), sizeof values);
   };
-  return std::string("\x80\x02") + "c__torch__\nModule\nq" + std::string(1, '\0') + ")\x81}(" +
-         text("weight") + "ctorch._utils\n_rebuild_tensor_v2\n((" + text("storage") +
-         "ctorch\nFloatStorage\n" + text("0") + text("cpu") + "K\x10tQ" +
-         std::string("K\0(K\2K\3t(K\3K\1t", 14) +
-         "\x89"
-         "ccollections\nOrderedDict\n)RtR" +
-         text("on") + "\x88" + text("n") + "](K\1" + "J\xff\xff\xff\xff" + "\x8a\x03\x70\x11\x01" + "e" +
-         text("x") + "G?\xe0" + std::string(6, '\0') + "ub.";
-}
-
-/// `value` as the zip format writes it.
-template <class T>
-std::string bytes_of(T value) {
-  return {reinterpret_cast<const char*>(&value), sizeof value};
-}
-
-/// A zip file of two records without their check sums, as LibTorch's writer ends one; `with64`: sizes in 64
-/// bits.
-std::string archive(bool with64) {
-  std::string file, directory;
-  for (const char* name : {"archive/data.pkl", "archive/data/0"}) {
-    const auto length = static_cast<std::uint16_t>(std::string(name).size());
-    const auto size = with64 ? 0xffffffffu : 8u;
-    const std::string extra = with64 ? std::string("\1\0\x10\0", 4) + bytes_of(std::uint64_t{8}) +
-                                           bytes_of(std::uint64_t{8})
-                                     : "",
-                      common = std::string(14, '\0') + bytes_of(size) + bytes_of(size) + bytes_of(length) +
-                               bytes_of(static_cast<std::uint16_t>(extra.size()));
-    directory += std::string("PK\1\2\0\0", 6) + common + std::string(10, '\0') +
-                 bytes_of(static_cast<std::uint32_t>(file.size())) + name + extra;
-    file += "PK\3\4" + common + name + extra + "12345678";
-  }
-  const auto at = static_cast<std::uint32_t>(file.size()),
-             size = static_cast<std::uint32_t>(directory.size());
-  const std::string count("\2\0", 2);
-  file += directory;
-  if (with64) {
-    const auto end = static_cast<std::uint64_t>(file.size());
-    const auto entries = bytes_of(std::uint64_t{2});
-    file += "PK\6\6" + bytes_of(std::uint64_t{44}) + std::string(12, '\0') + entries + entries +
-            bytes_of(std::uint64_t{size}) + bytes_of(std::uint64_t{at});
-    file += "PK\6\7" + bytes_of(std::uint32_t{0}) + bytes_of(end) + bytes_of(std::uint32_t{1});
-  }
-  return file + "PK\5\6" + std::string(4, '\0') + count + count + bytes_of(size) + bytes_of(at) +
-         std::string(2, '\0');
+  Facts facts = {{"format", "some network 1"}, {"detector", "lidar"}};
+  if (parts)
+    facts["parts"] = std::string(64, '0') + "  a-kitti64.weights\n" + std::string(64, 'f') + "  b.weights\n";
+  return tensor_file_bytes(facts, {{"stem.conv.weight", {Element::float32, {2, 3}, bytes(kKernel)}},
+                                   {"stem.conv.bias", {Element::float16, {2}, bytes(kHalves)}},
+                                   {"training.steps", {Element::int64, {}, bytes(kSteps)}}});
 }
 
 std::string run() {
@@ -291,9 +256,8 @@ std::vector<Seed> seeds() {
        rig("look = \"american\"\n",
            "rotation = \"clockwise\"\nfiring_time = [0, 2.3]\ndivergence = [3, 1.5]\n")},
       {"shape", "small", shape()},
-      {"archive", "short", archive(false)},
-      {"archive", "long", archive(true)},
-      {"pickle", "module", pickle()},
+      {"weights", "whole", weights(false)},
+      {"weights", "with-parts", weights(true)},
       {"run", "whole", run()},
       {"checkpoint-fields", "none", "{}"},
       {"checkpoint-fields", "some", R"({"losses":[1,2,3,4,5,6],"hidden":[1,0],"found":[1,1]})"},

@@ -22,13 +22,13 @@ bool inside(const BevBox& box, double x, double y) {
 }
 
 TEST(BoxIou, ByHand) {
-  EXPECT_DOUBLE_EQ(iou({0, 0, 4, 2, 0}, {0, 0, 4, 2, 0}), 1);
-  EXPECT_NEAR(iou({0, 0, 4, 2, 0}, {2, 0, 4, 2, 0}), 1.0 / 3, 1e-12);
-  EXPECT_NEAR(iou({0, 0, 2, 2, 0}, {0, 0, 2, 2, kPi / 4}), 0.7071067811865476, 1e-12);  // octagon
-  EXPECT_EQ(iou({0, 0, 4, 2, 0}, {10, 0, 4, 2, 0}), 0);
-  EXPECT_NEAR(iou({0, 0, 4, 2, 0}, {4, 0, 4, 2, 0}), 0, 1e-12);  // edge to edge
-  EXPECT_NEAR(iou({0, 0, 6, 6, 0.3}, {0, 0, 2, 3, 1.1}), 6.0 / 36, 1e-12);
-  EXPECT_EQ(iou({0, 0, 0, 2, 0}, {0, 0, 4, 2, 0}), 0);
+  EXPECT_DOUBLE_EQ(iou(BevBox{0, 0, 4, 2, 0}, BevBox{0, 0, 4, 2, 0}), 1);
+  EXPECT_NEAR(iou(BevBox{0, 0, 4, 2, 0}, BevBox{2, 0, 4, 2, 0}), 1.0 / 3, 1e-12);
+  EXPECT_NEAR(iou(BevBox{0, 0, 2, 2, 0}, BevBox{0, 0, 2, 2, kPi / 4}), 0.7071067811865476, 1e-12);  // octagon
+  EXPECT_EQ(iou(BevBox{0, 0, 4, 2, 0}, BevBox{10, 0, 4, 2, 0}), 0);
+  EXPECT_NEAR(iou(BevBox{0, 0, 4, 2, 0}, BevBox{4, 0, 4, 2, 0}), 0, 1e-12);  // edge to edge
+  EXPECT_NEAR(iou(BevBox{0, 0, 6, 6, 0.3}, BevBox{0, 0, 2, 3, 1.1}), 6.0 / 36, 1e-12);
+  EXPECT_EQ(iou(BevBox{0, 0, 0, 2, 0}, BevBox{0, 0, 4, 2, 0}), 0);
   for (const BevBox& none : {BevBox{0, 0, -4, 2, 0}, BevBox{0, 0, 4, -2, 0}, BevBox{0, 0, -4, -2, 0}}) {
     EXPECT_EQ(iou(none, {0, 0, 4, 2, 0}), 0);  // two negative sides have a positive product
     EXPECT_EQ(iou({0, 0, 4, 2, 0}, none), 0);
@@ -36,6 +36,42 @@ TEST(BoxIou, ByHand) {
     EXPECT_EQ(intersection_area(none, {0, 0, 4, 2, 0}), 0);
     EXPECT_EQ(intersection_area({0, 0, 4, 2, 0}, none), 0);
   }
+}
+
+TEST(Box3Iou, ByHand) {
+  const Box3 a{{0, 0, 4, 2, 0}, 0, 2};
+  EXPECT_DOUBLE_EQ(iou(a, a), 1);
+  EXPECT_NEAR(iou(a, Box3{{0, 0, 4, 2, 0}, 1, 2}), 1.0 / 3, 1e-12);         // one over the other by half
+  EXPECT_NEAR(iou(a, Box3{{2, 0, 4, 2, 0}, 1, 2}), 4.0 / (32 - 4), 1e-12);  // a quarter in common
+  EXPECT_EQ(iou(a, Box3{{0, 0, 4, 2, 0}, 2, 2}), 0);                        // on top of it
+  EXPECT_EQ(iou(a, Box3{{10, 0, 4, 2, 0}, 0, 2}), 0);
+  for (const Box3& none :
+       {Box3{{0, 0, 4, 2, 0}, 0, 0}, Box3{{0, 0, 4, 2, 0}, 2, -2}, Box3{{0, 0, -4, 2, 0}, 0, 2}}) {
+    EXPECT_EQ(iou(none, a), 0);
+    EXPECT_EQ(iou(a, none), 0);
+  }
+}
+
+TEST(Box3Iou, AgreesWithCountedPoints) {
+  RandomStream random(5, "box 3-D iou");
+  constexpr int kPoints = 20000;
+  int compared = 0;
+  for (int i = 0; i < 40; ++i) {
+    const Box3 a{random_box(random, 1.5), random.uniform(-1, 1), random.uniform(0.5, 2)},
+        b{random_box(random, 1.5), random.uniform(-1, 1), random.uniform(0.5, 2)};
+    int in_both = 0, in_any = 0;
+    for (int k = 0; k < kPoints; ++k) {  // the boxes lie within 1.5 + 3.4 m of the middle
+      const Vec3d p(random.uniform(-5, 5), random.uniform(-5, 5), random.uniform(-1, 3));
+      const bool in_a = contains(a, p), in_b = contains(b, p);
+      in_both += in_a && in_b, in_any += in_a || in_b;
+    }
+    if (in_any < 100) continue;  // two small boxes
+    ++compared;
+    // Of n points in the union a share p is in both, with the standard deviation √(p (1 − p) / n).
+    const double share = static_cast<double>(in_both) / in_any, exact = iou(a, b);
+    EXPECT_NEAR(share, exact, 5 * std::sqrt((exact * (1 - exact) + 1e-3) / in_any)) << i;
+  }
+  EXPECT_GT(compared, 30);
 }
 
 TEST(BoxIou, SymmetricBoundedAndBlindToRigidMotionAndHalfTurns) {

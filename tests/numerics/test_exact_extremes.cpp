@@ -252,11 +252,12 @@ TEST(ExactExtremes, InsertionsFromNearToFarAndDegenerate) {
     }
     if (kind >= 5) {
       const double distance = kind == 5 ? .3 : kind == 6 ? 1 : kind == 7 ? 60 : 500;
-      world.rooftop.velo_from_adversary.translation() = Vec3d(distance + .7, 0, -.4);
-      world.host.box.bev.x = distance + .7;
-      world.host.box.bev.y = 0;
+      world.placement.velo_from_adversary.translation() = Vec3d(distance + .7, 0, -.4);
+      BevBox& box = world.placement.carrier->label.box.bev;
+      box.x = distance + .7;
+      box.y = 0;
     }
-    const Simulated s = simulate(world.prepared, world.host, world.rooftop, world.adversary, settings);
+    const Simulated s = simulate(world.prepared, world.placement, world.adversary, settings);
     for (float value : s.image.data) ASSERT_TRUE(value >= 0 && value <= 1) << value;
     EXPECT_TRUE(s.visible_share >= 0 && s.visible_share <= 1) << s.visible_share;
     const auto gradient = simulate_vjp(s, ImageF(s.image.width, s.image.height, 3, 1.f), {});

@@ -12,7 +12,7 @@ using test::World;
 
 /// Simulates, checks that nothing but numbers comes out of it and of its VJP, and returns it.
 Simulated expect_finite(const World& world) {
-  const Simulated s = simulate(world.prepared, world.host, world.rooftop, world.adversary);
+  const Simulated s = simulate(world.prepared, world.placement, world.adversary);
   for (float value : s.image.data) {
     if (!(value >= 0 && value <= 1)) ADD_FAILURE() << "image value " << value;
   }
@@ -30,9 +30,10 @@ Simulated expect_finite(const World& world) {
 /// The world with its host's roof point at `at` (`velo`).
 World moved_to(const Vec3d& at) {
   World world = make_world(1);
-  world.rooftop.velo_from_adversary.translation() = at;
-  world.host.box.bev.x = at.x();
-  world.host.box.bev.y = at.y();
+  world.placement.velo_from_adversary.translation() = at;
+  BevBox& box = world.placement.carrier->label.box.bev;
+  box.x = at.x();
+  box.y = at.y();
   return world;
 }
 
@@ -69,10 +70,11 @@ TEST(InsertionExtremes, CoordinatesOffsetBy1e5Metres) {
   frame.calibration.camera_from_velo = frame.calibration.camera_from_velo * Eigen::Translation3d(-offset);
   LidarModel lidar = here.prepared.lidar;
   lidar.velo_from_lidar = Eigen::Translation3d(offset) * lidar.velo_from_lidar;
-  there.rooftop.velo_from_adversary = Eigen::Translation3d(offset) * there.rooftop.velo_from_adversary;
-  there.host.box.bev.x += offset.x();
-  there.host.box.bev.y += offset.y();
-  frame.labels = {there.host};
+  there.placement.velo_from_adversary = Eigen::Translation3d(offset) * there.placement.velo_from_adversary;
+  Label& host = there.placement.carrier->label;
+  host.box.bev.x += offset.x();
+  host.box.bev.y += offset.y();
+  frame.labels = {host};
   there.prepared = prepare(frame, lidar);
   const Simulated a = expect_finite(here), b = expect_finite(there);
   ASSERT_EQ(a.rect.width(), b.rect.width());

@@ -23,8 +23,7 @@ const double kBad[] = {std::numeric_limits<double>::quiet_NaN(), std::numeric_li
 struct Inputs {
   Frame frame;
   LidarModel lidar;
-  Label host;
-  Rooftop rooftop;
+  Placement placement;
   TexturedMesh adversary;
   SimulationSettings settings;
   std::function<void(PreparedFrame&)> spoil_prepared;
@@ -36,14 +35,13 @@ Inputs good_inputs() {
   for (float x = 5; x < 30; x += 1)
     for (float y = -5; y < 6; y += 1) ground.push_back({x, y, -1.7f, .2f});
   const World world = make_world(1, ground);
-  return {world.prepared.frame, world.prepared.lidar, world.host, world.rooftop, world.adversary, {}, {}, {}};
+  return {world.prepared.frame, world.prepared.lidar, world.placement, world.adversary, {}, {}, {}};
 }
 
 void run(const Inputs& inputs) {
   PreparedFrame prepared = prepare(inputs.frame, inputs.lidar);
   if (inputs.spoil_prepared) inputs.spoil_prepared(prepared);
-  const Simulated simulated =
-      simulate(prepared, inputs.host, inputs.rooftop, inputs.adversary, inputs.settings);
+  const Simulated simulated = simulate(prepared, inputs.placement, inputs.adversary, inputs.settings);
   ImageF d_image(simulated.image.width, simulated.image.height, 3, 1.f);
   std::vector<std::array<float, 4>> d_points(simulated.sweep.size(), {1, 1, 1, 1});
   if (inputs.spoil_upstream) inputs.spoil_upstream(d_image, d_points);
@@ -131,11 +129,11 @@ TEST(NotFinite, Lighting) {
 
 TEST(NotFinite, LabelBox) {
   expect_reported("label 0", [](Inputs& in, double bad) { in.frame.labels[0].box.bev.yaw = bad; });
-  expect_reported("host label", [](Inputs& in, double bad) { in.host.box.bev.x = bad; });
+  expect_reported("host label", [](Inputs& in, double bad) { in.placement.carrier->label.box.bev.x = bad; });
 }
 
-TEST(NotFinite, Rooftop) {
-  expect_reported("rooftop", [](Inputs& in, double bad) { in.rooftop.velo_from_adversary(1, 3) = bad; });
+TEST(NotFinite, Placement) {
+  expect_reported("placement", [](Inputs& in, double bad) { in.placement.velo_from_adversary(1, 3) = bad; });
 }
 
 TEST(NotFinite, Settings) {
@@ -215,10 +213,10 @@ TEST(NotFinite, UpstreamGradientOfThePoints) {
 TEST(NotFinite, ProposalsOfADetector) {
   const BevBox host{10, 0, 4, 2, 0};
   for (double bad : kBad) {
-    const std::vector<Proposal> logit{{host, 1}, {host, bad}};
+    const std::vector<Detection> logit{{host, 1}, {host, bad}};
     BevBox nowhere = host;
     nowhere.x = bad;
-    const std::vector<Proposal> box{{nowhere, 1}};
+    const std::vector<Detection> box{{nowhere, 1}};
     for (const auto& [proposals, name] : {std::pair{logit, "box 1 of 2"}, std::pair{box, "box 0 of 1"}}) {
       EXPECT_NE(test::error_text<InputError>([&] {
                   objective(proposals, {host, {}}, {});

@@ -15,8 +15,8 @@ const BevBox kHost{10, 0, 4, 2, 0.3};
 TEST(ObjectiveExtremes, LogitsOfPlusMinus1e4) {
   const BevBox elsewhere{40, 8, 4, 2, 0};
   for (double logit : {1e4, 1e300, -1e4, -1e300, 0.}) {
-    const std::vector<Proposal> proposals{{kHost, logit}, {elsewhere, logit}};
-    const ObjectiveValue value = objective(proposals, {kHost, std::vector{kHost}}, {});
+    const std::vector<Detection> proposals{{kHost, logit}, {elsewhere, logit}};
+    const ObjectiveValue value = objective(proposals, {kHost, {kHost}}, {});
     EXPECT_TRUE(std::isfinite(value.hide));
     EXPECT_TRUE(std::isfinite(value.false_positive));
     const double score = logit > 0 ? 1 : logit < 0 ? 0 : 0.5;
@@ -28,7 +28,7 @@ TEST(ObjectiveExtremes, LogitsOfPlusMinus1e4) {
   // The derivative of softplus on both sides of where exp overflows and underflows.
   for (double x : {-745., -40., -1., 0., 1., 40., 745.}) {
     const double h = 1e-4, numeric = (softplus(x + h) - softplus(x - h)) / (2 * h);
-    EXPECT_NEAR(numeric, Proposal({kHost, x}).score(), 1e-7) << x;
+    EXPECT_NEAR(numeric, Detection({kHost, x}).score(), 1e-7) << x;
   }
 }
 
@@ -50,14 +50,14 @@ TEST(ObjectiveExtremes, IouExactlyZeroAndOne) {
     ASSERT_LE(same, 1);
     if (std::max(box.length, box.width) > 1000 || std::hypot(box.x, box.y) > 1e5)
       continue;  // no box of a detector's
-    ASSERT_GT(objective(std::vector<Proposal>{{box, 2}}, {box, std::vector{box}}, {}).hide, 0);
+    ASSERT_GT(objective(std::vector<Detection>{{box, 2}}, {box, {box}}, {}).hide, 0);
   }
   EXPECT_LE(worst, 1e-12);
   std::printf("IoU of a box with itself: 1 to %.1e\n", worst);
 }
 
 TEST(ObjectiveExtremes, NoProposalAtAll) {
-  const ObjectiveValue value = objective({}, {kHost, std::vector{kHost}}, {});
+  const ObjectiveValue value = objective({}, {kHost, {kHost}}, {});
   EXPECT_EQ(value.hide, 0);
   EXPECT_EQ(value.false_positive, 0);
   EXPECT_TRUE(value.d_logits.empty());
@@ -66,13 +66,14 @@ TEST(ObjectiveExtremes, NoProposalAtAll) {
 
 TEST(ObjectiveExtremes, TenThousandProposals) {
   RandomStream random(2, "ten thousand proposals");
-  std::vector<Proposal> proposals;
+  std::vector<Detection> proposals;
   for (int i = 0; i < 10000; ++i)
     proposals.push_back({{random.uniform(0, 70), random.uniform(-40, 40), random.uniform(3, 5),
                           random.uniform(1, 2), random.uniform(-3, 3)},
                          random.uniform(-20, 20)});
-  std::vector<BevBox> truth{kHost};
-  for (int i = 0; i < 40; ++i) truth.push_back({random.uniform(0, 70), random.uniform(-40, 40), 4, 2, 0});
+  std::vector<ObjectBoxes> truth{kHost};
+  for (int i = 0; i < 40; ++i)
+    truth.push_back(BevBox{random.uniform(0, 70), random.uniform(-40, 40), 4, 2, 0});
   ObjectiveSettings by_score;
   by_score.fp_top_k = 0;  // which does not depend on the others
   const ObjectiveValue value = objective(proposals, {kHost, truth}, by_score);
@@ -91,7 +92,7 @@ TEST(ObjectiveExtremes, TenThousandProposals) {
   EXPECT_GT(kept.size(), 100u);
   for (std::size_t i = 0; i + 1 < kept.size(); ++i) EXPECT_GE(kept[i].logit, kept[i + 1].logit);
   // All on one spot: the best is left.
-  for (Proposal& proposal : proposals) proposal.box = kHost;
+  for (Detection& proposal : proposals) proposal.box.bev = kHost;
   EXPECT_EQ(suppress(proposals).size(), 1u);
 }
 

@@ -1,4 +1,4 @@
-// One test an extreme of the soft rasteriser; the table in the README cites them by name.
+// One test an extreme of the soft rasteriser; src/guide/evidence.md cites them by name.
 #include <sys/resource.h>
 
 #include "geometry/shapes.h"

@@ -1,8 +1,9 @@
-"""What the pages say against what is there: links and headings (cited in sources, too), files, options, names of tests.
+"""What the pages say against what is there: links and headings (cited in sources, too), files, options, names of tests. And how they
+say it: words a page, a sentence and a cell, and no history outside of CHANGELOG.md.
 
     python3 test_pages.py SOURCE BUILD
 
-Reads every *.md of SOURCE. Options are held against `BUILD/mirage COMMAND --help`; without that program they are skipped.
+Reads every *.md of SOURCE. Options are compared with `BUILD/mirage COMMAND --help`; without that program they are skipped.
 """
 
 import fnmatch
@@ -13,6 +14,9 @@ import sys
 
 SKIPPED = {".git", "build", "out", "node_modules"}
 README_WORDS, README_CELL_WORDS = 1200, 15
+ALL_WORDS, SENTENCE_WORDS, CELL_WORDS = 20000, 32, 20
+# Made by programs, whose words are those of --help; and the one page that tells history.
+GENERATED, HISTORY = "src/guide/commands.md", "CHANGELOG.md"
 # Where a page's `folder/file.h` may stand.
 ROOTS = ("", "src", "tests", "plugins", "validation", "src/scene", "plugins/detectors/fusion")
 
@@ -104,7 +108,7 @@ def unknown_options(options, text):
 
 
 COMMANDS = {"demo", "generate", "simulate", "fit", "train", "detect", "attack", "evaluate", "export", "validate", "tradeoff",
-            "defend", "certify", "render", "depth", "reproduce", "view"}
+            "defend", "certify", "render", "depth", "reproduce", "view", "rig", "drive", "audit", "compare"}
 
 
 def test_names(source):
@@ -130,14 +134,52 @@ def broken_citations(source, path):
 
 
 def too_long(readme):
-    """What of the user's page is longer than a stranger reads: the page, and cells of its tables. A link counts as its text."""
+    """What of the user's page is longer than a stranger reads: the page, and cells of its tables."""
     words = len(readme.split())
     if words > README_WORDS:
-        yield f"{words} words, more than {README_WORDS}; move some to the page beside the code"
-    for row in re.findall(r"^\|(.*)\|\s*$", readme, flags=re.M):
-        for cell in re.sub(r"\]\([^)]*\)", "]", row).split("|"):
-            if len(cell.split()) > README_CELL_WORDS:
-                yield f"a cell of {len(cell.split())} words, more than {README_CELL_WORDS}: {cell.strip()[:60]}"
+        yield f"{words} words, more than {README_WORDS}; move some to a page of src/guide"
+    yield from long_cells(readme, README_CELL_WORDS)
+
+
+def plain(text):
+    """The text with a link for its words, a span of code for one word, and nothing for pictures and marks."""
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.S)
+    text = re.sub(r"!\[[^\]]*\]\([^)]*\)", "", text)
+    text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
+    return re.sub(r"`[^`]+`", "code", text)
+
+
+def words_in(text):
+    return sum(any(c.isalnum() for c in word) for word in text.split())
+
+
+def long_cells(text, most):
+    for row in re.findall(r"^\|(.*)\|\s*$", text, flags=re.M):
+        for cell in plain(row).replace("\\|", "/").split("|"):
+            if words_in(cell) > most:
+                yield f"a cell of {words_in(cell)} words, more than {most}: {cell.strip()[:60]}"
+
+
+def sentences(text):
+    """Of paragraphs, headings and items of lists; not of code and tables."""
+    text = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
+    text = re.sub(r"(?:(?<=\n\n)|\A)(?: {4}.*\n+)+", "\n", text)
+    for block in re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.|#+|\|) ?)", plain(text)):
+        if not block.lstrip().startswith("|"):
+            yield from re.split(r"(?<=[.!?])[)*]*\s+", " ".join(block.split()))
+
+
+def hard_to_read(text):
+    yield from (f"a sentence of {words_in(each)} words, more than {SENTENCE_WORDS}: {each[:60]}"
+                for each in sentences(text) if words_in(each) > SENTENCE_WORDS)
+    yield from long_cells(text, CELL_WORDS)
+
+
+def history(text):
+    """Words that tell what was: pages say what is."""
+    text = plain(re.sub(r"(?m)^ {4}.*$", "", text))
+    for word in re.findall(r"\b(of before|now|earlier|until|no longer|formerly|previously|as it was)\b", text, flags=re.I):
+        yield f'"{word}" tells history, which belongs in {HISTORY}; say what is'
 
 
 def main(source, build):
@@ -147,7 +189,7 @@ def main(source, build):
     if not options:
         print("no mirage in the build folder: options are not looked at")
     names = list(test_names(source))
-    problems, pages = [], sorted(files_of(source, ".md"))
+    problems, pages, total = [], sorted(files_of(source, ".md")), 0
     for page in pages:
         text = read(page)
         found = [*broken_links(page, text), *missing_files(source, page, text), *unmatched_filters(names, text)]
@@ -155,14 +197,30 @@ def main(source, build):
             found += unknown_options(options, text)
         if "../shared" in text:
             found.append("names a folder beside the repository, which a reader has not")
+        name = os.path.relpath(page, source)
+        if name not in (HISTORY, GENERATED):
+            found += [*history(text), *hard_to_read(text)]
+            total += words_in(text)
         problems += [f"{os.path.relpath(page, source)}: {problem}" for problem in found]
     for ending in (".h", ".cpp"):
         for path in files_of(source, ending):
             problems += [f"{os.path.relpath(path, source)}: {problem}" for problem in broken_citations(source, path)]
     problems += [f"README.md: {problem}" for problem in too_long(read(os.path.join(source, "README.md")))]
-    print("\n".join(problems) or f"{len(pages)} pages, {len(names)} tests known: nothing wrong")
+    if total > ALL_WORDS:
+        problems.append(f"{total} words in all pages, more than {ALL_WORDS}")
+    print("\n".join(problems) or f"{len(pages)} pages, {total} words, {len(names)} tests known: nothing wrong")
     return 1 if problems or len(pages) < 10 else 0
 
 
+def planted():
+    """The rules find what is planted; or they could find nothing."""
+    long = "word " * (SENTENCE_WORDS + 1)
+    assert len(list(hard_to_read(f"Short. {long}. `{long}` [{long}]({long})"))) == 2
+    assert len(list(hard_to_read("|" + "word " * (CELL_WORDS + 1) + "| short |\n"))) == 1
+    assert not list(hard_to_read(f"Text:\n\n    {long}\n\n- " + "word " * SENTENCE_WORDS + "\n- more\n"))
+    assert len(list(history("It was 3 until May, and now is 4 (`--until-plateau`)."))) == 2
+
+
 if __name__ == "__main__":
+    planted()
     sys.exit(main(*sys.argv[1:]))

@@ -24,7 +24,8 @@ class Wheel(unittest.TestCase):
                 names = packed.namelist()
                 self.assertIsNone(packed.testzip())
                 packed.extractall(place)
-            for name in ("mirage/__init__.py", "mirage/_core.pyi", "mirage/py.typed", "mirage/plugins/fusion.so",
+            for name in ("mirage/__init__.py", "mirage/_core.pyi", "mirage/py.typed", "mirage/plugins/fusion.so", "mirage/mirage_serve.py",
+                         "mirage/plugins/process/mirage_serve.py",
                          "mirage/plugins/weights/lidar-kitti64.weights", "mirage/scenes/rigs/kitti64.toml"):
                 self.assertIn(name, names)
             self.assertFalse([name for name in names if "CMake" in name or name.endswith(".o")])

@@ -127,7 +127,7 @@ class Attack(unittest.TestCase):
         with self.assertRaisesRegex(mirage.InputError, "nowhere"):
             mirage.attack(detector=detector, data="nowhere", out=place("wrong"))
         with self.assertRaisesRegex(mirage.InputError, "boxes: have shape"):
-            attack(lambda i, p, m: (torch.zeros(3, 7), torch.zeros(3)))
+            attack(lambda i, p, m: (torch.zeros(3, 6), torch.zeros(3)))
         with self.assertRaisesRegex(mirage.InputError, "differentiable"):
             attack(lambda i, p, m: tuple(t.detach() for t in detector(i, p, m)))
 

@@ -115,8 +115,9 @@ class Browser:
             self.events.append(method)
 
     def open(self, path):
+        """A file, or an address with its scheme."""
         self.events.clear()
-        self.call("Page.navigate", url="file://" + os.path.abspath(path))
+        self.call("Page.navigate", url=path if "://" in path else "file://" + os.path.abspath(path))
         self.wait_for("document.readyState === 'complete'")
 
     def run(self, expression):

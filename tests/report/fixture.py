@@ -48,13 +48,15 @@ def host(folder, name, index):
         Image.new("RGB", size, COLORS.get(kind, (90 + 10 * index, 120, 90))).save(os.path.join(folder, files[kind]))
     box = [20.0 + index, 1.0, 4.2, 1.8, 0.1]
     found = [{"box": box, "score": 0.9}]
-    judged = {"iou": 0.75, "score": 0.8, "hidden": index == 0, "false_positive": False}
+    judged = {"iou": 0.75, "score": 0.8, "hidden": False, "false_positive": False}
+    vanished, misplaced = [{**judged, "iou": iou, "hidden": True} for iou in (0.05, 0.62)]
+    raster, cycles = (vanished, misplaced) if index == 0 else (judged, judged)
     seen = [{"box": [310, 70, 385, 152], "score": 0.8}]
     in_picture = {"picture_boxes": {"host": [300, 90, 380, 150], "object": [320, 60, 360, 90], "clean": seen, "raster": [],
                                     "truth": [[300, 90, 380, 150], [10, 80, 60, 120]], "cycles": seen}} if index == 1 else {}
     return {**in_picture, "name": name, "frame": name[:6], "label": 0, "range": 20.0 + index, "visible_share": 0.9, "detected": True,
             "adversary_points": 2, "host_rect": [300, 90, 380, 150], "crop_rect": [320, 60, 360, 90],
-            "clean": {"iou": 0.8, "score": 0.95}, "raster": judged, "cycles": {**judged, "score": 0.7},
+            "clean": {"iou": 0.8, "score": 0.95}, "raster": raster, "cycles": {**cycles, "score": 0.7},
             "full": {"mae": 0.02, "mean": 0.2, "relative": 0.1, "ssim": 0.9, "flip": 0.1, "seconds": 1.5},
             "matched": {"mask_iou": 1.0, "mae": 1e-5, "range_error_m": 1e-5, "max_error": 1e-3}, "pictures": files,
             "bev": {"reach": 16.0, "host": box, "truth": [box, [30.0, -4.0, 4.0, 1.7, 0.0]],
@@ -144,7 +146,7 @@ def make(folder, uses_picture=True, vacuous=False):
                        "seed": 3, "version": "0.1.0", "commit": "ea8efec", "date": "2026-11-27", "command": "mirage validate --run out/attack"},
         "targets": [{"place": place, "target": 0, "met": True} for place in ("matched.mask_iou", "matched.mae",
                     "matched.hit_disagreements", "matched.range_error_m")],
-        "hosts": names, "vehicles": 2, "frames": 2, "test_frames": 1, "blender": "3.4.1", "samples": 64, "failed": [],
+        "hosts": names, "vehicles": 2, "frames": 2, "test_frames": 1, "reference": {"name": "Blender Cycles", "version": "3.4.1", "losses": []}, "samples": 64, "failed": [],
         "attack": {"detected_clean": 2, "hidden_raster": 1, "hidden_cycles": 1, "hidden_both": 1, "asr_raster": 0.5,
                    "asr_cycles": 0.5},
         "full": {"relative": 0.1, "ssim": 0.9, "flip": 0.1, "error_plain": 0.13, "floor": 0.05, "error_unbiased": 0.12,

@@ -1,4 +1,4 @@
-"""A picture of a report's head, for validation/report/README.md: screenshot.py REPORT.html OUT.png [HEIGHT]"""
+"""A picture of a report's head, for src/guide/start.md: screenshot.py REPORT.html OUT.png [HEIGHT]"""
 
 import sys
 import time

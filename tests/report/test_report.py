@@ -140,6 +140,12 @@ class Page(browser.PageChecks, unittest.TestCase):
         self.assertIn("−13.0 (−18.0 to −8.0) points: less", rate)
         self.assertIn("a random mesh of its size 10.0 % (0.0–20.0 %)", rate)
 
+    def test_says_what_became_of_a_vehicle(self):
+        tags = self.browser.run("[...document.querySelectorAll('article.vehicle .tag')].slice(0, 4).map(t => t.innerText)")
+        self.assertEqual(tags, ["rasteriser: vanished", "Cycles: misplaced (IoU 0.62)", "rasteriser: found", "Cycles: found"])
+        rows = self.browser.run("[...document.querySelectorAll('#all tbody tr:first-child td')].slice(2, 4).map(t => t.innerText)")
+        self.assertEqual(rows, ["vanished", "misplaced (IoU 0.62)"])
+
     def test_report_writes_the_page_alone(self):
         with open(os.path.join(os.path.dirname(self.path), "result.json"), encoding="utf-8") as file:
             self.assertNotIn("beside", json.load(file))

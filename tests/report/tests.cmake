@@ -9,3 +9,7 @@ set_tests_properties(report.paper PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
 # Their files on a full disk.
 add_test(NAME report.files COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/report/test_atomic.py
                                    ${PROJECT_SOURCE_DIR})
+# The page of mirage drive.
+add_test(NAME report.drive COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/report/test_drive_page.py
+                                   ${PROJECT_SOURCE_DIR})
+set_tests_properties(report.drive PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)

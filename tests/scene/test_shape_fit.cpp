@@ -10,7 +10,7 @@
 #include "generator/street.h"
 #include "generator/vehicle_truth.h"
 #include "geometry/shapes.h"
-#include "scene/shape/shape_rooftop.h"
+#include "scene/shape/shape_roof.h"
 #include "sensors/ray_caster.h"
 #include "shape_fixture.h"
 #include "support/files.h"
@@ -82,7 +82,7 @@ TEST(ShapeFit, FindsAShapeOfItsOwnFromADisturbedBox) {
     label.box.bev.length *= 1.03;
     label.box.height *= 0.97;
     const SweepIndex index(s.frame.sweep, lidar());
-    const ShapeFit fit = ShapeRooftopFinder(test::small_shape_model(), lidar()).fit(index, label);
+    const ShapeFit fit = ShapeRoofFinder(test::small_shape_model(), lidar()).fit(index, label);
     ASSERT_TRUE(fit.fitted) << fit.reason;
     EXPECT_TRUE(is_watertight(fit.mesh));
     EXPECT_GT(signed_volume(fit.mesh), 0);
@@ -102,15 +102,15 @@ TEST(ShapeFit, ReturnsInTheCabinDoNotPullTheRoofDown) {
                     Vec3d(random.uniform(-1, 0.4), random.uniform(-0.5, 0.5), random.uniform(0.6, 1.1));
     s.frame.sweep.push_back({float(p.x()), float(p.y()), float(p.z()), 0.1f});
   }
-  const Rooftop roof = ShapeRooftopFinder(test::small_shape_model(), lidar()).find(s.frame, s.label);
+  const Carrier roof = ShapeRoofFinder(test::small_shape_model(), lidar()).find(s.frame, s.label);
   EXPECT_FALSE(roof.from_box);
-  EXPECT_LT((Vec3d(roof.velo_from_adversary.translation()) - true_roof(s)).norm(), 0.1);
+  EXPECT_LT((Vec3d(roof.velo_from_roof.translation()) - true_roof(s)).norm(), 0.1);
 }
 
-TEST(ShapeRooftopFinder, TooFewReturnsAndOtherTypesFallBackToTheBox) {
+TEST(ShapeRoofFinder, TooFewReturnsAndOtherTypesFallBackToTheBox) {
   Scene s = scene_at(12, 3, 0.2, 0);
-  const ShapeRooftopFinder finder(test::small_shape_model(), lidar());
-  const Transform box = BoxRooftopFinder().find(s.frame, s.label).velo_from_adversary;
+  const ShapeRoofFinder finder(test::small_shape_model(), lidar());
+  const Transform box = BoxRoofFinder().find(s.frame, s.label).velo_from_roof;
   Label truck = s.label;
   truck.type = "Truck";
   EXPECT_TRUE(finder.find(s.frame, truck).from_box);
@@ -118,9 +118,9 @@ TEST(ShapeRooftopFinder, TooFewReturnsAndOtherTypesFallBackToTheBox) {
 
   // The same place without the vehicle: only road.
   std::erase_if(s.frame.sweep, [](const LidarPoint& p) { return p.z > -lidar().height + 0.1; });
-  const Rooftop roof = finder.find(s.frame, s.label);
+  const Carrier roof = finder.find(s.frame, s.label);
   EXPECT_TRUE(roof.from_box);
-  EXPECT_TRUE(roof.velo_from_adversary.isApprox(box));
+  EXPECT_TRUE(roof.velo_from_roof.isApprox(box));
   const ShapeFit none = finder.fit(SweepIndex(s.frame.sweep, lidar()), s.label);
   EXPECT_FALSE(none.fitted);
   EXPECT_THAT(none.reason, testing::HasSubstr("fewer than"));
@@ -131,9 +131,9 @@ TEST(ShapeRooftopFinder, TooFewReturnsAndOtherTypesFallBackToTheBox) {
 
 TEST(ShapeFit, IsDeterministic) {
   const Scene s = scene_at(15, -4, 2.5, -0.8);
-  const ShapeRooftopFinder a(test::small_shape_model(), lidar()), b(test::small_shape_model(), lidar());
-  EXPECT_EQ(a.find(s.frame, s.label).velo_from_adversary.matrix(),
-            b.find(s.frame, s.label).velo_from_adversary.matrix());
+  const ShapeRoofFinder a(test::small_shape_model(), lidar()), b(test::small_shape_model(), lidar());
+  EXPECT_EQ(a.find(s.frame, s.label).velo_from_roof.matrix(),
+            b.find(s.frame, s.label).velo_from_roof.matrix());
 }
 
 TEST(VehicleEvidence, SeesTheGroundAndLeavesItsReturnsOut) {

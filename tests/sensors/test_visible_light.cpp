@@ -1,6 +1,9 @@
 // The light model with visibility: known values, gradients with the visibility held fixed, odd meshes.
 #include <gtest/gtest.h>
 
+#include <memory>
+#include <numeric>
+
 #include "base/error.h"
 #include "base/parallel.h"
 #include "base/random.h"
@@ -63,6 +66,41 @@ TEST(VisibleLight, AConvexObjectInFreeSpaceHasThePlainLight) {
   const auto normals = face_normals(convex.mesh);
   for (std::size_t t = 0; t < lit.factor.size(); ++t)
     ASSERT_LT((lit.factor[t] - shade<double>(normals[t / 25], light)).norm(), 1e-6) << t;
+}
+
+/// What stands beside the object hides sky and sun, and shines as bright as it is painted.
+TEST(VisibleLight, AVehicleBesideItShadesAndReflects) {
+  const TexturedMesh mesh = ball(1, 0.1);
+  Mesh box = box_mesh(Vec3d(1.5, 6, 2.8));  // above all of the ball: rays that meet it met the sky before
+  for (Vec3d& v : box.vertices) v += Vec3d(2.2, 0, 2.7);
+  LightSurroundings open, beside;
+  open.roof = open.deck = {Vec2d::Zero(), Vec2d::Zero()};
+  beside = open;
+  beside.beside = std::make_shared<const Mesh>(box);
+  Lighting even;
+  even.hemisphere = even.sun = Vec3d::Zero();
+  beside.paint = Vec3d::Ones();  // as bright as the sky
+  EXPECT_LT(largest_difference(light_of(mesh, even, &open).factor, light_of(mesh, even, &beside).factor),
+            1e-5);
+  beside.paint = Vec3d::Zero();
+  const auto bright = light_of(mesh, even, &open).factor, dark = light_of(mesh, even, &beside).factor;
+  double darkest = 1;
+  for (std::size_t t = 0; t < bright.size(); ++t) {
+    EXPECT_LE(dark[t].x(), bright[t].x() + 1e-5);
+    darkest = std::min(darkest, dark[t].x() / bright[t].x());
+  }
+  EXPECT_LT(darkest, 0.8);
+
+  const auto sunny = [&](const Vec3d& to_sun, const LightSurroundings& around) {
+    Lighting light;
+    light.to_sun_velo = to_sun.normalized();
+    const LightVisibility seen = find_visibility(mesh, light, &around);
+    return std::accumulate(seen.sun.begin(), seen.sun.end(), 0.0f);
+  };
+  const Vec3d towards(2.2, 0, 2.1), away(-2.2, 0, 2.1);
+  EXPECT_GT(sunny(towards, open), 10);
+  EXPECT_EQ(sunny(towards, beside), 0);
+  EXPECT_EQ(sunny(away, beside), sunny(away, open));
 }
 
 /// Parts of a side have lights of their own where something of the object stands over it.

@@ -34,13 +34,13 @@ SimulationSettings smooth_settings() {
 
 /// Central differences of the camera's picture, to the vertices and the texels.
 void expect_camera_gradient(const World& world, const SimulationSettings& settings) {
-  const Simulated at = simulate(world.prepared, world.host, world.rooftop, world.adversary, settings);
+  const Simulated at = simulate(world.prepared, world.placement, world.adversary, settings);
   ASSERT_GT(at.adversary_pixels, 50);
   RandomStream random(2, "upstream");
   ImageF d_image(at.image.width, at.image.height, 3);
   for (float& value : d_image.data) value = static_cast<float>(random.uniform(-1, 1));
   const auto loss = [&](const TexturedMesh& adversary) {
-    const Simulated s = simulate(world.prepared, world.host, world.rooftop, adversary, settings);
+    const Simulated s = simulate(world.prepared, world.placement, adversary, settings);
     double sum = 0;
     for (int v = s.rect.v0; v < s.rect.v1; ++v)
       for (int u = s.rect.u0; u < s.rect.u1; ++u)
@@ -103,7 +103,7 @@ void expect_texel_gradient(LightModel light, double step = 1e-4) {
   SimulationSettings settings = smooth_settings();
   settings.light = light;  // rays do not depend on texels: nothing need be held
   const auto draw = [&](const TexturedMesh& adversary) {
-    return simulate(world.prepared, world.host, world.rooftop, adversary, settings);
+    return simulate(world.prepared, world.placement, adversary, settings);
   };
   const Simulated at = draw(world.adversary);
   RandomStream random(6, "upstream");
@@ -168,7 +168,7 @@ TEST(Insertion, FineLightIsNearerToOneOfManyRays) {
     test::paint(world.adversary, 5, random);
     test::crumple(world.adversary.mesh, random);
     const auto picture = [&](const SimulationSettings& settings) {
-      return simulate(world.prepared, world.host, world.rooftop, world.adversary, settings).image;
+      return simulate(world.prepared, world.placement, world.adversary, settings).image;
     };
     const ImageF reference = picture(many);
     const auto squares = [&](const SimulationSettings& settings) {
@@ -189,8 +189,7 @@ TEST(Insertion, FineLightIsNearerToOneOfManyRays) {
   EXPECT_GE(nearer, 12);
 }
 
-TEST(InsertionGradient, VerticesThroughTheLidar) {
-  const World world = make_world(3);
+void expect_lidar_gradient(const World& world) {
   const SimulationSettings settings;
   Simulated at;
   const auto d_points_of = [](std::size_t n) {
@@ -202,7 +201,7 @@ TEST(InsertionGradient, VerticesThroughTheLidar) {
   };
   // The tape keeps the returns in double.
   const auto returns = [&](const TexturedMesh& adversary, Simulated& result) {
-    return draw_in_lidar(world.prepared, place(adversary, world.rooftop), settings, result);
+    return draw_in_lidar(world.prepared, place(adversary, world.placement), settings, result);
   };
   const LidarTape tape = returns(world.adversary, at);
   ASSERT_GT(tape.returns.size(), 50u);
@@ -220,7 +219,7 @@ TEST(InsertionGradient, VerticesThroughTheLidar) {
     }
     return sum;
   };
-  const Simulated simulated = simulate(world.prepared, world.host, world.rooftop, world.adversary, settings);
+  const Simulated simulated = simulate(world.prepared, world.placement, world.adversary, settings);
   const AdversaryGradient gradient = simulate_vjp(simulated, ImageF(), d_points);
   std::vector<double> d_vertices;
   for (const Vec3d& d : gradient.vertices) d_vertices.insert(d_vertices.end(), d.data(), d.data() + 3);
@@ -241,10 +240,28 @@ TEST(InsertionGradient, VerticesThroughTheLidar) {
   EXPECT_GT(result.checked, 100);
 }
 
+TEST(InsertionGradient, VerticesThroughTheLidar) {
+  expect_lidar_gradient(make_world(3));
+}
+
+// Where the picture cuts nothing off and no return is at a grazing angle, where gradients are bounded.
+TEST(InsertionGradient, OffTheRoof) {
+  World world = make_world(3);
+  PlaceChoice place;
+  for (const char* text : {"-1,2.2,0.5,140", "world:9,-1,-0.2,30"}) {
+    set_from_text(text, place);
+    world.placement = placement_of(place, *world.placement.carrier);
+    ASSERT_EQ(world.placement.support, Support::free);
+    expect_camera_gradient(world, smooth_settings());
+    expect_lidar_gradient(world);
+  }
+}
+
 TEST(Insertion, TheAdversaryStandsOnTheRoof) {
   const World world = make_world(5);
-  const TexturedMesh placed = place(world.adversary, world.rooftop);
-  EXPECT_NEAR(bounds(placed.mesh).min().z(), world.host.box.bottom + world.host.box.height, 1e-12);
+  const TexturedMesh placed = place(world.adversary, world.placement);
+  const Box3& box = world.placement.carrier->label.box;
+  EXPECT_NEAR(bounds(placed.mesh).min().z(), box.bottom + box.height, 1e-12);
 }
 
 /// The same surface with vertices that no face uses: below, ahead, at the camera and beside, the first of
@@ -269,8 +286,8 @@ TEST(Insertion, VerticesThatNoFaceUsesChangeNothing) {
   };
   for (const SimulationSettings& settings :
        {smooth_settings(), settings_of(false, LightModel::plain), settings_of(true, LightModel::visible)}) {
-    const Simulated plain = simulate(world.prepared, world.host, world.rooftop, world.adversary, settings);
-    const Simulated same = simulate(world.prepared, world.host, world.rooftop, more, settings);
+    const Simulated plain = simulate(world.prepared, world.placement, world.adversary, settings);
+    const Simulated same = simulate(world.prepared, world.placement, more, settings);
     EXPECT_GT(plain.adversary_pixels, 50);
     EXPECT_GT(plain.adversary_points, 10);
     EXPECT_EQ(same.adversary_pixels, plain.adversary_pixels);
@@ -301,10 +318,10 @@ TEST(RenderScene, VerticesThatNoFaceUsesChangeNothing) {
   for (const SceneRenderer renderer : {SceneRenderer::soft, SceneRenderer::traced}) {
     SceneRenderSettings settings;
     settings.renderer = renderer;
-    scene.things = {{"object", "", place(world.adversary, world.rooftop)}};
+    scene.things = {{"object", "", place(world.adversary, world.placement)}};
     const SceneImage plain = render_scene(scene, world.prepared.frame.image, settings);
     EXPECT_GT(plain.covered, 50);
-    scene.things = {{"object", "", place(with_unused(world.adversary), world.rooftop)}};
+    scene.things = {{"object", "", place(with_unused(world.adversary), world.placement)}};
     const SceneImage same = render_scene(scene, world.prepared.frame.image, settings);
     EXPECT_EQ(same.rgba.data, plain.rgba.data);
     EXPECT_EQ(same.depth.data, plain.depth.data);
@@ -316,7 +333,7 @@ TEST(RenderScene, VerticesThatNoFaceUsesChangeNothing) {
 TEST(Insertion, MeasuredReturnsBehindItGoAndThoseInFrontStay) {
   // A wall 30 m away and a pole 6 m away, both across the object's rays.
   World empty = make_world(6);
-  const TexturedMesh placed = place(empty.adversary, empty.rooftop);
+  const TexturedMesh placed = place(empty.adversary, empty.placement);
   const Vec3d centre = bounds(placed.mesh).center();
   Sweep sweep;
   const auto at_range = [&](double azimuth, double elevation, double range) {
@@ -330,7 +347,7 @@ TEST(Insertion, MeasuredReturnsBehindItGoAndThoseInFrontStay) {
   for (int i = -3; i <= 3; ++i) at_range(azimuth + 0.0035 * i, elevation - 0.014, 6);  // in front
   at_range(azimuth + 0.5, elevation, 20);                                              // elsewhere
   const World world = make_world(6, sweep);
-  const Simulated s = simulate(world.prepared, world.host, world.rooftop, world.adversary);
+  const Simulated s = simulate(world.prepared, world.placement, world.adversary);
   EXPECT_EQ(s.removed_points, 7);
   EXPECT_EQ(s.occluded_points, 7);
   EXPECT_GT(s.adversary_points, 7);
@@ -345,21 +362,38 @@ TEST(Insertion, MeasuredReturnsBehindItGoAndThoseInFrontStay) {
 
 TEST(Insertion, AnOccluderInThePhotographHidesItAndSkyDoesNot) {
   World world = make_world(7);
-  const Simulated open = simulate(world.prepared, world.host, world.rooftop, world.adversary);
+  const Simulated open = simulate(world.prepared, world.placement, world.adversary);
   EXPECT_EQ(open.visible_share, 1);
   for (float& depth : world.prepared.depth.data) depth = 5;  // something everywhere, nearer than the host
-  const Simulated hidden = simulate(world.prepared, world.host, world.rooftop, world.adversary);
+  const Simulated hidden = simulate(world.prepared, world.placement, world.adversary);
   EXPECT_EQ(hidden.adversary_pixels, 0);
   EXPECT_EQ(hidden.visible_share, 0);
   EXPECT_EQ(hidden.image.data, world.prepared.frame.image.data);
   for (float& depth : world.prepared.depth.data) depth = 14;  // behind the object
-  EXPECT_EQ(simulate(world.prepared, world.host, world.rooftop, world.adversary).adversary_pixels,
+  EXPECT_EQ(simulate(world.prepared, world.placement, world.adversary).adversary_pixels,
             open.adversary_pixels);
+}
+
+TEST(Insertion, ACarHidesWhatStandsBehindItAndNotWhatItCarries) {
+  World world = make_world(7);
+  const Carrier carrier = *world.placement.carrier;
+  const auto share = [&](const Vec3d& at, float depth) {
+    for (float& value : world.prepared.depth.data) value = depth;
+    const Placement placement = placement_of({PlaceChoice::In::vehicle, at, 0}, carrier);
+    return simulate(world.prepared, placement, world.adversary).visible_share;
+  };
+  const float rear = 9.7f;                        // m: the car's, 12 m ahead
+  EXPECT_EQ(share({0, 0, 1.5}, rear + 0.5f), 1);  // the completed depth smears the car over its roof
+  EXPECT_EQ(share({4, 0, 0}, rear + 0.5f), 0);
+  // On the ground the picture's lower edge cuts a little off.
+  EXPECT_EQ(share({-4, 0, 0}, rear + 0.5f), share({-4, 0, 0}, kFarDepth));
+  EXPECT_GT(share({-4, 0, 0}, kFarDepth), 0.9);
+  EXPECT_GT(share({4, 0, 0}, kFarDepth), 0.9);
 }
 
 TEST(Insertion, ModalityGatingLeavesTheOtherSensorOut) {
   const World world = make_world(8);
-  const Simulated s = simulate(world.prepared, world.host, world.rooftop, world.adversary);
+  const Simulated s = simulate(world.prepared, world.placement, world.adversary);
   const ImageF d_image(s.image.width, s.image.height, 3, 1.f);
   const std::vector<std::array<float, 4>> d_points(s.sweep.size(), {1, 1, 1, 1});
   const auto image = simulate_vjp(s, d_image, {}), lidar = simulate_vjp(s, ImageF(), d_points),

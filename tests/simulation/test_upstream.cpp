@@ -33,7 +33,7 @@ TEST(Upstream, TheCallersMemoryInFloatAndInDouble) {
   for (const bool reference : {false, true}) {
     SimulationSettings settings;
     settings.reference = reference;
-    const Simulated s = simulate(world.prepared, world.host, world.rooftop, world.adversary, settings);
+    const Simulated s = simulate(world.prepared, world.placement, world.adversary, settings);
     ImageF d_image(s.image.width, s.image.height, 3);
     d_image.data = upstream_values<float>(d_image.data.size());
     const auto flat = upstream_values<float>(4 * s.sweep.size());
@@ -49,7 +49,7 @@ TEST(Upstream, TheCallersMemoryInFloatAndInDouble) {
 
 TEST(Upstream, TheReturnsInDoubleAreTheSweeps) {
   const test::World world = make_world(2);
-  const Simulated s = simulate(world.prepared, world.host, world.rooftop, world.adversary);
+  const Simulated s = simulate(world.prepared, world.placement, world.adversary);
   const auto exact = object_returns(s);
   ASSERT_GT(exact.size(), 20u);
   ASSERT_EQ(exact.size(), static_cast<std::size_t>(s.adversary_points));

@@ -1,5 +1,5 @@
 """The structure that src/README.md promises, read off the sources: no two units include each other, directly or in a round (a unit is
-a header with its source file), a layer of the table includes only what its row names, and so does a room of validation/README.md.
+a header with its source file), a layer of the table includes only what its row names, and so does a room of src/README.md.
 
     python3 tests/structure/test_includes.py SOURCE
 """
@@ -94,8 +94,8 @@ def allowed(source):
 
 
 def rooms(source):
-    """{room: rooms that it may include}, from the table of validation/README.md."""
-    rows = table(os.path.join(source, "validation/README.md"), r"\[?`validation/(\w+)`", 3)
+    """{room: rooms that it may include}, from the table of src/README.md."""
+    rows = table(os.path.join(source, "src/README.md"), r"\[?`validation/(\w+)`", 3)
     return {room: set(re.findall(r"\w+", cells[2])) for room, cells in rows}
 
 
@@ -116,18 +116,18 @@ def main(source):
                 wrong.append(f"{unit} includes {other}, which the row of src/{parts[1]} in src/README.md does not name")
     inside = rooms(source)
     if len(inside) < 8:
-        sys.exit(f"{source}: {len(inside)} rooms were found in validation/README.md")
+        sys.exit(f"{source}: {len(inside)} rooms were found in src/README.md")
     for unit, others in sorted(graph.items()):
         parts = unit.split(os.sep)
         if parts[0] != "validation" or len(parts) < 3:
             continue
         if parts[1] not in inside:
-            wrong.append(f"{unit} lies in no room of validation/README.md")
+            wrong.append(f"{unit} lies in no room of src/README.md")
             continue
         for other in sorted(others):
             to = other.split(os.sep)
             if to[0] == "validation" and len(to) > 2 and to[1] != parts[1] and to[1] not in inside[parts[1]]:
-                wrong.append(f"{unit} includes {other}, which the row of {parts[1]} in validation/README.md does not name")
+                wrong.append(f"{unit} includes {other}, which the row of {parts[1]} in src/README.md does not name")
     for line in wrong:
         print(line)
     print(f"{len(graph)} units, {sum(map(len, graph.values()))} includes, {len(wrong)} wrong")

@@ -75,6 +75,8 @@ void change(const Field& field, T& value) {
     value = !value;
   else if constexpr (HasWords<T>)
     value = value == T() ? static_cast<T>(words_of(value).size() - 1) : T();
+  else if constexpr (HasText<T>)
+    set_from_text("1,2,3,4", value);
   else if constexpr (Number<T>)
     value = static_cast<T>(other_number(field.range, static_cast<double>(value)));
   else if constexpr (NumberVector<T>)

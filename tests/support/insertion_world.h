@@ -28,8 +28,7 @@ inline void crumple(Mesh& mesh, RandomStream& random) {
 /// A KITTI-like rig over an empty world with one car 12 m ahead, a bit to the left.
 struct World {
   PreparedFrame prepared;
-  Label host;
-  Rooftop rooftop;
+  Placement placement;  ///< on the car's roof
   TexturedMesh adversary;
 };
 
@@ -47,9 +46,10 @@ inline World make_world(std::uint64_t seed, const Sweep& sweep = {}) {
   frame.image = ImageF(camera.width, camera.height, 3, 0.4f);
   frame.sweep = sweep;
   frame.lighting.to_sun_velo = Vec3d(-0.6, 0.3, 0.74).normalized();
-  world.host.type = "Car";
-  world.host.box = {{12, 1.5, 4, 1.7, 0.2}, -1.7, 1.5};
-  frame.labels = {world.host};
+  Label host;
+  host.type = "Car";
+  host.box = {{12, 1.5, 4, 1.7, 0.2}, -1.7, 1.5};
+  frame.labels = {host};
 
   LidarModel lidar;
   for (int beam = 0; beam < 32; ++beam) lidar.beams.push_back({(2 - 0.4 * beam) * M_PI / 180});
@@ -59,7 +59,7 @@ inline World make_world(std::uint64_t seed, const Sweep& sweep = {}) {
   lidar.range_min = 1;
   lidar.range_max = 100;
   world.prepared = prepare(frame, lidar);
-  world.rooftop = BoxRooftopFinder().find(frame, world.host);
+  world.placement = on_roof(BoxRoofFinder().find(frame, host));
 
   Mesh& mesh = world.adversary.mesh;
   mesh = icosphere(1);

@@ -53,7 +53,7 @@ class Planted : public Detector {
     return can;
   }
   std::array<double, 4> region() const override { return {0, 60, -25, 25}; }
-  std::vector<Proposal> forward(const SensorView& input, double, bool) override {
+  std::vector<Detection> forward(const SensorView& input, double, bool) override {
     ++passes;
     const bool picture = input.image != nullptr && !input.image->empty();
     const double bright = picture ? input.image->data[0] : 0;

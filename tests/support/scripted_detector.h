@@ -12,7 +12,7 @@ namespace mirage::test {
 /// Proposals at fixed places, whose logits are `rest` + weights · (pixel 0, x of point 0).
 struct Script {
   struct Line {
-    Proposal proposal;  ///< its logit is the rest
+    Detection proposal;  ///< its logit is the rest
     double of_pixel = 0, of_point = 0;
   };
   std::vector<Line> lines;
@@ -25,13 +25,13 @@ class Scripted : public Detector {
   std::string name() const override { return name_; }
   Capabilities capabilities() const override { return can_; }
   std::array<double, 4> region() const override { return {0, 70, -40, 40}; }
-  std::vector<Proposal> forward(const SensorView& view, double threshold, bool) override {
-    std::vector<Proposal> found;
+  std::vector<Detection> forward(const SensorView& view, double threshold, bool) override {
+    std::vector<Detection> found;
     rows_.clear();
     if (view.image) image_ = ImageF(view.image->width, view.image->height, 3);
     points_ = view.points.size();
     for (const Script::Line& line : script_.lines) {
-      Proposal proposal = line.proposal;
+      Detection proposal = line.proposal;
       if (view.image && can_.reads_image) proposal.logit += line.of_pixel * view.image->data[0];
       if (!view.points.empty() && can_.reads_points) proposal.logit += line.of_point * view.points[0].x;
       if (!(proposal.score() > threshold)) continue;

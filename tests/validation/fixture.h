@@ -67,14 +67,14 @@ inline HostScene host_scene_of(const PreparedFrame& prepared, const TexturedMesh
   HostScene scene;
   scene.prepared = &prepared;
   scene.host = &prepared.frame.labels[0];
-  scene.rooftop = BoxRooftopFinder().find(prepared.frame, *scene.host);
+  scene.placement = on_roof(BoxRoofFinder().find(prepared.frame, *scene.host));
   scene.adversary = adversary;
-  scene.placed = place(adversary, scene.rooftop);
+  scene.placed = place(adversary, scene.placement);
   scene.glb = scratch(name + ".glb");
   scene.scratch = scratch(name);
   std::filesystem::create_directories(scene.scratch);
   scene.samples = 16;
-  write_scene(scene.glb, host_scene(prepared.frame, *scene.host, scene.rooftop, adversary, name));
+  write_scene(scene.glb, host_scene(prepared.frame, scene.placement, adversary, name));
   return scene;
 }
 

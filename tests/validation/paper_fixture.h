@@ -27,9 +27,9 @@ inline MadeUp vanishing(int hidden) {
   return {120, 5, hidden, 0, 30, 0.05};
 }
 
-/// As to_json(Evaluation) has them, with the writers of the real file. In the picture's plane `distance` is
+/// As to_json(Evaluation) has them, with the writers of the real file. In the picture `distance` is
 /// in pixels.
-inline nlohmann::json outcomes_json(const MadeUp& made, Plane plane = Plane::bev) {
+inline nlohmann::json outcomes_json(const MadeUp& made, Matching matching = kFromAbove) {
   std::vector<HostOutcome> hosts;
   for (int f = 0; f < made.frames; ++f)
     for (int h = 0; h < made.hosts; ++h) {
@@ -37,7 +37,7 @@ inline nlohmann::json outcomes_json(const MadeUp& made, Plane plane = Plane::bev
       const bool odd = f % 4 == 0;
       HostOutcome host;
       host.id = {fmt::format("{:06d}", f), h};
-      host.plane = plane;
+      host.matching = matching;
       host.range = 10.0 + h;
       host.detected = true;
       host.hidden = h < made.hidden && !odd;

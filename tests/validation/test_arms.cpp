@@ -31,7 +31,7 @@ VehicleResult seen_vehicle(const std::string& frame, int label) {
 struct Stage {
   PreparedFrame prepared = test::made_up_frame();
   HostScene scene = test::host_scene_of(prepared, test::random_mesh(2), "arms");
-  Simulated attacked = simulate(prepared, *scene.host, scene.rooftop, scene.adversary);
+  Simulated attacked = simulate(prepared, scene.placement, scene.adversary);
   FullLight full;
 
   Stage() {

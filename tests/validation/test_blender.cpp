@@ -10,7 +10,12 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "base/srgb_bytes.h"
+#include "exchange/obj_file.h"
 #include "fixture.h"
+#include "geometry/atlas_triangles.h"
+#include "support/files.h"
+#include "validation/blender/blender_process.h"
 #include "validation/fidelity/lidar_ladder.h"
 #include "validation/fidelity/light_ladder.h"
 #include "validation/fidelity/picture_errors.h"
@@ -95,7 +100,7 @@ TEST_F(Blender, FacesSeenFromBehindAreShadedByTheirWinding) {
 TEST_F(Blender, LidarRangesAgree) {
   const PreparedFrame prepared = test::made_up_frame();
   const auto scene = test::host_scene_of(prepared, test::random_mesh(2), "lidar");
-  const Simulated simulated = simulate(prepared, *scene.host, scene.rooftop, scene.adversary);
+  const Simulated simulated = simulate(prepared, scene.placement, scene.adversary);
   ASSERT_GT(simulated.adversary_points, 50);
   const LidarCheck check = check_lidar(*worker_, scene, simulated);
   EXPECT_EQ(check.disagreements, 0);
@@ -115,16 +120,16 @@ TEST_F(Blender, SkyGivesTheLightModelsIrradiance) {
   job.output = scene.scratch / "sky.exr";
   job.rect = matched_light(*worker_, scene).rect;
   job.samples = 64;
-  const ImageF plain = render(*worker_, job).rgba;
+  const ImageF plain = worker_->render(job).rgba;
   job.effects.sky = true;
-  const ImageF sky = render(*worker_, job).rgba;
+  const ImageF sky = worker_->render(job).rgba;
   EXPECT_LE(mean_absolute_error(plain, sky), 0.004);
 }
 
 TEST_F(Blender, FullLightDarkensTheRoofAndKeepsThePhotographElsewhere) {
   const PreparedFrame prepared = test::made_up_frame();
   const auto scene = test::host_scene_of(prepared, test::random_mesh(2), "full");
-  const Simulated simulated = simulate(prepared, *scene.host, scene.rooftop, scene.adversary);
+  const Simulated simulated = simulate(prepared, scene.placement, scene.adversary);
   const FullLight full = full_light(*worker_, scene, simulated);
   write_srgb(scene.scratch / "full.png", full.image);
   EXPECT_GT(mean_absolute_error(full.raster, full.cycles, full.mask), 1e-3);
@@ -145,7 +150,7 @@ TEST_F(Blender, FullLightDarkensTheRoofAndKeepsThePhotographElsewhere) {
 TEST_F(Blender, TheLadderComesCloserToTheFullRender) {
   const PreparedFrame prepared = test::made_up_frame();
   const auto scene = test::host_scene_of(prepared, test::random_mesh(2), "ladder");
-  const Simulated simulated = simulate(prepared, *scene.host, scene.rooftop, scene.adversary);
+  const Simulated simulated = simulate(prepared, scene.placement, scene.adversary);
   const FullLight full = full_light(*worker_, scene, simulated);
   const LightLadder ladder = light_ladder(*worker_, scene, full);
   std::map<std::string, const LadderRung*> rungs;
@@ -182,7 +187,7 @@ TEST_F(Blender, TheLadderComesCloserToTheFullRender) {
 TEST_F(Blender, FullLightHasNoErrorAgainstItselfButItsNoise) {
   const PreparedFrame prepared = test::made_up_frame();
   const auto scene = test::host_scene_of(prepared, test::random_mesh(2), "itself");
-  const Simulated simulated = simulate(prepared, *scene.host, scene.rooftop, scene.adversary);
+  const Simulated simulated = simulate(prepared, scene.placement, scene.adversary);
   const FullLight full = full_light(*worker_, scene, simulated);
   RenderJob job = job_for(scene, full.rect);
   job.effects = full_effects();
@@ -207,13 +212,69 @@ TEST_F(Blender, FullLightHasNoErrorAgainstItselfButItsNoise) {
 TEST_F(Blender, NoiseFallsWithTheSamplesAsked) {
   const PreparedFrame prepared = test::made_up_frame();
   const auto scene = test::host_scene_of(prepared, test::random_mesh(2), "noise");
-  const Noise noise =
-      measure_noise(*worker_, scene, simulate(prepared, *scene.host, scene.rooftop, scene.adversary));
+  const Noise noise = measure_noise(*worker_, scene, simulate(prepared, scene.placement, scene.adversary));
   EXPECT_GT(noise.relative, 0.005);
   EXPECT_LT(noise.relative, 0.5);
   EXPECT_EQ(samples_for(noise, noise.relative / 2), 4 * noise.samples);
   EXPECT_EQ(samples_for(noise, 1), 4);
   EXPECT_EQ(samples_for(noise, 1e-9), 4096);
+}
+
+TEST_F(Blender, AnFbxIsOpenedWithTheSameVerticesTexelsAndPivot) {
+  const test::TemporaryFolder folder;
+  TexturedMesh given = test::random_mesh(4, 5);
+  for (Vec3d& v : given.mesh.vertices) v += Vec3d(0.1, -0.05, 0.3);  // its middle is not its pivot
+  const TexturedMesh standing = standing_on_origin(given);
+  worker_->write_fbx(folder / "adversary.fbx", given);
+  std::size_t files = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
+    files += entry.path().extension() == ".fbx" || entry.path().extension() == ".glb";
+  EXPECT_EQ(files, 1u);
+  const auto seen = worker_->request({{"job", "inspect"}, {"file", (folder / "adversary.fbx").string()}}, 60);
+  EXPECT_EQ(seen.at("materials"), 1);
+  EXPECT_EQ(seen.at("pictures"), 1);
+  EXPECT_TRUE(seen.at("packed").get<bool>());
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_NEAR(seen.at("origin").at(static_cast<std::size_t>(k)).get<double>(), 0, 1e-6);
+    EXPECT_NEAR(seen.at("scale").at(static_cast<std::size_t>(k)).get<double>(), 1, 1e-5);
+  }
+  const auto triangles = atlas_triangles(given.atlas.resolution);
+  const auto& corners = seen.at("triangles");
+  const auto& texels = seen.at("texels");
+  ASSERT_EQ(corners.size(), given.mesh.faces.size() * triangles.size());
+  ASSERT_EQ(texels.size(), corners.size());
+  double furthest = 0;
+  int other = 0;
+  std::size_t at = 0;
+  for (std::size_t f = 0; f < given.mesh.faces.size(); ++f)
+    for (const AtlasTriangle& triangle : triangles) {
+      // A program may start a triangle at another corner.
+      double best = 1e9;
+      for (int turn = 0; turn < 3; ++turn) {
+        double worst = 0;
+        for (int k = 0; k < 3; ++k) {
+          const Vec2d& b = triangle.corners[static_cast<std::size_t>(k)];
+          const Face& face = standing.mesh.faces[f];
+          const auto vertex = [&](int of) {
+            return standing.mesh.vertices[static_cast<std::size_t>(face[static_cast<std::size_t>(of)])];
+          };
+          const Vec3d expected = b.x() * vertex(0) + b.y() * vertex(1) + (1 - b.x() - b.y()) * vertex(2);
+          const auto& p = corners.at(at).at(static_cast<std::size_t>((k + turn) % 3));
+          worst = std::max(worst, (Vec3d(p.at(0), p.at(1), p.at(2)) - expected).norm());
+        }
+        best = std::min(best, worst);
+      }
+      furthest = std::max(furthest, best);
+      ImageF one(1, 1, 3);
+      const Vec3d& texel =
+          given.atlas.texels[f * given.atlas.per_face() + static_cast<std::size_t>(triangle.texel)];
+      for (int c = 0; c < 3; ++c) one.data[static_cast<std::size_t>(c)] = static_cast<float>(texel[c]);
+      const auto bytes = srgb_bytes(one);
+      for (std::size_t c = 0; c < 3; ++c) other += texels.at(at).at(c) != bytes[c];
+      ++at;
+    }
+  EXPECT_LT(furthest, 2e-6);
+  EXPECT_EQ(other, 0);
 }
 
 TEST(LidarLadder, IdealChangesNothingAndEachEffectDoesWhatItSays) {

@@ -126,11 +126,10 @@ TEST(StoredBudget, WhatIsWrongIsNamed) {
 
 TEST(BudgetRenderer, DrawsWhatTheRuleTrustsAndAsksForTheRest) {
   const PreparedFrame prepared = test::made_up_frame();
-  Host host;
-  host.id = {"made-up", 0};
-  const Rooftop rooftop = BoxRooftopFinder().find(prepared.frame, prepared.frame.labels[0]);
+  const HostId host{"made-up", 0};
+  const Placement placement = on_roof(BoxRoofFinder().find(prepared.frame, prepared.frame.labels[0]));
   const SimulationSettings settings;
-  const HostInWorld world{prepared, host, rooftop, settings};
+  const HostInWorld world{prepared, host, placement, settings};
   const TexturedMesh mesh = test::random_mesh(3);
   const HostScene scene = scene_of(world, mesh);
   const Simulated simulated = simulate_host(scene, settings);
@@ -162,11 +161,10 @@ TEST(BudgetRenderer, FeaturesHaveTheirNamesAndSeeTheirScene) {
   for (auto* features : {&near, &far, &gone}) {
     const PreparedFrame prepared =
         features == &gone ? test::made_up_frame(-20) : test::made_up_frame(features == &near ? 9 : 25);
-    Host host;
-    host.id = {"made-up", 0};
-    const Rooftop rooftop = BoxRooftopFinder().find(prepared.frame, prepared.frame.labels[0]);
+    const HostId host{"made-up", 0};
+    const Placement placement = on_roof(BoxRoofFinder().find(prepared.frame, prepared.frame.labels[0]));
     const SimulationSettings settings;
-    const HostScene scene = scene_of({prepared, host, rooftop, settings}, test::random_mesh(3));
+    const HostScene scene = scene_of({prepared, host, placement, settings}, test::random_mesh(3));
     *features = scene_features(scene, simulate_host(scene, settings));
   }
   std::vector<std::string> names;

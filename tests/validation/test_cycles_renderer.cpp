@@ -9,9 +9,10 @@
 #include "fixture.h"
 #include "rendered_attack.h"
 #include "support/files.h"
+#include "validation/blender/blender_process.h"
 #include "validation/blender/cycles_renderer.h"
-#include "validation/blender/scratch_folder.h"
 #include "validation/fidelity/picture_errors.h"
+#include "validation/reference/scratch_folder.h"
 
 namespace mirage {
 namespace {
@@ -24,9 +25,8 @@ TEST(CyclesRenderer, DrawsFullLightOverThePhotograph) {
   const PreparedFrame prepared = test::made_up_frame();
   HostScene scene = test::host_scene_of(prepared, test::random_mesh(3), "cycles-renderer");
   const Simulated simulated = simulate_host(scene, scene.simulation);
-  Host host;
-  host.id = {"made-up", 0};
-  const HostInWorld in_world{prepared, host, scene.rooftop, scene.simulation};
+  const HostId host{"made-up", 0};
+  const HostInWorld in_world{prepared, host, scene.placement, scene.simulation};
   CyclesRenderer renderer({test::scratch("cycles-renderer-out"), 32, 1, "blender"});
   const auto draw = [&](std::uint64_t seed) {
     return renderer.draw(in_world, scene.adversary, simulated, seed).picture;
@@ -35,9 +35,9 @@ TEST(CyclesRenderer, DrawsFullLightOverThePhotograph) {
   EXPECT_EQ(draw(1).data, first.data);
   EXPECT_NE(draw(2).data, first.data);
 
-  BlenderWorker blender(test::scratch("cycles-renderer.log"));
+  const auto blender = start_blender(test::scratch("cycles-renderer-full"));
   scene.samples = 64;
-  const FullLight full = full_light(blender, scene, simulated);
+  const FullLight full = full_light(*blender, scene, simulated);
   ASSERT_EQ(first.width, full.rect.width());
   ImageF seen = first;
   saturate(seen);

@@ -82,7 +82,7 @@ TEST_F(Findings, VehiclesAreDrawnAndNotFramesWhereTheyAreKnown) {
   write_json(folder_ / "b.json", other);
   evidence_.evaluations["evaluations/kitti64-fusion-image"] = read_evaluation(folder_ / "a.json", "data");
   evidence_.evaluations["evaluations/kitti64-fusion-lidar"] = read_evaluation(folder_ / "b.json", "data");
-  EXPECT_EQ(evidence_.learned("evaluations/kitti64-fusion-image")->clusters(), 4);
+  EXPECT_EQ(evidence_.learned("evaluations/kitti64-fusion-image")->clusters().count, 4);
   EXPECT_EQ(only("image").verdict, Verdict::open);
   EXPECT_THAT(only("image").sentence, HasSubstr("too few"));
 }

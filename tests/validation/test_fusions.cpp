@@ -256,8 +256,7 @@ TEST_F(FusionFindings, TransferIsJudgedBetweenFusions) {
 TEST_F(FusionFindings, InThePictureThereAreNoMetres) {
   const HidingRule& near = kHidingRules.back();
   ASSERT_EQ(near.distance, 2);
-  json metres = test::outcomes_json({40, 5, 2, 1}),
-       picture = test::outcomes_json({40, 5, 2, 1}, Plane::picture);
+  json metres = test::outcomes_json({40, 5, 2, 1}), picture = test::outcomes_json({40, 5, 2, 1}, kInPicture);
   ASSERT_TRUE(picture["false_positives"]["list"].at(0).contains("distance_from_host_px"));
   for (json& host : metres["outcomes"]) host["clean_distance"] = 0.5, host["attacked_distance"] = nullptr;
   write_json(folder_ / "metres.json", metres);

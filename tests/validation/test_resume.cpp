@@ -1,4 +1,5 @@
-// A validation that was stopped goes on where it was, to the same result. Skipped where Blender is missing.
+// A validation that was stopped goes on where it was, to the same result; and one whose renderer is lost.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -8,6 +9,7 @@
 #include "base/error.h"
 #include "exchange/gltf.h"
 #include "fixture.h"
+#include "plain_reference.h"
 #include "support/files.h"
 #include "validation/fidelity/validate.h"
 
@@ -42,10 +44,15 @@ ValidationSettings tiny_validation(const test::TemporaryFolder& folder) {
   return settings;
 }
 
+/// Starts a plain loop in place of Blender.
+StartReference plain(const test::Planted& planted = {}) {
+  return [planted](const fs::path&) { return std::make_unique<test::PlainReference>(planted); };
+}
+
 /// result.json of the validation.
-json validated(const ValidationSettings& settings) {
+json validated(const ValidationSettings& settings, const test::Planted& planted = {}) {
   const fs::path file = settings.out / "result.json";
-  write_json(file, to_json(validate(settings)));
+  write_json(file, to_json(validate(settings, plain(planted))));
   const std::string written = read_file(file);
   write_report(settings);
   EXPECT_TRUE(fs::exists(settings.out / "report.html"));
@@ -65,12 +72,12 @@ json timeless(json value) {
 }
 
 TEST(Resume, AStoppedValidationEndsAtTheSameResult) {
-  if (find_program("blender").empty()) GTEST_SKIP() << "blender is not installed";
   const test::TemporaryFolder folder;
   const ValidationSettings settings = tiny_validation(folder);
   const json whole = validated(settings);
   ASSERT_EQ(whole.at("vehicles"), 2);
-  EXPECT_EQ(whole.at("blender_losses"), json::array());
+  EXPECT_EQ(whole.at("reference"),
+            json({{"name", "a plain loop"}, {"version", "1"}, {"losses", json::array()}}));
   EXPECT_EQ(whole.at("failed"), json::array());
   EXPECT_FALSE(whole.at("ladder").empty());
   EXPECT_TRUE(fs::exists(settings.out / "result.json"));
@@ -92,8 +99,42 @@ TEST(Resume, AStoppedValidationEndsAtTheSameResult) {
   EXPECT_EQ(timeless(json::parse(read_file(first))), timeless(json::parse(kept)));
   ValidationSettings more = settings;
   more.samples = 3;
-  validate(more);
+  validate(more, plain());
   EXPECT_NE(json::parse(read_file(first)).at("key"), json::parse(kept).at("key"));
+}
+
+TEST(Resume, AVehicleThatTheRendererIsLostOnIsGivenUpAndMadeByTheNextCall) {
+  const test::TemporaryFolder folder;
+  const ValidationSettings settings = tiny_validation(folder);
+  const json part = validated(settings, {.lost_frame = "000001"});
+  EXPECT_EQ(part.at("vehicles"), 1);
+  ASSERT_EQ(part.at("failed").size(), 1u);
+  EXPECT_EQ(part.at("failed")[0].at("name"), "000001_0");
+  const fs::path kept = settings.out / "hosts/000000_0.json";
+  const auto time = fs::last_write_time(kept);
+  EXPECT_EQ(validated(settings).at("vehicles"), 2);
+  EXPECT_EQ(fs::last_write_time(kept), time);
+  fs::remove_all(settings.out);
+  EXPECT_THAT(test::error_text<Failure>([&] { validate(settings, plain({.lost_frame = "0000"})); }),
+              testing::HasSubstr("a plain loop: was lost on every vehicle"));
+}
+
+TEST(Resume, APlantedDifferenceIsInTheResult) {
+  const test::TemporaryFolder folder;
+  const ValidationSettings settings = tiny_validation(folder);
+  ValidationSettings elsewhere = settings;  // a stored vehicle's key does not name what is planted
+  elsewhere.out = folder / "elsewhere";
+  const json same = to_json(validate(settings, plain())),
+             bright = to_json(validate(elsewhere, plain({.gain = 1.25})));
+  const auto met = [](const json& result, const char* place) {
+    for (const json& target : result.at("targets"))
+      if (target.at("place") == place) return target.at("met").get<bool>();
+    return false;
+  };
+  EXPECT_TRUE(met(same, "matched.hit_disagreements") && met(bright, "matched.hit_disagreements"));
+  EXPECT_FALSE(met(bright, "matched.mae"));
+  EXPECT_THAT(bright.at("headline").get<std::string>(), testing::HasSubstr("matched light misses a target"));
+  EXPECT_GT(bright.at("matched").at("mae"), 10 * same.at("matched").at("mae").get<double>());
 }
 
 }  // namespace

@@ -15,7 +15,7 @@
 #include "simulation/quality.h"
 #include "support/files.h"
 #include "support/small_rig.h"
-#include "validation/blender/scratch_folder.h"
+#include "validation/reference/scratch_folder.h"
 #include "validation/tradeoff/attack_study.h"
 #include "validation/tradeoff/detector_study.h"
 #include "validation/tradeoff/points.h"
@@ -202,12 +202,12 @@ TEST(Tradeoff, AStudyOfATinyScene) {
 TEST(Tradeoff, TheDetectorsPassesAreJudgedByThatInDouble) {
   const Rig rig = test::small_rig();
   const PreparedFrame prepared = prepare(generate_frame(rig, 3, 0), rig.lidar);
-  std::vector<DetectorHost> hosts;
+  std::vector<StepHost> hosts;
   for (std::size_t i = 0; i < prepared.frame.labels.size() && hosts.empty(); ++i)
     if (const Label& label = prepared.frame.labels[i]; label.type == "Car" && label.box.bev.x > 5)
-      hosts.push_back(
-          {&prepared,
-           {{prepared.frame.id, static_cast<int>(i)}, BoxRooftopFinder().find(prepared.frame, label)}});
+      hosts.push_back({prepared,
+                       {prepared.frame.id, static_cast<int>(i)},
+                       on_roof(BoxRoofFinder().find(prepared.frame, label))});
   ASSERT_FALSE(hosts.empty());
   setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
   DetectorOptions options;

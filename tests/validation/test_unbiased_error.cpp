@@ -5,8 +5,8 @@
 
 #include "base/error.h"
 #include "base/random.h"
-#include "validation/blender/unbiased_error.h"
 #include "validation/fidelity/summary.h"
+#include "validation/reference/unbiased_error.h"
 
 namespace mirage {
 namespace {

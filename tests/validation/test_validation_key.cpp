@@ -37,7 +37,8 @@ struct Judged {
     settings.detector.locality = 0;
   }
   std::string key(const std::string& blender = "3.4") const {
-    return validation_key(settings, run, "000000", blender);
+    return validation_key(settings, run, "000000",
+                          {"blender", "Blender Cycles", blender, renderer_programs()});
   }
   fs::path folder;
   ValidationSettings settings;

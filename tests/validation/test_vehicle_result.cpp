@@ -21,7 +21,7 @@ VehicleResult whole_vehicle() {
   vehicle.name = "000003_2";
   vehicle.from_box = true;
   vehicle.visible_share = 0.75, vehicle.adversary_points = 31;
-  vehicle.blender_losses = {{"full", "ended unexpectedly", 2}};
+  vehicle.losses = {{"full", "ended unexpectedly", 2}};
   vehicle.shown = {{"host_rect", {1, 2, 3, 4}}};
   SeenResult& seen = vehicle.seen.emplace();
   seen.matched.mask_iou = 0.99, seen.matched.rays = 12;

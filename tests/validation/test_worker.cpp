@@ -18,7 +18,7 @@
 #include "base/files.h"
 #include "fixture.h"
 #include "support/files.h"
-#include "validation/process.h"
+#include "validation/blender/blender_process.h"
 
 namespace mirage {
 namespace {
@@ -44,7 +44,7 @@ TEST(Worker, AJobThatAlwaysKillsItIsGivenUpAndTheNextOneGoesOn) {
   try {
     worker.request({{"job", "render"}}, 5);
     ADD_FAILURE();
-  } catch (const BlenderLost& lost) {
+  } catch (const ReferenceLost& lost) {
     EXPECT_THAT(lost.what(), HasSubstr("ended unexpectedly, 3 times on one job (render)"));
   }
   ASSERT_EQ(worker.losses().size(), 3u);
@@ -70,7 +70,7 @@ TEST(Worker, OneThatHangsIsKilledAndTheJobIsSentAgain) {
   EXPECT_EQ(worker.losses()[0].job, "render");
 }
 
-/// What `work` throws as Failure (a BlenderLost is one), and how long that takes.
+/// What `work` throws as Failure (a ReferenceLost is one), and how long that takes.
 template <class Work>
 std::pair<std::string, double> failure(const Work& work) {
   const auto start = std::chrono::steady_clock::now();
@@ -109,63 +109,6 @@ TEST(Worker, OneThatNeverStopsTalkingWhileStartingIsGivenUp) {
     EXPECT_THAT(text, testing::AllOf(HasSubstr("talker: does not answer"), testing::Not(HasSubstr("\n"))))
         << script;
     EXPECT_LT(seconds, 10) << script;
-  }
-}
-
-TEST(Process, AChildOutlivesTheThreadThatStartedIt) {
-  const test::TemporaryFolder folder;
-  std::unique_ptr<ChildProcess> child;
-  std::thread([&] {
-    child = std::make_unique<ChildProcess>(std::vector<std::string>{"/bin/cat"}, folder / "log");
-  }).join();
-  std::string line;
-  for (int i = 0; i < 3; ++i) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    ASSERT_TRUE(child->write_line("still here"));
-    ASSERT_EQ(child->read_line(line, 10), ChildProcess::Read::line);
-    EXPECT_EQ(line, "still here");
-  }
-}
-
-/// Whether a process runs; one that has ended and waits for its parent does not.
-bool runs(pid_t pid) {
-  std::ifstream stat("/proc/" + std::to_string(pid) + "/stat");
-  std::string number, name;
-  char state = 'X';
-  return stat >> number >> name >> state && state != 'Z' && state != 'X';
-}
-
-TEST(Process, AChildEndsWithTheProgramThatIsKilled) {
-  const test::TemporaryFolder folder;
-  const auto starts = {+[](const std::filesystem::path& log) {  // a renderer that hangs and reads no input
-                         static std::unique_ptr<ChildProcess> child;
-                         std::thread([&] {
-                           child = std::make_unique<ChildProcess>(
-                               std::vector<std::string>{"/bin/sh", "-c", "echo $$ >&2; exec sleep 60"}, log);
-                         }).join();
-                         pause();
-                       },
-                       +[](const std::filesystem::path& log) {  // the report's Python
-                         run_program({"/bin/sh", "-c", "echo $$ > " + log.string() + "; exec sleep 60"});
-                       }};
-  for (const auto start : starts) {
-    const std::filesystem::path log = folder / "log";
-    std::filesystem::remove(log);
-    const pid_t program = fork();
-    if (program == 0) {
-      start(log);
-      _exit(0);
-    }
-    pid_t child = 0;
-    for (int i = 0; i < 500 && !(std::ifstream(log) >> child); ++i)
-      std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    ASSERT_GT(child, 0);
-    EXPECT_TRUE(runs(child));
-    kill(program, SIGKILL);
-    waitpid(program, nullptr, 0);
-    for (int i = 0; i < 100 && runs(child); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    EXPECT_FALSE(runs(child));
-    kill(child, SIGKILL);
   }
 }
 
@@ -224,16 +167,16 @@ TEST(Worker, BlenderKilledInTheMiddleOfARenderIsStartedAgainAndThePictureIsTheSa
   RenderJob job = job_for(scene, {520, 120, 640, 200});
   job.effects = full_effects();
   job.samples = 4;
-  const Rendered before = render(worker, job);
+  const Rendered before = worker.render(job);
   EXPECT_FALSE(worker.request({{"job", "ping"}}, 10).value("runs_scripts", true));
   job.samples = 200;
-  const Rendered whole = render(worker, job);
+  const Rendered whole = worker.render(job);
   const pid_t first = worker.pid();
   std::thread killer([&] {
     std::this_thread::sleep_for(std::chrono::duration<double>(0.5 * whole.seconds));
     kill(first, SIGKILL);
   });
-  const Rendered again = render(worker, job);
+  const Rendered again = worker.render(job);
   killer.join();
   EXPECT_NE(worker.pid(), first);
   EXPECT_EQ(worker.losses().size(), 1u);

@@ -58,6 +58,7 @@ int main(int argc, char** argv) {
   register_generator_benchmarks();
   register_detector_benchmarks();
   register_attack_step_benchmarks();
+  register_process_benchmarks();
   benchmark::Initialize(&argc, argv);
   Collector collector;
   benchmark::RunSpecifiedBenchmarks(&collector);

@@ -31,5 +31,7 @@ void register_generator_benchmarks();
 void register_detector_benchmarks();
 /// One host's attack step, over whole frames and over windows.
 void register_attack_step_benchmarks();
+/// A detector in another process: the way there and back.
+void register_process_benchmarks();
 
 }  // namespace mirage

@@ -26,14 +26,9 @@ constexpr std::size_t kInDouble = 4;                 // hosts whose gradients ar
 constexpr double kLocalities[] = {1, 2, 4, 8};       // m
 constexpr const char* kDetectors[] = {"lidar", "camera", "painted", "fusion", "late", "refined"};
 
-struct Stand {
-  const PreparedFrame* prepared = nullptr;
-  Host host;
-};
-
 struct Street {
   std::vector<std::unique_ptr<PreparedFrame>> frames;
-  std::vector<Stand> stands;
+  std::vector<StepHost> stands;
 
   Street() {
     const Rig rig = read_rig(shipped_file("scenes/rigs/kitti64.toml"));
@@ -52,9 +47,9 @@ struct Street {
       frames.push_back(std::make_unique<PreparedFrame>(prepare(std::move(frame), rig.lidar)));
       for (int k = 0; k < kHosts; ++k) {
         const Label& label = frames.back()->frame.labels[static_cast<std::size_t>(cars[k])];
-        stands.push_back(
-            {frames.back().get(),
-             {{frames.back()->frame.id, cars[k]}, BoxRooftopFinder().find(frames.back()->frame, label)}});
+        stands.push_back({*frames.back(),
+                          {frames.back()->frame.id, cars[k]},
+                          on_roof(BoxRoofFinder().find(frames.back()->frame, label))});
       }
     }
   }
@@ -128,17 +123,17 @@ void attack_steps(benchmark::State& state, const std::string& name) {
   AttackSettings settings;
   std::vector<double> full_ms, local_ms, first_ms, full_evaluation, local_evaluation;
   double error = 0, float_error = 0, simulation = 0, all = 0;
-  const auto step = [&](Detector& detector, const Stand& stand) {
-    return attack_host(detector, *stand.prepared, stand.host, adversary, AttackTarget::both, settings,
-                       nullptr);
+  const auto step = [&](Detector& detector, const StepHost& stand) {
+    return attack_host(detector, stand, adversary, settings);
   };
   for (auto _ : state) {
     step(*whole, street.stands[0]);  // warms up
     for (Variant& variant : variants)
-      for (const Stand& stand : street.stands) step(*variant.detector, stand);  // and keeps the clean frames
+      for (const StepHost& stand : street.stands)
+        step(*variant.detector, stand);  // and keeps the clean frames
     for (int round = 0; round < kRounds; ++round)
       for (std::size_t k = 0; k < street.stands.size(); ++k) {
-        const Stand& stand = street.stands[k];
+        const StepHost& stand = street.stands[k];
         HostStep full, changed;
         full_ms.push_back(cpu_ms([&] { full = step(*whole, stand); }));
         const double ms = cpu_ms([&] { changed = step(*local, stand); });
@@ -156,12 +151,11 @@ void attack_steps(benchmark::State& state, const std::string& name) {
           all += s.simulation_forward + s.simulation_vjp + s.detector_forward + s.detector_backward + s.rest;
         }
         // What an evaluation does: forward alone.
-        const Simulated simulated = simulate(*stand.prepared, label_of(stand.prepared->frame, stand.host.id),
-                                             stand.host.rooftop, adversary, settings.simulation);
-        SensorView view{&simulated.image, simulated.sweep, &stand.prepared->frame.calibration};
+        const Simulated simulated = simulate(stand.prepared, stand.placement, adversary, settings.simulation);
+        SensorView view = view_of(stand.prepared.frame, simulated.image, simulated.sweep);
         full_evaluation.push_back(cpu_ms([&] { detections(*whole, view, {}); }));
         local_evaluation.push_back(cpu_ms([&] {
-          const CleanView clean = clean_view(*stand.prepared, simulated);
+          const CleanView clean = clean_view(stand.prepared, simulated);
           view.clean = &clean;
           detections(*local, view, {});
         }));
@@ -176,7 +170,7 @@ void attack_steps(benchmark::State& state, const std::string& name) {
     for (int k = 0; k < 4; ++k) {  // as clean frames of their own
       PreparedFrame other = *street.frames[0];
       for (float& value : other.frame.image.data) value *= 1 - 0.01f * static_cast<float>(k + 1);
-      step(*local, {&other, street.stands[0].host});
+      step(*local, {other, street.stands[0].id, street.stands[0].placement});
     }
     extra_figures()["clean_activations_mb_" + name] = (allocated_mb() - before) / 4;
   }

@@ -25,7 +25,7 @@ constexpr const char* kDetectors[] = {"lidar", "fusion"};
 struct Input {
   Frame frame;
   std::vector<LidarPoint> points;
-  SensorView view() const { return {&frame.image, points, &frame.calibration}; }
+  SensorView view() const { return view_of(frame, frame.image, points); }
 };
 
 std::vector<Input> inputs_of(const Rig& rig) {

@@ -24,8 +24,7 @@ constexpr int kInsertionRounds = 31;
 /// The adversary's start on a car 10 m ahead of KITTI's rig, in an empty world.
 struct Stage {
   PreparedFrame prepared;
-  Label host;
-  Rooftop rooftop;
+  Placement placement;
   TexturedMesh adversary = random_adversary(1);
 
   Stage() {
@@ -33,6 +32,7 @@ struct Stage {
     Frame frame;
     frame.calibration = rig.calibration;
     frame.image = ImageF(rig.calibration.camera.width, rig.calibration.camera.height, 3, 0.3f);
+    Label host;
     host.type = "Car";
     host.box = {{10, 0, 4, 1.7, 0}, -1.73, 1.5};
     frame.labels = {host};
@@ -43,7 +43,7 @@ struct Stage {
         frame.sweep.push_back({float(p.x()), float(p.y()), float(p.z()), 0.3f});
       }
     prepared = prepare(frame, rig.lidar);
-    rooftop = BoxRooftopFinder().find(frame, host);
+    placement = on_roof(BoxRoofFinder().find(frame, host));
   }
 };
 
@@ -60,7 +60,7 @@ void insertion(benchmark::State& state, double sigma, int supersampling) {
   const ImageF d_image(s.prepared.frame.image.width, s.prepared.frame.image.height, 3, 1.f);
   std::vector<std::array<float, 4>> d_points(s.prepared.frame.sweep.size() + 4096, {1, 1, 1, 1});
   for (auto _ : state) {
-    const Simulated simulated = simulate(s.prepared, s.host, s.rooftop, s.adversary, settings);
+    const Simulated simulated = simulate(s.prepared, s.placement, s.adversary, settings);
     d_points.resize(simulated.sweep.size(), {1, 1, 1, 1});
     benchmark::DoNotOptimize(simulate_vjp(simulated, d_image, d_points));
   }
@@ -70,7 +70,7 @@ void insertion(benchmark::State& state, double sigma, int supersampling) {
 void stages(benchmark::State& state) {
   const auto& s = stage();
   const SimulationSettings settings;
-  const TexturedMesh placed = place(s.adversary, s.rooftop);
+  const TexturedMesh placed = place(s.adversary, s.placement);
   const ImageF& photograph = s.prepared.frame.image;
   const ImageF d_image(photograph.width, photograph.height, 3, 1.f);
   std::vector<double> copy_image, copy_sweep, camera, lidar, camera_vjp, lidar_vjp;
@@ -85,8 +85,8 @@ void stages(benchmark::State& state) {
         benchmark::DoNotOptimize(copy.data());
       }));
       Simulated drawn;
-      camera.push_back(
-          milliseconds([&] { camera_tape = draw_in_camera(s.prepared, s.host, placed, settings, drawn); }));
+      camera.push_back(milliseconds(
+          [&] { camera_tape = draw_in_camera(s.prepared, s.placement, placed, settings, drawn); }));
       lidar.push_back(milliseconds([&] { lidar_tape = draw_in_lidar(s.prepared, placed, settings, drawn); }));
       std::vector<Vec3d> d_vertices(placed.mesh.vertices.size(), Vec3d::Zero()),
           d_texels(placed.atlas.texels.size(), Vec3d::Zero());
@@ -126,7 +126,7 @@ TexturedMesh crumpled(TexturedMesh mesh) {
 void compare_lights(const TexturedMesh& adversary, const std::string& suffix) {
   const auto& s = stage();
   const ImageF d_image(s.prepared.frame.image.width, s.prepared.frame.image.height, 3, 1.f);
-  const TexturedMesh placed = place(adversary, s.rooftop);
+  const TexturedMesh placed = place(adversary, s.placement);
   const std::vector<Vec3d> normals = face_normals(placed.mesh);
   const Lighting& lighting = s.prepared.frame.lighting;
   const Vec3d eye = s.prepared.frame.calibration.camera_from_velo.inverse().translation();
@@ -138,12 +138,12 @@ void compare_lights(const TexturedMesh& adversary, const std::string& suffix) {
       SimulationSettings settings;
       settings.light = model;
       insertion[model].push_back(cpu_ms([&] {
-        const Simulated simulated = simulate(s.prepared, s.host, s.rooftop, adversary, settings);
+        const Simulated simulated = simulate(s.prepared, s.placement, adversary, settings);
         const std::vector<std::array<float, 4>> d_points(simulated.sweep.size(), {1, 1, 1, 1});
         benchmark::DoNotOptimize(simulate_vjp(simulated, d_image, d_points));
       }));
     }
-    const LightSurroundings around = light_surroundings(s.prepared.frame, s.host, s.rooftop);
+    const LightSurroundings around = *surroundings_of(s.prepared.frame, s.placement);
     LightVisibility visibility;
     VisibleLight<double> lit;
     rays.push_back(cpu_ms([&] { visibility = find_visibility(placed, lighting, &around, &eye); }));

@@ -192,7 +192,7 @@ struct LidarStage {
     prepared.index = SweepIndex(prepared.frame.sweep, prepared.lidar);
     Label host;
     host.box = {{10, 0, 4, 1.7, 0}, -1.73, 1.5};
-    placed = place(random_adversary(1), BoxRooftopFinder().find(prepared.frame, host));
+    placed = place(random_adversary(1), on_roof(BoxRoofFinder().find(prepared.frame, host)));
   }
 };
 

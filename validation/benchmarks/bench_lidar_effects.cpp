@@ -164,7 +164,8 @@ void lidar_effects(benchmark::State& state) {
         Label label;
         label.type = thing.type;
         label.box = thing.box;
-        TexturedMesh placed = place(random_adversary(1), BoxRooftopFinder().find(prepared.frame, label));
+        TexturedMesh placed =
+            place(random_adversary(1), on_roof(BoxRoofFinder().find(prepared.frame, label)));
         RandomStream paint(3, "texels");
         for (Vec3d& t : placed.atlas.texels) t = Vec3d(paint.uniform(), paint.uniform(), paint.uniform());
         const Inserted before = insert(prepared, placed, {});

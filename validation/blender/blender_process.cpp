@@ -6,46 +6,20 @@
 #include <algorithm>
 #include <cstring>
 
-#include "base/clock.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/interrupt.h"
-#include "base/json_depth.h"
 #include "base/logging.h"
 #include "base/names.h"
+#include "exchange/gltf.h"
+#include "exchange/obj_file.h"
 
 namespace mirage {
 namespace {
 
 constexpr double kRenderTimeout = 900;  // s; a crop takes seconds
-constexpr const char* kEnded = "ended unexpectedly";
-
-/// One line of what Blender said, for a message.
-std::string shown(const std::string& line) {
-  std::string text = line.substr(0, 60);
-  for (char& c : text)
-    if (c < ' ' || c > '~') c = '?';
-  return "'" + text + (line.size() > 60 ? "…'" : "'");
-}
-
-std::string text_of(const nlohmann::json& answer, const char* key, const std::string& otherwise) {
-  const auto field = answer.find(key);
-  return field != answer.end() && field->is_string() ? field->get<std::string>() : otherwise;
-}
-
-/// Whether a line is the protocol's answer to job `id`.
-bool is_answer(const std::string& line, long id, nlohmann::json& answer) {
-  try {
-    check_json_depth(line, "blender");
-  } catch (const InputError&) {
-    return false;
-  }
-  answer = nlohmann::json::parse(line, nullptr, false);
-  if (!answer.is_object() || !answer.contains("id") || !answer.contains("ok")) return false;
-  return answer["id"].is_number_integer() && answer["id"].get<long>() == id && answer["ok"].is_boolean();
-}
 
 /// The named channels of a multilayer EXR ("Combined.R": the layer's name comes before); empty if it has
 /// none.
@@ -122,68 +96,38 @@ void BlenderWorker::start() {
   const std::string nowhere = (log_.parent_path() / "no-user-scripts").string();
   nlohmann::json answer;
   for (int attempt = 1;; ++attempt) {
-    child_ = std::make_unique<ChildProcess>(
+    child_ = std::make_unique<JsonWorker>(
         std::vector<std::string>{"/usr/bin/env", "-u", "PYTHONHOME", "-u", "PYTHONPATH", "PATH=/usr/bin:/bin",
                                  "BLENDER_USER_SCRIPTS=" + nowhere, "BLENDER_USER_CONFIG=" + nowhere,
                                  program_.string(), "-b", "--factory-startup", "--disable-autoexec",
                                  "--python-exit-code", "1", "-P", script_.string(), "--"},
-        log_);
-    if (exchange({{"job", "ping"}}, start_timeout_, answer, true)) break;
+        log_, "Blender was rendering");
+    if (child_->ask({{"job", "ping"}}, start_timeout_, answer, true)) break;
+    const std::string lost = child_->lost();
+    const bool dies = child_->end().has_value();  // one that is silent would only be waited for again
     child_.reset();
-    const bool dies = lost_ == kEnded;  // one that is silent would only be waited for again
     if (!dies || attempt == kAttempts)
-      throw Failure(program_.string(),
-                    dies ? fmt::format("{} while starting, {} times", lost_, kAttempts)
-                         : "does not answer: it " + lost_,
-                    "look at " + log_.string());
-    spdlog::warn("Blender {} while starting; starting it again", lost_);
+      throw Failure(
+          program_.string(),
+          dies ? fmt::format("{} while starting, {} times", lost, kAttempts) : "does not answer: it " + lost,
+          "look at " + log_.string());
+    spdlog::warn("Blender {} while starting; starting it again", lost);
     ++restarts_;
   }
   version_ = text_of(answer, "version", "");
 }
 
-bool BlenderWorker::exchange(const nlohmann::json& job, double timeout, nlohmann::json& answer,
-                             bool starting) {
-  nlohmann::json message = job;
-  message["id"] = ++next_id_;
-  lost_ = kEnded;
-  if (!child_->write_line(message.dump())) return false;
-  const auto asked = Clock::now();
-  for (std::string line;;) {
-    switch (child_->read_line(line, timeout - seconds_since(asked))) {
-      case ChildProcess::Read::line:
-        break;
-      case ChildProcess::Read::interrupted:
-        throw Interrupted(
-            "stopped while Blender was rendering; what is finished is kept, run again to go on");
-      case ChildProcess::Read::timed_out:
-        lost_ = fmt::format("gave no answer in {:g} s", timeout);
-        return false;
-      case ChildProcess::Read::endless:
-        lost_ = "gave an answer without end";
-        return false;
-      default:
-        return false;
-    }
-    if (is_answer(line, next_id_, answer)) return true;
-    if (!starting) {
-      lost_ = fmt::format("gave a malformed answer ({})", shown(line));
-      return false;
-    }
-  }
-}
-
 nlohmann::json BlenderWorker::request(nlohmann::json job, double timeout) {
   nlohmann::json answer;
   for (int attempt = 1;; ++attempt) {
-    if (child_ && exchange(job, timeout, answer)) break;
-    losses_.push_back({job.value("job", ""), lost_, attempt});
+    if (child_ && child_->ask(job, timeout, answer)) break;
+    losses_.push_back({job.value("job", ""), child_ ? child_->lost() : losses_.back().how, attempt});
     child_.reset();
-    if (attempt < kAttempts) spdlog::warn("Blender {}; starting it again", lost_);
+    if (attempt < kAttempts) spdlog::warn("Blender {}; starting it again", losses_.back().how);
     ++restarts_;
     start();
     if (attempt == kAttempts)
-      throw BlenderLost(
+      throw ReferenceLost(
           program_.string(),
           fmt::format("{}, {} times on one job ({})", losses_.back().how, kAttempts, losses_.back().job),
           "look at " + log_.string());
@@ -193,20 +137,20 @@ nlohmann::json BlenderWorker::request(nlohmann::json job, double timeout) {
   return answer;
 }
 
-Rendered render(BlenderWorker& blender, const RenderJob& job) {
+Rendered BlenderWorker::render(const RenderJob& job) {
   std::error_code ignored;
   std::filesystem::remove(job.output, ignored);
-  const auto answer = blender.request({{"job", "render"},
-                                       {"scene", std::filesystem::absolute(job.scene).string()},
-                                       {"output", std::filesystem::absolute(job.output).string()},
-                                       {"rect", {job.rect.u0, job.rect.v0, job.rect.u1, job.rect.v1}},
-                                       {"samples", job.samples},
-                                       {"seed", job.seed},
-                                       {"threads", job.threads},
-                                       {"pixel", job.pixel_centre ? "centre" : "area"},
-                                       {"filter_width", job.filter_width},
-                                       {"effects", effects_json(job.effects)}},
-                                      kRenderTimeout);
+  const auto answer = request({{"job", "render"},
+                               {"scene", std::filesystem::absolute(job.scene).string()},
+                               {"output", std::filesystem::absolute(job.output).string()},
+                               {"rect", {job.rect.u0, job.rect.v0, job.rect.u1, job.rect.v1}},
+                               {"samples", job.samples},
+                               {"seed", job.seed},
+                               {"threads", job.threads},
+                               {"pixel", job.pixel_centre ? "centre" : "area"},
+                               {"filter_width", job.filter_width},
+                               {"effects", effects_json(job.effects)}},
+                              kRenderTimeout);
   Rendered result;
   result.seconds =
       answer.contains("seconds") && answer["seconds"].is_number() ? answer["seconds"].get<double>() : 0;
@@ -222,24 +166,54 @@ Rendered render(BlenderWorker& blender, const RenderJob& job) {
   return result;
 }
 
-std::vector<double> raycast(BlenderWorker& blender, const std::filesystem::path& scene,
-                            std::span<const LidarRay> rays, const std::filesystem::path& scratch) {
+std::vector<double> BlenderWorker::raycast(const std::filesystem::path& scene, std::span<const LidarRay> rays,
+                                           const std::filesystem::path& scratch) {
   std::vector<double> flat;
   for (const LidarRay& ray : rays)
     for (const Vec3d& v : {ray.origin, ray.direction}) flat.insert(flat.end(), v.data(), v.data() + 3);
   const auto in = scratch / "rays.bin", out = scratch / "ranges.bin";
   write_file(in, {reinterpret_cast<const char*>(flat.data()), flat.size() * sizeof(double)});
-  blender.request({{"job", "raycast"},
-                   {"scene", std::filesystem::absolute(scene).string()},
-                   {"rays", std::filesystem::absolute(in).string()},
-                   {"output", std::filesystem::absolute(out).string()}},
-                  120);
+  request({{"job", "raycast"},
+           {"scene", std::filesystem::absolute(scene).string()},
+           {"rays", std::filesystem::absolute(in).string()},
+           {"output", std::filesystem::absolute(out).string()}},
+          120);
   const std::string bytes = read_file(out);
   std::vector<double> ranges(rays.size());
   if (bytes.size() != ranges.size() * sizeof(double))
     throw Failure(out.string(), "has the wrong size", "free some space and run again");
   if (!ranges.empty()) std::memcpy(ranges.data(), bytes.data(), bytes.size());
   return ranges;
+}
+
+void BlenderWorker::write_fbx(const std::filesystem::path& file, const TexturedMesh& adversary) {
+  namespace fs = std::filesystem;
+  constexpr double kTimeout = 300;  // s; it takes one or two
+  const auto beside = [&](const char* extension) {
+    return fs::absolute(file).parent_path() / fmt::format(".{}.part{}", file.stem().string(), extension);
+  };
+  const fs::path mesh = beside(".glb"), fbx = beside(".fbx");
+  struct Remove {
+    const fs::path& file;
+    ~Remove() {
+      std::error_code ignored;
+      fs::remove(file, ignored);
+    }
+  } const mesh_after{mesh}, fbx_after{fbx};
+  write_adversary(mesh, standing_on_origin(adversary));
+  request({{"job", "fbx"}, {"mesh", mesh.string()}, {"output", fbx.string()}}, kTimeout);
+  replace_file(fbx, file);
+}
+
+ReferenceIdentity BlenderWorker::identity() const {
+  return {"blender", "Blender Cycles", version_, renderer_programs()};
+}
+
+std::unique_ptr<ReferenceRenderer> start_blender(const std::filesystem::path& out, const std::string& log,
+                                                 const std::string& program) {
+  require_text_path(out);
+  make_output_folder(out);
+  return std::make_unique<BlenderWorker>(out / log, program);
 }
 
 }  // namespace mirage

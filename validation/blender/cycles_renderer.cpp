@@ -8,8 +8,9 @@
 #include "base/parallel.h"
 #include "base/ranks.h"
 #include "exchange/host_proxy.h"
-#include "validation/blender/host_scene.h"
-#include "validation/blender/scratch_folder.h"
+#include "validation/blender/blender_process.h"
+#include "validation/reference/host_scene.h"
+#include "validation/reference/scratch_folder.h"
 
 namespace mirage {
 
@@ -17,10 +18,8 @@ namespace fs = std::filesystem;
 
 CyclesRenderer::CyclesRenderer(const Settings& settings)
     : settings_(settings), workers_(static_cast<std::size_t>(std::max(1, settings.workers))) {
-  require_text_path(settings.out);
-  make_output_folder(settings.out);
   start(0);
-  version_ = workers_[0].blender->version();
+  reference_ = workers_[0].blender->identity();
 }
 
 CyclesRenderer::~CyclesRenderer() {
@@ -33,10 +32,9 @@ CyclesRenderer::~CyclesRenderer() {
 void CyclesRenderer::start(std::size_t index) {
   const std::string name = rank_count() * workers_.size() > 1 ? fmt::format("-{}-{}", rank(), index) : "";
   Worker& worker = workers_[index];
+  worker.blender = start_blender(settings_.out, fmt::format("blender{}.log", name), settings_.program);
   worker.scratch = settings_.out / kScratchFolder / ("cycles" + name);
   fs::create_directories(worker.scratch);
-  worker.blender =
-      std::make_unique<BlenderWorker>(settings_.out / fmt::format("blender{}.log", name), settings_.program);
 }
 
 CyclesRenderer::Worker& CyclesRenderer::take() {
@@ -76,7 +74,7 @@ ObjectRenderer::Window CyclesRenderer::draw(const HostInWorld& host, const Textu
   HostScene scene = scene_of(host, adversary);
   scene.samples = settings_.samples;
   scene.seed = seed;
-  ExportScene file = host_scene(frame, *scene.host, scene.rooftop, adversary, host_name(host.host.id));
+  ExportScene file = host_scene(frame, scene.placement, adversary, host_name(host.host));
   file.photograph = {};  // laid under the render here
   Window window{full_rect(simulated, frame.image), {}};
   window.picture = crop(frame.image, window.rect);
@@ -90,7 +88,7 @@ ObjectRenderer::Window CyclesRenderer::draw(const HostInWorld& host, const Textu
     RenderJob job = job_for(scene, window.rect);
     job.effects = full_effects();
     job.threads = std::max(1, thread_count() / static_cast<int>(workers_.size()));
-    rendered = render(*worker.blender, job);
+    rendered = worker.blender->render(job);
   } catch (...) {
     give(worker);
     throw;
@@ -102,10 +100,10 @@ ObjectRenderer::Window CyclesRenderer::draw(const HostInWorld& host, const Textu
 
 nlohmann::json CyclesRenderer::identity() const {
   std::string programs;
-  for (const fs::path& program : renderer_programs()) programs += file_hash(program);
+  for (const fs::path& program : reference_.programs) programs += file_hash(program);
   return {{"name", "cycles"},
           {"samples", settings_.samples},
-          {"blender", version_},
+          {reference_.key, reference_.version},
           {"programs", content_hash(programs)}};
 }
 

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "attack/object_renderer.h"
-#include "validation/blender/blender_process.h"
+#include "validation/reference/reference_renderer.h"
 
 namespace mirage {
 
@@ -29,8 +29,8 @@ class CyclesRenderer : public ObjectRenderer {
   explicit CyclesRenderer(const Settings& settings);
   ~CyclesRenderer() override;
 
-  /// The object's window and the roof around it, in full_effects(). BlenderLost where a job was lost as often
-  /// as it is tried.
+  /// The object's window and the roof around it, in full_effects(). ReferenceLost where a job was lost as
+  /// often as it is tried.
   Window draw(const HostInWorld& host, const TexturedMesh& adversary, const Simulated& simulated,
               std::uint64_t seed) override;
   /// {name, samples, blender, programs}: the last is a hash of the scripts that decide what Blender draws.
@@ -41,7 +41,7 @@ class CyclesRenderer : public ObjectRenderer {
  private:
   struct Worker {
     std::filesystem::path scratch;
-    std::unique_ptr<BlenderWorker> blender;  ///< null until it is wanted
+    std::unique_ptr<ReferenceRenderer> blender;  ///< null until it is wanted
     bool busy = false;
   };
   void start(std::size_t index);
@@ -49,7 +49,7 @@ class CyclesRenderer : public ObjectRenderer {
   void give(Worker& worker);
 
   Settings settings_;
-  std::string version_;
+  ReferenceIdentity reference_;
   std::vector<Worker> workers_;
   int drawn_ = 0;
   std::mutex mutex_;

@@ -7,9 +7,9 @@
 #include "base/intervals.h"
 #include "base/random.h"
 #include "base/shuffle.h"
-#include "validation/blender/unbiased_error.h"
 #include "validation/fidelity/budget_rule.h"
 #include "validation/fidelity/raster_rungs.h"
+#include "validation/reference/unbiased_error.h"
 
 namespace mirage {
 namespace {

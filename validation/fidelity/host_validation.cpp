@@ -21,8 +21,8 @@ std::vector<LidarRay> rays_near(const PreparedFrame& prepared, const Mesh& mesh)
   return rays;
 }
 
-/// Rasteriser's depth at the pixels' centres against Blender's rays through them.
-void check_depth(BlenderWorker& blender, const HostScene& scene, const MatchedLight& of, double& worst,
+/// Rasteriser's depth at the pixels' centres against the reference's rays through them.
+void check_depth(ReferenceRenderer& renderer, const HostScene& scene, const MatchedLight& of, double& worst,
                  double& mean) {
   const Calibration& calibration = scene.prepared->frame.calibration;
   RenderScene drawn;
@@ -45,7 +45,7 @@ void check_depth(BlenderWorker& blender, const HostScene& scene, const MatchedLi
       rays.push_back({velo_from_camera.translation(), velo_from_camera.linear() * towards.normalized()});
       expected.emplace_back(depth.at(u, v), 1 / towards.norm());
     }
-  const std::vector<double> distances = raycast(blender, scene.glb, rays, scene.scratch);
+  const std::vector<double> distances = renderer.raycast(scene.glb, rays, scene.scratch);
   worst = mean = 0;
   for (std::size_t i = 0; i < distances.size(); ++i) {
     if (distances[i] < 0) continue;  // the pixel's centre lies on the silhouette; the mask IoU has it
@@ -57,7 +57,7 @@ void check_depth(BlenderWorker& blender, const HostScene& scene, const MatchedLi
 
 }  // namespace
 
-MatchedLight matched_light(BlenderWorker& blender, const HostScene& scene) {
+MatchedLight matched_light(ReferenceRenderer& renderer, const HostScene& scene) {
   const ImageF& photograph = scene.prepared->frame.image;
   const Simulated hard = simulate_host(scene, hard_limit(scene.simulation, false));
   MatchedLight result;
@@ -65,7 +65,7 @@ MatchedLight matched_light(BlenderWorker& blender, const HostScene& scene) {
   RenderJob job = job_for(scene, result.rect);
   job.samples = 1;
   job.pixel_centre = true;
-  const Rendered rendered = render(blender, job);
+  const Rendered rendered = renderer.render(job);
   result.raster = result.cycles = crop(photograph, result.rect);
   composite(rendered, {}, result.cycles);
   result.cycles_mask = alpha_mask(rendered.rgba);
@@ -92,18 +92,18 @@ MatchedLight matched_light(BlenderWorker& blender, const HostScene& scene) {
         worst = std::max(worst, std::abs(result.raster.at(u, v, c) - result.cycles.at(u, v, c)));
       result.pixels_off += either.at(u, v) > 0.5f && worst > 1e-3f;
     }
-  check_depth(blender, scene, result, result.depth_error, result.depth_error_mean);
+  check_depth(renderer, scene, result, result.depth_error, result.depth_error_mean);
   return result;
 }
 
-LidarCheck check_lidar(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated) {
+LidarCheck check_lidar(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated) {
   LidarCheck result;
   result.returns = simulated.adversary_points;
   const std::vector<LidarRay> rays = rays_near(*scene.prepared, scene.placed.mesh);
   result.rays = static_cast<int>(rays.size());
-  const std::vector<double> distances = raycast(blender, scene.glb, rays, scene.scratch);
+  const std::vector<double> distances = renderer.raycast(scene.glb, rays, scene.scratch);
   const RayCaster caster(std::span<const Mesh>(&scene.placed.mesh, 1));
-  std::vector<Vec3d> hits;  // Blender's
+  std::vector<Vec3d> hits;  // the reference's
   for (std::size_t i = 0; i < rays.size(); ++i) {
     Ray ray;
     ray.origin = rays[i].origin.cast<float>();
@@ -115,7 +115,7 @@ LidarCheck check_lidar(BlenderWorker& blender, const HostScene& scene, const Sim
     else if (hit.hit())
       result.range_error = std::max(result.range_error, std::abs(distances[i] - static_cast<double>(hit.t)));
   }
-  // Each return that the simulation put into the sweep is a place that Blender's rays hit as well.
+  // Each return that the simulation put into the sweep is a place that the reference's rays hit as well.
   const std::size_t first = simulated.sweep.size() - static_cast<std::size_t>(simulated.adversary_points);
   for (std::size_t i = first; i < simulated.sweep.size(); ++i) {
     double nearest = kSameReturn;
@@ -129,12 +129,12 @@ LidarCheck check_lidar(BlenderWorker& blender, const HostScene& scene, const Sim
   return result;
 }
 
-Noise measure_noise(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated) {
+Noise measure_noise(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated) {
   constexpr int kSamples = 8;
   RenderJob job = job_for(scene, full_rect(simulated, scene.prepared->frame.image));
   job.effects = full_effects();
   job.samples = 2 * kSamples;
-  const RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::noise);
+  const RenderedHalves rendered = render_halves(renderer, job, scene.seed, RenderStream::noise);
   const ImageF mask = alpha_mask(rendered.second.rgba);
   return noise_of(over(rendered, {}, ImageF(mask.width, mask.height, 3)), mask, kSamples);
 }
@@ -154,13 +154,13 @@ int samples_for(const Noise& noise, double target) {
   return static_cast<int>(std::clamp<double>(wanted, 4, 4096));
 }
 
-FullLight full_light(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated) {
+FullLight full_light(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated) {
   const ImageF& photograph = scene.prepared->frame.image;
   FullLight result;
   result.rect = full_rect(simulated, photograph);
   RenderJob job = job_for(scene, result.rect);
   job.effects = full_effects();
-  const RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::full);
+  const RenderedHalves rendered = render_halves(renderer, job, scene.seed, RenderStream::full);
   result.visible = visible_share(scene, result.rect);
   const ImageF window = crop(photograph, result.rect);
   result.radiance = over(rendered, result.visible, window);

@@ -1,37 +1,37 @@
-// One attacked vehicle against Blender: the steps of `mirage validate`.
+// One attacked vehicle against the reference renderer: the steps of `mirage validate`.
 #pragma once
 
 #include <cmath>
 
 #include "base/image.h"
-#include "validation/blender/host_scene.h"
+#include "validation/reference/host_scene.h"
 
 namespace mirage {
 
-/// Matched light: Cycles at the pixels' centres against the rasteriser at its hard limit (σ → 0, γ → 0),
-/// nothing in front of the object. Pictures are composites over the photograph.
+/// Matched light: the reference at the pixels' centres against the rasteriser at its hard limit (σ → 0, γ →
+/// 0), nothing in front of the object. Pictures are composites over the photograph.
 struct MatchedLight {
   PixelRect rect;
   ImageF raster, cycles;                        ///< RGB
   ImageF raster_mask, cycles_mask;              ///< 1 channel, 0 or 1
   double mask_iou = 1, mae = 0, max_error = 0;  ///< errors over the union of the masks, scene-linear
   double depth_error = 0,
-         depth_error_mean = 0;  ///< m, at the pixels' centres, largest and mean, against Blender's rays
+         depth_error_mean = 0;  ///< m, at the pixels' centres, largest and mean, against the reference's rays
   int mask_both = 0, mask_either = 0;  ///< pixels
   /// Pixels that are off by more than 1e-3: their centre lies within float32 of a border between texels or
   /// faces.
   int pixels_off = 0;
 };
-MatchedLight matched_light(BlenderWorker& blender, const HostScene& scene);
+MatchedLight matched_light(ReferenceRenderer& renderer, const HostScene& scene);
 
 /// LiDAR: the simulated returns, and every ray of the sensor model that passes near the object, against
-/// Blender's.
+/// the reference's.
 struct LidarCheck {
   int returns = 0, rays = 0;
   double range_error = 0;  ///< m, largest over rays that both hit
   int disagreements = 0;   ///< rays that only one of the two sees hit the object
 };
-LidarCheck check_lidar(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated);
+LidarCheck check_lidar(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated);
 
 /// Monte Carlo noise of the full render over the object's pixels: mean |Δ| from its expectation over the mean
 /// radiance, told from two independent renders of `samples` samples.
@@ -42,7 +42,7 @@ struct Noise {
   double at(int other) const { return relative * std::sqrt(static_cast<double>(samples) / other); }
 };
 /// Of two renders of 8 samples for the purpose, before it is known how many are wanted.
-Noise measure_noise(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated);
+Noise measure_noise(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated);
 /// Of two renders at hand. `mask`: the object's pixels.
 Noise noise_of(const Halves& halves, const ImageF& mask, int samples);
 /// Samples, 4 to 4096, that bring the noise down to `target`.
@@ -69,6 +69,6 @@ SquaredError error_to(const Halves& reference, const Halves& drawn, const ImageF
 /// The rasteriser's picture as attacked against this full light's.
 SquaredError raster_error(const HostScene& scene, const Simulated& simulated, const FullLight& full);
 
-FullLight full_light(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated);
+FullLight full_light(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated);
 
 }  // namespace mirage

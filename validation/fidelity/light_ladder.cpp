@@ -10,7 +10,7 @@
 namespace mirage {
 namespace {
 
-constexpr double kFilterWidth = 1.5;  // px, Blender's default
+constexpr double kFilterWidth = 1.5;  // px, the default of Blender's filter
 constexpr int kReferenceFactor = 4;   // samples of the reference over the rungs'
 
 /// A Cycles rung.
@@ -75,7 +75,7 @@ Change change(const ImageF& from, const ImageF& to, const ImageF& mask) {
   return result;
 }
 
-LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const FullLight& full) {
+LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, const FullLight& full) {
   const ImageF photograph = crop(scene.prepared->frame.image, full.rect);
   const auto as_seen = [](ImageF picture) {
     saturate(picture);
@@ -95,7 +95,7 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
   std::map<std::string, ImageF> pictures;
   Halves reference;
   {
-    const RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::reference);
+    const RenderedHalves rendered = render_halves(renderer, job, scene.seed, RenderStream::reference);
     result.reference_seconds = rendered.seconds;
     reference = over(rendered, full.visible, photograph);
     pictures["reference"] = picture_of(rendered);
@@ -129,13 +129,13 @@ LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const F
   centres.pixel_centre = true;
   centres.seed = scene.seed + static_cast<std::uint64_t>(RenderStream::rungs);
   ImageF matched = photograph;
-  composite(render(blender, centres), full.visible, matched);
+  composite(renderer.render(centres), full.visible, matched);
   pictures["centres"] = as_seen(std::move(matched));
   for (const Recipe& recipe : recipes(scene.samples)) {
     job.effects = recipe.effects;
     job.samples = recipe.samples > 0 ? recipe.samples : scene.samples;
     job.filter_width = recipe.filter_width;
-    RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::rungs);
+    RenderedHalves rendered = render_halves(renderer, job, scene.seed, RenderStream::rungs);
     if (recipe.blurred)
       for (Rendered* half : {&rendered.first, &rendered.second})  // its shadow is smooth already
         soften(half->rgba, kLensBlur);

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "base/image.h"
-#include "validation/blender/host_scene.h"
 #include "validation/fidelity/host_validation.h"
+#include "validation/reference/host_scene.h"
 
 namespace mirage {
 
@@ -43,6 +43,6 @@ struct LightLadder {
 /// of Cycles is drawn as two independent halves. Rungs share their seeds, so that Monte Carlo noise cancels
 /// in `change`; the reference has others, and two halves of twice the samples, so that it does not in
 /// `to_full`.
-LightLadder light_ladder(BlenderWorker& blender, const HostScene& scene, const FullLight& full);
+LightLadder light_ladder(ReferenceRenderer& renderer, const HostScene& scene, const FullLight& full);
 
 }  // namespace mirage

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "validation/blender/host_scene.h"
+#include "validation/reference/host_scene.h"
 
 namespace mirage {
 

@@ -5,7 +5,7 @@
 
 #include "base/clusters.h"
 #include "base/intervals.h"
-#include "validation/blender/unbiased_error.h"
+#include "validation/reference/unbiased_error.h"
 
 namespace mirage {
 namespace {

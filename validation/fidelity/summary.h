@@ -13,8 +13,8 @@
 
 namespace mirage {
 
-/// Rasteriser and rays against Blender's, light for light (MatchedResult), over the vehicles: errors over all
-/// their pixels, or the largest.
+/// Rasteriser and rays against the reference's, light for light (MatchedResult), over the vehicles: errors
+/// over all their pixels, or the largest.
 struct MatchedSummary {
   double mask_iou = 1, mask_iou_worst = 1;
   double mae = 0, max_error = 0;  ///< scene-linear
@@ -93,7 +93,7 @@ struct FooledSummary {
 /// Over the vehicles that show anything of the object.
 struct ValidationSummary {
   int frames = 0, test_frames = 0, vehicles = 0;
-  RooftopCount rooftops;
+  RoofCount rooftops;
   MatchedSummary matched;
   FullSummary full;
   double noise = 0;  ///< of full Cycles, mean share of the object's radiance

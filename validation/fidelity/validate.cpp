@@ -7,6 +7,7 @@
 #include <set>
 
 #include "attack/cached_reliance.h"
+#include "base/child_process.h"
 #include "base/error.h"
 #include "base/field_json.h"
 #include "base/files.h"
@@ -19,10 +20,10 @@
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/shape/shape_rooftop.h"
+#include "scene/shape/shape_roof.h"
 #include "simulation/quality.h"
-#include "validation/blender/scratch_folder.h"
 #include "validation/fidelity/vehicle_validation.h"
+#include "validation/reference/scratch_folder.h"
 
 namespace mirage {
 namespace {
@@ -98,7 +99,7 @@ void write_report(const ValidationSettings& given) {
 
 namespace {
 
-/// The hosts' results, kept or made, each stored as it is finished. Those that Blender was lost on go to
+/// The hosts' results, kept or made, each stored as it is finished. Those that the renderer was lost on go to
 /// `failed`.
 std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std::vector<HostId>& hosts,
                                            std::vector<GivenUp>& failed) {
@@ -113,14 +114,14 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
     const std::string name = host_name(hosts[i]);
     std::string& key = keys[hosts[i].frame];
     if (key.empty())
-      key = content_hash(validation_key(settings, context.run, hosts[i].frame, context.blender.version()) +
+      key = content_hash(validation_key(settings, context.run, hosts[i].frame, context.renderer.identity()) +
                          to_json(context.learned).dump());
     const fs::path file = settings.out / "hosts" / (name + ".json");
     std::optional<VehicleResult> result = stored_result(settings.out, file, key, has_ladder[i]);
     if (!result) {
       try {
         result = validate_vehicle(context, hosts[i], has_ladder[i]);
-      } catch (const BlenderLost& lost) {  // the other vehicles' renders may well succeed
+      } catch (const ReferenceLost& lost) {  // the other vehicles' renders may well succeed
         spdlog::warn("{}: given up; {}", name, lost.what());
         failed.push_back({name, lost.what()});
         continue;
@@ -140,14 +141,13 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
 }  // namespace
 
 std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& frame,
-                           const std::string& blender) {
+                           const ReferenceIdentity& reference) {
   Provenance made_of;
   add_frames(made_of, run.settings, {&frame, 1});
   add_detector(made_of, settings.detector);
   made_of.add(run.settings.simulation);
   made_of.file("adversary", settings.run / "adversary.glb");
-  for (const fs::path& program : renderer_programs()) made_of.file(program.filename(), program);
-  made_of.input("blender", blender);
+  reference.add_to(made_of);
   made_of.set("samples", settings.samples);
   made_of.set("noise", settings.noise);
   made_of.set("seed", settings.seed);
@@ -194,13 +194,13 @@ std::vector<bool> ladder_hosts(const std::vector<HostId>& hosts, int count) {
   return on_ladder;
 }
 
-Validation validate(const ValidationSettings& given) {
+Validation validate(const ValidationSettings& given, const StartReference& start) {
   ValidationSettings settings = given;
   Run run = read_run(settings.run, settings.trust);
   const SimulationSettings learned = run.settings.simulation;
   override_settings(run, settings.asked, settings.seed);
   check_fields(run.settings);
-  // Rays and pixels are compared with Blender's; the ladders add the effects.
+  // Rays and pixels are compared with the reference's; the ladders add the effects.
   run.settings.simulation.lidar_effects = {};
   run.settings.simulation.camera_effects = {};
   require_result(settings.evaluation, "fn_asr", "evaluate");
@@ -210,10 +210,8 @@ Validation validate(const ValidationSettings& given) {
   if (hosts.empty())
     throw InputError((settings.run / "run.json").string(), "test", "no vehicles to validate",
                      "run mirage attack on a data set with cars in view");
-  require_text_path(settings.out);
-  make_output_folder(settings.out);
+  const std::unique_ptr<ReferenceRenderer> renderer = start(settings.out);
   for (const char* folder : {"hosts", "scenes", "pictures"}) fs::create_directories(settings.out / folder);
-  BlenderWorker blender(settings.out / "blender.log");
   settings.detector.rig = data_rig(run.settings.data, run.settings.rig);
   DetectorPool detectors;
   detectors.push_back(load_detector(settings.detector));
@@ -221,9 +219,11 @@ Validation validate(const ValidationSettings& given) {
   validation.reliance =
       cached_reliance(detectors, detector_identity(settings.detector), run.settings.data, settings.quiet);
   FrameStore store(run.settings);
-  ValidationContext context{settings, run, learned, store, *detectors.front(), blender, {}};
+  ValidationContext context{settings, run, learned, store, *detectors.front(), *renderer, {}};
   const std::vector<VehicleResult> results = vehicle_results(context, hosts, validation.failed);
-  if (results.empty()) throw Failure("blender", "was lost on every vehicle", "look at blender.log");
+  if (results.empty())
+    throw Failure(renderer->identity().name, "was lost on every vehicle",
+                  "look at its log in " + settings.out.string());
   std::error_code ignored;
   fs::remove_all(settings.out / kScratchFolder, ignored);
   std::set<std::string> test_frames;
@@ -235,16 +235,16 @@ Validation validate(const ValidationSettings& given) {
         results, {settings.budget, settings.budget_of, settings.seed, settings.budget_confidence});
   for (const VehicleResult& vehicle : results) {
     validation.hosts.push_back(vehicle.name);
-    for (const BlenderWorker::Loss& loss : vehicle.blender_losses)
-      validation.blender_losses.emplace_back(vehicle.name, loss);
+    for (const ReferenceLoss& loss : vehicle.losses) validation.losses.emplace_back(vehicle.name, loss);
   }
   validation.samples = settings.samples;
   validation.run = settings.run;
-  validation.blender = blender.version();
+  validation.placement = run.settings.placement;
+  validation.reference = renderer->identity();
   validation.report = settings.out / "report.html";
   settings.made_of->add(run.settings);
   settings.made_of->set("samples", settings.samples);
-  settings.made_of->input("blender", blender.version());
+  settings.made_of->input(validation.reference.key, validation.reference.version);
   add_frames(*settings.made_of, run.settings, hosts);
   add_detector(*settings.made_of, settings.detector);
   return validation;
@@ -266,7 +266,7 @@ std::string headline(const Validation& validation) {
 
 json to_json(const Validation& validation) {
   json out = to_json(validation.summary);
-  auto losses = list_json(validation.blender_losses, [](const auto& lost) -> json {
+  auto losses = list_json(validation.losses, [](const auto& lost) -> json {
     const auto& [vehicle, loss] = lost;
     return {{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}, {"vehicle", vehicle}};
   });
@@ -284,12 +284,14 @@ json to_json(const Validation& validation) {
   out.update({{"verdict", to_json(validation.verdict)},
               {"reliance", to_json(validation.reliance)},
               {"hosts", validation.hosts},
-              {"blender_losses", std::move(losses)},
               {"failed", std::move(failed)},
               {"samples", validation.samples},
-              {"blender", validation.blender},
-              {"blender_restarts", validation.blender_losses.size()},
+              {"reference",
+               {{"name", validation.reference.name},
+                {"version", validation.reference.version},
+                {"losses", std::move(losses)}}},
               {"run", validation.run.string()},
+              {"placement", text_of(validation.placement)},
               {"clusters", to_json(validation.verdict.judged().clusters)},
               {"report", validation.report.string()}});
   if (nearest) out["verdict"]["nearest"] = nearest - arms.data();

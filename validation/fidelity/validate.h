@@ -1,6 +1,6 @@
-// Validation of a run against Blender Cycles: matched light (a correctness test of rasteriser, exporter and
-// LiDAR), the physically based light (how far the light-weight renderers can be trusted) and the detector on
-// the Cycles pictures. Each vehicle's result is written as it is finished and kept by a later call.
+// Validation of a run against a reference renderer: matched light (a correctness test of rasteriser, exporter
+// and LiDAR), the physically based light (how far the light-weight renderers can be trusted) and the detector
+// on the reference's pictures. Each vehicle's result is written as it is finished and kept by a later call.
 #pragma once
 
 #include <filesystem>
@@ -13,15 +13,15 @@
 
 #include "attack/run.h"
 #include "detection/reliance.h"
-#include "validation/blender/blender_process.h"
 #include "validation/fidelity/budget.h"
 #include "validation/fidelity/summary.h"
 #include "validation/fidelity/validation_settings.h"
 #include "validation/fidelity/verdict.h"
+#include "validation/reference/reference_renderer.h"
 
 namespace mirage {
 
-/// A vehicle without a result: Blender was lost on it too often (BlenderLost).
+/// A vehicle without a result: the renderer was lost on it too often (ReferenceLost).
 struct GivenUp {
   std::string name, problem;
 };
@@ -34,17 +34,18 @@ struct Validation {
   Reliance reliance;
   std::vector<std::string> hosts;  ///< names of the vehicles, in the order that they were looked at
   /// With the vehicle's name; of the stopped runs before this one as well.
-  std::vector<std::pair<std::string, BlenderWorker::Loss>> blender_losses;
+  std::vector<std::pair<std::string, ReferenceLoss>> losses;
   std::vector<GivenUp> failed;
-  int samples = 0;               ///< Cycles samples a pixel, as asked for
-  std::string blender;           ///< its version
+  ReferenceIdentity reference;
+  int samples = 0;               ///< of the reference a pixel, as asked for
   std::filesystem::path run;     ///< of the attack
+  PlaceChoice placement;         ///< of the object
   std::filesystem::path report;  ///< report.html, which write_report() makes
 };
 
 /// Runs it; writes OUT/{hosts,scenes,pictures}/. InputError for settings, run or data that cannot be used;
-/// Failure if Blender was lost on every vehicle or a program fails; Interrupted.
-Validation validate(const ValidationSettings& settings);
+/// Failure if the renderer was lost on every vehicle or a program fails; Interrupted.
+Validation validate(const ValidationSettings& settings, const StartReference& start);
 /// OUT/report.html from OUT/result.json, which holds to_json(), and the files beside it. InputError without
 /// Python; Failure if report.py fails.
 void write_report(const ValidationSettings& settings);
@@ -58,9 +59,9 @@ nlohmann::json to_json(const Validation& validation);
 
 /// What the kept result of a vehicle of that frame is made of, as a hash (base/provenance.h); one of another
 /// key is made again. `settings`: with the run's detector, `run`: with what is asked for in its settings,
-/// `blender`: its version. InputError if a file of them can't be read.
+/// InputError if a file of them can't be read.
 std::string validation_key(const ValidationSettings& settings, const Run& run, const std::string& frame,
-                           const std::string& blender);
+                           const ReferenceIdentity& reference);
 
 /// Vehicles of a verdict where the number of frames is not given, if the data have as many: a difference of
 /// shares of 100 vehicles is told to within ten points or so.

@@ -201,7 +201,7 @@ json to_json(const VehicleResult& vehicle) {
               {"adversary_points", vehicle.adversary_points}});
   if (!vehicle.seen) return out;
   add_seen(*vehicle.seen, out);
-  out["blender_losses"] = list_json(vehicle.blender_losses, [](const BlenderWorker::Loss& loss) {
+  out["losses"] = list_json(vehicle.losses, [](const ReferenceLoss& loss) {
     return json{{"job", loss.job}, {"how", loss.how}, {"attempt", loss.attempt}};
   });
   return out;
@@ -217,11 +217,10 @@ VehicleResult read_vehicle(const std::filesystem::path& file, const json& raw) {
   vehicle.adversary_points = static_cast<int>(from.integer("adversary_points", 0, 1 << 30));
   if (!from.has("matched")) return vehicle;
   vehicle.seen = read_seen(from, raw);
-  vehicle.blender_losses =
-      read_list<BlenderWorker::Loss>(from, "blender_losses", [](const JsonFields& entry) {
-        return BlenderWorker::Loss{entry.text("job"), entry.text("how"),
-                                   static_cast<int>(entry.integer("attempt", 0, 1000))};
-      });
+  vehicle.losses = read_list<ReferenceLoss>(from, "losses", [](const JsonFields& entry) {
+    return ReferenceLoss{entry.text("job"), entry.text("how"),
+                         static_cast<int>(entry.integer("attempt", 0, 1000))};
+  });
   for (const char* part : {"bev", "picture_boxes", "host_rect", "crop_rect"})
     if (raw.contains(part)) vehicle.shown[part] = raw.at(part);
   return vehicle;

@@ -11,9 +11,9 @@
 
 #include "base/fields.h"
 #include "frames/host_id.h"
-#include "validation/blender/blender_process.h"
-#include "validation/blender/unbiased_error.h"
 #include "validation/fidelity/light_ladder.h"
+#include "validation/reference/reference_renderer.h"
+#include "validation/reference/unbiased_error.h"
 
 namespace mirage {
 
@@ -84,7 +84,7 @@ struct ArmsResult {
   std::vector<ControlResult> controls;
 };
 
-/// Rasteriser and rays against Blender's, light for light (host_validation.h).
+/// Rasteriser and rays against the reference's, light for light (host_validation.h).
 struct MatchedResult {
   double mask_iou = 1, mae = 0, max_error = 0;
   double depth_error = 0, depth_error_mean = 0;        ///< m
@@ -170,7 +170,7 @@ struct VehicleResult {
   int adversary_points = 0;
   int track = -1;  ///< identity in the data set; not stored: the set may learn it later
   std::optional<SeenResult> seen;
-  std::vector<BlenderWorker::Loss> blender_losses;
+  std::vector<ReferenceLoss> losses;
   /// What the report alone shows: bev, picture_boxes, host_rect, crop_rect.
   nlohmann::json shown = nlohmann::json::object();
 };

@@ -7,16 +7,17 @@
 #include "attack/road_users.h"
 #include "base/image_io.h"
 #include "detection/average_precision.h"
+#include "detection/detect.h"
 #include "detection/reliance.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
-#include "validation/blender/scratch_folder.h"
 #include "validation/fidelity/arms.h"
 #include "validation/fidelity/host_validation.h"
 #include "validation/fidelity/lidar_ladder.h"
 #include "validation/fidelity/light_ladder.h"
 #include "validation/fidelity/picture_errors.h"
 #include "validation/fidelity/scene_features.h"
+#include "validation/reference/scratch_folder.h"
 
 namespace mirage {
 namespace {
@@ -35,31 +36,30 @@ json box_json(const PictureBox& b) {
 }
 
 /// None of a detector without boxes there.
-json boxes_json(const std::vector<Proposal>& proposals, Plane plane, Plane judged_in) {
+json boxes_json(const std::vector<Detection>& proposals, bool in_picture, Matching judged_by) {
   auto list = json::array();
-  if (plane != judged_in) return list;
-  for (const Proposal& p : proposals)
-    list.push_back(
-        {{"box", plane == Plane::bev ? box_json(p.box) : box_json(p.picture)}, {"score", p.score()}});
+  if (in_picture != judged_by.in_picture()) return list;
+  for (const Detection& p : proposals)
+    list.push_back({{"box", in_picture ? box_json(p.picture) : box_json(p.box.bev)}, {"score", p.score()}});
   return list;
 }
 
 /// What the detector makes of a view: its detections, and the logit of the proposal that speaks for the host
 /// (detection/reliance.h), which goes on below the threshold of detections.
 struct Appearance {
-  std::vector<Proposal> found;
+  std::vector<Detection> found;
   double logit = 0;
 };
 
-Appearance look_at(Detector& detector, const SensorView& view, const BevBox& host,
+Appearance look_at(Detector& detector, const SensorView& view, const ObjectBoxes& host,
                    const EvaluationSettings& settings) {
-  const std::vector<Proposal> proposals =
+  const std::vector<Detection> proposals =
       detector.forward(view, std::min(kFaintScore, settings.score_threshold), false);
   Appearance look;
-  look.logit = speaker(proposals, host, settings.plane).logit;
+  look.logit = speaker(proposals, host, settings.matching).logit;
   std::copy_if(proposals.begin(), proposals.end(), std::back_inserter(look.found),
-               [&](const Proposal& proposal) { return proposal.score() > settings.score_threshold; });
-  look.found = suppress(std::move(look.found), settings.plane);
+               [&](const Detection& proposal) { return proposal.score() > settings.score_threshold; });
+  look.found = suppress(std::move(look.found), settings.matching);
   return look;
 }
 
@@ -90,9 +90,9 @@ json bev_json(const PreparedFrame& prepared, const Label& host, const Simulated&
           {"points", measured},
           {"adversary_points", added},
           {"truth", truth},
-          {"clean", boxes_json(raster.clean, Plane::bev, raster.plane)},
-          {"raster", boxes_json(raster.attacked, Plane::bev, raster.plane)},
-          {"cycles", boxes_json(cycles.attacked, Plane::bev, raster.plane)}};
+          {"clean", boxes_json(raster.clean, false, raster.matching)},
+          {"raster", boxes_json(raster.attacked, false, raster.matching)},
+          {"cycles", boxes_json(cycles.attacked, false, raster.matching)}};
 }
 
 /// Boxes in the picture, for a detector that is judged there.
@@ -103,9 +103,9 @@ json picture_json(const Frame& frame, const Label& host, const std::optional<Pic
   return {{"host", box_json(picture_box(host))},
           {"object", object ? box_json(*object) : json()},
           {"truth", truth},
-          {"clean", boxes_json(raster.clean, Plane::picture, raster.plane)},
-          {"raster", boxes_json(raster.attacked, Plane::picture, raster.plane)},
-          {"cycles", boxes_json(cycles.attacked, Plane::picture, raster.plane)}};
+          {"clean", boxes_json(raster.clean, true, raster.matching)},
+          {"raster", boxes_json(raster.attacked, true, raster.matching)},
+          {"cycles", boxes_json(cycles.attacked, true, raster.matching)}};
 }
 
 /// |a − b| of the encoded pictures, times `gain`.
@@ -121,11 +121,11 @@ ImageF difference(const ImageF& a, const ImageF& b, float gain) {
 /// The ladders of light and LiDAR, each rung with what the detector makes of it, and the features by which a
 /// budget chooses (budget_rule.h).
 template <class Outcome>
-LadderResult ladders(BlenderWorker& blender, const HostScene& scene, const Simulated& simulated,
+LadderResult ladders(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated,
                      const FullLight& full, const Outcome& outcome) {
   const Frame& frame = scene.prepared->frame;
   LadderResult result;
-  LightLadder light = light_ladder(blender, scene, full);
+  LightLadder light = light_ladder(renderer, scene, full);
   result.reference_samples = light.reference_samples;
   result.reference_seconds = light.reference_seconds;
   result.reference_noise = light.reference_noise;
@@ -152,33 +152,32 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   HostScene scene;
   scene.prepared = &prepared;
   scene.host = &label_of(frame, id);
-  scene.rooftop = context.store.rooftop(id);
+  scene.placement = context.store.placement(id);
   scene.adversary = context.run.adversary;
-  scene.placed = place(scene.adversary, scene.rooftop);
+  scene.placed = place(scene.adversary, scene.placement);
   scene.simulation = context.run.settings.simulation;
   scene.samples = context.settings.samples;
   scene.seed = context.settings.seed;
   scene.glb = out / "scenes" / (name + ".glb");
   scene.scratch = out / kScratchFolder;
   fs::create_directories(scene.scratch);
-  write_scene(scene.glb, host_scene(frame, *scene.host, scene.rooftop, scene.adversary, name));
+  write_scene(scene.glb, host_scene(frame, scene.placement, scene.adversary, name));
 
-  const Simulated simulated =
-      simulate(prepared, *scene.host, scene.rooftop, scene.adversary, scene.simulation);
+  const Simulated simulated = simulate(prepared, scene.placement, scene.adversary, scene.simulation);
   VehicleResult result;
   result.host = id;
   result.name = name;
-  result.from_box = scene.rooftop.from_box;
+  result.from_box = scene.placement.carrier->from_box;
   result.visible_share = simulated.visible_share;
   result.adversary_points = simulated.adversary_points;
   if (simulated.rect.empty()) return result;
   SeenResult& seen = result.seen.emplace();
-  const std::size_t lost_before = context.blender.losses().size();
-  const MatchedLight matched = matched_light(context.blender, scene);
-  const LidarCheck lidar = check_lidar(context.blender, scene, simulated);
+  const std::size_t lost_before = context.renderer.losses().size();
+  const MatchedLight matched = matched_light(context.renderer, scene);
+  const LidarCheck lidar = check_lidar(context.renderer, scene, simulated);
   if (context.settings.noise > 0)
-    scene.samples = samples_for(measure_noise(context.blender, scene, simulated), context.settings.noise);
-  const FullLight full = full_light(context.blender, scene, simulated);
+    scene.samples = samples_for(measure_noise(context.renderer, scene, simulated), context.settings.noise);
+  const FullLight full = full_light(context.renderer, scene, simulated);
   const Noise noise = noise_of(full.radiance, full.mask, full.samples / 2);
   MatchedResult& m = seen.matched;
   m.mask_iou = matched.mask_iou, m.mask_both = matched.mask_both, m.mask_either = matched.mask_either;
@@ -196,20 +195,19 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   seen.full.seconds = full.seconds;
   seen.full.error = raster_error(scene, simulated, full);
   EvaluationSettings judge_by = context.settings.evaluation_settings;
-  judge_by.plane = context.detector.capabilities().plane();
-  const std::optional<PictureBox> object = silhouette_box(simulated);
+  judge_by.matching = context.detector.capabilities().matching();
+  const std::optional<PictureBox> object = carried_box(simulated, scene.placement);
   const auto [clean, added] = context.clean.try_emplace(id.frame);
-  if (added)
-    clean->second = detections(context.detector, {&frame.image, frame.sweep, &frame.calibration}, judge_by);
+  if (added) clean->second = detections(context.detector, view_of(frame), judge_by);
   // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
   CleanView as_recorded = clean_view(prepared, simulated);
-  const Simulated learned = simulate(prepared, *scene.host, scene.rooftop, scene.adversary, context.learned);
+  const Simulated learned = simulate(prepared, scene.placement, scene.adversary, context.learned);
   as_recorded.changed = united(full.rect, learned.rect);
-  const BevBox host_box = HostTruth(frame, *scene.host, judge_by.plane).host();
+  const ObjectBoxes host_boxes = boxes_of(*scene.host);
   const auto outcome_of = [&](const ImageF& image, const Sweep& sweep) -> Judged {
-    const SensorView view{&image, sweep, &frame.calibration,
-                          context.detector.capabilities().why_whole.empty() ? &as_recorded : nullptr};
-    Appearance look = look_at(context.detector, view, host_box, judge_by);
+    SensorView view = view_of(frame, image, sweep);
+    if (context.detector.capabilities().why_whole.empty()) view.clean = &as_recorded;
+    Appearance look = look_at(context.detector, view, host_boxes, judge_by);
     return {judge(id, frame, clean->second, std::move(look.found), judge_by, object), look.logit};
   };
   const Judged seen_raster_as = outcome_of(simulated.image, simulated.sweep);
@@ -234,10 +232,10 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
     const auto outcome = [&](const ImageF& image, const Sweep& sweep) {
       return raster.detected ? std::optional(look(image, sweep)) : std::nullopt;
     };
-    seen.ladder = ladders(context.blender, scene, simulated, full, outcome);
+    seen.ladder = ladders(context.renderer, scene, simulated, full, outcome);
   }
   result.shown["bev"] = bev_json(prepared, *scene.host, simulated, raster, cycles);
-  if (judge_by.plane == Plane::picture)
+  if (judge_by.matching.in_picture())
     result.shown["picture_boxes"] = picture_json(frame, *scene.host, object, raster, cycles);
 
   const auto save = [&](const std::string& picture, const ImageF& image) {
@@ -257,8 +255,8 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   save("matched_raster", matched.raster);
   save("matched_cycles", matched.cycles);
   save("matched_difference", difference(matched.raster, matched.cycles, 10));
-  const auto& losses = context.blender.losses();
-  result.blender_losses.assign(losses.begin() + static_cast<std::ptrdiff_t>(lost_before), losses.end());
+  const auto& losses = context.renderer.losses();
+  result.losses.assign(losses.begin() + static_cast<std::ptrdiff_t>(lost_before), losses.end());
   return result;
 }
 

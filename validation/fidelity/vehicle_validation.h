@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "validation/blender/blender_process.h"
 #include "validation/fidelity/validation_settings.h"
 #include "validation/fidelity/vehicle_result.h"
+#include "validation/reference/reference_renderer.h"
 
 namespace mirage {
 
@@ -18,12 +18,12 @@ struct ValidationContext {
   const SimulationSettings& learned;  ///< the run's own, which `run` may have other than
   FrameStore& store;
   Detector& detector;
-  BlenderWorker& blender;
-  std::map<std::string, std::vector<Proposal>> clean;  ///< a frame's clean detections serve all its vehicles
+  ReferenceRenderer& renderer;
+  std::map<std::string, std::vector<Detection>> clean;  ///< a frame's clean detections serve all its vehicles
 };
 
 /// Writes the vehicle's scene and pictures under settings.out. An object of which nothing is in view has no
-/// figures. BlenderLost if Blender was lost too often on one of its renders.
+/// figures. ReferenceLost if the renderer was lost too often on one of its renders.
 VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, bool with_ladder);
 
 }  // namespace mirage

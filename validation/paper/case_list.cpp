@@ -84,10 +84,14 @@ void CaseList::add_hosts(Case& command, const std::string& run) {
                    {}}));
 }
 
-std::string CaseList::evaluate(const std::string& run, bool start, bool pictures) {
-  Case command = judging(last_part(run), run, start ? "start,sized,cuboid" : "sized");
+std::string CaseList::evaluate(const std::string& run) {
+  const Case& attacked = at(run);
+  const std::string detector = attacked.setting("detector");
+  bool usual = attacked.setting("target") == all_sensors(detector);
+  for (const char* variant : {"size", "parts", "defense"}) usual = usual && attacked.setting(variant).empty();
+  Case command = judging(last_part(run), run, usual ? "start,sized,cuboid" : "sized");
   add_hosts(command, run);
-  if (pictures) command.settings["pictures"] = std::to_string(settings_.pictures);
+  if (usual && detector == "fusion") command.settings["pictures"] = std::to_string(settings_.pictures);
   return add(command);
 }
 
@@ -97,9 +101,7 @@ std::string CaseList::transfer(const std::string& from, const std::string& onto)
     command.needs.emplace_back("hosts_of", onto);
     return add(command);
   }
-  const auto attacked =
-      std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == onto; });
-  command.settings["detector"] = attacked->setting("detector");
+  command.settings["detector"] = at(onto).setting("detector");
   add_hosts(command, onto);
   return add(command);
 }
@@ -121,6 +123,10 @@ std::string CaseList::detect(const std::string& rig, const std::string& detector
   if (!defense.empty()) command.settings["defense"] = defense;
   add_data(command, rig);
   return add(command);
+}
+
+const Case& CaseList::at(const std::string& name) const {
+  return *std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == name; });
 }
 
 std::string CaseList::add(Case command) {

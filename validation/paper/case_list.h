@@ -13,6 +13,11 @@ inline std::string target_title(const std::string& target) {
   return target == "lidar" ? "LiDAR" : target;
 }
 
+/// The --target that reaches all sensors of a detector.
+inline std::string all_sensors(const std::string& detector) {
+  return detector == "lidar" ? "lidar" : detector == "camera" ? "image" : "both";
+}
+
 /// How an attack departs from the tables' standing one.
 struct Variant {
   double size = 0;           ///< L, m; 0: the default box
@@ -39,8 +44,9 @@ class CaseList {
                      const Variant& variant = {});
 
   /// Of a run on its own held-back hosts (or all of the frames that are there to judge), beside random meshes
-  /// of its size; with `start` also beside the paper's and beside the cuboid that fills the box.
-  std::string evaluate(const std::string& run, bool start, bool pictures);
+  /// of its size. The usual attack on a detector, through all of its sensors, stands also beside the paper's
+  /// random meshes and beside the cuboid that fills the box; that on `fusion` has pictures.
+  std::string evaluate(const std::string& run);
 
   /// Of a run on the held-back hosts, data and detector of another, beside random meshes of its size.
   std::string transfer(const std::string& from, const std::string& onto);
@@ -65,6 +71,9 @@ class CaseList {
 
   /// Lets the case read the rig's data: the user's, or those of a case that makes them.
   void add_data(Case& command, const std::string& rig);
+
+  /// The case of that name, which is there.
+  const Case& at(const std::string& name) const;
 
   /// Tables share cases: one of a name that is there already must be the same.
   std::string add(Case command);

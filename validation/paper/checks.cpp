@@ -48,7 +48,7 @@ Check check(const std::string& where, const std::vector<const Outcomes*>& used,
   int frames = std::numeric_limits<int>::max(), clusters = frames;
   for (const Outcomes* outcomes : used) {
     frames = std::min(frames, outcomes->frames());
-    clusters = std::min(clusters, outcomes->clusters());
+    clusters = std::min(clusters, outcomes->clusters().count);
   }
   check.few = check.vehicles < kFewest || clusters < kFewestClusters;
   check.sentence = std::move(sentence);
@@ -97,14 +97,25 @@ std::string with_thousands(long number) {
   return text;
 }
 
+/// Open, and that is an answer.
+bool same(const Comparison& c) {
+  return c.verdict == Verdict::open && told(c.difference) == Told::same;
+}
+
+std::string in_words(const Comparison& c) {
+  return same(c) ? to_string(Told::same) : to_string(c.verdict);
+}
+
 void settle_check(Check& check) {
   check.verdict = verdict_of(check);
   if (check.comparisons.empty()) return;
   if (check.comparisons.size() > 1) {
     std::string list;
     for (const Comparison& c : check.comparisons)
-      list += fmt::format("{}{}: {}", list.empty() ? "" : ", ", c.what, to_string(c.verdict));
+      list += fmt::format("{}{}: {}", list.empty() ? "" : ", ", c.what, in_words(c));
     check.sentence += "; " + list;
+  } else if (same(check.comparisons.front())) {
+    check.sentence += "; " + to_string(Told::same);
   }
   for (const Comparison& c : check.comparisons)
     if (!check.few && c.verdict == Verdict::open && judge(c.claim, c.difference) != Verdict::open)
@@ -115,13 +126,13 @@ void settle_check(Check& check) {
   std::optional<long> most;
   bool never = false, unsettled = false;
   for (const Comparison& c : check.comparisons) {
-    if (c.verdict != Verdict::open && !check.few) continue;
+    if ((c.verdict != Verdict::open || same(c)) && !check.few) continue;
     unsettled = true;
     const auto needed = vehicles_needed(c, check.vehicles);
     never = never || !needed;
     if (needed) most = std::max(most.value_or(0), *needed);
   }
-  if (!unsettled) return;  // the comparisons are told, and contradict each other
+  if (!unsettled) return;  // the comparisons are told, and contradict each other, or are the same
   if (never) {
     check.sentence +=
         "; no number of vehicles can be given that would tell: the difference is too close to its bound, "

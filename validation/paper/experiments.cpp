@@ -4,234 +4,116 @@
 
 #include <algorithm>
 #include <functional>
+#include <iterator>
 #include <set>
+#include <sstream>
 
+#include "base/config.h"
 #include "base/error.h"
 #include "base/fields.h"
+#include "base/files.h"
 #include "base/words.h"
 #include "detection/defense_words.h"
 #include "validation/paper/case_list.h"
 #include "validation/paper/fusions.h"
-#include "validation/paper/object_parts.h"
 #include "validation/paper/repetitions.h"
 
 namespace mirage::paper {
 namespace {
 
 using Strings = std::vector<std::string>;
-using Printed = std::map<std::string, double>;
 
-const std::vector<Column> kSuccess = {{"vanished", "vanished"},
-                                      {"fn_asr", "FN ASR"},
-                                      {"fp_asr", "FP ASR"},
-                                      {"asr", "ASR"},
-                                      {"net", "ASR net of its size"}};
-const std::vector<Column> kRecall = {
-    {"recall50", "recall at IoU 0.5"}, {"recall70", "recall at IoU 0.7"}, {"recall_mean", "mean over IoU"}};
-// What --quick keeps of many rows of one kind.
-constexpr double kQuickSize = 0.4;
-const std::set<std::string> kQuickDefenses = {"", "adversarial", kCeiling};
-const std::map<std::string, std::string> kRigTitles = {
-    {"kitti64", "KITTI rig"}, {"xenith", "Xenith rig"}, {"real", "real KITTI frames"}};
-
-Printed printed(double fn, double fp, double asr) {
-  return {{"fn_asr", fn}, {"fp_asr", fp}, {"asr", asr}};
+Strings words_in(const std::string& text) {
+  std::istringstream words(text);
+  return {std::istream_iterator<std::string>(words), {}};
 }
 
-/// The attacks on one rig, which tables 1 and 2 count and figure 3 draws.
-struct RigAttacks {
-  std::string lidar_only, image, lidar, both;
+/// An attack by its run's name without what varies: "kitti64-fusion-both".
+struct AttackName {
+  std::string rig, detector, target;
+  explicit AttackName(const std::string& name) {
+    const std::size_t first = name.find('-'), second = name.find('-', first + 1);
+    rig = name.substr(0, first);
+    detector = name.substr(first + 1, second - first - 1);
+    target = name.substr(second + 1);
+  }
 };
 
-RigAttacks rig_attacks(CaseList& list, const std::string& rig) {
-  RigAttacks attacks;
-  attacks.both = list.evaluate(list.attack(rig, "fusion", "both"), true, true);
-  attacks.image = list.evaluate(list.attack(rig, "fusion", "image"), false, false);
-  attacks.lidar = list.evaluate(list.attack(rig, "fusion", "lidar"), false, false);
-  attacks.lidar_only = list.evaluate(list.attack(rig, "lidar", "lidar"), true, false);
-  return attacks;
+std::string attack(CaseList& list, const std::string& name, const Variant& variant = {}) {
+  const AttackName of(name);
+  return list.attack(of.rig, of.detector, of.target, variant);
 }
 
-Row row(const std::string& label, const std::string& rig, const std::string& evaluation, Printed paper = {}) {
+/// A row of experiments.toml.
+Row read_row(ConfigTable fields, const Table& table, CaseList& list) {
   Row row;
-  row.label = label;
-  row.rig = rig;
-  row.evaluation = evaluation;
-  row.paper = std::move(paper);
+  const auto text = [&](const char* key) { return fields.has(key) ? fields.text(key) : std::string(); };
+  const std::string name = fields.text("attack"), onto = text("on"), mesh = text("mesh");
+  Variant variant{.defense = text("defense"), .parts = text("parts")};
+  if (fields.has("size")) {
+    row.size = fields.number("size", 0.05, 10);
+    variant.size = of_size(row.size).size;
+  }
+  const std::string run = attack(list, name, variant);
+  const AttackName attacked(name), judged(onto.empty() ? name : onto);
+  row.evaluation = onto.empty() ? list.evaluate(run) : list.transfer(run, attack(list, onto));
+  row.rig = judged.rig;
+  row.source = text("source");
+  row.target = text("target");
+  row.label = fields.has("label") ? fields.text("label") : row.source + " → " + row.target;
+  row.random = mesh == "start";
+  row.sized = mesh == "sized";
+  row.clean = mesh == "none";
+  row.image = mesh.empty() && onto.empty() &&
+              (attacked.target == "image" || (!variant.defense.empty() && concerns_picture(variant.defense)));
+  for (const Column& column : table.columns)
+    if (column.key == "ap70") row.detection = list.detect(attacked.rig, attacked.detector, variant.defense);
+  if (fields.has("paper")) {
+    ConfigTable paper = fields.table("paper");
+    for (const Column& column : table.columns)
+      if (paper.has(column.key)) row.paper[column.key] = paper.number(column.key, 0, 100);
+    paper.check_all_known();
+  }
+  fields.check_all_known();
   return row;
 }
 
-Table attack_table(CaseList& list, const std::string& name, const std::string& rig,
-                   const std::vector<Printed>& paper) {
-  const RigAttacks a = rig_attacks(list, rig);
-  Table table{name, "Attack success, " + kRigTitles.at(rig), "", kSuccess, {}};
-  const auto of = [&](std::size_t i) { return paper.empty() ? Printed{} : paper[i]; };
-  table.rows = {row("LiDAR-only detector, LiDAR", rig, a.lidar_only, of(4)),
-                row("fusion, random mesh", rig, a.both, of(0)),
-                row("fusion, LiDAR", rig, a.lidar, of(1)),
-                row("fusion, image", rig, a.image, of(2)),
-                row("fusion, both", rig, a.both, of(3)),
-                row("LiDAR-only detector, random mesh", rig, a.lidar_only),
-                row("fusion, random mesh of its size", rig, a.both),
-                row("LiDAR-only detector, random mesh of its size", rig, a.lidar_only)};
-  table.rows[1].random = table.rows[5].random = true;
-  table.rows[6].sized = table.rows[7].sized = true;
-  table.rows[3].image = true;
-  return table;
-}
-
-// In the order random, LiDAR, image, both, LiDAR-only detector.
-/// The paper's numbers on KITTI, in attack_table's order.
-std::vector<Printed> on_kitti() {
-  return {printed(5.68, 2.01, 7.64), printed(7.99, 2.36, 10.11), printed(26.06, 3.40, 28.43),
-          printed(32.76, 4.38, 34.68), printed(31.85, 4.84, 33.23)};
-}
-
-Table table1(CaseList& list) {
-  Table table = attack_table(list, "table1", "kitti64", on_kitti());
-  table.note = "Beside the paper's numbers on KITTI.";
-  return table;
-}
-
-Table table2(CaseList& list) {
-  Table table =
-      attack_table(list, "table2", "xenith",
-                   {printed(5.06, 4.15, 9.17), printed(9.52, 6.21, 15.33), printed(42.81, 10.78, 49.59),
-                    printed(43.15, 11.77, 49.76), printed(23.80, 10.70, 32.60)});
-  table.note =
-      "Beside the paper's numbers on its larger set, which is not public; ours is generated with a rig like "
-      "it.";
-  return table;
-}
-
-Table fig3(CaseList& list, const Strings& rigs) {
-  Table table{"fig3", "Recall over IoU", "The paper shows curves; its numbers are not printed.", kRecall, {}};
-  for (const std::string& rig : rigs) {
-    const RigAttacks a = rig_attacks(list, rig);
-    std::vector<Row> rows = {row("fusion, as recorded", rig, a.both),
-                             row("fusion, random mesh", rig, a.both),
-                             row("fusion, LiDAR", rig, a.lidar),
-                             row("fusion, image", rig, a.image),
-                             row("fusion, both", rig, a.both),
-                             row("LiDAR-only detector, as recorded", rig, a.lidar_only),
-                             row("LiDAR-only detector, LiDAR", rig, a.lidar_only)};
-    rows[0].clean = rows[5].clean = rows[1].random = rows[3].image = true;
-    table.rows.insert(table.rows.end(), rows.begin(), rows.end());
+/// A table of experiments.toml; without rows where it is not asked for.
+Table read_table(ConfigTable fields, const nlohmann::json& rows, const std::filesystem::path& file,
+                 ConfigTable& titles, const ReproduceSettings& settings, CaseList& list) {
+  Table table{fields.text("name"), fields.text("title"), fields.text("note"), {}, {}};
+  const std::string what = fields.has("what") ? fields.text("what") : table.name;
+  for (const std::string& key : words_in(fields.text("columns")))
+    table.columns.push_back({key, titles.text(key)});
+  const Strings runs = words_in(fields.has("runs") ? fields.text("runs") : "");
+  fields.skip("rows");
+  fields.check_all_known();
+  if (settings.what != "all" && settings.what != what) return table;
+  const auto is_there = [&](const std::string& name) {
+    return AttackName(name).rig != "real" || !settings.real.empty();
+  };
+  for (const std::string& name : runs)
+    if (is_there(name)) list.evaluate(attack(list, name));
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    ConfigTable row = ConfigTable::of(file, fmt::format("table {}, rows[{}]", table.name, i), rows[i]);
+    const bool left_out = row.has("quick") && row.text("quick") == "left out" && settings.quick;
+    if (!left_out && is_there(row.has("on") ? row.text("on") : row.text("attack")))
+      table.rows.push_back(read_row(std::move(row), table, list));
   }
   return table;
 }
 
-Table fig4(CaseList& list) {
-  Table table{
-      "fig4",
-      "Attack success against the size of the box",
-      "L: half of the box's length and width, its half height is 0.625 L. The paper shows a curve; its "
-      "numbers are not printed.",
-      kSuccess,
-      {}};
-  for (const double size : kBoxSizes) {
-    const Variant variant = of_size(size);
-    const bool standing = variant.size == 0;
-    if (list.quick() && !standing && size != kQuickSize) continue;
-    const std::string run = list.attack("kitti64", "fusion", "both", variant);
-    Row size_row = row(fmt::format("L = {:.1f} m", size), "kitti64", list.evaluate(run, standing, standing));
-    size_row.size = size;
-    table.rows.push_back(size_row);
+std::vector<Table> read_tables(const ReproduceSettings& settings, CaseList& list) {
+  const std::filesystem::path file = shipped_file("validation/paper/experiments.toml");
+  const nlohmann::json whole = read_toml(file);
+  ConfigTable titles = ConfigTable::of(file, "titles", whole.at("titles"));
+  std::vector<Table> tables;
+  for (const nlohmann::json& one : whole.at("table")) {
+    Table table =
+        read_table(ConfigTable::of(file, "table", one), one.at("rows"), file, titles, settings, list);
+    if (!table.rows.empty()) tables.push_back(std::move(table));
   }
-  return table;
-}
-
-Table table3(CaseList& list, bool real) {
-  Table table{
-      "table3",
-      "Transfer of the learned mesh, black box",
-      "Each mesh on exactly the held-back hosts of the attacked detector's own run; same detector and rig is "
-      "the white-box attack. The paper prints ASR 16.88 % and 18.22 % for transfer between its two sets.",
-      kSuccess,
-      {}};
-  struct End {
-    std::string rig, detector;
-    std::string name() const {
-      return kRigTitles.at(rig) + ", " + (detector == "lidar" ? "LiDAR-only" : detector);
-    }
-  };
-  std::vector<End> ends = {
-      {"kitti64", "fusion"}, {"xenith", "fusion"}, {"kitti64", "lidar"}, {"xenith", "lidar"}};
-  const auto run = [&](const End& end) {
-    return list.attack(end.rig, end.detector, end.detector == "lidar" ? "lidar" : "both");
-  };
-  const auto add = [&](const End& from, const End& onto) {
-    const bool own = from.rig == onto.rig && from.detector == onto.detector;
-    Row transfer_row = row(from.name() + " → " + onto.name(), onto.rig,
-                           own ? list.evaluate(run(from), true, from.detector == "fusion")
-                               : list.transfer(run(from), run(onto)));
-    transfer_row.source = from.name();
-    transfer_row.target = onto.name();
-    table.rows.push_back(transfer_row);
-  };
-  for (const End& onto : ends)
-    for (const End& from : ends)  // to another rig or to another detector, not both at once
-      if (from.rig == onto.rig || from.detector == onto.detector) add(from, onto);
-  for (const End& onto : ends) {
-    add(onto, onto);
-    Row& baseline = table.rows.back();
-    baseline.source = "random mesh";
-    baseline.label = "random mesh → " + onto.name();
-    baseline.random = true;
-  }
-  if (real) {
-    const End onto{"real", "fusion"};
-    for (const End& from : {ends[0], ends[1], onto}) add(from, onto);
-  }
-  return table;
-}
-
-Table table4(CaseList& list) {
-  Table table{
-      "table4",
-      "Defences of the fusion detector, each attacked anew with the defence known",
-      "The paper's numbers are those of its larger set, its clean AP at IoU 0.7. Not in the paper: random "
-      "meshes in the adversary's place and leaving out the picture, which are controls; the gate, which "
-      "weighs the image feature by the agreement of its depth with the point's; consistency with what each "
-      "sensor says alone; a ceiling, which nothing is looked at above.",
-      {{"vanished", "vanished"},
-       {"fn_asr", "FN ASR"},
-       {"fp_asr", "FP ASR"},
-       {"asr", "ASR"},
-       {"net", "ASR net of its size"},
-       {"ap70", "clean AP 0.7"}},
-      {}};
-  const auto add = [&](const std::string& label, const std::string& defense, Printed paper) {
-    if (list.quick() && !kQuickDefenses.contains(defense)) return;
-    const std::string run = list.attack("kitti64", "fusion", "both", {.defense = defense});
-    Row defense_row =
-        row(label, "kitti64", list.evaluate(run, defense.empty(), defense.empty()), std::move(paper));
-    defense_row.detection = list.detect("kitti64", "fusion", defense);
-    defense_row.image = !defense.empty() && concerns_picture(defense);
-    table.rows.push_back(defense_row);
-  };
-  add("none", "", {{"asr", 49.76}, {"ap70", 84.64}});
-  add("consistency of the sensors", "consistency", {});
-  add("bodies and shadows of the sweep", "shadows", {});
-  add("trained with random meshes on roofs", "roof-objects", {});
-  add("trained with half of the pictures left out", "picture-dropout", {});
-  add("adversarial training", "adversarial", {{"asr", 14.97}, {"ap70", 84.16}});
-  add("adversarial training, bodies and shadows", "adversarial+shadows", {});
-  add("adversarial training, feature denoising", "denoising", {{"asr", 10.82}, {"ap70", 83.97}});
-  add("JPEG, quality 50", "jpeg:50", {{"asr", 49.60}, {"ap70", 84.52}});
-  add("depth gate", "depth-gate", {});
-  add("nothing looked at above 1.6 m over the road", "ceiling:1.6", {});
-  add("nothing looked at above 1.4 m", kTrainedCeiling, {});
-  add("the same, and trained so with random meshes on roofs", "ceiling", {});
-  return table;
-}
-
-Table real_table(CaseList& list) {
-  Table table = attack_table(list, "real", "real", on_kitti());
-  table.note =
-      "Learned on one part of the given frames, judged on the held-back vehicles of the rest. Beside the "
-      "paper's numbers on all of KITTI.";
-  return table;
+  return tables;
 }
 
 const std::string kEvaluations = "evaluations/";
@@ -284,20 +166,9 @@ Experiments experiments(const ReproduceSettings& settings) {
     throw InputError("reproduce", settings.what, "no such table or figure", use_one_of(settings.what, words));
   CaseList list(settings);
   Experiments experiments;
+  experiments.tables = read_tables(settings, list);
   const bool all = settings.what == "all", real = !settings.real.empty();
   const auto wanted = [&](const char* name) { return all || settings.what == name; };
-  if (wanted("table1")) experiments.tables.push_back(table1(list));
-  if (wanted("table1") && real) experiments.tables.push_back(real_table(list));
-  if (wanted("table2")) experiments.tables.push_back(table2(list));
-  if (wanted("fig3")) {
-    Strings rigs = {"kitti64", "xenith"};
-    if (real) rigs.push_back("real");
-    experiments.tables.push_back(fig3(list, rigs));
-  }
-  if (wanted("fig4")) experiments.tables.push_back(fig4(list));
-  if (wanted("table3")) experiments.tables.push_back(table3(list, real));
-  if (wanted("table4")) experiments.tables.push_back(table4(list));
-  if (wanted("parts")) experiments.tables.push_back(parts_table(list));
   if (wanted("fusions")) experiments.tables.push_back(fusions_table(list, "kitti64"));
   if (wanted("fusions") && real) experiments.tables.push_back(fusions_on_real(list));
   if (wanted("fusions-xenith")) experiments.tables.push_back(fusions_table(list, "xenith"));

@@ -1,7 +1,5 @@
 #include "validation/paper/finding.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 
 namespace mirage::paper {
@@ -48,21 +46,6 @@ json to_json(const Finding& finding) {
   for (const Check& check : finding.checks) checks.push_back(check_json(check));
   return {
       {"name", finding.name}, {"claim", finding.claim}, {"verdict", overall(finding)}, {"checks", checks}};
-}
-
-std::string markdown(const std::vector<Finding>& findings) {
-  std::string text = "## The paper's findings\n\n";
-  for (const Finding& finding : findings) {
-    text += fmt::format("- **{}**", finding.claim);
-    if (finding.checks.empty()) text += ": not measured in this run.";
-    text += "\n";
-    for (const Check& check : finding.checks) {
-      text += fmt::format("  - {}: {}. {}.", check.rig, to_string(check.verdict), check.sentence);
-      if (!check.why.empty()) text += " (" + check.why + ")";
-      text += "\n";
-    }
-  }
-  return text;
 }
 
 }  // namespace mirage::paper

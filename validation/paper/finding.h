@@ -46,7 +46,4 @@ std::string overall(const Finding& finding);
 /// told.
 nlohmann::json to_json(const Finding& finding);
 
-/// All of them with their sentences, as a Markdown list under its title.
-std::string markdown(const std::vector<Finding>& findings);
-
 }  // namespace mirage::paper

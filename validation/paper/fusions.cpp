@@ -74,7 +74,7 @@ const std::vector<std::string>& fused_detectors() {
 }
 
 Attacked through_all(const std::string& detector) {
-  return {detector, detector == "lidar" ? "lidar" : detector == "camera" ? "image" : "both"};
+  return {detector, all_sensors(detector)};
 }
 
 std::string cell_case(const std::string& rig, const Attacked& attacked, const std::string& judge) {
@@ -94,10 +94,8 @@ Table fusions_table(CaseList& list, const std::string& rig) {
     return list.attack(rig, attacked.detector, attacked.target);
   };
   add_rows(table, rig, list.quick(), [&](const Attacked& attacked, const std::string& judge) {
-    const Attacked own = through_all(judge);
-    if (attacked.detector != judge) return list.transfer(run(attacked), run(own));
-    const bool all = attacked.target == own.target;
-    return list.evaluate(run(attacked), all, all && judge == "fusion");
+    if (attacked.detector != judge) return list.transfer(run(attacked), run(through_all(judge)));
+    return list.evaluate(run(attacked));
   });
   return table;
 }

@@ -1,13 +1,14 @@
-"""Writes the page of `mirage reproduce`: one self-contained HTML file.
+"""Writes the texts of `mirage reproduce` and its page, one self-contained HTML file.
 
     python3 paper_page.py DIR
 
-Reads DIR/reproduce.json and the pictures under DIR/evaluations; writes DIR/reproduce.html, and DIR/fusions*.svg, the heat maps
-alone. Every figure of the page
+Reads DIR/reproduce.json and the pictures under DIR/evaluations; writes DIR/reproduce.md and DIR/TABLE.md (paper_markdown.py), and,
+where there are jinja2 and PIL, DIR/reproduce.html and DIR/fusions*.svg, the heat maps alone. Every figure of the page
 stands in reproduce.json. What was not measured is left out, never made up.
 """
 
 import io
+import json
 import os
 import sys
 
@@ -15,6 +16,12 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 REPORT = os.path.join(HERE, "..", "report")
 sys.dont_write_bytecode = True
 sys.path[:0] = [HERE, REPORT]
+
+import paper_markdown
+
+if __name__ == "__main__":
+    with open(os.path.join(sys.argv[1], "reproduce.json"), encoding="utf-8") as texts_of:
+        paper_markdown.write(sys.argv[1], json.load(texts_of))
 
 try:
     import jinja2

@@ -3,14 +3,14 @@
 
 #include <map>
 
+#include "validation/paper/case_list.h"
 #include "validation/paper/hiding_checks.h"
-#include "validation/paper/object_parts.h"
 
 namespace mirage::paper {
 namespace {
 
 Cell cell(const Evidence& evidence, const std::string& target, const std::string& parts) {
-  return cell_of(evidence, "evaluations/" + PartArm{target, parts}.run());
+  return cell_of(evidence, "evaluations/" + run_name("kitti64", "fusion", target, {.parts = parts}));
 }
 
 std::string where(const std::string& target) {
@@ -26,11 +26,10 @@ Check about(Check made, const std::string& target, const Cell& used) {
 Finding alone(const Evidence& evidence) {
   Finding finding{
       "parts-alone", "Not in the paper: one part of the object hides by itself, net of its size", {}};
-  for (const PartArm& arm : part_arms())
-    if (const Cell own = cell(evidence, arm.target, arm.parts);
-        own && !arm.parts.empty() && arm.parts != "size")
-      finding.checks.push_back(
-          about(more_than_its_size(where(arm.target) + ", " + arm.parts, own), arm.target, own));
+  for (const std::string target : {"image", "both"})  // through LiDAR only the shape is reached
+    for (const std::string parts : {"shape", "texture"})
+      if (const Cell own = cell(evidence, target, parts))
+        finding.checks.push_back(about(more_than_its_size(where(target) + ", " + parts, own), target, own));
   return finding;
 }
 

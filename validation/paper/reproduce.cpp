@@ -1,17 +1,15 @@
 #include "validation/paper/reproduce.h"
 
-#include <fmt/format.h>
-
 #include <set>
 
 #include "attack/attack_settings.h"
+#include "base/child_process.h"
 #include "base/field_json.h"
 #include "base/fields.h"
 #include "base/files.h"
 #include "base/logging.h"
 #include "base/ranks.h"
 #include "validation/paper/findings.h"
-#include "validation/process.h"
 
 namespace mirage::paper {
 namespace {
@@ -19,14 +17,17 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-/// The page's file; empty if it could not be written.
-fs::path write_page(const fs::path& out) {
+/// Texts and page. The page's file; empty if it could not be written.
+fs::path write_page(const fs::path& out, const std::vector<TableResult>& tables) {
+  // None of an earlier run stays where Python is missing.
+  fs::remove(text_file(out, "reproduce"));
+  for (const TableResult& table : tables) fs::remove(text_file(out, table.name));
   const std::string python = plotting_python().string();
   if (!python.empty() &&
       run_program({python, shipped_file("validation/paper/paper_page.py").string(), out.string()}) == 0)
     return out / "reproduce.html";
-  spdlog::warn("no page: install python3-jinja2 and python3-pil (the tables are in {})",
-               (out / "reproduce.md").string());
+  spdlog::warn("no page: install python3-jinja2 and python3-pil (all figures are in {})",
+               (out / "reproduce.json").string());
   return {};
 }
 
@@ -44,16 +45,11 @@ std::vector<CaseReliance> reliance_of(const Evidence& evidence) {
   return list;
 }
 
-std::string markdown(const std::vector<CaseReliance>& list) {
-  std::string text = "## Whether the detectors use their pictures\n\n";
-  for (const auto& [name, reliance] : list) {
-    const std::string note = picture_note(reliance);
-    text += fmt::format("- {}: {}{}.\n", name, describe(reliance), note.empty() ? "" : "; " + note);
-  }
-  return text + "\n";
-}
-
 }  // namespace
+
+fs::path text_file(const fs::path& out, const std::string& table) {
+  return out / (table + ".md");
+}
 
 json to_json(const ReproduceResult& result) {
   const ReproduceSettings& settings = result.settings;
@@ -81,7 +77,9 @@ json to_json(const ReproduceResult& result) {
               {"steps", json::object()}};
   for (const auto& [name, reliance] : result.reliance) {
     all["reliance"].push_back(to_json(reliance));
+    const std::string note = picture_note(reliance);
     all["reliance"].back()["case"] = name;
+    all["reliance"].back()["words"] = describe(reliance) + (note.empty() ? "" : "; " + note);
   }
   for (const auto& [name, step] : result.steps) all["steps"][name] = to_json(step);
   if (!result.page.empty()) all["page"] = result.page.string();
@@ -96,19 +94,12 @@ ReproduceResult reproduce(const ReproduceSettings& given, const Execute& run) {
   result.steps = execute(list, result.settings, run);
   if (rank() > 0) return result;
   const Evidence evidence = gather(list, out, result.steps);
-  std::string text = "# The experiments of Tu et al. (CoRL 2021)\n\n";
-  for (const Table& table : list.tables) {
-    result.tables.push_back(table_result(table, list, evidence));
-    const std::string written = markdown(result.tables.back());
-    write_file(out / (table.name + ".md"), written);
-    text += written;
-  }
+  for (const Table& table : list.tables) result.tables.push_back(table_result(table, list, evidence));
   result.arms = evaluation_arms(list, result.settings, evidence);
   result.findings = findings(evidence);
   result.reliance = reliance_of(evidence);
   write_json(out / "reproduce.json", to_json(result));
-  write_file(out / "reproduce.md", text + markdown(result.reliance) + markdown(result.findings));
-  result.page = write_page(out);
+  result.page = write_page(out, result.tables);
   return result;
 }
 

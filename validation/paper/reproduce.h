@@ -6,7 +6,8 @@
 //     OUT/detect/NAME            mirage detect: clean AP
 //     OUT/steps/NAME.json        the settings of each finished command, what it read, and its seconds
 //     OUT/steps/NAME.failed.json why it failed, for the other processes under mpirun
-//     OUT/reproduce.{json,md,html}
+//     OUT/reproduce.json
+//     OUT/reproduce.{md,html}, OUT/TABLE.md   by paper_page.py
 #pragma once
 
 #include <filesystem>
@@ -40,9 +41,12 @@ struct ReproduceResult {
   std::filesystem::path page;          ///< empty: could not be written
 };
 
-/// What reproduce.json holds: {what, settings, tables, arms, findings, reliance: [as Reliance, and case],
-/// steps: {case: step}, page?}.
+/// What reproduce.json holds: {what, settings, tables, arms, findings, reliance: [as Reliance, and case,
+/// words], steps: {case: step}, page?}.
 nlohmann::json to_json(const ReproduceResult& result);
+
+/// A table's text in Markdown; there is none without Python.
+std::filesystem::path text_file(const std::filesystem::path& out, const std::string& table);
 
 /// All of it; writes OUT. A call of all ranks, of which the first makes tables, findings and page.
 ReproduceResult reproduce(const ReproduceSettings& settings, const Execute& run);

@@ -58,7 +58,7 @@ constexpr int kSteps = 20;
 
 std::vector<double> Outcome::distances() const {
   std::vector<double> metres;
-  if (plane == Plane::bev)
+  if (!matching.in_picture())
     for (const NewBox& box : new_boxes) metres.push_back(box.distance);
   return metres;
 }
@@ -73,10 +73,11 @@ std::string Outcomes::note() const {
   return reliance ? picture_note(*reliance) : "";
 }
 
-int Outcomes::clusters() const {
-  std::set<std::string> names;
-  for (const Outcome& host : hosts) names.insert(host.cluster());
-  return static_cast<int>(names.size());
+ClusterCount Outcomes::clusters() const {
+  Clusters clusters;
+  for (const Outcome& host : hosts)
+    if (host.detected) clusters.add(host.id.frame, host.track);
+  return clusters.count();
 }
 
 bool is_hidden(const Outcome& host) {

@@ -41,7 +41,7 @@ struct Outcomes {
   /// What stands in place of statements about images; empty if they may be made.
   std::string note() const;
   int frames() const;
-  int clusters() const;  ///< base/clusters.h
+  ClusterCount clusters() const;  ///< of the hosts detected clean
 };
 
 using Which = std::function<bool(const Outcome&)>;

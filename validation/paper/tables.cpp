@@ -63,8 +63,9 @@ std::vector<double> false_positive_distances(const Outcomes& outcomes) {
 void add_outcomes(RowResult& result, const Table& table, const Row& row, const Outcomes& outcomes,
                   const Outcomes* sized) {
   const std::size_t passes = static_cast<std::size_t>(std::max(1, outcomes.meshes * outcomes.runs));
-  result.counts = {outcomes.vehicles, outcomes.hosts.size() / passes, outcomes.frames(), outcomes.meshes,
-                   outcomes.runs};
+  result.counts = {outcomes.vehicles, outcomes.hosts.size() / passes,
+                   outcomes.frames(), outcomes.meshes,
+                   outcomes.runs,     outcomes.clusters()};
   if (row.image) result.note = outcomes.note();
   for (const Column& column : table.columns) {
     auto value = value_of(column.key, row, outcomes);
@@ -141,7 +142,10 @@ json row_json(const RowResult& row) {
                   {"hosts", row.counts->hosts},
                   {"frames", row.counts->frames},
                   {"meshes", row.counts->meshes},
-                  {"runs", row.counts->runs}});
+                  {"runs", row.counts->runs},
+                  {"clusters", to_json(row.counts->clusters)}});
+  if (row.counts && row.counts->clusters.count < kFewClusters)
+    entry["few_clusters"] = to_string(row.counts->clusters);
   if (!row.note.empty()) entry["note"] = row.note;
   if (!row.error.empty()) entry["error"] = row.error;
   if (row.curve) entry["curve"] = to_json(*row.curve);

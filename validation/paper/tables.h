@@ -1,4 +1,4 @@
-// The tables: experiments beside what was measured for them, and their text.
+// The tables: experiments beside what was measured for them.
 #pragma once
 
 #include <map>
@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "base/clusters.h"
 #include "validation/paper/cases.h"
 #include "validation/paper/evidence.h"
 
@@ -17,6 +18,7 @@ struct RowCounts {
   int vehicles = 0;       ///< detected clean
   std::size_t hosts = 0;  ///< of one mesh and run
   int frames = 0, meshes = 1, runs = 1;
+  ClusterCount clusters = {};
 };
 
 /// A row as measured. Shares in [0, 1].
@@ -47,8 +49,5 @@ TableResult table_result(const Table& table, const Experiments& experiments, con
 /// high?}}, paper: {key: share}, vehicles?, hosts?, frames?, meshes?, runs?, minutes?, error?, note?, curve?,
 /// false_positive_distances?, size?, source?, target?}]}
 nlohmann::json to_json(const TableResult& table);
-
-/// A Markdown table, the paper's number beside each of ours; a matrix as matrix_markdown.h has it.
-std::string markdown(const TableResult& table);
 
 }  // namespace mirage::paper

@@ -1,8 +1,8 @@
 #include "validation/report/detection_plot.h"
 
+#include "base/child_process.h"
 #include "base/files.h"
 #include "base/logging.h"
-#include "validation/process.h"
 
 namespace mirage {
 namespace {

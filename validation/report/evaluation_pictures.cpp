@@ -6,13 +6,13 @@
 #include <cstring>
 #include <set>
 
+#include "base/child_process.h"
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
 #include "detection/average_precision.h"
 #include "detection/upright.h"
-#include "validation/process.h"
 
 namespace mirage {
 namespace {
@@ -66,16 +66,16 @@ json pixels_json(const PictureBox& box) {
   return {{box.left, box.top}, {box.right, box.top}, {box.right, box.bottom}, {box.left, box.bottom}};
 }
 
-json detections_json(const std::vector<Proposal>& proposals, const Frame& frame, const Label& host,
-                     Plane plane) {
+json detections_json(const std::vector<Detection>& proposals, const Frame& frame, const Label& host,
+                     Matching matching) {
   auto list = json::array();
-  for (const Proposal& d : proposals) {
-    const BevBox box = rectangle(d, plane);
+  for (const Detection& d : proposals) {
+    const BevBox box = matching.flat(d);
     list.push_back(
         {{"score", d.score()},
          {"outline", bev_json(box)},
-         {"pixels", plane == Plane::picture ? pixels_json(d.picture)
-                                            : pixels_json(standing(box, frame, host), frame.calibration)}});
+         {"pixels", matching.in_picture() ? pixels_json(d.picture)
+                                          : pixels_json(standing(box, frame, host), frame.calibration)}});
   }
   return list;
 }
@@ -111,8 +111,8 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
   const PreparedFrame& prepared = *held;
   const Frame& frame = prepared.frame;
   const Label& host = label_of(frame, id);
-  const Simulated simulated = simulate(prepared, host, store.rooftop(id), evaluation.run.adversary,
-                                       evaluation.stage.settings.simulation);
+  const Simulated simulated =
+      simulate(prepared, store.placement(id), evaluation.run.adversary, evaluation.stage.settings.simulation);
   const fs::path folder = data / host_name(id);
   write_srgb(folder / "clean.png", frame.image);
   write_srgb(folder / "attacked.png", simulated.image);
@@ -122,17 +122,18 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
     points.insert(points.end(), {simulated.sweep[i].x, simulated.sweep[i].y, i >= first ? 1.0f : 0.0f});
   write_floats(folder / "points.f32", points);
   auto truth = json::array();
-  const HostTruth labelled(frame, host, outcome.plane);
-  for (const BevBox& box : labelled.labels()) truth.push_back(bev_json(box));
+  const HostTruth labelled(frame, host, outcome.matching);
+  for (const ObjectBoxes& box : labelled.labels()) truth.push_back(bev_json(outcome.matching.flat(box)));
   auto new_boxes = json::array();
-  for (const NewBox& box : outcome.new_boxes)
-    new_boxes.push_back({{"outline", bev_json(box.box)},
-                         {"x", box.box.x},
-                         {"y", box.box.y},
-                         {"score", box.score},
-                         {"distance", box.distance}});
-  const SensorView clean{&frame.image, frame.sweep, &frame.calibration};
-  const SensorView attacked{&simulated.image, simulated.sweep, &frame.calibration};
+  for (const NewBox& found : outcome.new_boxes) {
+    const BevBox box = outcome.matching.flat(found.box);
+    new_boxes.push_back({{"outline", bev_json(box)},
+                         {"x", box.x},
+                         {"y", box.y},
+                         {"score", found.score},
+                         {"distance", found.distance}});
+  }
+  const SensorView clean = view_of(frame), attacked = view_of(frame, simulated.image, simulated.sweep);
   return {{"name", host_name(id)},
           {"folder", folder.filename().string()},
           {"range", outcome.range},
@@ -145,11 +146,11 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
            {{"x", host.box.bev.x},
             {"y", host.box.bev.y},
             {"outline", bev_json(host.box.bev)},
-            {"pixels", outcome.plane == Plane::picture ? pixels_json(picture_box(host))
-                                                       : pixels_json(host.box, frame.calibration)}}},
+            {"pixels", outcome.matching.in_picture() ? pixels_json(picture_box(host))
+                                                     : pixels_json(host.box, frame.calibration)}}},
           {"truth", truth},
-          {"clean", detections_json(outcome.clean, frame, host, outcome.plane)},
-          {"attacked", detections_json(outcome.attacked, frame, host, outcome.plane)},
+          {"clean", detections_json(outcome.clean, frame, host, outcome.matching)},
+          {"attacked", detections_json(outcome.attacked, frame, host, outcome.matching)},
           {"new", new_boxes},
           {"features", features_json(detector, clean, attacked, folder)}};
 }
@@ -196,7 +197,7 @@ std::vector<std::string> draw_evaluation_pictures(const RunEvaluation& evaluatio
   }
   const auto region = evaluation.detectors.front()->region();
   json about = {{"region", region},
-                {"plane", to_string(evaluation.settings.plane)},
+                {"plane", evaluation.settings.matching.name()},
                 {"score_threshold", evaluation.settings.score_threshold},
                 {"detected_iou", evaluation.settings.detected_iou},
                 {"nominal_height", kNominalHeight},

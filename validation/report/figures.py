@@ -35,6 +35,7 @@ MADE_OF = [
     ("identity", ("provenance.identity",)),
 ]
 LOSS_POINTS = 200
+VANISHED_IOU = 0.1  # the rule "vanished" of src/attack/hiding.h
 
 FORMATS = {
     "pct": lambda v: f"{100 * v:.1f}\u202f%", "pct2": lambda v: f"{100 * v:.2f}", "points": lambda v: f"{100 * v:.1f}", "pct0": lambda v: f"{100 * v:.0f}\u202f%", "int": lambda v: f"{v:,.0f}",
@@ -121,9 +122,9 @@ def outcome(host, key):
     """(text, class): what the detector makes of the attacked vehicle."""
     if not host["detected"]:
         return "not found clean", "none"
-    if host[key]["hidden"]:
-        return "hidden", "bad"
-    return "found", "good"
+    if not host[key]["hidden"]:
+        return "found", "good"
+    return ("vanished" if host[key]["iou"] <= VANISHED_IOU else "misplaced"), "bad"
 
 
 def made_of(result):

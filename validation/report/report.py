@@ -79,9 +79,10 @@ def page(result, hosts, folder, model, viewer, origin):
     fig = figures.figure_function(result, origin)
     beside, group = result["beside"], result.get("verdict", {}).get("of", "held_back")
     note = result.get("reliance", {}).get("note", "")  # stands in place of statements about images
-    # Those that stay hidden under Cycles first, then those that the detector found, the nearest first.
-    order = sorted(range(len(hosts)), key=lambda i: (not hosts[i]["cycles"]["hidden"], not hosts[i]["raster"]["hidden"],
-                                                     not hosts[i]["detected"], hosts[i]["range"]))
+    # Those that vanish under Cycles first, then those that are misplaced, then those that the detector finds, the nearest first.
+    seen = ["vanished", "misplaced", "found", "not found clean"]
+    order = sorted(range(len(hosts)), key=lambda i: ([seen.index(figures.outcome(hosts[i], key)[0])
+                                                      for key in ("cycles", "raster")], hosts[i]["range"]))
     environment.globals.update(
         result=result, fig=fig, interval=figures.interval_function(result, fig), group=group, shown=plots.SHOWN,
         arms=arms(result), checks=figures.targets(result), made_of=figures.made_of(result), flips=flips_of(result, folder),
@@ -94,7 +95,8 @@ def page(result, hosts, folder, model, viewer, origin):
                "remaining": plots.remaining(result), "ladder_cost": plots.ladder_cost(result)},
         pictured=[pictured_view(folder, i, hosts[i]) for i in order[:PICTURED_HOSTS]],
         hosts=[host_view(i, host) for i, host in enumerate(hosts)])
-    environment.globals["swipe"] = environment.get_template("macros.html.j2").module.swipe
+    macros = environment.get_template("macros.html.j2").module
+    environment.globals.update(swipe=macros.swipe, became=macros.became)
     return environment.get_template("page.html.j2").render(style=files.asset(HERE, "style.css"), script=files.asset(HERE, "page.js"), viewer=viewer)
 
 

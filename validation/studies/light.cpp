@@ -19,7 +19,7 @@
 //     grows
 //                 slower the more noise there is already, so this is not less than what is looked for
 //     noise       mean |half − other half| / 2: what a perfect picture would have
-//     RMS         of the noise-free difference, by both halves (validation/blender/unbiased_error.h), the
+//     RMS         of the noise-free difference, by both halves (validation/reference/unbiased_error.h), the
 //     mean
 //                 square over vehicles, with 95 % over frames
 #include <fmt/format.h>
@@ -48,9 +48,10 @@
 #include "frames/made_of.h"
 #include "scene/data/read_frames.h"
 #include "sensors/light_nodes.h"
-#include "validation/blender/host_scene.h"
-#include "validation/blender/unbiased_error.h"
+#include "validation/blender/blender_process.h"
 #include "validation/fidelity/picture_errors.h"
+#include "validation/reference/host_scene.h"
+#include "validation/reference/unbiased_error.h"
 
 namespace mirage {
 namespace {
@@ -175,12 +176,12 @@ double mean_of(const ImageF& picture, const ImageF& mask) {
   return mean_absolute_error(picture, ImageF(mask.width, mask.height, 3), mask);
 }
 
-Reference render_reference(BlenderWorker& blender, const HostScene& scene, const PixelRect& rect,
+Reference render_reference(ReferenceRenderer& renderer, const HostScene& scene, const PixelRect& rect,
                            const ImageF& photograph) {
   RenderJob job = job_for(scene, rect);
   job.effects = full_effects();
   job.effects.surroundings = RenderEffects::Surroundings::unseen;
-  const RenderedHalves rendered = render_halves(blender, job, scene.seed, RenderStream::reference);
+  const RenderedHalves rendered = render_halves(renderer, job, scene.seed, RenderStream::reference);
   Reference reference{over(rendered, {}, photograph), {}, coverage_of(rendered, {})};
   reference.mean = reference.halves.mean();
   reference.pixels = static_cast<double>(
@@ -200,7 +201,7 @@ ImageF draw(const HostScene& scene, const Variant& variant, const PixelRect& rec
   drawn.prepared = &lit;
   if (variant.as_faces) {
     drawn.adversary = texels_as_faces(scene.adversary);
-    drawn.placed = place(drawn.adversary, drawn.rooftop);
+    drawn.placed = place(drawn.adversary, drawn.placement);
   }
   const Simulated simulated = simulate_host(drawn, variant.settings);
   ImageF ours = photograph;
@@ -223,18 +224,18 @@ nlohmann::json errors_of(const ImageF& ours, const Reference& reference) {
 }
 
 /// Every variant on one vehicle under one sun; null where the object covers no pixel.
-nlohmann::json measure(BlenderWorker& blender, const PreparedFrame& frame, HostScene scene, bool front,
+nlohmann::json measure(ReferenceRenderer& renderer, const PreparedFrame& frame, HostScene scene, bool front,
                        const std::vector<Variant>& list, const std::filesystem::path& out,
                        const std::string& name) {
   PreparedFrame prepared = frame;
   prepared.frame.lighting.to_sun_velo = towards_sun(front);
   scene.prepared = &prepared;
   scene.glb = out / (name + ".glb");
-  write_scene(scene.glb, host_scene(prepared.frame, *scene.host, scene.rooftop, scene.adversary, name));
+  write_scene(scene.glb, host_scene(prepared.frame, scene.placement, scene.adversary, name));
   const Simulated first = simulate_host(scene, list.front().settings);
   if (first.rect.empty()) return nullptr;
   const ImageF photograph = crop(prepared.frame.image, first.rect);
-  const Reference reference = render_reference(blender, scene, first.rect, photograph);
+  const Reference reference = render_reference(renderer, scene, first.rect, photograph);
   if (reference.pixels == 0) return nullptr;
   write_srgb(out / (name + ".png"), reference.mean);
   nlohmann::json result = {
@@ -293,10 +294,9 @@ struct Options {
 };
 
 int study(const Options& options) {
-  make_output_folder(options.out);
   const FrameSource source{.data = options.data};
   FrameStore store(source);
-  BlenderWorker blender(options.out / "blender.log");
+  const std::unique_ptr<ReferenceRenderer> renderer = start_blender(options.out);
   const auto list = variants(options.all_variants);
   std::map<std::string, std::vector<std::pair<std::string, nlohmann::json>>> rows;  // by side
   std::uint64_t seed = 0;
@@ -314,9 +314,7 @@ int study(const Options& options) {
         made_of.set("mesh", mesh);
       else
         made_of.file("mesh", mesh);
-      made_of.input("blender", blender.version());
-      for (const std::filesystem::path& program : renderer_programs())
-        made_of.file(program.filename(), program);
+      renderer->identity().add_to(made_of);
       for (const Variant& variant : list) {
         Provenance its;
         its.add(variant.settings);
@@ -331,14 +329,14 @@ int study(const Options& options) {
         const auto frame = store.get(place_of.id.frame);
         HostScene scene;
         scene.host = &label_of(frame->frame, place_of.id);
-        scene.rooftop = store.rooftop(place_of.id);
+        scene.placement = store.placement(place_of.id);
         scene.adversary = mesh == "random" ? random_adversary(seed) : read_object(mesh);
-        scene.placed = place(scene.adversary, scene.rooftop);
+        scene.placed = place(scene.adversary, scene.placement);
         scene.samples = options.samples;
         scene.seed = seed;
         scene.scratch = options.out;
         record = {{"identity", identity},
-                  {"measured", measure(blender, *frame, scene, front, list, options.out, name)}};
+                  {"measured", measure(*renderer, *frame, scene, front, list, options.out, name)}};
         write_json(file, record);
       }
       const nlohmann::json& row = record.at("measured");

@@ -9,7 +9,7 @@
 #include "detection/precision.h"
 #include "scene/data/data_rig.h"
 #include "simulation/quality.h"
-#include "validation/blender/scratch_folder.h"
+#include "validation/reference/scratch_folder.h"
 
 namespace mirage {
 namespace {

@@ -8,8 +8,8 @@
 #include "base/parallel.h"
 #include "base/random.h"
 #include "scene/depth_completion.h"
-#include "validation/blender/host_scene.h"
 #include "validation/fidelity/picture_errors.h"
+#include "validation/reference/host_scene.h"
 #include "validation/thread_clock.h"
 #include "validation/tradeoff/points.h"
 
@@ -113,14 +113,14 @@ SimulationSettings hard_render(SimulationSettings settings, int samples, bool in
   return settings;
 }
 
-CameraStudy::CameraStudy(const PreparedFrame& prepared, const Label& host, TexturedMesh placed,
+CameraStudy::CameraStudy(const PreparedFrame& prepared, const Placement& placement, TexturedMesh placed,
                          const CameraStudySettings& settings)
-    : prepared_(prepared), host_(host), placed_(std::move(placed)), settings_(settings) {
+    : prepared_(prepared), placement_(placement), placed_(std::move(placed)), settings_(settings) {
   half_ = shrink(prepared, 2);
   quarter_ = shrink(prepared, 4);
   Simulated reference;
-  draw_in_camera(prepared_, host_, placed_, hard_render(settings.baseline, settings.reference_samples, true),
-                 reference);
+  draw_in_camera(prepared_, placement_, placed_,
+                 hard_render(settings.baseline, settings.reference_samples, true), reference);
   if (reference.rect.empty())
     throw InputError("tradeoff", "host", "does not show the object", "choose another vehicle");
   rect_ = grown(reference.rect, 1, prepared.frame.image);
@@ -201,7 +201,7 @@ CameraStudy::Drawing CameraStudy::draw(const CameraVariant& variant, const Textu
   const PreparedFrame& prepared = shrunk(variant.shrink);
   const bool small = variant.shrink != 1;
   Simulated result;
-  const CameraTape tape = draw_in_camera(prepared, host_, placed, variant.simulation, result);
+  const CameraTape tape = draw_in_camera(prepared, placement_, placed, variant.simulation, result);
   Drawing drawing;
   const ImageF& photograph = prepared.frame.image;
   if (small) {
@@ -233,7 +233,7 @@ CameraStudy::Drawing CameraStudy::draw(const CameraVariant& variant, const Textu
 
 double CameraStudy::loss(const CameraVariant& variant, const TexturedMesh& placed) const {
   Simulated result;
-  draw_in_camera(prepared_, host_, placed, variant.simulation, result);
+  draw_in_camera(prepared_, placement_, placed, variant.simulation, result);
   const PixelRect& rect = result.rect;
   double sum = 0;
   for (int v = rect.v0; v < rect.v1; ++v)

@@ -56,7 +56,7 @@ Agreement agreement(const std::vector<double>& own, const std::vector<double>& r
 class CameraStudy {
  public:
   /// `placed` in `velo`. Draws the references: seconds.
-  CameraStudy(const PreparedFrame& prepared, const Label& host, TexturedMesh placed,
+  CameraStudy(const PreparedFrame& prepared, const Placement& placement, TexturedMesh placed,
               const CameraStudySettings& settings);
 
   /// Draws and times; the baseline is timed beside it, in alternation. Thread-bound CPU time: call it with
@@ -87,7 +87,7 @@ class CameraStudy {
   const PreparedFrame& shrunk(int factor) const;
 
   const PreparedFrame& prepared_;
-  const Label& host_;
+  const Placement& placement_;
   TexturedMesh placed_;
   CameraStudySettings settings_;
   ImageF upstream_;   ///< whole image

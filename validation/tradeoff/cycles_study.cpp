@@ -8,8 +8,8 @@
 #include "base/interrupt.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
-#include "validation/blender/host_scene.h"
 #include "validation/fidelity/picture_errors.h"
+#include "validation/reference/host_scene.h"
 
 namespace mirage {
 namespace {
@@ -61,7 +61,7 @@ ImageF over(const ImageF& rgba, ImageF picture) {
 
 }  // namespace
 
-std::vector<TradeoffPoint> cycles_study(BlenderWorker& blender, const std::vector<CyclesHost>& hosts,
+std::vector<TradeoffPoint> cycles_study(ReferenceRenderer& renderer, const std::vector<CyclesHost>& hosts,
                                         const SimulationSettings& baseline, int reference_samples,
                                         std::uint64_t seed, const std::filesystem::path& scratch) {
   const std::vector<Way> list = ways(reference_samples);
@@ -90,17 +90,17 @@ std::vector<TradeoffPoint> cycles_study(BlenderWorker& blender, const std::vecto
     job.scene = scratch / (host.name + ".glb");
     job.output = scratch / "render.exr";
     job.seed = seed;
-    write_scene(job.scene, host_scene(prepared.frame, *host.host, host.rooftop, host.adversary, host.name));
+    write_scene(job.scene, host_scene(prepared.frame, host.placement, host.adversary, host.name));
     const auto draw = [&] {
       Simulated drawn;
-      draw_in_camera(prepared, *host.host, place(host.adversary, host.rooftop), unoccluded, drawn);
+      draw_in_camera(prepared, host.placement, place(host.adversary, host.placement), unoccluded, drawn);
       return drawn;
     };
     const Simulated drawn = draw();
     job.rect = grown(drawn.rect, 4, photograph);
     job.samples = reference_samples;
     job.effects = all_effects();
-    const Rendered reference = render(blender, job);
+    const Rendered reference = renderer.render(job);
     const ImageF background = crop(photograph, job.rect), right = over(reference.rgba, background);
     ImageF mask(job.rect.width(), job.rect.height(), 1);
     for (int v = 0; v < mask.height; ++v)
@@ -117,7 +117,7 @@ std::vector<TradeoffPoint> cycles_study(BlenderWorker& blender, const std::vecto
       } else {
         job.samples = list[i].samples;
         job.effects = list[i].effects;
-        const Rendered rendered = render(blender, job);
+        const Rendered rendered = renderer.render(job);
         picture = over(rendered.rgba, background);
         ms = 1e3 * rendered.seconds;
       }

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "validation/blender/blender_process.h"
+#include "validation/reference/reference_renderer.h"
 #include "validation/tradeoff/camera_study.h"
 #include "validation/tradeoff/points.h"
 
@@ -13,8 +13,7 @@ namespace mirage {
 
 struct CyclesHost {
   const PreparedFrame* prepared = nullptr;
-  const Label* host = nullptr;
-  Rooftop rooftop;
+  Placement placement;
   TexturedMesh adversary;
   std::string name;
 };
@@ -22,7 +21,7 @@ struct CyclesHost {
 /// Points of group "cycles", axes "rung" and "samples" (without fronts). Times are wall-clock: Cycles uses
 /// all cores. Errors over the object's pixels, nothing in front of it: image_levels, image_mae,
 /// image_relative (image_mae over the mean radiance).
-std::vector<TradeoffPoint> cycles_study(BlenderWorker& blender, const std::vector<CyclesHost>& hosts,
+std::vector<TradeoffPoint> cycles_study(ReferenceRenderer& renderer, const std::vector<CyclesHost>& hosts,
                                         const SimulationSettings& baseline, int reference_samples,
                                         std::uint64_t seed, const std::filesystem::path& scratch);
 

@@ -49,12 +49,11 @@ std::vector<double> flat(const AdversaryGradient& gradient) {
 
 }  // namespace
 
-std::vector<TradeoffPoint> detector_points(const DetectorOptions& options,
-                                           const std::vector<DetectorHost>& hosts,
+std::vector<TradeoffPoint> detector_points(const DetectorOptions& options, const std::vector<StepHost>& hosts,
                                            const TexturedMesh& adversary, int repeats) {
   const AttackSettings settings;
-  const auto step = [&](Detector& detector, const DetectorHost& at) {
-    return attack_host(detector, *at.prepared, at.host, adversary, AttackTarget::both, settings);
+  const auto step = [&](Detector& detector, const StepHost& at) {
+    return attack_host(detector, at, adversary, settings);
   };
   const auto variants = pass_variants(options);
   std::vector<std::vector<double>> references;
@@ -63,7 +62,7 @@ std::vector<TradeoffPoint> detector_points(const DetectorOptions& options,
     slow.precision = kDouble;
     slow.clean_memory_mb = 0;
     const auto detector = load_detector(slow);
-    for (const DetectorHost& at : hosts) references.push_back(flat(step(*detector, at).gradient));
+    for (const StepHost& at : hosts) references.push_back(flat(step(*detector, at).gradient));
   }
   const auto baseline = load_detector(variants.front().options);
   std::vector<TradeoffPoint> points;

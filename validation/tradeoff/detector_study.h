@@ -4,18 +4,12 @@
 
 #include <vector>
 
+#include "attack/observation.h"
 #include "detection/detector.h"
-#include "frames/hosts.h"
 #include "geometry/mesh.h"
 #include "validation/tradeoff/points.h"
 
 namespace mirage {
-
-/// A host whose step is taken. What it points to outlives it.
-struct DetectorHost {
-  const PreparedFrame* prepared = nullptr;
-  Host host;
-};
 
 /// Axes: "passes" (over the whole frame; over what the object changes, which is the default and the
 /// baseline), "precision" (bfloat16 where the processor multiplies it), and "locality" (1, 2, 4, 8 m of
@@ -25,8 +19,7 @@ struct DetectorHost {
 /// host's; means over hosts whose reference is not zero. Times: CPU time of one thread, clean frames kept,
 /// medians of `repeats` in alternation with the baseline. Empty if every reference is zero. InputError,
 /// FieldError as load_detector has them.
-std::vector<TradeoffPoint> detector_points(const DetectorOptions& options,
-                                           const std::vector<DetectorHost>& hosts,
+std::vector<TradeoffPoint> detector_points(const DetectorOptions& options, const std::vector<StepHost>& hosts,
                                            const TexturedMesh& adversary, int repeats);
 
 }  // namespace mirage

@@ -78,6 +78,7 @@ nlohmann::json to_json(const TradeoffResult& result) {
                          {"data", asked.source.data.filename().string()},
                          {"depth", escape_name(asked.source.depth)},
                          {"rooftop", escape_name(asked.source.rooftop)},
+                         {"placement", text_of(asked.source.placement)},
                          {"reference", reference_json(result)},
                          {"baseline",
                           {{"camera_ms", measured_baseline_ms(result.points, "camera")},

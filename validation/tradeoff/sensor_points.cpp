@@ -92,9 +92,10 @@ SensorPoints sensor_points(const TradeoffSettings& settings, const Subjects& sub
   for (const HostId& id : subjects.hosts) {
     const auto held = store.get(id.frame);
     const PreparedFrame& prepared = *held;
-    const TexturedMesh placed = place(subjects.adversary, store.rooftop(id));
-    const Label& host = label_of(prepared.frame, id);
-    const CameraStudy study(prepared, host, placed, how), plain(prepared, host, in_plain_faces(placed), how);
+    const Placement placement = store.placement(id);
+    const TexturedMesh placed = place(subjects.adversary, placement);
+    const CameraStudy study(prepared, placement, placed, how),
+        plain(prepared, placement, in_plain_faces(placed), how);
     const double n = static_cast<double>(subjects.hosts.size());
     out.reference.self_cosine += study.self_cosine() / n;
     out.reference.sharp.cosine += study.sharp_agreement().cosine / n;

@@ -8,13 +8,12 @@
 #include <memory>
 #include <set>
 
+#include "base/child_process.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/logging.h"
 #include "scene/data/data_rig.h"
-#include "validation/blender/blender_process.h"
-#include "validation/blender/scratch_folder.h"
-#include "validation/process.h"
+#include "validation/reference/scratch_folder.h"
 #include "validation/tradeoff/cycles_study.h"
 #include "validation/tradeoff/depth_points.h"
 #include "validation/tradeoff/detector_study.h"
@@ -27,11 +26,11 @@ namespace {
 std::vector<TradeoffPoint> pass_points(const TradeoffSettings& settings, const Subjects& subjects,
                                        FrameStore& store) {
   std::vector<std::shared_ptr<const PreparedFrame>> held;
-  std::vector<DetectorHost> hosts;
+  std::vector<StepHost> hosts;
   if (settings.detector_hosts > 0)
     for (const HostId& id : evenly(subjects.hosts, static_cast<std::size_t>(settings.detector_hosts))) {
       held.push_back(store.get(id.frame));
-      hosts.push_back({held.back().get(), {id, store.rooftop(id)}});
+      hosts.push_back({*held.back(), id, store.placement(id)});
     }
   if (hosts.empty()) return {};
   DetectorOptions options = settings.detector;
@@ -41,18 +40,16 @@ std::vector<TradeoffPoint> pass_points(const TradeoffSettings& settings, const S
 }
 
 std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const Subjects& subjects,
-                                         FrameStore& store) {
-  BlenderWorker blender(settings.out / "blender.log");
+                                         FrameStore& store, const StartReference& start) {
+  const std::unique_ptr<ReferenceRenderer> renderer = start(settings.out);
   std::vector<std::shared_ptr<const PreparedFrame>> held;
   std::vector<CyclesHost> hosts;
   for (const HostId& id : evenly(subjects.hosts, static_cast<std::size_t>(settings.cycles_hosts))) {
     held.push_back(store.get(id.frame));
-    const PreparedFrame& prepared = *held.back();
-    hosts.push_back(
-        {&prepared, &label_of(prepared.frame, id), store.rooftop(id), subjects.adversary, host_name(id)});
+    hosts.push_back({held.back().get(), store.placement(id), subjects.adversary, host_name(id)});
   }
   const auto scratch = settings.out / kScratchFolder;
-  auto points = cycles_study(blender, hosts, {}, settings.cycles_samples, settings.seed, scratch);
+  auto points = cycles_study(*renderer, hosts, {}, settings.cycles_samples, settings.seed, scratch);
   std::error_code ignored;
   std::filesystem::remove_all(scratch, ignored);
   return points;
@@ -84,11 +81,10 @@ void mark_fronts(std::vector<TradeoffPoint>& points) {
 
 }  // namespace
 
-TradeoffResult tradeoff(const TradeoffSettings& given) {
+TradeoffResult tradeoff(const TradeoffSettings& given, const StartReference& start) {
   check_fields(given);
   TradeoffResult result;
   TradeoffSettings& settings = result.settings = given;
-  if (settings.cycles) require_text_path(settings.out);
   std::unique_ptr<Run> run;
   if (!settings.run.empty()) {
     run = std::make_unique<Run>(read_run(settings.run, settings.trust));
@@ -119,7 +115,7 @@ TradeoffResult tradeoff(const TradeoffSettings& given) {
   result.depth_reference = depth.reference;
   append(std::move(depth.points));
   append(pass_points(settings, subjects, store));
-  if (settings.cycles) append(cycles_points(settings, subjects, store));
+  if (settings.cycles) append(cycles_points(settings, subjects, store, start));
   mark_fronts(result.points);
   result.attacks = attack_study(settings);
 

@@ -68,7 +68,7 @@ class Attacker {
     options.rig = data_rig(run.settings.data, run.settings.rig);
     detector_ = load_detector(options);
     name_ = detector_->name();
-    evaluation_.plane = detector_->capabilities().plane();
+    evaluation_.matching = detector_->capabilities().matching();
     evaluation_.score_threshold = kScoreThreshold;  // the page has a slider
   }
 
@@ -78,15 +78,14 @@ class Attacker {
   void add(ViewFrame& view, const std::vector<HostId>& hosts) {
     const auto prepared = store_.get(view.frame.id);
     const Frame& seen = prepared->frame;
-    std::vector<Proposal> clean;
+    std::vector<Detection> clean;
     if (detector_) {
-      clean = detections(*detector_, {&seen.image, seen.sweep, &seen.calibration}, evaluation_);
-      view.found = {kitti_detections(clean, evaluation_.plane, view.frame), true};
+      clean = detections(*detector_, view_of(seen), evaluation_);
+      view.found = {kitti_detections(clean, evaluation_.matching, view.frame), true};
     }
     for (const HostId& id : hosts) {
-      const Label& host = label_of(seen, id);
-      const Simulated simulated =
-          simulate(*prepared, host, store_.rooftop(id), run_.adversary, run_.settings.simulation);
+      const Placement placement = store_.placement(id);
+      const Simulated simulated = simulate(*prepared, placement, run_.adversary, run_.settings.simulation);
       ViewAttack attack;
       attack.name = host_name(id);
       attack.label = id.label;
@@ -99,25 +98,26 @@ class Attacker {
                         {"returns", simulated.adversary_points},
                         {"removed", simulated.removed_points},
                         {"learned_on", learned_on(run_, id)}};
-      if (detector_) judge_attack(view.frame, seen, id, clean, simulated, attack);
+      if (detector_)
+        judge_attack(view.frame, seen, id, clean, simulated, carried_box(simulated, placement), attack);
       view.attacks.push_back(std::move(attack));
     }
   }
 
  private:
   void judge_attack(const Frame& whole, const Frame& seen, const HostId& id,
-                    const std::vector<Proposal>& clean, const Simulated& simulated, ViewAttack& attack) {
+                    const std::vector<Detection>& clean, const Simulated& simulated,
+                    const std::optional<PictureBox>& object, ViewAttack& attack) {
     const auto attacked =
-        detections(*detector_, {&simulated.image, simulated.sweep, &seen.calibration}, evaluation_);
-    attack.found = {kitti_detections(attacked, evaluation_.plane, whole), true};
+        detections(*detector_, view_of(seen, simulated.image, simulated.sweep), evaluation_);
+    attack.found = {kitti_detections(attacked, evaluation_.matching, whole), true};
     EvaluationSettings judging = evaluation_;
     judging.score_threshold = judged_at();
-    const auto sure = [&](std::vector<Proposal> proposals) {
-      std::erase_if(proposals, [&](const Proposal& p) { return p.score() < judging.score_threshold; });
+    const auto sure = [&](std::vector<Detection> proposals) {
+      std::erase_if(proposals, [&](const Detection& p) { return p.score() < judging.score_threshold; });
       return proposals;
     };
-    const HostOutcome outcome =
-        judge(id, seen, sure(clean), sure(attacked), judging, silhouette_box(simulated));
+    const HostOutcome outcome = judge(id, seen, sure(clean), sure(attacked), judging, object);
     attack.outcome.update({{"clean_iou", outcome.clean_iou},
                            {"attacked_iou", outcome.attacked_iou},
                            {"clean_score", outcome.clean_score},

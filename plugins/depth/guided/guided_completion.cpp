@@ -3,21 +3,19 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
-#include <sstream>
 #include <stdexcept>
 #include <thread>
 
 #include "../../for_each_sample.h"
-#include "base/files.h"
-#include "data_archive.h"
 #include "loss.h"
+#include "weights_file.h"
 
 namespace mirage::guided {
 namespace {
 
 using torch::Tensor;
 
-constexpr const char* kFormat = "mirage guided depth completion 1";
+constexpr const char* kFormat = "mirage guided depth completion 2";
 constexpr double kWeightDecay = 1e-3, kLargestGradient = 2.0;
 constexpr float kFarthest = 200;  // m; the network's depth is bounded by its formula, this guards the file
 
@@ -31,11 +29,6 @@ void check_shape(const MirageDepthInput& input) {
 Network make_network(const Options& options) {
   torch::manual_seed(options.seed);
   return Network();
-}
-
-std::string key_of(std::string name) {
-  std::replace(name.begin(), name.end(), '.', '_');
-  return name;
 }
 
 }  // namespace
@@ -103,43 +96,22 @@ std::array<float, 3> GuidedCompletion::train_step(std::span<const MirageDepthSam
 }
 
 void GuidedCompletion::save(const std::string& file, bool with_optimiser) {
-  torch::serialize::OutputArchive archive;
-  archive.write("format", c10::IValue(std::string(kFormat)));
+  WeightsWriter writer;
+  writer.state("format", kFormat);
   for (const auto& parameter : network_->named_parameters())
-    archive.write(key_of(parameter.key()),
-                  parameter.value().detach().contiguous().to(with_optimiser ? torch::kFloat : torch::kHalf));
-  archive.write("with_optimiser", c10::IValue(with_optimiser));
-  if (with_optimiser) {
-    torch::serialize::OutputArchive optimiser;
-    optimiser_.save(optimiser);
-    archive.write("optimiser", optimiser);
-  }
-  // Through memory: LibTorch's file writer aborts the process when its destructor meets a full disk.
-  std::ostringstream bytes;
-  archive.save_to(bytes);
-  write_file(file, bytes.str());
+    writer.add(parameter.key(), parameter.value().to(with_optimiser ? torch::kFloat : torch::kHalf));
+  if (with_optimiser) add_state(writer, optimiser_);
+  writer.write(file);
 }
 
 void GuidedCompletion::load(const std::string& file) {
-  torch::serialize::InputArchive archive = open_data_archive(file, torch::kCPU);
-  c10::IValue value;
-  if (!archive.try_read("format", value) || !value.isString() || value.toStringRef() != kFormat)
+  const WeightsFile weights(file);
+  if (weights.fact("format") != kFormat)
     throw std::runtime_error("weights of another program or version; train anew with mirage train depth");
-  torch::NoGradGuard guard;
-  for (auto& parameter : network_->named_parameters()) {
-    Tensor stored;
-    if (!archive.try_read(key_of(parameter.key()), stored) || stored.sizes() != parameter.value().sizes())
-      throw std::runtime_error("weights of another network; train anew with mirage train depth");
-    if (!torch::isfinite(stored).all().item<bool>())
-      throw std::runtime_error(
-          "weights that are not finite; restore the file, or train anew with mirage train depth");
-    parameter.value().copy_(stored);
-  }
-  archive.read("with_optimiser", value);
-  if (!value.toBool()) return;
-  torch::serialize::InputArchive optimiser;
-  archive.read("optimiser", optimiser);
-  optimiser_.load(optimiser);
+  const torch::NoGradGuard guard;
+  for (auto& parameter : network_->named_parameters())
+    parameter.value().copy_(weights.tensor(parameter.key(), parameter.value().sizes()));
+  read_state(weights, optimiser_);
 }
 
 }  // namespace mirage::guided

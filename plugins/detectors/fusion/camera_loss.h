@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "camera.h"
-#include "detection/detector_abi.h"
+#include "detection/detector_abi3.h"
 #include "loss.h"
 
 namespace mirage::fusion {

@@ -10,6 +10,8 @@ namespace {
 
 using torch::Tensor;
 
+constexpr const char *kCamera = "camera", *kLidar = "lidar", *kTrunk = "trunk";  // words of "frozen"
+
 /// In a checkpoint: of the k-th learning weight, what the training started from.
 std::string start_name(std::size_t k) {
   return "start" + std::to_string(k);
@@ -42,24 +44,20 @@ class FusionDetector::MixedWithStart {
 void FusionDetector::save(const std::string& file, bool with_optimiser) {
   std::optional<MixedWithStart> mixed;
   if (!with_optimiser) mixed.emplace(*this);
-  torch::serialize::OutputArchive archive = begin_weights(options_.parts);
-  archive.write("camera_frozen", c10::IValue(camera_frozen_));
-  archive.write("lidar_frozen", c10::IValue(lidar_frozen_));
-  archive.write("trunk_frozen", c10::IValue(trunk_frozen_));
-  torch::serialize::OutputArchive network;
-  network_->save(network);
-  archive.write("network", network);
-  archive.write("with_optimiser", c10::IValue(with_optimiser));
+  WeightsWriter writer = begin_weights(*network_);
+  std::string frozen;
+  for (const auto& [word, is_frozen] :
+       {std::pair(kCamera, camera_frozen_), {kLidar, lidar_frozen_}, {kTrunk, trunk_frozen_}})
+    if (is_frozen) frozen.append(frozen.empty() ? "" : " ").append(word);
+  if (!frozen.empty()) writer.state("frozen", frozen);
   if (with_optimiser) {
-    archive.write("steps", c10::IValue(steps_));
-    archive.write("samples_seen", c10::IValue(samples_seen_));
-    archive.write("peak_rate", c10::IValue(peak_rate_));
-    torch::serialize::OutputArchive optimiser;
-    optimiser_->save(optimiser);
-    archive.write("optimiser", optimiser);
-    for (std::size_t k = 0; k < start_.size(); ++k) archive.write(start_name(k), start_[k]);
+    writer.add("training.steps", torch::tensor(steps_, torch::kLong));
+    writer.add("training.samples_seen", torch::tensor(samples_seen_, torch::kLong));
+    writer.add("training.peak_rate", torch::tensor(peak_rate_, torch::kDouble));
+    add_state(writer, *optimiser_);
+    for (std::size_t k = 0; k < start_.size(); ++k) writer.add(start_name(k), start_[k]);
   }
-  write_weights(archive, file);
+  writer.write(file);
 }
 
 void FusionDetector::load(const std::string& file) {
@@ -69,31 +67,24 @@ void FusionDetector::load(const std::string& file) {
     return;
   }
   copy_network(file, *network_);
-  torch::serialize::InputArchive archive = open_weights(file);
-  c10::IValue value;
-  camera_frozen_ = archive.try_read("camera_frozen", value) && value.toBool();
-  lidar_frozen_ = archive.try_read("lidar_frozen", value) && value.toBool();
-  trunk_frozen_ = archive.try_read("trunk_frozen", value) && value.toBool() && !options_.joint;
+  const WeightsFile weights = open_weights(file);
+  camera_frozen_ = has_word(weights, "frozen", kCamera);
+  lidar_frozen_ = has_word(weights, "frozen", kLidar);
+  trunk_frozen_ = has_word(weights, "frozen", kTrunk) && !options_.joint;
   // A second stage that is put on a first one learns alone.
-  if (options_.parts.second && !parts_of(archive).second) camera_frozen_ = lidar_frozen_ = !options_.joint;
+  if (options_.parts.second && !parts_of(weights).second) camera_frozen_ = lidar_frozen_ = !options_.joint;
   start_optimiser();
-  if (options_.start) return;
-  archive.read("with_optimiser", value);
-  if (!value.toBool()) return;
-  archive.read("steps", value);
-  steps_ = value.toInt();
-  archive.read("samples_seen", value);
-  samples_seen_ = value.toInt();
-  if (archive.try_read("peak_rate", value)) peak_rate_ = value.toDouble();
-  torch::serialize::InputArchive optimiser;
-  archive.read("optimiser", optimiser);
-  optimiser_->load(optimiser);
-  for (std::size_t k = 0; k < start_.size(); ++k) archive.read(start_name(k), start_[k]);
+  if (options_.start || !weights.holds("training.steps")) return;
+  steps_ = weights.tensor("training.steps", {}).item<std::int64_t>();
+  samples_seen_ = weights.tensor("training.samples_seen", {}).item<std::int64_t>();
+  peak_rate_ = weights.tensor("training.peak_rate", {}).item<double>();
+  read_state(weights, *optimiser_);
+  for (std::size_t k = 0; k < start_.size(); ++k)
+    start_[k].copy_(weights.tensor(start_name(k), start_[k].sizes()));
 }
 
 void FusionDetector::take_over(const std::string& file, const std::string& name) {
-  auto archive = open_weights(file);
-  if (name_of(parts_of(archive)) != name)
+  if (name_of(parts_of(open_weights(file))) != name)
     throw std::runtime_error(file + ": not the weights of such a " + name + " detector; check --" + name);
   copy_network(file, *network_);
 }

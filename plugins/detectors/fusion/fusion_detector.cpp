@@ -28,8 +28,7 @@ Options with_parts(Options options, const char* weights) {
   if (!weights) return options;
   const std::string wanted = name_of(options.parts);
   if (wanted == "camera" && options.start && !is_weights_file(weights)) return options;  // COCO's
-  auto archive = open_weights(weights);
-  const Parts stored = parts_of(archive);
+  const Parts stored = parts_of(open_weights(weights));
   const std::string name = name_of(stored);
   const bool from_lidar = options.start && name == "lidar" && options.parts.lidar;
   const bool from_first_stage = options.start && name == "fusion" && options.parts.second;

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "detection/detector_abi.h"
+#include "detection/detector_abi3.h"
 #include "local_network.h"
 #include "loss.h"
 #include "network.h"

@@ -3,7 +3,7 @@
 
 #include <span>
 
-#include "detection/detector_abi.h"
+#include "detection/detector_abi3.h"
 #include "torch_headers.h"
 
 namespace mirage::fusion {

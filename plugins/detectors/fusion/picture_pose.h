@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "detection/detector_abi.h"
+#include "detection/detector_abi3.h"
 #include "torch_headers.h"
 
 namespace mirage::fusion {

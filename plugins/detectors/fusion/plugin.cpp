@@ -1,4 +1,4 @@
-// The C interface of detectors (detection/detector_abi.h). No exception leaves a function of this file.
+// The C interface of detectors (detection/detector_abi3.h). No exception leaves a function of this file.
 #include <nlohmann/json.hpp>
 
 #include "../../c_interface.h"
@@ -144,25 +144,25 @@ int presence(void* detector, float* d_presence, int64_t count, char* error, size
   });
 }
 
-const MirageDetectorApi kApi = {MIRAGE_DETECTOR_ABI,
-                                "fusion",
-                                create,
-                                destroy,
-                                region,
-                                forward,
-                                backward,
-                                train_step,
-                                save,
-                                capabilities,
-                                share,
-                                image_features,
-                                why_whole,
-                                forward_changed,
-                                watch,
-                                presence};
+const MirageDetectorApi3 kApi = {MIRAGE_DETECTOR_ABI_3,
+                                 "fusion",
+                                 create,
+                                 destroy,
+                                 region,
+                                 forward,
+                                 backward,
+                                 train_step,
+                                 save,
+                                 capabilities,
+                                 share,
+                                 image_features,
+                                 why_whole,
+                                 forward_changed,
+                                 watch,
+                                 presence};
 
 }  // namespace
 
-extern "C" __attribute__((visibility("default"))) const MirageDetectorApi* mirage_detector_api(void) {
+extern "C" __attribute__((visibility("default"))) const MirageDetectorApi3* mirage_detector_api(void) {
   return &kApi;
 }

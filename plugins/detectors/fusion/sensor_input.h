@@ -1,7 +1,7 @@
 // The host's sensor data as tensors.
 #pragma once
 
-#include "detection/detector_abi.h"
+#include "detection/detector_abi3.h"
 #include "sensor_tensors.h"
 
 namespace mirage::fusion {

@@ -2,9 +2,11 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 
 #include "network.h"
 #include "torch_headers.h"
+#include "weights_file.h"
 
 namespace mirage::fusion {
 
@@ -17,16 +19,17 @@ std::string name_of(const Parts& parts);
 Parts parts_named(const std::string& name);
 
 /// std::runtime_error, one line, if it is not a readable file of this program.
-torch::serialize::InputArchive open_weights(const std::string& file);
+WeightsFile open_weights(const std::string& file);
 bool is_weights_file(const std::string& file);
-/// Which network an open file holds.
-Parts parts_of(torch::serialize::InputArchive& archive);
+/// Which network a file holds.
+Parts parts_of(const WeightsFile& file);
+/// Whether a fact that is a list of words has this one.
+bool has_word(const WeightsFile& file, std::string_view key, std::string_view word);
 /// The file's network into those parts of `network` that it has. New channels of a layer's input stay as
-/// they are. std::runtime_error if shapes differ or a weight is not finite.
+/// they are. std::runtime_error if shapes differ.
 void copy_network(const std::string& file, NetworkImpl& network);
 
-/// An archive that says which network is going to be in it.
-torch::serialize::OutputArchive begin_weights(const Parts& parts);
-void write_weights(torch::serialize::OutputArchive& archive, const std::string& file);
+/// A file with this network.
+WeightsWriter begin_weights(const NetworkImpl& network);
 
 }  // namespace mirage::fusion

@@ -3,7 +3,7 @@
     python3 example_export.py MODEL.pt
     mirage detect --data DIR --detector torchscript --weights MODEL.pt --out OUT
 
-README.md, beside this file, says what a model must take and return.
+src/guide/attack.md says what a model must take and return.
 """
 
 import sys

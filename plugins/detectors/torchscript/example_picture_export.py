@@ -5,7 +5,7 @@
 
 NETWORK takes float32 [1, 3, H, W], blue-green-red, 0 to 255, H and W multiples of 32, and returns boxes [N, 4] (pixels:
 left, top, right, bottom) and logits [N] before suppression. Change what differs in yours.
-README.md, beside this file, says what a model must take and return.
+src/guide/attack.md says what a model must take and return.
 """
 
 import sys

@@ -1,4 +1,4 @@
-// The C interface of detectors (detection/detector_abi.h). No exception leaves a function of this file.
+// The C interface of detectors (detection/detector_abi3.h). No exception leaves a function of this file.
 #include <nlohmann/json.hpp>
 
 #include "../../c_interface.h"
@@ -64,12 +64,12 @@ uint32_t capabilities(void* detector) {
   return instance(detector).capabilities();
 }
 
-const MirageDetectorApi kApi = {
-    MIRAGE_DETECTOR_ABI, "torchscript", create,  destroy, region,  forward, backward, train_step, save,
-    capabilities,        nullptr,       nullptr, nullptr, nullptr, nullptr, nullptr};
+const MirageDetectorApi3 kApi = {
+    MIRAGE_DETECTOR_ABI_3, "torchscript", create,  destroy, region,  forward, backward, train_step, save,
+    capabilities,          nullptr,       nullptr, nullptr, nullptr, nullptr, nullptr};
 
 }  // namespace
 
-extern "C" __attribute__((visibility("default"))) const MirageDetectorApi* mirage_detector_api(void) {
+extern "C" __attribute__((visibility("default"))) const MirageDetectorApi3* mirage_detector_api(void) {
   return &kApi;
 }

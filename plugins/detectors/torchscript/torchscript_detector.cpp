@@ -23,7 +23,7 @@ constexpr const char* kSignature =
 constexpr const char* kReturns = "(boxes [M,5], logits [M])";
 constexpr const char* kReturnsInPicture = "(boxes [M,4], logits [M])";
 constexpr const char* kWrite = "write it with torch.jit.script(model).save(FILE)";
-constexpr const char* kGuide = "see plugins/detectors/torchscript/README.md";
+constexpr const char* kGuide = "see src/guide/attack.md";
 
 [[noreturn]] void bad(const std::string& field, const std::string& problem, const std::string& fix) {
   throw BadFile(field + ": " + problem + "; " + fix);

@@ -1,4 +1,4 @@
-// A detector that the user exported from PyTorch. README.md says what it must look like.
+// A detector that the user exported from PyTorch. src/guide/attack.md says what it must look like.
 #pragma once
 
 #include <torch/script.h>
@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "detection/detector_abi.h"
+#include "detection/detector_abi3.h"
 
 namespace mirage::torchscript {
 

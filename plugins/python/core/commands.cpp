@@ -1,16 +1,24 @@
 // The commands of `mirage`, and a detector that is a Python object.
-#include <cmath>
+#include <fmt/format.h>
+
+#include <array>
 #include <cstdio>
+#include <cstdlib>
+#include <map>
 #include <optional>
+#include <tuple>
 
 #include "arrays.h"
 #include "attack/run.h"
 #include "base/error.h"
 #include "base/interrupt_watch.h"
+#include "base/progress_listener.h"
 #include "bind.h"
 #include "cli/named_settings.h"
+#include "detection/box_rows.h"
 #include "detection/given_detector.h"
 #include "detection/points_in_view.h"
+#include "scene/data/label_types.h"
 
 namespace mirage::python {
 namespace {
@@ -29,35 +37,37 @@ class PythonDetector : public Detector {
   explicit PythonDetector(std::shared_ptr<py::object> adapter) : adapter_(std::move(adapter)) {
     const py::gil_scoped_acquire lock;
     region_ = adapter_->attr("region").cast<std::array<double, 4>>();
-    picture_ = adapter_->attr("finds_picture").cast<bool>();
+    const auto types = adapter_->attr("classes").cast<std::vector<std::string>>();
+    if (!types.empty()) can_.types.clear();
+    for (const std::string& type : types) can_.types.push_back(kitti_type(type));
+    const py::object function = adapter_->attr("function");
+    can_.finds_picture = adapter_->attr("finds_picture").cast<bool>();
+    can_.finds_bev = !can_.finds_picture;
+    can_.reads_points = can_.finds_bev;
+    can_.finds_heights = can_.finds_bev && py::bool_(py::getattr(function, "heights", py::bool_(false)));
+    can_.has_gradients = adapter_->attr("differentiable").cast<bool>();
+    can_.remembers = py::hasattr(function, "new_sequence");
   }
 
   std::string name() const override { return kGivenDetector; }
   std::array<double, 4> region() const override { return region_; }
-  Capabilities capabilities() const override {
-    return picture_ ? Capabilities{true, false, false, true} : Capabilities();
-  }
+  Capabilities capabilities() const override { return can_; }
 
-  std::vector<Proposal> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     const py::gil_scoped_acquire lock;
-    const bool seen = input.image && !input.image->empty();
-    static const ImageF none(0, 0, 3);
-    const ImageF& image = seen ? *input.image : none;
-    // Views of memory that lives for this call: the adapter copies.
-    const auto borrowed = std::shared_ptr<const void>(&input, [](const void*) {});
-    const auto matrix = pixel_from_velo(*input.calibration);
+    sensors_ = sensors(input);
+    const ImageF* image = sensors_.front().image;
+    const bool seen = image && !image->empty();
     try {
       const auto output =
-          adapter_
-              ->attr("forward")(seen
-                                    ? view(image.data.data(), {image.height, image.width, 3}, borrowed, false)
-                                    : py::array_t<float>(Shape{0, 0, 3}),
-                                view(reinterpret_cast<const float*>(input.points.data()),
-                                     {ssize(input.points.size()), 4}, borrowed, false),
-                                own(std::vector<float>(matrix.begin(), matrix.end()), {3, 4}), keep_graph)
-              .cast<std::pair<py::array_t<float, py::array::c_style | py::array::forcecast>,
-                              py::array_t<float, py::array::c_style | py::array::forcecast>>>();
-      return proposals(output.first, output.second, score_threshold, image);
+          adapter_->attr("forward")(told(input), keep_graph)
+              .cast<std::tuple<Array<float>, Array<float>, std::optional<Array<std::int32_t>>>>();
+      const auto& [boxes, logits, classes] = output;
+      RawBoxes raw{boxes.data(), logits.data(), static_cast<std::size_t>(logits.shape(0)),
+                   static_cast<std::size_t>(boxes.shape(1))};
+      if (classes) raw.classes = {classes->data(), raw.count};
+      return rows_.proposals(raw, can_, score_threshold, seen ? image->width : 0, seen ? image->height : 0,
+                             "detector");
     } catch (const py::error_already_set& error) {
       if (seen) throw;  // the caller's own error, with its trace
       throw InputError("detector", "image", std::string("cannot do without a picture (") + error.what() + ")",
@@ -67,18 +77,32 @@ class PythonDetector : public Detector {
 
   SensorGradient backward(std::span<const double> d_logits) override {
     const py::gil_scoped_acquire lock;
-    std::vector<float> all(count_);
-    for (std::size_t i = 0; i < d_logits.size(); ++i) all[places_[i]] = static_cast<float>(d_logits[i]);
-    const auto [d_image, d_points] =
-        adapter_->attr("backward")(own(std::move(all), {ssize(count_)}))
-            .cast<std::pair<py::array_t<float, py::array::c_style | py::array::forcecast>,
-                            py::array_t<float, py::array::c_style | py::array::forcecast>>>();
-    SensorGradient gradient{ImageF(static_cast<int>(d_image.shape(1)), static_cast<int>(d_image.shape(0)), 3),
-                            {}};
-    std::copy_n(d_image.data(), gradient.image.data.size(), gradient.image.data.begin());
-    gradient.points.resize(static_cast<std::size_t>(d_points.shape(0)));
-    if (!gradient.points.empty())
-      std::copy_n(d_points.data(), 4 * gradient.points.size(), gradient.points.front().data());
+    const auto given = adapter_->attr("backward")(own(rows_.of_rows(d_logits), {ssize(rows_.count())}))
+                           .cast<std::map<std::string, Array<float>>>();
+    SensorGradient gradient;
+    for (std::size_t i = 0; i < sensors_.size(); ++i) {
+      const SensorData& sensor = sensors_[i];
+      const bool camera = sensor.kind == SensorData::Kind::camera;
+      const int width = camera && sensor.image ? sensor.image->width : 0,
+                height = camera && sensor.image ? sensor.image->height : 0;
+      std::vector<float> values(camera ? ImageF(width, height, 3).data.size() : 4 * sensor.points.size());
+      if (const auto found = given.find(sensor.name); found != given.end()) {
+        if (static_cast<std::size_t>(found->second.size()) != values.size())
+          throw InputError("detector", "gradient to " + sensor.name,
+                           fmt::format("has {} values for {}", found->second.size(), values.size()),
+                           "give one for each that was given");
+        std::copy_n(found->second.data(), values.size(), values.begin());
+      }
+      if (i == 0) {
+        gradient.image = ImageF(width, height, 3);
+        gradient.image.data = std::move(values);
+      } else if (i == 1) {
+        gradient.points.resize(sensor.points.size());
+        if (!gradient.points.empty()) std::copy(values.begin(), values.end(), gradient.points.front().data());
+      } else {
+        gradient.others.push_back(std::move(values));
+      }
+    }
     return gradient;
   }
 
@@ -91,71 +115,114 @@ class PythonDetector : public Detector {
   }
 
  private:
-  std::vector<Proposal> proposals(const py::array_t<float>& boxes, const py::array_t<float>& logits,
-                                  double score_threshold, const ImageF& image) {
-    count_ = static_cast<std::size_t>(logits.shape(0));
-    places_.clear();
-    std::vector<Proposal> kept;
-    const float* box = boxes.data();
-    for (std::size_t i = 0; i < count_; ++i, box += boxes.shape(1)) {
-      Proposal proposal;
-      proposal.logit = logits.data()[i];
-      if (!(proposal.score() > score_threshold)) continue;
-      if (picture_)
-        proposal.picture = {box[0], box[1], box[2], box[3]};
-      else
-        proposal.box = {box[0], box[1], box[2], box[3], box[4]};
-      kept.push_back(proposal);
-      places_.push_back(i);
+  template <class T>
+  using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
+
+  /// The view as mirage_serve.py's Frame reads it: arrays over memory that lives for the call.
+  py::dict told(const SensorView& input) const {
+    const auto borrowed = std::shared_ptr<const void>(&input, [](const void*) {});
+    py::dict cameras, lidars, all;
+    for (const SensorData& sensor : sensors_) {
+      py::dict one;
+      one["time"] = sensor.time;
+      if (sensor.kind == SensorData::Kind::camera) {
+        if (sensor.image && !sensor.image->empty())
+          one["image"] = view(sensor.image->data.data(), {sensor.image->height, sensor.image->width, 3},
+                              borrowed, false);
+        Calibration calibration;
+        calibration.camera = sensor.camera, calibration.camera_from_velo = sensor.sensor_from_ego;
+        const PinholeCamera& c = sensor.camera;
+        one["pixel_from_velo"] = pixel_from_velo(calibration);
+        one["intrinsics"] = std::array<double, 4>{c.fx, c.fy, c.cx, c.cy};
+        cameras[py::str(sensor.name)] = one;
+      } else {
+        one["points"] = view(reinterpret_cast<const float*>(sensor.points.data()),
+                             {ssize(sensor.points.size()), 4}, borrowed, false);
+        lidars[py::str(sensor.name)] = one;
+      }
     }
-    check_proposals(kept, picture_ ? Plane::picture : Plane::bev);
-    for (Proposal& proposal : kept) proposal.picture = within(proposal.picture, image.width, image.height);
-    return kept;
+    all["frame"] = input.frame ? input.frame->id : "";
+    all["continues"] = input.continues;
+    if (input.frame && input.frame->moment) {
+      const Moment& moment = *input.frame->moment;
+      std::array<double, 12> rows{};
+      Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(rows.data()) =
+          moment.world_from_ego.matrix().topRows<3>();
+      py::dict told;
+      told["sequence"] = moment.sequence, told["index"] = moment.index, told["time"] = moment.time;
+      told["world_from_ego"] = rows;
+      all["moment"] = told;
+    }
+    all["cameras"] = cameras;
+    all["lidars"] = lidars;
+    return all;
   }
 
   std::shared_ptr<py::object> adapter_;
   std::array<double, 4> region_{};
-  bool picture_ = false;
-  std::size_t count_ = 0;            ///< of the last forward, all of them
-  std::vector<std::size_t> places_;  ///< of its proposals over the threshold
+  Capabilities can_;
+  std::vector<SensorData> sensors_;  ///< of the last forward
+  BoxRows rows_;
 };
 
-/// Commands print a table of what Python gets as a dictionary: C's standard output goes nowhere meanwhile (a
-/// variable in glibc). Python's own does not pass through it.
-class NoTables {
+/// Commands print a short table: C's standard output goes into memory meanwhile (a variable in glibc).
+/// Python's own does not pass through it.
+class Tables {
  public:
-  NoTables() : before_(stdout), nowhere_(std::fopen("/dev/null", "w")) {
-    if (nowhere_) stdout = nowhere_;
+  Tables() : before_(stdout), file_(::open_memstream(&text_, &size_)) {
+    if (file_) stdout = file_;
   }
-  ~NoTables() {
+  ~Tables() {
     stdout = before_;
-    if (nowhere_) std::fclose(nowhere_);
+    if (file_) std::fclose(file_);
+    std::free(text_);
   }
-  NoTables(const NoTables&) = delete;
-  NoTables& operator=(const NoTables&) = delete;
+  Tables(const Tables&) = delete;
+  Tables& operator=(const Tables&) = delete;
+
+  std::string text() {
+    if (file_) std::fflush(file_);
+    return {text_ ? text_ : "", size_};
+  }
 
  private:
-  std::FILE *before_, *nowhere_;
+  char* text_ = nullptr;
+  std::size_t size_ = 0;
+  std::FILE *before_, *file_;
 };
 
-std::string run(const std::string& command, const NamedSettings& settings, const py::object& detector,
-                const std::string& content, const std::string& where) {
-  std::shared_ptr<py::object> adapter;
+/// What result.json holds, as JSON, and what the command prints. `progress`: called with (what, done, total,
+/// time left, note), or None: nothing is shown where `quiet`.
+std::pair<std::string, std::string> run(const std::string& command, const NamedSettings& settings,
+                                        const py::object& detector, const std::string& content,
+                                        const std::string& where, const py::object& progress, bool quiet) {
+  std::shared_ptr<py::object> adapter, listener;
   if (!detector.is_none()) adapter = held(detector);
+  if (!progress.is_none()) listener = held(progress);
   const py::gil_scoped_release free;
   const InterruptWatch watch;
-  const NoTables silence;
+  Tables tables;
+  std::optional<ProgressTo> shown;
+  if (listener || quiet)
+    shown.emplace([&](const std::string& what, std::size_t done, std::size_t total, const std::string& left,
+                      const std::string& note) {
+      if (!listener) return;
+      const py::gil_scoped_acquire lock;
+      (*listener)(what, done, total, left, note);
+    });
   std::optional<DetectorGift> gift;
   if (adapter)
     gift.emplace(GivenDetector{[adapter] { return std::make_unique<PythonDetector>(adapter); }, content});
-  return cli::run_command(command, settings, where).dump();
+  std::string result = cli::run_command(command, settings, where).dump();
+  return {std::move(result), tables.text()};
 }
 
 }  // namespace
 
 void bind_commands(py::module_& module) {
   module.def("run", &run, py::arg("command"), py::arg("settings"), py::arg("detector"), py::arg("content"),
-             py::arg("where"), "Runs a command; what its result.json holds, as JSON.");
+             py::arg("where"), py::arg("progress"), py::arg("quiet"),
+             "Runs a command; what its result.json holds, as JSON, and the table that it prints.");
   module.def("remember_code_made_here", &remember_code_made_here, py::arg("file"),
              "So that the command line reads a run that holds this file without --trust-run.");
 }

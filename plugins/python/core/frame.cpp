@@ -1,3 +1,6 @@
+#include <algorithm>
+#include <cstring>
+
 #include "arrays.h"
 #include "base/error.h"
 #include "bind.h"
@@ -7,9 +10,10 @@
 #include "frames/host_views.h"
 #include "handles.h"
 #include "scene/data/data_rig.h"
+#include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/shape/shape_rooftop.h"
+#include "scene/shape/shape_roof.h"
 #include "scene/sun.h"
 
 namespace mirage::python {
@@ -36,11 +40,14 @@ FrameHandle::FrameHandle(const std::filesystem::path& data, const std::string& i
       recorded_(recorded_lidar_effects(data)),
       frame_(read_frame(data, id)) {}
 
+FrameHandle::FrameHandle(Frame frame, const std::string& rig)
+    : rig_(rig), lidar_(read_lidar_model(rig_file(rig))), recorded_("unit"), frame_(std::move(frame)) {}
+
 std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const std::string& depth, const std::string& sun) {
   const std::lock_guard lock(mutex_);
   auto& known = prepared_[{depth, sun}];
   if (!known) {
-    check_data(data_, rig_, UnitUse::casts_rays);
+    if (!data_.empty()) check_data(data_, rig_, UnitUse::casts_rays);
     const SunChoice choice = parse_sun(sun);
     const auto completion = kept<DepthCompletion>(
         depth, [&] { return std::shared_ptr<const DepthCompletion>(load_depth_completion({depth})); });
@@ -51,15 +58,15 @@ std::shared_ptr<const PreparedFrame> FrameHandle::prepared(const std::string& de
   return known;
 }
 
-Rooftop FrameHandle::rooftop(const std::string& finder, int label) {
+Carrier FrameHandle::carrier(const std::string& finder, int label) {
   const Label& host = vehicle_of(frame_, label, "host");
   const std::lock_guard lock(mutex_);
-  const auto known = rooftops_.find({finder, label});
-  if (known != rooftops_.end()) return known->second;
-  const auto finds = kept<RooftopFinder>(
-      finder + " " + rig_ + " " + std::filesystem::absolute(data_).string(),
-      [&] { return std::shared_ptr<const RooftopFinder>(make_rooftop_finder(finder, lidar_)); });
-  return rooftops_[{finder, label}] = finds->find(frame_, host);
+  const auto known = carriers_.find({finder, label});
+  if (known != carriers_.end()) return known->second;
+  const auto finds = kept<RoofFinder>(
+      finder + " " + rig_ + " " + (data_.empty() ? "" : std::filesystem::absolute(data_).string()),
+      [&] { return std::shared_ptr<const RoofFinder>(make_roof_finder(finder, lidar_)); });
+  return carriers_[{finder, label}] = finds->find(frame_, host);
 }
 
 namespace {
@@ -71,13 +78,14 @@ std::vector<HostHandle> hosts_of(const std::shared_ptr<FrameHandle>& frame, doub
   const py::gil_scoped_release free;
   const auto prepared = frame->prepared(settings.depth, settings.sun);
   const auto& labels = prepared->frame.labels;
-  std::vector<Rooftop> rooftops(labels.size());
+  std::vector<Carrier> carriers(labels.size());
   for (std::size_t i = 0; i < labels.size(); ++i)
     if (labels[i].type == "Car" && has_box(labels[i]))
-      rooftops[i] = frame->rooftop(settings.rooftop, static_cast<int>(i));
+      carriers[i] = frame->carrier(settings.rooftop, static_cast<int>(i));
   constexpr std::array<double, 4> kRegion = {0, 70, -40, 40};  // of a detector that names none
   std::vector<HostHandle> hosts;
-  for (const HostView& seen : host_views(*prepared, rooftops, kRegion, settings.simulation))
+  for (const HostView& seen :
+       host_views(*prepared, carriers, settings.placement, kRegion, settings.simulation))
     if (seen.share >= min_view)
       hosts.push_back({seen.label, labels[static_cast<std::size_t>(seen.label)], seen.share});
   return hosts;
@@ -93,6 +101,49 @@ py::array_t<double> matrix_of(const Eigen::Matrix<double, 3, 4>& matrix) {
 std::string words(const Label& label) {
   const BevBox& box = label.box.bev;
   return fmt::format("{} at ({:.1f}, {:.1f}) m", label.type, box.x, box.y);
+}
+
+using NamedBox = std::pair<std::string, std::array<double, 7>>;
+
+/// A frame of the caller's arrays. InputError naming the argument that is none.
+Frame frame_of_arrays(const py::object& image, const py::object& points,
+                      const std::array<double, 4>& intrinsics, const py::object& camera_from_velo,
+                      const std::vector<NamedBox>& labels, const std::string& id) {
+  Frame frame;
+  frame.id = id;
+  const auto picture = array_of<float>(image, "image", {-1, -1, 3});
+  frame.image = ImageF(static_cast<int>(picture.shape(1)), static_cast<int>(picture.shape(0)), 3);
+  std::copy_n(picture.data(), frame.image.data.size(), frame.image.data.begin());
+  const auto [least, most] = std::minmax_element(frame.image.data.begin(), frame.image.data.end());
+  if (frame.image.empty() || !(*least >= 0 && *most <= 1))
+    throw InputError("image", "", "is empty or not within [0, 1]", "give scene-linear RGB, H×W×3");
+  const auto sweep = array_of<float>(points, "points", {-1, 4});
+  frame.sweep.resize(static_cast<std::size_t>(sweep.shape(0)));
+  if (!frame.sweep.empty())
+    std::memcpy(static_cast<void*>(frame.sweep.data()), sweep.data(),
+                frame.sweep.size() * sizeof(LidarPoint));
+  for (const LidarPoint& point : frame.sweep)
+    if (!point.position().allFinite())
+      throw InputError("points", "", "are not finite", "drop those that are not");
+  const auto matrix = array_of<double>(camera_from_velo, "camera_from_velo", {3, 4});
+  frame.calibration.camera_from_velo.matrix().topRows<3>() =
+      Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(matrix.data());
+  const Eigen::Matrix3d turn = frame.calibration.camera_from_velo.matrix().topLeftCorner<3, 3>();
+  if (!((turn * turn.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-3))
+    throw InputError("camera_from_velo", "", "is no rotation beside a translation",
+                     "give the extrinsics alone; the intrinsics are fx, fy, cx, cy");
+  PinholeCamera& camera = frame.calibration.camera;
+  camera.fx = intrinsics[0], camera.fy = intrinsics[1], camera.cx = intrinsics[2], camera.cy = intrinsics[3];
+  camera.width = frame.image.width, camera.height = frame.image.height;
+  for (const auto& [type, b] : labels) {
+    const Box3 box{{b[0], b[1], b[3], b[4], b[6]}, b[2] - b[5] / 2, b[5]};
+    if (const std::string problem = box_problem(box); !problem.empty())
+      throw InputError("labels", fmt::format("{} at ({:g}, {:g})", type, b[0], b[1]), problem,
+                       "give x, y, z of the centre, length, width, height (m), yaw (rad)");
+    const auto label = projected_label(type, box, frame.calibration);
+    if (label) frame.labels.push_back(*label);
+  }
+  return frame;
 }
 
 void bind_labels(py::module_& module) {
@@ -149,6 +200,19 @@ void bind_frames(py::module_& module) {
              return std::make_shared<FrameHandle>(folder, id, rig);
            }),
            py::arg("folder"), py::arg("id"), py::arg("rig") = "")
+      .def(py::init([](const py::object& image, const py::object& points,
+                       const std::array<double, 4>& intrinsics, const py::object& camera_from_velo,
+                       const std::vector<NamedBox>& labels, const std::string& id, const std::string& rig) {
+             return std::make_shared<FrameHandle>(
+                 frame_of_arrays(image, points, intrinsics, camera_from_velo, labels, id), rig);
+           }),
+           py::kw_only(), py::arg("image"), py::arg("points"), py::arg("intrinsics"),
+           py::arg("camera_from_velo"), py::arg("labels") = std::vector<NamedBox>(), py::arg("id") = "",
+           py::arg("rig") = "kitti64",
+           "A frame of arrays: image H×W×3, scene-linear in [0, 1]; points N×4, the whole sweep; intrinsics "
+           "fx, "
+           "fy, cx, cy; camera_from_velo 3×4; labels [(\"Car\", (x, y, z, length, width, height, yaw)), …], "
+           "those in view; rig: the unit that recorded it, a word of --rig or a file.")
       .def_property_readonly(
           "id", [](const FrameHandle& f) { return f.frame().id; }, "e.g. \"000008\"")
       .def_property_readonly(

@@ -38,9 +38,8 @@ Result insert(const std::shared_ptr<FrameHandle>& frame, int host, const Texture
   result->prepared = frame->prepared(options.depth, options.sun);
   result->resolution = mesh.atlas.resolution;
   result->in_double = in_double;
-  const Rooftop rooftop = frame->rooftop(options.rooftop, host);
   result->simulated =
-      simulate(*result->prepared, result->prepared->frame.labels[static_cast<std::size_t>(host)], rooftop,
+      simulate(*result->prepared, placement_of(options.placement, frame->carrier(options.rooftop, host)),
                mesh, settings_of(options, result->prepared->lidar, frame->recorded_effects(), in_double));
   return result;
 }
@@ -143,8 +142,7 @@ std::vector<double> time_insertions(const std::shared_ptr<FrameHandle>& frame, i
                                     int count) {
   const py::gil_scoped_release free;
   const auto prepared = frame->prepared(options.depth, options.sun);
-  const Rooftop rooftop = frame->rooftop(options.rooftop, host);
-  const Label& label = prepared->frame.labels[static_cast<std::size_t>(host)];
+  const Placement placement = placement_of(options.placement, frame->carrier(options.rooftop, host));
   const ImageF& picture = prepared->frame.image;
   const ImageF d_image(picture.width, picture.height, 3, 1.f);
   std::vector<std::array<float, 4>> d_points;
@@ -152,7 +150,7 @@ std::vector<double> time_insertions(const std::shared_ptr<FrameHandle>& frame, i
   for (int i = 0; i < count; ++i) {
     std::optional<Simulated> simulated;
     const double forward =
-        cpu_ms([&] { simulated = simulate(*prepared, label, rooftop, mesh, options.simulation); });
+        cpu_ms([&] { simulated = simulate(*prepared, placement, mesh, options.simulation); });
     d_points.resize(simulated->sweep.size(), {1, 1, 1, 1});
     AdversaryGradient gradient;
     milliseconds.push_back(forward + cpu_ms([&] { gradient = simulate_vjp(*simulated, d_image, d_points); }));

@@ -7,33 +7,55 @@
     result = mirage.insert(frame, host, mesh)             # result.image, .points, .mask, .depth
     d_vertices, d_texels = result.vjp(d_image, d_points)
 
-`mirage.torch.insert` is the same as a torch.autograd.Function, `mirage.attack` learns a mesh against a network of yours
-and `mirage.evaluate` judges it. Units are metres, radians and scene-linear radiance; `velo` is the LiDAR's frame (x
+`mirage.torch.insert` is the same as a torch.autograd.Function. Against a network of yours `mirage.check` says whether it is
+asked as it expects, `mirage.attack` learns a mesh, `mirage.evaluate` and `mirage.validate` judge it; `mirage.serve` makes it
+a detector for the command line. Units are metres, radians and scene-linear radiance; `velo` is the LiDAR's frame (x
 forward, y left, z up). Settings have the names of the command line's options (`mirage simulate --help`, `mirage attack
 --help`) with _ for -. Arrays are NumPy's; where arrays go in, anything with __dlpack__ does too.
 """
 
 from __future__ import annotations
 
-import importlib
+import glob
+import importlib.util
+import os
+import sys
+import sysconfig
 from typing import TYPE_CHECKING
+
+
+def _complaint() -> str:
+    """Why this interpreter cannot have the module, or ""."""
+    built = [os.path.basename(file) for file in sorted(glob.glob(os.path.join(os.path.dirname(__file__), "_core.*.so")))]
+    if "_core" + sysconfig.get_config_var("EXT_SUFFIX") not in built:
+        tags = ", ".join(name.split(".")[1] for name in built) or "none"
+        return (f"mirage: is built for {tags}, and this is Python {sys.version_info[0]}.{sys.version_info[1]} "
+                f"({sys.executable}); build it for this one, too: make python PYTHON={sys.executable}")
+    if importlib.util.find_spec("numpy") is None:
+        return f"mirage: needs NumPy, which {sys.executable} has not; python -m pip install numpy"
+    return ""
+
+
+if _complaint():
+    raise ImportError(_complaint())
 
 from ._core import Failure, Frame, Hits, Host, InputError, Insertion, Label, Mesh, icosphere, list_frames, read_mesh
 from ._core import version as __version__
 from ._insertion import insert, read_frame
 from ._pieces import cast_rays, rasterize
-from ._runs import attack, evaluate, generate
+from ._runs import attack, audit, check, detect, evaluate, export, generate, validate, view
+from .mirage_serve import serve
 
 if TYPE_CHECKING:
-    from . import pytorch3d, torch  # noqa: F401
+    from . import mmdet3d, openpcdet, pytorch3d, torch  # noqa: F401
 
-__all__ = ["Failure", "Frame", "Hits", "Host", "InputError", "Insertion", "Label", "Mesh", "attack", "cast_rays",
-           "evaluate", "generate", "icosphere", "insert", "list_frames", "rasterize", "read_frame",
-           "read_mesh", "pytorch3d", "torch"]
+__all__ = ["Failure", "Frame", "Hits", "Host", "InputError", "Insertion", "Label", "Mesh", "attack", "audit", "cast_rays", "check",
+           "detect", "evaluate", "export", "generate", "icosphere", "insert", "list_frames", "mmdet3d", "openpcdet",
+           "pytorch3d", "rasterize", "read_frame", "read_mesh", "serve", "torch", "validate", "view"]
 
 
 def __getattr__(name: str):
-    """mirage.torch and mirage.pytorch3d, which need PyTorch, come when they are asked for."""
-    if name in ("torch", "pytorch3d"):
+    """What needs PyTorch comes when it is asked for."""
+    if name in ("torch", "pytorch3d", "openpcdet", "mmdet3d"):
         return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

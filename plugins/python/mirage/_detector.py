@@ -1,4 +1,4 @@
-"""A network as a detector: what it must give, checked, and its gradients by autograd."""
+"""A network as a detector, and what an attack goes on by: the code and the weights that it works with."""
 
 from __future__ import annotations
 
@@ -6,33 +6,12 @@ import hashlib
 import inspect
 from typing import Any, Callable, Iterator
 
-import numpy
 import torch
 
-from ._core import Failure, InputError
+from ._core import InputError
+from .mirage_serve import Frame, Network
 
-REGION = (0.0, 70.0, -40.0, 40.0)
-GUIDE = "give (boxes [M,5]: x, y, length, width (m), yaw (rad); logits [M]), or for boxes in the picture [M,4]"
-
-
-def _bad(field: str, problem: str, fix: str) -> InputError:
-    return InputError(f"detector: {field}: {problem}; {fix}")
-
-
-def takes_picture_alone(function: Callable) -> bool:
-    """Whether it finds boxes in the picture: such a detector takes the image and nothing else."""
-    try:
-        parameters = inspect.signature(function.forward if isinstance(function, torch.nn.Module) else function).parameters
-    except (TypeError, ValueError):
-        return False
-    needed = [p for p in parameters.values() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
-              and p.default is p.empty]
-    several = any(p.kind is p.VAR_POSITIONAL for p in parameters.values())
-    if several or len(needed) == 3:
-        return False
-    if len(needed) == 1:
-        return True
-    raise _bad("signature", f"takes {len(needed)} arguments", "take (image, points, pixel_from_velo), or image alone")
+IGNORED = ("torch", "numpy", "mirage")
 
 
 def parts_of(function: Callable, seen: set[int] | None = None) -> Iterator[tuple[str, Any]]:
@@ -57,8 +36,7 @@ def parts_of(function: Callable, seen: set[int] | None = None) -> Iterator[tuple
         seen.add(id(value))
         if isinstance(value, (torch.nn.Module, torch.Tensor)):
             yield name, value
-        elif inspect.isfunction(value) and value is not plain and (value.__module__ or "").split(".")[0] not in (
-                "torch", "numpy", "mirage"):
+        elif inspect.isfunction(value) and value is not plain and (value.__module__ or "").split(".")[0] not in IGNORED:
             yield from parts_of(value, seen)
 
 
@@ -78,71 +56,10 @@ def content_of(function: Callable) -> str:
     return "python-" + digest.hexdigest()[:16]
 
 
-class TorchDetector:
-    """What the C++ side calls; it copies its arguments, which do not outlive the call."""
+class TorchDetector(Network):
+    """What the C++ side calls; it copies what it is given, which does not outlive the call."""
 
-    def __init__(self, function: Callable):
-        if not callable(function):
-            raise _bad("type", f"{type(function).__name__} cannot be called", "give a function or a torch.nn.Module")
-        self.function = function
-        self.finds_picture = takes_picture_alone(function)
-        region = getattr(function, "region", REGION)
-        region = tuple(float(edge) for edge in (region() if callable(region) else region))
-        if len(region) != 4 or not (region[0] < region[1] and region[2] < region[3]):
-            raise _bad("region", f"is {region}", "give (x_min, x_max, y_min, y_max) in m, or leave it out")
-        self.region = region
-        parameter = next(function.parameters(), None) if isinstance(function, torch.nn.Module) else None
-        self.device = torch.device("cpu") if parameter is None else parameter.device
-        self._inputs: tuple[torch.Tensor, ...] = ()
-        self._logits: torch.Tensor | None = None
+    error = InputError
 
-    def forward(self, image, points, pixel_from_velo, keep_graph: bool):
-        """(boxes, logits) as float32 arrays; keep_graph prepares backward."""
-        self._inputs, self._logits = (), None
-        tensors = [torch.from_numpy(array.copy()).to(self.device) for array in (image, points, pixel_from_velo)]
-        with torch.set_grad_enabled(keep_graph):
-            if keep_graph:
-                for tensor in tensors[:2]:
-                    tensor.requires_grad_(True)
-            boxes, logits = self._checked(self.function(*tensors[: 1 if self.finds_picture else 3]))
-        if keep_graph:
-            if logits.numel() and not logits.requires_grad:
-                raise _bad("logits", "don't depend on image or points in a differentiable way",
-                           "remove detach(), no_grad(), hard thresholds and .item() between them")
-            self._inputs, self._logits = tuple(tensors[:2]), logits
-        return tuple(tensor.detach().cpu().float().numpy() for tensor in (boxes, logits))
-
-    def _checked(self, found):
-        if not isinstance(found, (tuple, list)) or len(found) != 2 or not all(isinstance(t, torch.Tensor) for t in found):
-            raise _bad("result", f"is {type(found).__name__}", "return two tensors: (boxes, logits)")
-        boxes, logits = found
-        columns = 4 if self.finds_picture else 5
-        for name, tensor in (("boxes", boxes), ("logits", logits)):
-            if not tensor.is_floating_point():
-                raise _bad(name, f"hold {tensor.dtype} values", "return floating-point tensors")
-        if boxes.dim() != 2 or boxes.shape[1] != columns:
-            raise _bad("boxes", f"have shape {list(boxes.shape)}", GUIDE)
-        if logits.dim() != 1 or logits.shape[0] != boxes.shape[0]:
-            raise _bad("logits", f"have shape {list(logits.shape)} for {boxes.shape[0]} boxes", "return one a box")
-        for name, tensor in (("boxes", boxes), ("logits", logits)):
-            if not torch.isfinite(tensor.detach()).all():
-                raise _bad(name, "are not finite", "look for logarithms, roots and divisions of 0 in the network")
-        return boxes, logits
-
-    def backward(self, d_logits):
-        """(d_image (H×W×3), d_points (N×4)) as float32 arrays."""
-        if self._logits is None:
-            raise Failure("detector: backward before a forward that keeps its graph; call forward first")
-        gradients: list[torch.Tensor | None] = [None, None]
-        if self._logits.requires_grad:
-            seed = torch.from_numpy(d_logits).to(self._logits)
-            gradients = list(torch.autograd.grad(self._logits, self._inputs, seed, allow_unused=True))
-        self._logits = None
-        arrays = []
-        for name, gradient, like in zip(("image", "points"), gradients, self._inputs):
-            array = (numpy.zeros(tuple(like.shape), numpy.float32) if gradient is None
-                     else gradient.detach().cpu().float().contiguous().numpy())
-            if not numpy.isfinite(array).all():
-                raise _bad(f"gradient to {name}", "is not finite", "look for roots and norms of 0 in the network")
-            arrays.append(array)
-        return tuple(arrays)
+    def forward(self, told, keep_graph: bool):
+        return super().forward(Frame(told, lambda array: array.copy()), keep_graph)

@@ -22,6 +22,14 @@ def read_frame(folder: str | os.PathLike, id: str, *, rig: str | os.PathLike = "
     return _core.Frame(os.fspath(folder), str(id), os.fspath(rig))
 
 
+def view(self: _core.Frame) -> tuple[Any, Any, Any]:
+    """What a detector gets of it: image (H×W×3), the points in view (N×4), pixel_from_velo (3×4), float32."""
+    return self.image, self.points_in_view, self.pixel_from_velo
+
+
+_core.Frame.view = view
+
+
 def hosts(self: _core.Frame, min_view: float = 0.7, **settings: Any) -> list[_core.Host]:
     """Cars within 70 m ahead and 40 m to the sides that show at least `min_view` of a mesh on their roof.
 
@@ -45,8 +53,9 @@ def insert(frame: _core.Frame, host: _core.Host | int, mesh: _core.Mesh, *, doub
     host: one of frame.hosts(), or the index of a label. mesh: its lowest vertex is set on the roof.
     double: draw with the plain loop in float64, which is some forty times as slow and what derivatives are checked
     with; faces are then dropped only where they cover less than 1e-13.
-    settings: depth, rooftop, quality, sigma, gamma, supersampling, light, lidar_effects, camera_effects and sun, as of
-    `mirage simulate`.
+    settings: place, depth, rooftop, quality, sigma, gamma, supersampling, light, lidar_effects, camera_effects and
+    sun, as of `mirage simulate`. place="2,-1.5,0,90" puts it elsewhere (m and degrees in the vehicle's frame; with
+    "world:" before them in `velo`'s).
 
     The result has .image (H×W×3), .points (M×4), .mask (H×W), .depth (H×W, m) and
     .vjp(d_image, d_points) -> (d_vertices (V×3), d_texels (F×C×C×3)).

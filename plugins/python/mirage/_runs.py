@@ -1,4 +1,4 @@
-"""Learning and judging a mesh: what `mirage attack` and `mirage evaluate` do, against a network of the caller's too."""
+"""The commands of `mirage`, against a network of the caller's too."""
 
 from __future__ import annotations
 
@@ -6,13 +6,35 @@ import json
 import os
 import sys
 import warnings
-from typing import Any, Callable
+from typing import Any, Callable, Optional
 
 from . import _core
 from ._settings import text_of, texts
 
+LOADS_DETECTORS = ("attack", "audit", "detect", "evaluate", "validate", "view")
+# Called with what is done, units done, units in all, the time left ("1:23") and a note.
+Progress = Optional[Callable[[str, int, int, str, str], None]]
 
-def _run(command: str, settings: dict[str, Any], detector: Any, where: str) -> dict[str, Any]:
+
+class Result(dict):
+    """What a command's result.json holds; printed it is the command's table."""
+
+    def __init__(self, values: dict[str, Any], summary: str):
+        super().__init__(values)
+        self.summary = summary.rstrip()
+
+    def __str__(self) -> str:
+        return self.summary or super().__repr__()
+
+    __repr__ = __str__
+
+
+def _show(what: str, done: int, total: int, left: str, note: str) -> None:
+    """A line of progress where standard error is no terminal: in a notebook."""
+    print(f"\r{what} {done}/{total}  {left} left  {note}    ", end="" if done < total else "\n", file=sys.stderr, flush=True)
+
+
+def _run(command: str, settings: dict[str, Any], detector: Any, where: str, quiet: bool, progress: Progress = None) -> Result:
     named = texts(settings)
     adapter, content = None, ""
     if isinstance(detector, (str, os.PathLike)):
@@ -23,9 +45,12 @@ def _run(command: str, settings: dict[str, Any], detector: Any, where: str) -> d
         adapter = detector if isinstance(detector, TorchDetector) else TorchDetector(detector)
         content = content_of(adapter.function)
         named["detector"] = "python"
-    if adapter is None:
+    if adapter is None and command in LOADS_DETECTORS and not named.get("detector", "").startswith("exec:"):
         _check_torch(where)
-    return json.loads(_core.run(command, named, adapter, content, where))
+    if progress is None and not quiet and "ipykernel" in sys.modules:
+        progress = _show
+    values, summary = _core.run(command, named, adapter, content, where, progress, quiet)
+    return Result(json.loads(values), summary)
 
 
 def _check_torch(where: str) -> None:
@@ -51,8 +76,44 @@ def _samples(data: str) -> list:
     return samples + [(image, points[::2].contiguous(), projection)]
 
 
+def detect(detector: Callable | str = "fusion", *, data: str | os.PathLike, out: str | os.PathLike | None = None,
+           quiet: bool = True, progress: Progress = None, **settings: Any) -> Result:
+    """Runs a detector over a data set and scores it. Returns what OUT/result.json holds: ap50, ap70, found of vehicles (at a
+    score of 0.5 and an IoU of 0.7), hints at what is wrong with the boxes, strata, …
+
+    detector: as of `attack`. out: None: out/detect. settings: as of `mirage detect`: frames, check, kitti, …
+    """
+    named = dict(settings, data=os.fspath(data), out=out, quiet=False)  # its table is for print(result)
+    return _run("detect", named, detector, "mirage.detect", quiet, progress)
+
+
+def audit(detector: Callable | str = "fusion", *, data: str | os.PathLike, out: str | os.PathLike | None = None,
+          quiet: bool = True, progress: Progress = None, **settings: Any) -> Result:
+    """What a detector loses when one of its inputs is wrong, and whether it uses its picture. Settings as of `mirage audit`:
+    frames, gate, …"""
+    return _run("audit", dict(settings, data=os.fspath(data), out=out, quiet=quiet), detector, "mirage.audit", quiet, progress)
+
+
+def check(detector: Callable | str, data: str | os.PathLike, *, vehicles: int = 12, frames: int = 0,
+          out: str | os.PathLike | None = None, **settings: Any) -> Result | None:
+    """Is my glue right? Prints what the detector finds in recorded frames, its boxes, headings and logits beside the labels,
+    how much of its change its gradient sees as an object on a roof moves by 1 cm, and what looks wrong: degrees for
+    radians, probabilities for logits, length and width exchanged, other axes, too few boxes. Raises nothing that the
+    detector or the data is to blame for: prints it, and returns None.
+
+    vehicles: at how many the gradient is looked at. frames: only the first ones (0: all).
+    """
+    try:
+        result = detect(detector, data=data, out=out, check=vehicles, frames=frames, **settings)
+    except Exception as problem:  # the detector's own error as well
+        print(f"{type(problem).__name__}: {problem}")
+        return None
+    print(result)
+    return result
+
+
 def attack(detector: Callable | str = "fusion", *, data: str | os.PathLike, out: str | os.PathLike,
-           quiet: bool = True, copy: bool = True, **settings: Any) -> dict[str, Any]:
+           quiet: bool = True, progress: Progress = None, copy: bool = True, **settings: Any) -> Result:
     """Learns one mesh that hides the vehicles of a data set from a detector; goes on from where it was
     stopped. Returns what OUT/result.json holds.
 
@@ -60,10 +121,15 @@ def attack(detector: Callable | str = "fusion", *, data: str | os.PathLike, out:
     autograd, without any export, or a name as of `mirage attack --detector`.
         image: H×W×3 float32, scene-linear RGB in [0, 1]. points: N×4 float32, x, y, z (m), reflectance, those in view
         (frame.points_in_view).
-        pixel_from_velo: 3×4 float32. boxes: M×5, x, y, length, width (m), yaw (rad) in the bird's-eye view; logits: M.
+        pixel_from_velo: 3×4 float32. boxes: M×5, x, y, length, width (m), yaw (rad) in the bird's-eye view, M×7, x, y, z of
+        the centre, length, width, height, yaw, or M×9, and the velocity's x and y; logits: M. A third tensor may hold M
+        classes. Dictionaries as of OpenPCDet and mmdetection3d are read, too.
         One that takes the image alone returns boxes in the picture: M×4, left, top, right, bottom (pixels).
-        An attribute `region` (x_min, x_max, y_min, y_max in m) says where it looks; 0, 70, -40, 40 without it.
+        One whose only argument is called frame gets all sensors by name (mirage.mirage_serve.Frame).
+        An attribute `region` (x_min, x_max, y_min, y_max in m) says where it looks; 0, 70, -40, 40 without it; `classes`
+        (["Car", …]) what its classes' numbers mean; others: mirage.mirage_serve.
         A torch.nn.Module runs as it is: call .eval() first.
+        "exec:python3 my_detector.py": a program (mirage.serve), in any Python, for any GPU.
     out: the run folder, as `mirage evaluate`, `export` and `validate` read it. copy: keep a TorchScript copy of a
     callable there (OUT/detector.pt), where one can be made, for the command line to judge the run by.
     settings: as of `mirage attack`: iterations, batch, target, parts, size, expect, vertex_rate, texel_rate, seed, …
@@ -72,12 +138,12 @@ def attack(detector: Callable | str = "fusion", *, data: str | os.PathLike, out:
     """
     data, out = os.fspath(data), os.fspath(out)
     if isinstance(detector, (str, os.PathLike)):
-        return _run("attack", dict(settings, data=data, out=out, quiet=quiet), detector, "mirage.attack")
+        return _run("attack", dict(settings, data=data, out=out, quiet=quiet), detector, "mirage.attack", quiet, progress)
     from ._copy import write_copy
     from ._detector import TorchDetector
 
     adapter = TorchDetector(detector)
-    result = _run("attack", dict(settings, data=data, out=out, quiet=quiet), adapter, "mirage.attack")
+    result = _run("attack", dict(settings, data=data, out=out, quiet=quiet), adapter, "mirage.attack", quiet, progress)
     file = os.path.join(out, "detector.pt")
     if os.path.exists(file):
         os.remove(file)  # of an earlier network
@@ -92,7 +158,7 @@ def attack(detector: Callable | str = "fusion", *, data: str | os.PathLike, out:
 
 
 def evaluate(run: str | os.PathLike, *, detector: Callable | str | None = None, out: str | os.PathLike | None = None,
-             quiet: bool = True, **settings: Any) -> dict[str, Any]:
+             quiet: bool = True, progress: Progress = None, **settings: Any) -> Result:
     """How often a run's mesh fools a detector on vehicles that it was not learned on, beside a random mesh of its size.
     Returns what OUT/result.json holds: fn_asr, fp_asr, asr, vehicles, recall_iou, random, …, shares in [0, 1].
 
@@ -102,9 +168,39 @@ def evaluate(run: str | os.PathLike, *, detector: Callable | str | None = None, 
     """
     run = os.fspath(run)
     out = os.path.join(run, "evaluate") if out is None else os.fspath(out)
-    return _run("evaluate", dict(settings, run=run, out=out, quiet=quiet), detector, "mirage.evaluate")
+    return _run("evaluate", dict(settings, run=run, out=out, quiet=quiet), detector, "mirage.evaluate", quiet, progress)
 
 
-def generate(out: str | os.PathLike, *, frames: int = 8, quiet: bool = True, **settings: Any) -> dict[str, Any]:
+def validate(run: str | os.PathLike, *, detector: Callable | str | None = None, out: str | os.PathLike | None = None,
+             quiet: bool = True, progress: Progress = None, **settings: Any) -> Result:
+    """Draws a run's vehicles in Blender Cycles, asks the detector about these pictures and writes OUT/report.html.
+
+    detector: as of `evaluate`. out: None: RUN/validate. settings: as of `mirage validate`: frames, samples, light, …
+    """
+    run = os.fspath(run)
+    out = os.path.join(run, "validate") if out is None else os.fspath(out)
+    return _run("validate", dict(settings, run=run, out=out, quiet=quiet), detector, "mirage.validate", quiet, progress)
+
+
+def view(data: str | os.PathLike | None = None, *, run: str | os.PathLike | None = None,
+         detector: Callable | str | None = None, out: str | os.PathLike | None = None, quiet: bool = True,
+         progress: Progress = None, **settings: Any) -> Result:
+    """Frames, boxes and attacks as one page that opens offline: of a data set, or of a run, whose detector (or the one that is
+    given) looks at them. Result["page"] is the file. settings: as of `mirage view`."""
+    named = dict(settings, data=data, run=run, out=out, quiet=quiet)
+    return _run("view", named, detector, "mirage.view", quiet, progress)
+
+
+def export(run: str | os.PathLike, *, out: str | os.PathLike | None = None, quiet: bool = True, progress: Progress = None,
+           **settings: Any) -> Result:
+    """Writes a run's mesh and scenes as .glb files; settings as of `mirage export`: frames, …"""
+    run = os.fspath(run)
+    out = os.path.join(run, "export") if out is None else os.fspath(out)
+    return _run("export", dict(settings, run=run, out=out, quiet=quiet), None, "mirage.export", quiet, progress)
+
+
+def generate(out: str | os.PathLike, *, frames: int = 8, quiet: bool = True, progress: Progress = None,
+             **settings: Any) -> Result:
     """Writes generated frames in KITTI's layout; settings as of `mirage generate`: rig, lidar, seed, truth, …"""
-    return _run("generate", dict(settings, out=os.fspath(out), frames=frames, quiet=quiet), None, "mirage.generate")
+    named = dict(settings, out=os.fspath(out), frames=frames, quiet=quiet)
+    return _run("generate", named, None, "mirage.generate", quiet, progress)

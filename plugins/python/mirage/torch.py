@@ -12,6 +12,14 @@ from ._insertion import host_index
 from ._settings import insertion_settings
 
 
+def srgb(linear: torch.Tensor) -> torch.Tensor:
+    """Scene-linear values in [0, 1], as Mirage's pictures have them, as sRGB in [0, 1], as files have them: what a network
+    that was trained on 8-bit pictures / 255 expects. Differentiable."""
+    linear = linear.clamp(0, 1)
+    curve = 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055
+    return torch.where(linear <= 0.0031308, 12.92 * linear, curve)
+
+
 @functools.lru_cache(maxsize=None)
 def _faces_of_icosphere(vertices: int):
     for subdivisions in range(7):

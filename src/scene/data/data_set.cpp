@@ -1,5 +1,7 @@
 #include "scene/data/data_set.h"
 
+#include <algorithm>
+
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
@@ -9,6 +11,12 @@
 namespace mirage {
 
 namespace fs = std::filesystem;
+
+namespace {
+
+constexpr double kLongestStep = 1.5;  // s between neighbours
+
+}  // namespace
 
 void DataSet::check_id(const std::string& id) const {
   if (const std::string problem = frame_id_problem(id); !problem.empty())
@@ -29,6 +37,14 @@ std::vector<DataSet::Part> DataSet::existing_parts(const std::string& id) const 
 }
 
 std::optional<Lighting> DataSet::lighting(const std::string&) const {
+  return std::nullopt;
+}
+
+std::optional<Moment> DataSet::moment(const std::string&) const {
+  return std::nullopt;
+}
+
+std::optional<std::string> DataSet::beside(const std::string&, int) const {
   return std::nullopt;
 }
 
@@ -58,9 +74,46 @@ Frame DataSet::read(const std::string& id) const {
   frame.image = read_srgb(files.at(1).file, {width, height});
   frame.labels = std::move(known.labels);
   frame.labelled = known.labelled;
+  frame.moment = moment(id);
+  if (frame.moment) add_velocities(id, frame);
   const auto own = lighting(id);
   frame.lighting = own ? *own : with_road_exposure(frame);
   return frame;
+}
+
+void DataSet::add_velocities(const std::string& id, Frame& frame) const {
+  struct Seen {
+    Moment at;
+    std::vector<Label> labels;
+  };
+  std::vector<Seen> around = {{*frame.moment, frame.labels}};
+  for (const int step : {-1, 1}) {
+    const auto other = beside(id, step);
+    const auto at = other ? moment(*other) : std::nullopt;
+    // As nuScenes' devkit: what lies further apart says little of a velocity.
+    if (!at || std::abs(at->time - frame.moment->time) > kLongestStep || at->time == frame.moment->time)
+      continue;
+    const PinholeCamera& camera = frame.calibration.camera;
+    around.push_back({*at, annotations(*other, camera.width, camera.height).labels});
+  }
+  for (Label& label : frame.labels) {
+    if (label.track < 0 || !has_box(label)) continue;
+    std::vector<std::pair<double, Vec3d>> places;  // in the world, by time
+    for (const Seen& seen : around) {
+      const auto same = std::find_if(seen.labels.begin(), seen.labels.end(), [&](const Label& other) {
+        return other.track == label.track && has_box(other);
+      });
+      if (same == seen.labels.end()) continue;
+      const Box3& box = same->box;
+      places.emplace_back(seen.at.time,
+                          seen.at.world_from_ego * Vec3d(box.bev.x, box.bev.y, box.bottom + box.height / 2));
+    }
+    if (places.size() < 2) continue;
+    const auto [first, last] = std::minmax_element(
+        places.begin(), places.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+    label.velocity = frame.moment->world_from_ego.linear().transpose() * (last->second - first->second) /
+                     (last->first - first->first);
+  }
 }
 
 std::string DataSet::annotations_hash(const std::string& id) const {

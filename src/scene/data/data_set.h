@@ -68,12 +68,20 @@ class DataSet {
   virtual std::string annotations_hash(const std::string& id) const;
   /// Identities of the frame's labels, in their order; none where the set does not know them.
   virtual std::optional<std::vector<int>> tracks(const std::string& id) const;
+  /// When the frame was taken and where the car stood; none where the set does not say. InputError naming
+  /// file and row for a pose or a time that is none.
+  virtual std::optional<Moment> moment(const std::string& id) const;
+  /// The frame of the same sequence that is `step` after this one (negative: before); none where there is
+  /// none.
+  virtual std::optional<std::string> beside(const std::string& id, int step) const;
   /// What frames() leaves out because the folder holds it in part, as a line; empty: nothing.
   virtual std::string incomplete() const { return ""; }
 
-  /// The frame, whole. InputError naming file, field and fix, for: a missing file; a sweep that is cut off or
-  /// of other columns (kitti.h, read_sweep); a calibration that is none, or that the picture's size
-  /// contradicts; a label that no vehicle can have.
+  /// The frame, whole. A label's velocity is the central difference of its places in the frames before and
+  /// after, or the difference to the one of them that shows it, as nuScenes' devkit has it. InputError naming
+  /// file, field and fix, for: a missing file; a sweep that is cut off or of other columns (kitti.h,
+  /// read_sweep); a calibration that is none, or that the picture's size contradicts; a label that no vehicle
+  /// can have.
   Frame read(const std::string& id) const;
   /// The picture's width and height, from its header.
   std::pair<int, int> picture_size(const std::string& id) const;
@@ -87,6 +95,8 @@ class DataSet {
  protected:
   /// InputError if `id` can be no frame's name.
   void check_id(const std::string& id) const;
+  /// Velocities of the labels that have an identity, where their frame's neighbours show it too.
+  void add_velocities(const std::string& id, Frame& frame) const;
   /// parts(), all of which are there.
   std::vector<Part> existing_parts(const std::string& id) const;
 

@@ -24,6 +24,10 @@ class GivenLabels : public DataSet {
   std::string incomplete() const override { return set_->incomplete(); }
   Sweep sweep(const std::string& id) const override { return set_->sweep(id); }
   std::optional<Lighting> lighting(const std::string& id) const override { return set_->lighting(id); }
+  std::optional<Moment> moment(const std::string& id) const override { return set_->moment(id); }
+  std::optional<std::string> beside(const std::string& id, int step) const override {
+    return set_->beside(id, step);
+  }
 
   std::vector<Part> parts(const std::string& id) const override {
     check_id(id);

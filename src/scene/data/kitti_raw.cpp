@@ -1,7 +1,8 @@
 // KITTI's raw recordings (Geiger et al., IJRR 2013), synchronised and rectified: a folder for each day with
 // its calibration, in it one for each drive. Labels are the drive's tracklets: boxes in `velo`, which the
 // picture's boxes are projected from. A frame's id is DRIVE_FRAME,
-// "2011_09_26_drive_0009_sync_0000000012".
+// "2011_09_26_drive_0009_sync_0000000012". Where the car stood says DRIVE/oxts/data/FRAME.txt, when
+// DRIVE/velodyne_points/timestamps.txt.
 #include <fmt/format.h>
 #include <tinyxml2.h>
 
@@ -14,6 +15,7 @@
 #include "scene/data/kitti_rows.h"
 #include "scene/data/label_types.h"
 #include "scene/data/layouts.h"
+#include "scene/data/oxts.h"
 
 namespace mirage {
 namespace {
@@ -23,6 +25,7 @@ using tinyxml2::XMLElement;
 
 constexpr const char* kPose = "calib_velo_to_cam.txt";
 constexpr const char* kCameras = "calib_cam_to_cam.txt";
+constexpr const char* kInertial = "calib_imu_to_velo.txt";
 constexpr const char* kLabels = "tracklet_labels.xml";
 constexpr const char* kFix = "restore the drive's tracklets";
 
@@ -123,21 +126,61 @@ class KittiRaw : public DataSet {
     const CalibrationFile cameras(files[2].file), pose(files[3].file);
     const MatrixRow projection = cameras.row({"P_rect_02"}, 12),
                     rectification = cameras.row({"R_rect_00"}, 9);
-    const MatrixRow r = pose.row({"R"}, 9), t = pose.row({"T"}, 3);
-    MatrixRow whole{files[3].file, "R, T", {}};
-    for (std::size_t row = 0; row < 3; ++row) {
-      for (std::size_t column = 0; column < 3; ++column) whole.values.push_back(r.values[3 * row + column]);
-      whole.values.push_back(t.values[row]);
-    }
     Annotations known;
-    known.calibration = calibration_of(projection, rectification, whole, width, height);
+    known.calibration =
+        calibration_of(projection, rectification, pose_row(pose, files[3].file), width, height);
     known.labelled = files.size() > 4;
     if (known.labelled)
       known.labels = read_tracklets(files[4].file, at.frame, at.drive_number, known.calibration);
     return known;
   }
 
+  std::optional<Moment> moment(const std::string& id) const override {
+    const Place at = place(id);
+    const fs::path poses = at.drive / "oxts" / "data",
+                   times = at.drive / "velodyne_points" / "timestamps.txt",
+                   inertial = at.drive.parent_path() / kInertial;
+    // The world's origin: the drive's first row, which a part of a drive may lack.
+    const auto first = first_pose(poses);
+    if (!first || !fs::exists(inertial)) return std::nullopt;
+    const auto pose = [](const fs::path& file) { return oxts_row(text_line(file, 0), file, 0); };
+    const auto time = [&](std::size_t k) { return stamp_seconds(text_line(times, k), times, k); };
+    const Transform velo_from_imu = rigid(pose_row(CalibrationFile(inertial), inertial));
+    const auto row = static_cast<std::size_t>(at.frame);
+    return Moment{at.drive.filename().string(), at.frame,
+                  fs::exists(times) ? time(row) - time(0) : at.frame * kSweepSeconds,
+                  world_from_imu(pose(poses / (at.name + ".txt")), pose(*first)) * velo_from_imu.inverse()};
+  }
+
+  std::optional<std::string> beside(const std::string& id, int step) const override {
+    const Place at = place(id);
+    if (at.frame + step < 0) return std::nullopt;
+    const std::string name = fmt::format("{:0{}}", at.frame + step, static_cast<int>(at.name.size()));
+    if (!fs::exists(at.drive / "velodyne_points" / "data" / (name + ".bin"))) return std::nullopt;
+    return at.drive.filename().string() + "_" + name;
+  }
+
  private:
+  /// R and T of a calibration file as one row of 12 numbers.
+  static MatrixRow pose_row(const CalibrationFile& rows, const fs::path& file) {
+    const MatrixRow r = rows.row({"R"}, 9), t = rows.row({"T"}, 3);
+    MatrixRow whole{file, "R, T", {}};
+    for (std::size_t row = 0; row < 3; ++row) {
+      for (std::size_t column = 0; column < 3; ++column) whole.values.push_back(r.values[3 * row + column]);
+      whole.values.push_back(t.values[row]);
+    }
+    return whole;
+  }
+  /// The row of the lowest number; none without any.
+  static std::optional<fs::path> first_pose(const fs::path& folder) {
+    std::optional<fs::path> first;
+    std::error_code missing;
+    for (fs::directory_iterator entry(folder, missing), end; !missing && entry != end;
+         entry.increment(missing))
+      if (entry->path().extension() == ".txt" && (!first || entry->path() < *first)) first = entry->path();
+    return first;
+  }
+
   struct Place {
     fs::path drive;
     std::string name;  ///< "0000000012"
@@ -192,8 +235,10 @@ std::vector<Label> read_tracklets(const fs::path& file, int frame, std::size_t d
         tracklets.number(*item, "h")};
     if (const std::string problem = box_problem(box); !problem.empty())
       throw tracklets.wrong(*pose, "tx", "the box " + problem);
-    auto label = projected_label(kitti_type(tracklets.text(*item, "objectType")), box, calibration);
+    const std::string category = tracklets.text(*item, "objectType");
+    auto label = projected_label(kitti_type(category), box, calibration);
     if (!label) continue;
+    label->category = category;
     const int hidden = tracklets.whole(*pose, "occlusion", -1, 3);
     label->occluded = hidden < 0 ? 3 : hidden;  // -1: nobody said
     label->track = track_number(drive, index);

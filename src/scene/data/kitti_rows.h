@@ -101,7 +101,13 @@ class CalibrationFile {
 };
 /// The names of the rectifying rotation and of the LiDAR's pose in the object and the tracking benchmark.
 inline constexpr std::initializer_list<const char*> kRectification = {"R0_rect", "R_rect"},
-                                                    kLidarPose = {"Tr_velo_to_cam", "Tr_velo_cam"};
+                                                    kLidarPose = {"Tr_velo_to_cam", "Tr_velo_cam"},
+                                                    kInertialPose = {"Tr_imu_to_velo", "Tr_imu_velo"};
+/// Seconds between sweeps where a recording of KITTI's has no times.
+inline constexpr double kSweepSeconds = 0.1;
+/// A rigid transform of 12 numbers. InputError if its turning part is further than 1e-3 from a rotation, or
+/// it moves by more than 20 m.
+Transform rigid(const MatrixRow& row);
 /// From a projection (12 numbers), the rectifying rotation (9) and the LiDAR's pose in the reference camera
 /// (12); `width`, `height`: the picture's. Errors as read_calibration's (kitti.h).
 Calibration calibration_of(const MatrixRow& projection, const MatrixRow& rectification, const MatrixRow& pose,

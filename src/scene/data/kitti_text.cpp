@@ -136,6 +136,17 @@ Calibration calibration_of(const MatrixRow& projection, const MatrixRow& rectifi
   return calibration;
 }
 
+Transform rigid(const MatrixRow& row) {
+  using RowMajor34 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
+  const Matrix34 matrix = Eigen::Map<const RowMajor34>(row.values.data());
+  Transform transform = Transform::Identity();
+  transform.linear() = nearest_rotation(matrix.leftCols<3>(), row);
+  transform.translation() = matrix.col(3);
+  if (!(transform.translation().norm() <= kFarthest))
+    throw InputError(row.file.string(), row.name, "moves by more than 20 m", "write the row in metres");
+  return transform;
+}
+
 Calibration read_calibration(const fs::path& file, int width, int height) {
   const CalibrationFile rows(file);
   const MatrixRow projection = rows.row({"P2"}, 12), rectification = rows.row(kRectification, 9);
@@ -168,6 +179,7 @@ Label label_of(const KittiRow& row, const Calibration& calibration, LabelNotes& 
   const auto& value = row.value;
   Label label;
   label.type = kitti_type(row.words[0]);
+  label.category = std::string(row.words[0]);
   label.truncated = value[1];
   label.left = value[4], label.top = value[5], label.right = value[6], label.bottom = value[7];
   row.demand(value[1] >= -1 && value[1] <= 1, 1, "is not a share from 0 to 1");

@@ -1,5 +1,7 @@
 // KITTI's tracking benchmark (Geiger et al., CVPR 2012): a sequence is a folder of pictures and sweeps, one
-// calibration and one file of labels. A frame's id is SEQUENCE_FRAME, "0003_000012".
+// calibration and one file of labels. A frame's id is SEQUENCE_FRAME, "0003_000012". Where the car stood says
+// oxts/SEQUENCE.txt, a row a frame; when, times/SEQUENCE.txt, a stamp a frame as in the raw recordings, which
+// the benchmark leaves out: its sweeps came every 0.1 s.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -9,6 +11,7 @@
 #include "scene/data/kitti.h"
 #include "scene/data/kitti_rows.h"
 #include "scene/data/layouts.h"
+#include "scene/data/oxts.h"
 
 namespace mirage {
 namespace {
@@ -64,6 +67,28 @@ class KittiTracking : public DataSet {
       known.labels =
           read_tracking_labels(files[3].file, at.frame, at.sequence_number, known.calibration, known.notes);
     return known;
+  }
+
+  std::optional<Moment> moment(const std::string& id) const override {
+    const Place at = place(id);
+    const fs::path poses = part_ / "oxts" / (at.sequence + ".txt"),
+                   times = part_ / "times" / (at.sequence + ".txt");
+    if (!fs::exists(poses)) return std::nullopt;
+    const auto row = static_cast<std::size_t>(at.frame);
+    const auto pose = [&](std::size_t k) { return oxts_row(text_line(poses, k), poses, k); };
+    const auto time = [&](std::size_t k) { return stamp_seconds(text_line(times, k), times, k); };
+    const Transform velo_from_imu =
+        rigid(CalibrationFile(part_ / "calib" / (at.sequence + ".txt")).row(kInertialPose, 12));
+    return Moment{at.sequence, at.frame, fs::exists(times) ? time(row) - time(0) : at.frame * kSweepSeconds,
+                  world_from_imu(pose(row), pose(0)) * velo_from_imu.inverse()};
+  }
+
+  std::optional<std::string> beside(const std::string& id, int step) const override {
+    const Place at = place(id);
+    if (at.frame + step < 0) return std::nullopt;
+    const std::string other =
+        fmt::format("{}_{:0{}}", at.sequence, at.frame + step, static_cast<int>(at.name.size()));
+    return fs::exists(parts(other).at(0).file) ? std::optional(other) : std::nullopt;
   }
 
  private:

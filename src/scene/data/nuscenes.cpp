@@ -1,6 +1,6 @@
 // nuScenes (Caesar et al., CVPR 2020): tables of tokens in v1.0-*/*.json, and the files that they name. A
 // frame is a sample, its id the sample's token: the keyframe of LIDAR_TOP and that of CAM_FRONT, each at the
-// pose that the car had then.
+// pose that the car had then. Its sequence is its scene; sweeps between key frames are not read.
 //
 // `velo` has the car's axes and the unit's origin: the unit stands turned by a quarter (x right, y forward)
 // and is tilted by more than a degree. Boxes are kept where the camera sees any of them and either a return
@@ -51,7 +51,7 @@ struct Shot {
 };
 
 struct Annotation {
-  std::string type;
+  std::string type, category;
   Vec3d centre = Vec3d::Zero(), size = Vec3d::Zero();  ///< global; width, length, height (m)
   Vec3d heading = Vec3d::UnitX();                      ///< global
   int visibility = 0;                                  ///< 1 … 4: under 40, 60, 80, 100 % is seen
@@ -62,6 +62,10 @@ struct Annotation {
 struct Sample {
   Shot lidar, camera;
   std::vector<Annotation> annotations;
+  std::string scene;          ///< its name; empty: the tables do not say
+  int index = 0;              ///< in the scene, from 0
+  double time = 0;            ///< s since the scene's first sample
+  std::string before, after;  ///< tokens of the scene's neighbours; empty: none
 };
 
 struct Tables {
@@ -70,6 +74,8 @@ struct Tables {
   bool labelled = false;                  ///< whether there is an annotation of any
 };
 
+/// What says which scene a sample is of; without them it is of none.
+constexpr const char* kSceneTables[] = {"scene.json", "sample.json"};
 /// What the tables of annotations are in; a test set has none, or empty ones.
 constexpr const char* kAnnotationTables[] = {"category.json", "instance.json", "sample_annotation.json"};
 
@@ -101,6 +107,38 @@ std::string file_of(const JsonFields& row) {
   if (name.empty() || leads_out || name.find('\0') != std::string::npos)
     row.fail("filename", "names no file below the data set's folder");
   return name;
+}
+
+/// Which scene each sample is of, and when it was taken there.
+void add_scenes(const fs::path& folder, Tables& tables) {
+  for (const char* name : kSceneTables)
+    if (!fs::exists(folder / name)) return;
+  std::map<std::string, std::string> names;
+  for_each_row_of(folder / "scene.json",
+                  [&](const JsonFields& row) { names[row.text("token")] = row.text("name"); });
+  std::map<std::string, std::map<std::int64_t, std::string>> scenes;  // samples by time (µs)
+  for_each_row_of(folder / "sample.json", [&](const JsonFields& row) {
+    const auto scene = names.find(row.text("scene_token"));
+    if (scene == names.end()) row.fail("scene_token", "no such scene");
+    const std::string token = row.text("token");
+    const std::int64_t time = row.integer("timestamp", 0, std::int64_t{1} << 60);
+    if (tables.samples.contains(token)) scenes[scene->second][time] = token;
+  });
+  for (const auto& [name, samples] : scenes) {
+    Sample* before = nullptr;
+    std::string token_before;
+    int index = 0;
+    for (const auto& [time, token] : samples) {
+      Sample& sample = tables.samples.at(token);
+      sample.scene = name;
+      sample.index = index++;
+      sample.time = 1e-6 * static_cast<double>(time - samples.begin()->first);
+      sample.before = token_before;
+      if (before != nullptr) before->after = token;
+      before = &sample;
+      token_before = token;
+    }
+  }
 }
 
 std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
@@ -149,10 +187,11 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
   std::erase_if(tables->samples, [](const auto& sample) {
     return sample.second.lidar.file.empty() || sample.second.camera.file.empty();
   });
+  add_scenes(folder, *tables);
   for (const char* name : kAnnotationTables)
     if (!fs::exists(folder / name)) return tables;
   struct Instance {
-    std::string type;
+    std::string type, category;
     int track = -1;
   };
   std::map<std::string, std::string> category_of;
@@ -160,7 +199,8 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
   for_each_row_of(folder / "category.json",
                   [&](const JsonFields& row) { category_of[row.text("token")] = row.text("name"); });
   for_each_row_of(folder / "instance.json", [&](const JsonFields& row) {
-    instances[row.text("token")].type = kitti_type(category_of[row.text("category_token")]);
+    const std::string category = category_of[row.text("category_token")];
+    instances[row.text("token")] = {kitti_type(category), category};
   });
   std::size_t number = 0;
   for (auto& [token, instance] : instances) instance.track = track_number(0, number++);
@@ -174,7 +214,8 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
     const auto size = row.numbers("size", 3, 0, 100);
     const std::string visibility = row.text("visibility_token");
     sample->second.annotations.push_back(
-        {instance->second.type, pose.translation(), Vec3d(size[0], size[1], size[2]), pose.linear().col(0),
+        {instance->second.type, instance->second.category, pose.translation(),
+         Vec3d(size[0], size[1], size[2]), pose.linear().col(0),
          visibility.size() == 1 && visibility[0] >= '1' && visibility[0] <= '4' ? visibility[0] - '0' : 0,
          row.integer("num_lidar_pts", 0, 1 << 30), instance->second.track});
   });
@@ -198,6 +239,7 @@ std::shared_ptr<const Tables> tables_of(const fs::path& folder) {
   for (const char* name : {"sensor.json", "calibrated_sensor.json", "sample_data.json", "ego_pose.json"})
     look(name, true);
   for (const char* name : kAnnotationTables) look(name, false);
+  for (const char* name : kSceneTables) look(name, false);
   const auto same = kept.find(folder);
   if (same != kept.end() && same->second.first == state) return same->second.second;
   auto tables = read_tables(folder);
@@ -262,7 +304,7 @@ class NuScenes : public DataSet {
   Annotations annotations(const std::string& id, int width, int height) const override {
     const auto tables = tables_of(tables_);
     const Sample& sample = of(*tables, id);
-    const Transform global_from_velo = sample.lidar.global_from_sensor() * velo_from_lidar(sample).inverse();
+    const Transform global_from_velo = pose_of_sweep(sample);
     const Transform camera_from_velo = sample.camera.global_from_sensor().inverse() * global_from_velo;
     const fs::path file = tables_ / "calibrated_sensor.json";
     const auto& k = sample.camera.sensor->intrinsics;
@@ -290,9 +332,25 @@ class NuScenes : public DataSet {
       constexpr int kOccluded[] = {3, 3, 2, 1, 0};  // by visibility
       label->occluded = kOccluded[annotation.visibility];
       label->track = annotation.track;
+      label->category = annotation.category;
       known.labels.push_back(std::move(*label));
     }
     return known;
+  }
+
+  std::optional<Moment> moment(const std::string& id) const override {
+    const auto tables = tables_of(tables_);
+    const Sample& sample = of(*tables, id);
+    if (sample.scene.empty()) return std::nullopt;
+    return Moment{sample.scene, sample.index, sample.time, pose_of_sweep(sample)};
+  }
+
+  std::optional<std::string> beside(const std::string& id, int step) const override {
+    const auto tables = tables_of(tables_);
+    std::string at = id;
+    for (int i = 0; i < std::abs(step) && !at.empty(); ++i)
+      at = step < 0 ? of(*tables, at).before : of(*tables, at).after;
+    return at.empty() || at == id ? std::nullopt : std::optional(at);
   }
 
   std::string annotations_hash(const std::string& id) const override {
@@ -338,6 +396,11 @@ class NuScenes : public DataSet {
     if (sample == tables.samples.end())
       throw InputError(data().string(), "frame \"" + id + "\"", "no such sample", "give a sample's token");
     return sample->second;
+  }
+
+  /// global_from_velo at the sweep's time.
+  static Transform pose_of_sweep(const Sample& sample) {
+    return sample.lidar.global_from_sensor() * velo_from_lidar(sample).inverse();
   }
 
   static Transform velo_from_lidar(const Sample& sample) {

@@ -165,7 +165,7 @@ bool is_shipped_depth(const std::string& backend) {
 std::unique_ptr<LearnedDepth> load_learned_depth(const DepthOptions& options) {
   const fs::path file = find_plugin(options.backend);
   const auto* api =
-      open_plugin<MirageDepthApi>(file, "mirage_depth_api", "scene/depth/depth_abi.h", MIRAGE_DEPTH_ABI);
+      open_plugin<MirageDepthApi>(file, "mirage_depth_api", "scene/depth/depth_abi.h", {MIRAGE_DEPTH_ABI});
   if (!api->create || !api->destroy || !api->complete || !api->train_step || !api->save)
     throw InputError(file.string(), "mirage_depth_api", "a function is missing", "rebuild the plugin");
   const fs::path weights = options.fresh ? fs::path() : find_weights(options, file);

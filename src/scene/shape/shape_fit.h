@@ -13,7 +13,7 @@
 
 #include <string>
 
-#include "scene/rooftop.h"
+#include "scene/carrier.h"
 #include "scene/shape/shape_model.h"
 #include "scene/shape/vehicle_evidence.h"
 

@@ -1,4 +1,4 @@
-// Ranges of the soft rasteriser's settings that files and options may ask for.
+// Ranges of the soft rasteriser's settings that files and options may ask for, and what help says of them.
 #pragma once
 
 namespace mirage {
@@ -11,5 +11,8 @@ inline constexpr double kSmallestSigma = 1e-12, kLargestSigma = 0.1;
 inline constexpr double kHardSigma = 1e-18;
 /// A share of the depth range; at the largest all faces weigh alike.
 inline constexpr double kLargestGamma = 1e3;
+
+inline constexpr const char* kSigmaHelp = "soft rasteriser's σ: softness of edges, NDC² of the longer side";
+inline constexpr const char* kGammaHelp = "soft rasteriser's γ: softness of depth, share of the depth range";
 
 }  // namespace mirage

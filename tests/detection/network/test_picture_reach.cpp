@@ -49,7 +49,8 @@ void Reach::add(const Frame& frame) {
     points.insert(points.end(), {p.x, p.y, p.z, p.reflectance});
   const auto nearest =
       nearest_points(points, pixel_from_velo(frame.calibration), frame.image.width, frame.image.height);
-  for (const BevBox& box : ground_truth(frame, {kXMin, kXMax, kYMin, kYMax}).boxes) {
+  for (const ObjectBoxes& object : ground_truth(frame, {kXMin, kXMax, kYMin, kYMax}).space.boxes) {
+    const BevBox& box = object.box.bev;
     const auto covers = [&](const Grid& grid, std::int64_t cell, double margin) {
       return lies_in(box, cell_x(cell / grid.columns, grid.cell), cell_y(cell % grid.columns, grid.cell),
                      margin);

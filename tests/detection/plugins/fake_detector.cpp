@@ -1,5 +1,5 @@
 // A detector plugin that is wrong in one way. The loader's tests open it.
-#include "detection/detector_abi.h"
+#include "detection/detector_abi3.h"
 #include "support/fake_plugin.h"
 
 namespace {
@@ -38,25 +38,25 @@ uint32_t capabilities(void*) {
   return MIRAGE_READS_IMAGE | MIRAGE_FINDS_BEV | MIRAGE_FINDS_PICTURE;
 }
 
-const MirageDetectorApi api = {abi(MIRAGE_DETECTOR_ABI),
-                               "fake",
-                               create,
-                               destroy,
-                               region,
-                               forward,
-                               backward,
-                               train_step,
-                               save,
-                               capabilities,
-                               nullptr,
-                               nullptr,
-                               nullptr,
-                               nullptr,
-                               nullptr,
-                               nullptr};
+const MirageDetectorApi3 api = {abi(MIRAGE_DETECTOR_ABI_3),
+                                "fake",
+                                create,
+                                destroy,
+                                region,
+                                forward,
+                                backward,
+                                train_step,
+                                save,
+                                capabilities,
+                                nullptr,
+                                nullptr,
+                                nullptr,
+                                nullptr,
+                                nullptr,
+                                nullptr};
 
 }  // namespace
 
-extern "C" const MirageDetectorApi* MIRAGE_FAKE_ENTRY(mirage_detector_api)() {
+extern "C" const MirageDetectorApi3* MIRAGE_FAKE_ENTRY(mirage_detector_api)() {
   return &api;
 }

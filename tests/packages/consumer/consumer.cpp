@@ -16,7 +16,7 @@ int main(int, char** argv) {
   sphere.atlas.texels.assign(sphere.mesh.faces.size() * sphere.atlas.per_face(), Vec3d(0.8, 0.1, 0.1));
   for (const Label& label : frame.frame.labels) {
     if (label.type != "Car") continue;
-    const Simulated seen = simulate(frame, label, BoxRooftopFinder().find(frame.frame, label), sphere);
+    const Simulated seen = simulate(frame, on_roof(BoxRoofFinder().find(frame.frame, label)), sphere);
     write_adversary(argv[3], sphere);
     std::printf("%d pixels, %d returns\n", seen.adversary_pixels, seen.adversary_points);
     return seen.adversary_pixels + seen.adversary_points > 0 ? 0 : 1;

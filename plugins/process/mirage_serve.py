@@ -1,0 +1,240 @@
+"""A detector of yours for Mirage, from any Python with numpy: end its program with serve(detector), and
+
+    mirage attack --detector "exec:python3 my_detector.py" --data path/to/kitti
+
+detector(image, points, pixel_from_velo) -> (boxes, logits), detector(image), or detector(frame) for all sensors by name, on
+torch tensors if the program has imported torch, else on numpy arrays: what mirage.attack(detector=…) takes. This file imports
+nothing of Mirage, and Mirage puts it on the path. Its attributes, all optional: region (x_min, x_max, y_min, y_max in m), classes
+(["Car", …], in the order of its labels), heights (True: its boxes of 7 or 9 numbers are compared in space, too), new_sequence() (it
+remembers frames, and another sequence begins), backward(d_logits) -> (d_image, d_points), or {sensor: gradient}, without torch.
+"""
+
+import inspect
+import json
+import mmap
+import os
+import sys
+import traceback
+
+import numpy as np
+
+REGION = (0.0, 70.0, -40.0, 40.0)
+GUIDE = ("give (boxes, logits [M]), boxes [M,5]: x, y, length, width (m), yaw (rad), [M,7]: x, y, z, length, width, height, "
+         "yaw, or [M,9]: and vx, vy; for boxes in the picture [M,4]")
+
+
+class Frame:
+    """One moment: arrays, or tensors, by the sensors' names ("camera", "lidar", …).
+
+    images: H×W×3, scene-linear RGB in [0, 1]. points: N×4, x, y, z (m), reflectance. pixel_from_velo: 3×4 of each camera. id:
+    the data set's. continues: the frame before was the one before of this sequence. moment: {"sequence", "index", "time" (s),
+    "world_from_ego" (12 numbers, 3×4)} or None. told: all that Mirage says of it.
+    """
+
+    def __init__(self, told, read):
+        self.told, self.id, self.continues = told, told.get("frame", ""), told.get("continues", False)
+        self.moment = told.get("moment")
+        cameras, lidars = told["cameras"], told["lidars"]
+        self.images = {name: read(camera["image"]) for name, camera in cameras.items() if "image" in camera}
+        self.points = {name: read(lidar["points"]) for name, lidar in lidars.items() if "points" in lidar}
+        self.pixel_from_velo = {name: np.array(camera.get("pixel_from_velo", [0.0] * 12), np.float32).reshape(3, 4)
+                                for name, camera in cameras.items()}
+
+
+class Network:
+    """A callable as Mirage asks it: its answers checked, its gradients by PyTorch's autograd or by a `backward` of its own."""
+
+    error = ValueError
+
+    def __init__(self, function):
+        if not callable(function):
+            raise self._bad("type", f"{type(function).__name__} cannot be called", "give a function or a torch.nn.Module")
+        self.function, self.torch = function, sys.modules.get("torch")
+        self.differentiable = self.torch is not None or hasattr(function, "backward")
+        self.takes = self._takes()
+        self.finds_picture = self.takes == "image"
+        self.classes = [str(name).capitalize() for name in getattr(function, "classes", ())]
+        region = getattr(function, "region", REGION)
+        self.region = tuple(float(edge) for edge in (region() if callable(region) else region))
+        if len(self.region) != 4 or not (self.region[0] < self.region[1] and self.region[2] < self.region[3]):
+            raise self._bad("region", f"is {self.region}", "give (x_min, x_max, y_min, y_max) in m, or leave it out")
+        parameters = getattr(function, "parameters", None)
+        parameter = next(iter(parameters()), None) if self.torch and callable(parameters) else None
+        self.device = getattr(function, "device", "cpu" if parameter is None else parameter.device)
+        self._inputs, self._logits = {}, None
+
+    def _bad(self, field, problem, fix):
+        return self.error(f"detector: {field}: {problem}; {fix}")
+
+    def _takes(self):
+        """"image" (it finds boxes in the picture), "frame", or "all": (image, points, pixel_from_velo)."""
+        module = self.torch is not None and isinstance(self.function, self.torch.nn.Module)
+        try:
+            parameters = inspect.signature(self.function.forward if module else self.function).parameters.values()
+        except (TypeError, ValueError):
+            return "all"
+        needed = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty]
+        if len(needed) == 3 or any(p.kind is p.VAR_POSITIONAL for p in parameters):
+            return "all"
+        if len(needed) == 1:
+            return "frame" if needed[0].name == "frame" else "image"
+        raise self._bad("signature", f"takes {len(needed)} arguments",
+                        "take (image, points, pixel_from_velo), image alone, or frame")
+
+    def forward(self, frame, keep_graph):
+        """(boxes, logits, classes or None) as arrays of a Frame of arrays; keep_graph prepares backward."""
+        self._inputs, self._logits = {}, None
+        if keep_graph and not self.differentiable:
+            raise self._bad("gradient", "is lacking", "write the network in torch, or give it backward(d_logits)")
+        if hasattr(self.function, "new_sequence") and not frame.continues:
+            self.function.new_sequence()
+        if self.torch:
+            for group in (frame.images, frame.points, frame.pixel_from_velo):
+                for name, array in group.items():
+                    tensor = self.torch.from_numpy(array).to(self.device)
+                    tensor = group[name] = tensor if tensor.is_floating_point() else tensor.float()
+                    if keep_graph and group is not frame.pixel_from_velo:
+                        self._inputs[name] = tensor.requires_grad_(True)
+        arguments = [frame]
+        if self.takes != "frame":
+            empty = self.torch.zeros if self.torch else np.zeros
+            arguments = [group[name] if name in group else empty(shape) for group, name, shape in (
+                (frame.images, "camera", (0, 0, 3)), (frame.points, "lidar", (0, 4)), (frame.pixel_from_velo, "camera", (3, 4)))]
+        arguments = arguments[: 1 if self.takes == "image" else 3]
+        if self.torch is None:
+            return self._checked(self.function(*arguments))
+        with self.torch.set_grad_enabled(keep_graph):
+            boxes, logits, classes = self._checked(self.function(*arguments))
+        if keep_graph:
+            if logits.numel() and not logits.requires_grad:
+                raise self._bad("logits", "don't depend on image or points in a differentiable way",
+                                "remove detach(), no_grad(), hard thresholds and .item() between them")
+            self._logits = logits
+        return (*(part.detach().cpu().float().numpy() for part in (boxes, logits)),
+                None if classes is None else classes.detach().cpu().int().numpy())
+
+    def _checked(self, found):
+        kind = self.torch.Tensor if self.torch else np.ndarray
+        boxes, logits, classes = read_answer(found, self)
+        if not all(isinstance(part, kind) for part in (boxes, logits)):
+            raise self._bad("result", f"is {type(found).__name__}", f"return two {kind.__name__}s: (boxes, logits)")
+        for name, part in (("boxes", boxes), ("logits", logits)):
+            if not (part.is_floating_point() if self.torch else part.dtype.kind == "f"):
+                raise self._bad(name, f"hold {part.dtype} values", "return floating-point numbers")
+        if boxes.ndim != 2 or boxes.shape[1] not in ((4,) if self.finds_picture else (5, 7, 9)):
+            raise self._bad("boxes", f"have shape {list(boxes.shape)}", GUIDE)
+        for name, part in (("logits", logits), ("classes", classes)):
+            if part is not None and (part.ndim != 1 or part.shape[0] != boxes.shape[0]):
+                raise self._bad(name, f"have shape {list(part.shape)} for {boxes.shape[0]} boxes", "return one a box")
+        if classes is not None and not self.classes and len(set(classes.tolist())) > 1:
+            raise self._bad("classes", "are not named, and boxes are of several", 'give detector.classes = ["Car", …]')
+        for name, part in (("boxes", boxes), ("logits", logits)):
+            if not (self.torch.isfinite(part.detach()) if self.torch else np.isfinite(part)).all():
+                raise self._bad(name, "are not finite", "look for logarithms, roots and divisions of 0 in the network")
+        return boxes, logits, classes if self.classes else None
+
+    def backward(self, d_logits):
+        """{sensor: gradient} as float32 arrays of the last forward; what has none is not in it."""
+        if self.torch is None:
+            found = self.function.backward(d_logits)  # (d_image, d_points), or by the sensors' names
+            found = found if isinstance(found, dict) else dict(zip(("camera", "lidar"), found))
+        elif self._logits is None:
+            raise RuntimeError("detector: backward before a forward that keeps its graph; call forward first")
+        elif not self._logits.requires_grad:
+            found = {}
+        else:
+            seed = self.torch.from_numpy(d_logits).to(self._logits)
+            found = dict(zip(self._inputs, self.torch.autograd.grad(self._logits, list(self._inputs.values()), seed,
+                                                                    allow_unused=True)))
+            found = {name: part.detach().cpu().float().contiguous().numpy() for name, part in found.items() if part is not None}
+        self._logits = None
+        for name, part in found.items():
+            if part is not None and not np.isfinite(part).all():
+                raise self._bad(f"gradient to {name}", "is not finite", "look for roots and norms of 0 in the network")
+        return {name: part for name, part in found.items() if part is not None}
+
+
+RESULTS = (("pred_boxes", "pred_scores", "pred_labels", 1), ("bboxes_3d", "scores_3d", "labels_3d", 0),
+           ("boxes_3d", "scores_3d", "labels_3d", 0))
+
+
+def read_answer(found, network):
+    """(boxes, logits, classes or None) of what a network gave: two or three of these; a dictionary of OpenPCDet (pred_boxes,
+    pred_scores, pred_labels, from 1) or of mmdetection3d (bboxes_3d or boxes_3d, scores_3d, labels_3d), or a list with one of
+    them. Scores become logits."""
+    if isinstance(found, (tuple, list)) and len(found) == 1:
+        found = found[0]
+    found = getattr(found, "pred_instances_3d", found)
+    if isinstance(found, (tuple, list)) and len(found) in (2, 3):
+        return (*found, None)[:3]
+    for names in RESULTS if hasattr(found, "keys") else ():
+        if names[0] not in found.keys():
+            continue
+        boxes, scores, labels = (found[name] for name in names[:3])
+        if hasattr(boxes, "gravity_center"):  # mmdetection3d's own tensor has the centre of the bottom
+            boxes = network.torch.cat([boxes.gravity_center, boxes.tensor[:, 3:]], 1)
+        scores = scores.clip(1e-7, 1 - 1e-7)
+        logits = (network.torch or np).log(scores / (1 - scores))
+        return boxes[:, : 9 if boxes.shape[1] >= 9 else 7], logits, labels - names[3]
+    what = f"has the keys {sorted(found.keys())}" if hasattr(found, "keys") else f"is {type(found).__name__}"
+    raise network._bad("result", what, GUIDE)
+
+
+class _Memory:
+    """Arrays in the memory that Mirage shares."""
+
+    def __init__(self, path):
+        self._file, self._map, self._free = open(path, "r+b"), b"", 0
+
+    def begin(self, job):
+        if len(self._map) != job["size"]:
+            self._map = mmap.mmap(self._file.fileno(), job["size"])
+        self._free = job["answer_at"]
+
+    def read(self, where):
+        count = int(np.prod(where["shape"]))
+        return np.frombuffer(self._map, where["type"], count, where["at"]).reshape(where["shape"])
+
+    def write(self, array, kind="float32"):
+        where = {"at": self._free, "shape": list(array.shape), "type": kind}
+        self.read(where)[...] = array
+        self._free += -(-array.size * 4 // 64) * 64
+        return where
+
+
+def serve(function, reads=("image", "points"), pictures="linear"):
+    """Answers Mirage until it closes the connection. `reads`: what the detector looks at. `pictures`: "linear" (float32,
+    scene-linear in [0, 1]) or "srgb8" (0 … 255 as a file has them; float32 for torch)."""
+    network = Network(function)
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what else is printed goes to the terminal
+    memory, lidars = None, ()
+    for line in sys.stdin:
+        job = json.loads(line)
+        answer = {"id": job["id"], "ok": True}
+        try:
+            if job["job"] == "hello":
+                memory = _Memory(job["memory"])
+                if network.torch:
+                    network.torch.set_num_threads(job["threads"])
+                answer.update(protocol=1, reads=["image"] if network.finds_picture else list(reads), pictures=pictures,
+                              finds="picture" if network.finds_picture else "boxes", region=network.region,
+                              gradient=network.differentiable, classes=network.classes,
+                              heights=bool(getattr(function, "heights", False)), remembers=hasattr(function, "new_sequence"))
+            elif job["job"] == "detect":
+                memory.begin(job)
+                lidars = job["lidars"]
+                boxes, logits, classes = network.forward(Frame(job, memory.read), job["gradient"])
+                answer.update(boxes=memory.write(boxes), logits=memory.write(logits))
+                if classes is not None:
+                    answer["classes"] = memory.write(classes, "int32")
+            else:
+                memory.begin(job)
+                answer.update(cameras={}, lidars={})
+                for name, part in network.backward(memory.read(job["d_logits"]).copy()).items():
+                    group, field = ("lidars", "d_points") if name in lidars else ("cameras", "d_image")
+                    answer[group][name] = {field: memory.write(part)}
+        except Exception as problem:  # the detector's own: Mirage tells it in a line
+            traceback.print_exc()
+            answer = {"id": job["id"], "ok": False, "error": f"{type(problem).__name__}: {problem}"}
+        print(json.dumps(answer), file=answers, flush=True)

@@ -1,0 +1,74 @@
+"""Points in voxels, as spconv and mmcv make them: which voxel has no gradient, what is in it has."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Sequence
+
+import torch
+
+
+def voxels_of(points: torch.Tensor, bounds: Sequence[float], size: Sequence[float], most_points: int, most_voxels: int,
+              ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """(voxels V×P×C, coordinates V×3 (z, y, x), numbers of points V) of points N×C within bounds (x, y, z at least, then at
+    most). Voxels stand in the order of their first points, of which each keeps the first `most_points`."""
+    with torch.no_grad():
+        low, step = points.new_tensor(bounds[:3]), points.new_tensor(size)
+        cells = ((points.new_tensor(bounds[3:]) - low) / step).round().long()
+        at = torch.floor((points[:, :3] - low) / step).long()
+        kept = ((at >= 0) & (at < cells)).all(1).nonzero()[:, 0]
+        at = at[kept]
+        found, inverse = torch.unique((at[:, 2] * cells[1] + at[:, 1]) * cells[0] + at[:, 0], return_inverse=True)
+        order = torch.argsort(inverse, stable=True)  # by voxel, and in a voxel by point
+        counts = torch.bincount(inverse, minlength=len(found))
+        begins = counts.cumsum(0) - counts
+        slot = torch.arange(len(at), device=points.device) - begins[inverse[order]]
+        first = order[begins]
+        rank = torch.empty_like(first)
+        rank[first.argsort()] = torch.arange(len(found), device=points.device)
+        voxel, counts = rank[inverse[order]], counts[first.argsort()]
+        stays = (slot < most_points) & (voxel < most_voxels)
+        voxel, slot, order = voxel[stays], slot[stays], order[stays]
+        number = min(len(found), most_voxels)
+        coordinates = at[first.sort().values[:number]].flip(1)
+    voxels = points.new_zeros(number, most_points, points.shape[1]).index_put((voxel, slot), points[kept[order]])
+    return voxels, coordinates, counts[:number].clamp(max=most_points)
+
+
+def turned(points: torch.Tensor, angle: float) -> torch.Tensor:
+    """Points in axes that stand turned by the angle (rad) about z."""
+    if angle == 0:
+        return points
+    c, s = math.cos(angle), math.sin(angle)
+    x, y = c * points[:, 0] + s * points[:, 1], c * points[:, 1] - s * points[:, 0]
+    return torch.cat([torch.stack([x, y], 1), points[:, 2:]], 1)
+
+
+def turned_back(boxes: torch.Tensor, angle: float) -> torch.Tensor:
+    """Boxes (7 or 9 columns) of such axes in the old ones."""
+    if angle == 0:
+        return boxes
+    parts = [turned(boxes[:, :3], -angle), boxes[:, 3:6], boxes[:, 6:7] + angle]
+    if boxes.shape[1] == 9:
+        parts.append(turned(boxes[:, 7:9], -angle))
+    return torch.cat(parts, 1)
+
+
+class Wrapped:
+    """A network of a framework as mirage.attack takes it."""
+
+    heights = True
+
+    def __init__(self, model: Any, bounds: Sequence[float], classes: Sequence[str], angle: float):
+        self.model, self.angle = model.eval(), angle
+        self.bounds = [float(edge) for edge in bounds]
+        self.classes = list(classes)
+        if angle == 0:
+            self.region = (self.bounds[0], self.bounds[3], self.bounds[1], self.bounds[4])
+        self.device = next(model.parameters()).device
+
+    def __call__(self, image: torch.Tensor, points: torch.Tensor, pixel_from_velo: torch.Tensor):
+        return self.detect(turned(points, self.angle))
+
+    def detect(self, points: torch.Tensor):
+        raise NotImplementedError

@@ -1,0 +1,219 @@
+#include "attack/comparison.h"
+
+#include <algorithm>
+#include <map>
+#include <set>
+
+#include "base/error.h"
+#include "base/names.h"
+#include "exchange/gltf.h"
+#include "frames/frame_store.h"
+#include "frames/made_of.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/label_census.h"
+#include "scene/data/read_frames.h"
+
+namespace mirage {
+namespace {
+
+/// A host under one object, by both detectors.
+struct Pair {
+  const HostOutcome* first;
+  const HostOutcome* second;
+};
+
+const HidingRule& vanished() {
+  return kHidingRules[0];
+}
+
+bool both_find(const Pair& pair) {
+  return vanished().finds(*pair.first, true) && vanished().finds(*pair.second, true);
+}
+
+std::vector<Pair> pairs_of(std::span<const HostOutcome> first, std::span<const HostOutcome> second) {
+  std::map<std::pair<HostId, int>, const HostOutcome*> seconds;
+  for (const HostOutcome& host : second) seconds[{host.id, host.mesh}] = &host;
+  std::vector<Pair> pairs;
+  for (const HostOutcome& host : first) {
+    const Pair pair{&host, seconds.at({host.id, host.mesh})};
+    if (both_find(pair)) pairs.push_back(pair);
+  }
+  return pairs;
+}
+
+/// `first`, `second`: whether a pair counts for the one and for the other.
+template <class First, class Second>
+ComparedPart part_of(const std::string& by, const std::string& name, const std::vector<Pair>& pairs,
+                     const First& counts_first, const Second& counts_second) {
+  ComparedPart part;
+  part.by = by;
+  part.name = name;
+  ClusteredShare first, second;
+  std::map<HostId, int> objects;  // of a vehicle, so that it weighs 1 in all
+  for (const Pair& pair : pairs)
+    if (counts_first(pair) || counts_second(pair)) ++objects[pair.first->id];
+  for (const Pair& pair : pairs) {
+    const double weight = 1.0 / std::max(1, objects[pair.first->id]);
+    const std::string cluster = pair.first->cluster();
+    if (counts_first(pair)) first.add(cluster, !vanished().finds(*pair.first, false), 0, weight);
+    if (counts_second(pair)) second.add(cluster, !vanished().finds(*pair.second, false), 0, weight);
+  }
+  part.vehicles = static_cast<int>(objects.size());
+  part.first = first.interval();
+  part.second = second.interval();
+  part.difference = share_difference(second, first);
+  return part;
+}
+
+ClusterCount clusters_of(const std::vector<Pair>& pairs) {
+  Clusters clusters;
+  for (const Pair& pair : pairs) clusters.add(pair.first->id.frame, pair.first->track);
+  return clusters.count();
+}
+
+std::vector<WorseVehicle> worse_of(const std::vector<Pair>& pairs, const std::vector<std::string>& objects) {
+  std::vector<WorseVehicle> worse;
+  for (const auto& [first, second] : pairs)
+    if (vanished().finds(*first, false) && !vanished().finds(*second, false))
+      worse.push_back({first->id, objects.at(static_cast<std::size_t>(first->mesh)), first->range,
+                       first->attacked_score, second->clean_score});
+  std::stable_sort(worse.begin(), worse.end(),
+                   [](const WorseVehicle& a, const WorseVehicle& b) { return a.range < b.range; });
+  return worse;
+}
+
+}  // namespace
+
+Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const HostOutcome> second,
+                            const std::vector<std::string>& objects, bool adaptive) {
+  Comparison result;
+  result.objects = objects;
+  result.hosts = static_cast<int>(first.size() / std::max<std::size_t>(1, objects.size()));
+  const std::vector<Pair> pairs = pairs_of(first, second);
+  result.clusters = clusters_of(pairs);
+  const auto add = [&](const std::string& by, const std::string& name, const auto& counts) {
+    ComparedPart part = part_of(by, name, pairs, counts, counts);
+    if (part.vehicles > 0 || result.parts.empty()) result.parts.push_back(std::move(part));
+  };
+  add("all", "", [](const Pair&) { return true; });
+  if (objects.size() > 1)
+    for (std::size_t mesh = 0; mesh < objects.size(); ++mesh)
+      add("object", objects[mesh],
+          [&](const Pair& pair) { return pair.first->mesh == static_cast<int>(mesh); });
+  for (const HostPart& part : host_parts(first))
+    add(part.by, part.name, [&](const Pair& pair) { return part.holds(*pair.first); });
+  std::vector<double> p;
+  for (const ComparedPart& part : result.parts) p.push_back(p_value(part.difference, result.clusters.count));
+  result.parts.front().p = p.front();
+  const std::vector<double> adjusted = holm(std::span(p).subspan(1));
+  for (std::size_t i = 0; i < adjusted.size(); ++i) result.parts[i + 1].p = adjusted[i];
+  if (adaptive) {
+    const auto own = [](int mesh) { return [mesh](const Pair& pair) { return pair.first->mesh == mesh; }; };
+    result.own = part_of("own", "", pairs, own(0), own(1));
+    result.own->p = p_value(result.own->difference, result.clusters.count);
+  }
+  const ComparedPart& all = result.parts.front();
+  result.detectable = detectable_difference(all.difference, result.clusters.count);
+  for (const double difference : {0.02, 0.05, 0.1}) {
+    const double times = result.detectable / difference;
+    result.needed.push_back({difference, std::ceil(all.vehicles * times * times)});
+  }
+  result.worse = worse_of(pairs, objects);
+  return result;
+}
+
+Comparison compare(const ComparisonRequest& request) {
+  if (request.detectors.size() != 2)
+    throw FieldError("detectors", std::to_string(request.detectors.size()), "is not two detectors",
+                     "name the old one, then the new one");
+  if (request.adaptive && request.runs.size() < 2)
+    throw FieldError("adaptive", "", "wants two runs",
+                     "give --runs the folders learned against the first and against the second detector");
+  std::vector<TexturedMesh> meshes;
+  std::vector<std::string> objects;
+  SimulationSettings simulation;
+  std::set<std::string> learned_on;
+  for (const std::filesystem::path& folder : request.runs) {
+    const Run run = read_run(folder, request.trust);
+    if (meshes.empty()) simulation = run.settings.simulation;
+    meshes.push_back(run.adversary);
+    objects.push_back(folder.string());
+    if (!is_other_data(run, request.data))
+      for (const HostId& host : run.train) learned_on.insert(host.frame);
+  }
+  for (const std::filesystem::path& file : request.meshes) {
+    meshes.push_back(read_adversary(file));
+    objects.push_back(file.string());
+  }
+  if (meshes.empty()) throw FieldError("runs", "", "names no object", "give --runs or --mesh");
+
+  std::vector<std::string> frames = list_frames(request.data);
+  if (request.frames > 0 && frames.size() > request.frames) frames.resize(request.frames);
+  std::erase_if(frames, [&](const std::string& frame) { return learned_on.contains(frame); });
+  if (frames.empty())
+    throw InputError(request.data.string(), "frames", "holds no frame that the runs have not learned on",
+                     "give another data set");
+  const LabelCensus census = count_labels(request.data, frames);
+  require_cars(census, "a comparison");
+  warn_of_labels(census);
+  FrameStore store(request);
+  std::vector<HostId> hosts;
+  std::vector<std::vector<HostOutcome>> outcomes;
+  std::vector<std::string> names;
+  for (DetectorOptions options : request.detectors) {
+    options.rig = data_rig(request.data, request.rig);
+    const DetectorPool pool = load_detector_pool(options, static_cast<int>(frames.size()));
+    if (hosts.empty())
+      for (const Host& host : find_all_hosts(store, frames, pool.front()->region(), simulation,
+                                             request.min_view, request.settings.quiet))
+        hosts.push_back(host.id);
+    if (hosts.empty())
+      throw InputError(request.data.string(), "labels", "no car has the adversary in view",
+                       "give more frames or lower --min-view");
+    EvaluationSettings settings = request.settings;
+    settings.matching = pool.front()->capabilities().matching();
+    settings.detector_identity = detector_identity(options);
+    settings.kinds = vehicle_kinds(request.data, hosts);
+    const CleanDetections clean = clean_detections(pool, store, hosts, settings);
+    outcomes.push_back(evaluate(pool, store, hosts, clean, meshes, simulation, settings).hosts);
+    names.push_back(pool.front()->name());
+  }
+  Comparison result = compare_outcomes(outcomes[0], outcomes[1], objects, request.adaptive);
+  result.detectors = names;
+  return result;
+}
+
+nlohmann::json to_json(const Comparison& comparison) {
+  const auto part_json = [](const ComparedPart& part) {
+    return nlohmann::json{{"by", part.by},
+                          {"name", escape_name(part.name)},
+                          {"vehicles", part.vehicles},
+                          {"first", to_json(part.first)},
+                          {"second", to_json(part.second)},
+                          {"difference", to_json(part.difference)},
+                          {"p", part.p}};
+  };
+  const ComparedPart& all = comparison.parts.front();
+  nlohmann::json json = {{"detectors", comparison.detectors},  {"hosts", comparison.hosts},
+                         {"vehicles", all.vehicles},           {"clusters", to_json(comparison.clusters)},
+                         {"difference", all.difference.value}, {"low", all.difference.low},
+                         {"high", all.difference.high},        {"told", to_string(told(all.difference))},
+                         {"first", to_json(all.first)},        {"second", to_json(all.second)},
+                         {"detectable", comparison.detectable}};
+  for (const std::string& object : comparison.objects) json["objects"].push_back(escape_name(object));
+  if (comparison.own) json["own"] = part_json(*comparison.own);
+  for (const auto& [difference, vehicles] : comparison.needed)
+    json["needed"].push_back({{"difference", difference}, {"vehicles", vehicles}});
+  for (const ComparedPart& part : comparison.parts) json["parts"].push_back(part_json(part));
+  json["worse"] = nlohmann::json::array();
+  for (const WorseVehicle& vehicle : comparison.worse)
+    json["worse"].push_back({{"frame", escape_name(vehicle.id.frame)},
+                             {"label", vehicle.id.label},
+                             {"object", escape_name(vehicle.object)},
+                             {"range", vehicle.range},
+                             {"first_score", vehicle.first_score},
+                             {"second_clean_score", vehicle.second_clean_score}});
+  return json;
+}
+
+}  // namespace mirage

@@ -1,0 +1,88 @@
+// Is one detector easier to fool than another? Both see the same vehicles with the same objects on their
+// roofs; a vehicle counts where both find it as recorded. The outcome of a vehicle is whether it vanishes
+// (attack/hiding.h), and the answer is the paired difference of shares, second detector less first.
+//
+// An object that was learned against the first detector flatters the second. So the first two objects may be
+// each detector's own: then the difference of "own" is that of each detector under its own object.
+//
+// What the data could show at all is said beside: the smallest true difference that would be told in 80 % of
+// such sets (detectable_difference), and how many vehicles of this kind would show 2, 5 and 10 points.
+// Several questions are asked of one set (ranges, occlusions, objects); their p values are Holm's
+// (Scandinavian Journal of Statistics 6, 1979).
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "attack/evaluation.h"
+#include "attack/run.h"
+
+namespace mirage {
+
+/// What `mirage compare` is asked for.
+struct ComparisonRequest : FrameSource {
+  /// Two; `rig` is set by the data set.
+  std::vector<DetectorOptions> detectors;
+  std::vector<std::filesystem::path> runs;    ///< folders of mirage attack, whose objects are compared under
+  std::vector<std::filesystem::path> meshes;  ///< *.glb of mirage attack or export
+  /// The first of `runs` was learned against the first detector, the second against the second.
+  bool adaptive = false;
+  TrustRun trust = TrustRun::no;
+  std::size_t frames = 0;  ///< the first so many of the data set; 0: all
+  double min_view = 0.7;   ///< as AttackSettings::min_view
+  std::uint64_t seed = 0;
+  EvaluationSettings settings;
+};
+
+/// One question.
+struct ComparedPart {
+  std::string by, name;    ///< "all" and "", "range" and "15-30 m", "object" and the mesh's name, …
+  int vehicles = 0;        ///< found as recorded by both
+  Interval first, second;  ///< shares that vanish
+  Interval difference;     ///< second − first, paired, by cluster
+  double p = 1;            ///< two-sided, Holm's over all parts but the first, which is the main question
+};
+
+/// A vehicle that only the second detector loses.
+struct WorseVehicle {
+  HostId id;
+  std::string object;
+  double range = 0;                                ///< m
+  double first_score = 0, second_clean_score = 0;  ///< the first's under attack, the second's as recorded
+};
+
+struct Comparison {
+  std::vector<std::string> detectors, objects;
+  int hosts = 0;                    ///< tried
+  ClusterCount clusters;            ///< of the vehicles that both find
+  std::vector<ComparedPart> parts;  ///< "all" first; parts without vehicles are left out
+  /// Each under its own object, second − first, with `adaptive`.
+  std::optional<ComparedPart> own;
+  double detectable = 1;  ///< smallest true difference told in 80 % of such sets
+  struct Needed {
+    double difference;
+    double vehicles;
+  };
+  std::vector<Needed> needed;       ///< for 2, 5 and 10 points
+  std::vector<WorseVehicle> worse;  ///< nearest first
+};
+
+/// From outcomes of the same hosts and meshes by both detectors, in any order. `objects`: names of the
+/// meshes.
+Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const HostOutcome> second,
+                            const std::vector<std::string>& objects, bool adaptive);
+
+/// Evaluates both detectors on every usable vehicle of the data set that no run has learned on. InputError
+/// for anything but two detectors, for no object, and where no vehicle is left.
+Comparison compare(const ComparisonRequest& request);
+
+/// {detectors, objects, hosts, vehicles, clusters, difference, low, high, told, first, second, own?,
+/// detectable, needed: [{difference, vehicles}], parts: [{by, name, vehicles, first, second, difference, p}],
+/// worse: [{frame, label, object, range, first_score, second_clean_score}]}
+nlohmann::json to_json(const Comparison& comparison);
+
+}  // namespace mirage

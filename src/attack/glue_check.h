@@ -1,0 +1,49 @@
+// Whether somebody's detector is asked as it expects and answers as Mirage reads it: its boxes beside the
+// labels, and how much of what it does its gradient tells.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "attack/clean_sights.h"
+#include "frames/frame_store.h"
+
+namespace mirage {
+
+/// Medians over the vehicles with a box within 3 m, the best-scored one each; in the bird's-eye view.
+struct BoxHabits {
+  int vehicles = 0;                     ///< with such a box
+  double length = 0, label_length = 0;  ///< m
+  double width = 0, label_width = 0;    ///< m
+  double along = 0, across = 0;         ///< m, in the vehicle's frame, from the label's centre
+  double yaw = 0;                       ///< rad, how far off, in [0, π/2]: either way round counts
+  double logit = 0;                     ///< of these boxes
+  double other_logit = 0;               ///< of all others
+  int others = 0;
+};
+BoxHabits box_habits(const std::vector<CleanFrame>& frames);
+
+/// What moving the object changes, and what of that the gradient tells.
+struct SeenChange {
+  int vehicles = 0;
+  /// Σ predicted · measured / Σ measured² over steps of 1 cm forward and to the left, where measured is the
+  /// change of the attack's loss from 1 cm on one side to 1 cm on the other. 1: all of it; 0: none; far
+  /// above: the gradient is too large. What jumps (a ray that comes to hit, a network's own choices) keeps it
+  /// below 1.
+  double share = 0;
+  double largest = 0;  ///< of the measured changes, absolute
+};
+/// Puts the start of an attack on the roofs of the first `vehicles` hosts that the detector finds.
+/// Interrupted between vehicles.
+SeenChange seen_change(Detector& detector, FrameStore& store, const std::vector<std::string>& frames,
+                       int vehicles);
+
+/// Rows of a table: what was found, boxes, logits, gradient, hints.
+std::vector<std::pair<std::string, std::string>> rows_of(const FoundClean& found, const BoxHabits& habits,
+                                                         const SeenChange& seen);
+nlohmann::json to_json(const BoxHabits& habits);
+nlohmann::json to_json(const SeenChange& seen);
+
+}  // namespace mirage

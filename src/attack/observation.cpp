@@ -1,0 +1,58 @@
+#include "attack/observation.h"
+
+#include "attack/clean_view.h"
+#include "simulation/object_window.h"
+#include "simulation/upstream.h"
+
+namespace mirage {
+
+Observation::Observation(const StepHost& host, const TexturedMesh& adversary, const AttackSettings& settings)
+    : host_(host), settings_(settings), prepared_(&host.prepared), simulation_(settings.simulation) {
+  Stopwatch clock;
+  const WorldDraw* draw = host.draw;
+  if (draw && settings.expectation.any_in_frame()) prepared_ = &drawn_.emplace(draw->frame(host.prepared));
+  seconds_.worlds = clock.lap();
+  const Placement placement = draw ? draw->placement(host.placement) : host.placement;
+  if (draw) simulation_ = draw->simulation(settings.simulation);
+  simulated_ = simulate(*prepared_, placement, adversary, simulation_);
+  seconds_.simulation_forward = clock.lap();
+  changed_ = simulated_.rect;
+  if (host.seen.pictures) {
+    const HostInWorld in_world{*prepared_, host.id, placement, simulation_, draw ? draw->number() : 0};
+    changed_ = united(changed_, host.seen.pictures->correct(in_world, adversary, *host.seen.of, simulated_));
+  }
+  seconds_.rendering = clock.lap();
+  if (draw) draw->add_noise(simulated_.image);
+  seconds_.worlds += clock.lap();
+}
+
+SensorView Observation::view(const Capabilities& can, bool back) {
+  Stopwatch clock;
+  SensorView view = view_of(prepared_->frame, simulated_.image, simulated_.sweep);
+  // Another exposure or noise changes every pixel: to a detector that reads them nothing is as recorded.
+  const bool own_picture =
+      host_.draw && (settings_.expectation.exposure > 0 || settings_.expectation.image_noise > 0);
+  if (can.why_whole.empty() && !(own_picture && can.reads_image)) {
+    clean_ = clean_view(*prepared_, simulated_);
+    clean_.changed = changed_;
+    view.clean = &clean_;
+  }
+  if (back && can.knows_presence && simulation_.lidar_gradient == LidarGradient::silhouette &&
+      settings_.target != AttackTarget::image && settings_.parts != AttackParts::texture)
+    silhouette_ = lidar_silhouette(*prepared_, placed_adversary(simulated_));
+  view.watched = silhouette_.places;
+  seconds_.simulation_forward += clock.lap();
+  return view;
+}
+
+AdversaryGradient Observation::vjp(const SensorGradient& gradient) const {
+  Upstream<float> upstream;
+  if (settings_.target != AttackTarget::lidar && !gradient.image.empty())
+    upstream = {gradient.image.data.data(), gradient.image.width, gradient.image.height};
+  if (settings_.target != AttackTarget::image) upstream.points = gradient.points;
+  upstream.silhouette = &silhouette_;
+  upstream.presence = gradient.presence;
+  return simulate_vjp(simulated_, upstream);
+}
+
+}  // namespace mirage

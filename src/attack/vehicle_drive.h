@@ -1,0 +1,88 @@
+// One vehicle of a drive in three versions: as recorded (clean), with the object (attacked), and with a
+// random object of its size (random). What was seen of it frame by frame, and what follows in seconds and
+// metres.
+//
+//   gap        the longest time on end without: a frame stands for the time until the next one
+//   confirmed  the first frame in which a confirmed track lies on the vehicle: the time since its first
+//   frame,
+//              and its distance there
+//   reserve    with d the distance to the nearest corner of its box at that moment and v the speed at which
+//   it
+//              comes nearer: d − v² / (2 a) for brakes of a m/s²; below zero: metres short of a stop
+//   phantom    a confirmed track on no labelled box and, but for the clean version, on no clean detection
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/json_fields.h"
+
+namespace mirage {
+
+/// See above.
+enum class DriveVersion { clean, attacked, random };
+inline constexpr std::array<const char*, 3> kDriveVersions = {"clean", "attacked", "random"};
+template <class T>
+using ByVersion = std::array<T, kDriveVersions.size()>;
+
+/// What the tracker says of the vehicle in one frame: a confirmed track lies on it and has a detection; one
+/// lies on it and coasts; none does.
+enum class TrackSight : char { found = 'f', coasting = 'c', lost = 'l' };
+
+/// One version of one frame.
+struct DriveSight {
+  bool found = false;  ///< a detection over the score overlaps the vehicle's box (HidingRule vanished)
+  TrackSight track = TrackSight::lost;
+  int phantoms = 0;              ///< phantom tracks there
+  bool phantom_in_lane = false;  ///< one of them ahead in the car's own lane
+};
+
+/// The vehicle in one frame.
+struct DriveFrame {
+  int index = 0;       ///< Moment's
+  double time = 0;     ///< s
+  double range = 0;    ///< m, from the `velo` origin to the box's centre, seen from above
+  double nearest = 0;  ///< m, to its nearest corner
+  double closing = 0;  ///< m/s at which it comes nearer; negative: it goes away
+  ByVersion<DriveSight> sights;
+};
+
+/// A vehicle through its drive.
+struct VehicleDrive {
+  std::string sequence, type;
+  int track = -1;
+  int fitted = 0;                                                           ///< frames with a fitted roof
+  double residual_m = 0, residual_deg = 0, fit_jitter_m = 0, jitter_m = 0;  ///< as Ride's
+  ByVersion<int> phantom_tracks{};                                          ///< different ones
+  std::vector<DriveFrame> frames;                                           ///< by rising time
+};
+
+/// Decelerations of the reserve, m/s².
+inline constexpr std::array<int, 3> kBrakes = {4, 6, 8};
+
+/// What follows for one version.
+struct DriveOutcome {
+  int found = 0;                      ///< frames
+  double gap_s = 0, track_gap_s = 0;  ///< longest: of detections, of confirmed tracks
+  double phantom_s = 0, phantom_lane_s = 0;
+  int phantom_frames = 0;
+  /// At the first confirmation.
+  struct Confirmation {
+    double seconds = 0, metres = 0, closing = 0;
+    std::optional<double> to_collision;  ///< s at that speed; none if it does not come nearer
+    std::array<double, kBrakes.size()> reserve{};
+  };
+  std::optional<Confirmation> confirmed;  ///< none: it never was
+};
+DriveOutcome outcome_of(const VehicleDrive& vehicle, DriveVersion version);
+
+/// As in result.json (drive.h), with all that read_vehicle_drive needs.
+nlohmann::json to_json(const VehicleDrive& vehicle);
+/// Its inverse. InputError naming file and field for anything else.
+VehicleDrive read_vehicle_drive(const JsonFields& json);
+
+}  // namespace mirage

@@ -1,0 +1,150 @@
+// mirage audit: what a detector loses when one of its inputs is wrong.
+#include "detection/audit.h"
+
+#include <memory>
+
+#include "attack/detector_pool.h"
+#include "base/child_process.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/logging.h"
+#include "base/progress.h"
+#include "cli/command.h"
+#include "cli/detector_options.h"
+#include "cli/picture_rows.h"
+#include "detection/defense_words.h"
+#include "detection/detect.h"
+#include "frames/data_check.h"
+#include "frames/made_of.h"
+#include "scene/data/label_census.h"
+#include "scene/data/read_frames.h"
+
+namespace mirage::cli {
+namespace {
+
+struct AuditOptions {
+  std::filesystem::path data;
+  std::string rig;
+  DetectorOptions detector;
+  std::size_t frames = kAuditFrames;
+  bool gate = false;
+  std::filesystem::path claim;
+};
+
+/// The measured detectors that the file holds; none if there is no file.
+nlohmann::json read_claims(const std::filesystem::path& file) {
+  if (!std::filesystem::exists(file)) return nlohmann::json::object();
+  nlohmann::json claims = read_json(file, kLargestRecord);
+  if (!claims.is_object())
+    throw InputError(file.string(), "", "is no object of measured detectors",
+                     "name another file with --claim");
+  return claims;
+}
+
+/// Puts what was measured under the weights' name into the file that the tests hold it against.
+void write_claim(const std::filesystem::path& file, const DetectorOptions& detector,
+                 const std::filesystem::path& data, const Reliance& reliance) {
+  const Defense defense = read_defense(detector.defense);
+  if (defense.around != read_defense(detector.weights).around)
+    throw FieldError("claim", file.string(), "is of weights, and the defence stands around them",
+                     "leave --defense or --claim out");
+  const std::filesystem::path weights = weights_file(detector);
+  nlohmann::json claims = read_claims(file);
+  claims[weights.stem().string()] = to_json(reliance);
+  claims[weights.stem().string()].update(
+      {{"data", data.filename().string()}, {"weights_hash", file_hash(weights)}});
+  write_json(file, claims);
+}
+
+void add_options(CLI::App& app, AuditOptions& options) {
+  app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
+      ->required();
+  app.add_option("--rig", options.rig, kRigHelp);
+  add_fields(app, options.detector);
+  app.add_option("--frames", options.frames, "N frames, spread evenly over the data set (0: all)")
+      ->capture_default_str();
+  app.add_flag("--gate", options.gate,
+               "measure only whether the detector uses its picture: another frame's, a black one and none");
+  app.add_option("--claim", options.claim,
+                 "put the gate's answer under the weights' name into this file "
+                 "(plugins/detectors/fusion/weights/reliance.json is what the tests check)");
+}
+
+/// The page beside result.json; without Python's packages a warning in its place.
+void write_page(const Common& common) {
+  const std::string python = plotting_python().string();
+  std::string said;
+  if (python.empty() ||
+      run_program({python, shipped_file("validation/report/audit_page.py").string(), common.out.string()},
+                  &said) != 0)
+    spdlog::warn("no audit.html: {}", said.empty() ? "install python3-jinja2 and python3-pil" : said);
+}
+
+nlohmann::json run(const AuditOptions& options, const Common& common) {
+  make_output_folder(common.out);
+  if (!options.claim.empty()) read_claims(options.claim);  // now, not after the work
+  const DetectorOptions asked = with_common(options.detector, common, options.data, options.rig);
+  check_data(options.data, options.rig, UnitUse::reads_sweeps);
+  const std::vector<std::string> ids = spread_evenly(list_frames(options.data), options.frames);
+  const LabelCensus census = count_labels(options.data, ids);
+  require_cars(census, "an audit");
+  warn_of_labels(census);
+  const DetectorPool pool = load_detector_pool(asked, static_cast<int>(ids.size()));
+  std::vector<Detector*> detectors;
+  for (const auto& detector : pool) detectors.push_back(detector.get());
+  const Capabilities can = detectors.front()->capabilities();
+  std::vector<AuditChange> changes = options.gate ? gate_changes() : audit_changes(can);
+  if (!can.reads_image)
+    std::erase_if(changes, [](const AuditChange& change) { return change.input() == AuditInput::picture; });
+  Audit audit;
+  if (!changes.empty()) {
+    std::unique_ptr<Progress> progress;
+    audit = run_audit(detectors, options.data, ids, changes, lidar_of(options.data, options.rig), common.seed,
+                      [&](std::size_t done, std::size_t total) {
+                        if (!progress) progress = std::make_unique<Progress>("audit", total, common.quiet);
+                        progress->update(done);
+                      });
+  }
+  add_detector(*common.made_of, asked);
+  add_data(*common.made_of, options.data, ids);
+  const Reliance reliance = can.reads_image ? reliance_of(audit) : no_camera();
+  if (!options.claim.empty()) write_claim(options.claim, asked, options.data, reliance);
+  nlohmann::json result = to_json(audit);
+  result["detector"] = detectors.front()->name();
+  result["reliance"] = to_json(reliance);
+  if (common.quiet) return result;
+  Rows rows = {{"frames", std::to_string(audit.frames)},
+               {"cars", fmt::format("{}, AP 0.7 {}", audit.vehicles, percent(audit.ap70))}};
+  for (const AuditRow& row : audit.rows)
+    rows.push_back({fmt::format("{} {}", to_word(row.change.input()), row.change.text()),
+                    row.refused.empty()
+                        ? fmt::format("AP 0.7 {:+.1f} points ({:+.1f} to {:+.1f}), logits move by {:.2f}",
+                                      -100 * row.drop.value, -100 * row.drop.high, -100 * row.drop.low,
+                                      row.delta_logit.value)
+                        : "refused: " + row.refused});
+  if (audit.vehicles > 0) rows.push_back({"intervals over", to_string(audit.clusters)});
+  for (auto& row : picture_rows(reliance)) rows.push_back(std::move(row));
+  for (const std::string& line : describe(audit)) rows.push_back({"answer", line});
+  print_table(rows);
+  return result;
+}
+
+}  // namespace
+
+Command audit_command() {
+  auto options = std::make_shared<AuditOptions>();
+  return Command{
+      .name = "audit",
+      .help = "measures what a detector loses when its picture, its sweep or its calibration is wrong",
+      .default_out = "out/audit",
+      .example = "mirage audit --data path/to/kitti --detector fusion",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) { return run(*options, common); },
+      .afterwards =
+          [options](const Common& common) {
+            if (!options->gate) write_page(common);
+          },
+  };
+}
+
+}  // namespace mirage::cli

@@ -1,0 +1,140 @@
+// mirage compare: whether one detector is easier to fool than another.
+#include <memory>
+
+#include "attack/comparison.h"
+#include "base/error.h"
+#include "cli/command.h"
+#include "cli/detector_options.h"
+#include "cli/frame_options.h"
+#include "cli/table.h"
+#include "cli/trust_option.h"
+#include "frames/made_of.h"
+#include "scene/data/read_frames.h"
+
+namespace mirage::cli {
+namespace {
+
+struct CompareOptions {
+  ComparisonRequest request;
+  DetectorOptions both;  ///< what holds for either
+  std::vector<std::string> detectors, weights, defenses;
+  std::optional<double> fail_above;
+  /// Set by run, read afterwards: how much worse the second is at least, points.
+  double worse = 0;
+};
+
+/// The `which`-th of a list that is empty, or has one or two entries.
+std::string of_two(const std::vector<std::string>& list, std::size_t which, const char* option,
+                   const std::string& otherwise) {
+  if (list.size() > 2)
+    throw FieldError(option, std::to_string(list.size()), "is more than two", "name one for each detector");
+  return list.empty() ? otherwise : list[std::min(which, list.size() - 1)];
+}
+
+void print_comparison(const Comparison& result) {
+  const ComparedPart& all = result.parts.front();
+  print_table({{"vehicles that both find", fmt::format("{} of {}", all.vehicles, result.hosts)},
+               {"intervals over", to_string(result.clusters)}});
+  const auto row = [](const std::string& part, const std::string& vehicles, const std::string& first,
+                      const std::string& second, const std::string& difference, const std::string& p) {
+    std::fputs(
+        fmt::format("{:<34} {:>8} {:>22} {:>22} {:>24} {:>8}\n", part, vehicles, first, second, difference, p)
+            .c_str(),
+        stdout);
+  };
+  std::fputs("\n", stdout);
+  row("vanished (95 %)", "vehicles", "first", "second", "points more in second", "p");
+  const auto show = [&](const ComparedPart& part) {
+    row(part.name.empty() ? part.by : part.by + " " + part.name, std::to_string(part.vehicles),
+        percent(part.first), percent(part.second), signed_points(part.difference),
+        fmt::format("{:.3f}", part.p));
+  };
+  for (const ComparedPart& part : result.parts) show(part);
+  if (result.own) show(*result.own);
+  Rows rows = {{"second is easier to fool", to_string(told(all.difference))},
+               {"smallest difference that would show",
+                fmt::format("{:.1f} points, in 80 % of such sets", 100 * result.detectable)}};
+  for (const auto& [difference, vehicles] : result.needed)
+    rows.push_back({fmt::format("vehicles that would show {:g} points", 100 * difference),
+                    fmt::format("about {:.0f}", vehicles)});
+  rows.push_back({"vehicles that got worse", std::to_string(result.worse.size())});
+  std::fputs("\n", stdout);
+  print_table(rows);
+}
+
+void add_options(CLI::App& app, CompareOptions& options) {
+  ComparisonRequest& request = options.request;
+  add_fields(app, as_base<FrameSource>(request));
+  app.add_option("--detectors", options.detectors, "the old detector and the new one")
+      ->expected(1, 2)
+      ->required();
+  app.add_option("--weights", options.weights, "weights of both, or of each (default: the shipped ones)")
+      ->expected(1, 2);
+  app.add_option("--defense", options.defenses, "defence of both, or of each (default: none)")
+      ->expected(1, 2);
+  app.add_option("--runs", request.runs, "finished mirage attacks, whose objects are put on the roofs");
+  app.add_option("--mesh", request.meshes, "objects (*.glb) as mirage attack or export write them");
+  app.add_flag(
+      "--adaptive", request.adaptive,
+      "the first two --runs were learned against the first and the second detector: also compare each "
+      "under its own object");
+  app.add_option("--frames", request.frames, "only the first N frames (0: all)")->capture_default_str();
+  app.add_option("--min-view", request.min_view, "a car needs this share of the reference adversary in view")
+      ->check(within(kShare))
+      ->capture_default_str();
+  app.add_option("--score", request.settings.score_threshold, "score of a detection")
+      ->check(within(kShare))
+      ->capture_default_str();
+  app.add_option(
+         "--fail-above", options.fail_above,
+         "exit code 1 if the second detector is worse by more than this many points beyond the interval")
+      ->check(within({0, 100}));
+  add_trust_option(app, request.trust);
+  tell_of_cache(app);
+}
+
+nlohmann::json run(CompareOptions& options, const Common& common) {
+  ComparisonRequest request = options.request;
+  request.seed = common.seed;
+  request.settings.quiet = common.quiet;
+  if (options.detectors.size() == 1 && options.weights.size() < 2 && options.defenses.size() < 2)
+    throw FieldError("detectors", options.detectors.front(), "is compared with itself",
+                     "name two detectors, or two --weights or --defense");
+  for (const std::size_t which : {0u, 1u}) {
+    DetectorOptions detector = with_common(options.both, common, request.data, request.rig);
+    detector.detector = of_two(options.detectors, which, "detectors", "");
+    detector.weights = of_two(options.weights, which, "weights", "");
+    detector.defense = of_two(options.defenses, which, "defense", "none");
+    request.detectors.push_back(detector);
+    add_detector(*common.made_of, detector);
+  }
+  const Comparison result = compare(request);
+  add_frames(*common.made_of, request, list_frames(request.data));
+  if (!common.quiet) print_comparison(result);
+  options.worse = 100 * result.parts.front().difference.low;
+  return {{"compare", to_json(result)}};
+}
+
+}  // namespace
+
+Command compare_command() {
+  auto options = std::make_shared<CompareOptions>();
+  return Command{
+      .name = "compare",
+      .help = "tells whether one detector is easier to fool than another, on the same vehicles and objects",
+      .default_out = "out/compare",
+      .example = "mirage compare --detectors fusion refined --runs out/attack --data path/to/kitti",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) { return run(*options, common); },
+      .afterwards =
+          [options](const Common&) {
+            if (options->fail_above && options->worse > *options->fail_above)
+              throw Failure(
+                  "--fail-above",
+                  fmt::format("the second detector is worse by at least {:.1f} points", options->worse),
+                  "see worse in result.json");
+          },
+  };
+}
+
+}  // namespace mirage::cli

@@ -1,0 +1,178 @@
+// mirage drive: an object on every vehicle of a drive, in seconds and metres.
+#include "attack/drive.h"
+
+#include <array>
+#include <cmath>
+#include <memory>
+
+#include "attack/baseline.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/names.h"
+#include "cli/command.h"
+#include "cli/detector_options.h"
+#include "cli/frame_options.h"
+#include "cli/table.h"
+#include "cli/trust_option.h"
+#include "detection/precision.h"
+#include "exchange/mesh_files.h"
+#include "frames/made_of.h"
+#include "validation/report/drive_page.h"
+
+namespace mirage::cli {
+namespace {
+
+struct DriveOptions {
+  std::filesystem::path run, mesh;
+  Overrides asked;
+  TrustRun trust = TrustRun::no;
+  DetectorOptions detector = detector_of_the_run();
+  QualityOption quality;
+  LidarEffectsOption effects;
+  SequencePart part;
+  DriveSettings settings;
+  double score = EvaluationSettings().score_threshold;
+};
+
+/// The run, or one that has nothing but the mesh: its box is the largest that a random mesh of its size
+/// needs.
+Run run_of(const DriveOptions& options) {
+  if (options.run.empty() == options.mesh.empty())
+    throw InputError("--run", "--mesh", options.run.empty() ? "are both missing" : "are both given",
+                     "give a finished mirage attack or an object's mesh");
+  if (!options.run.empty()) return read_run(options.run, options.trust);
+  Run run;
+  run.adversary = read_object(options.mesh);
+  const Eigen::AlignedBox3d box = bounds(run.adversary.mesh);
+  run.settings.limits.half =
+      run.settings.limits.half.cwiseMax(box.min().cwiseAbs()).cwiseMax(box.max().cwiseAbs());
+  return run;
+}
+
+/// A hash over when and where each frame was taken.
+std::string moments_hash(const std::vector<Sequence>& sequences) {
+  std::string text;
+  for (const Sequence& sequence : sequences)
+    for (const auto& [id, moment] : sequence.frames) {
+      text += fmt::format("{} {} {} {:.9f}", escape_name(id), escape_name(moment.sequence), moment.index,
+                          moment.time);
+      for (int i = 0; i < 12; ++i)
+        text += fmt::format(" {:.9g}", moment.world_from_ego.matrix()(i / 4, i % 4));
+      text += '\n';
+    }
+  return content_hash(text);
+}
+
+void print_drive(const DriveResult& result, const nlohmann::json& json) {
+  const auto row = [](const std::string& name, const std::array<std::string, 3>& cells) {
+    std::string text = fmt::format("{:<40}", name);
+    for (const std::string& cell : cells) text += fmt::format(" {:<20}", cell);
+    text.erase(text.find_last_not_of(' ') + 1);
+    std::fputs((text + "\n").c_str(), stdout);
+  };
+  const auto value = [](const nlohmann::json& at) {
+    const double low = at.at("low"), high = at.at("high");  // of few vehicles nothing is known
+    const std::string text = fmt::format("{:.1f}", at.at("value").get<double>());
+    return std::isfinite(low) && std::isfinite(high) ? fmt::format("{} ({:.1f} to {:.1f})", text, low, high)
+                                                     : text;
+  };
+  print_table({{"frames", std::to_string(result.frames)},
+               {"vehicles", std::to_string(result.vehicles.size())},
+               {"tracker as recorded",
+                fmt::format("MOTA {}, HOTA {}, {} identity switches", percent(result.clean.mota),
+                            percent(result.clean.hota), result.clean.switches)}});
+  std::fputs("\n", stdout);
+  row("median over vehicles (95 %)", {"clean", "attacked", "random of its size"});
+  for (const auto& [key, name] : {std::pair("gap_s", "longest gap of detection, s"),
+                                  std::pair("track_gap_s", "longest gap of a confirmed track, s"),
+                                  std::pair("confirmed_m", "distance at first confirmation, m")}) {
+    const nlohmann::json& of = json.at(key);
+    row(name, {value(of.at("clean")), value(of.at("attacked")), value(of.at("random"))});
+  }
+  const nlohmann::json& never = json.at("never_confirmed");
+  row("vehicles never confirmed",
+      {never.at("clean").dump(), never.at("attacked").dump(), never.at("random").dump()});
+  std::fflush(stdout);
+}
+
+void add_options(CLI::App& app, DriveOptions& options) {
+  app.add_option("--run", options.run, "run folder of mirage attack: its adversary is the object");
+  app.add_option("--mesh", options.mesh, "object in place of a run's, in metres (.glb, .gltf, .obj or .ply)");
+  add_trust_option(app, options.trust);
+  add_overrides<FrameSource>(app, options.asked);
+  app.get_option("--data")->required();
+  add_fields(app, options.part);
+  add_fields(app, options.detector);
+  options.quality.add(app, "the run's settings");
+  add_overrides<SimulationSettings>(app, options.asked, {"light", "camera_effects"});
+  options.effects.add(app, "the run's");
+  add_fields(app, options.settings);
+  app.add_option("--score", options.score, "score of a detection")
+      ->check(within(kShare))
+      ->capture_default_str();
+  tell_of_cache(app);
+}
+
+nlohmann::json run(const DriveOptions& options, const Common& common) {
+  Run run = run_of(options);
+  options.effects.check();
+  Overrides asked = options.asked;
+  options.quality.ask(asked);
+  options.effects.ask(asked);
+  override_settings(run, asked, common.seed, true);
+  DetectorOptions detector = options.detector;
+  use_detector_of(run, detector);
+  detector = with_common(detector, common, run.settings.data, run.settings.rig);
+  detector.precision = usable_precision(detector.precision);
+  check_fields(options.settings);
+  DriveRequest request;
+  request.data = run.settings.data;
+  request.sequences = read_sequences(request.data, options.part);
+  request.object = run.adversary;
+  request.random = baseline_meshes(run, Baseline::sized, 1).front();
+  request.place = run.settings.placement;
+  request.simulation = run.settings.simulation;
+  request.evaluation.score_threshold = options.score;
+  request.evaluation.detector_identity = detector_identity(detector);
+  request.evaluation.quiet = common.quiet;
+  request.settings = options.settings;
+  request.folder = common.out / "vehicles";
+  std::vector<std::string> frames;
+  for (const Sequence& sequence : request.sequences)
+    for (const SequenceFrame& frame : sequence.frames) frames.push_back(frame.id);
+  FrameStore store(run.settings);
+  const DetectorPool detectors = load_detector_pool(detector, static_cast<int>(frames.size()));
+  common.made_of->add(run.settings);
+  common.made_of->add(options.settings);
+  add_frames(*common.made_of, run.settings, frames);
+  add_detector(*common.made_of, detector);
+  common.made_of->input("moments", moments_hash(request.sequences));
+  request.made_of = *common.made_of;
+  const DriveResult result = judge_drive(detectors, store, request);
+  const nlohmann::json drive = to_json(result);
+  print_drive(result, drive);
+  return {{"drive", drive},
+          {"data", run.settings.data.string()},
+          {"object", (options.run.empty() ? options.mesh : options.run).string()},
+          {"detector", detector.detector},
+          {"weights", detector.weights.string()},
+          {"defense", detector.defense},
+          {"score_threshold", options.score}};
+}
+
+}  // namespace
+
+Command drive_command() {
+  auto options = std::make_shared<DriveOptions>();
+  return Command{
+      .name = "drive",
+      .help = "an object on every vehicle of a drive: blind gaps in seconds, distance at confirmation",
+      .default_out = "out/drive",
+      .example = "mirage drive --run out/attack --data kitti-tracking --sequence 0003 --weights real",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) { return run(*options, common); },
+      .afterwards = [](const Common& common) { write_drive_page(common.out); },
+  };
+}
+
+}  // namespace mirage::cli

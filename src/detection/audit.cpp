@@ -1,0 +1,498 @@
+#include "detection/audit.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <opencv2/imgproc.hpp>
+#include <set>
+
+#include "base/angles.h"
+#include "base/error.h"
+#include "base/fields.h"
+#include "base/image_io.h"
+#include "base/interrupt.h"
+#include "base/parallel.h"
+#include "base/random.h"
+#include "base/shuffle.h"
+#include "detection/detect.h"
+#include "detection/points_in_view.h"
+#include "scene/data/read_frames.h"
+#include "scene/occlusion.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using Kind = AuditChange::Kind;
+
+constexpr double kIou = 0.7;
+constexpr double kSameCar = 0.1;  // IoU
+
+/// The detector's answers to one view of a frame.
+struct Answers {
+  ScoredFrame scored;
+  std::vector<Detection> cars;  ///< of each labelled car: its speaker
+  std::vector<char> found;      ///< of each labelled car
+};
+
+/// A frame's answers: to the right inputs, and to each change that it has.
+struct FrameAnswers {
+  Answers right;
+  std::vector<std::optional<Answers>> changed;
+};
+
+Answers answers(Detector& detector, const SensorView& view, const GroundTruth& truth) {
+  const Matching matching = detector.capabilities().matching();
+  const std::vector<Detection> proposals = detector.forward(view, kFaintScore, false);
+  Answers result;
+  result.scored = scored(suppress(scored_over(proposals, kScoreThresholdForAp), matching), truth,
+                         view.calibration->camera.fy, matching);
+  for (const ObjectBoxes& car : result.scored.truth.boxes) {
+    result.cars.push_back(speaker(proposals, car, matching));
+    result.found.push_back(std::any_of(
+        result.scored.detections.begin(), result.scored.detections.end(), [&](const Detection& detection) {
+          return detection.score() > kScoreThreshold && matching.overlap(detection, car) >= kIou;
+        }));
+  }
+  return result;
+}
+
+ImageF blurred(const ImageF& picture, double sigma) {
+  ImageF result = picture;
+  const cv::Mat pixels(picture.height, picture.width, CV_32FC(picture.channels),
+                       const_cast<float*>(picture.data.data()));
+  cv::Mat out(picture.height, picture.width, CV_32FC(picture.channels), result.data.data());
+  cv::GaussianBlur(pixels, out, cv::Size(), sigma, sigma, cv::BORDER_REPLICATE);
+  return result;
+}
+
+/// The returns of `count` beams, drawn of those that have any.
+std::vector<LidarPoint> thinned(std::span<const LidarPoint> points, const LidarModel& lidar, int count,
+                                RandomStream random) {
+  const std::vector<int> beam = beams_of(points, lidar);
+  const std::set<int> all(beam.begin(), beam.end());
+  std::vector<int> drawn(all.begin(), all.end());
+  std::erase(drawn, -1);
+  shuffle(drawn, random);
+  drawn.resize(std::min<std::size_t>(drawn.size(), static_cast<std::size_t>(count)));
+  std::vector<LidarPoint> result;
+  for (std::size_t i = 0; i < points.size(); ++i)
+    if (std::find(drawn.begin(), drawn.end(), beam[i]) != drawn.end()) result.push_back(points[i]);
+  return result;
+}
+
+/// What the changes of one frame are made from.
+struct Scene {
+  const DataSet& data;
+  const PicturePair& pair;
+  std::size_t index;  ///< of the frame
+  const Frame& frame;
+  std::span<const LidarPoint> points;  ///< in view
+  const std::optional<LidarModel>& lidar;
+  std::uint64_t seed;
+};
+
+std::vector<LidarPoint> sweep_in_view(const DataSet& data, const std::string& id) {
+  const auto [width, height] = data.picture_size(id);
+  return points_in_view(data.sweep(id), data.annotations(id, width, height).calibration);
+}
+
+ImageF picture_of(const DataSet& data, const std::string& id) {
+  return read_srgb(data.parts(id).at(1).file);
+}
+
+/// A view with what it shows in place of the frame's own.
+struct ChangedView {
+  ImageF picture;
+  std::vector<LidarPoint> points;
+  Calibration calibration;
+  SensorView view;
+
+  ChangedView(const Scene& scene)
+      : calibration(scene.frame.calibration), view(view_of(scene.frame, scene.frame.image, scene.points)) {}
+  ChangedView(const ChangedView&) = delete;
+  void show(ImageF shown) {
+    picture = std::move(shown);
+    view.image = &picture;
+  }
+  void show(std::vector<LidarPoint> shown) {
+    points = std::move(shown);
+    view.points = points;
+  }
+  void set_camera_from_velo(const Transform& camera_from_velo) {
+    calibration.camera_from_velo = camera_from_velo;
+    view.calibration = &calibration;
+  }
+};
+
+/// Null where the frame does not have the change.
+std::unique_ptr<ChangedView> changed_view(const AuditChange& change, const Scene& scene) {
+  auto changed = std::make_unique<ChangedView>(scene);
+  const Transform& camera_from_velo = scene.frame.calibration.camera_from_velo;
+  switch (change.kind) {
+    case Kind::other_picture:
+      changed->show(picture_of(scene.data, scene.pair.other));
+      break;
+    case Kind::black_picture:
+      changed->show(ImageF(scene.frame.image.width, scene.frame.image.height, 3));
+      break;
+    case Kind::no_picture:
+      changed->view.image = nullptr;
+      break;
+    case Kind::blurred_picture:
+      changed->show(blurred(scene.frame.image, change.amount));
+      break;
+    case Kind::late_picture: {
+      const auto earlier = scene.data.beside(scene.pair.frame, -static_cast<int>(change.amount));
+      if (!earlier) return nullptr;
+      changed->show(picture_of(scene.data, *earlier));
+      break;
+    }
+    case Kind::other_sweep:
+      changed->show(sweep_in_view(scene.data, scene.pair.other));
+      break;
+    case Kind::thinned_sweep:
+      if (!scene.lidar) return nullptr;
+      changed->show(thinned(scene.points, *scene.lidar, static_cast<int>(change.amount),
+                            RandomStream(scene.seed, "audit beams", scene.index)));
+      break;
+    case Kind::no_points:
+      changed->view.points = {};
+      break;
+    case Kind::turned_camera:
+      changed->set_camera_from_velo(Eigen::AngleAxisd(change.amount * kDegree, Vec3d::UnitY()) *
+                                    camera_from_velo);
+      break;
+    case Kind::moved_camera:
+      changed->set_camera_from_velo(Eigen::Translation3d(change.amount, 0, 0) * camera_from_velo);
+      break;
+  }
+  return changed;
+}
+
+/// The frames that have one change, with the right inputs and with it.
+struct Paired {
+  std::vector<ScoredFrame> right, changed;
+  std::map<std::string, ClusteredShare> found_right, found_changed;  ///< by stratum
+  std::map<std::string, int> vehicles;
+  ClusteredShare delta_logit;
+  double delta_score = 0;
+  int count = 0;
+};
+
+std::vector<Stratum> distances() {
+  const std::vector<Stratum> strata = standard_strata();  // those of distance alone come first
+  return {{"all"}, strata[0], strata[1], strata[2]};
+}
+
+void add_cars(Paired& paired, const std::string& frame, const Answers& right, const Answers& changed) {
+  const TruthBoxes& truth = right.scored.truth;
+  for (std::size_t i = 0; i < truth.boxes.size(); ++i) {
+    const std::string cluster = cluster_of(frame, truth.tracks.empty() ? -1 : truth.tracks[i]);
+    paired.delta_logit.add(cluster, std::abs(right.cars[i].logit - changed.cars[i].logit));
+    paired.delta_score += std::abs(right.cars[i].score() - changed.cars[i].score());
+    ++paired.count;
+    for (const Stratum& stratum : distances()) {
+      if (truth.distance[i] < stratum.nearest || truth.distance[i] >= stratum.farthest) continue;
+      ++paired.vehicles[stratum.name];
+      paired.found_right[stratum.name].add(cluster, right.found[i]);
+      paired.found_changed[stratum.name].add(cluster, changed.found[i]);
+    }
+  }
+}
+
+double ap70_of(const std::vector<ScoredFrame>& frames) {
+  return average_precision(frames, kIou).average_precision;
+}
+
+AuditRow row_of(const AuditChange& change, const std::vector<FrameAnswers>& frames, std::size_t place) {
+  Paired paired;
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    const std::optional<Answers>& changed = frames[f].changed[place];
+    if (!changed) continue;
+    paired.right.push_back(frames[f].right.scored);
+    paired.changed.push_back(changed->scored);
+    add_cars(paired, std::to_string(f + 1), frames[f].right, *changed);
+  }
+  AuditRow row;
+  row.change = change;
+  row.frames = static_cast<int>(paired.right.size());
+  row.vehicles = paired.count;
+  row.right70 = ap70_of(paired.right);
+  row.ap70 = ap70_of(paired.changed);
+  row.drop = average_precision_difference(paired.right, paired.changed, kIou);
+  row.delta_logit = paired.delta_logit.mean_interval();
+  row.delta_score = paired.delta_score / std::max(1, paired.count);
+  for (const Stratum& stratum : distances())
+    if (const int vehicles = paired.vehicles[stratum.name]; vehicles > 0)
+      row.lost.push_back(
+          {stratum.name, vehicles,
+           share_difference(paired.found_right[stratum.name], paired.found_changed[stratum.name])});
+  return row;
+}
+
+const char* noun(AuditInput input) {
+  return input == AuditInput::picture ? "picture" : "sweep";
+}
+
+std::string points_of(const Interval& drop) {
+  return fmt::format("{:.1f} points of AP 0.7 ({:.1f} to {:.1f})", 100 * drop.value, 100 * drop.low,
+                     100 * drop.high);
+}
+
+std::string use_in_words(const AuditRow& row) {
+  const char* input = noun(row.change.input());
+  const char* verdict[] = {"it uses its {}", "it does not use its {}",
+                           "whether it uses its {} cannot be told"};
+  return fmt::format("Another frame's {} costs {}: {}.", input, points_of(row.drop),
+                     fmt::format(fmt::runtime(verdict[static_cast<int>(row.use())]), input));
+}
+
+/// The weakest of these changes that costs AP beyond its interval, and whether a weaker one is harmless.
+std::string notices(const Audit& audit, Kind kind, const char* what) {
+  const AuditRow* weakest = nullptr;
+  const AuditRow* harmless = nullptr;
+  for (const AuditRow& row : audit.rows) {
+    if (row.change.kind != kind || !row.refused.empty()) continue;
+    if (told(row.drop) == Told::same && !weakest) harmless = &row;
+    if (!weakest && told(row.drop) == Told::more) weakest = &row;
+  }
+  std::string text;
+  if (weakest) text = fmt::format("{} {} costs {}.", what, weakest->change.text(), points_of(weakest->drop));
+  if (harmless)
+    text += fmt::format("{}{} {} changes AP 0.7 by less than 5 points.", text.empty() ? "" : " ", what,
+                        harmless->change.text());
+  return text.empty() ? fmt::format("Whether {} matters cannot be told.", what) : text;
+}
+
+}  // namespace
+
+AuditInput AuditChange::input() const {
+  if (kind <= Kind::late_picture) return AuditInput::picture;
+  return kind <= Kind::no_points ? AuditInput::points : AuditInput::calibration;
+}
+
+bool AuditChange::takes_away() const {
+  return kind == Kind::no_picture || kind == Kind::no_points;
+}
+
+std::string AuditChange::text() const {
+  switch (kind) {
+    case Kind::other_picture:
+    case Kind::other_sweep:
+      return "another frame's";
+    case Kind::black_picture:
+      return "black";
+    case Kind::no_picture:
+    case Kind::no_points:
+      return "none";
+    case Kind::blurred_picture:
+      return fmt::format("blurred by {:g} px", amount);
+    case Kind::late_picture:
+      return fmt::format("late by {:g} frame{}", amount, amount == 1 ? "" : "s");
+    case Kind::thinned_sweep:
+      return fmt::format("{:g} beams", amount);
+    case Kind::turned_camera:
+      return fmt::format("turned by {:g}°", amount);
+    case Kind::moved_camera:
+      return fmt::format("moved by {:g} cm", 100 * amount);
+  }
+  return "";
+}
+
+std::vector<AuditChange> gate_changes() {
+  return {{Kind::other_picture}, {Kind::black_picture}, {Kind::no_picture}};
+}
+
+std::vector<AuditChange> audit_changes(const Capabilities& can) {
+  std::vector<AuditChange> changes;
+  const auto add = [&](Kind kind, std::initializer_list<double> amounts) {
+    for (const double amount : amounts) changes.push_back({kind, amount});
+  };
+  if (can.reads_image) {
+    changes = gate_changes();
+    add(Kind::blurred_picture, {2, 8});
+    add(Kind::late_picture, {1, 2, 5});
+  }
+  if (can.reads_points) {
+    add(Kind::other_sweep, {0});
+    add(Kind::thinned_sweep, {8, 4, 2});
+    add(Kind::no_points, {0});
+  }
+  if (can.reads_image && can.reads_points) {
+    add(Kind::turned_camera, {0.5, 1, 2, 5, 10});
+    add(Kind::moved_camera, {0.05, 0.1, 0.2, 0.5});
+  }
+  return changes;
+}
+
+std::vector<std::string> spread_evenly(const std::vector<std::string>& ids, std::size_t most) {
+  if (most == 0 || ids.size() <= most) return ids;
+  std::vector<std::string> result;
+  for (std::size_t i = 0; i < most; ++i) result.push_back(ids[i * ids.size() / most]);
+  return result;
+}
+
+std::vector<PicturePair> pair_pictures(const fs::path& data, const std::vector<std::string>& ids) {
+  std::map<std::pair<int, int>, std::vector<std::string>> of_size;
+  std::map<std::string, std::pair<int, int>> size_of;
+  const auto set = open_data_set(data);
+  for (const std::string& id : ids) {
+    size_of[id] = set->picture_size(id);
+    of_size[size_of[id]].push_back(id);
+  }
+  std::map<std::string, std::string> others;
+  for (const auto& [size, members] : of_size)
+    for (std::size_t i = 0; i < members.size() && members.size() > 1; ++i)
+      others[members[i]] = members[(i + members.size() / 2) % members.size()];
+  std::vector<PicturePair> pairs;
+  for (const std::string& id : ids)
+    if (const auto other = others.find(id); other != others.end()) pairs.push_back({id, other->second});
+  return pairs;
+}
+
+Detection speaker(std::span<const Detection> proposals, const ObjectBoxes& car, Matching matching) {
+  Detection best{{}, std::log(kFaintScore / (1 - kFaintScore))};
+  for (const Detection& proposal : proposals)
+    if (proposal.logit > best.logit && matching.overlap(proposal, car) >= kSameCar) best = proposal;
+  return best;
+}
+
+InputUse input_use(const Interval& drop, const Interval& delta_logit, int vehicles) {
+  if (drop.low > 0 && delta_logit.value >= kLeastDeltaLogit) return InputUse::used;
+  if (vehicles > 0 && drop.value < kSameWithin &&
+      (drop.high < kSameWithin || delta_logit.high < kLeastDeltaLogit))
+    return InputUse::ignored;
+  return InputUse::unclear;
+}
+
+const AuditRow* Audit::row(AuditChange::Kind kind) const {
+  const auto at = std::find_if(rows.begin(), rows.end(),
+                               [&](const AuditRow& candidate) { return candidate.change.kind == kind; });
+  return at == rows.end() ? nullptr : &*at;
+}
+
+Audit run_audit(std::span<Detector* const> detectors, const fs::path& data,
+                const std::vector<std::string>& ids, const std::vector<AuditChange>& changes,
+                const std::optional<LidarModel>& lidar, std::uint64_t seed,
+                const std::function<void(std::size_t, std::size_t)>& progress) {
+  const auto set = open_data_set(data);
+  const std::vector<PicturePair> pairs = pair_pictures(data, ids);
+  std::vector<FrameAnswers> frames(pairs.size());
+  std::vector<std::string> refused(changes.size());
+  std::mutex mutex;
+  std::size_t done = 0;
+  parallel_for(detectors.size(), [&](std::size_t worker) {
+    Detector& detector = *detectors[worker];
+    for (std::size_t f = worker; f < pairs.size(); f += detectors.size()) {
+      throw_if_interrupted("the audit is measured anew");
+      const Frame frame = set->read(pairs[f].frame);
+      const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
+      const GroundTruth truth = ground_truth(frame, detector.region());
+      frames[f].right = answers(detector, view_of(frame, frame.image, points), truth);
+      frames[f].changed.resize(changes.size());
+      const Scene scene{*set, pairs[f], f, frame, points, lidar, seed};
+      for (std::size_t c = 0; c < changes.size(); ++c) {
+        const std::unique_ptr<ChangedView> changed = changed_view(changes[c], scene);
+        if (!changed) continue;
+        const auto refuse = [&](const std::exception& error) {
+          if (!changes[c].takes_away()) throw;
+          const std::lock_guard lock(mutex);
+          refused[c] = error.what();
+        };
+        try {
+          frames[f].changed[c] = answers(detector, changed->view, truth);
+        } catch (const Failure& error) {
+          refuse(error);
+        } catch (const InputError& error) {
+          refuse(error);
+        }
+      }
+      const std::lock_guard lock(mutex);
+      if (progress) progress(++done, pairs.size());
+    }
+  });
+  Audit audit;
+  audit.frames = static_cast<int>(pairs.size());
+  audit.left_out = static_cast<int>(ids.size() - pairs.size());
+  std::vector<ScoredFrame> right;
+  for (const FrameAnswers& frame : frames) {
+    right.push_back(frame.right.scored);
+    audit.vehicles += static_cast<int>(frame.right.cars.size());
+  }
+  audit.ap70 = ap70_of(right);
+  audit.clusters = clusters_of(right);
+  for (std::size_t c = 0; c < changes.size(); ++c) {
+    if (!refused[c].empty()) {
+      audit.rows.emplace_back().change = changes[c];
+      audit.rows.back().refused = refused[c];
+      continue;
+    }
+    AuditRow row = row_of(changes[c], frames, c);
+    if (row.frames > 0 || frames.empty()) audit.rows.push_back(std::move(row));
+  }
+  return audit;
+}
+
+std::vector<std::string> describe(const Audit& audit) {
+  std::vector<std::string> lines;
+  for (const Kind kind : {Kind::other_picture, Kind::other_sweep})
+    if (const AuditRow* row = audit.row(kind)) lines.push_back(use_in_words(*row));
+  const std::pair<Kind, const char*> errors[] = {
+      {Kind::late_picture, "A picture"}, {Kind::turned_camera, "A camera"}, {Kind::moved_camera, "A camera"}};
+  for (const auto& [kind, what] : errors)
+    if (audit.row(kind)) lines.push_back(notices(audit, kind, what));
+  return lines;
+}
+
+nlohmann::json to_json(const Audit& audit) {
+  nlohmann::json rows = nlohmann::json::array(), uses = nlohmann::json::object();
+  for (const AuditRow& row : audit.rows) {
+    nlohmann::json json = {{"input", to_word(row.change.input())}, {"change", row.change.text()}};
+    if (!row.refused.empty()) {
+      json["refused"] = row.refused;
+      rows.push_back(std::move(json));
+      continue;
+    }
+    nlohmann::json lost = nlohmann::json::array();
+    for (const AuditRow::Lost& part : row.lost) {
+      lost.push_back(to_json(part.share));
+      lost.back().update({{"stratum", part.stratum}, {"vehicles", part.vehicles}});
+    }
+    json.update({{"frames", row.frames},
+                 {"vehicles", row.vehicles},
+                 {"ap70_right", row.right70},
+                 {"ap70", row.ap70},
+                 {"drop", row.drop.value},
+                 {"low", row.drop.low},
+                 {"high", row.drop.high},
+                 {"delta_logit", row.delta_logit.value},
+                 {"delta_score", row.delta_score},
+                 {"recall_lost", lost}});
+    if (std::isfinite(row.delta_logit.high)) json["delta_logit_high"] = row.delta_logit.high;
+    rows.push_back(std::move(json));
+  }
+  const std::pair<const char*, Kind> inputs[] = {{"image", Kind::other_picture},
+                                                 {"points", Kind::other_sweep}};
+  for (const auto& [name, kind] : inputs)
+    if (const AuditRow* row = audit.row(kind)) {
+      const InputUse use = row->use();
+      uses[name] = use == InputUse::unclear ? nlohmann::json() : nlohmann::json(use == InputUse::used);
+    }
+  return {{"frames", audit.frames},
+          {"frames_left_out", audit.left_out},
+          {"vehicles", audit.vehicles},
+          {"clusters", to_json(audit.clusters)},
+          {"intervals_over", to_string(audit.clusters)},
+          {"ap70", audit.ap70},
+          {"answer", describe(audit)},
+          {"uses", uses},
+          {"audit", rows}};
+}
+
+}  // namespace mirage

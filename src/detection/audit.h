@@ -1,0 +1,147 @@
+// How much a detector's answers rest on each of its inputs, and on the calibration that ties them together.
+//
+// The same frames are shown to the detector again and again, each time with one input changed: another
+// frame's picture or a black one, another frame's sweep or a few of its beams, a camera that is turned
+// against its calibration, a picture that comes late. What a change costs is the fall of AP at IoU 0.7, the
+// movement of the cars' logits, and the cars that are no longer found. The right input is the control of
+// every row, on the same frames and vehicles.
+//
+// A car's logit in a pass is the largest of the proposals that overlap its box (IoU ≥ 0.1, before
+// suppression) and have a score over kFaintScore; without one it is that score's. So a lost car counts with
+// what it lost, and a proposal that has moved a little still belongs to its car.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/clusters.h"
+#include "base/intervals.h"
+#include "detection/average_precision.h"
+#include "detection/detector.h"
+
+namespace mirage {
+
+/// Below this mean |Δlogit| of the cars a detector does not use an input, whatever its AP does.
+inline constexpr double kLeastDeltaLogit = 0.5;
+
+enum class AuditInput { picture, points, calibration };
+constexpr auto words_of(AuditInput) {
+  return std::to_array<const char*>({"picture", "points", "calibration"});
+}
+
+/// What the detector gets in place of the right input.
+struct AuditChange {
+  enum class Kind {
+    other_picture,  ///< that of PicturePair::other
+    black_picture,
+    no_picture,
+    blurred_picture,  ///< by a Gaussian of standard deviation `amount`, pixels, in linear light
+    late_picture,     ///< the picture of the frame `amount` frames earlier in its sequence
+    other_sweep,      ///< the points in view of PicturePair::other
+    thinned_sweep,    ///< `amount` of the beams that have returns in view, drawn anew for each frame
+    no_points,
+    turned_camera,  ///< about the camera's vertical axis, by `amount` degrees
+    moved_camera,   ///< to the left, by `amount` m
+  };
+  Kind kind;
+  double amount = 0;
+
+  AuditInput input() const;
+  /// no_picture, no_points: a detector may refuse to go without.
+  bool takes_away() const;
+  /// "another frame's", "blurred, 4 px", "turned 2°"
+  std::string text() const;
+};
+
+/// All changes of inputs that the detector has, strongest last within a kind: pictures blurred by 2 and 8 px
+/// and late by 1, 2 and 5 frames, 8, 4 and 2 beams, a camera turned by 0.5 to 10° and moved by 5 to 50 cm.
+std::vector<AuditChange> audit_changes(const Capabilities& can);
+/// What the gate needs (reliance.h): another frame's picture, a black one, none.
+std::vector<AuditChange> gate_changes();
+
+/// The most frames that are shown unless more are asked for.
+inline constexpr std::size_t kAuditFrames = 120;
+/// `most` of the ids, spread evenly; all if there are no more, or for 0.
+std::vector<std::string> spread_evenly(const std::vector<std::string>& ids, std::size_t most);
+
+/// A frame, and the one whose picture or sweep it is shown.
+struct PicturePair {
+  std::string frame, other;
+};
+/// The frames by their pictures' size; each gets the picture of the one half a round further among those of
+/// its size (neighbours of a drive look alike). Frames that are alone with their size are left out. In the
+/// order of `ids`. InputError for a missing picture.
+std::vector<PicturePair> pair_pictures(const std::filesystem::path& data,
+                                       const std::vector<std::string>& ids);
+
+/// Of the proposals that overlap the car by 0.1 or more, before suppression, the one of the largest logit;
+/// without one over kFaintScore, a proposal of that score.
+Detection speaker(std::span<const Detection> proposals, const ObjectBoxes& car, Matching matching);
+
+/// What changes of an input say of its use; `unclear`: the frames are too few for either.
+enum class InputUse { used, ignored, unclear };
+/// The rule of the gate. Used: the wrong input costs AP 0.7 beyond the interval (`drop`), and the cars'
+/// logits move by kLeastDeltaLogit on average. Ignored: AP falls by less than kSameWithin, and that it does,
+/// or that the logits move by less than kLeastDeltaLogit, is beyond the interval.
+InputUse input_use(const Interval& drop, const Interval& delta_logit, int vehicles);
+
+/// What one change costs, over the frames that have it.
+struct AuditRow {
+  AuditChange change;
+  std::string refused;  ///< what the detector said instead of an answer; all below is then 0
+  int frames = 0, vehicles = 0;
+  double right70 = 0, ap70 = 0;  ///< AP at IoU 0.7 with the right input and with this one, in [0, 1]
+  Interval drop;                 ///< right70 − ap70, paired, by cluster
+  Interval delta_logit;          ///< mean |logit(right) − logit(changed)| of the cars
+  double delta_score = 0;        ///< the same of the scores
+  /// Share of a stratum's cars that are found with the right input less that found with this one. Found: a
+  /// detection at IoU 0.7 with a score over kScoreThreshold.
+  struct Lost {
+    std::string stratum;
+    int vehicles = 0;
+    Interval share;
+  };
+  std::vector<Lost> lost;  ///< "all", "0-20 m", "20-40 m", "40-70 m"
+
+  InputUse use() const { return input_use(drop, delta_logit, vehicles); }
+};
+
+struct Audit {
+  int frames = 0;    ///< shown
+  int left_out = 0;  ///< no other frame has a picture of their size
+  int vehicles = 0;  ///< labelled cars that must be found
+  ClusterCount clusters;
+  double ap70 = 0;  ///< with the right inputs
+  std::vector<AuditRow> rows;
+
+  /// Null if the change was not asked for.
+  const AuditRow* row(AuditChange::Kind kind) const;
+};
+
+/// Shows those frames of the data set, each with every change that it has. `detectors`: instances of one
+/// detector, at least one; each works on a thread of its own. `lidar`: the unit of the sweeps, for
+/// thinned_sweep, which is left out without it. `seed` draws the beams. `progress(done, total)` may be empty.
+/// What takes an input away is `refused` if the detector fails on any frame without it. Its other errors come
+/// through, and those of read_frame; Interrupted between frames.
+Audit run_audit(std::span<Detector* const> detectors, const std::filesystem::path& data,
+                const std::vector<std::string>& ids, const std::vector<AuditChange>& changes,
+                const std::optional<LidarModel>& lidar = {}, std::uint64_t seed = 0,
+                const std::function<void(std::size_t, std::size_t)>& progress = {});
+
+/// The answer in sentences, one for each input that the detector has: "Another frame's picture costs 38.2
+/// points of AP 0.7 (23.9 to 52.5): it uses its picture."
+std::vector<std::string> describe(const Audit& audit);
+
+/// {frames, frames_left_out, vehicles, clusters, intervals_over, ap70, answer: [text], uses: {image?,
+/// points?: true, false or null where unclear}, audit: [{input, change, frames, vehicles, ap70_right, ap70,
+/// drop, low, high, delta_logit, delta_logit_high?, delta_score, recall_lost: [{stratum, vehicles, value,
+/// low, high}]} or {input, change, refused}]}
+nlohmann::json to_json(const Audit& audit);
+
+}  // namespace mirage

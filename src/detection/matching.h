@@ -1,0 +1,65 @@
+// How the boxes of detections and labels are compared: suppression, AP, hosts, the objective and evaluation
+// take one.
+#pragma once
+
+#include <array>
+#include <string>
+
+#include "geometry/box.h"
+#include "geometry/picture_box.h"
+
+namespace mirage {
+
+/// The boxes that tell where one object is. What nobody tells is zero: a detector from above leaves bottom
+/// and height, one of the picture alone the whole box in space.
+struct ObjectBoxes {
+  ObjectBoxes() = default;
+  ObjectBoxes(const BevBox& from_above) : box{from_above, 0, 0} {}
+  ObjectBoxes(const Box3& in_space, const PictureBox& in_picture) : box(in_space), picture(in_picture) {}
+  ObjectBoxes(const PictureBox& in_picture) : picture(in_picture) {}
+  Box3 box;            ///< in space (m, ego)
+  PictureBox picture;  ///< in a camera's picture (pixels)
+  int camera = 0;      ///< whose picture: which of sensors() (detector.h)
+};
+
+/// Says how alike two objects' boxes are, in [0, 1]:
+///     bev      intersection over union of the rectangles from above
+///     space    of the boxes in 3-D
+///     picture  of the boxes in the picture
+///     centre   1 − d / 4 m, at least 0, with d the distance of the centres from above (Caesar et al., CVPR
+///              2020: 4 m is nuScenes' widest limit, 2 m, where this is 0.5, that of its errors)
+enum class MatchBy { own, bev, space, picture, centre };  ///< own: as the detector's boxes are made for
+constexpr auto words_of(MatchBy) {
+  return std::to_array<const char*>({"own", "bev", "3d", "picture", "centre"});
+}
+
+/// One of these ways, own excepted.
+struct Matching {
+  MatchBy by = MatchBy::bev;
+
+  /// How alike, in [0, 1].
+  double overlap(const ObjectBoxes& a, const ObjectBoxes& b) const;
+  /// Between the centres: m from above, or pixels in the picture.
+  double distance(const ObjectBoxes& a, const ObjectBoxes& b) const;
+  /// What is compared, as a rectangle: from above, or in the picture (pixels; x: columns, y: rows).
+  BevBox flat(const ObjectBoxes& boxes) const {
+    return in_picture() ? rectangle(boxes.picture) : boxes.box.bev;
+  }
+  /// What the box covers from above (m²) or in the picture (pixels²), and what of it both cover.
+  double area(const ObjectBoxes& a) const;
+  double intersection(const ObjectBoxes& a, const ObjectBoxes& b) const;
+  /// Two detections that are more alike than this are of one vehicle. From above 0.1, for vehicles stand
+  /// beside each other; in the picture, where they stand behind each other, 0.5, and so by distance (2 m).
+  double same() const { return by == MatchBy::bev || by == MatchBy::space ? 0.1 : 0.5; }
+  bool in_picture() const { return by == MatchBy::picture; }
+  /// "bev", "3d", "picture", "centre".
+  std::string name() const { return words_of(by)[static_cast<std::size_t>(by)]; }
+};
+
+inline constexpr Matching kFromAbove{MatchBy::bev}, kInSpace{MatchBy::space}, kInPicture{MatchBy::picture},
+    kByCentre{MatchBy::centre};
+
+/// For a table: "bird's-eye view".
+std::string describe(Matching matching);
+
+}  // namespace mirage

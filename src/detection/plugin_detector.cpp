@@ -1,0 +1,359 @@
+#include "detection/plugin_detector.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "scene/data/label_types.h"
+
+namespace mirage {
+namespace {
+
+constexpr const char* kEntry = "mirage_detector_api";
+constexpr const char* kRebuild = "rebuild the plugin";
+
+void copy_matrix(const Eigen::Affine3d& transform, double (&out)[12]) {
+  Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(out);
+  matrix = transform.matrix().topRows<3>();
+}
+
+/// A view as the plugin gets it: the sensors that it reads. Lives as long as the pass.
+class RawFrame {
+ public:
+  /// InputError where the plugin reads a sensor by name that the view lacks.
+  RawFrame(const SensorView& view, const Capabilities& can, const std::string& who,
+           const Eigen::Affine3d& ego_from_given = Eigen::Affine3d::Identity())
+      : sensors_(sensors(view)) {
+    const auto reads = [&](const SensorData& sensor) {
+      if (!(sensor.kind == SensorData::Kind::camera ? can.reads_image : can.reads_points)) return false;
+      return can.reads.empty() ||
+             std::find(can.reads.begin(), can.reads.end(), sensor.name) != can.reads.end();
+    };
+    for (const std::string& name : can.reads)
+      if (std::none_of(sensors_.begin(), sensors_.end(), [&](const SensorData& s) { return s.name == name; }))
+        throw InputError(who, name, "the frame has no such sensor",
+                         "use a data set whose frames have it, or another detector");
+    for (std::size_t i = 0; i < sensors_.size(); ++i) {
+      if (!reads(sensors_[i])) continue;
+      places_.push_back(i);
+      raw_.push_back(raw(sensors_[i], ego_from_given));
+    }
+    if (view.frame) id_ = view.frame->id;
+    frame_ = {id_.c_str(), "", 0, {}, raw_.data(), static_cast<std::int64_t>(raw_.size())};
+    Transform world_from_ego = Transform::Identity();
+    if (view.frame && view.frame->moment) {
+      sequence_ = view.frame->moment->sequence;
+      frame_.sequence = sequence_.c_str();
+      frame_.time = view.frame->moment->time;
+      world_from_ego = view.frame->moment->world_from_ego;
+    }
+    copy_matrix(world_from_ego, frame_.world_from_ego);
+  }
+  RawFrame(const RawFrame&) = delete;
+  RawFrame& operator=(const RawFrame&) = delete;
+
+  const MirageFrame& frame() const { return frame_; }
+  const std::string& sequence() const { return sequence_; }
+  /// In sensors(): of each that the plugin reads.
+  const std::vector<std::size_t>& places() const { return places_; }
+  const MirageSensor& at(std::size_t i) const { return raw_.at(i); }
+  std::size_t values(std::size_t i) const {
+    const auto& shape = raw_.at(i).shape;
+    return static_cast<std::size_t>(shape[0] * shape[1] * shape[2]);
+  }
+
+ private:
+  static MirageSensor raw(const SensorData& sensor, const Eigen::Affine3d& ego_from_given) {
+    static_assert(sizeof(LidarPoint) == 4 * sizeof(float));
+    MirageSensor raw{};
+    raw.name = sensor.name.c_str();
+    raw.time = sensor.time;
+    copy_matrix(Eigen::Affine3d(sensor.sensor_from_ego.matrix()) * ego_from_given, raw.sensor_from_ego);
+    if (sensor.kind == SensorData::Kind::lidar) {
+      raw.kind = MIRAGE_LIDAR;
+      raw.data = reinterpret_cast<const float*>(sensor.points.data());
+      raw.shape[0] = static_cast<std::int64_t>(sensor.points.size()), raw.shape[1] = 4, raw.shape[2] = 1;
+      return raw;
+    }
+    raw.kind = MIRAGE_CAMERA;
+    raw.shape[2] = 3;
+    if (sensor.image && !sensor.image->empty()) {
+      raw.data = sensor.image->data.data();
+      raw.shape[0] = sensor.image->height, raw.shape[1] = sensor.image->width;
+    }
+    const PinholeCamera& camera = sensor.camera;
+    const double intrinsics[9] = {camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1};
+    std::copy(std::begin(intrinsics), std::end(intrinsics), raw.intrinsics);
+    return raw;
+  }
+
+  std::vector<SensorData> sensors_;
+  std::vector<std::size_t> places_;
+  std::vector<MirageSensor> raw_;
+  std::string id_, sequence_;
+  MirageFrame frame_{};
+};
+
+MirageLabel raw_label(const BevBox& box, bool counts) {
+  MirageLabel label{};
+  label.x = static_cast<float>(box.x), label.y = static_cast<float>(box.y);
+  label.length = static_cast<float>(box.length), label.width = static_cast<float>(box.width);
+  label.yaw = static_cast<float>(box.yaw), label.counts = counts;
+  return label;
+}
+
+MirageLabel raw_label(const PictureBox& box, bool counts) {
+  MirageLabel label{};
+  label.left = static_cast<float>(box.left), label.top = static_cast<float>(box.top);
+  label.right = static_cast<float>(box.right), label.bottom = static_cast<float>(box.bottom);
+  label.counts = counts;
+  return label;
+}
+
+class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
+ public:
+  explicit PluginDetector(PluginInstance<MirageDetectorApi> plugin) : PluginDetectorBase(std::move(plugin)) {
+    const MirageCapabilities* raw = nullptr;
+    call_plugin(plugin_.file, "capabilities", [&] { raw = plugin_.api->capabilities(plugin_.instance); });
+    if (!raw || raw->type_count < 1 || !raw->types || (raw->sensor_count > 0 && !raw->sensors))
+      throw InputError(plugin_.file.string(), "capabilities", "tells no class, or nothing at all", kRebuild);
+    if (!(raw->region[0] < raw->region[1] && raw->region[2] < raw->region[3]))
+      throw InputError(plugin_.file.string(), "region", "is not x_min, x_max, y_min, y_max", kRebuild);
+    const auto has = [&](std::uint32_t flag) { return (raw->flags & flag) != 0; };
+    Capabilities& can = capabilities_;
+    can.reads_image = (raw->kinds & MIRAGE_CAMERA) != 0, can.reads_points = (raw->kinds & MIRAGE_LIDAR) != 0;
+    can.finds_bev = has(MIRAGE_FINDS_BEV), can.finds_picture = has(MIRAGE_FINDS_PICTURE);
+    can.finds_heights = can.finds_bev && has(MIRAGE_FINDS_HEIGHTS);
+    can.has_gradients = has(MIRAGE_HAS_GRADIENTS), can.remembers = has(MIRAGE_REMEMBERS);
+    can.knows_presence = has(MIRAGE_KNOWS_PRESENCE);
+    if (has(MIRAGE_HAS_LOCAL_PASSES)) can.why_whole = raw->why_whole ? raw->why_whole : "";
+    can.reads.assign(raw->sensors, raw->sensors + std::max<std::int64_t>(0, raw->sensor_count));
+    can.types.clear();
+    for (std::int64_t i = 0; i < raw->type_count; ++i) can.types.push_back(kitti_type(raw->types[i]));
+    std::copy(std::begin(raw->region), std::end(raw->region), region_.begin());
+    if ((can.has_gradients && !plugin_.api->backward) || (can.remembers && !plugin_.api->reset))
+      throw InputError(plugin_.file.string(), kEntry, "a function that its flags promise is missing",
+                       kRebuild);
+  }
+
+  std::array<double, 4> region() const override { return region_; }
+
+  std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
+    const RawFrame raw(view, capabilities_, who());
+    if (capabilities_.remembers && !view.continues)
+      run("reset", [&](char* error) {
+        return plugin_.api->reset(plugin_.instance, raw.sequence().c_str(), error, kPluginErrorSize);
+      });
+    MiragePass pass{&raw.frame(), static_cast<float>(score_threshold), keep_graph, nullptr, nullptr, 0};
+    if (capabilities_.knows_presence && keep_graph) {
+      pass.watched = reinterpret_cast<const float*>(view.watched.data());
+      pass.watched_count = static_cast<std::int64_t>(view.watched.size());
+    }
+    std::unique_ptr<RawFrame> clean;
+    std::vector<std::int32_t> changed(4 * raw.places().size());
+    MirageClean as_recorded{};
+    // Of other sensors nobody says what changed there.
+    if (view.clean && view.others.empty() && capabilities_.why_whole.empty()) {
+      SensorView before = view;
+      before.image = view.clean->image, before.points = view.clean->points;
+      clean = std::make_unique<RawFrame>(before, capabilities_, who());
+      const PixelRect& rect = view.clean->changed;
+      for (std::size_t i = 0; i < changed.size(); i += 4)
+        changed[i] = rect.u0, changed[i + 1] = rect.v0, changed[i + 2] = rect.u1, changed[i + 3] = rect.v1;
+      as_recorded = {&clean->frame(), view.clean->key, changed.data()};
+      pass.clean = &as_recorded;
+    }
+    const MirageDetection* found = nullptr;
+    std::int64_t count = 0;
+    run("forward", [&](char* error) {
+      return plugin_.api->forward(plugin_.instance, &pass, &found, &count, error, kPluginErrorSize);
+    });
+    kept_ = {};
+    kept_.watched = static_cast<std::size_t>(pass.watched_count);
+    kept_.others = view.others.size();
+    kept_.points = view.points.size();
+    if (view.image) kept_.width = view.image->width, kept_.height = view.image->height;
+    for (std::size_t i = 0; i < raw.places().size(); ++i)
+      kept_.sensors.push_back({raw.at(i).name, raw.places()[i], raw.values(i)});
+    std::vector<Detection> detections;
+    for (std::int64_t i = 0; i < count; ++i) detections.push_back(detection(found[i], raw, i));
+    check_proposals(detections, capabilities_.matching(), who());
+    // Labels end at the picture's border, and what they are compared with must, too.
+    for (std::size_t i = 0; i < raw.places().size(); ++i)
+      for (Detection& detection : detections)
+        if (detection.camera == static_cast<int>(raw.places()[i]))
+          detection.picture = within(detection.picture, static_cast<int>(raw.at(i).shape[1]),
+                                     static_cast<int>(raw.at(i).shape[0]));
+    return detections;
+  }
+
+  SensorGradient backward(std::span<const double> d_logits) override {
+    if (!capabilities_.has_gradients)
+      throw Failure(plugin_.file.string(), "has no gradients", "use another detector to attack");
+    const std::vector<float> raw(d_logits.begin(), d_logits.end());
+    SensorGradient gradient;
+    if (kept_.width > 0 && kept_.height > 0) gradient.image = ImageF(kept_.width, kept_.height, 3);
+    gradient.points.resize(kept_.points);
+    gradient.others.resize(kept_.others);
+    gradient.presence.resize(kept_.watched);
+    std::vector<MirageGradient> named;
+    for (const Kept::Sensor& sensor : kept_.sensors) {
+      float* data = nullptr;
+      if (sensor.place == 0) {
+        data = gradient.image.empty() ? nullptr : gradient.image.data.data();
+      } else if (sensor.place == 1) {
+        data = gradient.points.empty() ? nullptr : gradient.points.data()->data();
+      } else {
+        auto& other = gradient.others.at(sensor.place - 2);
+        other.resize(sensor.values);
+        data = other.empty() ? nullptr : other.data();
+      }
+      if (data) named.push_back({sensor.name.c_str(), data});
+    }
+    run("backward", [&](char* error) {
+      return plugin_.api->backward(plugin_.instance, raw.data(), static_cast<std::int64_t>(raw.size()),
+                                   named.data(), static_cast<std::int64_t>(named.size()),
+                                   gradient.presence.empty() ? nullptr : gradient.presence.data(), error,
+                                   kPluginErrorSize);
+    });
+    return gradient;
+  }
+
+  TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
+    demand(plugin_.api->train_step, "train_step");
+    std::vector<std::unique_ptr<RawFrame>> frames;
+    std::vector<std::vector<MirageLabel>> labels;
+    std::vector<MirageTrainingFrame> raw;
+    for (const TrainingSample& sample : samples) {
+      frames.push_back(
+          std::make_unique<RawFrame>(sample.input, capabilities_, who(), sample.data_from_sample));
+      std::vector<MirageLabel>& of = labels.emplace_back();
+      const auto add = [&](const auto& boxes, bool counts) {
+        for (const auto& box : boxes) of.push_back(raw_label(box, counts));
+      };
+      add(sample.boxes, true), add(sample.ignore, false);
+      add(sample.picture_boxes, true), add(sample.picture_ignore, false);
+      raw.push_back({frames.back()->frame(), of.data(), static_cast<std::int64_t>(of.size()),
+                     sample.vehicle_mask.empty() ? nullptr : sample.vehicle_mask.data(), sample.picture_key});
+    }
+    std::array<float, 3> loss{};
+    run("train_step", [&](char* error) {
+      return plugin_.api->train_step(plugin_.instance, raw.data(), static_cast<std::int64_t>(raw.size()),
+                                     static_cast<float>(learning_rate), loss.data(), error, kPluginErrorSize);
+    });
+    ++*version_;
+    return {loss[0], loss[1], loss[2]};
+  }
+
+  std::unique_ptr<Detector> share() override { return shared<PluginDetector>(); }
+
+  ImageFeatures image_features(const SensorView& view) override {
+    if (!plugin_.api->image_features || !capabilities_.reads_image) return {};
+    const RawFrame frame(view, capabilities_, who());
+    MirageFeatureMaps raw{};
+    run("image_features", [&](char* error) {
+      return plugin_.api->image_features(plugin_.instance, &frame.frame(), &raw, error, kPluginErrorSize);
+    });
+    const auto map = [](const float* values, std::int64_t columns, std::int64_t rows) {
+      ImageF image(static_cast<int>(columns), static_cast<int>(rows), 1);
+      std::copy_n(values, image.data.size(), image.data.begin());
+      return image;
+    };
+    return {map(raw.map, raw.columns, raw.rows), raw.stride, map(raw.bev, raw.bev_columns, raw.bev_rows),
+            raw.cell};
+  }
+
+ private:
+  std::string who() const { return (plugin_.weights.empty() ? plugin_.file : plugin_.weights).string(); }
+
+  /// InputError for a class or a camera that there is none of.
+  Detection detection(const MirageDetection& found, const RawFrame& frame, std::int64_t place) const {
+    Detection made;
+    made.box = {{found.x, found.y, found.length, found.width, found.yaw},
+                static_cast<double>(found.z) - found.height / 2.0,
+                found.height};
+    made.logit = found.logit;
+    made.type = found.type, made.identity = found.identity;
+    if (!std::isnan(found.velocity[0]))
+      made.velocity = Vec3d(found.velocity[0], found.velocity[1], found.velocity[2]);
+    const auto bad = [&](const std::string& problem, const char* fix) {
+      return InputError(who(), fmt::format("box {}", place), problem, fix);
+    };
+    if (found.type < 0 || found.type >= static_cast<std::int32_t>(capabilities_.types.size()))
+      throw bad(fmt::format("class {} is none of {}", found.type, capabilities_.types.size()),
+                "give an index into the classes of its capabilities");
+    made.picture = {found.left, found.top, found.right, found.bottom};
+    if (!capabilities_.finds_picture || area(made.picture) == 0) return made;
+    const auto camera = static_cast<std::size_t>(found.camera);
+    if (found.camera < 0 || camera >= frame.places().size() || frame.at(camera).kind != MIRAGE_CAMERA)
+      throw bad(fmt::format("sensor {} is no camera", found.camera),
+                "give an index into the frame's sensors");
+    made.camera = static_cast<int>(frame.places()[camera]);
+    return made;
+  }
+
+  /// Of the last input.
+  struct Kept {
+    struct Sensor {
+      std::string name;
+      std::size_t place, values;
+    };
+    std::vector<Sensor> sensors;
+    int width = 0, height = 0;
+    std::size_t points = 0, watched = 0, others = 0;
+  } kept_;
+  std::array<double, 4> region_{};
+};
+
+/// Makes an instance by the table of its version.
+template <class Api>
+std::unique_ptr<Detector> instance_of(const std::filesystem::path& file, const Api* api,
+                                      const std::string& name, const std::string& options_json,
+                                      const std::filesystem::path& weights) {
+  PluginInstance<Api> plugin{file, api, name.empty() ? api->name : name, weights, nullptr};
+  char error[kPluginErrorSize] = "";
+  plugin.instance = call_plugin(file, "create", [&] {
+    return api->create(options_json.c_str(), weights.empty() ? nullptr : weights.c_str(), error,
+                       kPluginErrorSize);
+  });
+  if (!plugin.instance) {
+    const std::string why = error[0] ? error : "the plugin gave no reason";
+    throw InputError((weights.empty() ? file : weights).string(), "", why,
+                     weights.empty() ? "check the detector's options" : "check --weights and --detector");
+  }
+  return plugin_detector(std::move(plugin));
+}
+
+/// What both versions begin with.
+struct AnyVersion {
+  std::uint32_t abi_version;
+};
+
+}  // namespace
+
+std::unique_ptr<Detector> plugin_detector(PluginInstance<MirageDetectorApi> plugin) {
+  return std::make_unique<PluginDetector>(std::move(plugin));
+}
+
+std::unique_ptr<Detector> open_detector(const std::filesystem::path& file, const std::string& name,
+                                        const std::string& options_json,
+                                        const std::filesystem::path& weights) {
+  const auto* any = open_plugin<AnyVersion>(file, kEntry, "detection/detector_abi.h",
+                                            {MIRAGE_DETECTOR_ABI, MIRAGE_DETECTOR_ABI_3});
+  const InputError missing(file.string(), kEntry, "a function is missing", kRebuild);
+  if (any->abi_version == MIRAGE_DETECTOR_ABI_3) {
+    const auto* api = reinterpret_cast<const MirageDetectorApi3*>(any);
+    if (!api->create || !api->destroy || !api->region || !api->forward || !api->backward ||
+        !api->train_step || !api->save || !api->capabilities)
+      throw missing;
+    return instance_of(file, api, name, options_json, weights);
+  }
+  const auto* api = reinterpret_cast<const MirageDetectorApi*>(any);
+  if (!api->create || !api->destroy || !api->capabilities || !api->forward) throw missing;
+  return instance_of(file, api, name, options_json, weights);
+}
+
+}  // namespace mirage

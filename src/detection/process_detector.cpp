@@ -1,0 +1,419 @@
+#include "detection/process_detector.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <wordexp.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <optional>
+
+#include "base/child_process.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/hash.h"
+#include "base/installation.h"
+#include "base/interrupt.h"
+#include "base/names.h"
+#include "base/parallel.h"
+#include "base/shared_memory.h"
+#include "base/srgb_bytes.h"
+#include "detection/box_rows.h"
+#include "detection/points_in_view.h"
+#include "scene/data/label_types.h"
+
+namespace mirage {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kProtocol = 1;
+constexpr int kTries = 3;                    // at one frame
+constexpr double kPatience = 10;             // s after Ctrl-C for the frame at hand
+constexpr std::size_t kAlign = 64;           // bytes, of arrays
+constexpr std::size_t kLeastRoom = 1 << 26;  // bytes for answers, of which only what is written counts
+
+/// The words of the command, as a shell parts them; none of its own programs is run.
+std::vector<std::string> command_words(const std::string& detector) {
+  const std::string command = detector.substr(std::strlen(kProgramPrefix));
+  wordexp_t parts{};
+  const int status = ::wordexp(command.c_str(), &parts, WRDE_NOCMD);
+  std::vector<std::string> words;
+  if (status == 0) words.assign(parts.we_wordv, parts.we_wordv + parts.we_wordc);
+  if (status == 0 || status == WRDE_NOSPACE) ::wordfree(&parts);
+  if (words.empty())
+    throw FieldError("detector", detector, "is no command",
+                     "write \"exec:PROGRAM ARGUMENTS\", with what a shell would act on in quotes");
+  return words;
+}
+
+/// An array in the shared memory, as a message names it.
+json array_at(std::size_t at, std::vector<std::size_t> shape, const char* type) {
+  return {{"at", at}, {"shape", std::move(shape)}, {"type", type}};
+}
+
+std::size_t aligned(std::size_t at) {
+  return (at + kAlign - 1) / kAlign * kAlign;
+}
+
+json rows_json(const Transform& transform) {
+  json rows = json::array();
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 4; ++c) rows.push_back(transform.matrix()(r, c));
+  return rows;
+}
+
+bool all_finite(std::span<const float> values) {
+  std::uint32_t bad = 0;  // without a branch, so that it is quick
+  for (const float value : values) bad |= (std::bit_cast<std::uint32_t>(value) & 0x7f800000u) == 0x7f800000u;
+  return bad == 0;
+}
+
+class ProcessDetector : public Detector {
+ public:
+  ProcessDetector(const DetectorOptions& options, const ProcessLimits& limits)
+      : who_(options.detector), limits_(limits), words_(command_words(who_)) {
+    const std::filesystem::path program = find_program(words_[0]);
+    if (program.empty())
+      throw FieldError("detector", who_, "names a program that is not on PATH: " + words_[0],
+                       "write \"exec:PROGRAM ARGUMENTS\"");
+    words_[0] = program;
+    // Beside what the user has on it: mirage_serve.py needs no installation.
+    const char* before = std::getenv("PYTHONPATH");
+    const std::string folder = built_file("plugins/process");
+    words_.insert(words_.begin(), {"/usr/bin/env", fmt::format("PYTHONPATH={}{}{}", folder, before ? ":" : "",
+                                                               before ? before : "")});
+    hello_ = {{"job", "hello"},
+              {"protocol", kProtocol},
+              {"memory", memory_.path()},
+              {"threads", options.threads > 0 ? options.threads : thread_count()},
+              {"seed", options.seed}};
+    memory_.reserve(kLeastRoom);
+    read_hello(start());
+  }
+  ~ProcessDetector() override {
+    constexpr double kToEnd = 5;  // s
+    if (worker_) worker_->stop(interrupted() ? 0 : kToEnd);
+  }
+  ProcessDetector(const ProcessDetector&) = delete;
+  ProcessDetector& operator=(const ProcessDetector&) = delete;
+
+  std::string name() const override { return who_; }
+  Capabilities capabilities() const override { return can_; }
+  std::array<double, 4> region() const override { return region_; }
+
+  std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
+    if (keep_graph && !can_.has_gradients) no_gradient();
+    forward_ = place(view, score_threshold, keep_graph);
+    json answer;
+    try {
+      answer = ask(forward_);
+    } catch (const Failure& problem) {
+      if (!can_.reads_image || (view.image && !view.image->empty())) throw;
+      throw InputError("detector", "image",
+                       std::string("cannot do without a picture (") + problem.what() + ")", "give it one");
+    }
+    const auto boxes = array<float>(answer, "boxes", 2);
+    const auto logits = array<float>(answer, "logits", 1);
+    Array<std::int32_t> classes;
+    if (answer.contains("classes")) classes = array<std::int32_t>(answer, "classes", 1);
+    const std::size_t count = boxes.shape[0], columns = boxes.shape[1];
+    if (!BoxRows::knows(columns, !can_.finds_bev) || logits.shape[0] != count ||
+        (!classes.shape.empty() && classes.shape[0] != count))
+      throw Failure(
+          who_, fmt::format("gave boxes of shape {} × {} with {} logits", count, columns, logits.shape[0]),
+          BoxRows::guide());
+    const int width = view.image ? view.image->width : 0, height = view.image ? view.image->height : 0;
+    return rows_.proposals({boxes.values.data(), logits.values.data(), count, columns, classes.values}, can_,
+                           score_threshold, width, height, who_);
+  }
+
+  SensorGradient backward(std::span<const double> d_logits) override {
+    if (!can_.has_gradients) no_gradient();
+    const std::vector<float> all = rows_.of_rows(d_logits);
+    std::memcpy(memory_.data() + d_logits_at_, all.data(), all.size() * sizeof(float));
+    const json answer = ask({{"job", "gradient"},
+                             {"d_logits", array_at(d_logits_at_, {all.size()}, "float32")},
+                             {"answer_at", answer_at_},
+                             {"size", memory_.size()}});
+    SensorGradient gradient;
+    if (const Placed& camera = placed_[0]; camera.width > 0) {
+      gradient.image = ImageF(camera.width, camera.height, 3);
+      take(answer, camera, gradient.image.data);
+    }
+    gradient.points.resize(placed_[1].points);
+    if (!gradient.points.empty())
+      take(answer, placed_[1], {gradient.points.front().data(), 4 * gradient.points.size()});
+    for (std::size_t i = 2; i < placed_.size(); ++i)
+      take(answer, placed_[i], gradient.others.emplace_back(placed_[i].values()));
+    return gradient;
+  }
+
+  TrainingLoss train_step(std::span<const TrainingSample>, double) override {
+    throw FieldError("detector", who_, "is trained in its own program", "train it there");
+  }
+  void save(const std::filesystem::path& file, bool) override {
+    throw InputError(file.string(), "detector", "a program's network has no weights file here",
+                     "save it there");
+  }
+
+ private:
+  /// As the program wrote it.
+  template <class T>
+  struct Array {
+    std::span<const T> values;
+    std::vector<std::size_t> shape;
+  };
+
+  /// A sensor of the last frame.
+  struct Placed {
+    std::string name;
+    bool camera = false, sent = false;
+    std::size_t at = 0;  ///< in the memory
+    int width = 0, height = 0;
+    std::size_t points = 0;
+    std::size_t values() const {
+      return camera ? 3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height) : 4 * points;
+    }
+    std::vector<std::size_t> shape() const {
+      if (!camera) return {points, 4};
+      return {static_cast<std::size_t>(height), static_cast<std::size_t>(width), 3};
+    }
+  };
+
+  [[noreturn]] void no_gradient() const {
+    throw FieldError("detector", who_, "gives no gradient, and an attack follows it",
+                     "let the program tell \"gradient\": true and answer the job gradient");
+  }
+
+  /// Starts the program; its answer to hello. InputError if it does not come so far.
+  json start() {
+    worker_.emplace(words_, "", "the detector was at work", kPatience);
+    json answer;
+    if (worker_->ask(hello_, limits_.start, answer, true)) return answer;
+    const std::string how = worker_->end() ? fmt::format("ended before it served ({})", *worker_->end())
+                                           : "does not serve: it " + worker_->lost();
+    worker_.reset();
+    throw FieldError("detector", who_, how,
+                     "run the command by itself: it must end with serve(…) (mirage_serve.py)");
+  }
+
+  void read_hello(const json& answer) {
+    const auto bad = [&](const char* field, const std::string& problem, const char* fix) {
+      throw FieldError("detector", who_, std::string(field) + " " + problem, fix);
+    };
+    if (!answer["ok"].get<bool>())
+      bad("hello", text_of(answer, "error", "failed"), "look at what it printed");
+    if (answer.value("protocol", json()) != kProtocol)
+      bad("protocol", "is " + answer.value("protocol", json()).dump() + ", not 1",
+          "use the mirage_serve.py or mirage_process.h of this version");
+    const json reads = answer.value("reads", json::array({"image", "points"}));
+    const auto has = [&](const char* word) {
+      return std::find(reads.begin(), reads.end(), word) != reads.end();
+    };
+    can_.reads_image = has("image"), can_.reads_points = has("points");
+    if (!can_.reads_image && !can_.reads_points)
+      bad("reads", "is " + reads.dump(), "name image, points or both");
+    const std::string finds = text_of(answer, "finds", "boxes"),
+                      pictures = text_of(answer, "pictures", "linear");
+    if (finds != "boxes" && finds != "picture") bad("finds", "is " + finds, "use boxes or picture");
+    can_.finds_bev = finds == "boxes", can_.finds_picture = finds == "picture";
+    if (pictures != "linear" && pictures != "srgb8") bad("pictures", "is " + pictures, "use linear or srgb8");
+    bytes_ = pictures == "srgb8";
+    can_.why_whole = "its program knows no other passes";
+    can_.has_gradients = answer.value("gradient", json()) == true;
+    can_.finds_heights = can_.finds_bev && answer.value("heights", json()) == true;
+    can_.remembers = answer.value("remembers", json()) == true;
+    if (const json types = answer.value("classes", json::array()); !types.empty()) {
+      can_.types.clear();
+      for (const json& type : types)
+        can_.types.push_back(kitti_type(type.is_string() ? type.get<std::string>() : type.dump()));
+    }
+    if (const auto region = answer.find("region"); region != answer.end()) {
+      const bool numbers =
+          region->is_array() && region->size() == 4 &&
+          std::all_of(region->begin(), region->end(), [](const json& v) { return v.is_number(); });
+      for (std::size_t i = 0; numbers && i < 4; ++i) region_[i] = (*region)[i].get<double>();
+      if (!numbers || !(region_[0] < region_[1] && region_[2] < region_[3]))
+        bad("region", "is " + region->dump(), "give x_min, x_max, y_min, y_max in m");
+    }
+  }
+
+  /// Writes the view's sensors into the memory; the job that names them.
+  json place(const SensorView& view, double score_threshold, bool keep_graph) {
+    const std::vector<SensorData> all = sensors(view);
+    placed_.clear();
+    std::size_t at = 0, gradients = 0;
+    for (const SensorData& sensor : all) {
+      Placed& here = placed_.emplace_back();
+      here.name = sensor.name;
+      here.camera = sensor.kind == SensorData::Kind::camera;
+      here.at = at;
+      if (sensor.image) here.width = sensor.image->width, here.height = sensor.image->height;
+      here.points = sensor.points.size();
+      here.sent = here.camera ? can_.reads_image && here.width > 0 : can_.reads_points;
+      gradients += aligned(here.values() * sizeof(float));
+      if (here.sent) at += aligned(here.values() * (here.camera && bytes_ ? 1 : sizeof(float)));
+    }
+    d_logits_at_ = at;
+    const std::size_t room = std::max(kLeastRoom, 2 * gradients);
+    answer_at_ = aligned(d_logits_at_ + room / 4);
+    memory_.reserve(answer_at_ + room);
+    json cameras = json::object(), lidars = json::object();
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      const SensorData& sensor = all[i];
+      const Placed& here = placed_[i];
+      char* to = memory_.data() + here.at;
+      json& told = here.camera ? cameras[here.name] : lidars[here.name];
+      told = {{"time", sensor.time}};
+      if (here.camera && view.calibration) {
+        Calibration calibration;
+        calibration.camera = sensor.camera, calibration.camera_from_velo = sensor.sensor_from_ego;
+        told["pixel_from_velo"] = pixel_from_velo(calibration);
+        told["sensor_from_ego"] = rows_json(sensor.sensor_from_ego);
+        told["intrinsics"] = {sensor.camera.fx, sensor.camera.fy, sensor.camera.cx, sensor.camera.cy};
+      }
+      if (!here.sent) continue;
+      told[here.camera ? "image" : "points"] =
+          array_at(here.at, here.shape(), here.camera && bytes_ ? "uint8" : "float32");
+      if (!here.camera && here.points > 0)
+        std::memcpy(to, sensor.points.data(), here.points * sizeof(LidarPoint));
+      else if (here.camera && bytes_)
+        write_srgb_bytes(sensor.image->data, reinterpret_cast<std::uint8_t*>(to));
+      else if (here.camera)
+        std::memcpy(to, sensor.image->data.data(), here.values() * sizeof(float));
+    }
+    json job = {{"job", "detect"},
+                {"frame", view.frame ? escape_name(view.frame->id) : ""},
+                {"continues", view.continues},
+                {"cameras", cameras},
+                {"lidars", lidars},
+                {"threshold", score_threshold},
+                {"gradient", keep_graph},
+                {"answer_at", answer_at_},
+                {"size", memory_.size()}};
+    if (view.frame && view.frame->moment) {
+      const Moment& moment = *view.frame->moment;
+      job["moment"] = {{"sequence", escape_name(moment.sequence)},
+                       {"index", moment.index},
+                       {"time", moment.time},
+                       {"world_from_ego", rows_json(moment.world_from_ego)}};
+    }
+    return job;
+  }
+
+  /// The answer to a job of the frame at hand. A process that is lost is started again; for a gradient it is
+  /// given the frame anew.
+  json ask(const json& job) {
+    const bool again = job["job"] == "gradient";
+    for (int attempt = 1;; ++attempt) {
+      json answer;
+      const bool fresh = !worker_;
+      if (fresh) start();
+      const bool ready = !(fresh && again) || worker_->ask(forward_, limits_.answer, answer);
+      if (ready && worker_->ask(job, limits_.answer, answer)) {
+        if (answer["ok"].get<bool>()) return answer;
+        throw Failure(who_,
+                      fmt::format("{} failed ({})", job["job"].get<std::string>(),
+                                  printable(text_of(answer, "error", "no reason given"))),
+                      "look at what the program printed");
+      }
+      const std::string lost = worker_->lost();
+      worker_.reset();
+      if (attempt == kTries)
+        throw Failure(who_, fmt::format("{}, {} times at one frame", lost, kTries),
+                      "look at what the program printed");
+      spdlog::warn("{} {}; starting it again", who_, lost);
+    }
+  }
+
+  /// The array of a field, within the answers' room. Failure for another.
+  template <class T>
+  Array<T> array(const json& answer, const char* field, std::size_t dimensions) const {
+    constexpr const char* kType = std::is_same_v<T, float> ? "float32" : "int32";
+    const auto fail = [&](const std::string& problem) {
+      throw Failure(
+          who_, fmt::format("answered with {} {}", field, problem),
+          fmt::format("give {{\"at\": byte, \"shape\": [{} lengths], \"type\": \"{}\"}} from answer_at "
+                      "on, below size",
+                      dimensions, kType));
+    };
+    const auto found = answer.find(field);
+    if (found == answer.end() || !found->is_object()) fail("missing");
+    const json at = found->value("at", json()), shape = found->value("shape", json());
+    if (const json type = found->value("type", json(kType)); type != kType) fail("of type " + type.dump());
+    if (!at.is_number_unsigned() || !shape.is_array() || shape.size() != dimensions)
+      fail(fmt::format("at {} of shape {}", at.dump(), shape.dump()));
+    Array<T> result;
+    std::size_t count = 1;
+    bool empty = false;
+    for (const json& length : shape) {
+      if (!length.is_number_unsigned()) fail("of shape " + shape.dump());
+      result.shape.push_back(length.get<std::size_t>());
+      empty = empty || result.shape.back() == 0;
+      if (!empty && result.shape.back() > memory_.size() / count) fail("larger than the memory");
+      count *= std::max<std::size_t>(result.shape.back(), 1);
+    }
+    const std::size_t from = at.get<std::size_t>();
+    if (empty) return result;
+    if (from < answer_at_ || from % sizeof(T) != 0 || from > memory_.size() ||
+        count > (memory_.size() - from) / sizeof(T))
+      fail(fmt::format("outside of its room (at {})", from));
+    result.values = {reinterpret_cast<const T*>(memory_.data() + from), count};
+    if constexpr (std::is_same_v<T, float>)
+      if (!all_finite(result.values))
+        fail("that are not finite: look for logarithms, roots and divisions of 0");
+    return result;
+  }
+
+  /// The gradient to a sensor into `values`, which are zero; they stay so where the program gives none.
+  void take(const json& answer, const Placed& sensor, std::span<float> values) const {
+    const auto group = answer.find(sensor.camera ? "cameras" : "lidars");
+    if (group == answer.end() || !group->is_object() || !sensor.sent) return;
+    const auto one = group->find(sensor.name);
+    if (one == group->end() || !one->is_object()) return;
+    const auto given = array<float>(*one, sensor.camera ? "d_image" : "d_points", sensor.camera ? 3 : 2);
+    if (given.shape != sensor.shape())
+      throw Failure(who_,
+                    fmt::format("gave a gradient of shape {} to {} of shape {}", json(given.shape).dump(),
+                                sensor.name, json(sensor.shape()).dump()),
+                    "give one value for each that was sent");
+    std::copy(given.values.begin(), given.values.end(), values.begin());
+    if (!sensor.camera || !bytes_) return;
+    through_srgb_slope({reinterpret_cast<const std::uint8_t*>(memory_.data() + sensor.at), values.size()},
+                       values);
+  }
+
+  std::string who_;
+  ProcessLimits limits_;
+  std::vector<std::string> words_;
+  SharedMemory memory_;
+  json hello_, forward_;  ///< forward_: the last frame's job
+  Capabilities can_;
+  std::array<double, 4> region_ = {0, 70, -40, 40};
+  bool bytes_ = false;  ///< pictures are 8-bit sRGB
+  std::optional<JsonWorker> worker_;
+  std::vector<Placed> placed_;  ///< sensors(view) of the last frame
+  std::size_t d_logits_at_ = 0, answer_at_ = 0;
+  BoxRows rows_;
+};
+
+}  // namespace
+
+bool is_program(const std::string& detector) {
+  return detector.starts_with(kProgramPrefix);
+}
+
+std::string program_content(const std::string& detector) {
+  std::string all;
+  for (const std::string& word : command_words(detector))
+    all += std::filesystem::is_regular_file(word) ? file_hash(word) + "\n" : escape_name(word) + "\n";
+  return "program-" + content_hash(all);
+}
+
+std::unique_ptr<Detector> start_program(const DetectorOptions& options, const ProcessLimits& limits) {
+  return std::make_unique<ProcessDetector>(options, limits);
+}
+
+}  // namespace mirage

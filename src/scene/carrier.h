@@ -1,0 +1,51 @@
+// A vehicle that carries an object: its label, its roof's pose, and its shape where one was fitted.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "geometry/mesh.h"
+#include "scene/frame.h"
+
+namespace mirage {
+
+/// One vehicle, and how its roof was found.
+struct Carrier {
+  Label label;
+  /// velo_from_roof with its origin on the roof point, x along the heading, z up.
+  Transform velo_from_roof = Transform::Identity();
+  bool from_box = true;     ///< true where no shape was fitted and the labelled box was used
+  std::string reason = {};  ///< why a finder of shapes fell back to the box
+  /// The fitted vehicle (`velo`, watertight, wound outward); null where from_box.
+  std::shared_ptr<const Mesh> shape = {};
+};
+
+/// An ordinary saloon as shares of the labelled box: the car that stands where no vehicle was fitted.
+namespace saloon {
+inline constexpr double kRoofRear = -0.32, kRoofFront = 0.08, kRoofWidth = 0.76;  // of length, length, width
+inline constexpr double kWaist = 0.58;                                            // of the height
+}  // namespace saloon
+
+/// A closed car-shaped mesh in `velo` that fills the labelled box: body, cabin with its roof plane at the
+/// box's top, four wheels. The cabin's centre lies where BoxRoofFinder puts it.
+Mesh car_proxy(const Box3& box);
+/// The fitted vehicle where there is one, else car_proxy of the labelled box.
+std::shared_ptr<const Mesh> shape_of(const Carrier& carrier);
+
+/// Finds roofs: BoxRoofFinder here, ShapeRoofFinder in scene/shape/shape_roof.h. Several threads may ask at
+/// once.
+class RoofFinder {
+ public:
+  virtual ~RoofFinder() = default;
+  /// `label` is one of frame.labels and a vehicle.
+  virtual Carrier find(const Frame& frame, const Label& label) const = 0;
+};
+
+/// The labelled box's top face, centred over the cabin: a car's cabin centre lies behind the box's centre
+/// by a share of the length (stated in carrier.cpp).
+class BoxRoofFinder : public RoofFinder {
+ public:
+  Carrier find(const Frame& frame, const Label& label) const override;
+};
+
+}  // namespace mirage

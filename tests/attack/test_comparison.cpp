@@ -1,0 +1,139 @@
+// Comparisons of two detectors: planted regressions are found, and a detector against itself is not alarmed.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <numeric>
+#include <random>
+
+#include "attack/comparison.h"
+#include "base/error.h"
+#include "support/files.h"
+
+namespace mirage {
+namespace {
+
+/// What one detector says of `vehicles` cars in frames of four, under two objects. Each frame has its own
+/// share of cars that vanish. The same `world` gives the same cars.
+std::vector<HostOutcome> outcomes(int vehicles, std::uint64_t world) {
+  std::mt19937_64 random(world);
+  std::vector<HostOutcome> hosts;
+  double share = 0;
+  for (int v = 0; v < vehicles; ++v) {
+    if (v % 4 == 0) share = std::uniform_real_distribution<>(0, 0.5)(random);
+    const double range = std::uniform_real_distribution<>(5, 60)(random);
+    for (int mesh = 0; mesh < 2; ++mesh) {
+      HostOutcome host;
+      host.id = {"frame" + std::to_string(v / 4), v % 4};
+      host.mesh = mesh;
+      host.range = range;
+      host.kind = "Car";
+      host.clean_iou = std::bernoulli_distribution(0.9)(random) ? 0.9 : 0.0;
+      host.attacked_iou = std::bernoulli_distribution(share)(random) ? 0.0 : 0.8;
+      hosts.push_back(host);
+    }
+  }
+  return hosts;
+}
+
+/// The same detector that loses a share of its boxes near objects, and finds as many again.
+std::vector<HostOutcome> changed(std::vector<HostOutcome> hosts, double lost, double won,
+                                 std::uint64_t seed) {
+  std::mt19937_64 random(seed);
+  for (HostOutcome& host : hosts) {
+    const bool there = host.attacked_iou > 0.1;
+    if (std::bernoulli_distribution(there ? lost : won)(random)) host.attacked_iou = there ? 0 : 0.8;
+  }
+  return hosts;
+}
+
+const std::vector<std::string> kObjects = {"a.glb", "b.glb"};
+
+TEST(Comparison, FindsAPlantedRegressionOfATwentieth) {
+  int found = 0;
+  for (std::uint64_t draw = 0; draw < 20; ++draw) {
+    const auto first = outcomes(400, draw), second = changed(first, 0.05, 0, 100 + draw);
+    const Comparison result = compare_outcomes(first, second, kObjects, false);
+    const Interval& difference = result.parts.front().difference;
+    found += difference.low > 0;
+    EXPECT_LT(difference.value, 0.09);
+  }
+  EXPECT_GE(found, 16);
+}
+
+TEST(Comparison, ADetectorThatOnlyTremblesIsNoWorse) {
+  int alarms = 0;
+  for (std::uint64_t draw = 0; draw < 40; ++draw) {
+    const auto world = outcomes(200, 1000 + draw);
+    // Both lose 4 % of what they find; three of four cars are found, so as many are won by 12 %.
+    const Comparison result = compare_outcomes(changed(world, 0.04, 0.12, 2000 + draw),
+                                               changed(world, 0.04, 0.12, 3000 + draw), kObjects, false);
+    alarms += told(result.parts.front().difference) == Told::more ||
+              told(result.parts.front().difference) == Told::less;
+  }
+  EXPECT_LE(alarms, 2);
+  const auto first = outcomes(100, 1);
+  const Comparison same = compare_outcomes(first, first, kObjects, false);
+  EXPECT_EQ(same.parts.front().difference.value, 0);
+  EXPECT_TRUE(same.worse.empty());
+}
+
+TEST(Comparison, SaysWhatItCouldHaveShown) {
+  const auto first = outcomes(200, 5), second = changed(first, 0.05, 0, 6);
+  const Comparison result = compare_outcomes(first, second, kObjects, false);
+  EXPECT_GT(result.detectable, 0.01);
+  EXPECT_LT(result.detectable, 0.1);
+  ASSERT_EQ(result.needed.size(), 3u);
+  EXPECT_NEAR(result.needed[0].vehicles / result.needed[1].vehicles, 6.25, 0.1);  // (5 / 2)²
+  // A difference of that size is told in about 80 % of sets.
+  int told_in = 0;
+  const double lost = result.detectable / 0.75;
+  for (std::uint64_t draw = 0; draw < 200; ++draw) {
+    const auto world = outcomes(200, 10000 + draw);
+    told_in += compare_outcomes(world, changed(world, lost, 0, 20000 + draw), kObjects, false)
+                   .parts.front()
+                   .difference.low > 0;
+  }
+  EXPECT_GT(told_in, 120);
+}
+
+TEST(Comparison, CountsVehiclesThatBothFindOnce) {
+  std::vector<HostOutcome> first(4), second;
+  for (int i = 0; i < 4; ++i) {
+    first[i].id = {"f" + std::to_string(i / 2), i / 2};
+    first[i].mesh = i % 2;
+    first[i].range = 30 - 10 * (i / 2);
+    first[i].clean_iou = first[i].attacked_iou = 0.9;
+  }
+  second = first;
+  second[0].attacked_iou = 0;  // f0 is lost under the first object, f1 under both
+  second[2].attacked_iou = second[3].attacked_iou = 0;
+  const Comparison result = compare_outcomes(first, second, kObjects, true);
+  EXPECT_EQ(result.hosts, 2);
+  EXPECT_EQ(result.parts.front().vehicles, 2);
+  EXPECT_DOUBLE_EQ(result.parts.front().difference.value, 0.75);
+  ASSERT_EQ(result.worse.size(), 3u);
+  EXPECT_EQ(result.worse[0].id.frame, "f1");  // the nearer
+  EXPECT_EQ(result.worse[2].object, "a.glb");
+  ASSERT_TRUE(result.own);  // the first under its own object a: none; the second under b: one of two
+  EXPECT_DOUBLE_EQ(result.own->difference.value, 0.5);
+  second[0].clean_iou = second[1].clean_iou = 0;
+  EXPECT_EQ(compare_outcomes(first, second, kObjects, false).parts.front().vehicles, 1);
+}
+
+TEST(Comparison, HolmsProcedureIsTheTextbooks) {
+  EXPECT_EQ(holm(std::vector<double>{0.01, 0.04, 0.03, 0.005}),
+            (std::vector<double>{0.03, 0.06, 0.06, 0.02}));
+  EXPECT_TRUE(holm({}).empty());
+}
+
+TEST(Comparison, RefusesWhatCannotBeCompared) {
+  ComparisonRequest request;
+  EXPECT_THAT(test::error_text<FieldError>([&] { compare(request); }), testing::HasSubstr("detectors"));
+  request.detectors.resize(2);
+  EXPECT_THAT(test::error_text<FieldError>([&] { compare(request); }), testing::HasSubstr("names no object"));
+  request.adaptive = true;
+  EXPECT_THAT(test::error_text<FieldError>([&] { compare(request); }), testing::HasSubstr("adaptive"));
+}
+
+}  // namespace
+}  // namespace mirage

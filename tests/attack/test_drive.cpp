@@ -1,0 +1,292 @@
+// A drive: what follows from what was seen, on hand-made vehicles; the carrier's ride; and whole drives with
+// a stand-in for a network.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <random>
+
+#include "attack/adversary.h"
+#include "attack/drive.h"
+#include "attack/ride.h"
+#include "attack/tiny_world.h"
+#include "base/angles.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "scene/data/read_frames.h"
+#include "support/files.h"
+#include "support/layouts.h"
+
+namespace mirage {
+namespace {
+
+using test::error_text;
+using test::TemporaryFolder;
+using testing::HasSubstr;
+
+/// A frame each 0.1 s; `found`: f or -, `track`: f, c or l, one letter a frame; the car comes nearer by 10
+/// m/s.
+VehicleDrive vehicle(const std::string& found, const std::string& track) {
+  VehicleDrive drive;
+  drive.sequence = "0003";
+  drive.type = "Car";
+  drive.track = 7;
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    DriveFrame frame;
+    frame.index = static_cast<int>(i);
+    frame.time = 5 + 0.1 * static_cast<double>(i);
+    frame.range = 40 - static_cast<double>(i);
+    frame.nearest = frame.range - 2;
+    frame.closing = 10;
+    for (DriveSight& sight : frame.sights) sight = {found[i] == 'f', static_cast<TrackSight>(track[i])};
+    drive.frames.push_back(frame);
+  }
+  return drive;
+}
+
+TEST(VehicleDrive, GapsAndConfirmationOfAHandMadeDrive) {
+  const DriveOutcome of = outcome_of(vehicle("--f---ff-f", "llllfcclff"), DriveVersion::attacked);
+  EXPECT_EQ(of.found, 4);
+  EXPECT_NEAR(of.gap_s, 0.3, 1e-9);
+  EXPECT_NEAR(of.track_gap_s, 0.4, 1e-9);
+  ASSERT_TRUE(of.confirmed);
+  EXPECT_NEAR(of.confirmed->seconds, 0.4, 1e-9);
+  EXPECT_NEAR(of.confirmed->metres, 36, 1e-9);
+  EXPECT_NEAR(*of.confirmed->to_collision, 3.4, 1e-9);
+  EXPECT_NEAR(of.confirmed->reserve[0], 34 - 12.5, 1e-9);
+  EXPECT_NEAR(of.confirmed->reserve[1], 34 - 100 / 12.0, 1e-9);
+  EXPECT_NEAR(of.confirmed->reserve[2], 34 - 6.25, 1e-9);
+}
+
+TEST(VehicleDrive, AGapAtTheEndCountsAndAllOfItMayBeOne) {
+  EXPECT_NEAR(outcome_of(vehicle("ff----", "ffffff"), DriveVersion::clean).gap_s, 0.4, 1e-9);
+  const DriveOutcome blind = outcome_of(vehicle("------", "llllll"), DriveVersion::clean);
+  EXPECT_NEAR(blind.gap_s, 0.6, 1e-9);
+  EXPECT_FALSE(blind.confirmed);
+  EXPECT_EQ(to_json(vehicle("------", "llllll")).at("confirmed_m").at("clean"), nullptr);
+}
+
+TEST(VehicleDrive, AFrameStandsUntilTheNextOne) {
+  VehicleDrive drive = vehicle("f-f-f", "fffff");
+  drive.frames[2].time += 0.05;  // the first gap is longer
+  EXPECT_NEAR(outcome_of(drive, DriveVersion::clean).gap_s, 0.15, 1e-9);
+}
+
+TEST(VehicleDrive, WhatGoesAwayHasNoCollisionAndKeepsItsDistance) {
+  VehicleDrive drive = vehicle("fff", "fff");
+  for (DriveFrame& frame : drive.frames) frame.closing = -3;
+  const DriveOutcome of = outcome_of(drive, DriveVersion::random);
+  EXPECT_FALSE(of.confirmed->to_collision);
+  EXPECT_NEAR(of.confirmed->reserve[0], 38, 1e-9);
+}
+
+TEST(VehicleDrive, PhantomsAreCountedInFramesAndSeconds) {
+  VehicleDrive drive = vehicle("ffffff", "ffffff");
+  drive.frames[1].sights[1].phantoms = 2;
+  drive.frames[2].sights[1].phantoms = 1;
+  drive.frames[2].sights[1].phantom_in_lane = true;
+  const DriveOutcome of = outcome_of(drive, DriveVersion::attacked);
+  EXPECT_EQ(of.phantom_frames, 2);
+  EXPECT_NEAR(of.phantom_s, 0.2, 1e-9);
+  EXPECT_NEAR(of.phantom_lane_s, 0.1, 1e-9);
+  EXPECT_EQ(outcome_of(drive, DriveVersion::clean).phantom_frames, 0);
+}
+
+TEST(VehicleDrive, ComesBackFromItsFile) {
+  VehicleDrive drive = vehicle("f-f-", "flcf");
+  drive.phantom_tracks[2] = 3;
+  drive.frames[3].sights[2] = {true, TrackSight::coasting, 2, true};
+  drive.residual_m = 0.02;
+  const nlohmann::json written = to_json(drive);
+  EXPECT_EQ(to_json(read_vehicle_drive(JsonFields("file", written, "fix"))), written);
+  nlohmann::json bad = written;
+  bad["strip"]["clean"]["track"] = "flxf";
+  EXPECT_THAT(error_text<InputError>([&] { read_vehicle_drive(JsonFields("file", bad, "fix")); }),
+              HasSubstr("strip.clean.track"));
+}
+
+TEST(Drive, FlatMovesTakePlaceAndHeadingAlone) {
+  Transform pose = Transform::Identity();
+  pose.linear() =
+      (Eigen::AngleAxisd(0.8, Vec3d::UnitZ()) * Eigen::AngleAxisd(0.05, Vec3d::UnitY())).toRotationMatrix();
+  pose.translation() = Vec3d(100, -20, 3);
+  const Box3 box{{30, 5, 4, 1.7, 0.2}, -1.7, 1.5};
+  const Box3 world = moved_flat(box, laid_flat(pose)), back = moved_flat(world, laid_flat(pose).inverse());
+  EXPECT_NEAR(world.bev.yaw, 1.0, 1e-9);
+  EXPECT_NEAR(world.bottom, -1.7, 1e-12);
+  EXPECT_NEAR(back.bev.x, 30, 1e-9);
+  EXPECT_NEAR(back.bev.y, 5, 1e-9);
+  EXPECT_NEAR(back.bev.yaw, 0.2, 1e-9);
+}
+
+/// A car that drives ahead of ours, with roofs found with noise; each fifth is the box's.
+std::vector<RideFrame> noisy_ride(int frames, std::vector<Transform>& truth) {
+  std::mt19937 random(2);
+  std::normal_distribution<double> draw;
+  std::vector<RideFrame> all;
+  for (int i = 0; i < frames; ++i) {
+    RideFrame frame;
+    frame.moment.time = 0.1 * i;
+    frame.moment.world_from_ego.translation() = Vec3d(1.2 * i, 0.01 * i, 0);
+    Label label;
+    label.box = {{15 - 0.02 * i, 0.5, 4, 1.7, 0.05}, -1.7, 1.5};
+    Transform roof = velo_from_box(label.box);
+    roof.translate(Vec3d(-0.3, 0, 1.45));
+    truth.push_back(roof);
+    frame.carrier = BoxRoofFinder().find(Frame(), label);
+    if (i % 5 != 4) {
+      frame.carrier.from_box = false;
+      frame.carrier.velo_from_roof =
+          Eigen::Translation3d(0.05 * draw(random), 0.05 * draw(random), 0.02 * draw(random)) * roof *
+          Eigen::AngleAxisd(1.5 * kDegree * draw(random), Vec3d::UnitZ());
+      Mesh mesh;
+      mesh.vertices = {frame.carrier.velo_from_roof * Vec3d(1, 0, 0)};
+      frame.carrier.shape = std::make_shared<const Mesh>(mesh);
+    }
+    all.push_back(frame);
+  }
+  return all;
+}
+
+TEST(Ride, TheObjectRidesOnASmoothRoof) {
+  std::vector<Transform> truth;
+  const auto frames = noisy_ride(60, truth);
+  const Ride track = ride(frames);
+  ASSERT_EQ(track.carriers.size(), 60u);
+  EXPECT_EQ(track.fitted, 48);
+  double squares = 0, turns = 0;
+  for (std::size_t i = 0; i < truth.size(); ++i) {
+    const Carrier& carrier = track.carriers[i];
+    const Transform off = truth[i].inverse() * carrier.velo_from_roof;
+    squares += off.translation().squaredNorm();
+    turns += std::pow(std::atan2(off(1, 0), off(0, 0)), 2);
+    EXPECT_EQ(carrier.from_box, frames[i].carrier.from_box);
+    if (carrier.shape) {  // it moves with its roof
+      EXPECT_LT((carrier.velo_from_roof.inverse() * carrier.shape->vertices[0] - Vec3d(1, 0, 0)).norm(),
+                1e-9);
+    }
+    // So does the box: the roof's place in it is the same in all frames.
+    const auto in_box = [&](std::size_t k) {
+      return Transform(velo_from_box(track.carriers[k].label.box).inverse() *
+                       track.carriers[k].velo_from_roof);
+    };
+    EXPECT_TRUE(in_box(i).isApprox(in_box(0), 1e-9));
+    EXPECT_NEAR(track.velocities[i].x(), 11.8, 1);
+  }
+  EXPECT_LT(std::sqrt(squares / 60), 0.045);  // 3 cm an axis would be 5.2
+  EXPECT_LT(std::sqrt(turns / 60), 1 * kDegree);
+  EXPECT_GT(track.fit_jitter_m, 0.05);
+  EXPECT_LT(track.jitter_m, 0.02);
+  EXPECT_GT(track.residual_m, 0.04);
+  EXPECT_LT(track.residual_m, 0.10);
+}
+
+TEST(Ride, WithoutAnyFitItIsTheBoxsRoof) {
+  std::vector<Transform> truth;
+  auto frames = noisy_ride(10, truth);
+  for (RideFrame& frame : frames) frame.carrier = BoxRoofFinder().find(Frame(), frame.carrier.label);
+  const Ride track = ride(frames);
+  EXPECT_EQ(track.fitted, 0);
+  for (std::size_t i = 0; i < frames.size(); ++i)
+    EXPECT_LT(
+        (track.carriers[i].velo_from_roof.translation() - frames[i].carrier.velo_from_roof.translation())
+            .norm(),
+        0.01);
+}
+
+/// Eight frames of one car in the tracking layout; the detector's box stands on it.
+class Drives : public testing::Test {
+ protected:
+  static constexpr int kFrames = 8;
+  Drives() {
+    setenv("MIRAGE_HOME", MIRAGE_SOURCE, 1);
+    test::write_tiny_data(folder_ / "object", kFrames);
+    std::vector<Frame> frames;
+    std::string rows;
+    for (int i = 0; i < kFrames; ++i) {
+      Frame frame = read_frame(folder_ / "object", fmt::format("{:06}", i));
+      frame.labels.at(0).track = 4;
+      frames.push_back(frame);
+      rows += fmt::format("49.01 8.43 112.5 0 0 {}", 0.001 * i);
+      for (int n = 6; n < 30; ++n) rows += " 0";
+      rows += "\n";
+    }
+    test::write_tracking(data(), frames);
+    const auto calibration = data() / "training/calib/0000.txt";
+    write_file(calibration, read_file(calibration) + "Tr_imu_velo 1 0 0 0 0 1 0 0 0 0 1 0\n");
+    write_file(data() / "training/oxts/0000.txt", rows);
+  }
+  std::filesystem::path data() const { return folder_ / "drive"; }
+  DriveRequest request() const {
+    DriveRequest request;
+    request.data = data();
+    request.sequences = read_sequences(data());
+    request.object = initial_adversary({});
+    request.random = random_adversary(1, {});
+    request.settings.least_frames = 5;
+    request.evaluation.quiet = true;
+    request.made_of.set("what", "test");
+    return request;
+  }
+  static DetectorPool pool(int detectors) {
+    DetectorPool all;
+    for (int i = 0; i < detectors; ++i) all.push_back(std::make_unique<test::StandInDetector>());
+    return all;
+  }
+  nlohmann::json judged(const DriveRequest& asked, int detectors = 1) {
+    FrameStore store(data(), read_lidar_model(shipped_file("scenes/rigs/kitti64.toml")));
+    return to_json(judge_drive(pool(detectors), store, asked));
+  }
+  TemporaryFolder folder_;
+};
+
+TEST_F(Drives, OneVehicleThroughItsDrive) {
+  const nlohmann::json drive = judged(request());
+  EXPECT_EQ(drive.at("frames"), kFrames);
+  ASSERT_EQ(drive.at("vehicles").size(), 1u);
+  const nlohmann::json& car = drive.at("vehicles").at(0);
+  EXPECT_EQ(car.at("sequence"), "0000");
+  EXPECT_EQ(car.at("frames"), kFrames);
+  EXPECT_EQ(car.at("found").at("clean"), kFrames);
+  EXPECT_NEAR(car.at("gap_s").at("clean").get<double>(), 0, 1e-12);
+  // The third detection confirms it.
+  EXPECT_NEAR(car.at("confirmed_s").at("clean").get<double>(), 0.2, 1e-9);
+  EXPECT_NEAR(car.at("confirmed_m").at("clean").get<double>(), std::hypot(11.48, 0.04), 1e-3);
+  EXPECT_NEAR(drive.at("tracker").at("mota").get<double>(), 1 - 2.0 / kFrames, 1e-9);
+  EXPECT_EQ(drive.at("never_confirmed").at("clean"), 0);
+}
+
+TEST_F(Drives, ResultsDependNeitherOnThreadsNorOnAnInterruption) {
+  const nlohmann::json once = judged(request());
+  EXPECT_EQ(judged(request(), 3), once);
+  DriveRequest kept = request();
+  kept.folder = folder_ / "vehicles";
+  EXPECT_EQ(judged(kept), once);
+  // A finished vehicle is read and not judged again: what its file says stands.
+  const auto file =
+      kept.folder / fmt::format("0000_{}.json", once.at("vehicles").at(0).at("track").get<int>());
+  nlohmann::json stored = read_json(file);
+  stored["type"] = "Van";
+  write_json(file, stored);
+  EXPECT_EQ(judged(kept).at("vehicles").at(0).at("type"), "Van");
+  // One of other settings, and one that is damaged, are judged anew.
+  kept.made_of.set("what", "another");
+  EXPECT_EQ(judged(kept), once);
+  write_file(file, "{");
+  EXPECT_EQ(judged(kept), once);
+}
+
+TEST_F(Drives, TooShortATrackAndBoxesOfThePictureAreRefused) {
+  DriveRequest asked = request();
+  asked.settings.least_frames = kFrames + 1;
+  EXPECT_THAT(error_text<InputError>([&] { judged(asked); }), HasSubstr("followed through 9 frames"));
+  FrameStore store(data(), read_lidar_model(shipped_file("scenes/rigs/kitti64.toml")));
+  DetectorPool picture;
+  picture.push_back(std::make_unique<test::PictureStandIn>());
+  EXPECT_THAT(error_text<InputError>([&] { judge_drive(picture, store, request()); }),
+              HasSubstr("in the picture alone"));
+}
+
+}  // namespace
+}  // namespace mirage

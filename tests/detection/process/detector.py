@@ -1,0 +1,93 @@
+"""A detector in a process of its own that does what its first argument says; numpy alone."""
+
+import os
+import signal
+import sys
+import time
+
+import mirage_serve
+import numpy as np
+
+what = sys.argv[1]
+mark = sys.argv[2] if len(sys.argv) > 2 else ""  # a file that is there once it has happened
+
+
+def once():
+    """True the first time in all processes, always without a mark."""
+    if not mark:
+        return True
+    if os.path.exists(mark):
+        return False
+    open(mark, "w").close()
+    return True
+
+
+class Detector:
+    """Two cars and a pedestrian, whose logits are linear in the picture's first value and the first point."""
+
+    region = (0, 50, -20, 20)
+    heights = True
+    classes = ["Pedestrian", "car"] if what == "classes" else []
+
+    def __call__(self, image, points, pixel_from_velo):
+        if what == "dies" and once():
+            os.kill(os.getpid(), signal.SIGKILL)
+        if what == "hangs" and once():
+            time.sleep(60)
+        if what == "garbage" and once():
+            os.write(self.out, b"\xff\x00 this is no answer\n")
+        if what == "raises":
+            raise RuntimeError("no such\nlayer")
+        if what == "prints":
+            print("a line of its own", flush=True)
+            os.system("echo another one")
+        if what == "not-finite":
+            return np.array([[np.nan] * 5], np.float32), np.zeros(1, np.float32)
+        self.shapes = image.shape, points.shape
+        first = float(image.ravel()[0]) if image.size else 0
+        logits = np.array([2 * first + points[0, 0], 0.5, -9], np.float32)
+        boxes = np.array([[10, 1, -1, 4, 2, 1.5, 0.1], [20, -1, -1, 4, 2, 1.5, 0], [5, 0, -1, 1, 1, 1.8, 0]], np.float32)
+        if what == "nine":
+            boxes = np.concatenate([boxes, [[3, 1]] * 3], 1).astype(np.float32)
+        if what == "classes":
+            return boxes, logits + 9, np.array([1, 0, 1])
+        return boxes, logits
+
+    def backward(self, d_logits):
+        if what == "dies-back" and once():
+            os._exit(4)
+        if what == "nan-back":
+            return np.full(self.shapes[0], np.nan), None
+        d_image, d_points = (np.zeros(shape, np.float32) for shape in self.shapes)
+        if d_image.size:
+            d_image.ravel()[0] = 2 * d_logits[0]
+        d_points[0, 0] = d_logits[0]
+        return d_image, d_points
+
+
+class ByName(Detector):
+    """Of all that is told: three times the first value of LEFT, the second y of rear, the frame's number and its time."""
+
+    def __call__(self, frame):
+        boxes, logits = super().__call__(frame.images["camera"], frame.points["lidar"], frame.pixel_from_velo["camera"])
+        self.frame = frame
+        logits[0] = 3 * frame.images["LEFT"].ravel()[0] + frame.points["rear"][1, 1] + int(frame.id) + frame.moment["time"]
+        return boxes, logits
+
+    def backward(self, d_logits):
+        found = {name: np.zeros_like(self.frame.images[name]) for name in ("camera", "LEFT")}
+        found.update({name: np.zeros_like(self.frame.points[name]) for name in ("lidar", "rear")})
+        found["LEFT"].ravel()[0] = 3 * d_logits[0]
+        found["rear"][1, 1] = d_logits[0]
+        return found
+
+
+detector = ByName() if what == "others" else Detector()
+detector.out = os.dup(1)
+if what == "early":
+    sys.exit("no weights")
+if what == "talks":
+    os.write(1, b"loading the network\n{\"id\": 1}\n")
+if what == "no-gradient":
+    mirage_serve.serve(lambda image, points, matrix: detector(image, points, matrix))
+mirage_serve.serve(detector, pictures="srgb8" if what == "srgb8" else "linear")

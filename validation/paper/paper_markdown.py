@@ -1,0 +1,125 @@
+"""The text of `mirage reproduce`: DIR/TABLE.md for each table and DIR/reproduce.md with all of them, from DIR/reproduce.json."""
+
+import math
+import os
+
+from atomic import write as write_file
+
+
+def number(value, otherwise=math.nan):
+    """JSON has null for what is infinite."""
+    return otherwise if value is None else value
+
+
+def percent(share):
+    """"31.9 (24.1–40.0)"; the value alone where it has no interval."""
+    text = f"{100 * number(share['value']):.1f}"
+    if "low" not in share:
+        return text
+    return f"{text} ({100 * number(share['low'], -math.inf):.1f}–{100 * number(share['high'], math.inf):.1f})"
+
+
+def escaped(text):
+    """A bar in a cell would end it."""
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def remarks(row):
+    """What the row's numbers rest on, and what is to be said of them."""
+    parts = []
+    if "vehicles" in row:
+        parts.append(f"{row['vehicles']} in {row['frames']} frames" +
+                     "".join(f", {row[what]} {what}" for what in ("meshes", "runs") if row[what] > 1))
+    text = "".join(parts)
+    if "few_clusters" in row:
+        text += "; " + row["few_clusters"]
+    if "note" in row:
+        text += "; " + escaped(row["note"])
+    if "error" in row:
+        text += ("; " if parts else "") + escaped(row["error"])
+    return text
+
+
+def plain_table(table):
+    rows, columns = table["rows"], table["columns"]
+    rigs = any(row["rig"] != rows[0]["rig"] for row in rows)
+    paper = {key for row in rows for key in row["paper"]}
+    head = ["data", ""] if rigs else [""]
+    for column in columns:
+        head += [f"{column['title']}, %"] + (["paper"] if column["key"] in paper else [])
+    head += ["vehicles", "minutes"]
+    lines = ["|" + "".join(f" {cell} |" if cell else " |" for cell in head), "|" + "---|" * len(head)]
+    for row in rows:
+        cells = ([row["rig"]] if rigs else []) + [escaped(row["label"])]
+        for column in columns:
+            key = column["key"]
+            cells.append(percent(row["values"][key]) if key in row["values"] else "–")
+            if key in paper:
+                cells.append(f"{100 * row['paper'][key]:.2f}" if key in row["paper"] else "")
+        text = "|" + "".join(f" {cell} |" if cell else " |" for cell in cells) + f" {remarks(row)} |"
+        lines.append(text + (f" {row['minutes']:.1f} |" if "minutes" in row else " |"))
+    return f"## {table['name']}: {table['title']}\n\n" + (table["note"] + "\n\n" if table["note"] else "") + "\n".join(lines) + "\n\n"
+
+
+def net_cell(values, key):
+    """"8.6; +7.1 (0.0 to +17.5)": a share, and net of its control."""
+    if key not in values:
+        return "–"
+    text = f"{100 * number(values[key]['value']):.1f}"
+    net = values.get("net_" + key)
+    if not net:
+        return text
+    text += (f"; {100 * number(net['value']):+.1f} ({100 * number(net['low'], -math.inf):+.1f} to "
+             f"{100 * number(net['high'], math.inf):+.1f})").replace("-", "−")
+    return text.replace("+0.0", "0.0").replace("−0.0", "0.0")  # a sign would say more of a zero than is known
+
+
+def matrix(table):
+    """By source and target: a matrix a quantity that has a net, and one of the vehicles; then what is missing and why."""
+    rows = table["rows"]
+    sources, targets = (list(dict.fromkeys(row[end] for row in rows)) for end in ("source", "target"))
+    cells = {}
+    for row in rows:
+        cells.setdefault((row["source"], row["target"]), row)
+    head, rule = "".join(f" {target} |" for target in targets), "|---|" + "---|" * len(targets)
+    text = f"## {table['name']}: {table['title']}\n\n{table['note']}\n\n"
+    for column in table["columns"]:
+        key = column["key"]
+        if key.startswith("net"):
+            continue
+        text += f"| {column['title']}, %{'' if key == 'fp_asr' else '; net, points (95 %)'} |{head}\n{rule}\n"
+        for source in sources:
+            text += f"| {source} |"
+            for target in targets:
+                row = cells.get((source, target))
+                cell = net_cell(row["values"], key) if row else "–"
+                text += f" **{cell}** |" if source.startswith(target + ",") else f" {cell} |"
+            text += "\n"
+        text += "\n"
+    counted = {row["target"]: f"{row['vehicles']} in {row['frames']}" for row in rows if "vehicles" in row}
+    text += f"| vehicles found clean at IoU 0.7 |{head}\n{rule}\n| in frames |"
+    text += "".join(f" {counted.get(target, '–')} |" for target in targets) + "\n\n"
+    for row in rows:
+        text += "".join(f"- {row['label']}: {row[key]}\n" for key in ("note", "error") if key in row)
+    return text + "\n"
+
+
+def findings_text(findings):
+    text = "## The paper's findings\n\n"
+    for finding in findings:
+        text += f"- **{finding['claim']}**" + ("" if finding["checks"] else ": not measured in this run.") + "\n"
+        for check in finding["checks"]:
+            why = f" ({check['why']})" if check["why"] else ""
+            text += f"  - {check['rig']}: {check['verdict']}. {check['sentence']}.{why}\n"
+    return text
+
+
+def write(folder, result):
+    text = "# The experiments of Tu et al. (CoRL 2021)\n\n"
+    for table in result["tables"]:
+        written = matrix(table) if table["matrix"] else plain_table(table)
+        write_file(os.path.join(folder, table["name"] + ".md"), written)
+        text += written
+    text += "## Whether the detectors use their pictures\n\n"
+    text += "".join(f"- {one['case']}: {one['words']}.\n" for one in result["reliance"]) + "\n"
+    write_file(os.path.join(folder, "reproduce.md"), text + findings_text(result["findings"]))

@@ -1,0 +1,100 @@
+"""Writes the page of `mirage drive`: one self-contained HTML file.
+
+    python3 drive.py DIR
+
+Reads DIR/result.json and writes DIR/drive.html: medians, survival of gaps, and one strip a vehicle with its distance over
+time and, for each version, where it was found, coasting or lost. It shows what the program has judged.
+"""
+
+import math
+import os
+import sys
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.dont_write_bytecode = True
+sys.path.insert(0, HERE)
+
+try:
+    import jinja2
+    from markupsafe import Markup
+
+    import figures
+    import files
+except ImportError as error:
+    sys.exit(f"drive.py: {error.name}: not installed; install python3-jinja2")
+
+VERSIONS = ("clean", "attacked", "random")
+NAMES = {"clean": "as recorded", "attacked": "with the object", "random": "random of its size"}
+LEFT, WIDTH, HEIGHT, BAR, GAP = 130, 1000, 90, 12, 5  # px: of names, of the time axis, of the distance, of a bar, between bars
+
+
+def steps(seconds):
+    """Ends of each frame: it stands until the next one; the last as long as the one before."""
+    ends = seconds[1:]
+    return ends + [seconds[-1] + (seconds[-1] - seconds[-2] if len(seconds) > 1 else 0)]
+
+
+def runs(states, starts, ends):
+    """(state, from, to) of frames on end that are of one state."""
+    found = []
+    for state, start, end in zip(states, starts, ends):
+        if found and found[-1][0] == state and found[-1][2] == start:
+            found[-1] = (state, found[-1][1], end)
+        else:
+            found.append((state, start, end))
+    return found
+
+
+def strip(vehicle):
+    """What one vehicle's drawing needs, in pixels."""
+    times = [t - vehicle["strip"]["time_s"][0] for t in vehicle["strip"]["time_s"]]
+    ends = steps(times)
+    ranges = vehicle["strip"]["range_m"]
+    longest = max(ends[-1], 1e-9)
+    top = max(10 * math.ceil(max(ranges) / 10), 10)
+
+    def x(t):
+        return round(LEFT + WIDTH * t / longest, 2)
+
+    def y(metres):
+        return round(HEIGHT * (1 - metres / top), 2)
+
+    bars = []
+    for row, version in enumerate(VERSIONS):
+        of = vehicle["strip"][version]
+        at = HEIGHT + 12 + row * (BAR + GAP)
+        confirmed = vehicle["confirmed_s"][version]
+        bars.append({
+            "name": NAMES[version], "version": version, "y": at,
+            "runs": [{"state": state, "x": x(a), "width": round(x(b) - x(a), 2), "from": a, "to": b}
+                     for state, a, b in runs(of["track"], times, ends)],
+            "found": [{"x": x(a), "width": round(x(b) - x(a), 2)} for state, a, b in runs(of["found"], times, ends) if state == "f"],
+            "confirmed": None if confirmed is None else {"x": x(confirmed), "y": y(vehicle["confirmed_m"][version])},
+        })
+    whole = max(1, round(longest / 8))
+    return {
+        "line": " ".join(f"{x(t)},{y(r)}" for t, r in zip(times, ranges)),
+        "bars": bars, "bottom": HEIGHT + 12 + 3 * (BAR + GAP),
+        "metres": [{"y": y(m), "text": m} for m in (0, top // 2, top)],
+        "seconds": [{"x": x(s), "text": s} for s in range(0, int(longest) + 1, whole)],
+    }
+
+
+def main(folder):
+    result = figures.read_json(os.path.join(folder, "result.json"))
+    drive = result["drive"]
+    fig = figures.figure_function(result)
+    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), autoescape=True)
+    with open(os.path.join(HERE, "style.css"), encoding="utf-8") as file:
+        style = Markup(file.read())
+    page = environment.get_template("drive.html.j2").render(
+        result=result, drive=drive, style=style, versions=VERSIONS, names=NAMES, fig=fig,
+        interval=figures.interval_function(result, fig),
+        strips=[strip(vehicle) for vehicle in drive["vehicles"]], left=LEFT, width=LEFT + WIDTH + 20, height=HEIGHT, bar=BAR)
+    files.write(os.path.join(folder, "drive.html"), page)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    files.run(main, sys.argv[1])
