@@ -1,0 +1,219 @@
+"""Tables and plots of the pages from what commands wrote.
+
+    evidence.py SOURCE                                      writes every block and plot
+    evidence.py SOURCE --check                              compares them; exit code 1 where one is another one
+    evidence.py SOURCE --keep NAME FILE KEY... [-- COMMAND] stores a result as validation/results/NAME.json
+    evidence.py SOURCE --keep-lines NAME PATTERN -- COMMAND runs a command in SOURCE and stores the printed lines with PATTERN
+
+A block of a page stands between <!-- evidence: NAME --> and <!-- /evidence -->, and its table is TABLES[NAME] of the stored files.
+A stored file has the keys that tables need and where they come from: command, commit, date, hashes. COMMAND names the command of a
+file that does not say it, such as bench.json.
+"""
+
+import datetime
+import json
+import os
+import re
+import subprocess
+import sys
+from html import escape
+
+RESULTS = os.path.join("validation", "results")
+ORIGIN = ("command", "commit", "version", "date", "seed", "program", "identity", "data_hash", "frames", "detector", "weights_hash")
+BLOCK = re.compile(r"(<!-- evidence: (\w+) -->\n).*?(<!-- /evidence -->)", re.S)
+DETECTORS = ("lidar", "camera", "painted", "fusion", "late", "refined")
+
+
+class Missing(Exception):
+    pass
+
+
+def stored(source, name):
+    path = os.path.join(source, RESULTS, name + ".json")
+    if not os.path.exists(path):
+        raise Missing(f"{path}: no such file; make it with evidence.py --keep")
+    with open(path, encoding="utf-8") as file:
+        return json.load(file)
+
+
+def at(tree, place):
+    for part in place.split("."):
+        tree = tree[int(part)] if isinstance(tree, list) else tree[part]
+    return tree
+
+
+def percent(x):
+    return f"{100 * x:.1f}"
+
+
+def between(interval):
+    return f"{percent(interval['low'])}–{percent(interval['high'])}"
+
+
+def table(head, rows):
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines) + "\n"
+
+
+def commands(*results):
+    return "\n" + "".join(f"    {each['command']}\n" for each in results)
+
+
+def detections(source, data):
+    """{detector: result} of the stored ones on generated or recorded frames."""
+    names = {name: f"detect-{data}-{name}" for name in DETECTORS}
+    return {name: stored(source, file) for name, file in names.items()
+            if os.path.exists(os.path.join(source, RESULTS, file + ".json"))}
+
+
+def detectors(source):
+    """AP 0.7 of the shipped detectors on generated and on recorded frames."""
+    generated, recorded = detections(source, "generated"), detections(source, "kitti")
+    rows = []
+    for name in DETECTORS:
+        cells = [f"`{name}`" + (", in the picture" if name == "camera" else "")]
+        for result in (generated.get(name), recorded.get(name)):
+            cells += [percent(result["ap70"]), between(result["ap70_interval"])] if result else ["–", "–"]
+        if len(set(cells[1:])) > 1:
+            rows.append(cells)
+    return table(["detector", "generated, %", "95 %", "44 KITTI frames, %", "95 %"], rows) + commands(
+        *(next(iter(results.values())) for results in (generated, recorded) if results))
+
+
+# What, the printed line with its figure, and the test.
+GRADIENTS = (
+    ("soft rasteriser, random faces", r"error \(random faces\): (\S+)", "SoftRasterizerGradient*"),
+    ("soft rasteriser, 144 combinations of its options", r"combinations, worst relative gradient error (\S+)", "SoftRasterizerGradient*"),
+    ("faces that cross the near plane", r"error \(clipped faces\): (\S+)", "ProjectionGradient*"),
+    ("exact areas", r"components, worst relative error (\S+); .* left out", "ExactCoverageGradient*"),
+    ("light with visibility", r"visible light: .* worst relative error (\S+)", "VisibleLight*"),
+    ("one LiDAR return", r"^worst relative error (\S+)$", "LidarReturn*"),
+)
+
+
+def gradients(source):
+    """The worst of each test's printed figures."""
+    result = stored(source, "gradients")
+    rows = []
+    for what, pattern, test in GRADIENTS:
+        figures = [float(match[1]) for line in result["lines"] if (match := re.search(pattern, line))]
+        rows.append([what, f"{max(figures):.1e}", f"`{test}`"])
+    return table(["backward pass against central differences", "worst relative error", "tests"], rows) + commands(result)
+
+
+TABLES = {"detectors": detectors, "gradients": gradients}
+
+
+def plot(title, rows):
+    """Shares with intervals, a row each: (name, value, low, high) in [0, 1]. Text is the reader's colour."""
+    height, left, width = 26, 110, 420
+    x = lambda share: left + share * width
+    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {left + width + 70} {height * (len(rows) + 2)}" font-family="sans-serif" '
+           f'font-size="13" role="img"><title>{escape(title)}</title><rect width="100%" height="100%" fill="#fff"/>']
+    for tick in range(0, 101, 25):
+        out.append(f'<path d="M{x(tick / 100):.1f} {height}V{height * (len(rows) + 1)}" stroke="#ccc"/>'
+                   f'<text x="{x(tick / 100):.1f}" y="{height * (len(rows) + 1) + 16}" text-anchor="middle">{tick} %</text>')
+    out.append(f'<text x="{left}" y="16" font-weight="bold">{escape(title)}</text>')
+    for i, (name, value, low, high) in enumerate(rows):
+        y = height * (i + 1.5)
+        out.append(f'<text x="{left - 8}" y="{y + 4:.1f}" text-anchor="end">{escape(name)}</text>'
+                   f'<path d="M{x(low):.1f} {y:.1f}H{x(high):.1f}" stroke="#3949ab" stroke-width="2"/>'
+                   f'<circle cx="{x(value):.1f}" cy="{y:.1f}" r="4.5" fill="#3949ab"/>'
+                   f'<text x="{x(high) + 8:.1f}" y="{y + 4:.1f}">{percent(value)}</text>')
+    return "\n".join(out) + "\n</svg>\n"
+
+
+def plots(source):
+    """{path: text}"""
+    rows = [(name, result["ap70"], result["ap70_interval"]["low"], result["ap70_interval"]["high"])
+            for name, result in detections(source, "kitti").items()]
+    return {os.path.join(RESULTS, "detectors.svg"): plot("AP 0.7 on 44 KITTI frames, 95 %", rows)}
+
+
+def written(source):
+    """{path: text} of every page with blocks and of every plot."""
+    files = plots(source)
+    for folder in ("", "src", os.path.join("src", "guide")):
+        for name in sorted(os.listdir(os.path.join(source, folder))):
+            path = os.path.join(folder, name)
+            if not name.endswith(".md"):
+                continue
+            with open(os.path.join(source, path), encoding="utf-8") as file:
+                text = file.read()
+            if BLOCK.search(text):
+                files[path] = BLOCK.sub(lambda m: m[1] + "\n" + TABLES[m[2]](source) + "\n" + m[3], text)
+    return files
+
+
+def keep(source, name, file, keys, command):
+    with open(file, encoding="utf-8") as opened:
+        result = json.load(opened)
+    said = result.get("provenance", {})
+    out = {key: said[key] for key in ORIGIN if key in said}
+    if command:
+        out.update(origin_of_command(source, command))
+    if command and "figures" not in result:
+        result = {"figures": result}
+    for key in keys:
+        head, _, rest = key.partition(".")
+        if rest:
+            out.setdefault(head, {})[rest] = at(result, key)
+        else:
+            out[key] = result[key]
+    for pattern, place in PLACES:
+        out["command"] = re.sub(pattern, place, out["command"])
+    store(source, name, out)
+
+
+def origin_of_command(source, command):
+    commit = subprocess.run(["git", "-C", source, "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True, check=True)
+    return {"command": command, "commit": commit.stdout.strip(), "date": datetime.date.today().isoformat()}
+
+
+# Where a command's own folders lie is nobody's business: what a reader puts in their place.
+PLACES = ((r"--data \S*shared/kitti\b", "--data path/to/kitti"), (r"--data \S*/kitti64-test\b", "--data out/kitti64-test"),
+          (r" --weights /\S+", ""), (r" --out \S+", ""), (r" --(?:quiet|threads \d+)\b", ""))
+
+
+def keep_lines(source, name, pattern, command):
+    ran = subprocess.run(command, shell=True, cwd=source, capture_output=True, text=True, check=True)
+    store(source, name, {**origin_of_command(source, command), "lines": [line for line in ran.stdout.splitlines() if re.search(pattern, line)]})
+
+
+def store(source, name, result):
+    os.makedirs(os.path.join(source, RESULTS), exist_ok=True)
+    with open(os.path.join(source, RESULTS, name + ".json"), "w", encoding="utf-8") as file:
+        json.dump(result, file, indent=1, ensure_ascii=False)
+        file.write("\n")
+
+
+def main(source, *arguments):
+    if arguments[:1] == ("--keep",):
+        name, file, *keys = arguments[1:]
+        command = " ".join(keys[keys.index("--") + 1:]) if "--" in keys else ""
+        keep(source, name, file, keys[:keys.index("--")] if "--" in keys else keys, command)
+        return 0
+    if arguments[:1] == ("--keep-lines",):
+        name, pattern, _, *command = arguments[1:]
+        keep_lines(source, name, pattern, " ".join(command))
+        return 0
+    wrong = 0
+    for path, text in written(source).items():
+        full = os.path.join(source, path)
+        before = open(full, encoding="utf-8").read() if os.path.exists(full) else ""
+        if arguments == ("--check",):
+            if before != text:
+                print(f"{path}: is not what {RESULTS} holds; run make evidence")
+                wrong = 1
+        elif before != text:
+            with open(full, "w", encoding="utf-8") as file:
+                file.write(text)
+            print(path)
+    return wrong
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main(*sys.argv[1:]))
+    except Missing as missing:
+        sys.exit(str(missing))

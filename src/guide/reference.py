@@ -1,0 +1,114 @@
+"""The page of all commands, from the program's own help.
+
+    reference.py PROGRAM PAGE            writes the page
+    reference.py PROGRAM PAGE --check    compares it; exit code 1 where it is another one
+
+An option that several commands describe in the same words, but for its default, stands once, at the end.
+"""
+
+import collections
+import re
+import subprocess
+import sys
+
+# A description's end: the default, or that it is required.
+STANDARD = re.compile(r"(?:; default: (the run's)| \((?:[^()]*; )?(default [^();]*|required)\)|(?: \(default: ([^()]*)\)))$")
+
+HEAD = """# Commands
+
+Every command, what it does, an example, and its options. This page is `mirage COMMAND --help`, written by `make reference`.
+
+    mirage COMMAND [--config FILE.toml] [options]
+
+X is a number, N an integer. A range and the default stand in brackets.
+"""
+
+
+def ask(program, *arguments):
+    return subprocess.run([program, *arguments], capture_output=True, text=True, check=True).stdout
+
+
+def parsed(text):
+    """(description, example lines, [(heading, [(name, text)])]) of a command's help."""
+    description, _, rest = text.partition("\n\n")
+    groups, example = [], []
+    for line in rest.splitlines():
+        if re.match(r"^(Example|Examples):", line) or example:
+            example.append(line)
+        elif re.match(r"^\S.*:$", line) and not line.startswith("Usage"):
+            groups.append((line[:-1], []))
+        elif groups and re.match(r"^  \S", line):
+            name, _, said = line.strip().partition("  ")
+            groups[-1][1].append([name, said.strip()])
+        elif groups and groups[-1][1] and line.startswith("   "):
+            groups[-1][1][-1][1] = (groups[-1][1][-1][1] + " " + line.strip()).strip()
+    example = re.sub(r"^Examples?:\s*", "", "\n".join(example)).strip()
+    return " ".join(description.split()), example, [(h, [tuple(o) for o in options]) for h, options in groups if options]
+
+
+def without_default(said):
+    """(the words that commands share, this command's default)"""
+    match = STANDARD.search(said)
+    return (said[:match.start()], next(filter(None, match.groups()))) if match else (said, "")
+
+
+def entry(name, said):
+    # A mark of the page's own within a text would be read as one.
+    return f"- `{name}` {re.sub(r'([*_<])', lambda m: chr(92) + m[1], said)}".rstrip()
+
+
+def page(program):
+    commands = [line.split("\t", 1) for line in ask(program, "--completion", "commands").splitlines()]
+    helps = {name: parsed(ask(program, name, "--help")) for name, _ in commands}
+    users = collections.defaultdict(list)
+    for _, _, groups in helps.values():
+        for _, options in groups:
+            for option, said in options:
+                users[option, without_default(said)[0]].append(said)
+    shared = {key for key, by in users.items() if len(by) > 1}
+    lines = [HEAD]
+    for name, (description, example, groups) in helps.items():
+        lines += [f"## {name}", "", description[:1].upper() + description[1:] + ".", "", f"    {example}", ""]
+        also = []
+        for heading, options in groups:
+            own = []
+            for option, said in options:
+                words, default = without_default(said)
+                if (option, words) not in shared:
+                    own.append((option, said))
+                elif option.split()[0] != "-h,--help":
+                    also.append(f"`{option.split()[0]}`" + (f" ({default})" if default else ""))
+            if own:
+                lines += [f"**{heading}**", "", *(entry(*option) for option in own), ""]
+        if also:
+            lines += ["Also, [below](#options-of-several-commands): " + ", ".join(also) + ".", ""]
+    lines += ["## Options of several commands", ""]
+    lines += [entry(option, limits(words, by)) for (option, words), by in users.items() if (option, words) in shared]
+    return "\n".join(lines) + "\n"
+
+
+def limits(words, by):
+    """With the range, which stands in the same brackets as the default."""
+    match = re.search(r" \(((?:[^()]*; )?)(?:default [^();]*|required)\)$", by[0])
+    return f"{words} ({match[1].rstrip('; ')})" if match and match[1] else words
+
+
+def main(program, path, check=""):
+    wanted = page(program)
+    if not check:
+        with open(path, "w", encoding="utf-8") as file:
+            file.write(wanted)
+        return 0
+    with open(path, encoding="utf-8") as file:
+        written = file.read()
+    if written == wanted:
+        print(f"{path}: as the program says")
+        return 0
+    apart = next(i for i, (a, b) in enumerate(zip(written.splitlines() + [""], wanted.splitlines() + [""])) if a != b)
+    print(f"{path}: line {apart + 1} is not what the program's help says; run make reference\n  page:    "
+          f"{(written.splitlines() + [''])[apart]}\n  program: {(wanted.splitlines() + [''])[apart]}")
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
