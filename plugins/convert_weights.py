@@ -82,10 +82,9 @@ def flat(module, prefix=""):
 def read_state(optimiser):
     """AdamW's state by the number of the parameter."""
     states = optimiser.values["state"].values
-    groups = optimiser.values["param_groups"].values
-    parameters = groups["0"].values["params"].values
-    for k in range(int(parameters["size"])):
-        state = states.get(str(parameters[str(k)]))
+    group = optimiser.values["param_groups"].values["param_groups/0"].values
+    for k in range(int(group["params/size"])):
+        state = states.get(group[f"params/{k}"])
         if state is None:
             continue
         yield f"optimiser.{k}.step", numpy.array(int(state.values["step"]), "<i8")
