@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/names.h"
+#include "base/ranks.h"
 #include "base/words.h"
 #include "detection/precision.h"
 #include "frames/made_of.h"
@@ -141,8 +142,13 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.settings.matching = can.matching();
   if (!can.why_whole.empty())
     spdlog::info("every pass of the detector is over the whole frame: {}", can.why_whole);
-  result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, stage.settings.data,
-                                    result.settings.quiet);
+  if (rank_count() > 1 && (!result.store->cache().on() || result.settings.detector_identity.empty()))
+    throw InputError("evaluate", "mpirun",
+                     "processes share their work through the disk cache, which is off here",
+                     "set MIRAGE_CACHE to a folder that all of them see, or start it without mpirun");
+  if (rank() == 0)  // the only one that tells; the others take from its part of the rest meanwhile
+    result.reliance = cached_reliance(result.detectors, result.settings.detector_identity,
+                                      stage.settings.data, result.settings.quiet);
   const CleanDetections clean =
       clean_detections(result.detectors, *result.store, result.hosts, result.settings);
   const auto judged = [&](std::span<const TexturedMesh> meshes) {

@@ -10,8 +10,10 @@
 #include "attack/evaluation_strata.h"
 #include "attack/false_positives.h"
 #include "base/error.h"
+#include "base/files.h"
 #include "base/interrupt.h"
 #include "base/progress.h"
+#include "base/ranks.h"
 #include "detection/detect.h"
 #include "frames/cached_detections.h"
 #include "frames/frame_cache.h"
@@ -36,7 +38,71 @@ double nearest_centre(const std::vector<Detection>& detections, const HostTruth&
   return nearest;
 }
 
-constexpr const char* kStopped = "an evaluation writes nothing until it is done; run it again";
+/// Whether answers go to disk: then a second run goes on, and ranks share their work.
+bool kept_on_disk(FrameStore& store, const EvaluationSettings& settings) {
+  return store.cache().on() && !settings.detector_identity.empty();
+}
+
+const char* how_to_go_on(FrameStore& store, const EvaluationSettings& settings) {
+  return kept_on_disk(store, settings) ? "run it again: it goes on"
+                                       : "nothing is kept without MIRAGE_CACHE; run it again";
+}
+
+/// content_hash of every coordinate, index and texel.
+std::string hash_of(const TexturedMesh& textured) {
+  const auto& [mesh, atlas] = textured;
+  std::string bytes;
+  const auto put = [&](const auto* values, std::size_t count) {
+    bytes.append(reinterpret_cast<const char*>(&count), sizeof count);
+    bytes.append(reinterpret_cast<const char*>(values), count * sizeof *values);
+  };
+  static_assert(sizeof(Vec3d) == 3 * sizeof(double) && sizeof(Face) == 3 * sizeof(int));
+  put(mesh.vertices.data(), mesh.vertices.size());
+  put(mesh.faces.data(), mesh.faces.size());
+  put(&atlas.resolution, 1);
+  put(atlas.texels.data(), atlas.texels.size());
+  return content_hash(bytes);
+}
+
+/// One mesh on one host: drawn, and shown to the detector.
+class Attacked {
+ public:
+  Attacked(FrameStore& store, const EvaluationSettings& settings, const SimulationSettings& simulation)
+      : store_(store), settings_(settings), simulation_(simulation) {}
+
+  /// `local`: the clean frame is looked at, too, which saves it work.
+  FoundAttacked look(Detector& detector, const HostId& id, const TexturedMesh& mesh,
+                     const std::string& mesh_hash, bool local) const {
+    const auto now = [&] { return drawn(detector, id, mesh, local); };
+    if (!kept_on_disk(store_, settings_)) return now();
+    Provenance made_of = store_.made_of(id);
+    made_of.add(simulation_);
+    made_of.input("mesh", mesh_hash);
+    made_of.input("detector", settings_.detector_identity);
+    made_of.set("score_threshold", settings_.score_threshold);
+    made_of.set("local", local);  // its answers are those of whole passes up to rounding
+    return store_.cache().attacked(made_of, now);
+  }
+
+ private:
+  FoundAttacked drawn(Detector& detector, const HostId& id, const TexturedMesh& mesh, bool local) const {
+    const auto prepared = store_.get(id.frame);
+    const Placement placement = store_.placement(id);
+    const Simulated simulated = simulate(*prepared, placement, mesh, simulation_);
+    SensorView view = view_of(prepared->frame, simulated.image, simulated.sweep);
+    CleanView as_recorded;
+    if (local) {
+      as_recorded = clean_view(*prepared, simulated);
+      view.clean = &as_recorded;
+    }
+    return {detections(detector, view, settings_),
+            settings_.matching.in_picture() ? carried_box(simulated, placement) : std::nullopt};
+  }
+
+  FrameStore& store_;
+  const EvaluationSettings& settings_;
+  const SimulationSettings& simulation_;
+};
 
 }  // namespace
 
@@ -130,8 +196,10 @@ CleanDetections clean_detections(const DetectorPool& detectors, FrameStore& stor
   for (const HostId& id : hosts) clean[id.frame];
   std::vector<std::string> frames;
   for (const auto& [id, none] : clean) frames.push_back(id);
-  for_each_with_detector(detectors, frames.size(), [&](Detector& detector, std::size_t i) {
-    throw_if_interrupted(kStopped);
+  const std::vector<std::size_t> order = order_among_ranks(frames.size());
+  for_each_with_detector(detectors, frames.size(), [&](Detector& detector, std::size_t k) {
+    throw_if_interrupted(how_to_go_on(store, settings));
+    const std::size_t i = order[k];
     // Down to the score that an attack keeps them (CleanSights): one entry on disk serves both.
     EvaluationSettings down = settings;
     down.score_threshold = std::min(settings.score_threshold, kScoreThresholdForAp);
@@ -154,29 +222,26 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
   std::map<std::string, std::size_t> passes;
   for (const HostId& id : hosts) passes[id.frame] += adversaries.size();
   const bool local = detectors.front()->capabilities().why_whole.empty();
+  std::vector<std::string> hashes;
+  for (const TexturedMesh& mesh : adversaries) hashes.push_back(hash_of(mesh));
+  const Attacked attacked(store, by, simulation);
   std::vector<HostOutcome> outcomes(count);
   Progress progress("evaluate", count, settings.quiet);
   std::mutex mutex;
   std::size_t done = 0;
-  for_each_with_detector(detectors, count, [&](Detector& detector, std::size_t i) {
-    throw_if_interrupted(kStopped);
+  const std::vector<std::size_t> order = order_among_ranks(count);
+  for_each_with_detector(detectors, count, [&](Detector& detector, std::size_t k) {
+    throw_if_interrupted(how_to_go_on(store, settings));
+    const std::size_t i = order[k];
     const HostId& id = hosts[i / adversaries.size()];  // a frame's work lies together
     const std::size_t mesh = i % adversaries.size();
-    const auto held = store.get(id.frame);
-    const PreparedFrame& prepared = *held;
-    const Placement placement = store.placement(id);
-    const Simulated simulated = simulate(prepared, placement, adversaries[mesh], simulation);
-    SensorView view = view_of(prepared.frame, simulated.image, simulated.sweep);
-    CleanView as_recorded;
-    if (local && passes.at(id.frame) >= kWorthKeeping) {
-      as_recorded = clean_view(prepared, simulated);
-      view.clean = &as_recorded;
-    }
+    FoundAttacked found = attacked.look(detector, id, adversaries[mesh], hashes[mesh],
+                                        local && passes.at(id.frame) >= kWorthKeeping);
+    const auto prepared = store.get(id.frame);
     HostOutcome& outcome = outcomes[mesh * hosts.size() + i / adversaries.size()];
-    const auto object = by.matching.in_picture() ? carried_box(simulated, placement) : std::nullopt;
-    outcome = judge(id, prepared.frame, clean.at(id.frame), detections(detector, view, by), by, object);
+    outcome = judge(id, prepared->frame, clean.at(id.frame), std::move(found.detections), by, found.object);
     outcome.mesh = static_cast<int>(mesh);
-    outcome.from_box = placement.carrier->from_box;
+    outcome.from_box = store.placement(id).carrier->from_box;
     const std::lock_guard lock(mutex);
     progress.update(++done);
   });

@@ -8,6 +8,9 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include "base/random.h"
+#include "base/shuffle.h"
+
 namespace mirage {
 namespace {
 
@@ -70,6 +73,19 @@ void share_blocks(std::vector<std::vector<double>>& blocks) {
   for (std::size_t k = 0; k < blocks.size(); ++k)
     MPI_Bcast(blocks[k].data(), static_cast<int>(blocks[k].size()), MPI_DOUBLE,
               static_cast<int>(k % static_cast<std::size_t>(ranks)), MPI_COMM_WORLD);
+}
+
+std::vector<std::size_t> order_among_ranks(std::size_t count) {
+  const auto first = [&](int r) {
+    return count * static_cast<std::size_t>(r) / static_cast<std::size_t>(rank_count());
+  };
+  std::vector<std::size_t> own, others;
+  for (std::size_t i = 0; i < count; ++i)
+    (i >= first(rank()) && i < first(rank() + 1) ? own : others).push_back(i);
+  RandomStream random(static_cast<std::uint64_t>(rank()), "order among ranks");
+  shuffle(others, random);
+  own.insert(own.end(), others.begin(), others.end());
+  return own;
 }
 
 long first_rank_value(long value) {

@@ -3,6 +3,7 @@
 // processes compute what one does, to the bit.
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 namespace mirage {
@@ -34,6 +35,10 @@ bool any_rank(bool value);
 /// block k is rank k % rank_count()'s; afterwards every rank holds all. All blocks are of one size, which
 /// every rank gives them beforehand. A call of all ranks.
 void share_blocks(std::vector<std::vector<double>>& blocks);
+/// 0 … count − 1 in the order in which this process takes work whose results all ranks keep in one cache: its
+/// own stretch first, then the rest in a random order of its own. So ranks finish together, whatever each
+/// item costs, and a rank that dies leaves its items to the others. One process: as they are.
+std::vector<std::size_t> order_among_ranks(std::size_t count);
 /// The first rank's value, on all. A call of all ranks.
 long first_rank_value(long value);
 

@@ -4,6 +4,7 @@
 
 #include "attack/evaluate_run.h"
 #include "base/field_text.h"
+#include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
@@ -151,11 +152,12 @@ Command evaluate_command() {
         print_arms(evaluation);
         print_strata(evaluation);
         nlohmann::json result = to_json(evaluation);
-        if (options->pictures > 0)
+        if (options->pictures > 0 && rank() == 0)
           result["pictures"] =
               draw_evaluation_pictures(evaluation, options->pictures, common.out / "pictures");
         return result;
       },
+      .many_ranks = true,
   };
 }
 

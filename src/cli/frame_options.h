@@ -80,7 +80,7 @@ struct LidarEffectsOption {
 /// For the commands that keep what frames cost to prepare (frames/frame_cache.h).
 inline void tell_of_cache(CLI::App& app) {
   app.footer(
-      "Completed depth, fitted roofs, hosts in view and clean detections are kept on disk by content, in the "
+      "Completed depth, fitted roofs, hosts in view and detections are kept on disk by content, in the "
       "folder that the environment variable MIRAGE_CACHE names (default: $XDG_CACHE_HOME/mirage or "
       "~/.cache/mirage; off: nowhere). Results are the same with and without.");
 }

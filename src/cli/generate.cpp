@@ -1,6 +1,7 @@
 // mirage generate: writes synthetic frames in KITTI layout.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
 #include <memory>
 
@@ -66,7 +67,7 @@ nlohmann::json run(const GenerateOptions& options, const Common& common) {
     fmt::print("frames written   {:6}   (kept from before: {})\n", sum.written, sum.kept);
     fmt::print("cars labelled    {:6}   (other objects: {})\n", sum.cars, sum.others);
     fmt::print("points a frame   {:6.0f}\n",
-               sum.written ? static_cast<double>(sum.points) / sum.written : 0.0);
+               static_cast<double>(sum.points) / std::max(1, sum.written + sum.kept));
     fmt::print("seconds          {:6.1f}   ({})\n", seconds, printable(common.out.string()));
   }
   return nlohmann::json{{"frames", sum.written + sum.kept},
@@ -91,6 +92,7 @@ Command generate_command() {
       .example = "mirage generate --rig kitti64 --frames 20 --out generated",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
+      .many_ranks = true,
   };
 }
 

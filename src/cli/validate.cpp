@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "base/files.h"
+#include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/frame_options.h"
@@ -157,6 +158,9 @@ void add_options(CLI::App& app, ValidateOptions& options) {
                  "result.json (or folder) of mirage evaluate, for the report");
   app.add_option("--tradeoff", settings.tradeoff,
                  "result.json (or folder) of mirage tradeoff, for the report");
+  app.add_flag("--sign-off", settings.sign_off,
+               "writes sign-off.html, too: one A4 page with result, hashes, hidden vehicles by distance and "
+               "what was not tested");
 }
 
 }  // namespace
@@ -179,7 +183,9 @@ Command validate_command() {
             settings.detector.seed = common.seed;
             settings.made_of = common.made_of;
             options->settings = settings;
-            const Validation result = validate(settings, [](const auto& out) { return start_blender(out); });
+            const Validation result = validate(settings, [](const auto& out) {
+              return start_blender(out, rank() == 0 ? "blender.log" : fmt::format("blender-{}.log", rank()));
+            });
             print_fidelity(result);
             nlohmann::json json = to_json(result);
             // The same under the keys by which readers of result.json look for Blender.
@@ -190,6 +196,7 @@ Command validate_command() {
             return json;
           },
       .afterwards = [options](const Common&) { write_report(options->settings); },
+      .many_ranks = true,
   };
 }
 

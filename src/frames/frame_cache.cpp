@@ -148,6 +148,18 @@ void for_each_value(Detection& d, const Use& use) {
   for (double& value : *d.velocity) use(value);
 }
 
+void encode_all(Writer& writer, const std::vector<Detection>& found) {
+  writer.put<std::uint64_t>(found.size());
+  for (Detection detection : found) for_each_value(detection, [&](const auto& value) { writer.put(value); });
+}
+
+std::vector<Detection> decode_all(Reader& reader) {
+  std::vector<Detection> found(reader.get_count(12 * sizeof(double)));
+  for (Detection& detection : found)
+    for_each_value(detection, [&](auto& value) { value = reader.get<std::decay_t<decltype(value)>>(); });
+  return found;
+}
+
 /// Of one frame, named by its hash.
 Provenance of_frame(const std::string& frame) {
   Provenance made_of;
@@ -167,6 +179,12 @@ Provenance FrameCache::with_roofs(const std::string& frame) const {
   Provenance made_of = of_frame(frame);
   made_of.input("lidar", lidar_);
   made_of.input("rooftop", rooftop_);
+  return made_of;
+}
+
+Provenance FrameCache::prepared(const std::string& frame) const {
+  Provenance made_of = with_roofs(frame);
+  made_of.input("depth", depth_);
   return made_of;
 }
 
@@ -210,8 +228,7 @@ std::vector<HostView> FrameCache::views(const std::string& frame, const PlaceCho
                                         const std::array<double, 4>& region,
                                         const SimulationSettings& simulation,
                                         const std::function<std::vector<HostView>()>& compute) {
-  Provenance made_of = with_roofs(frame);
-  made_of.input("depth", depth_);
+  Provenance made_of = prepared(frame);
   made_of.set("placement", text_of(place));
   made_of.set("region", region);
   SimulationSettings seen = simulation;  // what no silhouette depends on
@@ -245,19 +262,24 @@ std::vector<Detection> FrameCache::detections(const std::string& frame, const st
   Provenance made_of = of_frame(frame);
   made_of.input("detector", detector);
   made_of.set("score_threshold", score_threshold);
-  return kept<std::vector<Detection>>(
-      disk_.get(), "found", made_of, compute,
+  return kept<std::vector<Detection>>(disk_.get(), "found", made_of, compute, decode_all, encode_all);
+}
+
+FoundAttacked FrameCache::attacked(const Provenance& made_of, const std::function<FoundAttacked()>& compute) {
+  return kept<FoundAttacked>(
+      disk_.get(), "attacked", made_of, compute,
       [](Reader& reader) {
-        std::vector<Detection> found(reader.get_count(12 * sizeof(double)));
-        for (Detection& detection : found)
-          for_each_value(detection,
-                         [&](auto& value) { value = reader.get<std::decay_t<decltype(value)>>(); });
-        return found;
+        FoundAttacked result{decode_all(reader), {}};
+        if (reader.get<std::uint8_t>() == 0) return result;
+        PictureBox& box = result.object.emplace();
+        for (double* value : {&box.left, &box.top, &box.right, &box.bottom}) *value = reader.get<double>();
+        return result;
       },
-      [](Writer& writer, const std::vector<Detection>& found) {
-        writer.put<std::uint64_t>(found.size());
-        for (Detection detection : found)
-          for_each_value(detection, [&](const auto& value) { writer.put(value); });
+      [](Writer& writer, const FoundAttacked& result) {
+        encode_all(writer, result.detections);
+        writer.put<std::uint8_t>(result.object.has_value());
+        if (const auto& box = result.object)
+          for (const double value : {box->left, box->top, box->right, box->bottom}) writer.put(value);
       });
 }
 

@@ -1,11 +1,12 @@
-// What of a frame does not depend on the adversary, kept on disk (base/disk_cache.h) by content: completed
-// depth, roofs with their fitted vehicles, how much of the reference adversary each host shows, and clean
-// detections. Keys are what they are made of (base/provenance.h): a result from the cache is the one that
-// would be computed, to the bit.
+// What is costly in a frame, kept on disk (base/disk_cache.h) by content: completed depth, roofs with their
+// fitted vehicles, how much of the reference adversary each host shows, and what a detector finds, as
+// recorded and with an object in it. Keys are what they are made of (base/provenance.h): a result from the
+// cache is the one that would be computed, to the bit.
 #pragma once
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,12 @@ struct HostView {
   int label = 0;
   double share = 0;
   bool from_box = true;  ///< Carrier's
+};
+
+/// What a detector finds in a frame with an object in it.
+struct FoundAttacked {
+  std::vector<Detection> detections;
+  std::optional<PictureBox> object;  ///< its outline in the picture, where that is asked for
 };
 
 /// The entries of one data set's frames. `frame` is frame_hash() of scene/data/kitti.h. Several threads may
@@ -49,6 +56,10 @@ class FrameCache {
   std::vector<Detection> detections(const std::string& frame, const std::string& detector,
                                     double score_threshold,
                                     const std::function<std::vector<Detection>()>& compute);
+  /// Of an insertion that `made_of` tells whole: prepared(), the object, how it is drawn, and the detector.
+  FoundAttacked attacked(const Provenance& made_of, const std::function<FoundAttacked()>& compute);
+  /// What a prepared frame is made of: the frame, its depth and its roofs.
+  Provenance prepared(const std::string& frame) const;
 
  private:
   Provenance with_roofs(const std::string& frame) const;

@@ -171,6 +171,14 @@ Placement FrameStore::placement(const HostId& host) {
   return placement_of(place_, entry->carriers[static_cast<std::size_t>(host.label)]);
 }
 
+Provenance FrameStore::made_of(const HostId& host) const {
+  Provenance made_of = cache_.prepared(content(host.frame));
+  made_of.set("sun", sun_.word);
+  made_of.set("placement", text_of(place_));
+  made_of.set("host", host_name(host));  // sampled effects have their streams by it
+  return made_of;
+}
+
 std::vector<HostView> FrameStore::views(const std::string& id, const std::array<double, 4>& region,
                                         const SimulationSettings& simulation) {
   const auto look = [&] {

@@ -46,6 +46,9 @@ class FrameStore {
   /// Where the object stands for a host: FrameSource::placement. The host's roof is found in the whole sweep:
   /// a vehicle that the photograph cuts off is seen whole. InputError if the frame has no such label.
   Placement placement(const HostId& host);
+  /// What an insertion at a host is made of, but for the object and how it is drawn: the prepared frame, its
+  /// light and the place.
+  Provenance made_of(const HostId& host) const;
   /// Share in view of the reference adversary, placed at each car inside `region`.
   std::vector<HostView> views(const std::string& id, const std::array<double, 4>& region,
                               const SimulationSettings& simulation);

@@ -9,6 +9,7 @@
 #include "base/parallel.h"
 #include "base/progress.h"
 #include "base/random.h"
+#include "base/ranks.h"
 #include "base/shuffle.h"
 #include "scene/data/read_frames.h"
 
@@ -40,7 +41,9 @@ std::vector<Host> find_all_hosts(FrameStore& store, const std::vector<std::strin
   Progress progress("look for hosts", frames.size(), quiet);
   std::mutex mutex;
   std::size_t done = 0;
-  parallel_for(frames.size(), [&](std::size_t i) {
+  const std::vector<std::size_t> order = order_among_ranks(frames.size());
+  parallel_for(frames.size(), [&](std::size_t k) {
+    const std::size_t i = order[k];
     try {
       throw_if_interrupted("nothing was lost: no vehicle had been attacked yet");
       by_frame[i] = find_hosts(store, frames[i], region, simulation, min_view);

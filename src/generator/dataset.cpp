@@ -10,8 +10,10 @@
 #include "base/image_io.h"
 #include "base/interrupt.h"
 #include "base/parallel.h"
+#include "base/ranks.h"
 #include "generator/frame_record.h"
 #include "scene/data/kitti.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
 
@@ -48,12 +50,15 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
   DatasetSummary sum;
   std::mutex mutex;
   std::size_t done = 0;
-  parallel_for(static_cast<std::size_t>(count), [&](std::size_t i) {
+  const std::vector<std::size_t> order = order_among_ranks(static_cast<std::size_t>(count));
+  parallel_for(order.size(), [&](std::size_t k) {
     if (interrupted()) return;
-    const std::uint64_t index = first + i;
+    const std::uint64_t index = first + order[k];
     const bool keep = is_as_recorded(out, fmt::format("{:06}", index), truth);
     Frame frame;
-    if (!keep) {
+    if (keep) {
+      frame = read_frame(out, fmt::format("{:06}", index));
+    } else {
       FrameTruth known;
       frame = generate_frame(rig, seed, index, truth == Truth::none ? nullptr : &known);
       // Before the frame: its sweep comes last, so that a listed frame has its truth.

@@ -1,5 +1,6 @@
-// `mpirun -n N mirage attack`: the same bits for any number of processes, and what is left when one dies; and
-// `mirage reproduce`, whose steps the processes take side by side.
+// `mpirun -n N mirage attack`: the same bits for any number of processes, and what is left when one dies;
+// `mirage generate` and `evaluate`, which share frames and vehicles, and `mirage reproduce`, whose steps they
+// take side by side.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -130,8 +131,61 @@ TEST_F(Ranks, StepsOfAReproductionAreTakenSideBySide) {
             read_json(folder_ / "one/result.json").at("arms"));
 }
 
+TEST_F(Ranks, AnEvaluationIsTheSameOnAnyNumberOfProcessesAndGoesOn) {
+  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + attack("run", 2) + " --detector lidar"), 0);
+  const auto judge = [&](const std::string& out) {
+    return "evaluate --threads 1 --hosts all --random-meshes 1 --run " + (folder_ / "run").string() +
+           " --out " + (folder_ / out).string();
+  };
+  const auto result = [&](const std::string& out) {
+    nlohmann::json read = read_json(folder_ / out / "result.json");
+    read.erase("provenance");
+    return read;
+  };
+  const auto with_cache = [&](const std::string& name, const std::string& line) {
+    return shell(folder_, "export MIRAGE_CACHE=" + (folder_ / name).string() + "; " + line);
+  };
+  const auto kept = [&](const std::string& name) {
+    std::size_t files = 0;
+    for (const auto& entry : fs::recursive_directory_iterator(folder_ / name / "attacked"))
+      files += entry.is_regular_file();
+    return files;
+  };
+  ASSERT_EQ(shell(folder_, MIRAGE_BUILD "/mirage " + judge("alone")), 0) << read_file(folder_ / "said");
+  const nlohmann::json alone = result("alone");
+  ASSERT_EQ(with_cache("cache", on_ranks(3, judge("three"))), 0) << read_file(folder_ / "said");
+  EXPECT_EQ(result("three"), alone);
+  const auto looked = alone.at("hosts").get<std::size_t>() * alone.at("arms").size();
+  EXPECT_EQ(kept("cache"), looked);  // each mesh on each host, once
+  // What is there is read again, and what is missing is made.
+  fs::remove_all(*fs::directory_iterator(folder_ / "cache/attacked"));
+  EXPECT_LT(kept("cache"), looked);
+  ASSERT_EQ(with_cache("cache", MIRAGE_BUILD "/mirage " + judge("again")), 0) << read_file(folder_ / "said");
+  EXPECT_EQ(result("again"), alone);
+  EXPECT_EQ(kept("cache"), looked);
+  // They share their work through the cache alone.
+  EXPECT_EQ(shell(folder_, on_ranks(2, judge("none"))), 2);
+  EXPECT_THAT(read_file(folder_ / "said"), HasSubstr("set MIRAGE_CACHE"));
+}
+
+TEST_F(Ranks, FramesAreGeneratedSideBySide) {
+  ASSERT_EQ(shell(folder_, on_ranks(2, "generate --threads 1 --frames 3 --seed 5 --out " +
+                                           (folder_ / "two").string())),
+            0)
+      << read_file(folder_ / "said");
+  for (const auto& entry : fs::recursive_directory_iterator(folder_ / "data/training"))
+    if (entry.is_regular_file()) {
+      const fs::path twin = folder_ / "two" / fs::relative(entry.path(), folder_ / "data");
+      EXPECT_EQ(read_file(twin), read_file(entry.path())) << twin;
+    }
+  const nlohmann::json alone = read_json(folder_ / "data/result.json"),
+                       both = read_json(folder_ / "two/result.json");
+  for (const char* count : {"frames", "cars", "others", "points"})
+    EXPECT_EQ(both.at(count), alone.at(count)) << count;
+}
+
 TEST_F(Ranks, OtherCommandsRunInOneProcess) {
-  EXPECT_EQ(shell(folder_, on_ranks(2, "generate --frames 1 --out " + (folder_ / "x").string())), 2);
+  EXPECT_EQ(shell(folder_, on_ranks(2, "detect --data " + (folder_ / "data").string())), 2);
   EXPECT_THAT(read_file(folder_ / "said"), HasSubstr("start it without mpirun"));
 }
 

@@ -3,8 +3,10 @@
 Opens without console errors and without asking for anything but itself, the model loads, the sliders move by mouse
 and by key, every figure stands in result.json, and both themes draw."""
 
+import base64
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -27,8 +29,23 @@ def write_report(folder, viewer, uses_picture=True, vacuous=False):
                  os.path.join(folder, "tradeoff.json")]
     if viewer:
         arguments += ["--viewer", viewer]
-    subprocess.run(arguments, check=True)
+    subprocess.run(arguments + ["--sign-off"], check=True)
     return os.path.join(validation, "report.html")
+
+
+class SignOff(unittest.TestCase):
+    def test_is_one_sheet_of_a4_that_says_what_counts(self):
+        with tempfile.TemporaryDirectory(prefix="mirage-report-") as folder, browser.Browser() as window:
+            path = write_report(folder, None).replace("report.html", "sign-off.html")
+            window.open(path)
+            self.assertEqual(window.errors, [])
+            text = window.run("document.body.innerText")
+            for part in ("Attack success 22.0 % in Cycles", "fusion-kitti64.pt", "8d1f", "ea8efec", "mirage validate --run out/attack",
+                         "15–30 m\t2\t1\t1", "Hidden in Cycles: 000001_0.", "What was not tested", "signature"):
+                self.assertIn(part, text)
+            sheet = base64.b64decode(window.call("Page.printToPDF", preferCSSPageSize=True)["data"])
+            self.assertEqual(len(re.findall(rb"/Type\s*/Page\b", sheet)), 1)
+            self.assertRegex(sheet, rb"/MediaBox\s*\[0 0 59[45][^ ]* 84[12]")
 
 
 class Page(browser.PageChecks, unittest.TestCase):
@@ -154,8 +171,7 @@ class Page(browser.PageChecks, unittest.TestCase):
 
     def test_parts_are_there(self):
         sections = self.browser.run("[...document.querySelectorAll('section')].map(s => s.id)")
-        self.assertEqual(sections, ["verdict", "adversary", "attack", "ladder", "budget", "tradeoff", "vehicles", "all",
-                                    "method"])
+        self.assertEqual(sections, ["verdict", "vehicles", "attack", "adversary", "ladder", "budget", "tradeoff", "all"])
         self.assertGreaterEqual(self.browser.run("document.querySelectorAll('svg.plot').length"), 9)
         self.check_floors()
         self.assertEqual(self.browser.run("document.querySelectorAll('svg.bev').length"), 6)
@@ -231,4 +247,4 @@ if __name__ == "__main__":
     if not browser.find():
         print("skipped: chromium is not installed (package chromium)")
         sys.exit(77)
-    unittest.main(argv=sys.argv[:1], verbosity=2)
+    unittest.main(argv=sys.argv[:1] + sys.argv[3:], verbosity=2)

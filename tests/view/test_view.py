@@ -376,6 +376,31 @@ class OfARun(browser.PageChecks, Opened):
         self.assertRegex(self.browser.run("document.getElementById('outcome').textContent"), "ound as recorded|Hidden|Still found")
 
 
+    def test_steps_through_all_vehicles_and_the_address_names_them(self):
+        counts = {"hidden": 0, "found": 0, "unfound": 0}
+        for of in self.browser.run("about().attacks"):
+            for word in of:
+                counts[word] += 1
+        self.assertEqual(sum(counts.values()), self.result["vehicles"])
+        self.assertEqual(counts["hidden"], self.result["hidden"])
+        self.assertEqual(self.browser.run("[...document.querySelectorAll('#among option')].map(o => o.textContent)"),
+                         [f"All vehicles ({self.result['vehicles']})", f"Hidden ({counts['hidden']})",
+                          f"Still found ({counts['found']})", f"Not found as recorded ({counts['unfound']})"])
+        self.browser.run("among.selectedIndex = 0")
+        seen = []
+        for _ in range(self.result["vehicles"] + 1):
+            self.browser.wait_for("location.hash === '#' + current.id + ',' + (state.vehicle + 1)")
+            seen.append(self.browser.run("location.hash"))
+            self.browser.run("jump(true)")
+            self.browser.wait_for(f"'#' + current.id + ',' + (state.vehicle + 1) !== {json.dumps(seen[-1])}"
+                                  if self.result["vehicles"] > 1 else "true")
+        self.assertEqual(len(set(seen)), self.result["vehicles"])
+        self.assertEqual(seen[0], seen[-1])
+        for address in seen[-2:]:
+            self.browser.run(f"location.hash = {json.dumps(address)}")
+            self.browser.wait_for(f"'#' + current.id + ',' + (state.vehicle + 1) === {json.dumps(address)}")
+
+
 class WrongInput(unittest.TestCase):
     def test_is_one_line(self):
         with open(at("other.json"), "w", encoding="utf-8") as file:
@@ -403,4 +428,4 @@ if __name__ == "__main__":
     if not browser.find():
         print("skipped: chromium is not installed (package chromium)")
         sys.exit(77)
-    unittest.main(argv=sys.argv[:1], verbosity=2)
+    unittest.main(argv=sys.argv[:1] + sys.argv[3:], verbosity=2)

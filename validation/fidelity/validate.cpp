@@ -16,6 +16,7 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/progress.h"
+#include "base/ranks.h"
 #include "frames/made_of.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
@@ -90,6 +91,7 @@ void write_report(const ValidationSettings& given) {
     arguments.insert(arguments.end(), {"--tradeoff", settings.tradeoff.string()});
   if (const fs::path viewer = built_file("report/model-viewer.min.js"); fs::exists(viewer))
     arguments.insert(arguments.end(), {"--viewer", viewer.string()});
+  if (settings.sign_off) arguments.push_back("--sign-off");
   std::string said;
   if (const int status = run_program(arguments, &said); status != 0)
     throw Failure("report.py", said.empty() ? fmt::format("ended with status {}", status) : said,
@@ -99,8 +101,8 @@ void write_report(const ValidationSettings& given) {
 
 namespace {
 
-/// The hosts' results, kept or made, each stored as it is finished. Those that the renderer was lost on go to
-/// `failed`.
+/// The hosts' results, kept or made, each stored as it is finished, so that ranks find what others made.
+/// Those that the renderer was lost on go to `failed`.
 std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std::vector<HostId>& hosts,
                                            std::vector<GivenUp>& failed) {
   const ValidationSettings& settings = context.settings;
@@ -108,8 +110,9 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
   const std::vector<bool> has_ladder =
       ladder_hosts(hosts, settings.ladder < 0 && !(settings.budget > 0) ? kLadder : settings.ladder);
   Progress progress("validate", hosts.size(), settings.quiet);
-  std::vector<VehicleResult> results;
-  for (std::size_t i = 0; i < hosts.size(); ++i) {
+  std::vector<std::optional<VehicleResult>> results(hosts.size());
+  std::size_t done = 0;
+  for (const std::size_t i : order_among_ranks(hosts.size())) {
     throw_if_interrupted("finished vehicles are kept; run the same command again to go on");
     const std::string name = host_name(hosts[i]);
     std::string& key = keys[hosts[i].frame];
@@ -117,7 +120,8 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
       key = content_hash(validation_key(settings, context.run, hosts[i].frame, context.renderer.identity()) +
                          to_json(context.learned).dump());
     const fs::path file = settings.out / "hosts" / (name + ".json");
-    std::optional<VehicleResult> result = stored_result(settings.out, file, key, has_ladder[i]);
+    std::optional<VehicleResult>& result = results[i];
+    result = stored_result(settings.out, file, key, has_ladder[i]);
     if (!result) {
       try {
         result = validate_vehicle(context, hosts[i], has_ladder[i]);
@@ -132,10 +136,12 @@ std::vector<VehicleResult> vehicle_results(ValidationContext& context, const std
     }
     // As the data set has it now: stored results need not be made again for it.
     result->track = track_of(context.run.settings.data, hosts[i]);
-    results.push_back(std::move(*result));
-    progress.update(i + 1, name);
+    progress.update(++done, name);
   }
-  return results;
+  std::vector<VehicleResult> validated;
+  for (std::optional<VehicleResult>& result : results)
+    if (result) validated.push_back(std::move(*result));
+  return validated;
 }
 
 }  // namespace
@@ -216,8 +222,9 @@ Validation validate(const ValidationSettings& given, const StartReference& start
   DetectorPool detectors;
   detectors.push_back(load_detector(settings.detector));
   Validation validation;
-  validation.reliance =
-      cached_reliance(detectors, detector_identity(settings.detector), run.settings.data, settings.quiet);
+  if (rank() == 0)  // the only one that tells
+    validation.reliance =
+        cached_reliance(detectors, detector_identity(settings.detector), run.settings.data, settings.quiet);
   FrameStore store(run.settings);
   ValidationContext context{settings, run, learned, store, *detectors.front(), *renderer, {}};
   const std::vector<VehicleResult> results = vehicle_results(context, hosts, validation.failed);
@@ -225,7 +232,7 @@ Validation validate(const ValidationSettings& given, const StartReference& start
     throw Failure(renderer->identity().name, "was lost on every vehicle",
                   "look at its log in " + settings.out.string());
   std::error_code ignored;
-  fs::remove_all(settings.out / kScratchFolder, ignored);
+  fs::remove_all(scratch_folder(settings.out), ignored);
   std::set<std::string> test_frames;
   for (const HostId& id : run.test) test_frames.insert(id.frame);
   validation.summary = summarize_vehicles(results, test_frames);

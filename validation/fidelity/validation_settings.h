@@ -27,6 +27,7 @@ struct ValidationSettings {
   double budget = 0;  ///< > 0: choose the cheapest rung within this error (budget.h); ladder on all
   BudgetOf budget_of = BudgetOf::radiance;
   double budget_confidence = 0.9;  ///< share of unseen scenes that are to be within the budget
+  bool sign_off = false;           ///< write a page to sign beside the report, too
   std::uint64_t seed = 0;
   bool quiet = false;
   /// What result.json says that it is made of: the command's options, to which validate() adds.

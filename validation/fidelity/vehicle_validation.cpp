@@ -159,7 +159,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   scene.samples = context.settings.samples;
   scene.seed = context.settings.seed;
   scene.glb = out / "scenes" / (name + ".glb");
-  scene.scratch = out / kScratchFolder;
+  scene.scratch = scratch_folder(out);
   fs::create_directories(scene.scratch);
   write_scene(scene.glb, host_scene(frame, scene.placement, scene.adversary, name));
 

@@ -1,13 +1,14 @@
-"""Writes the fidelity report of `mirage validate`: one self-contained HTML file.
+"""Writes the fidelity report of `mirage validate`: one self-contained HTML file; with --sign-off one A4 page to file, too.
 
-    python3 report.py --validation DIR --run RUN [--evaluation result.json] [--tradeoff result.json] [--viewer FILE.js]
+    python3 report.py --validation DIR --run RUN [--evaluation result.json] [--tradeoff result.json] [--viewer FILE.js] [--sign-off]
 
 Reads DIR/result.json, DIR/hosts/*.json, DIR/pictures/*.png, RUN/loss.csv, RUN/adversary.glb, and what `mirage evaluate`
-and `mirage tradeoff` wrote; `--viewer` is model-viewer's module. Writes DIR/report.html and nothing else. It shows what the
+and `mirage tradeoff` wrote; `--viewer` is model-viewer's module. Writes DIR/report.html, with --sign-off DIR/sign-off.html, and nothing else. It shows what the
 program has judged. What is missing is left out of the page, never made up.
 """
 
 import argparse
+import math
 import os
 import sys
 
@@ -28,6 +29,8 @@ except ImportError as error:
 
 PICTURED_HOSTS = 12  # vehicles shown with pictures; the table holds all
 PICTURED_FLIPS = 12
+NAMED_HIDDEN = 12  # vehicles that the page to sign names
+BANDS = ((0, 15), (15, 30), (30, 50), (50, math.inf))  # m, those of mirage evaluate
 NO_VIEWER = ("model-viewer was not there when Mirage was built. Build once with the npm registry in reach, then run "
              "mirage validate again: finished vehicles are kept.")
 
@@ -74,8 +77,37 @@ def pictured_view(folder, index, host):
             "maps": pictures.in_picture(host, scenes) if seen else pictures.bev(host)}
 
 
-def page(result, hosts, folder, model, viewer, origin):
-    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), autoescape=True)
+def by_distance(hosts):
+    """[{name, found, raster, cycles}]: vehicles found clean, and hidden by each way of drawing, a band of distance."""
+    rows = []
+    for low, high in BANDS:
+        of = [host for host in hosts if low <= host["range"] < high and host["detected"]]
+        name = f"{low}\u2013{high} m" if math.isfinite(high) else f"{low} m and more"
+        rows.append({"name": name, "found": len(of), **{key: sum(host[key]["hidden"] for host in of) for key in ("raster", "cycles")}})
+    return rows
+
+
+def untested(result):
+    """Sentences: what a reader might take for tested and is not."""
+    lines = ["An object that was built: its material, mount and weather are the model's.",
+             "What a tracker makes of the missed frames: each frame was judged alone.",
+             "Sensors other than one front camera and one LiDAR; light other than the recorded sky and sun."]
+    if result["test_frames"] < result["frames"]:
+        lines.insert(0, f"{result['frames'] - result['test_frames']} of the {result['frames']} frames: the attack was learned on them.")
+    if "evaluation" not in result["beside"]:
+        lines.insert(0, "A random object of the same size: give --evaluation.")
+    return lines
+
+
+def sign_off(environment, hosts):
+    """The page to sign, of the environment that page() filled."""
+    named = [host["name"] for host in sorted(hosts, key=lambda host: host["range"]) if host["detected"] and host["cycles"]["hidden"]]
+    more = [f"{len(named) - NAMED_HIDDEN} more"] if len(named) > NAMED_HIDDEN else []
+    return environment.get_template("sign_off.html.j2").render(
+        bands=by_distance(hosts), hidden=named[:NAMED_HIDDEN] + more, untested=untested(environment.globals["result"]))
+
+
+def page(environment, result, hosts, folder, model, viewer, origin):
     fig = figures.figure_function(result, origin)
     beside, group = result["beside"], result.get("verdict", {}).get("of", "held_back")
     note = result.get("reliance", {}).get("note", "")  # stands in place of statements about images
@@ -107,6 +139,7 @@ def main():
     parser.add_argument("--evaluation")
     parser.add_argument("--tradeoff")
     parser.add_argument("--viewer")
+    parser.add_argument("--sign-off", action="store_true")
     options = parser.parse_args()
     folder = options.validation
     result = figures.read_json(os.path.join(folder, "result.json"))
@@ -115,9 +148,12 @@ def main():
     result = figures.gather(result, hosts, figures.loss_curve(os.path.join(options.run, "loss.csv")),
                             figures.read_json(options.evaluation) if options.evaluation else None,
                             figures.read_json(options.tradeoff) if options.tradeoff else None)
-    text = page(result, hosts, folder, model_uri(os.path.join(options.run, "adversary.glb")),
+    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), autoescape=True)
+    text = page(environment, result, hosts, folder, model_uri(os.path.join(options.run, "adversary.glb")),
                 viewer_script(options.viewer), figures.origin_function(hosts, options.evaluation, options.tradeoff))
     files.write(os.path.join(folder, "report.html"), text)
+    if options.sign_off:
+        files.write(os.path.join(folder, "sign-off.html"), sign_off(environment, hosts))
 
 
 if __name__ == "__main__":

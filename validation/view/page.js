@@ -188,11 +188,44 @@ function refresh() {
     maps.querySelector(".orbit").style.display = state.show === "top" ? "none" : "";
   }
   legend();
-  if (current) outcome();
+  if (current) {
+    outcome();
+    address();
+  }
   draw();
 }
 
-async function show(index) {
+// [frame, vehicle] of the vehicles that became one of `words`, in the page's order.
+const attacked = words => told.attacks.flatMap((of, frame) => of.flatMap((word, vehicle) => words.includes(word) ? [[frame, vehicle]] : []));
+
+// Which vehicles N and P step through, and how many they are.
+const AMONG = [["all", "All vehicles", ["hidden", "found", "unfound", ""]], ["hidden", "Hidden", ["hidden"]],
+               ["found", "Still found", ["found"]], ["unfound", "Not found as recorded", ["unfound"]]]
+  .map(([name, text, words]) => ({name, text, vehicles: attacked(words)}));
+
+function jump(forward) {
+  const {vehicles} = AMONG[byId("among").querySelector("select").selectedIndex];
+  const here = [state.index, state.vehicle], after = ([f, v]) => f - here[0] || v - here[1];
+  const next = forward ? vehicles.find(at => after(at) > 0) ?? vehicles[0] : vehicles.findLast(at => after(at) < 0) ?? vehicles.at(-1);
+  return next && show(...next);
+}
+
+// The page's address names the frame and its vehicle (from 1): #000007,2. Once the page is at rest: browsers refuse
+// an address that changes all the time.
+let addressing = 0;
+function address() {
+  clearTimeout(addressing);
+  addressing = setTimeout(() => {
+    const vehicle = current.attacks.length ? `,${state.vehicle + 1}` : "", hash = `#${encodeURIComponent(current.id)}${vehicle}`;
+    if (location.hash !== hash) history.replaceState(null, "", hash);
+  }, 250);
+}
+function follow() {
+  const [id, vehicle] = location.hash.slice(1).split(","), index = told.frames.indexOf(decodeURIComponent(id));
+  return index < 0 ? show(0) : show(index, vehicle > 0 ? vehicle - 1 : undefined);
+}
+
+async function show(index, vehicle) {
   index = Math.max(0, Math.min(told.frames.length - 1, index));
   state.index = index;
   byId("slider").value = index;
@@ -201,7 +234,7 @@ async function show(index) {
   if (state.index !== index) return; // another was asked for meanwhile
   current = frame;
   const first = told => frame.attacks.findIndex(attack => attack.outcome[told]);
-  state.vehicle = Math.max(0, first("hidden") >= 0 ? first("hidden") : first("detected"));
+  state.vehicle = vehicle < frame.attacks.length ? vehicle : Math.max(0, first("hidden") >= 0 ? first("hidden") : first("detected"));
   if (state.close) closeUp();
   const list = byId("vehicle").querySelector("select");
   list.replaceChildren(...frame.attacks.map((attack, k) => {
@@ -233,9 +266,11 @@ function reset() {
   for (const view of columns[0].views) view.reset();
 }
 
+// The next frame half a second after the last was there: a slow machine shows every one, later.
 function play() {
-  clearInterval(state.playing);
-  state.playing = state.playing ? 0 : setInterval(() => show((state.index + 1) % told.frames.length), 500);
+  clearTimeout(state.playing);
+  const next = () => show((state.index + 1) % told.frames.length).then(() => { if (state.playing) state.playing = setTimeout(next, 500); });
+  state.playing = state.playing ? 0 : setTimeout(next, 500);
   byId("play").textContent = state.playing ? "Stop" : "Play";
 }
 
@@ -272,6 +307,8 @@ const KEYS = {
     byId("vehicle").querySelector("select").value = state.vehicle;
     if (state.close) closeUp();
   },
+  n: () => { jump(true); },
+  p: () => { jump(false); },
   z: () => { state.close ? reset() : closeUp(); },
   0: reset,
   t: () => setTheme(step(["system", "light", "dark"], choice)),
@@ -300,6 +337,11 @@ for (const [kind, name, there] of KINDS.filter(kind => kind[2])) {
   label.append(name);
   input.onchange = () => { state.layers[kind] = input.checked; refresh(); };
 }
+const among = byId("among").querySelector("select");
+for (const {text, vehicles} of AMONG.filter(one => told.detector || one.name === "all")) among.add(new Option(`${text} (${vehicles.length})`));
+if (told.detector && AMONG[1].vehicles.length) among.selectedIndex = 1;
+byId("next").onclick = () => jump(true);
+addEventListener("hashchange", follow);
 byId("what").textContent = told.data + (told.run ? `, attacked by ${told.run}` : "");
 document.title = `Mirage: ${told.data}`;
 byId("columns").classList.toggle("pair", !!told.run);
@@ -311,4 +353,4 @@ byId("about-page").textContent = `${told.megabytes} MB, nothing is loaded from e
   (told.detector || told.file ? " Boxes found in the bird's-eye view alone get their height from the sweep." : "");
 dark.addEventListener("change", () => setTheme(choice));
 setTheme("system");
-show(0);
+follow();

@@ -134,6 +134,13 @@ class Attacker {
   std::string name_;
 };
 
+/// What the page counts and filters by.
+std::string became(const json& outcome) {
+  if (!outcome.contains("detected")) return "";
+  if (!outcome.at("detected").get<bool>()) return "unfound";
+  return outcome.at("hidden").get<bool>() ? "hidden" : "found";
+}
+
 /// What stands before the frames in the page, and after them: page.html with each {{NAME}} replaced by the
 /// shipped file of that name.
 std::pair<std::string, std::string> page_around() {
@@ -212,7 +219,9 @@ json make_view(const ViewSettings& given) {
   std::string frames;
   PackSettings coarsest;
   double lowest = std::numeric_limits<double>::infinity(), highest = -lowest, brightest = 0;
-  std::size_t points = 0, kept = 0, vehicles = 0, trained_on = 0;
+  std::size_t points = 0, kept = 0, vehicles = 0, trained_on = 0, hidden = 0;
+  json attacks =
+      json::array();  // a frame's vehicles each: "hidden", "found", "unfound"; "" without a detector
   Progress progress("view", ids.size(), settings.quiet);
   const std::size_t batch = 2 * static_cast<std::size_t>(std::max(1, thread_count()));
   for (std::size_t first = 0; first < ids.size(); first += batch) {
@@ -241,8 +250,12 @@ json make_view(const ViewSettings& given) {
       points += frame.points;
       kept += frame.kept;
       vehicles += views[i].attacks.size();
-      for (const ViewAttack& attack : views[i].attacks)
+      json& of_frame = attacks.emplace_back(json::array());
+      for (const ViewAttack& attack : views[i].attacks) {
         if (attack.outcome.at("learned_on").get<bool>()) ++trained_on;
+        of_frame.push_back(became(attack.outcome));
+        if (of_frame.back() == "hidden") ++hidden;
+      }
     }
     progress.update(first + count);
   }
@@ -252,6 +265,7 @@ json make_view(const ViewSettings& given) {
                 {"run", run ? json(fs::weakly_canonical(settings.run).filename().string()) : json()},
                 {"detector", attacker && !attacker->detector().empty() ? json(attacker->detector()) : json()},
                 {"file", file ? json(fs::weakly_canonical(settings.detections).filename().string()) : json()},
+                {"attacks", attacks},
                 {"judged_at", attacker ? attacker->judged_at() : EvaluationSettings{}.score_threshold},
                 {"judged_iou", EvaluationSettings{}.detected_iou},
                 {"height", {lowest, highest}},
@@ -269,6 +283,7 @@ json make_view(const ViewSettings& given) {
           {"frames", ids.size()},
           {"vehicles", vehicles},
           {"learned_on", trained_on},
+          {"hidden", hidden},
           {"points", points},
           {"kept_points", kept},
           {"step", coarsest.step},
