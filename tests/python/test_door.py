@@ -169,6 +169,10 @@ class Detect(unittest.TestCase):
         mirage.attack(detector=detector, data=FOLDER.data, out=run, iterations=1, copy=False, **SETTINGS)
         page = mirage.view(run=run, detector=detector, out=place("page"))["page"]
         self.assertTrue(os.path.exists(os.path.join(place("page"), os.path.basename(page))))
+        shown = mirage.view(FOLDER.data, out=place("page"), frames=1)._repr_html_()  # what a notebook has inline
+        self.assertRegex(shown, '(?is)^<iframe srcdoc="&lt;!doctype html&gt;.*</iframe>$')
+        self.assertNotIn("<script", shown)
+        self.assertIsNone(mirage.detect(detector=detector, data=FOLDER.data, out=place("detect"))._repr_html_())
         self.assertGreater(mirage.export(run, frames=1)["scenes"], 0)
 
     @unittest.skipIf(shutil.which("blender") is None, "Blender is not installed")

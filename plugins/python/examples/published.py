@@ -1,4 +1,4 @@
-"""Published networks as detectors, in PyTorch alone: Point-GNN (LiDAR), a network for photographs, and CLOCs, which fuses both late.
+"""Published networks as detectors, in PyTorch alone: Point-GNN (LiDAR), one for photographs, and CLOCs, which fuses both late.
 
     lidar = PointGnn("point_gnn_t0.npz")
     fusion = Clocs("clocs.npz", lidar, Picture("vehicle_adas_0002.pt"))
@@ -168,7 +168,8 @@ class PointGnn:
             kept = fresh[centre]
             number = torch.from_numpy(np.cumsum(fresh) - 1)
             here = torch.from_numpy(fresh)
-            found = self.answers(reflectance, xyz, place[here], torch.from_numpy(point[kept]), number[torch.from_numpy(centre[kept])])
+            found = self.answers(reflectance, xyz, place[here], torch.from_numpy(point[kept]),
+                                 number[torch.from_numpy(centre[kept])])
             rows = rows.index_put((here.nonzero()[:, 0],), found)
             if len(self.known) > self.keep:
                 self.known.clear()
@@ -232,7 +233,8 @@ class Clocs:
         half = boxes.new_tensor([-0.5, 0.5])
         corner = torch.cartesian_prod(half, half, half) * boxes[:, None, 3:6]
         c, s = boxes[:, 6:].cos(), boxes[:, 6:].sin()
-        turned = torch.stack([c * corner[:, :, 0] - s * corner[:, :, 1], s * corner[:, :, 0] + c * corner[:, :, 1], corner[:, :, 2]], 2)
+        along, across, up = corner.unbind(2)
+        turned = torch.stack([c * along - s * across, s * along + c * across, up], 2)
         pixel = (boxes[:, None, :3] + turned) @ matrix[:, :3].t() + matrix[:, 3]
         pixel = pixel[:, :, :2] / pixel[:, :, 2:].clamp(min=0.1)
         u, v = pixel[:, :, 0].clamp(0, width), pixel[:, :, 1].clamp(0, height)
@@ -277,4 +279,5 @@ def detector_of(name, *files):
 if __name__ == "__main__":
     from mirage_serve import serve
 
-    serve(detector_of(*sys.argv[1:]))
+    network = detector_of(*sys.argv[1:])
+    serve(network, reads=getattr(network, "reads", ("image", "points")))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
 import sys
@@ -27,6 +28,15 @@ class Result(dict):
         return self.summary or super().__repr__()
 
     __repr__ = __str__
+
+    def _repr_html_(self) -> str | None:
+        """In a notebook: the page that `view` wrote (None: the summary)."""
+        page = self.get("page")
+        if not isinstance(page, str) or not page.endswith(".html") or not os.path.exists(page):
+            return None
+        with open(page, encoding="utf-8") as file:
+            return (f'<iframe srcdoc="{html.escape(file.read())}" width="100%" height="640" style="border: 0" '
+                    f'title="{html.escape(page)}"></iframe>')
 
 
 def _show(what: str, done: int, total: int, left: str, note: str) -> None:
