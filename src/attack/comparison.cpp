@@ -1,12 +1,12 @@
 #include "attack/comparison.h"
 
 #include <algorithm>
+#include <iterator>
 #include <map>
 #include <set>
 
 #include "base/error.h"
 #include "base/names.h"
-#include "exchange/gltf.h"
 #include "frames/frame_store.h"
 #include "frames/made_of.h"
 #include "scene/data/data_rig.h"
@@ -53,7 +53,9 @@ ComparedPart part_of(const std::string& by, const std::string& name, const std::
   for (const Pair& pair : pairs)
     if (counts_first(pair) || counts_second(pair)) ++objects[pair.first->id];
   for (const Pair& pair : pairs) {
-    const double weight = 1.0 / std::max(1, objects[pair.first->id]);
+    const auto seen = objects.find(pair.first->id);
+    if (seen == objects.end()) continue;
+    const double weight = 1.0 / seen->second;
     const std::string cluster = pair.first->cluster();
     if (counts_first(pair)) first.add(cluster, !vanished().finds(*pair.first, false), 0, weight);
     if (counts_second(pair)) second.add(cluster, !vanished().finds(*pair.second, false), 0, weight);
@@ -118,34 +120,36 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
     const double times = result.detectable / difference;
     result.needed.push_back({difference, std::ceil(all.vehicles * times * times)});
   }
+  result.bounds = {hidden_bound(first), hidden_bound(second)};
   result.worse = worse_of(pairs, objects);
   return result;
 }
 
-Comparison compare(const ComparisonRequest& request) {
+Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
   if (request.detectors.size() != 2)
     throw FieldError("detectors", std::to_string(request.detectors.size()), "is not two detectors",
                      "name the old one, then the new one");
   if (request.adaptive && request.runs.size() < 2)
     throw FieldError("adaptive", "", "wants two runs",
                      "give --runs the folders learned against the first and against the second detector");
-  std::vector<TexturedMesh> meshes;
-  std::vector<std::string> objects;
+  std::vector<NamedObject> objects;
   SimulationSettings simulation;
   std::set<std::string> learned_on;
   for (const std::filesystem::path& folder : request.runs) {
-    const Run run = read_run(folder, request.trust);
-    if (meshes.empty()) simulation = run.settings.simulation;
-    meshes.push_back(run.adversary);
-    objects.push_back(folder.string());
+    Run run = read_run(folder, request.trust);
+    if (objects.empty()) simulation = run.settings.simulation;
+    objects.push_back({folder.string(), folder / "adversary.glb", std::move(run.adversary)});
     if (!is_other_data(run, request.data))
       for (const HostId& host : run.train) learned_on.insert(host.frame);
   }
-  for (const std::filesystem::path& file : request.meshes) {
-    meshes.push_back(read_adversary(file));
-    objects.push_back(file.string());
+  std::ranges::move(read_objects(request.meshes), std::back_inserter(objects));
+  if (objects.empty()) throw FieldError("runs", "", "names no object", "give --runs or --mesh");
+  std::vector<TexturedMesh> meshes;
+  std::vector<std::string> object_names;
+  for (const NamedObject& object : objects) {
+    meshes.push_back(object.mesh);
+    object_names.push_back(object.name);
   }
-  if (meshes.empty()) throw FieldError("runs", "", "names no object", "give --runs or --mesh");
 
   std::vector<std::string> frames = list_frames(request.data);
   if (request.frames > 0 && frames.size() > request.frames) frames.resize(request.frames);
@@ -177,8 +181,17 @@ Comparison compare(const ComparisonRequest& request) {
     const CleanDetections clean = clean_detections(pool, store, hosts, settings);
     outcomes.push_back(evaluate(pool, store, hosts, clean, meshes, simulation, settings).hosts);
     names.push_back(pool.front()->name());
+    if (!made_of) continue;
+    Provenance detector;
+    add_detector(detector, options);
+    made_of->set(outcomes.size() == 1 ? "first" : "second", detector.made_of());
   }
-  Comparison result = compare_outcomes(outcomes[0], outcomes[1], objects, request.adaptive);
+  if (made_of) {
+    made_of->set("simulation", to_json(simulation));
+    add_frames(*made_of, request, frames);
+    add_objects(*made_of, objects);
+  }
+  Comparison result = compare_outcomes(outcomes[0], outcomes[1], object_names, request.adaptive);
   result.detectors = names;
   return result;
 }
@@ -194,11 +207,17 @@ nlohmann::json to_json(const Comparison& comparison) {
                           {"p", part.p}};
   };
   const ComparedPart& all = comparison.parts.front();
-  nlohmann::json json = {{"detectors", comparison.detectors},  {"hosts", comparison.hosts},
-                         {"vehicles", all.vehicles},           {"clusters", to_json(comparison.clusters)},
-                         {"difference", all.difference.value}, {"low", all.difference.low},
-                         {"high", all.difference.high},        {"told", to_string(told(all.difference))},
-                         {"first", to_json(all.first)},        {"second", to_json(all.second)},
+  nlohmann::json json = {{"detectors", comparison.detectors},
+                         {"hosts", comparison.hosts},
+                         {"vehicles", all.vehicles},
+                         {"clusters", to_json(comparison.clusters)},
+                         {"difference", all.difference.value},
+                         {"low", all.difference.low},
+                         {"high", all.difference.high},
+                         {"told", to_string(told(all.difference))},
+                         {"first", to_json(all.first)},
+                         {"second", to_json(all.second)},
+                         {"bounds", {to_json(comparison.bounds[0]), to_json(comparison.bounds[1])}},
                          {"detectable", comparison.detectable}};
   for (const std::string& object : comparison.objects) json["objects"].push_back(escape_name(object));
   if (comparison.own) json["own"] = part_json(*comparison.own);

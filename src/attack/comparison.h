@@ -11,6 +11,7 @@
 // (Scandinavian Journal of Statistics 6, 1979).
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -19,7 +20,8 @@
 #include <vector>
 
 #include "attack/evaluation.h"
-#include "attack/run.h"
+#include "attack/upper_bound.h"
+#include "attack/zoo.h"
 
 namespace mirage {
 
@@ -28,7 +30,7 @@ struct ComparisonRequest : FrameSource {
   /// Two; `rig` is set by the data set.
   std::vector<DetectorOptions> detectors;
   std::vector<std::filesystem::path> runs;    ///< folders of mirage attack, whose objects are compared under
-  std::vector<std::filesystem::path> meshes;  ///< *.glb of mirage attack or export
+  std::vector<std::filesystem::path> meshes;  ///< objects (attack/zoo.h)
   /// The first of `runs` was learned against the first detector, the second against the second.
   bool adaptive = false;
   TrustRun trust = TrustRun::no;
@@ -56,13 +58,14 @@ struct WorseVehicle {
 };
 
 struct Comparison {
-  std::vector<std::string> detectors, objects;
-  int hosts = 0;                    ///< tried
-  ClusterCount clusters;            ///< of the vehicles that both find
-  std::vector<ComparedPart> parts;  ///< "all" first; parts without vehicles are left out
+  std::vector<std::string> detectors, objects;  ///< names; objects: those of the runs before the meshes
+  int hosts = 0;                                ///< tried
+  ClusterCount clusters;                        ///< of the vehicles that both find
+  std::vector<ComparedPart> parts;              ///< "all" first; parts without vehicles are left out
   /// Each under its own object, second − first, with `adaptive`.
   std::optional<ComparedPart> own;
-  double detectable = 1;  ///< smallest true difference told in 80 % of such sets
+  std::array<HiddenBound, 2> bounds;  ///< of the first and the second, under any of the objects
+  double detectable = 1;              ///< smallest true difference told in 80 % of such sets
   struct Needed {
     double difference;
     double vehicles;
@@ -77,12 +80,14 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
                             const std::vector<std::string>& objects, bool adaptive);
 
 /// Evaluates both detectors on every usable vehicle of the data set that no run has learned on. InputError
-/// for anything but two detectors, for no object, and where no vehicle is left.
-Comparison compare(const ComparisonRequest& request);
+/// for anything but two detectors, for no object, and where no vehicle is left. `made_of`, if it is not null,
+/// learns what both detectors, the frames and the objects are.
+Comparison compare(const ComparisonRequest& request, Provenance* made_of = nullptr);
 
 /// {detectors, objects, hosts, vehicles, clusters, difference, low, high, told, first, second, own?,
-/// detectable, needed: [{difference, vehicles}], parts: [{by, name, vehicles, first, second, difference, p}],
-/// worse: [{frame, label, object, range, first_score, second_clean_score}]}
+/// bounds: [2 × to_json(HiddenBound)], detectable, needed: [{difference, vehicles}], parts: [{by, name,
+/// vehicles, first, second, difference, p}], worse: [{frame, label, object, range, first_score,
+/// second_clean_score}]}
 nlohmann::json to_json(const Comparison& comparison);
 
 }  // namespace mirage

@@ -5,6 +5,7 @@
 #include <set>
 
 #include "attack/evaluation_strata.h"
+#include "attack/upper_bound.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/names.h"
@@ -62,6 +63,39 @@ int count_trained_on(const Run& run, const std::filesystem::path& data, const st
   return count;
 }
 
+/// What contradicts itself before anything is read.
+void check_request(const EvaluationRequest& request) {
+  if (request.random_meshes < 0)
+    throw FieldError("random_meshes", std::to_string(request.random_meshes), "out of range",
+                     "use at least 0");
+  if (request.run.empty() == request.meshes.empty())
+    throw FieldError("run", request.run.string(),
+                     request.run.empty() ? "is missing, and so is --mesh" : "is given, and --mesh, too",
+                     "give a finished mirage attack (--run) or objects (--mesh)");
+  if (request.meshes.empty()) return;
+  if (!request.asked.contains("data") && request.hosts_of.empty())
+    throw FieldError("data", "", "is missing: --mesh alone names no vehicles",
+                     "give --data, or --hosts-of a finished mirage attack");
+  if (!request.hosts.empty() && request.hosts != "all" && request.hosts_of.empty())
+    throw FieldError("hosts", request.hosts, "are of a run", "leave --hosts out, or give --hosts-of");
+  if (!request.baseline.empty() && request.baseline != "none" &&
+      (request.meshes.size() > 1 || request.meshes.front() == kZoo))
+    throw FieldError("baseline", request.baseline, "are controls of one object, and there are several",
+                     "give one --mesh, or leave --baseline out");
+  if (request.baseline.find("start") != std::string::npos || request.baseline == "all")
+    throw FieldError("baseline", request.baseline, "wants a run: start is where an attack starts",
+                     "use sized, ellipsoid or cuboid");
+}
+
+/// The outcomes of one of several meshes (evaluate() puts a mesh after the other).
+Evaluation of_mesh(const Evaluation& all, std::size_t mesh) {
+  const std::size_t count = all.hosts.size() / static_cast<std::size_t>(all.meshes);
+  const auto begin = all.hosts.begin() + static_cast<std::ptrdiff_t>(mesh * count);
+  std::vector<HostOutcome> hosts(begin, begin + static_cast<std::ptrdiff_t>(count));
+  for (HostOutcome& host : hosts) host.mesh = 0;
+  return summarize(std::move(hosts));
+}
+
 Vec3d extents(const TexturedMesh& mesh) {
   return bounds(mesh.mesh).sizes();
 }
@@ -80,6 +114,7 @@ nlohmann::json arm_json(const RunEvaluation& all, const std::string& name, const
                         {"vehicles", of.vehicles},
                         {"extents_m", {size.x(), size.y(), size.z()}},
                         {"hidden", to_json(of.hiding)},
+                        {"bound", to_json(hidden_bound(of.hosts))},
                         {"fn_asr", to_json(of.fn_interval)},
                         {"fp_asr", to_json(of.fp_interval)},
                         {"asr", to_json(of.asr_interval)}};
@@ -96,18 +131,19 @@ const BaselineArm* RunEvaluation::arm(Baseline kind) const {
 }
 
 RunEvaluation evaluate_run(const EvaluationRequest& request) {
-  if (request.random_meshes < 0)
-    throw FieldError("random_meshes", std::to_string(request.random_meshes), "out of range",
-                     "use at least 0");
-  const std::vector<Baseline> kinds = parse_baselines(request.baseline);
+  check_request(request);
+  const bool of_run = request.meshes.empty();
+  const std::vector<Baseline> kinds = parse_baselines(
+      request.baseline.empty() ? std::string(of_run ? "start,sized" : "none") : request.baseline);
   RunEvaluation result;
-  result.run = read_run(request.run, request.trust);
+  result.objects = read_objects(request.meshes);
+  result.run = of_run ? read_run(request.run, request.trust) : run_of_objects(result.objects);
   result.hosts_of = request.hosts_of;
   result.stage = request.hosts_of.empty() ? result.run : read_run(request.hosts_of, request.trust);
   Run& stage = result.stage;
   if (!request.hosts_of.empty()) check_hosts_of(request, stage);
   const auto data = request.asked.find("data");
-  const bool other_data = data != request.asked.end() && is_other_data(stage, data->second);
+  const bool whole_data = data != request.asked.end() && is_other_data(stage, data->second);
   override_settings(stage, request.asked, request.detector.seed, true);
   result.detector = request.detector;
   use_detector_of(stage, result.detector);
@@ -115,7 +151,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.detector.precision = usable_precision(result.detector.precision);
   result.store = std::make_unique<FrameStore>(stage.settings);
 
-  if (other_data) {  // all its usable vehicles are unseen ones
+  if (whole_data) {  // all its usable vehicles are unseen ones
     const std::vector<std::string> frames = list_frames(stage.settings.data);
     check_labels(stage.settings.data, frames);
     const auto region = load_detector(result.detector)->region();
@@ -126,6 +162,9 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
     result.hosts = hosts_of_split(stage, request.hosts);
     check_labels(stage.settings.data, frames_of(result.hosts));
   }
+  if (result.hosts.empty() && whole_data)
+    throw InputError(stage.settings.data.string(), "labels", "no vehicle has the object in view",
+                     "give more frames or lower --min-view");
   if (result.hosts.empty())
     throw InputError((stage.folder / "run.json").string(), request.hosts.empty() ? "test" : request.hosts,
                      "has no host vehicles", "use --hosts all or a larger data set");
@@ -155,14 +194,19 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
     return evaluate(result.detectors, *result.store, result.hosts, clean, meshes, stage.settings.simulation,
                     result.settings);
   };
-  result.learned = judged({&result.run.adversary, 1});
+  std::vector<TexturedMesh> meshes;
+  for (const NamedObject& object : result.objects) meshes.push_back(object.mesh);
+  if (of_run) meshes.push_back(result.run.adversary);
+  result.learned = judged(meshes);
+  for (std::size_t mesh = 0; mesh < result.objects.size(); ++mesh)
+    result.each.push_back({result.objects[mesh].name, of_mesh(result.learned, mesh), extents(meshes[mesh])});
   if (result.learned.vehicles == 0)
-    spdlog::warn("{} finds none of {} vehicles without the adversary: of its rates nothing is known",
+    spdlog::warn("{} finds none of {} vehicles as recorded: of its rates nothing is known",
                  result.detectors.front()->name(), result.hosts.size());
   if (request.random_meshes == 0) return result;
   for (const Baseline kind : kinds) {
-    const auto meshes = baseline_meshes(result.run, kind, request.random_meshes);
-    result.baselines.push_back({kind, judged(meshes), {}, extents(meshes.front())});
+    const auto controls = baseline_meshes(result.run, kind, request.random_meshes);
+    result.baselines.push_back({kind, judged(controls), {}, extents(controls.front())});
     BaselineArm& arm = result.baselines.back();
     arm.net = net_success(result.learned.hosts, arm.evaluation.hosts);
   }
@@ -171,6 +215,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
 
 nlohmann::json to_json(const RunEvaluation& evaluation) {
   nlohmann::json result = to_json(evaluation.learned);
+  result["bound"] = to_json(hidden_bound(evaluation.learned.hosts));
   for (const BaselineArm& arm : evaluation.baselines) {
     const std::string key = arm.kind == Baseline::start ? "random" : to_string(arm.kind);
     result[key] = to_json(arm.evaluation);
@@ -178,12 +223,17 @@ nlohmann::json to_json(const RunEvaluation& evaluation) {
   }
   auto& arms = result["arms"];
   const BaselineArm* sized = evaluation.arm(Baseline::sized);
-  arms.push_back(arm_json(evaluation, "learned", evaluation.learned, extents(evaluation.run.adversary),
-                          sized ? &sized->net : nullptr));
+  for (const ObjectArm& arm : evaluation.each)
+    arms.push_back(arm_json(evaluation, escape_name(arm.name), arm.evaluation, arm.extents,
+                            sized ? &sized->net : nullptr));
+  if (evaluation.each.empty())
+    arms.push_back(arm_json(evaluation, "learned", evaluation.learned, extents(evaluation.run.adversary),
+                            sized ? &sized->net : nullptr));
   for (const BaselineArm& arm : evaluation.baselines)
     arms.push_back(arm_json(evaluation, to_string(arm.kind), arm.evaluation, arm.extents, &arm.net));
   if (sized) result["net"] = to_json(sized->net);
-  result["run"] = evaluation.run.folder.string();
+  for (const NamedObject& object : evaluation.objects) result["meshes"].push_back(escape_name(object.name));
+  if (evaluation.objects.empty()) result["run"] = evaluation.run.folder.string();
   if (!evaluation.hosts_of.empty()) result["hosts_of"] = evaluation.hosts_of.string();
   result["hosts_trained_on"] = evaluation.trained_on;
   result["data"] = evaluation.stage.settings.data.string();

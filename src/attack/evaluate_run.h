@@ -1,5 +1,5 @@
-// What `mirage evaluate` does: a run's adversary, and controls beside it (attack/baseline.h), on the hosts
-// that its options name.
+// What `mirage evaluate` does: a run's adversary or objects of the user's, and controls beside them
+// (attack/baseline.h), on the hosts that its options name.
 #pragma once
 
 #include <memory>
@@ -9,12 +9,16 @@
 #include "attack/cached_reliance.h"
 #include "attack/evaluation.h"
 #include "attack/run.h"
+#include "attack/zoo.h"
 
 namespace mirage {
 
 /// What `mirage evaluate` is asked for.
 struct EvaluationRequest {
   std::filesystem::path run;  ///< whose adversary is judged
+  /// In place of a run: objects (attack/zoo.h), each judged on all usable vehicles of the data set that
+  /// is asked for, or on those of `hosts_of`.
+  std::vector<std::filesystem::path> meshes;
   /// Black-box transfer: the hosts are exactly this other run's test hosts, and its data set, detector,
   /// roofs, sun, depth and simulation stand where nothing else is asked for. Empty: the run's own.
   std::filesystem::path hosts_of;
@@ -23,7 +27,8 @@ struct EvaluationRequest {
   Overrides asked;                                   ///< of another data set all usable vehicles are judged
   TrustRun trust = TrustRun::no;                     ///< of both runs
   int random_meshes = 1;  ///< meshes of each baseline: seeds run-seed, run-seed + 1, …; 0: none
-  std::string baseline = "start,sized";  ///< which: words of parse_baselines
+  /// Which: words of parse_baselines. Empty: "start,sized", and none with `meshes`.
+  std::string baseline;
   EvaluationSettings settings;
 };
 
@@ -35,9 +40,16 @@ struct BaselineArm {
   Vec3d extents = Vec3d::Zero();  ///< m, of the first mesh along its axes
 };
 
+/// One of several objects, judged on the same hosts.
+struct ObjectArm {
+  std::string name;
+  Evaluation evaluation;
+  Vec3d extents = Vec3d::Zero();  ///< m, along its axes
+};
+
 /// A run judged, and what it was judged on.
 struct RunEvaluation {
-  Run run;    ///< whose adversary was judged
+  Run run;    ///< whose adversary was judged; with `objects` run_of_objects()
   Run stage;  ///< the run that gave the hosts, with the settings that were in force; often the same
   std::filesystem::path hosts_of;  ///< as asked for
   DetectorOptions detector;
@@ -46,22 +58,26 @@ struct RunEvaluation {
   int trained_on = 0;  ///< hosts in frames that the adversary was trained on
   std::unique_ptr<FrameStore> store;
   DetectorPool detectors;
-  Reliance reliance;  ///< of the detector on the data set: whether anything follows about images
-  Evaluation learned;
+  Reliance reliance;   ///< of the detector on the data set: whether anything follows about images
+  Evaluation learned;  ///< with `objects`: of all of them, pooled
+  std::vector<NamedObject> objects;    ///< with EvaluationRequest::meshes: those
+  std::vector<ObjectArm> each;         ///< of `objects`, in their order
   std::vector<BaselineArm> baselines;  ///< in the order asked for; none with random_meshes = 0
 
   /// The arm of that kind; null if it was not judged.
   const BaselineArm* arm(Baseline kind) const;
 };
 
-/// InputError for options that contradict each other and where there are no hosts.
+/// InputError for options that contradict each other and where there are no hosts; with `meshes` as
+/// read_objects().
 RunEvaluation evaluate_run(const EvaluationRequest& request);
 
 /// The learned mesh's Evaluation; of each baseline the same keys and "meshes", under its word, `start` under
-/// "random"; "arms": the learned mesh and all baselines, each {name, detector, rig,
-/// target, seeds, meshes, vehicles, extents_m, hidden: as HidingRates, fn_asr, fp_asr, asr: {value, low,
-/// high}, net: as NetSuccess, of the learned mesh over that baseline}; "net": that over `sized`; and what was
-/// judged: run, data, depth, rooftop, detector, weights, defense, its reliance on its picture
+/// "random"; "arms": the learned mesh (or each object by its name) and all baselines, each {name, detector,
+/// rig, target, seeds, meshes, vehicles, extents_m, hidden: as HidingRates, fn_asr, fp_asr, asr: {value, low,
+/// high}, net: as NetSuccess, of the learned mesh over that baseline}; "net": that over `sized`;
+/// "bound" (in "arms", too): to_json(HiddenBound) of a car that any of the meshes hides; and what was
+/// judged: run (or meshes), data, depth, rooftop, detector, weights, defense, its reliance on its picture
 /// (detection/reliance.h), simulation, sun, thresholds; hosts_of if it was asked for.
 nlohmann::json to_json(const RunEvaluation& evaluation);
 

@@ -4,13 +4,13 @@
 #include <memory>
 
 #include "attack/detector_pool.h"
-#include "base/child_process.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/logging.h"
 #include "base/progress.h"
 #include "cli/command.h"
 #include "cli/detector_options.h"
+#include "cli/page.h"
 #include "cli/picture_rows.h"
 #include "detection/defense_words.h"
 #include "detection/detect.h"
@@ -70,14 +70,9 @@ void add_options(CLI::App& app, AuditOptions& options) {
                  "(plugins/detectors/fusion/weights/reliance.json is what the tests check)");
 }
 
-/// The page beside result.json; without Python's packages a warning in its place.
-void write_page(const Common& common) {
-  const std::string python = plotting_python().string();
-  std::string said;
-  if (python.empty() ||
-      run_program({python, shipped_file("validation/report/audit_page.py").string(), common.out.string()},
-                  &said) != 0)
-    spdlog::warn("no audit.html: {}", said.empty() ? "install python3-jinja2 and python3-pil" : said);
+/// What is lost as what is won.
+Interval less(const Interval& lost) {
+  return {-lost.value, -lost.high, -lost.low};
 }
 
 nlohmann::json run(const AuditOptions& options, const Common& common) {
@@ -115,17 +110,18 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
   if (common.quiet) return result;
   Rows rows = {{"frames", std::to_string(audit.frames)},
                {"cars", fmt::format("{}, AP 0.7 {}", audit.vehicles, percent(audit.ap70))}};
-  for (const AuditRow& row : audit.rows)
-    rows.push_back({fmt::format("{} {}", to_word(row.change.input()), row.change.text()),
-                    row.refused.empty()
-                        ? fmt::format("AP 0.7 {:+.1f} points ({:+.1f} to {:+.1f}), logits move by {:.2f}",
-                                      -100 * row.drop.value, -100 * row.drop.high, -100 * row.drop.low,
-                                      row.delta_logit.value)
-                        : "refused: " + row.refused});
   if (audit.vehicles > 0) rows.push_back({"intervals over", to_string(audit.clusters)});
   for (auto& row : picture_rows(reliance)) rows.push_back(std::move(row));
   for (const std::string& line : describe(audit)) rows.push_back({"answer", line});
   print_table(rows);
+  Columns changes_of = {{"input", "change", "AP 0.7, points (95 %)", "logits move by"}};
+  for (const AuditRow& row : audit.rows)
+    if (row.refused.empty())
+      changes_of.push_back({to_word(row.change.input()), row.change.text(), signed_points(less(row.drop)),
+                            fmt::format("{:.2f}", row.delta_logit.value)});
+    else
+      changes_of.push_back({to_word(row.change.input()), row.change.text(), "refused: " + row.refused});
+  print_columns(changes_of);
   return result;
 }
 
@@ -142,7 +138,7 @@ Command audit_command() {
       .run = [options](const Common& common) { return run(*options, common); },
       .afterwards =
           [options](const Common& common) {
-            if (!options->gate) write_page(common);
+            if (!options->gate) write_page("audit_page.py", common.out);
           },
   };
 }

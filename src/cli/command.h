@@ -74,5 +74,6 @@ Command render_command();
 Command reproduce_command();
 Command rig_command();
 Command view_command();
+Command zoo_command();
 
 }  // namespace mirage::cli

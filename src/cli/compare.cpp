@@ -6,10 +6,9 @@
 #include "cli/command.h"
 #include "cli/detector_options.h"
 #include "cli/frame_options.h"
+#include "cli/page.h"
 #include "cli/table.h"
 #include "cli/trust_option.h"
-#include "frames/made_of.h"
-#include "scene/data/read_frames.h"
 
 namespace mirage::cli {
 namespace {
@@ -35,28 +34,24 @@ void print_comparison(const Comparison& result) {
   const ComparedPart& all = result.parts.front();
   print_table({{"vehicles that both find", fmt::format("{} of {}", all.vehicles, result.hosts)},
                {"intervals over", to_string(result.clusters)}});
-  const auto row = [](const std::string& part, const std::string& vehicles, const std::string& first,
-                      const std::string& second, const std::string& difference, const std::string& p) {
-    std::fputs(
-        fmt::format("{:<34} {:>8} {:>22} {:>22} {:>24} {:>8}\n", part, vehicles, first, second, difference, p)
-            .c_str(),
-        stdout);
-  };
-  std::fputs("\n", stdout);
-  row("vanished (95 %)", "vehicles", "first", "second", "points more in second", "p");
+  Columns parts = {{"vanished (95 %)", "vehicles", "first", "second", "points more in second (95 %)", "p"}};
   const auto show = [&](const ComparedPart& part) {
-    row(part.name.empty() ? part.by : part.by + " " + part.name, std::to_string(part.vehicles),
-        percent(part.first), percent(part.second), signed_points(part.difference),
-        fmt::format("{:.3f}", part.p));
+    parts.push_back({part.name.empty() ? part.by : part.by + " " + part.name, std::to_string(part.vehicles),
+                     percent(part.first), percent(part.second), signed_points(part.difference),
+                     fmt::format("{:.3f}", part.p)});
   };
   for (const ComparedPart& part : result.parts) show(part);
   if (result.own) show(*result.own);
+  print_columns(parts);
   Rows rows = {{"second is easier to fool", to_string(told(all.difference))},
                {"smallest difference that would show",
                 fmt::format("{:.1f} points, in 80 % of such sets", 100 * result.detectable)}};
   for (const auto& [difference, vehicles] : result.needed)
     rows.push_back({fmt::format("vehicles that would show {:g} points", 100 * difference),
                     fmt::format("about {:.0f}", vehicles)});
+  const char* any = result.objects.size() > 1 ? ", any object" : "";
+  rows.push_back({std::string("first") + any, describe(result.bounds[0])});
+  rows.push_back({std::string("second") + any, describe(result.bounds[1])});
   rows.push_back({"vehicles that got worse", std::to_string(result.worse.size())});
   std::fputs("\n", stdout);
   print_table(rows);
@@ -73,7 +68,8 @@ void add_options(CLI::App& app, CompareOptions& options) {
   app.add_option("--defense", options.defenses, "defence of both, or of each (default: none)")
       ->expected(1, 2);
   app.add_option("--runs", request.runs, "finished mirage attacks, whose objects are put on the roofs");
-  app.add_option("--mesh", request.meshes, "objects (*.glb) as mirage attack or export write them");
+  app.add_option("--mesh", request.meshes,
+                 "objects, in metres (.glb, .gltf, .obj or .ply); zoo: all that ship in scenes/objects");
   app.add_flag(
       "--adaptive", request.adaptive,
       "the first two --runs were learned against the first and the second detector: also compare each "
@@ -106,10 +102,8 @@ nlohmann::json run(CompareOptions& options, const Common& common) {
     detector.weights = of_two(options.weights, which, "weights", "");
     detector.defense = of_two(options.defenses, which, "defense", "none");
     request.detectors.push_back(detector);
-    add_detector(*common.made_of, detector);
   }
-  const Comparison result = compare(request);
-  add_frames(*common.made_of, request, list_frames(request.data));
+  const Comparison result = compare(request, common.made_of.get());
   if (!common.quiet) print_comparison(result);
   options.worse = 100 * result.parts.front().difference.low;
   return {{"compare", to_json(result)}};
@@ -127,7 +121,8 @@ Command compare_command() {
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
       .afterwards =
-          [options](const Common&) {
+          [options](const Common& common) {
+            write_page("compare_page.py", common.out);
             if (options->fail_above && options->worse > *options->fail_above)
               throw Failure(
                   "--fail-above",

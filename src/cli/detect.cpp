@@ -88,22 +88,16 @@ std::string key(std::string name) {
 
 /// By Mirage's rules, percent. The first row's figures stand with their intervals.
 void print_scores(const std::vector<ScoredStratum>& parts, const Interval& ap50, const Interval& ap70) {
-  const auto row = [](const std::string& name, const std::string& vehicles, const std::string& at50,
-                      const std::string& at70, const std::string& found50, const std::string& found70) {
-    std::fputs(fmt::format("{:<10} {:>9} {:>22} {:>22} {:>10} {:>10}\n", name, vehicles, at50, at70, found50,
-                           found70)
-                   .c_str(),
-               stdout);
-  };
-  row("", "vehicles", "AP 0.5 (95 %)", "AP 0.7 (95 %)", "recall 0.5", "recall 0.7");
+  Columns rows = {{"", "vehicles", "AP 0.5 (95 %)", "AP 0.7 (95 %)", "recall 0.5", "recall 0.7"}};
   for (const auto& [stratum, at50, at70] : parts) {
     const bool all = &stratum == &parts.front().stratum;
     const auto ap = [&](const PrecisionRecall& at, const Interval& interval) {
       return all ? percent(interval.value, interval.low, interval.high) : percent(at.average_precision);
     };
-    row(stratum.name, std::to_string(at50.boxes), ap(at50, ap50), ap(at70, ap70), percent(at50.recall),
-        percent(at70.recall));
+    rows.push_back({stratum.name, std::to_string(at50.boxes), ap(at50, ap50), ap(at70, ap70),
+                    percent(at50.recall), percent(at70.recall)});
   }
+  print_columns(rows);
 }
 
 /// By the kit's rules: a level without cars has no figure.

@@ -1,11 +1,11 @@
 // mirage drive: an object on every vehicle of a drive, in seconds and metres.
 #include "attack/drive.h"
 
-#include <array>
 #include <cmath>
 #include <memory>
 
 #include "attack/baseline.h"
+#include "attack/zoo.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/names.h"
@@ -15,7 +15,6 @@
 #include "cli/table.h"
 #include "cli/trust_option.h"
 #include "detection/precision.h"
-#include "exchange/mesh_files.h"
 #include "frames/made_of.h"
 #include "validation/report/drive_page.h"
 
@@ -34,19 +33,16 @@ struct DriveOptions {
   double score = EvaluationSettings().score_threshold;
 };
 
-/// The run, or one that has nothing but the mesh: its box is the largest that a random mesh of its size
-/// needs.
+/// The run, or one that has nothing but the mesh.
 Run run_of(const DriveOptions& options) {
   if (options.run.empty() == options.mesh.empty())
     throw InputError("--run", "--mesh", options.run.empty() ? "are both missing" : "are both given",
                      "give a finished mirage attack or an object's mesh");
   if (!options.run.empty()) return read_run(options.run, options.trust);
-  Run run;
-  run.adversary = read_object(options.mesh);
-  const Eigen::AlignedBox3d box = bounds(run.adversary.mesh);
-  run.settings.limits.half =
-      run.settings.limits.half.cwiseMax(box.min().cwiseAbs()).cwiseMax(box.max().cwiseAbs());
-  return run;
+  const std::vector<NamedObject> objects = read_objects({options.mesh});
+  if (objects.size() > 1)
+    throw FieldError("mesh", options.mesh.string(), "is several objects, and a drive has one", "name a file");
+  return run_of_objects(objects);
 }
 
 /// A hash over when and where each frame was taken.
@@ -64,12 +60,6 @@ std::string moments_hash(const std::vector<Sequence>& sequences) {
 }
 
 void print_drive(const DriveResult& result, const nlohmann::json& json) {
-  const auto row = [](const std::string& name, const std::array<std::string, 3>& cells) {
-    std::string text = fmt::format("{:<40}", name);
-    for (const std::string& cell : cells) text += fmt::format(" {:<20}", cell);
-    text.erase(text.find_last_not_of(' ') + 1);
-    std::fputs((text + "\n").c_str(), stdout);
-  };
   const auto value = [](const nlohmann::json& at) {
     const double low = at.at("low"), high = at.at("high");  // of few vehicles nothing is known
     const std::string text = fmt::format("{:.1f}", at.at("value").get<double>());
@@ -81,18 +71,17 @@ void print_drive(const DriveResult& result, const nlohmann::json& json) {
                {"tracker as recorded",
                 fmt::format("MOTA {}, HOTA {}, {} identity switches", percent(result.clean.mota),
                             percent(result.clean.hota), result.clean.switches)}});
-  std::fputs("\n", stdout);
-  row("median over vehicles (95 %)", {"clean", "attacked", "random of its size"});
+  Columns rows = {{"median over vehicles (95 %)", "clean", "attacked", "random of its size"}};
   for (const auto& [key, name] : {std::pair("gap_s", "longest gap of detection, s"),
                                   std::pair("track_gap_s", "longest gap of a confirmed track, s"),
                                   std::pair("confirmed_m", "distance at first confirmation, m")}) {
     const nlohmann::json& of = json.at(key);
-    row(name, {value(of.at("clean")), value(of.at("attacked")), value(of.at("random"))});
+    rows.push_back({name, value(of.at("clean")), value(of.at("attacked")), value(of.at("random"))});
   }
   const nlohmann::json& never = json.at("never_confirmed");
-  row("vehicles never confirmed",
-      {never.at("clean").dump(), never.at("attacked").dump(), never.at("random").dump()});
-  std::fflush(stdout);
+  rows.push_back({"vehicles never confirmed", never.at("clean").dump(), never.at("attacked").dump(),
+                  never.at("random").dump()});
+  print_columns(rows);
 }
 
 void add_options(CLI::App& app, DriveOptions& options) {

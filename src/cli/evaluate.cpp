@@ -1,8 +1,8 @@
-#include <array>
 #include <cstdio>
 #include <memory>
 
 #include "attack/evaluate_run.h"
+#include "attack/upper_bound.h"
 #include "base/field_text.h"
 #include "base/ranks.h"
 #include "cli/command.h"
@@ -39,59 +39,66 @@ void print_head(const RunEvaluation& evaluation) {
 /// The headline: whether the box is gone, beside the seed's rule, with every control and net of it.
 void print_arms(const RunEvaluation& evaluation) {
   const bool picture = evaluation.settings.matching.in_picture();
-  const auto row = [](const std::string& name, const std::array<std::string, 5>& cells) {
-    std::string text = fmt::format("{:<34}", name);
-    for (const std::string& cell : cells) text += fmt::format(" {:<23}", cell);
-    text.erase(text.find_last_not_of(' ') + 1);
-    std::fputs((text + "\n").c_str(), stdout);
-  };
+  Columns rows = {{"share of vehicles (95 %)", "vanished",
+                   fmt::format("FN ASR, IoU {:.1f}", evaluation.settings.detected_iou),
+                   picture ? "missed at IoU 0.5" : "no box within 2 m", "FP ASR", "ASR (FN or FP)"}};
   const auto shares = [&](const std::string& name, const Evaluation& of) {
     const HidingRates& hidden = of.hiding;
-    row(of.meshes > 1 ? fmt::format("{} × {}", of.meshes, name) : name,
-        {percent(hidden.vanished.share), percent(of.fn_interval),
-         percent(picture ? hidden.iou50.share : hidden.distance2m->share), percent(of.fp_interval),
-         percent(of.asr_interval)});
+    rows.push_back({of.meshes > 1 ? fmt::format("{} × {}", of.meshes, name) : name,
+                    percent(hidden.vanished.share), percent(of.fn_interval),
+                    percent(picture ? hidden.iou50.share : hidden.distance2m->share), percent(of.fp_interval),
+                    percent(of.asr_interval)});
   };
-  std::fputs("\n", stdout);
-  row("share of vehicles (95 %)",
-      {"vanished", fmt::format("FN ASR, IoU {:.1f}", evaluation.settings.detected_iou),
-       picture ? "missed at IoU 0.5" : "no box within 2 m", "FP ASR", "ASR (FN or FP)"});
-  shares("learned mesh", evaluation.learned);
+  if (evaluation.each.empty()) shares("learned mesh", evaluation.learned);
+  for (const ObjectArm& arm : evaluation.each) shares(arm.name, arm.evaluation);
   for (const BaselineArm& arm : evaluation.baselines) shares(describe(arm.kind), arm.evaluation);
-  if (!evaluation.baselines.empty()) std::fputs("learned less, points:\n", stdout);
+  if (!evaluation.baselines.empty())
+    rows.push_back({evaluation.each.empty() ? "learned less, points:" : "object less, points:"});
   for (const BaselineArm& arm : evaluation.baselines) {
     const NetSuccess& net = arm.net;
-    row("  " + describe(arm.kind), {signed_points(net.vanished), signed_points(net.fn),
-                                    signed_points(picture ? net.iou50 : *net.distance2m),
-                                    signed_points(net.false_positive), signed_points(net.asr)});
+    rows.push_back({"  " + describe(arm.kind), signed_points(net.vanished), signed_points(net.fn),
+                    signed_points(picture ? net.iou50 : *net.distance2m), signed_points(net.false_positive),
+                    signed_points(net.asr)});
   }
+  print_columns(rows);
+}
+
+/// What can be excluded of each object, and of all of them together.
+void print_bounds(const RunEvaluation& evaluation) {
+  Rows rows;
+  for (const ObjectArm& arm : evaluation.each)
+    rows.push_back({arm.name, describe(hidden_bound(arm.evaluation.hosts))});
+  if (evaluation.each.size() != 1)
+    rows.push_back({evaluation.each.empty() ? "learned mesh" : "any of them",
+                    describe(hidden_bound(evaluation.learned.hosts))});
+  std::fputs("\n", stdout);
+  print_table(rows);
 }
 
 /// Only the parts that hold vehicles.
 void print_strata(const RunEvaluation& evaluation) {
-  const auto row = [](const std::string& part, const std::string& vehicles, const std::string& fn,
-                      const std::string& fp, const std::string& asr, const std::string& random) {
-    const std::string last = random.empty() ? asr : fmt::format("{:<22} {}", asr, random);
-    std::fputs(fmt::format("{:<28} {:>8} {:>8} {:>8}  {}\n", part, vehicles, fn, fp, last).c_str(), stdout);
-  };
   const BaselineArm* control = evaluation.baselines.empty() ? nullptr : &evaluation.baselines.back();
   if (const BaselineArm* sized = evaluation.arm(Baseline::sized)) control = sized;
-  std::fputs("\n", stdout);
-  row("part", "vehicles", "FN ASR", "FP ASR", "ASR (95 %)",
-      control ? describe(control->kind) + "'s ASR" : "");
+  Columns rows = {{"part", "vehicles", "FN ASR", "FP ASR", "ASR (95 %)"}};
+  if (control) rows.front().push_back(describe(control->kind) + "'s ASR");
   const auto& parts = evaluation.learned.strata;
   for (std::size_t i = 0; i < parts.size(); ++i) {
     const auto& [by, name, hosts, vehicles, rates] = parts[i];
     if (vehicles == 0) continue;
-    row(by + " " + name, std::to_string(vehicles), percent(rates.fn_asr.value), percent(rates.fp_asr.value),
-        percent(rates.asr), control ? percent(control->evaluation.strata[i].rates.asr) : "");
+    rows.push_back({by + " " + name, std::to_string(vehicles), percent(rates.fn_asr.value),
+                    percent(rates.fp_asr.value), percent(rates.asr)});
+    if (control) rows.back().push_back(percent(control->evaluation.strata[i].rates.asr));
   }
-  std::fflush(stdout);
+  print_columns(rows);
 }
 
 void add_options(CLI::App& app, EvaluateOptions& options) {
   EvaluationRequest& request = options.request;
-  app.add_option("--run", request.run, "run folder of mirage attack")->required();
+  app.add_option("--run", request.run, "run folder of mirage attack: its adversary is judged");
+  app.add_option(
+      "--mesh", request.meshes,
+      "in place of a run: objects on every usable vehicle of --data, in metres (.glb, .gltf, .obj or "
+      ".ply); zoo: all that ship in scenes/objects");
   app.add_option("--hosts-of", request.hosts_of,
                  "another run folder: judge on its test hosts, data set and detector (black-box "
                  "transfer)");
@@ -100,6 +107,7 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   add_overrides<DetectorOptions>(app, options.computed, {"precision", "locality"});
   options.quality.add(app, "the run's settings");
   add_overrides<SimulationSettings>(app, request.asked, {"light", "camera_effects"});
+  add_overrides<AttackSettings>(app, request.asked, {"min_view"});
   options.effects.add(app, "the run's");
   add_trust_option(app, request.trust);
   tell_of_cache(app);
@@ -110,8 +118,8 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
       ->capture_default_str();
   app.add_option("--baseline", request.baseline,
                  "controls: all, none, or some of start (a random mesh of 0.75 of the box), sized "
-                 "(a random mesh with the learned extents), ellipsoid and cuboid (filling the box)")
-      ->capture_default_str();
+                 "(a random mesh with the learned extents), ellipsoid and cuboid (filling the box); default: "
+                 "start,sized, with --mesh none");
   app.add_option("--pictures", options.pictures,
                  "draw up to N hidden vehicles and N with false positives, with image features, "
                  "into OUT/pictures")
@@ -131,7 +139,7 @@ Command evaluate_command() {
   auto options = std::make_shared<EvaluateOptions>();
   return Command{
       .name = "evaluate",
-      .help = "judges a run: attack success against a detector and a data set",
+      .help = "judges a run or objects: attack success against a detector and a data set",
       .default_out = "out/evaluate",
       .example = "mirage evaluate --run out/attack --baseline all",
       .options = [options](CLI::App& app) { add_options(app, *options); },
@@ -147,9 +155,11 @@ Command evaluate_command() {
         const RunEvaluation evaluation = evaluate_run(request);
         common.made_of->add(evaluation.stage.settings);
         add_frames(*common.made_of, evaluation.stage.settings, evaluation.hosts);
+        if (!evaluation.objects.empty()) add_objects(*common.made_of, evaluation.objects);
         add_detector(*common.made_of, evaluation.detector);
         print_head(evaluation);
         print_arms(evaluation);
+        print_bounds(evaluation);
         print_strata(evaluation);
         nlohmann::json result = to_json(evaluation);
         if (options->pictures > 0 && rank() == 0)

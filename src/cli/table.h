@@ -1,4 +1,4 @@
-// The short table that every command prints on standard output.
+// The short tables that commands print on standard output.
 #pragma once
 
 #include <fmt/format.h>
@@ -21,6 +21,34 @@ inline void print_table(const Rows& rows) {
   for (const auto& [name, value] : rows) widest = std::max(widest, name.size());
   for (const auto& [name, value] : rows)
     std::fputs(fmt::format("{:<{}}  {}\n", name, widest, printable(value)).c_str(), stdout);
+  std::fflush(stdout);
+}
+
+/// Rows of cells, the first row the heads.
+using Columns = std::vector<std::vector<std::string>>;
+
+/// After an empty line; a row may have fewer cells than the others.
+inline void print_columns(const Columns& rows) {
+  const auto width = [](const std::string& text) {  // of UTF-8
+    return static_cast<std::size_t>(
+        std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xC0) != 0x80; }));
+  };
+  std::vector<std::size_t> widest;
+  for (const auto& row : rows)
+    for (std::size_t i = 0; i < row.size(); ++i) {
+      if (widest.size() <= i) widest.push_back(0);
+      widest[i] = std::max(widest[i], width(printable(row[i])));
+    }
+  std::fputs("\n", stdout);
+  for (const auto& row : rows) {
+    std::string line;
+    for (std::size_t i = 0; i < row.size(); ++i) {
+      const std::string cell = printable(row[i]);
+      line += cell;
+      if (i + 1 < row.size()) line.append(widest[i] + 2 - width(cell), ' ');
+    }
+    std::fputs((line + "\n").c_str(), stdout);
+  }
   std::fflush(stdout);
 }
 

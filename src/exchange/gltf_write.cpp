@@ -8,6 +8,7 @@
 #include "base/image_io.h"
 #include "exchange/gltf.h"
 #include "exchange/gltf_builder.h"
+#include "exchange/object_file.h"
 #include "exchange/texture_layout.h"
 #include "geometry/atlas_triangles.h"
 
@@ -181,12 +182,21 @@ void add_sun(GltfBuilder& gltf, const Lighting& lighting) {
 
 }  // namespace
 
-void write_adversary(const std::filesystem::path& file, const TexturedMesh& adversary) {
-  check_mesh(adversary, file.string());
+void write_object(const std::filesystem::path& file, const TexturedMesh& object, const json& about) {
+  check_mesh(object, file.string());
   GltfBuilder gltf;
-  const int mesh = add_adversary(gltf, adversary);
+  const int mesh = add_adversary(gltf, object);
   gltf.add_node({{"name", "adversary"}, {"mesh", mesh}, {"extras", {{"mirage_role", "adversary"}}}});
+  if (!about.is_null()) {
+    json& asset = gltf.json()["asset"];
+    asset["extras"] = {{"mirage_object", about}};
+    if (about.contains("licence")) asset["copyright"] = about.at("licence");
+  }
   write_file(file, gltf.glb());
+}
+
+void write_adversary(const std::filesystem::path& file, const TexturedMesh& adversary) {
+  write_object(file, adversary, nullptr);
 }
 
 void write_scene(const std::filesystem::path& file, const ExportScene& scene) {

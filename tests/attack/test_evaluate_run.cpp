@@ -186,5 +186,60 @@ TEST(EvaluateRun, ArmsAndNetAreListed) {
               testing::StartsWith("baseline: sphere: "));
 }
 
+TEST(EvaluateRun, ObjectsNeedNoRun) {
+  TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 4);
+  write_file(folder / "weights", "none");
+  write_adversary(folder / "a.glb", random_adversary(3));
+  write_adversary(folder / "b.glb", random_adversary(4));
+  EvaluationRequest request;
+  request.settings.quiet = true;
+  request.meshes = {folder / "a.glb", folder / "b.glb"};
+  request.asked = {{"data", folder / "data"}, {"rooftop", "box"}};
+  request.detector.detector = MIRAGE_BUILD "/test_plugins/fake_works.so";
+  request.detector.weights = folder / "weights";
+  const RunEvaluation both = evaluate_run(request);
+  ASSERT_EQ(both.each.size(), 2u);
+  EXPECT_EQ(both.each[1].name, (folder / "b.glb").string());
+  EXPECT_EQ(both.hosts.size(), 4u);
+  EXPECT_EQ(both.trained_on, 0);
+  const auto json = to_json(both);
+  EXPECT_FALSE(json.contains("run"));
+  EXPECT_EQ(json.at("meshes").size(), 2u);
+  EXPECT_EQ(json.at("arms").at(1).at("name"), both.each[1].name);
+  EXPECT_TRUE(json.at("arms").at(0).at("bound").contains("at_most"));
+  // One of them alone, as a run's adversary on the same vehicles.
+  request.meshes = {folder / "b.glb"};
+  request.baseline = "sized";
+  const RunEvaluation alone = evaluate_run(request);
+  EXPECT_EQ(alone.baselines.size(), 1u);
+  EvaluationRequest of_run =
+      request_for(tiny_run(folder, "run", "data", {{"000000", 0}}, {{"000001", 0}}, 4));
+  of_run.hosts = "all";
+  of_run.baseline = "none";
+  const auto expected = to_json(evaluate_run(of_run)).at("outcomes");
+  EXPECT_EQ(to_json(alone).at("outcomes"), expected);
+  EXPECT_EQ(to_json(both.each[1].evaluation).at("outcomes"), expected);
+}
+
+TEST(EvaluateRun, ObjectsThatAreAskedForWrongly) {
+  EvaluationRequest good;
+  good.meshes = {"a.glb"};
+  good.asked = {{"data", "data"}};
+  const auto error = [&](const std::function<void(EvaluationRequest&)>& change) {
+    EvaluationRequest request = good;
+    change(request);
+    return error_text<InputError>([&] { evaluate_run(request); });
+  };
+  EXPECT_THAT(error([](auto& r) { r.meshes.clear(); }), testing::HasSubstr("--mesh"));
+  EXPECT_THAT(error([](auto& r) { r.run = "run"; }), testing::StartsWith("run: run: "));
+  EXPECT_THAT(error([](auto& r) { r.asked.clear(); }), testing::StartsWith("data: "));
+  EXPECT_THAT(error([](auto& r) { r.hosts = "train"; }), testing::StartsWith("hosts: train: "));
+  EXPECT_THAT(error([](auto& r) { r.baseline = "start"; }), testing::StartsWith("baseline: start: "));
+  EXPECT_THAT(error([](auto& r) { r.meshes.push_back("b.glb"), r.baseline = "sized"; }),
+              testing::StartsWith("baseline: sized: "));
+  EXPECT_THAT(error([](auto&) {}), testing::HasSubstr("a.glb"));
+}
+
 }  // namespace
 }  // namespace mirage

@@ -102,6 +102,14 @@ json features_json(Detector& detector, const SensorView& clean, const SensorView
   return result;
 }
 
+/// "000008_0", and where there are several objects "000008_0_kayak".
+std::string picture_name(const RunEvaluation& evaluation, const HostOutcome& outcome) {
+  std::string name = host_name(outcome.id);
+  if (evaluation.objects.size() > 1)
+    name += "_" + evaluation.objects[static_cast<std::size_t>(outcome.mesh)].file.stem().string();
+  return name;
+}
+
 /// Simulates the host again and writes what its pictures show.
 json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, const fs::path& data) {
   FrameStore& store = *evaluation.store;
@@ -111,9 +119,13 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
   const PreparedFrame& prepared = *held;
   const Frame& frame = prepared.frame;
   const Label& host = label_of(frame, id);
+  const TexturedMesh& mesh = evaluation.objects.empty()
+                                 ? evaluation.run.adversary
+                                 : evaluation.objects[static_cast<std::size_t>(outcome.mesh)].mesh;
   const Simulated simulated =
-      simulate(prepared, store.placement(id), evaluation.run.adversary, evaluation.stage.settings.simulation);
-  const fs::path folder = data / host_name(id);
+      simulate(prepared, store.placement(id), mesh, evaluation.stage.settings.simulation);
+  const std::string name = picture_name(evaluation, outcome);
+  const fs::path folder = data / name;
   write_srgb(folder / "clean.png", frame.image);
   write_srgb(folder / "attacked.png", simulated.image);
   std::vector<float> points;  // x, y, whether it is a return on the adversary
@@ -134,7 +146,7 @@ json host_json(const RunEvaluation& evaluation, const HostOutcome& outcome, cons
                          {"distance", found.distance}});
   }
   const SensorView clean = view_of(frame), attacked = view_of(frame, simulated.image, simulated.sweep);
-  return {{"name", host_name(id)},
+  return {{"name", name},
           {"folder", folder.filename().string()},
           {"range", outcome.range},
           {"clean_score", outcome.clean_score},

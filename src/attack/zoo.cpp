@@ -1,0 +1,194 @@
+#include "attack/zoo.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/names.h"
+#include "base/words.h"
+#include "exchange/mesh_files.h"
+#include "geometry/atlas_triangles.h"
+#include "geometry/shapes.h"
+
+namespace mirage {
+namespace {
+
+constexpr const char *kFolder = "scenes/objects", *kExtension = ".glb";
+
+/// Adds a part of one colour (linear albedo).
+void add_part(TexturedMesh& load, const Mesh& part, const Vec3d& colour) {
+  append(load.mesh, part, Transform::Identity());
+  load.atlas.texels.resize(load.mesh.faces.size(), colour);
+}
+
+void add_bar(TexturedMesh& load, const Vec3d& low, const Vec3d& high, const Vec3d& colour) {
+  Mesh bar;
+  append(bar, box_mesh(high - low), Transform(Eigen::Translation3d(0.5 * (low + high))));
+  add_part(load, bar, colour);
+}
+
+/// A box with round edges that stands on z = 0: a superellipsoid, the flatter the smaller `power`.
+Mesh rounded(const Vec3d& size, double power) {
+  Mesh mesh = icosphere(2);
+  for (Vec3d& v : mesh.vertices)
+    for (int c = 0; c < 3; ++c)
+      v[c] = 0.5 * size[c] * (std::copysign(std::pow(std::abs(v[c]), power), v[c]) + (c == 2 ? 1 : 0));
+  return mesh;
+}
+
+void add_roof_box(TexturedMesh& load) {
+  Mesh shell = rounded({1.9, 0.8, 0.38}, 0.45);
+  for (Vec3d& v : shell.vertices) {
+    v.y() *= 1 - 0.3 * v.z();                          // narrower above
+    if (v.x() > 0) v.z() *= 1 - 0.35 * v.x() * v.x();  // and lower ahead
+  }
+  add_part(load, shell, Vec3d::Constant(0.03));
+}
+
+void add_ladder(TexturedMesh& load) {
+  const Vec3d aluminium = Vec3d::Constant(0.4);
+  for (const double side : {-0.2, 0.2})
+    add_bar(load, {-1.4, side - 0.02, 0}, {1.4, side + 0.02, 0.08}, aluminium);
+  for (int rung = 0; rung < 10; ++rung) {
+    const double x = -1.26 + 0.28 * rung;
+    add_bar(load, {x - 0.015, -0.2, 0.025}, {x + 0.015, 0.2, 0.055}, aluminium);
+  }
+}
+
+void add_mattress(TexturedMesh& load) {
+  Mesh mattress = rounded({2, 1.4, 0.2}, 0.25);
+  for (Vec3d& v : mattress.vertices) v.z() += 0.05 * (1 - v.x() * v.x());  // it bends over the roof
+  add_part(load, mattress, Vec3d(0.75, 0.73, 0.68));
+}
+
+void add_kayak(TexturedMesh& load) {
+  Mesh hull = icosphere(2);
+  for (Vec3d& v : hull.vertices) {
+    const double thin = 1 - std::pow(std::abs(v.x()), 1.5);  // of the pointed ends
+    v = Vec3d(1.45 * v.x(), 0.32 * v.y() * (0.45 + 0.55 * thin), 0.17 * v.z() + 0.12 * v.x() * v.x());
+  }
+  double lowest = 0;
+  for (const Vec3d& v : hull.vertices) lowest = std::min(lowest, v.z());
+  for (Vec3d& v : hull.vertices) v.z() -= lowest;
+  add_part(load, hull, Vec3d(0.6, 0.1, 0.02));
+}
+
+void add_boxes_under_net(TexturedMesh& load) {
+  const Vec3d carton(0.36, 0.24, 0.13), net(0.01, 0.01, 0.012);
+  const Vec3d boxes[][2] = {
+      {{-0.75, -0.55, 0}, {-0.15, -0.05, 0.4}}, {{-0.7, 0, 0}, {-0.2, 0.5, 0.32}},
+      {{-0.1, -0.5, 0}, {0.45, 0.05, 0.3}},     {{-0.1, 0.1, 0}, {0.6, 0.55, 0.42}},
+      {{0.5, -0.45, 0}, {0.8, 0, 0.24}},        {{-0.55, -0.4, 0.4}, {-0.2, -0.1, 0.58}}};
+  double shade = 0.85;
+  for (const auto& [low, high] : boxes) {
+    add_bar(load, low, high, carton * shade);
+    shade += 0.06;
+  }
+  // Ropes over the boxes' tops and down their sides.
+  for (const double x : {-0.65, -0.35, 0.0, 0.3, 0.7}) {
+    add_bar(load, {x - 0.012, -0.58, 0.43}, {x + 0.012, 0.58, 0.45}, net);
+    for (const double side : {-0.58, 0.56})
+      add_bar(load, {x - 0.012, side, 0}, {x + 0.012, side + 0.02, 0.45}, net);
+  }
+  for (const double y : {-0.4, -0.1, 0.2, 0.45})
+    add_bar(load, {-0.78, y - 0.012, 0.43}, {0.82, y + 0.012, 0.45}, net);
+}
+
+}  // namespace
+
+std::vector<NamedObject> read_objects(const std::vector<std::filesystem::path>& asked) {
+  std::vector<NamedObject> objects;
+  const auto add = [&](const std::string& name, const std::filesystem::path& file) {
+    if (std::ranges::any_of(objects, [&](const NamedObject& other) {
+          return std::filesystem::weakly_canonical(other.file) == std::filesystem::weakly_canonical(file);
+        }))
+      throw FieldError("mesh", name, "is named twice", "name each object once");
+    objects.push_back({name, file, read_object(file)});
+  };
+  for (const std::filesystem::path& word : asked) {
+    if (word != kZoo) {
+      add(word.string(), word);
+      continue;
+    }
+    const std::vector<std::string> names = shipped_names(kFolder, kExtension);
+    if (names.empty())
+      throw FieldError("mesh", kZoo, std::string("names no object: ") + kFolder + " is missing or empty",
+                       "install Mirage whole, or name a file");
+    for (const std::string& name : names)
+      add(name, shipped_file(std::string(kFolder) + "/" + name + kExtension));
+  }
+  return objects;
+}
+
+void add_objects(Provenance& provenance, const std::vector<NamedObject>& objects) {
+  nlohmann::json names = nlohmann::json::array();
+  std::string hashes;
+  for (const NamedObject& object : objects) {
+    names.push_back(escape_name(object.file.stem().string()));
+    hashes += file_hash(object.file);
+  }
+  provenance.set("mesh", names);
+  provenance.input("mesh", content_hash(hashes));
+}
+
+TexturedMesh resampled(const TexturedMesh& mesh, int resolution) {
+  const TexelAtlas& atlas = mesh.atlas;
+  const std::size_t faces = mesh.mesh.faces.size();
+  constexpr int kSamples = 8;  // a side
+  TexelAtlas result{resolution, {}};
+  result.texels.assign(faces * result.per_face(), Vec3d::Zero());
+  const auto within = atlas_triangles(kSamples);
+  for (const AtlasTriangle& target : atlas_triangles(resolution))
+    for (const AtlasTriangle& sample : within) {
+      const Vec2d b = (sample.corners[0] + sample.corners[1] + sample.corners[2]) / 3;
+      const Vec2d at =
+          b.x() * target.corners[0] + b.y() * target.corners[1] + (1 - b.x() - b.y()) * target.corners[2];
+      const auto from = static_cast<std::size_t>(texel_index(at.x(), at.y(), atlas.resolution));
+      for (std::size_t f = 0; f < faces; ++f)
+        result.texels[f * result.per_face() + static_cast<std::size_t>(target.texel)] +=
+            atlas.texels[f * atlas.per_face() + from] / static_cast<double>(within.size());
+    }
+  return {mesh.mesh, std::move(result)};
+}
+
+const std::vector<CarriedLoad>& carried_loads() {
+  static const std::vector<CarriedLoad> loads = {{"roof-box", "a roof box of 1.9 m"},
+                                                 {"ladder", "a ladder of 2.8 m with ten rungs"},
+                                                 {"mattress", "a mattress of 2 × 1.4 m"},
+                                                 {"kayak", "a kayak of 2.9 m"},
+                                                 {"boxes-under-net", "six boxes under a net of ropes"}};
+  return loads;
+}
+
+TexturedMesh carried_load(const std::string& name) {
+  TexturedMesh load;
+  load.atlas.resolution = 1;
+  if (name == "roof-box")
+    add_roof_box(load);
+  else if (name == "ladder")
+    add_ladder(load);
+  else if (name == "mattress")
+    add_mattress(load);
+  else if (name == "kayak")
+    add_kayak(load);
+  else if (name == "boxes-under-net")
+    add_boxes_under_net(load);
+  else
+    throw InputError("load", name, "is none that is known", "use a name of carried_loads()");
+  return load;
+}
+
+Run run_of_objects(const std::vector<NamedObject>& objects) {
+  Run run;
+  if (objects.empty()) return run;
+  run.adversary = objects.front().mesh;
+  for (const NamedObject& object : objects) {
+    const Eigen::AlignedBox3d box = bounds(object.mesh.mesh);
+    run.settings.limits.half =
+        run.settings.limits.half.cwiseMax(box.min().cwiseAbs()).cwiseMax(box.max().cwiseAbs());
+  }
+  return run;
+}
+
+}  // namespace mirage
