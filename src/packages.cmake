@@ -101,6 +101,9 @@ mirage_library(mirage_opencv LAYER scene DEBIAN libopencv-imgproc-dev HEADER ope
                LIBRARY opencv_imgproc opencv_core)
 mirage_library(mirage_nova LAYER scene DEBIAN libnova-dev HEADER libnova/solar.h LIBRARY nova)
 mirage_library(mirage_tinyxml2 LAYER scene DEBIAN libtinyxml2-dev HEADER tinyxml2.h LIBRARY tinyxml2)
+# Its own CMake package asks for Boost's. With it come Boost.Serialization alone and what is here anyway.
+mirage_library(mirage_pagmo LAYER attack DEBIAN libpagmo-dev HEADER pagmo/algorithms/cmaes.hpp
+               LIBRARY pagmo boost_serialization)
 mirage_library(mirage_gltf LAYER exchange DEBIAN libtinygltf-dev HEADER tiny_gltf.h LIBRARY tinygltf)
 mirage_library(mirage_turbojpeg LAYER detection DEBIAN libturbojpeg0-dev HEADER turbojpeg.h LIBRARY turbojpeg)
 if(TARGET mirage_image_files AND TARGET mirage_imath)

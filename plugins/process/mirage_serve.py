@@ -108,7 +108,7 @@ class Network:
         if keep_graph:
             if logits.numel() and not logits.requires_grad:
                 raise self._bad("logits", "don't depend on image or points in a differentiable way",
-                                "remove detach(), no_grad(), hard thresholds and .item() between them")
+                                "remove detach(), no_grad(), hard thresholds and .item() between them, or use --attack black-box")
             self._logits = logits
         return (*(part.detach().cpu().float().numpy() for part in (boxes, logits)),
                 None if classes is None else classes.detach().cpu().int().numpy())

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "attack/attack_step.h"
+#include "attack/black_box.h"
 #include "attack/checkpoint.h"
 #include "attack/host_labels.h"
 #include "attack/portfolio.h"
@@ -38,6 +39,14 @@ void check_renderer(const AttackSettings& settings, const Detector& detector) {
   check_number({.name = "cycles_renew_texels", .range = kNotNegative}, settings.renewal.texels);
   if (settings.renderer && !detector.capabilities().reads_image)
     throw FieldError("renderer", "cycles", detector.name() + " does not read the picture", "leave it out");
+}
+
+/// FieldError for a detector without gradients where they are followed.
+void check_gradient(const AttackSettings& settings, const Detector& detector) {
+  if (settings.attack == AttackSearch::black_box || settings.target == AttackTarget::random) return;
+  if (!detector.capabilities().has_gradients)
+    throw FieldError("detector", detector.name(), "gives no gradient",
+                     "use --attack black-box, which learns from scores alone");
 }
 
 std::vector<HostId> ids(const std::vector<Host>& hosts) {
@@ -81,7 +90,7 @@ void check_settings(const AttackSettings& settings) {
   if (settings.buildable.on && settings.parts == AttackParts::size)
     throw FieldError("parts", "size", "is an ellipsoid, which has no flat base", "leave --buildable out");
   if (settings.buildable.on) check_buildable(settings.buildable, settings.limits);
-  check_auto(settings);
+  check_search(settings);
 }
 
 /// The files of the mesh that was learned, and what a result says of a run however it was learned. `steps`:
@@ -136,6 +145,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   check_target(target, *detectors.front());
   if (rank() == 0) warn_of_large_object(2 * settings.limits.half, "the box of the object (size)");
   check_renderer(settings, *detectors.front());
+  check_gradient(settings, *detectors.front());
   make_output_folder(settings.out);
   const auto checkpoint_file = settings.out / "checkpoint.json";
 
@@ -165,6 +175,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   const auto sights = std::make_shared<CleanSights>(
       store, settings.weights_hash.empty() ? std::string() : detector_identity(settings.detector));
   AttackResult result;
+  result.attack = settings.attack;
   result.found_clean = find_clean(detectors, store, train, *sights, settings.quiet);
   spdlog::info("{} {}", detectors.front()->name(), describe(result.found_clean));
   require_found(result.found_clean, *detectors.front());
@@ -178,8 +189,17 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   if (settings.renderer)
     id.json["renewal"] = {{"metres", settings.renewal.metres}, {"texels", settings.renewal.texels}};
   const TexturedMesh random = random_baseline(settings.seed, settings.limits, settings.buildable);
+  const auto began = Clock::now();
+  if (settings.attack == AttackSearch::black_box) {
+    const BlackBoxOutcome outcome = run_black_box({settings, detectors, store, train, sights, id});
+    if (rank() == 0) write_adversary(settings.out / "random.glb", random);
+    result.black_box = outcome.report;
+    result.iterations = static_cast<int>(outcome.state.iteration);
+    finish(settings, outcome.state, train, test, outcome.state.iteration - outcome.first,
+           seconds_since(began), outcome.stages, detectors.size(), result);
+    return result;
+  }
   if (settings.attack == AttackSearch::automatic) {
-    const auto began = Clock::now();
     const AutoOutcome outcome = run_portfolio({settings, detectors, store, train, sights, id});
     if (rank() == 0) {
       write_adversary(settings.out / "random.glb", random);

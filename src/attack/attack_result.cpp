@@ -43,8 +43,23 @@ nlohmann::json to_json(const AutoReport& report) {
           {"steps", report.steps}};
 }
 
+nlohmann::json to_json(const BlackBoxReport& report) {
+  auto starts = nlohmann::json::array();
+  for (const AutoReport::Start& start : report.starts)
+    starts.push_back({{"start", start.name}, {"loss", start.held_out}});
+  return {{"vehicles", report.vehicles},
+          {"queries", report.queries},
+          {"numbers", report.numbers},
+          {"samples", report.samples},
+          {"generations", report.generations},
+          {"starts", starts},
+          {"start", report.start},
+          {"loss", report.loss}};
+}
+
 nlohmann::json to_json(const AttackResult& result) {
-  nlohmann::json json = {{"vehicles_train", result.vehicles_train},
+  nlohmann::json json = {{"attack", to_word(result.attack)},
+                         {"vehicles_train", result.vehicles_train},
                          {"vehicles_test", result.vehicles_test},
                          {"found_clean", to_json(result.found_clean)},
                          {"clusters", to_json(result.clusters)},
@@ -56,6 +71,7 @@ nlohmann::json to_json(const AttackResult& result) {
                          {"buildable", to_json(result.buildable)},
                          {"plateau", nullptr}};
   if (result.plateau) json["plateau"] = to_json(*result.plateau);
+  if (result.black_box) json["black_box"] = to_json(*result.black_box);
   if (result.automatic) json["auto"] = to_json(*result.automatic);
   return json;
 }

@@ -69,23 +69,40 @@ struct AutoReport {
 /// steps}
 nlohmann::json to_json(const AutoReport& report);
 
+/// With AttackSearch::black_box: what was looked at (attack/black_box.h).
+struct BlackBoxReport {
+  std::size_t vehicles = 0;  ///< that the search looked at
+  long queries = 0;          ///< passes of the detector with the object, in all
+  std::size_t numbers = 0;   ///< that make a mesh
+  int samples = 0;           ///< meshes a generation
+  long generations = 0;
+  std::vector<AutoReport::Start> starts;  ///< `held_out`: the objective on the vehicles that it looks at
+  std::string start;                      ///< the one searched from
+  double loss = 0;                        ///< of the mesh that was written, on the same vehicles
+};
+
+/// {vehicles, queries, numbers, samples, generations, starts: [{start, loss}], start, loss}
+nlohmann::json to_json(const BlackBoxReport& report);
+
 /// Of this process and the run that it went on with.
 struct AttackResult {
+  AttackSearch attack = AttackSearch::plain;
   int vehicles_train = 0, vehicles_test = 0, iterations = 0;
   long steps = 0;   ///< of these, by this process: 0 of a run that was finished
   double loss = 0;  ///< mean of the last tenth of the iterations
   double seconds_per_iteration = 0;
-  FoundClean found_clean;                ///< of the training vehicles
-  ClusterCount clusters;                 ///< of the vehicles held back
-  RoofCount rooftops;                    ///< of the vehicles of both splits
-  BuildableReport buildable;             ///< of the adversary
-  nlohmann::json stages;                 ///< where this process's time went (attack/stages.h)
-  std::optional<PlateauReport> plateau;  ///< of a plain attack with until_plateau
-  std::optional<AutoReport> automatic;   ///< with AttackSearch::automatic
+  FoundClean found_clean;                   ///< of the training vehicles
+  ClusterCount clusters;                    ///< of the vehicles held back
+  RoofCount rooftops;                       ///< of the vehicles of both splits
+  BuildableReport buildable;                ///< of the adversary
+  nlohmann::json stages;                    ///< where this process's time went (attack/stages.h)
+  std::optional<PlateauReport> plateau;     ///< of a plain attack with until_plateau
+  std::optional<AutoReport> automatic;      ///< with AttackSearch::automatic
+  std::optional<BlackBoxReport> black_box;  ///< with AttackSearch::black_box
 };
 
-/// result.json of an attack: {vehicles_train, vehicles_test, clusters, found_clean, rooftops, iterations,
-/// loss, seconds_per_iteration, stages, buildable, plateau (null without one), auto?}
+/// result.json of an attack: {attack, vehicles_train, vehicles_test, clusters, found_clean, rooftops,
+/// iterations, loss, seconds_per_iteration, stages, buildable, plateau (null without one), auto?, black_box?}
 nlohmann::json to_json(const AttackResult& result);
 
 }  // namespace mirage

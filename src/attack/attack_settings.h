@@ -35,10 +35,10 @@ constexpr auto words_of(AttackParts) {
 }
 
 /// plain: one start, one rate, Adam. automatic ("auto"): many of them, judged on vehicles held out from
-/// training (attack/portfolio.h).
-enum class AttackSearch { plain, automatic };
+/// training (attack/portfolio.h). black_box ("black-box"): scores alone, no gradient (attack/black_box.h).
+enum class AttackSearch { plain, automatic, black_box };
 constexpr auto words_of(AttackSearch) {
-  return std::to_array<const char*>({"plain", "auto"});
+  return std::to_array<const char*>({"plain", "auto", "black-box"});
 }
 
 /// Which vehicles carry the object in frames that nobody has labelled. labels: none. detections: what the
@@ -73,6 +73,7 @@ struct AttackSettings : FrameSource {
   Expectation expectation;
   BuildableSettings buildable;
   int iterations = 200;
+  int queries = 2000;  ///< passes of the detector with the object that a black-box attack may make
   /// > 0: the attack ends where the objective on vehicles held out from training (validation_part.h) has not
   /// improved for so many steps, or after `iterations`, and the mesh with the best of its checks is what it
   /// learned. 0: all training vehicles are learned on, and the last mesh is kept.
@@ -105,7 +106,8 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "weights_hash", .option = ""}, s.weights_hash);
   visit({.name = "attack",
          .help = "plain: one start and rate; auto: searches shapes, starts, targets and rates "
-                 "within --iterations, and chooses on vehicles held out from training",
+                 "within --iterations, and chooses on vehicles held out from training; black-box: by an "
+                 "evolution strategy on the detector's scores alone, within --queries",
          .lacking = "plain"},
         s.attack);
   visit(
@@ -126,6 +128,12 @@ void visit_fields(Visitor& visit, S& s) {
   visit.list({.name = "buildable", .lacking = ""}, s.buildable);
   visit({.name = "iterations", .help = "Adam steps", .range = {0, kMostIterations}, .decides = false},
         s.iterations);
+  visit({.name = "queries",
+         .help = "with --attack black-box: passes of the detector with the object, over at most 24 of the "
+                 "training vehicles",
+         .range = {1, kMostIterations},
+         .decides = false},
+        s.queries);
   visit({.name = "until_plateau",
          .help = "stop when the objective on validation vehicles (a fifth of the training frames, "
                  "at most 16 vehicles) has not improved for N steps, and keep the best mesh. 0: "

@@ -99,15 +99,18 @@ AttackStepper::AttackStepper(const AttackSettings& settings, const DetectorPool&
   if (settings.renderer) pictures_ = std::make_unique<RenderedPictures>(*settings.renderer, settings.seed);
 }
 
-double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const {
-  std::vector<std::vector<double>> losses(hosts.size(), std::vector<double>(1));
-  const RenderedMesh rendered{-1, pictures_ ? adversary : TexturedMesh()};
+LossRow AttackStepper::judge(const TexturedMesh& adversary, const std::vector<Host>& hosts,
+                             std::uint64_t first_world, StageSeconds* spent) const {
+  StageSeconds stages;
+  Stopwatch clock;
+  const TexturedMesh none;  // no gradient is shared
+  const RenderedMesh rendered{-1, pictures_ ? adversary : none};
+  std::vector<HostStep> steps(hosts.size());
   const std::vector<std::size_t> mine = own_hosts(hosts.size());
   for_each_with_detector(detectors_, mine.size(), [&](Detector& detector, std::size_t i) {
     const HostId& id = hosts[mine[i]].id;
     const auto prepared = store_.get(id.frame);
-    constexpr std::uint64_t kWorlds = std::uint64_t{1} << 62;  // beyond those of any step
-    const WorldDraw draw(settings_.expectation, settings_.seed, kWorlds + mine[i]);
+    const WorldDraw draw(settings_.expectation, settings_.seed, first_world + mine[i]);
     const auto clean = sights_->of(*prepared, detector);
     const StepHost host{*prepared,
                         id,
@@ -115,17 +118,29 @@ double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<
                         clean,
                         settings_.expectation.any() ? &draw : nullptr,
                         {pictures_.get(), &rendered}};
-    isolated([&] {
-      const HostStep judged = judge_host(detector, host, adversary, settings_);
-      losses[mine[i]][0] = judged.hide + judged.false_positive;
-    });
+    isolated([&] { steps[mine[i]] = judge_host(detector, host, adversary, settings_); });
   });
-  share_blocks(losses);
-  double mean = 0;
-  for (const auto& loss : losses) mean += loss[0] / static_cast<double>(hosts.size());
+  for (const std::size_t k : mine) stages.threads += steps[k].seconds;
+  stages.hosts = clock.lap();
+  share_steps(steps, none);
+  stages.exchange = clock.lap();
+  LossRow row;
+  for (const HostStep& step : steps) {
+    row.hide += step.hide / static_cast<double>(hosts.size());
+    row.false_positive += step.false_positive / static_cast<double>(hosts.size());
+    row.found += step.found;
+    row.hidden += step.hidden;
+  }
   const double weight = settings_.objective.lambda_laplacian;
   std::vector<Vec3d> unused(adversary.mesh.vertices.size(), Vec3d::Zero());
-  return mean + weight * laplacian_.energy(adversary.mesh.vertices, weight, unused);
+  row.laplacian = weight * laplacian_.energy(adversary.mesh.vertices, weight, unused);
+  if (spent) *spent += stages;
+  return row;
+}
+
+double AttackStepper::held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const {
+  constexpr std::uint64_t kWorlds = std::uint64_t{1} << 62;
+  return judge(adversary, hosts, kWorlds).loss();
 }
 
 std::vector<std::string> AttackStepper::frames_of(std::span<const std::size_t> batch) const {

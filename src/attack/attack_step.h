@@ -44,9 +44,12 @@ class AttackStepper {
   /// finite: it would poison the optimiser's state and, with it, the checkpoint. The frames of the next
   /// iteration are read meanwhile. What it takes is added to `spent`.
   LossRow step(AttackState& state, StageSeconds* spent = nullptr) const;
-  /// The objective on hosts that are not learned on: mean of their losses, and the smoothness. The same
-  /// number on every rank, and for the same mesh in any iteration: what --expect draws is one world a host,
-  /// and a renderer draws this very mesh.
+  /// A mesh as it is: means of these hosts' losses, and the smoothness. The same on every rank, and for the
+  /// same mesh in any iteration: what --expect draws is world `first_world` + k for host k, and a renderer
+  /// draws this very mesh. What it takes is added to `spent`.
+  LossRow judge(const TexturedMesh& adversary, const std::vector<Host>& hosts, std::uint64_t first_world,
+                StageSeconds* spent = nullptr) const;
+  /// The objective on hosts that are not learned on, in worlds beyond those of any step.
   double held_out(const TexturedMesh& adversary, const std::vector<Host>& hosts) const;
 
  private:

@@ -120,6 +120,27 @@ AttackState fresh_state(const AttackSettings& settings) {
   return state;
 }
 
+nlohmann::json losses_json(const std::vector<LossRow>& rows) {
+  std::vector<double> losses;
+  std::vector<int> hidden, found;
+  for (const LossRow& row : rows) {
+    losses.insert(losses.end(), {row.hide, row.false_positive, row.laplacian});
+    hidden.push_back(row.hidden), found.push_back(row.found);
+  }
+  return {{"losses", losses}, {"hidden", hidden}, {"found", found}};
+}
+
+std::vector<LossRow> read_losses(const JsonFields& json, std::size_t count) {
+  const auto losses = json.numbers("losses", 3 * count, -kAny, kAny);
+  const auto hidden = json.numbers("hidden", count, 0, std::numeric_limits<int>::max());
+  const auto found = json.numbers("found", count, 0, std::numeric_limits<int>::max());
+  std::vector<LossRow> rows;
+  for (std::size_t i = 0; i < count; ++i)
+    rows.push_back({losses[3 * i], losses[3 * i + 1], losses[3 * i + 2], static_cast<int>(found[i]),
+                    static_cast<int>(hidden[i])});
+  return rows;
+}
+
 void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows) {
   std::string text = "iteration,loss,hide,false_positive,laplacian,hidden,found\n";
   for (std::size_t i = 0; i < rows.size(); ++i)
@@ -130,22 +151,14 @@ void write_losses(const std::filesystem::path& file, const std::vector<LossRow>&
 
 void write_checkpoint(const std::filesystem::path& file, const AttackState& state,
                       const nlohmann::json& identity) {
-  std::vector<double> losses;
-  std::vector<int> hidden, found;
-  for (const LossRow& row : state.losses) {
-    losses.insert(losses.end(), {row.hide, row.false_positive, row.laplacian});
-    hidden.push_back(row.hidden), found.push_back(row.found);
-  }
   nlohmann::json json = {{"identity", identity},
                          {"program", program_identity()},
                          {"iteration", state.iteration},
                          {"vertices", flat(state.adversary.mesh.vertices)},
                          {"texels", flat(state.adversary.atlas.texels)},
                          {"adam_vertices", to_json(state.vertices)},
-                         {"adam_texels", to_json(state.texels)},
-                         {"losses", losses},
-                         {"hidden", hidden},
-                         {"found", found}};
+                         {"adam_texels", to_json(state.texels)}};
+  json.update(losses_json(state.losses));
   if (const HeldOutRecord& held = state.held_out; !held.iterations.empty())
     json["held_out"] = {{"iterations", held.iterations},
                         {"values", held.values},
@@ -224,21 +237,12 @@ AttackState read_checkpoint(const std::filesystem::path& file, const RunIdentity
   read_adam(json.object("adam_vertices"), size_alone ? 3 : 3 * vertices.size(), state.iteration,
             state.vertices);
   read_adam(json.object("adam_texels"), 3 * texels.size(), state.iteration, state.texels);
-  const auto rows = static_cast<std::size_t>(state.iteration);  // one a step
-  const auto losses = json.numbers("losses", 3 * rows, -kAny, kAny);
-  for (std::size_t i = 0; i < losses.size(); i += 3)
-    state.losses.push_back({losses[i], losses[i + 1], losses[i + 2]});
+  state.losses = read_losses(json, static_cast<std::size_t>(state.iteration));  // one a step
   if (json.has("held_out")) read_held_out(json.object("held_out"), limits, state);
   if (json.has("rendered")) {
     const JsonFields rendered = json.object("rendered");
     state.rendered = {rendered.integer("iteration", 0, state.iteration), state.adversary};
     read_mesh(rendered, limits, state.rendered.mesh);
-  }
-  const auto hidden = json.numbers("hidden", rows, 0, std::numeric_limits<int>::max());
-  const auto found = json.numbers("found", rows, 0, std::numeric_limits<int>::max());
-  for (std::size_t i = 0; i < rows; ++i) {
-    state.losses[i].hidden = static_cast<int>(hidden[i]);
-    state.losses[i].found = static_cast<int>(found[i]);
   }
   return state;
 }

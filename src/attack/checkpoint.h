@@ -9,6 +9,7 @@
 #include "attack/attack_settings.h"
 #include "attack/rendered_pictures.h"
 #include "base/field_json.h"
+#include "base/json_fields.h"
 
 namespace mirage {
 
@@ -50,6 +51,9 @@ AttackState fresh_state(const AttackSettings& settings);
 /// Atomic. Doubles are written so that they read back bit for bit.
 void write_checkpoint(const std::filesystem::path& file, const AttackState& state,
                       const nlohmann::json& identity);
+/// {losses, hidden, found} of rows, as a checkpoint has them, and back: `count` rows.
+nlohmann::json losses_json(const std::vector<LossRow>& rows);
+std::vector<LossRow> read_losses(const JsonFields& json, std::size_t count);
 /// The file loss.csv (attack/run.h). Atomic.
 void write_losses(const std::filesystem::path& file, const std::vector<LossRow>& rows);
 /// InputError naming the first setting in which the identity `written` in the file differs from that asked

@@ -12,8 +12,9 @@
 
 #include "attack/baseline.h"
 #include "attack/checkpoint.h"
+#include "attack/evolution.h"
+#include "attack/mesh_modes.h"
 #include "attack/run.h"
-#include "attack/shape_search.h"
 #include "attack/validation_part.h"
 #include "base/checkpoint_timer.h"
 #include "base/error.h"
@@ -21,26 +22,17 @@
 #include "base/interrupt.h"
 #include "base/json_fields.h"
 #include "base/progress.h"
-#include "base/random.h"
 #include "base/ranks.h"
-#include "base/shuffle.h"
 
 namespace mirage {
 namespace {
 
-constexpr double kSearchSigma = 0.3;  // m, of a control point's first displacements
 /// Times --vertex-rate and --texel-rate. Both rates at once: one factor a candidate.
 constexpr double kRates[] = {1, 0.25};
 /// Of rates, shares and choices in this file: a folder of another one is not gone on with.
-constexpr int kRecipe = 3;
+constexpr int kRecipe = 4;
 constexpr const char* kAutoAgain = "delete the file to do its part of the run again";
 constexpr std::size_t kMostLooks = 1'000'000;
-
-struct NamedStart {
-  std::string name;
-  TexturedMesh mesh;
-  double held_out = 0;
-};
 
 struct Candidate {
   std::string start;
@@ -62,7 +54,7 @@ double best_until(const HeldOutRecord& held, long step) {
 
 class Portfolio {
  public:
-  explicit Portfolio(const AutoRun& run)
+  explicit Portfolio(const SearchRun& run)
       : run_(run),
         settings_(run.settings),
         folder_(settings_.out / "auto"),
@@ -102,20 +94,14 @@ class Portfolio {
   }
 
  private:
-  bool learns_shape() const {
-    return settings_.parts == AttackParts::both || settings_.parts == AttackParts::shape;
-  }
-
   void plan() {
     targets_ = auto_targets(settings_.target, run_.detectors.front()->capabilities());
-    searched_ = part_.learn;
-    RandomStream random(settings_.seed, "search hosts");
-    shuffle(searched_, random);
-    searched_.resize(std::min(searched_.size(), kSearchHosts));
+    searched_ = search_hosts(part_.learn, settings_.seed);
     const long looks = kShapesAGeneration * static_cast<long>(searched_.size());
-    const std::size_t starts = learns_shape() ? 2 : 1;
-    budget_ = auto_budget(settings_.iterations, starts * targets_.size() * std::size(kRates),
-                          learns_shape() ? (looks + 2 * settings_.batch - 1) / (2 * settings_.batch) : 0);
+    const std::size_t starts = learns_shape(settings_) ? 2 : 1;
+    budget_ =
+        auto_budget(settings_.iterations, starts * targets_.size() * std::size(kRates),
+                    learns_shape(settings_) ? (looks + 2 * settings_.batch - 1) / (2 * settings_.batch) : 0);
     long end = 0;
     for (const AutoBudget::Round& round : budget_.rounds) ends_.insert(end += round.steps);
   }
@@ -179,10 +165,11 @@ class Portfolio {
   void search() {
     if (budget_.generations == 0) return;
     const TexturedMesh cuboid = filling_shape(Baseline::cuboid, settings_.limits, settings_.buildable);
-    CrossEntropy method(kWarpNumbers, kShapesAGeneration, kSearchSigma, settings_.seed);
+    const MeshModes modes(cuboid, settings_.limits, AttackParts::shape, false);
+    Evolution method(modes.size(), kShapesAGeneration, settings_.seed);
     const auto total = static_cast<std::size_t>(budget_.generations) * kShapesAGeneration;
     const auto shape = [&](const std::vector<double>& numbers) {
-      TexturedMesh mesh = warped(cuboid, settings_.limits, numbers);
+      TexturedMesh mesh = modes.mesh(numbers);
       if (settings_.buildable.on) keep_buildable(mesh, cuboid, settings_.buildable, settings_.limits);
       return mesh;
     };
@@ -206,12 +193,7 @@ class Portfolio {
   }
 
   void judge_starts() {
-    TexturedMesh paper = initial_adversary(settings_.limits);
-    if (settings_.buildable.on) make_buildable(paper, settings_.buildable, settings_.limits);
-    named_.push_back({"paper", paper});
-    if (learns_shape())
-      for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid})
-        named_.push_back({to_string(kind), filling_shape(kind, settings_.limits, settings_.buildable)});
+    named_ = search_starts(settings_);
     if (searched_shape_) named_.push_back({"searched", *searched_shape_});
     starts_.resize(std::min(starts_.size(), named_.size()));
     for (std::size_t i = 0; i < named_.size(); ++i) {
@@ -219,8 +201,8 @@ class Portfolio {
         starts_.push_back(look(named_[i].mesh, part_.held_out));
         write_looks();
       }
-      named_[i].held_out = starts_[i];
-      spdlog::info("start {}: {:.4f} on {} vehicles held out", named_[i].name, named_[i].held_out,
+      named_[i].value = starts_[i];
+      spdlog::info("start {}: {:.4f} on {} vehicles held out", named_[i].name, named_[i].value,
                    part_.held_out.size());
     }
     // A start that fills the box is good at once and has little room to learn; the paper's is the other way
@@ -228,7 +210,7 @@ class Portfolio {
     kept_ = {named_.front()};
     const auto other =
         std::min_element(named_.begin() + 1, named_.end(),
-                         [](const NamedStart& a, const NamedStart& b) { return a.held_out < b.held_out; });
+                         [](const NamedStart& a, const NamedStart& b) { return a.value < b.value; });
     if (other != named_.end()) kept_.push_back(*other);
   }
 
@@ -334,7 +316,7 @@ class Portfolio {
       report.candidates.push_back({c.start, c.settings.target, c.settings.vertex_rate, c.settings.texel_rate,
                                    c.settings.seed, c.state.iteration, c.rounds, c.state.held_out.best,
                                    c.state.held_out.best_iteration});
-    for (const NamedStart& start : named_) report.starts.push_back({start.name, start.held_out});
+    for (const NamedStart& start : named_) report.starts.push_back({start.name, start.value});
     report.chosen = chosen;
     report.search = {budget_.generations, searched_.size(), budget_.search, shapes_};
     report.vehicles = part_.held_out.size();
@@ -342,7 +324,7 @@ class Portfolio {
     return report;
   }
 
-  const AutoRun& run_;
+  const SearchRun& run_;
   const AttackSettings& settings_;
   std::filesystem::path folder_;
   ValidationPart part_;
@@ -364,23 +346,7 @@ class Portfolio {
 
 }  // namespace
 
-void check_auto(const AttackSettings& settings) {
-  if (settings.attack == AttackSearch::plain) return;
-  const auto refuse = [](const char* field, const std::string& value, const char* why, const char* fix) {
-    throw FieldError(field, value, std::string("does not go with --attack auto: ") + why, fix);
-  };
-  if (settings.target == AttackTarget::random)
-    refuse("target", "random", "nothing is learned", "leave --attack out");
-  if (settings.until_plateau > 0)
-    refuse("until_plateau", std::to_string(settings.until_plateau), "it spends all of its --iterations",
-           "leave --until-plateau out");
-  if (settings.renderer)
-    refuse("renderer", "cycles", "its candidates would need pictures of each", "use --renderer raster");
-  if (settings.seconds > 0)
-    refuse("seconds", fmt::format("{}", settings.seconds), "its budget is in steps", "use --iterations");
-}
-
-AutoOutcome run_portfolio(const AutoRun& run) {
+AutoOutcome run_portfolio(const SearchRun& run) {
   return Portfolio(run).run();
 }
 

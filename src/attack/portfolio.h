@@ -1,8 +1,9 @@
 // `mirage attack --attack auto`: what an attack can do at best within a budget, in the spirit of AutoAttack
 // (Croce & Hein, ICML 2020), for one mesh over many vehicles.
 //
-//   1. Search. A cuboid that fills the box is warped without gradients (attack/shape_search.h), at most a
-//      quarter of the budget, by the objective on a fixed sample of the vehicles that are learned on.
+//   1. Search. A cuboid that fills the box is warped without gradients (attack/evolution.h), at most a
+//   quarter
+//      of the budget, by the objective on a fixed sample of the vehicles that are learned on.
 //   2. Starts. The paper's ellipsoid, ellipsoid and cuboid filling the box, and what was found, as they are:
 //      the paper's goes on, and of the others the best by the objective on the held-out vehicles.
 //   3. Successive halving (Jamieson & Talwalkar, AISTATS 2016). Starts × targets × rates, each with an order
@@ -31,27 +32,15 @@
 #include "attack/attack_result.h"
 #include "attack/attack_step.h"
 #include "attack/auto_budget.h"
+#include "attack/search.h"
 
 namespace mirage {
 
-/// Shapes a generation of the search, and of how many vehicles each is judged (if there are so many).
+/// Shapes a generation of the search.
 inline constexpr int kShapesAGeneration = 24;
-inline constexpr std::size_t kSearchHosts = 24;
 /// At most so many vehicles are held out to choose by.
 inline constexpr std::size_t kChoosingHosts = 32;
 
-/// FieldError for settings that do not go with --attack auto; none if it was not asked for.
-void check_auto(const AttackSettings& settings);
-
-/// What the portfolio needs of a run that is set up (attack.cpp).
-struct AutoRun {
-  const AttackSettings& settings;
-  const DetectorPool& detectors;
-  FrameStore& store;
-  const std::vector<Host>& train;
-  std::shared_ptr<CleanSights> sights;
-  RunIdentity identity;
-};
 /// What came of it.
 struct AutoOutcome {
   AttackState state;  ///< of the chosen candidate, its mesh the chosen one
@@ -60,6 +49,6 @@ struct AutoOutcome {
   long steps = 0, first = 0;  ///< spent in all, and before this process
 };
 /// Writes run.json (with the vehicles held out) and the files above.
-AutoOutcome run_portfolio(const AutoRun& run);
+AutoOutcome run_portfolio(const SearchRun& run);
 
 }  // namespace mirage

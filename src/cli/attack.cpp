@@ -76,6 +76,8 @@ std::string buildable_words(const BuildableReport& report) {
 
 /// Of a run that had taken its iterations.
 std::string already_done(int iterations, const AttackSettings& settings) {
+  if (settings.attack == AttackSearch::black_box)
+    return fmt::format("already done: {} meshes; more --queries go on", iterations);
   const bool more = settings.until_plateau == 0 && settings.attack == AttackSearch::plain;
   return fmt::format("already done: {0} of {0} iterations{1}", iterations,
                      more ? fmt::format("; --iterations above {} goes on", iterations) : "");
@@ -94,6 +96,13 @@ std::string auto_words(const AutoReport& report) {
   return fmt::format("of {} the one from {}, target {}, after {} steps: {:.4f} on {} vehicles held out",
                      report.candidates.size(), candidate.start, to_word(candidate.target),
                      candidate.kept_iteration, candidate.held_out, report.vehicles);
+}
+
+/// What --attack black-box did, in a line.
+std::string black_box_words(const BlackBoxReport& report) {
+  return fmt::format("{} over {} vehicles: {} generations of {} meshes by {} numbers, from {}: {:.4f}",
+                     report.queries, report.vehicles, report.generations, report.samples, report.numbers,
+                     report.start, report.loss);
 }
 
 void add_options(CLI::App& app, AttackOptions& options) {
@@ -144,22 +153,23 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   }
   // Whose iterations are all there takes none: a random mesh has none.
   const bool done = result.steps == 0 && result.iterations > 0;
-  Rows rows = {
-      {"vehicles to train on", std::to_string(result.vehicles_train)},
-      {"as recorded the detector", describe(result.found_clean)},
-      {"vehicles held back", std::to_string(result.vehicles_test)},
-      {"intervals of an evaluation over", to_string(result.clusters)},
-      {"roofs", roofs(result.rooftops.fitted, result.rooftops.from_box)},
-      {"iterations", done ? already_done(result.iterations, settings) : std::to_string(result.iterations)},
-      {"loss (mean of the last tenth)", fmt::format("{:.4f}", result.loss)},
-      {result.buildable.holds(settings.buildable.min_thickness) ? "buildable" : "not buildable",
-       buildable_words(result.buildable)},
-      {"adversary", (common.out / "adversary.glb").string()}};
+  Rows rows = {{"vehicles to train on", std::to_string(result.vehicles_train)},
+               {"as recorded the detector", describe(result.found_clean)},
+               {"vehicles held back", std::to_string(result.vehicles_test)},
+               {"intervals of an evaluation over", to_string(result.clusters)},
+               {"roofs", roofs(result.rooftops.fitted, result.rooftops.from_box)},
+               {result.black_box ? "meshes looked at" : "iterations",
+                done ? already_done(result.iterations, settings) : std::to_string(result.iterations)},
+               {"loss (mean of the last tenth)", fmt::format("{:.4f}", result.loss)},
+               {result.buildable.holds(settings.buildable.min_thickness) ? "buildable" : "not buildable",
+                buildable_words(result.buildable)},
+               {"adversary", (common.out / "adversary.glb").string()}};
   if (!done)
     rows.insert(rows.begin() + 6,
                 {"seconds an iteration", fmt::format("{:.2f}", result.seconds_per_iteration)});
   if (result.plateau) rows.insert(rows.begin() + 5, {"plateau", plateau_words(*result.plateau)});
   if (result.automatic) rows.insert(rows.begin() + 5, {"candidates", auto_words(*result.automatic)});
+  if (result.black_box) rows.insert(rows.begin() + 5, {"queries", black_box_words(*result.black_box)});
   nlohmann::json json = to_json(result);
   if (renderers.cycles) {
     json["pictures"] = pictures_drawn(renderers);

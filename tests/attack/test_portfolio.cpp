@@ -10,7 +10,6 @@
 #include "attack/baseline.h"
 #include "attack/checkpoint.h"
 #include "attack/portfolio.h"
-#include "attack/shape_search.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
 #include "support/files.h"
@@ -19,6 +18,8 @@ namespace mirage {
 namespace {
 
 using test::error_text;
+using test::Everywhere;
+using test::one_of;
 using testing::HasSubstr;
 
 AttackSettings auto_settings(const test::TemporaryFolder& folder, const char* out, int iterations) {
@@ -35,60 +36,6 @@ AttackSettings auto_settings(const test::TemporaryFolder& folder, const char* ou
   settings.rooftop = "box";
   settings.quiet = true;
   return settings;
-}
-
-template <class Kind>
-DetectorPool one_of() {
-  DetectorPool pool;
-  pool.push_back(std::make_unique<Kind>());
-  return pool;
-}
-
-TEST(ShapeSearch, TheWarpIsLinearInItsControlPoints) {
-  const AdversaryLimits limits;
-  const TexturedMesh start = initial_adversary(limits, 0.5);
-  std::vector<double> numbers(kWarpNumbers, 0.0);
-  EXPECT_EQ(warped(start, limits, numbers).mesh.vertices, start.mesh.vertices);
-  for (std::size_t i = 0; i < numbers.size(); i += 3) numbers[i] = 0.1;  // all of them: a translation
-  const auto moved = warped(start, limits, numbers).mesh.vertices;
-  for (std::size_t v = 0; v < moved.size(); ++v)
-    EXPECT_NEAR((moved[v] - start.mesh.vertices[v] - Vec3d(0.1, 0, 0)).norm(), 0, 1e-12);
-  // Control points displaced by a linear map of where they stand: every vertex is (linear precision).
-  std::size_t at = 0;
-  const auto place = [](int i) { return 2.0 * i / (kWarpPoints - 1) - 1; };
-  for (int i = 0; i < kWarpPoints; ++i)
-    for (int j = 0; j < kWarpPoints; ++j)
-      for (int k = 0; k < kWarpPoints; ++k) {
-        numbers[at++] = 0.1 * place(i) + 0.05 * place(k);
-        numbers[at++] = 0.02 * place(j);
-        numbers[at++] = -0.03 * place(i);
-      }
-  const auto sheared = warped(start, limits, numbers).mesh.vertices;
-  for (std::size_t v = 0; v < sheared.size(); ++v) {
-    const Vec3d x = start.mesh.vertices[v], u = x.cwiseQuotient(limits.half);
-    const Vec3d wanted = x + Vec3d(0.1 * u.x() + 0.05 * u.z(), 0.02 * u.y(), -0.03 * u.x());
-    EXPECT_NEAR((sheared[v] - wanted).norm(), 0, 1e-12);
-  }
-  std::fill(numbers.begin(), numbers.end(), 9.0);  // clamped into the box
-  for (const Vec3d& v : warped(start, limits, numbers).mesh.vertices) EXPECT_EQ(v, limits.half);
-}
-
-TEST(ShapeSearch, FindsALowestValueAndIsRestoredByItsValues) {
-  const auto f = [](const std::vector<double>& x) {
-    double sum = 0;
-    for (std::size_t i = 0; i < x.size(); ++i) sum += std::pow(x[i] - 0.1 * static_cast<double>(i), 2);
-    return sum;
-  };
-  CrossEntropy search(6, 16, 0.3, 4);
-  const double start = f(search.centre());
-  std::vector<double> values;
-  for (int i = 0; i < 30 * 16; ++i) search.add((values.push_back(f(search.next())), values.back()));
-  EXPECT_LT(f(search.centre()), 0.1 * start);
-  CrossEntropy again(6, 16, 0.3, 4), other(6, 16, 0.3, 5);
-  for (const double value : values) again.add(value);
-  EXPECT_EQ(again.centre(), search.centre());
-  EXPECT_EQ(again.next(), search.next());
-  EXPECT_NE(other.next(), CrossEntropy(6, 16, 0.3, 4).next());
 }
 
 TEST(AutoBudget, SpendsExactlyWhatItIsGiven) {
@@ -123,32 +70,6 @@ TEST(AutoTargets, AreThoseThatTheDetectorsSensorsAllow) {
   EXPECT_THAT(auto_targets(image, fusion), testing::ElementsAre(image));
   EXPECT_THAT(auto_targets(both, one), testing::ElementsAre(both));
 }
-
-/// Finds the car of every frame of the tiny data, the surer the brighter the picture.
-class Everywhere : public test::StandInDetector {
- public:
-  std::vector<Detection> forward(const SensorView& input, double threshold, bool keep) override {
-    returns_ = input.points.size();
-    const auto one = StandInDetector::forward({input.image, {}, input.calibration}, 0, keep);
-    const double sure = one.empty() ? 0 : logit(input, one[0].logit);
-    std::vector<Detection> found;
-    for (int i = 0; i < 6; ++i) found.push_back({test::tiny_car(i), sure});
-    return found[0].score() > threshold ? found : std::vector<Detection>();
-  }
-  SensorGradient backward(std::span<const double> d_logits) override {
-    double sum = 0;
-    for (const double d : d_logits) sum += d;
-    SensorGradient gradient = StandInDetector::backward({{sum}});
-    gradient.points.resize(returns_);
-    return gradient;
-  }
-
- protected:
-  virtual double logit(const SensorView&, double stand_in) const { return stand_in; }
-
- private:
-  std::size_t returns_ = 0;
-};
 
 /// The more returns above the roofs, the less sure of the car; no gradient tells it.
 class Counting : public Everywhere {

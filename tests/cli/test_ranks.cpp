@@ -87,6 +87,11 @@ TEST_F(Ranks, ThePortfolioIsTheSameOnAnyNumberOfProcesses) {
   EXPECT_EQ(report.at("candidates").size(), 4u);
 }
 
+TEST_F(Ranks, TheBlackBoxIsTheSameOnAnyNumberOfProcesses) {
+  const char* few = " --attack black-box --detector lidar --parts size --queries 110";
+  EXPECT_GE(learn_on_one_and_two(0, few, "black_box").at("generations"), 1);
+}
+
 TEST_F(Ranks, ADeadRankEndsTheRunAndTheCheckpointGoesOn) {
   const auto checkpoint = folder_ / "run" / "checkpoint.json";
   std::thread killer([&] {
