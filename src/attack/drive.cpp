@@ -20,6 +20,8 @@
 #include "base/interrupt.h"
 #include "base/names.h"
 #include "base/progress.h"
+#include "detection/average_precision.h"
+#include "scene/data/kitti_results.h"
 #include "scene/data/read_frames.h"
 #include "simulation/insertion.h"
 
@@ -32,12 +34,14 @@ constexpr const char* kKept = "finished vehicles are kept; run the same command 
 /// m; boxes from above are given this height, from the road up.
 constexpr double kUnknownHeight = 1.5;
 constexpr double kHalfLane = 1.75;  // m to each side of straight ahead
+constexpr double kLateWithin = 10;  // m within which a confirmation comes late
 
 /// A frame of a sequence with all that is known of it before anything is inserted.
 struct SceneFrame {
   std::string id;
   Moment moment;
   std::vector<Label> labels;
+  Calibration calibration;
   std::vector<Detection> clean;  ///< detections as recorded
 };
 
@@ -82,27 +86,50 @@ Box3 upright_box(const Box3& box, double road) {
   return box.height > 0 ? box : Box3{box.bev, road, kUnknownHeight};
 }
 
-/// The tracks of a whole sequence: for each frame those that are confirmed, in `velo`.
+/// The tracks of a whole sequence: for each frame those that live, in `velo`.
 std::vector<std::vector<TrackState>> follow(const std::vector<SceneFrame>& scene,
                                             const std::vector<const std::vector<Detection>*>& detections,
                                             double road, const TrackerSettings& settings) {
   Tracker tracker(settings);
-  std::vector<std::vector<TrackState>> confirmed(scene.size());
+  std::vector<std::vector<TrackState>> tracks(scene.size());
   for (std::size_t i = 0; i < scene.size(); ++i) {
     const Transform world_from_ego = laid_flat(scene[i].moment.world_from_ego);
     std::vector<TrackedDetection> seen;
     for (const Detection& detection : *detections[i])
       seen.push_back({moved_flat(upright_box(detection.box, road), world_from_ego), detection.score()});
     for (TrackState& state : tracker.step(scene[i].moment.time, seen)) {
-      if (!state.confirmed) continue;
       state.box = moved_flat(state.box, world_from_ego.inverse());
-      confirmed[i].push_back(state);
+      tracks[i].push_back(state);
     }
   }
-  return confirmed;
+  return tracks;
 }
 
-bool is_phantom(const BevBox& box, const SceneFrame& frame, DriveVersion version) {
+TrackerSettings with_death(TrackerSettings settings, int death) {
+  settings.death = death;
+  return settings;
+}
+
+/// Whether a thing there would have a label: the picture shows the middle of its box, and no DontCare region
+/// holds half of it or more.
+bool would_be_labelled(const Box3& box, const SceneFrame& frame) {
+  const auto seen = projected(box, frame.calibration);
+  if (!seen) return false;
+  const PinholeCamera& camera = frame.calibration.camera;
+  const Vec3d middle =
+      frame.calibration.camera_from_velo * Vec3d(box.bev.x, box.bev.y, box.bottom + 0.5 * box.height);
+  if (middle.z() <= 0) return false;
+  const Vec2d pixel = camera.project<double>(middle);
+  if (!(pixel.x() >= 0 && pixel.x() <= camera.width - 1 && pixel.y() >= 0 && pixel.y() <= camera.height - 1))
+    return false;
+  return std::none_of(frame.labels.begin(), frame.labels.end(), [&](const Label& label) {
+    return label.type == "DontCare" && intersection_area(*seen, picture_box(label)) >= area(*seen) / 2;
+  });
+}
+
+bool is_phantom(const Box3& standing, const SceneFrame& frame, DriveVersion version) {
+  const BevBox& box = standing.bev;
+  if (!would_be_labelled(standing, frame)) return false;
   for (const Label& label : frame.labels)
     if (has_box(label) && iou(box, label.box.bev) > 0) return false;
   return version == DriveVersion::clean ||
@@ -125,10 +152,11 @@ std::vector<Vec3d> ego_velocities(const std::vector<SceneFrame>& scene) {
 /// What one version shows of the vehicle.
 void add_sights(DriveVersion version, const std::vector<SceneFrame>& scene, const Followed& followed,
                 const std::vector<const std::vector<Detection>*>& detections,
-                const std::vector<std::vector<TrackState>>& tracks, VehicleDrive& vehicle) {
+                const std::vector<std::vector<TrackState>>& tracks, int birth, VehicleDrive& vehicle) {
   const HidingRule& rule = kHidingRules.front();
   const auto v = static_cast<std::size_t>(version);
   std::set<int> phantoms;
+  std::map<int, int> hits;  // of tracks on the vehicle, since it carries the object
   for (std::size_t i = 0; i < followed.frames.size(); ++i) {
     const std::size_t at = followed.frames[i];
     const BevBox& box = scene[at].labels[static_cast<std::size_t>(followed.labels[i])].box.bev;
@@ -137,11 +165,13 @@ void add_sights(DriveVersion version, const std::vector<SceneFrame>& scene, cons
       sight.found = sight.found || iou(detection.box.bev, box) > rule.iou;
     for (const TrackState& track : tracks[at]) {
       if (iou(track.box.bev, box) > rule.iou) {
+        hits[track.id] += track.detection >= 0;
+        if (!track.confirmed || hits[track.id] < birth) continue;
         if (track.detection >= 0)
           sight.track = TrackSight::found;
         else if (sight.track == TrackSight::lost)
           sight.track = TrackSight::coasting;
-      } else if (is_phantom(track.box.bev, scene[at], version)) {
+      } else if (track.confirmed && is_phantom(track.box, scene[at], version)) {
         ++sight.phantoms;
         phantoms.insert(track.id);
         const BevBox& where = track.box.bev;
@@ -156,6 +186,7 @@ void add_sights(DriveVersion version, const std::vector<SceneFrame>& scene, cons
 struct DriveScene {
   std::vector<SceneFrame> frames;
   std::vector<std::vector<TrackState>> clean_tracks;
+  std::array<std::vector<std::vector<TrackState>>, kDeaths.size()> clean_by_death;
   std::vector<Vec3d> velocities;  ///< of the car
   double road = 0;                ///< m, z of the road in `velo`
 };
@@ -179,6 +210,8 @@ VehicleDrive judge_vehicle(const DetectorPool& detectors, FrameStore& store, con
   vehicle.residual_deg = ridden.residual_rad / kDegree;
   vehicle.fit_jitter_m = ridden.fit_jitter_m;
   vehicle.jitter_m = ridden.jitter_m;
+  vehicle.in_box_m = ridden.in_box_m;
+  vehicle.in_box_deg = ridden.in_box_rad / kDegree;
   for (std::size_t i = 0; i < count; ++i) {
     const BevBox& box = found[i].carrier.label.box.bev;
     DriveFrame frame;
@@ -215,11 +248,27 @@ VehicleDrive judge_vehicle(const DetectorPool& detectors, FrameStore& store, con
   });
   std::vector<const std::vector<Detection>*> all;
   for (const SceneFrame& frame : scene.frames) all.push_back(&frame.clean);
-  add_sights(DriveVersion::clean, scene.frames, followed, all, scene.clean_tracks, vehicle);
+  const auto judge = [&](DriveVersion version, const auto& tracks, const auto& tracks_by_death) {
+    add_sights(version, scene.frames, followed, all, tracks, request.settings.tracker.birth, vehicle);
+    for (std::size_t d = 0; d < kDeaths.size(); ++d) {
+      VehicleDrive other = vehicle;
+      for (DriveFrame& frame : other.frames) frame.sights = {};
+      add_sights(version, scene.frames, followed, all, tracks_by_death(d), request.settings.tracker.birth,
+                 other);
+      const DriveOutcome outcome = outcome_of(other, version);
+      const auto v = static_cast<std::size_t>(version);
+      vehicle.deaths[d].track_gap_s[v] = outcome.track_gap_s;
+      vehicle.deaths[d].phantom_frames[v] = outcome.phantom_frames;
+    }
+  };
+  judge(DriveVersion::clean, scene.clean_tracks, [&](std::size_t d) { return scene.clean_by_death[d]; });
   for (std::size_t o = 0; o < objects.size(); ++o) {
     for (std::size_t i = 0; i < count; ++i) all[followed.frames[i]] = &seen[o][i];
-    add_sights(o == 0 ? DriveVersion::attacked : DriveVersion::random, scene.frames, followed, all,
-               follow(scene.frames, all, scene.road, request.settings.tracker), vehicle);
+    const auto& tracker = request.settings.tracker;
+    judge(o == 0 ? DriveVersion::attacked : DriveVersion::random,
+          follow(scene.frames, all, scene.road, tracker), [&](std::size_t d) {
+            return follow(scene.frames, all, scene.road, with_death(tracker, kDeaths[d]));
+          });
   }
   return vehicle;
 }
@@ -251,6 +300,11 @@ void add_track_frames(const DriveScene& scene, const std::array<double, 4>& regi
         boxes.push_back(label.box.bev);
       }
     for (const TrackState& track : scene.clean_tracks[i]) {
+      if (!track.confirmed) continue;
+      // As the benchmark has it, what nobody would have labelled is no false alarm.
+      const bool on_truth = std::any_of(boxes.begin(), boxes.end(),
+                                        [&](const BevBox& box) { return iou(box, track.box.bev) > 0; });
+      if (!on_truth && !would_be_labelled(track.box, scene.frames[i])) continue;
       frame.tracks.push_back(sequence * kTracksOfSequence + track.id);
       tracks.push_back(track.box.bev);
     }
@@ -271,35 +325,83 @@ DriveScene prepare_scene(const DetectorPool& detectors, FrameStore& store, const
   for (const SequenceFrame& frame : sequence.frames) frames.push_back({frame.id, 0});
   const CleanDetections clean = clean_detections(detectors, store, frames, request.evaluation);
   std::vector<const std::vector<Detection>*> all;
-  for (const SequenceFrame& frame : sequence.frames)
+  for (const SequenceFrame& frame : sequence.frames) {
+    Annotations known = read_annotations(request.data, frame.id);
     scene.frames.push_back(
-        {frame.id, frame.moment, read_annotations(request.data, frame.id).labels, clean.at(frame.id)});
+        {frame.id, frame.moment, std::move(known.labels), std::move(known.calibration), clean.at(frame.id)});
+  }
   for (const SceneFrame& frame : scene.frames) all.push_back(&frame.clean);
   scene.road = -store.get(sequence.frames.front().id)->lidar.height;
   scene.clean_tracks = follow(scene.frames, all, scene.road, request.settings.tracker);
+  for (std::size_t d = 0; d < kDeaths.size(); ++d)
+    scene.clean_by_death[d] =
+        follow(scene.frames, all, scene.road, with_death(request.settings.tracker, kDeaths[d]));
   scene.velocities = ego_velocities(scene.frames);
   return scene;
+}
+
+std::string name_of(const VehicleDrive& vehicle) {
+  return fmt::format("{} {}", vehicle.sequence, vehicle.track);
+}
+
+/// The median over vehicles of a figure of one version less that of another.
+template <class FigureOf>
+nlohmann::json median_difference(const std::vector<VehicleDrive>& vehicles, DriveVersion of,
+                                 DriveVersion less, const FigureOf& figure_of) {
+  std::vector<double> differences;
+  for (const VehicleDrive& vehicle : vehicles)
+    differences.push_back(figure_of(outcome_of(vehicle, of)) - figure_of(outcome_of(vehicle, less)));
+  return to_json(median_interval(differences));
 }
 
 /// A figure of each vehicle, and differences, as medians.
 template <class FigureOf>
 nlohmann::json medians(const std::vector<VehicleDrive>& vehicles, const FigureOf& figure_of) {
-  ByVersion<std::vector<double>> values;
-  for (const VehicleDrive& vehicle : vehicles)
-    for (std::size_t v = 0; v < values.size(); ++v)
-      values[v].push_back(figure_of(outcome_of(vehicle, static_cast<DriveVersion>(v))));
   nlohmann::json json;
-  for (std::size_t v = 0; v < values.size(); ++v)
-    json[kDriveVersions[v]] = to_json(median_interval(values[v]));
-  const auto attacked = static_cast<std::size_t>(DriveVersion::attacked);
-  for (const DriveVersion other : {DriveVersion::clean, DriveVersion::random}) {
-    const auto v = static_cast<std::size_t>(other);
-    std::vector<double> differences;
-    for (std::size_t i = 0; i < vehicles.size(); ++i)
-      differences.push_back(values[attacked][i] - values[v][i]);
-    json[fmt::format("attacked_less_{}", kDriveVersions[v])] = to_json(median_interval(differences));
+  for (std::size_t v = 0; v < kDriveVersions.size(); ++v) {
+    std::vector<double> values;
+    for (const VehicleDrive& vehicle : vehicles)
+      values.push_back(figure_of(outcome_of(vehicle, static_cast<DriveVersion>(v))));
+    json[kDriveVersions[v]] = to_json(median_interval(values));
+  }
+  for (const DriveVersion other : {DriveVersion::clean, DriveVersion::random})
+    json[fmt::format("attacked_less_{}", kDriveVersions[static_cast<std::size_t>(other)])] =
+        median_difference(vehicles, DriveVersion::attacked, other, figure_of);
+  return json;
+}
+
+/// Of the vehicles that are first seen beyond kLateWithin: how many are confirmed no earlier than there.
+nlohmann::json near_of(const std::vector<VehicleDrive>& vehicles) {
+  nlohmann::json json = {{"metres", kLateWithin}, {"vehicles", 0}};
+  for (const char* version : kDriveVersions) json[version] = 0;
+  for (const VehicleDrive& vehicle : vehicles) {
+    if (vehicle.frames.front().range <= kLateWithin) continue;
+    json["vehicles"] = json["vehicles"].get<int>() + 1;
+    for (std::size_t v = 0; v < kDriveVersions.size(); ++v) {
+      const DriveOutcome outcome = outcome_of(vehicle, static_cast<DriveVersion>(v));
+      if (!outcome.confirmed || outcome.confirmed->metres <= kLateWithin)
+        json[kDriveVersions[v]] = json[kDriveVersions[v]].get<int>() + 1;
+    }
   }
   return json;
+}
+
+/// What one of kDeaths gives and costs.
+nlohmann::json death_row(const std::vector<VehicleDrive>& vehicles, std::size_t death) {
+  nlohmann::json row = {{"death", kDeaths[death]}};
+  for (std::size_t v = 0; v < kDriveVersions.size(); ++v) {
+    std::vector<double> gaps;
+    ClusteredShare phantoms;
+    for (const VehicleDrive& vehicle : vehicles) {
+      const DeathOutcome& at = vehicle.deaths[death];
+      gaps.push_back(at.track_gap_s[v]);
+      for (int i = 0; i < static_cast<int>(vehicle.frames.size()); ++i)
+        phantoms.add(name_of(vehicle), i < at.phantom_frames[v]);
+    }
+    row["track_gap_s"][kDriveVersions[v]] = to_json(median_interval(gaps));
+    row["phantom_share"][kDriveVersions[v]] = to_json(phantoms.interval());
+  }
+  return row;
 }
 
 }  // namespace
@@ -375,19 +477,39 @@ nlohmann::json to_json(const DriveResult& result) {
   for (const VehicleDrive& vehicle : result.vehicles) json["vehicles"].push_back(to_json(vehicle));
   json["gap_s"] = medians(result.vehicles, [](const DriveOutcome& of) { return of.gap_s; });
   json["track_gap_s"] = medians(result.vehicles, [](const DriveOutcome& of) { return of.track_gap_s; });
-  json["confirmed_m"] = medians(
-      result.vehicles, [](const DriveOutcome& of) { return of.confirmed ? of.confirmed->metres : 0; });
+  const auto confirmed_m = [](const DriveOutcome& of) { return of.confirmed ? of.confirmed->metres : 0; };
+  json["confirmed_m"] = medians(result.vehicles, confirmed_m);
+  std::vector<VehicleDrive> nearing;
+  for (const VehicleDrive& vehicle : result.vehicles)
+    if (vehicle.frames.back().range < vehicle.frames.front().range) nearing.push_back(vehicle);
+  json["later_m"] = {{"vehicles", nearing.size()}};
+  if (!nearing.empty()) {
+    json["later_m"]["than_clean"] =
+        median_difference(nearing, DriveVersion::clean, DriveVersion::attacked, confirmed_m);
+    json["later_m"]["than_random"] =
+        median_difference(nearing, DriveVersion::random, DriveVersion::attacked, confirmed_m);
+  }
+  json["near"] = near_of(result.vehicles);
+  for (const auto& [key, number] :
+       {std::pair("residual_m", &VehicleDrive::residual_m),
+        std::pair("residual_deg", &VehicleDrive::residual_deg),
+        std::pair("jitter_m", &VehicleDrive::jitter_m), std::pair("in_box_m", &VehicleDrive::in_box_m),
+        std::pair("in_box_deg", &VehicleDrive::in_box_deg)}) {
+    std::vector<double> values;
+    for (const VehicleDrive& vehicle : result.vehicles) values.push_back(vehicle.*number);
+    json["roof"][key] = to_json(median_interval(values));
+  }
   for (const double seconds : {0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0}) {
     nlohmann::json row = {{"seconds", seconds}};
     for (std::size_t v = 0; v < kDriveVersions.size(); ++v) {
       ClusteredShare share;
       for (const VehicleDrive& vehicle : result.vehicles)
-        share.add(fmt::format("{} {}", vehicle.sequence, vehicle.track),
-                  outcome_of(vehicle, static_cast<DriveVersion>(v)).gap_s >= seconds);
+        share.add(name_of(vehicle), outcome_of(vehicle, static_cast<DriveVersion>(v)).gap_s >= seconds);
       row[kDriveVersions[v]] = to_json(share.interval());
     }
     json["survival"].push_back(row);
   }
+  for (std::size_t d = 0; d < kDeaths.size(); ++d) json["deaths"].push_back(death_row(result.vehicles, d));
   for (std::size_t v = 0; v < kDriveVersions.size(); ++v)
     json["never_confirmed"][kDriveVersions[v]] =
         std::count_if(result.vehicles.begin(), result.vehicles.end(), [&](const VehicleDrive& vehicle) {

@@ -68,7 +68,12 @@ DriveResult judge_drive(const DetectorPool& detectors, FrameStore& store, const 
 
 /// {vehicles: as to_json(VehicleDrive), gap_s, track_gap_s, confirmed_m: medians over vehicles {clean,
 /// attacked, random, attacked_less_clean, attacked_less_random: {value, low, high}} (median_interval; a
-/// vehicle that is never confirmed counts as confirmed at 0 m), never_confirmed: {clean, …}, survival:
+/// vehicle that is never confirmed counts as confirmed at 0 m), later_m: {vehicles, than_clean, than_random}:
+/// by how many metres less far the attacked one is confirmed, over those that come nearer, near: {metres,
+/// vehicles: first seen beyond, clean, …: of these, not confirmed before}, never_confirmed: {clean, …},
+/// deaths:
+/// [{death, track_gap_s: medians, phantom_share: of the frames}] for kDeaths, roof: medians of
+/// Ride's figures, survival:
 /// [{seconds, clean, attacked, random: share of vehicles with a gap of so long or more}], tracker:
 /// TrackScores as recorded, frames}
 nlohmann::json to_json(const DriveResult& result);

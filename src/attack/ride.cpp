@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <tuple>
 
 #include "base/angles.h"
 #include "base/intervals.h"
@@ -38,6 +39,26 @@ Transform usual_roof(const std::vector<RideFrame>& frames) {
   std::array<double, 4> usual{};
   for (std::size_t i = 0; i < 4; ++i) usual[i] = median_interval(values[i]).value;
   return upright_pose(Vec3d(usual[0], usual[1], usual[2]), usual[3]);
+}
+
+/// See Ride::in_box_m.
+std::pair<double, double> spread_in_boxes(const std::vector<RideFrame>& frames,
+                                          const std::vector<Carrier>& carriers) {
+  std::vector<Eigen::Vector4d> places;
+  Eigen::Vector4d mean = Eigen::Vector4d::Zero();
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const Transform roof = velo_from_box(frames[i].carrier.label.box).inverse() * carriers[i].velo_from_roof;
+    places.emplace_back(roof.translation().x(), roof.translation().y(), roof.translation().z(),
+                        heading_of(roof));
+    mean += places.back() / static_cast<double>(frames.size());
+  }
+  double squares = 0, turns = 0;
+  for (const Eigen::Vector4d& place : places) {
+    squares += (place - mean).head<3>().squaredNorm();
+    turns += (place - mean)[3] * (place - mean)[3];
+  }
+  const auto count = static_cast<double>(frames.size());
+  return {std::sqrt(squares / count), std::sqrt(turns / count)};
 }
 
 }  // namespace
@@ -94,6 +115,7 @@ Ride ride(const std::vector<RideFrame>& frames) {
     track.carriers.push_back(std::move(carrier));
     track.velocities.push_back(place.velocity);
   }
+  std::tie(track.in_box_m, track.in_box_rad) = spread_in_boxes(frames, track.carriers);
   track.residual_m = std::sqrt(squares / std::max(1, track.fitted));
   track.residual_rad = std::sqrt(turns / std::max(1, track.fitted));
   track.fit_jitter_m = jitter(found);

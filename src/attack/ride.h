@@ -22,6 +22,9 @@ struct Ride {
   int fitted = 0;                 ///< frames whose roof was fitted
   double residual_m = 0, residual_rad = 0;  ///< RMS of the fitted roofs around the smoothed ones
   double fit_jitter_m = 0, jitter_m = 0;    ///< of the roofs as found, and smoothed (tracking/smoother.h)
+  /// RMS of the smoothed roofs around their mean place in the boxes as labelled: where labels are true, how
+  /// far the object moves on its roof.
+  double in_box_m = 0, in_box_rad = 0;
 };
 
 /// Frames by rising time. The roof's place in the labelled box is the median of the fitted ones, or of all if

@@ -4,23 +4,35 @@
 #include <cmath>
 
 #include "base/fields.h"
+#include "base/intervals.h"
 
 namespace mirage {
 namespace {
 
-/// s that each frame stands for: until the next one; the last as long as the one before.
-std::vector<double> seconds_of(const std::vector<DriveFrame>& frames) {
-  std::vector<double> seconds(frames.size(), 0);
-  for (std::size_t i = 0; i + 1 < frames.size(); ++i) seconds[i] = frames[i + 1].time - frames[i].time;
-  if (frames.size() > 1) seconds.back() = seconds[frames.size() - 2];
-  return seconds;
+constexpr double kAway = 2.5;  // usual steps between frames after which the vehicle was away
+
+/// s that each frame stands for, and whether the next one follows it.
+struct Stands {
+  double seconds = 0;
+  bool followed = false;
+};
+
+std::vector<Stands> stands_of(const std::vector<DriveFrame>& frames) {
+  std::vector<double> steps;
+  for (std::size_t i = 0; i + 1 < frames.size(); ++i) steps.push_back(frames[i + 1].time - frames[i].time);
+  const double usual = steps.empty() ? 0 : median_interval(steps).value;
+  std::vector<Stands> stands(frames.size(), {usual, false});
+  for (std::size_t i = 0; i < steps.size(); ++i)
+    if (steps[i] <= kAway * usual) stands[i] = {steps[i], true};
+  return stands;
 }
 
 template <class Lacks>
-double longest_run(const std::vector<double>& seconds, const Lacks& lacks) {
+double longest_run(const std::vector<Stands>& stands, const Lacks& lacks) {
   double longest = 0, run = 0;
-  for (std::size_t i = 0; i < seconds.size(); ++i) {
-    run = lacks(i) ? run + seconds[i] : 0;
+  for (std::size_t i = 0; i < stands.size(); ++i) {
+    if (i > 0 && !stands[i - 1].followed) run = 0;
+    run = lacks(i) ? run + stands[i].seconds : 0;
     longest = std::max(longest, run);
   }
   return longest;
@@ -47,15 +59,15 @@ DriveOutcome outcome_of(const VehicleDrive& vehicle, DriveVersion version) {
   const auto sight = [&](std::size_t i) -> const DriveSight& {
     return frames[i].sights[static_cast<std::size_t>(version)];
   };
-  const std::vector<double> seconds = seconds_of(frames);
-  outcome.gap_s = longest_run(seconds, [&](std::size_t i) { return !sight(i).found; });
+  const std::vector<Stands> stands = stands_of(frames);
+  outcome.gap_s = longest_run(stands, [&](std::size_t i) { return !sight(i).found; });
   outcome.track_gap_s =
-      longest_run(seconds, [&](std::size_t i) { return sight(i).track == TrackSight::lost; });
+      longest_run(stands, [&](std::size_t i) { return sight(i).track == TrackSight::lost; });
   for (std::size_t i = 0; i < frames.size(); ++i) {
     outcome.found += sight(i).found;
     outcome.phantom_frames += sight(i).phantoms > 0;
-    outcome.phantom_s += sight(i).phantoms > 0 ? seconds[i] : 0;
-    outcome.phantom_lane_s += sight(i).phantom_in_lane ? seconds[i] : 0;
+    outcome.phantom_s += sight(i).phantoms > 0 ? stands[i].seconds : 0;
+    outcome.phantom_lane_s += sight(i).phantom_in_lane ? stands[i].seconds : 0;
     if (outcome.confirmed || sight(i).track == TrackSight::lost) continue;
     const DriveFrame& frame = frames[i];
     outcome.confirmed = {frame.time - frames.front().time, frame.range, frame.closing, std::nullopt, {}};
@@ -77,7 +89,9 @@ nlohmann::json to_json(const VehicleDrive& vehicle) {
                            {"residual_m", vehicle.residual_m},
                            {"residual_deg", vehicle.residual_deg},
                            {"fit_jitter_m", vehicle.fit_jitter_m},
-                           {"jitter_m", vehicle.jitter_m}}}};
+                           {"jitter_m", vehicle.jitter_m},
+                           {"in_box_m", vehicle.in_box_m},
+                           {"in_box_deg", vehicle.in_box_deg}}}};
   auto& strip = json["strip"];
   strip["index"] = nlohmann::json::array();
   for (const DriveFrame& frame : vehicle.frames) strip["index"].push_back(frame.index);
@@ -113,6 +127,13 @@ nlohmann::json to_json(const VehicleDrive& vehicle) {
     }
     strip[name] = {{"found", found}, {"track", track}, {"phantoms", phantoms}, {"in_lane", in_lane}};
   }
+  for (std::size_t d = 0; d < kDeaths.size(); ++d) {
+    auto& at = json["deaths"][std::to_string(kDeaths[d])];
+    for (std::size_t v = 0; v < kDriveVersions.size(); ++v) {
+      at["track_gap_s"][kDriveVersions[v]] = vehicle.deaths[d].track_gap_s[v];
+      at["phantom_frames"][kDriveVersions[v]] = vehicle.deaths[d].phantom_frames[v];
+    }
+  }
   return json;
 }
 
@@ -123,10 +144,12 @@ VehicleDrive read_vehicle_drive(const JsonFields& json) {
   vehicle.track = json.count("track");
   const JsonFields roof = json.object("roof"), strip = json.object("strip");
   vehicle.fitted = roof.count("fitted", kMostOfDrive);
-  for (const auto& [key, number] : {std::pair("residual_m", &VehicleDrive::residual_m),
-                                    std::pair("residual_deg", &VehicleDrive::residual_deg),
-                                    std::pair("fit_jitter_m", &VehicleDrive::fit_jitter_m),
-                                    std::pair("jitter_m", &VehicleDrive::jitter_m)})
+  for (const auto& [key, number] :
+       {std::pair("residual_m", &VehicleDrive::residual_m),
+        std::pair("residual_deg", &VehicleDrive::residual_deg),
+        std::pair("fit_jitter_m", &VehicleDrive::fit_jitter_m),
+        std::pair("jitter_m", &VehicleDrive::jitter_m), std::pair("in_box_m", &VehicleDrive::in_box_m),
+        std::pair("in_box_deg", &VehicleDrive::in_box_deg)})
     vehicle.*number = roof.number(key, 0, Range::kMost);
   const auto count = static_cast<std::size_t>(json.count("frames", kMostOfDrive));
   vehicle.frames.resize(count);
@@ -150,6 +173,14 @@ VehicleDrive read_vehicle_drive(const JsonFields& json) {
     for (std::size_t i = 0; i < count; ++i)
       vehicle.frames[i].sights[v] = {found[i] == 'f', static_cast<TrackSight>(track[i]),
                                      static_cast<int>(phantoms[i]), in_lane[i] > 0};
+  }
+  for (std::size_t d = 0; d < kDeaths.size(); ++d) {
+    const JsonFields at = json.object("deaths").object(std::to_string(kDeaths[d]));
+    for (std::size_t v = 0; v < kDriveVersions.size(); ++v) {
+      vehicle.deaths[d].track_gap_s[v] = at.object("track_gap_s").number(kDriveVersions[v], 0, Range::kMost);
+      vehicle.deaths[d].phantom_frames[v] =
+          at.object("phantom_frames").count(kDriveVersions[v], kMostOfDrive);
+    }
   }
   return vehicle;
 }

@@ -2,14 +2,18 @@
 // random object of its size (random). What was seen of it frame by frame, and what follows in seconds and
 // metres.
 //
-//   gap        the longest time on end without: a frame stands for the time until the next one
+//   gap        the longest time on end without: a frame stands for the time until the next one, the last one
+//              and one before a stretch without a label for the usual step, and such a stretch ends a gap
+//   track      one lies on the vehicle once it has the detections of a birth there, since the vehicle is
+//              followed: what was seen of it before, without the object, does not count
 //   confirmed  the first frame in which a confirmed track lies on the vehicle: the time since its first
 //   frame,
 //              and its distance there
 //   reserve    with d the distance to the nearest corner of its box at that moment and v the speed at which
 //   it
 //              comes nearer: d − v² / (2 a) for brakes of a m/s²; below zero: metres short of a stop
-//   phantom    a confirmed track on no labelled box and, but for the clean version, on no clean detection
+//   phantom    a confirmed track on no labelled box and, but for the clean version, on no clean detection,
+//              where a thing would have a label: in the picture and in no DontCare region
 #pragma once
 
 #include <array>
@@ -51,14 +55,26 @@ struct DriveFrame {
   ByVersion<DriveSight> sights;
 };
 
+/// Settings of --death that a drive is judged at besides its own: what it saves in gaps, and costs in
+/// phantoms.
+inline constexpr std::array<int, 5> kDeaths = {1, 2, 3, 5, 10};
+
+/// The vehicle's figures at one of them.
+struct DeathOutcome {
+  ByVersion<double> track_gap_s{};
+  ByVersion<int> phantom_frames{};
+};
+
 /// A vehicle through its drive.
 struct VehicleDrive {
   std::string sequence, type;
   int track = -1;
-  int fitted = 0;                                                           ///< frames with a fitted roof
-  double residual_m = 0, residual_deg = 0, fit_jitter_m = 0, jitter_m = 0;  ///< as Ride's
-  ByVersion<int> phantom_tracks{};                                          ///< different ones
-  std::vector<DriveFrame> frames;                                           ///< by rising time
+  int fitted = 0;  ///< frames with a fitted roof
+  double residual_m = 0, residual_deg = 0, fit_jitter_m = 0, jitter_m = 0, in_box_m = 0,
+         in_box_deg = 0;            ///< as Ride's
+  ByVersion<int> phantom_tracks{};  ///< different ones
+  std::vector<DriveFrame> frames;   ///< by rising time
+  std::array<DeathOutcome, kDeaths.size()> deaths{};
 };
 
 /// Decelerations of the reserve, m/s².

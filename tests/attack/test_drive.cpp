@@ -14,6 +14,7 @@
 #include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"
+#include "scene/data/kitti_rows.h"
 #include "scene/data/read_frames.h"
 #include "support/files.h"
 #include "support/layouts.h"
@@ -73,6 +74,14 @@ TEST(VehicleDrive, AFrameStandsUntilTheNextOne) {
   EXPECT_NEAR(outcome_of(drive, DriveVersion::clean).gap_s, 0.15, 1e-9);
 }
 
+TEST(VehicleDrive, AStretchWithoutALabelEndsAGap) {
+  VehicleDrive drive = vehicle("ff----ff", "ffllllff");
+  for (std::size_t i = 4; i < drive.frames.size(); ++i) drive.frames[i].time += 3;
+  const DriveOutcome of = outcome_of(drive, DriveVersion::clean);
+  EXPECT_NEAR(of.gap_s, 0.2, 1e-9);
+  EXPECT_NEAR(of.track_gap_s, 0.2, 1e-9);
+}
+
 TEST(VehicleDrive, WhatGoesAwayHasNoCollisionAndKeepsItsDistance) {
   VehicleDrive drive = vehicle("fff", "fff");
   for (DriveFrame& frame : drive.frames) frame.closing = -3;
@@ -98,6 +107,8 @@ TEST(VehicleDrive, ComesBackFromItsFile) {
   drive.phantom_tracks[2] = 3;
   drive.frames[3].sights[2] = {true, TrackSight::coasting, 2, true};
   drive.residual_m = 0.02;
+  drive.deaths[1].track_gap_s[2] = 0.7;
+  drive.deaths[4].phantom_frames[1] = 3;
   const nlohmann::json written = to_json(drive);
   EXPECT_EQ(to_json(read_vehicle_drive(JsonFields("file", written, "fix"))), written);
   nlohmann::json bad = written;
@@ -178,6 +189,9 @@ TEST(Ride, TheObjectRidesOnASmoothRoof) {
   EXPECT_LT(std::sqrt(turns / 60), 1 * kDegree);
   EXPECT_GT(track.fit_jitter_m, 0.05);
   EXPECT_LT(track.jitter_m, 0.02);
+  EXPECT_LT(track.in_box_m, 0.045);  // these boxes are true
+  EXPECT_GT(track.in_box_m, 0.005);
+  EXPECT_LT(track.in_box_rad, 1 * kDegree);
   EXPECT_GT(track.residual_m, 0.04);
   EXPECT_LT(track.residual_m, 0.10);
 }
@@ -255,6 +269,34 @@ TEST_F(Drives, OneVehicleThroughItsDrive) {
   EXPECT_NEAR(car.at("confirmed_m").at("clean").get<double>(), std::hypot(11.48, 0.04), 1e-3);
   EXPECT_NEAR(drive.at("tracker").at("mota").get<double>(), 1 - 2.0 / kFrames, 1e-9);
   EXPECT_EQ(drive.at("never_confirmed").at("clean"), 0);
+  EXPECT_EQ(drive.at("near").at("vehicles"), 1);
+  // The settings' own death is one of those that are tried.
+  EXPECT_EQ(drive.at("deaths").at(1).at("death"), 2);
+  EXPECT_EQ(drive.at("deaths").at(1).at("track_gap_s"), [&] {
+    nlohmann::json gaps;
+    for (const char* v : kDriveVersions) gaps[v] = drive.at("track_gap_s").at(v);
+    return gaps;
+  }());
+  EXPECT_EQ(drive.at("near").at("clean"), 0);
+  // It stands; a vehicle that does not come nearer is not confirmed later.
+  EXPECT_EQ(drive.at("later_m").at("vehicles"), 0);
+  EXPECT_FALSE(drive.at("later_m").contains("than_clean"));
+}
+
+TEST_F(Drives, WhatWasSeenBeforeTheVehicleIsFollowedConfirmsNothing) {
+  const auto labels = data() / "training/label_02/0000.txt";
+  std::string text;
+  for (const std::string& line : test::lines_of(labels)) {
+    const auto words = split(line, " ");
+    const bool early = words.at(0) == "0" || words.at(0) == "1" || words.at(0) == "2";
+    text += early ? fmt::format("{} -1 {}\n", words[0], fmt::join(words.begin() + 2, words.end(), " "))
+                  : line + "\n";
+  }
+  write_file(labels, text);
+  const nlohmann::json car = judged(request()).at("vehicles").at(0);
+  EXPECT_EQ(car.at("frames"), kFrames - 3);
+  EXPECT_EQ(car.at("strip").at("clean").at("track"), "llfff");
+  EXPECT_NEAR(car.at("confirmed_s").at("clean").get<double>(), 0.2, 1e-9);
 }
 
 TEST_F(Drives, ResultsDependNeitherOnThreadsNorOnAnInterruption) {

@@ -40,6 +40,10 @@ def result():
     medians = {key: interval(1 + i) for i, key in enumerate((*VERSIONS, "attacked_less_clean", "attacked_less_random"))}
     return {"detector": "fusion", "score_threshold": 0.3, "drive": {
         "frames": 144, "gap_s": medians, "track_gap_s": medians, "confirmed_m": medians,
+        "later_m": {"than_clean": interval(1.4), "than_random": interval(0.6)},
+        "near": {"metres": 10, "vehicles": 2, "clean": 0, "attacked": 1, "random": 0},
+        "deaths": [{"death": 2, "track_gap_s": {v: interval(0.6) for v in VERSIONS},
+                    "phantom_share": {v: {"value": 0.25, "low": 0.1, "high": 0.5} for v in VERSIONS}}],
         "never_confirmed": {"clean": 0, "attacked": 1, "random": 0},
         "survival": [{"seconds": 0.5, **{v: {"value": 0.25, "low": 0.1, "high": 0.5} for v in VERSIONS}}],
         "tracker": {"mota": 0.71, "hota": 0.61, "switches": 2, "fragments": 3},
@@ -73,6 +77,18 @@ class Page(browser.PageChecks, unittest.TestCase):
         for place, value, text in shown:
             self.assertEqual(str(browser.at(self.result, place)), value, place)
             self.assertTrue(text)
+
+    def test_the_lead_and_the_curve_say_how_much_later(self):
+        lead = self.browser.run("document.querySelector('.lead').textContent").split()
+        self.assertIn("confirmed 1.4 (1.3–1.8) m later at the median, and 1 of 2 not before 10 m", " ".join(lead))
+        curves = self.browser.run("[...document.querySelectorAll('.gaps')].map(c => c.getAttribute('points'))")
+        xs = [[float(p.split(",")[0]) for p in c.split()] for c in curves]
+        # Both vehicles' gaps are 0.1, 0.7 and 0.2 s: the curves fall there, from all to none.
+        falls = [x[1] - x[0] for x in xs]
+        self.assertAlmostEqual(falls[1] / falls[0], 7, places=1)
+        self.assertAlmostEqual(falls[2] / falls[0], 2, places=1)
+        ys = [float(p.split(",")[1]) for p in curves[1].split()]
+        self.assertLess(ys[0], ys[-1])
 
     def test_a_strip_shows_what_was_found_when(self):
         self.assertEqual(self.browser.run("document.querySelectorAll('.strip').length"), 2)

@@ -2,7 +2,7 @@
 
     python3 drive.py DIR
 
-Reads DIR/result.json and writes DIR/drive.html: medians, survival of gaps, and one strip a vehicle with its distance over
+Reads DIR/result.json and writes DIR/drive.html: medians, how long gaps last, and one strip a vehicle with its distance over
 time and, for each version, where it was found, coasting or lost. It shows what the program has judged.
 """
 
@@ -18,6 +18,7 @@ try:
     import jinja2
     from markupsafe import Markup
 
+    import charts
     import figures
     import files
 except ImportError as error:
@@ -25,6 +26,7 @@ except ImportError as error:
 
 VERSIONS = ("clean", "attacked", "random")
 NAMES = {"clean": "as recorded", "attacked": "with the object", "random": "random of its size"}
+CURVE_LEFT = 52  # px, of the curve's axis
 LEFT, WIDTH, HEIGHT, BAR, GAP = 130, 1000, 90, 12, 5  # px: of names, of the time axis, of the distance, of a bar, between bars
 
 
@@ -80,6 +82,23 @@ def strip(vehicle):
     }
 
 
+def survival(vehicles, width, height):
+    """What the curve of gaps needs, in pixels: for each version the share of vehicles whose longest gap is longer than s."""
+    longest = max([1.0, *(vehicle["gap_s"][v] for vehicle in vehicles for v in VERSIONS)])
+    x, y = charts.Axis(0, longest, CURVE_LEFT, width - 20), charts.Axis(0, 1, height - 34, 10)
+    curves = []
+    for version in VERSIONS:
+        points = [(0.0, 1.0)]
+        gaps = sorted(vehicle["gap_s"][version] for vehicle in vehicles)
+        for i, gap in enumerate(gaps):
+            points += [(gap, points[-1][1]), (gap, 1 - (i + 1) / len(gaps))]
+        points.append((longest, points[-1][1]))
+        curves.append({"version": version, "line": " ".join(f"{x(a)},{y(b)}" for a, b in points)})
+    return {"width": width, "height": height, "left": CURVE_LEFT, "curves": curves,
+            "seconds": [{"x": x(m), "text": x.label(m)} for m in x.marks],
+            "shares": [{"y": y(share), "text": round(100 * share)} for share in (0, 0.25, 0.5, 0.75, 1)]}
+
+
 def main(folder):
     result = figures.read_json(os.path.join(folder, "result.json"))
     drive = result["drive"]
@@ -90,7 +109,7 @@ def main(folder):
     page = environment.get_template("drive.html.j2").render(
         result=result, drive=drive, style=style, versions=VERSIONS, names=NAMES, fig=fig,
         interval=figures.interval_function(result, fig),
-        strips=[strip(vehicle) for vehicle in drive["vehicles"]], left=LEFT, width=LEFT + WIDTH + 20, height=HEIGHT, bar=BAR)
+        curve=survival(drive["vehicles"], 620, 260), strips=[strip(vehicle) for vehicle in drive["vehicles"]], left=LEFT, width=LEFT + WIDTH + 20, height=HEIGHT, bar=BAR)
     files.write(os.path.join(folder, "drive.html"), page)
 
 
