@@ -5,6 +5,7 @@
 #include <chrono>
 #include <memory>
 
+#include "base/error.h"
 #include "base/interrupt.h"
 #include "base/names.h"
 #include "base/progress.h"
@@ -12,7 +13,7 @@
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "frames/frame_cache.h"
-#include "generator/dataset.h"
+#include "generator/drive_dataset.h"
 #include "generator/generator.h"
 #include "scene/data/data_rig.h"
 
@@ -21,7 +22,8 @@ namespace {
 
 struct GenerateOptions {
   std::string rig = "kitti64", lidar, look;
-  int frames = 10, start = 0;
+  int frames = 10, start = 0, drives = 0;
+  double seconds = 5;
   bool depth = false, truth = false;
 };
 
@@ -38,9 +40,16 @@ void add_options(CLI::App& app, GenerateOptions& options) {
   app.add_option("--frames", options.frames, "how many frames")
       ->capture_default_str()
       ->check(within({1, 1000000}));
-  app.add_option("--start", options.start, "index of the first frame")
+  app.add_option("--start", options.start, "index of the first frame, or drive")
       ->capture_default_str()
       ->check(within({0, 999999}));
+  app.add_option("--drives", options.drives,
+                 "drives in place of single frames: streets in which the car and others move, 10 frames "
+                 "a second, in the layout of KITTI's tracking benchmark")
+      ->check(within({1, 10000}));
+  app.add_option("--seconds", options.seconds, "of each drive")
+      ->capture_default_str()
+      ->check(within({0.3, 60}));
   app.add_flag("--depth", options.depth,
                "write each frame's true depth too (training/depth/ID.png, KITTI's 16-bit format; sky is 0)");
   app.add_flag("--truth", options.truth,
@@ -55,13 +64,20 @@ nlohmann::json run(const GenerateOptions& options, const Common& common) {
   common.made_of->file("rig", rig_file(options.rig));
   common.made_of->input("lidar", lidar_identity(rig.lidar));
   const auto start = std::chrono::steady_clock::now();
-  Progress progress("generate", options.frames, common.quiet);
-  const DatasetSummary sum = generate_dataset(
-      rig, common.seed, options.start, options.frames, common.out,
-      [&](std::size_t done) { progress.update(done); },
-      options.truth   ? Truth::all
-      : options.depth ? Truth::depth
-                      : Truth::none);
+  if (options.drives > 0 && (options.depth || options.truth))
+    throw InputError("--drives", options.truth ? "--truth" : "--depth", "is of single frames",
+                     "leave it out: a drive's truth is in training/motion_02");
+  const int frames = options.drives > 0 ? options.drives * frames_of_drive(options.seconds) : options.frames;
+  Progress progress("generate", static_cast<std::size_t>(frames), common.quiet);
+  const auto tell = [&](std::size_t done) { progress.update(done); };
+  const auto first = static_cast<std::uint64_t>(options.start);
+  const DatasetSummary sum =
+      options.drives > 0
+          ? generate_drives(rig, common.seed, first, options.drives, options.seconds, common.out, tell)
+          : generate_dataset(rig, common.seed, first, options.frames, common.out, tell,
+                             options.truth   ? Truth::all
+                             : options.depth ? Truth::depth
+                                             : Truth::none);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (!common.quiet) {
     fmt::print("frames written   {:6}   (kept from before: {})\n", sum.written, sum.kept);

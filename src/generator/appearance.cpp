@@ -11,11 +11,11 @@ namespace mirage::generator {
 namespace {
 
 // Shot and read noise of the camera, in scene-linear values.
-void add_sensor_noise(ImageF& image, std::uint64_t seed, std::uint64_t index) {
+void add_sensor_noise(ImageF& image, std::uint64_t seed, std::uint64_t index, std::uint64_t moment) {
   RandomStream level(seed, "sensor noise level", index);
   const double shot = level.uniform(2e-5, 1.2e-4), read = level.uniform(0.5e-3, 2e-3);
   for (int v = 0; v < image.height; ++v) {
-    RandomStream random(seed, "sensor noise", index * 100003 + v);
+    RandomStream random(seed, "sensor noise", moment * 100003 + v);
     for (int i = 0; i < image.width * 3; ++i) {
       float& x = image.pixel(0, v)[i];
       x = std::max(0.f, x + static_cast<float>(random.normal() * noise_sigma(x, shot, read)));
@@ -58,9 +58,9 @@ SceneLight make_light(std::uint64_t seed, std::uint64_t index) {
   return light;
 }
 
-void expose(ImageF& image, std::uint64_t seed, std::uint64_t index) {
+void expose(ImageF& image, std::uint64_t seed, std::uint64_t index, std::uint64_t moment) {
   soften(image, RandomStream(seed, "lens", index).uniform(0.5, 0.85));
-  add_sensor_noise(image, seed, index);
+  add_sensor_noise(image, seed, index, moment);
 }
 
 }  // namespace mirage::generator

@@ -16,6 +16,7 @@ SceneLight make_light(std::uint64_t seed, std::uint64_t index);
 
 /// What lens and sensor do to the rendered picture: a blur of 0.5 to 0.85 pixels (sigma), then shot noise of
 /// 2e-5 to 1.2e-4 of the signal (variance) and read noise of 0.5e-3 to 2e-3 (sigma), scene-linear.
-void expose(ImageF& image, std::uint64_t seed, std::uint64_t index);
+/// Lens and sensor are those of `index`, the noise is drawn by `moment`.
+void expose(ImageF& image, std::uint64_t seed, std::uint64_t index, std::uint64_t moment);
 
 }  // namespace mirage::generator

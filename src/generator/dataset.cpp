@@ -17,17 +17,24 @@
 
 namespace mirage {
 
-DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
-                                const std::filesystem::path& out,
-                                const std::function<void(std::size_t)>& tell, Truth truth) {
+namespace {
+
+constexpr const char* kDrives = "drives_of_s";  // a field of sets that are drives
+
+}  // namespace
+
+void begin_dataset(const Rig& rig, const nlohmann::json& about, const std::filesystem::path& out) {
   make_output_folder(out);
   const std::filesystem::path file = out / "dataset.json", kept = out / "rig.toml";
-  nlohmann::json about = {
-      {"rig", rig.name}, {"seed", seed}, {"look", name_of(rig.look)}, {"generator", kGeneratorVersion}};
   if (std::filesystem::exists(file)) {
     const nlohmann::json before = read_json(file, kLargestRecord);
     if (!before.is_object())
       throw InputError(file.string(), "", "is no object of a data set's fields",
+                       "choose another --out folder");
+    if (before.contains(kDrives) != about.contains(kDrives))
+      throw InputError(file.string(), kDrives,
+                       before.contains(kDrives) ? "is there: the folder holds drives"
+                                                : "is missing: the folder holds single frames",
                        "choose another --out folder");
     for (const auto& [key, value] : about.items())
       if (before.value(key, nlohmann::json()) != value)
@@ -46,7 +53,14 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
   // The rig first: a set that was stopped between the two goes on, and one without its rig has lost it.
   write_file(kept, rig.text);
   write_json(file, about);
+}
 
+DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,
+                                const std::filesystem::path& out,
+                                const std::function<void(std::size_t)>& tell, Truth truth) {
+  begin_dataset(
+      rig, {{"rig", rig.name}, {"seed", seed}, {"look", name_of(rig.look)}, {"generator", kGeneratorVersion}},
+      out);
   DatasetSummary sum;
   std::mutex mutex;
   std::size_t done = 0;

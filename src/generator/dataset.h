@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <nlohmann/json.hpp>
 
 #include "generator/generator.h"
 #include "scene/data/truth_files.h"
@@ -16,6 +17,10 @@ struct DatasetSummary {
   int written = 0, kept = 0, cars = 0, others = 0;
   std::size_t points = 0;
 };
+
+/// Makes the folder with rig.toml and dataset.json (`about`), or takes it up again; InputError if it was made
+/// of another rig or with other fields.
+void begin_dataset(const Rig& rig, const nlohmann::json& about, const std::filesystem::path& out);
 
 /// Writes frames [first, first + count) of (rig, seed) to `out` and dataset.json. Frames whose files are as
 /// recorded (frame_record.h) are kept (a set made with less truth can be given more later: the other files

@@ -2,11 +2,16 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Geometry>
+#include <cmath>
+#include <deque>
 #include <map>
 
+#include "base/angles.h"
 #include "base/random.h"
 #include "generator/appearance.h"
 #include "generator/labels.h"
+#include "generator/moving_street.h"
 #include "generator/street.h"
 #include "sensors/lidar_sweep.h"
 #include "sensors/ray_camera.h"
@@ -53,7 +58,7 @@ Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, Fr
   Frame frame;
   frame.id = fmt::format("{:06}", index);
   frame.image = picture.color;
-  generator::expose(frame.image, seed, index);
+  generator::expose(frame.image, seed, index, index);
   std::vector<int> objects;
   frame.sweep = simulate_sweep(scene, rig.lidar, RandomStream(seed, "lidar", index).next_u32(),
                                generated_sweep_effects(), &objects);
@@ -63,6 +68,54 @@ Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, Fr
   frame.labels = std::move(labelled.labels);
   frame.lighting = light.lighting;
   if (truth) *truth = make_truth(street, labelled.line, picture, objects);
+  return frame;
+}
+
+Frame generate_drive_frame(const Rig& rig, const generator::MovingStreet& street, const RayScene& standing,
+                           std::uint64_t seed, std::uint64_t index, double time) {
+  constexpr std::uint64_t kFramesOfDrive = 100000;
+  const auto number = static_cast<std::uint64_t>(std::lround(time / kDriveStep));
+  const std::uint64_t moment = index * kFramesOfDrive + number;
+  const generator::Street now = street.at(time);
+  const generator::Waypoint& own = street.own[street.step(time)];
+  const Transform world_from_velo = own.pose();
+  // Patterns stay where they are: the scene is traced in the world.
+  Calibration placed = rig.calibration;
+  placed.camera_from_velo = rig.calibration.camera_from_velo * world_from_velo.inverse();
+  const SceneLight light = generator::make_light(seed, index);
+  const RayScene scene(now.surfaces);
+  RayCameraSettings settings;
+  settings.sparse = true;
+  settings.seed = RandomStream(seed, "drive camera", moment).next_u32();
+  const RayImage picture = render(scene, rig.calibration.camera, placed.camera_from_velo, light, settings);
+
+  Frame frame;
+  frame.id = fmt::format("{:04}_{:06}", index, number);
+  frame.image = picture.color;
+  generator::expose(frame.image, seed, index, moment);
+  std::vector<int> objects;
+  SweepMotion motion{world_from_velo, world_from_velo.linear().transpose() * own.velocity, own.yaw_rate};
+  std::deque<RayScene> parts;
+  for (std::size_t k = 0; k < street.movers.size(); ++k) {
+    parts.emplace_back(street.surfaces_of(k, time));
+    motion.parts.push_back({&parts.back(), street.movers[k].way[street.step(time)].velocity});
+  }
+  frame.sweep = simulate_sweep(standing, rig.lidar, RandomStream(seed, "drive lidar", moment).next_u32(),
+                               generated_sweep_effects(), &objects, &motion);
+  frame.calibration = rig.calibration;
+  generator::StreetLabels labelled = generator::label_street(now, placed, picture.object, objects);
+  for (std::size_t k = 0; k < labelled.line.size(); ++k)
+    if (labelled.line[k] >= 0)
+      labelled.labels[static_cast<std::size_t>(labelled.line[k])].track = static_cast<int>(k);
+  for (Label& label : labelled.labels) {
+    BevBox& bev = label.box.bev;
+    const Vec3d p = world_from_velo.inverse() * Vec3d(bev.x, bev.y, label.box.bottom);
+    bev.x = p.x(), bev.y = p.y(), bev.yaw = wrap_angle(bev.yaw - own.yaw);
+    label.box.bottom = p.z();
+  }
+  frame.labels = std::move(labelled.labels);
+  frame.lighting = light.lighting;
+  frame.lighting.to_sun_velo = world_from_velo.linear().transpose() * light.lighting.to_sun_velo;
   return frame;
 }
 

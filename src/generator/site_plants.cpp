@@ -53,7 +53,7 @@ void StreetSite::add_fence(double s0, double s1, double d) {
 void StreetSite::add_woods(int side, double from) {
   const double sign = side ? 1 : -1;
   Mesh leaves, trunks, cores;
-  for (double s = -5; s < kFar + 10; s += 3) {
+  for (double s = -5; s < far_ + 10; s += 3) {
     if (in_cross(s, 2)) continue;
     for (int k = 0; k < 2; ++k) {
       const double d = sign * (from + u(0, 10));
@@ -78,7 +78,7 @@ void StreetSite::add_woods(int side, double from) {
 
 void StreetSite::add_earth() {
   Mesh earth;
-  for (double d = -80; d < 79; d += 8) add_strip(earth, d, d + 8, -12, kFar + 30, 4, -0.35);
+  for (double d = -80; d < 79; d += 8) add_strip(earth, d, d + 8, -12, far_ + 30, 4, -0.35);
   surfaces_.push_back(surface(earth, plain(Vec3f(0.07f, 0.065f, 0.05f), 0.3f)));
 }
 

@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <numbers>
 #include <string>
 
+#include "generator/moving_street.h"
 #include "generator/placed.h"
 
 namespace mirage::generator {
@@ -73,7 +75,7 @@ class StreetSite {
   }
   /// The crossing road's surface beside the street's own, out to `reach` m from its middle; none without one.
   void add_cross_road(Mesh& road, double reach) {
-    if (!(cross_s_ < kFar)) return;
+    if (!(cross_s_ < far_)) return;
     for (int side : {-1, 1})
       for (double s = cross_s_ - cross_half_; s < cross_s_ + cross_half_ - 0.1; s += cross_half_ / 3)
         for (double d = half_[side > 0]; d < reach; d += 6) {
@@ -132,6 +134,26 @@ class StreetSite {
   void add_earth();
   void add_manhole_covers(int count);
 
+  // What drives (moving_street.cpp).
+  /// Along the street: s over time, and the lane; along the crossing one if it `crosses` (s and d swapped).
+  struct Course {
+    double s = 0, speed = 0;                          ///< at 0; speed below 0: towards us
+    double d = 0, d_to = 0;                           ///< before and after a change of lanes
+    double change_from = 0, change_lasts = 0;         ///< s
+    double brake_from = 1e9, brake = 0, slowest = 0;  ///< s, m/s², m/s
+    bool crosses = false;
+  };
+  Way way_of(const Course& course, double seconds, double lift) const;
+  /// Before the ground is laid: two lanes for us at least, ours the second from the middle, and street
+  /// enough. `inner`: where the first begins (m from the centre line).
+  void widen(double seconds, int& own_lanes, double inner);
+  /// After it: the traffic, `left_lane` and `oncoming_lane` by their middles (m).
+  void drive(double seconds, double left_lane, double oncoming_lane, const std::function<Actor()>& vehicle);
+  MovingStreet finish_moving() {
+    moving_.standing = finish();
+    return std::move(moving_);
+  }
+
   RandomStream random_, actors_;
   double height_;
   double kerb_ = kKerb;  ///< height of what lies beside the road (m)
@@ -139,6 +161,9 @@ class StreetSite {
   int lanes_left_ = 1, lanes_right_ = 1;
   double heading_ = 0, curvature_ = 0, ego_d_ = 0, slope_ = 0, wave_ = 0, wave_length_ = 50, wave_phase_ = 0;
   double cross_s_ = 1e9, cross_half_ = 4;
+  double far_ = kFar, ahead_ = 0;  ///< m of street that is built; further on than a single frame needs
+  double own_speed_ = 0;
+  MovingStreet moving_;
   std::vector<Surface> surfaces_;
   std::vector<Placed> placed_;
   std::vector<BevBox> taken_;

@@ -45,22 +45,28 @@ struct Return {
 class SweepSimulator {
  public:
   SweepSimulator(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
-                 const LidarEffects& effects)
-      : scene_(scene),
+                 const LidarEffects& effects, const SweepMotion* motion)
+      : parts_{{&scene}},
         model_(model),
         seed_(seed),
         effects_(effects),
+        motion_(motion),
         pattern_(beam_pattern(effects)),
         columns_(static_cast<std::size_t>(model.azimuth_count())),
         rays_(model.beams.size() * pattern_.size(), columns_),
         axis_(model.beams.size(), columns_),
         draws_(model.beams.size() * columns_),
-        bias_(model.beams.size()) {}
+        bias_(model.beams.size()) {
+    if (motion_) parts_.insert(parts_.end(), motion_->parts.begin(), motion_->parts.end());
+    hits_.resize(parts_.size());
+  }
 
   Firings run() {
     parallel_for(model_.beams.size(), [&](std::size_t beam) { fire(beam); });
-    scene_.caster.intersect(rays_, static_cast<float>(model_.range_min), static_cast<float>(model_.range_max),
-                            hits_);
+    for (std::size_t part = 0; part < parts_.size(); ++part)
+      parts_[part].scene->caster.intersect(part == 0 ? rays_ : rays_of(parts_[part]),
+                                           static_cast<float>(model_.range_min),
+                                           static_cast<float>(model_.range_max), hits_[part]);
     firings_.points.resize(model_.beams.size() * columns_);
     firings_.ranges.assign(firings_.points.size(), 0);
     firings_.objects.assign(firings_.points.size(), -1);
@@ -69,6 +75,49 @@ class SweepSimulator {
   }
 
  private:
+  /// What one ray met, and of which part.
+  struct Met {
+    float t = -1;
+    int mesh = -1, face = -1;
+    std::size_t part = 0;
+  };
+
+  double time_of(std::size_t beam, std::size_t column) const {
+    return model_.firing_time(static_cast<int>(beam), model_.firing_azimuth(static_cast<int>(column)));
+  }
+  /// From a moved part a ray is seen to start where it would, had the part stayed.
+  Vec3f started(const SweptPart& part, const Vec3f& origin, std::size_t row, std::size_t column) const {
+    if (part.velocity.isZero(0)) return origin;
+    return origin - (time_of(row / pattern_.size(), column) * part.velocity).cast<float>();
+  }
+  RayTable rays_of(const SweptPart& part) const {
+    RayTable rays = rays_;
+    parallel_for(rays.rows, [&](std::size_t row) {
+      for (std::size_t column = 0; column < columns_; ++column) {
+        const std::size_t i = rays.index(row, column);
+        rays.set(row, column, started(part, rays_.origin_at(i), row, column), rays_.direction_at(i));
+      }
+    });
+    return rays;
+  }
+  Met first_hit(std::size_t i) const {
+    Met met;
+    for (std::size_t part = 0; part < parts_.size(); ++part)
+      if (hits_[part].mesh[i] >= 0 && (met.mesh < 0 || hits_[part].t[i] < met.t))
+        met = {hits_[part].t[i], hits_[part].mesh[i], hits_[part].face[i], part};
+    return met;
+  }
+  Met next_hit(const Ray& ray, std::size_t row, std::size_t column) const {
+    Met met;
+    for (std::size_t part = 0; part < parts_.size(); ++part) {
+      Ray from = ray;
+      from.origin = started(parts_[part], ray.origin, row, column);
+      const Hit hit = parts_[part].scene->caster.intersect(from);
+      if (hit.hit() && (met.mesh < 0 || hit.t < met.t)) met = {hit.t, hit.mesh, hit.face, part};
+    }
+    return met;
+  }
+
   void fire(std::size_t beam) {
     RandomStream random(seed_, "lidar beam", beam);
     bias_[beam] = random.normal() * effects_.beam_bias_sigma;
@@ -82,10 +131,16 @@ class SweepSimulator {
       const double azimuth = model_.firing_azimuth(static_cast<int>(column));
       const LidarRay fired = model_.ray_at(static_cast<int>(beam), azimuth);
       const Vec3d d = turned(fired.direction, Vec2d(da, de));
-      axis_.set(beam, column, fired.origin.cast<float>(), d.cast<float>());
-      Transform pose = Transform::Identity();
-      if (effects_.moving())
-        pose = start_from_moment(effects_, model_.firing_time(static_cast<int>(beam), azimuth));
+      Transform pose = Transform::Identity(), believed = pose;
+      if (motion_) {
+        LidarEffects way;
+        way.velocity = motion_->velocity, way.yaw_rate = motion_->yaw_rate;
+        believed = start_from_moment(way, time_of(beam, column));
+        pose = motion_->scene_from_velo * believed;
+      } else if (effects_.moving()) {
+        pose = start_from_moment(effects_, time_of(beam, column));
+      }
+      axis_.set(beam, column, (believed * fired.origin).cast<float>(), (believed.linear() * d).cast<float>());
       for (std::size_t k = 0; k < pattern_.size(); ++k) {
         const Vec3d sub = k == 0 ? d : turned(d, pattern_[k].angle);
         rays_.set(beam * pattern_.size() + k, column, (pose * fired.origin).cast<float>(),
@@ -98,11 +153,11 @@ class SweepSimulator {
   bool follow(std::size_t row, std::size_t column, double pane, Return& result) const {
     const std::size_t i = rays_.index(row, column);
     Ray ray{rays_.origin_at(i), rays_.direction_at(i), 0, static_cast<float>(model_.range_max)};
-    int mesh = hits_.mesh[i], face = hits_.face[i];
-    float t = hits_.t[i];
+    Met met = first_hit(i);
     bool returned = false;
-    for (int panes = 0; panes < kGlassLayers && mesh >= 0;) {
-      const float through = scene_.materials[static_cast<std::size_t>(mesh)].transparency;
+    for (int panes = 0; panes < kGlassLayers && met.mesh >= 0;) {
+      const float through =
+          parts_[met.part].scene->materials[static_cast<std::size_t>(met.mesh)].transparency;
       if (pane >= through) {
         returned = through == 0 || (pane - through) < (1 - through) * kGlassEcho;
         break;
@@ -110,17 +165,20 @@ class SweepSimulator {
       panes += through < 1;  // else it is there for the camera alone
       // The same number, stretched back to [0, 1), decides at the next pane.
       if (through > 0) pane /= through;
-      ray.t_min = t + 1e-3f;
-      const Hit next = scene_.caster.intersect(ray);
-      mesh = next.mesh, face = next.face, t = next.t;
+      ray.t_min = met.t + 1e-3f;
+      met = next_hit(ray, row, column);
     }
     if (!returned) return false;
-    const Vec3f n = scene_.caster.normal(mesh, face).normalized();
+    const RayScene& scene = *parts_[met.part].scene;
+    const auto mesh = static_cast<std::size_t>(met.mesh);
+    const float t = met.t;
+    ray.origin = started(parts_[met.part], ray.origin, row, column);
+    const Vec3f n = scene.caster.normal(met.mesh, met.face).normalized();
     const float cosine = std::abs(n.dot(ray.direction));
     const Vec3f p0 = ray.origin + t * ray.direction;
-    const Material& m = scene_.materials[static_cast<std::size_t>(mesh)];
+    const Material& m = scene.materials[mesh];
     result.range = t;
-    result.object = scene_.objects[static_cast<std::size_t>(mesh)];
+    result.object = scene.objects[mesh];
     result.glossy = m.gloss > 0;
     if (effects_.albedo) {
       result.reflectivity = std::min(1.f, surface_albedo(m, p0, n, 0.02f * t / 10).mean());
@@ -188,15 +246,16 @@ class SweepSimulator {
     }
   }
 
-  const RayScene& scene_;
+  std::vector<SweptPart> parts_;  ///< what stands first
   const LidarModel& model_;
   std::uint64_t seed_;
   const LidarEffects& effects_;
+  const SweepMotion* motion_;
   std::vector<SubRay> pattern_;
   std::size_t columns_;
-  RayTable rays_;  ///< a row a ray of the cone, as traced
-  RayTable axis_;  ///< a row a beam, as the unit believes
-  HitTable hits_;
+  RayTable rays_;               ///< a row a ray of the cone, as traced
+  RayTable axis_;               ///< a row a beam, as the unit believes
+  std::vector<HitTable> hits_;  ///< one a part
   std::vector<Draw> draws_;
   std::vector<double> bias_;
   Firings firings_;
@@ -215,14 +274,14 @@ LidarEffects generated_sweep_effects() {
 }
 
 Firings simulate_firings(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
-                         const LidarEffects& effects) {
+                         const LidarEffects& effects, const SweepMotion* motion) {
   check_effects(effects);
-  return SweepSimulator(scene, model, seed, effects).run();
+  return SweepSimulator(scene, model, seed, effects, motion).run();
 }
 
 Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
-                     const LidarEffects& effects, std::vector<int>* objects) {
-  const Firings firings = simulate_firings(scene, model, seed, effects);
+                     const LidarEffects& effects, std::vector<int>* objects, const SweepMotion* motion) {
+  const Firings firings = simulate_firings(scene, model, seed, effects, motion);
   Sweep sweep;
   if (objects) objects->clear();
   for (std::size_t i = 0; i < firings.points.size(); ++i) {

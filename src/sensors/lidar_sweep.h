@@ -20,14 +20,31 @@ struct Firings {
   std::vector<int> objects;  ///< Surface::object of what returned; −1: background, or nothing returned
 };
 
+/// Something that moves while it is swept.
+struct SweptPart {
+  const RayScene* scene = nullptr;  ///< where it is at the sweep's moment
+  Vec3d velocity = Vec3d::Zero();   ///< m/s
+};
+
+/// The unit on its way through a scene that is not in `velo`, among things that move.
+struct SweepMotion {
+  Transform scene_from_velo = Transform::Identity();  ///< at the sweep's moment (LidarModel::firing_time 0)
+  /// Of the unit, as LidarEffects has them (whose own are not used then). Returns are written as seen from
+  /// its place at that moment, as KITTI's recordings are; a thing is where it was when the beam met it.
+  Vec3d velocity = Vec3d::Zero();
+  double yaw_rate = 0;
+  std::vector<SweptPart> parts = {};  ///< besides what stands, with velocities in the scene's frame
+};
+
 /// Traces every (beam, column) of the model. Glass lets most rays pass. Random numbers are keyed by (seed,
 /// beam): the result does not depend on the thread count.
 Firings simulate_firings(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
-                         const LidarEffects& effects = generated_sweep_effects());
+                         const LidarEffects& effects = generated_sweep_effects(),
+                         const SweepMotion* motion = nullptr);
 
 /// The returns alone, beam by beam. `objects`, if given: each return's, as in Firings.
 Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
                      const LidarEffects& effects = generated_sweep_effects(),
-                     std::vector<int>* objects = nullptr);
+                     std::vector<int>* objects = nullptr, const SweepMotion* motion = nullptr);
 
 }  // namespace mirage

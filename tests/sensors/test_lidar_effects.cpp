@@ -1,7 +1,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <cmath>
+#include <numbers>
 
 #include "base/error.h"
 #include "base/parallel.h"
@@ -45,6 +47,37 @@ TEST(LidarEffects, AllOffGivesTheGeometryAlone) {
     ASSERT_EQ(firings.points[i].reflectance, 0.5f);
   }
   EXPECT_EQ(firings.points.size(), 16u * static_cast<std::size_t>(lidar.azimuth_count()));
+}
+
+// A wall that comes nearer by 8 m/s, seen by a unit that drives towards it, in a scene that is not its own.
+TEST(SweepMotion, ReturnsLieWhereThingsWereAsSeenFromOnePlace) {
+  Mesh mesh;
+  mesh.vertices = {{20, -60, -30}, {20, 60, -30}, {20, 60, 30}, {20, -60, 30}};
+  mesh.faces = {{0, 2, 1}, {0, 3, 2}};
+  SweepMotion motion;
+  motion.scene_from_velo = Eigen::Translation3d(100, 50, 2) * Eigen::AngleAxisd(0.5, Vec3d::UnitZ());
+  motion.velocity = Vec3d(12, 0, 0);
+  motion.yaw_rate = 0.3;
+  const LidarModel lidar = small_unit();
+  for (const double speed : {0.0, -8.0}) {
+    Surface surface;
+    surface.mesh = mesh;
+    for (Vec3d& v : surface.mesh.vertices) v = motion.scene_from_velo * v;
+    const RayScene scene(std::span(&surface, 1)), none(std::span<const Surface>{});
+    motion.parts = {{&scene, motion.scene_from_velo.linear() * Vec3d(speed, 0, 0)}};
+    const Firings firings = simulate_firings(none, lidar, 1, LidarEffects(), &motion);
+    double farthest = 0;
+    for (std::size_t i = 0; i < firings.points.size(); ++i) {
+      ASSERT_GT(firings.ranges[i], 0);
+      const auto beam = i / static_cast<std::size_t>(lidar.azimuth_count()),
+                 column = i % static_cast<std::size_t>(lidar.azimuth_count());
+      const double time =
+          lidar.firing_time(static_cast<int>(beam), lidar.firing_azimuth(static_cast<int>(column)));
+      ASSERT_NEAR(firings.points[i].x, 20 + speed * time, 1e-3);
+      farthest = std::max(farthest, std::abs(firings.points[i].x - 20.0));
+    }
+    EXPECT_NEAR(farthest, std::abs(speed) * 0.6 / (2 * std::numbers::pi) * 0.1, 2e-3);
+  }
 }
 
 TEST(LidarEffects, RangeNoiseHasItsSpreadAndNoBias) {

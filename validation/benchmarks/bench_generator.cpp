@@ -42,7 +42,7 @@ std::map<std::string, double> stage_seconds(const Rig& rig, const std::filesyste
     });
     time("exposure", [&] {
       frame.image = picture.color;
-      generator::expose(frame.image, kSeed, index);
+      generator::expose(frame.image, kSeed, index, index);
     });
     std::vector<int> returned;
     time("lidar",

@@ -39,7 +39,7 @@ void AmericanStreet::lay_ground() {
       f(0.18, 0.34));
   tar.pattern = Pattern::asphalt, tar.variant = random_.next_u32();
   Mesh road;
-  add_strip(road, -half_[0], half_[1], -12, kFar, 2);
+  add_strip(road, -half_[0], half_[1], -12, far_, 2);
   add_cross_road(road, 70);
   surfaces_.push_back(surface(road, tar));
   add_earth();
@@ -57,7 +57,7 @@ void AmericanStreet::lay_ground() {
     const double edge = half_[side], outer = edge + pavement_[side];
     for (int piece = 0; piece < 2; ++piece) {
       double s0 = piece == 0 ? -12 : cross_s_ + cross_half_,
-             s1 = piece == 0 ? std::min(kFar, cross_s_ - cross_half_) : kFar;
+             s1 = piece == 0 ? std::min(far_, cross_s_ - cross_half_) : far_;
       if (s1 <= s0) continue;
       s0 += 0.01, s1 -= 0.01;
       const auto lay = [&](Mesh& mesh, double a, double b) {  // wound upwards on either side

@@ -16,8 +16,27 @@ class AmericanStreet : private StreetSite {
     choose();
     lay_ground();
     paint_road();
-    if (cross_s_ < kFar) place_junction();
+    if (cross_s_ < far_) place_junction();
     place_traffic();
+    furnish();
+    return finish();
+  }
+  MovingStreet build_moving(double seconds) {
+    choose();
+    widen(seconds, lanes_[0], 0.5 * turn_lane_);
+    lay_ground();
+    paint_road();
+    if (cross_s_ < far_) place_junction();
+    drive(seconds, lane_d(0, 0), lane_d(1, lanes_[1] - 1), [&] { return vehicle(0); });
+    furnish();
+    return finish_moving();
+  }
+
+ private:
+  enum class Kind { avenue, suburb, downtown };
+
+  void furnish() {
+    place_parked();
     for (int side : {0, 1}) {
       if (kind_ == Kind::suburb)
         line_with_houses(side);
@@ -30,11 +49,7 @@ class AmericanStreet : private StreetSite {
     place_utility_line();
     place_people();
     close_view();
-    return finish();
   }
-
- private:
-  enum class Kind { avenue, suburb, downtown };
 
   // american.cpp: course and ground
   void choose();
@@ -44,6 +59,7 @@ class AmericanStreet : private StreetSite {
   void paint_arrow(Mesh& paint, double s, double d);
   void place_junction();
   void place_traffic();
+  void place_parked();
   // american_edges.cpp: what stands beside the road
   void line_with_houses(int side);
   void line_with_shops(int side);

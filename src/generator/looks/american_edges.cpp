@@ -6,7 +6,7 @@ namespace mirage::generator {
 
 void AmericanStreet::line_with_houses(int side) {
   const double edge = half_[side] + pavement_[side], line = edge + front_[side];
-  for (double s = -12; s < kFar;) {
+  for (double s = -12; s < far_;) {
     const double along = u(10, 16), plot = along + u(3, 8), deep = u(8, 11);
     const double middle = s + 0.5 * along;
     if (!in_cross(middle, 0.5 * along + 3)) {
@@ -14,7 +14,7 @@ void AmericanStreet::line_with_houses(int side) {
       add_house(middle, line, along, deep, side, drive);
       const Vec2d p = xy(middle, sign(side) * (line + 0.5 * deep));
       taken_.push_back({p.x(), p.y(), along, deep, yaw(middle)});
-      if (chance(0.75) && s < 66)
+      if (chance(0.75) && s < 66 + ahead_)
         put(vehicle(kAlikeParked), drive + 0.1 * random_.normal(), sign(side) * (line - u(2.9, 3.6)),
             (chance(0.75) ? 0.5 : -0.5) * kPi * sign(side), 0.1);
     }
@@ -24,7 +24,7 @@ void AmericanStreet::line_with_houses(int side) {
     const double s = u(-5, 25);
     add_fence(s, s + u(8, 25), sign(side) * (edge + 0.4));
   }
-  for (double s = u(0, 10); s < 70; s += u(9, 22)) {  // trees on the lawns
+  for (double s = u(0, 10); s < 70 + ahead_; s += u(9, 22)) {  // trees on the lawns
     if (in_cross(s, 3)) continue;
     const Vec2d p = xy(s, sign(side) * (edge + 2.5));
     const BevBox box{p.x(), p.y(), 1, 1, 0};
@@ -37,7 +37,7 @@ void AmericanStreet::line_with_houses(int side) {
 
 void AmericanStreet::line_with_shops(int side) {
   const double edge = half_[side] + pavement_[side], line = edge + front_[side];
-  for (double s = -10; s < kFar;) {
+  for (double s = -10; s < far_;) {
     const double along = u(14, 34), deep = u(10, 16), middle = s + 0.5 * along;
     if (chance(0.82) && !in_cross(middle, 0.5 * along + 4)) {
       add_shop(middle, line, along, deep, side);
@@ -49,7 +49,7 @@ void AmericanStreet::line_with_shops(int side) {
   // Car park between walk and shops: bays across, some of them taken.
   Mesh lines;
   const double row = line - 4.2, share = u(0.25, 0.85);
-  for (double s = -4; s < 75; s += 2.75) {
+  for (double s = -4; s < 75 + ahead_; s += 2.75) {
     if (in_cross(s, 7)) continue;
     const double a = sign(side) * (row - 2.5), b = sign(side) * (row + 2.5);
     add_strip(lines, std::min(a, b), std::max(a, b), s, s + 0.1, 1, 0.008);
@@ -64,7 +64,7 @@ void AmericanStreet::line_with_shops(int side) {
   }
   // A low hedge or young trees on the strip between walk and car park.
   if (chance(0.4))
-    for (double s = u(0, 6); s < 75; s += u(9, 14)) {
+    for (double s = u(0, 6); s < 75 + ahead_; s += u(9, 14)) {
       const Vec2d p = xy(s, sign(side) * (edge + 0.8));
       if (in_cross(s, 4) || !free({p.x(), p.y(), 1, 1, 0})) continue;
       stand(make_tree(actors_, s < 22 ? 2.0 : s < 40 ? 1.0 : 0.4), s, sign(side) * (edge + 0.8), u(0, 6));
@@ -74,7 +74,7 @@ void AmericanStreet::line_with_shops(int side) {
 
 void AmericanStreet::line_with_offices(int side) {
   const double line = half_[side] + pavement_[side] + front_[side];
-  for (double s = -10; s < kFar;) {
+  for (double s = -10; s < far_;) {
     const double along = u(16, 40), deep = u(14, 20), middle = s + 0.5 * along;
     if (chance(0.88) && !in_cross(middle, 0.5 * along + 2)) {
       add_office(middle, line, along, deep, side);
@@ -84,7 +84,7 @@ void AmericanStreet::line_with_offices(int side) {
     s += along + (chance(0.6) ? 0.05 : u(3, 10));
   }
   if (chance(0.5))
-    for (double s = u(2, 10); s < 70; s += u(9, 14))
+    for (double s = u(2, 10); s < 70 + ahead_; s += u(9, 14))
       if (!in_cross(s, 4))
         stand(make_tree(actors_, s < 22   ? 2.0
                                  : s < 40 ? 1.0
@@ -100,7 +100,8 @@ void AmericanStreet::place_verge(int side) {
   for (double s = u(0, 25); s < 90; s += u(15, 40)) at_kerb(american::make_sign(actors_), s);
   for (double s = u(4, 30); s < 60; s += u(30, 70)) at_kerb(american::make_hydrant(actors_), s);
   if (kind_ != Kind::suburb)
-    for (double s = u(0, 20); s < 100; s += u(25, 35)) at_kerb(american::make_street_lamp(actors_), s);
+    for (double s = u(0, 20); s < 100 + ahead_; s += u(25, 35))
+      at_kerb(american::make_street_lamp(actors_), s);
   for (int i = random_.below(4); i > 0; --i) {
     const double s = u(3, 55);
     if (!in_cross(s, 2))
@@ -109,7 +110,7 @@ void AmericanStreet::place_verge(int side) {
           0.1);
   }
   if (kind_ == Kind::suburb && verge_[side] > 0.8 && chance(0.5))
-    for (double s = u(2, 10); s < 75; s += u(9, 14)) {
+    for (double s = u(2, 10); s < 75 + ahead_; s += u(9, 14)) {
       const Vec2d p = xy(s, sign(side) * (half_[side] + 0.5 * verge_[side]));
       if (!in_cross(s, 4) && free({p.x(), p.y(), 0.6, 0.6, 0}))
         stand(make_tree(actors_, s < 22   ? 2.4
@@ -126,7 +127,7 @@ void AmericanStreet::place_utility_line() {
   const double d = sign(side) * (half_[side] + std::max(0.8, pavement_[side] + 0.3)), height = u(9, 11.5),
                span = u(28, 38);
   std::vector<double> feet;
-  for (double s = -14 + u(0, 12); s < kFar; s += span) {
+  for (double s = -14 + u(0, 12); s < far_; s += span) {
     double place = s;
     if (in_cross(s, 2)) place = cross_s_ - cross_half_ - 3;
     stand(american::make_utility_pole(actors_, height), place, d);
@@ -168,13 +169,13 @@ void AmericanStreet::place_people() {
 // The street's end: something stands there, not the bare horizon.
 void AmericanStreet::close_view() {
   if (chance(0.35)) {
-    add_office(kFar + 4, -14, u(25, 60), 14, 1);
+    add_office(far_ + 4, -14, u(25, 60), 14, 1);
     return;
   }
   Mesh crowns, leaves;
   for (int i = 0; i < 26; ++i) {
     const double d = -60 + 4.7 * i;
-    const Vec3d p = on_ground(kFar + u(0, 12), d);
+    const Vec3d p = on_ground(far_ + u(0, 12), d);
     const Vec3d radii(u(2.5, 4), u(2.5, 4), u(2, 4.5)), middle = p + Vec3d(0, 0, u(2, 4));
     append(crowns, ellipsoid(0.8 * radii), at(middle.x(), middle.y(), middle.z()));
     add_leaves(leaves, middle, radii, 160, 0.45, random_);

@@ -20,7 +20,7 @@ void AmericanStreet::paint_arrow(Mesh& paint, double s, double d) {
 void AmericanStreet::paint_road() {
   Mesh white, yellow;
   const auto line = [&](Mesh& mesh, double d, double on, double off, double phase) {
-    for (double s = -10 + phase; s < kFar; s += on + off)
+    for (double s = -10 + phase; s < far_; s += on + off)
       if (!in_cross(s + 0.5 * on, 0.5 * on + 4.5))
         add_strip(mesh, d - 0.5 * kLine, d + 0.5 * kLine, s, s + on, 2, kLift);
   };
@@ -30,7 +30,7 @@ void AmericanStreet::paint_road() {
       solid(yellow, sign(side) * 0.5 * turn_lane_);
       line(yellow, sign(side) * (0.5 * turn_lane_ - 0.25), 3, 6, 1);
     }
-    for (double s = u(5, 20); s < 70; s += u(25, 40))
+    for (double s = u(5, 20); s < 70 + ahead_; s += u(25, 40))
       if (!in_cross(s, 6)) paint_arrow(white, s, 0);
   } else if (kind_ != Kind::suburb || chance(0.4)) {
     for (double d : {-0.12, 0.12}) solid(yellow, d);
@@ -40,13 +40,13 @@ void AmericanStreet::paint_road() {
       line(white, sign(side) * (0.5 * turn_lane_ + k * lane_), 3, 9, u(0, 9));
     if (strip_[side] > 1 && kind_ != Kind::suburb) solid(white, sign(side) * (half_[side] - strip_[side]));
     if (kind_ == Kind::downtown && strip_[side] > 2)  // parking bays
-      for (double s = -6; s < 70; s += 6.4)
+      for (double s = -6; s < 70 + ahead_; s += 6.4)
         if (!in_cross(s, 7)) {
           const double a = sign(side) * half_[side], b = sign(side) * (half_[side] - strip_[side]);
           add_strip(white, std::min(a, b), std::max(a, b), s, s + 0.1, 1, kLift);
         }
   }
-  if (cross_s_ < kFar) {
+  if (cross_s_ < far_) {
     const double s = cross_s_ - cross_half_, e = cross_s_ + cross_half_;
     const bool bars = kind_ != Kind::suburb ? chance(0.7) : chance(0.3);
     if (kind_ != Kind::suburb || chance(0.6)) {  // stop lines, ours and theirs
@@ -125,17 +125,17 @@ void AmericanStreet::place_traffic() {
   for (int lane = 0; lane < lanes_[0]; ++lane) {
     const bool own = std::abs(lane_d(0, lane) - ego_d_) < 0.5 * lane_;
     if (!chance(flow)) continue;
-    for (double s = own ? u(8, 35) : u(2, 25); s < 66; s += u(7.5, 40))
+    for (double s = own ? u(8, 35) : u(2, 25); s < 66 + ahead_; s += u(7.5, 40))
       put(vehicle(kAlikeOnLanes), s, (own ? ego_d_ : lane_d(0, lane)) + wobble(0.25), wobble(0.02));
   }
   for (int lane = 0; lane < lanes_[1]; ++lane) {
     if (!chance(flow)) continue;
-    for (double s = u(4, 40); s < 70; s += u(8, 45))
+    for (double s = u(4, 40); s < 70 + ahead_; s += u(8, 45))
       put(vehicle(kAlikeOnLanes), s, lane_d(1, lane) + wobble(0.3), kPi + wobble(0.03));
   }
   if (turn_lane_ > 0 && chance(0.35))
     put(vehicle(kAlikeOnLanes), u(8, 50), wobble(0.2), chance(0.5) ? 0 : kPi);
-  if (cross_s_ < kFar) {
+  if (cross_s_ < far_) {
     for (int i = random_.below(6); i > 0; --i) {
       const bool left = chance(0.5);
       put(vehicle(kAlikeOnLanes), cross_s_ + (left ? 1 : -1) * u(0.3, 0.6) * cross_half_, u(-28, 28),
@@ -143,10 +143,14 @@ void AmericanStreet::place_traffic() {
     }
     if (chance(0.35)) put(vehicle(kAlikeOnLanes), cross_s_ + wobble(2.0), u(-7, 7), u(-kPi, kPi));  // turning
   }
+}
+
+void AmericanStreet::place_parked() {
+  const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
   for (int side : {0, 1}) {  // along the kerb
     if (strip_[side] < 2) continue;
     const double share = u(0.4, 1.0), d = sign(side) * (half_[side] - 0.5 * strip_[side] + 0.05);
-    for (double s = -4 + u(0, 5); s < 70; s += u(6.0, 7.2))
+    for (double s = -4 + u(0, 5); s < 70 + ahead_; s += u(6.0, 7.2))
       if (chance(share) && !in_cross(s, 8))
         put(vehicle(kAlikeParked), s, d + wobble(0.1), (side ? kPi : 0) + wobble(0.02), 0.12);
   }

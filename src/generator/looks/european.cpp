@@ -42,7 +42,7 @@ void EuropeanStreet::lay_ground() {
   Material tar = plain(Vec3f(1, 1, 1.03f) * f(0.065, 0.15), f(0.16, 0.32));
   tar.pattern = Pattern::asphalt, tar.variant = random_.next_u32();
   Mesh road;
-  add_strip(road, -half_[0], half_[1], -12, kFar, 2);
+  add_strip(road, -half_[0], half_[1], -12, far_, 2);
   add_cross_road(road, 60);
   surfaces_.push_back(surface(road, tar));
 
@@ -58,7 +58,7 @@ void EuropeanStreet::lay_ground() {
     const double sign = side ? 1 : -1, edge = half_[side], outer = edge + pavement_[side];
     for (int piece = 0; piece < 2; ++piece) {
       double s0 = piece == 0 ? -12 : cross_s_ + cross_half_,
-             s1 = piece == 0 ? std::min(kFar, cross_s_ - cross_half_) : kFar;
+             s1 = piece == 0 ? std::min(far_, cross_s_ - cross_half_) : far_;
       if (s1 <= s0) continue;
       s0 += 0.01, s1 -= 0.01;
       const auto lay = [&](Mesh& mesh, double a, double b, double step) {
@@ -92,11 +92,11 @@ void EuropeanStreet::lay_ground() {
   const double mark = 0.12;
   if (kind_ != Kind::residential || chance(0.3)) {
     const auto dashes = [&](double d, double on, double off) {
-      for (double s = -10 + u(0, 6); s < kFar; s += on + off)
+      for (double s = -10 + u(0, 6); s < far_; s += on + off)
         if (!in_cross(s, on)) add_strip(paint, d - 0.5 * mark, d + 0.5 * mark, s, s + on, 2, 0.008);
     };
     const auto solid = [&](double d) {
-      for (double s = -10; s < kFar; s += 2)
+      for (double s = -10; s < far_; s += 2)
         if (!in_cross(s, 2)) add_strip(paint, d - 0.5 * mark, d + 0.5 * mark, s, s + 2, 2, 0.008);
     };
     if (chance(0.8))
@@ -110,7 +110,7 @@ void EuropeanStreet::lay_ground() {
       solid(-lanes_right_ * lane_ + 0.1);
     }
   }
-  if (cross_s_ < kFar && chance(0.7)) {
+  if (cross_s_ < far_ && chance(0.7)) {
     const double s = cross_s_ - cross_half_ - 1.2;
     add_strip(paint, -lanes_right_ * lane_ + 0.2, -0.2, s, s + 0.5, 1, 0.008);
     if (chance(0.5))
@@ -120,7 +120,7 @@ void EuropeanStreet::lay_ground() {
   surfaces_.push_back(surface(paint, plain(Vec3f::Constant(f(0.4, 0.7)), 0.75f)));
 }
 
-void EuropeanStreet::place_vehicles() {
+void EuropeanStreet::place_traffic() {
   const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
   const double flow = kind_ == Kind::avenue ? 0.85 : kind_ == Kind::rural ? 0.8 : 0.65;
   // Ahead in our own lane and in the next one.
@@ -131,15 +131,15 @@ void EuropeanStreet::place_vehicles() {
       put(vehicle(kAlikeOnLanes), s, ego_d_ + wobble(0.25), wobble(0.02));
   }
   if (lanes_right_ == 2)
-    for (double s = u(3, 20); s < 65; s += u(8, 35)) {
+    for (double s = u(3, 20); s < 65 + ahead_; s += u(8, 35)) {
       const double d = ego_d_ > -lane_ ? -1.5 * lane_ : -0.5 * lane_;
       put(vehicle(kAlikeOnLanes), s, d + wobble(0.25), wobble(0.02));
     }
   for (int lane = 0; lane < lanes_left_; ++lane)
     if (chance(flow))
-      for (double s = u(4, 40); s < 66; s += u(8, 45))
+      for (double s = u(4, 40); s < 66 + ahead_; s += u(8, 45))
         put(vehicle(kAlikeOnLanes), s, (lane + 0.5) * lane_ + wobble(0.3), kPi + wobble(0.03));
-  if (cross_s_ < kFar) {
+  if (cross_s_ < far_) {
     const int count = random_.below(5);
     for (int i = 0; i < count; ++i) {
       const bool left = chance(0.5);
@@ -148,6 +148,10 @@ void EuropeanStreet::place_vehicles() {
     }
     if (chance(0.4)) put(vehicle(kAlikeOnLanes), cross_s_ + wobble(2.0), u(-5, 5), u(-kPi, kPi));  // turning
   }
+}
+
+void EuropeanStreet::place_parked() {
+  const auto wobble = [&](double sigma) { return sigma * random_.normal(); };
   for (int side : {0, 1}) {
     const double sign = side ? 1 : -1;
     if (strip_[side] == 0) continue;
@@ -155,7 +159,8 @@ void EuropeanStreet::place_vehicles() {
     const bool across = strip_[side] > 4, slanted = across && chance(0.4);
     const double slant = slanted ? u(0.5, 1.1) : 0.5 * kPi;
     const double d = sign * (half_[side] - 0.5 * strip_[side] + (across ? 0 : u(-0.1, 0.3)));
-    for (double s = -4 + u(0, 5); s < 66; s += across ? u(2.4, 2.9) / std::sin(slant) : u(5.0, 6.3)) {
+    for (double s = -4 + u(0, 5); s < 66 + ahead_;
+         s += across ? u(2.4, 2.9) / std::sin(slant) : u(5.0, 6.3)) {
       if (!chance(share) || in_cross(s, 6)) continue;
       double turn = 0;
       if (across)

@@ -13,10 +13,21 @@ class EuropeanStreet : private StreetSite {
   Street build() {
     choose();
     lay_ground();
-    place_vehicles();
+    place_traffic();
+    place_parked();
     place_edges();
     place_people();
     return finish();
+  }
+  MovingStreet build_moving(double seconds) {
+    choose();
+    widen(seconds, lanes_right_, 0);
+    lay_ground();
+    drive(seconds, -0.5 * lane_, (lanes_left_ - 0.5) * lane_, [&] { return vehicle(0); });
+    place_parked();
+    place_edges();
+    place_people();
+    return finish_moving();
   }
 
  private:
@@ -24,7 +35,8 @@ class EuropeanStreet : private StreetSite {
 
   void choose();
   void lay_ground();
-  void place_vehicles();
+  void place_traffic();
+  void place_parked();
   void place_people();
   void place_edges();
   void place_signals();

@@ -56,7 +56,7 @@ void EuropeanStreet::place_edges() {
       add_woods(side, line + u(0, 4));
     } else {
       const double gap = kind_ == Kind::rural ? 0.85 : kind_ == Kind::residential ? 0.15 : 0.35;
-      for (double s = -8; s < kFar;) {
+      for (double s = -8; s < far_;) {
         const double along = u(7, 22), deep = u(8, 14);
         if (!chance(gap) && !in_cross(s + 0.5 * along, 0.5 * along + 3)) {
           const Vec2d p = xy(s + 0.5 * along, sign * (line + 0.5 * deep));
@@ -76,7 +76,7 @@ void EuropeanStreet::place_edges() {
     }
     // Street trees in a row, or a few anywhere.
     const bool row = chance(kind_ == Kind::avenue ? 0.75 : 0.35);
-    for (double s = u(2, 12); s < 75; s += row ? u(7, 11) : u(12, 45)) {
+    for (double s = u(2, 12); s < 75 + ahead_; s += row ? u(7, 11) : u(12, 45)) {
       if (in_cross(s, 2)) continue;
       Actor tree = make_tree(actors_, s < 22 ? 3.0 : s < 40 ? 1.5 : 0.6);
       const double d =
@@ -87,7 +87,7 @@ void EuropeanStreet::place_edges() {
       taken_.push_back(box);
       add_surfaces(tree, at(p.x(), p.y(), ground_z(s, d), u(0, 6)), -1);
     }
-    for (double s = u(3, 15); s < 80; s += u(8, 30)) {
+    for (double s = u(3, 15); s < 80 + ahead_; s += u(8, 30)) {
       if (in_cross(s, 0)) continue;
       stand(make_pole(actors_), s, sign * (half_[side] + u(0.35, 0.7)), side ? kPi : 0);
     }
@@ -101,12 +101,12 @@ void EuropeanStreet::place_edges() {
   }
   place_signals();
   // The street's end: something stands there, not the bare horizon.
-  if (chance(0.6)) add_building(kFar - 5, -15, u(25, 60), 12, 1);
+  if (chance(0.6)) add_building(far_ - 5, -15, u(25, 60), 12, 1);
 }
 
 // Lights where our street meets the crossing: on the right before it, often on the left and behind it too.
 void EuropeanStreet::place_signals() {
-  if (cross_s_ > kFar || !chance(0.55)) return;
+  if (cross_s_ > far_ || !chance(0.55)) return;
   const int lit = random_.below(3);
   const double before = cross_s_ - cross_half_ - 1.6, behind = cross_s_ + cross_half_ + 1.6;
   stand(make_traffic_light(actors_, lit), before, -half_[0] - 0.5);
