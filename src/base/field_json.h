@@ -3,7 +3,12 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
 
 #include "base/fields.h"
 #include "base/json_fields.h"
@@ -17,6 +22,11 @@ std::string written_text(const std::string& text);
 /// The text as it was written. InputError if it is longer than a path can be.
 std::string read_text(const JsonFields& json, const char* name);
 
+/// What a file's field holds for a value: an enum's word, a struct's text or fields, a list's or a map's
+/// entries; null for a number that is infinite.
+template <class T>
+nlohmann::json value_json(const Field& field, const T& value, bool whole);
+
 /// Of fields_json.
 class JsonWriter {
  public:
@@ -24,27 +34,21 @@ class JsonWriter {
   explicit JsonWriter(bool whole = false) : whole_(whole) {}
   template <class T>
   void operator()(const Field& field, const T& value) {
-    if (!whole_ && !field.decides) return;
-    nlohmann::json& out = json[field.name];
-    if constexpr (HasWords<T>)
-      out = to_word(value);
-    else if constexpr (HasText<T>)
-      out = text_of(value);
-    else if constexpr (NumberVector<T>)
-      out = std::vector<double>(value.data(), value.data() + value.size());
-    else if constexpr (std::same_as<T, std::filesystem::path>)
-      out = written_path(value, field.word);
-    else if constexpr (std::same_as<T, std::string>)
-      out = written_text(value);
-    else
-      out = value;
+    if (whole_ || field.decides) json[field.name] = value_json(field, value, whole_);
   }
   template <class T>
   void group(const Field& field, const T& inner) {
-    if (!whole_ && !field.decides) return;
-    JsonWriter within(whole_);
-    visit_fields(within, inner);
-    json[field.name] = std::move(within.json);
+    (*this)(field, inner);
+  }
+  /// The fields of what is there are among the struct's; `sign` is one that is always among them.
+  template <class T>
+  void among(const char* /*sign*/, const std::optional<T>& value) {
+    if (value) visit_fields(*this, *value);
+  }
+  /// What follows from the fields, for the file's readers.
+  template <class T>
+  void derived(const char* name, const T& value) {
+    json[name] = value;
   }
   /// null: what it belongs to is off.
   template <class T>
@@ -61,6 +65,50 @@ class JsonWriter {
  private:
   bool whole_;
 };
+
+template <class T>
+concept HasFields = requires(JsonWriter& writer, const T& value) {
+  visit_fields(writer, value);
+};
+template <class T>
+inline constexpr bool kIsList = false;
+template <class T>
+inline constexpr bool kIsList<std::vector<T>> = true;
+template <class T>
+inline constexpr bool kIsMap = false;
+template <class T>
+inline constexpr bool kIsMap<std::map<std::string, T>> = true;
+
+template <class T>
+nlohmann::json value_json(const Field& field, const T& value, bool whole) {
+  if constexpr (HasWords<T>) {
+    return to_word(value);
+  } else if constexpr (HasText<T>) {
+    return text_of(value);
+  } else if constexpr (NumberVector<T>) {
+    return std::vector<double>(value.data(), value.data() + value.size());
+  } else if constexpr (std::same_as<T, std::filesystem::path>) {
+    return written_path(value, field.word);
+  } else if constexpr (std::same_as<T, std::string>) {
+    return field.plain ? value : written_text(value);
+  } else if constexpr (kIsList<T>) {
+    auto list = nlohmann::json::array();
+    for (const auto& entry : value) list.push_back(value_json(field, entry, whole));
+    return list;
+  } else if constexpr (kIsMap<T>) {
+    auto map = nlohmann::json::object();
+    for (const auto& [name, entry] : value) map[name] = value_json(field, entry, whole);
+    return map;
+  } else if constexpr (HasFields<T>) {
+    JsonWriter within(whole);
+    visit_fields(within, value);
+    return std::move(within.json);
+  } else {
+    if constexpr (std::floating_point<T>)
+      if (std::isinf(value)) return nullptr;
+    return value;
+  }
+}
 
 /// Each entry of the list as `write` makes it.
 template <class List, class Write>
@@ -142,6 +190,9 @@ struct RunIdentity {
   nlohmann::json lacking;  ///< lacking_json() of its settings
 };
 
+/// Entries that a list of a file may have.
+inline constexpr std::size_t kMostListed = 100'000'000;
+
 /// Of read_fields.
 class JsonReader {
  public:
@@ -163,11 +214,30 @@ class JsonReader {
           name, static_cast<std::int64_t>(std::max({low, static_cast<double>(Limits::min()), -9e18})),
           static_cast<std::int64_t>(std::min({high, static_cast<double>(Limits::max()), 9e18}))));
     } else if constexpr (Number<T>) {
-      value = json.number(name, low, high);
+      value = field.endless && json.is_null(name) ? std::numeric_limits<T>::infinity()
+                                                  : static_cast<T>(json.number(name, low, high));
     } else if constexpr (NumberVector<T>) {
       value = T(json.numbers(name, static_cast<std::size_t>(value.size()), low, high).data());
+    } else if constexpr (kIsList<T>) {
+      value.clear();
+      for (const nlohmann::json& entry : json.list(name, kMostListed)) {
+        const JsonFields inner = json.inner(name + "[" + std::to_string(value.size()) + "]", entry);
+        JsonReader within(inner);
+        visit_fields(within, value.emplace_back());
+      }
+    } else if constexpr (kIsMap<T>) {
+      value.clear();
+      const JsonFields inner = json.object(name);
+      JsonReader within(inner);
+      for (const std::string& key : inner.names()) {
+        Field entry = field;
+        entry.name = key.c_str();
+        within(entry, value[key]);
+      }
+    } else if constexpr (HasFields<T>) {
+      group(field, value);
     } else {
-      const std::string text = read_text(json, field.name);
+      const std::string text = field.plain ? json.text(name) : read_text(json, field.name);
       named(field, [&] {
         if constexpr (HasWords<T>)
           value = parse_word<T>(text, field.name);
@@ -180,6 +250,13 @@ class JsonReader {
       });
     }
   }
+  template <class T>
+  void among(const char* sign, std::optional<T>& value) {
+    value.reset();
+    if (json.has(sign)) visit_fields(*this, value.emplace());
+  }
+  template <class T>
+  void derived(const char* /*name*/, const T& /*value*/) {}
   template <class T>
   void group(const Field& field, T& inner) {
     if (!field.decides) return;

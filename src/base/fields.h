@@ -10,7 +10,8 @@
 //
 // and visitors make of the list: JSON out, JSON in and a run's identity (base/field_json.h), the check of
 // ranges (check_fields), a field set by its name (set_field), options of the command line
-// (cli/field_options.h).
+// (cli/field_options.h). Results list their fields, too, for JSON alone; these may be lists, maps and
+// structs, and structs that are not always there: visit.among("score", s.outcome).
 //
 // A field is a number, truth, text, path, vector, enum, or a struct that is written as one text. An enum has
 // one table of words, found beside it:    constexpr auto words_of(Target) { return
@@ -72,6 +73,8 @@ struct Field {
   /// or group "": all of it off. None: it may not be missing.
   const char* lacking = nullptr;
   const char* word = "";                        ///< a path's value that names none
+  bool endless = false;                         ///< of a number: null in a file is infinite
+  bool plain = false;                           ///< of a text: in files as it is, not escaped
   void (*check)(const std::string&) = nullptr;  ///< of a text: throws FieldError
 
   /// "": none.

@@ -31,6 +31,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/fields.h"
+
 namespace mirage {
 
 inline constexpr double kConfidence = 0.95;
@@ -45,6 +47,12 @@ inline constexpr double kWithinCluster = 0.05;
 struct Interval {
   double value = 0, low = 0, high = 0;
 };
+template <class Visitor, FieldsOf<Interval> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "value"}, s.value);
+  visit({.name = "low"}, s.low);
+  visit({.name = "high"}, s.high);
+}
 /// What a difference of shares tells: all of its interval lies on one side of 0, or within ±kSameWithin.
 enum class Told { more, less, same, open };
 Told told(const Interval& difference);

@@ -93,6 +93,12 @@ const nlohmann::json& JsonFields::list(const std::string& key, std::size_t most)
   return value;
 }
 
+std::vector<std::string> JsonFields::names() const {
+  std::vector<std::string> names;
+  for (const auto& [name, value] : json_.items()) names.push_back(name);
+  return names;
+}
+
 JsonFields JsonFields::object(const std::string& key) const {
   return inner(key, get(key));
 }

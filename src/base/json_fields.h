@@ -41,6 +41,8 @@ class JsonFields {
   std::vector<double> numbers(const std::string& key, std::size_t count, double low, double high) const;
   /// A list of any length up to `most`.
   const nlohmann::json& list(const std::string& key, std::size_t most) const;
+  /// The names of the fields that are there.
+  std::vector<std::string> names() const;
   /// An object within.
   JsonFields object(const std::string& key) const;
   /// An object of this file that `name` leads to, e.g. a list's entry "train[3]".

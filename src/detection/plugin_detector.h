@@ -58,6 +58,17 @@ class PluginDetectorBase : public Detector {
     if (!function)
       throw Failure(plugin_.file.string(), std::string("has no ") + what, "use another detector for that");
   }
+  /// One training step on samples as the interface has them.
+  template <class Sample>
+  TrainingLoss trained(const std::vector<Sample>& raw, double learning_rate) {
+    std::array<float, 3> loss{};
+    run("train_step", [&](char* error) {
+      return plugin_.api->train_step(plugin_.instance, raw.data(), static_cast<std::int64_t>(raw.size()),
+                                     static_cast<float>(learning_rate), loss.data(), error, kPluginErrorSize);
+    });
+    ++*version_;
+    return {loss[0], loss[1], loss[2]};
+  }
   /// One more instance, on the same weights and with their count of training steps; null if it cannot.
   template <class Self>
   std::unique_ptr<Detector> shared() {

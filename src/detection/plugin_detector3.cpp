@@ -169,13 +169,7 @@ class Version3Detector : public PluginDetectorBase<MirageDetectorApi3> {
       raw[i].vehicle_mask = sample.vehicle_mask.empty() ? nullptr : sample.vehicle_mask.data();
       raw[i].picture_key = sample.picture_key;
     }
-    std::array<float, 3> loss{};
-    run("train_step", [&](char* error) {
-      return plugin_.api->train_step(plugin_.instance, raw.data(), static_cast<std::int64_t>(raw.size()),
-                                     static_cast<float>(learning_rate), loss.data(), error, kPluginErrorSize);
-    });
-    ++*version_;
-    return {loss[0], loss[1], loss[2]};
+    return trained(raw, learning_rate);
   }
 
   std::unique_ptr<Detector> share() override { return shared<Version3Detector>(); }

@@ -27,7 +27,7 @@ VehicleResult whole_vehicle() {
   seen.matched.mask_iou = 0.99, seen.matched.rays = 12;
   seen.samples = 64;
   seen.full.mae = 0.1, seen.full.error.unbiased = -0.25, seen.full.error.interval = {-0.5, -1, 0.5};
-  seen.range = 9.5, seen.detected = true, seen.clean_iou = 0.8, seen.clean_score = 0.9;
+  seen.range = 9.5, seen.detected = true, seen.clean = {0.8, 0.9};
   seen.raster = {0.1, 0.2, -1.5, true, false}, seen.cycles = {0.9, 0.8, 1.5, false, true};
   seen.arms = ArmsResult{{{{ArmLight::raster, ArmReturns::ideal}, seen.raster}},
                          {{{Channel::image, "noise"}, seen.cycles}}};
@@ -39,7 +39,7 @@ VehicleResult whole_vehicle() {
   rung.to_full.relative = 0.3, rung.outcome = seen.raster;
   ladder.light = {rung};
   ladder.lidar = {{"noise", 7, 0.5, -0.25, 0.125, std::nullopt}};
-  ladder.reference_samples = 256, ladder.reference_seconds = 8, ladder.reference_noise = 0.02;
+  ladder.reference = {256, 8, 0.02};
   ladder.features = {{"range", 9.5}};
   return vehicle;
 }

@@ -29,7 +29,7 @@ VehicleResult vehicle(const std::string& frame, int label, bool detected, const 
   SeenResult& seen = vehicle.seen.emplace();
   seen.range = 12.5;
   seen.detected = detected;
-  seen.clean_score = seen.clean_iou = 0.9;
+  seen.clean = {0.9, 0.9};
   seen.raster = seen.hard = soft;
   seen.cycles = cycles;
   return vehicle;
@@ -227,7 +227,7 @@ std::vector<VehicleResult> vehicles_of(const std::vector<BudgetScene>& scenes) {
     vehicle.name = scene.name;
     vehicle.seen.emplace().detected = true;
     LadderResult& ladder = vehicle.seen->ladder.emplace();
-    ladder.reference_seconds = 10, ladder.reference_noise = 0.01;
+    ladder.reference = {0, 10, 0.01};
     ladder.features = {{"x", scene.features[0]}, {"y", scene.features[1]}};
     for (const auto& [effect, k] : {std::pair("hard", 0), std::pair("full", 1)}) {
       LightRungResult rung;

@@ -53,7 +53,6 @@ int main(int argc, char** argv) {
   register_raster_benchmarks();
   register_insertion_benchmarks();
   register_lidar_benchmarks();
-  register_lidar_effect_benchmarks();
   register_fit_benchmarks();
   register_generator_benchmarks();
   register_detector_benchmarks();

@@ -21,8 +21,6 @@ void register_raster_benchmarks();
 void register_insertion_benchmarks();
 /// Sweep tracing against a bare Embree loop, the LiDAR part of an insertion, the sweep's index.
 void register_lidar_benchmarks();
-/// What each optional LiDAR effect changes.
-void register_lidar_effect_benchmarks();
 /// The vehicle fit by stage.
 void register_fit_benchmarks();
 /// The street generator: frames a second and the share of each stage, for both rigs.

@@ -56,8 +56,8 @@ Table read_scenes(const std::vector<VehicleResult>& vehicles, BudgetOf of) {
       scene.alone.push_back(rung.seconds);
       scene.seconds.push_back(light_weight + (feature_rungs().contains(rung.effect) ? 0 : rung.seconds));
     }
-    scene.seconds_full = ladder.reference_seconds;
-    scene.error_full = of == BudgetOf::radiance ? ladder.reference_noise : 0;
+    scene.seconds_full = ladder.reference.seconds;
+    scene.error_full = of == BudgetOf::radiance ? ladder.reference.noise : 0;
     if (table.scenes.empty()) table.features = features, table.rungs = rungs;
     if (features == table.features && rungs == table.rungs) table.scenes.push_back(std::move(scene));
   }

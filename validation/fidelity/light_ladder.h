@@ -16,6 +16,14 @@ namespace mirage {
 struct Change {
   double mae = 0, relative = 0, psnr = 0, ssim = 1, flip = 0;
 };
+template <class Visitor, FieldsOf<Change> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "mae"}, s.mae);
+  visit({.name = "relative"}, s.relative);
+  visit({.name = "psnr", .endless = true}, s.psnr);
+  visit({.name = "ssim"}, s.ssim);
+  visit({.name = "flip"}, s.flip);
+}
 /// `from` is the reference, whose mean radiance `relative` divides by. `mask` may be empty: all pixels.
 Change change(const ImageF& from, const ImageF& to, const ImageF& mask);
 

@@ -74,15 +74,30 @@ struct ArmResult {
   VerdictArm arm;
   OutcomeResult outcome;
 };
+template <class Visitor, FieldsOf<ArmResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, s.arm);
+  visit_fields(visit, s.outcome);
+}
 struct ControlResult {
   VerdictControl control;
   OutcomeResult outcome;
 };
+template <class Visitor, FieldsOf<ControlResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit_fields(visit, s.control);
+  visit_fields(visit, s.outcome);
+}
 /// {arms, controls} of arms.h: none of a vehicle that is not found without the adversary.
 struct ArmsResult {
   std::vector<ArmResult> arms;
   std::vector<ControlResult> controls;
 };
+template <class Visitor, FieldsOf<ArmsResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "arms"}, s.arms);
+  visit({.name = "controls"}, s.controls);
+}
 
 /// Rasteriser and rays against the reference's, light for light (host_validation.h).
 struct MatchedResult {
@@ -122,6 +137,8 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "flip"}, s.flip);
   visit({.name = "noise"}, s.noise);
   visit({.name = "seconds"}, s.seconds);
+  if (s.mean > 0) visit.derived("relative", s.mae / s.mean);
+  visit_fields(visit, s.error);
 }
 
 /// A rung of the ladder of light (light_ladder.h).
@@ -132,6 +149,18 @@ struct LightRungResult {
   double seconds = 0;
   std::optional<OutcomeResult> outcome;  ///< of a vehicle that is found without the adversary
 };
+template <class Visitor, FieldsOf<LightRungResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "effect"}, s.effect);
+  visit({.name = "group"}, s.group);
+  visit({.name = "base"}, s.base);
+  visit_fields(visit, s.change);
+  visit({.name = "crop"}, s.crop);
+  visit({.name = "to_full"}, s.to_full);
+  visit_fields(visit, s.error);
+  visit({.name = "seconds", .range = kNotNegative}, s.seconds);
+  visit.among("score", s.outcome);
+}
 /// A rung of the LiDAR's (lidar_ladder.h).
 struct LidarRungResult {
   std::string effect;
@@ -139,14 +168,50 @@ struct LidarRungResult {
   double changed = 0, returns_change = 0, seconds = 0;
   std::optional<OutcomeResult> outcome;
 };
+template <class Visitor, FieldsOf<LidarRungResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "effect"}, s.effect);
+  visit({.name = "returns", .range = kNotNegative}, s.returns);
+  visit({.name = "changed", .range = kNotNegative}, s.changed);
+  visit({.name = "returns_change"}, s.returns_change);
+  visit({.name = "seconds", .range = kNotNegative}, s.seconds);
+  visit.among("score", s.outcome);
+}
+/// The full render that light is measured against (light_ladder.h).
+struct ReferenceResult {
+  int samples = 0;
+  double seconds = 0, noise = 0;
+};
+template <class Visitor, FieldsOf<ReferenceResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "samples", .range = kNotNegative}, s.samples);
+  visit({.name = "seconds"}, s.seconds);
+  visit({.name = "noise"}, s.noise);
+}
 /// What is found out of a vehicle that is on the ladder.
 struct LadderResult {
   std::vector<LightRungResult> light;
   std::vector<LidarRungResult> lidar;
-  int reference_samples = 0;
-  double reference_seconds = 0, reference_noise = 0;
+  ReferenceResult reference;
   std::map<std::string, double> features;  ///< scene_features.h, and what two renders tell
 };
+template <class Visitor, FieldsOf<LadderResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "ladder"}, s.light);
+  visit({.name = "lidar_ladder"}, s.lidar);
+  visit({.name = "reference"}, s.reference);
+  visit({.name = "features"}, s.features);
+}
+
+/// The vehicle without the adversary.
+struct CleanResult {
+  double iou = 0, score = 0;
+};
+template <class Visitor, FieldsOf<CleanResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "iou", .range = kNotNegative}, s.iou);
+  visit({.name = "score", .range = kNotNegative}, s.score);
+}
 
 /// What is known of a vehicle of which the object shows anything.
 struct SeenResult {
@@ -155,12 +220,27 @@ struct SeenResult {
   FullResult full;
   double range = 0;  ///< m
   bool detected = false;
-  double clean_iou = 0, clean_score = 0;
+  CleanResult clean;
   OutcomeResult raster, hard, cycles;
   std::optional<ArmsResult> arms;
   std::optional<LadderResult> ladder;
   std::map<std::string, std::string> pictures;  ///< files, relative to OUT
 };
+template <class Visitor, FieldsOf<SeenResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "matched"}, s.matched);
+  visit({.name = "samples", .range = kNotNegative}, s.samples);
+  visit({.name = "full"}, s.full);
+  visit({.name = "range", .range = kNotNegative}, s.range);
+  visit({.name = "detected"}, s.detected);
+  visit({.name = "clean"}, s.clean);
+  visit({.name = "raster"}, s.raster);
+  visit({.name = "hard"}, s.hard);
+  visit({.name = "cycles"}, s.cycles);
+  visit.among("arms", s.arms);
+  visit.among("ladder", s.ladder);
+  visit({.name = "pictures", .plain = true}, s.pictures);
+}
 
 struct VehicleResult {
   HostId host;
@@ -174,6 +254,16 @@ struct VehicleResult {
   /// What the report alone shows: bev, picture_boxes, host_rect, crop_rect.
   nlohmann::json shown = nlohmann::json::object();
 };
+/// All but the host and what the report alone shows.
+template <class Visitor, FieldsOf<VehicleResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "name", .plain = true}, s.name);
+  visit({.name = "from_box"}, s.from_box);
+  visit({.name = "visible_share", .range = kNotNegative}, s.visible_share);
+  visit({.name = "adversary_points", .range = kNotNegative}, s.adversary_points);
+  visit.among("matched", s.seen);
+  if (s.seen) visit({.name = "losses"}, s.losses);
+}
 
 /// As it is stored.
 nlohmann::json to_json(const VehicleResult& vehicle);

@@ -126,9 +126,7 @@ LadderResult ladders(ReferenceRenderer& renderer, const HostScene& scene, const 
   const Frame& frame = scene.prepared->frame;
   LadderResult result;
   LightLadder light = light_ladder(renderer, scene, full);
-  result.reference_samples = light.reference_samples;
-  result.reference_seconds = light.reference_seconds;
-  result.reference_noise = light.reference_noise;
+  result.reference = {light.reference_samples, light.reference_seconds, light.reference_noise};
   result.features = scene_features(scene, simulated);
   for (LadderRung& rung : light.rungs) {
     const auto seen = outcome(with_window(frame.image, rung.picture, full.rect), simulated.sweep);
@@ -218,7 +216,7 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   const ImageF hard_image = simulate_host(scene, hard_edges).image;
   seen.range = raster.range;
   seen.detected = raster.detected;
-  seen.clean_iou = raster.clean_iou, seen.clean_score = raster.clean_score;
+  seen.clean = {raster.clean_iou, raster.clean_score};
   seen.raster = seen_raster_as.result();
   seen.hard = outcome_of(hard_image, simulated.sweep).result();
   seen.cycles = seen_cycles_as.result();

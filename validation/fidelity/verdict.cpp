@@ -185,7 +185,7 @@ Verdict verdict(const std::vector<VehicleResult>& vehicles, const std::set<std::
     if (!vehicle.seen) continue;
     const SeenResult& seen = *vehicle.seen;
     const bool tested = test_frames.contains(vehicle.host.frame);
-    result.pairs.push_back({vehicle.name, vehicle.host.frame, tested, seen.detected, seen.clean_score,
+    result.pairs.push_back({vehicle.name, vehicle.host.frame, tested, seen.detected, seen.clean.score,
                             seen.raster.score, seen.hard.score, seen.cycles.score});
     if (!seen.detected) continue;
     all.push_back(&vehicle);

@@ -28,6 +28,12 @@ struct ReferenceLoss {
   std::string job, how;  ///< how: "ended unexpectedly", "gave no answer in 900 s", …
   int attempt = 1;       ///< at the job, from 1
 };
+template <class Visitor, FieldsOf<ReferenceLoss> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "job"}, s.job);
+  visit({.name = "how"}, s.how);
+  visit({.name = "attempt", .range = kFromOne}, s.attempt);
+}
 
 /// What a render adds to matched light (ambient + hemisphere + sun without shadows, Lambert, no bounces).
 struct RenderEffects {

@@ -78,17 +78,4 @@ SquaredError squared_error(const Halves& drawn, const Halves& reference, const I
   return result;
 }
 
-nlohmann::json to_json(const SquaredError& error) {
-  return {{"squared",
-           {{"plain", error.plain},
-            {"floor", error.floor},
-            {"drawn", error.drawn},
-            {"unbiased", error.unbiased}}},
-          {"error_plain", signed_root(error.plain)},
-          {"floor", signed_root(error.floor)},
-          {"error_drawn", signed_root(error.drawn)},
-          {"error_unbiased", signed_root(error.unbiased)},
-          {"interval", to_json(error.interval)}};
-}
-
 }  // namespace mirage

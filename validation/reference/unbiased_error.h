@@ -17,8 +17,8 @@
 #pragma once
 
 #include <cstdint>
-#include <nlohmann/json.hpp>
 
+#include "base/fields.h"
 #include "base/image.h"
 #include "base/intervals.h"
 
@@ -37,21 +37,36 @@ double signed_root(double x);
 Interval signed_root(const Interval& square);
 
 /// Squared errors over a region as shares of the object's mean radiance, squared.
-struct SquaredError {
+struct ErrorSquares {
   double plain = 0, floor = 0, drawn = 0, unbiased = 0;
+};
+template <class Visitor, FieldsOf<ErrorSquares> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "plain"}, s.plain);
+  visit({.name = "floor"}, s.floor);
+  visit({.name = "drawn"}, s.drawn);
+  visit({.name = "unbiased"}, s.unbiased);
+}
+struct SquaredError : ErrorSquares {
   /// signed_root(unbiased) with the 95 % interval over tiles of 8×8 pixels (base/intervals.h; a single tile:
   /// as far as the noise): what the noise of these renders leaves open on this one picture.
   Interval interval;
 };
+/// The squares, and all of them as roots.
+template <class Visitor, FieldsOf<SquaredError> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit.group({.name = "squared"}, as_base<ErrorSquares>(s));
+  visit.derived("error_plain", signed_root(s.plain));
+  visit.derived("floor", signed_root(s.floor));
+  visit.derived("error_drawn", signed_root(s.drawn));
+  visit.derived("error_unbiased", signed_root(s.unbiased));
+  visit.group({.name = "interval"}, s.interval);
+}
 
 /// Sums over the pixels of `region` (1 channel, > 0.5 counts) and all channels, divided by `pixels` ×
 /// channels × mean². `pixels`: how many the object has, so that what is drawn beside it adds to the error and
 /// does not dilute it. All 0 if `pixels` or `mean` is. Failure for images of different size.
 SquaredError squared_error(const Halves& drawn, const Halves& reference, const ImageF& region, double pixels,
                            double mean);
-
-/// {squared: {plain, floor, drawn, unbiased}, error_plain, floor, error_drawn, error_unbiased, interval:
-/// {value, low, high}}: all but the first as roots.
-nlohmann::json to_json(const SquaredError& error);
 
 }  // namespace mirage
