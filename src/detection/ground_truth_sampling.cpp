@@ -18,13 +18,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMemory = std::size_t{256} << 20;     // bytes of cut-outs kept
-constexpr int kAttempts = 8;                                // for each vehicle wanted
-constexpr double kMostHidden = 0.3;                         // share of the car's points
-constexpr double kSmallestLift = 0.05, kLargestLift = 0.2;  // m
-constexpr double kClearance = 0.3;                          // m between boxes
-constexpr double kNearer = 0.3;                             // m by which a return must be nearer to hide
-constexpr double kMostCovered = 0.5;                        // share of another car's box in the picture
+constexpr std::size_t kCutOutMemory = std::size_t{256} << 20;  // bytes of cut-outs kept
+constexpr int kAttempts = 8;                                   // for each vehicle wanted
+constexpr double kMostHidden = 0.3;                            // share of the car's points
+constexpr double kSmallestLift = 0.05, kLargestLift = 0.2;     // m
+constexpr double kClearance = 0.3;                             // m between boxes
+constexpr double kNearer = 0.3;                                // m by which a return must be nearer to hide
+constexpr double kMostCovered = 0.5;                           // share of another car's box in the picture
 constexpr double kOffGround = 0.15;  // m: lower returns are the road's and hide nothing
 
 /// A direction seen from the unit's origin: rad, m.
@@ -344,7 +344,7 @@ const std::vector<CutOut>& GroundTruthSampler::cars_of(std::size_t frame) {
   std::size_t bytes = 0;
   for (const CutOut& car : donor.cars)
     bytes += sizeof car + car.points.size() * sizeof(LidarPoint) + car.srgb.size() + car.mask.size();
-  if (bytes_ + bytes > kMemory) return (passing_ = std::move(donor)).cars;
+  if (bytes_ + bytes > kCutOutMemory) return (passing_ = std::move(donor)).cars;
   bytes_ += bytes;
   return (donors_[frame] = std::move(donor)).cars;
 }

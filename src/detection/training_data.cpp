@@ -17,7 +17,7 @@
 namespace mirage {
 namespace {
 
-constexpr std::size_t kMemory = std::size_t{3} << 30;  // bytes for frames kept between epochs
+constexpr std::size_t kFrameMemory = std::size_t{3} << 30;  // bytes for frames kept between epochs
 
 }  // namespace
 
@@ -136,7 +136,7 @@ const CompactFrame& TrainingData::frame(std::size_t number) {
   CompactFrame small = read_compact(data_, ids_[number], region_);
   const std::size_t bytes =
       small.srgb.size() + small.points.size() * sizeof(LidarPoint) + small.vehicle_mask.size() / 8;
-  if (bytes_ + bytes > kMemory) return passing_ = std::move(small);
+  if (bytes_ + bytes > kFrameMemory) return passing_ = std::move(small);
   bytes_ += bytes;
   return frames_[number] = std::move(small);
 }

@@ -102,11 +102,11 @@ class ObjReader {
       if (!named || *named == 0) fail("is a face with a corner that is no vertex's number");
       const double before = static_cast<double>(into_.vertex_count());
       face_.push_back(into_.corner(*named > 0 ? *named - 1.0 : *named + before));
-      if (face_.size() > kMostCorners) break;  // is refused in a moment
+      if (face_.size() > kMostFaceCorners) break;  // is refused in a moment
     }
     // How many there are altogether, of those that are too many.
     std::size_t corners = face_.size();
-    while (corners > kMostCorners && !take_word(line).empty()) ++corners;
+    while (corners > kMostFaceCorners && !take_word(line).empty()) ++corners;
     into_.check_corners(static_cast<double>(corners));
     into_.add_face(face_);
   }

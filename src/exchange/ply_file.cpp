@@ -254,7 +254,7 @@ void read_vertex(const Element& element, Cursor& cursor, Polygons& into) {
 }
 
 void read_face(const Element& element, Cursor& cursor, Polygons& into) {
-  std::array<int, kMostCorners> face;
+  std::array<int, kMostFaceCorners> face;
   for (const Property& property : element.properties) {
     const double count = property.length ? cursor.number(*property.length) : 1;
     const bool corners = property.name == "vertex_indices" || property.name == "vertex_index";

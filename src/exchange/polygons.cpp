@@ -42,9 +42,9 @@ int Polygons::corner(double number) const {
 }
 
 void Polygons::check_corners(double count) const {
-  if (!(count >= 1 && count <= kMostCorners && count == std::floor(count)))
+  if (!(count >= 1 && count <= kMostFaceCorners && count == std::floor(count)))
     fail(fmt::format("face {}", face_count_),
-         fmt::format("has {:g} corners, not 1 to {}", count, kMostCorners),
+         fmt::format("has {:g} corners, not 1 to {}", count, kMostFaceCorners),
          "cut its polygons into triangles");
 }
 

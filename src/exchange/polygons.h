@@ -17,7 +17,7 @@ namespace mirage {
 
 /// Corners of a polygon at most, and of all polygons of more than four the sum of their squares: cutting one
 /// takes time by their square.
-inline constexpr unsigned kMostCorners = 1000;
+inline constexpr unsigned kMostFaceCorners = 1000;
 inline constexpr std::size_t kMostCutting = std::size_t{1} << 27;
 /// Bytes of an OBJ or PLY at most.
 inline constexpr std::size_t kLargestMesh = std::size_t{1} << 26;
@@ -35,7 +35,7 @@ class Polygons {
   void add_vertex(const Vec3d& place);
   /// A corner of the next face. InputError unless it is the number that a vertex may have.
   int corner(double number) const;
-  /// InputError unless the next face has 1 to kMostCorners corners.
+  /// InputError unless the next face has 1 to kMostFaceCorners corners.
   void check_corners(double count) const;
   /// The vertices may follow. InputError as check_corners and corner, and for more work than kMostCutting.
   void add_face(std::span<const int> corners);

@@ -16,14 +16,14 @@ namespace {
 
 constexpr int kAzimuths = 36;
 constexpr double kElevations[] = {15, 20, 26, 33, 41, 50, 60};  // degrees; shadows' lengths 3.7 … 0.6 heights
-constexpr double kFarthest = 35;   // m to a vehicle: further ones have too few ground returns
-constexpr double kAround = 3.5;    // m from a vehicle's outline
-constexpr double kContact = 0.25;  // m: darker in any light, and labels are no more exact
-constexpr double kCaster = 15;     // m from a sample to the middle of what can shade it
-constexpr double kCell = 0.15;     // m: returns of a cell count as one
-constexpr double kGround = 0.2;    // m between a ground return and the vehicle's bottom
-constexpr int kElsewhere = 40;     // degrees of azimuth: a rival direction
-constexpr int kFewest = 60;        // samples around a vehicle
+constexpr double kFarthestGround = 35;  // m to a vehicle: further ones have too few ground returns
+constexpr double kAround = 3.5;         // m from a vehicle's outline
+constexpr double kContact = 0.25;       // m: darker in any light, and labels are no more exact
+constexpr double kCaster = 15;          // m from a sample to the middle of what can shade it
+constexpr double kCell = 0.15;          // m: returns of a cell count as one
+constexpr double kGround = 0.2;         // m between a ground return and the vehicle's bottom
+constexpr int kElsewhere = 40;          // degrees of azimuth: a rival direction
+constexpr int kFewest = 60;             // samples around a vehicle
 constexpr double kContrasts[] = {0.3, 0.5, 0.8, 1.2, 1.7};  // log luminance outside less inside
 constexpr double kSure = 5;    // confidence that counts; the lowest contrast never does
 constexpr double kBody = 0.8;  // of the box's height: a car is narrower than its box at the top
@@ -62,7 +62,7 @@ bool meets(const Caster& caster, const Vec3d& from, const Vec3d& way) {
   return enter <= leave;
 }
 
-struct Sample {
+struct GroundSample {
   Vec3d p_velo;
   double log_luminance = 0, reflectance = 0;
 };
@@ -112,10 +112,10 @@ bool is_vehicle(const Label& label) {
 }
 
 /// The ground in view around one vehicle, a sample a cell.
-std::vector<Sample> ground_around(const Frame& frame, const Caster& vehicle,
-                                  const std::vector<Caster>& casters,
-                                  const std::vector<std::vector<Vec2d>>& outlines) {
-  std::map<std::pair<long, long>, std::pair<Sample, int>> cells;
+std::vector<GroundSample> ground_around(const Frame& frame, const Caster& vehicle,
+                                        const std::vector<Caster>& casters,
+                                        const std::vector<std::vector<Vec2d>>& outlines) {
+  std::map<std::pair<long, long>, std::pair<GroundSample, int>> cells;
   for (const LidarPoint& point : frame.sweep) {
     const Vec3d p = point.position().cast<double>();
     if (!p.allFinite() || std::abs(p.z() - vehicle.box.bottom) > kGround || vehicle.distance(p) > kAround)
@@ -137,7 +137,7 @@ std::vector<Sample> ground_around(const Frame& frame, const Caster& vehicle,
     sample.reflectance += point.reflectance;
     ++count;
   }
-  std::vector<Sample> samples;
+  std::vector<GroundSample> samples;
   for (auto& [cell, sum] : cells)
     samples.push_back({sum.first.p_velo / sum.second, sum.first.log_luminance / sum.second,
                        sum.first.reflectance / sum.second});
@@ -149,12 +149,12 @@ std::vector<Sample> ground_around(const Frame& frame, const Caster& vehicle,
 /// freed of the latter.
 class Ground {
  public:
-  explicit Ground(std::vector<Sample> samples) : samples_(std::move(samples)) {
+  explicit Ground(std::vector<GroundSample> samples) : samples_(std::move(samples)) {
     const auto n = static_cast<Eigen::Index>(samples_.size());
     Eigen::MatrixXd other(n, kOther);
     luminance_.resize(n);
     for (Eigen::Index i = 0; i < n; ++i) {
-      const Sample& sample = samples_[static_cast<std::size_t>(i)];
+      const GroundSample& sample = samples_[static_cast<std::size_t>(i)];
       const double r = sample.reflectance;
       other.row(i) << 1, r, r * r, sample.p_velo.x(), sample.p_velo.y();
       luminance_[i] = sample.log_luminance;
@@ -164,7 +164,7 @@ class Ground {
     luminance_ = freed(luminance_);
     squares_ = std::max(1e-4 * static_cast<double>(n), luminance_.squaredNorm());
   }
-  const std::vector<Sample>& samples() const { return samples_; }
+  const std::vector<GroundSample>& samples() const { return samples_; }
   /// Log likelihood of the shade darkening by `contrast`, over that of no shadow, for each contrast.
   std::array<double, std::size(kContrasts)> gains(const Eigen::VectorXd& shaded) const {
     const Eigen::VectorXd shade = freed(shaded);
@@ -181,7 +181,7 @@ class Ground {
  private:
   static constexpr int kOther = 5;
   Eigen::VectorXd freed(const Eigen::VectorXd& of) const { return of - basis_ * (basis_.transpose() * of); }
-  std::vector<Sample> samples_;
+  std::vector<GroundSample> samples_;
   Eigen::MatrixXd basis_;
   Eigen::VectorXd luminance_;
   double squares_ = 0;
@@ -202,8 +202,8 @@ SunEstimate sun_from_shadows(const Frame& frame) {
   for (auto& s : score) s.fill(0);
   SunEstimate best;
   for (const Label& label : frame.labels) {
-    if (!is_vehicle(label) || std::hypot(label.box.bev.x, label.box.bev.y) > kFarthest) continue;
-    std::vector<Sample> ground_samples = ground_around(frame, Caster(label.box), casters, outlines);
+    if (!is_vehicle(label) || std::hypot(label.box.bev.x, label.box.bev.y) > kFarthestGround) continue;
+    std::vector<GroundSample> ground_samples = ground_around(frame, Caster(label.box), casters, outlines);
     if (ground_samples.size() < kFewest) continue;
     const Ground ground(std::move(ground_samples));
     const auto& samples = ground.samples();
@@ -214,7 +214,7 @@ SunEstimate sun_from_shadows(const Frame& frame) {
         near.push_back(&c);
     std::vector<std::vector<Vec3d>> local(near.size());  // the samples in each caster's frame
     for (std::size_t c = 0; c < near.size(); ++c)
-      for (const Sample& sample : samples) local[c].push_back(near[c]->local(sample.p_velo));
+      for (const GroundSample& sample : samples) local[c].push_back(near[c]->local(sample.p_velo));
     Eigen::VectorXd shaded(static_cast<Eigen::Index>(samples.size()));
     for (std::size_t k = 0; k < score.size(); ++k) {
       const Vec3d way = unit_vector(static_cast<double>(k / kHeights) * 360 / kAzimuths * kDegree,

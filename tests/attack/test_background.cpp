@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "attack/attack.h"
 #include "attack/attack_step.h"
 #include "attack/objective.h"
 #include "attack/tiny_world.h"

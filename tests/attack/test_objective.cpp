@@ -46,7 +46,7 @@ TEST(Objective, GradientInLogits) {
   test::check_gradient(f, {2.0, 40, -1.0, 35}, gradient, 1e-5, 1e-8);
 }
 
-Frame frame_with_host() {
+Frame frame_with_cars() {
   Frame frame;
   Label host;
   host.type = "Car";
@@ -56,7 +56,7 @@ Frame frame_with_host() {
 }
 
 TEST(Evaluation, JudgesMissesAndFalsePositives) {
-  const Frame frame = frame_with_host();
+  const Frame frame = frame_with_cars();
   const Detection on{kHost, 3}, off{{12, 0, 4, 2, 0}, 3}, elsewhere{{40, 5, 4, 2, 0}, 3};
   const EvaluationSettings settings;
   EXPECT_FALSE(judge({"0", 0}, frame, {on}, {on}, settings).hidden);
@@ -76,7 +76,7 @@ TEST(Evaluation, JudgesMissesAndFalsePositives) {
 TEST(Evaluation, ALookAlikeIsNoRoadUser) {
   for (const Matching matching : {kFromAbove, kInPicture})
     for (const char* type : {"Misc", "Pedestrian"}) {
-      Frame frame = frame_with_host();
+      Frame frame = frame_with_cars();
       frame.labels[0].right = 200, frame.labels[0].bottom = 150;
       Label other;
       other.type = type;
@@ -95,7 +95,7 @@ TEST(Evaluation, ALookAlikeIsNoRoadUser) {
 }
 
 TEST(Evaluation, SharesAreOfTheVehiclesDetectedClean) {
-  const Frame frame = frame_with_host();
+  const Frame frame = frame_with_cars();
   const Detection on{kHost, 3}, elsewhere{{40, 5, 4, 2, 0}, 3};
   const EvaluationSettings settings;
   const Evaluation result = summarize(
@@ -112,7 +112,7 @@ TEST(Evaluation, SharesAreOfTheVehiclesDetectedClean) {
 
 /// The host's label covers 100 … 200 × 100 … 150; a pedestrian and a region that nobody labelled stand by.
 Frame picture_frame() {
-  Frame frame = frame_with_host();
+  Frame frame = frame_with_cars();
   const auto add = [&](const char* type, const PictureBox& box) {
     Label label;
     label.type = type;

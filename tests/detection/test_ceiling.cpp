@@ -55,14 +55,14 @@ constexpr float kUnit = 1.73f;
 constexpr double kCeiling = 1.6;
 
 /// A road that rises by 3 cm a metre, things on it up to 4 m, and a camera 1.65 m over it.
-struct Scene {
+struct CeilingScene {
   ImageF image{124, 60, 3, 0.5f};
   std::vector<LidarPoint> points;
   Calibration calibration;
   static float road(float x) { return -kUnit + 0.03f * x; }
   static bool is_above(const LidarPoint& p) { return p.z > road(p.x) + kCeiling; }
 
-  Scene() {
+  CeilingScene() {
     calibration.camera = {72, 72, 62, 30, 124, 60};
     calibration.camera_from_velo.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
     calibration.camera_from_velo.translation() = Vec3d(0, -0.08, -0.27);
@@ -81,23 +81,23 @@ struct Scene {
 constexpr float kRoadError = 0.08f;
 
 TEST(Ceiling, LeavesOutWhatStandsHigherOverTheRoad) {
-  const Scene scene;
+  const CeilingScene scene;
   Given given;
   const auto detector = under_ceiling(std::make_unique<Witness>(given), kCeiling, kUnit);
   detector->forward(scene.view(), 0, false);
   std::size_t surely_below = 0, perhaps_below = 0;
   for (const LidarPoint& p : scene.points) {
-    surely_below += p.z < Scene::road(p.x) + kCeiling - kRoadError;
-    perhaps_below += p.z < Scene::road(p.x) + kCeiling + kRoadError;
+    surely_below += p.z < CeilingScene::road(p.x) + kCeiling - kRoadError;
+    perhaps_below += p.z < CeilingScene::road(p.x) + kCeiling + kRoadError;
   }
   EXPECT_GE(given.points.size(), surely_below);
   EXPECT_LE(given.points.size(), perhaps_below);
   EXPECT_LT(perhaps_below, scene.points.size() - 1000);
-  for (const LidarPoint& p : given.points) EXPECT_LT(p.z, Scene::road(p.x) + kCeiling + kRoadError);
+  for (const LidarPoint& p : given.points) EXPECT_LT(p.z, CeilingScene::road(p.x) + kCeiling + kRoadError);
 }
 
 TEST(Ceiling, HidesPixelsThatSeeNothingBelowIt) {
-  const Scene scene;
+  const CeilingScene scene;
   Given given;
   const auto detector = under_ceiling(std::make_unique<Witness>(given), kCeiling, kUnit);
   detector->forward(scene.view(), 0, false);
@@ -112,7 +112,7 @@ TEST(Ceiling, HidesPixelsThatSeeNothingBelowIt) {
 }
 
 TEST(Ceiling, GradientsGoToWhatIsSeen) {
-  Scene scene;
+  CeilingScene scene;
   Given given;
   const auto detector = under_ceiling(std::make_unique<Witness>(given), kCeiling, kUnit);
   const std::vector<LidarPoint> watched = {{20, 0, -1, 0}, {20, 0, 2, 0}, {30, 1, -0.5f, 0}};
@@ -137,7 +137,7 @@ TEST(Ceiling, GradientsGoToWhatIsSeen) {
 }
 
 TEST(Ceiling, TheCleanFrameAndTrainingAreSeenAlike) {
-  const Scene scene;
+  const CeilingScene scene;
   Given given;
   const auto detector = under_ceiling(std::make_unique<Witness>(given), kCeiling, kUnit);
   CleanView clean{&scene.image, scene.points, 7, {0, 0, 10, 10}};

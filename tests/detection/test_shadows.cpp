@@ -21,13 +21,13 @@ using test::Script;
 using test::Scripted;
 
 /// A box that stops rays, or the `share` of them that is 1 at most.
-struct Block {
+struct ShadowBlock {
   Box3 box;
   double share = 1;
 };
 
 /// The sweep of 64 beams over a road that rises by 2 %, and of blocks on it.
-std::vector<LidarPoint> sweep_of(const std::vector<Block>& blocks) {
+std::vector<LidarPoint> sweep_of(const std::vector<ShadowBlock>& blocks) {
   RandomStream random(3, "porous");
   std::vector<LidarPoint> points;
   for (int beam = 0; beam < 64; ++beam)
@@ -38,7 +38,7 @@ std::vector<LidarPoint> sweep_of(const std::vector<Block>& blocks) {
                       std::sin(elevation));
       double nearest = 90;
       if (ray.z() < 0.02 * ray.x()) nearest = std::min(nearest, -1.7 / (ray.z() - 0.02 * ray.x()));
-      for (const Block& block : blocks) {
+      for (const ShadowBlock& block : blocks) {
         if (block.share < 1 && random.uniform() > block.share) continue;
         const Transform box_from_velo = velo_from_box(block.box).inverse();
         const Vec3d from = box_from_velo.translation(), way = box_from_velo.linear() * ray;
@@ -69,7 +69,7 @@ TEST(Bodies, CarsAreFoundWithTheirBoxesAndOtherThingsAreNot) {
     EXPECT_GT(iou(found[0], car), 0.75);
   }
   EXPECT_EQ(BodyEvidence(sweep_of({{standing(kSide, 1.5)}, {standing(kRear, 1.5)}})).bodies().size(), 2u);
-  const auto none = [](const Block& block) {
+  const auto none = [](const ShadowBlock& block) {
     const auto points = sweep_of({block});
     return BodyEvidence(points).bodies().empty();
   };
@@ -82,7 +82,7 @@ TEST(Bodies, CarsAreFoundWithTheirBoxesAndOtherThingsAreNot) {
 }
 
 TEST(Bodies, AnObjectOnTheRoofChangesNothing) {
-  const Block car{standing(kSide, 1.5)};
+  const ShadowBlock car{standing(kSide, 1.5)};
   Box3 object = standing({15, 3, 0.8, 0.8, 1.0}, 0.7);
   object.bottom += 1.5;
   const auto clean = sweep_of({car}), attacked = sweep_of({car, {object}});
@@ -119,14 +119,14 @@ TEST(RoadSurface, IsAPlaneWhereTheRoadIsNotSeen) {
   EXPECT_EQ(RoadSurface({}).height(20, 0), -1.7);
 }
 
-const Capabilities kFuses{true, true, true, false};
+const Capabilities kBothSensors{true, true, true, false};
 
-struct Street {
+struct ShadowStreet {
   Script script;
   ImageF image{4, 4, 3};
   std::vector<LidarPoint> points = sweep_of({{standing(kSide, 1.5)}, {standing({30, -2, 0.5, 20, 0}, 2.5)}});
   std::unique_ptr<Detector> detector() {
-    return with_shadows(std::make_unique<Scripted>("fusion", kFuses, script));
+    return with_shadows(std::make_unique<Scripted>("fusion", kBothSensors, script));
   }
   std::vector<Detection> answers(double threshold = 0) {
     return detector()->forward({&image, points, nullptr}, threshold, false);
@@ -134,7 +134,7 @@ struct Street {
 };
 
 TEST(Shadows, ABodyIsFoundThoughTheDetectorDoesNotAndWhatRaysPassIsNoCar) {
-  Street street;
+  ShadowStreet street;
   BevBox turned = kSide;
   turned.yaw += 0.5;
   street.script.lines = {{{turned, -3}}, {{kEmpty, 5}}, {{{40, -2, 4, 1.7, 0}, 5}}};
@@ -157,7 +157,7 @@ TEST(Shadows, ABodyIsFoundThoughTheDetectorDoesNotAndWhatRaysPassIsNoCar) {
 }
 
 TEST(Shadows, AnswersRiseWithWhatTheDetectorSaysWithoutSteps) {
-  Street street;
+  ShadowStreet street;
   for (const BevBox& place : {kSide, kEmpty}) {
     double before = -1e9;
     for (int step = 0; step < 1090; ++step) {
@@ -173,7 +173,7 @@ TEST(Shadows, AnswersRiseWithWhatTheDetectorSaysWithoutSteps) {
 }
 
 TEST(Shadows, TheGradientIsThatOfDifferences) {
-  Street street;
+  ShadowStreet street;
   BevBox turned = kSide;
   turned.yaw += 0.5;
   street.image.data[0] = 0.5f;

@@ -12,7 +12,7 @@
 namespace mirage {
 namespace {
 
-constexpr int kRounds = 101, kPointsInView = 20000;
+constexpr int kTrips = 101, kPointsInView = 20000;
 
 void process(benchmark::State& state, const std::string& pictures) {
   ImageF image(1242, 375, 3);
@@ -37,7 +37,7 @@ void process(benchmark::State& state, const std::string& pictures) {
       });
     };
     for (auto _ : state)
-      for (int round = 0; round < kRounds; ++round) {
+      for (int round = 0; round < kTrips; ++round) {
         forward.push_back(pass(false));
         both.push_back(pass(true));
       }

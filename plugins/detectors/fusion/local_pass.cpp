@@ -9,7 +9,7 @@ namespace mirage::fusion {
 namespace {
 
 using torch::Tensor;
-constexpr auto kChannelsLast = torch::MemoryFormat::ChannelsLast;
+constexpr auto kNhwc = torch::MemoryFormat::ChannelsLast;
 
 /// What another window costs, in floating-point operations of a convolution and in places of other layers.
 constexpr double kWindowWork = 1.5e6;
@@ -18,7 +18,7 @@ constexpr std::int64_t kRasterSteps = 40;  // at least so many of a raster's ste
 
 Tensor empty(std::int64_t channels, const Window& at, torch::Dtype type) {
   return torch::empty({1, channels, at.rows(), at.columns()},
-                      torch::TensorOptions().dtype(type).memory_format(kChannelsLast));
+                      torch::TensorOptions().dtype(type).memory_format(kNhwc));
 }
 
 Tensor zeros(std::int64_t channels, const Window& at, torch::Dtype type) {
@@ -33,7 +33,7 @@ Tensor cut(const Tensor& x, const Window& at, const Window& part) {
 /// The part `wanted` of x, which covers `at`; zeros outside. Channels-last in memory.
 Tensor around(const Tensor& x, const Window& at, const Window& wanted) {
   const Window both = intersection(at, wanted);
-  if (both == wanted) return cut(x, at, wanted).contiguous(kChannelsLast);
+  if (both == wanted) return cut(x, at, wanted).contiguous(kNhwc);
   Tensor y = zeros(x.size(1), wanted, x.scalar_type());
   if (!both.empty()) cut(y, wanted, both).copy_(cut(x, at, both));
   return y;
@@ -346,7 +346,7 @@ void LocalPass::back_conv(const Layer& layer, const Window& at, const Tensor& gr
     const std::int64_t s = layer.reach.stride;
     const Tensor& weight = layer.weight16.defined() ? layer.weight16 : layer.weight;
     const auto [d_input, d_weight, d_bias] =
-        at::convolution_backward(cut(gradient, at, read).contiguous(kChannelsLast).to(weight.scalar_type()),
+        at::convolution_backward(cut(gradient, at, read).contiguous(kNhwc).to(weight.scalar_type()),
                                  empty(plan_[from].channels, all, weight.scalar_type()), weight, {}, {s, s},
                                  {0, 0}, {1, 1}, false, {0, 0}, layer.groups, {true, false, false});
     work_ += layer.work() * static_cast<double>(read.area());

@@ -27,7 +27,7 @@ constexpr const char* kPose = "calib_velo_to_cam.txt";
 constexpr const char* kCameras = "calib_cam_to_cam.txt";
 constexpr const char* kInertial = "calib_imu_to_velo.txt";
 constexpr const char* kLabels = "tracklet_labels.xml";
-constexpr const char* kFix = "restore the drive's tracklets";
+constexpr const char* kTrackletFix = "restore the drive's tracklets";
 
 /// Elements of a tracklet file: what is missing or no number is an InputError that names it.
 class Tracklets {
@@ -38,14 +38,15 @@ class Tracklets {
     constexpr std::ptrdiff_t kMostTags = 400000;
     if (std::count_if(text.begin(), text.end(), [](char c) { return c == '<' || c == '='; }) > kMostTags)
       throw InputError(file_.string(), "", fmt::format("has more than {} tags and attributes", kMostTags),
-                       kFix);
+                       kTrackletFix);
     if (document_.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS)
       throw InputError(
           file_.string(), fmt::format("line {}", document_.ErrorLineNum()),
-          std::string("no XML (") + tinyxml2::XMLDocument::ErrorIDToName(document_.ErrorID()) + ")", kFix);
+          std::string("no XML (") + tinyxml2::XMLDocument::ErrorIDToName(document_.ErrorID()) + ")",
+          kTrackletFix);
     const XMLElement* root = document_.FirstChildElement("boost_serialization");
     list_ = root != nullptr ? root->FirstChildElement("tracklets") : nullptr;
-    if (list_ == nullptr) throw InputError(file_.string(), "tracklets", "missing", kFix);
+    if (list_ == nullptr) throw InputError(file_.string(), "tracklets", "missing", kTrackletFix);
   }
 
   const XMLElement* first() const { return list_->FirstChildElement("item"); }
@@ -73,7 +74,7 @@ class Tracklets {
     return content;
   }
   InputError wrong(const XMLElement& at, const char* field, const std::string& problem) const {
-    return {file_.string(), fmt::format("line {}, {}", at.GetLineNum(), field), problem, kFix};
+    return {file_.string(), fmt::format("line {}, {}", at.GetLineNum(), field), problem, kTrackletFix};
   }
 
  private:
