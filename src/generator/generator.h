@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "generator/look.h"
+#include "generator/placed.h"
 #include "scene/frame.h"
 
 namespace mirage {
@@ -44,5 +45,13 @@ std::uint16_t semantic_class(const std::string& type);
 /// return came from or what shows 25 pixels of height, within the picture's frame. Things that look like cars
 /// to a LiDAR alone are labelled "Misc", and so is a school bus.
 Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, FrameTruth* truth = nullptr);
+
+inline constexpr double kDriveStep = 0.1;  ///< s from a drive's frame to the next
+
+/// A frame of a drive at a time (s), as generate_frame makes one; `index` is the drive's. `standing`: a scene
+/// of street.standing. The sweep is taken while all moves, and written as seen from the car's place at that
+/// time; labels have their place in MovingStreet::at as identity. Id: "DRIVE_FRAME", counted by kDriveStep.
+Frame generate_drive_frame(const Rig& rig, const generator::MovingStreet& street, const RayScene& standing,
+                           std::uint64_t seed, std::uint64_t index, double time);
 
 }  // namespace mirage

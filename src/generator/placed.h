@@ -1,9 +1,10 @@
-// What a street is made of: surfaces, and the labelled things among them.
+// What a street is made of: surfaces, the labelled things among them, and what moves.
 #pragma once
 
 #include <string>
 #include <vector>
 
+#include "base/types.h"
 #include "generator/parts.h"
 #include "geometry/box.h"
 
@@ -20,6 +21,40 @@ struct Placed {
 struct Street {
   std::vector<Surface> surfaces;
   std::vector<Placed> placed;
+};
+
+/// Where something upright is at a moment, and how it moves.
+struct Waypoint {
+  Vec3d position = Vec3d::Zero();  ///< m, in the world: on the ground under the box's centre; ours: `velo`
+  double yaw = 0;                  ///< rad
+  Vec3d velocity = Vec3d::Zero();  ///< m/s
+  double yaw_rate = 0;             ///< rad/s
+  /// world_from_thing.
+  Transform pose() const;
+};
+using Way = std::vector<Waypoint>;  ///< one each kWayStep seconds
+
+inline constexpr double kWayStep = 0.02;
+
+/// Something that drives.
+struct Mover {
+  std::string role;  ///< brakes, overtakes, towards, crosses, keeps
+  Actor actor;
+  Way way;
+};
+
+/// A street that lasts some seconds (moving_street.h).
+struct MovingStreet {
+  Street standing;  ///< in the world
+  std::vector<Mover> movers;
+  Way own;  ///< of `velo`
+
+  /// The step of the ways at a time (s), from 0 to their end.
+  std::size_t step(double time) const;
+  /// All of it at a time, in the world; what drives is placed after what stands, in the order of `movers`.
+  Street at(double time) const;
+  /// A mover's surfaces at a time, in the world, with its place among the placed as object.
+  std::vector<Surface> surfaces_of(std::size_t mover, double time) const;
 };
 
 }  // namespace mirage::generator

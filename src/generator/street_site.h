@@ -8,7 +8,6 @@
 #include <numbers>
 #include <string>
 
-#include "generator/moving_street.h"
 #include "generator/placed.h"
 
 namespace mirage::generator {
