@@ -1,7 +1,12 @@
 // How many threads LibTorch takes, and the BLAS under it. Include after the LibTorch headers.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <atomic>
+#include <exception>
+#include <thread>
+#include <vector>
 
 extern "C" {
 /// OpenBLAS's own, where that is the BLAS at hand; else null.
@@ -17,6 +22,35 @@ inline void set_torch_threads(int count) {
   static std::atomic<int> blas = 0;
   at::set_num_threads(count);
   if (openblas_set_num_threads && blas.exchange(count) != count) openblas_set_num_threads(count);
+}
+
+// One training sample a thread, in every plugin that trains. Include after the LibTorch headers.
+
+struct SampleResult {
+  std::array<float, 3> loss{};
+  std::vector<at::Tensor> gradients;
+};
+
+/// work(i) for every sample, each on one thread.
+template <class Work>
+void for_each_sample(std::size_t count, int threads, const Work& work) {
+  const std::size_t workers = std::min(count, static_cast<std::size_t>(std::max(1, threads)));
+  std::vector<std::exception_ptr> problems(workers);
+  const auto loop = [&](std::size_t first) {
+    try {
+      set_torch_threads(1);
+      torch::AutoGradMode mode(true);
+      for (std::size_t i = first; i < count; i += workers) work(i);
+    } catch (...) {
+      problems[first] = std::current_exception();
+    }
+  };
+  std::vector<std::jthread> others;
+  for (std::size_t w = 1; w < workers; ++w) others.emplace_back(loop, w);
+  loop(0);
+  others.clear();
+  for (const auto& problem : problems)
+    if (problem) std::rethrow_exception(problem);
 }
 
 }  // namespace mirage

@@ -8,8 +8,8 @@
 #include <stdexcept>
 #include <type_traits>
 
-#include "base/file_head.h"
 #include "base/files.h"
+#include "base/open_file.h"
 
 namespace mirage {
 namespace {

@@ -6,15 +6,12 @@
 #include <optional>
 #include <set>
 
+#include "attack/attack_hosts.h"
 #include "attack/attack_step.h"
 #include "attack/black_box.h"
 #include "attack/checkpoint.h"
-#include "attack/host_labels.h"
 #include "attack/portfolio.h"
 #include "attack/run.h"
-#include "attack/validation_part.h"
-#include "base/checkpoint_timer.h"
-#include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
@@ -22,8 +19,9 @@
 #include "base/progress.h"
 #include "base/random.h"
 #include "base/ranks.h"
+#include "base/schedule.h"
+#include "detection/detector_settings.h"
 #include "detection/given_detector.h"
-#include "detection/precision.h"
 #include "exchange/gltf.h"
 #include "frames/made_of.h"
 #include "scene/data/label_census.h"

@@ -95,7 +95,7 @@ struct AttackResult {
   ClusterCount clusters;                    ///< of the vehicles held back
   RoofCount rooftops;                       ///< of the vehicles of both splits
   BuildableReport buildable;                ///< of the adversary
-  nlohmann::json stages;                    ///< where this process's time went (attack/stages.h)
+  nlohmann::json stages;                    ///< where this process's time went (attack/observation.h)
   std::optional<PlateauReport> plateau;     ///< of a plain attack with until_plateau
   std::optional<AutoReport> automatic;      ///< with AttackSearch::automatic
   std::optional<BlackBoxReport> black_box;  ///< with AttackSearch::black_box

@@ -12,8 +12,8 @@
 #include "attack/buildable.h"
 #include "attack/expectation.h"
 #include "attack/objective.h"
-#include "base/checkpoint_timer.h"
 #include "base/fields.h"
+#include "base/schedule.h"
 #include "detection/detector.h"
 #include "scene/frame_source.h"
 #include "simulation/insertion.h"
@@ -42,7 +42,7 @@ constexpr auto words_of(AttackSearch) {
 }
 
 /// Which vehicles carry the object in frames that nobody has labelled. labels: none. detections: what the
-/// detector finds there without it (attack/host_labels.h).
+/// detector finds there without it (attack/attack_hosts.h).
 enum class HostsFrom { labels, detections };
 constexpr auto words_of(HostsFrom) {
   return std::to_array<const char*>({"labels", "detections"});
@@ -53,7 +53,7 @@ class ObjectRenderer;
 /// What run.json calls the simulation's own pictures.
 inline constexpr const char* kRasterRenderer = "raster";
 
-/// How far a mesh may move before an ObjectRenderer draws it anew (attack/rendered_pictures.h).
+/// How far a mesh may move before an ObjectRenderer draws it anew (attack/object_renderer.h).
 struct Renewal {
   double metres = 0.01;  ///< of its vertices, root mean square
   double texels = 0.05;  ///< of its texels' channels, root mean square
@@ -74,7 +74,7 @@ struct AttackSettings : FrameSource {
   BuildableSettings buildable;
   int iterations = 200;
   int queries = 2000;  ///< passes of the detector with the object that a black-box attack may make
-  /// > 0: the attack ends where the objective on vehicles held out from training (validation_part.h) has not
+  /// > 0: the attack ends where the objective on vehicles held out from training (attack_hosts.h) has not
   /// improved for so many steps, or after `iterations`, and the mesh with the best of its checks is what it
   /// learned. 0: all training vehicles are learned on, and the last mesh is kept.
   int until_plateau = 0;

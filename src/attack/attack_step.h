@@ -1,5 +1,4 @@
-// One Adam step of the adversary: what an attack repeats, and what adversarial training does between two
-// updates of the model.
+// What one host adds to a step of the attack.
 #pragma once
 
 #include <memory>
@@ -7,18 +6,41 @@
 #include <string>
 #include <vector>
 
+#include "attack/attack_hosts.h"
 #include "attack/attack_settings.h"
 #include "attack/checkpoint.h"
 #include "attack/clean_sights.h"
 #include "attack/detector_pool.h"
-#include "attack/host_order.h"
-#include "attack/host_step.h"
 #include "attack/observation.h"
-#include "attack/stages.h"
 #include "frames/hosts.h"
 #include "geometry/laplacian.h"
+#include "simulation/simulation.h"
 
 namespace mirage {
+
+/// Loss and gradient of one host: simulation, detector, objective and their VJPs. With a draw, of the host in
+/// that world.
+struct HostStep {
+  double hide = 0, false_positive = 0;
+  bool found = false;  ///< as recorded, at the score and IoU of an evaluation (EvaluationSettings)
+  /// Found as recorded, and by no proposal of this step. An indication that costs no forward pass: taken
+  /// before suppression, and never used by the optimiser.
+  bool hidden = false;
+  AdversaryGradient gradient;
+  HostSeconds seconds;
+};
+
+// An iteration's hosts, spread over the processes of a run.
+
+/// Of the hosts 0 … n − 1 of a batch those of this rank: every rank_count()-th, from its own number on.
+std::vector<std::size_t> own_hosts(std::size_t n);
+
+/// Gives every rank the steps that the others computed: then each sums all of them in the batch's order, to
+/// the same bits as one process. `adversary` tells how long gradients are. A call of all ranks.
+void share_steps(std::vector<HostStep>& steps, const TexturedMesh& adversary);
+
+// One Adam step of the adversary: what an attack repeats, and what adversarial training does between two
+// updates of the model.
 
 /// One host of an iteration: simulates both sensors with the adversary placed (in the host's drawn world if
 /// there is one), detects, and takes the loss of the placement's targets back to the adversary's vertices (m,

@@ -8,7 +8,7 @@
 #include "base/fields.h"
 #include "base/random.h"
 #include "base/words.h"
-#include "geometry/edges.h"
+#include "geometry/solid.h"
 
 namespace mirage {
 namespace {

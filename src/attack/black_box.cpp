@@ -11,7 +11,6 @@
 #include "attack/mesh_modes.h"
 #include "attack/run.h"
 #include "attack/search.h"
-#include "base/checkpoint_timer.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
@@ -19,6 +18,7 @@
 #include "base/progress.h"
 #include "base/provenance.h"
 #include "base/ranks.h"
+#include "base/schedule.h"
 
 namespace mirage {
 namespace {

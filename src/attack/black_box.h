@@ -4,7 +4,7 @@
 //      sample of the training vehicles; the best goes on.
 //   2. Search. Its size, warp and colours by few numbers (attack/mesh_modes.h), by an evolution strategy
 //      (attack/evolution.h). The meshes of a generation are judged on the same `batch` vehicles of the
-//      sample, those of the next on others (attack/host_order.h). The objective is that of the gradient
+//      sample, those of the next on others (attack/attack_hosts.h). The objective is that of the gradient
 //      attack.
 //   3. Where the strategy has arrived is judged on the whole sample, and is kept if it is better than the
 //      start.

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "base/error.h"
-#include "geometry/self_intersection.h"
+#include "geometry/solid.h"
 
 namespace mirage {
 namespace {

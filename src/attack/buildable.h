@@ -13,7 +13,7 @@ namespace mirage {
 /// The rules that a buildable adversary keeps.
 struct BuildableSettings {
   bool on = false;
-  double min_thickness = 0.01;  ///< m, of the walls as geometry/self_intersection.h measures them
+  double min_thickness = 0.01;  ///< m, of the walls as geometry/solid.h measures them
   /// Height of the flat base below the adversary's origin, as a share of the box's half height.
   double base = 0.5;
   /// Reflectance of a print's black and white: texels stay between (scene-linear, each channel). A box around

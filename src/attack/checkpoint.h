@@ -7,7 +7,7 @@
 
 #include "attack/adversary.h"
 #include "attack/attack_settings.h"
-#include "attack/rendered_pictures.h"
+#include "attack/object_renderer.h"
 #include "base/field_json.h"
 #include "base/json_fields.h"
 

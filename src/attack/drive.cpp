@@ -13,7 +13,7 @@
 #include <set>
 
 #include "attack/clean_view.h"
-#include "attack/ride.h"
+#include "attack/vehicle_drive.h"
 #include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"

@@ -4,10 +4,10 @@
 // size.
 //
 // Vehicles are cars and vans that the data set follows through at least `least_frames` frames in the
-// detector's region. The object rides on the vehicle's smoothed track (attack/ride.h). Frames in which the
-// vehicle is not labelled are as recorded. The tracker works in a world laid flat: x, y and heading move with
-// the car's pose, heights are over the car's road, because a detector's boxes follow the road and not the
-// horizon.
+// detector's region. The object rides on the vehicle's smoothed track (attack/vehicle_drive.h). Frames in
+// which the vehicle is not labelled are as recorded. The tracker works in a world laid flat: x, y and heading
+// move with the car's pose, heights are over the car's road, because a detector's boxes follow the road and
+// not the horizon.
 #pragma once
 
 #include <filesystem>

@@ -1,24 +1,110 @@
 #include "attack/evaluation.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <mutex>
+#include <set>
+#include <tuple>
 
 #include "attack/clean_view.h"
-#include "attack/evaluation_outcomes.h"
-#include "attack/evaluation_strata.h"
-#include "attack/false_positives.h"
+#include "attack/host_outcome.h"
 #include "base/error.h"
+#include "base/field_json.h"
 #include "base/files.h"
+#include "base/image_io.h"
 #include "base/interrupt.h"
 #include "base/progress.h"
 #include "base/ranks.h"
 #include "detection/detect.h"
-#include "frames/cached_detections.h"
 #include "frames/frame_cache.h"
+#include "frames/frame_store.h"
+#include "generator/fit.h"
+#include "scene/data/read_frames.h"
 
 namespace mirage {
+std::vector<HostPart> host_parts(std::span<const HostOutcome> hosts) {
+  std::vector<HostPart> list;
+  const auto add_range = [&](const std::string& name, double nearest, double farthest) {
+    list.push_back({"range", name, [nearest, farthest](const HostOutcome& host) {
+                      return host.range >= nearest && host.range < farthest;
+                    }});
+  };
+  add_range("0-15 m", 0, 15);
+  add_range("15-30 m", 15, 30);
+  add_range("30-50 m", 30, 50);
+  add_range("50+ m", 50, 1e9);
+  const char* const levels[] = {"fully visible", "partly occluded", "largely occluded", "occlusion unknown"};
+  for (int level = 0; level < 4; ++level)
+    list.push_back(
+        {"occlusion", levels[level], [level](const HostOutcome& host) { return host.occluded == level; }});
+  constexpr double kWhole = 0.15;
+  list.push_back(
+      {"truncation", "whole (≤ 0.15)", [](const HostOutcome& host) { return host.truncated <= kWhole; }});
+  list.push_back(
+      {"truncation", "cut off (> 0.15)", [](const HostOutcome& host) { return host.truncated > kWhole; }});
+  std::set<std::string> kinds;
+  for (const HostOutcome& host : hosts) kinds.insert(host.kind);
+  for (const std::string& kind : kinds)
+    list.push_back({"kind", kind, [kind](const HostOutcome& host) { return host.kind == kind; }});
+  return list;
+}
+
+std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int meshes) {
+  std::vector<StratumSuccess> result;
+  for (const HostPart& part : host_parts(hosts)) {
+    std::vector<const HostOutcome*> members;
+    int detected = 0;
+    for (const HostOutcome& host : hosts)
+      if (part.holds(host)) {
+        members.push_back(&host);
+        detected += host.detected;
+      }
+    result.push_back({part.by, part.name, static_cast<int>(members.size()) / meshes, detected / meshes,
+                      success_rates(members)});
+  }
+  return result;
+}
+
+nlohmann::json to_json(const std::vector<StratumSuccess>& strata) {
+  auto list = nlohmann::json::array();
+  for (const StratumSuccess& part : strata)
+    list.push_back({{"by", part.by},
+                    {"name", part.name},
+                    {"hosts", part.hosts},
+                    {"vehicles", part.vehicles},
+                    {"fn_asr", to_json(part.rates.fn_asr)},
+                    {"fp_asr", to_json(part.rates.fp_asr)},
+                    {"asr", to_json(part.rates.asr)}});
+  return list;
+}
+
+std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& data,
+                                                 const std::vector<HostId>& hosts) {
+  std::map<std::string, std::string> kinds;
+  const auto source = generator::source_of(data);
+  if (!source) return kinds;
+  std::map<std::string, std::vector<const HostId*>> of_frame;
+  for (const HostId& id : hosts) of_frame[id.frame].push_back(&id);
+  const double mount = lidar_of(data).height;
+  for (const auto& [frame, ids] : of_frame) {
+    const auto index = generator::index_of(frame);
+    if (!index) continue;
+    const std::vector<Label> labels = read_annotations(data, frame).labels;
+    const auto vehicles = generator::true_vehicles(source->seed, *index, mount, source->look);
+    for (const HostId* id : ids) {
+      if (id->label < 0 || static_cast<std::size_t>(id->label) >= labels.size()) continue;
+      const Label& label = labels[static_cast<std::size_t>(id->label)];
+      const auto* vehicle = generator::find_vehicle(vehicles, label.type, label.box);
+      if (vehicle != nullptr && !vehicle->kind.empty()) kinds[host_name(*id)] = vehicle->kind;
+    }
+  }
+  return kinds;
+}
+
 namespace {
 
 /// Best IoU with the host, and that detection's score.
@@ -288,6 +374,86 @@ nlohmann::json to_json(const Evaluation& evaluation) {
           {"strata", to_json(evaluation.strata)},
           {"false_positives", false_positives_json(evaluation.hosts)},
           {"outcomes", outcomes_json(evaluation.hosts, evaluation.meshes)}};
+}
+
+/// What is written of every host.
+template <class Visitor, FieldsOf<HostOutcome> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "from_box"}, s.from_box);
+  visit({.name = "range", .range = kNotNegative}, s.range);
+  visit({.name = "occluded"}, s.occluded);
+  visit({.name = "truncated"}, s.truncated);
+  visit({.name = "clean_iou", .range = kShare}, s.clean_iou);
+  visit({.name = "attacked_iou", .range = kShare}, s.attacked_iou);
+  visit({.name = "clean_score", .range = kShare}, s.clean_score);
+  visit({.name = "attacked_score", .range = kShare}, s.attacked_score);
+  visit({.name = "detected"}, s.detected);
+  visit({.name = "hidden"}, s.hidden);
+  visit({.name = "false_positive"}, s.false_positive);
+  visit({.name = "false_positive_distance", .range = kNotNegative}, s.false_positive_distance);
+}
+
+namespace {
+
+constexpr std::size_t kMostEntries = 100'000'000;
+constexpr int kMostMeshes = 1'000'000;
+
+/// The fields that hold a distance in m.
+constexpr std::pair<const char*, double HostOutcome::*> kDistances[] = {
+    {"clean_distance", &HostOutcome::clean_distance}, {"attacked_distance", &HostOutcome::attacked_distance}};
+
+HostOutcome read_outcome(const JsonFields& json) {
+  HostOutcome host;
+  host.id = {json.text("frame"), json.count("label")};
+  host.kind = json.text("kind");
+  if (json.has("mesh")) host.mesh = json.count("mesh", kMostMeshes);
+  if (json.has("track")) host.track = json.count("track");
+  for (const auto& [key, distance] : kDistances)
+    if (json.has(key) && !json.is_null(key)) host.*distance = json.number(key, 0, Range::kMost);
+  read_fields(json, host);
+  return host;
+}
+
+}  // namespace
+
+nlohmann::json outcomes_json(const std::vector<HostOutcome>& hosts, int meshes) {
+  auto list = nlohmann::json::array();
+  for (const HostOutcome& host : hosts) {
+    nlohmann::json entry = fields_json(host);
+    entry.update({{"frame", host.id.frame}, {"label", host.id.label}, {"kind", host.kind}});
+    if (!host.matching.in_picture())
+      for (const auto& [key, distance] : kDistances)
+        entry[key] = std::isfinite(host.*distance) ? nlohmann::json(host.*distance) : nlohmann::json();
+    if (meshes > 1) entry["mesh"] = host.mesh;
+    if (host.track >= 0) entry["track"] = host.track;
+    list.push_back(std::move(entry));
+  }
+  return list;
+}
+
+std::vector<HostOutcome> read_outcomes(const JsonFields& evaluation) {
+  const JsonFields positives = evaluation.object("false_positives");
+  // The distribution is there whether or not there is a box (host_outcome.h).
+  const bool in_picture = positives.has("distance_from_host_px");
+  const auto each = [](const JsonFields& json, const char* key, const auto& read) {
+    const nlohmann::json& list = json.list(key, kMostEntries);
+    for (std::size_t i = 0; i < list.size(); ++i) read(json.inner(fmt::format("{}[{}]", key, i), list[i]));
+  };
+  std::map<std::tuple<std::string, int, int>, std::vector<NewBox>> boxes;
+  each(positives, "list", [&](const JsonFields& json) {
+    NewBox box;
+    box.distance = json.number(in_picture ? "distance_from_host_px" : "distance_from_host", 0, Range::kMost);
+    boxes[{json.text("frame"), json.count("label"), json.count("mesh", kMostMeshes)}].push_back(box);
+  });
+  std::vector<HostOutcome> hosts;
+  each(evaluation, "outcomes", [&](const JsonFields& json) {
+    HostOutcome host = read_outcome(json);
+    host.matching = in_picture ? kInPicture : kFromAbove;
+    if (const auto own = boxes.find({host.id.frame, host.id.label, host.mesh}); own != boxes.end())
+      host.new_boxes = own->second;
+    hosts.push_back(std::move(host));
+  });
+  return hosts;
 }
 
 }  // namespace mirage

@@ -1,3 +1,56 @@
+// Attack success by what a host vehicle is and where: range, occlusion, truncation, kind.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "attack/detector_pool.h"
+#include "attack/hiding.h"
+#include "attack/host_outcome.h"
+#include "attack/host_truth.h"
+#include "base/clusters.h"
+#include "base/intervals.h"
+#include "base/json_fields.h"
+#include "frames/hosts.h"
+
+namespace mirage {
+
+/// One part of the hosts.
+struct HostPart {
+  std::string by, name;
+  std::function<bool(const HostOutcome&)> holds;
+};
+/// Range: 0-15, 15-30, 30-50, 50+ m (the nearer end belongs to the part). Occlusion: KITTI's four levels.
+/// Truncation: up to 0.15 (KITTI's "easy") and more. Kind: HostOutcome::kind, in alphabetical order.
+std::vector<HostPart> host_parts(std::span<const HostOutcome> hosts);
+
+/// Success in one of host_parts.
+struct StratumSuccess {
+  std::string by;    ///< "range", "occlusion", "truncation" or "kind"
+  std::string name;  ///< "15-30 m", "partly occluded", …
+  int hosts = 0;     ///< of one mesh
+  int vehicles = 0;  ///< of these: detected clean
+  SuccessRates rates;
+};
+
+/// In each part, with no hosts too.
+std::vector<StratumSuccess> strata(const std::vector<HostOutcome>& hosts, int meshes = 1);
+
+/// [{by, name, hosts, vehicles, fn_asr: {value, low, high}, fp_asr, asr}]
+nlohmann::json to_json(const std::vector<StratumSuccess>& strata);
+
+/// What kind of vehicle each host is, where the data set tells: a generated set lays its streets out again
+/// and gives cars' body styles ("hatchback", …). Empty for recorded sets and sets of other generator
+/// versions, whose hosts are all of the type "Car". By host_name.
+std::map<std::string, std::string> vehicle_kinds(const std::filesystem::path& data,
+                                                 const std::vector<HostId>& hosts);
+
 // How often an adversary fools a detector.
 //
 // For each host vehicle, with the detector run on the frame as recorded (clean) and with the adversary on the
@@ -10,25 +63,6 @@
 // (Tu et al., CoRL 2021, section 4); attack/hiding.h has the misses by other rules. Recall–IoU runs over all
 // hosts. Several meshes are judged as one: shares are means over meshes × hosts, and the intervals' clusters
 // stay those of one mesh: vehicles where the data set knows them, else frames (base/clusters.h).
-#pragma once
-
-#include <filesystem>
-#include <map>
-#include <optional>
-#include <span>
-#include <string>
-#include <vector>
-
-#include "attack/detector_pool.h"
-#include "attack/evaluation_strata.h"
-#include "attack/hiding.h"
-#include "attack/host_truth.h"
-#include "attack/success_rates.h"
-#include "base/clusters.h"
-#include "base/intervals.h"
-#include "frames/hosts.h"
-
-namespace mirage {
 
 /// When a vehicle counts as found, and a box as a new one.
 struct EvaluationSettings {
@@ -89,7 +123,18 @@ Evaluation evaluate(const DetectorPool& detectors, FrameStore& store, const std:
                     const TexturedMesh& adversary, const SimulationSettings& simulation,
                     const EvaluationSettings& settings);
 
-/// With the strata (evaluation_strata.h) and the false positives (false_positives.h).
+/// With the strata (evaluation.h) and the false positives (host_outcome.h).
 nlohmann::json to_json(const Evaluation& evaluation);
+
+// The hosts of an evaluation in its file: written by to_json(Evaluation), read back by who puts evaluations
+// beside each other.
+
+/// [{frame, label, mesh?, track?, kind, …}]: "mesh" where there are several, "track" where it is known,
+/// "clean_distance" and "attacked_distance" in the bird's-eye view alone, null where they are infinite.
+nlohmann::json outcomes_json(const std::vector<HostOutcome>& hosts, int meshes);
+
+/// The hosts of what to_json(Evaluation) wrote, in its order, without their detections; of their new boxes
+/// (those that false_positives_json listed) the distance alone. InputError naming file and field.
+std::vector<HostOutcome> read_outcomes(const JsonFields& evaluation);
 
 }  // namespace mirage

@@ -2,10 +2,14 @@
 #pragma once
 
 #include <limits>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "base/clusters.h"
+#include "base/intervals.h"
 #include "detection/detector.h"
 #include "frames/host_id.h"
 
@@ -45,5 +49,34 @@ struct HostOutcome {
   /// Whether the attack worked on this host, in either way: what ASR counts.
   bool fooled() const { return hidden || false_positive; }
 };
+
+// Success rates over outcomes (attack/evaluation.h has their definitions).
+
+/// Shares of the vehicles that were detected clean, with 95 % intervals (base/clusters.h).
+struct SuccessRates {
+  Interval fn_asr, fp_asr, asr;
+};
+/// Over those outcomes that count: `hosts` whose detection was clean. With `iou`, as if that were
+/// EvaluationSettings::detected_iou.
+SuccessRates success_rates(std::span<const HostOutcome* const> hosts, std::optional<double> iou = {});
+
+// Where the detections are that an adversary made.
+
+/// A histogram with its median and 90th percentile (order statistics: the ⌈q·n⌉-th value).
+struct Distribution {
+  std::vector<double> edges;  ///< bin k is [edges[k], edges[k + 1]); the last one takes what lies beyond, too
+  std::vector<int> counts;
+  double median = 0, p90 = 0;  ///< 0 without values
+};
+/// Counts finite values into bins; `edges` rise and are at least two.
+Distribution distribution(const std::vector<double>& values, std::vector<double> edges);
+
+/// New boxes of the hosts that were detected clean, those that FP ASR counts:
+/// {vehicles, boxes, distance_from_host, distance_from_sensor, score, list}. `vehicles`: outcomes with at
+/// least one; distances in m, each a distribution {edges, counts, median, p90} (null without boxes); `list`:
+/// every box with its host {frame, label, mesh}, box, score and the two distances. Of a detector that is
+/// judged in the picture the boxes are {left, top, right, bottom}, distance_from_host_px stands for
+/// distance_from_host (pixels), and there is no distance_from_sensor.
+nlohmann::json false_positives_json(const std::vector<HostOutcome>& hosts);
 
 }  // namespace mirage

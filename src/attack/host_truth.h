@@ -1,4 +1,4 @@
-// What a detector's boxes are compared with when an adversary stands on a host's roof.
+// Which labels are vehicles and people, in the eyes of an attack's objective and of its evaluation.
 #pragma once
 
 #include <optional>
@@ -6,9 +6,19 @@
 
 #include "detection/detector.h"
 #include "frames/host_id.h"
+#include "scene/frame.h"
 #include "simulation/insertion.h"
 
 namespace mirage {
+
+/// A box on it is no false positive. DontCare regions are none, nor is "Misc": what looks like a car and is
+/// none (the generator's hedges and stacks of goods) is background to a detector, under attack too.
+bool is_road_user(const Label& label);
+
+/// BEV boxes of every labelled road user.
+std::vector<BevBox> ground_truth_boxes(const Frame& frame);
+
+// What a detector's boxes are compared with when an adversary stands on a host's roof.
 
 /// The box around the object's pixels (S > 0.5), clipped to the picture; none where it shows no pixel.
 std::optional<PictureBox> silhouette_box(const Simulated& simulated);

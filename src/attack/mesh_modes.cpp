@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numeric>
 
-#include "geometry/atlas_triangles.h"
+#include "geometry/texel_grid.h"
 
 namespace mirage {
 namespace {

@@ -1,3 +1,38 @@
+// How the steps of `mirage attack --attack auto` are spent, and on which targets (attack/portfolio.h).
+#pragma once
+
+#include <cstddef>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "attack/attack_result.h"
+#include "attack/attack_settings.h"
+#include "attack/attack_step.h"
+#include "attack/search.h"
+
+namespace mirage {
+
+/// How the steps of a run are spent. A step is one of Adam on a batch; a look at a vehicle, which needs no
+/// way back, is counted as half of a vehicle's step.
+struct AutoBudget {
+  struct Round {
+    std::size_t candidates = 0;
+    long steps = 0;  ///< of each
+  };
+  int generations = 0;  ///< of the search
+  long search = 0;      ///< steps that these cost
+  std::vector<Round> rounds;
+  /// Steps of the candidate that is left in the last round.
+  long longest() const;
+};
+/// `generation`: steps that one costs; 0: there is no search. FieldError naming iterations if not every
+/// candidate gets a step in each of its rounds.
+AutoBudget auto_budget(long iterations, std::size_t candidates, long generation);
+
+/// Whose gradients the candidates follow: the target that was asked for and, with both, each sensor that the
+/// detector reads, alone.
+std::vector<AttackTarget> auto_targets(AttackTarget asked, const Capabilities& detector);
+
 // `mirage attack --attack auto`: what an attack can do at best within a budget, in the spirit of AutoAttack
 // (Croce & Hein, ICML 2020), for one mesh over many vehicles.
 //
@@ -14,7 +49,7 @@
 //   4. The mesh of the lowest held-out objective that any candidate had at any look is what was learned; a
 //      start that no step improves is kept as it is.
 //
-// Held out are whole frames of the training part (attack/validation_part.h); the run's test vehicles are
+// Held out are whole frames of the training part (attack/attack_hosts.h); the run's test vehicles are
 // never looked at. The objective chooses, not the share that vanished: over some 30 vehicles that share moves
 // in steps of 3 points.
 //
@@ -24,17 +59,6 @@
 //
 // Each is written atomically, and the order of work follows from them: a stopped run, on any number of
 // processes, ends with the same bits.
-#pragma once
-
-#include <nlohmann/json.hpp>
-#include <vector>
-
-#include "attack/attack_result.h"
-#include "attack/attack_step.h"
-#include "attack/auto_budget.h"
-#include "attack/search.h"
-
-namespace mirage {
 
 /// Shapes a generation of the search.
 inline constexpr int kShapesAGeneration = 24;

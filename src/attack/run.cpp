@@ -10,7 +10,7 @@
 #include "base/field_text.h"
 #include "base/files.h"
 #include "base/names.h"
-#include "detection/defense_words.h"
+#include "detection/detector_settings.h"
 #include "detection/detector_words.h"
 #include "detection/given_detector.h"
 #include "detection/process_detector.h"

@@ -6,7 +6,6 @@
 
 #include "attack/baseline.h"
 #include "base/random.h"
-#include "base/shuffle.h"
 
 namespace mirage {
 

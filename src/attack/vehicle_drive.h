@@ -1,3 +1,42 @@
+// Where a vehicle that carries an object stands while it drives: the object rides on it. One roof for each
+// frame, as found in that frame alone (scene/carrier.h), would jump with the fits; here roof and box follow
+// the vehicle's track, smoothed over all its frames (tracking/smoother.h), in the world.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "base/json_fields.h"
+#include "scene/carrier.h"
+
+namespace mirage {
+
+/// A vehicle in one frame of its track, as found there.
+struct RideFrame {
+  Moment moment;
+  Carrier carrier;
+};
+
+/// The vehicle over its track, and what the smoothing did.
+struct Ride {
+  std::vector<Carrier> carriers;  ///< one a frame; the labelled box and a fitted shape move with the roof
+  std::vector<Vec3d> velocities;  ///< of the roof in the world, m/s
+  int fitted = 0;                 ///< frames whose roof was fitted
+  double residual_m = 0, residual_rad = 0;  ///< RMS of the fitted roofs around the smoothed ones
+  double fit_jitter_m = 0, jitter_m = 0;    ///< of the roofs as found, and smoothed (tracking/smoother.h)
+  /// RMS of the smoothed roofs around their mean place in the boxes as labelled: where labels are true, how
+  /// far the object moves on its roof.
+  double in_box_m = 0, in_box_rad = 0;
+};
+
+/// Frames by rising time. The roof's place in the labelled box is the median of the fitted ones, or of all if
+/// none is fitted. Where a frame's roof is not fitted that place stands in for it, with a larger σ.
+Ride ride(const std::vector<RideFrame>& frames);
+
 // One vehicle of a drive in three versions: as recorded (clean), with the object (attacked), and with a
 // random object of its size (random). What was seen of it frame by frame, and what follows in seconds and
 // metres.
@@ -14,18 +53,6 @@
 //              comes nearer: d − v² / (2 a) for brakes of a m/s²; below zero: metres short of a stop
 //   phantom    a confirmed track on no labelled box and, but for the clean version, on no clean detection,
 //              where a thing would have a label: in the picture and in no DontCare region
-#pragma once
-
-#include <array>
-#include <filesystem>
-#include <nlohmann/json.hpp>
-#include <optional>
-#include <string>
-#include <vector>
-
-#include "base/json_fields.h"
-
-namespace mirage {
 
 /// See above.
 enum class DriveVersion { clean, attacked, random };

@@ -8,8 +8,8 @@
 #include "base/names.h"
 #include "base/words.h"
 #include "exchange/mesh_files.h"
-#include "geometry/atlas_triangles.h"
 #include "geometry/shapes.h"
+#include "geometry/texel_grid.h"
 
 namespace mirage {
 namespace {

@@ -19,11 +19,11 @@
 #include <system_error>
 #include <thread>
 
-#include "base/clock.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/json_depth.h"
+#include "base/schedule.h"
 
 namespace mirage {
 namespace {

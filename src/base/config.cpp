@@ -3,15 +3,225 @@
 #include <fmt/format.h>
 #include <toml++/toml.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <vector>
 
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
-#include "base/toml_text.h"
+#include "base/names.h"
 #include "base/words.h"
 
 namespace mirage {
+namespace {
+
+bool is_ascii(std::string_view text) {
+  return std::all_of(text.begin(), text.end(), [](unsigned char c) { return c < 0x80; });
+}
+
+/// Walks over the text by TOML's rules for strings and comments alone; what breaks any other rule stays, for
+/// the parser to refuse.
+class AsciiWriter {
+ public:
+  AsciiWriter(std::string_view text, const std::string& name) : text_(text), name_(name) {}
+
+  std::string write() {
+    at_ = byte_order_mark(text_, name_);
+    while (at_ < text_.size()) {
+      const char c = text_[at_];
+      if (c == '#')
+        comment();
+      else if (c == '"' || c == '\'')
+        string(c);
+      else if (is_beyond(c))
+        refuse(fmt::format("U+{:04X} outside of strings and comments", character()));
+      else
+        copy(1);
+    }
+    return std::move(out_);
+  }
+
+ private:
+  static bool is_beyond(char c) { return static_cast<unsigned char>(c) >= 0x80; }
+
+  [[noreturn]] void refuse(const std::string& problem) const {
+    const auto line = 1 + std::count(text_.begin(), text_.begin() + static_cast<std::ptrdiff_t>(at_), '\n');
+    refuse_toml(name_, static_cast<std::size_t>(line), problem);
+  }
+
+  void copy(std::size_t count) {
+    out_ += text_.substr(at_, count);
+    at_ += std::min(count, text_.size() - at_);
+  }
+  /// The character here, beyond ASCII; goes on behind it.
+  std::uint32_t character() {
+    const auto [bytes, point] = first_character(text_.substr(at_));
+    if (bytes == 0) refuse("holds bytes that are no UTF-8");
+    at_ += bytes;
+    return point;
+  }
+  void escape() {
+    const std::uint32_t point = character();
+    out_ += point < 0x10000 ? fmt::format("\\u{:04X}", point) : fmt::format("\\U{:08X}", point);
+  }
+
+  void comment() {
+    while (at_ < text_.size() && text_[at_] != '\n') {
+      if (is_beyond(text_[at_]))
+        static_cast<void>(character()), out_ += '?';
+      else
+        copy(1);
+    }
+  }
+
+  /// Quotes here, up to `most`.
+  std::size_t quotes(char quote, std::size_t most) const {
+    const std::string_view rest = text_.substr(at_, most);
+    return std::min(rest.find_first_not_of(quote), rest.size());
+  }
+
+  /// From its first quote to its last, or to where it breaks off. All become basic strings if one letter of
+  /// the text is beyond ASCII: only these have escapes.
+  void string(char quote) {
+    const std::size_t opening = quotes(quote, 3), fence = opening == 3 ? 3 : 1;
+    put_quotes(fence);
+    while (at_ < text_.size()) {
+      const char c = text_[at_];
+      // Before a fence of three there may be two quotes that belong to the string.
+      if (c == quote) {
+        const std::size_t count = fence == 1 ? 1 : quotes(quote, 5);
+        if (count < fence) {
+          copy(count);
+          continue;
+        }
+        copy(count - fence);
+        return put_quotes(fence);
+      } else if (c == '\n' && fence == 1) {
+        return;
+      } else if (is_beyond(c)) {
+        escape();
+      } else if (quote == '"' && c == '\\') {
+        if (at_ + 1 < text_.size() && is_beyond(text_[at_ + 1]))
+          refuse("a backslash before a letter that needs none");
+        copy(2);
+      } else if (c == '"' || c == '\\') {  // of a literal string
+        out_ += '\\';
+        copy(1);
+      } else {
+        copy(1);
+      }
+    }
+  }
+  void put_quotes(std::size_t count) {
+    out_.append(count, '"');
+    at_ += count;
+  }
+
+  std::string_view text_;
+  const std::string& name_;
+  std::string out_;
+  std::size_t at_ = 0;
+};
+
+}  // namespace
+
+std::string toml_in_ascii(std::string_view text, const std::string& name) {
+  return is_ascii(text) ? std::string(text) : AsciiWriter(text, name).write();
+}
+
+void refuse_toml(const std::string& name, std::size_t line, const std::string& problem) {
+  throw InputError(name, fmt::format("line {}", line), problem, "mend the TOML syntax");
+}
+
+namespace {
+
+using nlohmann::json;
+
+constexpr std::size_t kLineWidth = 110;
+
+/// A basic string: JSON's escapes are TOML's, but that JSON lets DEL stand.
+std::string quoted(const std::string& text) {
+  std::string all;
+  for (const char c : json(text).dump(-1, ' ', false, json::error_handler_t::replace))
+    all += c == '\x7f' ? std::string("\\u007F") : std::string(1, c);
+  return all;
+}
+
+std::string key_text(const std::string& key) {
+  const bool bare = !key.empty() && std::all_of(key.begin(), key.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
+  });
+  return bare ? key : quoted(key);
+}
+
+std::string number_text(double value) {
+  if (std::isnan(value)) return "nan";
+  if (std::isinf(value)) return value > 0 ? "inf" : "-inf";
+  return json(value).dump();  // the shortest that reads as the same
+}
+
+/// In one line: a table as an inline one.
+std::string value_text(const json& value) {
+  if (value.is_string()) return quoted(value.get_ref<const std::string&>());
+  if (value.is_number_float()) return number_text(value.get<double>());
+  if (!value.is_structured()) return value.dump();
+  std::vector<std::string> parts;
+  for (const auto& [key, entry] : value.items())
+    parts.push_back(value.is_object() ? key_text(key) + " = " + value_text(entry) : value_text(entry));
+  const std::string all = fmt::format("{}", fmt::join(parts, ", "));
+  return value.is_array() ? fmt::format("[{}]", all) : parts.empty() ? "{}" : fmt::format("{{ {} }}", all);
+}
+
+/// A list in as many lines as it needs.
+std::string list_text(const json& list) {
+  const std::string whole = value_text(list);
+  if (whole.size() <= kLineWidth) return whole;
+  std::string all = "[", line;
+  for (const json& entry : list) {
+    const std::string next = value_text(entry) + ",";
+    if (!line.empty() && line.size() + 1 + next.size() > kLineWidth) {
+      all += "\n    " + line;
+      line.clear();
+    }
+    line += (line.empty() ? "" : " ") + next;
+  }
+  return all + "\n    " + line + "\n]";
+}
+
+bool holds_tables(const json& value) {
+  return value.is_array() && !value.empty() &&
+         std::all_of(value.begin(), value.end(), [](const json& entry) { return entry.is_object(); });
+}
+
+/// The table's own values, then the tables within it under their full names.
+void write_table(const json& table, const std::string& path, std::string& out) {
+  for (const auto& [key, value] : table.items())
+    if (!value.is_object() && !holds_tables(value))
+      out += key_text(key) + " = " + (value.is_array() ? list_text(value) : value_text(value)) + "\n";
+  for (const auto& [key, value] : table.items()) {
+    const std::string name = path + key_text(key);
+    if (value.is_object()) {
+      out += "\n[" + name + "]\n";
+      write_table(value, name + ".", out);
+    } else if (holds_tables(value)) {
+      for (const json& entry : value) {
+        out += "\n[[" + name + "]]\n";
+        write_table(entry, name + ".", out);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+std::string toml_text(const json& object) {
+  std::string out;
+  write_table(object, "", out);
+  return out;
+}
+
 namespace {
 
 nlohmann::json to_json(const toml::node& node) {

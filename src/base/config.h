@@ -1,4 +1,4 @@
-// TOML files read strictly: every key must be known and present, and errors name file and key.
+// What toml++ is given to read, and how its complaints are passed on.
 #pragma once
 
 #include <cstddef>
@@ -6,9 +6,30 @@
 #include <nlohmann/json.hpp>
 #include <set>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace mirage {
+
+/// A TOML text that means the same and is ASCII: letters beyond it become escapes in strings (literal ones
+/// become basic ones) and '?' in comments; lines keep their numbers. toml++ 3.3 (mended after 3.4) runs into
+/// __builtin_unreachable at such letters (is_non_ascii_horizontal_whitespace, 3019 of them): where they are
+/// refused, but also at the head of a line after a line-ending backslash, where they belong.
+/// InputError, naming `name` and the line, for bytes that are no UTF-8 and for such letters elsewhere.
+std::string toml_in_ascii(std::string_view text, const std::string& name);
+
+/// Throws the InputError of a syntax error.
+[[noreturn]] void refuse_toml(const std::string& name, std::size_t line, const std::string& problem);
+
+// JSON as TOML. Not by toml++'s writer: in 3.3 (Debian 12) it sets no quotes around keys with a tab, a line
+// end or a quote, reads strings of several lines within an inline table as other text, and takes the
+// logarithm of small numbers in a list for a count of letters, which is undefined below 0.1.
+
+/// An object of tables, lists, texts (UTF-8), numbers and booleans as TOML; read_toml (base/config.h) gives
+/// it back, bit by bit.
+std::string toml_text(const nlohmann::json& object);
+
+// TOML files read strictly: every key must be known and present, and errors name file and key.
 
 /// Bytes of the largest TOML file: forty times the longest shipped one. Its keys as a table take fifty times
 /// as many.

@@ -10,7 +10,6 @@
 
 #include "base/error.h"
 #include "base/files.h"
-#include "base/folder_lock.h"
 #include "base/hash.h"
 #include "base/logging.h"
 

@@ -1,12 +1,18 @@
-// Settings set by their names: the texts that options take, put into the fields of a struct (base/fields.h).
+// The options of a command as a program gives them: by name, in the place of a command line.
 #pragma once
 
 #include <charconv>
+#include <map>
 #include <string>
 
 #include "base/fields.h"
 
 namespace mirage {
+
+/// Texts by name: texel_rate for --texel-rate; a flag's is true or false.
+using NamedSettings = std::map<std::string, std::string>;
+
+// Settings set by their names: the texts that options take, put into the fields of a struct (base/fields.h).
 
 /// Of set_field.
 class FieldSetter {

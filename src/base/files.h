@@ -9,6 +9,8 @@
 #include <string>
 #include <string_view>
 
+#include "base/error.h"
+
 namespace mirage {
 
 /// Bytes of the largest JSON that holds some dozens of fields: its values take thirty times that.
@@ -32,7 +34,7 @@ inline constexpr std::uintmax_t kLargestHashed = std::uintmax_t{1} << 34;
 /// content_hash of a file's bytes, of which few are in memory at a time. InputError as read_file; Interrupted
 /// if a signal comes during a large one.
 std::string file_hash(const std::filesystem::path& path, std::uintmax_t most = kLargestHashed);
-/// Ends the name of a temporary file, before its process's number and ".tmp" (folder_lock.h cleans up).
+/// Ends the name of a temporary file, before its process's number and ".tmp" (files.h cleans up).
 inline constexpr std::string_view kTemporaryMark = ".mirage-";
 /// NAME.mirage-PID.tmp in the same folder: what becomes `path` once it is whole.
 std::filesystem::path temporary_beside(const std::filesystem::path& path);
@@ -62,5 +64,37 @@ std::filesystem::path executable_folder();
 /// share/mirage beside the executable's folder (an installed prefix), then in the executable's folder and its
 /// parents (a build tree). InputError if there is none.
 std::filesystem::path shipped_file(const std::string& relative);
+
+// One program at a time in an output folder.
+
+/// Levels of folders below an output folder that a command writes to.
+inline constexpr int kFoldersBelow = 2;
+
+/// Another process has the folder.
+struct FolderInUse : Failure {
+  using Failure::Failure;
+};
+
+/// Holds FOLDER/.mirage-lock while it lives. The kernel's lock on the file counts, not the file's existence:
+/// that of a killed process is free, and is taken over. The file names its holder for the others' error.
+class FolderLock {
+ public:
+  /// FolderInUse naming the holder's process and machine if another process has the folder. A folder that
+  /// this process has already is not locked again; nor is one on a file system without locks. Temporary files
+  /// that dead processes left in the folder and so many levels below are removed (remove_stale_files).
+  explicit FolderLock(const std::filesystem::path& folder, int levels = kFoldersBelow);
+  ~FolderLock();
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+ private:
+  int descriptor_ = -1;
+  std::filesystem::path file_, key_;
+};
+
+/// Removes the temporary files (temporary_beside) in `folder` and so many levels below whose processes no
+/// longer live on this machine. `own`: also those with this process's number, which an earlier one had (in a
+/// container it often has); this one must not be writing there.
+void remove_stale_files(const std::filesystem::path& folder, bool own = false, int levels = kFoldersBelow);
 
 }  // namespace mirage

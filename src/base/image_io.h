@@ -1,5 +1,8 @@
-// Image files through OpenImageIO. PNG and JPEG hold 8-bit sRGB (16-bit PNG: depth), EXR scene-linear float.
+// Parts of a picture's file that claim more bytes than the file has, or become a thousand times what they
+// are, found before a decoder sets memory aside for them.
 #pragma once
+
+#include <OpenImageIO/filesystem.h>
 
 #include <cstdint>
 #include <filesystem>
@@ -9,6 +12,12 @@
 #include "base/image.h"
 
 namespace mirage {
+
+/// What is wrong; empty if nothing is, or nothing that the decoder does not find by itself. `format`: "png",
+/// "openexr", or another, of which nothing is looked at.
+std::string claim_beyond_file(OIIO::Filesystem::IOProxy& file, std::string_view format);
+
+// Image files through OpenImageIO. PNG and JPEG hold 8-bit sRGB (16-bit PNG: depth), EXR scene-linear float.
 
 /// Pixels of the largest picture that is read, given or recorded: 8192×8192. A header of a few bytes can
 /// claim 60000×60000, so every reader looks at it before it reserves anything.

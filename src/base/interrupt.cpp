@@ -4,7 +4,6 @@
 #include <string>
 
 #include "base/error.h"
-#include "base/interrupt_watch.h"
 
 namespace mirage {
 namespace {

@@ -1,5 +1,4 @@
-// Names of files and folders as text. A name is bytes: any but '/' and NUL. JSON, terminals and Python want
-// UTF-8 without control characters, so such bytes are written as "\xHH".
+// Bytes as UTF-8 (RFC 3629).
 #pragma once
 
 #include <cstddef>
@@ -8,6 +7,18 @@
 #include <string_view>
 
 namespace mirage {
+
+/// One character of a text.
+struct Utf8Character {
+  std::size_t bytes = 0;  ///< 1 to 4; 0: what is there is no UTF-8
+  char32_t point = 0;     ///< its number in Unicode
+};
+/// The one at the head of `bytes`, which are not empty. Overlong forms, surrogates and what lies past
+/// U+10FFFF are none.
+Utf8Character first_character(std::string_view bytes);
+
+// Names of files and folders as text. A name is bytes: any but '/' and NUL. JSON, terminals and Python want
+// UTF-8 without control characters, so such bytes are written as "\xHH".
 
 /// For messages: bytes that are no UTF-8 and control characters as "\xHH", the rest as it is.
 std::string printable(std::string_view bytes);

@@ -5,8 +5,6 @@
 
 #include <cstdio>
 
-#include "base/progress_listener.h"
-
 namespace mirage {
 namespace {
 

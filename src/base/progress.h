@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstddef>
+#include <functional>
 #include <string>
 
 namespace mirage {
@@ -24,6 +25,22 @@ class Progress {
   std::size_t total_, first_ = 0;
   bool shown_, started_ = false;
   std::chrono::steady_clock::time_point start_, last_;
+};
+
+// Progress told to a program that shows it itself.
+
+/// Work, units done and in all, the time left ("1:23"), and a note.
+using ProgressListener =
+    std::function<void(const std::string&, std::size_t, std::size_t, const std::string&, const std::string&)>;
+
+/// As long as it lives, progress is told to the listener, quiet or not, ten times a second at most, on the
+/// thread that does the work; nothing is printed. One at a time.
+class ProgressTo {
+ public:
+  explicit ProgressTo(ProgressListener listener);
+  ~ProgressTo();
+  ProgressTo(const ProgressTo&) = delete;
+  ProgressTo& operator=(const ProgressTo&) = delete;
 };
 
 }  // namespace mirage

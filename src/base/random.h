@@ -2,8 +2,11 @@
 // a value depends on its key and its place in the stream, never on threads or on other streams.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 namespace mirage {
 
@@ -30,5 +33,15 @@ class RandomStream {
   std::uint32_t block_[4] = {};
   int used_ = 4;
 };
+
+// Putting a list in random order, the same by every machine and library.
+
+/// Fisher and Yates's shuffle (Durstenfeld, CACM 1964) from the last place down. std::shuffle leaves to each
+/// library what it draws.
+template <class T>
+void shuffle(std::vector<T>& list, RandomStream& random) {
+  for (std::size_t i = list.size(); i > 1; --i)
+    std::swap(list[i - 1], list[static_cast<std::size_t>(random.below(static_cast<int>(i)))]);
+}
 
 }  // namespace mirage

@@ -9,14 +9,13 @@
 #include <cstdlib>
 
 #include "base/random.h"
-#include "base/shuffle.h"
 
 namespace mirage {
 namespace {
 
 int own_rank = 0, ranks = 1;
 int alone = 0;  // AloneAmongRanks that live
-bool joined = false;
+bool has_joined = false;
 
 /// What Open MPI, and PMI-based launchers (MPICH, Slurm), tell the processes that they start.
 bool launched() {
@@ -33,15 +32,15 @@ void join_ranks(int& argc, char**& argv) {
   MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
   MPI_Comm_rank(MPI_COMM_WORLD, &own_rank);
   MPI_Comm_size(MPI_COMM_WORLD, &ranks);
-  joined = true;
+  has_joined = true;
   if (own_rank > 0 && std::freopen("/dev/null", "w", stdout) == nullptr) std::perror("/dev/null");
 }
 
 int leave_ranks(int code) {
-  if (!joined) return code;
+  if (!has_joined) return code;
   if (code != 0 && ranks > 1) MPI_Abort(MPI_COMM_WORLD, code);
   MPI_Finalize();
-  joined = false;
+  has_joined = false;
   return code;
 }
 

@@ -1,5 +1,5 @@
-// The loop of every training: rate, running losses, checkpoints, going on after a stop. What learns is the
-// trainer's, and comes as functions.
+// The state of a training run on disk: OUT/training.json and the weights it names,
+// OUT/checkpoint-STEP.weights.
 #pragma once
 
 #include <array>
@@ -13,9 +13,46 @@
 
 #include "base/field_json.h"
 #include "base/schedule.h"
-#include "base/training_state.h"
 
 namespace mirage {
+
+/// Where a training stands.
+struct TrainingState {
+  std::int64_t step = 0;
+  double seconds = 0;              ///< spent in earlier runs too
+  std::array<double, 3> losses{};  ///< running means of the loss terms
+  std::filesystem::path weights;   ///< of the checkpoint; empty: none yet
+};
+
+/// The run in `out` (a fresh state when there is none). InputError if it is of other options than `wanted`,
+/// or unreadable.
+TrainingState read_training_state(const std::filesystem::path& out, const RunIdentity& wanted);
+
+/// Moves the running means towards `now`, by `share` or, at the start, by 1 / (steps so far + 1).
+void follow_losses(TrainingState& state, const std::array<double, 3>& now, double share);
+
+/// save(file) writes the weights, then the state that names them is written, then the old weights go: a kill
+/// at any point leaves a pair.
+void write_training_state(const std::filesystem::path& out, const nlohmann::json& wanted,
+                          TrainingState& state,
+                          const std::function<void(const std::filesystem::path&)>& save);
+
+/// OUT/training.jsonl: one JSON object a line, each with its "step". A run that goes on drops the lines past
+/// its checkpoint.
+class TrainingLog {
+ public:
+  /// Of the run in `out` that goes on from `step`: later lines are dropped.
+  TrainingLog(const std::filesystem::path& out, std::int64_t step);
+  /// Appends a line; the file is whole at any time.
+  void add(const nlohmann::json& line);
+
+ private:
+  std::filesystem::path file_;
+  std::string text_;
+};
+
+// The loop of every training: rate, running losses, checkpoints, going on after a stop. What learns is the
+// trainer's, and comes as functions.
 
 /// What one training does where all of them do something.
 struct TrainingWork {
@@ -37,7 +74,7 @@ struct TrainingWork {
   std::function<void()> validate = {};
 };
 
-/// One run of a training, which lives in schedule.out (base/training_state.h).
+/// One run of a training, which lives in schedule.out (base/training_loop.h).
 class TrainingLoop {
  public:
   /// Reads the state of the run in schedule.out. InputError if that is a run of another identity, or

@@ -4,11 +4,9 @@
 #include "attack/comparison.h"
 #include "base/error.h"
 #include "cli/command.h"
-#include "cli/detector_options.h"
-#include "cli/frame_options.h"
+#include "cli/options.h"
 #include "cli/page.h"
 #include "cli/table.h"
-#include "cli/trust_option.h"
 
 namespace mirage::cli {
 namespace {

@@ -2,11 +2,10 @@
 #include <memory>
 
 #include "cli/command.h"
-#include "cli/detector_options.h"
-#include "cli/frame_options.h"
+#include "cli/options.h"
 #include "cli/table.h"
 #include "defense/adversarial_training.h"
-#include "detection/precision.h"
+#include "detection/detector_settings.h"
 #include "frames/made_of.h"
 
 namespace mirage::cli {

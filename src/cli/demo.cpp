@@ -2,8 +2,8 @@
 
 #include "base/clusters.h"
 #include "cli/command.h"
-#include "cli/frame_options.h"
 #include "cli/named_settings.h"
+#include "cli/options.h"
 #include "cli/table.h"
 #include "scene/frame_source.h"
 

@@ -13,15 +13,14 @@
 #include "base/files.h"
 #include "base/names.h"
 #include "base/progress.h"
-#include "cli/detector_options.h"
+#include "cli/options.h"
 #include "cli/table.h"
-#include "detection/detection_files.h"
 #include "detection/kitti_ap.h"
 #include "frames/data_check.h"
 #include "frames/frame_store.h"
 #include "frames/made_of.h"
 #include "scene/data/label_census.h"
-#include "validation/report/detection_plot.h"
+#include "validation/report/pages.h"
 
 namespace mirage::cli {
 namespace {

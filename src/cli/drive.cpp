@@ -10,13 +10,11 @@
 #include "base/files.h"
 #include "base/names.h"
 #include "cli/command.h"
-#include "cli/detector_options.h"
-#include "cli/frame_options.h"
+#include "cli/options.h"
 #include "cli/table.h"
-#include "cli/trust_option.h"
-#include "detection/precision.h"
+#include "detection/detector_settings.h"
 #include "frames/made_of.h"
-#include "validation/report/drive_page.h"
+#include "validation/report/pages.h"
 
 namespace mirage::cli {
 namespace {

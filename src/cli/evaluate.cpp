@@ -6,12 +6,10 @@
 #include "base/field_text.h"
 #include "base/ranks.h"
 #include "cli/command.h"
-#include "cli/detector_options.h"
-#include "cli/frame_options.h"
-#include "cli/picture_rows.h"
-#include "cli/trust_option.h"
+#include "cli/options.h"
+#include "cli/table.h"
 #include "frames/made_of.h"
-#include "validation/report/evaluation_pictures.h"
+#include "validation/report/pages.h"
 
 namespace mirage::cli {
 namespace {

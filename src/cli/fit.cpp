@@ -1,4 +1,6 @@
 // mirage fit: fits the shape manifold to the vehicles of a data set, or learns the manifold.
+#include "generator/fit.h"
+
 #include <fmt/format.h>
 
 #include <cmath>
@@ -19,7 +21,6 @@
 #include "exchange/mesh_files.h"
 #include "frames/data_check.h"
 #include "generator/car_family.h"
-#include "generator/fit_summary.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/label_census.h"
 #include "scene/data/label_types.h"

@@ -1,12 +1,112 @@
 #include "cli/named_settings.h"
 
-#include <algorithm>
+#include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "base/config.h"
 #include "base/error.h"
+#include "base/fields.h"
 #include "base/words.h"
 #include "cli/field_options.h"
+#include "detection/detector_words.h"
+#include "detection/process_detector.h"
 
 namespace mirage::cli {
+namespace {
+
+std::string text_of(const nlohmann::json& value) {
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_number_float() && !std::isfinite(value.get<double>()))
+    return fmt::format("{}", value.get<double>());  // of which JSON has none
+  return value.dump();
+}
+
+/// The keys that a file may have.
+std::vector<std::string> option_names(const CLI::App& command) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : command.get_options())
+    for (const std::string& name : option->get_lnames())
+      if (name != "config" && name != "help") names.push_back(name);
+  return names;
+}
+
+/// What option `name` will be: by the command line, else by the file, else by itself. None where the command
+/// has no such option.
+std::optional<std::string> value_of(const std::string& name, const std::vector<std::string>& arguments,
+                                    const nlohmann::json& table, const CLI::App& command) {
+  const CLI::Option* known = command.get_option_no_throw("--" + name);
+  if (!known) return std::nullopt;
+  for (std::size_t i = 0; i < arguments.size(); ++i) {
+    if (arguments[i] == "--" + name && i + 1 < arguments.size()) return arguments[i + 1];
+    if (arguments[i].starts_with("--" + name + "=")) return arguments[i].substr(name.size() + 3);
+  }
+  if (table.contains(name)) return text_of(table.at(name));
+  return known->get_default_str();
+}
+
+/// Whether one of the words, which commas part, is a path of a plugin.
+bool names_plugin(const std::string& words) {
+  const std::vector<std::string> all = listed_words(words);
+  return std::any_of(all.begin(), all.end(), [](const std::string& word) {
+    return word.ends_with(".so") || word.find('/') != std::string::npos || is_program(word);
+  });
+}
+
+/// How an option's value is code; empty if it is data. `value` gives other options' values. A TorchScript
+/// model can have any name, so what may be one is data only where a part of ours reads it.
+template <class Value>
+std::string code_in(const std::string& key, const std::string& text, const Value& value) {
+  if ((key == "detector" || key == "depth" || key == "backends") && names_plugin(text))
+    return "a plugin would be loaded, which is code";
+  const std::optional<std::string> detector = value("detector");
+  if (key == "weights" &&
+      (detector ? weights_are_code(*detector) : names_plugin(value("backends").value_or(""))))
+    return "weights of this detector may be code";
+  if (key == "start" && detector == "camera") return "may be a TorchScript model, which is code";
+  if (key == "trust-run") return "trusts the code that a run names";
+  return "";
+}
+
+}  // namespace
+
+std::vector<std::string> apply_config(const std::vector<std::string>& arguments, const CLI::App& command) {
+  std::string file;
+  std::vector<std::string> given;
+  for (std::size_t i = 0; i < arguments.size(); ++i) {
+    const std::string& argument = arguments[i];
+    const bool here = argument.starts_with("--config=");
+    if (here) file = argument.substr(9);
+    if (argument == "--config" && i + 1 < arguments.size()) file = arguments[i + 1];
+    if (file.empty() && (here || argument == "--config"))
+      throw InputError("--config", "", "names no file", "give a .toml file with options");
+    if (argument.starts_with("--")) given.push_back(argument.substr(0, argument.find('=')));
+  }
+  if (file.empty()) return arguments;
+  const nlohmann::json table = read_toml(file);
+  const auto value = [&](const std::string& name) { return value_of(name, arguments, table, command); };
+  std::vector<std::string> result = arguments;
+  for (const auto& [key, written] : table.items()) {
+    const std::string option = "--" + key;
+    const auto* known = command.get_option_no_throw(option);
+    if (!known || option == "--config" || option == "--help")
+      throw InputError(file, key, "unknown key for mirage " + command.get_name(),
+                       use_one_of(key, option_names(command)));
+    if (written.is_structured() || written.is_null())
+      throw InputError(file, key, "must be a single value", "write key = value");
+    if (std::find(given.begin(), given.end(), option) != given.end()) continue;
+    const std::string text = text_of(written);
+    if (const std::string code = code_in(key, text, value); !code.empty())
+      throw InputError(
+          file, key, fmt::format("{} ({})", code, text),
+          "if you trust it, give it on the command line: " + option + (key == "trust-run" ? "" : " " + text));
+    result.push_back(option + "=" + text);
+  }
+  return result;
+}
+
 namespace {
 
 std::string option_called(std::string name) {

@@ -1,4 +1,5 @@
-// Runs commands on named settings: for Python (plugins/python) and for commands that run others.
+// --config FILE.toml: keys are the command's option names without the dashes; the command line wins. Such
+// files are passed on like data sets are, so they hold settings and no code.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -6,9 +7,16 @@
 #include <string>
 #include <vector>
 
-#include "base/named_settings.h"
+#include "base/field_text.h"
 
 namespace mirage::cli {
+
+/// Arguments with the file's keys turned into options, where the command line doesn't give them already.
+/// InputError naming file and key for: an unreadable file, a syntax error, an unknown key, and what would run
+/// code (a plugin, weights that may be a TorchScript model, trust in a run's code).
+std::vector<std::string> apply_config(const std::vector<std::string>& arguments, const CLI::App& command);
+
+// Runs commands on named settings: for Python (plugins/python) and for commands that run others.
 
 /// The names that a command knows, sorted.
 std::vector<std::string> setting_names(const CLI::App& command);

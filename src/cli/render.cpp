@@ -4,9 +4,9 @@
 #include <charconv>
 #include <memory>
 
-#include "base/clock.h"
 #include "base/error.h"
 #include "base/image_io.h"
+#include "base/schedule.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/table.h"

@@ -7,7 +7,7 @@
 #include "base/error.h"
 #include "base/image_io.h"
 #include "cli/command.h"
-#include "cli/insertion_options.h"
+#include "cli/options.h"
 #include "cli/table.h"
 #include "exchange/mesh_files.h"
 #include "frames/data_check.h"

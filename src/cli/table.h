@@ -11,6 +11,7 @@
 
 #include "base/intervals.h"
 #include "base/names.h"
+#include "detection/reliance.h"
 
 namespace mirage::cli {
 
@@ -69,6 +70,14 @@ inline std::string percent(const Interval& share) {
 inline std::string signed_points(const Interval& difference) {
   return fmt::format("{:+.1f} ({:+.1f} to {:+.1f})", 100 * difference.value, 100 * difference.low,
                      100 * difference.high);
+}
+
+// What the commands print about a detector's use of its picture.
+
+inline Rows picture_rows(const Reliance& reliance) {
+  Rows rows = {{"use of the picture", describe(reliance)}};
+  if (const std::string note = picture_note(reliance); !note.empty()) rows.push_back({"images", note});
+  return rows;
 }
 
 }  // namespace mirage::cli

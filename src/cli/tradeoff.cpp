@@ -6,10 +6,8 @@
 #include <memory>
 
 #include "cli/command.h"
-#include "cli/detector_options.h"
-#include "cli/frame_options.h"
+#include "cli/options.h"
 #include "cli/table.h"
-#include "cli/trust_option.h"
 #include "validation/blender/blender_process.h"
 
 namespace mirage::cli {

@@ -7,7 +7,7 @@
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/table.h"
-#include "detection/precision.h"
+#include "detection/detector_settings.h"
 #include "detection/training.h"
 #include "frames/data_check.h"
 #include "scene/depth/depth_training.h"

@@ -9,9 +9,8 @@
 #include "base/ranks.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
-#include "cli/frame_options.h"
-#include "cli/picture_rows.h"
-#include "cli/trust_option.h"
+#include "cli/options.h"
+#include "cli/table.h"
 #include "validation/blender/blender_process.h"
 
 namespace mirage::cli {

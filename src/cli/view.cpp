@@ -7,8 +7,8 @@
 
 #include "cli/command.h"
 #include "cli/field_options.h"
+#include "cli/options.h"
 #include "cli/table.h"
-#include "cli/trust_option.h"
 
 namespace mirage::cli {
 namespace {

@@ -13,8 +13,8 @@
 #include "base/provenance.h"
 #include "base/words.h"
 #include "cli/command.h"
-#include "cli/frame_options.h"
 #include "cli/named_settings.h"
+#include "cli/options.h"
 #include "cli/table.h"
 #include "exchange/object_file.h"
 

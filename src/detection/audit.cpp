@@ -18,7 +18,6 @@
 #include "base/interrupt.h"
 #include "base/parallel.h"
 #include "base/random.h"
-#include "base/shuffle.h"
 #include "detection/detect.h"
 #include "detection/points_in_view.h"
 #include "scene/data/read_frames.h"

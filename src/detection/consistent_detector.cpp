@@ -5,9 +5,9 @@
 #include <optional>
 
 #include "base/error.h"
-#include "detection/around.h"
 #include "detection/car_in_picture.h"
-#include "detection/defense_words.h"
+#include "detection/defenses.h"
+#include "detection/detector_settings.h"
 #include "detection/points_in_view.h"
 
 namespace mirage {

@@ -24,7 +24,7 @@
 
 namespace mirage {
 
-/// See above; a witness that says nothing of a place counts as kSilentLogit (around.h).
+/// See above; a witness that says nothing of a place counts as kSilentLogit (defenses.h).
 inline constexpr double kWitnessMargin = 2, kWitnessLeak = 0.05;
 /// Below it a proposal is held against nobody, and LiDAR's are no candidates.
 inline constexpr double kFaintLogit = -4;

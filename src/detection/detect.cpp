@@ -4,14 +4,17 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <future>
 #include <iterator>
 
 #include "base/error.h"
 #include "base/interrupt.h"
+#include "base/json_rows.h"
+#include "base/names.h"
 #include "base/parallel.h"
+#include "detection/car_in_picture.h"
 #include "detection/points_in_view.h"
-#include "detection/upright.h"
 #include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
 
@@ -89,6 +92,126 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
         {stratum, average_precision(run.frames, 0.5, stratum), average_precision(run.frames, 0.7, stratum)});
   run.seconds_per_frame = run.ids.empty() ? 0 : seconds / static_cast<double>(run.ids.size());
   return run;
+}
+
+namespace {
+
+constexpr const char* kFix = "write it again with mirage detect";
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+/// The ID.txt of a folder, by ID.
+std::map<std::string, fs::path> texts_of(const fs::path& folder) {
+  std::map<std::string, fs::path> texts;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (entry.is_regular_file() && entry.path().extension() == ".txt")
+      texts[entry.path().stem().string()] = entry.path();
+  return texts;
+}
+
+double number(const json& from, const char* key, const fs::path& file, const std::string& where) {
+  if (!from.is_object() || !from.contains(key) || !from[key].is_number() ||
+      !std::isfinite(from[key].get<double>()))
+    throw InputError(file.string(), where + "." + key, "is missing or not a finite number", kFix);
+  return from[key].get<double>();
+}
+
+PictureBox picture_of(const json& from, const fs::path& file, const std::string& where) {
+  const PictureBox box{number(from, "left", file, where), number(from, "top", file, where),
+                       number(from, "right", file, where), number(from, "bottom", file, where)};
+  if (box.right < box.left || box.bottom < box.top)
+    throw InputError(file.string(), where, "right lies left of left, or bottom over top", kFix);
+  return box;
+}
+
+ListedDetection detection_of(const json& from, const fs::path& file, const std::string& where) {
+  ListedDetection detection{number(from, "score", file, where), {}, {}};
+  if (from.contains("left")) {  // a detector of the picture alone
+    detection.picture = picture_of(from, file, where);
+    return detection;
+  }
+  Box3& box = detection.box.emplace();
+  box.bev = {number(from, "x", file, where), number(from, "y", file, where),
+             number(from, "length", file, where), number(from, "width", file, where),
+             number(from, "yaw", file, where)};
+  if (from.contains("height"))
+    box.bottom = number(from, "bottom", file, where), box.height = number(from, "height", file, where);
+  if (const std::string problem =
+          box_problem({box.bev, box.bottom, box.height > 0 ? box.height : kNominalHeight});
+      !problem.empty())
+    throw InputError(file.string(), where, "the box " + problem, kFix);
+  if (from.contains("picture")) detection.picture = picture_of(from["picture"], file, where + ".picture");
+  return detection;
+}
+
+}  // namespace
+
+std::vector<KittiDetection> kitti_detections(std::span<const Detection> proposals, Matching matching,
+                                             const Frame& frame) {
+  std::vector<KittiDetection> result;
+  for (const Detection& proposal : proposals) {
+    KittiDetection detection;
+    detection.score = proposal.score();
+    if (!matching.in_picture()) detection.box = upright(proposal, frame.sweep);
+    if (area(proposal.picture) > 0) detection.picture = proposal.picture;
+    result.push_back(detection);
+  }
+  return result;
+}
+
+DetectionFiles::DetectionFiles(const fs::path& path) : path_(path) {
+  const auto none = [&](const std::string& problem) {
+    return InputError(path.string(), "", problem,
+                      "give detections.json of mirage detect, or KITTI result files (ID.txt)");
+  };
+  if (!fs::exists(path)) throw none("No such file or folder");
+  if (fs::is_directory(path)) {
+    if (fs::exists(path / "detections.json")) {
+      path_ = path / "detections.json";
+    } else {
+      texts_ = texts_of(path);
+      if (texts_.empty() && fs::is_directory(path / "data")) texts_ = texts_of(path / "data");
+      if (texts_.empty()) throw none("holds no detections");
+      return;
+    }
+  } else if (path.extension() == ".txt") {
+    texts_[path.stem().string()] = path;
+    return;
+  }
+  for_each_json_row(path_, "frames", kFix, [&](std::size_t i, const json& frame) {
+    if (!frame.is_object() || !frame.contains("frame") || !frame["frame"].is_string() ||
+        !frame.contains("detections") || !frame["detections"].is_array())
+      throw InputError(path_.string(), fmt::format("frames.{}", i),
+                       "has no frame's name or no list of detections", kFix);
+    const std::string id = unescape_name(frame["frame"].get<std::string>());
+    std::vector<ListedDetection>& listed = frames_[id];
+    listed.clear();
+    for (const json& from : frame["detections"])
+      listed.push_back(detection_of(from, path_, fmt::format("frame {}, detection {}", id, listed.size())));
+  });
+}
+
+bool DetectionFiles::has(const std::string& id) const {
+  return texts_.contains(id) || frames_.contains(id);
+}
+
+std::vector<KittiDetection> DetectionFiles::of(const Frame& frame) const {
+  std::vector<KittiDetection> detections;
+  if (const auto text = texts_.find(frame.id); text != texts_.end()) {
+    detections = read_results(text->second, frame.calibration);
+  } else if (const auto listed = frames_.find(frame.id); listed != frames_.end()) {
+    for (const ListedDetection& from : listed->second) {
+      KittiDetection detection;
+      detection.score = from.score;
+      if (from.box) detection.box = upright({*from.box, {}}, frame.sweep);
+      if (from.picture) detection.picture = *from.picture;
+      detections.push_back(detection);
+    }
+  }
+  std::stable_sort(detections.begin(), detections.end(),
+                   [](const auto& a, const auto& b) { return a.score > b.score; });
+  return detections;
 }
 
 }  // namespace mirage

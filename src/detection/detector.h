@@ -11,9 +11,8 @@
 
 #include "base/fields.h"
 #include "base/image.h"
-#include "detection/defense_words.h"
+#include "detection/detector_settings.h"
 #include "detection/matching.h"
-#include "detection/precision.h"
 #include "scene/frame.h"
 
 namespace mirage {
@@ -193,16 +192,17 @@ struct DetectorOptions {
   /// of `lidar` (the same network without its image branch, which then adds nothing at first).
   bool start = false;
   std::string rig = "kitti64";  ///< of the data the detector is to see (data_rig): chooses shipped weights
-  /// Of convolutions, where the plugin knows it (detection/precision.h): "float", "bfloat16", "double".
+  /// Of convolutions, where the plugin knows it (detection/detector_settings.h): "float", "bfloat16",
+  /// "double".
   std::string precision = kFloat;
   /// m; > 0: of a view with a clean one, what the detector makes of places further than this from what the
   /// object changes is left as it was: quicker, and no longer exact. 0: nothing is left out.
   double locality = 0;
   /// "none"; "jpeg:QUALITY" (1–100): the picture is compressed before the detector sees it; "ceiling:HEIGHT":
-  /// nothing above that many metres over the road is looked at (detection/ceiling_detector.h); "consistency":
+  /// nothing above that many metres over the road is looked at (detection/defenses.h); "consistency":
   /// held against what each sensor says alone (detection/consistent_detector.h); "shadows": against the
-  /// sweep's solid bodies (detection/shadow_detector.h); any other word chooses shipped weights that were
-  /// trained to resist, DETECTOR-RIG-WORD.weights. Several are joined by '+' (detection/defense_words.h).
+  /// sweep's solid bodies (detection/defenses.h); any other word chooses shipped weights that were
+  /// trained to resist, DETECTOR-RIG-WORD.weights. Several are joined by '+' (detection/detector_settings.h).
   std::string defense = "none";
   /// Parts of a fresh or starting network, where the plugin has them: "denoising", "depth-gate"
   /// (detector_abi.h).

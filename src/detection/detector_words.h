@@ -3,11 +3,11 @@
 
 #include <string>
 
-#include "base/shipped_plugins.h"
+#include "base/plugins.h"
 
 namespace mirage {
 
-/// The kind of detector plugins (base/shipped_plugins.h).
+/// The kind of detector plugins (base/plugins.h).
 inline constexpr const char* kDetectorPlugins = "detector";
 
 /// A detector that ships with the program; other names are paths of plugins: code.

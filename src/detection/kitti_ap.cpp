@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "detection/detection_files.h"
+#include "detection/detect.h"
 
 namespace mirage {
 namespace {

@@ -6,7 +6,6 @@
 #include <string>
 
 #include "geometry/box.h"
-#include "geometry/picture_box.h"
 
 namespace mirage {
 

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "base/files.h"
-#include "base/shared_library.h"
+#include "base/plugins.h"
 #include "detection/detector.h"
 #include "detection/detector_abi.h"
 #include "detection/detector_abi3.h"

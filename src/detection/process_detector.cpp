@@ -10,15 +10,15 @@
 #include <optional>
 
 #include "base/child_process.h"
+#include "base/color.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/hash.h"
 #include "base/installation.h"
 #include "base/interrupt.h"
+#include "base/memory.h"
 #include "base/names.h"
 #include "base/parallel.h"
-#include "base/shared_memory.h"
-#include "base/srgb_bytes.h"
 #include "detection/box_rows.h"
 #include "detection/points_in_view.h"
 #include "scene/data/label_types.h"

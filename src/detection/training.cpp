@@ -5,7 +5,7 @@
 #include "base/files.h"
 #include "base/logging.h"
 #include "base/training_loop.h"
-#include "detection/precision.h"
+#include "detection/detector_settings.h"
 #include "detection/training_data.h"
 #include "scene/data/label_census.h"
 
@@ -14,15 +14,15 @@ namespace {
 
 /// What must agree for a run to go on.
 RunIdentity identity(const TrainingOptions& options, std::size_t frames) {
-  nlohmann::json json = fields_json(options), lacking = lacking_json<TrainingOptions>();
-  json["bfloat16"] = options.precision == kBfloat16;
-  json["frames"] = frames;
+  nlohmann::json fields = fields_json(options), lacking = lacking_json<TrainingOptions>();
+  fields["bfloat16"] = options.precision == kBfloat16;
+  fields["frames"] = frames;
   for (const auto& [key, file] : {std::pair("start", options.start), std::pair("camera", options.camera),
                                   std::pair("lidar", options.lidar)}) {
-    json[key] = file.empty() ? "" : file_hash(file);
+    fields[key] = file.empty() ? "" : file_hash(file);
     lacking[key] = "";
   }
-  return {json, lacking};
+  return {fields, lacking};
 }
 
 void check_options(const TrainingOptions& options) {

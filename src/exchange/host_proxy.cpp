@@ -1,6 +1,6 @@
 #include "exchange/host_proxy.h"
 
-#include "scene/light_surroundings.h"
+#include "scene/recorded_light.h"
 
 namespace mirage {
 

@@ -4,10 +4,18 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
+#include <charconv>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <numeric>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
 #include <tuple>
+#include <utility>
 
 #include "base/error.h"
 #include "base/interrupt.h"
@@ -126,6 +134,288 @@ Mesh joined(const Mesh& mesh) {
     }
   }
   return result;
+}
+
+namespace {
+
+constexpr std::size_t kLongestHeader = 1 << 16, kMostElements = 32, kMostProperties = 256;
+
+enum class Scalar { i8, u8, i16, u16, i32, u32, f32, f64 };
+
+std::size_t bytes_of(Scalar type) {
+  switch (type) {
+    case Scalar::i8:
+    case Scalar::u8:
+      return 1;
+    case Scalar::i16:
+    case Scalar::u16:
+      return 2;
+    case Scalar::f64:
+      return 8;
+    default:
+      return 4;
+  }
+}
+
+std::optional<Scalar> scalar_named(std::string_view word) {
+  using Name = std::pair<std::string_view, Scalar>;
+  constexpr std::array<Name, 16> kNames = {
+      Name{"char", Scalar::i8},    Name{"int8", Scalar::i8},     Name{"uchar", Scalar::u8},
+      Name{"uint8", Scalar::u8},   Name{"short", Scalar::i16},   Name{"int16", Scalar::i16},
+      Name{"ushort", Scalar::u16}, Name{"uint16", Scalar::u16},  Name{"int", Scalar::i32},
+      Name{"int32", Scalar::i32},  Name{"uint", Scalar::u32},    Name{"uint32", Scalar::u32},
+      Name{"float", Scalar::f32},  Name{"float32", Scalar::f32}, Name{"double", Scalar::f64},
+      Name{"float64", Scalar::f64}};
+  for (const auto& [name, type] : kNames)
+    if (word == name) return type;
+  return std::nullopt;
+}
+
+struct Property {
+  std::string_view name;
+  Scalar type = Scalar::f32;
+  std::optional<Scalar> length;  ///< of a list: the type of its count
+};
+
+struct Element {
+  std::string_view name;
+  std::uint64_t count = 0;
+  std::vector<Property> properties;
+};
+
+enum class Form { text, little, big };
+
+/// A position in the file that says what is wrong there.
+class Cursor {
+ public:
+  Cursor(FileCharacters& from, const Polygons& into) : from_(from), into_(into) {}
+
+  [[noreturn]] void fail(const std::string& field, const std::string& problem) const {
+    into_.fail(field, problem);
+  }
+  std::uintmax_t left() const { return from_.left(); }
+  /// Up to the header's end and the line's behind it.
+  std::string header() {
+    constexpr std::string_view kStart = "ply", kEnd = "end_header";
+    std::string text;
+    while (!from_.at_end() && text.size() < kLongestHeader && !text.ends_with(kEnd)) {
+      text.push_back(from_.current());
+      next();
+      if (text.size() == kStart.size() && text != kStart) fail("header", "is no PLY file's");
+    }
+    if (text.size() < kStart.size()) fail("header", "is no PLY file's");
+    if (!text.ends_with(kEnd)) fail("header", fmt::format("has no end within {} bytes", kLongestHeader));
+    for (bool on = true; on && !from_.at_end(); next()) on = from_.current() != '\n';
+    return text.substr(0, text.size() - kEnd.size());
+  }
+  void set_form(Form form) { form_ = form; }
+  double number(Scalar type) { return form_ == Form::text ? text_number() : binary_number(type); }
+  /// Before the values of a row, and behind them. A text's row is a line: a value too many or too few would
+  /// move all that follow into each other's places.
+  void begin_row() {
+    if (form_ != Form::text) return;
+    while (!from_.at_end() && (blank(from_.current()) || from_.current() == '\n')) next();
+    if (from_.at_end()) fail("body", "ends too early");
+  }
+  void end_row() {
+    if (form_ != Form::text) return;
+    while (!from_.at_end() && blank(from_.current())) next();
+    if (!from_.at_end() && from_.current() != '\n') fail(line(), "has more values than its element");
+  }
+  /// Behind the last row of a text nothing may follow.
+  void end() {
+    if (form_ != Form::text) return;
+    while (!from_.at_end() && (blank(from_.current()) || from_.current() == '\n')) next();
+    if (!from_.at_end()) fail(line(), "follows the last row that the header counts");
+  }
+
+ private:
+  static bool blank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
+  std::string line() const { return fmt::format("line {}", line_); }
+  void next() {
+    line_ += from_.current() == '\n';
+    from_.next();
+  }
+
+  double text_number() {
+    constexpr std::size_t kLongestNumber = 400;  // 1e308 without an exponent, and as much behind a point
+    while (!from_.at_end() && blank(from_.current())) next();
+    if (from_.at_end() || from_.current() == '\n') fail(line(), "has fewer values than its element");
+    std::array<char, kLongestNumber> word;
+    std::size_t size = 0;
+    for (; !from_.at_end() && !blank(from_.current()) && from_.current() != '\n' && size < word.size();
+         next())
+      word[size++] = from_.current();
+    double value = 0;
+    const auto [stop, error] = std::from_chars(word.data(), word.data() + size, value);
+    if (error != std::errc() || stop != word.data() + size || size == word.size())
+      fail(line(), "holds a word that is no number");
+    return value;
+  }
+  template <class T>
+  double as() {
+    std::array<char, sizeof(T)> raw;
+    for (char& c : raw) {
+      if (from_.at_end()) fail("body", "ends too early");
+      c = from_.current();
+      from_.next();
+    }
+    if ((form_ == Form::big) != (std::endian::native == std::endian::big))
+      std::reverse(raw.begin(), raw.end());
+    return static_cast<double>(std::bit_cast<T>(raw));
+  }
+  double binary_number(Scalar type) {
+    switch (type) {
+      case Scalar::i8:
+        return as<std::int8_t>();
+      case Scalar::u8:
+        return as<std::uint8_t>();
+      case Scalar::i16:
+        return as<std::int16_t>();
+      case Scalar::u16:
+        return as<std::uint16_t>();
+      case Scalar::i32:
+        return as<std::int32_t>();
+      case Scalar::u32:
+        return as<std::uint32_t>();
+      case Scalar::f32:
+        return as<float>();
+      case Scalar::f64:
+        return as<double>();
+    }
+    return 0;
+  }
+
+  FileCharacters& from_;
+  const Polygons& into_;
+  Form form_ = Form::text;
+  std::size_t line_ = 1;  ///< of a text, that the cursor stands in
+};
+
+std::vector<std::string_view> words_of(std::string_view line) {
+  std::vector<std::string_view> words;
+  for (std::size_t at = 0; at < line.size();) {
+    const std::size_t first = line.find_first_not_of(" \t\r", at);
+    if (first == std::string_view::npos) break;
+    at = std::min(line.find_first_of(" \t\r", first), line.size());
+    words.push_back(line.substr(first, at - first));
+  }
+  return words;
+}
+
+/// Puts a line of the header into `elements`.
+void take(const std::vector<std::string_view>& words, std::vector<Element>& elements, const Cursor& cursor) {
+  if (words.front() == "element") {
+    std::uint64_t count = 0;
+    const char* end = words.size() == 3 ? words[2].data() + words[2].size() : nullptr;
+    const auto read = end ? std::from_chars(words[2].data(), end, count) : std::from_chars_result{};
+    if (!end || read.ec != std::errc() || read.ptr != end)
+      cursor.fail("header", "has an element line that is no \"element NAME COUNT\"");
+    if (elements.size() == kMostElements)
+      cursor.fail("header", fmt::format("has more than {} elements", kMostElements));
+    elements.push_back({words[1], count, {}});
+  } else if (words.front() == "property") {
+    const bool list = words.size() == 5 && words[1] == "list";
+    const auto type = words.size() >= 4   ? scalar_named(words[words.size() - 2])
+                      : words.size() == 3 ? scalar_named(words[1])
+                                          : std::nullopt;
+    const auto length = list ? scalar_named(words[2]) : std::nullopt;
+    if (elements.empty() || !type || (list ? !length : words.size() != 3))
+      cursor.fail("header", "has a property line that is none");
+    if (elements.back().properties.size() == kMostProperties)
+      cursor.fail("header", fmt::format("has an element of more than {} properties", kMostProperties));
+    elements.back().properties.push_back({words.back(), *type, length});
+  }
+}
+
+/// The elements of a header, which they refer to; `cursor` stands at the body's first byte.
+std::vector<Element> elements_of(std::string_view header, Cursor& cursor) {
+  std::vector<Element> elements;
+  std::optional<Form> form;
+  for (std::size_t at = 0; at < header.size();) {
+    const std::size_t next = std::min(header.find('\n', at), header.size());
+    const auto words = words_of(header.substr(at, next - at));
+    at = next + 1;
+    if (words.empty()) continue;
+    if (words.front() == "format" && words.size() >= 2) {
+      if (words[1] == "ascii") form = Form::text;
+      if (words[1] == "binary_little_endian") form = Form::little;
+      if (words[1] == "binary_big_endian") form = Form::big;
+    }
+    take(words, elements, cursor);
+  }
+  if (!form) cursor.fail("header", "names no format that there is");
+  cursor.set_form(*form);
+  // Before room is made: an element takes its scalars at least, and a count for each list; of a text a digit
+  // and what parts it from the next.
+  std::uint64_t least = 0;
+  for (const Element& element : elements) {
+    std::uint64_t each = 0;
+    for (const Property& property : element.properties)
+      each += *form == Form::text ? 2 : bytes_of(property.length.value_or(property.type));
+    if (element.count > cursor.left() + 1 ||
+        (least += element.count * std::max<std::uint64_t>(1, each)) > cursor.left() + 1)
+      cursor.fail("header", fmt::format("claims {} of \"{}\", which the {} bytes behind it cannot hold",
+                                        element.count, element.name.substr(0, 40), cursor.left()));
+  }
+  return elements;
+}
+
+void read_vertex(const Element& element, Cursor& cursor, Polygons& into) {
+  Vec3d place = Vec3d::Constant(std::numeric_limits<double>::quiet_NaN());
+  for (const Property& property : element.properties) {
+    if (property.length) cursor.fail("vertex", "has a list");
+    const double value = cursor.number(property.type);
+    if (property.name.size() == 1 && property.name[0] >= 'x' && property.name[0] <= 'z')
+      place[property.name[0] - 'x'] = value;
+  }
+  if (!place.allFinite())
+    cursor.fail(fmt::format("vertex {}", into.vertex_count()), "has no finite x, y and z");
+  into.add_vertex(place);
+}
+
+void read_face(const Element& element, Cursor& cursor, Polygons& into) {
+  std::array<int, kMostFaceCorners> face;
+  for (const Property& property : element.properties) {
+    const double count = property.length ? cursor.number(*property.length) : 1;
+    const bool corners = property.name == "vertex_indices" || property.name == "vertex_index";
+    if (corners || count != 0) into.check_corners(count);
+    const auto size = static_cast<std::size_t>(count);
+    for (std::size_t k = 0; k < size; ++k) {
+      const double value = cursor.number(property.type);
+      if (corners) face[k] = into.corner(value);
+    }
+    if (corners) into.add_face(std::span(face).first(size));
+  }
+}
+
+}  // namespace
+
+void read_ply(FileCharacters& from, Polygons& into) {
+  Cursor cursor(from, into);
+  const std::string header = cursor.header();
+  for (const Element& element : elements_of(header, cursor)) {
+    for (const Property& property : element.properties)
+      if (property.name == "red" || property.name == "diffuse_red")
+        into.leave_out(fmt::format("colours ({} of {})", property.name, element.name.substr(0, 40)));
+    for (std::uint64_t i = 0; i < element.count && !element.properties.empty(); ++i) {
+      cursor.begin_row();
+      if (element.name == "vertex") {
+        read_vertex(element, cursor, into);
+      } else if (element.name == "face") {
+        read_face(element, cursor, into);
+      } else {
+        for (const Property& property : element.properties) {
+          const double count = property.length ? cursor.number(*property.length) : 1;
+          if (!(count >= 0 && count <= static_cast<double>(cursor.left())))
+            cursor.fail(std::string(element.name.substr(0, 40)), "has a list of no length");
+          for (auto k = static_cast<std::uint64_t>(count); k > 0; --k) cursor.number(property.type);
+        }
+      }
+      cursor.end_row();
+    }
+  }
+  cursor.end();
 }
 
 }  // namespace mirage

@@ -5,13 +5,32 @@
 #include "base/parallel.h"
 #include "detection/points_in_view.h"
 #include "frames/data_check.h"
-#include "frames/host_views.h"
+#include "geometry/shapes.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_roof.h"
+#include "simulation/insertion.h"
 
 namespace mirage {
+
+std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vector<Carrier>& carriers,
+                                 const PlaceChoice& place, const std::array<double, 4>& region,
+                                 const SimulationSettings& simulation) {
+  const TexturedMesh reference = grey_ellipsoid(kRoofBox);
+  const auto& labels = prepared.frame.labels;
+  std::vector<HostView> views;
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    const BevBox& box = labels[i].box.bev;
+    if (labels[i].type != "Car" || !has_box(labels[i]) || box.x < region[0] || box.x > region[1] ||
+        box.y < region[2] || box.y > region[3])
+      continue;
+    const Simulated seen = simulate(prepared, placement_of(place, carriers[i]), reference, simulation);
+    views.push_back({static_cast<int>(i), seen.visible_share, carriers[i].from_box});
+  }
+  return views;
+}
+
 namespace {
 
 /// A frame's depth from the cache, in the place of the back-end that would compute it.
@@ -216,6 +235,14 @@ void FrameStore::read_ahead() {
     lock.lock();
     if (entry) ahead_.push_back(std::move(entry));
   }
+}
+
+std::vector<Detection> cached_detections(FrameStore& store, const std::string& frame,
+                                         const std::string& detector, double score_threshold,
+                                         const std::function<std::vector<Detection>(const Frame&)>& compute) {
+  const auto now = [&] { return compute(store.get(frame)->frame); };
+  if (detector.empty() || !store.cache().on()) return now();
+  return store.cache().detections(store.content(frame), detector, score_threshold, now);
 }
 
 }  // namespace mirage

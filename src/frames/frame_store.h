@@ -1,9 +1,11 @@
-// The frames of a data set, streamed: read and prepared when they are asked for, held while there is room.
+// How much of a mesh that is placed at each car of a frame is in view.
 #pragma once
 
+#include <array>
 #include <condition_variable>
 #include <cstddef>
 #include <filesystem>
+#include <functional>
 #include <list>
 #include <map>
 #include <memory>
@@ -20,6 +22,14 @@
 #include "simulation/insertion.h"
 
 namespace mirage {
+
+/// Share in view of the reference adversary at `place` of each car of the frame inside `region` (x_min,
+/// x_max, y_min, y_max; m, `velo`). `carriers`: of the labels, in their order.
+std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vector<Carrier>& carriers,
+                                 const PlaceChoice& place, const std::array<double, 4>& region,
+                                 const SimulationSettings& simulation);
+
+// The frames of a data set, streamed: read and prepared when they are asked for, held while there is room.
 
 /// Frames with where an object stands at their vehicles, by id. Several threads may ask at once. What was
 /// used last stays in memory; the rest is read again, and what is costly in preparing it comes from the disk
@@ -110,5 +120,13 @@ class FrameStore {
   bool stop_ = false;
   std::thread ahead_thread_;
 };
+
+// Clean detections, kept on disk.
+
+/// The detections of a frame as recorded: the kept ones, or else compute(frame)'s. `detector`:
+/// detector_identity(); empty: not cached.
+std::vector<Detection> cached_detections(FrameStore& store, const std::string& frame,
+                                         const std::string& detector, double score_threshold,
+                                         const std::function<std::vector<Detection>(const Frame&)>& compute);
 
 }  // namespace mirage

@@ -10,7 +10,6 @@
 #include "base/progress.h"
 #include "base/random.h"
 #include "base/ranks.h"
-#include "base/shuffle.h"
 #include "scene/data/read_frames.h"
 
 namespace mirage {

@@ -1,13 +1,26 @@
-// A whole generated data set on disk.
+// What was written of a generated frame: training/written/ID.json, {"image_2/ID.png": content hash, …}. A
+// frame is taken for whole by its content; that its files exist says nothing after a full disk or a power
+// cut.
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <string>
 
 #include "generator/generator.h"
 #include "scene/data/truth_files.h"
 
 namespace mirage {
+
+/// Writes the record from the frame's files, after the last of them. Truth recorded before stays recorded.
+void record_frame(const std::filesystem::path& data, const std::string& id, Truth truth);
+
+/// True if the record has all files of the frame and of this much truth, and each is as recorded. A file that
+/// differs (cut short, edited) is warned of.
+bool is_as_recorded(const std::filesystem::path& data, const std::string& id, Truth truth);
+
+// A whole generated data set on disk.
 
 /// Changes whenever the same seed gives other frames.
 inline constexpr int kGeneratorVersion = 5;
@@ -23,7 +36,7 @@ struct DatasetSummary {
 void begin_dataset(const Rig& rig, const nlohmann::json& about, const std::filesystem::path& out);
 
 /// Writes frames [first, first + count) of (rig, seed) to `out` and dataset.json. Frames whose files are as
-/// recorded (frame_record.h) are kept (a set made with less truth can be given more later: the other files
+/// recorded (dataset.h) are kept (a set made with less truth can be given more later: the other files
 /// come out the same); a folder made with another rig, seed or generator version is refused (InputError).
 /// Several frames are made at once. After Ctrl-C the frames in hand are finished and Interrupted is thrown.
 DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_t first, int count,

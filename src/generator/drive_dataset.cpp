@@ -72,8 +72,8 @@ std::string tracking_row(int frame, const Label& label, const Calibration& calib
                      to_row(box));
 }
 
-/// A row of poses (scene/data/oxts.h) of a unit in the car's `velo`; the world's origin lies at 49° north,
-/// 8.4° east.
+/// A row of poses (scene/data/kitti_drives.h) of a unit in the car's `velo`; the world's origin lies at 49°
+/// north, 8.4° east.
 std::string pose_row(const generator::Waypoint& own) {
   constexpr double kLatitude = 49, kLongitude = 8.4, kEarthRadius = 6378137;  // degrees, m
   const double scale = std::cos(kLatitude * kDegree) * kEarthRadius;

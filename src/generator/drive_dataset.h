@@ -1,4 +1,4 @@
-// Generated drives on disk, in the layout of KITTI's tracking benchmark (scene/data/kitti_tracking.cpp), with
+// Generated drives on disk, in the layout of KITTI's tracking benchmark (scene/data/kitti_drives.cpp), with
 // the car's own poses and speeds (oxts) and the frames' times. training/motion_02/SEQUENCE.txt has what moves
 // and what stands as it truly is, a row for each labelled thing of a frame: frame, identity, role ("stands"
 // or Mover::role), then in the world x, y, z of the ground under its box, yaw, and the velocity's x, y, z (m,

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "base/parallel.h"
-#include "geometry/picture_box.h"
+#include "geometry/box.h"
 
 namespace mirage::generator {
 namespace {

@@ -126,7 +126,7 @@ class StreetSite {
     add_surfaces(actor, at(p.x(), p.y(), ground_z(s, d), yaw(s) + turn), -1);
   }
 
-  // Plants and fences (site_plants.cpp).
+  // Plants and fences (street.cpp).
   void add_fence(double s0, double s1, double d);
   void add_woods(int side, double from);
   /// What the earth under kerbs and side roads looks like, so that no sky shows between them.

@@ -5,9 +5,9 @@
 #include <string>
 
 #include "base/fields.h"
+#include "scene/carrier.h"
 #include "scene/data/data_rig.h"
 #include "scene/depth/learned_depth.h"
-#include "scene/place.h"
 #include "scene/shape/shape_roof.h"
 #include "scene/sun.h"
 
@@ -20,7 +20,7 @@ struct FrameSource {
   std::string rooftop = kDefaultRoof;  ///< what finds the roofs (shape_roof.h)
   std::string sun = kDefaultSun;       ///< where the sun stands (sun.h)
   std::string rig = {};        ///< which recorded it, as data_rig.h takes it; empty: what the set says
-  PlaceChoice placement = {};  ///< where the object is put (place.h)
+  PlaceChoice placement = {};  ///< where the object is put (carrier.h)
 };
 
 template <class Visitor, FieldsOf<FrameSource> S>

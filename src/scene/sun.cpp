@@ -20,7 +20,7 @@
 #include "base/error.h"
 #include "base/logging.h"
 #include "base/words.h"
-#include "scene/sun_shadows.h"
+#include "scene/recorded_light.h"
 
 namespace mirage {
 namespace {

@@ -1,10 +1,10 @@
 // Where the sun stands, as --sun names it:
 //
 //   frame                    the frame's own lighting: lighting/ID.json of a generated frame, else a default
-//                            as bright as the photographed road says (scene/road_exposure.h)
+//                            as bright as the photographed road says (scene/recorded_light.h)
 //   AZIMUTH,ELEVATION        degrees in `velo`: azimuth counter-clockwise from x (forward; 90: left),
 //                            elevation above the ground, (0, 90]
-//   photo                    from the shadows of the labelled objects (scene/sun_shadows.h); a frame whose
+//   photo                    from the shadows of the labelled objects (scene/recorded_light.h); a frame whose
 //                            photograph does not tell keeps its own lighting
 //   LAT,LON,TIME,HEADING     place (degrees north and east), time YYYY-MM-DDTHH:MM:SSZ (UTC; fractions of a
 //                            second may follow), and heading of `velo`'s x axis, degrees counter-clockwise

@@ -1,6 +1,6 @@
 // What lens and sensor add to an ideal picture, scene-linear: a Gaussian blur and the sensor's noise. Every
 // effect is off at its default; generated pictures (generator/appearance.h), objects put into recorded ones
-// (simulation/object_exposure.h) and the ladder of light take them from here.
+// (simulation/camera_pass.h) and the ladder of light take them from here.
 #pragma once
 
 #include <algorithm>

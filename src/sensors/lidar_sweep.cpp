@@ -45,7 +45,7 @@ struct Return {
 class SweepSimulator {
  public:
   SweepSimulator(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
-                 const LidarEffects& effects, const SweepMotion* motion)
+                 const LidarEffects& effects, const UnitMotion* motion)
       : parts_{{&scene}},
         model_(model),
         seed_(seed),
@@ -250,7 +250,7 @@ class SweepSimulator {
   const LidarModel& model_;
   std::uint64_t seed_;
   const LidarEffects& effects_;
-  const SweepMotion* motion_;
+  const UnitMotion* motion_;
   std::vector<SubRay> pattern_;
   std::size_t columns_;
   RayTable rays_;               ///< a row a ray of the cone, as traced
@@ -274,13 +274,13 @@ LidarEffects generated_sweep_effects() {
 }
 
 Firings simulate_firings(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
-                         const LidarEffects& effects, const SweepMotion* motion) {
+                         const LidarEffects& effects, const UnitMotion* motion) {
   check_effects(effects);
   return SweepSimulator(scene, model, seed, effects, motion).run();
 }
 
 Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
-                     const LidarEffects& effects, std::vector<int>* objects, const SweepMotion* motion) {
+                     const LidarEffects& effects, std::vector<int>* objects, const UnitMotion* motion) {
   const Firings firings = simulate_firings(scene, model, seed, effects, motion);
   Sweep sweep;
   if (objects) objects->clear();

@@ -27,7 +27,7 @@ struct SweptPart {
 };
 
 /// The unit on its way through a scene that is not in `velo`, among things that move.
-struct SweepMotion {
+struct UnitMotion {
   Transform scene_from_velo = Transform::Identity();  ///< at the sweep's moment (LidarModel::firing_time 0)
   /// Of the unit, as LidarEffects has them (whose own are not used then). Returns are written as seen from
   /// its place at that moment, as KITTI's recordings are; a thing is where it was when the beam met it.
@@ -40,11 +40,11 @@ struct SweepMotion {
 /// beam): the result does not depend on the thread count.
 Firings simulate_firings(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
                          const LidarEffects& effects = generated_sweep_effects(),
-                         const SweepMotion* motion = nullptr);
+                         const UnitMotion* motion = nullptr);
 
 /// The returns alone, beam by beam. `objects`, if given: each return's, as in Firings.
 Sweep simulate_sweep(const RayScene& scene, const LidarModel& model, std::uint64_t seed,
                      const LidarEffects& effects = generated_sweep_effects(),
-                     std::vector<int>* objects = nullptr, const SweepMotion* motion = nullptr);
+                     std::vector<int>* objects = nullptr, const UnitMotion* motion = nullptr);
 
 }  // namespace mirage

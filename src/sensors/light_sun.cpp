@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "geometry/atlas_triangles.h"
+#include "geometry/texel_grid.h"
 
 namespace mirage {
 namespace {

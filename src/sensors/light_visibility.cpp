@@ -6,12 +6,12 @@
 #include <numbers>
 #include <optional>
 
+#include "base/clusters.h"
 #include "base/error.h"
-#include "base/grouping.h"
-#include "geometry/atlas_triangles.h"
-#include "sensors/gloss.h"
-#include "sensors/light_around.h"
+#include "geometry/texel_grid.h"
+#include "sensors/light_nodes.h"
 #include "sensors/light_sun.h"
+#include "sensors/material.h"
 #include "sensors/shading.h"
 #include "sensors/soft_rasterizer.h"
 

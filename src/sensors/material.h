@@ -1,11 +1,44 @@
-// What a surface is made of, for the ray-traced camera and for the LiDAR simulator.
+// What a rough dielectric sends to the camera beside Lambert's share: the surface that the reports' path
+// tracer gives the object (Blender's Principled BSDF, specular 0.5, roughness 0.5).
+//
+// With n the normal, v towards the camera, l towards the light, h = (l + v)/|l + v| and α = roughness²:
+//     f_s = D(h) G(l, v) F(h·v) / (4 n·l n·v)    GGX and Smith's shadowing (Walter et al., EGSR 2007)
+//     f_d = ρ/π · F_d(n, l, v)                   Burley's diffuse lobe (SIGGRAPH 2012 course notes, 5.3)
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 #include "base/types.h"
 
 namespace mirage {
+
+inline constexpr double kRoughness = 0.5, kRefractiveIndex = 1.5;
+
+/// F: share of unpolarised light that the surface sends back; `cosine` of the incidence in [0, 1].
+double fresnel(double cosine);
+
+/// π f_s max(0, n·l) by the cosines n·l, n·v and l·v: times an irradiance over π on a face square to l, the
+/// radiance towards v. 0 where the light or the camera is behind the surface.
+double specular_response(double nl, double nv, double lv);
+/// The same of as many as there are places for.
+void specular_response(std::span<const float> nl, std::span<const float> nv, std::span<const float> lv,
+                       std::span<float> responses);
+/// The same of unit vectors.
+double specular_response(const Vec3d& n, const Vec3d& l, const Vec3d& v);
+
+/// Share of an even light from all around that the lobe sends towards a camera at that cosine: the integral
+/// of f_s n·l over the half space. From a table, within 1 %.
+double specular_albedo(double cosine);
+
+/// F_d: 1 for Lambert's surface.
+double diffuse_response(const Vec3d& n, const Vec3d& l, const Vec3d& v);
+
+/// Mean of F_d under an even light from all around, weighted by n·l, towards a camera at that cosine. From a
+/// table, within 1 %.
+double diffuse_albedo(double cosine);
+
+// What a surface is made of, for the ray-traced camera and for the LiDAR simulator.
 
 /// Procedural pattern that modulates the albedo, computed from the position in `velo` (m) and the normal.
 enum class Pattern : std::uint8_t {

@@ -6,7 +6,7 @@
 
 #include "base/error.h"
 #include "base/parallel.h"
-#include "geometry/winding_number.h"
+#include "geometry/solid.h"
 #include "sensors/embree.h"
 
 namespace mirage {

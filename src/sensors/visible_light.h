@@ -17,11 +17,12 @@
 // camera sees is lit: a texel t of albedo ρ_t at node i has the radiance
 //     ρ_t (m_i (E_i − sun's part) + sun max(0, n̂·l) F_d(l) v_t)                     Burley's diffuse lobe
 //     + a_i Σ_k f_k L_k / Σ_k f_k + π f_s(l) max(0, n̂·l) sun v_t                    the surface's gloss
-// with f_k the gloss's response to the light from ω_k (sensors/gloss.h), L_k what is met there (the sky where
-// nothing is), a_i the share of an even light that the lobe sends to the camera, and m_i the mean of F_d over
-// the directions. Without a camera there is no gloss and F_d is 1. The weights 4/K are scaled for each node
-// so that Σ (4/K) max(0, n̂·ω_k) is 1. v_t, the share of the sun that a texel sees, is found for each texel
-// and where a shadow's border is seen near for parts of it (sensors/light_sun.h); v_i is the node's.
+// with f_k the gloss's response to the light from ω_k (sensors/material.h), L_k what is met there (the sky
+// where nothing is), a_i the share of an even light that the lobe sends to the camera, and m_i the mean of
+// F_d over the directions. Without a camera there is no gloss and F_d is 1. The weights 4/K are scaled for
+// each node so that Σ (4/K) max(0, n̂·ω_k) is 1. v_t, the share of the sun that a texel sees, is found for
+// each texel and where a shadow's border is seen near for parts of it (sensors/light_sun.h); v_i is the
+// node's.
 //
 // What each ray meets is a value without a gradient: it jumps. So are the shares that depend on where the
 // camera is or where a ray runs: a_i, a_ij, f_k, m_i, F_d and f_s. For them held fixed everything else is
@@ -83,7 +84,7 @@ struct VisibleLightSettings {
   /// A side is enclosed where the object stands higher above its plane than this: the sine of the highest
   /// corner's elevation, as the side's middle sees it.
   double open_below = 0.8;
-  /// Whether the object's surface is a rough dielectric's (sensors/gloss.h), or Lambert's.
+  /// Whether the object's surface is a rough dielectric's (sensors/material.h), or Lambert's.
   bool glossy = true;
 };
 template <class Visitor, FieldsOf<VisibleLightSettings> S>

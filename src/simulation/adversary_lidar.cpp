@@ -5,7 +5,7 @@
 
 #include "base/hash.h"
 #include "base/random.h"
-#include "geometry/atlas_triangles.h"
+#include "geometry/texel_grid.h"
 #include "sensors/ray_caster.h"
 #include "sensors/soft_rasterizer.h"
 

@@ -1,6 +1,14 @@
 #include "simulation/camera_pass.h"
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "base/random.h"
+#include "scene/depth_completion.h"
 #include "sensors/exact_coverage.h"
+#include "sensors/raster/limits.h"
+#include "simulation/check_inputs.h"
 
 namespace mirage {
 namespace {
@@ -97,6 +105,215 @@ std::unique_ptr<CameraPass> camera_pass(const SimulationSettings& settings) {
   if (settings.exact_coverage) return std::make_unique<ExactPass>();
   if (settings.reference) return std::make_unique<ReferencePass>();
   return std::make_unique<FastPass>();
+}
+
+namespace {
+
+/// Depth range of the rasteriser: a ball around the object that grows in steps of half a metre, so that it is
+/// constant under the small moves that derivatives are about.
+void set_depth_range(const std::vector<Vec3d>& p_camera, const std::vector<std::size_t>& used,
+                     SoftRasterSettings<double>& settings) {
+  Vec3d centre = Vec3d::Zero();
+  for (const std::size_t i : used) centre += p_camera[i] / static_cast<double>(used.size());
+  double reach = 0;
+  for (const std::size_t i : used) reach = std::max(reach, std::abs(p_camera[i].z() - centre.z()));
+  const double radius = std::max(1.5, std::ceil(2 * reach + 0.5) / 2);
+  const double middle = std::round(2 * centre.z()) / 2;
+  settings.near = std::max(kNearPlane / 2, middle - radius);
+  settings.far = std::max(settings.near + 1, middle + radius);  // all of it behind the camera
+}
+
+int count_opaque(const Image<double>& rgba) {
+  int count = 0;
+  for (std::size_t i = 3; i < rgba.data.size(); i += 4) count += rgba.data[i] > 0.5;
+  return count;
+}
+
+std::unique_ptr<ObjectLight> light_on(const PreparedFrame& prepared, const Placement& placement,
+                                      const TexturedMesh& placed, const SimulationSettings& settings) {
+  const Lighting& lighting = prepared.frame.lighting;
+  if (settings.light == LightModel::plain)
+    return plain_light(face_normals(placed.mesh), placed.atlas.resolution, lighting);
+  const Vec3d eye = prepared.frame.calibration.camera_from_velo.inverse().translation();
+  const std::optional<LightSurroundings> around = surroundings_of(prepared.frame, placement);
+  return light_with_visibility(placed, lighting, around ? &*around : nullptr, eye,
+                               settings.light == LightModel::fine ? fine_light() : settings.visible_light);
+}
+
+}  // namespace
+
+CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placement,
+                          const TexturedMesh& placed, const SimulationSettings& settings, Simulated& result) {
+  const PinholeCamera& camera = prepared.frame.calibration.camera;
+  const Transform& camera_from_velo = prepared.frame.calibration.camera_from_velo;
+  CameraTape tape;
+  for (const Vec3d& v : placed.mesh.vertices) tape.p_camera.push_back(camera_from_velo * v);
+  tape.settings = settings.raster;
+  set_depth_range(tape.p_camera, used_vertices(placed.mesh), tape.settings);
+  if (settings.exact_coverage) tape.settings.sigma = kSmallestSigma;  // edges reach no further than the faces
+  tape.light = light_on(prepared, placement, placed, settings);
+  tape.projected = project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearPlane, Texture::atlas,
+                                tape.light->grid(), tape.light->lit(placed.atlas.texels));
+
+  PixelRect rect = touched_pixels(tape.projected.screen, tape.settings, camera.width, camera.height,
+                                  {0, 0, camera.width, camera.height});
+  if (settings.camera_effects.blur_sigma > 0 && !rect.empty())
+    rect = {std::max(0, rect.u0 - kBlurReach), std::max(0, rect.v0 - kBlurReach),
+            std::min(camera.width, rect.u1 + kBlurReach), std::min(camera.height, rect.v1 + kBlurReach)};
+  result.image = prepared.frame.image;
+  result.rect = rect;
+  result.rgba = Image<double>(rect.width(), rect.height(), 4);
+  if (rect.empty()) return tape;
+  check_window(prepared, rect);
+
+  tape.pass = camera_pass(settings);
+  RasterTarget<float>& target = tape.target;
+  target = window_of(camera, rect, ImageF(rect.width(), rect.height(), 3), settings.supersampling);
+  target.depth_limit = ImageF(rect.width(), rect.height(), 1, std::numeric_limits<float>::infinity());
+  bool occluded = false;
+  bool obstructed = rect.u0 == 0 || rect.v0 == 0 || rect.u1 == camera.width || rect.v1 == camera.height;
+  const double occluder_depth =
+      unhidden_depth(placement, prepared.frame.calibration) - settings.occlusion_margin;
+  for (int v = 0; v < rect.height(); ++v)
+    for (int u = 0; u < rect.width(); ++u) {
+      for (int c = 0; c < 3; ++c)
+        target.background.at(u, v, c) = prepared.frame.image.at(rect.u0 + u, rect.v0 + v, c);
+      const double depth = prepared.depth.at(rect.u0 + u, rect.v0 + v);
+      if (depth >= occluder_depth) continue;
+      target.depth_limit.at(u, v) = static_cast<float>(depth + settings.occlusion_margin);
+      occluded = true;
+    }
+  obstructed |= occluded;
+  if (!occluded) target.depth_limit = {};
+  result.rgba = tape.pass->draw(tape.projected.screen, tape.settings, target);
+  result.adversary_pixels = count_opaque(result.rgba);
+  result.visible_share = 1;
+  if (obstructed) {
+    const double whole = tape.pass->unobstructed_area(tape.projected.screen, tape.settings, camera);
+    result.visible_share = whole > 0 ? std::min(1.0, silhouette_area(result.rgba) / whole) : 0;
+  }
+  tape.effects = settings.camera_effects;
+  tape.softened = expose_object(tape.effects, target.background, rect.u0, rect.v0, result.rgba);
+  for (int v = rect.v0; v < rect.v1; ++v)
+    for (int u = rect.u0; u < rect.u1; ++u)
+      for (int c = 0; c < 3; ++c)  // the photograph saturates at 1, and so does what is drawn into it
+        result.image.at(u, v, c) =
+            static_cast<float>(std::clamp(result.rgba.at(u - rect.u0, v - rect.v0, c), 0.0, 1.0));
+  return tape;
+}
+
+template <class S>
+void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
+                        const Simulated& result, const S* d_image, std::vector<Vec3d>& d_vertices,
+                        std::vector<Vec3d>& d_texels) {
+  if (tape.target.background.empty()) return;
+  const PixelRect& rect = result.rect;
+  Image<double> d_rgba(rect.width(), rect.height(), 4);
+  for (int v = 0; v < rect.height(); ++v) {
+    const S* row = d_image + 3 * (static_cast<std::size_t>(rect.v0 + v) * result.image.width + rect.u0);
+    for (int u = 0; u < rect.width(); ++u)
+      for (int c = 0; c < 3; ++c) {
+        const double value = result.rgba.at(u, v, c);
+        const bool saturated = value > 1 || value < 0;
+        d_rgba.at(u, v, c) = saturated ? 0 : static_cast<double>(row[3 * u + c]);
+      }
+  }
+  expose_object_vjp(tape.effects, tape.target.background, rect.u0, rect.v0, tape.softened, d_rgba);
+  const ScreenGradient<double> gradient =
+      tape.pass->vjp(tape.projected.screen, tape.settings, tape.target, d_rgba);
+
+  std::vector<Vec3d> d_p_camera(tape.p_camera.size(), Vec3d::Zero()),
+      d_lit(tape.projected.screen.texels.size(), Vec3d::Zero());
+  project_mesh_vjp(tape.projected, tape.p_camera, calibration.camera, kNearPlane, gradient, d_p_camera,
+                   d_lit);
+  const Eigen::Matrix3d velo_from_camera = calibration.camera_from_velo.linear().transpose();
+  for (std::size_t i = 0; i < d_p_camera.size(); ++i) d_vertices[i] += velo_from_camera * d_p_camera[i];
+  std::vector<Vec3d> d_normals(placed.mesh.faces.size(), Vec3d::Zero());
+  tape.light->vjp(placed.atlas.texels, d_lit, d_normals, d_texels);
+  for (std::size_t f = 0; f < placed.mesh.faces.size(); ++f) {
+    const Face& face = placed.mesh.faces[f];
+    const Vec3d& d_normal = d_normals[f];
+    const Vec3d e1 = placed.mesh.vertices[face[1]] - placed.mesh.vertices[face[0]];
+    const Vec3d e2 = placed.mesh.vertices[face[2]] - placed.mesh.vertices[face[0]];
+    const Vec3d d_e1 = e2.cross(d_normal), d_e2 = d_normal.cross(e1);
+    d_vertices[face[0]] -= d_e1 + d_e2;
+    d_vertices[face[1]] += d_e1;
+    d_vertices[face[2]] += d_e2;
+  }
+}
+template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&, const Simulated&,
+                                 const float*, std::vector<Vec3d>&, std::vector<Vec3d>&);
+template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&, const Simulated&,
+                                 const double*, std::vector<Vec3d>&, std::vector<Vec3d>&);
+
+namespace {
+
+/// Standard normals of the three channels of a pixel of the picture.
+Vec3d noise_at(const CameraEffects& effects, int u, int v) {
+  RandomStream random(effects.draw, "sensor noise on the object",
+                      static_cast<std::uint64_t>(v) << 32 | static_cast<std::uint64_t>(u));
+  Vec3d noise;
+  for (double& n : noise) n = random.normal();
+  return noise;
+}
+
+/// Calls with each pixel's place in the window.
+template <class Each>
+void each_pixel(const Image<double>& window, const Each& each) {
+  for (int v = 0; v < window.height; ++v)
+    for (int u = 0; u < window.width; ++u) each(u, v);
+}
+
+}  // namespace
+
+Image<double> expose_object(const CameraEffects& effects, const ImageF& photograph, int u0, int v0,
+                            Image<double>& rgba) {
+  if (effects.blur_sigma > 0) {
+    each_pixel(rgba, [&](int u, int v) {
+      double* p = rgba.pixel(u, v);
+      for (int c = 0; c < 3; ++c) p[c] -= (1 - p[3]) * photograph.at(u, v, c);
+    });
+    soften(rgba, effects.blur_sigma);
+    each_pixel(rgba, [&](int u, int v) {
+      double* p = rgba.pixel(u, v);
+      for (int c = 0; c < 3; ++c) p[c] += (1 - p[3]) * photograph.at(u, v, c);
+    });
+  }
+  if (!effects.noisy()) return {};
+  Image<double> softened = rgba;
+  each_pixel(rgba, [&](int u, int v) {
+    double* p = rgba.pixel(u, v);
+    if (p[3] <= 0) return;
+    const Vec3d noise = noise_at(effects, u0 + u, v0 + v);
+    for (int c = 0; c < 3; ++c) p[c] += p[3] * noise[c] * noise_sigma(p[c], effects.shot, effects.read_sigma);
+  });
+  return softened;
+}
+
+void expose_object_vjp(const CameraEffects& effects, const ImageF& photograph, int u0, int v0,
+                       const Image<double>& softened, Image<double>& d_rgba) {
+  if (effects.noisy())
+    each_pixel(d_rgba, [&](int u, int v) {
+      const double* p = softened.pixel(u, v);
+      double* d = d_rgba.pixel(u, v);
+      if (p[3] <= 0) return;
+      const Vec3d noise = noise_at(effects, u0 + u, v0 + v);
+      for (int c = 0; c < 3; ++c) {
+        const double sigma = noise_sigma(p[c], effects.shot, effects.read_sigma);
+        d[3] += d[c] * noise[c] * sigma;
+        if (p[c] > 0 && sigma > 0) d[c] += d[c] * p[3] * noise[c] * effects.shot / (2 * sigma);
+      }
+    });
+  if (effects.blur_sigma <= 0) return;
+  each_pixel(d_rgba, [&](int u, int v) {
+    double* d = d_rgba.pixel(u, v);
+    for (int c = 0; c < 3; ++c) d[3] -= d[c] * photograph.at(u, v, c);
+  });
+  soften_vjp(d_rgba, effects.blur_sigma);
+  each_pixel(d_rgba, [&](int u, int v) {
+    double* d = d_rgba.pixel(u, v);
+    for (int c = 0; c < 3; ++c) d[3] += d[c] * photograph.at(u, v, c);
+  });
 }
 
 }  // namespace mirage

@@ -1,11 +1,18 @@
 // How a projected mesh becomes pixels, and how a gradient comes back: one class for each rasteriser, so that
-// who draws (adversary_camera.cpp) does not ask which it is.
+// who draws (camera_pass.cpp) does not ask which it is.
 #pragma once
 
 #include <memory>
+#include <vector>
 
+#include "geometry/mesh.h"
 #include "sensors/camera.h"
+#include "sensors/camera_effects.h"
+#include "sensors/projection.h"
 #include "sensors/raster_batch.h"
+#include "simulation/adversary_lidar.h"
+#include "simulation/object_light.h"
+#include "simulation/placement.h"
 #include "simulation/simulation.h"
 
 namespace mirage {
@@ -40,5 +47,52 @@ std::unique_ptr<CameraPass> camera_pass(const SimulationSettings& settings);
 
 /// Sum of the silhouette over an RGBA window, pixels².
 double silhouette_area(const Image<double>& rgba);
+
+// The placed adversary as each sensor draws it; the pieces that insertion.h composes.
+
+/// Camera side: what was rasterised, and what its VJP needs.
+struct CameraTape {
+  std::vector<Vec3d> p_camera;  ///< vertices
+  std::shared_ptr<const ObjectLight> light;
+  ProjectedMesh projected;
+  SoftRasterSettings<double> settings;
+  RasterTarget<float> target;
+  CameraEffects effects;
+  Image<double> softened;            ///< what expose_object_vjp needs
+  std::shared_ptr<CameraPass> pass;  ///< none where the object touches no pixel
+};
+
+/// Projects, shades and rasterises `placed` (in `velo`) into the photograph; fills image, rect, rgba,
+/// visible_share and adversary_pixels.
+CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placement,
+                          const TexturedMesh& placed, const SimulationSettings& settings, Simulated& result);
+/// Adds d loss / d placed vertices (`velo`) and d loss / d texels.
+/// `d_image`: height × width × 3 of the photograph's size, S float or double; the rect's pixels are read.
+template <class S>
+void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
+                        const Simulated& result, const S* d_image, std::vector<Vec3d>& d_vertices,
+                        std::vector<Vec3d>& d_texels);
+/// The same for a picture of the library's own.
+inline void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed,
+                               const Calibration& calibration, const Simulated& result, const ImageF& d_image,
+                               std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels) {
+  draw_in_camera_vjp(tape, placed, calibration, result, d_image.data.data(), d_vertices, d_texels);
+}
+
+// Lens and sensor on the pixels of an inserted object. A recorded photograph has been through both; what is
+// drawn into it has not.
+
+/// `rgba`: a window of the picture with the object over `photograph` (the same window, RGB), not saturated,
+/// and its silhouette S; the object ends kBlurReach pixels before the window does, but for the picture's
+/// own edges. Colour and silhouette of the object are blurred, and the photograph shows as far as the blurred
+/// silhouette lets it; then comes noise, as far as the object covers a pixel (the photograph has its own). It
+/// depends on the draw and the pixel's place in the picture, (u0 + u, v0 + v). The result is what
+/// expose_object_vjp needs: `rgba` before the noise; empty without noise.
+Image<double> expose_object(const CameraEffects& effects, const ImageF& photograph, int u0, int v0,
+                            Image<double>& rgba);
+
+/// d loss / d rgba before, of d loss / d rgba after, in place; `softened` as it came.
+void expose_object_vjp(const CameraEffects& effects, const ImageF& photograph, int u0, int v0,
+                       const Image<double>& softened, Image<double>& d_rgba);
 
 }  // namespace mirage

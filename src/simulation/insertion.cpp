@@ -2,7 +2,7 @@
 
 #include "base/error.h"
 #include "scene/depth_completion.h"
-#include "simulation/adversary_view.h"
+#include "simulation/camera_pass.h"
 #include "simulation/check_inputs.h"
 #include "simulation/upstream.h"
 

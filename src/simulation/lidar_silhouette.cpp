@@ -5,7 +5,7 @@
 #include <cmath>
 #include <optional>
 
-#include "geometry/edges.h"
+#include "geometry/solid.h"
 #include "sensors/ray_caster.h"
 
 namespace mirage {

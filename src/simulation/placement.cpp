@@ -4,7 +4,7 @@
 #include <limits>
 
 #include "base/angles.h"
-#include "scene/light_surroundings.h"
+#include "scene/recorded_light.h"
 
 namespace mirage {
 

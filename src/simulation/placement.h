@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "scene/carrier.h"
-#include "scene/place.h"
 #include "sensors/visible_light.h"
 
 namespace mirage {

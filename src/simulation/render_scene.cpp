@@ -7,7 +7,7 @@
 #include <numeric>
 
 #include "base/error.h"
-#include "geometry/atlas_triangles.h"
+#include "geometry/texel_grid.h"
 #include "sensors/projection.h"
 #include "sensors/ray_camera.h"
 #include "simulation/camera_pass.h"

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "base/error.h"
-#include "tracking/assignment.h"
+#include "tracking/tracker.h"
 
 namespace mirage {
 namespace {

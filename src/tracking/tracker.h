@@ -1,3 +1,25 @@
+// The assignment problem: which rows belong to which columns (Kuhn, Naval Research Logistics Quarterly 2,
+// 1955). Solved as a flow of least cost by successive shortest paths (Boost.Graph).
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <limits>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "base/fields.h"
+#include "geometry/box.h"
+
+namespace mirage {
+
+/// Pairs (row, column), by rising row: as many as there can be, and of these choices the one of least total
+/// cost. No row and no column is in two pairs. Pairs that cost more than `most`, or whose cost is no number,
+/// are never made. Costs count to 1e-12 of their range.
+std::vector<std::pair<int, int>> assign(const Eigen::MatrixXd& cost,
+                                        double most = std::numeric_limits<double>::max());
+
 // A tracker of boxes in space: constant-velocity Kalman filter and Hungarian assignment, with the settings of
 // AB3DMOT (Weng, Wang, Held and Kitani, 3D Multi-Object Tracking: A Baseline and New Evaluation Metrics, IROS
 // 2020), which needs no training and on which most trackers of boxes build.
@@ -17,17 +39,6 @@
 // confirms every track in a sequence's first three frames; here a track earns it there, too.)
 //
 // Boxes are in a world that does not move with the car: what stands still has no velocity.
-#pragma once
-
-#include <Eigen/Core>
-#include <array>
-#include <span>
-#include <vector>
-
-#include "base/fields.h"
-#include "geometry/box.h"
-
-namespace mirage {
 
 /// By what a detection belongs to a predicted box: their overlap in space, or the distance of their centres
 /// seen from above.

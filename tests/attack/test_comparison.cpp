@@ -112,7 +112,9 @@ TEST(Comparison, CountsVehiclesThatBothFindOnce) {
   EXPECT_EQ(result.parts.front().vehicles, 2);
   EXPECT_DOUBLE_EQ(result.parts.front().difference.value, 0.75);
   for (const ComparedPart& part : result.parts)
-    if (part.by == "range") EXPECT_EQ(part.vehicles, 1) << part.name;  // they are at 20 and 30 m
+    if (part.by == "range") {
+      EXPECT_EQ(part.vehicles, 1) << part.name;  // they are at 20 and 30 m
+    }
   ASSERT_EQ(result.worse.size(), 3u);
   EXPECT_EQ(result.worse[0].id.frame, "f1");  // the nearer
   EXPECT_EQ(result.worse[2].object, "a.glb");

@@ -9,8 +9,8 @@
 
 #include "attack/adversary.h"
 #include "attack/drive.h"
-#include "attack/ride.h"
 #include "attack/tiny_world.h"
+#include "attack/vehicle_drive.h"
 #include "base/angles.h"
 #include "base/error.h"
 #include "base/files.h"

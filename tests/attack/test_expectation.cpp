@@ -1,17 +1,172 @@
+// The false-positive loss over the largest background logits.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include "attack/attack.h"
+#include "attack/attack_step.h"
 #include "attack/expectation.h"
+#include "attack/objective.h"
 #include "attack/tiny_world.h"
 #include "base/error.h"
+#include "base/random.h"
 #include "frames/hosts.h"
 #include "support/files.h"
+#include "support/gradient_check.h"
 
 namespace mirage {
 namespace {
+
+const BevBox kCarrier{10, 0, 4, 2, 0};
+
+Detection at(double x, double y, double logit) {
+  return {{x, y, 4, 2, 0}, logit};
+}
+
+ObjectiveSettings top(int k, double lambda = 1) {
+  ObjectiveSettings settings;
+  settings.fp_top_k = k;
+  settings.lambda_fp = lambda;
+  return settings;
+}
+
+TEST(TopBackground, TakesTheLargestLogitsWhateverTheirScore) {
+  const std::vector<ObjectBoxes> labels{kCarrier, BevBox{31, 0, 4, 2, 0}};
+  const std::vector<Detection> proposals{at(10, 0, 2),      // the host
+                                         at(30, 0, 5),      // another label
+                                         at(50, 10, -6),    // background at 0.2 %
+                                         at(50, -10, -4),   // … at 2 %
+                                         at(20, 15, -9),    //
+                                         at(40, -15, -4)};  // as large as the fourth, and later
+  const HostTruth truth(kCarrier, labels);
+  const auto one = objective(proposals, truth, top(1, 0.5));
+  EXPECT_NEAR(one.false_positive, -0.5 * softplus(-4), 1e-15);
+  EXPECT_LT(one.d_logits[3], 0);
+  EXPECT_EQ(one.d_logits[5], 0);
+  const auto three = objective(proposals, truth, top(3));
+  EXPECT_NEAR(three.false_positive, -2 * softplus(-4) - softplus(-6), 1e-15);
+  EXPECT_EQ(three.d_logits[4], 0);
+  EXPECT_EQ(three.d_logits[1], 0);
+  const auto all = objective(proposals, truth, top(100));
+  EXPECT_NEAR(all.false_positive, three.false_positive - softplus(-9), 1e-15);
+  EXPECT_EQ(all.hide, objective(proposals, truth, top(0)).hide);     // hiding is as it was
+  EXPECT_EQ(objective(proposals, truth, top(0)).false_positive, 0);  // none over the threshold of before
+  EXPECT_EQ(objective({}, truth, top(5)).false_positive, 0);
+}
+
+TEST(TopBackground, LeavesOutWhatIsSeenInTheCleanFrame) {
+  const std::vector<Detection> proposals{at(50, 10, 1), at(52, 10.5, 0.5), at(20, 15, -3)};
+  const std::vector<Detection> clean{at(51, 10, 2)};  // a car that nobody labelled
+  const HostTruth truth(kCarrier, {kCarrier});
+  const auto value = objective(proposals, truth, top(2), clean);
+  EXPECT_EQ(value.d_logits[0], 0);
+  EXPECT_EQ(value.d_logits[1], 0);
+  EXPECT_NEAR(value.false_positive, -softplus(-3), 1e-15);
+}
+
+/// A camera that looks along x, a host, and a region of the picture that nobody labelled.
+Frame frame_with_region(const PictureBox& region) {
+  Frame frame;
+  frame.calibration.camera = {700, 700, 600, 180, 1200, 370};
+  Eigen::Matrix3d axes;
+  axes << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  frame.calibration.camera_from_velo.linear() = axes;
+  Label host, unknown;
+  host.type = "Car";
+  host.box = {kCarrier, -1.7, 1.5};
+  unknown.type = "DontCare";
+  unknown.left = region.left, unknown.top = region.top;
+  unknown.right = region.right, unknown.bottom = region.bottom;
+  frame.labels = {host, unknown};
+  return frame;
+}
+
+TEST(TopBackground, LeavesOutDontCareRegionsSeenFromAbove) {
+  // A car's box at 40 m, 10 m to the left, stands around column 600 − 700 · 10 / 40 = 425.
+  const Frame frame = frame_with_region({380, 170, 470, 220});
+  const HostTruth truth(frame, frame.labels[0], kFromAbove);
+  EXPECT_TRUE(truth.in_dont_care(at(40, 10, 0)));
+  EXPECT_FALSE(truth.in_dont_care(at(40, -10, 0)));
+  EXPECT_FALSE(truth.in_dont_care(at(40, 13, 0)));   // beside it
+  EXPECT_FALSE(truth.in_dont_care(at(-40, 10, 0)));  // behind the camera
+  EXPECT_EQ(truth.label_iou(at(40, 10, 0)), 0);      // an evaluation's rule is as it was
+  const std::vector<Detection> proposals{at(40, 10, 3), at(40, -10, -2)};
+  EXPECT_NEAR(objective(proposals, truth, top(1)).false_positive, -softplus(-2), 1e-15);
+}
+
+TEST(TopBackground, GradientInLogits) {
+  RandomStream random(3, "top background");
+  for (int round = 0; round < 5; ++round) {
+    std::vector<Detection> proposals;
+    std::vector<double> logits;
+    for (int i = 0; i < 40; ++i) {  // logits far enough apart that a difference changes no set
+      logits.push_back(0.4 * i - 10);
+      std::swap(logits.back(), logits[static_cast<std::size_t>(random.below(i + 1))]);
+    }
+    for (const double logit : logits)
+      proposals.push_back(at(random.uniform(0, 70), random.uniform(-30, 30), logit));
+    const HostTruth truth(kCarrier, {kCarrier, BevBox{40, 5, 4, 2, 1}});
+    const std::vector<Detection> clean{at(20, 10, 1)};
+    const auto f = [&](const std::vector<double>& x) {
+      for (std::size_t i = 0; i < x.size(); ++i) proposals[i].logit = x[i];
+      const auto value = objective(proposals, truth, top(8, 0.7), clean);
+      return value.hide + value.false_positive;
+    };
+    const auto gradient = objective(proposals, truth, top(8, 0.7), clean).d_logits;
+    EXPECT_EQ(std::count_if(gradient.begin(), gradient.end(), [](double d) { return d < 0; }), 8);
+    test::check_gradient(f, logits, gradient, 1e-5, 1e-8);
+  }
+}
+
+/// Finds the host and a car that nobody labelled in every frame, and background beside it; counts how often
+/// it is asked.
+class UnlabelledCar : public test::StandInDetector {
+ public:
+  int clean_passes = 0;
+  std::vector<double> asked;
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
+    StandInDetector::forward(input, score_threshold, keep_graph);
+    clean_passes += !keep_graph;
+    asked.push_back(score_threshold);
+    std::vector<Detection> found;
+    for (const Detection& one :
+         {at(30, 10, 2), at(30.5, 10, 1.5), at(20, -12, -5), Detection{test::tiny_car(0), 1}})
+      if (one.score() > score_threshold) found.push_back(one);
+    return found;
+  }
+};
+
+TEST(TopBackground, AnAttackLooksAtEachCleanFrameOnce) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 3);
+  DetectorPool detectors;
+  auto owned = std::make_unique<UnlabelledCar>();
+  UnlabelledCar& detector = *owned;
+  detectors.push_back(std::move(owned));
+  AttackSettings settings = test::tiny_attack();
+  settings.data = folder / "data";
+  settings.out = folder / "run";
+  settings.iterations = 6;
+  settings.rooftop = "box";
+  settings.quiet = true;
+  settings.objective.lambda_fp = 1;
+  settings.objective.fp_top_k = 3;
+  run_attack(settings, detectors);
+  EXPECT_EQ(detector.clean_passes, 2);  // of two training frames
+  EXPECT_EQ(std::count(detector.asked.begin(), detector.asked.end(), 0.0),
+            12);  // every proposal, 6 × 2 hosts
+  // Of the three beside the host one is no part of a clean detection: its loss is the whole of it.
+  const AttackState state = read_checkpoint(
+      settings.out / "checkpoint.json", read_json(settings.out / "checkpoint.json").at("identity"), settings);
+  EXPECT_NEAR(state.losses.front().false_positive, -softplus(-5), 1e-12);
+  EXPECT_EQ(read_json(settings.out / "run.json").at("fp_top_k"), 3);
+  settings.objective.fp_top_k = 0;  // another rule, another run
+  EXPECT_THAT(test::error_text<InputError>([&] { run_attack(settings, detectors); }),
+              testing::HasSubstr("fp_top_k"));
+}
 
 using ::testing::HasSubstr;
 

@@ -11,8 +11,8 @@
 #include "base/files.h"
 #include "base/intervals.h"
 #include "base/random.h"
+#include "detection/detector_settings.h"
 #include "detection/points_in_view.h"
-#include "detection/precision.h"
 #include "generator/generator.h"
 #include "support/small_rig.h"
 

@@ -6,9 +6,9 @@
 #include <set>
 
 #include "attack/attack.h"
+#include "attack/attack_hosts.h"
 #include "attack/attack_step.h"
 #include "attack/tiny_world.h"
-#include "attack/validation_part.h"
 #include "base/error.h"
 #include "base/random.h"
 #include "support/files.h"

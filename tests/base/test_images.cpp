@@ -21,7 +21,6 @@
 #include "base/image_io.h"
 #include "base/parallel.h"
 #include "base/random.h"
-#include "base/srgb_bytes.h"
 #include "support/files.h"
 
 namespace mirage {

@@ -7,9 +7,9 @@
 
 #include "base/error.h"
 #include "base/random.h"
-#include "detection/around.h"
 #include "detection/car_in_picture.h"
 #include "detection/consistent_detector.h"
+#include "detection/defenses.h"
 #include "detection/points_in_view.h"
 #include "support/files.h"
 #include "support/scripted_detector.h"

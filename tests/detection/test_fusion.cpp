@@ -12,7 +12,7 @@
 #include "base/files.h"
 #include "base/random.h"
 #include "detection/detector.h"
-#include "detection/precision.h"
+#include "detection/detector_settings.h"
 
 #ifdef MIRAGE_HAS_FUSION
 namespace mirage {

@@ -12,8 +12,8 @@
 #include "exchange/gltf_builder.h"
 #include "exchange/host_proxy.h"
 #include "exchange/mesh_files.h"
-#include "geometry/atlas_triangles.h"
 #include "geometry/shapes.h"
+#include "geometry/texel_grid.h"
 #include "sensors/soft_rasterizer.h"
 #include "support/files.h"
 

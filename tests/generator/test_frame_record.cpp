@@ -10,7 +10,6 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "generator/dataset.h"
-#include "generator/frame_record.h"
 #include "scene/data/read_frames.h"
 #include "support/files.h"
 #include "support/small_rig.h"

@@ -12,10 +12,10 @@
 #include "base/image_io.h"
 #include "base/parallel.h"
 #include "generator/dataset.h"
+#include "generator/fit.h"
 #include "generator/generator.h"
 #include "generator/looks/american_parts.h"
 #include "generator/street.h"
-#include "generator/vehicle_truth.h"
 #include "support/files.h"
 #include "support/small_rig.h"
 

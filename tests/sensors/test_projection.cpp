@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
-#include "geometry/atlas_triangles.h"
 #include "geometry/shapes.h"
+#include "geometry/texel_grid.h"
 #include "sensors/projection.h"
 #include "support/gradient_check.h"
 #include "support/raster_problem.h"

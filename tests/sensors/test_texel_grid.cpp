@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include "base/random.h"
-#include "geometry/atlas_triangles.h"
 #include "geometry/shapes.h"
 #include "geometry/texel_grid.h"
 #include "sensors/exact_coverage.h"

@@ -4,7 +4,7 @@
 
 #include "base/random.h"
 #include "scene/depth_completion.h"
-#include "simulation/adversary_view.h"
+#include "simulation/camera_pass.h"
 #include "simulation/render_scene.h"
 #include "support/gradient_check.h"
 #include "support/insertion_world.h"

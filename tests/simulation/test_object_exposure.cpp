@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "base/random.h"
-#include "simulation/object_exposure.h"
+#include "simulation/camera_pass.h"
 #include "support/gradient_check.h"
 
 namespace mirage {

@@ -1,7 +1,15 @@
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <set>
+
 #include "base/angles.h"
+#include "base/error.h"
+#include "base/random.h"
 #include "simulation/placement.h"
+#include "simulation/quality.h"
+#include "simulation/upstream.h"
+#include "support/files.h"
 #include "support/insertion_world.h"
 
 namespace mirage {
@@ -65,6 +73,136 @@ TEST(Placement, ACarBesideTheObjectShadesIt) {
     return sum / s.adversary_pixels;
   };
   EXPECT_LT(brightness(beside), 0.8 * brightness(alone));
+}
+
+}  // namespace
+
+// --quality: what the names stand for, and that what the user gives wins.
+
+namespace {
+
+using testing::HasSubstr;
+
+TEST(Quality, DefaultIsWhatTheSimulationHoldsByItself) {
+  const SimulationSettings own;
+  SimulationSettings settings;
+  settings.raster.sigma = 1, settings.raster.gamma = 1, settings.raster.dist_eps = 0.3;
+  settings.supersampling = 7, settings.reference = true, settings.exact_coverage = true;
+  apply_quality("default", settings);
+  EXPECT_EQ(settings.raster.sigma, own.raster.sigma);
+  EXPECT_EQ(settings.raster.gamma, own.raster.gamma);
+  EXPECT_EQ(settings.raster.dist_eps, own.raster.dist_eps);
+  EXPECT_EQ(settings.supersampling, own.supersampling);
+  EXPECT_EQ(settings.reference, own.reference);
+  EXPECT_EQ(settings.exact_coverage, own.exact_coverage);
+}
+
+TEST(Quality, ThreeNamesInOrderOfTheirImage) {
+  ASSERT_EQ(qualities().size(), 3u);
+  EXPECT_STREQ(qualities()[0].name, "draft");
+  EXPECT_STREQ(qualities()[1].name, "default");
+  EXPECT_STREQ(qualities()[2].name, "exact");
+  EXPECT_LT(qualities()[0].supersampling, qualities()[1].supersampling);
+  EXPECT_FALSE(qualities()[1].exact);
+  EXPECT_TRUE(qualities()[2].exact);
+}
+
+TEST(Quality, WhatTheUserGaveStays) {
+  const Quality& draft = quality_of("draft");
+  for (const std::string given : {"--sigma", "--gamma", "--supersampling"}) {
+    SimulationSettings settings;
+    settings.raster.sigma = 3e-6, settings.raster.gamma = 0.05, settings.supersampling = 7;
+    apply_quality("draft", settings, [&](const char* option) { return option == given; });
+    EXPECT_EQ(settings.raster.sigma, given == "--sigma" ? 3e-6 : draft.sigma);
+    EXPECT_EQ(settings.raster.gamma, given == "--gamma" ? 0.05 : draft.gamma);
+    EXPECT_EQ(settings.supersampling, given == "--supersampling" ? 7 : draft.supersampling);
+    EXPECT_EQ(settings.raster.dist_eps, draft.dist_eps);
+  }
+}
+
+TEST(Quality, ExactAreasHaveNoSoftnessToGive) {
+  for (const std::string given : {"--sigma", "--gamma", "--supersampling"}) {
+    SimulationSettings settings;
+    const std::string text = test::error_text<InputError>(
+        [&] { apply_quality("exact", settings, [&](const char* option) { return option == given; }); });
+    EXPECT_THAT(text, HasSubstr(given));
+    EXPECT_THAT(text, HasSubstr("exact"));
+    EXPECT_FALSE(settings.exact_coverage);
+  }
+}
+
+TEST(Quality, NothingElseChanges) {
+  SimulationSettings settings;
+  settings.lidar_reflectivity = 0.3, settings.occlusion_margin = 0.1, settings.grazing_cosine = 0.2;
+  settings.raster.edge_on_altitude = 1e-5;
+  apply_quality("draft", settings);
+  EXPECT_EQ(settings.lidar_reflectivity, 0.3);
+  EXPECT_EQ(settings.occlusion_margin, 0.1);
+  EXPECT_EQ(settings.grazing_cosine, 0.2);
+  EXPECT_EQ(settings.raster.edge_on_altitude, 1e-5);
+  const SimulationSettings before = settings;
+  apply_quality("", settings);
+  EXPECT_EQ(settings.supersampling, before.supersampling);
+}
+
+TEST(Quality, AnotherWordIsAnErrorThatNamesTheThree) {
+  SimulationSettings settings;
+  const std::string text = test::error_text<InputError>([&] { apply_quality("best", settings); });
+  EXPECT_THAT(text, testing::StartsWith("quality: best: "));
+  for (const char* name : {"best", "draft", "default", "exact"}) EXPECT_THAT(text, HasSubstr(name));
+}
+
+using test::make_world;
+
+/// Values that float holds exactly, in float and in double.
+template <class S>
+std::vector<S> upstream_values(std::size_t count) {
+  RandomStream random(7, "upstream");
+  std::vector<S> values(count);
+  for (S& value : values) value = static_cast<S>(static_cast<float>(random.uniform(-1, 1)));
+  return values;
+}
+
+template <class S>
+AdversaryGradient pulled_back(const Simulated& s) {
+  const auto image = upstream_values<S>(s.image.data.size()), points = upstream_values<S>(4 * s.sweep.size());
+  return simulate_vjp(
+      s, Upstream<S>{image.data(),
+                     s.image.width,
+                     s.image.height,
+                     {reinterpret_cast<const std::array<S, 4>*>(points.data()), s.sweep.size()}});
+}
+
+TEST(Upstream, TheCallersMemoryInFloatAndInDouble) {
+  const test::World world = make_world(1);
+  for (const bool reference : {false, true}) {
+    SimulationSettings settings;
+    settings.reference = reference;
+    const Simulated s = simulate(world.prepared, world.placement, world.adversary, settings);
+    ImageF d_image(s.image.width, s.image.height, 3);
+    d_image.data = upstream_values<float>(d_image.data.size());
+    const auto flat = upstream_values<float>(4 * s.sweep.size());
+    std::vector<std::array<float, 4>> d_points(s.sweep.size());
+    std::copy(flat.begin(), flat.end(), d_points.front().data());
+    const AdversaryGradient own = simulate_vjp(s, d_image, d_points);
+    for (const AdversaryGradient& gradient : {pulled_back<float>(s), pulled_back<double>(s)}) {
+      EXPECT_EQ(gradient.vertices, own.vertices);
+      EXPECT_EQ(gradient.texels, own.texels);
+    }
+  }
+}
+
+TEST(Upstream, TheReturnsInDoubleAreTheSweeps) {
+  const test::World world = make_world(2);
+  const Simulated s = simulate(world.prepared, world.placement, world.adversary);
+  const auto exact = object_returns(s);
+  ASSERT_GT(exact.size(), 20u);
+  ASSERT_EQ(exact.size(), static_cast<std::size_t>(s.adversary_points));
+  for (std::size_t i = 0; i < exact.size(); ++i) {
+    const LidarPoint& point = s.sweep[s.sweep.size() - exact.size() + i];
+    EXPECT_EQ(point.x, static_cast<float>(exact[i][0]));
+    EXPECT_EQ(point.reflectance, static_cast<float>(exact[i][3]));
+  }
 }
 
 }  // namespace

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "attack/evaluation_outcomes.h"
-#include "attack/false_positives.h"
+#include "attack/evaluation.h"
+#include "attack/host_outcome.h"
 #include "detection/reliance.h"
 #include "validation/paper/results.h"
 

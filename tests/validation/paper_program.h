@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/field_text.h"
 #include "base/files.h"
-#include "base/named_settings.h"
 #include "validation/paper/experiments.h"
 #include "validation/paper_fixture.h"
 

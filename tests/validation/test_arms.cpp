@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "fixture.h"
-#include "validation/fidelity/arms.h"
-#include "validation/fidelity/lidar_ladder.h"
+#include "validation/fidelity/ladders.h"
+#include "validation/fidelity/vehicle_validation.h"
 #include "validation/fidelity/verdict.h"
 
 namespace mirage {

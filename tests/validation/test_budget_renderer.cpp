@@ -13,7 +13,6 @@
 #include "support/files.h"
 #include "validation/fidelity/budget_renderer.h"
 #include "validation/fidelity/raster_rungs.h"
-#include "validation/fidelity/scene_features.h"
 
 namespace mirage {
 namespace {

@@ -2,7 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "validation/report/evaluation_pictures.h"
+#include "validation/report/pages.h"
 
 namespace mirage {
 namespace {

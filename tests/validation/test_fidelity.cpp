@@ -1,8 +1,15 @@
 // Fidelity metrics against hand values and values made with scikit-image 0.19.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <map>
 
+#include "fixture.h"
+#include "plain_reference.h"
+#include "support/files.h"
+#include "validation/fidelity/ladders.h"
 #include "validation/fidelity/picture_errors.h"
 
 namespace mirage {
@@ -83,6 +90,136 @@ TEST(Fidelity, FlipSeesAnEdgeMoreThanAFlatChange) {
   ImageF middle(40, 30, 1);
   for (int v = 0; v < 30; ++v) middle.at(18, v) = 1;
   EXPECT_GT(flip(flat, edge, middle), flip(flat, shifted, middle));
+}
+
+}  // namespace
+
+// What a validation finds of a reference renderer that differs in a way that is known.
+
+namespace {
+
+using test::PlainReference;
+
+/// The scene of a made-up car, further away than Blender's for fewer pixels.
+struct Reference : public ::testing::Test {
+  const PreparedFrame prepared = test::made_up_frame(20, 2, 0.6);
+  const test::TemporaryFolder folder;
+  HostScene scene = test::host_scene_of(prepared, test::random_mesh(2), "reference");
+
+  MatchedLight matched(const test::Planted& planted) {
+    PlainReference reference(planted);
+    return matched_light(reference, scene);
+  }
+  LidarCheck rays(const test::Planted& planted) {
+    PlainReference reference(planted);
+    return check_lidar(reference, scene, simulate_host(scene, scene.simulation));
+  }
+};
+
+TEST_F(Reference, APlainLoopAgreesWithRasteriserAndRays) {
+  const MatchedLight light = matched({});
+  EXPECT_GE(light.mask_iou, 0.999);
+  EXPECT_GT(light.mask_both, 300);
+  EXPECT_LE(light.mae, 1e-3);  // a pixel's centre on a border between texels may show either
+  EXPECT_LE(light.pixels_off, light.mask_either / 200);
+  EXPECT_LE(light.depth_error, 1e-3);
+  const LidarCheck lidar = rays({});
+  EXPECT_GT(lidar.returns, 10);
+  EXPECT_GE(lidar.rays, lidar.returns);
+  EXPECT_EQ(lidar.disagreements, 0);
+  EXPECT_LE(lidar.range_error, 1e-4);
+}
+
+TEST_F(Reference, BrighterLightIsAnErrorOfTheColourAlone) {
+  const MatchedLight plain = matched({}), bright = matched({.gain = 1.25});
+  EXPECT_EQ(bright.mask_iou, plain.mask_iou);
+  EXPECT_EQ(bright.depth_error, plain.depth_error);
+  // Mean radiance over the mask; a quarter of it is the error.
+  const double mean = mean_absolute_error(plain.raster, ImageF(plain.rect.width(), plain.rect.height(), 3),
+                                          plain.raster_mask);
+  EXPECT_NEAR(bright.mae, 0.25 * mean, 1e-3);
+  EXPECT_GT(bright.pixels_off, 0.95 * bright.mask_either);
+}
+
+TEST_F(Reference, AShiftByAPixelIsSeenInTheMask) {
+  const MatchedLight plain = matched({}), shifted = matched({.shift = 1});
+  // Both masks by hand: the reference's own one pixel to the right.
+  int both = 0, either = 0;
+  const ImageF& mask = plain.raster_mask;
+  for (int v = 0; v < mask.height; ++v)
+    for (int u = 1; u < mask.width; ++u) {
+      const bool here = mask.at(u, v) > 0.5f, left = mask.at(u - 1, v) > 0.5f;
+      both += here && left, either += here || left;
+    }
+  EXPECT_NEAR(shifted.mask_iou, static_cast<double>(both) / either, 2e-3);
+  EXPECT_LT(shifted.mask_iou, 0.98);
+}
+
+TEST_F(Reference, RangesThatAreOffAndRaysThatPassAreCounted) {
+  EXPECT_NEAR(rays({.range = 0.005}).range_error, 0.005, 1e-4);
+  EXPECT_EQ(rays({.range = 0.005}).disagreements, 0);
+  // A ray that passes; and the return that it made, if it made one.
+  const LidarCheck passing = rays({.misses = 3});
+  EXPECT_GE(passing.disagreements, 3);
+  EXPECT_LE(passing.disagreements, 6);
+  EXPECT_NEAR(matched({.range = 0.05}).depth_error_mean, 0.05, 5e-3);
+}
+
+TEST_F(Reference, TheErrorWithoutNoiseIsWhatWasPlanted) {
+  // The object in the reference is a fifth darker, and a sample's brightness varies by 30 %.
+  scene.samples = 8;
+  scene.simulation = hard_limit(scene.simulation, true);
+  scene.simulation.supersampling = 8;
+  const Simulated drawn = simulate_host(scene, scene.simulation);
+  const auto drawn_by = [&](const test::Planted& planted) {
+    PlainReference reference(planted);
+    return full_light(reference, scene, drawn);
+  };
+  const FullLight quiet = drawn_by({.bounces_gain = 0.8}),
+                  noisy = drawn_by({.bounces_gain = 0.8, .noise = 0.3});
+  const SquaredError without = raster_error(scene, drawn, quiet), with = raster_error(scene, drawn, noisy);
+  // Shares of the mean radiance: of a texture the mean square is more than the square of the mean.
+  const ImageF& radiance = quiet.raster;  // which has no noise
+  double sum = 0, squares = 0, count = 0;
+  for (int v = 0; v < radiance.height; ++v)
+    for (int u = 0; u < radiance.width; ++u)
+      for (int c = 0; c < 3 && quiet.mask.at(u, v) > 0.5f; ++c, ++count)
+        sum += radiance.at(u, v, c), squares += std::pow(radiance.at(u, v, c), 2);
+  const double texture = squares / count / std::pow(sum / count, 2);
+  // Eight samples tell it to a fifth; with their noise it would be more than half as much again.
+  EXPECT_NEAR(without.unbiased, 0.25 * 0.25 * texture, 0.25 * 0.25 * 0.25 * texture);
+  EXPECT_GT(without.plain, 1.5 * without.unbiased);
+  EXPECT_NEAR(with.unbiased, without.unbiased, 0.15 * without.unbiased);
+  EXPECT_NEAR(with.plain, with.unbiased + with.floor, 1e-9);
+  // Samples lie elsewhere in the pixel, too, which the quiet one has as well.
+  const double planted = 0.3 * 0.3 / quiet.samples * texture;
+  EXPECT_NEAR(with.floor - without.floor, planted, 0.4 * planted);
+  EXPECT_GT(noise_of(noisy.radiance, noisy.mask, noisy.samples / 2).relative,
+            1.02 * noise_of(quiet.radiance, quiet.mask, quiet.samples / 2).relative);
+}
+
+TEST_F(Reference, TheLadderTellsTheEffectThatMatters) {
+  scene.samples = 4;
+  const Simulated simulated = simulate_host(scene, scene.simulation);
+  PlainReference reference({.bounces_gain = 0.8});
+  const FullLight full = full_light(reference, scene, simulated);
+  std::map<std::string, LadderRung> rungs;
+  for (LadderRung& rung : light_ladder(reference, scene, full).rungs) rungs[rung.effect] = rung;
+  const auto left = [&](const char* effect) { return rungs.at(effect).error.unbiased; };
+  for (const char* with_bounces : {"+bounces1", "+bounces4", "all", "full"})
+    EXPECT_LT(left(with_bounces), 0.02) << with_bounces;
+  for (const char* without : {"hard", "+pixel area", "+shadows", "+occlusion", "+specular"})
+    EXPECT_GT(left(without), 0.04) << without;
+  EXPECT_NEAR(rungs.at("+bounces1").change.relative, 0.2, 0.02);
+  EXPECT_EQ(rungs.at("+shadows").change.mae, 0) << "the plain loop has none";
+  EXPECT_EQ(rungs.at("+cast shadow").crop.mae, 0);
+}
+
+TEST_F(Reference, OneThatIsLostSaysSo) {
+  PlainReference reference({.lost_at = 1});
+  EXPECT_THROW(matched_light(reference, scene), ReferenceLost);  // its rays, after the picture
+  ASSERT_EQ(reference.losses().size(), 1u);
+  EXPECT_EQ(reference.losses()[0].job, "raycast");
 }
 
 }  // namespace

@@ -9,8 +9,8 @@
 
 #include "base/files.h"
 #include "support/files.h"
+#include "validation/paper/experiments.h"
 #include "validation/paper/findings.h"
-#include "validation/paper/fusions.h"
 #include "validation/paper/reproduce.h"
 #include "validation/paper_program.h"
 

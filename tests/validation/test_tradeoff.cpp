@@ -15,10 +15,9 @@
 #include "simulation/quality.h"
 #include "support/files.h"
 #include "support/small_rig.h"
-#include "validation/reference/scratch_folder.h"
-#include "validation/tradeoff/attack_study.h"
-#include "validation/tradeoff/detector_study.h"
+#include "validation/reference/reference_renderer.h"
 #include "validation/tradeoff/points.h"
+#include "validation/tradeoff/studies.h"
 #include "validation/tradeoff/tradeoff.h"
 
 namespace mirage {

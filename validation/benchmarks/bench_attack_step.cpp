@@ -13,8 +13,8 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "bench.h"
+#include "detection/detector_settings.h"
 #include "detection/points_in_view.h"
-#include "detection/precision.h"
 #include "generator/generator.h"
 #include "validation/thread_clock.h"
 

@@ -11,8 +11,8 @@
 #include "bench.h"
 #include "generator/generator.h"
 #include "scene/depth_completion.h"
-#include "scene/light_surroundings.h"
-#include "simulation/adversary_view.h"
+#include "scene/recorded_light.h"
+#include "simulation/camera_pass.h"
 #include "simulation/insertion.h"
 #include "validation/thread_clock.h"
 

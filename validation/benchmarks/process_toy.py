@@ -1,4 +1,4 @@
-"""The detector of bench_process.cpp: one box, and gradients to everything."""
+"""The detector of bench_detector.cpp: one box, and gradients to everything."""
 
 import sys
 

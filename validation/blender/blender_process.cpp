@@ -14,7 +14,7 @@
 #include "base/logging.h"
 #include "base/names.h"
 #include "exchange/gltf.h"
-#include "exchange/obj_file.h"
+#include "exchange/mesh_files.h"
 
 namespace mirage {
 namespace {

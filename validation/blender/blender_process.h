@@ -43,8 +43,8 @@ class BlenderWorker : public ReferenceRenderer {
   /// By Blender's BVH.
   std::vector<double> raycast(const std::filesystem::path& scene, std::span<const LidarRay> rays,
                               const std::filesystem::path& scratch) override;
-  /// Writes standing_on_origin(adversary) (exchange/obj_file.h) as FBX: metres, pivot on the roof socket, one
-  /// material whose embedded picture has the texels at 8 bits sRGB, a pixel each. Written beside `file`
+  /// Writes standing_on_origin(adversary) (exchange/mesh_files.h) as FBX: metres, pivot on the roof socket,
+  /// one material whose embedded picture has the texels at 8 bits sRGB, a pixel each. Written beside `file`
   /// first, so that what is there is whole.
   void write_fbx(const std::filesystem::path& file, const TexturedMesh& adversary);
 

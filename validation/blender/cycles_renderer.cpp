@@ -10,7 +10,7 @@
 #include "exchange/host_proxy.h"
 #include "validation/blender/blender_process.h"
 #include "validation/reference/host_scene.h"
-#include "validation/reference/scratch_folder.h"
+#include "validation/reference/reference_renderer.h"
 
 namespace mirage {
 

@@ -1,6 +1,6 @@
 // `mirage attack --renderer cycles`: Blender Cycles as the renderer that an attack's detector looks through.
-// The pictures are those of the verdict's arm "cycles" (validation/fidelity/arms.h): full light, over the
-// photograph.
+// The pictures are those of the verdict's arm "cycles" (validation/fidelity/vehicle_validation.h): full
+// light, over the photograph.
 #pragma once
 
 #include <condition_variable>

@@ -1,7 +1,7 @@
 """The adversary as FBX, for game engines and driving simulators: one object, one material, its texels as an embedded
 8-bit sRGB picture with a pixel a texel; metres; the object's origin is the roof socket.
 
-What comes in is a .glb of mirage export, whose lowest vertex stands at z = 0 (exchange/obj_file.h). FBX has no word for
+What comes in is a .glb of mirage export, whose lowest vertex stands at z = 0 (exchange/mesh_files.h). FBX has no word for
 unfiltered textures; every triangle's UVs lie at one texel's centre, so that any filter shows that texel.
 """
 

@@ -1,12 +1,16 @@
 #include "validation/fidelity/picture_errors.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <opencv2/imgproc.hpp>
+#include <vector>
 
 #include "base/color.h"
 #include "base/error.h"
+#include "base/types.h"
 
 namespace mirage {
 namespace {
@@ -117,6 +121,163 @@ ImageF encoded(const ImageF& linear) {
   ImageF out = linear;
   for (float& value : out.data) value = srgb_from_linear(value);
   return out;
+}
+
+// FLIP for low dynamic range (Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild: "FLIP: A
+// Difference Evaluator for Alternating Images", HPG 2020). Section numbers are the paper's.
+
+namespace {
+
+using Planes = std::array<cv::Mat, 3>;  // CV_64F, one a channel
+
+const Eigen::Matrix3d kXyzFromLinear = (Eigen::Matrix3d() << 0.4124564, 0.3575761, 0.1804375,  //
+                                        0.2126729, 0.7151522, 0.0721750,                       //
+                                        0.0193339, 0.1191920, 0.9503041)
+                                           .finished();
+const Vec3d kWhite = kXyzFromLinear * Vec3d::Ones();
+const Eigen::Matrix3d kLinearFromXyz = kXyzFromLinear.inverse();
+
+// Colour pipeline (section 4.1): exponent, and the knee of the error redistribution.
+constexpr double kColorExponent = 0.7, kKneePlace = 0.4, kKneeValue = 0.95;
+// Feature pipeline (section 4.2): width of the detectors (degrees) and exponent.
+constexpr double kFeatureWidth = 0.082, kFeatureExponent = 0.5;
+
+/// Linearised CIELAB: (Y, Cx, Cz).
+Vec3d ycxcz_from_linear(const Vec3d& linear) {
+  const Vec3d r = (kXyzFromLinear * linear).cwiseQuotient(kWhite);
+  return {116 * r.y() - 16, 500 * (r.x() - r.y()), 200 * (r.y() - r.z())};
+}
+
+Vec3d linear_from_ycxcz(const Vec3d& c) {
+  const double y = (c.x() + 16) / 116;
+  return kLinearFromXyz * Vec3d(y + c.y() / 500, y, y - c.z() / 200).cwiseProduct(kWhite);
+}
+
+/// CIELAB with the Hunt effect: chroma counts for less in the dark.
+Vec3d hunt_lab(const Vec3d& linear) {
+  constexpr double kDelta = 6.0 / 29;
+  const auto f = [](double t) {
+    return t > kDelta * kDelta * kDelta ? std::cbrt(t) : t / (3 * kDelta * kDelta) + 4.0 / 29;
+  };
+  const Vec3d r = (kXyzFromLinear * linear).cwiseQuotient(kWhite);
+  const double fx = f(r.x()), fy = f(r.y()), fz = f(r.z()), lightness = 116 * fy - 16;
+  return {lightness, 0.01 * lightness * 500 * (fx - fy), 0.01 * lightness * 200 * (fy - fz)};
+}
+
+double hyab(const Vec3d& a, const Vec3d& b) {
+  const Vec3d d = a - b;
+  return std::abs(d.x()) + std::hypot(d.y(), d.z());
+}
+
+Planes planes(const ImageF& image) {
+  Planes result;
+  for (auto& plane : result) plane.create(image.height, image.width, CV_64F);
+  for (int v = 0; v < image.height; ++v)
+    for (int u = 0; u < image.width; ++u) {
+      Vec3d linear;
+      for (int c = 0; c < 3; ++c) linear[c] = linear_from_srgb(image.at(u, v, c));
+      const Vec3d color = ycxcz_from_linear(linear);
+      for (int c = 0; c < 3; ++c) result[c].at<double>(v, u) = color[c];
+    }
+  return result;
+}
+
+cv::Mat filtered(const cv::Mat& in, const cv::Mat& kernel) {
+  cv::Mat out;
+  cv::filter2D(in, out, CV_64F, kernel, cv::Point(-1, -1), 0, cv::BORDER_REPLICATE);
+  return out;
+}
+
+/// Contrast sensitivity of one opponent channel as a sum of two Gaussians (table 1 of the paper).
+cv::Mat contrast_kernel(double a1, double b1, double a2, double b2, double pixels_per_degree) {
+  constexpr double kPi = std::numbers::pi, kWidest = 0.04;
+  const int radius =
+      static_cast<int>(std::ceil(3 * std::sqrt(kWidest / (2 * kPi * kPi)) * pixels_per_degree));
+  cv::Mat kernel(2 * radius + 1, 2 * radius + 1, CV_64F);
+  for (int y = -radius; y <= radius; ++y)
+    for (int x = -radius; x <= radius; ++x) {
+      const double z = (x * x + y * y) / (pixels_per_degree * pixels_per_degree);
+      kernel.at<double>(y + radius, x + radius) = a1 * std::sqrt(kPi / b1) * std::exp(-kPi * kPi * z / b1) +
+                                                  a2 * std::sqrt(kPi / b2) * std::exp(-kPi * kPi * z / b2);
+    }
+  return kernel / cv::sum(kernel)[0];
+}
+
+Planes as_seen(const Planes& in, double pixels_per_degree) {
+  return {filtered(in[0], contrast_kernel(1, 0.0047, 0, 1e-5, pixels_per_degree)),
+          filtered(in[1], contrast_kernel(1, 0.0053, 0, 1e-5, pixels_per_degree)),
+          filtered(in[2], contrast_kernel(34.1, 0.04, 13.5, 0.025, pixels_per_degree))};
+}
+
+/// First (edges) or second (points) derivative of a Gaussian along x; positive and negative weights sum to
+/// ±1.
+cv::Mat feature_kernel(bool points, double pixels_per_degree) {
+  const double sd = 0.5 * kFeatureWidth * pixels_per_degree;
+  const int radius = static_cast<int>(std::ceil(3 * sd));
+  cv::Mat kernel(2 * radius + 1, 2 * radius + 1, CV_64F);
+  double positive = 0, negative = 0;
+  for (int y = -radius; y <= radius; ++y)
+    for (int x = -radius; x <= radius; ++x) {
+      const double g = std::exp(-(x * x + y * y) / (2 * sd * sd));
+      const double weight = points ? (x * x / (sd * sd) - 1) * g : -x * g;
+      kernel.at<double>(y + radius, x + radius) = weight;
+      (weight > 0 ? positive : negative) += std::abs(weight);
+    }
+  for (int i = 0; i < kernel.rows * kernel.cols; ++i) {
+    double& weight = kernel.ptr<double>()[i];
+    weight /= weight > 0 ? positive : negative;
+  }
+  return kernel;
+}
+
+cv::Mat feature_strength(const cv::Mat& lightness, bool points, double pixels_per_degree) {
+  const cv::Mat along_x = feature_kernel(points, pixels_per_degree);
+  cv::Mat strength;
+  cv::magnitude(filtered(lightness, along_x), filtered(lightness, along_x.t()), strength);
+  return strength;
+}
+
+}  // namespace
+
+ImageF flip_map(const ImageF& reference, const ImageF& test, double pixels_per_degree) {
+  if (reference.width != test.width || reference.height != test.height || reference.channels != 3 ||
+      test.channels != 3)
+    throw Failure("flip", "images of different size or not RGB", "report this as a bug");
+  ImageF result(reference.width, reference.height, 1);
+  if (result.empty()) return result;
+  const Planes a = planes(reference), b = planes(test);
+  const Planes seen_a = as_seen(a, pixels_per_degree), seen_b = as_seen(b, pixels_per_degree);
+  const cv::Mat light_a = (a[0] + 16) / 116, light_b = (b[0] + 16) / 116;
+  std::array<cv::Mat, 2> feature_a, feature_b;
+  for (int points = 0; points < 2; ++points) {
+    feature_a[points] = feature_strength(light_a, points == 1, pixels_per_degree);
+    feature_b[points] = feature_strength(light_b, points == 1, pixels_per_degree);
+  }
+  const double largest = std::pow(hyab(hunt_lab(Vec3d(0, 1, 0)), hunt_lab(Vec3d(0, 0, 1))), kColorExponent);
+  const double knee = kKneePlace * largest;
+  const auto lab = [](const Planes& p, int v, int u) {
+    const Vec3d color(p[0].at<double>(v, u), p[1].at<double>(v, u), p[2].at<double>(v, u));
+    return hunt_lab(linear_from_ycxcz(color).cwiseMax(0.0).cwiseMin(1.0));
+  };
+  for (int v = 0; v < result.height; ++v)
+    for (int u = 0; u < result.width; ++u) {
+      const double distance = std::pow(hyab(lab(seen_a, v, u), lab(seen_b, v, u)), kColorExponent);
+      const double color = distance < knee
+                               ? kKneeValue / knee * distance
+                               : kKneeValue + (distance - knee) / (largest - knee) * (1 - kKneeValue);
+      double change = 0;
+      for (int points = 0; points < 2; ++points)
+        change = std::max(change,
+                          std::abs(feature_a[points].at<double>(v, u) - feature_b[points].at<double>(v, u)));
+      const double feature = std::pow(change / std::numbers::sqrt2, kFeatureExponent);
+      result.at(u, v) = static_cast<float>(std::pow(color, 1 - feature));
+    }
+  return result;
+}
+
+double flip(const ImageF& reference, const ImageF& test, const ImageF& mask) {
+  const ImageF map = flip_map(reference, test);
+  return mean_absolute_error(map, ImageF(map.width, map.height, 1), mask);
 }
 
 }  // namespace mirage

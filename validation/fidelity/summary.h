@@ -33,7 +33,7 @@ struct Target {
 };
 std::vector<Target> targets_of(const MatchedSummary& matched);
 
-/// Means of a Change (light_ladder.h). `psnr`: of the pictures that differ; none where all are equal, or
+/// Means of a Change (ladders.h). `psnr`: of the pictures that differ; none where all are equal, or
 /// where it is not measured.
 struct MeanChange {
   double mae = 0, relative = 0, ssim = 0, flip = 0;

@@ -6,7 +6,7 @@
 #include <map>
 #include <set>
 
-#include "attack/cached_reliance.h"
+#include "attack/evaluate_run.h"
 #include "base/child_process.h"
 #include "base/error.h"
 #include "base/field_json.h"
@@ -24,7 +24,7 @@
 #include "scene/shape/shape_roof.h"
 #include "simulation/quality.h"
 #include "validation/fidelity/vehicle_validation.h"
-#include "validation/reference/scratch_folder.h"
+#include "validation/reference/reference_renderer.h"
 
 namespace mirage {
 namespace {

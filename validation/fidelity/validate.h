@@ -15,7 +15,7 @@
 #include "detection/reliance.h"
 #include "validation/fidelity/budget.h"
 #include "validation/fidelity/summary.h"
-#include "validation/fidelity/validation_settings.h"
+#include "validation/fidelity/vehicle_validation.h"
 #include "validation/fidelity/verdict.h"
 #include "validation/reference/reference_renderer.h"
 

@@ -11,7 +11,7 @@
 
 #include "base/fields.h"
 #include "frames/host_id.h"
-#include "validation/fidelity/light_ladder.h"
+#include "validation/fidelity/ladders.h"
 #include "validation/reference/reference_renderer.h"
 #include "validation/reference/unbiased_error.h"
 
@@ -33,7 +33,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "false_positive"}, s.false_positive);
 }
 
-/// Who draws the object of an arm, and how it meets the rays (arms.h).
+/// Who draws the object of an arm, and how it meets the rays (vehicle_validation.h).
 enum class ArmLight { learned, raster, visible, cycles };
 constexpr auto words_of(ArmLight) {
   return std::to_array<const char*>({"learned", "raster", "visible", "cycles"});
@@ -88,7 +88,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, s.control);
   visit_fields(visit, s.outcome);
 }
-/// {arms, controls} of arms.h: none of a vehicle that is not found without the adversary.
+/// {arms, controls} of vehicle_validation.h: none of a vehicle that is not found without the adversary.
 struct ArmsResult {
   std::vector<ArmResult> arms;
   std::vector<ControlResult> controls;
@@ -141,7 +141,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit_fields(visit, s.error);
 }
 
-/// A rung of the ladder of light (light_ladder.h).
+/// A rung of the ladder of light (ladders.h).
 struct LightRungResult {
   std::string effect, group, base;
   Change change, crop, to_full;
@@ -161,7 +161,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "seconds", .range = kNotNegative}, s.seconds);
   visit.among("score", s.outcome);
 }
-/// A rung of the LiDAR's (lidar_ladder.h).
+/// A rung of the LiDAR's (ladders.h).
 struct LidarRungResult {
   std::string effect;
   int returns = 0;
@@ -177,7 +177,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "seconds", .range = kNotNegative}, s.seconds);
   visit.among("score", s.outcome);
 }
-/// The full render that light is measured against (light_ladder.h).
+/// The full render that light is measured against (ladders.h).
 struct ReferenceResult {
   int samples = 0;
   double seconds = 0, noise = 0;
@@ -193,7 +193,7 @@ struct LadderResult {
   std::vector<LightRungResult> light;
   std::vector<LidarRungResult> lidar;
   ReferenceResult reference;
-  std::map<std::string, double> features;  ///< scene_features.h, and what two renders tell
+  std::map<std::string, double> features;  ///< raster_rungs.h, and what two renders tell
 };
 template <class Visitor, FieldsOf<LadderResult> S>
 void visit_fields(Visitor& visit, S& s) {

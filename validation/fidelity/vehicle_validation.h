@@ -1,15 +1,70 @@
-// Finds out about one vehicle everything that `mirage validate` says of it.
+// What a validation is asked for.
 #pragma once
 
+#include <cstdint>
+#include <filesystem>
+#include <functional>
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
-#include "validation/fidelity/validation_settings.h"
+#include "attack/evaluation.h"
+#include "attack/run.h"
+#include "base/provenance.h"
+#include "validation/fidelity/budget.h"
+#include "validation/fidelity/host_validation.h"
 #include "validation/fidelity/vehicle_result.h"
 #include "validation/reference/reference_renderer.h"
 
 namespace mirage {
+
+struct ValidationSettings {
+  std::filesystem::path run, out;
+  Overrides asked;  ///< in place of the run's settings
+  DetectorOptions detector = detector_of_the_run();
+  EvaluationSettings evaluation_settings;
+  TrustRun trust = TrustRun::no;     ///< whether code that the run names may be loaded
+  std::filesystem::path evaluation;  ///< result.json of mirage evaluate, or its folder; for the report only
+  std::filesystem::path tradeoff;    ///< the same of mirage tradeoff
+  int frames = 0;                    ///< 0: as many as hold kVerdictVehicles
+  int samples = 64;                  ///< Cycles samples a pixel
+  double noise = 0;                  ///< > 0: samples are chosen for this noise (share of the mean radiance)
+  int ladder = -1;    ///< vehicles with all rungs of the ladders; −1: 4, or all with a budget
+  double budget = 0;  ///< > 0: choose the cheapest rung within this error (budget.h); ladder on all
+  BudgetOf budget_of = BudgetOf::radiance;
+  double budget_confidence = 0.9;  ///< share of unseen scenes that are to be within the budget
+  bool sign_off = false;           ///< write a page to sign beside the report, too
+  std::uint64_t seed = 0;
+  bool quiet = false;
+  /// What result.json says that it is made of: the command's options, to which validate() adds.
+  std::shared_ptr<Provenance> made_of = std::make_shared<Provenance>();
+};
+
+// What the verdict rests on at one vehicle: the detector before the object as the attack learned it, before
+// the same object drawn in three kinds of light and met by two kinds of returns, and before controls that
+// take a sensor's view of the object away.
+
+/// What the detector makes of a picture of the frame and a sweep.
+using LookAt = std::function<OutcomeResult(const ImageF& image, const Sweep& sweep)>;
+
+/// Arms and controls of a vehicle.
+///   arms: the first is learned × learned, `learned` itself. Then light "raster" (the plain model), "visible"
+///     (with visibility, edges as the scene's) or "cycles" (`full`), by returns "ideal" (thin noiseless rays)
+///     or "realistic" (all effects of realistic_returns).
+///   controls, by channel, against that first arm.
+///     image, "noise": the object's pixels replaced by noise, uniform in each pixel and channel;
+///     image, "photograph": the picture as recorded, the object unseen;
+///     lidar, "no returns": the sweep as recorded, the object unmet.
+/// `attacked`: simulate() with the scene's settings. `learned`: with the run's own, which may have other
+/// light, edges and sensors' effects.
+ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const Simulated& learned,
+                        const FullLight& full, const LookAt& look);
+
+/// `photograph` with noise in the place of what `simulated` drew, as far as its silhouette covers each pixel.
+ImageF noise_in_place(const Simulated& simulated, const ImageF& photograph, std::uint64_t seed);
+
+// Finds out about one vehicle everything that `mirage validate` says of it.
 
 /// What the vehicles of a validation share.
 struct ValidationContext {

@@ -1,4 +1,5 @@
-// What the finished cases say: how each went, and what its result.json holds.
+// The same experiments again from other seeds: each attack is learned anew, on another split of the frames,
+// and judged beside the first one.
 #pragma once
 
 #include <filesystem>
@@ -11,6 +12,15 @@
 #include "validation/paper/results.h"
 
 namespace mirage::paper {
+
+/// The name of an attack's or evaluation's repetition; number 0 is the case itself.
+std::string repetition(const std::string& name, int number);
+bool is_repetition(const std::string& name);
+
+/// Appends settings.seeds − 1 repetitions of every attack and evaluation, a whole seed after the other.
+void repeat(Experiments& experiments, const ReproduceSettings& settings);
+
+// What the finished cases say: how each went, and what its result.json holds.
 
 /// How a case went.
 struct Step {

@@ -1,4 +1,18 @@
-// A finding, and the checks of it (findings.h has the list).
+// When a claim about a difference of shares holds. Every claim is of one kind, "the difference lies above a
+// bound", and so that claims about one difference agree with each other there is one rule:
+//     holds            the whole 95 % interval lies above the bound
+//     does not hold    all of it lies below
+//     cannot be told   the bound lies within
+// more: bound 0. no_less ("at least as much", non-inferiority; Schuirmann, 1987): bound −kMargin, so that a
+// loss smaller than the margin is no less. no_help: the mirror of no_less, "a defence takes off less than
+// kMargin". What is more is no less, and what helps by less than the margin is more and of no help: both are
+// said.
+//
+// A run asks some thirty such questions, of which one or two would be told by chance. Their p-values are
+// corrected together (Holm, Scandinavian Journal of Statistics 6, 1979), the paper's findings as one family,
+// those about our own defences, parts of the object and kinds of fusion as three others: what is not told
+// after that is left open. p comes from the interval: the normal tail that puts the interval's end where it
+// is.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -6,10 +20,60 @@
 #include <string>
 #include <vector>
 
+#include "base/intervals.h"
 #include "validation/paper/evidence.h"
-#include "validation/paper/verdicts.h"
 
 namespace mirage::paper {
+
+/// open: cannot be told.
+enum class Verdict { holds, fails, open };
+std::string to_string(Verdict verdict);
+
+/// Differences below this share count as none where a claim is "no less than" or "of no help".
+inline constexpr double kMargin = kSameWithin;
+
+/// What is claimed of a difference; no_help of how much a defence takes off.
+enum class Claim { more, no_less, no_help };
+
+/// The rule above, on one interval alone.
+Verdict judge(Claim claim, const Interval& difference);
+inline Verdict is_more(const Interval& difference) {
+  return judge(Claim::more, difference);
+}
+inline Verdict is_no_less(const Interval& difference) {
+  return judge(Claim::no_less, difference);
+}
+inline Verdict is_no_help(const Interval& reduction) {
+  return judge(Claim::no_help, reduction);
+}
+/// fails if one fails, else open if one is open.
+Verdict all_of(const std::vector<Verdict>& verdicts);
+
+/// Two-sided p of the claim's bound: below 0.05 exactly where judge() tells. 1 for an interval without end.
+double p_value(Claim claim, const Interval& difference);
+
+/// One question of a finding.
+struct Comparison {
+  std::string what;
+  Interval difference = {};
+  Claim claim = Claim::more;
+  Verdict verdict = Verdict::open;  ///< alone, and after correct() in its family
+  double p = 1, p_family = 1;       ///< alone; adjusted for the family
+  int rank = 0, family = 1;         ///< place by p among so many questions, the smallest first
+};
+/// With its verdict alone.
+Comparison comparison(std::string what, const Interval& difference, Claim claim = Claim::more);
+
+/// Holm's correction over a family: p_family, and open verdicts where it is not below 0.05.
+void correct(const std::vector<Comparison*>& family);
+
+/// How many vehicles it would take to tell a comparison that `vehicles` left open, if the difference stays
+/// what it is and intervals narrow with the root of the vehicles: with a chance of 80 %, against the family's
+/// threshold at its rank. Rounded up to two digits. None where the difference lies on the bound or a million
+/// is too few.
+std::optional<long> vehicles_needed(const Comparison& comparison, int vehicles);
+
+// A finding, and the checks of it (findings.h has the list).
 
 /// A false positive is far from the host beyond this, m: about three lengths of a car, as the pictures of
 /// mirage evaluate have it.

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <map>
 
-#include "validation/paper/case_list.h"
+#include "validation/paper/cases.h"
 #include "validation/paper/checks.h"
 
 namespace mirage::paper {

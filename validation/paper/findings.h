@@ -1,5 +1,5 @@
 // Which findings of the paper hold in the numbers measured here: a claim is a statement about a difference of
-// shares, and its verdict follows from where the 95 % interval of that difference lies (verdicts.h).
+// shares, and its verdict follows from where the 95 % interval of that difference lies (finding.h).
 #pragma once
 
 #include <vector>

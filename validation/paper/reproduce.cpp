@@ -1,14 +1,32 @@
 #include "validation/paper/reproduce.h"
 
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <list>
+#include <map>
+#include <mutex>
+#include <optional>
 #include <set>
+#include <thread>
 
 #include "attack/attack_settings.h"
 #include "base/child_process.h"
+#include "base/error.h"
 #include "base/field_json.h"
 #include "base/fields.h"
 #include "base/files.h"
+#include "base/interrupt.h"
+#include "base/json_fields.h"
 #include "base/logging.h"
+#include "base/memory.h"
 #include "base/ranks.h"
+#include "base/schedule.h"
+#include "frames/made_of.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/read_frames.h"
 #include "validation/paper/findings.h"
 
 namespace mirage::paper {
@@ -16,6 +34,243 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+
+/// OUT/steps/NAME and the ending.
+fs::path step_file(const Case& command, const fs::path& out, const char* ending) {
+  std::string name = command.name;
+  std::replace(name.begin(), name.end(), '/', '_');
+  return out / "steps" / (name + ending);
+}
+
+fs::path record_file(const Case& command, const fs::path& out) {
+  return step_file(command, out, ".json");
+}
+
+fs::path failure_file(const Case& command, const fs::path& out) {
+  return step_file(command, out, ".failed.json");
+}
+
+/// What is recorded of a case that was begun; null without a record, or one that can't be read.
+json recorded(const Case& command, const fs::path& out) {
+  try {
+    return read_json(record_file(command, out)).value("made_of", json());
+  } catch (const std::exception&) {
+    return {};
+  }
+}
+
+/// Hash of all frames of a data set that no case makes; each set is looked at once.
+std::string data_hash(const fs::path& data) {
+  static std::mutex mutex;
+  static std::map<fs::path, std::string> known;
+  const std::lock_guard lock(mutex);
+  std::string& hash = known[fs::absolute(data)];
+  if (hash.empty()) hash = frames_hash(data, list_frames(data));
+  return hash;
+}
+
+/// The detector that the case names, on its data's rig.
+DetectorOptions detector_of(const Case& command, const fs::path& out) {
+  const NamedSettings settings = command.settings_in(out);
+  DetectorOptions detector;
+  detector.detector = command.setting("detector");
+  detector.defense = command.setting("defense", "none");
+  fs::path data = settings.contains("data") ? settings.at("data") : "";
+  if (data.empty() && command.kind == Case::Kind::evaluate)
+    data = read_json(out / command.hosts_of() / "run.json").value("data", "");
+  detector.rig = data_rig(data);
+  return detector;
+}
+
+/// What the case's result is made of (base/provenance.h): cases that it needs count by what those are made
+/// of, so that OUT may be moved.
+json made_of(const Case& command, const fs::path& out) {
+  Provenance made_of;
+  made_of.set("command", to_word(command.kind));
+  for (const auto& [name, value] : command.settings) made_of.set(name, value);
+  for (const auto& [folder, need] : command.needs) {
+    made_of.set(folder, need);
+    // Frames are what they were generated from; of a run its mesh and hosts count (below).
+    if (folder == "data") made_of.input(folder, content_hash(recorded(Case{need, {}, {}, {}}, out).dump()));
+  }
+  // What is missing or can't be read: the command itself says so.
+  if (const std::string data = command.setting("data"); !data.empty()) try {
+      made_of.input("data", data_hash(data));
+    } catch (const InputError&) {
+    }
+  if (!command.setting("detector").empty()) try {
+      add_detector(made_of, detector_of(command, out));
+    } catch (const InputError&) {
+    }
+  if (command.kind == Case::Kind::evaluate) {
+    made_of.file("adversary", out / command.run() / "adversary.glb");
+    made_of.file("hosts", out / command.hosts_of() / "run.json");
+  }
+  return made_of.made_of();
+}
+
+/// Seconds that the finished case took. InputError naming file and field.
+double recorded_seconds(const fs::path& file) {
+  const json record = read_json(file);
+  return JsonFields(file, record, kMakeAgain).number("seconds", 0, Range::kMost);
+}
+
+/// This rank's part of the work.
+class Steps {
+ public:
+  Steps(const Experiments& experiments, const ReproduceSettings& settings, const Execute& run)
+      : cases_(experiments.cases), settings_(settings), run_(run), among_others_(rank_count() > 1) {}
+
+  std::map<std::string, Step> run_all() {
+    if (rank() == 0)
+      for (const Case& command : cases_) fs::remove(failure_file(command, settings_.out));
+    any_rank(false);  // nobody reads those of an earlier run
+    std::list<const Case*> open;
+    for (const Case& command : cases_) open.push_back(&command);
+    while (!open.empty()) {
+      bool ended_one = false;
+      for (auto next = open.begin(); next != open.end();) {
+        throw_if_interrupted("finished steps are kept; run the same command to go on");
+        const bool ended = end(**next, steps_[(*next)->name]);
+        if (ended)
+          ended_one = true;
+        else
+          awaited_.insert((*next)->name);
+        next = ended ? open.erase(next) : std::next(next);
+      }
+      if (!ended_one) std::this_thread::sleep_for(std::chrono::milliseconds(200));
+    }
+    return steps_;
+  }
+
+ private:
+  /// Sees the case through. False if it must wait for another, or is another rank's.
+  bool end(const Case& command, Step& step) {
+    for (const auto& [folder, need] : command.needs) {
+      const Step::Status of_need = steps_[need].status;
+      if (of_need == Step::Status::done) continue;
+      if (among_others_ && of_need == Step::Status::missing) return false;
+      say(command, ": left out, it needs what failed");
+      fail(step, "needs " + need);
+      return true;
+    }
+    std::optional<FolderLock> claim;
+    try {
+      if (is_over(command, step)) return true;
+      if (among_others_) {
+        if (!take(command, claim)) return false;
+        if (is_over(command, step)) return true;  // another's until now
+      }
+      say(command, "");
+      run_case(command);
+      succeed(command, step);
+    } catch (const Interrupted&) {
+      throw;
+    } catch (const std::exception& error) {
+      fail(step, error.what());
+      spdlog::warn("{}: {}", command.name, error.what());
+      if (among_others_) write_json(failure_file(command, settings_.out), {{"error", step.error}});
+    }
+    return true;
+  }
+
+  /// Whether no other rank has it.
+  bool take(const Case& command, std::optional<FolderLock>& claim) {
+    make_output_folder(settings_.out / command.name);
+    try {
+      claim.emplace(settings_.out / command.name);
+    } catch (const FolderInUse&) {
+      return false;
+    }
+    return true;
+  }
+
+  /// Whether it need not be run any more: finished, or failed on another rank.
+  bool is_over(const Case& command, Step& step) {
+    if (is_finished(command, settings_.out)) {
+      say(command, awaited_.contains(command.name) ? ": by another process" : ": kept");
+      succeed(command, step);
+      return true;
+    }
+    const fs::path failure = failure_file(command, settings_.out);
+    if (!among_others_ || !fs::exists(failure)) return false;
+    const json told = read_json(failure);
+    fail(step, JsonFields(failure, told, kMakeAgain).text("error"));
+    return true;
+  }
+
+  /// Drops what the folder holds of a case that was begun as something else: no command may go on from it.
+  void start_afresh(const Case& command, const json& now) const {
+    const json before = recorded(command, settings_.out);
+    if (before.is_null() || before == now) return;
+    for (const auto& entry : fs::directory_iterator(settings_.out / command.name))
+      if (!entry.path().filename().native().starts_with('.')) fs::remove_all(entry.path());  // but the lock
+  }
+
+  void run_case(const Case& command) {
+    const json now = made_of(command, settings_.out);
+    make_output_folder(settings_.out / command.name);
+    start_afresh(command, now);
+    NamedSettings named = command.settings_in(settings_.out);
+    named["out"] = (settings_.out / command.name).string();
+    named["threads"] = std::to_string(settings_.threads);
+    named["quiet"] = fmt::format("{}", settings_.quiet);
+    write_json(record_file(command, settings_.out), {{"case", command.name}, {"made_of", now}});
+    const auto start = Clock::now();
+    {
+      const AloneAmongRanks alone;
+      run_(to_word(command.kind), named);
+    }
+    return_unused_memory();
+    write_json(record_file(command, settings_.out),
+               {{"case", command.name}, {"made_of", now}, {"seconds", seconds_since(start)}});
+  }
+
+  void succeed(const Case& command, Step& step) const {
+    step.status = Step::Status::done;
+    step.seconds = recorded_seconds(record_file(command, settings_.out));
+  }
+
+  static void fail(Step& step, const std::string& why) {
+    step.status = Step::Status::failed;
+    step.error = why;
+  }
+
+  void say(const Case& command, const char* what) const {
+    if (settings_.quiet) return;
+    std::fputs(
+        fmt::format("\n== {}/{} {}{} ==\n", &command - cases_.data() + 1, cases_.size(), command.name, what)
+            .c_str(),
+        stdout);
+    std::fflush(stdout);
+  }
+
+  const std::vector<Case>& cases_;
+  const ReproduceSettings& settings_;
+  const Execute& run_;
+  bool among_others_;
+  std::map<std::string, Step> steps_;
+  std::set<std::string> awaited_;  ///< not ended at first sight
+};
+
+}  // namespace
+
+bool is_finished(const Case& command, const fs::path& out) {
+  const fs::path record = record_file(command, out);
+  if (!fs::exists(record) || !fs::exists(out / command.name / "result.json")) return false;
+  try {
+    return read_json(record).contains("seconds") && recorded(command, out) == made_of(command, out);
+  } catch (const std::exception&) {
+    return false;  // the command itself will say what is wrong
+  }
+}
+
+std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
+                                    const Execute& run) {
+  return Steps(experiments, settings, run).run_all();
+}
+
+namespace {
 
 /// Texts and page. The page's file; empty if it could not be written.
 fs::path write_page(const fs::path& out, const std::vector<TableResult>& tables) {

@@ -1,3 +1,35 @@
+// Running the cases: what is finished is kept, and what is not is run. Under mpirun the ranks take cases side
+// by side, each one whole: a case is its rank's while that holds the lock of the case's folder, and what
+// became of it the others read from OUT/steps, which all of them must see.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "detection/reliance.h"
+#include "validation/paper/evidence.h"
+#include "validation/paper/experiments.h"
+#include "validation/paper/finding.h"
+#include "validation/paper/tables.h"
+
+namespace mirage::paper {
+
+/// Runs one command of mirage to its end; throws what it throws.
+using Execute = std::function<void(const std::string& command, const NamedSettings& settings)>;
+
+/// Whether the case's folder holds the result of exactly these settings, made of what its inputs are now.
+bool is_finished(const Case& command, const std::filesystem::path& out);
+
+/// Executes the cases that are not finished, in order. One that fails, and all that need it, become failed
+/// steps; an interrupt (base/error.h, Interrupted) ends everything. A call of all ranks, each of which learns
+/// how every case went.
+std::map<std::string, Step> execute(const Experiments& experiments, const ReproduceSettings& settings,
+                                    const Execute& run);
+
 // `mirage reproduce`: runs what the experiments need and have not got, and writes tables, findings and page.
 //
 //     OUT/data/RIG               generated frames, unless a data set is given
@@ -8,22 +40,6 @@
 //     OUT/steps/NAME.failed.json why it failed, for the other processes under mpirun
 //     OUT/reproduce.json
 //     OUT/reproduce.{md,html}, OUT/TABLE.md   by paper_page.py
-#pragma once
-
-#include <filesystem>
-#include <map>
-#include <nlohmann/json.hpp>
-#include <string>
-#include <vector>
-
-#include "detection/reliance.h"
-#include "validation/paper/evaluation_arms.h"
-#include "validation/paper/experiments.h"
-#include "validation/paper/finding.h"
-#include "validation/paper/steps.h"
-#include "validation/paper/tables.h"
-
-namespace mirage::paper {
 
 /// How much an attacked detector uses its picture, and in which evaluation that was measured.
 struct CaseReliance {

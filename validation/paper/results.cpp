@@ -9,7 +9,7 @@
 #include <tuple>
 
 #include "attack/baseline.h"
-#include "attack/evaluation_outcomes.h"
+#include "attack/evaluation.h"
 #include "base/files.h"
 #include "base/json_fields.h"
 

@@ -21,7 +21,7 @@ namespace mirage::paper {
 /// What mends a result that can't be read, in errors.
 inline constexpr const char* kMakeAgain = "delete the folder and run the same command again";
 
-/// One host under one mesh, without its detections (attack/evaluation_outcomes.h).
+/// One host under one mesh, without its detections (attack/evaluation.h).
 struct Outcome : HostOutcome {
   int run = 0;  ///< of the attack, from another seed
 

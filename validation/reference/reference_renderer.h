@@ -1,6 +1,7 @@
-// What stands for reality: a renderer of physically based light that the light-weight ones are compared with.
-// Blender Cycles is one (validation/blender/blender_process.h).
+// What the studies work with below their output folder, and remove at the end.
 #pragma once
+
+#include <fmt/format.h>
 
 #include <cstdint>
 #include <filesystem>
@@ -13,9 +14,23 @@
 #include "base/error.h"
 #include "base/image.h"
 #include "base/provenance.h"
+#include "base/ranks.h"
 #include "sensors/lidar_model.h"
 
 namespace mirage {
+
+/// A folder below --out. It goes with its contents: its name is one that no user gives a folder.
+inline constexpr const char* kScratchFolder = ".mirage-scratch";
+
+/// This process's own below `out`, which others that work there leave alone (base/ranks.h).
+inline std::filesystem::path scratch_folder(const std::filesystem::path& out) {
+  std::filesystem::path folder = out / kScratchFolder;
+  if (rank() > 0) folder += fmt::format("-{}", rank());
+  return folder;
+}
+
+// What stands for reality: a renderer of physically based light that the light-weight ones are compared with.
+// Blender Cycles is one (validation/blender/blender_process.h).
 
 /// The renderer was lost on one job as often as it is tried.
 class ReferenceLost : public Failure {

@@ -7,7 +7,7 @@ their success in Cycles with realistic returns:
 
 A light may name its own number of steps (plain@240): so attacks of equal time are compared. Everything after -- goes to every `mirage attack`. One attack and one `mirage validate` for each detector, light and
 seed, in OUT/DETECTOR/LIGHT-SEED; what is finished is kept, and a stopped one goes on. All meshes are judged by the
-same arms (validation/fidelity/arms.h): default quality, plain light, Cycles with S samples; and "own" by `mirage evaluate`, the
+same arms (validation/fidelity/vehicle_validation.h): default quality, plain light, Cycles with S samples; and "own" by `mirage evaluate`, the
 rasteriser that the mesh was learned by (of Cycles' the one whose gradient it took). Prints a table and writes
 OUT/attack_light.json. A seed splits the frames anew; shares are of the held-back vehicles that were found clean, pooled
 over seeds, with 95 % percentile intervals by bootstrap over frames. "kept": success in Cycles with realistic returns over

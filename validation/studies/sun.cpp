@@ -16,7 +16,7 @@
 #include "base/angles.h"
 #include "base/error.h"
 #include "scene/data/read_frames.h"
-#include "scene/sun_shadows.h"
+#include "scene/recorded_light.h"
 
 namespace mirage {
 namespace {

@@ -15,7 +15,7 @@
 #include <string>
 #include <vector>
 
-#include "simulation/adversary_view.h"
+#include "simulation/camera_pass.h"
 
 namespace mirage {
 

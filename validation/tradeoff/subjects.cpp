@@ -10,6 +10,7 @@
 #include "base/error.h"
 #include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
+#include "simulation/quality.h"
 
 namespace mirage {
 namespace {
@@ -48,6 +49,101 @@ Subjects choose_subjects(const TradeoffSettings& settings, const Run* run, Frame
                    [&](const HostId& a, const HostId& b) { return distance(a) < distance(b); });
   subjects.hosts = evenly(all, static_cast<std::size_t>(settings.hosts));
   return subjects;
+}
+
+namespace {
+
+/// `values` with `own` among them, rising.
+std::vector<double> with(std::vector<double> values, double own) {
+  if (std::find(values.begin(), values.end(), own) == values.end()) values.push_back(own);
+  std::sort(values.begin(), values.end());
+  return values;
+}
+
+bool same(const SimulationSettings& a, const SimulationSettings& b) {
+  return a.raster.sigma == b.raster.sigma && a.raster.gamma == b.raster.gamma &&
+         a.raster.dist_eps == b.raster.dist_eps && a.supersampling == b.supersampling &&
+         a.reference == b.reference && a.exact_coverage == b.exact_coverage;
+}
+
+std::string grid_label(const SimulationSettings& s) {
+  if (s.exact_coverage) return "exact areas";
+  return fmt::format("σ {:g}, γ {:g}, cut-off {:g}, {}×{} samples", s.raster.sigma, s.raster.gamma,
+                     s.raster.dist_eps, s.supersampling, s.supersampling);
+}
+
+}  // namespace
+
+std::vector<CameraVariant> axis_variants(const SimulationSettings& baseline) {
+  std::vector<CameraVariant> all;
+  const auto add = [&](const char* axis, std::string label, const auto& change) {
+    CameraVariant variant{axis, std::move(label), baseline};
+    change(variant);
+    all.push_back(std::move(variant));
+  };
+  for (double sigma : with({1e-9, 1e-8, 1e-7, 2e-6, 1e-5, 1e-4}, baseline.raster.sigma))
+    add("sigma", fmt::format("σ {:g}", sigma), [&](auto& v) { v.simulation.raster.sigma = sigma; });
+  for (double gamma : with({1e-4, 1e-3, 3e-3, 3e-2, 1e-1}, baseline.raster.gamma))
+    add("gamma", fmt::format("γ {:g}", gamma), [&](auto& v) { v.simulation.raster.gamma = gamma; });
+  for (double eps : with({1e-6, 1e-3, 1e-2, 1e-1}, baseline.raster.dist_eps))
+    add("cut_off", fmt::format("cut-off {:g}", eps), [&](auto& v) { v.simulation.raster.dist_eps = eps; });
+  for (int samples : {1, 2, 3, 4, 6, 8})
+    add("samples", fmt::format("{}×{} samples", samples, samples),
+        [&](auto& v) { v.simulation.supersampling = samples; });
+  add("edges", "soft", [](auto&) {});
+  for (int samples : {1, 2, 4})
+    add("edges", fmt::format("hard, {}×{} samples", samples, samples),
+        [&](auto& v) { v.simulation = hard_render(baseline, samples, false); });
+  add("edges", "exact areas", [](auto& v) { v.simulation.exact_coverage = true; });
+  for (int shrink : {1, 2, 4})
+    add("image_scale", shrink == 1 ? "whole size" : fmt::format("1/{} size", shrink),
+        [&](auto& v) { v.shrink = shrink; });
+  for (bool in_double : {false, true})
+    add("arithmetic", in_double ? "double, plain loop" : "float, vectorised",
+        [&](auto& v) { v.simulation.reference = in_double; });
+  for (const Quality& quality : qualities())
+    add("quality", quality.name, [&](auto& v) { apply_quality(quality.name, v.simulation); });
+  return all;
+}
+
+std::vector<CameraVariant> grid_variants(const SimulationSettings& baseline) {
+  std::vector<CameraVariant> all;
+  const auto add = [&](const SimulationSettings& simulation) {
+    if (simulation.reference) return;
+    for (const CameraVariant& other : all)
+      if (same(other.simulation, simulation)) return;
+    all.push_back({"grid", grid_label(simulation), simulation});
+  };
+  for (double sigma : with({1e-8, 3e-8, 1e-7, 2e-6}, baseline.raster.sigma))
+    for (double gamma : with({1e-3, 3e-3, 3e-2}, baseline.raster.gamma))
+      for (double eps : with({1e-2}, baseline.raster.dist_eps))
+        for (int samples : {1, 2, 3, 4, 6, 8}) {
+          SimulationSettings simulation = baseline;
+          simulation.raster.sigma = sigma;
+          simulation.raster.gamma = gamma;
+          simulation.raster.dist_eps = eps;
+          simulation.supersampling = samples;
+          add(simulation);
+        }
+  add(baseline);
+  for (const Quality& quality : qualities()) {
+    SimulationSettings simulation = baseline;
+    apply_quality(quality.name, simulation);
+    add(simulation);
+  }
+  return all;
+}
+
+nlohmann::json settings_json(const CameraVariant& variant) {
+  const SimulationSettings& s = variant.simulation;
+  return {{"sigma", s.raster.sigma},
+          {"gamma", s.raster.gamma},
+          {"dist_eps", s.raster.dist_eps},
+          {"supersampling", s.supersampling},
+          {"hard", s.raster.coverage == Coverage::hard},
+          {"double", s.reference},
+          {"exact_coverage", s.exact_coverage},
+          {"image_scale", 1.0 / variant.shrink}};
 }
 
 }  // namespace mirage

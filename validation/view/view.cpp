@@ -10,8 +10,8 @@
 #include <set>
 
 #include "attack/evaluation.h"
+#include "attack/observation.h"
 #include "attack/run.h"
-#include "attack/stages.h"
 #include "base/error.h"
 #include "base/fields.h"
 #include "base/files.h"
@@ -20,7 +20,6 @@
 #include "base/parallel.h"
 #include "base/progress.h"
 #include "detection/detect.h"
-#include "detection/detection_files.h"
 #include "frames/data_check.h"
 #include "frames/frame_store.h"
 #include "frames/hosts.h"

@@ -13,7 +13,7 @@ namespace mirage {
 struct ViewSettings {
   std::filesystem::path data;        ///< KITTI layout; empty: the run's
   std::filesystem::path run;         ///< of mirage attack: its adversary on its hosts; empty: none
-  std::filesystem::path detections;  ///< detection/detection_files.h; empty: none
+  std::filesystem::path detections;  ///< detection/detect.h; empty: none
   std::filesystem::path page;        ///< the .html that is written
   /// The first so many; 0: all. With a run as shown_hosts() (validation/fidelity/validate.h).
   int frames = 0;

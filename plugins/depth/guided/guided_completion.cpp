@@ -6,8 +6,8 @@
 #include <stdexcept>
 #include <thread>
 
-#include "../../for_each_sample.h"
-#include "loss.h"
+#include "../../torch_threads.h"
+#include "network.h"
 #include "weights_file.h"
 
 namespace mirage::guided {

@@ -1,10 +1,99 @@
 #include "network.h"
 
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "scene/depth_completion.h"
+
 namespace mirage::guided {
 namespace {
 
-namespace nn = torch::nn;
 namespace fn = torch::nn::functional;
+
+constexpr int kReach = 2;              // columns that a return fills to its sides
+constexpr float kNearest = 0.5f;       // m; bounds the inverse depth
+constexpr float kHalfDistance = 8;     // pixels at which a distance reads 1/2; beams lie about 5 apart
+constexpr float kEnclosed = 12;        // pixels
+constexpr float kMeanLogDepth = 2.8f;  // about 16 m
+constexpr float kToneMean = 0.45f, kToneSpread = 0.28f;
+
+/// Inverse depth of the returns, each widened over gaps at its sides: the nearest column wins, then the
+/// nearest depth.
+std::vector<float> widened(const MirageDepthInput& input) {
+  const int w = input.width, h = input.height;
+  std::vector<float> wide(static_cast<std::size_t>(w) * h);
+  for (int v = 0; v < h; ++v) {
+    const float* row = input.sparse + static_cast<std::size_t>(v) * w;
+    for (int u = 0; u < w; ++u)
+      for (int reach = 0; reach <= kReach; ++reach) {
+        const float left = u >= reach ? row[u - reach] : 0, right = u + reach < w ? row[u + reach] : 0;
+        const float depth = left > 0 && right > 0 ? std::min(left, right) : std::max(left, right);
+        if (!(depth > 0)) continue;
+        wide[static_cast<std::size_t>(v) * w + u] = 1 / std::max(depth, kNearest);
+        break;
+      }
+  }
+  return wide;
+}
+
+/// Carries each return along the columns, downwards (first row to last) or upwards.
+void carry(const std::vector<float>& wide, int width, int height, bool downwards, float* inverse,
+           float* distance) {
+  std::vector<float> value(static_cast<std::size_t>(width)), away(static_cast<std::size_t>(width), 1e9f);
+  for (int i = 0; i < height; ++i) {
+    const std::size_t row = static_cast<std::size_t>(downwards ? i : height - 1 - i) * width;
+    for (int u = 0; u < width; ++u) {
+      const float here = wide[row + u];
+      value[u] = here > 0 ? here : value[u];
+      away[u] = here > 0 ? 0 : away[u] + 1;
+      inverse[row + u] = value[u];
+      distance[row + u] = away[u] / (away[u] + kHalfDistance);
+    }
+  }
+}
+
+}  // namespace
+
+Features make_features(const MirageDepthInput& input) {
+  const int w = input.width, h = input.height;
+  const auto area = static_cast<std::size_t>(w) * h;
+  Features features;
+  features.candidates = torch::zeros({kCandidates, h, w});
+  torch::Tensor values = torch::empty({kFeatures, h, w});
+  float* out = values.data_ptr<float>();
+  for (std::size_t i = 0; i < area; ++i)
+    for (int c = 0; c < 3; ++c)  // a square root spreads the shadows much as sRGB does
+      out[c * area + i] = (std::sqrt(std::clamp(input.image[3 * i + c], 0.f, 4.f)) - kToneMean) / kToneSpread;
+
+  float* inverse = features.candidates.data_ptr<float>();
+  float* distance = out + (3 + kCandidates) * area;
+  const std::vector<float> wide = widened(input);
+  carry(wide, w, h, true, inverse + kAbove * area, distance + kAbove * area);
+  carry(wide, w, h, false, inverse + kBelow * area, distance + kBelow * area);
+  const torch::Tensor far = values.narrow(0, 3 + kCandidates, 2).amax(0);
+  features.enclosed = far <= kEnclosed / (kEnclosed + kHalfDistance);
+  ImageF sparse(w, h, 1);
+  std::copy_n(input.sparse, area, sparse.data.begin());
+  const ImageF prior = complete_depth(sparse);
+  for (std::size_t i = 0; i < area; ++i) {
+    const bool known = prior.data[i] < kFarDepth;
+    inverse[kPrior * area + i] = known ? 1 / std::max(prior.data[i], kNearest) : 0;
+    distance[kPrior * area + i] = known ? 0.f : 1.f;
+  }
+  const torch::Tensor q = features.candidates;
+  values.narrow(0, 3, kCandidates)
+      .copy_(torch::where(q > 0, -torch::log(q.clamp_min(1e-6)) - kMeanLogDepth, 0.0));
+  const auto padding = [](int side) { return (kStride - side % kStride) % kStride; };
+  features.values =
+      fn::pad(values.unsqueeze(0), fn::PadFuncOptions({0, padding(w), 0, padding(h)}).mode(torch::kReplicate))
+          .contiguous(at::MemoryFormat::ChannelsLast);
+  return features;
+}
+
+namespace {
+
+namespace nn = torch::nn;
 using torch::Tensor;
 
 constexpr int kHalf = 16, kQuarter = 32, kEighth = 48, kSixteenth = 64;  // channels
@@ -91,6 +180,39 @@ Prediction NetworkImpl::forward(const Features& features) {
       mixed_inverse_depth(out.narrow(0, kScore, kCandidates + 1), torch::cat({features.candidates, free}, 0));
   const Tensor correction = kMostCorrection * torch::tanh(out.select(0, kCorrection));
   return {torch::exp(correction) / inverse, out.select(0, kPresence)};
+}
+
+namespace {
+
+constexpr double kHuber = 20, kSquare = 16;       // m, m: squares count e² / kSquare
+constexpr double kScored = 85, kFarWeight = 0.2;  // m; what lies beyond counts little
+constexpr double kGuessWeight = 0.25;             // where IP-Basic has no value
+constexpr double kFarthestTruth = 140;            // m; what the network can say
+constexpr double kAbsolute = 0.3, kRelative = 1, kPresenceWeight = 1;
+
+}  // namespace
+
+LossTerms completion_loss(const Prediction& prediction, const Features& features, const Tensor& truth) {
+  const Tensor present = truth > 0;
+  const Tensor target = torch::where(present, truth, 1.0).clamp_max(kFarthestTruth);
+  const Tensor weight = present.to(torch::kFloat) * torch::where(target <= kScored, 1.0, kFarWeight) *
+                        torch::where(features.candidates[kPrior] > 0, 1.0, kGuessWeight);
+  const Tensor depth = torch::where(present, prediction.depth, 1.0);
+  const Tensor huber =
+      fn::huber_loss(depth, target, fn::HuberLossFuncOptions().reduction(torch::kNone).delta(kHuber)) *
+      (2 / kSquare);
+  const Tensor absolute = torch::abs(depth - target);
+  const Tensor relative = torch::abs(torch::log(depth) - torch::log(target));
+  const Tensor depth_loss =
+      ((huber + kAbsolute * absolute + kRelative * relative) * weight).sum() / weight.sum().clamp_min(1);
+  const Tensor known = (truth >= 0).to(torch::kFloat);
+  const Tensor presence_loss =
+      fn::binary_cross_entropy_with_logits(
+          prediction.presence, present.to(torch::kFloat),
+          fn::BinaryCrossEntropyWithLogitsFuncOptions().weight(known).reduction(torch::kSum)) /
+      known.sum().clamp_min(1);
+  return {depth_loss + kPresenceWeight * presence_loss, depth_loss.item<double>(),
+          presence_loss.item<double>()};
 }
 
 }  // namespace mirage::guided

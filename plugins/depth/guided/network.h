@@ -1,3 +1,30 @@
+// What the network sees: the picture and classical guesses of the depth, at the picture's resolution.
+#pragma once
+
+#include "scene/depth/depth_abi.h"
+#include "torch_headers.h"
+
+namespace mirage::guided {
+
+/// Classical candidates for a pixel's depth, among which the network chooses.
+enum Candidate { kAbove, kBelow, kPrior, kCandidates };
+
+constexpr int kFeatures = 3 + 2 * kCandidates;  ///< RGB, log depth of each candidate, its distance
+constexpr int kStride = 16;                     ///< sides of the network's input are multiples of this
+
+struct Features {
+  torch::Tensor values;      ///< 1 × kFeatures × H' × W', padded to multiples of kStride
+  torch::Tensor candidates;  ///< kCandidates × H × W inverse depth, 1/m; 0 where there is none
+  /// H × W: between two returns of its column that are at most 12 pixels away. Beams lie about 5 apart and
+  /// one may be lost: there is something, whatever the picture looks like (windows and wet roads mirror the
+  /// sky).
+  torch::Tensor enclosed;
+};
+
+/// kAbove and kBelow: the nearest return upwards and downwards in the pixel's column (a return fills gaps of
+/// two columns to its sides). kPrior: IP-Basic. Distances run from 0 (here) to 1 (none).
+Features make_features(const MirageDepthInput& input);
+
 // A small guided network: picture and classical candidates in, for each pixel a choice among the candidates,
 // a free guess, a correction, and whether anything is there at all (sky).
 //
@@ -7,11 +34,6 @@
 // there. An encoder–decoder without normalisation (crops and whole pictures are then treated alike), strides
 // 2 to 16; the candidates carry the full resolution, the network predicts the 2×2 pixels of each of its
 // cells.
-#pragma once
-
-#include "features.h"
-
-namespace mirage::guided {
 
 /// Channels of the output at full resolution.
 enum Output {
@@ -47,5 +69,18 @@ struct NetworkImpl : torch::nn::Module {
   torch::nn::Conv2d lateral4{nullptr}, smooth2{nullptr}, head{nullptr};
 };
 TORCH_MODULE(Network);
+
+// The training loss of a picture.
+
+struct LossTerms {
+  torch::Tensor total;
+  double depth = 0, presence = 0;
+};
+
+/// `truth`: H × W, m; 0 nothing there, negative not known. Depth: a Huber loss in metres (squares up to 20 m,
+/// which is what RMSE asks for; slopes beyond, where a few wrong edges would rule), plus the mean absolute
+/// and the mean relative error, which keep surfaces exact. Pixels far from any return, where depth is a
+/// guess, weigh a quarter. Presence: cross entropy.
+LossTerms completion_loss(const Prediction& prediction, const Features& features, const torch::Tensor& truth);
 
 }  // namespace mirage::guided

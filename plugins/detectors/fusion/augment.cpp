@@ -1,10 +1,110 @@
 #include "augment.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "base/random.h"
 
 namespace mirage::fusion {
+namespace {
+
+namespace fn = torch::nn::functional;
+using torch::Tensor;
+
+constexpr double kSmallest = 0.7, kLargest = 1.4;
+constexpr double kLeastLeft = 0.5;  // of a box's area, for it to be taught
+constexpr float kLeastHeight = 12;  // pixels
+
+/// Where a pixel of the given picture lies in the moved one.
+struct Pose {
+  bool mirrored;
+  double across, down;     ///< columns and rows there for one here
+  std::int64_t left, top;  ///< of the part that is cut out
+  std::int64_t given_width;
+
+  MiragePictureBox moved(const MiragePictureBox& box) const {
+    const float last = static_cast<float>(given_width - 1);
+    const float from = mirrored ? last - box.right : box.left, to = mirrored ? last - box.left : box.right;
+    return {place(from, across, left), place(box.top, down, top), place(to, across, left),
+            place(box.bottom, down, top)};
+  }
+
+ private:
+  /// A pixel's centre is its integer coordinate: its corner scales, not its centre.
+  static float place(double at, double scale, std::int64_t cut) {
+    return static_cast<float>((at + 0.5) * scale - 0.5 - static_cast<double>(cut));
+  }
+};
+
+double area(const MiragePictureBox& box) {
+  return std::max(0.0, double{box.right - box.left}) * std::max(0.0, double{box.bottom - box.top});
+}
+
+MiragePictureBox cut(const MiragePictureBox& box, float width, float height) {
+  return {std::clamp(box.left, 0.f, width - 1), std::clamp(box.top, 0.f, height - 1),
+          std::clamp(box.right, 0.f, width - 1), std::clamp(box.bottom, 0.f, height - 1)};
+}
+
+}  // namespace
+
+TaughtPicture taught_picture(const MirageSample& sample, const Tensor& image) {
+  TaughtPicture taught;
+  taught.image = image;
+  taught.boxes.assign(sample.picture_boxes, sample.picture_boxes + sample.picture_box_count);
+  taught.ignored.assign(sample.picture_ignore, sample.picture_ignore + sample.picture_ignore_count);
+  if (sample.vehicle_mask && image.defined())
+    taught.vehicle_mask.assign(sample.vehicle_mask, sample.vehicle_mask + image.size(0) * image.size(1));
+  return taught;
+}
+
+TaughtPicture moved_picture(const TaughtPicture& given, std::uint64_t seed, std::uint64_t index) {
+  RandomStream random(seed, "picture pose", index);
+  const std::int64_t height = given.image.size(0), width = given.image.size(1);
+  Pose pose{};
+  pose.mirrored = random.uniform() < 0.5;
+  const double wanted = std::exp(random.uniform(std::log(kSmallest), std::log(kLargest)));
+  const auto scaled = [&](std::int64_t size) {
+    return std::max<std::int64_t>(1, std::llround(static_cast<double>(size) * wanted));
+  };
+  const std::int64_t rows = scaled(height), columns = scaled(width);
+  pose.across = static_cast<double>(columns) / static_cast<double>(width);
+  pose.down = static_cast<double>(rows) / static_cast<double>(height);
+  pose.given_width = width;
+  const std::int64_t kept_rows = std::min(rows, height), kept_columns = std::min(columns, width);
+  pose.top = random.below(static_cast<int>(rows - kept_rows) + 1);
+  pose.left = random.below(static_cast<int>(columns - kept_columns) + 1);
+
+  const auto moved = [&](Tensor x) {  // 1 × C × H × W
+    if (pose.mirrored) x = x.flip(3);
+    return fn::interpolate(x, fn::InterpolateFuncOptions()
+                                  .size(std::vector<std::int64_t>{rows, columns})
+                                  .mode(torch::kBilinear)
+                                  .align_corners(false)
+                                  .antialias(wanted < 1))
+        .narrow(2, pose.top, kept_rows)
+        .narrow(3, pose.left, kept_columns);
+  };
+  TaughtPicture result;
+  result.image = moved(given.image.permute({2, 0, 1}).unsqueeze(0))[0].permute({1, 2, 0}).contiguous();
+  if (!given.vehicle_mask.empty()) {
+    const Tensor mask = torch::from_blob(const_cast<std::uint8_t*>(given.vehicle_mask.data()),
+                                         {1, 1, height, width}, torch::kByte);
+    const Tensor there = (moved(mask.to(torch::kFloat)) > 0.5).to(torch::kByte).contiguous();
+    result.vehicle_mask.assign(there.data_ptr<std::uint8_t>(),
+                               there.data_ptr<std::uint8_t>() + there.numel());
+  }
+  const auto take = [&](const MiragePictureBox& box, bool taught) {
+    const MiragePictureBox whole = pose.moved(box);
+    const MiragePictureBox left = cut(whole, static_cast<float>(kept_columns), static_cast<float>(kept_rows));
+    if (!(area(left) > 0)) return;
+    taught = taught && area(left) >= kLeastLeft * area(whole) && left.bottom - left.top >= kLeastHeight;
+    (taught ? result.boxes : result.ignored).push_back(left);
+  };
+  for (const MiragePictureBox& box : given.boxes) take(box, true);
+  for (const MiragePictureBox& box : given.ignored) take(box, false);
+  return result;
+}
+
 namespace {
 
 constexpr double kMostThinning = 0.4, kMostShaking = 0.02;

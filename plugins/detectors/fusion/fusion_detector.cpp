@@ -10,10 +10,10 @@
 
 #include "../../torch_threads.h"
 #include "base/files.h"
-#include "painting.h"
+#include "joins.h"
 #include "region.h"
 #include "scopes.h"
-#include "sensor_input.h"
+#include "sensor_tensors.h"
 #include "weights.h"
 
 namespace mirage::fusion {
@@ -264,6 +264,146 @@ MirageImageFeatures FusionDetector::image_features(const MirageSensorInput& inpu
           static_cast<std::int32_t>(grid.rows),
           static_cast<std::int32_t>(grid.columns),
           static_cast<float>(grid.cell)};
+}
+
+// What of the detector's state its files hold.
+
+namespace {
+
+constexpr const char *kCamera = "camera", *kLidar = "lidar", *kTrunk = "trunk";  // words of "frozen"
+
+/// In a checkpoint: of the k-th learning weight, what the training started from.
+std::string start_name(std::size_t k) {
+  return "start" + std::to_string(k);
+}
+
+}  // namespace
+
+/// The weights as a training's result has them, for as long as it lives.
+class FusionDetector::MixedWithStart {
+ public:
+  explicit MixedWithStart(FusionDetector& detector) : parameters_(detector.learning()) {
+    const torch::NoGradGuard guard;
+    if (detector.start_.empty()) parameters_.clear();
+    for (std::size_t k = 0; k < parameters_.size(); ++k) {
+      learned_.push_back(parameters_[k].detach().clone());
+      parameters_[k].lerp_(detector.start_[k], detector.options_.keep_start);
+    }
+  }
+  ~MixedWithStart() {
+    const torch::NoGradGuard guard;
+    for (std::size_t k = 0; k < parameters_.size(); ++k) parameters_[k].copy_(learned_[k]);
+  }
+  MixedWithStart(const MixedWithStart&) = delete;
+  MixedWithStart& operator=(const MixedWithStart&) = delete;
+
+ private:
+  std::vector<Tensor> parameters_, learned_;
+};
+
+void FusionDetector::save(const std::string& file, bool with_optimiser) {
+  std::optional<MixedWithStart> mixed;
+  if (!with_optimiser) mixed.emplace(*this);
+  WeightsWriter writer = begin_weights(*network_);
+  std::string frozen;
+  for (const auto& [word, is_frozen] :
+       {std::pair(kCamera, camera_frozen_), {kLidar, lidar_frozen_}, {kTrunk, trunk_frozen_}})
+    if (is_frozen) frozen.append(frozen.empty() ? "" : " ").append(word);
+  if (!frozen.empty()) writer.state("frozen", frozen);
+  if (with_optimiser) {
+    writer.add("training.steps", torch::tensor(steps_, torch::kLong));
+    writer.add("training.samples_seen", torch::tensor(samples_seen_, torch::kLong));
+    writer.add("training.peak_rate", torch::tensor(peak_rate_, torch::kDouble));
+    add_state(writer, *optimiser_);
+    for (std::size_t k = 0; k < start_.size(); ++k) writer.add(start_name(k), start_[k]);
+  }
+  writer.write(file);
+}
+
+void FusionDetector::load(const std::string& file) {
+  if (options_.start && name_of(options_.parts) == "camera" && !is_weights_file(file)) {
+    read_coco(*network_->camera, file);
+    trunk_frozen_ = !options_.joint;
+    return;
+  }
+  copy_network(file, *network_);
+  const WeightsFile weights = open_weights(file);
+  camera_frozen_ = has_word(weights, "frozen", kCamera);
+  lidar_frozen_ = has_word(weights, "frozen", kLidar);
+  trunk_frozen_ = has_word(weights, "frozen", kTrunk) && !options_.joint;
+  // A second stage that is put on a first one learns alone.
+  if (options_.parts.second && !parts_of(weights).second) camera_frozen_ = lidar_frozen_ = !options_.joint;
+  start_optimiser();
+  if (options_.start || !weights.holds("training.steps")) return;
+  steps_ = weights.tensor("training.steps", {}).item<std::int64_t>();
+  samples_seen_ = weights.tensor("training.samples_seen", {}).item<std::int64_t>();
+  peak_rate_ = weights.tensor("training.peak_rate", {}).item<double>();
+  read_state(weights, *optimiser_);
+  for (std::size_t k = 0; k < start_.size(); ++k)
+    start_[k].copy_(weights.tensor(start_name(k), start_[k].sizes()));
+}
+
+void FusionDetector::take_over(const std::string& file, const std::string& name) {
+  if (name_of(parts_of(open_weights(file))) != name)
+    throw std::runtime_error(file + ": not the weights of such a " + name + " detector; check --" + name);
+  copy_network(file, *network_);
+}
+
+// The detector's passes over an input that is mostly a clean one (local_network.h).
+
+const char* FusionDetector::why_whole() const {
+  return options_.clean_memory == 0 ? "no memory was given to it for clean frames"
+                                    : CleanFrames::why_whole(options_.parts);
+}
+
+const std::vector<MirageProposal>& FusionDetector::forward_changed(const MirageSensorInput& input,
+                                                                   const MirageChange& change,
+                                                                   float score_threshold, bool keep_graph) {
+  const bool picture = input.image && input.width > 0 && input.height > 0;
+  const bool same_picture =
+      !reads_image() ||
+      (picture == (change.clean->image != nullptr) &&
+       (!picture || (input.width == change.clean->width && input.height == change.clean->height)));
+  if (*why_whole() != '\0' || !same_picture || (!options_.parts.lidar && !picture))
+    return forward(input, score_threshold, keep_graph);
+  kept_logits_ = Tensor();
+  local_.reset();
+  kept_input_ = {};
+  kept_image_values_ = input.image ? std::size_t{3} * input.width * input.height : 0;
+  set_torch_threads(1);
+  SensorTensors now = view_input(input, reads_image());
+  take_watched(now, keep_graph);
+  auto local = std::make_unique<LocalNetwork>(
+      network_, clean_frames_->of(change.key, [&] { return copy_input(*change.clean, reads_image()); }), now,
+      Window{change.top, change.left, change.bottom, change.right}, options_.locality);
+  if (options_.parts.lidar)
+    propose(local->output(), score_threshold);
+  else
+    propose(local->seen(), score_threshold);
+  if (keep_graph) local_ = std::move(local);
+  return proposals_;
+}
+
+void FusionDetector::backward_changed(const Tensor& d_logits, float* d_image, float* d_points) {
+  const LocalNetwork::Gradient gradient = local_->backward(d_logits);
+  const auto [width, points] = local_->input_size();
+  if (gradient.masses.defined()) keep_presence(gradient.masses, gradient.masses.size(0));
+  if (d_image) std::fill_n(d_image, kept_image_values_, 0.f);
+  if (d_image && gradient.image.defined()) {
+    const Window& at = gradient.pixels;
+    const Tensor image = gradient.image.to(torch::kFloat).contiguous();
+    const float* row = image.data_ptr<float>();
+    for (std::int64_t v = at.top; v < at.bottom; ++v, row += 3 * at.columns())
+      std::copy_n(row, 3 * at.columns(), d_image + 3 * (v * width + at.left));
+  }
+  if (!d_points) return;
+  std::fill_n(d_points, 4 * points, 0.f);
+  const Tensor of_points = gradient.of_points.to(torch::kFloat);
+  const float* row = of_points.data_ptr<float>();
+  for (const std::int64_t point : gradient.points) {
+    std::copy_n(row, 4, d_points + 4 * point);
+    row += 4;
+  }
 }
 
 }  // namespace mirage::fusion

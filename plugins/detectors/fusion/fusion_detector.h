@@ -102,7 +102,7 @@ class FusionDetector {
   std::unique_ptr<torch::optim::AdamW> optimiser_;
   std::vector<torch::Tensor> start_;  ///< of learning(), before the first step; if a share of them is kept
   std::int64_t steps_ = 0, samples_seen_ = 0;
-  /// Norms use the samples' statistics until the rate has fallen to a share of its peak (norm.h).
+  /// Norms use the samples' statistics until the rate has fallen to a share of its peak (network.h).
   double peak_rate_ = 0;
 
   std::mutex memory_mutex_;

@@ -1,9 +1,9 @@
 // A pass of the network over what an object changed of a frame, forward and backward: the result of the whole
 // pass, up to the rounding of sums.
 //
-// What changed in the picture is told, what changed in the sweep is found (sweep_change.h). From there on
-// windows grow through the camera network (camera_plan.h), through the look-up of features by returns, and
-// through the backbone (backbone_plan.h). Whatever is discrete (which return feeds a cell, which boxes are
+// What changed in the picture is told, what changed in the sweep is found (clean_frame.h). From there on
+// windows grow through the camera network (branch_plans.h), through the look-up of features by returns, and
+// through the backbone (branch_plans.h). Whatever is discrete (which return feeds a cell, which boxes are
 // joined) is decided anew.
 #pragma once
 
@@ -12,7 +12,6 @@
 #include <span>
 
 #include "clean_frame.h"
-#include "sweep_change.h"
 
 namespace mirage::fusion {
 

@@ -1,9 +1,13 @@
 // Ground-truth boxes to per-cell targets, and the training loss.
 #pragma once
 
+#include <cstdint>
 #include <span>
+#include <vector>
 
+#include "camera.h"
 #include "detection/detector_abi3.h"
+#include "second_stage.h"
 #include "torch_headers.h"
 
 namespace mirage::fusion {
@@ -42,5 +46,42 @@ LossTerms detection_loss(const torch::Tensor& output, const Targets& targets, do
 
 /// The box that the six regressed values of a cell mean.
 MirageBox decode_box(std::int64_t cell, const std::array<float, 6>& values);
+
+// What the camera network is taught: boxes in the picture, and which pixels show vehicles.
+
+/// Which places answer for which box.
+struct PictureMatch {
+  std::vector<std::int64_t> places, boxes;  ///< pairs; a place answers for one box at most
+  std::vector<std::int64_t> silent;         ///< further places whose score is taught nothing
+};
+
+/// SimOTA (Ge et al., 2021): candidates of a box are the places inside it, or within 2.5 strides of its
+/// centre; each costs −log score − 3 log IoU of what it says now (and much more unless it is both inside and
+/// near the centre); the cheapest Σ (ten best IoUs) of them answer for the box. Silent: places whose centre
+/// lies in an ignored box, and all whose centre lies beyond the picture.
+PictureMatch match(std::span<const Place> places, std::span<const float> predicted_boxes,
+                   std::span<const float> predicted_logits, std::span<const MiragePictureBox> boxes,
+                   std::span<const MiragePictureBox> ignored, std::int64_t height, std::int64_t width);
+
+/// Binary cross-entropy of every score (its target for an answering place: the IoU it reaches), 5 (1 − IoU²)
+/// of every answering box, both over their number; and, where a mask is given, the focal-weighted
+/// cross-entropy of the mask's places against the share of their 4 × 4 pixels that show a vehicle.
+/// `vehicle_mask`: height × width of 0 or 1, or nullptr.
+LossTerms picture_loss(const CameraOutput& output, std::span<const MiragePictureBox> boxes,
+                       std::span<const MiragePictureBox> ignored, const std::uint8_t* vehicle_mask,
+                       std::int64_t height, std::int64_t width);
+
+/// IoU of each row of `a` with the same row of `b` (both n × 4); differentiable.
+torch::Tensor row_iou(const torch::Tensor& a, const torch::Tensor& b);
+
+// What the second stage is taught.
+
+/// Score: cross entropy with a target that rises from 0 at an IoU of 0.3 between the region's new box and the
+/// label that its old one overlaps most to 1 at 0.8, so that of a car's proposals the best box comes first
+/// (Jiang et al., IoU-Net, ECCV 2018). Box: smooth L1 of the change, in kChangeUnits, where the old box's IoU
+/// is 0.5 or more. Both are means over the regions that count; those within an ignored box, and on no label
+/// by 0.3, do not.
+LossTerms region_loss(const Regions& regions, std::span<const MirageBox> boxes,
+                      std::span<const MirageBox> ignored);
 
 }  // namespace mirage::fusion

@@ -1,25 +1,69 @@
-// The network: LiDAR voxels and image features, joined by continuous fusion, to one proposal a cell.
-// After Liang et al., "Deep Continuous Fusion" (ECCV 2018) and "Multi-Task Multi-Sensor Fusion" (CVPR 2019),
-// made small enough to train on two cores. Nothing between input and logit stops a gradient: the feature of a
-// cell also moves with the pixel that its point projects to.
+// Normalisation that is affine at inference: batch norm whose statistics are frozen.
 //
-// Six detectors are made of five parts (Parts): the LiDAR's backbone over the bird's-eye view, the camera
-// network (camera.h), one of three ways to join them: evidence painted on returns (painting.h), continuous
-// fusion of features, proposals joined with boxes (late.h), and a second look at the best proposals
-// (second_stage.h).
+// In the first part of a training each sample is normalised by its own statistics (batch norm of one sample),
+// which are followed by a running mean; in the last part, and at inference, by that mean, which makes the
+// layer a gain and a bias that fold into the convolution before it (Ioffe & Szegedy, ICML 2015, section 3.1;
+// freezing them before the end as He et al. do when fine-tuning removes the difference between the two).
 #pragma once
 
-#include "late.h"
-#include "norm.h"
+#include <vector>
+
+#include "joins.h"
 #include "second_stage.h"
 #include "sensor_tensors.h"
 #include "torch_headers.h"
 
 namespace mirage::fusion {
 
-/// Convolution (no bias), batch norm with frozen statistics (norm.h: local, and folded into the convolution),
-/// optional ReLU. Output i of stride 2 is centred on the two cells that it
-/// replaces (kernels of 2 and of 4 with padding 1), so that grids of all strides share their edges.
+struct ChannelNormImpl : torch::nn::Module {
+  explicit ChannelNormImpl(int channels);
+  /// Gain and bias of the frozen layer: y = gain · x + shift.
+  torch::Tensor gain() const;
+  torch::Tensor shift() const;
+  torch::Tensor weight, bias;    ///< parameters
+  torch::Tensor mean, variance;  ///< buffers
+};
+TORCH_MODULE(ChannelNorm);
+
+/// While one lives, norms on this thread use the sample's statistics, which it collects.
+class SampleStatistics {
+ public:
+  SampleStatistics();
+  SampleStatistics(const SampleStatistics&) = delete;
+  SampleStatistics& operator=(const SampleStatistics&) = delete;
+  ~SampleStatistics();
+  /// Of this thread; nullptr if norms are frozen.
+  static SampleStatistics* active();
+
+  struct Seen {
+    ChannelNormImpl* norm;
+    torch::Tensor mean, variance;
+  };
+  std::vector<Seen> seen;
+
+ private:
+  SampleStatistics* before_;
+};
+
+/// The layer in training, with the sample's statistics.
+torch::Tensor normalise(ChannelNormImpl& norm, const torch::Tensor& x, SampleStatistics& statistics);
+/// Moves the running means towards what a sample showed, the `samples`-th of the training: the plain mean of
+/// the first fifty, a mean that forgets from then on.
+void follow(const std::vector<SampleStatistics::Seen>& seen, std::int64_t samples);
+
+// The network: LiDAR voxels and image features, joined by continuous fusion, to one proposal a cell.
+// After Liang et al., "Deep Continuous Fusion" (ECCV 2018) and "Multi-Task Multi-Sensor Fusion" (CVPR 2019),
+// made small enough to train on two cores. Nothing between input and logit stops a gradient: the feature of a
+// cell also moves with the pixel that its point projects to.
+//
+// Six detectors are made of five parts (Parts): the LiDAR's backbone over the bird's-eye view, the camera
+// network (camera.h), one of three ways to join them: evidence painted on returns (joins.h), continuous
+// fusion of features, proposals joined with boxes (joins.h), and a second look at the best proposals
+// (second_stage.h).
+
+/// Convolution (no bias), batch norm with frozen statistics (network.h: local, and folded into the
+/// convolution), optional ReLU. Output i of stride 2 is centred on the two cells that it replaces (kernels of
+/// 2 and of 4 with padding 1), so that grids of all strides share their edges.
 struct ConvNormImpl : torch::nn::Module {
   ConvNormImpl(int in, int out, int kernel, int stride, bool relu = true);
   torch::Tensor forward(const torch::Tensor& x);
@@ -41,7 +85,7 @@ TORCH_MODULE(Residual);
 struct Parts {
   bool image = true;        ///< continuous fusion of the camera network's features
   bool denoising = false;   ///< non-local means on the image features that fusion reads
-  bool depth_gate = false;  ///< fusion weighs image features by agreement in depth (depth_gate.h)
+  bool depth_gate = false;  ///< fusion weighs image features by agreement in depth (joins.h)
   bool camera = true;       ///< the camera network
   bool lidar = true;        ///< the backbone; without it the camera network finds boxes in the picture
   bool painted = false;     ///< the camera network's mask painted on the returns

@@ -2,7 +2,8 @@
 #pragma once
 
 #include "camera.h"
-#include "nearest.h"
+#include "detection/detector_abi3.h"
+#include "sampling.h"
 #include "torch_headers.h"
 
 namespace mirage::fusion {
@@ -23,5 +24,13 @@ struct SensorTensors {
   torch::Tensor masses = {};
   CameraOutput camera = {};  ///< what the camera network says of the picture, where that is known already
 };
+
+// The host's sensor data as tensors.
+
+/// Views of the host's memory, which lives until its next call. Without a picture where there is none, or
+/// none is wanted.
+SensorTensors view_input(const MirageSensorInput& input, bool with_image);
+/// Own copies: the host may free its memory while a graph lives on.
+SensorTensors copy_input(const MirageSensorInput& input, bool with_image);
 
 }  // namespace mirage::fusion

@@ -5,14 +5,12 @@
 #include <optional>
 #include <stdexcept>
 
-#include "../../for_each_sample.h"
+#include "../../torch_threads.h"
 #include "augment.h"
-#include "camera_loss.h"
 #include "fusion_detector.h"
-#include "picture_pose.h"
+#include "loss.h"
 #include "scopes.h"
-#include "second_stage_loss.h"
-#include "sensor_input.h"
+#include "sensor_tensors.h"
 
 namespace mirage::fusion {
 namespace {

@@ -7,7 +7,7 @@
 #include "cli/named_settings.h"
 #include "detection/points_in_view.h"
 #include "frames/data_check.h"
-#include "frames/host_views.h"
+#include "frames/frame_store.h"
 #include "handles.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/layouts.h"

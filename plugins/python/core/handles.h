@@ -6,7 +6,7 @@
 #include <mutex>
 #include <string>
 
-#include "cli/insertion_options.h"
+#include "cli/options.h"
 #include "simulation/insertion.h"
 
 namespace mirage::python {

@@ -54,7 +54,7 @@ class AmericanStreet : private StreetSite {
   // american.cpp: course and ground
   void choose();
   void lay_ground();
-  // american_road.cpp: markings, junction, traffic
+  // american.cpp: markings, junction, traffic
   void paint_road();
   void paint_arrow(Mesh& paint, double s, double d);
   void place_junction();
@@ -68,7 +68,7 @@ class AmericanStreet : private StreetSite {
   void place_utility_line();
   void place_people();
   void close_view();
-  // american_buildings.cpp
+  // american_edges.cpp
   void add_house(double s, double d, double along, double deep, int side, double drive_s);
   void add_shop(double s, double d, double along, double deep, int side);
   void add_office(double s, double d, double along, double deep, int side);

@@ -1,8 +1,175 @@
-// The North American look: what stands beside the road.
+// The North American look: detached houses, shops and office blocks.
 #include "generator/looks/american.h"
 #include "geometry/shapes.h"
 
 namespace mirage::generator {
+namespace {
+
+Mesh placed(const Mesh& mesh, const Transform& t) {
+  Mesh out;
+  append(out, mesh, t);
+  return out;
+}
+
+}  // namespace
+
+// Clapboard or stucco, shingle roof, garage with a driveway to the road, porch or front steps.
+void AmericanStreet::add_house(double s, double d, double along, double deep, int side, double drive_s) {
+  const double h = chance(0.55) ? u(2.9, 3.4) : u(5.2, 6.2), front = -sign(side) * 0.5 * deep,
+               out = -sign(side);
+  const Transform t = footing(s, sign(side) * (d + 0.5 * deep));
+  const double ground = ground_z(s, sign(side) * d) - t.translation().z();
+  Material wall;
+  const Vec3f tints[7] = {{0.62f, 0.61f, 0.57f}, {0.55f, 0.48f, 0.36f}, {0.36f, 0.42f, 0.46f},
+                          {0.30f, 0.36f, 0.28f}, {0.52f, 0.46f, 0.40f}, {0.30f, 0.12f, 0.08f},
+                          {0.62f, 0.56f, 0.34f}};
+  const int tint = random_.below(7);
+  wall.albedo = tints[tint] * f(0.6, 1.1), wall.pattern = tint == 5 ? Pattern::brick : Pattern::facade;
+  wall.second = wall.pattern == Pattern::brick ? Vec3f::Constant(0.3f) : Vec3f(0.04f, 0.045f, 0.055f);
+  wall.variant = random_.next_u32(), wall.lidar = 0.4f;
+  wall.foot = static_cast<float>(t.translation().z() + ground);
+  Mesh body;
+  add_box(body, {-0.5 * along, -0.5 * deep, ground - 1}, {0.5 * along, 0.5 * deep, ground + h});
+  surfaces_.push_back(surface(placed(body, t), wall));
+
+  Mesh roof, trim;
+  const double e = 0.5, rise = u(1.6, 3.0), a = 0.5 * along + e, b = 0.5 * deep + e, z = ground + h;
+  const double hip = chance(0.5) ? u(2, 4) : 0;  // hipped or gabled
+  const auto q = [&](double x, double y, double up) { return Vec3d(x, y, z + up); };
+  add_quad(roof, q(-a, -b, -0.1), q(a, -b, -0.1), q(a - hip, 0, rise), q(-a + hip, 0, rise));
+  add_quad(roof, q(a, b, -0.1), q(-a, b, -0.1), q(-a + hip, 0, rise), q(a - hip, 0, rise));
+  for (double x : {-1.0, 1.0})
+    add_quad(hip > 0 ? roof : trim, q(x * a, -b, -0.1), q(x * a, b, -0.1), q(x * (a - hip), 0, rise),
+             q(x * (a - hip), 0, rise));
+  for (double y : {-b, b}) add_box(trim, {-a, y - 0.03, z - 0.28}, {a, y + 0.03, z - 0.08});  // gutters
+  const float tone = f(0.05, 0.16);
+  surfaces_.push_back(surface(placed(roof, t), plain(Vec3f(1.1f, 1, 0.92f) * tone, 0.25f)));
+
+  // Garage: stands out a little, a light door in panels, a drive of concrete.
+  Mesh garage, door, grooves, drive;
+  const double x = drive_s - s, w = 2.6, y0 = front + out * 0.9, top = ground + 2.7;
+  add_box(garage, {x - w, std::min(front, y0), ground - 1}, {x + w, std::max(front, y0), top});
+  add_quad(roof = Mesh(), {x - w - 0.3, front, top + 0.9}, {x + w + 0.3, front, top + 0.9},
+           {x + w + 0.3, y0 + out * 0.4, top - 0.05}, {x - w - 0.3, y0 + out * 0.4, top - 0.05});
+  const double yd = y0 + out * 0.02;
+  add_quad(door, {x - 2.3, yd, ground}, {x + 2.3, yd, ground}, {x + 2.3, yd, ground + 2.2},
+           {x - 2.3, yd, ground + 2.2});
+  for (int k = 1; k < 4; ++k)
+    add_quad(grooves, {x - 2.3, yd + out * 0.01, ground + 0.55 * k},
+             {x + 2.3, yd + out * 0.01, ground + 0.55 * k},
+             {x + 2.3, yd + out * 0.01, ground + 0.55 * k + 0.03},
+             {x - 2.3, yd + out * 0.01, ground + 0.55 * k + 0.03});
+  Material plainwall = wall;
+  plainwall.pattern = wall.pattern == Pattern::brick ? Pattern::brick : Pattern::plain;
+  surfaces_.push_back(surface(placed(garage, t), plainwall));
+  surfaces_.push_back(surface(placed(roof, t), plain(Vec3f(1.1f, 1, 0.92f) * tone, 0.25f)));
+  surfaces_.push_back(surface(placed(door, t), plain(Vec3f::Constant(f(0.3, 0.7)), 0.5f)));
+  surfaces_.push_back(surface(placed(grooves, t), plain(Vec3f::Constant(0.15f), 0.3f)));
+  for (double r = half_[side]; r < d - 0.9; r += 1.5) {
+    const double r1 = std::min(r + 1.5, d - 0.9), m = sign(side);
+    add_quad(drive, on_ground(drive_s - 2.2, m * r, 0.02), on_ground(drive_s + 2.2, m * r, 0.02),
+             on_ground(drive_s + 2.2, m * r1, 0.02), on_ground(drive_s - 2.2, m * r1, 0.02));
+  }
+  Material slab = plain(Vec3f(1, 0.98f, 0.94f) * f(0.22, 0.4), 0.35f);
+  slab.pattern = Pattern::paving, slab.variant = 3 * (random_.next_u32() / 3) + 1;
+  surfaces_.push_back(surface(drive, slab));
+  // Porch: posts and a small roof before the door, at the other end of the front.
+  const double px = x > 0 ? -0.2 * along : 0.2 * along, py = front + out * 1.8;
+  add_box(trim, {px - 1.8, std::min(front, py), ground + 2.5},
+          {px + 1.8, std::max(front, py), ground + 2.68});
+  for (double k : {-1.7, 1.7})
+    add_box(trim, {px + k - 0.07, py - 0.07, ground - 0.5}, {px + k + 0.07, py + 0.07, ground + 2.5});
+  add_box(trim, {px - 1.8, std::min(front, py), ground - 0.5},
+          {px + 1.8, std::max(front, py), ground + 0.25});
+  surfaces_.push_back(surface(placed(trim, t), plain(Vec3f::Constant(f(0.4, 0.7)), 0.5f)));
+}
+
+// A low flat building: glass front, coloured fascia with the shop's name, roof units.
+void AmericanStreet::add_shop(double s, double d, double along, double deep, int side) {
+  const double h = u(4.8, 7.5), front = -sign(side) * 0.5 * deep, out = -sign(side);
+  const Transform t = footing(s, sign(side) * (d + 0.5 * deep));
+  const double ground = ground_z(s, sign(side) * d) - t.translation().z();
+  Material wall = plain(Vec3f(0.5f, 0.45f, 0.37f) * f(0.5, 1.3), 0.4f);
+  if (chance(0.35))
+    wall.pattern = Pattern::brick, wall.albedo = Vec3f(0.3f, 0.14f, 0.09f),
+    wall.second = Vec3f::Constant(0.35f);
+  wall.variant = random_.next_u32();
+  Mesh body, units;
+  add_box(body, {-0.5 * along, -0.5 * deep, ground - 1}, {0.5 * along, 0.5 * deep, ground + h});
+  surfaces_.push_back(surface(placed(body, t), wall));
+  for (int k = random_.below(4); k > 0; --k) {
+    const double x = u(-0.4, 0.4) * along, y = u(-0.3, 0.3) * deep;
+    add_box(units, {x - 1, y - 0.8, ground + h}, {x + 1, y + 0.8, ground + h + u(0.8, 1.4)});
+  }
+  surfaces_.push_back(surface(placed(units, t), plain(Vec3f::Constant(0.4f), 0.4f)));
+
+  Mesh glass, frames;
+  const double y = front + out * 0.03, yf = front + out * 0.07, gl = 0.46 * along;
+  add_quad(glass, {-gl, y, ground + 0.4}, {gl, y, ground + 0.4}, {gl, y, ground + 2.9},
+           {-gl, y, ground + 2.9});
+  for (double x = -gl; x <= gl + 0.01; x += gl / std::ceil(gl / 1.1))
+    add_box(frames, {x - 0.04, std::min(y, yf), ground + 0.4}, {x + 0.04, std::max(y, yf), ground + 2.9});
+  add_box(frames, {-gl, std::min(y, yf), ground + 2.1}, {gl, std::max(y, yf), ground + 2.16});
+  surfaces_.push_back(surface(placed(glass, t), plain(Vec3f(0.03f, 0.035f, 0.04f), 0.15f, 0.08f)));
+  surfaces_.push_back(surface(placed(frames, t), plain(Vec3f::Constant(f(0.05, 0.5)), 0.4f)));
+
+  // One to three shops share the building, each with its fascia, name and perhaps an awning.
+  const int shops = 1 + random_.below(3);
+  for (int k = 0; k < shops; ++k) {
+    const double w = along / shops, middle = -0.5 * along + (k + 0.5) * w, z = ground + 3.1,
+                 top = z + u(0.9, 1.3);
+    const Vec3f color =
+        chance(0.35) ? Vec3f::Constant(f(0.05, 0.7)) : Vec3f(f(0.02, 0.5), f(0.02, 0.3), f(0.02, 0.4));
+    Mesh board, letters;
+    add_box(board, {middle - 0.48 * w, std::min(front, front + out * 0.3), z},
+            {middle + 0.48 * w, std::max(front, front + out * 0.3), top});
+    surfaces_.push_back(surface(placed(board, t), plain(color, 0.5f)));
+    const double half = std::min(0.35 * w, 3.5);
+    american::add_letters(letters, 0, half, -half, 0.5 * (z + top), 0.55 * (top - z), actors_);
+    // From a board that faces −x to one that faces the street.
+    const Transform face = t * at(middle, front + out * 0.32, 0, out < 0 ? 0.5 * kPi : -0.5 * kPi);
+    surfaces_.push_back(
+        surface(placed(letters, face),
+                plain(color.mean() < 0.25f ? Vec3f(0.7f, 0.68f, 0.6f) : Vec3f::Constant(0.03f), 0.5f)));
+    if (chance(0.4)) {
+      Mesh awning;
+      const double ya = front + out * 1.5;
+      add_quad(awning, {middle - 0.4 * w, front + out * 0.05, z - 0.05},
+               {middle + 0.4 * w, front + out * 0.05, z - 0.05}, {middle + 0.4 * w, ya, z - 0.7},
+               {middle - 0.4 * w, ya, z - 0.7});
+      surfaces_.push_back(
+          surface(placed(awning, t), plain(Vec3f(f(0.05, 0.4), f(0.03, 0.2), f(0.03, 0.25)), 0.4f)));
+    }
+  }
+}
+
+// Storeys of windows over a glazed ground floor.
+void AmericanStreet::add_office(double s, double d, double along, double deep, int side) {
+  const double h = chance(0.5) ? u(11, 20) : u(18, 38), front = -sign(side) * 0.5 * deep, out = -sign(side);
+  const Transform t = footing(s, sign(side) * (d + 0.5 * deep));
+  const double ground = ground_z(s, sign(side) * d) - t.translation().z();
+  const Vec3f tints[6] = {{0.5f, 0.46f, 0.4f},   {0.34f, 0.16f, 0.11f}, {0.5f, 0.5f, 0.5f},
+                          {0.16f, 0.17f, 0.19f}, {0.6f, 0.56f, 0.48f},  {0.42f, 0.3f, 0.22f}};
+  Material wall;
+  wall.pattern = Pattern::facade, wall.albedo = tints[random_.below(6)] * f(0.6, 1.1);
+  wall.second = chance(0.4) ? Vec3f(0.05f, 0.09f, 0.12f) : Vec3f(0.035f, 0.04f, 0.05f);
+  wall.variant = random_.next_u32(), wall.lidar = 0.35f;
+  wall.foot = static_cast<float>(t.translation().z() + ground);
+  Mesh body, glass, ledge;
+  add_box(body, {-0.5 * along, -0.5 * deep, ground - 2}, {0.5 * along, 0.5 * deep, ground + h});
+  surfaces_.push_back(surface(placed(body, t), wall));
+  const double y = front + out * 0.03;
+  for (double x = -0.5 * along + 0.5; x < 0.5 * along - 2; x += 3.2)
+    add_quad(glass, {x, y, ground + 0.3}, {x + 2.6, y, ground + 0.3}, {x + 2.6, y, ground + 3.2},
+             {x, y, ground + 3.2});
+  for (double z : {3.4, h - 0.5})
+    add_box(ledge, {-0.5 * along - 0.15, std::min(front, front + out * 0.35), ground + z},
+            {0.5 * along + 0.15, std::max(front, front + out * 0.35), ground + z + 0.4});
+  surfaces_.push_back(surface(placed(glass, t), plain(Vec3f(0.03f, 0.035f, 0.04f), 0.15f, 0.08f)));
+  surfaces_.push_back(surface(placed(ledge, t), plain(wall.albedo * 0.8f, 0.35f)));
+}
+
+// The North American look: what stands beside the road.
 
 void AmericanStreet::line_with_houses(int side) {
   const double edge = half_[side] + pavement_[side], line = edge + front_[side];

@@ -6,7 +6,7 @@
 #include "base/files.h"
 #include "base/image_io.h"
 #include "base/names.h"
-#include "scene/road_exposure.h"
+#include "scene/recorded_light.h"
 
 namespace mirage {
 

@@ -1,5 +1,5 @@
 // Data sets: folders of frames in one of the layouts that Mirage reads. What a layout is stands in one class
-// (kitti.cpp, kitti_tracking.cpp, kitti_raw.cpp, nuscenes.cpp, given_labels.cpp); read_frames.h opens them.
+// (kitti.cpp, kitti_drives.cpp, kitti_drives.cpp, nuscenes.cpp, given_labels.cpp); read_frames.h opens them.
 //
 //   kitti-object    DATA/training/{image_2,velodyne,calib,label_2}, and what Mirage adds to it (kitti.h)
 //   kitti-tracking  DATA/training/{image_02,velodyne,calib,label_02}, a folder or file for each sequence
@@ -62,7 +62,7 @@ class DataSet {
   virtual Annotations annotations(const std::string& id, int width, int height) const = 0;
   /// The frame's sweep in `velo`.
   virtual Sweep sweep(const std::string& id) const = 0;
-  /// The frame's own light; none: it follows from the road (road_exposure.h).
+  /// The frame's own light; none: it follows from the road (recorded_light.h).
   virtual std::optional<Lighting> lighting(const std::string& id) const;
   /// Changes with anything that annotations() says of the frame.
   virtual std::string annotations_hash(const std::string& id) const;

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "geometry/picture_box.h"
+#include "geometry/box.h"
 #include "scene/frame.h"
 
 namespace mirage {

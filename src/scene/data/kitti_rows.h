@@ -1,5 +1,5 @@
-// What the text files of KITTI's layouts share (kitti_text.cpp, kitti_results.cpp, kitti_tracking.cpp,
-// kitti_raw.cpp): rows, numbers, matrices, and a box's seven numbers.
+// What the text files of KITTI's layouts share (kitti_text.cpp, kitti_results.cpp, kitti_drives.cpp,
+// kitti_drives.cpp): rows, numbers, matrices, and a box's seven numbers.
 #pragma once
 
 #include <array>

@@ -10,8 +10,7 @@
 #include "base/files.h"
 #include "base/installation.h"
 #include "base/parallel.h"
-#include "base/shared_library.h"
-#include "base/shipped_plugins.h"
+#include "base/plugins.h"
 #include "base/words.h"
 #include "scene/depth/depth_abi.h"
 

@@ -1,8 +1,25 @@
 #include "scene/shape/shape_model.h"
 
-#include <cmath>
+#include <fmt/format.h>
 
-#include "geometry/marching_cubes.h"
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <mutex>
+#include <string>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/interrupt.h"
+#include "base/json_depth.h"
+#include "base/names.h"
+#include "base/open_file.h"
+#include "base/parallel.h"
+#include "geometry/solid.h"
+#include "sensors/mesh_distance.h"
 
 namespace mirage {
 
@@ -88,6 +105,259 @@ ShapeParameters project(const ShapeModel& model, const Mesh& mesh) {
   }
   for (int k = 0; k < model.dimension; ++k) q.code[k] = norms[k] > 0 ? q.code[k] / norms[k] : 0;
   return q;
+}
+
+namespace {
+
+constexpr double kMargin = 0.24;  // m of grid around the reference box
+constexpr double kBelow = 0.16;   // m of grid under the wheels
+constexpr double kRidge = 1e-4;   // added to the prior's variances
+constexpr std::size_t kFew = 2;   // vehicles needed beyond the dimension
+
+GridLayout layout_for(const ShapeModelSettings& s) {
+  const Vec3d& box = s.reference;
+  GridLayout layout;
+  layout.spacing = Vec3d::Constant(s.spacing);
+  const int half_length = static_cast<int>(std::ceil((0.5 * box.x() + kMargin) / s.spacing));
+  const int below = static_cast<int>(std::ceil(kBelow / s.spacing));
+  layout.origin = {-half_length * s.spacing, 0, -below * s.spacing};
+  layout.count = {2 * half_length + 1, static_cast<int>(std::ceil((0.5 * box.y() + kMargin) / s.spacing)) + 1,
+                  below + static_cast<int>(std::ceil((box.z() + kMargin) / s.spacing)) + 1};
+  return layout;
+}
+
+}  // namespace
+
+std::vector<float> normalised_distances(const Mesh& mesh, const ShapeModel& model) {
+  const Eigen::AlignedBox3d box = bounds(mesh);
+  const Vec3d middle(box.center().x(), box.center().y(), box.min().z());
+  Mesh stretched = mesh;
+  for (Vec3d& v : stretched.vertices)
+    v = (v - middle).cwiseProduct(model.reference).cwiseQuotient(box.sizes());
+  const MeshDistance distance(stretched);
+  const auto [nx, ny, nz] = model.layout.count;
+  std::vector<float> out(model.layout.size());
+  for (int k = 0; k < nz; ++k)
+    for (int j = 0; j < ny; ++j)
+      for (int i = 0; i < nx; ++i) {
+        const Vec3d p = model.layout.node(i, j, k);
+        double d = 0;
+        for (double side : {1, -1})
+          d +=
+              0.5 * std::clamp(distance.signed_distance({p.x(), side * p.y(), p.z()}), -model.cut, model.cut);
+        out[model.layout.index(i, j, k)] = static_cast<float>(d);
+      }
+  return out;
+}
+
+ShapeModel build_shape_model(std::span<const ShapeSample> samples, const ShapeModelSettings& settings,
+                             const std::function<void(std::size_t)>& tell) {
+  const std::size_t n = samples.size();
+  const int dimension = settings.dimension;
+  if (dimension < 1 || n < static_cast<std::size_t>(dimension) + kFew)
+    throw InputError("shape model", "vehicles",
+                     std::to_string(n) + " are too few for " + std::to_string(dimension) + " dimensions",
+                     "give at least two more than dimensions, and one dimension or more");
+  ShapeModel model;
+  model.reference = settings.reference;
+  model.layout = layout_for(settings);
+  model.cut = settings.cut;
+  model.dimension = dimension;
+  model.vehicles = static_cast<int>(n);
+  const auto nodes = static_cast<Eigen::Index>(model.layout.size());
+  Eigen::MatrixXf data(nodes, static_cast<Eigen::Index>(n));
+  Eigen::MatrixXd q(3 + dimension, static_cast<Eigen::Index>(n));  // (s, z) of each
+  std::mutex mutex;
+  std::size_t done = 0;
+  parallel_for(n, [&](std::size_t i) {
+    if (interrupted()) return;
+    const auto column = static_cast<Eigen::Index>(i);
+    const std::vector<float> d = normalised_distances(samples[i].mesh, model);
+    data.col(column) = Eigen::Map<const Eigen::VectorXf>(d.data(), nodes);
+    q.col(column).head<3>() = bounds(samples[i].mesh).sizes().cwiseQuotient(model.reference).array().log();
+    const std::scoped_lock lock(mutex);
+    ++done;
+    if (tell) tell(done);
+  });
+  throw_if_interrupted("no model was written");
+  for (const ShapeSample& s : samples) ++model.sources[s.source];
+  const Eigen::VectorXf mean = data.rowwise().mean();
+  data.colwise() -= mean;
+
+  // Few vehicles, many nodes: the components come from the vehicles' inner products.
+  const Eigen::MatrixXd gram = (data.transpose() * data).cast<double>() / static_cast<double>(n - 1);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(gram);
+  const double total = std::max(eigen.eigenvalues().sum(), 1e-30);
+  const std::size_t stride = 1 + static_cast<std::size_t>(dimension);
+  model.values.assign(static_cast<std::size_t>(nodes) * stride, 0);
+  for (Eigen::Index i = 0; i < nodes; ++i) model.values[static_cast<std::size_t>(i) * stride] = mean[i];
+  double sum = 0;
+  for (int k = 0; k < dimension; ++k) {
+    const auto column = static_cast<Eigen::Index>(n) - 1 - k;
+    const double variance = std::max(eigen.eigenvalues()[column], 0.0);
+    Eigen::VectorXd vector = eigen.eigenvectors().col(column);
+    Eigen::Index largest = 0;
+    vector.cwiseAbs().maxCoeff(&largest);
+    if (vector[largest] < 0) vector = -vector;  // a sign that doesn't hang on the solver
+    // z = vector √(n − 1) has variance 1; the component is data · z / (n − 1).
+    const Eigen::VectorXd z = vector * std::sqrt(static_cast<double>(n - 1));
+    const Eigen::VectorXf component = data * (z / static_cast<double>(n - 1)).cast<float>();
+    q.row(3 + k) = z.transpose();
+    for (Eigen::Index i = 0; i < nodes; ++i)
+      model.values[static_cast<std::size_t>(i) * stride + 1 + k] = component[i];
+    sum += variance;
+    model.explained.push_back(sum / total);
+  }
+  model.prior_mean = q.rowwise().mean();
+  const Eigen::MatrixXd centred = q.colwise() - model.prior_mean;
+  model.prior_covariance = centred * centred.transpose() / static_cast<double>(n - 1);
+  model.prior_covariance.diagonal().array() += kRidge;
+  return model;
+}
+
+namespace {
+
+constexpr std::string_view kMagic = "MIRAGE-SHAPE 1\n";
+constexpr double kFull = 32767;
+constexpr double kMaxNodes = 1e7;
+constexpr double kMost = 1000;  ///< m and shares: of whatever the header lists
+
+static_assert(std::endian::native == std::endian::little);
+
+nlohmann::json numbers(const auto& v) {
+  nlohmann::json out = nlohmann::json::array();
+  for (Eigen::Index i = 0; i < v.size(); ++i) out.push_back(v.data()[i]);
+  return out;
+}
+
+class Header {
+ public:
+  Header(std::string file, const nlohmann::json& json) : file_(std::move(file)), json_(json) {}
+
+  [[noreturn]] void fail(const std::string& field, const std::string& problem) const {
+    throw InputError(file_, field, problem, "make the file again with: mirage fit --build-model FILE");
+  }
+  std::vector<double> list(const std::string& key, std::size_t count) const {
+    if (!json_.contains(key) || !json_.at(key).is_array() || json_.at(key).size() != count)
+      fail(key, "missing or not a list of " + std::to_string(count) + " numbers");
+    std::vector<double> out;
+    for (const auto& value : json_.at(key)) {
+      // Asked this way round: what is no number is not within bounds.
+      if (!value.is_number() || !(std::abs(value.get<double>()) <= kMost))
+        fail(key, "holds a number out of range");
+      out.push_back(value.get<double>());
+    }
+    return out;
+  }
+  double number(const std::string& key, double low, double high) const {
+    if (!json_.contains(key) || !json_.at(key).is_number()) fail(key, "missing or not a number");
+    const double value = json_.at(key).get<double>();
+    if (!(value >= low && value <= high)) fail(key, "out of range");
+    return value;
+  }
+  Vec3d positive(const std::string& key) const {
+    const auto v = list(key, 3);
+    for (double x : v)
+      if (x < 1e-3) fail(key, "not positive");
+    return {v[0], v[1], v[2]};
+  }
+
+ private:
+  std::string file_;
+  const nlohmann::json& json_;
+};
+
+}  // namespace
+
+void write_shape_model(const std::filesystem::path& file, const ShapeModel& model) {
+  const std::size_t stride = 1 + static_cast<std::size_t>(model.dimension), nodes = model.layout.size();
+  std::vector<double> scales(stride, 1e-12);
+  for (std::size_t i = 0; i < model.values.size(); ++i)
+    scales[i % stride] = std::max<double>(scales[i % stride], std::abs(model.values[i]));
+  const nlohmann::json header = {{"reference", numbers(model.reference)},
+                                 {"origin", numbers(model.layout.origin)},
+                                 {"spacing", numbers(model.layout.spacing)},
+                                 {"count", model.layout.count},
+                                 {"cut", model.cut},
+                                 {"dimension", model.dimension},
+                                 {"vehicles", model.vehicles},
+                                 {"explained", model.explained},
+                                 {"scales", scales},
+                                 {"prior_mean", numbers(model.prior_mean)},
+                                 {"prior_covariance", numbers(model.prior_covariance)},
+                                 {"sources", model.sources}};
+  std::string bytes(kMagic);
+  bytes += json_text(header) + "\n";
+  std::vector<std::int16_t> packed(nodes * stride);
+  for (std::size_t i = 0; i < packed.size(); ++i)
+    packed[i] = static_cast<std::int16_t>(std::lround(model.values[i] * kFull / scales[i % stride]));
+  bytes.append(reinterpret_cast<const char*>(packed.data()), packed.size() * sizeof(packed[0]));
+  write_file(file, bytes);
+}
+
+ShapeModel read_shape_model(const std::filesystem::path& file) {
+  const std::string name = file.string();
+  const auto refuse = [&] {
+    throw InputError(name, "first line", "not a shape model of this version",
+                     "make one with: mirage fit --build-model FILE");
+  };
+  if (!begins_with(file, kMagic)) refuse();
+  constexpr std::size_t kLongestHeader = 1 << 21, kMostValues = 100'000;  // of dimension 200: 41 000 numbers
+  const std::string head = read_head(file, kLongestHeader);
+  const std::size_t end = head.find('\n', kMagic.size());
+  if (end == std::string::npos) refuse();
+  const std::string_view second = std::string_view(head).substr(0, end).substr(kMagic.size());
+  check_json_depth(second, name);
+  check_json_values(second, name, kMostValues);
+  const nlohmann::json json = nlohmann::json::parse(second, nullptr, false);
+  const Header header(name, json);
+  if (!json.is_object()) header.fail("second line", "not a JSON object");
+  ShapeModel model;
+  model.reference = header.positive("reference");
+  const auto origin = header.list("origin", 3), count = header.list("count", 3);
+  model.layout.origin = {origin[0], origin[1], origin[2]};
+  model.layout.spacing = header.positive("spacing");
+  double nodes = 1;
+  for (int a = 0; a < 3; ++a) {
+    if (count[a] < 2 || count[a] > 1000 || count[a] != std::floor(count[a]))
+      header.fail("count", "out of range");
+    model.layout.count[a] = static_cast<int>(count[a]);
+    nodes *= count[a];
+  }
+  if (nodes > kMaxNodes) header.fail("count", "out of range");
+  model.cut = header.number("cut", 1e-3, 10);
+  model.dimension = static_cast<int>(header.number("dimension", 1, 200));
+  model.vehicles = static_cast<int>(header.number("vehicles", 1, 1e7));
+  const auto k = static_cast<std::size_t>(model.dimension);
+  model.explained = header.list("explained", k);
+  const auto scales = header.list("scales", k + 1);
+  const auto mean = header.list("prior_mean", 3 + k),
+             covariance = header.list("prior_covariance", (3 + k) * (3 + k));
+  const auto size = static_cast<Eigen::Index>(3 + k);
+  model.prior_mean = Eigen::Map<const Eigen::VectorXd>(mean.data(), size);
+  model.prior_covariance = Eigen::Map<const Eigen::MatrixXd>(covariance.data(), size, size);
+  if (model.prior_covariance.llt().info() != Eigen::Success)
+    header.fail("prior_covariance", "not positive definite");
+  if (json.contains("sources") && json.at("sources").is_object())
+    for (const auto& [source, number] : json.at("sources").items())
+      if (number.is_number_integer()) model.sources[source] = number.get<int>();
+  const std::size_t numbers_needed = model.layout.size() * (k + 1);
+  const auto check = [&](std::uintmax_t bytes) {
+    const std::uintmax_t held = bytes > end ? bytes - end - 1 : 0,
+                         needed = numbers_needed * sizeof(std::int16_t);
+    if (held != needed)
+      header.fail("numbers", fmt::format("the file holds {} bytes of them, {} are needed", held, needed));
+  };
+  check(OpenFile(file).size());  // before any of them is in memory
+  const std::string all = read_file(file);
+  check(all.size());
+  model.values.resize(numbers_needed);
+  for (std::size_t i = 0; i < numbers_needed; ++i) {
+    std::int16_t packed = 0;
+    std::memcpy(&packed, all.data() + end + 1 + i * sizeof packed, sizeof packed);
+    model.values[i] = static_cast<float>(packed * scales[i % (k + 1)] / kFull);
+  }
+  return model;
 }
 
 }  // namespace mirage

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "geometry/atlas_triangles.h"
+#include "geometry/texel_grid.h"
 
 namespace mirage::coverage {
 namespace {

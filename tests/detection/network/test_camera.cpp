@@ -8,10 +8,10 @@
 #include <filesystem>
 #include <vector>
 
+#include "augment.h"
 #include "camera.h"
-#include "camera_loss.h"
 #include "fusion_detector.h"
-#include "picture_pose.h"
+#include "loss.h"
 #include "tensor_checks.h"
 #include "weights.h"
 

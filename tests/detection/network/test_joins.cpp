@@ -4,10 +4,8 @@
 
 #include <cmath>
 
-#include "late.h"
+#include "joins.h"
 #include "network.h"
-#include "norm.h"
-#include "painting.h"
 #include "tensor_checks.h"
 
 namespace mirage::fusion {

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <numbers>
 
+#include "loss.h"
 #include "network.h"
-#include "region_returns.h"
-#include "second_stage_loss.h"
+#include "second_stage.h"
 #include "tensor_checks.h"
 
 namespace mirage::fusion {

@@ -1,0 +1,51 @@
+// The LiDAR's backbone as a plan.
+#pragma once
+
+#include <array>
+
+#include "camera.h"
+#include "local_pass.h"
+#include "network.h"
+
+namespace mirage::fusion {
+
+/// Numbers of its layers.
+struct BackbonePlan {
+  Plan plan;
+  int voxels = 0;  ///< the input: soft_voxels, and painted_voxels behind them where the network paints
+  std::array<int, kGrids.size()> added = {-1, -1, -1, -1};  ///< inputs: what continuous fusion adds
+  int bev = -1;                                             ///< what the head reads, for a second stage
+  int output = 0;                                           ///< kOutputs × 140 × 160
+};
+
+/// Folds the network's norms.
+BackbonePlan backbone_plan(NetworkImpl& network, bool bfloat16 = false);
+
+// The camera network as a plan, and what the picture's windows are to it.
+
+/// Numbers of its layers.
+struct CameraPlan {
+  Plan plan;
+  int picture = 0;   ///< the input: focus() of the padded picture
+  int features = 0;  ///< CameraOutput::features
+  int mask = 0;      ///< CameraOutput::mask
+  int read = -1;     ///< what continuous fusion reads: features, and the mask at their size
+  std::array<int, 3> rows = {-1, -1, -1};  ///< of the heads, by scale
+  std::int64_t height = 0, width = 0;      ///< of the picture
+};
+
+/// For pictures of a size. `boxes`: with the heads; `read`: with what continuous fusion reads. `head` of the
+/// kept maps are those of the outputs named here.
+CameraPlan camera_plan(CameraNetImpl& network, std::int64_t height, std::int64_t width, bool boxes, bool read,
+                       bool bfloat16 = false);
+
+/// Places of the plan's input that pixels [top, bottom) × [left, right) lie in.
+Window focus_window(const Window& pixels);
+/// The plan's input over a window (zero beyond it, which the network's first convolution wants there).
+/// picture: H × W × 3, of which the window's pixels are read. Differentiable in it.
+torch::Tensor focused(const torch::Tensor& picture, const Window& at);
+
+/// The heads' maps to one row a place, of all scales in turn: N × 6.
+torch::Tensor head_rows(const std::array<torch::Tensor, 3>& maps);
+
+}  // namespace mirage::fusion

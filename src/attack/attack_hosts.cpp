@@ -1,0 +1,207 @@
+#include "attack/attack_hosts.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "attack/evaluation.h"
+#include "base/fields.h"
+#include "base/interrupt.h"
+#include "base/logging.h"
+#include "base/names.h"
+#include "base/parallel.h"
+#include "base/random.h"
+#include "detection/car_in_picture.h"
+#include "detection/detect.h"
+#include "scene/data/kitti.h"
+#include "scene/data/layouts.h"
+#include "scene/data/read_frames.h"
+
+namespace mirage {
+namespace {
+
+/// The cars of a frame, by what a detector finds there.
+std::vector<Label> found_cars(Detector& detector, const Frame& frame, double score) {
+  std::vector<Label> labels;
+  for (const Detection& found : detect_vehicles(detector, frame, score))
+    if (auto label = projected_label("Car", upright(found, frame.sweep), frame.calibration))
+      labels.push_back(std::move(*label));
+  return labels;
+}
+
+}  // namespace
+
+std::filesystem::path label_by_detections(const AttackSettings& settings, const DetectorPool& detectors) {
+  const Detector& detector = *detectors.front();
+  if (detector.capabilities().matching().in_picture())
+    throw FieldError("hosts_from", "detections",
+                     detector.name() + " finds boxes in the picture, which stand nowhere in space",
+                     "use a detector that reads the LiDAR's returns");
+  std::vector<std::string> unlabelled;
+  for (const std::string& id : list_frames(settings.data))
+    if (!read_annotations(settings.data, id).labelled) unlabelled.push_back(id);
+  if (unlabelled.empty())
+    throw FieldError("hosts_from", "detections", "every frame has labels", "leave it out");
+  const std::filesystem::path folder = settings.out / "labelled";
+  const double score = EvaluationSettings{}.score_threshold;
+  std::atomic<std::size_t> cars = 0;
+  parallel_for(detectors.size(), [&](std::size_t worker) {
+    for (std::size_t i = worker; i < unlabelled.size(); i += detectors.size()) {
+      throw_if_interrupted("frames are looked at anew");
+      const Frame frame = read_frame(settings.data, unlabelled[i]);
+      const std::vector<Label> found = found_cars(*detectors[worker], frame, score);
+      cars += found.size();
+      write_labels(folder / "label_2" / (frame.id + ".txt"), found, frame.calibration);
+    }
+  });
+  write_given_labels(folder, settings.data,
+                     {{"detector", settings.detector.detector},
+                      {"weights", escape_name(settings.detector.weights.string())},
+                      {"score", score}});
+  spdlog::warn("{} cars in {} frames without labels are {}'s own boxes: of its AP on them nothing follows",
+               cars.load(), unlabelled.size(), detector.name());
+  return folder;
+}
+
+ValidationPart split_validation(const std::vector<Host>& train, std::uint64_t seed, std::size_t at_most,
+                                const char* field) {
+  std::map<std::string, std::size_t> hosts;  // of each frame
+  for (const Host& host : train) ++hosts[host.id.frame];
+  std::vector<std::string> frames;
+  for (const auto& [frame, count] : hosts) frames.push_back(frame);
+  if (frames.size() < 2)
+    throw FieldError(field, std::to_string(frames.size()) + " training frame",
+                     "has no second one to hold out", "give more frames, or leave the option out");
+  RandomStream random(seed, "validation part");
+  shuffle(frames, random);
+  const auto most = std::clamp<std::size_t>(
+      static_cast<std::size_t>(std::lround(kHeldOutShare * static_cast<double>(frames.size()))), 1,
+      frames.size() - 1);
+  std::set<std::string> held;
+  std::size_t vehicles = 0;
+  for (std::size_t i = 0; i < most && vehicles < at_most; ++i) {
+    held.insert(frames[i]);
+    vehicles += hosts[frames[i]];
+  }
+  ValidationPart part;
+  for (const Host& host : train) (held.contains(host.id.frame) ? part.held_out : part.learn).push_back(host);
+  return part;
+}
+
+namespace {
+
+constexpr double kMostUneven = 1.25;
+
+using FrameHosts = std::vector<std::size_t>;
+
+std::size_t hosts_of(const std::vector<FrameHosts>& lane) {
+  std::size_t sum = 0;
+  for (const FrameHosts& frame : lane) sum += frame.size();
+  return sum;
+}
+
+/// Frames of most hosts first, each to the lane that has the fewest.
+std::vector<std::vector<FrameHosts>> deal(const std::vector<FrameHosts>& frames, std::size_t lanes) {
+  std::vector<std::vector<FrameHosts>> dealt(lanes);
+  for (const FrameHosts& frame : frames)
+    std::min_element(dealt.begin(), dealt.end(), [](const auto& a, const auto& b) {
+      return hosts_of(a) < hosts_of(b);
+    })->push_back(frame);
+  return dealt;
+}
+
+bool even(const std::vector<std::vector<FrameHosts>>& lanes) {
+  std::size_t least = hosts_of(lanes.front()), most = least;
+  for (const auto& lane : lanes) {
+    least = std::min(least, hosts_of(lane));
+    most = std::max(most, hosts_of(lane));
+  }
+  return static_cast<double>(most) <= kMostUneven * static_cast<double>(least);
+}
+
+}  // namespace
+
+HostOrder::HostOrder(std::span<const Host> hosts, int batch, std::uint64_t seed)
+    : batch_(batch), seed_(seed) {
+  std::map<std::string, FrameHosts> by_frame;
+  for (std::size_t i = 0; i < hosts.size(); ++i) by_frame[hosts[i].id.frame].push_back(i);
+  std::vector<FrameHosts> frames;
+  for (const auto& [name, list] : by_frame) frames.push_back(list);
+  RandomStream random(seed, "lanes of frames");
+  shuffle(frames, random);
+  std::stable_sort(frames.begin(), frames.end(),
+                   [](const FrameHosts& a, const FrameHosts& b) { return a.size() > b.size(); });
+  std::size_t lanes = std::min(static_cast<std::size_t>(batch), frames.size());
+  while (!even(lanes_ = deal(frames, lanes))) --lanes;  // one lane is even
+}
+
+std::vector<std::size_t> HostOrder::drawn_order(std::size_t lane, long pass) const {
+  RandomStream random(seed_, "host order", static_cast<std::uint64_t>(pass) * lanes_.size() + lane);
+  Lane waiting = lanes_[lane];
+  shuffle(waiting, random);
+  const std::size_t most = std::max<std::size_t>(1, kOpenFrames / lanes_.size());
+  std::vector<std::size_t> order;
+  Lane open;
+  const std::size_t all = hosts_of(waiting);
+  while (order.size() < all) {
+    while (open.size() < most && !waiting.empty()) {
+      open.push_back(std::move(waiting.back()));
+      waiting.pop_back();
+    }
+    auto drawn = static_cast<std::size_t>(random.below(static_cast<int>(hosts_of(open))));
+    auto frame = open.begin();
+    for (; drawn >= frame->size(); ++frame) drawn -= frame->size();
+    order.push_back((*frame)[drawn]);
+    frame->erase(frame->begin() + static_cast<std::ptrdiff_t>(drawn));
+    if (frame->empty()) open.erase(frame);
+  }
+  return order;
+}
+
+std::size_t HostOrder::places(std::size_t lane) const {
+  return (static_cast<std::size_t>(batch_) - lane + lanes_.size() - 1) / lanes_.size();
+}
+
+std::vector<std::size_t> HostOrder::order(std::size_t lane, long pass) const {
+  std::vector<std::size_t> order = drawn_order(lane, pass);
+  const std::size_t head = places(lane) - 1;  // places that may share a batch with the end of the pass before
+  if (head == 0 || pass == 0 || order.size() < 3 * head) return order;
+  const std::vector<std::size_t> before = drawn_order(lane, pass - 1);
+  const auto just_met = [&](std::size_t host) {
+    return std::find(before.end() - static_cast<std::ptrdiff_t>(head), before.end(), host) != before.end();
+  };
+  // Exchanged with the middle alone, so that the end stays as drawn, on which the next pass relies.
+  std::size_t other = head;
+  for (std::size_t i = 0; i < head; ++i) {
+    if (!just_met(order[i])) continue;
+    while (other < order.size() - head && just_met(order[other])) ++other;
+    if (other == order.size() - head) break;
+    std::swap(order[i], order[other++]);
+  }
+  return order;
+}
+
+std::vector<std::size_t> HostOrder::batch(long iteration) const {
+  std::vector<std::size_t> indices;
+  const auto batch = static_cast<std::size_t>(batch_);
+  struct Pass {
+    long number = -1;
+    std::vector<std::size_t> hosts;
+  };
+  std::vector<Pass> passes(lanes_.size());
+  for (std::size_t k = 0; k < batch; ++k) {
+    const std::size_t lane = k % lanes_.size();
+    const long position = iteration * static_cast<long>(places(lane)) + static_cast<long>(k / lanes_.size());
+    const auto hosts = static_cast<long>(hosts_of(lanes_[lane]));
+    Pass& pass = passes[lane];
+    if (pass.number != position / hosts) pass = {position / hosts, order(lane, position / hosts)};
+    indices.push_back(pass.hosts[static_cast<std::size_t>(position % hosts)]);
+  }
+  return indices;
+}
+
+}  // namespace mirage

@@ -1,0 +1,91 @@
+// Plugins that ship with the program, by the words that ask for them. Beside plugins/NAME.so lies NAME.json:
+//   {"kind": "detector" or "depth", "words": ["lidar", …], "weights": "data" or "code"}
+// "code": what a weights file holds may run when it is loaded, so only the command line may name one.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <exception>
+#include <filesystem>
+#include <initializer_list>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "base/error.h"
+
+namespace mirage {
+
+struct ShippedPlugin {
+  std::filesystem::path file;  ///< of the shared library
+  std::vector<std::string> words;
+  bool weights_are_code = true;
+};
+
+/// Those of a kind, by their files' names; none where they are not built. Looked for once. InputError naming
+/// file and field of a description that is none.
+const std::vector<ShippedPlugin>& shipped_plugins(const std::string& kind);
+/// The one that the word asks for; null if none does.
+const ShippedPlugin* shipped_plugin(const std::string& kind, const std::string& word);
+/// "lidar, camera, …": the words of a kind, for messages.
+std::string shipped_words(const std::string& kind);
+/// The descriptions in a folder, of any kind; `kind` chooses.
+std::vector<ShippedPlugin> read_shipped_plugins(const std::filesystem::path& folder, const std::string& kind);
+
+// Plugins: shared libraries that export one entry function, which returns a table of C functions. Everything
+// that can go wrong with somebody else's library becomes one clear line.
+
+/// Bytes that a plugin's function may write its reason to.
+inline constexpr std::size_t kPluginErrorSize = 1024;
+
+/// Runs plugin code: an exception that it lets out (it must not) becomes a Failure.
+template <class Work>
+auto call_plugin(const std::filesystem::path& file, const std::string& function, const Work& work) {
+  try {
+    return work();
+  } catch (const std::exception& problem) {
+    throw Failure(file.string(), function + " threw an exception (" + problem.what() + ")",
+                  "report it to the plugin's author");
+  } catch (...) {
+    throw Failure(file.string(), function + " threw an exception", "report it to the plugin's author");
+  }
+}
+
+/// Runs work(error), which returns 0 or writes its reason to error: Failure naming file and function, or
+/// InputError naming `given` when it returns 2: the file that the user gave to the plugin is to blame.
+template <class Work>
+void run_plugin(const std::filesystem::path& file, const std::string& function, const Work& work,
+                const std::filesystem::path& given = {}) {
+  char error[kPluginErrorSize] = "";
+  const int status = call_plugin(file, function, [&] { return work(error); });
+  if (status == 2 && !given.empty())
+    throw InputError(given.string(), "", error[0] ? error : "no reason given", "check --weights");
+  if (status != 0)
+    throw Failure(file.string(), function + " failed (" + (error[0] ? error : "no reason given") + ")",
+                  "check the input, the weights and the free memory");
+}
+
+/// The address of `entry` in the library. `contract` is the header that says what to export. InputError where
+/// the file is no library for this machine, or lacks the entry. Never unloaded: LibTorch keeps threads and
+/// statics that do not survive that.
+void* plugin_symbol(const std::filesystem::path& file, const std::string& entry, const std::string& contract);
+
+/// Opens a plugin whose entry returns a `const Api*` with an abi_version. InputError for a version that is
+/// none of `versions`.
+template <class Api>
+const Api* open_plugin(const std::filesystem::path& file, const std::string& entry,
+                       const std::string& contract, std::initializer_list<std::uint32_t> versions) {
+  void* symbol = plugin_symbol(file, entry, contract);
+  const Api* api = call_plugin(file, entry, [&] { return reinterpret_cast<const Api* (*)()>(symbol)(); });
+  if (!api) throw InputError(file.string(), entry, "the entry point returned nothing", "rebuild the plugin");
+  std::string known;
+  for (const std::uint32_t version : versions) {
+    if (api->abi_version == version) return api;
+    known += (known.empty() ? "" : " and ") + std::to_string(version);
+  }
+  throw InputError(file.string(), "abi_version",
+                   "is " + std::to_string(api->abi_version) + ", this program speaks " + known,
+                   "rebuild the plugin against this version");
+}
+
+}  // namespace mirage

@@ -1,0 +1,144 @@
+// Options that every command with a detector shares.
+#pragma once
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "attack/run.h"
+#include "cli/command.h"
+#include "cli/field_options.h"
+#include "detection/detector.h"
+#include "scene/data/data_rig.h"
+#include "simulation/quality.h"
+
+namespace mirage::cli {
+
+/// `data`: the data set that the detector is to see; its rig (or `rig`, if given) chooses the shipped
+/// weights.
+inline DetectorOptions with_common(DetectorOptions options, const Common& common,
+                                   const std::filesystem::path& data, const std::string& rig) {
+  options.rig = data_rig(data, rig);
+  options.seed = common.seed;
+  options.threads = common.threads;
+  return options;
+}
+
+// --trust-run of the commands that read a run folder.
+
+inline void add_trust_option(CLI::App& app, TrustRun& trust) {
+  app.add_flag_callback(
+      "--trust-run", [&trust] { trust = TrustRun::yes; },
+      "load plugins and TorchScript models that the run names: they are programs, and run as you");
+}
+
+// Options of the commands that prepare frames, and how their results are told.
+
+/// --quality beside the options that it stands in for.
+struct QualityOption {
+  std::string name;               ///< empty: none was asked for
+  const CLI::App* app = nullptr;  ///< knows which options were given, on the command line or in a config file
+
+  /// `name` as it stands is the default. `otherwise` says what holds without one ("the run's").
+  void add(CLI::App& command, const std::string& otherwise = "") {
+    app = &command;
+    auto* option = command.add_option(
+        "--quality", name,
+        "draft or default: σ, γ, cut-off and samples of the camera (options of their own win); exact: every "
+        "pixel's exact areas, and their derivative" +
+            (otherwise.empty() ? "" : "; default: " + otherwise));
+    std::vector<std::string> names;
+    for (const Quality& quality : qualities()) names.push_back(quality.name);
+    option->check(one_of(names));
+    if (otherwise.empty()) option->capture_default_str();
+  }
+  /// In place of a run's.
+  void ask(Overrides& asked) const {
+    if (!name.empty()) asked["quality"] = name;
+  }
+  /// Whether the user gave the option.
+  bool given(const char* option) const {
+    const auto* known = app->get_option_no_throw(option);
+    return known && known->count() > 0;
+  }
+  void apply(SimulationSettings& settings) const {
+    apply_quality(name, settings, [this](const char* option) { return given(option); });
+  }
+};
+
+/// --lidar-effects: what returns on the object have of a real unit.
+struct LidarEffectsOption {
+  std::string words;  ///< empty: none was asked for
+
+  /// `words` as they stand are the default. `otherwise` says what holds without any ("the run's").
+  void add(CLI::App& command, const std::string& otherwise = "") {
+    auto* option = command.add_option(
+        "--lidar-effects", words,
+        "returns on the object: ideal, as-recorded (what the data set's sweeps have), unit (noise, drop-out, "
+        "divergence), or some of noise,drop-out,divergence,motion,albedo" +
+            (otherwise.empty() ? "" : "; default: " + otherwise));
+    if (otherwise.empty()) option->capture_default_str();
+  }
+  /// In place of a run's.
+  void ask(Overrides& asked) const {
+    if (!words.empty()) asked["lidar_effects"] = words;
+  }
+  /// Those of the unit, or `recorded` (scene/data/data_rig.h) where those of the sweeps are asked for; drawn
+  /// by `seed`.
+  void apply(SimulationSettings& settings, const LidarModel& unit, const std::string& recorded,
+             std::uint64_t seed) const {
+    if (words.empty()) return;
+    settings.lidar_effects = parse_lidar_effects(words == kAsRecorded ? recorded : words, unit.divergence);
+    if (settings.lidar_effects.any()) settings.lidar_effects.seed = seed;
+  }
+  /// InputError for words that apply() would refuse.
+  void check() const {
+    if (!words.empty() && words != kAsRecorded) parse_lidar_effects(words, Vec2d::Zero());
+  }
+};
+
+/// For the commands that keep what frames cost to prepare (frames/frame_cache.h).
+inline void tell_of_cache(CLI::App& app) {
+  app.footer(
+      "Completed depth, fitted roofs, hosts in view and detections are kept on disk by content, in the "
+      "folder that the environment variable MIRAGE_CACHE names (default: $XDG_CACHE_HOME/mirage or "
+      "~/.cache/mirage; off: nowhere). Results are the same with and without.");
+}
+
+/// How many roofs were fitted, for the commands' tables.
+inline std::string roofs(int fitted, int from_box) {
+  return fmt::format("{} fitted, {} from the labelled box", fitted, from_box);
+}
+
+// The options of one insertion.
+
+/// What an insertion can be asked for: one table for `mirage simulate` and for mirage.insert in Python.
+struct InsertionOptions : FrameSource {
+  QualityOption quality{"default"};
+  LidarEffectsOption lidar_effects{"ideal"};
+  SimulationSettings simulation;
+
+  /// `skip`: fields that are no options there.
+  void add(CLI::App& app, std::set<std::string> skip = {}) {
+    add_fields(app, static_cast<FrameSource&>(*this), std::move(skip));
+    quality.add(app);
+    add_fields(app, simulation, {"lidar_gradient"});  // an insertion alone has no detector that knows
+    lidar_effects.add(app);
+  }
+  /// Once the options are parsed.
+  void apply() {
+    quality.apply(simulation);
+    lidar_effects.check();
+  }
+  /// The settings for a sweep of this unit, which has `recorded` effects, with noise drawn by `seed`.
+  SimulationSettings for_unit(const LidarModel& unit, const std::string& recorded, std::uint64_t seed) const {
+    SimulationSettings settings = simulation;
+    lidar_effects.apply(settings, unit, recorded, seed);
+    return settings;
+  }
+};
+
+}  // namespace mirage::cli

@@ -1,0 +1,308 @@
+#include "detection/defenses.h"
+
+#include <turbojpeg.h>
+
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "base/color.h"
+#include "base/error.h"
+#include "detection/body_evidence.h"
+#include "detection/detector_settings.h"
+
+namespace mirage {
+namespace {
+
+/// Zeroes the pixels of `image` that see nothing below z = `plane` (m, `velo`) up to `reach` m ahead: on a
+/// line of sight o + t d the height at that distance is above the plane where (o_z − plane) d_x + (reach −
+/// o_x) d_z is positive.
+void hide_above(ImageF& image, const Calibration& calibration, double plane, double reach) {
+  const Transform velo_from_camera = calibration.camera_from_velo.inverse();
+  const Vec3d o = velo_from_camera.translation(),
+              above = velo_from_camera.linear().transpose() * Vec3d(o.z() - plane, 0, reach - o.x());
+  for (int v = 0; v < image.height; ++v)
+    for (int u = 0; u < image.width; ++u) {
+      if (above.dot(calibration.camera.unproject(u, v, 1)) <= 0) continue;
+      for (int c = 0; c < image.channels; ++c) image.at(u, v, c) = 0;
+    }
+}
+
+/// What is left of a frame, and which of its places.
+struct Below {
+  ImageF image;
+  std::vector<LidarPoint> points, watched;
+  std::vector<std::size_t> kept, kept_watched;  ///< their indices in the frame
+};
+
+class CeilingDetector : public DetectorAround {
+ public:
+  CeilingDetector(std::unique_ptr<Detector> inner, double height, double unit_height)
+      : DetectorAround(std::move(inner)), height_(height), unit_height_(unit_height) {}
+
+  std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
+    below_ = {}, clean_below_ = {};
+    SensorView seen = lowered(view, below_);
+    if (view.clean) {
+      const SensorView lower =
+          lowered({view.clean->image, view.clean->points, view.calibration}, clean_below_);
+      clean_ = {lower.image, lower.points, view.clean->key, view.clean->changed};
+      seen.clean = &clean_;
+    }
+    count_ = view.points.size(), watched_count_ = view.watched.size();
+    calibration_.reset();
+    if (seen.image && view.calibration) calibration_ = *view.calibration;
+    return inner_->forward(seen, score_threshold, keep_graph);
+  }
+
+  SensorGradient backward(std::span<const double> d_logits) override {
+    SensorGradient below = inner_->backward(d_logits), all;
+    if (calibration_) hide_above(below.image, *calibration_, plane(), reach());
+    all.image = std::move(below.image);
+    all.points.resize(count_);
+    for (std::size_t i = 0; i < below.points.size(); ++i) all.points[below_.kept.at(i)] = below.points[i];
+    if (!below.presence.empty()) all.presence.resize(watched_count_);
+    for (std::size_t i = 0; i < below.presence.size(); ++i)
+      all.presence[below_.kept_watched.at(i)] = below.presence[i];
+    return all;
+  }
+
+  TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
+    std::vector<Below> below(samples.size());
+    std::vector<TrainingSample> seen(samples.begin(), samples.end());
+    for (std::size_t i = 0; i < seen.size(); ++i) seen[i].input = lowered(samples[i].input, below[i]);
+    return inner_->train_step(seen, learning_rate);
+  }
+  std::unique_ptr<Detector> share() override {
+    auto other = inner_->share();
+    return other ? under_ceiling(std::move(other), height_, unit_height_) : nullptr;
+  }
+  ImageFeatures image_features(const SensorView& input) override {
+    Below below;
+    return inner_->image_features(lowered(input, below));
+  }
+
+ private:
+  double plane() const { return height_ - unit_height_; }
+  double reach() const { return inner_->region()[1]; }
+
+  /// The view of what lies below the ceiling, which lives in `below`; without a clean one.
+  SensorView lowered(SensorView view, Below& below) const {
+    const RoadSurface road(view.points);
+    const auto keep = [&](std::span<const LidarPoint> points, auto& kept, auto& indices) {
+      for (std::size_t i = 0; i < points.size(); ++i) {
+        if (points[i].z > road.height(points[i].x, points[i].y) + height_) continue;
+        kept.push_back(points[i]);
+        indices.push_back(i);
+      }
+    };
+    keep(view.points, below.points, below.kept);
+    keep(view.watched, below.watched, below.kept_watched);
+    view.points = below.points, view.watched = below.watched, view.clean = nullptr;
+    if (view.image && !view.image->empty() && view.calibration) {
+      below.image = *view.image;
+      hide_above(below.image, *view.calibration, plane(), reach());
+      view.image = &below.image;
+    }
+    return view;
+  }
+
+  double height_, unit_height_;
+  // Of the last forward: what the inner detector looks at until its backward pass is done.
+  Below below_, clean_below_;
+  CleanView clean_;
+  std::size_t count_ = 0, watched_count_ = 0;
+  std::optional<Calibration> calibration_;  ///< if it had a picture
+};
+
+}  // namespace
+
+std::unique_ptr<Detector> under_ceiling(std::unique_ptr<Detector> inner, double height, double unit_height) {
+  return std::make_unique<CeilingDetector>(std::move(inner), height, unit_height);
+}
+
+namespace {
+
+/// An answer's logit and its derivative by that of the detector's proposal `from`.
+struct Answer {
+  std::size_t from = 0;
+  double logit = 0, slope = 1;
+};
+
+/// What a body makes of a logit: continuous and rising.
+Answer raised(std::size_t from, double logit) {
+  if (logit >= kBodyLogit) return {from, logit, 1};
+  const double lifted = logit + kBodyLift, level = kBodyLogit + kBodySlope * (logit - kBodyLogit);
+  return lifted < level ? Answer{from, lifted, 1} : Answer{from, level, kBodySlope};
+}
+
+Answer sunk(std::size_t from, double logit) {
+  if (logit <= kThroughLogit) return {from, logit, 1};
+  return {from, kThroughLogit + kBodySlope * (logit - kThroughLogit), kBodySlope};
+}
+
+class ShadowDetector : public DetectorAround {
+ public:
+  using DetectorAround::DetectorAround;
+
+  std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
+    const auto found = inner_->forward(view, speaking_score(score_threshold), keep_graph);
+    count_ = found.size();
+    const BodyEvidence evidence(view.points);
+    const std::vector<BevBox> bodies = evidence.bodies();
+    std::vector<std::ptrdiff_t> loudest(bodies.size(), -1);  // proposal at each body
+    std::vector<Detection> result;
+    answers_.clear();
+    const auto add = [&](Detection proposal, const Answer& answer) {
+      proposal.logit = answer.logit;
+      if (!(proposal.score() > score_threshold)) return;
+      result.push_back(proposal);
+      answers_.push_back(answer);
+    };
+    for (std::size_t i = 0; i < count_; ++i) {
+      const Detection& proposal = found[i];
+      bool stands = false;
+      for (std::size_t b = 0; b < bodies.size(); ++b)
+        if (same_place(proposal.box.bev, bodies[b])) {
+          stands = true;
+          if (loudest[b] < 0 || found[static_cast<std::size_t>(loudest[b])].logit < proposal.logit)
+            loudest[b] = static_cast<std::ptrdiff_t>(i);
+        }
+      if (stands) {
+        add(proposal, raised(i, proposal.logit));
+      } else if (proposal.logit > kThroughLogit) {
+        const RayCount rays = evidence.rays(proposal.box.bev);
+        const bool empty = rays.passed >= kThroughRays && rays.passed > rays.stopped;
+        add(proposal, empty ? sunk(i, proposal.logit) : Answer{i, proposal.logit, 1});
+      } else {
+        add(proposal, {i, proposal.logit, 1});
+      }
+    }
+    for (std::size_t b = 0; b < bodies.size(); ++b) {
+      if (loudest[b] < 0) continue;
+      const auto i = static_cast<std::size_t>(loudest[b]);
+      if (found[i].logit >= kBodyLogit) continue;  // is found as it is
+      Detection own = found[i];
+      own.box.bev = bodies[b];
+      Answer answer = raised(i, found[i].logit);
+      answer.logit += 1e-3;  // before the proposals, whose boxes may have been turned by what hides the car
+      add(own, answer);
+    }
+    return result;
+  }
+
+  SensorGradient backward(std::span<const double> d_logits) override {
+    std::vector<double> parts(count_, 0.0);
+    for (std::size_t k = 0; k < d_logits.size(); ++k)
+      parts[answers_.at(k).from] += answers_[k].slope * d_logits[k];
+    return inner_->backward(parts);
+  }
+
+  std::unique_ptr<Detector> share() override {
+    auto other = inner_->share();
+    return other ? std::make_unique<ShadowDetector>(std::move(other)) : nullptr;
+  }
+
+ private:
+  std::size_t count_ = 0;        ///< of the last forward's proposals
+  std::vector<Answer> answers_;  ///< of its answers
+};
+
+}  // namespace
+
+std::unique_ptr<Detector> with_shadows(std::unique_ptr<Detector> detector) {
+  const Capabilities can = detector->capabilities();
+  if (!can.finds_bev || !can.reads_points)
+    throw FieldError("defense", kShadows,
+                     detector->name() + " finds no boxes from above, or reads no returns",
+                     "use it with lidar, painted, fusion, late or refined");
+  return std::make_unique<ShadowDetector>(std::move(detector));
+}
+
+namespace {
+
+struct CloseTurboJpeg {
+  void operator()(void* handle) const { tjDestroy(handle); }
+};
+using TurboJpeg = std::unique_ptr<void, CloseTurboJpeg>;
+
+void check(int status, const TurboJpeg& handle) {
+  if (status != 0)
+    throw Failure("libjpeg-turbo", tjGetErrorStr2(handle.get()), "check the picture and the free memory");
+}
+
+class JpegDetector : public DetectorAround {
+ public:
+  JpegDetector(std::unique_ptr<Detector> inner, int quality)
+      : DetectorAround(std::move(inner)), quality_(quality) {}
+
+  Capabilities capabilities() const override {
+    Capabilities known = inner_->capabilities();
+    known.why_whole = "the pictures that it sees are compressed";
+    return known;
+  }
+
+  std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
+    ImageF image;
+    return inner_->forward(compressed(input, image), score_threshold, keep_graph);
+  }
+
+  TrainingLoss train_step(std::span<const TrainingSample> samples, double learning_rate) override {
+    std::vector<ImageF> images(samples.size());
+    std::vector<TrainingSample> seen(samples.begin(), samples.end());
+    for (std::size_t i = 0; i < seen.size(); ++i) seen[i].input = compressed(samples[i].input, images[i]);
+    return inner_->train_step(seen, learning_rate);
+  }
+  std::unique_ptr<Detector> share() override {
+    auto other = inner_->share();
+    return other ? behind_jpeg(std::move(other), quality_) : nullptr;
+  }
+  ImageFeatures image_features(const SensorView& input) override {
+    ImageF image;
+    return inner_->image_features(compressed(input, image));
+  }
+
+ private:
+  /// The view with its picture compressed into `image`.
+  SensorView compressed(SensorView view, ImageF& image) const {
+    view.clean = nullptr;
+    if (view.image == nullptr || view.image->empty()) return view;
+    image = jpeg_round_trip(*view.image, quality_);
+    view.image = &image;
+    return view;
+  }
+
+  int quality_;
+};
+
+}  // namespace
+
+std::string encode_jpeg(const ImageF& linear, int quality) {
+  const TurboJpeg compressor(tjInitCompress());
+  if (!compressor) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
+  const std::vector<std::uint8_t> bytes = srgb_bytes(linear);
+  unsigned char* encoded = nullptr;
+  unsigned long size = 0;
+  const int status = tjCompress2(compressor.get(), bytes.data(), linear.width, 0, linear.height, TJPF_RGB,
+                                 &encoded, &size, TJSAMP_420, quality, TJFLAG_ACCURATEDCT);
+  const std::unique_ptr<unsigned char, void (*)(unsigned char*)> owner(encoded, tjFree);
+  check(status, compressor);
+  return {reinterpret_cast<const char*>(owner.get()), size};
+}
+
+ImageF jpeg_round_trip(const ImageF& linear, int quality) {
+  const std::string file = encode_jpeg(linear, quality);
+  const TurboJpeg decompressor(tjInitDecompress());
+  if (!decompressor) throw Failure("libjpeg-turbo", "could not start", "check the free memory");
+  std::vector<std::uint8_t> bytes(linear.data.size());
+  check(tjDecompress2(decompressor.get(), reinterpret_cast<const unsigned char*>(file.data()), file.size(),
+                      bytes.data(), linear.width, 0, linear.height, TJPF_RGB, TJFLAG_ACCURATEDCT),
+        decompressor);
+  return linear_image(bytes, linear.width, linear.height);
+}
+
+std::unique_ptr<Detector> behind_jpeg(std::unique_ptr<Detector> inner, int quality) {
+  return std::make_unique<JpegDetector>(std::move(inner), quality);
+}
+
+}  // namespace mirage

@@ -1,0 +1,67 @@
+// What a detector's convolutions are computed in (--precision).
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace mirage {
+
+inline constexpr const char* kFloat = "float";
+inline constexpr const char* kBfloat16 = "bfloat16";
+/// The whole network in double: a reference for the others, many times slower.
+inline constexpr const char* kDouble = "double";
+
+/// Whether this processor multiplies bfloat16 (AVX-512 BF16, which AMX comes on top of).
+bool multiplies_bfloat16();
+
+/// FieldError for a word that is no precision.
+void check_precision(const std::string& word);
+
+/// `asked`, or "float" where the processor has no instructions for bfloat16: elsewhere they are emulated,
+/// slower than float. Says so, once. Errors as
+/// check_precision's.
+std::string usable_precision(const std::string& asked, bool has_bfloat16 = multiplies_bfloat16());
+
+// The words of DetectorOptions::defense: what a detector is defended by, joined by '+'.
+//
+//     none                       nothing
+//     WORD                       weights that were trained to resist, DETECTOR-RIG-WORD.weights; one at most
+//     jpeg:QUALITY               the picture is compressed before the detector sees it (defenses.h)
+//     consistency                held against what each sensor says alone (consistent_detector.h)
+//     ceiling:HEIGHT             nothing that stands higher over the road is looked at (defenses.h)
+//     ceiling                    the same with weights that were trained under it
+//     shadows                    held against bodies and rays of the sweep (defenses.h)
+//     adversarial+shadows        both: what stands around the detector does so in the order given, the first
+//                                next to it
+
+inline constexpr const char* kConsistency = "consistency";
+inline constexpr const char* kShadows = "shadows";
+/// The word of weights that were trained under kTrainedCeiling, which goes with them. Most roofs lie above
+/// it.
+inline constexpr const char* kCeiling = "ceiling";
+inline constexpr const char* kTrainedCeiling = "ceiling:1.4";
+
+/// Words and forms of the defences that need no training, for messages.
+std::vector<std::string> untrained_defenses();
+
+/// JPEG's quality in "jpeg:QUALITY"; 0 for another word. FieldError for a quality that is none.
+int jpeg_quality(const std::string& word);
+
+/// Metres over the road in "ceiling:HEIGHT"; 0 for another word. FieldError for a height that is none.
+double ceiling_height(const std::string& word);
+
+/// A defence taken apart.
+struct Defense {
+  std::string weights;              ///< the word of shipped weights; empty: the plain ones
+  std::vector<std::string> around;  ///< what stands around the detector, the inner first
+
+  bool has(const std::string& word) const;
+};
+
+/// Of DetectorOptions::defense (empty is none). FieldError for an empty word, two that are weights, one given
+/// twice, "none" beside others, or letters that no word has.
+Defense read_defense(const std::string& text);
+/// The same, for its errors alone.
+void check_defense(const std::string& text);
+
+}  // namespace mirage

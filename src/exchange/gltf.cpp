@@ -1,0 +1,416 @@
+// The two ways of reading a glTF file: as one adversary, or as a scene to draw.
+#include "exchange/gltf.h"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "base/image_io.h"
+#include "exchange/gltf_builder.h"
+#include "exchange/gltf_document.h"
+#include "exchange/gltf_model.h"
+#include "exchange/object_file.h"
+#include "geometry/texel_grid.h"
+
+namespace mirage {
+namespace {
+
+using namespace gltf_limits;
+
+class SceneReader {
+ public:
+  explicit SceneReader(const std::filesystem::path& file) : gltf_(file), model_(gltf_.model()) {}
+
+  RenderScene read(int width, int height) const {
+    RenderScene scene;
+    gltf_.walk([&](const auto& node, const auto& field, const auto& placed) {
+      if (node.mesh >= 0) scene.things.push_back(thing(node, field, placed));
+    });
+    gltf_.warn_of_what_is_left_out();
+    const tinygltf::Value* extras = gltf_.scene_extras();
+    if (extras && extras->Has("camera"))
+      read_camera(extras->Get("camera"), "scenes[].extras.mirage.camera", scene);
+    else if (!find_camera(scene, width, height))
+      gltf_.fail("cameras", "the scene has no camera",
+                 "add a camera, or export the scene with mirage export");
+    if (extras && extras->Has("lighting"))
+      read_lighting(extras->Get("lighting"), "scenes[].extras.mirage.lighting", scene.lighting);
+    else
+      find_sun(scene.lighting);
+    if (extras && extras->Has("photograph")) read_photograph(extras->Get("photograph"), scene);
+    return scene;
+  }
+
+ private:
+  void read_lighting(const tinygltf::Value& light, const std::string& field, Lighting& lighting) const {
+    lighting.to_sun_velo = gltf_.triple(light, "to_sun_velo", field, -1e3, 1e3);
+    if (lighting.to_sun_velo.norm() < 1e-6)
+      gltf_.fail(field + ".to_sun_velo", "has no length", "give the direction towards the sun");
+    lighting.to_sun_velo.normalize();
+    lighting.sun = gltf_.triple(light, "sun", field, 0, kBrightest);
+    lighting.ambient = gltf_.triple(light, "ambient", field, 0, kBrightest);
+    lighting.hemisphere = gltf_.triple(light, "hemisphere", field, 0, kBrightest);
+  }
+
+  void read_photograph(const tinygltf::Value& value, RenderScene& scene) const {
+    const std::string field = "scenes[].extras.mirage.photograph";
+    const int image = value.GetNumberAsInt();
+    if (image < 0 || static_cast<std::size_t>(image) >= model_.images.size())
+      gltf_.fail(field, fmt::format("image {} of {}", image, model_.images.size()));
+    const auto [data, size] = gltf_.view(model_.images[image].bufferView, field);
+    const PictureSize camera{scene.camera.width, scene.camera.height};
+    scene.photograph =
+        decode_srgb({reinterpret_cast<const char*>(data), size}, gltf_.file().string(), field, camera);
+  }
+
+  RenderScene::Thing thing(const tinygltf::Node& node, const std::string& field,
+                           const Eigen::Affine3d& gltf_from_node) const {
+    RenderScene::Thing result{node.name, "", {}};
+    if (node.extras.IsObject() && node.extras.Has("mirage_role") && node.extras.Get("mirage_role").IsString())
+      result.role = node.extras.Get("mirage_role").Get<std::string>();
+    if (static_cast<std::size_t>(node.mesh) >= model_.meshes.size()) gltf_.fail(field + ".mesh", "missing");
+    const tinygltf::Mesh& mesh = model_.meshes[node.mesh];
+    if (mesh.extras.IsObject() && mesh.extras.Has("mirage")) {
+      result.textured =
+          gltf_.exact(mesh.extras.Get("mirage"), fmt::format("meshes[{}].extras.mirage", node.mesh));
+      const Eigen::Affine3d turn(gltf_from_velo());
+      const Eigen::Affine3d velo_from_mesh = turn.inverse() * gltf_from_node * turn;
+      if (!velo_from_mesh.isApprox(Eigen::Affine3d::Identity(), 0)) {
+        for (Vec3d& v : result.textured.mesh.vertices) v = velo_from_mesh * v;
+        if (velo_from_mesh.linear().determinant() < 0)
+          gltf_.fail(field, "mirrors a mesh with exact texels", "apply the node's scale before exporting");
+        gltf_.check_reach(result.textured.mesh, 0, field);
+      }
+      return result;
+    }
+    result.textured.atlas.resolution = 1;
+    gltf_.append_mesh(node, field, gltf_from_node, result.textured);
+    check_mesh(result.textured, fmt::format("{}: {}", gltf_.file().string(), field));
+    return result;
+  }
+
+  void read_intrinsics(const tinygltf::Value& from, const std::string& field, PinholeCamera& camera) const {
+    camera = {gltf_.number(from, "fx", field),
+              gltf_.number(from, "fy", field),
+              gltf_.number(from, "cx", field),
+              gltf_.number(from, "cy", field),
+              0,
+              0};
+    const double width = gltf_.number(from, "width", field), height = gltf_.number(from, "height", field);
+    if (!(width >= 1 && height >= 1 && width * height <= static_cast<double>(kMostPixels)))
+      gltf_.fail(field, fmt::format("width and height are not of a picture of 1 to {} pixels", kMostPixels));
+    const double reach = 1e3 * (width + height);  // px; beyond it a lens is none
+    if (!(camera.fx > 0 && camera.fx <= reach && camera.fy > 0 && camera.fy <= reach))
+      gltf_.fail(field, "fx, fy are no focal lengths in pixels");
+    if (!(std::abs(camera.cx) <= reach && std::abs(camera.cy) <= reach))
+      gltf_.fail(field, "cx, cy are no principal point in pixels");
+    camera.width = static_cast<int>(width);
+    camera.height = static_cast<int>(height);
+  }
+
+  void read_camera(const tinygltf::Value& from, const std::string& field, RenderScene& scene) const {
+    read_intrinsics(from, field, scene.camera);
+    const auto rows = gltf_.numbers(from, "velo_from_camera", 12, field);
+    Transform velo_from_camera = Transform::Identity();
+    for (int r = 0; r < 3; ++r)
+      for (int c = 0; c < 4; ++c) velo_from_camera.matrix()(r, c) = rows[4 * r + c];
+    check_pose(velo_from_camera, field + ".velo_from_camera");
+    scene.camera_from_velo = velo_from_camera.inverse();
+  }
+
+  void check_pose(const Transform& velo_from_camera, const std::string& field) const {
+    const Eigen::Matrix3d turn = velo_from_camera.linear();
+    if (!(velo_from_camera.translation().cwiseAbs().maxCoeff() <= kFurthest))
+      gltf_.fail(field, fmt::format("the camera is not within {:g} m", kFurthest), "place it in metres");
+    if (!((turn * turn.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() <= 1e-3) ||
+        turn.determinant() < 0)
+      gltf_.fail(field, "does not place a camera: its 3x3 part is no rotation",
+                 "write an orthonormal, right-handed [R | t]");
+  }
+
+  /// The first camera node; false without one.
+  bool find_camera(RenderScene& scene, int width, int height) const {
+    bool found = false;
+    const auto enter = [&](const tinygltf::Node& node, const std::string& field,
+                           const Eigen::Affine3d& placed) {
+      if (found || node.camera < 0) return;
+      if (static_cast<std::size_t>(node.camera) >= model_.cameras.size())
+        gltf_.fail(field + ".camera", "missing");
+      const tinygltf::Camera& camera = model_.cameras[node.camera];
+      const std::string name = fmt::format("cameras[{}]", node.camera);
+      if (camera.type != "perspective") gltf_.fail(name + ".type", camera.type, "give a perspective camera");
+      if (camera.extras.IsObject() && camera.extras.Has("fx")) {
+        read_intrinsics(camera.extras, name + ".extras", scene.camera);
+      } else {
+        if (width < 1 || height < 1)
+          gltf_.fail(name, "has no intrinsics in extras", "give --size WIDTHxHEIGHT");
+        const double f = height / (2 * std::tan(camera.perspective.yfov / 2));
+        if (!(f > 0) || !std::isfinite(f)) gltf_.fail(name + ".perspective.yfov", "is no field of view");
+        scene.camera = {f, f, (width - 1) / 2.0, (height - 1) / 2.0, width, height};
+      }
+      // glTF's camera looks along −z with y up; ours along +z with y down. A node's scale does not count.
+      Eigen::Matrix3d turn = gltf_from_velo().transpose() * placed.linear();
+      for (int k = 0; k < 3; ++k) turn.col(k).normalize();
+      Transform velo_from_camera = Transform::Identity();
+      velo_from_camera.linear() = turn * Vec3d(1, -1, -1).asDiagonal();
+      velo_from_camera.translation() = gltf_from_velo().transpose() * placed.translation();
+      check_pose(velo_from_camera, field);
+      scene.camera_from_velo = velo_from_camera.inverse();
+      found = true;
+    };
+    gltf_.walk(enter);
+    return found;
+  }
+
+  /// The first directional light; without one the default stays.
+  void find_sun(Lighting& lighting) const {
+    bool found = false;
+    const auto enter = [&](const tinygltf::Node& node, const std::string& field,
+                           const Eigen::Affine3d& placed) {
+      const auto extension = node.extensions.find("KHR_lights_punctual");
+      if (found || extension == node.extensions.end() || !extension->second.Has("light")) return;
+      const int index = extension->second.Get("light").GetNumberAsInt();
+      if (index < 0 || static_cast<std::size_t>(index) >= model_.lights.size()) return;
+      const tinygltf::Light& light = model_.lights[index];
+      if (light.type != "directional") return;
+      const Vec3d color =
+          light.color.size() == 3 ? Vec3d(light.color[0], light.color[1], light.color[2]) : Vec3d::Ones();
+      lighting.sun = color * light.intensity / std::numbers::pi;
+      lighting.to_sun_velo = gltf_from_velo().transpose() * placed.linear() * Vec3d::UnitZ();
+      const double length = lighting.to_sun_velo.norm();
+      if (!(length > 1e-6 && std::isfinite(length)))
+        gltf_.fail(field, "turns its light nowhere", "give the light's node a rotation and no scale");
+      lighting.to_sun_velo /= length;
+      found = true;
+    };
+    gltf_.walk(enter);
+  }
+
+  GltfModel gltf_;
+  const tinygltf::Model& model_;
+};
+
+}  // namespace
+
+TexturedMesh read_adversary(const std::filesystem::path& file) {
+  return GltfModel(file).object();
+}
+
+RenderScene read_scene(const std::filesystem::path& file, int width, int height) {
+  return SceneReader(file).read(width, height);
+}
+
+namespace {
+
+using nlohmann::json;
+
+constexpr int kNearest = 9728, kRepeatless = 33071;        // GL filter and CLAMP_TO_EDGE
+constexpr int kElementArray = 34963, kUnsignedInt = 5125;  // GL buffer target and component type
+
+json vector_json(const Vec3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+void append_position(std::vector<float>& positions, const Vec3d& p_velo) {
+  const Vec3d p = gltf_from_velo() * p_velo;
+  for (int k = 0; k < 3; ++k) positions.push_back(static_cast<float>(p[k]));
+}
+
+json flat_material(const std::string& name, const Vec3d& color) {
+  return {{"name", name},
+          {"pbrMetallicRoughness",
+           {{"baseColorFactor", {color.x(), color.y(), color.z(), 1.0}},
+            {"metallicFactor", 0.0},
+            {"roughnessFactor", 0.5}}}};
+}
+
+/// A picture inside the file; its index among the images.
+int add_picture(GltfBuilder& gltf, const std::string& name, const ImageF& linear) {
+  const std::string png = encode_srgb_png(linear);
+  const int view = gltf.add_view(png.data(), png.size());
+  return gltf.add("images", {{"name", name}, {"mimeType", "image/png"}, {"bufferView", view}});
+}
+
+/// The texels as a picture for viewers; its index among the textures.
+int add_texture(GltfBuilder& gltf, const TexelAtlas& atlas, const TextureLayout& layout) {
+  ImageF picture(layout.width, layout.height, 3, 1.0f);
+  for (std::size_t t = 0; t < atlas.texels.size(); ++t)
+    for (int c = 0; c < 3; ++c) picture.data[3 * t + c] = static_cast<float>(atlas.texels[t][c]);
+  const int image = add_picture(gltf, "texels", picture);
+  const int sampler = gltf.add(
+      "samplers",
+      {{"magFilter", kNearest}, {"minFilter", kNearest}, {"wrapS", kRepeatless}, {"wrapT", kRepeatless}});
+  return gltf.add("textures", {{"source", image}, {"sampler", sampler}});
+}
+
+/// What read_adversary needs for a lossless way back: float64 and int32, little endian.
+json add_exact(GltfBuilder& gltf, const TexturedMesh& textured) {
+  const auto& [mesh, atlas] = textured;
+  const auto flat = [](const std::vector<Vec3d>& vectors) {
+    std::vector<double> values;
+    values.reserve(3 * vectors.size());
+    for (const Vec3d& v : vectors) values.insert(values.end(), v.data(), v.data() + 3);
+    return values;
+  };
+  std::vector<std::int32_t> indices;
+  for (const Face& f : mesh.faces) indices.insert(indices.end(), f.begin(), f.end());
+  json exact = {{"version", 1},
+                {"vertices", gltf.add_view(flat(mesh.vertices))},
+                {"faces", gltf.add_view(indices)},
+                {"resolution", atlas.resolution}};
+  if (!atlas.texels.empty()) {
+    const TextureLayout layout(atlas.texels.size());
+    exact["texels"] = gltf.add_view(flat(atlas.texels));
+    exact["texture_size"] = {layout.width, layout.height};
+  }
+  return exact;
+}
+
+/// The adversary as a mesh; its index. Positions are used as they are, so `velo` or the adversary's frame.
+int add_adversary(GltfBuilder& gltf, const TexturedMesh& textured) {
+  const auto& [mesh, atlas] = textured;
+  const bool colored = !atlas.texels.empty();
+  const TextureLayout layout(atlas.texels.size());
+  const auto triangles = atlas_triangles(colored ? atlas.resolution : 1);
+  std::vector<float> positions, uvs;
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    const Vec3d &v0 = mesh.vertices[mesh.faces[f][0]], &v1 = mesh.vertices[mesh.faces[f][1]],
+                &v2 = mesh.vertices[mesh.faces[f][2]];
+    for (const AtlasTriangle& triangle : triangles) {
+      const Vec2d uv = layout.centre(f * atlas.per_face() + triangle.texel);
+      for (const Vec2d& b : triangle.corners) {
+        append_position(positions, b.x() * v0 + b.y() * v1 + (1 - b.x() - b.y()) * v2);
+        if (colored) uvs.insert(uvs.end(), {static_cast<float>(uv.x()), static_cast<float>(uv.y())});
+      }
+    }
+  }
+  const json exact = add_exact(gltf, textured);
+  json material = flat_material("adversary", colored ? Vec3d::Ones() : Vec3d::Constant(0.5));
+  json attributes = {{"POSITION", gltf.add_floats(positions, 3, true)}};
+  if (colored) {
+    attributes["TEXCOORD_0"] = gltf.add_floats(uvs, 2, false);
+    material["pbrMetallicRoughness"]["baseColorTexture"] = {{"index", add_texture(gltf, atlas, layout)}};
+  }
+  material["doubleSided"] = true;
+  json primitive = {{"attributes", attributes}, {"material", gltf.add("materials", material)}};
+  return gltf.add(
+      "meshes",
+      {{"name", "adversary"}, {"primitives", json::array({primitive})}, {"extras", {{"mirage", exact}}}});
+}
+
+void add_proxy(GltfBuilder& gltf, const ExportScene::Proxy& proxy) {
+  std::vector<float> positions;  // no NORMAL: flat shading
+  for (const Vec3d& v : proxy.mesh.vertices) append_position(positions, v);
+  std::vector<std::uint32_t> corners;
+  for (const Face& f : proxy.mesh.faces) corners.insert(corners.end(), f.begin(), f.end());
+  const int indices = gltf.add("accessors", {{"bufferView", gltf.add_view(corners, kElementArray)},
+                                             {"componentType", kUnsignedInt},
+                                             {"count", corners.size()},
+                                             {"type", "SCALAR"}});
+  const int material = gltf.add("materials", flat_material(proxy.name, proxy.color));
+  json primitive = {{"attributes", {{"POSITION", gltf.add_floats(positions, 3, true)}}},
+                    {"indices", indices},
+                    {"material", material}};
+  const int mesh = gltf.add("meshes", {{"name", proxy.name}, {"primitives", json::array({primitive})}});
+  json extras = {{"mirage_role", proxy.name}};
+  if (!proxy.shape.empty()) extras["mirage_shape"] = proxy.shape;
+  gltf.add_node({{"name", proxy.name}, {"mesh", mesh}, {"extras", extras}});
+}
+
+json rotation_json(const Eigen::Matrix3d& rotation) {
+  const Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
+  return {q.x(), q.y(), q.z(), q.w()};
+}
+
+json add_camera(GltfBuilder& gltf, const Calibration& calibration) {
+  const PinholeCamera& camera = calibration.camera;
+  const Transform velo_from_camera = calibration.camera_from_velo.inverse();
+  json intrinsics = {{"fx", camera.fx}, {"fy", camera.fy},       {"cx", camera.cx},
+                     {"cy", camera.cy}, {"width", camera.width}, {"height", camera.height}};
+  const int index =
+      gltf.add("cameras", {{"name", "camera"},
+                           {"type", "perspective"},
+                           {"perspective",
+                            {{"yfov", 2 * std::atan(camera.height / (2 * camera.fy))},
+                             {"aspectRatio", (camera.width / camera.fx) / (camera.height / camera.fy)},
+                             {"znear", 0.01}}},
+                           {"extras", intrinsics}});
+  // glTF's camera looks along −z with y up; ours along +z with y down.
+  const Eigen::Matrix3d rotation =
+      gltf_from_velo() * velo_from_camera.linear() * Vec3d(1, -1, -1).asDiagonal();
+  gltf.add_node({{"name", "camera"},
+                 {"camera", index},
+                 {"rotation", rotation_json(rotation)},
+                 {"translation", vector_json(gltf_from_velo() * velo_from_camera.translation())},
+                 {"extras", {{"mirage_role", "camera"}}}});
+  json rows = json::array();
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 4; ++c) rows.push_back(velo_from_camera.matrix()(r, c));
+  intrinsics["velo_from_camera"] = rows;
+  return intrinsics;
+}
+
+void add_sun(GltfBuilder& gltf, const Lighting& lighting) {
+  const double strongest = std::max(1e-12, lighting.sun.maxCoeff());
+  // Lighting::sun is irradiance / π; a directional light's intensity is irradiance.
+  json light = {{"name", "sun"},
+                {"type", "directional"},
+                {"color", vector_json((lighting.sun / strongest).cwiseMax(0.0).cwiseMin(1.0))},
+                {"intensity", std::numbers::pi * strongest}};
+  gltf.json()["extensionsUsed"] = {"KHR_lights_punctual"};
+  gltf.json()["extensions"]["KHR_lights_punctual"]["lights"] = json::array({light});
+  const Eigen::Quaterniond q =
+      Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), gltf_from_velo() * lighting.to_sun_velo);
+  gltf.add_node({{"name", "sun"},
+                 {"rotation", rotation_json(q.toRotationMatrix())},
+                 {"extensions", {{"KHR_lights_punctual", {{"light", 0}}}}},
+                 {"extras", {{"mirage_role", "sun"}}}});
+}
+
+}  // namespace
+
+void write_object(const std::filesystem::path& file, const TexturedMesh& object, const json& about) {
+  check_mesh(object, file.string());
+  GltfBuilder gltf;
+  const int mesh = add_adversary(gltf, object);
+  gltf.add_node({{"name", "adversary"}, {"mesh", mesh}, {"extras", {{"mirage_role", "adversary"}}}});
+  if (!about.is_null()) {
+    json& asset = gltf.json()["asset"];
+    asset["extras"] = {{"mirage_object", about}};
+    if (about.contains("licence")) asset["copyright"] = about.at("licence");
+  }
+  write_file(file, gltf.glb());
+}
+
+void write_adversary(const std::filesystem::path& file, const TexturedMesh& adversary) {
+  write_object(file, adversary, nullptr);
+}
+
+void write_scene(const std::filesystem::path& file, const ExportScene& scene) {
+  check_mesh(scene.adversary, file.string());
+  GltfBuilder gltf;
+  const int mesh = add_adversary(gltf, scene.adversary);
+  gltf.add_node({{"name", "adversary"}, {"mesh", mesh}, {"extras", {{"mirage_role", "adversary"}}}});
+  for (const ExportScene::Proxy& proxy : scene.proxies) add_proxy(gltf, proxy);
+  const json camera = add_camera(gltf, scene.calibration);
+  add_sun(gltf, scene.lighting);
+  const Lighting& light = scene.lighting;
+  gltf.json()["scenes"][0]["name"] = scene.name;
+  gltf.json()["scenes"][0]["extras"]["mirage"] = {{"camera", camera},
+                                                  {"lighting",
+                                                   {{"to_sun_velo", vector_json(light.to_sun_velo)},
+                                                    {"sun", vector_json(light.sun)},
+                                                    {"ambient", vector_json(light.ambient)},
+                                                    {"hemisphere", vector_json(light.hemisphere)}}}};
+  if (scene.learned_on) gltf.json()["scenes"][0]["extras"]["mirage"]["learned_on"] = *scene.learned_on;
+  if (!scene.photograph.empty())
+    gltf.json()["scenes"][0]["extras"]["mirage"]["photograph"] =
+        add_picture(gltf, "photograph", scene.photograph);
+  write_file(file, gltf.glb());
+}
+
+}  // namespace mirage

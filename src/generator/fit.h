@@ -1,0 +1,138 @@
+// The true shapes of a generated frame's vehicles: what a fit to the frame's sweep should find.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "generator/look.h"
+#include "geometry/box.h"
+#include "geometry/mesh.h"
+#include "scene/shape/shape_roof.h"
+
+namespace mirage::generator {
+
+/// A generated vehicle as it is, with nothing hidden.
+struct TrueVehicle {
+  std::string type;
+  Box3 box;   ///< `velo`
+  Mesh mesh;  ///< `velo`; every surface of it, seats and lamps included, but for what is on its roof
+  std::string kind = {};  ///< a car's body style ("hatchback", …); else empty
+};
+
+/// The labelled things of frame `index` of a seed, laid out again (nothing is rendered). `height`: of the
+/// rig's LiDAR over the ground, as in make_street.
+std::vector<TrueVehicle> true_vehicles(std::uint64_t seed, std::uint64_t index, double height,
+                                       Look look = Look::european);
+
+/// What a data set's streets come from.
+struct StreetSource {
+  std::uint64_t seed = 0;
+  Look look = Look::european;
+};
+/// A data set's source, if this generator's version made it (dataset.json), so that true_vehicles gives what
+/// was rendered; nothing for recorded sets and for those of other versions. InputError for a broken
+/// dataset.json.
+std::optional<StreetSource> source_of(const std::filesystem::path& data);
+/// The index of a frame that the generator named; none for another name, which somebody gave it since.
+std::optional<std::uint64_t> index_of(const std::string& frame);
+
+/// The one of `vehicles` that a label of the data set means: same type, centre nearest and within 0.1 m.
+const TrueVehicle* find_vehicle(const std::vector<TrueVehicle>& vehicles, const std::string& type,
+                                const Box3& box);
+
+}  // namespace mirage::generator
+
+namespace mirage {
+
+// Fits every vehicle of a frame and, where the truth is known, measures the fit against it.
+
+/// Against the true mesh of a generated vehicle. Its roof point is roof_point() of the true mesh.
+struct FitError {
+  Vec3d roof = Vec3d::Zero();  ///< fitted minus true roof point, along the true vehicle's axes (m)
+  Vec3d box = Vec3d::Zero();   ///< the same for BoxRoofFinder's point
+  double yaw = 0;              ///< rad
+  double to_truth = 0;         ///< mean distance of the fitted surface to the true one (m)
+  double from_truth = 0;       ///< mean distance of the true outer surface to the fitted one (m)
+};
+
+/// One vehicle of a data set, its fit, and how well that agrees with the truth where the set has it.
+struct FittedVehicle {
+  std::string frame;
+  int label = 0;     ///< index among the frame's labels
+  double range = 0;  ///< m, horizontal, from the LiDAR to the box
+  int occluded = 0;
+  Carrier carrier;  ///< from_box where there is no fit
+  ShapeFit fit;
+  double residual = 0;           ///< median distance of the returns to the fitted mesh (m)
+  double roof_over_box = 0;      ///< fitted roof point's height over the labelled box's top (m)
+  double roof_over_returns = 0;  ///< the same over the 99th percentile of its returns' heights (m)
+  double seconds = 0;            ///< evidence and fit, one thread
+  std::optional<FitError> error;
+};
+
+/// What to fit, and how to disturb the labels first: generated boxes are exact, drawn ones aren't.
+struct FitFrameSettings {
+  std::vector<std::string> types = {"Car"};
+  /// Times normal errors of 7 cm along x and y, 5 cm in z, 0.02 rad and 3 % of each size, cut at 2.5 σ.
+  double label_noise = 0;
+  std::uint64_t seed = 0;
+};
+
+/// Fits the frame's labels. `truth`: the frame's true vehicles, null if not known.
+std::vector<FittedVehicle> fit_frame(const ShapeRoofFinder& finder, const Frame& frame,
+                                     const LidarModel& lidar, const FitFrameSettings& settings,
+                                     const std::vector<generator::TrueVehicle>* truth);
+
+/// Value below which the share p of the numbers lies; 0 for none.
+double lower_quantile(std::vector<double> values, double p);
+
+/// One vehicle: pose, size, roof, code, residual, errors.
+nlohmann::json to_json(const FittedVehicle& vehicle);
+
+// How well the vehicles of a data set were fitted.
+
+/// Of some numbers, by lower_quantile.
+struct FitSpread {
+  double p05 = 0, median = 0, p95 = 0;
+};
+
+/// Over some vehicles. Lengths in m, as FittedVehicle has them; those of errors without their signs.
+struct FitSummary {
+  /// Over those whose truth is known.
+  struct Errors {
+    std::size_t vehicles = 0;
+    std::array<FitSpread, 3> roof, box;  ///< of FitError, along x, y, z
+    FitSpread distance;                  ///< between the roof points
+    FitSpread yaw;                       ///< rad
+    FitSpread to_truth, from_truth;
+  };
+  std::size_t vehicles = 0, fitted = 0;
+  FitSpread residual, roof_over_box, roof_over_returns;  ///< of the fitted
+  FitSpread seconds;                                     ///< of the fitted
+  std::optional<Errors> error;                           ///< where any truth is known
+};
+
+/// Vehicles whose range (m) or number of returns lies in [low, high).
+struct FitClass {
+  double low = 0, high = 0;  ///< high: infinity for the last
+  FitSummary fits;
+};
+
+struct FitReport {
+  FitSummary all, within_30_m;
+  std::vector<FitClass> by_range, by_returns;
+};
+
+FitReport summarise_fits(const std::vector<FittedVehicle>& vehicles);
+
+/// {all, within_30_m, by_range, by_returns}; each {vehicles, fitted, from_box, residual_m, roof_over_box_m,
+/// roof_over_returns_m, seconds, error?}, with its "range_m" or "returns": [low, high or null]
+nlohmann::json to_json(const FitReport& report);
+
+}  // namespace mirage

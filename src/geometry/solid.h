@@ -1,0 +1,76 @@
+// The edges of a mesh, and the faces that meet there.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "geometry/distance_grid.h"
+#include "geometry/mesh.h"
+
+namespace mirage {
+
+/// An edge of one face or more.
+struct MeshEdge {
+  std::array<int, 2> vertices;  ///< the smaller first
+  std::vector<int> faces;       ///< rising
+};
+
+/// By rising vertices, each once. A side of a face whose two ends are one vertex is none.
+std::vector<MeshEdge> edges_of(const Mesh& mesh);
+
+// Whether a closed mesh can be a solid: faces that cut each other, and how thick its walls are.
+
+/// Pairs of faces (lower index first, each pair once) of which an edge of one passes through the other. Faces
+/// with a common vertex are compared without the edges at it; faces with a common edge cannot cut each other
+/// and count when they are folded flat onto each other. Touching without passing through does not count.
+/// O(faces²) with boxes compared first: meant for meshes of hundreds of faces.
+std::vector<std::array<int, 2>> intersecting_faces(const Mesh& mesh);
+
+/// The thinnest wall found behind a face: `thickness` (m) and the face on the other side.
+struct Wall {
+  double thickness = 0;  ///< infinity where nothing lies behind (an open mesh)
+  int opposite = -1;
+};
+/// From the middle of each face and of its three thirds, straight inwards (against the outward normal) to the
+/// next face. Faces without area have no wall (infinity).
+std::vector<Wall> walls(const Mesh& mesh);
+
+// Generalised winding number of a triangle mesh: how often it wraps around a point.
+//   w(p) = Σ_f Ω_f(p) / 4π,   Ω_f the signed solid angle of face f seen from p
+// (Jacobson, Kavan, Sorkine-Hornung, SIGGRAPH 2013), 1 inside and 0 outside a closed mesh and a smooth value
+// between them where it has holes, so that w > 1/2 means inside for meshes that aren't watertight. Clusters
+// of far faces count as one dipole (Barill et al., SIGGRAPH 2018, first order).
+
+/// Winding numbers of one mesh, prepared for many points.
+class WindingNumber {
+ public:
+  /// Faces of no area count nothing. An empty mesh has w = 0 everywhere.
+  explicit WindingNumber(const Mesh& mesh);
+  /// w at p; error of the dipoles below about 0.02. `exact`: every face on its own.
+  double at(const Vec3d& p, bool exact = false) const;
+
+ private:
+  struct Node {
+    Vec3d centre = Vec3d::Zero();  ///< mean of the faces' centres, weighted by area
+    Vec3d area = Vec3d::Zero();    ///< Σ area · unit normal
+    double radius = 0;             ///< of a ball around `centre` that holds the faces
+    int first = 0, count = 0;      ///< range in faces_
+    int left = -1, right = -1;     ///< children, −1 in a leaf
+  };
+  int build(int first, int count);
+
+  std::vector<std::array<Vec3d, 3>> faces_;
+  std::vector<Node> nodes_;
+};
+
+// Zero surface of a distance grid as a closed mesh (Lorensen and Cline, SIGGRAPH 1987).
+
+/// The surface value = 0, counter-clockwise seen from the positive side. Always watertight and consistently
+/// wound: the triangles of the 256 cases are derived, not tabled. On each face of a cube the inside corners
+/// are cut off one run at a time, which both cubes at that face do alike, and no diagonal of a polygon lies
+/// in a face. Nodes on the grid's border count as outside, so that a body that reaches the border is closed
+/// there. A value of exactly 0 counts as outside. Vertices are shared; none comes closer to a node than 1e-3
+/// of an edge, so that no triangle is empty. An all-positive grid gives an empty mesh.
+Mesh marching_cubes(const DistanceGrid& grid);
+
+}  // namespace mirage

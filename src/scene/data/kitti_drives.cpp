@@ -1,0 +1,476 @@
+#include "scene/data/kitti_drives.h"
+
+#include <fmt/format.h>
+#include <tinyxml2.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <numbers>
+
+#include "base/angles.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "scene/data/kitti.h"
+#include "scene/data/kitti_rows.h"
+#include "scene/data/label_types.h"
+#include "scene/data/layouts.h"
+
+namespace mirage {
+namespace {
+
+constexpr double kEarthRadius = 6378137;  // m, the development kit's
+constexpr const char* kRestoreRow = "restore the file from the recording";
+
+std::string row_name(std::size_t row) {
+  return fmt::format("row {}", row + 1);
+}
+
+}  // namespace
+
+OxtsRow oxts_row(std::string_view line, const std::filesystem::path& file, std::size_t row) {
+  constexpr std::size_t kFewest = 25;
+  const auto words = split(line, " \t\r\n");
+  if (words.size() < kFewest)
+    throw InputError(file.string(), row_name(row), fmt::format("{} numbers where 30 belong", words.size()),
+                     kRestoreRow);
+  double value[6];
+  for (std::size_t i = 0; i < 6; ++i)
+    value[i] = to_number(words[i], file, fmt::format("{}, number {}", row_name(row), i + 1));
+  const OxtsRow pose{value[0], value[1], value[2], value[3], value[4], value[5]};
+  if (!(std::abs(pose.latitude) < 89 && std::abs(pose.longitude) <= 360 && std::abs(pose.altitude) < 1e5))
+    throw InputError(file.string(), row_name(row),
+                     "is no place on a road: latitude and longitude in degrees, altitude in metres",
+                     kRestoreRow);
+  return pose;
+}
+
+Transform world_from_imu(const OxtsRow& row, const OxtsRow& first) {
+  const double scale = std::cos(first.latitude * kDegree) * kEarthRadius;
+  const auto place = [&](const OxtsRow& at) {
+    return Vec3d(scale * at.longitude * kDegree,
+                 scale * std::log(std::tan((90 + at.latitude) * std::numbers::pi / 360)), at.altitude);
+  };
+  Transform pose = Transform::Identity();
+  pose.linear() = (Eigen::AngleAxisd(row.yaw, Vec3d::UnitZ()) * Eigen::AngleAxisd(row.pitch, Vec3d::UnitY()) *
+                   Eigen::AngleAxisd(row.roll, Vec3d::UnitX()))
+                      .toRotationMatrix();
+  pose.translation() = place(row) - place(first);
+  return pose;
+}
+
+double stamp_seconds(std::string_view stamp, const std::filesystem::path& file, std::size_t row) {
+  const auto words = split(stamp, "-: \t\r\n");
+  double value[6] = {};
+  bool good = words.size() == 6;
+  for (std::size_t i = 0; good && i < 6; ++i) {
+    const char* end = words[i].data() + words[i].size();
+    const auto [read, error] = std::from_chars(words[i].data(), end, value[i]);
+    good = error == std::errc() && read == end && value[i] >= 0 && value[i] < 10000;
+  }
+  namespace chrono = std::chrono;
+  const chrono::year_month_day day(chrono::year(static_cast<int>(value[0])),
+                                   chrono::month(static_cast<unsigned>(value[1])),
+                                   chrono::day(static_cast<unsigned>(value[2])));
+  if (!good || !day.ok() || value[3] >= 24 || value[4] >= 60 || value[5] >= 61)
+    throw InputError(file.string(), row_name(row), "is no time, as 2011-09-26 13:02:25.594360375",
+                     kRestoreRow);
+  const chrono::sys_days start = chrono::year(2000) / 1 / 1;
+  const double days = static_cast<double>((chrono::sys_days(day) - start).count());
+  return ((days * 24 + value[3]) * 60 + value[4]) * 60 + value[5];
+}
+
+std::string text_line(const std::filesystem::path& file, std::size_t row) {
+  const std::string text = read_text(file, kLargestLabels);
+  std::size_t begin = 0;
+  for (std::size_t i = 0; i < row && begin != text.npos; ++i) {
+    begin = text.find('\n', begin);
+    if (begin != text.npos) ++begin;
+  }
+  std::string line = begin == text.npos ? "" : text.substr(begin, text.find('\n', begin) - begin);
+  if (line.find_first_not_of(" \t\r") == line.npos)
+    throw InputError(file.string(), row_name(row), "missing: the recording has a frame of that number",
+                     kRestoreRow);
+  return line;
+}
+
+// KITTI's raw recordings (Geiger et al., IJRR 2013), synchronised and rectified: a folder for each day with
+// its calibration, in it one for each drive. Labels are the drive's tracklets: boxes in `velo`, which the
+// picture's boxes are projected from. A frame's id is DRIVE_FRAME,
+// "2011_09_26_drive_0009_sync_0000000012". Where the car stood says DRIVE/oxts/data/FRAME.txt, when
+// DRIVE/velodyne_points/timestamps.txt.
+
+namespace {
+
+namespace fs = std::filesystem;
+using tinyxml2::XMLElement;
+
+constexpr const char* kPose = "calib_velo_to_cam.txt";
+constexpr const char* kCameras = "calib_cam_to_cam.txt";
+constexpr const char* kInertial = "calib_imu_to_velo.txt";
+constexpr const char* kLabels = "tracklet_labels.xml";
+constexpr const char* kTrackletFix = "restore the drive's tracklets";
+
+/// Elements of a tracklet file: what is missing or no number is an InputError that names it.
+class Tracklets {
+ public:
+  explicit Tracklets(fs::path file) : file_(std::move(file)) {
+    const std::string text = read_text(file_, kLargestLabels);
+    // A tag takes 165 bytes of memory, an attribute as many.
+    constexpr std::ptrdiff_t kMostTags = 400000;
+    if (std::count_if(text.begin(), text.end(), [](char c) { return c == '<' || c == '='; }) > kMostTags)
+      throw InputError(file_.string(), "", fmt::format("has more than {} tags and attributes", kMostTags),
+                       kTrackletFix);
+    if (document_.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS)
+      throw InputError(
+          file_.string(), fmt::format("line {}", document_.ErrorLineNum()),
+          std::string("no XML (") + tinyxml2::XMLDocument::ErrorIDToName(document_.ErrorID()) + ")",
+          kTrackletFix);
+    const XMLElement* root = document_.FirstChildElement("boost_serialization");
+    list_ = root != nullptr ? root->FirstChildElement("tracklets") : nullptr;
+    if (list_ == nullptr) throw InputError(file_.string(), "tracklets", "missing", kTrackletFix);
+  }
+
+  const XMLElement* first() const { return list_->FirstChildElement("item"); }
+
+  const XMLElement& child(const XMLElement& of, const char* name) const {
+    const XMLElement* element = of.FirstChildElement(name);
+    if (element == nullptr) throw wrong(of, name, "missing");
+    return *element;
+  }
+  double number(const XMLElement& of, const char* name) const {
+    double value = 0;
+    if (child(of, name).QueryDoubleText(&value) != tinyxml2::XML_SUCCESS || !std::isfinite(value))
+      throw wrong(of, name, "is no finite number");
+    return value;
+  }
+  int whole(const XMLElement& of, const char* name, int low, int high) const {
+    const double value = number(of, name);
+    if (!(value >= low && value <= high) || value != std::floor(value))
+      throw wrong(of, name, fmt::format("is no whole number from {} to {}", low, high));
+    return static_cast<int>(value);
+  }
+  std::string text(const XMLElement& of, const char* name) const {
+    const char* content = child(of, name).GetText();
+    if (content == nullptr) throw wrong(of, name, "is empty");
+    return content;
+  }
+  InputError wrong(const XMLElement& at, const char* field, const std::string& problem) const {
+    return {file_.string(), fmt::format("line {}, {}", at.GetLineNum(), field), problem, kTrackletFix};
+  }
+
+ private:
+  fs::path file_;
+  tinyxml2::XMLDocument document_;  // refuses more than 500 elements within each other
+  const XMLElement* list_ = nullptr;
+};
+
+class KittiRaw : public DataSet {
+ public:
+  using DataSet::DataSet;
+
+  const char* layout() const override { return "kitti-raw"; }
+
+  std::vector<std::string> frames() const override {
+    // Drives without tracklets only where no other is there: beside labelled ones they are none that anybody
+    // wants to attack.
+    std::vector<std::string> ids;
+    for (const bool labelled : {true, false}) {
+      for (const fs::path& drive : drives()) {
+        const fs::path sweeps = drive / "velodyne_points" / "data";
+        if (fs::is_directory(sweeps) && fs::exists(drive / kLabels) == labelled)
+          add_numbered_sweeps(sweeps, drive.filename().string(), ids);
+      }
+      if (!ids.empty()) break;
+    }
+    if (ids.empty())
+      throw InputError(
+          data().string(), "velodyne_points/data", "no drive holds a .bin file",
+          "give the folder of a day (with calib_*.txt and its *_sync folders) or of several days");
+    std::sort(ids.begin(), ids.end());
+    return ids;
+  }
+
+  std::vector<Part> parts(const std::string& id) const override {
+    const Place at = place(id);
+    std::vector<Part> files = {{at.drive / "velodyne_points" / "data" / (at.name + ".bin"), "the sweep"},
+                               {picture_in(at.drive / "image_02" / "data", at.name), "the image"},
+                               {at.drive.parent_path() / kCameras, "the cameras' calibration"},
+                               {at.drive.parent_path() / kPose, "the LiDAR's calibration"}};
+    if (fs::exists(at.drive / kLabels)) files.push_back({at.drive / kLabels, "the labels"});
+    return files;
+  }
+
+  Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
+
+  Annotations annotations(const std::string& id, int width, int height) const override {
+    const Place at = place(id);
+    const std::vector<Part> files = parts(id);
+    const CalibrationFile cameras(files[2].file), pose(files[3].file);
+    const MatrixRow projection = cameras.row({"P_rect_02"}, 12),
+                    rectification = cameras.row({"R_rect_00"}, 9);
+    Annotations known;
+    known.calibration =
+        calibration_of(projection, rectification, pose_row(pose, files[3].file), width, height);
+    known.labelled = files.size() > 4;
+    if (known.labelled)
+      known.labels = read_tracklets(files[4].file, at.frame, at.drive_number, known.calibration);
+    return known;
+  }
+
+  std::optional<Moment> moment(const std::string& id) const override {
+    const Place at = place(id);
+    const fs::path poses = at.drive / "oxts" / "data",
+                   times = at.drive / "velodyne_points" / "timestamps.txt",
+                   inertial = at.drive.parent_path() / kInertial;
+    // The world's origin: the drive's first row, which a part of a drive may lack.
+    const auto first = first_pose(poses);
+    if (!first || !fs::exists(inertial)) return std::nullopt;
+    const auto pose = [](const fs::path& file) { return oxts_row(text_line(file, 0), file, 0); };
+    const auto time = [&](std::size_t k) { return stamp_seconds(text_line(times, k), times, k); };
+    const Transform velo_from_imu = rigid(pose_row(CalibrationFile(inertial), inertial));
+    const auto row = static_cast<std::size_t>(at.frame);
+    return Moment{at.drive.filename().string(), at.frame,
+                  fs::exists(times) ? time(row) - time(0) : at.frame * kSweepSeconds,
+                  world_from_imu(pose(poses / (at.name + ".txt")), pose(*first)) * velo_from_imu.inverse()};
+  }
+
+  std::optional<std::string> beside(const std::string& id, int step) const override {
+    const Place at = place(id);
+    if (at.frame + step < 0) return std::nullopt;
+    const std::string name = fmt::format("{:0{}}", at.frame + step, static_cast<int>(at.name.size()));
+    if (!fs::exists(at.drive / "velodyne_points" / "data" / (name + ".bin"))) return std::nullopt;
+    return at.drive.filename().string() + "_" + name;
+  }
+
+ private:
+  /// R and T of a calibration file as one row of 12 numbers.
+  static MatrixRow pose_row(const CalibrationFile& rows, const fs::path& file) {
+    const MatrixRow r = rows.row({"R"}, 9), t = rows.row({"T"}, 3);
+    MatrixRow whole{file, "R, T", {}};
+    for (std::size_t row = 0; row < 3; ++row) {
+      for (std::size_t column = 0; column < 3; ++column) whole.values.push_back(r.values[3 * row + column]);
+      whole.values.push_back(t.values[row]);
+    }
+    return whole;
+  }
+  /// The row of the lowest number; none without any.
+  static std::optional<fs::path> first_pose(const fs::path& folder) {
+    std::optional<fs::path> first;
+    std::error_code missing;
+    for (fs::directory_iterator entry(folder, missing), end; !missing && entry != end;
+         entry.increment(missing))
+      if (entry->path().extension() == ".txt" && (!first || entry->path() < *first)) first = entry->path();
+    return first;
+  }
+
+  struct Place {
+    fs::path drive;
+    std::string name;  ///< "0000000012"
+    int frame = 0;
+    std::size_t drive_number = 0;
+  };
+
+  std::vector<fs::path> drives() const {
+    std::vector<fs::path> days = {data()}, folders;
+    for (const auto& entry : fs::directory_iterator(data()))
+      if (entry.is_directory() && fs::exists(entry.path() / kPose)) days.push_back(entry.path());
+    for (const fs::path& day : days)
+      for (const auto& entry : fs::directory_iterator(day))
+        if (entry.is_directory() && entry.path().filename().string().find("_drive_") != std::string::npos)
+          folders.push_back(entry.path());
+    std::sort(folders.begin(), folders.end());
+    return folders;
+  }
+
+  Place place(const std::string& id) const {
+    check_id(id);
+    if (const auto parts = split_id(id)) {
+      const std::vector<fs::path> all = drives();
+      for (std::size_t i = 0; i < all.size(); ++i)
+        if (all[i].filename() == parts->first)
+          return {all[i], id.substr(parts->first.size() + 1), parts->second, i};
+    }
+    throw InputError(data().string(), "frame \"" + id + "\"", "is of no drive here",
+                     "give drive and number, as 2011_09_26_drive_0009_sync_0000000012");
+  }
+};
+
+}  // namespace
+
+std::vector<Label> read_tracklets(const fs::path& file, int frame, std::size_t drive,
+                                  const Calibration& calibration) {
+  const Tracklets tracklets(file);
+  std::vector<Label> labels;
+  std::size_t index = 0;
+  for (const XMLElement* item = tracklets.first(); item != nullptr;
+       item = item->NextSiblingElement("item"), ++index) {
+    constexpr int kMostFrames = 1000000;
+    const int first = tracklets.whole(*item, "first_frame", 0, kMostFrames);
+    const XMLElement* pose = tracklets.child(*item, "poses").FirstChildElement("item");
+    for (int passed = first; pose != nullptr && passed < frame; ++passed)
+      pose = pose->NextSiblingElement("item");
+    if (pose == nullptr || first > frame) continue;
+    const Box3 box{
+        {tracklets.number(*pose, "tx"), tracklets.number(*pose, "ty"), tracklets.number(*item, "l"),
+         tracklets.number(*item, "w"), tracklets.number(*pose, "rz")},
+        tracklets.number(*pose, "tz"),
+        tracklets.number(*item, "h")};
+    if (const std::string problem = box_problem(box); !problem.empty())
+      throw tracklets.wrong(*pose, "tx", "the box " + problem);
+    const std::string category = tracklets.text(*item, "objectType");
+    auto label = projected_label(kitti_type(category), box, calibration);
+    if (!label) continue;
+    label->category = category;
+    const int hidden = tracklets.whole(*pose, "occlusion", -1, 3);
+    label->occluded = hidden < 0 ? 3 : hidden;  // -1: nobody said
+    label->track = track_number(drive, index);
+    labels.push_back(std::move(*label));
+  }
+  return labels;
+}
+
+std::shared_ptr<const DataSet> open_kitti_raw(const fs::path& data) {
+  std::error_code error, ignored;
+  bool found = fs::exists(data / kPose, ignored);
+  for (fs::directory_iterator entry(data, error), end; !found && !error && entry != end;
+       entry.increment(error))
+    found = fs::exists(entry->path() / kPose, ignored);
+  if (!found) return nullptr;
+  return std::make_shared<KittiRaw>(data);
+}
+
+// KITTI's tracking benchmark (Geiger et al., CVPR 2012): a sequence is a folder of pictures and sweeps, one
+// calibration and one file of labels. A frame's id is SEQUENCE_FRAME, "0003_000012". Where the car stood says
+// oxts/SEQUENCE.txt, a row a frame; when, times/SEQUENCE.txt, a stamp a frame as in the raw recordings, which
+// the benchmark leaves out: its sweeps came every 0.1 s.
+
+namespace {
+
+/// The benchmark tells truncation in three steps. The shares put what is cut off a little among the moderate
+/// cars of the object benchmark, and what is cut off by a lot beyond all of them.
+constexpr double kTruncated[] = {0, 0.3, 0.8};
+
+class KittiTracking : public DataSet {
+ public:
+  explicit KittiTracking(const fs::path& data) : DataSet(data), part_(benchmark_part(data)) {}
+
+  const char* layout() const override { return "kitti-tracking"; }
+
+  std::vector<std::string> frames() const override {
+    const fs::path folder = part_ / "velodyne";
+    if (!fs::is_directory(folder))
+      throw InputError(folder.string(), "", "no such folder", "add the tracking benchmark's sweeps");
+    std::vector<std::string> ids;
+    for (const auto& sequence : fs::directory_iterator(folder))
+      if (sequence.is_directory())
+        add_numbered_sweeps(sequence.path(), sequence.path().filename().string(), ids);
+    if (ids.empty())
+      throw InputError(folder.string(), "", "holds no SEQUENCE/FRAME.bin",
+                       "add the tracking benchmark's sweeps");
+    std::sort(ids.begin(), ids.end());
+    return ids;
+  }
+
+  std::vector<Part> parts(const std::string& id) const override {
+    const Place at = place(id);
+    std::vector<Part> files = {{part_ / "velodyne" / at.sequence / (at.name + ".bin"), "the sweep"},
+                               {picture_in(part_ / "image_02" / at.sequence, at.name), "the image"},
+                               {part_ / "calib" / (at.sequence + ".txt"), "the calibration"}};
+    if (const fs::path labels = part_ / "label_02" / (at.sequence + ".txt"); fs::exists(labels))
+      files.push_back({labels, "the labels"});
+    return files;
+  }
+
+  Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
+
+  Annotations annotations(const std::string& id, int width, int height) const override {
+    const Place at = place(id);
+    const std::vector<Part> files = parts(id);
+    const CalibrationFile rows(files[2].file);
+    const MatrixRow projection = rows.row({"P2"}, 12), rectification = rows.row(kRectification, 9);
+    Annotations known;
+    known.calibration = calibration_of(projection, rectification, rows.row(kLidarPose, 12), width, height);
+    known.labelled = files.size() > 3;
+    if (known.labelled)
+      known.labels =
+          read_tracking_labels(files[3].file, at.frame, at.sequence_number, known.calibration, known.notes);
+    return known;
+  }
+
+  std::optional<Moment> moment(const std::string& id) const override {
+    const Place at = place(id);
+    const fs::path poses = part_ / "oxts" / (at.sequence + ".txt"),
+                   times = part_ / "times" / (at.sequence + ".txt");
+    if (!fs::exists(poses)) return std::nullopt;
+    const auto row = static_cast<std::size_t>(at.frame);
+    const auto pose = [&](std::size_t k) { return oxts_row(text_line(poses, k), poses, k); };
+    const auto time = [&](std::size_t k) { return stamp_seconds(text_line(times, k), times, k); };
+    const Transform velo_from_imu =
+        rigid(CalibrationFile(part_ / "calib" / (at.sequence + ".txt")).row(kInertialPose, 12));
+    return Moment{at.sequence, at.frame, fs::exists(times) ? time(row) - time(0) : at.frame * kSweepSeconds,
+                  world_from_imu(pose(row), pose(0)) * velo_from_imu.inverse()};
+  }
+
+  std::optional<std::string> beside(const std::string& id, int step) const override {
+    const Place at = place(id);
+    if (at.frame + step < 0) return std::nullopt;
+    const std::string other =
+        fmt::format("{}_{:0{}}", at.sequence, at.frame + step, static_cast<int>(at.name.size()));
+    return fs::exists(parts(other).at(0).file) ? std::optional(other) : std::nullopt;
+  }
+
+ private:
+  struct Place {
+    std::string sequence, name;  ///< "0003", "000012"
+    int frame = 0;
+    std::size_t sequence_number = 0;
+  };
+  Place place(const std::string& id) const {
+    check_id(id);
+    const auto parts = split_id(id);
+    if (!parts)
+      throw InputError(data().string(), "frame \"" + id + "\"", "is no SEQUENCE_FRAME",
+                       "give its sequence and number, as 0003_000012");
+    const auto& [sequence, frame] = *parts;
+    const bool number = !sequence.empty() && sequence.size() < 7 &&
+                        sequence.find_first_not_of("0123456789") == std::string::npos;
+    return {sequence, id.substr(sequence.size() + 1), frame, number ? std::stoul(sequence) : 0};
+  }
+
+  fs::path part_;  ///< DATA/training or DATA/testing
+};
+
+}  // namespace
+
+std::vector<Label> read_tracking_labels(const fs::path& file, int frame, std::size_t sequence,
+                                        const Calibration& calibration, LabelNotes& notes) {
+  std::vector<Label> labels;
+  constexpr RowAdvice kAdvice{"17", "complete the row", "correct the label or delete its row", 2};
+  for_each_row(file, kAdvice, [&](const KittiRow& given) {
+    if (given.before[0] != frame) return;
+    KittiRow row = given;
+    const double step = row.value[1];
+    row.demand(step == -1 || step == 0 || step == 1 || step == 2, 1, "is not one of 0, 1, 2");
+    if (step > 0) row.value[1] = kTruncated[static_cast<std::size_t>(step)];
+    Label label = label_of(row, calibration, notes);
+    const double track = row.before[1];
+    if (track >= 0 && track < static_cast<double>(kMostVehicles) && track == std::floor(track))
+      label.track = track_number(sequence, static_cast<std::size_t>(track));
+    labels.push_back(std::move(label));
+  });
+  return labels;
+}
+
+std::shared_ptr<const DataSet> open_kitti_tracking(const fs::path& data) {
+  // Where both benchmarks lie in one folder it is the object benchmark's.
+  const fs::path part = benchmark_part(data);
+  if (fs::is_directory(part / "label_2") || fs::is_directory(part / "image_2") ||
+      !(fs::is_directory(part / "label_02") || fs::is_directory(part / "image_02")))
+    return nullptr;
+  return std::make_shared<KittiTracking>(data);
+}
+
+}  // namespace mirage
