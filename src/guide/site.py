@@ -47,8 +47,13 @@ markdown_extensions:
       permalink: true
       slugify: !!python/name:guide_slug.slug
 plugins: [search]
+extra_css: [narrow.css]
 nav:
 """
+
+
+# Words without a blank, an option's list of defaults say, break where a phone's column ends.
+STYLE = ".md-typeset { overflow-wrap: anywhere; }\n"
 
 
 def pages(entries=NAVIGATION):
@@ -103,6 +108,8 @@ def main(source, out):
     stage(source, out)
     with open(os.path.join(out, "mkdocs.yml"), "w", encoding="utf-8") as file:
         file.write(CONFIGURATION + "\n".join(nav(NAVIGATION)) + "\n")
+    with open(os.path.join(out, "pages", "narrow.css"), "w", encoding="utf-8") as file:
+        file.write(STYLE)
     # Anchors as GitHub makes them, so that a link holds in both places.
     with open(os.path.join(out, "guide_slug.py"), "w", encoding="utf-8") as file:
         file.write('import re\n\n\ndef slug(text, separator):\n'

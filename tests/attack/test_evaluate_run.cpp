@@ -213,8 +213,8 @@ TEST(EvaluateRun, ObjectsNeedNoRun) {
   request.baseline = "sized";
   const RunEvaluation alone = evaluate_run(request);
   EXPECT_EQ(alone.baselines.size(), 1u);
-  EvaluationRequest of_run =
-      request_for(tiny_run(folder, "run", "data", {{"000000", 0}}, {{"000001", 0}}, 4));
+  EvaluationRequest of_run = request_for(
+      tiny_run(folder, "run", "data", {{"000000", 0}}, {{"000001", 0}, {"000002", 0}, {"000003", 0}}, 4));
   of_run.hosts = "all";
   of_run.baseline = "none";
   const auto expected = to_json(evaluate_run(of_run)).at("outcomes");

@@ -25,7 +25,7 @@ namespace {
 /// as well, are further from the ones in double.
 constexpr double kTolerance = 1e-5;
 /// Of the middle case's gradient in float; or so many times what the whole pass is off itself.
-constexpr double kMedianTolerance = 3e-5, kTimesWhole = 3;
+constexpr double kTolerated = 3e-5, kTimesWhole = 3;
 
 constexpr int kMemory = 2048;  // MB
 
@@ -180,7 +180,8 @@ class LocalPasses : public testing::TestWithParam<const char*> {
     EXPECT_LT(apart(box_difference, box_norm), kTolerance);
   }
 
-  /// In float a few gradients jump, of whole passes too; most are close to those in double.
+  /// In float a few gradients jump, of whole passes too; most local ones are as close to those in double as
+  /// the whole pass's are.
   void expect_most_close() {
     for (const auto& [what, errors] : {std::pair{"pixels", &pixels_}, {"points", &points_}}) {
       if (errors->exact.empty()) continue;
@@ -193,9 +194,10 @@ class LocalPasses : public testing::TestWithParam<const char*> {
           "float median %.1e, at most %.1e, whole in float median %.1e, at most %.1e\n",
           what, errors->exact.size(), largest(errors->exact), quantile(errors->local, 0.5),
           largest(errors->local), quantile(errors->whole, 0.5), largest(errors->whole));
-      EXPECT_LT(quantile(errors->local, 0.5),
-                std::max(kMedianTolerance, kTimesWhole * quantile(errors->whole, 0.5)))
-          << what;
+      std::size_t close = 0;
+      for (std::size_t i = 0; i < errors->local.size(); ++i)
+        close += errors->local[i] < std::max(kTolerated, kTimesWhole * errors->whole[i]);
+      EXPECT_GE(3 * close, 2 * errors->local.size()) << what;
     }
   }
 

@@ -100,7 +100,7 @@ void Evaluate::check_gate() {
             file_hash(fs::path(MIRAGE_BUILD) / "plugins/weights/fusion-kitti64.weights"));
   ASSERT_EQ(mirage("audit --detector lidar --data " + at("data") + " --out " + at("d")), 0) << said();
   EXPECT_THAT(said(), HasSubstr("has no picture"));
-  EXPECT_THAT(said(), HasSubstr("points 2 beams"));
+  EXPECT_THAT(said(), HasSubstr("points  2 beams"));
   EXPECT_TRUE(fs::exists(folder_ / "d/audit.html"));
 }
 
