@@ -83,7 +83,7 @@ TEST_F(Ranks, ThePlateauIsTheSameOnAnyNumberOfProcesses) {
 }
 
 TEST_F(Ranks, ThePortfolioIsTheSameOnAnyNumberOfProcesses) {
-  const auto report = learn_on_one_and_two(32, " --attack auto --detector lidar --validate-every 5", "auto");
+  const auto report = learn_on_one_and_two(16, " --attack auto --detector lidar --validate-every 5", "auto");
   EXPECT_EQ(report.at("candidates").size(), 4u);
 }
 

@@ -163,13 +163,13 @@ TEST(Reliance, ADamagedOneIsNamedByFileAndField) {
 fs::path generated(const std::string& rig) {
   const fs::path data =
       fs::path(MIRAGE_BUILD) / "test_reliance" / (rig + "-" + std::to_string(kGeneratorVersion));
-  generate_dataset(read_rig(fs::path(MIRAGE_SOURCE) / "scenes" / "rigs" / (rig + ".toml")), 77, 0, 6, data,
+  generate_dataset(read_rig(fs::path(MIRAGE_SOURCE) / "scenes" / "rigs" / (rig + ".toml")), 77, 0, 4, data,
                    [](std::size_t) {});
   return data;
 }
 
 // weights/reliance.json holds what `mirage audit --gate --claim` measured on a whole data set; weights
-// that it does not name claim nothing. Six frames are too few for the interval, but what claims to see must
+// that it does not name claim nothing. Four frames are too few for the interval, but what claims to see must
 // lose by another frame's picture, and its cars' logits must move.
 TEST(Reliance, ShippedDetectorsSeeWhatTheyClaim) {
   const fs::path weights = fs::path(MIRAGE_SOURCE) / "plugins" / "detectors" / "fusion" / "weights";
