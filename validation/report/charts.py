@@ -138,7 +138,8 @@ class Plot:
 def intervals(title, rows, x_label, high=1.0, low=0, bands=()):
     """Values with their intervals, one row each: [(name, class, value, low, high, tip)]; shares as percentages. `bands`: to
     each row how far from 0 a band reaches, or None, and its tip."""
-    plot = Plot((low, high), None, title, x_label, size=(560, 62 + 27 * len(rows)), left=176 if bands else 150, tick=percent)
+    plot = Plot((low, high), None, title, x_label, size=(560, 62 + 27 * len(rows)),
+                left=max(176 if bands else 150, 20 + round(7.2 * max((len(row[0]) for row in rows), default=0))), tick=percent)
     for index, (name, kind, value, least, most, tip) in enumerate(rows):
         y = plot.row(index, len(rows))
         plot.text("name", plot.left - 12, y + 4, name, "end")
