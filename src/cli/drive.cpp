@@ -11,10 +11,10 @@
 #include "base/names.h"
 #include "cli/command.h"
 #include "cli/options.h"
+#include "cli/page.h"
 #include "cli/table.h"
 #include "detection/detector_settings.h"
 #include "frames/made_of.h"
-#include "validation/report/pages.h"
 
 namespace mirage::cli {
 namespace {
@@ -158,7 +158,7 @@ Command drive_command() {
       .example = "mirage drive --run out/attack --data kitti-tracking --sequence 0003 --weights real",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
-      .afterwards = [](const Common& common) { write_drive_page(common.out); },
+      .afterwards = [](const Common& common) { write_page("drive.py", common.out); },
   };
 }
 

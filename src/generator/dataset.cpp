@@ -136,13 +136,14 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
   parallel_for(order.size(), [&](std::size_t k) {
     if (interrupted()) return;
     const std::uint64_t index = first + order[k];
-    const bool keep = is_as_recorded(out, fmt::format("{:06}", index), truth);
-    Frame frame;
+    const std::string id = fmt::format("{:06}", index);
+    const bool keep = is_as_recorded(out, id, truth);
+    std::vector<Label> labels;
     if (keep) {
-      frame = read_frame(out, fmt::format("{:06}", index));
+      labels = read_annotations(out, id).labels;
     } else {
       FrameTruth known;
-      frame = generate_frame(rig, seed, index, truth == Truth::none ? nullptr : &known);
+      Frame frame = generate_frame(rig, seed, index, truth == Truth::none ? nullptr : &known);
       // Before the frame: its sweep comes last, so that a listed frame has its truth.
       if (truth != Truth::none) write_depth_png(true_depth_file(out, frame.id), known.depth);
       if (truth == Truth::all) {
@@ -151,11 +152,12 @@ DatasetSummary generate_dataset(const Rig& rig, std::uint64_t seed, std::uint64_
       }
       write_frame(out, frame);
       record_frame(out, frame.id, truth);
+      labels = std::move(frame.labels);
     }
     const std::scoped_lock lock(mutex);
     ++(keep ? sum.kept : sum.written);
-    for (const Label& label : frame.labels) ++(label.type == "Car" ? sum.cars : sum.others);
-    sum.points += frame.sweep.size();
+    for (const Label& label : labels) ++(label.type == "Car" ? sum.cars : sum.others);
+    sum.points += fs::file_size(out / "training" / "velodyne" / (id + ".bin")) / sizeof(LidarPoint);
     tell(++done);
   });
   throw_if_interrupted("the frames written so far are kept; the same command goes on from there");

@@ -13,6 +13,7 @@
 #include "base/image_io.h"
 #include "base/interrupt.h"
 #include "base/parallel.h"
+#include "base/ranks.h"
 #include "generator/moving_street.h"
 #include "scene/data/kitti.h"
 #include "scene/data/kitti_rows.h"
@@ -149,21 +150,21 @@ DatasetSummary generate_drives(const Rig& rig, std::uint64_t seed, std::uint64_t
     const RayScene standing(street.standing.surfaces);
     std::vector<FrameRows> rows(static_cast<std::size_t>(frames));
     std::mutex mutex;
-    parallel_for(rows.size(), [&](std::size_t i) {
+    const std::vector<std::size_t> order = order_among_ranks(rows.size());
+    parallel_for(order.size(), [&](std::size_t k) {
       if (interrupted()) return;
+      const std::size_t i = order[k];
       const std::string name = fmt::format("{:06}", i);
       const auto number = static_cast<int>(i);
       std::optional<FrameRows> kept = kept_rows(files, name);
-      std::size_t points = 0;
       if (!kept) {
         const Frame frame = generate_drive_frame(rig, street, standing, seed, index, number * kDriveStep);
         rows[i] = write_drive_frame(files, name, number, frame, street);
-        points = frame.sweep.size();
       }
       const std::scoped_lock lock(mutex);
       ++(kept ? sum.kept : sum.written);
       if (kept) rows[i] = std::move(*kept);
-      sum.points += points;
+      sum.points += fs::file_size(files.sweep(name)) / sizeof(LidarPoint);
       sum.cars += rows[i].cars, sum.others += rows[i].others;
       tell(++done);
     });

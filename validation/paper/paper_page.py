@@ -24,7 +24,6 @@ if __name__ == "__main__":
         paper_markdown.write(sys.argv[1], json.load(texts_of))
 
 try:
-    import jinja2
     from PIL import Image
 
     import figures
@@ -126,7 +125,7 @@ def plots_of(table):
 
 
 def page(result, folder):
-    environment = jinja2.Environment(loader=jinja2.FileSystemLoader([HERE, REPORT]), autoescape=True)
+    environment = files.templates(HERE, REPORT)
     fig = figures.figure_function(result)
     names = [table["name"] for table in result["tables"]]
     sections = [{"at": names.index(name), "kind": kind, "table": result["tables"][names.index(name)],

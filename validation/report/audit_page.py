@@ -13,8 +13,6 @@ sys.dont_write_bytecode = True
 sys.path.insert(0, HERE)
 
 try:
-    import jinja2
-
     import charts
     import figures
     import files
@@ -43,7 +41,7 @@ def page(result):
         if rows:
             sections.append({"name": name, "title": title, "rows": rows, "plot": plot(title, rows)})
     strata = [lost["stratum"] for row in result["audit"] for lost in row.get("recall_lost", [])]
-    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), autoescape=True)
+    environment = files.templates(HERE)
     environment.globals.update(
         result=result, fig=figures.figure_function(result), sections=sections, strata=list(dict.fromkeys(strata)),
         uses=[(name, *USES[use]) for name, use in result["uses"].items()],

@@ -13,8 +13,6 @@ sys.dont_write_bytecode = True
 sys.path.insert(0, HERE)
 
 try:
-    import jinja2
-
     import charts
     import figures
     import files
@@ -47,7 +45,7 @@ def page(result):
     if "own" in compare:
         parts.append(dict(compare["own"], at="compare.own", label="each under its own object"))
     fig = figures.figure_function(result)
-    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), autoescape=True)
+    environment = files.templates(HERE)
     environment.globals.update(
         compare=compare, fig=fig, interval=figures.interval_function(result, fig), parts=parts, plot=plot(parts),
         answer=ANSWERS[compare["told"]], worse=list(enumerate(compare["worse"]))[:WORSE], basename=os.path.basename,

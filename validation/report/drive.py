@@ -15,9 +15,6 @@ sys.dont_write_bytecode = True
 sys.path.insert(0, HERE)
 
 try:
-    import jinja2
-    from markupsafe import Markup
-
     import charts
     import figures
     import files
@@ -103,11 +100,9 @@ def main(folder):
     result = figures.read_json(os.path.join(folder, "result.json"))
     drive = result["drive"]
     fig = figures.figure_function(result)
-    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), autoescape=True)
-    with open(os.path.join(HERE, "style.css"), encoding="utf-8") as file:
-        style = Markup(file.read())
+    environment = files.templates(HERE)
     page = environment.get_template("drive.html.j2").render(
-        result=result, drive=drive, style=style, versions=VERSIONS, names=NAMES, fig=fig,
+        result=result, drive=drive, style=files.asset(HERE, "style.css"), versions=VERSIONS, names=NAMES, fig=fig,
         interval=figures.interval_function(result, fig),
         curve=survival(drive["vehicles"], 620, 260), strips=[strip(vehicle) for vehicle in drive["vehicles"]], left=LEFT, width=LEFT + WIDTH + 20, height=HEIGHT, bar=BAR)
     files.write(os.path.join(folder, "drive.html"), page)

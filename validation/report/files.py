@@ -2,9 +2,15 @@
 
 import os
 
+import jinja2
 from markupsafe import Markup
 
 from atomic import run, write  # noqa: F401
+
+
+def templates(*folders):
+    """The environment in which pages are filled; templates are looked for in these folders."""
+    return jinja2.Environment(loader=jinja2.FileSystemLoader(folders), autoescape=True)
 
 
 def asset(folder, name):

@@ -51,13 +51,6 @@ std::vector<std::string> plot_precision_recall(std::span<const ScoredStratum> pa
   return {"precision_recall.png", "precision_recall.svg"};
 }
 
-void write_drive_page(const std::filesystem::path& out) {
-  const std::string python = plotting_python().string();
-  if (python.empty() ||
-      run_program({python, shipped_file("validation/report/drive.py").string(), out.string()}) != 0)
-    spdlog::warn("no page: install python3-jinja2 (all figures are in {})", (out / "result.json").string());
-}
-
 namespace {
 
 using nlohmann::json;

@@ -17,12 +17,6 @@ namespace mirage {
 std::vector<std::string> plot_precision_recall(std::span<const ScoredStratum> parts, const std::string& title,
                                                const std::filesystem::path& out);
 
-// The page of `mirage drive`: one strip a vehicle, time against distance.
-
-/// Writes OUT/drive.html from OUT/result.json (validation/report/drive.py): one self-contained file. A
-/// warning in its place where Python or jinja2 is missing.
-void write_drive_page(const std::filesystem::path& out);
-
 // The pictures of `mirage evaluate`: vehicles that the adversary hides, detections that it makes, and what it
 // does to the detector's image features.
 

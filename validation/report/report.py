@@ -17,7 +17,6 @@ sys.dont_write_bytecode = True
 sys.path.insert(0, HERE)
 
 try:
-    import jinja2
     from markupsafe import Markup
 
     import figures
@@ -148,7 +147,7 @@ def main():
     result = figures.gather(result, hosts, figures.loss_curve(os.path.join(options.run, "loss.csv")),
                             figures.read_json(options.evaluation) if options.evaluation else None,
                             figures.read_json(options.tradeoff) if options.tradeoff else None)
-    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), autoescape=True)
+    environment = files.templates(HERE)
     text = page(environment, result, hosts, folder, model_uri(os.path.join(options.run, "adversary.glb")),
                 viewer_script(options.viewer), figures.origin_function(hosts, options.evaluation, options.tradeoff))
     files.write(os.path.join(folder, "report.html"), text)
