@@ -86,7 +86,7 @@ PlateauReport plateau_report(const HeldOutRecord& held, const std::vector<Host>&
 void check_settings(const AttackSettings& settings) {
   check_fields(settings);
   if (settings.buildable.on && settings.parts == AttackParts::size)
-    throw FieldError("parts", "size", "is an ellipsoid, which has no flat base", "leave --buildable out");
+    throw FieldError("parts", "size", "is an ellipsoid, which has no flat base", "give --free");
   if (settings.buildable.on) check_buildable(settings.buildable, settings.limits);
   check_search(settings);
 }

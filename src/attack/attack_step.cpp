@@ -250,7 +250,10 @@ LossRow AttackStepper::step(AttackState& state, StageSeconds* spent) const {
     half[0] = half[0].cwiseMax(kSmallestSize).cwiseMin(settings.limits.half);
     for (std::size_t i = 0; i < vertices.size(); ++i) vertices[i] = unit_[i].cwiseProduct(half[0]);
   } else if (parts_ != AttackParts::texture) {
-    state.vertices.step(vertices, d_vertices);
+    if (settings.buildable.on)
+      step_buildable(state.vertices, vertices, d_vertices, settings.limits);
+    else
+      state.vertices.step(vertices, d_vertices);
   }
   if (parts_ == AttackParts::both || parts_ == AttackParts::texture)
     state.texels.step(state.adversary.atlas.texels, d_texels);

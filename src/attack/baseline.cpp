@@ -118,12 +118,10 @@ TexturedMesh filling_shape(Baseline kind, const AdversaryLimits& limits, const B
     shape.mesh = divided_cuboid(limits.half, kCuboidCells);
     shape.atlas.texels.assign(shape.mesh.faces.size() * shape.atlas.per_face(), Vec3d::Constant(0.5));
   }
-  if (buildable.on && kind == Baseline::cuboid) {  // it stands on its base: cut there it would lose its sides
-    Eigen::AlignedBox3d above = bounds(shape.mesh);
-    above.min().z() = -buildable.base * limits.half.z();
-    fit_bounds(shape.mesh, above);
+  if (buildable.on) {
+    make_buildable(shape, buildable, limits);
+    fit_bounds(shape.mesh, Eigen::AlignedBox3d(-limits.half, limits.half));
   }
-  if (buildable.on) make_buildable(shape, buildable, limits);
   return shape;
 }
 

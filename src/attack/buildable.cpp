@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "base/error.h"
 #include "geometry/solid.h"
@@ -11,8 +12,33 @@
 namespace mirage {
 namespace {
 
-double base_height(const BuildableSettings& settings, const AdversaryLimits& limits) {
-  return -settings.base * limits.half.z();
+/// m, what smooths an optimiser's step: a Gaussian's standard deviation as a share of the box's half height.
+constexpr double kReach = 0.3;
+/// Share of the box's half height before its sides over which steps towards them fade out.
+constexpr double kMargin = 0.2;
+/// Of the optimiser's rate: means of neighbours are shorter than their parts.
+constexpr double kRate = 1.5;
+/// m beyond the thinnest wall: walls below are moved apart before they are too thin.
+constexpr double kReserve = 0.005;
+
+double gaussian(double squared, double reach) {
+  return std::exp(-squared / (2 * reach * reach));
+}
+
+/// The field's mean around each vertex, weighted by a Gaussian of the distance in space.
+std::vector<Vec3d> smoothed(const std::vector<Vec3d>& vertices, const std::vector<Vec3d>& field,
+                            double reach) {
+  std::vector<Vec3d> result(field.size(), Vec3d::Zero());
+  for (std::size_t i = 0; i < field.size(); ++i) {
+    double sum = 0;
+    for (std::size_t k = 0; k < field.size(); ++k) {
+      const double weight = gaussian((vertices[i] - vertices[k]).squaredNorm(), reach);
+      sum += weight;
+      result[i] += weight * field[k];
+    }
+    result[i] /= sum;
+  }
+  return result;
 }
 
 void print(TexturedMesh& adversary, const BuildableSettings& settings) {
@@ -41,6 +67,78 @@ std::vector<int> offenders(const Mesh& mesh, double min_thickness) {
   return vertices;
 }
 
+double lowest(const std::vector<Vec3d>& vertices) {
+  double z = std::numeric_limits<double>::infinity();
+  for (const Vec3d& v : vertices) z = std::min(z, v.z());
+  return z;
+}
+
+/// Base vertices are those that `old` has on the floor: they stay there, to the bit, and others above.
+void hold_base(std::vector<Vec3d>& vertices, const std::vector<Vec3d>& old) {
+  const double floor = lowest(old), above = std::nextafter(floor, std::numeric_limits<double>::infinity());
+  for (std::size_t i = 0; i < vertices.size(); ++i)
+    vertices[i].z() = old[i].z() <= floor ? floor : std::max(vertices[i].z(), above);
+}
+
+/// m², of the faces whose corners are all at the lowest height.
+double base_area(const Mesh& mesh) {
+  const double floor = bounds(mesh).min().z();
+  const std::vector<Vec3d> normals = face_normals(mesh);
+  double area = 0;
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
+    const Face& face = mesh.faces[f];
+    if (std::ranges::all_of(face,
+                            [&](int v) { return mesh.vertices[static_cast<std::size_t>(v)].z() <= floor; }))
+      area += normals[f].norm() / 2;
+  }
+  return area;
+}
+
+/// Moves the two sides of thin walls apart, along their vertices' normals and within the box.
+void thicken(Mesh& mesh, const std::vector<Vec3d>& old, double least, const AdversaryLimits& limits) {
+  constexpr int kRounds = 4;
+  for (int round = 0; round < kRounds; ++round) {
+    std::vector<double> lack(mesh.vertices.size(), 0);
+    const std::vector<Wall> face_walls = walls(mesh);
+    bool thin = false;
+    for (std::size_t f = 0; f < face_walls.size(); ++f) {
+      if (face_walls[f].thickness >= least) continue;
+      thin = true;
+      for (const std::size_t side : {f, static_cast<std::size_t>(face_walls[f].opposite)})
+        for (const int v : mesh.faces[side]) {
+          double& most = lack[static_cast<std::size_t>(v)];
+          most = std::max(most, least - face_walls[f].thickness);
+        }
+    }
+    if (!thin) return;
+    std::vector<Vec3d> normals(mesh.vertices.size(), Vec3d::Zero());
+    const std::vector<Vec3d> of_faces = face_normals(mesh);
+    for (std::size_t f = 0; f < of_faces.size(); ++f)
+      for (const int v : mesh.faces[f]) normals[static_cast<std::size_t>(v)] += of_faces[f];
+    for (std::size_t i = 0; i < lack.size(); ++i)
+      if (lack[i] > 0 && normals[i].norm() > 0)
+        mesh.vertices[i] = (mesh.vertices[i] + 0.5 * lack[i] * normals[i].normalized())
+                               .cwiseMax(-limits.half)
+                               .cwiseMin(limits.half);
+    hold_base(mesh.vertices, old);
+  }
+}
+
+/// Takes the vertices that break a rule back to `old`, first half the way and then all of it, until none is
+/// left: faces all of whose vertices are back are as good as they were.
+void take_back(Mesh& mesh, const std::vector<Vec3d>& old, double min_thickness) {
+  std::vector<int> returned(old.size(), 0);
+  for (bool moved = true; moved;) {
+    moved = false;
+    for (const int i : offenders(mesh, min_thickness)) {
+      const auto k = static_cast<std::size_t>(i);
+      if (returned[k] >= 2) continue;
+      mesh.vertices[k] = returned[k]++ == 0 ? Vec3d((mesh.vertices[k] + old[k]) / 2) : old[k];
+      moved = true;
+    }
+  }
+}
+
 }  // namespace
 
 void check_buildable(const BuildableSettings& settings, const AdversaryLimits& limits) {
@@ -53,34 +151,40 @@ void check_buildable(const BuildableSettings& settings, const AdversaryLimits& l
 
 void make_buildable(TexturedMesh& adversary, const BuildableSettings& settings,
                     const AdversaryLimits& limits) {
-  const double base = base_height(settings, limits);
-  for (Vec3d& v : adversary.mesh.vertices) v.z() = std::max(v.z(), base);
+  const Eigen::AlignedBox3d box = bounds(adversary.mesh);
+  const bool stands = base_area(adversary.mesh) > 0;
+  const double floor = -limits.half.z(), cut = box.min().z() + (stands ? 0 : settings.base * box.sizes().z());
+  for (Vec3d& v : adversary.mesh.vertices) v.z() = v.z() <= cut ? floor : v.z() - cut + floor;
   print(adversary, settings);
   if (!offenders(adversary.mesh, settings.min_thickness).empty())
     throw FieldError("min_thickness", fmt::format("{}", settings.min_thickness),
-                     "the start is thinner than that", "use a smaller one");
+                     "the start is no solid of such walls", "use a smaller one, or --free");
+}
+
+void step_buildable(Adam& adam, std::vector<Vec3d>& vertices, const std::vector<Vec3d>& gradient,
+                    const AdversaryLimits& limits) {
+  const double reach = kReach * limits.half.z(), margin = kMargin * limits.half.z();
+  std::vector<Vec3d> way(vertices.size(), Vec3d::Zero());
+  const double rate = adam.learning_rate;
+  adam.learning_rate *= kRate;
+  adam.step(way, smoothed(vertices, gradient, reach));
+  adam.learning_rate = rate;
+  way = smoothed(vertices, way, reach);
+  for (std::size_t i = 0; i < vertices.size(); ++i)
+    for (int c = 0; c < 3; ++c) {
+      const double room = limits.half[c] - std::copysign(vertices[i][c], way[i][c] * vertices[i][c]);
+      vertices[i][c] += way[i][c] * std::clamp(room / margin, 0.0, 1.0);
+    }
 }
 
 void keep_buildable(TexturedMesh& adversary, const TexturedMesh& before, const BuildableSettings& settings,
                     const AdversaryLimits& limits) {
+  Mesh& mesh = adversary.mesh;
+  const std::vector<Vec3d>& old = before.mesh.vertices;
   print(adversary, settings);
-  const double base = base_height(settings, limits);
-  auto& vertices = adversary.mesh.vertices;
-  const auto& old = before.mesh.vertices;
-  // The base's own height, exactly: vertices that started on it never leave it.
-  for (std::size_t i = 0; i < vertices.size(); ++i)
-    vertices[i].z() = old[i].z() <= base ? base : std::max(vertices[i].z(), std::nextafter(base, 1.0));
-  std::vector<int> returned(vertices.size(), 0);
-  for (;;) {
-    bool moved = false;
-    for (const int i : offenders(adversary.mesh, settings.min_thickness)) {
-      const auto k = static_cast<std::size_t>(i);
-      if (returned[k] >= 2) continue;
-      vertices[k] = returned[k]++ == 0 ? Vec3d((vertices[k] + old[k]) / 2) : old[k];
-      moved = true;
-    }
-    if (!moved) return;  // none left: faces all of whose vertices are back are as good as they were before
-  }
+  hold_base(mesh.vertices, old);
+  thicken(mesh, old, settings.min_thickness + kReserve, limits);
+  take_back(mesh, old, settings.min_thickness);
 }
 
 TexturedMesh random_baseline(std::uint64_t seed, const AdversaryLimits& limits,
@@ -88,7 +192,11 @@ TexturedMesh random_baseline(std::uint64_t seed, const AdversaryLimits& limits,
   TexturedMesh random = random_adversary(seed, limits);
   if (!settings.on) return random;
   TexturedMesh start = initial_adversary(limits);
+  const std::vector<Vec3d> ellipsoid = start.mesh.vertices;
   make_buildable(start, settings, limits);
+  for (std::size_t i = 0; i < ellipsoid.size(); ++i)
+    random.mesh.vertices[i] += start.mesh.vertices[i] - ellipsoid[i];
+  project(random, limits);
   keep_buildable(random, start, settings, limits);
   return random;
 }
@@ -98,16 +206,11 @@ BuildableReport buildable_report(const TexturedMesh& adversary, const BuildableS
   BuildableReport report;
   report.intersecting_pairs = intersecting_faces(mesh).size();
   report.watertight = is_watertight(mesh);
-  const double lowest = bounds(mesh).min().z();
   report.min_thickness = 1e9;
   for (const Wall& wall : walls(mesh)) report.min_thickness = std::min(report.min_thickness, wall.thickness);
-  const auto on_base = [&](int v) { return mesh.vertices[static_cast<std::size_t>(v)].z() <= lowest; };
-  const std::vector<Vec3d> normals = face_normals(mesh);
-  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-    const Face& face = mesh.faces[f];
-    if (on_base(face[0]) && on_base(face[1]) && on_base(face[2])) report.base_area += normals[f].norm() / 2;
-  }
-  for (const std::size_t i : used_vertices(mesh)) report.base_vertices += on_base(static_cast<int>(i));
+  report.base_area = base_area(mesh);
+  const double floor = bounds(mesh).min().z();
+  for (const std::size_t i : used_vertices(mesh)) report.base_vertices += mesh.vertices[i].z() <= floor;
   const std::vector<Vec3d>& texels = adversary.atlas.texels;
   const auto within = std::count_if(texels.begin(), texels.end(), [&](const Vec3d& t) {
     return t.minCoeff() >= settings.black && t.maxCoeff() <= settings.white;

@@ -12,10 +12,10 @@ namespace mirage {
 
 /// The rules that a buildable adversary keeps.
 struct BuildableSettings {
-  bool on = false;
+  bool on = true;
   double min_thickness = 0.01;  ///< m, of the walls as geometry/solid.h measures them
-  /// Height of the flat base below the adversary's origin, as a share of the box's half height.
-  double base = 0.5;
+  /// Share of a start's height that is cut off for its flat base, unless it has one.
+  double base = 1.0 / 6;
   /// Reflectance of a print's black and white: texels stay between (scene-linear, each channel). A box around
   /// an offset print's gamut on matt paper; the true gamut is smaller for saturated colours.
   double black = 0.03, white = 0.85;
@@ -24,12 +24,13 @@ struct BuildableSettings {
 template <class Visitor, FieldsOf<BuildableSettings> S>
 void visit_fields(Visitor& visit, S& s) {
   visit({.name = "buildable",
-         .help = "keep the mesh printable: no self-intersection, thick walls, flat base, colours "
-                 "of a printer"},
+         .help = "let the mesh's faces pass through each other, as the paper does; otherwise it stays a "
+                 "printable solid with thick walls, a flat base and a printer's colours",
+         .option = "free"},
         s.on);
-  visit({.name = "min_thickness", .help = "with --buildable: thinnest wall, m", .range = {0, kLargestSize}},
+  visit({.name = "min_thickness", .help = "thinnest wall without --free, m", .range = {0, kLargestSize}},
         s.min_thickness);
-  visit({.name = "base", .range = {0, kLargestSize}, .option = ""}, s.base);
+  visit({.name = "cut", .range = kShare, .option = "", .lacking = "0"}, s.base);
   visit({.name = "black", .range = kShare, .option = ""}, s.black);
   visit({.name = "white", .range = kShare, .option = ""}, s.white);
 }
@@ -37,13 +38,23 @@ void visit_fields(Visitor& visit, S& s) {
 /// FieldError for a value that no mesh can meet.
 void check_buildable(const BuildableSettings& settings, const AdversaryLimits& limits);
 
-/// The start, made buildable: what lies below the base is moved up onto it, texels into the print's range.
+/// The start, made buildable: its lowest part is cut off for a flat base, which stands on the box's floor,
+/// and texels come into the print's range. FieldError for a start that is no such solid.
 void make_buildable(TexturedMesh& adversary, const BuildableSettings& settings,
                     const AdversaryLimits& limits);
 
-/// After an optimiser's step from `before`, which is buildable: base vertices (those that `before` has on the
-/// base) return to it, the others stay above it, and the vertices of faces that pass through another or whose
-/// wall is too thin go back towards `before`, first half the way and then all of it, until none is left.
+/// The optimiser's step of vertices (m) that keeps a solid one. The gradient and Adam's step are averaged
+/// over what is near in space (a Gaussian), and steps towards a side of the box fade out before it. So the
+/// step is a smooth map of space whose derivative stays close to the identity: it is invertible, and faces
+/// smaller than the Gaussian cannot pass through each other (Christensen, Rabbitt, Miller, IEEE Trans. Image
+/// Processing 1996). keep_buildable has the last word.
+void step_buildable(Adam& adam, std::vector<Vec3d>& vertices, const std::vector<Vec3d>& gradient,
+                    const AdversaryLimits& limits);
+
+/// After a step from `before`, which is buildable: vertices that `before` has at its lowest height stay
+/// there, the others above; walls that are nearly too thin are moved apart; and vertices of faces that pass
+/// through another, or whose wall is too thin all the same, go back towards `before`, first half the way and
+/// then all of it, until none is left.
 void keep_buildable(TexturedMesh& adversary, const TexturedMesh& before, const BuildableSettings& settings,
                     const AdversaryLimits& limits);
 

@@ -44,7 +44,9 @@ class FieldOptions {
     if (name.empty() || skip.contains(field.name)) return;
     name_option(field);
     if constexpr (std::same_as<T, bool>) {
-      app.add_flag("--" + name, value, field.help);
+      const bool set = field.option == nullptr;  // an option of another name says the opposite of the field
+      app.add_flag_function(
+          "--" + name, [&value, set](std::int64_t times) { value = (times > 0) == set; }, field.help);
     } else if constexpr (HasWords<T>) {
       std::string words;
       for (const char* word : words_of(value)) words += (words.empty() ? "{" : ",") + std::string(word);

@@ -39,7 +39,7 @@ const std::vector<std::pair<std::string, std::vector<std::string>>>& headings() 
         "--matching", "--trust-run", "--start", "--camera", "--lidar", "--fresh", "--gate", "--claim",
         "--score", "--iou", "--keep-start"}},
       {"Object",
-       {"--size", "--parts", "--mesh", "--buildable", "--min-thickness", "--baseline", "--random-meshes",
+       {"--size", "--parts", "--mesh", "--free", "--min-thickness", "--baseline", "--random-meshes",
         "--mesh-forward", "--mesh-up", "--model", "--mesh-format", "--objects", "--sizes"}},
       {"Camera, light and LiDAR",
        {"--quality", "--sigma", "--gamma", "--supersampling", "--light", "--camera-effects",

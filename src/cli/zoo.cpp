@@ -3,7 +3,11 @@
 
 #include <fmt/ranges.h>
 
+#include <algorithm>
+#include <map>
 #include <memory>
+#include <set>
+#include <sstream>
 
 #include "attack/adversary.h"
 #include "attack/baseline.h"
@@ -22,18 +26,39 @@ namespace mirage::cli {
 namespace {
 
 struct ZooOptions {
-  std::string learned = "lidar,camera,painted,fusion,late,refined,fusion:buildable";
-  int frames = 24, judged = 40, iterations = 60;
+  std::string learned =
+      "lidar,camera,painted,fusion,late,refined,lidar:free,fusion:free,late:free,fusion:image,fusion:lidar,"
+      "late:lidar,lidar:xenith,camera:xenith,fusion:xenith,late:xenith";
+  std::string judges = "lidar,camera,painted,fusion,late,refined";
+  int frames = 24, judged = 20, iterations = 60;
   std::string quality = "draft";
+};
+
+constexpr const char *kFirstRig = "kitti64", *kReference = "fusion";
+
+/// An object that is learned, by its words: "fusion", "late:free:xenith".
+struct Recipe {
+  std::string detector, target = "both", rig = kFirstRig;
+  bool free = false;  ///< of the rules of what can be built
+
+  std::string name() const {
+    return detector + (target == "both" ? "" : "-" + target) + (free ? "-free" : "") +
+           (rig == kFirstRig ? "" : "-" + rig);
+  }
+  std::string what() const {
+    return "learned against " + detector + (target == "both" ? "" : " by its " + target + " alone") +
+           (rig == kFirstRig ? "" : " on frames of " + rig) + (free ? ", no solid" : "");
+  }
 };
 
 /// Not yet a file.
 struct ZooObject {
   std::string name;
   TexturedMesh mesh;
-  std::string kind, what;           ///< "learned", "shape" or "load"
-  std::string detector = "fusion";  ///< that it was learned against, or that it is judged by
-  nlohmann::json made = nullptr;    ///< how it was learned
+  std::string kind, what;             ///< "learned", "shape" or "load"
+  std::string detector = kReference;  ///< that it was learned against, or that it is judged by
+  std::string rig = kFirstRig;        ///< whose frames it was learned on and is judged on
+  nlohmann::json made = nullptr;      ///< how it was learned
 };
 
 constexpr const char* kLicence = "Apache-2.0";
@@ -42,14 +67,38 @@ constexpr int kTexels = 3;  ///< C of what ships: a file stays under 300 kB
 void add_options(CLI::App& app, ZooOptions& options) {
   app.add_option(
          "--learn", options.learned,
-         "objects to learn: detectors by their words, \":buildable\" after those that shall be printable; "
-         "none: shapes and loads alone")
+         "objects to learn: detectors by their words, each with \":free\" for a mesh that need not be "
+         "buildable, \":image\" or \":lidar\" for one sensor's gradient, \":RIG\" for frames of another "
+         "rig; none: shapes and loads alone")
+      ->capture_default_str();
+  app.add_option("--judges", options.judges,
+                 "detectors that judge every object; own: each object's own alone")
       ->capture_default_str();
   app.add_option("--frames", options.frames, "generated frames to learn on")->capture_default_str();
   app.add_option("--judged", options.judged, "generated frames to judge on")->capture_default_str();
   app.add_option("--iterations", options.iterations, "attack steps of each")->capture_default_str();
   app.add_option("--quality", options.quality, "of the attacks' pictures: draft or default")
       ->capture_default_str();
+}
+
+/// FieldError for a word that is none.
+Recipe recipe_of(const std::string& text) {
+  const std::vector<std::string> rigs = shipped_names("scenes/rigs", ".toml");
+  Recipe recipe;
+  std::istringstream words(text);
+  std::getline(words, recipe.detector, ':');
+  for (std::string word; std::getline(words, word, ':');) {
+    if (word == "free")
+      recipe.free = true;
+    else if (word == "image" || word == "lidar")
+      recipe.target = word;
+    else if (std::ranges::find(rigs, word) != rigs.end())
+      recipe.rig = word;
+    else
+      throw FieldError("learn", text, word + " is no word of an object",
+                       fmt::format("use free, image, lidar, or a rig: {}", fmt::join(rigs, ", ")));
+  }
+  return recipe;
 }
 
 std::vector<ZooObject> made_without_learning(std::uint64_t seed) {
@@ -67,37 +116,32 @@ std::vector<ZooObject> made_without_learning(std::uint64_t seed) {
   return objects;
 }
 
-/// Learns an object against "fusion" or "fusion:buildable".
-ZooObject learn(const std::string& word, const ZooOptions& options, const Common& common,
+ZooObject learn(const Recipe& recipe, const ZooOptions& options, const Common& common,
                 const std::filesystem::path& data) {
-  const auto colon = word.find(':');
-  const std::string detector = word.substr(0, colon),
-                    how = colon == std::string::npos ? "" : word.substr(colon + 1);
-  if (!how.empty() && how != "buildable")
-    throw FieldError("learn", word, "asks for an object that is no kind",
-                     "use DETECTOR or DETECTOR:buildable");
-  const std::string name = detector + (how.empty() ? "" : "-" + how);
-  const std::filesystem::path run = common.out / "runs" / name;
+  const std::filesystem::path run = common.out / "runs" / recipe.name();
   NamedSettings settings = {{"data", data.string()},
-                            {"detector", detector},
+                            {"detector", recipe.detector},
+                            {"target", recipe.target},
                             {"quality", options.quality},
                             {"iterations", std::to_string(options.iterations)},
                             {"seed", std::to_string(common.seed)},
                             {"threads", std::to_string(common.threads)},
                             {"quiet", fmt::format("{}", common.quiet)},
                             {"out", run.string()}};
-  if (!how.empty()) settings["buildable"] = "true";
+  if (recipe.free) settings["free"] = "true";
   const nlohmann::json result = run_command("attack", settings, "mirage zoo");
   const Run learned = read_run(run);
-  return {name,
+  return {recipe.name(),
           learned.adversary,
           "learned",
-          "learned against " + detector + (how.empty() ? "" : ", printable"),
-          detector,
+          recipe.what(),
+          recipe.detector,
+          recipe.rig,
           {{"identity", result.at("provenance").at("identity")},
            {"iterations", options.iterations},
            {"vehicles", learned.train.size()},
-           {"quality", options.quality}}};
+           {"quality", options.quality},
+           {"buildable", result.at("buildable")}}};
 }
 
 nlohmann::json about(const ZooObject& object, const Common& common) {
@@ -112,6 +156,7 @@ nlohmann::json about(const ZooObject& object, const Common& common) {
                          {"faces", object.mesh.mesh.faces.size()}};
   if (!object.made.is_null()) json["learned"] = object.made;
   if (object.kind == "learned") json["learned"]["detector"] = object.detector;
+  if (object.kind == "learned") json["learned"]["rig"] = object.rig;
   return json;
 }
 
@@ -139,43 +184,56 @@ std::map<std::string, nlohmann::json> judge(const std::vector<std::filesystem::p
 }
 
 nlohmann::json run(const ZooOptions& options, const Common& common) {
-  const std::filesystem::path data = common.out / "data", judged = common.out / "judged",
-                              folder = common.out / "objects";
-  const auto generate = [&](const std::filesystem::path& where, int frames, std::uint64_t seed) {
-    if (frames < 1) throw FieldError("frames", std::to_string(frames), "is too few", "use at least 1");
+  const std::filesystem::path folder = common.out / "objects";
+  if (options.frames < 1 || options.judged < 1)
+    throw FieldError("frames", "0", "is too few", "use at least 1, and of --judged");
+  // Frames of seeds that no shipped detector was trained on, and of two different ones; made when asked for.
+  const auto frames_of = [&](const std::string& rig, bool judged) {
+    const std::filesystem::path out = common.out / ((judged ? "judged-" : "data-") + rig);
     run_command("generate",
-                {{"rig", "kitti64"},
-                 {"frames", std::to_string(frames)},
-                 {"seed", std::to_string(seed)},
+                {{"rig", rig},
+                 {"frames", std::to_string(judged ? options.judged : options.frames)},
+                 {"seed", std::to_string(common.seed + (judged ? 90002 : 90001))},
                  {"threads", std::to_string(common.threads)},
                  {"quiet", fmt::format("{}", common.quiet)},
-                 {"out", where.string()}},
+                 {"out", out.string()}},
                 "mirage zoo");
+    return out;
   };
+  std::vector<Recipe> recipes;
+  if (options.learned != "none")
+    for (const std::string& word : listed_words(options.learned)) recipes.push_back(recipe_of(word));
   std::vector<ZooObject> objects = made_without_learning(common.seed);
-  const std::vector<std::string> words =
-      options.learned == "none" ? std::vector<std::string>() : listed_words(options.learned);
-  // Frames of seeds that no shipped detector was trained on, and of two different ones.
-  generate(judged, options.judged, common.seed + 90002);
-  if (!words.empty()) generate(data, options.frames, common.seed + 90001);
-  for (const std::string& word : words) objects.push_back(learn(word, options, common, data));
+  for (const Recipe& recipe : recipes)
+    objects.push_back(learn(recipe, options, common, frames_of(recipe.rig, false)));
 
-  std::map<std::string, std::vector<std::filesystem::path>> files;  // by detector
+  using Judge = std::pair<std::string, std::string>;  // rig, detector
+  std::map<Judge, std::vector<std::filesystem::path>> files;
+  std::set<std::string> judges;
+  if (options.judges != "own")
+    for (const std::string& word : listed_words(options.judges)) judges.insert(word);
   nlohmann::json list = nlohmann::json::array();
   for (ZooObject& object : objects) {
     if (object.mesh.atlas.resolution > kTexels) object.mesh = resampled(object.mesh, kTexels);
     const std::filesystem::path file = folder / (object.name + ".glb");
     list.push_back(about(object, common));
     write_object(file, object.mesh, list.back());
-    files[object.detector].push_back(file);
+    files[{object.rig, object.detector}].push_back(file);
+    for (const std::string& word : judges)
+      if (Judge(kFirstRig, word) != Judge(object.rig, object.detector))
+        files[{kFirstRig, word}].push_back(file);
+  }
+  for (const auto& [who, its] : files) {
+    const auto& [rig, detector] = who;
+    const auto shares = judge(its, detector, frames_of(rig, true), common);
+    for (std::size_t i = 0; i < objects.size(); ++i) {
+      const auto share = shares.find(objects[i].name);
+      if (share == shares.end()) continue;
+      if (rig == objects[i].rig && detector == objects[i].detector) list[i]["vanished"] = share->second;
+      if (rig == kFirstRig && judges.contains(detector)) list[i]["judged_by"][detector] = share->second;
+    }
   }
   Rows rows;
-  for (const auto& [detector, its] : files) {
-    const auto shares = judge(its, detector, judged, common);
-    for (nlohmann::json& object : list)
-      if (const auto share = shares.find(object.at("name")); share != shares.end())
-        object["vanished"] = share->second;
-  }
   for (const nlohmann::json& object : list) {
     const nlohmann::json& share = object.at("vanished");
     rows.push_back({object.at("name"),
@@ -183,13 +241,12 @@ nlohmann::json run(const ZooOptions& options, const Common& common) {
                                 percent(share.at("value"), share.at("low"), share.at("high")),
                                 share.at("vehicles").get<int>(), share.at("detector").get<std::string>())});
   }
-  write_json(
-      folder / "zoo.json",
-      {{"command",
-        fmt::format("mirage zoo --seed {} --learn {} --frames {} --judged {} --iterations {} --quality {}",
-                    common.seed, options.learned, options.frames, options.judged, options.iterations,
-                    options.quality)},
-       {"objects", list}});
+  write_json(folder / "zoo.json",
+             {{"command", fmt::format("mirage zoo --seed {} --learn {} --judges {} --frames {} --judged {} "
+                                      "--iterations {} --quality {}",
+                                      common.seed, options.learned, options.judges, options.frames,
+                                      options.judged, options.iterations, options.quality)},
+              {"objects", list}});
   print_table(rows);
   return {{"objects", list}};
 }

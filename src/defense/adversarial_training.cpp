@@ -27,6 +27,7 @@ namespace fs = std::filesystem;
 /// The adversary's side of the training as an attack's settings.
 AttackSettings attack_settings(const DefenseSettings& settings) {
   AttackSettings attack;
+  attack.buildable.on = false;  // what need not be built is the stronger opponent
   static_cast<FrameSource&>(attack) = settings;
   attack.detector = settings.detector;
   attack.batch = settings.adversary_batch;

@@ -103,6 +103,17 @@ std::vector<std::array<int, 2>> intersecting_faces(const Mesh& mesh) {
   return pairs;
 }
 
+/// The corner (0 to 2) of f that is not on the edge that both faces have; −1 where they have none.
+int apex_over_neighbour(const Face& f, const Face& k) {
+  int apex = -1, common = 0;
+  for (int i = 0; i < 3; ++i)
+    if (f[i] == k[0] || f[i] == k[1] || f[i] == k[2])
+      ++common;
+    else
+      apex = i;
+  return common == 2 ? apex : -1;
+}
+
 std::vector<Wall> walls(const Mesh& mesh) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   const int faces = static_cast<int>(mesh.faces.size());
@@ -113,13 +124,18 @@ std::vector<Wall> walls(const Mesh& mesh) {
     if (!(normal.norm() > 0)) continue;
     const Vec3d inwards = -normal.normalized(), middle = (t[0] + t[1] + t[2]) / 3;
     Wall& wall = result[static_cast<std::size_t>(f)];
-    for (const Vec3d& from :
-         {middle, Vec3d((middle + t[0]) / 2), Vec3d((middle + t[1]) / 2), Vec3d((middle + t[2]) / 2)})
-      for (int k = 0; k < faces; ++k) {
-        if (k == f) continue;
-        const double distance = meets(corners(mesh, k), from, inwards);
+    const std::array<Vec3d, 4> samples = {middle, (middle + t[0]) / 2, (middle + t[1]) / 2,
+                                          (middle + t[2]) / 2};
+    for (int k = 0; k < faces; ++k) {
+      if (k == f) continue;
+      const int apex = apex_over_neighbour(mesh.faces[static_cast<std::size_t>(f)],
+                                           mesh.faces[static_cast<std::size_t>(k)]);
+      for (int s = 0; s < 4; ++s) {
+        if (apex >= 0 && s > 0 && s - 1 != apex) continue;  // beside the edge
+        const double distance = meets(corners(mesh, k), samples[static_cast<std::size_t>(s)], inwards);
         if (distance >= 0 && distance < wall.thickness) wall = {distance, k};
       }
+    }
   }
   return result;
 }

@@ -191,6 +191,57 @@ TEST(Buildable, TheStartStandsFlat) {
   EXPECT_EQ(buildable_report(initial_adversary(), settings).base_area, 0.0);
 }
 
+TEST(Buildable, AStepIsAMapOfSpaceThatFoldsNothing) {
+  const BuildableSettings settings;
+  TexturedMesh solid = start(settings), loose = solid;
+  const std::vector<Vec3d> first = solid.mesh.vertices;
+  RandomStream random(11, "gradient");
+  std::vector<Vec3d> gradient(first.size());
+  for (Vec3d& g : gradient) g = {random.normal(), random.normal(), random.normal()};
+  Adam adam, other;
+  adam.learning_rate = other.learning_rate = 0.02;
+  for (int i = 0; i < 20; ++i) {
+    step_buildable(adam, solid.mesh.vertices, gradient, {});
+    other.step(loose.mesh.vertices, gradient);
+  }
+  EXPECT_EQ(adam.learning_rate, 0.02);
+  double moved = 0;
+  for (std::size_t i = 0; i < first.size(); ++i) {
+    moved += (solid.mesh.vertices[i] - first[i]).norm() / static_cast<double>(first.size());
+    EXPECT_LE((solid.mesh.vertices[i].cwiseAbs() - AdversaryLimits().half).maxCoeff(), 1e-12);
+  }
+  EXPECT_GT(moved, 0.1);
+  EXPECT_TRUE(intersecting_faces(solid.mesh).empty());
+  EXPECT_FALSE(intersecting_faces(loose.mesh).empty());
+}
+
+TEST(Buildable, ThinWallsAreMovedApart) {
+  BuildableSettings settings;
+  const TexturedMesh before = start(settings);
+  TexturedMesh after = before;
+  const double top = bounds(before.mesh).max().z();
+  for (Vec3d& v : after.mesh.vertices)
+    if (v.z() > -0.5) v.z() = -0.5 + 0.012 * (v.z() + 0.5) / (top + 0.5);
+  EXPECT_LT(thinnest(after.mesh), 0.01);
+  keep_buildable(after, before, settings, {});
+  EXPECT_GE(thinnest(after.mesh), 0.01);
+}
+
+TEST(Buildable, AStartThatStandsIsNotCut) {
+  const BuildableSettings settings;
+  TexturedMesh once = start(settings);
+  EXPECT_EQ(bounds(once.mesh).min().z(), -AdversaryLimits().half.z());
+  const auto vertices = once.mesh.vertices;
+  make_buildable(once, settings, {});
+  EXPECT_EQ(once.mesh.vertices, vertices);
+  for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid}) {
+    const TexturedMesh shape = filling_shape(kind, {}, settings);
+    EXPECT_TRUE(bounds(shape.mesh).isApprox(Eigen::AlignedBox3d(-kRoofBox, kRoofBox), 1e-12))
+        << to_string(kind);
+    EXPECT_TRUE(buildable_report(shape, settings).holds(settings.min_thickness)) << to_string(kind);
+  }
+}
+
 TEST(Buildable, StaysSoUnderWildSteps) {
   BuildableSettings settings;
   settings.on = true;

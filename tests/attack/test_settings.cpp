@@ -155,6 +155,7 @@ TEST(Settings, ARunOfAnEarlierProgramGoesOnWithTheSameSettingsAndNoOthers) {
   AttackSettings settings;
   settings.data = "/data";
   settings.rooftop = "box";
+  settings.buildable.on = false;
   settings.objective.fp_top_k = 0;
   const nlohmann::json written = as_of_an_earlier_program(identity(settings).json);
   check_identity("checkpoint.json", written, identity(settings));

@@ -58,9 +58,10 @@ inline Sweep tiny_sweep(const Box3* box) {
   return sweep;
 }
 
-/// Few hosts a step, and the paper's slow rates.
+/// Few hosts a step, and the paper's slow rates and free mesh.
 inline AttackSettings tiny_attack() {
   AttackSettings settings;
+  settings.buildable.on = false;
   settings.batch = 2;
   settings.vertex_rate = 1e-3;
   settings.texel_rate = 4e-3;

@@ -99,6 +99,18 @@ TEST(Walls, OfASphereAreItsDiameterAndOfASlabItsHeight) {
   EXPECT_GT(level, 50);
 }
 
+TEST(Walls, AnEdgeIsNoWall) {
+  // A prism with a sharp edge along y: its two sides meet there, and are thin only beside it.
+  const double angle = 0.2, tip = std::tan(angle);
+  Mesh wedge;
+  wedge.vertices = {{0, 0, 0}, {0, 1, 0}, {1, 0, 0}, {1, 1, 0}, {1, 0, tip}, {1, 1, tip}};
+  wedge.faces = {{0, 1, 2}, {1, 3, 2}, {0, 4, 1}, {1, 4, 5}, {2, 3, 4}, {3, 5, 4}, {0, 2, 4}, {1, 5, 3}};
+  ASSERT_TRUE(is_watertight(wedge));
+  ASSERT_GT(signed_volume(wedge), 0);
+  // From the lower side, a third of the way from the edge.
+  EXPECT_NEAR(walls(wedge)[0].thickness, tip / 3, 1e-12);
+}
+
 TEST(Walls, AnOpenMeshAndAFaceWithoutAreaHaveNone) {
   Mesh open;
   open.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};

@@ -95,6 +95,7 @@ std::string CaseList::attack(const std::string& rig, const std::string& detector
                 {"texel_rate", fmt::format("{}", recipe.texel_rate)},
                 {"fp_top_k", std::to_string(recipe.objective.fp_top_k)},
                 {"lidar_gradient", to_word(LidarGradient::silhouette)},
+                {"free", "true"},  // as the paper's mesh is
                 {"seed", std::to_string(settings_.seed)}},
                {}};
   if (variant.size > 0) command.settings["size"] = fmt::format("{:.1f}", variant.size);
