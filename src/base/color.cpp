@@ -12,41 +12,45 @@ std::uint8_t level_of(float linear) {
   return static_cast<std::uint8_t>(std::lround(255 * srgb_from_linear(linear)));
 }
 
-/// level_of as a table: of each range of values with the same exponent and upper eight bits of the mantissa,
-/// the level of its first value, and the value from which the next level holds. A range is no wider than a
-/// level.
-struct LevelTable {
-  static constexpr std::uint32_t kFirst = 0x38800000 >> 15;  // 6e-5, which is level 0 yet
-  static constexpr std::uint32_t kLast = 0x3f800000 >> 15;   // 1
-  std::array<std::uint8_t, kLast - kFirst> level;
-  std::array<float, kLast - kFirst> next;
-  LevelTable() {
-    for (std::uint32_t i = 0; i < level.size(); ++i) {
-      std::uint32_t low = (kFirst + i) << 15, high = low + (1u << 15);
-      level[i] = level_of(std::bit_cast<float>(low));
+/// level_of as a table that is looked up without a branch, by a value's sign, exponent and upper eight bits
+/// of the mantissa. Values of an entry have two levels at most: it holds the lower one times 2^16, and so
+/// much more that with the other bits of the first value of the upper level it carries over.
+class LevelTable {
+ public:
+  LevelTable() : entries_(std::size_t{1} << (32 - kShift)) {
+    for (std::uint32_t i = kWhite >> kShift; i <= kInfinity >> kShift; ++i) entries_[i] = 255u << 16;
+    for (std::uint32_t i = kDark >> kShift; i < kWhite >> kShift; ++i) {
+      const std::uint32_t first = i << kShift, level = level_of(std::bit_cast<float>(first));
+      std::uint32_t low = first, high = first + (1u << kShift);
       while (low < high) {  // the first value of another level
         const std::uint32_t middle = low + (high - low) / 2;
-        if (level_of(std::bit_cast<float>(middle)) == level[i])
+        if (level_of(std::bit_cast<float>(middle)) == level)
           low = middle + 1;
         else
           high = middle;
       }
-      next[i] = std::bit_cast<float>(low);
+      entries_[i] = (level << 16) + (1u << 16) - (low - first);
     }
   }
-  std::uint8_t operator()(float linear) const {
-    if (!(linear > std::bit_cast<float>(kFirst << 15))) return 0;
-    if (linear >= 1) return 255;
-    const std::uint32_t i = (std::bit_cast<std::uint32_t>(linear) >> 15) - kFirst;
-    return static_cast<std::uint8_t>(level[i] + (linear >= next[i]));
-  }
+  const std::uint32_t* data() const { return entries_.data(); }
+  static constexpr int kShift = 15;
+
+ private:
+  // 6e-5, which is level 0 yet; 1; infinity.
+  static constexpr std::uint32_t kDark = 0x38800000, kWhite = 0x3f800000, kInfinity = 0x7f800000;
+  std::vector<std::uint32_t> entries_;
 };
 
 }  // namespace
 
 void write_srgb_bytes(std::span<const float> linear, std::uint8_t* bytes) {
   static const LevelTable table;
-  for (std::size_t i = 0; i < linear.size(); ++i) bytes[i] = table(linear[i]);
+  const std::uint32_t* entries = table.data();
+  constexpr std::uint32_t kRest = (1u << LevelTable::kShift) - 1;
+  for (std::size_t i = 0; i < linear.size(); ++i) {
+    const auto bits = std::bit_cast<std::uint32_t>(linear[i]);
+    bytes[i] = static_cast<std::uint8_t>((entries[bits >> LevelTable::kShift] + (bits & kRest)) >> 16);
+  }
 }
 
 std::vector<std::uint8_t> srgb_bytes(const ImageF& linear) {
