@@ -71,7 +71,7 @@ SeenChange seen_change(Detector& detector, FrameStore& store, const std::vector<
   CleanSights sights;
   SeenChange seen;
   if (!detector.capabilities().has_gradients) return seen;
-  double told = 0, squared = 0;
+  double told = 0, squared = 0, predicted_squared = 0;
   for (const std::string& frame : frames) {
     for (const Host& host :
          find_hosts(store, frame, detector.region(), settings.simulation, settings.min_view)) {
@@ -93,12 +93,14 @@ SeenChange seen_change(Detector& detector, FrameStore& store, const std::vector<
           measured += side * (there.hide + there.false_positive);
         }
         told += predicted * measured, squared += measured * measured;
+        predicted_squared += predicted * predicted;
         seen.largest = std::max(seen.largest, std::abs(measured));
       }
     }
     if (seen.vehicles == vehicles) break;
   }
   if (squared > 0) seen.share = told / squared;
+  if (squared * predicted_squared > 0) seen.cosine = told / std::sqrt(squared * predicted_squared);
   return seen;
 }
 
@@ -119,9 +121,10 @@ std::vector<std::pair<std::string, std::string>> rows_of(const FoundClean& found
   }
   if (seen.vehicles > 0)
     rows.push_back(
-        {"gradient", fmt::format("sees {:.2f} of the change when the object moves by 1 cm (1: all; "
-                                 "{} vehicles, the largest change {:.2g})",
-                                 seen.share, seen.vehicles, seen.largest)});
+        {"gradient",
+         fmt::format("sees {:.2f} of the change when the object moves by 1 cm (1: all; cosine {:.2f}; "
+                     "{} vehicles, the largest change {:.2g})",
+                     seen.share, seen.cosine, seen.vehicles, seen.largest)});
   else
     rows.push_back(
         {"gradient", "not looked at: the detector gives none, or finds no vehicle that can carry an object"});
@@ -144,7 +147,8 @@ nlohmann::json to_json(const BoxHabits& habits) {
 }
 
 nlohmann::json to_json(const SeenChange& seen) {
-  return {{"vehicles", seen.vehicles}, {"share", seen.share}, {"largest", seen.largest}};
+  return {
+      {"vehicles", seen.vehicles}, {"share", seen.share}, {"cosine", seen.cosine}, {"largest", seen.largest}};
 }
 
 }  // namespace mirage

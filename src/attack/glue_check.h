@@ -33,6 +33,9 @@ struct SeenChange {
   /// above: the gradient is too large. What jumps (a ray that comes to hit, a network's own choices) keeps it
   /// below 1.
   double share = 0;
+  /// Σ predicted · measured / √(Σ predicted² Σ measured²): whether it points where the change goes, however
+  /// large it is.
+  double cosine = 0;
   double largest = 0;  ///< of the measured changes, absolute
 };
 /// Puts the start of an attack on the roofs of the first `vehicles` hosts that the detector finds.
