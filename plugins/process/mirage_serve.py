@@ -2,11 +2,13 @@
 
     mirage attack --detector "exec:python3 my_detector.py" --data path/to/kitti
 
-detector(image, points, pixel_from_velo) -> (boxes, logits), detector(image), or detector(frame) for all sensors by name, on
-torch tensors if the program has imported torch, else on numpy arrays: what mirage.attack(detector=…) takes. This file imports
-nothing of Mirage, and Mirage puts it on the path. Its attributes, all optional: region (x_min, x_max, y_min, y_max in m), classes
-(["Car", …], in the order of its labels), heights (True: its boxes of 7 or 9 numbers are compared in space, too), new_sequence() (it
-remembers frames, and another sequence begins), backward(d_logits) -> (d_image, d_points), or {sensor: gradient}, without torch.
+detector(image, points, pixel_from_velo) -> (boxes, logits), detector(points), detector(image) for boxes in the picture, or
+detector(frame) for all sensors by name, on torch tensors if the program has imported torch, else on numpy arrays: what mirage.attack(detector=…) takes. This file imports
+nothing of Mirage, and Mirage puts it on the path. Its attributes, all optional: reads (("image", "points"), or one of them: the other
+comes without rows), pictures ("linear": float32, scene-linear in [0, 1]; "srgb8": 0 … 255 as a file has them, float32 for torch), region
+(x_min, x_max, y_min, y_max in m), classes (["Car", …], in the order of its labels), heights (True: its boxes of 7 or 9 numbers are
+compared in space, too), new_sequence() (it remembers frames, and another sequence begins), backward(d_logits) -> (d_image, d_points), or
+{sensor: gradient}, without torch.
 """
 
 import inspect
@@ -18,7 +20,9 @@ import traceback
 
 import numpy as np
 
-REGION = (0.0, 70.0, -40.0, 40.0)
+ATTRIBUTES = {"reads": ("image", "points"), "pictures": "linear", "region": (0.0, 70.0, -40.0, 40.0), "classes": (),
+              "heights": False}
+READS = ATTRIBUTES["reads"]
 GUIDE = ("give (boxes, logits [M]), boxes [M,5]: x, y, length, width (m), yaw (rad), [M,7]: x, y, z, length, width, height, "
          "yaw, or [M,9]: and vx, vy; for boxes in the picture [M,4]")
 
@@ -46,28 +50,38 @@ class Network:
 
     error = ValueError
 
-    def __init__(self, function):
+    def __init__(self, function, **given):
+        """given: attributes that the function has not."""
         if not callable(function):
             raise self._bad("type", f"{type(function).__name__} cannot be called", "give a function or a torch.nn.Module")
         self.function, self.torch = function, sys.modules.get("torch")
         self.differentiable = self.torch is not None or hasattr(function, "backward")
         self.takes = self._takes()
         self.finds_picture = self.takes == "image"
-        self.classes = [str(name).capitalize() for name in getattr(function, "classes", ())]
-        region = getattr(function, "region", REGION)
-        self.region = tuple(float(edge) for edge in (region() if callable(region) else region))
-        if len(self.region) != 4 or not (self.region[0] < self.region[1] and self.region[2] < self.region[3]):
-            raise self._bad("region", f"is {self.region}", "give (x_min, x_max, y_min, y_max) in m, or leave it out")
+        for name in set(given) - set(ATTRIBUTES):
+            raise self._bad(name, "is no attribute of a detector", "use " + ", ".join(ATTRIBUTES))
+        about = {name: getattr(function, name, value) for name, value in {**ATTRIBUTES, **given}.items()}
+        reads, region = about["reads"], about["region"]
+        self.reads = [self.takes] if self.takes in READS else [reads] if isinstance(reads, str) else list(reads)
+        self.pictures, self.heights = about["pictures"], bool(about["heights"])
+        self.classes = [str(name).capitalize() for name in about["classes"]]
+        self.region = [float(edge) for edge in (region() if callable(region) else region)]
         parameters = getattr(function, "parameters", None)
         parameter = next(iter(parameters()), None) if self.torch and callable(parameters) else None
         self.device = getattr(function, "device", "cpu" if parameter is None else parameter.device)
         self._inputs, self._logits = {}, None
 
+    def word(self):
+        """What it says of itself: the answer to the job hello."""
+        return {"reads": self.reads, "pictures": self.pictures, "finds": "picture" if self.finds_picture else "boxes",
+                "region": self.region, "gradient": self.differentiable, "classes": self.classes,
+                "heights": self.heights, "remembers": hasattr(self.function, "new_sequence")}
+
     def _bad(self, field, problem, fix):
         return self.error(f"detector: {field}: {problem}; {fix}")
 
     def _takes(self):
-        """"image" (it finds boxes in the picture), "frame", or "all": (image, points, pixel_from_velo)."""
+        """"image" (it finds boxes in the picture), "points", "frame", or "all": (image, points, pixel_from_velo)."""
         module = self.torch is not None and isinstance(self.function, self.torch.nn.Module)
         try:
             parameters = inspect.signature(self.function.forward if module else self.function).parameters.values()
@@ -77,9 +91,9 @@ class Network:
         if len(needed) == 3 or any(p.kind is p.VAR_POSITIONAL for p in parameters):
             return "all"
         if len(needed) == 1:
-            return "frame" if needed[0].name == "frame" else "image"
+            return needed[0].name if needed[0].name in ("frame", "points") else "image"
         raise self._bad("signature", f"takes {len(needed)} arguments",
-                        "take (image, points, pixel_from_velo), image alone, or frame")
+                        "take (image, points, pixel_from_velo), points or image alone, or frame")
 
     def forward(self, frame, keep_graph):
         """(boxes, logits, classes or None) as arrays of a Frame of arrays; keep_graph prepares backward."""
@@ -100,7 +114,7 @@ class Network:
             empty = self.torch.zeros if self.torch else np.zeros
             arguments = [group[name] if name in group else empty(shape) for group, name, shape in (
                 (frame.images, "camera", (0, 0, 3)), (frame.points, "lidar", (0, 4)), (frame.pixel_from_velo, "camera", (3, 4)))]
-        arguments = arguments[: 1 if self.takes == "image" else 3]
+            arguments = arguments[READS.index(self.takes):][:1] if self.takes in READS else arguments
         if self.torch is None:
             return self._checked(self.function(*arguments))
         with self.torch.set_grad_enabled(keep_graph):
@@ -148,9 +162,6 @@ class Network:
                                                                     allow_unused=True)))
             found = {name: part.detach().cpu().float().contiguous().numpy() for name, part in found.items() if part is not None}
         self._logits = None
-        for name, part in found.items():
-            if part is not None and not np.isfinite(part).all():
-                raise self._bad(f"gradient to {name}", "is not finite", "look for roots and norms of 0 in the network")
         return {name: part for name, part in found.items() if part is not None}
 
 
@@ -202,10 +213,9 @@ class _Memory:
         return where
 
 
-def serve(function, reads=("image", "points"), pictures="linear"):
-    """Answers Mirage until it closes the connection. `reads`: what the detector looks at. `pictures`: "linear" (float32,
-    scene-linear in [0, 1]) or "srgb8" (0 … 255 as a file has them; float32 for torch)."""
-    network = Network(function)
+def serve(function, **attributes):
+    """Answers Mirage until it closes the connection. `attributes`: those that the function has not, as reads=("points",)."""
+    network = Network(function, **attributes)
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what else is printed goes to the terminal
     memory, lidars = None, ()
@@ -217,10 +227,7 @@ def serve(function, reads=("image", "points"), pictures="linear"):
                 memory = _Memory(job["memory"])
                 if network.torch:
                     network.torch.set_num_threads(job["threads"])
-                answer.update(protocol=1, reads=["image"] if network.finds_picture else list(reads), pictures=pictures,
-                              finds="picture" if network.finds_picture else "boxes", region=network.region,
-                              gradient=network.differentiable, classes=network.classes,
-                              heights=bool(getattr(function, "heights", False)), remembers=hasattr(function, "new_sequence"))
+                answer.update(network.word(), protocol=1)
             elif job["job"] == "detect":
                 memory.begin(job)
                 lidars = job["lidars"]
@@ -235,6 +242,8 @@ def serve(function, reads=("image", "points"), pictures="linear"):
                     group, field = ("lidars", "d_points") if name in lidars else ("cameras", "d_image")
                     answer[group][name] = {field: memory.write(part)}
         except Exception as problem:  # the detector's own: Mirage tells it in a line
-            traceback.print_exc()
+            blind = "image" in network.reads and not any("image" in camera for camera in job.get("cameras", {}).values())
+            if not (job["job"] == "detect" and blind):  # Mirage asks whether it can do without its picture
+                traceback.print_exc()
             answer = {"id": job["id"], "ok": False, "error": f"{type(problem).__name__}: {problem}"}
         print(json.dumps(answer), file=answers, flush=True)

@@ -197,7 +197,8 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   if (whole_data) {  // all its usable vehicles are unseen ones
     const std::vector<std::string> frames = list_frames(stage.settings.data);
     check_labels(stage.settings.data, frames);
-    const auto region = load_detector(result.detector)->region();
+    result.detectors = load_detector_pool(result.detector, static_cast<int>(frames.size()));
+    const auto region = result.detectors.front()->region();
     for (const Host& host :
          find_all_hosts(*result.store, frames, region, stage.settings.simulation, stage.settings.min_view))
       result.hosts.push_back(host.id);
@@ -219,7 +220,8 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
   result.settings = request.settings;
   result.settings.detector_identity = detector_identity(result.detector);
   result.settings.kinds = vehicle_kinds(stage.settings.data, result.hosts);
-  result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
+  if (result.detectors.empty())
+    result.detectors = load_detector_pool(result.detector, static_cast<int>(result.hosts.size()));
   const Capabilities can = result.detectors.front()->capabilities();
   result.settings.matching = can.matching();
   if (!can.why_whole.empty())

@@ -146,7 +146,8 @@ void use_detector_of(const Run& run, DetectorOptions& options) {
   if (options.precision.empty()) options.precision = computed.precision;
   if (options.locality < 0) options.locality = computed.locality;
   if (options.matching == MatchBy::own) options.matching = computed.matching;
-  if (options.detector.empty() && run.settings.detector.detector == kGivenDetector && !given_detector())
+  if (options.detector.empty() && run.settings.detector.detector == kGivenDetector &&
+      !given_detector(run.settings.detector))
     return use_copy_of_given(run, options);
   const Run::Refused& refused = run.refused;
   if (options.detector.empty() && !refused.detector.empty())

@@ -18,7 +18,13 @@ class Shown : public spdlog::custom_flag_formatter {
   std::unique_ptr<custom_flag_formatter> clone() const override { return std::make_unique<Shown>(); }
 };
 
+bool always_quiet = false;
+
 }  // namespace
+
+void keep_logging_quiet(bool quiet) {
+  always_quiet = quiet;
+}
 
 void start_logging(bool quiet) {
   auto logger =
@@ -26,7 +32,7 @@ void start_logging(bool quiet) {
   auto formatter = std::make_unique<spdlog::pattern_formatter>();
   formatter->add_flag<Shown>('*').set_pattern("%^%l%$ %*");
   logger->set_formatter(std::move(formatter));
-  logger->set_level(quiet ? spdlog::level::warn : spdlog::level::info);
+  logger->set_level(quiet || always_quiet ? spdlog::level::warn : spdlog::level::info);
   spdlog::set_default_logger(std::move(logger));
 }
 

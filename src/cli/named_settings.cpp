@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <sstream>
 
 #include "base/config.h"
 #include "base/error.h"
@@ -137,9 +138,14 @@ std::vector<std::string> arguments_of(const NamedSettings& settings, const CLI::
   std::vector<std::string> arguments;
   for (const auto& [name, value] : settings) {
     const std::string option = option_called(name);
-    if (!is_setting(option) || !command.get_option_no_throw(option))
-      throw InputError(where, name, "unknown setting", use_one_of(name, setting_names(command)));
-    arguments.push_back(option + "=" + value);
+    const CLI::Option* known = is_setting(option) ? command.get_option_no_throw(option) : nullptr;
+    if (!known) throw InputError(where, name, "unknown setting", use_one_of(name, setting_names(command)));
+    std::string text = value;
+    if (known->get_expected_max() <= 1) std::replace(text.begin(), text.end(), kListSeparator, ',');
+    std::istringstream parts(text);
+    for (std::string part; std::getline(parts, part, kListSeparator);)
+      arguments.push_back(option + "=" + part);
+    if (text.empty()) arguments.push_back(option + "=");
   }
   return arguments;
 }

@@ -2,7 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <bit>
+
+#include "base/child_process.h"
 #include "base/error.h"
+#include "scene/data/label_types.h"
 
 namespace mirage {
 namespace {
@@ -20,6 +25,51 @@ Detection detection_of(const float* row, std::size_t columns, bool in_picture) {
 }
 
 }  // namespace
+
+OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who) {
+  using nlohmann::json;
+  const auto bad = [&](const char* field, const std::string& problem, const char* fix) {
+    throw FieldError("detector", who, std::string(field) + " " + problem, fix);
+  };
+  OutsideWord word;
+  Capabilities& can = word.can;
+  const json reads = told.value("reads", json::array({"image", "points"}));
+  const auto has = [&](const char* input) {
+    return std::find(reads.begin(), reads.end(), input) != reads.end();
+  };
+  can.reads_image = has("image"), can.reads_points = has("points");
+  if (!reads.is_array() || reads.empty() || reads.size() != std::size_t{can.reads_image} + can.reads_points)
+    bad("reads", "is " + reads.dump(), "name image, points or both");
+  const std::string finds = text_of(told, "finds", "boxes"), pictures = text_of(told, "pictures", "linear");
+  if (finds != "boxes" && finds != "picture") bad("finds", "is " + finds, "use boxes or picture");
+  can.finds_bev = finds == "boxes", can.finds_picture = finds == "picture";
+  if (pictures != "linear" && pictures != "srgb8") bad("pictures", "is " + pictures, "use linear or srgb8");
+  word.bytes = pictures == "srgb8";
+  const auto is_true = [&](const char* key) { return told.value(key, json()) == true; };
+  can.has_gradients = is_true("gradient");
+  can.finds_heights = can.finds_bev && is_true("heights");
+  can.remembers = is_true("remembers");
+  if (const json types = told.value("classes", json::array()); !types.empty()) {
+    can.types.clear();
+    for (const json& type : types)
+      can.types.push_back(kitti_type(type.is_string() ? type.get<std::string>() : type.dump()));
+  }
+  if (const auto region = told.find("region"); region != told.end()) {
+    const bool numbers =
+        region->is_array() && region->size() == 4 &&
+        std::all_of(region->begin(), region->end(), [](const json& v) { return v.is_number(); });
+    for (std::size_t i = 0; numbers && i < 4; ++i) word.region[i] = (*region)[i].get<double>();
+    if (!numbers || !(word.region[0] < word.region[1] && word.region[2] < word.region[3]))
+      bad("region", "is " + region->dump(), "give x_min, x_max, y_min, y_max in m");
+  }
+  return word;
+}
+
+bool all_finite(std::span<const float> values) {
+  std::uint32_t bad = 0;  // without a branch, so that it is quick
+  for (const float value : values) bad |= (std::bit_cast<std::uint32_t>(value) & 0x7f800000u) == 0x7f800000u;
+  return bad == 0;
+}
 
 bool BoxRows::knows(std::size_t columns, bool in_picture) {
   return in_picture ? columns == 4 : columns == 5 || columns == 7 || columns == 9;

@@ -1,8 +1,11 @@
-// The answers of detectors outside the program: rows of boxes with their logits.
+// Detectors outside the program, in another one or in Python: what they say of themselves, and their answers,
+// rows of boxes with their logits.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <nlohmann/json.hpp>
 #include <span>
 #include <string>
 #include <vector>
@@ -10,6 +13,18 @@
 #include "detection/detector.h"
 
 namespace mirage {
+
+/// What one says of itself: the answer to hello (plugins/process/mirage_process.h).
+struct OutsideWord {
+  Capabilities can;
+  std::array<double, 4> region = {0, 70, -40, 40};
+  bool bytes = false;  ///< its pictures are 8-bit sRGB
+};
+/// What the object leaves out is as the protocol says. InputError naming `who` and the key that is wrong.
+OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who);
+
+/// Whether its numbers are: what it answers is looked at, gradients too.
+bool all_finite(std::span<const float> values);
 
 /// As arrays, row-major. Columns in the picture: left, top, right, bottom (pixels). Else in the ego frame, m
 /// and rad: x, y, length, width, yaw; or x, y, z of the centre, length, width, height, yaw; or these and the

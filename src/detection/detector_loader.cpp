@@ -63,7 +63,7 @@ void tell_licence_of_real_weights() {
 /// The host program's own detector, or another program. InputError where there is none, or for what only
 /// plugins have.
 std::unique_ptr<Detector> load_outside_detector(const DetectorOptions& options) {
-  const GivenDetector* given = given_detector();
+  const GivenDetector* given = given_detector(options);
   const bool program = is_program(options.detector);
   if (!given && !program)
     throw FieldError(
@@ -253,7 +253,10 @@ fs::path find_weights(const DetectorOptions& options, const fs::path& plugin) {
   if (options.weights.empty() && word.empty())
     throw InputError(
         file.string(), "", "there are " + missing,
-        "name a weights file with --weights (one of another rig may do), or train one with mirage train");
+        fs::exists(file.parent_path())
+            ? "name a weights file with --weights (one of another rig may do), or train one with "
+              "mirage train"
+            : "install mirage_weights, the wheel beside this one, or name a file with --weights");
   if (options.weights.empty()) {
     const std::string defense = word.substr(1);
     std::vector<std::string> known = untrained_defenses();

@@ -1,28 +1,26 @@
 #include "detection/given_detector.h"
 
-#include <optional>
-
 #include "base/error.h"
 #include "detection/process_detector.h"
 
 namespace mirage {
 namespace {
-std::optional<GivenDetector> in_force;
+std::vector<GivenDetector> in_force;
 }  // namespace
 
-DetectorGift::DetectorGift(GivenDetector detector) {
-  if (in_force)
+DetectorGift::DetectorGift(std::vector<GivenDetector> detectors) {
+  if (!in_force.empty())
     throw Failure("detector", "another call with a detector of the program's own is still running",
                   "wait for it, or use another process");
-  in_force = std::move(detector);
+  in_force = std::move(detectors);
 }
 
 DetectorGift::~DetectorGift() {
-  in_force.reset();
+  in_force.clear();
 }
 
 bool is_given(const DetectorOptions& options) {
-  return options.detector == kGivenDetector;
+  return options.detector == kGivenDetector || options.detector == kSecondGivenDetector;
 }
 
 bool is_outside(const DetectorOptions& options) {
@@ -31,11 +29,13 @@ bool is_outside(const DetectorOptions& options) {
 
 std::string outside_content(const DetectorOptions& options) {
   if (is_program(options.detector)) return program_content(options.detector);
-  return in_force ? in_force->content : "";
+  const GivenDetector* given = given_detector(options);
+  return given ? given->content : "";
 }
 
-const GivenDetector* given_detector() {
-  return in_force ? &*in_force : nullptr;
+const GivenDetector* given_detector(const DetectorOptions& options) {
+  const std::size_t which = options.detector == kSecondGivenDetector ? 1 : 0;
+  return is_given(options) && which < in_force.size() ? &in_force[which] : nullptr;
 }
 
 }  // namespace mirage

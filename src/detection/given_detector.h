@@ -5,13 +5,16 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "detection/detector.h"
 
 namespace mirage {
 
-/// DetectorOptions::detector of the one that was given.
+/// DetectorOptions::detector of the one that was given, or of the first of two.
 inline constexpr const char* kGivenDetector = "python";
+/// And of the second, where two are compared.
+inline constexpr const char* kSecondGivenDetector = "python:2";
 /// A run folder's file with a TorchScript copy of the given detector, where it could be copied.
 inline constexpr const char* kGivenDetectorCopy = "detector.pt";
 
@@ -22,24 +25,24 @@ struct GivenDetector {
   std::string content;
 };
 
-/// For as long as it lives, load_detector knows the given detector. One at a time.
+/// For as long as it lives, load_detector knows the given detector, or two. One at a time.
 class DetectorGift {
  public:
   /// Failure if another one is in force.
-  explicit DetectorGift(GivenDetector detector);
+  explicit DetectorGift(std::vector<GivenDetector> detectors);
   ~DetectorGift();
   DetectorGift(const DetectorGift&) = delete;
   DetectorGift& operator=(const DetectorGift&) = delete;
 };
 
-/// Whether the options name the given detector.
+/// Whether the options name a given detector.
 bool is_given(const DetectorOptions& options);
-/// Whether they name the given detector or a program (detection/process_detector.h): a detector of the user's
+/// Whether they name a given detector or a program (detection/process_detector.h): a detector of the user's
 /// own, without a plugin or a weights file.
 bool is_outside(const DetectorOptions& options);
 /// Of such a detector: GivenDetector::content (empty without one), or program_content.
 std::string outside_content(const DetectorOptions& options);
-/// The one in force; null without one.
-const GivenDetector* given_detector();
+/// The one in force that they name; null without one.
+const GivenDetector* given_detector(const DetectorOptions& options);
 
 }  // namespace mirage

@@ -5,7 +5,6 @@
 #include <wordexp.h>
 
 #include <algorithm>
-#include <bit>
 #include <cstring>
 #include <optional>
 
@@ -21,7 +20,6 @@
 #include "base/parallel.h"
 #include "detection/box_rows.h"
 #include "detection/points_in_view.h"
-#include "scene/data/label_types.h"
 
 namespace mirage {
 namespace {
@@ -64,12 +62,6 @@ json rows_json(const Transform& transform) {
   return rows;
 }
 
-bool all_finite(std::span<const float> values) {
-  std::uint32_t bad = 0;  // without a branch, so that it is quick
-  for (const float value : values) bad |= (std::bit_cast<std::uint32_t>(value) & 0x7f800000u) == 0x7f800000u;
-  return bad == 0;
-}
-
 class ProcessDetector : public Detector {
  public:
   ProcessDetector(const DetectorOptions& options, const ProcessLimits& limits)
@@ -100,17 +92,17 @@ class ProcessDetector : public Detector {
   ProcessDetector& operator=(const ProcessDetector&) = delete;
 
   std::string name() const override { return who_; }
-  Capabilities capabilities() const override { return can_; }
-  std::array<double, 4> region() const override { return region_; }
+  Capabilities capabilities() const override { return word_.can; }
+  std::array<double, 4> region() const override { return word_.region; }
 
   std::vector<Detection> forward(const SensorView& view, double score_threshold, bool keep_graph) override {
-    if (keep_graph && !can_.has_gradients) no_gradient();
+    if (keep_graph && !word_.can.has_gradients) no_gradient();
     forward_ = place(view, score_threshold, keep_graph);
     json answer;
     try {
       answer = ask(forward_);
     } catch (const Failure& problem) {
-      if (!can_.reads_image || (view.image && !view.image->empty())) throw;
+      if (!word_.can.reads_image || (view.image && !view.image->empty())) throw;
       throw InputError("detector", "image",
                        std::string("cannot do without a picture (") + problem.what() + ")", "give it one");
     }
@@ -119,18 +111,18 @@ class ProcessDetector : public Detector {
     Array<std::int32_t> classes;
     if (answer.contains("classes")) classes = array<std::int32_t>(answer, "classes", 1);
     const std::size_t count = boxes.shape[0], columns = boxes.shape[1];
-    if (!BoxRows::knows(columns, !can_.finds_bev) || logits.shape[0] != count ||
+    if (!BoxRows::knows(columns, !word_.can.finds_bev) || logits.shape[0] != count ||
         (!classes.shape.empty() && classes.shape[0] != count))
       throw Failure(
           who_, fmt::format("gave boxes of shape {} × {} with {} logits", count, columns, logits.shape[0]),
           BoxRows::guide());
     const int width = view.image ? view.image->width : 0, height = view.image ? view.image->height : 0;
-    return rows_.proposals({boxes.values.data(), logits.values.data(), count, columns, classes.values}, can_,
-                           score_threshold, width, height, who_);
+    return rows_.proposals({boxes.values.data(), logits.values.data(), count, columns, classes.values},
+                           word_.can, score_threshold, width, height, who_);
   }
 
   SensorGradient backward(std::span<const double> d_logits) override {
-    if (!can_.has_gradients) no_gradient();
+    if (!word_.can.has_gradients) no_gradient();
     const std::vector<float> all = rows_.of_rows(d_logits);
     std::memcpy(memory_.data() + d_logits_at_, all.data(), all.size() * sizeof(float));
     const json answer = ask({{"job", "gradient"},
@@ -139,14 +131,13 @@ class ProcessDetector : public Detector {
                              {"size", memory_.size()}});
     SensorGradient gradient;
     if (const Placed& camera = placed_[0]; camera.width > 0) {
-      gradient.image = ImageF(camera.width, camera.height, 3);
-      take(answer, camera, gradient.image.data);
+      gradient.image.width = camera.width, gradient.image.height = camera.height, gradient.image.channels = 3;
+      gradient.image.data = take(answer, camera);
     }
+    const std::vector<float> points = take(answer, placed_[1]);
     gradient.points.resize(placed_[1].points);
-    if (!gradient.points.empty())
-      take(answer, placed_[1], {gradient.points.front().data(), 4 * gradient.points.size()});
-    for (std::size_t i = 2; i < placed_.size(); ++i)
-      take(answer, placed_[i], gradient.others.emplace_back(placed_[i].values()));
+    if (!points.empty()) std::memcpy(gradient.points.data(), points.data(), points.size() * sizeof(float));
+    for (std::size_t i = 2; i < placed_.size(); ++i) gradient.others.push_back(take(answer, placed_[i]));
     return gradient;
   }
 
@@ -200,44 +191,14 @@ class ProcessDetector : public Detector {
   }
 
   void read_hello(const json& answer) {
-    const auto bad = [&](const char* field, const std::string& problem, const char* fix) {
-      throw FieldError("detector", who_, std::string(field) + " " + problem, fix);
-    };
     if (!answer["ok"].get<bool>())
-      bad("hello", text_of(answer, "error", "failed"), "look at what it printed");
+      throw FieldError("detector", who_, "hello " + text_of(answer, "error", "failed"),
+                       "look at what it printed");
     if (answer.value("protocol", json()) != kProtocol)
-      bad("protocol", "is " + answer.value("protocol", json()).dump() + ", not 1",
-          "use the mirage_serve.py or mirage_process.h of this version");
-    const json reads = answer.value("reads", json::array({"image", "points"}));
-    const auto has = [&](const char* word) {
-      return std::find(reads.begin(), reads.end(), word) != reads.end();
-    };
-    can_.reads_image = has("image"), can_.reads_points = has("points");
-    if (!can_.reads_image && !can_.reads_points)
-      bad("reads", "is " + reads.dump(), "name image, points or both");
-    const std::string finds = text_of(answer, "finds", "boxes"),
-                      pictures = text_of(answer, "pictures", "linear");
-    if (finds != "boxes" && finds != "picture") bad("finds", "is " + finds, "use boxes or picture");
-    can_.finds_bev = finds == "boxes", can_.finds_picture = finds == "picture";
-    if (pictures != "linear" && pictures != "srgb8") bad("pictures", "is " + pictures, "use linear or srgb8");
-    bytes_ = pictures == "srgb8";
-    can_.why_whole = "its program knows no other passes";
-    can_.has_gradients = answer.value("gradient", json()) == true;
-    can_.finds_heights = can_.finds_bev && answer.value("heights", json()) == true;
-    can_.remembers = answer.value("remembers", json()) == true;
-    if (const json types = answer.value("classes", json::array()); !types.empty()) {
-      can_.types.clear();
-      for (const json& type : types)
-        can_.types.push_back(kitti_type(type.is_string() ? type.get<std::string>() : type.dump()));
-    }
-    if (const auto region = answer.find("region"); region != answer.end()) {
-      const bool numbers =
-          region->is_array() && region->size() == 4 &&
-          std::all_of(region->begin(), region->end(), [](const json& v) { return v.is_number(); });
-      for (std::size_t i = 0; numbers && i < 4; ++i) region_[i] = (*region)[i].get<double>();
-      if (!numbers || !(region_[0] < region_[1] && region_[2] < region_[3]))
-        bad("region", "is " + region->dump(), "give x_min, x_max, y_min, y_max in m");
-    }
+      throw FieldError("detector", who_, "protocol is " + answer.value("protocol", json()).dump() + ", not 1",
+                       "use the mirage_serve.py or mirage_process.h of this version");
+    word_ = read_outside_word(answer, who_);
+    word_.can.why_whole = "its program knows no other passes";
   }
 
   /// Writes the view's sensors into the memory; the job that names them.
@@ -252,9 +213,9 @@ class ProcessDetector : public Detector {
       here.at = at;
       if (sensor.image) here.width = sensor.image->width, here.height = sensor.image->height;
       here.points = sensor.points.size();
-      here.sent = here.camera ? can_.reads_image && here.width > 0 : can_.reads_points;
+      here.sent = here.camera ? word_.can.reads_image && here.width > 0 : word_.can.reads_points;
       gradients += aligned(here.values() * sizeof(float));
-      if (here.sent) at += aligned(here.values() * (here.camera && bytes_ ? 1 : sizeof(float)));
+      if (here.sent) at += aligned(here.values() * (here.camera && word_.bytes ? 1 : sizeof(float)));
     }
     d_logits_at_ = at;
     const std::size_t room = std::max(kLeastRoom, 2 * gradients);
@@ -276,10 +237,10 @@ class ProcessDetector : public Detector {
       }
       if (!here.sent) continue;
       told[here.camera ? "image" : "points"] =
-          array_at(here.at, here.shape(), here.camera && bytes_ ? "uint8" : "float32");
+          array_at(here.at, here.shape(), here.camera && word_.bytes ? "uint8" : "float32");
       if (!here.camera && here.points > 0)
         std::memcpy(to, sensor.points.data(), here.points * sizeof(LidarPoint));
-      else if (here.camera && bytes_)
+      else if (here.camera && word_.bytes)
         write_srgb_bytes(sensor.image->data, reinterpret_cast<std::uint8_t*>(to));
       else if (here.camera)
         std::memcpy(to, sensor.image->data.data(), here.values() * sizeof(float));
@@ -367,22 +328,24 @@ class ProcessDetector : public Detector {
     return result;
   }
 
-  /// The gradient to a sensor into `values`, which are zero; they stay so where the program gives none.
-  void take(const json& answer, const Placed& sensor, std::span<float> values) const {
+  /// The gradient to a sensor; zero where the program gives none.
+  std::vector<float> take(const json& answer, const Placed& sensor) const {
     const auto group = answer.find(sensor.camera ? "cameras" : "lidars");
-    if (group == answer.end() || !group->is_object() || !sensor.sent) return;
-    const auto one = group->find(sensor.name);
-    if (one == group->end() || !one->is_object()) return;
-    const auto given = array<float>(*one, sensor.camera ? "d_image" : "d_points", sensor.camera ? 3 : 2);
+    if (!sensor.sent || group == answer.end() || !group->is_object() || !group->contains(sensor.name) ||
+        !group->at(sensor.name).is_object())
+      return std::vector<float>(sensor.values());
+    const auto given =
+        array<float>(group->at(sensor.name), sensor.camera ? "d_image" : "d_points", sensor.camera ? 3 : 2);
     if (given.shape != sensor.shape())
       throw Failure(who_,
                     fmt::format("gave a gradient of shape {} to {} of shape {}", json(given.shape).dump(),
                                 sensor.name, json(sensor.shape()).dump()),
                     "give one value for each that was sent");
-    std::copy(given.values.begin(), given.values.end(), values.begin());
-    if (!sensor.camera || !bytes_) return;
-    through_srgb_slope({reinterpret_cast<const std::uint8_t*>(memory_.data() + sensor.at), values.size()},
-                       values);
+    std::vector<float> values(given.values.begin(), given.values.end());
+    if (sensor.camera && word_.bytes)
+      through_srgb_slope({reinterpret_cast<const std::uint8_t*>(memory_.data() + sensor.at), values.size()},
+                         values);
+    return values;
   }
 
   std::string who_;
@@ -390,9 +353,7 @@ class ProcessDetector : public Detector {
   std::vector<std::string> words_;
   SharedMemory memory_;
   json hello_, forward_;  ///< forward_: the last frame's job
-  Capabilities can_;
-  std::array<double, 4> region_ = {0, 70, -40, 40};
-  bool bytes_ = false;  ///< pictures are 8-bit sRGB
+  OutsideWord word_;
   std::optional<JsonWorker> worker_;
   std::vector<Placed> placed_;  ///< sensors(view) of the last frame
   std::size_t d_logits_at_ = 0, answer_at_ = 0;

@@ -37,17 +37,17 @@ class GivenDetectorTest : public testing::Test {
 
 TEST_F(GivenDetectorTest, IsAttackedAndGoesOnWithTheSameContentOnly) {
   {
-    const DetectorGift gift(stand_in("one"));
+    const DetectorGift gift({stand_in("one")});
     EXPECT_EQ(run_attack(settings_).iterations, 2);
   }
   settings_.iterations = 3;
-  const DetectorGift gift(stand_in("another"));
+  const DetectorGift gift({stand_in("another")});
   EXPECT_THROW(run_attack(settings_), InputError);
 }
 
 TEST_F(GivenDetectorTest, OutsideOfItsProgramTheRunsCopyIsUsed) {
   {
-    const DetectorGift gift(stand_in("one"));
+    const DetectorGift gift({stand_in("one")});
     run_attack(settings_);
   }
   EXPECT_THAT([&] { load_detector(settings_.detector); }, ThrowsMessage<InputError>(HasSubstr("Python")));
@@ -84,8 +84,8 @@ TEST_F(GivenDetectorTest, OutsideOfItsProgramTheRunsCopyIsUsed) {
 }
 
 TEST_F(GivenDetectorTest, OneAtATime) {
-  const DetectorGift gift(stand_in("one"));
-  EXPECT_THROW(DetectorGift(stand_in("two")), Failure);
+  const DetectorGift gift({stand_in("one")});
+  EXPECT_THROW(DetectorGift({stand_in("two")}), Failure);
 }
 
 }  // namespace

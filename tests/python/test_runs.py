@@ -20,6 +20,7 @@ except ImportError:
 
 import mirage
 import numpy as np
+from mirage._detector import content_of
 from support import PROGRAM, Folder, detector
 
 SETTINGS = {"iterations": 6, "rooftop": "box", "threads": 1}
@@ -115,6 +116,17 @@ class Attack(unittest.TestCase):
         net.weight.data *= 1.5
         with self.assertRaisesRegex(mirage.InputError, "weights"):
             mirage.attack(detector=other, data=FOLDER.data, out=run, copy=False, **dict(SETTINGS, iterations=2))
+
+    def test_a_number_in_its_code_is_of_the_network(self):
+        def doubled(boxes, logits):
+            return boxes, logits * 2
+
+        def tripled(boxes, logits):
+            return boxes, logits * 3
+
+        contents = [content_of(f) for f in (doubled, tripled, lambda *inputs: doubled(*inputs), lambda *inputs: tripled(*inputs))]
+        self.assertEqual(len(set(contents)), 4)
+        self.assertEqual(content_of(doubled), contents[0])
 
     def test_errors(self):
         def attack(function, **settings):

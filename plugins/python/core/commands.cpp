@@ -10,15 +10,16 @@
 
 #include "arrays.h"
 #include "attack/run.h"
+#include "base/color.h"
 #include "base/error.h"
 #include "base/interrupt.h"
+#include "base/logging.h"
 #include "base/progress.h"
 #include "bind.h"
 #include "cli/named_settings.h"
 #include "detection/box_rows.h"
 #include "detection/given_detector.h"
 #include "detection/points_in_view.h"
-#include "scene/data/label_types.h"
 
 namespace mirage::python {
 namespace {
@@ -34,30 +35,26 @@ std::shared_ptr<py::object> held(py::object object) {
 /// The object of mirage/_detector.py, which has the network and its graph.
 class PythonDetector : public Detector {
  public:
-  explicit PythonDetector(std::shared_ptr<py::object> adapter) : adapter_(std::move(adapter)) {
+  PythonDetector(std::shared_ptr<py::object> adapter, std::string name)
+      : adapter_(std::move(adapter)), name_(std::move(name)) {
     const py::gil_scoped_acquire lock;
-    region_ = adapter_->attr("region").cast<std::array<double, 4>>();
-    const auto types = adapter_->attr("classes").cast<std::vector<std::string>>();
-    if (!types.empty()) can_.types.clear();
-    for (const std::string& type : types) can_.types.push_back(kitti_type(type));
-    const py::object function = adapter_->attr("function");
-    can_.finds_picture = adapter_->attr("finds_picture").cast<bool>();
-    can_.finds_bev = !can_.finds_picture;
-    can_.reads_points = can_.finds_bev;
-    can_.finds_heights = can_.finds_bev && py::bool_(py::getattr(function, "heights", py::bool_(false)));
-    can_.has_gradients = adapter_->attr("differentiable").cast<bool>();
-    can_.remembers = py::hasattr(function, "new_sequence");
+    const auto word = py::module_::import("json").attr("dumps")(adapter_->attr("word")()).cast<std::string>();
+    word_ = read_outside_word(nlohmann::json::parse(word), name_);
   }
 
-  std::string name() const override { return kGivenDetector; }
-  std::array<double, 4> region() const override { return region_; }
-  Capabilities capabilities() const override { return can_; }
+  std::string name() const override { return name_; }
+  std::array<double, 4> region() const override { return word_.region; }
+  Capabilities capabilities() const override { return word_.can; }
 
   std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     const py::gil_scoped_acquire lock;
     sensors_ = sensors(input);
     const ImageF* image = sensors_.front().image;
     const bool seen = image && !image->empty();
+    levels_.assign(sensors_.size(), {});
+    if (word_.bytes && word_.can.reads_image)
+      for (std::size_t i = 0; i < sensors_.size(); ++i)
+        if (sensors_[i].image) levels_[i] = srgb_bytes(*sensors_[i].image);
     try {
       const auto output =
           adapter_->attr("forward")(told(input), keep_graph)
@@ -66,10 +63,10 @@ class PythonDetector : public Detector {
       RawBoxes raw{boxes.data(), logits.data(), static_cast<std::size_t>(logits.shape(0)),
                    static_cast<std::size_t>(boxes.shape(1))};
       if (classes) raw.classes = {classes->data(), raw.count};
-      return rows_.proposals(raw, can_, score_threshold, seen ? image->width : 0, seen ? image->height : 0,
-                             "detector");
+      return rows_.proposals(raw, word_.can, score_threshold, seen ? image->width : 0,
+                             seen ? image->height : 0, "detector");
     } catch (const py::error_already_set& error) {
-      if (seen) throw;  // the caller's own error, with its trace
+      if (seen || !word_.can.reads_image) throw;  // the caller's own error, with its trace
       throw InputError("detector", "image", std::string("cannot do without a picture (") + error.what() + ")",
                        "give it one");
     }
@@ -91,7 +88,12 @@ class PythonDetector : public Detector {
           throw InputError("detector", "gradient to " + sensor.name,
                            fmt::format("has {} values for {}", found->second.size(), values.size()),
                            "give one for each that was given");
-        std::copy_n(found->second.data(), values.size(), values.begin());
+        const std::span<const float> there(found->second.data(), values.size());
+        if (!all_finite(there))
+          throw InputError("detector", "gradient to " + sensor.name, "is not finite",
+                           "look for roots and norms of 0 in the network");
+        std::copy(there.begin(), there.end(), values.begin());
+        if (camera && word_.bytes) through_srgb_slope(levels_[i], values);
       }
       if (i == 0) {
         gradient.image = ImageF(width, height, 3);
@@ -122,13 +124,18 @@ class PythonDetector : public Detector {
   py::dict told(const SensorView& input) const {
     const auto borrowed = std::shared_ptr<const void>(&input, [](const void*) {});
     py::dict cameras, lidars, all;
-    for (const SensorData& sensor : sensors_) {
+    for (std::size_t i = 0; i < sensors_.size(); ++i) {
+      const SensorData& sensor = sensors_[i];
       py::dict one;
       one["time"] = sensor.time;
       if (sensor.kind == SensorData::Kind::camera) {
-        if (sensor.image && !sensor.image->empty())
-          one["image"] = view(sensor.image->data.data(), {sensor.image->height, sensor.image->width, 3},
-                              borrowed, false);
+        if (word_.can.reads_image && sensor.image && !sensor.image->empty()) {
+          const Shape shape = {sensor.image->height, sensor.image->width, 3};
+          if (word_.bytes)
+            one["image"] = view(levels_[i].data(), shape, borrowed, false);
+          else
+            one["image"] = view(sensor.image->data.data(), shape, borrowed, false);
+        }
         Calibration calibration;
         calibration.camera = sensor.camera, calibration.camera_from_velo = sensor.sensor_from_ego;
         const PinholeCamera& c = sensor.camera;
@@ -136,8 +143,9 @@ class PythonDetector : public Detector {
         one["intrinsics"] = std::array<double, 4>{c.fx, c.fy, c.cx, c.cy};
         cameras[py::str(sensor.name)] = one;
       } else {
-        one["points"] = view(reinterpret_cast<const float*>(sensor.points.data()),
-                             {ssize(sensor.points.size()), 4}, borrowed, false);
+        if (word_.can.reads_points)
+          one["points"] = view(reinterpret_cast<const float*>(sensor.points.data()),
+                               {ssize(sensor.points.size()), 4}, borrowed, false);
         lidars[py::str(sensor.name)] = one;
       }
     }
@@ -159,9 +167,10 @@ class PythonDetector : public Detector {
   }
 
   std::shared_ptr<py::object> adapter_;
-  std::array<double, 4> region_{};
-  Capabilities can_;
-  std::vector<SensorData> sensors_;  ///< of the last forward
+  std::string name_;
+  OutsideWord word_;
+  std::vector<SensorData> sensors_;                ///< of the last forward
+  std::vector<std::vector<std::uint8_t>> levels_;  ///< of each camera, for a detector of 8-bit pictures
   BoxRows rows_;
 };
 
@@ -191,17 +200,28 @@ class Tables {
   std::FILE *before_, *file_;
 };
 
-/// What result.json holds, as JSON, and what the command prints. `progress`: called with (what, done, total,
-/// time left, note), or None: nothing is shown where `quiet`.
+/// A detector of the caller's: the object of mirage/_detector.py, and GivenDetector::content.
+using Given = std::pair<py::object, std::string>;
+
+/// What result.json holds, as JSON, and what the command prints. `detectors`: those that "python" and
+/// "python:2" stand for. `progress`: called with (what, done, total, time left, note), or None: nothing is
+/// shown where `quiet`, and warnings alone are logged.
 std::pair<std::string, std::string> run(const std::string& command, const NamedSettings& settings,
-                                        const py::object& detector, const std::string& content,
-                                        const std::string& where, const py::object& progress, bool quiet) {
-  std::shared_ptr<py::object> adapter, listener;
-  if (!detector.is_none()) adapter = held(detector);
+                                        const std::vector<Given>& detectors, const std::string& where,
+                                        const py::object& progress, bool quiet) {
+  std::vector<GivenDetector> given;
+  for (const auto& [detector, content] : detectors) {
+    const char* name = given.empty() ? kGivenDetector : kSecondGivenDetector;
+    given.push_back(
+        {[adapter = held(detector), name] { return std::make_unique<PythonDetector>(adapter, name); },
+         content});
+  }
+  std::shared_ptr<py::object> listener;
   if (!progress.is_none()) listener = held(progress);
   const py::gil_scoped_release free;
   const InterruptWatch watch;
   Tables tables;
+  keep_logging_quiet(quiet);
   std::optional<ProgressTo> shown;
   if (listener || quiet)
     shown.emplace([&](const std::string& what, std::size_t done, std::size_t total, const std::string& left,
@@ -211,8 +231,7 @@ std::pair<std::string, std::string> run(const std::string& command, const NamedS
       (*listener)(what, done, total, left, note);
     });
   std::optional<DetectorGift> gift;
-  if (adapter)
-    gift.emplace(GivenDetector{[adapter] { return std::make_unique<PythonDetector>(adapter); }, content});
+  if (!given.empty()) gift.emplace(std::move(given));
   std::string result = cli::run_command(command, settings, where).dump();
   return {std::move(result), tables.text()};
 }
@@ -220,9 +239,10 @@ std::pair<std::string, std::string> run(const std::string& command, const NamedS
 }  // namespace
 
 void bind_commands(py::module_& module) {
-  module.def("run", &run, py::arg("command"), py::arg("settings"), py::arg("detector"), py::arg("content"),
-             py::arg("where"), py::arg("progress"), py::arg("quiet"),
+  module.def("run", &run, py::arg("command"), py::arg("settings"), py::arg("detectors"), py::arg("where"),
+             py::arg("progress"), py::arg("quiet"),
              "Runs a command; what its result.json holds, as JSON, and the table that it prints.");
+  module.attr("list_separator") = std::string(1, cli::kListSeparator);
   module.def("remember_code_made_here", &remember_code_made_here, py::arg("file"),
              "So that the command line reads a run that holds this file without --trust-run.");
 }

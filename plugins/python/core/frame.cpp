@@ -13,6 +13,7 @@
 #include "scene/data/layouts.h"
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
+#include "scene/recorded_light.h"
 #include "scene/shape/shape_roof.h"
 #include "scene/sun.h"
 
@@ -143,6 +144,7 @@ Frame frame_of_arrays(const py::object& image, const py::object& points,
     const auto label = projected_label(type, box, frame.calibration);
     if (label) frame.labels.push_back(*label);
   }
+  frame.lighting = with_road_exposure(frame);
   return frame;
 }
 
@@ -212,7 +214,9 @@ void bind_frames(py::module_& module) {
            "A frame of arrays: image H×W×3, scene-linear in [0, 1]; points N×4, the whole sweep; intrinsics "
            "fx, "
            "fy, cx, cy; camera_from_velo 3×4; labels [(\"Car\", (x, y, z, length, width, height, yaw)), …], "
-           "those in view; rig: the unit that recorded it, a word of --rig or a file.")
+           "those in view; rig: the unit that recorded it, a word of --rig or a file. The light is as strong "
+           "as "
+           "the road says, as in recorded frames.")
       .def_property_readonly(
           "id", [](const FrameHandle& f) { return f.frame().id; }, "e.g. \"000008\"")
       .def_property_readonly(

@@ -280,4 +280,4 @@ if __name__ == "__main__":
     from mirage_serve import serve
 
     network = detector_of(*sys.argv[1:])
-    serve(network, reads=getattr(network, "reads", ("image", "points")))
+    serve(network)

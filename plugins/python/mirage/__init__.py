@@ -43,14 +43,14 @@ from ._core import Failure, Frame, Hits, Host, InputError, Insertion, Label, Mes
 from ._core import version as __version__
 from ._insertion import insert, read_frame
 from ._pieces import cast_rays, rasterize
-from ._runs import attack, audit, check, detect, evaluate, export, generate, validate, view
+from ._runs import attack, audit, check, compare, detect, evaluate, export, generate, validate, view
 from .mirage_serve import serve
 
 if TYPE_CHECKING:
     from . import mmdet3d, openpcdet, pytorch3d, torch  # noqa: F401
 
 __all__ = ["Failure", "Frame", "Hits", "Host", "InputError", "Insertion", "Label", "Mesh", "attack", "audit", "cast_rays", "check",
-           "detect", "evaluate", "export", "generate", "icosphere", "insert", "list_frames", "mmdet3d", "openpcdet",
+           "compare", "detect", "evaluate", "export", "generate", "icosphere", "insert", "list_frames", "mmdet3d", "openpcdet",
            "pytorch3d", "rasterize", "read_frame", "read_mesh", "serve", "torch", "validate", "view"]
 
 

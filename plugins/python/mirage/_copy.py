@@ -76,6 +76,8 @@ def write_copy(detector: TorchDetector, samples: list[tuple[torch.Tensor, ...]],
     says, run as the plugin runs it, on all samples: their numbers of points differ, which a trace that has frozen a
     shape does not survive."""
     function = detector.function
+    if detector.takes == "points":
+        function = lambda image, points, pixel_from_velo: detector.function(points)  # noqa: E731
     if detector.takes == "frame":
         return "it takes sensors by name, and a TorchScript detector takes one picture and one sweep"
     arity = 1 if detector.finds_picture else 3

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 version: str
 libtorch_version: str
+list_separator: str
 
 class InputError(ValueError):
     """Something that was given is wrong; the text names it and says how to mend it."""
@@ -157,5 +158,5 @@ def cast_rays(meshes: Sequence[Mesh], origins: ArrayLike, directions: ArrayLike,
               t_max: float) -> Hits: ...
 def remember_code_made_here(file: str) -> None: ...
 def list_frames(data: str | os.PathLike[str]) -> list[str]: ...
-def run(command: str, settings: Mapping[str, str], detector: Any, content: str, where: str,
+def run(command: str, settings: Mapping[str, str], detectors: Sequence[tuple[Any, str]], where: str,
         progress: Callable[[str, int, int, str, str], None] | None, quiet: bool) -> tuple[str, str]: ...

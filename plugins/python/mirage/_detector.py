@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+from types import CodeType
 from typing import Any, Callable, Iterator
 
 import torch
@@ -15,8 +16,8 @@ IGNORED = ("torch", "numpy", "mirage")
 
 
 def parts_of(function: Callable, seen: set[int] | None = None) -> Iterator[tuple[str, Any]]:
-    """The modules and tensors that a callable works with: itself, its attributes, its closure, its globals, and those of
-    the functions among them."""
+    """The modules, tensors and code that a callable works with: itself, its attributes, its closure, its globals, and those
+    of the functions among them."""
     seen = set() if seen is None else seen
     plain = getattr(function, "__func__", function)
     places: list[tuple[str, Any]] = [("self", function), ("bound", getattr(function, "__self__", None))]
@@ -24,6 +25,7 @@ def parts_of(function: Callable, seen: set[int] | None = None) -> Iterator[tuple
         places += sorted(getattr(function, "__dict__", {}).items())
     code = getattr(plain, "__code__", None)
     if code is not None:
+        yield "code", code
         for name, cell in zip(code.co_freevars, plain.__closure__ or ()):
             try:
                 places.append((name, cell.cell_contents))
@@ -40,14 +42,22 @@ def parts_of(function: Callable, seen: set[int] | None = None) -> Iterator[tuple
             yield from parts_of(value, seen)
 
 
+def _of_code(code: CodeType) -> bytes:
+    """Its instructions with the numbers and words in them, and those of the functions within."""
+    inner = [_of_code(one) if isinstance(one, CodeType) else repr(one).encode()
+             for one in code.co_consts if not isinstance(one, frozenset)]  # of which the order is another each time
+    return b"\0".join([code.co_code, repr(code.co_names).encode(), *inner])
+
+
 def content_of(function: Callable) -> str:
     """Changes with its code and its weights: an attack goes on only on the same network."""
-    digest = hashlib.sha256()
-    plain = getattr(function, "__func__", function)
-    code = getattr(plain, "__code__", None) or getattr(type(function).__call__, "__code__", None)
-    digest.update(code.co_code if code is not None else type(function).__qualname__.encode())
-    for name, value in parts_of(function):
+    digest = hashlib.sha256(type(function).__qualname__.encode())
+    own = [(name, getattr(getattr(type(function), name, None), "__code__", None)) for name in ("__call__", "forward")]
+    for name, value in (*own, *parts_of(function)):
         digest.update(name.encode())
+        if value is None or isinstance(value, CodeType):
+            digest.update(_of_code(value) if value else b"")
+            continue
         tensors = value.state_dict().items() if isinstance(value, torch.nn.Module) else [("", value)]
         for key, tensor in tensors:
             digest.update(key.encode())

@@ -14,7 +14,7 @@ def text_of(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (list, tuple)):
-        return ",".join(text_of(one) for one in value)
+        return _core.list_separator.join(text_of(one) for one in value)
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     return repr(value) if isinstance(value, float) else str(value)

@@ -67,7 +67,7 @@ class Wrapped:
             self.region = (self.bounds[0], self.bounds[3], self.bounds[1], self.bounds[4])
         self.device = next(model.parameters()).device
 
-    def __call__(self, image: torch.Tensor, points: torch.Tensor, pixel_from_velo: torch.Tensor):
+    def __call__(self, points: torch.Tensor):
         return self.detect(turned(points, self.angle))
 
     def detect(self, points: torch.Tensor):
