@@ -18,24 +18,32 @@ class Wheel(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             subprocess.run([sys.executable, "-B", os.path.join(SOURCE, "plugins/python/pack_wheel.py"),
                             os.path.join(BUILD, "python"), folder], check=True, stdout=subprocess.DEVNULL)
-            wheel, = glob.glob(os.path.join(folder, "mirage-*-cp*.whl"))
             place = os.path.join(folder, "site")
-            with zipfile.ZipFile(wheel) as packed:
-                names = packed.namelist()
-                self.assertIsNone(packed.testzip())
-                packed.extractall(place)
+
+            def unpack(wheel):
+                with zipfile.ZipFile(*glob.glob(os.path.join(folder, wheel))) as packed:
+                    self.assertIsNone(packed.testzip())
+                    packed.extractall(place)
+                    return packed.namelist()
+
+            def told(code):
+                done = subprocess.run([sys.executable, "-c", "import mirage, os; assert mirage.__file__.startswith(os.getcwd()); " + code],
+                                      cwd=place, env={"PYTHONPATH": place, "MIRAGE_CACHE": "off"}, capture_output=True, text=True)
+                self.assertEqual(done.returncode, 0, done.stderr)
+                return done.stdout
+
+            names = unpack("mirage-*-cp*.whl")
             for name in ("mirage/__init__.py", "mirage/_core.pyi", "mirage/py.typed", "mirage/plugins/fusion.so", "mirage/mirage_serve.py",
-                         "mirage/plugins/process/mirage_serve.py",
-                         "mirage/plugins/weights/lidar-kitti64.weights", "mirage/scenes/rigs/kitti64.toml"):
+                         "mirage/plugins/process/mirage_serve.py", "mirage/scenes/rigs/kitti64.toml"):
                 self.assertIn(name, names)
-            self.assertFalse([name for name in names if "CMake" in name or name.endswith(".o")])
+            self.assertFalse([name for name in names if "CMake" in name or name.endswith((".o", ".weights"))])
             write_data(os.path.join(place, "data"), 1)
-            code = ("import mirage, os; assert mirage.__file__.startswith(os.getcwd()); "
-                    "frame = mirage.read_frame('data', '000000'); print(frame.hosts())")
-            told = subprocess.run([sys.executable, "-c", code], cwd=place, env={"PYTHONPATH": place, "MIRAGE_CACHE": "off"},
-                                  capture_output=True, text=True)
-            self.assertEqual(told.returncode, 0, told.stderr)
-            self.assertIn("mirage.Host 0: Car", told.stdout)
+            self.assertIn("mirage.Host 0: Car", told("print(mirage.read_frame('data', '000000').hosts())"))
+            look = "print(mirage.check('lidar', 'data', out='out', vehicles=1))"
+            self.assertIn("install mirage_weights", told(look))
+            names = unpack("mirage_weights-*-py3-none-any.whl")
+            self.assertIn("mirage/plugins/weights/lidar-kitti64.weights", names)
+            self.assertIn("found", told(look))
 
 
 if __name__ == "__main__":
