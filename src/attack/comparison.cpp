@@ -116,10 +116,8 @@ Comparison compare_outcomes(std::span<const HostOutcome> first, std::span<const 
   }
   const ComparedPart& all = result.parts.front();
   result.detectable = detectable_difference(all.difference, result.clusters.count);
-  for (const double difference : {0.02, 0.05, 0.1}) {
-    const double times = result.detectable / difference;
-    result.needed.push_back({difference, std::ceil(all.vehicles * times * times)});
-  }
+  for (const double difference : {0.02, 0.05, 0.1})
+    result.needed.push_back({difference, vehicles_to_tell(all.vehicles, result.detectable, difference)});
   result.bounds = {hidden_bound(first), hidden_bound(second)};
   result.worse = worse_of(pairs, objects);
   return result;
@@ -222,7 +220,8 @@ nlohmann::json to_json(const Comparison& comparison) {
   for (const std::string& object : comparison.objects) json["objects"].push_back(escape_name(object));
   if (comparison.own) json["own"] = part_json(*comparison.own);
   for (const auto& [difference, vehicles] : comparison.needed)
-    json["needed"].push_back({{"difference", difference}, {"vehicles", vehicles}});
+    json["needed"].push_back(
+        {{"difference", difference}, {"vehicles", vehicles ? nlohmann::json(*vehicles) : nlohmann::json()}});
   for (const ComparedPart& part : comparison.parts) json["parts"].push_back(part_json(part));
   json["worse"] = nlohmann::json::array();
   for (const WorseVehicle& vehicle : comparison.worse)

@@ -68,7 +68,7 @@ struct Comparison {
   double detectable = 1;              ///< smallest true difference told in 80 % of such sets
   struct Needed {
     double difference;
-    double vehicles;
+    std::optional<long> vehicles;  ///< none: more than any plan takes (upper_bound.h)
   };
   std::vector<Needed> needed;       ///< for 2, 5 and 10 points
   std::vector<WorseVehicle> worse;  ///< nearest first

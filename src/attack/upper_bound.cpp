@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <boost/math/distributions/binomial.hpp>
 #include <cmath>
 #include <limits>
@@ -25,11 +26,12 @@ double binomial_bound(double trials, double hits, bool single) {
 }  // namespace
 
 ShareBound share_bound(std::span<const double> shares, bool single) {
-  ShareBound bound{0, 1, static_cast<int>(shares.size()), single};
+  ShareBound bound{0, 0, 1, static_cast<int>(shares.size()), single};
   if (shares.empty()) return bound;
   const double sum = std::accumulate(shares.begin(), shares.end(), 0.0);
   bound.value = sum / bound.clusters;
   bound.high = binomial_bound(bound.clusters, sum, single);
+  bound.low = 1 - binomial_bound(bound.clusters, bound.clusters - sum, single);
   return bound;
 }
 
@@ -44,12 +46,25 @@ double clusters_for(double at_most, double value, bool single) {
   return enough;
 }
 
-HiddenBound hidden_bound(std::span<const HostOutcome> hosts) {
+std::optional<long> planned(double wanted) {
+  wanted = std::ceil(wanted);
+  if (!(wanted <= 1e6)) return std::nullopt;
+  const double digit = std::pow(10, std::max(0.0, std::floor(std::log10(std::max(1.0, wanted))) - 1));
+  return static_cast<long>(std::ceil(wanted / digit) * digit);
+}
+
+std::optional<long> vehicles_to_tell(double vehicles, double detectable, double difference) {
+  const double times = detectable / difference;
+  return planned(vehicles * times * times);
+}
+
+HiddenBound hidden_bound(std::span<const HostOutcome> hosts, double nearest, double farthest) {
   const HidingRule& vanished = kHidingRules[0];
   std::map<HostId, std::pair<std::string, bool>> cars;  // cluster, and whether any mesh hides it
   HiddenBound bound;
+  bound.nearest = nearest, bound.farthest = farthest;
   for (const HostOutcome& host : hosts) {
-    if (host.range >= kBoundRange || !vanished.finds(host, true)) continue;
+    if (host.range < nearest || host.range >= farthest || !vanished.finds(host, true)) continue;
     auto& car = cars[host.id];
     car.first = host.cluster();
     car.second = car.second || !vanished.finds(host, false);
@@ -71,10 +86,10 @@ HiddenBound hidden_bound(std::span<const HostOutcome> hosts) {
 }
 
 std::string describe(const HiddenBound& bound) {
-  if (bound.vehicles == 0) return fmt::format("no car within {:g} m is found as recorded", kBoundRange);
+  if (bound.vehicles == 0) return fmt::format("no car within {:g} m is found as recorded", bound.farthest);
   std::string text = fmt::format(
       "at most {:.1f} % of cars within {:g} m vanish (95 %, exact over {} {}s; seen: {:.1f} %)",
-      100 * bound.share.high, kBoundRange, bound.share.clusters, bound.by, 100 * bound.share.value);
+      100 * bound.share.high, bound.farthest, bound.share.clusters, bound.by, 100 * bound.share.value);
   for (const auto& [at_most, clusters] : bound.needed)
     if (at_most < bound.share.high && std::isfinite(clusters))
       return text + fmt::format(": {:.0f} {}s for {:g} %", clusters, bound.by, 100 * at_most);
@@ -87,8 +102,10 @@ nlohmann::json to_json(const HiddenBound& bound) {
     needed.push_back({{"at_most", at_most},
                       {"clusters", std::isfinite(clusters) ? nlohmann::json(clusters) : nlohmann::json()}});
   return {{"at_most", bound.share.high},
+          {"at_least", bound.share.low},
           {"value", bound.share.value},
-          {"within_m", kBoundRange},
+          {"from_m", bound.nearest},
+          {"within_m", bound.farthest},
           {"vehicles", bound.vehicles},
           {"clusters", to_json(ClusterCount{bound.by, bound.share.clusters})},
           {"needed", needed}};

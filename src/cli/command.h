@@ -73,6 +73,7 @@ Command depth_command();
 Command render_command();
 Command reproduce_command();
 Command rig_command();
+Command score_command();
 Command view_command();
 Command zoo_command();
 

@@ -46,7 +46,7 @@ void print_comparison(const Comparison& result) {
                 fmt::format("{:.1f} points, in 80 % of such sets", 100 * result.detectable)}};
   for (const auto& [difference, vehicles] : result.needed)
     rows.push_back({fmt::format("vehicles that would show {:g} points", 100 * difference),
-                    fmt::format("about {:.0f}", vehicles)});
+                    vehicles ? fmt::format("about {}", *vehicles) : "more than a million"});
   const char* any = result.objects.size() > 1 ? ", any object" : "";
   rows.push_back({std::string("first") + any, describe(result.bounds[0])});
   rows.push_back({std::string("second") + any, describe(result.bounds[1])});

@@ -42,7 +42,7 @@ std::vector<Command> all_commands() {
           detect_command(),    attack_command(),   evaluate_command(), export_command(), validate_command(),
           tradeoff_command(),  defend_command(),   certify_command(),  render_command(), depth_command(),
           reproduce_command(), rig_command(),      view_command(),     audit_command(),  compare_command(),
-          drive_command(),     zoo_command()};
+          drive_command(),     zoo_command(),      score_command()};
 }
 
 void add_common(CLI::App& app, Common& common, const std::string& default_out) {

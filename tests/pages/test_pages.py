@@ -108,7 +108,7 @@ def unknown_options(options, text):
 
 
 COMMANDS = {"demo", "generate", "simulate", "fit", "train", "detect", "attack", "evaluate", "export", "validate", "tradeoff",
-            "defend", "certify", "render", "depth", "reproduce", "view", "rig", "drive", "audit", "compare"}
+            "defend", "certify", "render", "depth", "reproduce", "view", "rig", "drive", "audit", "compare", "score"}
 
 
 def test_names(source):

@@ -1,12 +1,14 @@
-"""The pages of `mirage audit` and `mirage compare` in headless Chromium: test_decision_pages.py SOURCE. Exit code 77: skipped,
-with why.
+"""The pages of `mirage audit`, `mirage compare` and `mirage score` in headless Chromium: test_decision_pages.py SOURCE. Exit code
+77: skipped, with why.
 
 They open without console errors and without asking for anything but themselves, nothing sticks out at either width, and every
 figure stands in result.json.
 """
 
+import base64
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -54,6 +56,32 @@ def compare():
         "worse": [{"frame": "000012", "label": 3, "object": "kayak", "range": 21.5, "first_score": 0.6, "second_clean_score": 0.7}]}}
 
 
+def score(grade="C", detector="fusion", value=0.012):
+    def cell(held, value, vehicles=90):
+        return {"held": held, "value": value, "at_most": value + 0.03, "at_least": max(0, value - 0.03), "vehicles": vehicles, "from_m": 0,
+                "within_m": 20, "needed_vehicles": 240 if held == "cannot be told" else None, "clusters": {"by": "frame", "count": 60}}
+
+    def row(level, name, *cells):
+        return {"level": level, "name": name, "objects": ["a"], "cells": list(cells), "phantoms": interval(0.07)}
+
+    rows = [row("recorded", "no object, as recorded", *[cell("holds", 0.0)] * 3),
+            row("loads", "loads that people carry", *[cell("holds", value)] * 3),
+            row("shapes", "shapes that nobody learned", cell("cannot be told", 0.04), cell("holds", 0.01), cell("cannot be told", 0, 0)),
+            row("learned", "learned against it, 1.6 × 1.6 × 1 m", *[cell("does not hold", 0.3)] * 3)]
+    del rows[0]["phantoms"]
+    return {"score": {
+        "detector": detector, "weights": "", "defense": "none", "grade": grade, "by_band": ["C", "B", "C"] if grade else ["", "", ""],
+        "answer": ["Grade C: within 40 m at most 5 % of cars vanish under loads that people carry (95 %, exact)." if grade else "No grade.",
+                   "shapes that nobody learned, 0–20 m: cannot be told: of 90 cars 4.0 % vanish, at most 7.0 %; about 240 would tell."],
+        "limit": 0.05, "within_m": 40, "bands": [0, 20, 40, 70], "rows": rows, "frames": 120, "frames_needed": 320, "hosts": 700,
+        "vehicles": 640, "clusters": {"by": "frame", "count": 120}, "reliance": {"reads_picture": True, "uses_picture": True},
+        "reliance_words": "AP 0.7 76.8 % with the right picture, 50.1 % with another frame's: it uses its picture",
+        "certified": [{"size": 0.8, "known_roof_iou50": interval(0.5)}],
+        "learned": [{"size": 0.8, "attack": "plain", "steps": 60, "vehicles": 90}]},
+        "provenance": {"command": "mirage score --detector fusion", "identity": "b" * 64, "date": "2026-01-01T00:00:00Z", "seed": 0,
+                       "version": "0.1.0", "weights_hash": "c" * 64, "inputs": {"data": "d" * 64}}}
+
+
 class Decision(browser.PageChecks):
     """For a TestCase with `script`, `page` and `result`."""
 
@@ -99,6 +127,29 @@ class ComparePage(Decision, unittest.TestCase):
 
     def test_the_head_says_the_answer(self):
         self.assertIn("easier to fool: 12.0 points (7.0 to 17.0)", self.browser.run("document.querySelector('h1').textContent"))
+
+
+class ScorePage(Decision, unittest.TestCase):
+    script, page, result = "score_page.py", "score.html", score()
+
+    def test_is_one_sheet_of_a4_that_says_what_counts(self):
+        text = self.browser.run("document.body.innerText")
+        for part in ("Grade C: within 40 m", "about 240 would tell", "does not hold", "no cars", "What was not tested", "Certified", "b" * 64):
+            self.assertIn(part, text)
+        sheet = base64.b64decode(self.browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
+        self.assertEqual(len(re.findall(rb"/Type\s*/Page\b", sheet)), 1)
+
+
+class BoardPage(Decision, unittest.TestCase):
+    script, page = "score_page.py", "board.html"
+    result = {"board": [score(None, "exec:python3 mine.py", 0.001), score(), score("A", "refined", 0.002)]}
+
+    def test_the_best_grade_is_first_and_none_is_last(self):
+        rows = self.browser.run("[...document.querySelectorAll('#board tbody tr')].map(r => r.innerText.replace(/\\s+/g, ' '))")
+        self.assertEqual([row.split(" ")[:2] for row in rows[:2]], [["refined", "A"], ["fusion", "C"]])
+        self.assertTrue(rows[2].startswith("exec:python3 mine.py –"), rows[2])
+        self.assertIn("✗", rows[1])
+        self.assertIn("same frames", self.browser.run("document.body.innerText"))
 
 
 if __name__ == "__main__":

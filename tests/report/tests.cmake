@@ -13,7 +13,7 @@ add_test(NAME report.files COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOUR
 add_test(NAME report.drive COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/report/test_drive_page.py
                                    ${PROJECT_SOURCE_DIR})
 set_tests_properties(report.drive PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
-# The pages of mirage audit and mirage compare.
+# The pages of mirage audit, mirage compare and mirage score.
 add_test(NAME report.decisions COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/report/test_decision_pages.py
                                        ${PROJECT_SOURCE_DIR})
 set_tests_properties(report.decisions PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "attack/upper_bound.h"
+
 namespace mirage::paper {
 namespace {
 
@@ -97,11 +99,7 @@ std::optional<long> vehicles_needed(const Comparison& comparison, int vehicles) 
   if (!(away > 0) || !std::isfinite(error) || vehicles <= 0) return std::nullopt;
   constexpr double kPower = 0.8416;  // a normal variable exceeds −0.8416 with a chance of 80 %
   const double threshold = kAlpha / std::max(1, comparison.family - comparison.rank);
-  const double more = (two_sided_z(threshold) + kPower) * error / away;
-  const double wanted = std::ceil(vehicles * more * more);
-  if (!(wanted <= 1e6)) return std::nullopt;
-  const double digit = std::pow(10, std::max(0.0, std::floor(std::log10(std::max(1.0, wanted))) - 1));
-  return static_cast<long>(std::ceil(wanted / digit) * digit);
+  return vehicles_to_tell(vehicles, (two_sided_z(threshold) + kPower) * error, away);
 }
 
 namespace {

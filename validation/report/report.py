@@ -103,7 +103,8 @@ def sign_off(environment, hosts):
     named = [host["name"] for host in sorted(hosts, key=lambda host: host["range"]) if host["detected"] and host["cycles"]["hidden"]]
     more = [f"{len(named) - NAMED_HIDDEN} more"] if len(named) > NAMED_HIDDEN else []
     return environment.get_template("sign_off.html.j2").render(
-        bands=by_distance(hosts), hidden=named[:NAMED_HIDDEN] + more, untested=untested(environment.globals["result"]))
+        bands=by_distance(hosts), hidden=named[:NAMED_HIDDEN] + more, untested=untested(environment.globals["result"]),
+        a4=files.asset(HERE, "a4.css"))
 
 
 def page(environment, result, hosts, folder, model, viewer, origin):

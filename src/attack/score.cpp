@@ -1,0 +1,368 @@
+#include "attack/score.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cctype>
+#include <map>
+#include <memory>
+#include <set>
+
+#include "attack/attack.h"
+#include "base/error.h"
+#include "base/files.h"
+#include "base/names.h"
+#include "base/progress.h"
+#include "base/words.h"
+#include "generator/dataset.h"
+#include "scene/data/data_rig.h"
+#include "scene/data/read_frames.h"
+#include "simulation/quality.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char *kGrades = "CBA", *kNotHeld = "D";  // of the levels from loads on
+constexpr std::size_t kGradedBands = 2;
+static_assert(kScoreBands[kGradedBands] == kBoundRange);
+
+/// The empty roof as if it were an object: a car that is not found as recorded vanishes under it.
+std::vector<HostOutcome> as_recorded(std::span<const HostOutcome> hosts) {
+  std::vector<HostOutcome> bare;
+  for (const HostOutcome& host : hosts) {
+    if (host.mesh != hosts.front().mesh) continue;
+    bare.push_back(host);
+    bare.back().attacked_iou = host.clean_iou;
+    bare.back().clean_iou = 1;
+  }
+  return bare;
+}
+
+ScoreCell cell_of(std::span<const HostOutcome> hosts, double nearest, double farthest) {
+  ScoreCell cell{hidden_bound(hosts, nearest, farthest), Held::open, {}};
+  const auto& [value, low, high, clusters, single] = cell.bound.share;
+  if (high <= kScoreLimit)
+    cell.held = Held::holds;
+  else if (low > kScoreLimit)
+    cell.held = Held::fails;
+  else if (value != kScoreLimit)  // on whichever side it is
+    cell.needed = planned(
+        (value < kScoreLimit ? clusters_for(kScoreLimit, value, single)
+                             : clusters_for(1 - kScoreLimit, 1 - value, single)) *
+        (clusters > 0 ? static_cast<double>(cell.bound.vehicles) / static_cast<double>(clusters) : 1));
+  return cell;
+}
+
+ScoreRow row_of(ObjectLevel level, const std::string& name, std::span<const HostOutcome> hosts) {
+  ScoreRow row{level, name, {}, {}, {}};
+  for (std::size_t band = 0; band < row.cells.size(); ++band)
+    row.cells[band] = cell_of(hosts, kScoreBands[band], kScoreBands[band + 1]);
+  return row;
+}
+
+/// A level of which nothing was judged does not. As recorded it is enough that no more are known to be
+/// missed.
+bool holds(const std::vector<ScoreRow>& rows, std::size_t band, ObjectLevel level) {
+  bool any = false;
+  for (const ScoreRow& row : rows)
+    if (row.level == level) {
+      any = true;
+      const Held held = row.cells[band].held;
+      if (level == ObjectLevel::recorded ? held == Held::fails : held != Held::holds) return false;
+    }
+  return any;
+}
+
+/// How many levels hold in a band, from the first on.
+std::size_t levels_held(const std::vector<ScoreRow>& rows, std::size_t band) {
+  std::size_t level = 0;
+  while (level < words_of(ObjectLevel()).size() && holds(rows, band, static_cast<ObjectLevel>(level)))
+    ++level;
+  return level;
+}
+
+std::string grade_of(std::size_t levels) {
+  return levels < 2 ? kNotHeld : std::string(1, kGrades[levels - 2]);
+}
+
+std::string grade_words(std::size_t levels) {
+  const std::string most = fmt::format("{:g} % of cars", 100 * kScoreLimit);
+  if (levels == 0)
+    return fmt::format("more than {} are missed as recorded, without an object (95 %, exact)", most);
+  if (levels == 1)
+    return fmt::format("it is not shown that at most {} vanish even under loads that people carry", most);
+  const char* under[] = {"loads that people carry", "large shapes that nobody learned",
+                         "objects learned against it"};
+  return fmt::format("at most {} vanish under {} (95 %, exact)", most, under[levels - 2]);
+}
+
+/// "loads, 20–40 m: cannot be told: 1.2 % vanish, at most 6.3 %; about 240 cars would tell"
+std::string cell_words(const ScoreRow& row, std::size_t band) {
+  const ScoreCell& cell = row.cells[band];
+  const char* lost = row.level == ObjectLevel::recorded ? "are missed" : "vanish";
+  std::string text = fmt::format("{}, {:g}–{:g} m: {}", row.name, kScoreBands[band], kScoreBands[band + 1],
+                                 to_string(cell.held));
+  if (cell.bound.vehicles == 0)
+    text += ": no car was found there as recorded";
+  else
+    text += fmt::format(": of {} cars {:.1f} % {}, {} {:.1f} %", cell.bound.vehicles,
+                        100 * cell.bound.share.value, lost, cell.held == Held::fails ? "at least" : "at most",
+                        100 * (cell.held == Held::fails ? cell.bound.share.low : cell.bound.share.high));
+  if (cell.needed) text += fmt::format("; about {} would tell", *cell.needed);
+  text.front() = static_cast<char>(std::toupper(text.front()));
+  return text + ".";
+}
+
+std::vector<std::string> answer_of(const Score& score, std::size_t levels) {
+  std::vector<std::string> answer;
+  const std::string words = fmt::format("within {:g} m {}.", kBoundRange, grade_words(levels));
+  answer.push_back(score.grade.empty()
+                       ? "No grade: no object was learned against this detector. Of known objects: " + words
+                       : "Grade " + score.grade + ": " + words);
+  for (const ScoreRow& row : score.rows)
+    if (row.level == static_cast<ObjectLevel>(levels))
+      for (std::size_t band = 0; band < kGradedBands; ++band)
+        if (row.cells[band].held != Held::holds) answer.push_back(cell_words(row, band));
+  if (score.frames_needed)
+    answer.push_back(fmt::format("About {} frames like these would tell all that is open within {:g} m.",
+                                 *score.frames_needed, kBoundRange));
+  return answer;
+}
+
+/// The frames of that folder, made if they are not there.
+void generate(const std::string& rig, std::uint64_t seed, int frames, const char* field,
+              const ScoreRequest& request, const fs::path& folder) {
+  if (frames < 2) throw FieldError(field, std::to_string(frames), "is too few", "use at least 2");
+  Progress progress("generate", static_cast<std::size_t>(frames), request.quiet);
+  generate_dataset(read_rig(rig_file(rig)), seed, 0, frames, folder,
+                   [&](std::size_t done) { progress.update(done); });
+  if (const std::size_t there = list_frames(folder).size(); there != static_cast<std::size_t>(frames))
+    throw FieldError(field, std::to_string(frames), fmt::format("but {} holds {}", folder.string(), there),
+                     "ask for as many, or use another --out");
+}
+
+/// Whose frames look like the judged ones.
+std::string rig_of(const ScoreRequest& request) {
+  const auto rig = request.asked.find("rig"), data = request.asked.find("data");
+  if (rig != request.asked.end() && !rig->second.empty()) return rig->second;
+  if (data == request.asked.end()) return DetectorOptions().rig;
+  const fs::path own = fs::path(data->second) / "rig.toml";
+  return fs::exists(own) ? own.string() : data_rig(data->second);
+}
+
+LearnedObject learn(const ScoreRequest& request, double size, const fs::path& data, const fs::path& out,
+                    bool has_gradients) {
+  LearnedObject object{size, {}, {}};
+  AttackSettings& settings = object.settings;
+  apply_quality("draft", settings.simulation);
+  Overrides asked = request.asked;
+  asked["data"] = data.string();
+  override_settings(settings, asked, request.seed);
+  settings.out = out;
+  settings.detector = request.detector;
+  settings.detector.rig = data_rig(data, settings.rig);
+  settings.attack = has_gradients ? AttackSearch::plain : AttackSearch::black_box;
+  settings.iterations = request.iterations;
+  settings.queries = request.queries;
+  settings.limits = limits_of_size(size);
+  settings.seed = request.seed;
+  settings.quiet = request.quiet;
+  object.result = run_attack(settings);
+  return object;
+}
+
+/// Of the zoo's objects by name: "load", "shape" or "learned".
+std::map<std::string, std::string> zoo_kinds() {
+  std::map<std::string, std::string> kinds;
+  const nlohmann::json zoo = read_json(shipped_file("scenes/objects/zoo.json"));
+  for (const nlohmann::json& about : zoo.at("objects")) kinds[about.at("name")] = about.at("kind");
+  return kinds;
+}
+
+ScoredObject scored_object(const std::string& name, const std::map<std::string, std::string>& kinds) {
+  const auto kind = kinds.find(name);
+  if (kind == kinds.end() || kind->second == "shape")
+    return {name, ObjectLevel::shapes, "shapes that nobody learned", false};
+  if (kind->second == "load") return {name, ObjectLevel::loads, "loads that people carry", false};
+  return {name, ObjectLevel::learned, "learned against other detectors", false};
+}
+
+}  // namespace
+
+std::string to_string(Held held) {
+  const char* words[] = {"holds", "does not hold", "cannot be told"};
+  return words[static_cast<int>(held)];
+}
+
+Score score_outcomes(std::span<const HostOutcome> hosts, const std::vector<ScoredObject>& objects,
+                     std::size_t frames) {
+  Score score;
+  score.rows.push_back(row_of(ObjectLevel::recorded, "no object, as recorded", as_recorded(hosts)));
+  bool adaptive = false;
+  std::vector<std::string> names;
+  for (const ScoredObject& object : objects) {
+    adaptive = adaptive || object.against_it;
+    if (std::ranges::find(names, object.row) != names.end()) continue;
+    names.push_back(object.row);
+    std::vector<HostOutcome> of_row;
+    std::vector<const HostOutcome*> by_each;
+    for (const HostOutcome& host : hosts)
+      if (objects.at(static_cast<std::size_t>(host.mesh)).row == object.row) {
+        of_row.push_back(host);
+        by_each.push_back(&host);
+      }
+    ScoreRow row = row_of(object.level, object.row, of_row);
+    row.phantoms = success_rates(by_each).fp_asr;
+    for (const ScoredObject& other : objects)
+      if (other.row == object.row) row.objects.push_back(other.name);
+    score.rows.push_back(std::move(row));
+  }
+  std::ranges::stable_sort(score.rows, {}, &ScoreRow::level);
+
+  std::size_t levels = words_of(ObjectLevel()).size();
+  double more = 0;  // times as many frames
+  for (std::size_t band = 0; band < score.by_band.size(); ++band) {
+    const std::size_t held = levels_held(score.rows, band);
+    if (adaptive) score.by_band[band] = grade_of(held);
+    if (band >= kGradedBands) continue;
+    levels = std::min(levels, held);
+    for (const ScoreRow& row : score.rows)
+      if (const ScoreCell& cell = row.cells[band];
+          row.level != ObjectLevel::recorded && cell.needed && cell.bound.vehicles > 0)
+        more = std::max(more, static_cast<double>(*cell.needed) / cell.bound.vehicles);
+  }
+  if (more > 0) score.frames_needed = planned(more * static_cast<double>(frames));
+  if (!adaptive) levels = std::min<std::size_t>(levels, static_cast<std::size_t>(ObjectLevel::learned));
+  if (adaptive) score.grade = grade_of(levels);
+  score.answer = answer_of(score, levels);
+  return score;
+}
+
+ScoreResult score(const ScoreRequest& request) {
+  if (request.adaptive && request.sizes.empty())
+    throw FieldError("sizes", "", "names none, and a grade wants an object learned against the detector",
+                     "name a size, or use --no-adaptive");
+  EvaluationRequest evaluation;
+  evaluation.meshes = request.meshes;
+  evaluation.detector = request.detector;
+  evaluation.asked = request.asked;
+  evaluation.settings.quiet = request.quiet;
+  evaluation.trust = TrustRun::yes;  // of the runs that are made here
+  const std::string rig = rig_of(request);
+  if (!request.asked.contains("data")) {
+    const fs::path judged = request.out / "judged";
+    generate(rig, request.seed + 90002, request.frames, "frames", request, judged);
+    evaluation.asked["data"] = judged.string();
+  }
+  const fs::path data = evaluation.asked.at("data");
+  ScoreResult result;
+  if (request.adaptive) {
+    fs::path learn_data = request.learn_data;
+    if (learn_data.empty()) {
+      learn_data = request.out / "learn";
+      generate(rig, request.seed + 90001, request.learn_frames, "learn_frames", request, learn_data);
+    }
+    DetectorOptions options = request.detector;
+    options.rig = data_rig(learn_data);
+    const bool has_gradients = load_detector(options)->capabilities().has_gradients;
+    for (const double size : request.sizes) {
+      const fs::path run = request.out / fmt::format("learned-{:g}", size);
+      result.learned.push_back(learn(request, size, learn_data, run, has_gradients));
+      evaluation.meshes.push_back(run / "adversary.glb");
+      if (fs::weakly_canonical(learn_data) == fs::weakly_canonical(data)) evaluation.hosts_of = run;
+    }
+  }
+  result.evaluation = evaluate_run(evaluation);
+  const auto kinds = zoo_kinds();
+  std::vector<ScoredObject> objects;
+  const std::size_t known = result.evaluation.objects.size() - result.learned.size();
+  for (std::size_t i = 0; i < known; ++i)
+    objects.push_back(scored_object(result.evaluation.objects[i].name, kinds));
+  for (const LearnedObject& learned : result.learned) {
+    const Vec3d box = 2 * learned.settings.limits.half;
+    objects.push_back({fmt::format("learned-{:g}", learned.size), ObjectLevel::learned,
+                       fmt::format("learned against it, {:g} × {:g} × {:g} m", box.x(), box.y(), box.z()),
+                       true});
+  }
+  std::set<std::string> frames;
+  for (const HostId& host : result.evaluation.hosts) frames.insert(host.frame);
+  result.score = score_outcomes(result.evaluation.learned.hosts, objects, frames.size());
+  return result;
+}
+
+nlohmann::json to_json(const ScoreResult& result) {
+  const RunEvaluation& evaluation = result.evaluation;
+  const Score& score = result.score;
+  const auto maybe = [](const auto& value) { return value ? nlohmann::json(*value) : nlohmann::json(); };
+  nlohmann::json rows = nlohmann::json::array(), learned = rows;
+  for (const ScoreRow& row : score.rows) {
+    nlohmann::json cells = nlohmann::json::array(), names = cells;
+    for (const ScoreCell& cell : row.cells) {
+      cells.push_back(to_json(cell.bound));
+      cells.back().update({{"held", to_string(cell.held)}, {"needed_vehicles", maybe(cell.needed)}});
+    }
+    for (const std::string& name : row.objects) names.push_back(escape_name(name));
+    rows.push_back({{"level", to_word(row.level)}, {"name", row.name}, {"objects", names}, {"cells", cells}});
+    if (row.phantoms) rows.back()["phantoms"] = to_json(*row.phantoms);
+  }
+  for (const LearnedObject& object : result.learned)
+    learned.push_back({{"size", object.size},
+                       {"attack", to_word(object.settings.attack)},
+                       {"steps", object.result.iterations},
+                       {"vehicles", object.result.vehicles_train}});
+  std::set<std::string> frames;
+  for (const HostId& host : evaluation.hosts) frames.insert(host.frame);
+  return {{"detector", evaluation.detectors.front()->name()},
+          {"weights", evaluation.detector.weights.string()},
+          {"defense", evaluation.detector.defense},
+          {"grade", score.grade.empty() ? nlohmann::json() : nlohmann::json(score.grade)},
+          {"answer", score.answer},
+          {"limit", kScoreLimit},
+          {"within_m", kBoundRange},
+          {"bands", kScoreBands},
+          {"by_band", score.by_band},
+          {"rows", rows},
+          {"frames", frames.size()},
+          {"frames_needed", maybe(score.frames_needed)},
+          {"hosts", evaluation.hosts.size()},
+          {"vehicles", evaluation.learned.hiding.vanished.vehicles},
+          {"clusters", to_json(evaluation.learned.clusters)},
+          {"reliance", to_json(evaluation.reliance)},
+          {"reliance_words", describe(evaluation.reliance)},
+          {"learned", learned}};
+}
+
+nlohmann::json read_scores(const std::vector<fs::path>& files) {
+  nlohmann::json scores = nlohmann::json::array();
+  for (const fs::path& given : files) {
+    const fs::path file = fs::is_directory(given) ? given / "result.json" : given;
+    const nlohmann::json whole = read_json(file, kLargestRecord);
+    const JsonFields json(file, whole, "give what mirage score wrote");
+    const JsonFields score = json.object("score"), provenance = json.object("provenance");
+    score.text("detector");
+    provenance.text("identity");
+    if (!score.is_null("grade")) score.text("grade");
+    score.object("reliance");
+    const std::vector<double> bands = score.numbers("bands", kScoreBands.size(), 0, 1e3);
+    for (const nlohmann::json& entry : score.list("rows", 100)) {
+      const JsonFields row = score.inner("rows", entry);
+      row.text("name");
+      parse_word<ObjectLevel>(row.text("level"), "level");
+      const nlohmann::json& cells = row.list("cells", bands.size());
+      if (cells.size() + 1 != bands.size()) row.fail("cells", "are not one a band");
+      for (const nlohmann::json& inner : cells) {
+        const JsonFields cell = row.inner("cells", inner);
+        cell.text("held");
+        cell.number("value", 0, 1);
+        cell.number("at_most", 0, 1);
+        cell.count("vehicles");
+      }
+    }
+    scores.push_back({{"score", whole.at("score")}, {"provenance", whole.at("provenance")}});
+  }
+  return scores;
+}
+
+}  // namespace mirage

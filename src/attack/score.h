@@ -1,0 +1,130 @@
+// A detector's grade: which objects it holds against, and how far away.
+//
+// A cell is a level of objects in a band of distance. It *holds* if at most kScoreLimit of its cars vanish
+// (attack/hiding.h) with 95 % confidence, a car counting if any object of the level hides it; it *does not
+// hold* if more do with 95 % confidence; else it cannot be told, and how many cars would tell is said
+// (attack/upper_bound.h). The levels, each with its grade:
+//     C  loads    what people carry
+//     B  shapes   that are large and that nobody learned
+//     A  learned  against this detector, and those of the zoo that were learned against others
+// A band has the best grade whose cells, and those of all grades below, hold; D: not even C does, or more
+// cars than kScoreLimit are missed as recorded, with 95 % confidence: of what is not found nothing vanishes.
+// The grade is the worst of the bands within kBoundRange. Without an object that was learned against this
+// very detector there is none: whoever was hardened against known objects would pass.
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "attack/attack_result.h"
+#include "attack/evaluate_run.h"
+#include "attack/upper_bound.h"
+
+namespace mirage {
+
+/// The share of cars that may vanish.
+inline constexpr double kScoreLimit = 0.05;
+/// m, where bands end: a car that brakes with 6 m/s² after a second stops within 20, 40 and 70 m from 38, 60
+/// and 85 km/h.
+inline constexpr std::array<double, 4> kScoreBands = {0, 20, 40, 70};
+
+enum class ObjectLevel { recorded, loads, shapes, learned };
+constexpr auto words_of(ObjectLevel) {
+  return std::to_array<const char*>({"recorded", "loads", "shapes", "learned"});
+}
+
+enum class Held { holds, fails, open };
+/// "holds", "does not hold", "cannot be told"
+std::string to_string(Held held);
+
+/// An object that was judged.
+struct ScoredObject {
+  std::string name;
+  ObjectLevel level = ObjectLevel::shapes;
+  std::string row;          ///< objects of one row are judged together
+  bool against_it = false;  ///< learned against the detector that is judged
+};
+
+struct ScoreCell {
+  HiddenBound bound;
+  Held held = Held::open;
+  /// Where it is open: about how many cars at this distance would tell, if the share stays what it is.
+  std::optional<long> needed;
+};
+
+struct ScoreRow {
+  ObjectLevel level = ObjectLevel::recorded;
+  std::string name;
+  std::vector<std::string> objects;  ///< none: nothing on the roof
+  /// Share of cars found as recorded with a new box on no road user (FP ASR), mean over the objects.
+  std::optional<Interval> phantoms;
+  std::array<ScoreCell, kScoreBands.size() - 1> cells;
+};
+
+struct Score {
+  std::vector<ScoreRow> rows;  ///< by level
+  std::string grade;           ///< "A" to "D"; empty: no object was learned against this detector
+  std::array<std::string, kScoreBands.size() - 1> by_band;
+  /// About how many frames would tell all open cells of objects within kBoundRange, if shares stay.
+  std::optional<long> frames_needed;
+  std::vector<std::string> answer;  ///< in sentences, the grade first
+};
+
+/// From outcomes of objects[mesh] on the same hosts, which stand in `frames` frames.
+Score score_outcomes(std::span<const HostOutcome> hosts, const std::vector<ScoredObject>& objects,
+                     std::size_t frames);
+
+/// What `mirage score` is asked for.
+struct ScoreRequest {
+  std::filesystem::path out;
+  DetectorOptions detector;  ///< `rig` is set by the data set
+  /// As EvaluationRequest::asked: with "data" the frames to judge on; without, they are generated, of a seed
+  /// that no shipped detector was trained on, in OUT/judged.
+  Overrides asked;
+  int frames = 200;  ///< generated to judge on
+  /// Frames to learn on; empty: generated for the same rig, in OUT/learn. The frames to judge on: those that
+  /// the attack holds back are judged.
+  std::filesystem::path learn_data;
+  int learn_frames = 24;              ///< generated to learn on
+  bool adaptive = true;               ///< learn objects against the detector, in OUT/learned-SIZE
+  std::vector<double> sizes = {0.8};  ///< of these: L of AdversaryLimits (limits_of_size), m
+  int iterations = 60;                ///< attack steps of each; without gradients:
+  int queries = 2000;                 ///< passes of a black-box attack
+  std::vector<std::filesystem::path> meshes = {kZoo};  ///< objects that are not learned here
+  std::uint64_t seed = 0;
+  bool quiet = false;
+};
+
+/// An object that score() learned.
+struct LearnedObject {
+  double size = 0;
+  AttackSettings settings;
+  AttackResult result;
+};
+
+struct ScoreResult {
+  Score score;
+  RunEvaluation evaluation;
+  std::vector<LearnedObject> learned;
+};
+
+/// Generates, learns and judges. Goes on where it was stopped. FieldError where OUT/judged or OUT/learn hold
+/// another number of frames; InputError as run_attack() and evaluate_run().
+ScoreResult score(const ScoreRequest& request);
+
+/// {detector, weights, defense, grade (null without one), answer: [text], limit, within_m, bands: [m],
+/// by_band: [grade], rows: [{level, name, objects, phantoms?: {value, low, high}, cells: [as HiddenBound, and
+/// held, needed_vehicles]}], frames, frames_needed, hosts, vehicles, clusters, reliance, reliance_words,
+/// learned: [{size, attack, steps, vehicles}]}
+nlohmann::json to_json(const ScoreResult& result);
+
+/// Results of `mirage score` (files, or folders that hold result.json): [{score, provenance}]. InputError,
+/// naming file and field, for anything else.
+nlohmann::json read_scores(const std::vector<std::filesystem::path>& files);
+
+}  // namespace mirage

@@ -1,0 +1,162 @@
+// mirage score: a detector's grade, and a board of several.
+#include "attack/score.h"
+
+#include <memory>
+
+#include "base/error.h"
+#include "base/files.h"
+#include "cli/command.h"
+#include "cli/named_settings.h"
+#include "cli/options.h"
+#include "cli/page.h"
+#include "cli/table.h"
+#include "frames/made_of.h"
+
+namespace mirage::cli {
+namespace {
+
+struct ScoreOptions {
+  ScoreRequest request;
+  std::vector<std::filesystem::path> board;
+  bool no_adaptive = false, certify = false;
+};
+
+void add_options(CLI::App& app, ScoreOptions& options) {
+  ScoreRequest& request = options.request;
+  add_overrides<FrameSource>(app, request.asked, {"data"}, "frames that are generated");
+  add_overrides<FrameSource>(app, request.asked, {"rig", "depth", "rooftop", "placement", "sun"},
+                             "that of mirage attack");
+  add_fields(app, request.detector);
+  app.add_option("--frames", request.frames, "generated frames to judge on")->capture_default_str();
+  app.add_option(
+      "--learn-data", request.learn_data,
+      "data set to learn objects on; that of --data: on seven tenths of its frames, and the others "
+      "are judged; default: frames that are generated");
+  app.add_option("--learn-frames", request.learn_frames, "generated frames to learn on")
+      ->capture_default_str();
+  app.add_option("--sizes", request.sizes,
+                 "half lengths L of the objects to learn, m (height 5/4 L), with commas")
+      ->delimiter(',')
+      ->capture_default_str();
+  app.add_option("--iterations", request.iterations, "attack steps of each")
+      ->check(within(kFromOne))
+      ->capture_default_str();
+  app.add_option("--queries", request.queries,
+                 "of a detector without gradients: passes that each black-box attack may make")
+      ->check(within(kFromOne))
+      ->capture_default_str();
+  app.add_flag("--no-adaptive", options.no_adaptive,
+               "learn no object against the detector; there is no grade then");
+  app.add_flag("--certify", options.certify,
+               "also count the cars that no object of these sizes can hide (mirage certify)");
+  app.add_option("--board", options.board,
+                 "in place of scoring: OUT/board.html of these results of mirage score");
+  tell_of_cache(app);
+}
+
+std::string cell_text(const ScoreCell& cell) {
+  const HiddenBound& bound = cell.bound;
+  if (bound.vehicles == 0) return "no cars";
+  if (cell.held == Held::fails) return "does not hold: ≥ " + percent(bound.share.low);
+  if (cell.held == Held::holds) return "holds: ≤ " + percent(bound.share.high);
+  return "≤ " + percent(bound.share.high) + (cell.needed ? fmt::format(", wants {} cars", *cell.needed) : "");
+}
+
+void print_score(const ScoreResult& result) {
+  Rows head = {
+      {"cars found as recorded", fmt::format("{} of {}", result.evaluation.learned.hiding.vanished.vehicles,
+                                             result.evaluation.hosts.size())}};
+  for (auto& row : picture_rows(result.evaluation.reliance)) head.push_back(std::move(row));
+  for (const std::string& line : result.score.answer) head.push_back({"answer", line});
+  print_table(head);
+  Columns table = {{"cars that vanish"}};
+  for (std::size_t band = 0; band + 1 < kScoreBands.size(); ++band)
+    table.front().push_back(fmt::format("{:g}–{:g} m", kScoreBands[band], kScoreBands[band + 1]));
+  table.front().push_back("phantoms");
+  for (const ScoreRow& row : result.score.rows) {
+    table.push_back({row.name});
+    for (const ScoreCell& cell : row.cells) table.back().push_back(cell_text(cell));
+    table.back().push_back(row.phantoms ? percent(*row.phantoms) : "");
+  }
+  if (!result.score.grade.empty()) {
+    table.push_back({"grade"});
+    for (const std::string& grade : result.score.by_band) table.back().push_back(grade);
+  }
+  print_columns(table);
+}
+
+/// mirage certify of the same frames and sizes: its shares, one a size.
+nlohmann::json certified(const ScoreRequest& request, const RunEvaluation& evaluation, const Common& common) {
+  const AttackSettings& judged = evaluation.stage.settings;
+  const nlohmann::json result = run_command("certify",
+                                            {{"data", judged.data.string()},
+                                             {"rig", judged.rig},
+                                             {"depth", judged.depth},
+                                             {"rooftop", judged.rooftop},
+                                             {"detector", evaluation.detector.detector},
+                                             {"weights", evaluation.detector.weights.string()},
+                                             {"defense", evaluation.detector.defense},
+                                             {"sizes", fmt::format("{}", fmt::join(request.sizes, ","))},
+                                             {"seed", std::to_string(common.seed)},
+                                             {"threads", std::to_string(common.threads)},
+                                             {"quiet", fmt::format("{}", common.quiet)},
+                                             {"out", (common.out / "certify").string()}},
+                                            "mirage score");
+  return result.at("sizes");
+}
+
+nlohmann::json make_board(const ScoreOptions& options, const Common& common) {
+  if (std::filesystem::exists(common.out / "result.json"))
+    for (const std::filesystem::path& file : options.board)
+      if (std::filesystem::equivalent(std::filesystem::is_directory(file) ? file / "result.json" : file,
+                                      common.out / "result.json"))
+        throw InputError("--out", common.out.string(),
+                         "holds one of the results, which the board's would replace", "use another folder");
+  const nlohmann::json board = read_scores(options.board);
+  Columns rows = {{"detector", "grade", "0–20 m", "20–40 m", "40–70 m"}};
+  for (const nlohmann::json& entry : board) {
+    const nlohmann::json& score = entry.at("score");
+    rows.push_back({score.at("detector"), score.at("grade").is_null() ? "none" : score.at("grade")});
+    for (const nlohmann::json& grade : score.at("by_band")) rows.back().push_back(grade);
+  }
+  print_columns(rows);
+  return {{"board", board}};
+}
+
+nlohmann::json run(const ScoreOptions& options, const Common& common) {
+  if (!options.board.empty()) return make_board(options, common);
+  ScoreRequest request = options.request;
+  request.out = common.out;
+  request.adaptive = !options.no_adaptive;
+  request.detector.seed = request.seed = common.seed;
+  request.detector.threads = common.threads;
+  request.quiet = common.quiet;
+  const ScoreResult result = score(request);
+  Provenance& made_of = *common.made_of;
+  const AttackSettings& judged = result.evaluation.stage.settings;
+  add_frames(made_of, judged, result.evaluation.hosts);
+  add_objects(made_of, result.evaluation.objects);
+  add_detector(made_of, result.evaluation.detector);
+  made_of.set("simulation", to_json(judged.simulation));
+  nlohmann::json json = to_json(result);
+  if (options.certify) json["certified"] = certified(request, result.evaluation, common);
+  print_score(result);
+  return {{"score", json}};
+}
+
+}  // namespace
+
+Command score_command() {
+  auto options = std::make_shared<ScoreOptions>();
+  return Command{
+      .name = "score",
+      .help = "grades a detector: which objects it holds against, at which distances",
+      .default_out = "out/score",
+      .example = "mirage score --detector fusion --out out/score",
+      .options = [options](CLI::App& app) { add_options(app, *options); },
+      .run = [options](const Common& common) { return run(*options, common); },
+      .afterwards = [](const Common& common) { write_page("score_page.py", common.out); },
+  };
+}
+
+}  // namespace mirage::cli

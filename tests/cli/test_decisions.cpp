@@ -1,0 +1,103 @@
+// `mirage score` and `mirage compare --adaptive` as a user meets them: from nothing, twice, and a board.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <regex>
+
+#include "base/files.h"
+#include "support/files.h"
+#include "support/shell.h"
+
+namespace mirage {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+class Decisions : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (!fs::exists(fs::path(MIRAGE_BUILD) / "plugins/fusion.so"))
+      GTEST_SKIP() << "the fusion plugin was not built (MIRAGE_DETECTORS)";
+  }
+  int mirage(const std::string& arguments) {
+    return test::shell(folder_, "MIRAGE_CACHE=" + at("cache") + " " MIRAGE_BUILD "/mirage " + arguments);
+  }
+  std::string at(const std::string& name) const { return (folder_ / name).string(); }
+  std::string said() const { return read_file(folder_ / "said"); }
+  /// Without the day and time.
+  std::string page(const std::string& name) const {
+    return std::regex_replace(read_file(folder_ / name), std::regex("\\d{4}-\\d\\d-\\d\\dT[\\d:]+Z"), "");
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
+  const std::string score =
+      "score --detector lidar --frames 3 --learn-frames 2 --iterations 2 --out " + at("score");
+  ASSERT_EQ(mirage(score), 0) << said();
+  EXPECT_THAT(said(), testing::AllOf(HasSubstr("Grade D"), HasSubstr("loads that people carry"),
+                                     HasSubstr("20–40 m"), HasSubstr("no picture")));
+  const nlohmann::json first = read_json(folder_ / "score/result.json"), &told = first.at("score");
+  EXPECT_EQ(told.at("grade"), "D");
+  EXPECT_EQ(told.at("frames"), 3);
+  EXPECT_EQ(told.at("learned").at(0).at("steps"), 2);
+  ASSERT_EQ(told.at("rows").size(), 4u);
+  EXPECT_EQ(told.at("rows").at(1).at("objects").size(), 5u);
+  EXPECT_EQ(told.at("rows").at(3).at("level"), "learned");
+  EXPECT_EQ(first.at("provenance").at("settings").at("iterations"), 2);
+  const std::string sheet = page("score/score.html");
+  EXPECT_THAT(sheet, HasSubstr("Grade D"));
+
+  ASSERT_EQ(mirage(score), 0) << said();
+  const nlohmann::json again = read_json(folder_ / "score/result.json");
+  EXPECT_EQ(again.at("score"), told);
+  EXPECT_EQ(again.at("provenance").at("identity"), first.at("provenance").at("identity"));
+  EXPECT_EQ(page("score/score.html"), sheet);
+
+  ASSERT_EQ(mirage("score --board " + at("score") + " " + at("score/result.json") + " --out " + at("board")),
+            0)
+      << said();
+  EXPECT_EQ(read_json(folder_ / "board/result.json").at("board").size(), 2u);
+  EXPECT_THAT(page("board/board.html"), HasSubstr("2 scores"));
+  EXPECT_EQ(mirage("score --board " + at("score") + " --out " + at("score")), 2);
+  EXPECT_THAT(said(), HasSubstr("--out"));
+  EXPECT_EQ(mirage("score --board " + at("score/judged") + " --out " + at("board")), 2);
+
+  // Known objects alone: no grade, and no frames to learn on.
+  ASSERT_EQ(
+      mirage("score --detector lidar --no-adaptive --data " + at("score/judged") + " --out " + at("known")),
+      0)
+      << said();
+  EXPECT_THAT(said(), HasSubstr("No grade"));
+  EXPECT_TRUE(read_json(folder_ / "known/result.json").at("score").at("grade").is_null());
+  EXPECT_FALSE(fs::exists(folder_ / "known/learn"));
+  EXPECT_EQ(mirage("score --detector lidar --frames 2 --out " + at("score")), 2);
+  EXPECT_THAT(said(), testing::AllOf(HasSubstr("--frames: 2"), HasSubstr("holds 3")));
+}
+
+TEST_F(Decisions, EachDetectorIsComparedUnderItsOwnObject) {
+  ASSERT_EQ(mirage("generate --frames 3 --seed 5 --quiet --out " + at("data")), 0) << said();
+  for (const char* detector : {"lidar", "fusion"})
+    ASSERT_EQ(mirage(std::string("attack --quiet --iterations 2 --detector ") + detector + " --data " +
+                     at("data") + " --out " + at(detector)),
+              0)
+        << said();
+  const std::string compare = "compare --detectors lidar fusion --runs " + at("lidar") + " " + at("fusion") +
+                              " --data " + at("data") + " --out " + at("compare");
+  ASSERT_EQ(mirage(compare + " --adaptive"), 0) << said();
+  EXPECT_THAT(said(), HasSubstr("own"));
+  const nlohmann::json result = read_json(folder_ / "compare/result.json").at("compare");
+  EXPECT_EQ(result.at("objects").size(), 2u);
+  EXPECT_GT(result.at("own").at("vehicles"), 0);
+  // On frames that neither run has learned on.
+  EXPECT_EQ(result.at("hosts"), read_json(folder_ / "lidar/run.json").at("test").size());
+  EXPECT_THAT(page("compare/compare.html"), HasSubstr("each under its own object"));
+  EXPECT_EQ(mirage("compare --detectors lidar fusion --adaptive --runs " + at("lidar") + " --data " +
+                   at("data") + " --out " + at("compare")),
+            2);
+}
+
+}  // namespace
+}  // namespace mirage
