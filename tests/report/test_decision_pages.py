@@ -82,6 +82,21 @@ def score(grade="C", detector="fusion", value=0.012):
                        "version": "0.1.0", "weights_hash": "c" * 64, "inputs": {"data": "d" * 64}}}
 
 
+def untold():
+    """Two learned objects, and every cell but two cannot be told."""
+    result = score()
+    told = result["score"]
+    told["rows"].append(dict(told["rows"][-1]))
+    open_cell = told["rows"][2]["cells"][0]
+    for row in told["rows"]:
+        row["cells"] = [dict(open_cell) for _ in row["cells"]]
+    told["rows"][1]["cells"][2]["vehicles"], told["rows"][1]["cells"][1]["held"] = 0, "does not hold"
+    told["answer"] += told["answer"][1:] * 2
+    for name in ("learned", "certified"):
+        told[name] *= 2
+    return result
+
+
 class Decision(browser.PageChecks):
     """For a TestCase with `script`, `page` and `result`."""
 
@@ -136,8 +151,17 @@ class ScorePage(Decision, unittest.TestCase):
         text = self.browser.run("document.body.innerText")
         for part in ("Grade C: within 40 m", "about 240 would tell", "does not hold", "no cars", "What was not tested", "Certified", "b" * 64):
             self.assertIn(part, text)
+        self.assertEqual(self.sheets(), 1)
+
+    def sheets(self):
         sheet = base64.b64decode(self.browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
-        self.assertEqual(len(re.findall(rb"/Type\s*/Page\b", sheet)), 1)
+        return len(re.findall(rb"/Type\s*/Page\b", sheet))
+
+
+class FullScorePage(ScorePage):
+    """Nothing can be told, of two objects, and all of it is said."""
+
+    result = untold()
 
 
 class BoardPage(Decision, unittest.TestCase):
