@@ -131,6 +131,14 @@ nlohmann::json fields_json(const S& s) {
   return std::move(writer.json);
 }
 
+/// What null in a file stands for: nothing of it, or all of it off.
+template <class T>
+T off() {
+  T value;
+  if constexpr (requires { value.on; }) value.on = false;
+  return value;
+}
+
 /// The value of Field::lacking.
 template <class T>
 void set_lacking(const Field& field, T& value) {
@@ -139,13 +147,13 @@ void set_lacking(const Field& field, T& value) {
   else if constexpr (HasWords<T>)
     value = parse_word<T>(field.lacking, field.name);
   else if constexpr (HasText<T>)
-    *field.lacking ? set_from_text(field.lacking, value) : void(value = T());
+    *field.lacking ? set_from_text(field.lacking, value) : void(value = off<T>());
   else if constexpr (Number<T>)
     value = static_cast<T>(parse_number(field.lacking, field.name));
   else if constexpr (std::same_as<T, std::string> || std::same_as<T, std::filesystem::path>)
     value = field.lacking;
   else
-    value = T();
+    value = off<T>();
 }
 
 /// Of lacking_json.
@@ -159,14 +167,14 @@ class LackingFields {
   }
   template <class T>
   void group(const Field& field, T& inner) {
-    if (field.lacking) return writer.group(field, inner = T());
+    if (field.lacking) return writer.group(field, inner = off<T>());
     LackingFields within;
     visit_fields(within, inner);
     if (!within.writer.json.empty()) writer.json[field.name] = std::move(within.writer.json);
   }
   template <class T>
   void list(const Field& field, T& inner) {
-    if (field.lacking) writer.list(field, inner = T());
+    if (field.lacking) writer.list(field, inner = off<T>());
   }
   JsonWriter writer;
 };

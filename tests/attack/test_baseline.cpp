@@ -72,17 +72,16 @@ TEST(Baseline, EllipsoidAndCuboidFillTheBox) {
   for (const bool buildable : {false, true}) {
     const mirage::Run run = run_with_mesh(buildable);
     const Vec3d half = run.settings.limits.half;
-    const double bottom = buildable ? -run.settings.buildable.base * half.z() : -half.z();
     for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid}) {
       const TexturedMesh made = baseline_meshes(run, kind, 1).at(0);
       EXPECT_NEAR((bounds(made.mesh).max() - half).norm(), 0, 1e-12);
-      EXPECT_NEAR((bounds(made.mesh).min() - Vec3d(-half.x(), -half.y(), bottom)).norm(), 0, 1e-12);
+      EXPECT_NEAR((bounds(made.mesh).min() + half).norm(), 0, 1e-12);
       EXPECT_TRUE(is_watertight(made.mesh));
       EXPECT_TRUE(intersecting_faces(made.mesh).empty());
       check_mesh(made, to_string(kind));
     }
     const double volume = signed_volume(baseline_meshes(run, Baseline::cuboid, 1).at(0).mesh);
-    EXPECT_NEAR(volume, 2 * half.x() * 2 * half.y() * (half.z() - bottom), 1e-12);  // wound outwards, too
+    EXPECT_NEAR(volume, 8 * half.prod(), 1e-12);  // wound outwards, too
   }
 }
 
@@ -200,7 +199,7 @@ TEST(Buildable, AStepIsAMapOfSpaceThatFoldsNothing) {
   for (Vec3d& g : gradient) g = {random.normal(), random.normal(), random.normal()};
   Adam adam, other;
   adam.learning_rate = other.learning_rate = 0.02;
-  for (int i = 0; i < 20; ++i) {
+  for (int i = 0; i < 8; ++i) {
     step_buildable(adam, solid.mesh.vertices, gradient, {});
     other.step(loose.mesh.vertices, gradient);
   }
@@ -210,7 +209,7 @@ TEST(Buildable, AStepIsAMapOfSpaceThatFoldsNothing) {
     moved += (solid.mesh.vertices[i] - first[i]).norm() / static_cast<double>(first.size());
     EXPECT_LE((solid.mesh.vertices[i].cwiseAbs() - AdversaryLimits().half).maxCoeff(), 1e-12);
   }
-  EXPECT_GT(moved, 0.1);
+  EXPECT_GT(moved, 0.05);
   EXPECT_TRUE(intersecting_faces(solid.mesh).empty());
   EXPECT_FALSE(intersecting_faces(loose.mesh).empty());
 }
