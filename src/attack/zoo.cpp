@@ -181,6 +181,7 @@ TexturedMesh carried_load(const std::string& name) {
 
 Run run_of_objects(const std::vector<NamedObject>& objects) {
   Run run;
+  run.settings.buildable.on = false;  // nor is a random mesh of their size
   if (objects.empty()) return run;
   run.adversary = objects.front().mesh;
   for (const NamedObject& object : objects) {

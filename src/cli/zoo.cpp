@@ -106,7 +106,7 @@ std::vector<ZooObject> made_without_learning(std::uint64_t seed) {
   objects.push_back(
       {"random", random_adversary(seed), "shape", "a random mesh of 1.2 × 1.2 × 0.75 m, random texels"});
   for (const Baseline kind : {Baseline::ellipsoid, Baseline::cuboid}) {
-    TexturedMesh mesh = filling_shape(kind, {}, {});
+    TexturedMesh mesh = filling_shape(kind, {}, {.on = false});
     paint_patches(mesh, 12, seed);
     objects.push_back({to_string(kind), std::move(mesh), "shape",
                        to_string(kind) + " of 1.6 × 1.6 × 1 m, twelve random patches"});
