@@ -57,7 +57,7 @@ void print_shares(const CertificateResult& result, const CertificateSettings& se
 
 void add_options(CLI::App& app, CertifyOptions& options) {
   CertificateSettings& settings = options.settings;
-  add_fields(app, static_cast<FrameSource&>(options), {"placement"});  // it is about roofs
+  add_fields(app, static_cast<FrameSource&>(options), {"placement", "cameras"});  // it is about roofs
   app.add_option("--run", options.run, "run folder whose adversary is also judged");
   add_trust_option(app, options.trust);
   add_fields(app, options.detector);

@@ -41,6 +41,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
   }
   write_adversary(common.out / "adversary.glb", run.adversary);
   const std::vector<HostId> hosts = shown_hosts(run, options.frames);
+  run.settings.cameras = Cameras::all;  // labels keep their numbers
   FrameStore store(run.settings);
   common.made_of->add(run.settings);
   add_frames(*common.made_of, run.settings, hosts);
@@ -56,7 +57,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     blender.reset();
     files.push_back("adversary.fbx");
   }
-  std::size_t scenes = 0, learned = 0;
+  std::size_t scenes = 0, learned = 0, others = 0;
   if (hosts.empty())
     throw InputError((options.run / "run.json").string(), "test", "no test vehicles to export",
                      "give --frames N, which goes on with those that it learned on");
@@ -70,6 +71,7 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     ExportScene scene = host_scene(prepared.frame, placement, run.adversary, name);
     scene.learned_on = learned_on(run, id);
     learned += *scene.learned_on ? 1 : 0;
+    others += scene.others.size();
     write_scene(common.out / (name + ".glb"), scene);
     files.push_back(name + ".glb");
     progress.update(++scenes);
@@ -80,11 +82,13 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
                {"scenes", fmt::format("{} ({} of vehicles learned on)", hosts.size(), learned)},
                {"roofs", roofs(rooftops.fitted, rooftops.from_box)},
                {"folder", common.out.string()}});
-  return {{"scenes", hosts.size()},
-          {"learned_on", learned},
-          {"rooftops", to_json(rooftops)},
-          {"placement", text_of(run.settings.placement)},
-          {"files", files}};
+  nlohmann::json result = {{"scenes", hosts.size()},
+                           {"learned_on", learned},
+                           {"rooftops", to_json(rooftops)},
+                           {"placement", text_of(run.settings.placement)},
+                           {"files", files}};
+  if (others > 0) result["other_cameras"] = others;
+  return result;
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
-// mirage render: the meshes of a scene file, by the soft rasteriser or the ray-traced camera.
+// mirage render: the meshes of a scene file in each of its cameras, by the soft rasteriser or the ray-traced
+// camera.
 #include <fmt/format.h>
 
 #include <charconv>
@@ -7,6 +8,7 @@
 #include "base/error.h"
 #include "base/image_io.h"
 #include "base/schedule.h"
+#include "base/words.h"
 #include "cli/command.h"
 #include "cli/field_options.h"
 #include "cli/table.h"
@@ -18,7 +20,7 @@ namespace {
 
 struct RenderOptions {
   std::filesystem::path scene;
-  std::string renderer = "soft", size, background, parts, window;
+  std::string renderer = "soft", size, background, parts, window, camera;
   double sigma = SoftRasterSettings<double>().sigma, gamma = 0;
   std::vector<double> color = {0, 0, 0};
   int samples = 2;
@@ -42,7 +44,7 @@ std::vector<int> whole_numbers(const std::string& option, const std::string& tex
 }
 
 /// What lies behind the things.
-ImageF background_of(const RenderScene& scene, const RenderOptions& options, bool photograph) {
+ImageF background_of(const SceneCamera& scene, const RenderOptions& options, bool photograph) {
   if (photograph) {
     if (scene.photograph.empty())
       throw InputError(options.scene.string(), "photograph", "the scene has none", "give --background plain");
@@ -59,6 +61,30 @@ ImageF background_of(const RenderScene& scene, const RenderOptions& options, boo
   return plain;
 }
 
+/// Makes the camera of that name the scene's only one.
+void choose_camera(RenderScene& scene, const std::string& name) {
+  std::vector<std::string> names = {scene.name};
+  for (SceneCamera& other : scene.others) {
+    names.push_back(other.name);
+    if (other.name == name) std::swap(static_cast<SceneCamera&>(scene), other);
+  }
+  if (scene.name != name) throw unknown_word("from", name, names);
+  scene.others.clear();
+}
+
+/// Draws it and writes picture and depth, with this at the end of their names.
+SceneImage draw(const RenderScene& scene, const ImageF& background, const SceneRenderSettings& settings,
+                const std::filesystem::path& folder, const std::string& suffix = "") {
+  SceneImage image = render_scene(scene, background, settings);
+  ImageF color(image.rgba.width, image.rgba.height, 3);
+  for (std::size_t i = 0; i < image.depth.data.size(); ++i)
+    std::copy_n(image.rgba.data.data() + 4 * i, 3, color.data.data() + 3 * i);
+  write_exr(folder / ("image" + suffix + ".exr"), image.rgba);
+  write_srgb(folder / ("image" + suffix + ".png"), color);
+  write_exr(folder / ("depth" + suffix + ".exr"), image.depth);
+  return image;
+}
+
 nlohmann::json run(const RenderOptions& options, const Common& common) {
   const auto started = Clock::now();
   int width = 0, height = 0;
@@ -72,6 +98,8 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
                        fmt::format("give at most {} pixels in all", kMostPixels));
   }
   RenderScene scene = read_scene(options.scene, width, height);
+  if (!options.camera.empty()) choose_camera(scene, options.camera);
+  if (width > 0 || !options.window.empty()) scene.others.clear();  // pixels of one camera
   if (width > 0) scene.camera = resized(scene.camera, width, height);
   const bool photograph = options.background.empty() ? !scene.photograph.empty() && width == 0
                                                      : options.background == "photograph";
@@ -95,16 +123,21 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
                        "give u0,v0,u1,v1 with u0 < u1 and v0 < v1");
   }
   const auto drawing = Clock::now();
-  const SceneImage image = render_scene(scene, background, settings);
+  const SceneImage image = draw(scene, background, settings, common.out);
+  nlohmann::json covered = {{scene.name, image.covered}};
+  std::string told = std::to_string(image.covered);
+  RenderScene seen = scene;
+  for (const SceneCamera& other : scene.others) {
+    static_cast<SceneCamera&>(seen) = other;
+    const bool recorded = photograph && !other.photograph.empty();
+    const int pixels =
+        draw(seen, background_of(other, options, recorded), settings, common.out, "-" + other.name).covered;
+    covered[other.name] = pixels;
+    told += fmt::format(", {} {}", other.name, pixels);
+  }
   const double seconds = seconds_since(drawing);
-  ImageF color(image.rgba.width, image.rgba.height, 3);
-  for (std::size_t i = 0; i < image.depth.data.size(); ++i)
-    std::copy_n(image.rgba.data.data() + 4 * i, 3, color.data.data() + 3 * i);
-  write_exr(common.out / "image.exr", image.rgba);
-  write_srgb(common.out / "image.png", color);
-  write_exr(common.out / "depth.exr", image.depth);
   print_table({{"meshes", fmt::format("{} with {} faces", scene.things.size(), image.faces)},
-               {"pixels covered", std::to_string(image.covered)},
+               {"pixels covered", told},
                {"seconds", fmt::format("{:.3f}", seconds)},
                {"picture", (common.out / "image.png").string()}});
   nlohmann::json result = {{"renderer", options.renderer},
@@ -119,6 +152,7 @@ nlohmann::json run(const RenderOptions& options, const Common& common) {
                            {"parts", parts},
                            {"seconds", seconds},
                            {"seconds_total", seconds_since(started)}};
+  if (!scene.others.empty()) result["cameras"] = covered;
   if (settings.renderer == SceneRenderer::soft)
     result.update(
         {{"sigma", options.sigma}, {"gamma", image.gamma}, {"near", image.near}, {"far", image.far}});
@@ -138,8 +172,11 @@ void add_options(CLI::App& app, RenderOptions& options) {
   app.add_option("--samples", options.samples, "samples a pixel along each side")
       ->check(within({1, 32}))
       ->capture_default_str();
+  app.add_option(
+      "--from", options.camera,
+      "draw the camera of that name only (default: the first as image.png, others as image-NAME.png)");
   app.add_option("--size", options.size, "WIDTHxHEIGHT (default: the scene's)");
-  app.add_option("--window", options.window, "draw pixels u0,v0,u1,v1 only");
+  app.add_option("--window", options.window, "draw pixels u0,v0,u1,v1 of one camera only");
   app.add_option("--background", options.background,
                  "photograph or plain (default: the photograph if there is one)")
       ->check(one_of({"photograph", "plain"}));

@@ -30,12 +30,48 @@ struct SimulateOptions {
 };
 
 /// A full-size grey picture of a window's channel.
-ImageF mask_picture(const Simulated& simulated, int width, int height) {
-  ImageF mask(width, height, 1);
+ImageF mask_picture(const CameraSight& simulated) {
+  ImageF mask(simulated.image.width, simulated.image.height, 1);
   for (int v = simulated.rect.v0; v < simulated.rect.v1; ++v)
     for (int u = simulated.rect.u0; u < simulated.rect.u1; ++u)
       mask.at(u, v) = static_cast<float>(simulated.rgba.at(u - simulated.rect.u0, v - simulated.rect.v0, 3));
   return mask;
+}
+
+/// Picture, mask and depth of each camera that sees the object; the first's in any case.
+void write_sights(const PreparedFrame& prepared, const Simulated& simulated,
+                  const std::filesystem::path& folder) {
+  for (std::size_t k = 0; k < prepared.frame.cameras(); ++k) {
+    const CameraSight& sight = simulated.sight(k);
+    if (sight.image.empty()) continue;
+    const std::string suffix = k == 0 ? "" : "-" + prepared.frame.name_of(k);
+    write_srgb(folder / ("image" + suffix + ".png"), sight.image);
+    write_srgb(folder / ("mask" + suffix + ".png"), mask_picture(sight));
+    write_exr(folder / ("depth" + suffix + ".exr"), prepared.depth_of(k));
+  }
+}
+
+/// What each of several cameras sees of the object, by name.
+nlohmann::json cameras_json(const Frame& frame, const Simulated& simulated) {
+  nlohmann::json cameras;
+  for (std::size_t k = 0; k < frame.cameras(); ++k) {
+    const CameraSight& sight = simulated.sight(k);
+    const PixelRect& rect = sight.rect;
+    cameras[frame.name_of(k)] = {{"adversary_pixels", sight.adversary_pixels},
+                                 {"visible_share", sight.visible_share},
+                                 {"rect", {rect.u0, rect.v0, rect.u1, rect.v1}}};
+  }
+  return cameras;
+}
+
+/// "31", or of several cameras "CAM_BACK 31, CAM_BACK_LEFT 5".
+std::string pixels_told(const Frame& frame, const Simulated& simulated) {
+  if (frame.others.empty()) return std::to_string(simulated.adversary_pixels);
+  std::string told;
+  for (std::size_t k = 0; k < frame.cameras(); ++k)
+    if (const int pixels = simulated.sight(k).adversary_pixels; pixels > 0)
+      told += fmt::format("{}{} {}", told.empty() ? "" : ", ", frame.name_of(k), pixels);
+  return told.empty() ? "0" : told;
 }
 
 nlohmann::json run(const SimulateOptions& options, const Common& common) {
@@ -47,7 +83,7 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   check_data(asked.data, asked.rig, UnitUse::casts_rays);
   const auto depth = load_depth_completion({asked.depth});
   const auto finder = make_roof_finder(asked.rooftop, lidar);
-  Frame frame = read_frame(asked.data, options.frame);
+  Frame frame = read_frame(asked.data, options.frame, asked.cameras);
   frame.lighting = with_sun(frame, sun);
   const PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
   const Label& host = vehicle_of(prepared.frame, options.vehicle, "--vehicle");
@@ -64,9 +100,7 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   common.made_of->add(asked.simulation);
   add_frames(*common.made_of, asked, {&options.frame, 1});
-  write_srgb(common.out / "image.png", simulated.image);
-  write_srgb(common.out / "mask.png", mask_picture(simulated, simulated.image.width, simulated.image.height));
-  write_exr(common.out / "depth.exr", prepared.depth);
+  write_sights(prepared, simulated, common.out);
   write_sweep(common.out / "sweep.bin", simulated.sweep);
   print_table({{"roof", carrier.from_box
                             ? "the labelled box's" + (carrier.reason.empty() ? "" : ": " + carrier.reason)
@@ -74,42 +108,46 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
                {"adversary stands",
                 fmt::format("{} at ({:.2f}, {:.2f}, {:.2f}) m",
                             placement.support == Support::roof ? "on it" : "free", at.x(), at.y(), at.z())},
-               {"pixels on the adversary", std::to_string(simulated.adversary_pixels)},
+               {"pixels on the adversary", pixels_told(prepared.frame, simulated)},
                {"returns on the adversary", std::to_string(simulated.adversary_points)},
                {"returns hidden by the scene", std::to_string(simulated.occluded_points)},
                {"returns that the adversary hides", std::to_string(simulated.removed_points)},
-               {"share in view", percent(simulated.visible_share)},
+               {"share in view", percent(simulated.best_share())},
                {"measured returns with a ray of their own",
                 fmt::format("{:.2f} %", 100 * prepared.index.assigned_share())},
                {"picture", (common.out / "image.png").string()}});
-  return {{"adversary_pixels", simulated.adversary_pixels},
-          {"adversary_points", simulated.adversary_points},
-          {"occluded_points", simulated.occluded_points},
-          {"removed_points", simulated.removed_points},
-          {"visible_share", simulated.visible_share},
-          {"rooftop",
-           {{"from_box", carrier.from_box},
-            {"reason", carrier.reason},
-            {"velo", {roof(0, 3), roof(1, 3), roof(2, 3)}},
-            {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
-            {"over_box_m", over_box}}},
-          {"placement", text_of(asked.placement)},
-          {"lost_points", simulated.lost_points},
-          {"sweep_points", prepared.frame.sweep.size()},
-          {"sweep_rays_assigned", prepared.index.assigned_share()},
-          {"sweep_firings", prepared.index.firing_count()},
-          {"sun", {{"choice", sun.word}, {"to_sun_velo", {to_sun.x(), to_sun.y(), to_sun.z()}}}},
-          {"simulation", to_json(asked.simulation)},
-          {"seconds", seconds}};
+  nlohmann::json result = {
+      {"adversary_pixels", simulated.adversary_pixels},
+      {"adversary_points", simulated.adversary_points},
+      {"occluded_points", simulated.occluded_points},
+      {"removed_points", simulated.removed_points},
+      {"visible_share", simulated.visible_share},
+      {"rooftop",
+       {{"from_box", carrier.from_box},
+        {"reason", carrier.reason},
+        {"velo", {roof(0, 3), roof(1, 3), roof(2, 3)}},
+        {"heading_rad", std::atan2(roof(1, 0), roof(0, 0))},
+        {"over_box_m", over_box}}},
+      {"placement", text_of(asked.placement)},
+      {"lost_points", simulated.lost_points},
+      {"sweep_points", prepared.frame.sweep.size()},
+      {"sweep_rays_assigned", prepared.index.assigned_share()},
+      {"sweep_firings", prepared.index.firing_count()},
+      {"sun", {{"choice", sun.word}, {"to_sun_velo", {to_sun.x(), to_sun.y(), to_sun.z()}}}},
+      {"simulation", to_json(asked.simulation)},
+      {"seconds", seconds}};
+  if (!prepared.frame.others.empty()) result["cameras"] = cameras_json(prepared.frame, simulated);
+  return result;
 }
 
 }  // namespace
 
 Command simulate_command() {
   auto options = std::make_shared<SimulateOptions>();
+  options->insertion.cameras = Cameras::all;
   return Command{
       .name = "simulate",
-      .help = "inserts a mesh on the roof of one vehicle: image, sweep, mask, depth",
+      .help = "inserts a mesh on the roof of one vehicle: images, sweep, masks, depths",
       .default_out = "out/simulate",
       .example =
           "mirage simulate --data generated --frame 000000 --vehicle 0 --mesh out/attack/adversary.glb",

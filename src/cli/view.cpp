@@ -36,7 +36,7 @@ void add_options(CLI::App& app, ViewOptions& options) {
                  "with --run: the detector's weights (default: the run's)");
   app.add_option("--defense", settings.detector.defense,
                  "with --run: the detector's defence (default: the run's)");
-  add_overrides<FrameSource>(app, settings.asked, {"depth", "rig", "placement"});
+  add_overrides<FrameSource>(app, settings.asked, {"depth", "rig", "placement", "cameras"});
   add_trust_option(app, settings.trust);
   app.add_option("--size", settings.size, "largest page, MB; beyond it returns are thinned")
       ->check(within({0.1, 2000.0}))

@@ -256,7 +256,7 @@ PictureBox picture_box(const Label& label) {
 }
 
 ObjectBoxes boxes_of(const Label& label) {
-  return {has_box(label) ? label.box : Box3{}, picture_box(label)};
+  return {has_box(label) ? label.box : Box3{}, label.camera == 0 ? picture_box(label) : PictureBox{}};
 }
 
 TruthBoxes picture_truth(std::span<const Label> labels) {

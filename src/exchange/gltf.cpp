@@ -6,10 +6,12 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <set>
 
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "base/names.h"
 #include "exchange/gltf_builder.h"
 #include "exchange/gltf_document.h"
 #include "exchange/gltf_model.h"
@@ -33,7 +35,7 @@ class SceneReader {
     gltf_.warn_of_what_is_left_out();
     const tinygltf::Value* extras = gltf_.scene_extras();
     if (extras && extras->Has("camera"))
-      read_camera(extras->Get("camera"), "scenes[].extras.mirage.camera", scene);
+      read_first(extras->Get("camera"), scene);
     else if (!find_camera(scene, width, height))
       gltf_.fail("cameras", "the scene has no camera",
                  "add a camera, or export the scene with mirage export");
@@ -41,7 +43,9 @@ class SceneReader {
       read_lighting(extras->Get("lighting"), "scenes[].extras.mirage.lighting", scene.lighting);
     else
       find_sun(scene.lighting);
-    if (extras && extras->Has("photograph")) read_photograph(extras->Get("photograph"), scene);
+    if (extras && extras->Has("photograph"))
+      read_photograph(extras->Get("photograph"), "scenes[].extras.mirage.photograph", scene);
+    if (extras && extras->Has("others")) read_others(extras->Get("others"), scene);
     return scene;
   }
 
@@ -56,8 +60,35 @@ class SceneReader {
     lighting.hemisphere = gltf_.triple(light, "hemisphere", field, 0, kBrightest);
   }
 
-  void read_photograph(const tinygltf::Value& value, RenderScene& scene) const {
-    const std::string field = "scenes[].extras.mirage.photograph";
+  /// Cameras beside the first, each as the first's intrinsics and pose, its name and its photograph.
+  void read_others(const tinygltf::Value& list, RenderScene& scene) const {
+    constexpr std::size_t kMostCameras = 64;
+    const std::string field = "scenes[].extras.mirage.others";
+    if (!list.IsArray() || list.ArrayLen() > kMostCameras)
+      gltf_.fail(field, fmt::format("is no list of at most {} cameras", kMostCameras));
+    std::set<std::string> names = {scene.name};
+    for (std::size_t i = 0; i < list.ArrayLen(); ++i) {
+      const tinygltf::Value& from = list.Get(static_cast<int>(i));
+      const std::string at = fmt::format("{}[{}]", field, i);
+      if (!from.IsObject()) gltf_.fail(at, "is not an object");
+      SceneCamera& camera = scene.others.emplace_back();
+      read_camera(from, at, camera);
+      read_name(from, at, camera);
+      if (!names.insert(camera.name).second)
+        gltf_.fail(at + ".name", "is another camera's", "give each camera a name of its own");
+      if (from.Has("photograph")) read_photograph(from.Get("photograph"), at + ".photograph", camera);
+    }
+  }
+
+  /// Pictures are named after cameras.
+  void read_name(const tinygltf::Value& from, const std::string& field, SceneCamera& camera) const {
+    if (!from.Has("name")) return;
+    camera.name = from.Get("name").IsString() ? from.Get("name").Get<std::string>() : "";
+    if (!frame_id_problem(camera.name).empty())
+      gltf_.fail(field + ".name", "can be no picture's name", "name the camera, e.g. \"CAM_BACK\"");
+  }
+
+  void read_photograph(const tinygltf::Value& value, const std::string& field, SceneCamera& scene) const {
     const int image = value.GetNumberAsInt();
     if (image < 0 || static_cast<std::size_t>(image) >= model_.images.size())
       gltf_.fail(field, fmt::format("image {} of {}", image, model_.images.size()));
@@ -112,7 +143,13 @@ class SceneReader {
     camera.height = static_cast<int>(height);
   }
 
-  void read_camera(const tinygltf::Value& from, const std::string& field, RenderScene& scene) const {
+  void read_first(const tinygltf::Value& from, RenderScene& scene) const {
+    const std::string field = "scenes[].extras.mirage.camera";
+    read_camera(from, field, scene);
+    read_name(from, field, scene);
+  }
+
+  void read_camera(const tinygltf::Value& from, const std::string& field, SceneCamera& scene) const {
     read_intrinsics(from, field, scene.camera);
     const auto rows = gltf_.numbers(from, "velo_from_camera", 12, field);
     Transform velo_from_camera = Transform::Identity();
@@ -326,13 +363,15 @@ json rotation_json(const Eigen::Matrix3d& rotation) {
   return {q.x(), q.y(), q.z(), q.w()};
 }
 
-json add_camera(GltfBuilder& gltf, const Calibration& calibration) {
+/// The camera's node, and what extras say of it. `role`: the node's.
+json add_camera(GltfBuilder& gltf, const std::string& name, const Calibration& calibration,
+                const std::string& role) {
   const PinholeCamera& camera = calibration.camera;
   const Transform velo_from_camera = calibration.camera_from_velo.inverse();
   json intrinsics = {{"fx", camera.fx}, {"fy", camera.fy},       {"cx", camera.cx},
                      {"cy", camera.cy}, {"width", camera.width}, {"height", camera.height}};
   const int index =
-      gltf.add("cameras", {{"name", "camera"},
+      gltf.add("cameras", {{"name", name},
                            {"type", "perspective"},
                            {"perspective",
                             {{"yfov", 2 * std::atan(camera.height / (2 * camera.fy))},
@@ -342,15 +381,16 @@ json add_camera(GltfBuilder& gltf, const Calibration& calibration) {
   // glTF's camera looks along −z with y up; ours along +z with y down.
   const Eigen::Matrix3d rotation =
       gltf_from_velo() * velo_from_camera.linear() * Vec3d(1, -1, -1).asDiagonal();
-  gltf.add_node({{"name", "camera"},
+  gltf.add_node({{"name", name},
                  {"camera", index},
                  {"rotation", rotation_json(rotation)},
                  {"translation", vector_json(gltf_from_velo() * velo_from_camera.translation())},
-                 {"extras", {{"mirage_role", "camera"}}}});
+                 {"extras", {{"mirage_role", role}}}});
   json rows = json::array();
   for (int r = 0; r < 3; ++r)
     for (int c = 0; c < 4; ++c) rows.push_back(velo_from_camera.matrix()(r, c));
   intrinsics["velo_from_camera"] = rows;
+  if (name != ExportScene().camera) intrinsics["name"] = name;
   return intrinsics;
 }
 
@@ -396,7 +436,7 @@ void write_scene(const std::filesystem::path& file, const ExportScene& scene) {
   const int mesh = add_adversary(gltf, scene.adversary);
   gltf.add_node({{"name", "adversary"}, {"mesh", mesh}, {"extras", {{"mirage_role", "adversary"}}}});
   for (const ExportScene::Proxy& proxy : scene.proxies) add_proxy(gltf, proxy);
-  const json camera = add_camera(gltf, scene.calibration);
+  const json camera = add_camera(gltf, scene.camera, scene.calibration, "camera");
   add_sun(gltf, scene.lighting);
   const Lighting& light = scene.lighting;
   gltf.json()["scenes"][0]["name"] = scene.name;
@@ -410,6 +450,11 @@ void write_scene(const std::filesystem::path& file, const ExportScene& scene) {
   if (!scene.photograph.empty())
     gltf.json()["scenes"][0]["extras"]["mirage"]["photograph"] =
         add_picture(gltf, "photograph", scene.photograph);
+  for (const SideCamera& other : scene.others) {
+    json about = add_camera(gltf, other.name, other.calibration, "other camera");
+    about["photograph"] = add_picture(gltf, other.name, other.image.get());
+    gltf.json()["scenes"][0]["extras"]["mirage"]["others"].push_back(about);
+  }
   write_file(file, gltf.glb());
 }
 

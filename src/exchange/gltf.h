@@ -33,23 +33,25 @@ struct ExportScene {
     Mesh mesh;          ///< in `velo`
     Vec3d color = Vec3d(0.3, 0.3, 0.3);  ///< linear albedo
   };
-  std::vector<Proxy> proxies;  ///< host vehicle, ground, …
-  Calibration calibration;     ///< camera node; fx, fy, cx, cy, width, height in extras
-  Lighting lighting;           ///< sun as KHR_lights_punctual directional; all of it in extras
+  std::vector<Proxy> proxies;     ///< host vehicle, ground, …
+  std::string camera = "camera";  ///< its name
+  Calibration calibration;        ///< camera node; fx, fy, cx, cy, width, height in extras
+  Lighting lighting;              ///< sun as KHR_lights_punctual directional; all of it in extras
   /// Whether the adversary was learned on this vehicle; in extras where it is known.
   std::optional<bool> learned_on = {};
   ImageF photograph;  ///< scene-linear RGB, of the camera's size; embedded as PNG. May be empty
+  std::vector<SideCamera> others = {};  ///< more cameras with their photographs
 };
 /// Writes it as .glb, atomically. InputError for a mesh that check_mesh refuses; Failure if the file can't be
 /// written.
 void write_scene(const std::filesystem::path& file, const ExportScene& scene);
 
 /// Reads a scene to draw it: all meshes of the default scene in `velo`, exact where the file has Mirage's
-/// extras, else with their base colour (textures of foreign files are left out, with a warning); camera,
-/// light and photograph from the scene's extras. Without those, the first camera node with intrinsics in
-/// extras is taken, or one with a field of view and the image size `width` × `height`, and the first
-/// directional light. InputError naming file and field, as read_adversary, also when there is no camera, it
-/// or a light is singular or beyond the limits, or the photograph is not of the camera's size.
+/// extras, else with their base colour (textures of foreign files are left out, with a warning); light,
+/// cameras and their photographs from the scene's extras. Without those, the first camera node with
+/// intrinsics in extras is taken, or one with a field of view and the image size `width` × `height`, and the
+/// first directional light. InputError naming file and field, as read_adversary, also when there is no
+/// camera, it or a light is singular or beyond the limits, or the photograph is not of the camera's size.
 RenderScene read_scene(const std::filesystem::path& file, int width = 0, int height = 0);
 
 }  // namespace mirage

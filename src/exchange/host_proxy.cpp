@@ -1,6 +1,7 @@
 #include "exchange/host_proxy.h"
 
 #include "scene/recorded_light.h"
+#include "simulation/camera_pass.h"
 
 namespace mirage {
 
@@ -27,9 +28,12 @@ ExportScene host_scene(const Frame& frame, const Placement& placement, const Tex
     scene.proxies.push_back(
         {"ground", "", ground_proxy({box.bev.x, box.bev.y, ground}), Vec3d::Constant(kRoadAlbedo)});
   }
+  scene.camera = frame.camera;
   scene.calibration = frame.calibration;
   scene.lighting = frame.lighting;
   scene.photograph = frame.image;
+  for (const SideCamera& camera : frame.others)
+    if (may_see(camera.calibration, scene.adversary.mesh, {})) scene.others.push_back(camera);
   return scene;
 }
 

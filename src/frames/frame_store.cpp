@@ -26,36 +26,22 @@ std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vecto
         box.y < region[2] || box.y > region[3])
       continue;
     const Simulated seen = simulate(prepared, placement_of(place, carriers[i]), reference, simulation);
-    views.push_back({static_cast<int>(i), seen.visible_share, carriers[i].from_box});
+    views.push_back({static_cast<int>(i), seen.best_share(), carriers[i].from_box});
   }
   return views;
 }
 
 namespace {
 
-/// A frame's depth from the cache, in the place of the back-end that would compute it.
-class KeptDepth : public DepthCompletion {
- public:
-  KeptDepth(FrameCache& cache, std::string frame, const DepthCompletion* depth)
-      : cache_(cache), frame_(std::move(frame)), depth_(depth) {}
-  std::string name() const override { return "kept"; }
-  ImageF complete(const ImageF& image, const ImageF& sparse) const override {
-    return cache_.depth(frame_, sparse.width, sparse.height,
-                        [&] { return depth_ ? depth_->complete(image, sparse) : complete_depth(sparse); });
-  }
-
- private:
-  FrameCache& cache_;
-  std::string frame_;
-  const DepthCompletion* depth_;
-};
-
-/// What a frame takes in memory, nearly: the index keeps some 48 bytes a return and a cell a ray.
+/// What a frame takes in memory at most, nearly: the index keeps some 48 bytes a return and a cell a ray.
 std::size_t bytes_of(const PreparedFrame& prepared, const std::vector<Carrier>& carriers) {
   std::size_t bytes =
       sizeof(float) * (prepared.frame.image.data.size() + prepared.depth.data.size()) +
       (sizeof(LidarPoint) + 48) * prepared.frame.sweep.size() +
       sizeof(int) * prepared.lidar.beams.size() * static_cast<std::size_t>(prepared.index.firing_count());
+  for (const SideCamera& camera : prepared.frame.others)  // picture and depth, once they are asked for
+    bytes += 4 * sizeof(float) * static_cast<std::size_t>(camera.calibration.camera.width) *
+             static_cast<std::size_t>(camera.calibration.camera.height);
   for (const Carrier& carrier : carriers)
     if (carrier.shape)
       bytes += sizeof(Vec3d) * carrier.shape->vertices.size() + sizeof(Face) * carrier.shape->faces.size();
@@ -67,6 +53,7 @@ std::size_t bytes_of(const PreparedFrame& prepared, const std::vector<Carrier>& 
 FrameStore::FrameStore(std::filesystem::path data, const LidarModel& lidar,
                        std::shared_ptr<const DepthCompletion> depth, std::shared_ptr<const RoofFinder> finder)
     : data_(std::move(data)), lidar_(lidar), depth_(std::move(depth)), finder_(std::move(finder)) {
+  if (!depth_) depth_ = std::make_shared<IpBasic>();
   if (!finder_) finder_ = std::make_shared<BoxRoofFinder>();
 }
 
@@ -76,6 +63,7 @@ FrameStore::FrameStore(const FrameSource& source)
   finder_ = make_roof_finder(source.rooftop, lidar_);
   sun_ = parse_sun(source.sun);
   place_ = source.placement;
+  cameras_ = source.cameras;
   cache_ = FrameCache(DiskCache::from_environment(), depth_identity({source.depth}),
                       rooftop_identity(source.rooftop), lidar_);
 }
@@ -90,11 +78,11 @@ FrameStore::~FrameStore() {
 }
 
 std::string FrameStore::content(const std::string& id) const {
-  return frame_hash(data_, id);
+  return frame_hash(data_, id, cameras_);
 }
 
 std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id) const {
-  Frame frame = read_frame(data_, id);
+  Frame frame = read_frame(data_, id, cameras_);
   const std::string hash = cache_.on() ? content(id) : "";
   frame.lighting = with_sun(frame, sun_);
   auto entry = std::make_shared<Entry>();
@@ -105,9 +93,21 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id)
     });
     return carriers;
   });
-  frame.sweep = points_in_view(frame.sweep, frame.calibration);
-  const KeptDepth depth(cache_, hash, depth_.get());
-  entry->prepared = prepare(std::move(frame), lidar_, &depth);
+  if (frame.others.empty()) frame.sweep = points_in_view(frame.sweep, frame.calibration);
+  const auto kept = [this](const std::string& key, const PinholeCamera& camera, const auto& compute) {
+    return cache_.depth(key, camera.width, camera.height, compute);
+  };
+  const Calibration& first = frame.calibration;
+  ImageF depth = kept(hash, first.camera,
+                      [&] { return depth_->complete(frame.image, sparse_depth(frame.sweep, first)); });
+  entry->prepared = prepare(std::move(frame), lidar_, depth_.get(), std::move(depth));
+  for (std::size_t k = 0; k < entry->prepared.other_depths.size(); ++k) {
+    const SideCamera& camera = entry->prepared.frame.others[k];
+    Lazy<ImageF>& later = entry->prepared.other_depths[k];
+    later = Lazy<ImageF>([kept, key = hash + " " + camera.name, of = camera.calibration.camera, later] {
+      return kept(key, of, [&] { return later.get(); });
+    });
+  }
   entry->bytes = bytes_of(entry->prepared, entry->carriers);
   return entry;
 }

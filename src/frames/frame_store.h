@@ -24,7 +24,8 @@
 namespace mirage {
 
 /// Share in view of the reference adversary at `place` of each car of the frame inside `region` (x_min,
-/// x_max, y_min, y_max; m, `velo`). `carriers`: of the labels, in their order.
+/// x_max, y_min, y_max; m, `velo`), in the camera that shows most of it. `carriers`: of the labels, in their
+/// order.
 std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vector<Carrier>& carriers,
                                  const PlaceChoice& place, const std::array<double, 4>& region,
                                  const SimulationSettings& simulation);
@@ -51,7 +52,7 @@ class FrameStore {
   FrameStore& operator=(const FrameStore&) = delete;
 
   /// The frame, to be held on to while it is used; only measured points inside the photograph are kept, as
-  /// KITTI's detectors do.
+  /// KITTI's detectors do, but all of them with all cameras (FrameSource::cameras).
   std::shared_ptr<const PreparedFrame> get(const std::string& id);
   /// Where the object stands for a host: FrameSource::placement. The host's roof is found in the whole sweep:
   /// a vehicle that the photograph cuts off is seen whole. InputError if the frame has no such label.
@@ -105,6 +106,7 @@ class FrameStore {
   std::shared_ptr<const RoofFinder> finder_;
   SunChoice sun_;
   PlaceChoice place_;
+  Cameras cameras_ = Cameras::first;
   mutable FrameCache cache_;
 
   mutable std::mutex mutex_;  // of what follows

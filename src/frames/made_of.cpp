@@ -32,8 +32,8 @@ std::string place_free(const std::string& word) {
 
 }  // namespace
 
-std::string frames_hash(const fs::path& data, std::span<const std::string> ids) {
-  const auto set = open_data_set(data);
+std::string frames_hash(const fs::path& data, std::span<const std::string> ids, Cameras cameras) {
+  const auto set = open_data_set(data, cameras);
   std::vector<json> frames(ids.size());
   parallel_for(ids.size(), [&](std::size_t i) {
     json& frame = frames[i] = {escape_name(ids[i]), set->hash(ids[i])};
@@ -54,8 +54,9 @@ std::string detector_identity(const DetectorOptions& options) {
   return provenance.identity();
 }
 
-void add_data(Provenance& provenance, const fs::path& data, std::span<const std::string> ids) {
-  provenance.input("data", frames_hash(data, ids));
+void add_data(Provenance& provenance, const fs::path& data, std::span<const std::string> ids,
+              Cameras cameras) {
+  provenance.input("data", frames_hash(data, ids, cameras));
   provenance.tell("data", written_path(data, ""));
   provenance.tell("data_hash", provenance.input("data"));
   provenance.tell("frames", ids.size());
@@ -68,7 +69,7 @@ void add_frames(Provenance& provenance, const FrameSource& source, std::span<con
 }
 
 void add_frames(Provenance& provenance, const FrameSource& source, std::span<const std::string> ids) {
-  add_data(provenance, source.data, ids);
+  add_data(provenance, source.data, ids, source.cameras);
   provenance.add(source);
   provenance.set("rig", place_free(source.rig));
   provenance.set("depth", place_free(source.depth));

@@ -14,13 +14,15 @@ namespace mirage {
 
 /// Hash of all that is read of those frames: pictures, sweeps, calibration, labels and their identities,
 /// light, and the set's rig. InputError for a missing file. Uses several threads.
-std::string frames_hash(const std::filesystem::path& data, std::span<const std::string> ids);
+std::string frames_hash(const std::filesystem::path& data, std::span<const std::string> ids,
+                        Cameras cameras = Cameras::first);
 /// What a detector's answers depend on besides the frame (add_detector). Empty for fresh weights and for a
 /// given detector: what those say is not to be kept.
 std::string detector_identity(const DetectorOptions& options);
 
 /// Those frames as the input "data".
-void add_data(Provenance& provenance, const std::filesystem::path& data, std::span<const std::string> ids);
+void add_data(Provenance& provenance, const std::filesystem::path& data, std::span<const std::string> ids,
+              Cameras cameras = Cameras::first);
 /// The frames of that source, its settings, what completes their depth and finds their roofs.
 void add_frames(Provenance& provenance, const FrameSource& source, std::span<const std::string> ids);
 /// The frames of these hosts.

@@ -1,12 +1,14 @@
-// One recorded or generated moment: photograph, sweep, calibration and labels.
+// One recorded or generated moment: photographs, sweep, calibration and labels.
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "base/image.h"
+#include "base/lazy.h"
 #include "geometry/box.h"
 #include "sensors/camera.h"
 #include "sensors/lidar_model.h"
@@ -39,6 +41,7 @@ struct Label {
   bool in_space = true;                             ///< false: labelled in the picture alone
   std::string category = {};                        ///< the class as labelled: "Tram", "vehicle.bus.rigid"
   std::optional<Vec3d> velocity = {};  ///< m/s over ground along the axes of `velo`; none: not known
+  int camera = 0;                      ///< that its 2-D box is in: 0 the first, k the frame's others[k − 1]
 };
 
 /// Whether it is known where the object stands: not of DontCare regions, nor of labels of the picture alone.
@@ -54,7 +57,23 @@ struct Moment {
   Transform world_from_ego = Transform::Identity();  ///< world: of the sequence, z up (m)
 };
 
-/// One moment: what both sensors saw, where they stood, and what is known of the scene.
+/// Which cameras of a set with several are looked at.
+enum class Cameras {
+  first,  ///< that which the layout names (data/data_set.h), and what it sees of the labels
+  all,    ///< every camera, and the labels that any of them sees
+};
+constexpr auto words_of(Cameras) {
+  return std::to_array<const char*>({"first", "all"});
+}
+
+/// A camera beside the frame's first.
+struct SideCamera {
+  std::string name;         ///< "CAM_BACK"
+  Calibration calibration;  ///< its pose at its own picture's time
+  Lazy<ImageF> image;       ///< scene-linear RGB; read when it is asked for
+};
+
+/// One moment: what the sensors saw, where they stood, and what is known of the scene.
 struct Frame {
   std::string id;  ///< "000008"
   ImageF image;    ///< scene-linear RGB
@@ -63,7 +82,17 @@ struct Frame {
   std::vector<Label> labels;
   bool labelled = true;  ///< false: nobody has labelled the frame, which is other than that it shows nothing
   Lighting lighting;     ///< known for generated frames (lighting/ID.json), a default for recorded ones
-  std::optional<Moment> moment = {};  ///< none: the data set does not say
+  std::optional<Moment> moment = {};    ///< none: the data set does not say
+  std::string camera = "camera";        ///< the first camera's name: that of `image` and `calibration`
+  std::vector<SideCamera> others = {};  ///< cameras beside it
+
+  // By a camera's number (Label::camera).
+  std::size_t cameras() const { return 1 + others.size(); }
+  const std::string& name_of(std::size_t of) const { return of == 0 ? camera : others.at(of - 1).name; }
+  const Calibration& calibration_of(std::size_t of) const {
+    return of == 0 ? calibration : others.at(of - 1).calibration;
+  }
+  const ImageF& image_of(std::size_t of) const { return of == 0 ? image : others.at(of - 1).image.get(); }
 };
 
 }  // namespace mirage

@@ -19,8 +19,9 @@ struct FrameSource {
   std::string depth = kDefaultDepth;   ///< depth completion of the photographs (learned_depth.h)
   std::string rooftop = kDefaultRoof;  ///< what finds the roofs (shape_roof.h)
   std::string sun = kDefaultSun;       ///< where the sun stands (sun.h)
-  std::string rig = {};        ///< which recorded it, as data_rig.h takes it; empty: what the set says
-  PlaceChoice placement = {};  ///< where the object is put (carrier.h)
+  std::string rig = {};              ///< which recorded it, as data_rig.h takes it; empty: what the set says
+  PlaceChoice placement = {};        ///< where the object is put (carrier.h)
+  Cameras cameras = Cameras::first;  ///< which of them are looked at
 };
 
 template <class Visitor, FieldsOf<FrameSource> S>
@@ -45,6 +46,12 @@ void visit_fields(Visitor& visit, S& s) {
          .option = "place",
          .lacking = "roof"},
         s.placement);
+  visit({.name = "cameras",
+         .help =
+             "cameras of a set with several (nuScenes): first (the front one, and the sweep that it sees) or "
+             "all (each that sees the object shows it; the whole sweep)",
+         .lacking = "first"},
+        s.cameras);
   visit({.name = "sun",
          .help = "where the sun stands: frame (the frame's own lighting), photo (from its shadows), "
                  "AZIMUTH,ELEVATION (degrees; azimuth counter-clockwise from forward) or "

@@ -315,10 +315,11 @@ constexpr int kPaintSamples = 32;   // pixels along each side of the window that
 }  // namespace
 
 Vec3d vehicle_paint(const Frame& frame, const Label& host) {
+  const ImageF& image = frame.image_of(static_cast<std::size_t>(host.camera));
   const int u0 = std::max(0, static_cast<int>(host.left)),
-            u1 = std::min(frame.image.width, static_cast<int>(host.right));
+            u1 = std::min(image.width, static_cast<int>(host.right));
   const int v0 = std::max(0, static_cast<int>(host.top + 0.4 * (host.bottom - host.top)));
-  const int v1 = std::min(frame.image.height, static_cast<int>(host.top + 0.8 * (host.bottom - host.top)));
+  const int v1 = std::min(image.height, static_cast<int>(host.top + 0.8 * (host.bottom - host.top)));
   Vec3d albedo = Vec3d::Constant(0.3);
   if (u1 <= u0 || v1 <= v0) return albedo;
   const Lighting& light = frame.lighting;
@@ -326,7 +327,7 @@ Vec3d vehicle_paint(const Frame& frame, const Label& host) {
   for (int c = 0; c < 3; ++c) {
     std::vector<float> values;
     for (int v = v0; v < v1; v += step_v)
-      for (int u = u0; u < u1; u += step_u) values.push_back(frame.image.at(u, v, c));
+      for (int u = u0; u < u1; u += step_u) values.push_back(image.at(u, v, c));
     const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
     std::nth_element(values.begin(), middle, values.end());
     const double received = light.ambient[c] + light.hemisphere[c] / 2 + light.sun[c] / 3;

@@ -130,11 +130,12 @@ int count_opaque(const Image<double>& rgba) {
 }
 
 std::unique_ptr<ObjectLight> light_on(const PreparedFrame& prepared, const Placement& placement,
-                                      const TexturedMesh& placed, const SimulationSettings& settings) {
+                                      const TexturedMesh& placed, const SimulationSettings& settings,
+                                      const Calibration& calibration) {
   const Lighting& lighting = prepared.frame.lighting;
   if (settings.light == LightModel::plain)
     return plain_light(face_normals(placed.mesh), placed.atlas.resolution, lighting);
-  const Vec3d eye = prepared.frame.calibration.camera_from_velo.inverse().translation();
+  const Vec3d eye = calibration.camera_from_velo.inverse().translation();
   const std::optional<LightSurroundings> around = surroundings_of(prepared.frame, placement);
   return light_with_visibility(placed, lighting, around ? &*around : nullptr, eye,
                                settings.light == LightModel::fine ? fine_light() : settings.visible_light);
@@ -142,16 +143,39 @@ std::unique_ptr<ObjectLight> light_on(const PreparedFrame& prepared, const Place
 
 }  // namespace
 
+bool may_see(const Calibration& calibration, const Mesh& placed, const SimulationSettings& settings) {
+  const PinholeCamera& camera = calibration.camera;
+  const SoftRasterSettings<double>& raster = settings.raster;
+  // touched_pixels' reach beyond a face, in pixels, and the blur's.
+  const double cut_off = std::max(0.0, raster.sigma * std::log(1 / raster.dist_eps - 1));
+  const double margin = 2 + kBlurReach + std::sqrt(cut_off) * std::max(camera.width, camera.height) / 2;
+  int behind = 0, left = 0, right = 0, above = 0, below = 0, count = 0;
+  for (const std::size_t i : used_vertices(placed)) {
+    const Vec3d p = calibration.camera_from_velo * placed.vertices[i];
+    ++count;
+    // Beyond the planes through the camera and the widened picture's edges; those hold behind it, too.
+    const double u = camera.fx * p.x() + camera.cx * p.z(), v = camera.fy * p.y() + camera.cy * p.z();
+    behind += p.z() < kNearPlane;
+    left += u < -margin * p.z();
+    right += u > (camera.width - 1 + margin) * p.z();
+    above += v < -margin * p.z();
+    below += v > (camera.height - 1 + margin) * p.z();
+  }
+  return behind < count && left < count && right < count && above < count && below < count;
+}
+
 CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placement,
-                          const TexturedMesh& placed, const SimulationSettings& settings, Simulated& result) {
-  const PinholeCamera& camera = prepared.frame.calibration.camera;
-  const Transform& camera_from_velo = prepared.frame.calibration.camera_from_velo;
+                          const TexturedMesh& placed, const SimulationSettings& settings, CameraSight& result,
+                          std::size_t of) {
+  const Calibration& calibration = prepared.frame.calibration_of(of);
+  const PinholeCamera& camera = calibration.camera;
+  const Transform& camera_from_velo = calibration.camera_from_velo;
   CameraTape tape;
   for (const Vec3d& v : placed.mesh.vertices) tape.p_camera.push_back(camera_from_velo * v);
   tape.settings = settings.raster;
   set_depth_range(tape.p_camera, used_vertices(placed.mesh), tape.settings);
   if (settings.exact_coverage) tape.settings.sigma = kSmallestSigma;  // edges reach no further than the faces
-  tape.light = light_on(prepared, placement, placed, settings);
+  tape.light = light_on(prepared, placement, placed, settings, calibration);
   tape.projected = project_mesh(tape.p_camera, placed.mesh.faces, camera, kNearPlane, Texture::atlas,
                                 tape.light->grid(), tape.light->lit(placed.atlas.texels));
 
@@ -160,11 +184,12 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placem
   if (settings.camera_effects.blur_sigma > 0 && !rect.empty())
     rect = {std::max(0, rect.u0 - kBlurReach), std::max(0, rect.v0 - kBlurReach),
             std::min(camera.width, rect.u1 + kBlurReach), std::min(camera.height, rect.v1 + kBlurReach)};
-  result.image = prepared.frame.image;
   result.rect = rect;
   result.rgba = Image<double>(rect.width(), rect.height(), 4);
+  if (of == 0 || !rect.empty()) result.image = prepared.frame.image_of(of);
   if (rect.empty()) return tape;
-  check_window(prepared, rect);
+  check_window(prepared, of, rect);
+  const ImageF &photograph = prepared.frame.image_of(of), &completed = prepared.depth_of(of);
 
   tape.pass = camera_pass(settings);
   RasterTarget<float>& target = tape.target;
@@ -172,13 +197,11 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placem
   target.depth_limit = ImageF(rect.width(), rect.height(), 1, std::numeric_limits<float>::infinity());
   bool occluded = false;
   bool obstructed = rect.u0 == 0 || rect.v0 == 0 || rect.u1 == camera.width || rect.v1 == camera.height;
-  const double occluder_depth =
-      unhidden_depth(placement, prepared.frame.calibration) - settings.occlusion_margin;
+  const double occluder_depth = unhidden_depth(placement, calibration) - settings.occlusion_margin;
   for (int v = 0; v < rect.height(); ++v)
     for (int u = 0; u < rect.width(); ++u) {
-      for (int c = 0; c < 3; ++c)
-        target.background.at(u, v, c) = prepared.frame.image.at(rect.u0 + u, rect.v0 + v, c);
-      const double depth = prepared.depth.at(rect.u0 + u, rect.v0 + v);
+      for (int c = 0; c < 3; ++c) target.background.at(u, v, c) = photograph.at(rect.u0 + u, rect.v0 + v, c);
+      const double depth = completed.at(rect.u0 + u, rect.v0 + v);
       if (depth >= occluder_depth) continue;
       target.depth_limit.at(u, v) = static_cast<float>(depth + settings.occlusion_margin);
       occluded = true;
@@ -204,7 +227,7 @@ CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placem
 
 template <class S>
 void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
-                        const Simulated& result, const S* d_image, std::vector<Vec3d>& d_vertices,
+                        const CameraSight& result, const S* d_image, std::vector<Vec3d>& d_vertices,
                         std::vector<Vec3d>& d_texels) {
   if (tape.target.background.empty()) return;
   const PixelRect& rect = result.rect;
@@ -241,10 +264,10 @@ void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, cons
     d_vertices[face[2]] += d_e2;
   }
 }
-template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&, const Simulated&,
-                                 const float*, std::vector<Vec3d>&, std::vector<Vec3d>&);
-template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&, const Simulated&,
-                                 const double*, std::vector<Vec3d>&, std::vector<Vec3d>&);
+template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&,
+                                 const CameraSight&, const float*, std::vector<Vec3d>&, std::vector<Vec3d>&);
+template void draw_in_camera_vjp(const CameraTape&, const TexturedMesh&, const Calibration&,
+                                 const CameraSight&, const double*, std::vector<Vec3d>&, std::vector<Vec3d>&);
 
 namespace {
 

@@ -62,20 +62,24 @@ struct CameraTape {
   std::shared_ptr<CameraPass> pass;  ///< none where the object touches no pixel
 };
 
-/// Projects, shades and rasterises `placed` (in `velo`) into the photograph; fills image, rect, rgba,
-/// visible_share and adversary_pixels.
+/// Projects, shades and rasterises `placed` (in `velo`) into the photograph of one of the frame's cameras;
+/// fills all of `result`, but of another camera than the first its image only where the object touches it.
 CameraTape draw_in_camera(const PreparedFrame& prepared, const Placement& placement,
-                          const TexturedMesh& placed, const SimulationSettings& settings, Simulated& result);
+                          const TexturedMesh& placed, const SimulationSettings& settings, CameraSight& result,
+                          std::size_t camera = 0);
+/// Whether any of `placed` (in `velo`) may touch the camera's picture: cheap, and in doubt it may.
+bool may_see(const Calibration& calibration, const Mesh& placed, const SimulationSettings& settings);
 /// Adds d loss / d placed vertices (`velo`) and d loss / d texels.
 /// `d_image`: height × width × 3 of the photograph's size, S float or double; the rect's pixels are read.
 template <class S>
 void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed, const Calibration& calibration,
-                        const Simulated& result, const S* d_image, std::vector<Vec3d>& d_vertices,
+                        const CameraSight& result, const S* d_image, std::vector<Vec3d>& d_vertices,
                         std::vector<Vec3d>& d_texels);
 /// The same for a picture of the library's own.
 inline void draw_in_camera_vjp(const CameraTape& tape, const TexturedMesh& placed,
-                               const Calibration& calibration, const Simulated& result, const ImageF& d_image,
-                               std::vector<Vec3d>& d_vertices, std::vector<Vec3d>& d_texels) {
+                               const Calibration& calibration, const CameraSight& result,
+                               const ImageF& d_image, std::vector<Vec3d>& d_vertices,
+                               std::vector<Vec3d>& d_texels) {
   draw_in_camera_vjp(tape, placed, calibration, result, d_image.data.data(), d_vertices, d_texels);
 }
 

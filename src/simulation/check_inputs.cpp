@@ -151,9 +151,9 @@ void warn_of_large_object(const Vec3d& size, const std::string& where) {
         where, in_metres(size), kOfARoof);
 }
 
-void check_window(const PreparedFrame& prepared, const PixelRect& rect) {
-  const ImageF &image = prepared.frame.image, &depth = prepared.depth;
-  const PinholeCamera& camera = prepared.frame.calibration.camera;
+void check_window(const PreparedFrame& prepared, std::size_t of, const PixelRect& rect) {
+  const ImageF &image = prepared.frame.image_of(of), &depth = prepared.depth_of(of);
+  const PinholeCamera& camera = prepared.frame.calibration_of(of).camera;
   const std::string where = "prepared frame", fix = "prepare the frame again";
   for (const auto& [name, picture, channels] :
        {std::tuple{"image", &image, 3}, std::tuple{"depth", &depth, 1}}) {
@@ -194,20 +194,29 @@ void check_settings(const SimulationSettings& settings) {
 template <class S>
 void check_upstream(const Simulated& simulated, const Upstream<S>& upstream) {
   const std::string where = "upstream gradient", fix = "check the detector and the loss that it comes from";
-  if (upstream.image) {
-    const PixelRect& rect = simulated.rect;
-    if (upstream.width != simulated.image.width || upstream.height != simulated.image.height)
-      throw InputError(where, "d_image", "is not of the image's size", "give height × width × 3 values");
+  const auto check_pixels = [&](const std::string& name, const CameraSight& sight, const S* d_image) {
+    const PixelRect& rect = sight.rect;
     for (int v = rect.v0; v < rect.v1; ++v) {
-      const S* from = upstream.image + 3 * (static_cast<std::size_t>(v) * upstream.width + rect.u0);
+      const S* from = d_image + 3 * (static_cast<std::size_t>(v) * sight.image.width + rect.u0);
       const S* to = from + 3 * static_cast<std::size_t>(rect.width());
       const S* bad = std::find_if_not(from, to, [](S value) { return std::isfinite(value); });
       if (bad != to)
         throw Failure(where,
-                      fmt::format("d_image pixel ({}, {}) is {}", rect.u0 + (bad - from) / 3, v, kNotFinite),
+                      fmt::format("{} pixel ({}, {}) is {}", name, rect.u0 + (bad - from) / 3, v, kNotFinite),
                       fix);
     }
+  };
+  if (upstream.image) {
+    if (upstream.width != simulated.image.width || upstream.height != simulated.image.height)
+      throw InputError(where, "d_image", "is not of the image's size", "give height × width × 3 values");
+    check_pixels("d_image", simulated, upstream.image);
   }
+  if (!upstream.others.empty() && upstream.others.size() != simulated.others.size())
+    throw InputError(where, "others", "does not have one entry for each of the other cameras",
+                     "give null for those without a gradient");
+  for (std::size_t k = 0; k < upstream.others.size(); ++k)
+    if (upstream.others[k])
+      check_pixels(fmt::format("d_image of other camera {}", k), simulated.others[k], upstream.others[k]);
   const auto& presence = upstream.presence;
   if (!presence.empty() && (!upstream.silhouette || upstream.silhouette->places.size() != presence.size()))
     throw InputError(where, "presence", "does not have one entry a place of the silhouette",

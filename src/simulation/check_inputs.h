@@ -23,8 +23,8 @@ void check_textured(const TexturedMesh& object, const std::string& where);
 void check_object(const TexturedMesh& object, const std::string& where);
 /// Warns, naming `where`, of an object whose longest measure (m) no car's roof has.
 void warn_of_large_object(const Vec3d& size, const std::string& where);
-/// The window of the photograph and of its depth, which must be of the image's size; +∞ is a depth.
-void check_window(const PreparedFrame& prepared, const PixelRect& rect);
+/// The window of a camera's photograph and of its depth, which must be of the image's size; +∞ is a depth.
+void check_window(const PreparedFrame& prepared, std::size_t camera, const PixelRect& rect);
 /// Everything but raster.near and far, which simulate() sets itself.
 void check_settings(const SimulationSettings& settings);
 /// Sizes of the upstream gradients, and the part of them that simulate_vjp reads: the window's pixels and the

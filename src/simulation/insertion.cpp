@@ -1,5 +1,7 @@
 #include "simulation/insertion.h"
 
+#include <algorithm>
+
 #include "base/error.h"
 #include "scene/depth_completion.h"
 #include "simulation/camera_pass.h"
@@ -12,18 +14,28 @@ struct Simulated::Tape {
   TexturedMesh placed;
   Eigen::Matrix3d velo_from_adversary;
   std::vector<std::size_t> lowest;  ///< vertices that it stands on: more than one at a tie
-  Calibration calibration;
+  std::vector<Calibration> calibrations;
   SimulationSettings settings;
-  CameraTape camera;
+  std::vector<CameraTape> cameras;  ///< by their numbers; nothing in those that do not see it
   LidarTape lidar;
 };
 
-PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletion* depth) {
+PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletion* depth, ImageF completed) {
   check_frame(frame);
   check_lidar(lidar);
   PreparedFrame prepared;
-  const ImageF sparse = sparse_depth(frame.sweep, frame.calibration);
-  prepared.depth = depth ? depth->complete(frame.image, sparse) : complete_depth(sparse);
+  const auto complete = [depth](const ImageF& image, const ImageF& sparse) {
+    return depth ? depth->complete(image, sparse) : complete_depth(sparse);
+  };
+  if (completed.empty()) completed = complete(frame.image, sparse_depth(frame.sweep, frame.calibration));
+  prepared.depth = std::move(completed);
+  if (!frame.others.empty()) {
+    const auto sweep = std::make_shared<const Sweep>(frame.sweep);
+    for (const SideCamera& camera : frame.others)
+      prepared.other_depths.emplace_back([complete, sweep, camera] {
+        return complete(camera.image.get(), sparse_depth(*sweep, camera.calibration));
+      });
+  }
   prepared.index = SweepIndex(frame.sweep, lidar);
   prepared.lidar = lidar;
   prepared.frame = std::move(frame);
@@ -41,10 +53,16 @@ Simulated simulate(const PreparedFrame& prepared, const Placement& placement, co
   const double bottom = bounds(adversary.mesh).min().z();
   for (const std::size_t i : used_vertices(adversary.mesh))
     if (adversary.mesh.vertices[i].z() == bottom) tape->lowest.push_back(i);
-  tape->calibration = prepared.frame.calibration;
   tape->settings = settings;
   Simulated result;
-  tape->camera = draw_in_camera(prepared, placement, tape->placed, settings, result);
+  result.others.resize(prepared.frame.others.size());
+  tape->cameras.resize(prepared.frame.cameras());
+  for (std::size_t k = 0; k < prepared.frame.cameras(); ++k) {
+    tape->calibrations.push_back(prepared.frame.calibration_of(k));
+    if (k > 0 && !may_see(tape->calibrations[k], tape->placed.mesh, settings)) continue;
+    CameraSight& sight = k == 0 ? result : result.others[k - 1];
+    tape->cameras[k] = draw_in_camera(prepared, placement, tape->placed, settings, sight, k);
+  }
   tape->lidar = draw_in_lidar(prepared, tape->placed, settings, result);
   result.tape = std::move(tape);
   return result;
@@ -66,9 +84,12 @@ AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream<S>& up
   AdversaryGradient gradient;
   std::vector<Vec3d> d_placed(tape.placed.mesh.vertices.size(), Vec3d::Zero());
   gradient.texels.assign(tape.placed.atlas.texels.size(), Vec3d::Zero());
-  if (upstream.image)
-    draw_in_camera_vjp(tape.camera, tape.placed, tape.calibration, simulated, upstream.image, d_placed,
-                       gradient.texels);
+  for (std::size_t k = 0; k < tape.cameras.size(); ++k) {
+    const S* d_image = k == 0 ? upstream.image : upstream.others.empty() ? nullptr : upstream.others[k - 1];
+    if (d_image)
+      draw_in_camera_vjp(tape.cameras[k], tape.placed, tape.calibrations[k], simulated.sight(k), d_image,
+                         d_placed, gradient.texels);
+  }
   if (!upstream.points.empty())
     draw_in_lidar_vjp(tape.lidar, tape.placed, tape.settings, upstream.points, d_placed, gradient.texels);
   if (!upstream.presence.empty()) lidar_silhouette_vjp(*upstream.silhouette, upstream.presence, d_placed);
@@ -85,6 +106,12 @@ AdversaryGradient simulate_vjp(const Simulated& simulated, const Upstream<S>& up
 }
 template AdversaryGradient simulate_vjp(const Simulated&, const Upstream<float>&);
 template AdversaryGradient simulate_vjp(const Simulated&, const Upstream<double>&);
+
+double Simulated::best_share() const {
+  double best = visible_share;
+  for (const CameraSight& other : others) best = std::max(best, other.visible_share);
+  return best;
+}
 
 std::vector<std::array<double, 4>> object_returns(const Simulated& simulated) {
   std::vector<std::array<double, 4>> points;

@@ -1,4 +1,4 @@
-// One placed adversary, seen by both sensors, with occlusion both ways, and the VJP of that.
+// One placed adversary, seen by all cameras and the LiDAR, with occlusion both ways, and the VJP of that.
 #pragma once
 
 #include <array>
@@ -12,11 +12,15 @@ namespace mirage {
 class DepthCompletion;
 
 /// InputError, naming it, for a number in the frame or the model that is not finite, and for an image that is
-/// not of the calibration's size. The photograph's depth comes from `depth`; without one, from IpBasic.
-PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletion* depth = nullptr);
+/// not of the calibration's size. The photograph's depth comes from `depth`; without one, from IpBasic. Those
+/// of other cameras come from it when something is first drawn there: it lives as long as a frame that has
+/// some. `completed`: the first photograph's, where it is there already.
+PreparedFrame prepare(Frame frame, const LidarModel& lidar, const DepthCompletion* depth = nullptr,
+                      ImageF completed = {});
 
-/// `adversary` in the adversary frame. Faces that cross the camera's near plane are clipped. InputError,
-/// naming it, for a number that is not finite in any input.
+/// `adversary` in the adversary frame; it is drawn in every camera that sees it, and hidden there by what
+/// that camera's own depth shows. Faces that cross the camera's near plane are clipped. InputError, naming
+/// it, for a number that is not finite in any input.
 Simulated simulate(const PreparedFrame& prepared, const Placement& placement, const TexturedMesh& adversary,
                    const SimulationSettings& settings = {});
 

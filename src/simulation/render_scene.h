@@ -14,18 +14,24 @@
 
 namespace mirage {
 
-/// What a scene file holds. World is `velo`.
-struct RenderScene {
+/// A camera of a scene.
+struct SceneCamera {
+  std::string name = "camera";
+  PinholeCamera camera;
+  Transform camera_from_velo = Transform::Identity();
+  ImageF photograph;  ///< scene-linear RGB behind the things; empty if the file has none
+};
+
+/// What a scene file holds, seen by its first camera. World is `velo`.
+struct RenderScene : SceneCamera {
   /// A mesh of the scene and what it stands for.
   struct Thing {
     std::string name, role;  ///< role: "adversary", "host", "ground" or whatever the file says; may be empty
     TexturedMesh textured;   ///< in `velo`; without texels it is grey (0.5)
   };
   std::vector<Thing> things;
-  PinholeCamera camera;
-  Transform camera_from_velo = Transform::Identity();
   Lighting lighting;
-  ImageF photograph;  ///< scene-linear RGB behind the things; empty if the file has none
+  std::vector<SceneCamera> others;  ///< beside the first
 };
 
 /// The soft rasteriser, or the ray-traced camera.

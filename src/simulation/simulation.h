@@ -30,6 +30,12 @@ struct PreparedFrame {
   ImageF depth;      ///< dense depth of the photograph, m (kFarDepth where unknown)
   LidarModel lidar;  ///< the unit that recorded the sweep
   SweepIndex index;  ///< the sweep by beam and azimuth
+  std::vector<Lazy<ImageF>> other_depths = {};  ///< of each of the frame's other cameras, as `depth`
+
+  /// By a camera's number, as Frame's.
+  const ImageF& depth_of(std::size_t camera) const {
+    return camera == 0 ? depth : other_depths.at(camera - 1).get();
+  }
 };
 
 /// Defaults of the simulation, in one place.
@@ -99,20 +105,32 @@ void visit_fields(Visitor& visit, S& s) {
              s.camera_effects);
 }
 
-/// What both sensors see once the adversary is placed.
-struct Simulated {
+/// What one camera sees once the adversary is placed.
+struct CameraSight {
   ImageF image;              ///< the photograph with the object in it
-  Sweep sweep;               ///< the sweep with the object in it; new returns come last
   PixelRect rect;            ///< pixels that may have changed
   Image<double> rgba;        ///< rect-sized: composited colour and silhouette S
   double visible_share = 0;  ///< visible / total silhouette, counting what falls outside the image as hidden
   int adversary_pixels = 0;  ///< pixels with S > 0.5
+};
+
+/// What all sensors see once the adversary is placed: the first camera's sight, and
+struct Simulated : CameraSight {
+  /// Of each of the frame's other cameras. Its image is empty where the object is not in it: it is as
+  /// recorded, and was not read.
+  std::vector<CameraSight> others;
+  Sweep sweep;               ///< the sweep with the object in it; new returns come last
   int adversary_points = 0;  ///< returns on the object
   int removed_points = 0;    ///< measured returns that the object hides
   int lost_points = 0;       ///< would-be returns on the object that drop out (LidarEffects)
   int occluded_points = 0;   ///< would-be returns on the object hidden by the scene
   struct Tape;               ///< what the VJP needs
   std::shared_ptr<const Tape> tape;
+
+  /// A camera's by its number.
+  const CameraSight& sight(std::size_t camera) const { return camera == 0 ? *this : others.at(camera - 1); }
+  /// The largest visible_share that any camera has.
+  double best_share() const;
 };
 
 /// d loss / d vertices (adversary frame, 1/m) and d loss / d texels, as many of each as the adversary has.

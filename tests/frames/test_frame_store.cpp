@@ -17,9 +17,12 @@
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
 #include "frames/made_of.h"
+#include "scene/data/read_frames.h"
 #include "support/each_field.h"
 #include "support/files.h"
 #include "support/heard.h"
+#include "support/layouts.h"
+#include "support/small_rig.h"
 
 namespace mirage {
 namespace {
@@ -461,6 +464,72 @@ TEST(AttackCache, RunsWithAndWithoutItLearnTheSameBits) {
   for (const char* out : {"cold", "warm"})
     for (const char* file : {"adversary.glb", "loss.csv", "run.json"})
       EXPECT_EQ(read_file(folder / out / file), read_file(folder / "plain" / file)) << out << " " << file;
+}
+
+// Of a set with all cameras: the sweep is whole, and the other cameras' depths are kept by their names.
+TEST(SurroundFrames, DepthsOfOtherCamerasAreKept) {
+  const test::TemporaryFolder folder;
+  test::write_nuscenes(folder / "data", {test::surround_frame(test::small_rig(), 5, 0)});
+  const CacheIn cache(folder / "cache");
+  FrameSource source;
+  source.data = folder / "data";
+  source.depth = "ip-basic";
+  source.rooftop = "box";
+  FrameStore first(source);
+  source.cameras = Cameras::all;
+  const Frame recorded = read_frame(source.data, "sample0", Cameras::all);
+  std::vector<ImageF> depths;
+  for (int again = 0; again < 2; ++again) {
+    FrameStore store(source);
+    const auto frame = store.get("sample0");
+    EXPECT_EQ(frame->frame.sweep.size(), recorded.sweep.size());
+    EXPECT_LT(first.get("sample0")->frame.sweep.size(), recorded.sweep.size());
+    EXPECT_EQ(entries(folder / "cache", "depth").size(), again == 0 ? 2u : 4u);  // of both stores' first
+    ASSERT_EQ(frame->other_depths.size(), 2u);
+    for (const Lazy<ImageF>& depth : frame->other_depths) {
+      if (again == 0)
+        depths.push_back(depth.get());
+      else
+        EXPECT_EQ(depth.get().data,
+                  depths[static_cast<std::size_t>(&depth - frame->other_depths.data())].data);
+    }
+    const PreparedFrame alone = prepare(recorded, frame->lidar);
+    for (std::size_t k = 1; k < 3; ++k) EXPECT_EQ(alone.depth_of(k).data, frame->depth_of(k).data);
+  }
+}
+
+// Whom the first camera does not see can carry the object, where another shows enough of it.
+TEST(SurroundFrames, HostsAreThoseThatAnyCameraSees) {
+  if (test::real_surround().empty())
+    GTEST_SKIP() << "no real frames: set MIRAGE_NUSCENES to a nuScenes folder";
+  FrameSource source;
+  source.data = test::real_surround();
+  source.depth = "ip-basic";
+  source.rooftop = "box";
+  const std::string id = list_frames(source.data).at(0);
+  const std::array<double, 4> everywhere = {-60, 60, -60, 60};
+  FrameStore first(source);
+  const auto in_front = find_hosts(first, id, everywhere, {}, 0.5);
+  source.cameras = Cameras::all;
+  FrameStore store(source);
+  const auto frame = store.get(id);
+  ASSERT_EQ(frame->frame.cameras(), 6u);
+  int behind = 0;
+  const auto hosts = find_hosts(store, id, everywhere, {}, 0.5);
+  EXPECT_GT(hosts.size(), in_front.size());
+  for (const Host& host : hosts) {
+    const Simulated seen = simulate(*frame, store.placement(host.id), grey_ellipsoid(kRoofBox), {});
+    const Label& label = label_of(frame->frame, host.id);
+    if (label.camera == 0 || label.box.bev.x > 0 || seen.adversary_points == 0) continue;
+    ++behind;
+    EXPECT_EQ(seen.adversary_pixels, 0) << host_name(host.id);
+    EXPECT_TRUE(seen.image.data == frame->frame.image.data);
+    EXPECT_GT(seen.best_share(), 0.5);
+    int cameras = 0;
+    for (const CameraSight& sight : seen.others) cameras += sight.adversary_pixels > 0;
+    EXPECT_GE(cameras, 1);
+  }
+  EXPECT_GE(behind, 1);
 }
 
 }  // namespace

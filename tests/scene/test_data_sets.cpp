@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/image_io.h"
 #include "scene/data/data_rig.h"
 #include "scene/data/kitti_results.h"
 #include "scene/data/layouts.h"
@@ -252,6 +253,64 @@ TEST(NuScenes, FieldsAreChecked) {
   bad("sample_annotation", "size", {-1, 2, 3});
   bad("sample_annotation", "instance_token", "nobody");
   EXPECT_NO_THROW(read_frame(folder.path(), "sample0"));
+}
+
+TEST(NuScenes, AllCamerasWithTheLabelsThatOnlyTheySee) {
+  const TemporaryFolder folder;
+  const Frame meant = test::surround_frame(test::small_rig(), 5, 0);
+  test::write_nuscenes(folder.path(), {meant});
+  const Frame first = read_frame(folder.path(), "sample0"),
+              all = read_frame(folder.path(), "sample0", Cameras::all);
+  EXPECT_EQ(first.camera, "CAM_FRONT");
+  EXPECT_TRUE(first.others.empty());
+  ASSERT_EQ(all.others.size(), 2u);
+  EXPECT_EQ(all.image.data, first.image.data);
+  EXPECT_EQ(all.sweep.size(), first.sweep.size());
+  for (std::size_t k = 1; k < all.cameras(); ++k) {
+    EXPECT_EQ(all.name_of(k), meant.name_of(k));
+    EXPECT_NEAR(
+        (all.calibration_of(k).camera_from_velo.matrix() - meant.calibration_of(k).camera_from_velo.matrix())
+            .norm(),
+        0, 1e-9);
+    const TemporaryFolder written;
+    write_srgb(written / "x.png", meant.image_of(k));
+    EXPECT_EQ(all.image_of(k).data, read_srgb(written / "x.png").data);
+  }
+  // The first camera's keep their numbers; what it does not see has its 2-D box in a picture that does.
+  ASSERT_GT(all.labels.size(), first.labels.size());
+  for (std::size_t i = 0; i < all.labels.size(); ++i) {
+    const Label& label = all.labels[i];
+    if (i < first.labels.size()) {
+      EXPECT_EQ(label.camera, 0);
+      EXPECT_EQ(label.box.bev.x, first.labels[i].box.bev.x);
+      EXPECT_EQ(label.left, first.labels[i].left);
+      continue;
+    }
+    ASSERT_GT(label.camera, 0);
+    const Calibration& calibration = all.calibration_of(static_cast<std::size_t>(label.camera));
+    const auto box = projected_label(label.type, label.box, calibration);
+    ASSERT_TRUE(box);
+    EXPECT_EQ(label.left, box->left);
+    EXPECT_FALSE(projected_label(label.type, label.box, first.calibration));
+  }
+  EXPECT_EQ(read_tracks(folder.path(), "sample0")->size(), all.labels.size());
+}
+
+TEST(NuScenes, OtherCamerasCountWhereTheyAreAskedFor) {
+  const TemporaryFolder folder;
+  test::write_nuscenes(folder.path(), {test::surround_frame(test::small_rig(), 5, 0)});
+  const auto hash = [&](Cameras cameras) { return frame_hash(folder.path(), "sample0", cameras); };
+  const std::string first = hash(Cameras::first), all = hash(Cameras::all);
+  EXPECT_NE(first, all);
+  EXPECT_EQ(hash(Cameras::all), all);
+  const auto picture = folder / "samples/CAM_FRONT_LEFT/0.png";
+  write_srgb(picture, ImageF(310, 94, 3, 0.5f));
+  EXPECT_EQ(hash(Cameras::first), first);
+  EXPECT_NE(hash(Cameras::all), all);
+  std::filesystem::remove(picture);
+  EXPECT_NO_THROW(read_frame(folder.path(), "sample0"));
+  EXPECT_THAT(error_text<InputError>([&] { read_frame(folder.path(), "sample0", Cameras::all); }),
+              AllOf(HasSubstr("CAM_FRONT_LEFT/0.png"), HasSubstr("--cameras first"), Not(HasSubstr("\n"))));
 }
 
 TEST(NuScenes, AVersionIsChosenByItsFolder) {

@@ -40,6 +40,15 @@ inline std::filesystem::path real_frames() {
   return std::filesystem::is_directory(folder / "training" / "velodyne") ? folder : std::filesystem::path();
 }
 
+/// The nuScenes sample beside them: MIRAGE_NUSCENES, by default ../shared/nuscenes-sample. Empty if absent.
+inline std::filesystem::path real_surround() {
+  const char* given = std::getenv("MIRAGE_NUSCENES");
+  const std::filesystem::path folder =
+      given ? std::filesystem::path(given)
+            : std::filesystem::path(MIRAGE_SOURCE) / ".." / "shared" / "nuscenes-sample";
+  return std::filesystem::is_directory(folder / "samples/CAM_BACK") ? folder : std::filesystem::path();
+}
+
 /// The text of the exception that `work` throws as `Error`; a test failure if it throws none.
 template <class Error, class Work>
 std::string error_text(const Work& work) {

@@ -140,7 +140,7 @@ inline Transform tilted_mount() {
   return ego_from_lidar;
 }
 
-/// nuScenes' tables as one object {"sensor": rows, …}. Picture and sweep are taken at two poses of the car.
+/// nuScenes' tables as one object {"sensor": rows, …}. Pictures and sweep are taken at two poses of the car.
 inline nlohmann::json nuscenes_tables(const std::vector<Frame>& frames) {
   using nlohmann::json;
   const auto pose = [](json row, const Transform& t) {
@@ -170,34 +170,44 @@ inline nlohmann::json nuscenes_tables(const std::vector<Frame>& frames) {
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const Frame& frame = frames[i];
     const std::string n = std::to_string(i);
-    const PinholeCamera& camera = frame.calibration.camera;
     Transform global_from_ego = Transform::Identity();
     global_from_ego.translation() = Vec3d(1010.1 + 10 * static_cast<double>(i), 610.6, 0.2);
     global_from_ego.linear() = (Eigen::AngleAxisd(2.2 + static_cast<double>(i), Vec3d::UnitZ()) *
                                 Eigen::AngleAxisd(0.01, Vec3d::UnitY()))
                                    .toRotationMatrix();
-    const Transform ego_from_camera = ego_from_velo * frame.calibration.camera_from_velo.inverse();
     tables["calibrated_sensor"].push_back(pose({{"token", fmt::format("mount-lidar-{}", n)},
                                                 {"sensor_token", "sensor-lidar"},
                                                 {"camera_intrinsic", json::array()}},
                                                ego_from_lidar));
-    tables["calibrated_sensor"].push_back(
-        pose({{"token", fmt::format("mount-camera-{}", n)},
-              {"sensor_token", "sensor-camera"},
-              {"camera_intrinsic", {{camera.fx, 0, camera.cx}, {0, camera.fy, camera.cy}, {0, 0, 1}}}},
-             moved.inverse() * ego_from_camera));
-    tables["ego_pose"].push_back(pose({{"token", fmt::format("pose-lidar-{}", n)}}, global_from_ego));
-    tables["ego_pose"].push_back(
-        pose({{"token", fmt::format("pose-camera-{}", n)}}, global_from_ego * moved));
-    for (const auto& [sensor, file] :
-         {std::pair<std::string, std::string>{"lidar", fmt::format("samples/LIDAR_TOP/{}.pcd.bin", n)},
-          {"camera", fmt::format("samples/CAM_FRONT/{}.png", n)}})
+    const auto add_data = [&](const std::string& sensor, const std::string& token, const std::string& file) {
       tables["sample_data"].push_back({{"token", fmt::format("{}-{}", sensor, n)},
                                        {"sample_token", fmt::format("sample{}", n)},
-                                       {"ego_pose_token", fmt::format("pose-{}-{}", sensor, n)},
+                                       {"ego_pose_token", fmt::format("pose-{}-{}", token, n)},
                                        {"calibrated_sensor_token", fmt::format("mount-{}-{}", sensor, n)},
                                        {"is_key_frame", true},
                                        {"filename", file}});
+    };
+    add_data("lidar", "lidar", fmt::format("samples/LIDAR_TOP/{}.pcd.bin", n));
+    for (std::size_t k = 0; k < frame.cameras(); ++k) {
+      const PinholeCamera& camera = frame.calibration_of(k).camera;
+      const Transform ego_from_camera = ego_from_velo * frame.calibration_of(k).camera_from_velo.inverse();
+      const std::string sensor = k == 0                           ? "camera"
+                                 : frame.name_of(k) == "CAM_BACK" ? "back"
+                                                                  : frame.name_of(k);
+      if (k > 0 && sensor != "back" && i == 0)
+        tables["sensor"].push_back(
+            {{"token", "sensor-" + sensor}, {"channel", frame.name_of(k)}, {"modality", "camera"}});
+      tables["calibrated_sensor"].push_back(
+          pose({{"token", fmt::format("mount-{}-{}", sensor, n)},
+                {"sensor_token", "sensor-" + sensor},
+                {"camera_intrinsic", {{camera.fx, 0, camera.cx}, {0, camera.fy, camera.cy}, {0, 0, 1}}}},
+               moved.inverse() * ego_from_camera));
+      add_data(sensor, "camera",
+               fmt::format("samples/{}/{}.png", k == 0 ? "CAM_FRONT" : frame.name_of(k), n));
+    }
+    tables["ego_pose"].push_back(pose({{"token", fmt::format("pose-lidar-{}", n)}}, global_from_ego));
+    tables["ego_pose"].push_back(
+        pose({{"token", fmt::format("pose-camera-{}", n)}}, global_from_ego * moved));
     for (std::size_t k = 0; k < frame.labels.size(); ++k) {
       const Label& label = frame.labels[k];
       if (!categories.contains(label.type)) continue;
@@ -227,7 +237,9 @@ inline void write_nuscenes(const std::filesystem::path& data, const std::vector<
   for (const auto& [name, rows] : tables.items()) write_json(data / "v1.0-mini" / (name + ".json"), rows);
   const Eigen::Matrix3f lidar_from_ego = tilted_mount().linear().transpose().cast<float>();
   for (std::size_t i = 0; i < frames.size(); ++i) {
-    write_srgb(data / fmt::format("samples/CAM_FRONT/{}.png", i), frames[i].image);
+    for (std::size_t k = 0; k < frames[i].cameras(); ++k)
+      write_srgb(data / fmt::format("samples/{}/{}.png", k == 0 ? "CAM_FRONT" : frames[i].name_of(k), i),
+                 frames[i].image_of(k));
     std::string bytes;
     for (const LidarPoint& p : frames[i].sweep) {
       const Vec3f at = lidar_from_ego * p.position();

@@ -1,7 +1,9 @@
 // A rig for quick generated frames.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <numbers>
+#include <utility>
 
 #include "generator/generator.h"
 
@@ -26,6 +28,25 @@ inline Rig small_rig() {
   rig.lidar.rate = 10;
   rig.lidar.height = 1.73;
   return rig;
+}
+
+/// A street that CAM_BACK and CAM_FRONT_LEFT see beside the rig's own camera: its labels come first, then
+/// those that only they see.
+inline Frame surround_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index) {
+  Frame frame = generate_frame(rig, seed, index);
+  for (const auto& [name, yaw] : {std::pair("CAM_BACK", M_PI), std::pair("CAM_FRONT_LEFT", 1.1)}) {
+    Rig turned = rig;
+    turned.calibration.camera_from_velo =
+        rig.calibration.camera_from_velo * Transform(Eigen::AngleAxisd(-yaw, Vec3d::UnitZ()));
+    const Frame seen = generate_frame(turned, seed, index);
+    frame.others.push_back({name, seen.calibration, Lazy<ImageF>([image = seen.image] { return image; })});
+    Label unseen;  // of what they alone would see
+    unseen.type = "Car";
+    unseen.box = {{yaw > 2 ? -9.0 : 3.0, yaw > 2 ? 0.0 : 9.0, 4.2, 1.7, 0.1}, -1.73, 1.5};
+    unseen.camera = static_cast<int>(frame.others.size());
+    frame.labels.push_back(unseen);
+  }
+  return frame;
 }
 
 }  // namespace mirage::test

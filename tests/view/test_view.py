@@ -173,7 +173,7 @@ class HundredFrames(browser.PageChecks, Opened):
         with Image.open(at("data", "training", "image_2", "000000.png")) as image:
             real = image.convert("RGB").resize((62, 19), Image.BOX).tobytes()
         seen = self.browser.run("frameAt(0).then(f => { const c = new OffscreenCanvas(62, 19), x = c.getContext('2d');"
-                                "x.imageSmoothingQuality = 'high'; x.drawImage(f.photo, 0, 0, 62, 19);"
+                                "x.imageSmoothingQuality = 'high'; x.drawImage(f.cameras[0].photo, 0, 0, 62, 19);"
                                 "return [...x.getImageData(0, 0, 62, 19).data].filter((_, i) => i % 4 < 3) })")
         self.assertLess(sum(abs(a - b) for a, b in zip(real, seen)) / len(seen), 6)
 
@@ -347,10 +347,11 @@ class OfARun(browser.PageChecks, Opened):
         if told["returns"]:
             self.assertIn(hit, self.pixels(".attacked .top canvas"))
         # The pictures differ where the object stands, and there alone.
-        u, v, w, h = self.browser.run("current.attacks[0].rect")
-        apart = self.browser.run("current.attacks[0].rect && (() => { const [a, b] = [null, current.attacks[0]].map(t => {"
-                                 "const [w, h] = current.size, c = new OffscreenCanvas(w, h), x = c.getContext('2d');"
-                                 "x.drawImage(current.photo, 0, 0); if (t) x.drawImage(t.patch, t.rect[0], t.rect[1]);"
+        u, v, w, h = self.browser.run("current.attacks[0].patches[0].rect")
+        apart = self.browser.run("(() => { const [a, b] = [null, current.attacks[0].patches[0]].map(t => {"
+                                 "const {size: [w, h], photo} = current.cameras[0];"
+                                 "const c = new OffscreenCanvas(w, h), x = c.getContext('2d');"
+                                 "x.drawImage(photo, 0, 0); if (t) x.drawImage(t.patch, t.rect[0], t.rect[1]);"
                                  "return x.getImageData(0, 0, w, h).data }); let n = 0;"
                                  "for (let i = 0; i < a.length; ++i) n += Math.abs(a[i] - b[i]) > 24; return n })()")
         self.assertGreater(apart, 30)
@@ -399,6 +400,82 @@ class OfARun(browser.PageChecks, Opened):
         for address in seen[-2:]:
             self.browser.run(f"location.hash = {json.dumps(address)}")
             self.browser.wait_for(f"'#' + current.id + ',' + (state.vehicle + 1) === {json.dumps(address)}")
+
+
+def surround(folder):
+    """A set in nuScenes' layout of one sample, of the first frame: its picture in front, the third's behind; a car before and
+    one behind."""
+    tables = {name: [] for name in ("sensor", "calibrated_sensor", "sample_data", "ego_pose", "category", "instance",
+                                    "sample_annotation")}
+    tables["ego_pose"].append({"token": "pose", "translation": [0, 0, 0], "rotation": [1, 0, 0, 0]})
+    with Image.open(at("data", "training", "image_2", "000000.png")) as image:
+        width, height = image.size
+    lens = [[0.58 * width, 0, width / 2], [0, 0.58 * width, height / 2], [0, 0, 1]]
+    for channel, turn, name in (("LIDAR_TOP", [1, 0, 0, 0], "0.bin"), ("CAM_FRONT", [0.5, -0.5, 0.5, -0.5], "0.png"),
+                                ("CAM_BACK", [0.5, -0.5, -0.5, 0.5], "0.png")):
+        lidar = channel == "LIDAR_TOP"
+        tables["sensor"].append({"token": channel, "channel": channel})
+        tables["calibrated_sensor"].append({"token": channel, "sensor_token": channel, "translation": [0, 0, 1.8],
+                                            "rotation": turn, "camera_intrinsic": [] if lidar else lens})
+        tables["sample_data"].append({"token": channel, "sample_token": "one", "ego_pose_token": "pose",
+                                      "calibrated_sensor_token": channel, "is_key_frame": True,
+                                      "filename": f"samples/{channel}/{name}"})
+        os.makedirs(os.path.join(folder, "samples", channel))
+    tables["category"].append({"token": "car", "name": "vehicle.car"})
+    for place, x in (("before", 12), ("behind", -12)):
+        tables["instance"].append({"token": place, "category_token": "car"})
+        tables["sample_annotation"].append({"token": place, "sample_token": "one", "instance_token": place,
+                                            "visibility_token": "4", "size": [1.8, 4.2, 1.5], "translation": [x, 0, 0.75],
+                                            "rotation": [1, 0, 0, 0], "num_lidar_pts": 9})
+    os.makedirs(os.path.join(folder, "v1.0-mini"))
+    for name, rows in tables.items():
+        with open(os.path.join(folder, "v1.0-mini", name + ".json"), "w", encoding="utf-8") as file:
+            json.dump(rows, file)
+    for channel, frame in (("CAM_FRONT", "000000"), ("CAM_BACK", "000002")):
+        os.symlink(at("data", "training", "image_2", frame + ".png"), os.path.join(folder, "samples", channel, "0.png"))
+    with open(at("data", "training", "velodyne", "000000.bin"), "rb") as file:
+        points = [point for point in struct.iter_unpack("<4f", file.read())]
+    with open(os.path.join(folder, "samples", "LIDAR_TOP", "0.bin"), "wb") as file:
+        for x, y, z, reflectance in points:
+            file.write(struct.pack("<5f", x, y, z, 255 * reflectance, 1))
+
+
+class SeveralCameras(Opened):
+    """Each is shown by its name, with the boxes that lie in it."""
+
+    arguments = ("{}/surround",)
+
+    @classmethod
+    def setUpClass(cls):
+        surround(at("surround"))
+        super().setUpClass()
+
+    def photo(self):
+        """What the camera that is shown recorded, small."""
+        return self.browser.run("(() => { const c = new OffscreenCanvas(62, 19), x = c.getContext('2d');"
+                                "x.drawImage(current.cameras[state.camera].photo, 0, 0, 62, 19);"
+                                "return [...x.getImageData(0, 0, 62, 19).data].filter((_, i) => i % 4 < 3) })()")
+
+    def drawn(self):
+        self.settle()
+        return self.browser.run("columns[0].views[0].drawn.map(one => one.box.box[0] > 0)")
+
+    def test_they_are_chosen_by_name_and_by_key(self):
+        self.assertEqual(self.browser.run("current.cameras.map(camera => camera.name)"), ["CAM_FRONT", "CAM_BACK"])
+        self.assertNotEqual(self.browser.run("getComputedStyle(byId('camera')).display"), "none")
+        for shown, frame in ((0, "000000"), (1, "000002"), (0, "000000")):
+            self.assertEqual(self.browser.run("+document.querySelector('#camera select').value"), shown)
+            with Image.open(at("data", "training", "image_2", frame + ".png")) as image:
+                real = image.convert("RGB").resize((62, 19), Image.BOX).tobytes()
+            self.assertLess(sum(abs(a - b) for a, b in zip(real, self.photo())) / len(real), 9)
+            self.assertEqual(self.drawn(), [shown == 0])
+            self.key("c")
+
+    def test_a_close_up_looks_through_the_camera_that_sees_it(self):
+        self.browser.run("current.labels.reverse(), current.labels[0].box[1] = 0.01")  # the rear one is the nearest by now
+        self.browser.run("current.labels[1].box[0] = 20")
+        self.key("z")
+        self.assertEqual(self.browser.run("[state.camera, current.labels[0].camera]"), [1, 1])
 
 
 class WrongInput(unittest.TestCase):

@@ -45,10 +45,10 @@ async function decodeFrame(index) {
   const start = 4 + view.getUint32(0, true), frame = JSON.parse(new TextDecoder().decode(bytes.subarray(4, start)));
   const blob = ([at, size]) => bytes.subarray(start + at, start + at + size);
   const picture = place => createImageBitmap(new Blob([blob(place)], {type: "image/jpeg"}));
-  frame.photo = await picture(frame.photo);
+  for (const camera of frame.cameras) camera.photo = await picture(camera.photo);
   frame.points = unpackPoints(blob(frame.points));
   for (const attack of frame.attacks) {
-    if (attack.patch) attack.patch = await picture(attack.patch);
+    for (const patch of attack.patches) patch.patch = await picture(patch.patch);
     const words = blob(attack.removed);
     attack.removed = new Uint32Array(words.slice().buffer);
     attack.added = unpackPoints(blob(attack.added));

@@ -105,6 +105,7 @@ json labels_json(const ViewFrame& view) {
   for (std::size_t k = 0; k < view.frame.labels.size(); ++k) {
     const Label& label = view.frame.labels[k];
     json entry = {{"type", label.type}, {"picture", page_box(picture_box(label))}};
+    if (label.camera > 0) entry["camera"] = label.camera;
     if (has_box(label))
       entry.update({{"box", page_box(label.box)},
                     {"occluded", label.occluded},
@@ -162,18 +163,24 @@ std::vector<bool> kept_points(const ViewFrame& view, int step) {
   return kept;
 }
 
-std::string container(const ViewFrame& view, const std::string& photo, const std::vector<bool>& kept) {
+std::string container(const ViewFrame& view, const std::vector<std::string>& photos,
+                      const std::vector<bool>& kept) {
   const Frame& frame = view.frame;
   Blobs blobs;
   json about = {{"id", frame.id},
-                {"size", {frame.image.width, frame.image.height}},
-                {"pixel_from_velo", pixel_from_velo(frame.calibration)},
+                {"cameras", json::array()},
                 {"labels", labels_json(view)},
                 {"true_instance", view.true_instance},
                 {"found", detections_json(view.found)},
                 {"file", detections_json(view.from_file)},
-                {"total", frame.sweep.size()},
-                {"photo", blobs.add(photo)}};
+                {"total", frame.sweep.size()}};
+  for (std::size_t k = 0; k < frame.cameras(); ++k) {
+    const Calibration& calibration = frame.calibration_of(k);
+    about["cameras"].push_back({{"name", frame.name_of(k)},
+                                {"size", {calibration.camera.width, calibration.camera.height}},
+                                {"pixel_from_velo", pixel_from_velo(calibration)},
+                                {"photo", blobs.add(photos[k])}});
+  }
   Sweep points;
   std::vector<unsigned char> instance;
   std::vector<std::uint32_t> place(frame.sweep.size());
@@ -191,16 +198,19 @@ std::string container(const ViewFrame& view, const std::string& photo, const std
       if (attack.removed[i] && kept[i]) removed.push_back(place[i]);
     Sweep added = attack.added;
     std::erase_if(added, [](const LidarPoint& p) { return !within_reach(p); });
-    const PixelRect& r = attack.rect;
     json entry = {{"name", attack.name},
+                  {"patches", json::array()},
                   {"label", attack.label},
                   {"removed", blobs.add(words(removed))},
                   {"added", blobs.add(packed_points(added, std::vector<unsigned char>(added.size())))},
                   {"found", detections_json(attack.found)},
                   {"outcome", attack.outcome}};
-    if (!r.empty())
-      entry.update({{"rect", {r.u0, r.v0, r.width(), r.height()}},
-                    {"patch", blobs.add(encode_jpeg(attack.patch, kPatchQuality))}});
+    for (const ViewAttack::Patch& patch : attack.patches) {
+      const PixelRect& r = patch.rect;
+      entry["patches"].push_back({{"camera", patch.camera},
+                                  {"rect", {r.u0, r.v0, r.width(), r.height()}},
+                                  {"patch", blobs.add(encode_jpeg(patch.patch, kPatchQuality))}});
+    }
     about["attacks"].push_back(entry);
   }
   const std::string text = json_text(about);
@@ -247,13 +257,21 @@ PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start) {
   PackedFrame packed;
   packed.settings = start;
   packed.points = view.frame.sweep.size();
-  std::string photo = encode_jpeg(view.frame.image, packed.settings.quality);
-  while (4 * photo.size() / 3 > kPictureShare * static_cast<double>(limit) &&
+  std::vector<std::string> photos(view.frame.cameras());
+  const auto encode = [&] {
+    std::size_t bytes = 0;
+    for (std::size_t k = 0; k < photos.size(); ++k) {
+      photos[k] = encode_jpeg(view.frame.image_of(k), packed.settings.quality);
+      bytes += photos[k].size();
+    }
+    return bytes;
+  };
+  while (4 * encode() / 3 > kPictureShare * static_cast<double>(limit) &&
          packed.settings.quality > kLowestQuality)
-    photo = encode_jpeg(view.frame.image, packed.settings.quality -= 15);
+    packed.settings.quality -= 15;
   while (true) {
     const std::vector<bool> kept = kept_points(view, packed.settings.step);
-    packed.text = base64(gzip(container(view, photo, kept)));
+    packed.text = base64(gzip(container(view, photos, kept)));
     packed.kept = static_cast<std::size_t>(std::count(kept.begin(), kept.end(), true));
     if (packed.text.size() <= limit) break;
     if (packed.settings.step >= kCoarsest)

@@ -37,10 +37,15 @@ struct ViewDetections {
 
 /// The frame with the adversary on one host.
 struct ViewAttack {
-  std::string name;           ///< host_name()
-  int label = 0;              ///< of the host
-  PixelRect rect;             ///< what changed of the picture
-  ImageF patch;               ///< rect-sized, scene-linear RGB
+  std::string name;  ///< host_name()
+  int label = 0;     ///< of the host
+  /// What changed of a camera's picture.
+  struct Patch {
+    std::size_t camera = 0;  ///< by its number
+    PixelRect rect;
+    ImageF patch;  ///< rect-sized, scene-linear RGB
+  };
+  std::vector<Patch> patches;
   std::vector<bool> removed;  ///< of each point of the frame's sweep: the object hides it
   Sweep added;                ///< returns on the object
   ViewDetections found;       ///< by the run's detector
@@ -74,9 +79,10 @@ struct PackedFrame {
 };
 
 /// The frame in at most `limit` characters, thinned from `start` on as far as it must. The container: the
-/// JSON's length (4 bytes, little endian), the JSON, and blobs that it names as [offset, length]: `photo`
-/// (JPEG), `points` (packed_points), for each of `attacks` its `patch` (JPEG), `removed` (indices of kept
-/// points, 4 bytes each) and `added` (packed_points). InputError, naming --size, if it can't be.
+/// JSON's length (4 bytes, little endian), the JSON, and blobs that it names as [offset, length]: for each of
+/// `cameras` its `photo` (JPEG), `points` (packed_points), for each of `attacks` its `patches` (JPEG),
+/// `removed` (indices of kept points, 4 bytes each) and `added` (packed_points). InputError, naming --size,
+/// if it can't be.
 PackedFrame pack(const ViewFrame& view, std::size_t limit, PackSettings start);
 
 }  // namespace mirage

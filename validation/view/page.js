@@ -1,7 +1,7 @@
 // The page: what is shown, and what changes it.
 
 const told = about();
-const state = {index: 0, colour: "height", show: "both", score: told.judged_at, vehicle: 0, close: false,
+const state = {index: 0, camera: 0, colour: "height", show: "both", score: told.judged_at, vehicle: 0, close: false,
                layers: {label: true, found: !!told.detector, file: !!told.file}, playing: 0};
 let choice = "system"; // of the theme
 let current = null;    // the frame that is shown
@@ -76,10 +76,10 @@ function drawNow() {
       skipped = new Uint8Array(frame.points.n);
       for (const i of attack.removed) skipped[i] = 1;
     }
-    const scene = {frame, attack, words: frame.words, skipped, boxes: boxesOf(frame, attack, side)};
-    const m = frame.pixel_from_velo;
+    const scene = {frame, camera: state.camera, attack, words: frame.words, skipped, boxes: boxesOf(frame, attack, side)};
+    const camera = frame.cameras[state.camera];
     for (const view of views) {
-      view.wedge = wedge(m, frame.size[0]);
+      view.wedge = wedge(camera.pixel_from_velo, camera.size[0]);
       view.ground_z = told.height[0];
       if (view.panel.offsetParent) view.draw(scene);
     }
@@ -243,10 +243,22 @@ async function show(index, vehicle) {
     return new Option(`${k + 1} of ${frame.attacks.length}: ${frame.labels[attack.label].type}, ${number(Math.hypot(x, y), 0)} m${learned}`, k);
   }));
   list.value = state.vehicle;
+  const cameras = byId("camera").querySelector("select");
+  cameras.replaceChildren(...frame.cameras.map(({name}, k) => new Option(name, k)));
+  byId("camera").style.display = frame.cameras.length > 1 ? "" : "none";
+  lookAt(state.camera);
   byId("tip").hidden = true;
   byId("columns").classList.add("ready");
   refresh();
   if (index + 1 < told.frames.length) frameAt(index + 1).catch(() => {});
+}
+
+// The camera that is shown: another where this one does not show the object on the vehicle that is chosen.
+function lookAt(camera) {
+  const patches = current.attacks[state.vehicle]?.patches ?? [];
+  const shows = k => !patches.length || patches.some(one => one.camera === k);
+  state.camera = camera < current.cameras.length && shows(camera) ? camera : patches[0]?.camera ?? 0;
+  byId("camera").querySelector("select").value = state.camera;
 }
 
 // All views at the attacked vehicle; at the nearest label without a run.
@@ -255,7 +267,10 @@ function closeUp() {
   const label = current.labels[current.attacks[state.vehicle]?.label] ?? boxed.sort((a, b) => away(a) - away(b))[0];
   state.close = !!label;
   if (!label) return;
-  const [x, y, bottom, length, , height] = label.box, [left, top, right, low] = label.picture, [w, h] = current.size;
+  state.camera = label.camera ?? 0;
+  byId("camera").querySelector("select").value = state.camera;
+  const [x, y, bottom, length, , height] = label.box, [left, top, right, low] = label.picture;
+  const [w, h] = current.cameras[state.camera].size;
   Object.assign(eyes.zoom, {u: (left + right) / 2 / w, v: (1.6 * top + 0.4 * low) / 2 / h,
                             scale: Math.max(1, Math.min(12, w / 3.5 / Math.max(1, right - left), h / 2.6 / Math.max(1, low - top)))});
   Object.assign(eyes.top, {x, y, span: 5 * length});
@@ -305,8 +320,9 @@ const KEYS = {
     if (!current.attacks.length) return;
     state.vehicle = (state.vehicle + 1) % current.attacks.length;
     byId("vehicle").querySelector("select").value = state.vehicle;
-    if (state.close) closeUp();
+    state.close ? closeUp() : lookAt(state.camera);
   },
+  c: () => { state.camera = (state.camera + 1) % current.cameras.length; byId("camera").querySelector("select").value = state.camera; },
   n: () => { jump(true); },
   p: () => { jump(false); },
   z: () => { state.close ? reset() : closeUp(); },
@@ -328,7 +344,8 @@ byId("after").onclick = () => show(state.index + 1);
 byId("play").onclick = play;
 byId("theme").onclick = KEYS.t;
 byId("score").querySelector("input").addEventListener("input", event => { state.score = +event.target.value; refresh(); });
-byId("vehicle").querySelector("select").addEventListener("change", event => { state.vehicle = +event.target.value; if (state.close) closeUp(); refresh(); });
+byId("vehicle").querySelector("select").addEventListener("change", event => { state.vehicle = +event.target.value; state.close ? closeUp() : lookAt(state.camera); refresh(); });
+byId("camera").querySelector("select").addEventListener("change", event => { state.camera = +event.target.value; refresh(); });
 for (const button of document.querySelectorAll("fieldset button"))
   button.onclick = () => { state[button.parentElement.id] = button.value; refresh(); };
 for (const [kind, name, there] of KINDS.filter(kind => kind[2])) {

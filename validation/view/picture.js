@@ -11,7 +11,7 @@ class PictureView {
 
   // Pixels of the photograph to the panel's.
   window(width, height) {
-    const {scale} = this.zoom, [w, h] = this.frame.size, s = scale * width / w, half = 0.5 / scale;
+    const {scale} = this.zoom, [w, h] = this.camera.size, s = scale * width / w, half = 0.5 / scale;
     this.zoom.u = Math.max(half, Math.min(1 - half, this.zoom.u));
     this.zoom.v = Math.max(half, Math.min(1 - half, this.zoom.v));
     return {s, left: width / 2 - this.zoom.u * w * s, top: height / 2 - this.zoom.v * h * s};
@@ -29,18 +29,16 @@ class PictureView {
   }
 
   draw(scene) {
-    this.frame = scene.frame;
-    this.panel.style.aspectRatio = scene.frame.size.join(" / ");
+    const camera = this.camera = scene.frame.cameras[scene.camera];
+    this.panel.style.aspectRatio = camera.size.join(" / ");
     const {context, width, height} = fitted(this.canvas), {s, left, top} = this.window(width, height);
     const at = ([u, v]) => [left + (u + 0.5) * s, top + (v + 0.5) * s];
     context.imageSmoothingEnabled = s < 3;
     context.imageSmoothingQuality = "high";
-    context.drawImage(scene.frame.photo, left, top, scene.frame.size[0] * s, scene.frame.size[1] * s);
-    if (scene.attack?.patch) {
-      const [u, v, w, h] = scene.attack.rect;
-      context.drawImage(scene.attack.patch, left + u * s, top + v * s, w * s, h * s);
-    }
-    const m = scene.frame.pixel_from_velo;
+    context.drawImage(camera.photo, left, top, camera.size[0] * s, camera.size[1] * s);
+    for (const {rect: [u, v, w, h], patch} of scene.attack?.patches.filter(one => one.camera === scene.camera) ?? [])
+      context.drawImage(patch, left + u * s, top + v * s, w * s, h * s);
+    const m = camera.pixel_from_velo;
     const depth = p => m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11];
     const project = p => {
       const z = depth(p);
@@ -56,6 +54,7 @@ class PictureView {
         if (!places.length) continue;
         path = edgePath(edgesOf(places), corners, clipAt(0.3, depth), project);
       } else {
+        if ((box.camera ?? 0) !== scene.camera) continue;
         const [l, t, r, b] = box.picture;
         places = [at([l, t]), at([r, b])];
         path = new Path2D();

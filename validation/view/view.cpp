@@ -88,12 +88,13 @@ class Attacker {
       ViewAttack attack;
       attack.name = host_name(id);
       attack.label = id.label;
-      attack.rect = simulated.rect;
-      if (!attack.rect.empty()) attack.patch = crop(simulated.image, attack.rect);
+      for (std::size_t k = 0; k < seen.cameras(); ++k)
+        if (const CameraSight& sight = simulated.sight(k); !sight.rect.empty())
+          attack.patches.push_back({k, sight.rect, crop(sight.image, sight.rect)});
       const auto own = simulated.sweep.end() - simulated.adversary_points;
       attack.added.assign(own, simulated.sweep.end());
       attack.removed = missing(view.frame.sweep, seen.sweep, {simulated.sweep.begin(), own});
-      attack.outcome = {{"visible", simulated.visible_share},
+      attack.outcome = {{"visible", simulated.best_share()},
                         {"returns", simulated.adversary_points},
                         {"removed", simulated.removed_points},
                         {"learned_on", learned_on(run_, id)}};
@@ -176,12 +177,14 @@ json make_view(const ViewSettings& given) {
   std::optional<Run> run;
   std::map<std::string, std::vector<HostId>> hosts;
   std::vector<std::string> ids;
+  Cameras cameras = Cameras::all;
   if (!settings.run.empty()) {
     run = read_run(settings.run, settings.trust);
     override_settings(*run, settings.asked, settings.detector.seed);
     if (settings.data.empty()) settings.data = run->settings.data;
     require_own_data(*run, settings.data);
     run->settings.data = settings.data;
+    cameras = run->settings.cameras;
     for (const HostId& id : shown_hosts(*run, settings.frames)) hosts[id.frame].push_back(id);
     for (const auto& [id, of_frame] : hosts) ids.push_back(id);
     if (ids.empty())
@@ -191,6 +194,8 @@ json make_view(const ViewSettings& given) {
     if (settings.data.empty())
       throw InputError("view", "DIR", "is missing", "give a data set in KITTI layout, or --run");
     ids = list_frames(settings.data);
+    if (settings.asked.contains("cameras"))
+      cameras = parse_word<Cameras>(settings.asked.at("cameras"), "cameras");
     check_data(settings.data, settings.asked.contains("rig") ? settings.asked.at("rig") : "",
                UnitUse::reads_sweeps);
     if (settings.frames > 0 && ids.size() > static_cast<std::size_t>(settings.frames))
@@ -228,7 +233,7 @@ json make_view(const ViewSettings& given) {
     const std::size_t count = std::min(batch, ids.size() - first);
     std::vector<ViewFrame> views(count);
     parallel_for(count, [&](std::size_t i) {
-      views[i].frame = read_frame(settings.data, ids[first + i]);
+      views[i].frame = read_frame(settings.data, ids[first + i], cameras);
       find_instances(settings.data, views[i]);
       if (file) views[i].from_file = {file->of(views[i].frame), file->has(views[i].frame.id)};
     });

@@ -187,7 +187,7 @@ void bind_frames(py::module_& module) {
       .def(py::init([](const NamedSettings& named, const std::string& where) {
              auto options = std::make_shared<InsertionOptions>();
              CLI::App table;
-             options->add(table, {"data", "rig"});
+             options->add(table, {"data", "rig", "cameras"});
              cli::parse_settings(table, named, where);
              options->apply();
              options->quality.app = nullptr;  // the table ends here

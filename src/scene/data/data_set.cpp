@@ -48,6 +48,10 @@ std::optional<std::string> DataSet::beside(const std::string&, int) const {
   return std::nullopt;
 }
 
+std::vector<SideCamera> DataSet::others(const std::string&) const {
+  return {};
+}
+
 std::optional<std::vector<int>> DataSet::tracks(const std::string& id) const {
   const auto [width, height] = picture_size(id);
   std::vector<int> all;
@@ -74,6 +78,8 @@ Frame DataSet::read(const std::string& id) const {
   frame.image = read_srgb(files.at(1).file, {width, height});
   frame.labels = std::move(known.labels);
   frame.labelled = known.labelled;
+  frame.camera = camera();
+  frame.others = others(id);
   frame.moment = moment(id);
   if (frame.moment) add_velocities(id, frame);
   const auto own = lighting(id);

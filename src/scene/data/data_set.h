@@ -4,7 +4,9 @@
 //   kitti-object    DATA/training/{image_2,velodyne,calib,label_2}, and what Mirage adds to it (kitti.h)
 //   kitti-tracking  DATA/training/{image_02,velodyne,calib,label_02}, a folder or file for each sequence
 //   kitti-raw       DATA/[DATE/]calib_*.txt, DATA/[DATE/]DATE_drive_NNNN_sync/…, labels from its tracklets
-//   nuscenes        DATA/v1.0-*/*.json, DATA/samples/…: keyframes of LIDAR_TOP and CAM_FRONT
+//   nuscenes        DATA/v1.0-*/*.json, DATA/samples/…:
+//                   keyframes of LIDAR_TOP and CAM_FRONT, and of the other cameras where they are asked for
+//                   (with_all_cameras)
 // DATA/labels.json may name a set of any of these, whose unlabelled frames DATA/label_2 labels
 // (given_labels.cpp).
 //
@@ -14,6 +16,7 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -74,6 +77,13 @@ class DataSet {
   /// The frame of the same sequence that is `step` after this one (negative: before); none where there is
   /// none.
   virtual std::optional<std::string> beside(const std::string& id, int step) const;
+  /// The same set with all cameras of its frames (Cameras::all): labels that the first camera sees keep their
+  /// numbers, and those that only others see come after them. Null: its frames have one camera.
+  virtual std::shared_ptr<const DataSet> with_all_cameras() const { return nullptr; }
+  /// The cameras beside the first.
+  virtual std::vector<SideCamera> others(const std::string& id) const;
+  /// The first camera's name.
+  virtual std::string camera() const { return "camera"; }
   /// What frames() leaves out because the folder holds it in part, as a line; empty: nothing.
   virtual std::string incomplete() const { return ""; }
 

@@ -16,12 +16,19 @@ constexpr const char* kAbout = "labels.json";
 
 class GivenLabels : public DataSet {
  public:
-  GivenLabels(fs::path data, const fs::path& set) : DataSet(std::move(data)), set_(open_data_set(set)) {}
+  GivenLabels(fs::path data, std::shared_ptr<const DataSet> set)
+      : DataSet(std::move(data)), set_(std::move(set)) {}
 
   const char* layout() const override { return set_->layout(); }
   std::string rig() const override { return data_rig(set_->data()); }
   std::vector<std::string> frames() const override { return set_->frames(); }
   std::string incomplete() const override { return set_->incomplete(); }
+  std::string camera() const override { return set_->camera(); }
+  std::vector<SideCamera> others(const std::string& id) const override { return set_->others(id); }
+  std::shared_ptr<const DataSet> with_all_cameras() const override {
+    auto whole = set_->with_all_cameras();
+    return whole ? std::make_shared<GivenLabels>(data(), std::move(whole)) : nullptr;
+  }
   Sweep sweep(const std::string& id) const override { return set_->sweep(id); }
   std::optional<Lighting> lighting(const std::string& id) const override { return set_->lighting(id); }
   std::optional<Moment> moment(const std::string& id) const override { return set_->moment(id); }
@@ -72,7 +79,7 @@ std::shared_ptr<const DataSet> open_given_labels(const fs::path& data) {
   if (!fs::is_directory(set, error) || fs::exists(set / kAbout, error))
     throw InputError(about.string(), "data", set.string() + " is no folder of a data set",
                      "write down where the data set lies now");
-  return std::make_shared<GivenLabels>(data, set);
+  return std::make_shared<GivenLabels>(data, open_data_set(set));
 }
 
 void write_given_labels(const fs::path& folder, const fs::path& data, nlohmann::json about) {

@@ -1,11 +1,12 @@
 // nuScenes (Caesar et al., CVPR 2020): tables of tokens in v1.0-*/*.json, and the files that they name. A
-// frame is a sample, its id the sample's token: the keyframe of LIDAR_TOP and that of CAM_FRONT, each at the
-// pose that the car had then. Its sequence is its scene; sweeps between key frames are not read.
+// frame is a sample, its id the sample's token: the keyframe of LIDAR_TOP and that of CAM_FRONT, with all
+// cameras also of the other channels CAM_*, each at the pose that the car had then. Its sequence is its
+// scene; sweeps between key frames are not read.
 //
 // `velo` has the car's axes and the unit's origin: the unit stands turned by a quarter (x right, y forward)
-// and is tilted by more than a degree. Boxes are kept where the camera sees any of them and either a return
+// and is tilted by more than a degree. Boxes are kept where a camera sees any of them and either a return
 // fell on them or they show kFewestRows pixels of height. Tables are read a row at a time; what is held in
-// memory of them is what keyframes of the two sensors need.
+// memory of them is what keyframes of these sensors need.
 #include <fmt/format.h>
 #include <sys/stat.h>
 
@@ -17,6 +18,7 @@
 
 #include "base/error.h"
 #include "base/files.h"
+#include "base/image_io.h"
 #include "base/json_fields.h"
 #include "base/json_rows.h"
 #include "base/names.h"
@@ -31,6 +33,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kLidar = "LIDAR_TOP";
 constexpr const char* kCamera = "CAM_FRONT";
+constexpr const char* kAnyCamera = "CAM_";  // what a camera's channel begins with
 constexpr const char* kFix = "restore the table from the data set's archive";
 constexpr double kFewestRows = 25;     // pixels
 constexpr float kFullIntensity = 255;  // of a return
@@ -61,6 +64,7 @@ struct Annotation {
 
 struct Sample {
   Shot lidar, camera;
+  std::map<std::string, Shot> others;  ///< of the other cameras, by channel
   std::vector<Annotation> annotations;
   std::string scene;          ///< its name; empty: the tables do not say
   int index = 0;              ///< in the scene, from 0
@@ -69,7 +73,7 @@ struct Sample {
 };
 
 struct Tables {
-  std::map<std::string, Sensor> sensors;  ///< calibrated ones of the two channels, by token
+  std::map<std::string, Sensor> sensors;  ///< calibrated ones of these channels, by token
   std::map<std::string, Sample> samples;  ///< by token
   bool labelled = false;                  ///< whether there is an annotation of any
 };
@@ -146,14 +150,14 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
   std::map<std::string, std::string> channels;
   for_each_row_of(folder / "sensor.json", [&](const JsonFields& row) {
     const std::string channel = row.text("channel");
-    if (channel == kLidar || channel == kCamera) channels[row.text("token")] = channel;
+    if (channel == kLidar || channel.starts_with(kAnyCamera)) channels[row.text("token")] = channel;
   });
   std::map<std::string, std::string> channel_of;
   for_each_row_of(folder / "calibrated_sensor.json", [&](const JsonFields& row) {
     const auto channel = channels.find(row.text("sensor_token"));
     if (channel == channels.end()) return;
     Sensor sensor{pose_of(row), {}};
-    if (channel->second == kCamera) {
+    if (channel->second != kLidar) {
       for (const nlohmann::json& line : row.list("camera_intrinsic", 3))
         for (const nlohmann::json& value : line)
           if (value.is_number()) sensor.intrinsics.push_back(value.get<double>());
@@ -171,7 +175,10 @@ std::shared_ptr<const Tables> read_tables(const fs::path& folder) {
     const std::string token = row.text("sample_token");
     if (!frame_id_problem(token).empty()) row.fail("sample_token", "can be no frame's name");
     Sample& sample = tables->samples[token];
-    Shot& shot = channel_of[sensor->first] == kLidar ? sample.lidar : sample.camera;
+    const std::string& channel = channel_of[sensor->first];
+    Shot& shot = channel == kLidar    ? sample.lidar
+                 : channel == kCamera ? sample.camera
+                                      : sample.others[channel];
     shot.file = file_of(row);
     shot.sensor = &sensor->second;
     waiting[row.text("ego_pose_token")].push_back(&shot);
@@ -252,7 +259,8 @@ std::shared_ptr<const Tables> tables_of(const fs::path& folder) {
 class NuScenes : public DataSet {
  public:
   /// `tables`: the folder of the tables.
-  NuScenes(fs::path data, fs::path tables) : DataSet(std::move(data)), tables_(std::move(tables)) {}
+  NuScenes(fs::path data, fs::path tables, Cameras cameras = Cameras::first)
+      : DataSet(std::move(data)), tables_(std::move(tables)), cameras_(cameras) {}
 
   const char* layout() const override { return "nuscenes"; }
   std::string rig() const override { return "nuscenes"; }
@@ -277,6 +285,30 @@ class NuScenes : public DataSet {
                ? ""
                : fmt::format("{} of {} samples are left out: their files of {} or {} are not there",
                              archive.samples - archive.whole.size(), archive.samples, kLidar, kCamera);
+  }
+
+  std::string camera() const override { return kCamera; }
+
+  std::shared_ptr<const DataSet> with_all_cameras() const override {
+    return std::make_shared<NuScenes>(data(), tables_, Cameras::all);
+  }
+
+  std::vector<SideCamera> others(const std::string& id) const override {
+    if (cameras_ == Cameras::first) return {};
+    const auto tables = tables_of(tables_);
+    const Sample& sample = of(*tables, id);
+    std::vector<SideCamera> cameras;
+    for (const auto& [channel, shot] : sample.others) {
+      const fs::path file = tables_.parent_path() / shot.file;
+      PictureSize size;
+      if (!fs::is_regular_file(file))
+        throw InputError(file.string(), "", "missing (the image of " + channel + ")",
+                         "unpack the archive that holds it, or give --cameras first");
+      read_image_size(file, size.width, size.height);
+      cameras.push_back({channel, calibration_by(sample, shot, size.width, size.height),
+                         Lazy<ImageF>([file, size] { return read_srgb(file, size); })});
+    }
+    return cameras;
   }
 
   std::vector<Part> parts(const std::string& id) const override {
@@ -304,19 +336,12 @@ class NuScenes : public DataSet {
   Annotations annotations(const std::string& id, int width, int height) const override {
     const auto tables = tables_of(tables_);
     const Sample& sample = of(*tables, id);
-    const Transform global_from_velo = pose_of_sweep(sample);
-    const Transform camera_from_velo = sample.camera.global_from_sensor().inverse() * global_from_velo;
-    const fs::path file = tables_ / "calibrated_sensor.json";
-    const auto& k = sample.camera.sensor->intrinsics;
-    const MatrixRow projection{
-        file, "camera_intrinsic", {k[0], k[1], k[2], 0, k[3], k[4], k[5], 0, k[6], k[7], k[8], 0}};
-    const MatrixRow upright{file, "rotation", {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    MatrixRow pose{file, "translation, rotation", {}};
-    for (int i = 0; i < 12; ++i) pose.values.push_back(camera_from_velo.matrix()(i / 4, i % 4));
     Annotations known;
     known.labelled = tables->labelled;
-    known.calibration = calibration_of(projection, upright, pose, width, height);
-    const Transform velo_from_global = global_from_velo.inverse();
+    known.calibration = calibration_by(sample, sample.camera, width, height);
+    const std::vector<SideCamera> cameras = others(id);
+    std::vector<Label> elsewhere;
+    const Transform velo_from_global = pose_of_sweep(sample).inverse();
     for (const Annotation& annotation : sample.annotations) {
       const Vec3d centre = velo_from_global * annotation.centre,
                   along = velo_from_global.linear() * annotation.heading;
@@ -327,14 +352,26 @@ class NuScenes : public DataSet {
       if (const std::string problem = box_problem(box); !problem.empty())
         throw InputError((tables_ / "sample_annotation.json").string(), "sample " + id, "a box " + problem,
                          kFix);
-      auto label = projected_label(annotation.type, box, known.calibration);
-      if (!label || (annotation.returns == 0 && label->bottom - label->top < kFewestRows)) continue;
+      const auto seen_by = [&](const Calibration& calibration) {
+        auto seen = projected_label(annotation.type, box, calibration);
+        if (seen && annotation.returns == 0 && seen->bottom - seen->top < kFewestRows) seen.reset();
+        return seen;
+      };
+      auto label = seen_by(known.calibration);
+      for (std::size_t k = 0; k < cameras.size() && (!label || label->camera > 0); ++k)
+        if (auto seen = seen_by(cameras[k].calibration);
+            seen && (!label || seen->truncated < label->truncated)) {
+          label = std::move(seen);
+          label->camera = static_cast<int>(k) + 1;
+        }
+      if (!label) continue;
       constexpr int kOccluded[] = {3, 3, 2, 1, 0};  // by visibility
       label->occluded = kOccluded[annotation.visibility];
       label->track = annotation.track;
       label->category = annotation.category;
-      known.labels.push_back(std::move(*label));
+      (label->camera == 0 ? known.labels : elsewhere).push_back(std::move(*label));
     }
+    known.labels.insert(known.labels.end(), elsewhere.begin(), elsewhere.end());
     return known;
   }
 
@@ -358,15 +395,24 @@ class NuScenes : public DataSet {
     const Annotations known = annotations(id, width, height);
     std::string text = known.labelled ? "" : "no labels ";
     const auto add = [&](double value) { text += fmt::format("{:.9g} ", value); };
-    const PinholeCamera& camera = known.calibration.camera;
-    for (const double value : {camera.fx, camera.fy, camera.cx, camera.cy}) add(value);
-    for (int i = 0; i < 12; ++i) add(known.calibration.camera_from_velo.matrix()(i / 4, i % 4));
+    const auto add_camera = [&](const Calibration& calibration) {
+      const PinholeCamera& camera = calibration.camera;
+      for (const double value : {camera.fx, camera.fy, camera.cx, camera.cy}) add(value);
+      for (int i = 0; i < 12; ++i) add(calibration.camera_from_velo.matrix()(i / 4, i % 4));
+    };
+    add_camera(known.calibration);
     for (const Label& label : known.labels) {
       const BevBox& bev = label.box.bev;
       text += fmt::format("{} {} ", label.type, label.occluded);
       for (const double value :
            {bev.x, bev.y, bev.length, bev.width, bev.yaw, label.box.bottom, label.box.height})
         add(value);
+    }
+    for (const SideCamera& camera : others(id)) {
+      text += camera.name + " ";
+      add_camera(camera.calibration);
+      text += file_hash(tables_.parent_path() / of(*tables_of(tables_), id).others.at(camera.name).file,
+                        kLargestFile);
     }
     return content_hash(text);
   }
@@ -398,6 +444,19 @@ class NuScenes : public DataSet {
     return sample->second;
   }
 
+  /// Of the camera that took `shot`. `width`, `height`: its picture's.
+  Calibration calibration_by(const Sample& sample, const Shot& shot, int width, int height) const {
+    const Transform camera_from_velo = shot.global_from_sensor().inverse() * pose_of_sweep(sample);
+    const fs::path file = tables_ / "calibrated_sensor.json";
+    const auto& k = shot.sensor->intrinsics;
+    const MatrixRow projection{
+        file, "camera_intrinsic", {k[0], k[1], k[2], 0, k[3], k[4], k[5], 0, k[6], k[7], k[8], 0}};
+    const MatrixRow upright{file, "rotation", {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    MatrixRow pose{file, "translation, rotation", {}};
+    for (int i = 0; i < 12; ++i) pose.values.push_back(camera_from_velo.matrix()(i / 4, i % 4));
+    return calibration_of(projection, upright, pose, width, height);
+  }
+
   /// global_from_velo at the sweep's time.
   static Transform pose_of_sweep(const Sample& sample) {
     return sample.lidar.global_from_sensor() * velo_from_lidar(sample).inverse();
@@ -410,6 +469,7 @@ class NuScenes : public DataSet {
   }
 
   fs::path tables_;
+  Cameras cameras_;
 };
 
 }  // namespace

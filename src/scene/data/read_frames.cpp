@@ -35,18 +35,22 @@ void require_frame(const fs::path& data, const DataSet& set, const std::string& 
 
 }  // namespace
 
-std::shared_ptr<const DataSet> open_data_set(const fs::path& data) {
+std::shared_ptr<const DataSet> open_data_set(const fs::path& data, Cameras cameras) {
+  std::shared_ptr<const DataSet> set;
   for (const auto open : {open_given_labels, open_nuscenes, open_kitti_raw, open_kitti_tracking})
-    if (auto data_set = open(data)) return data_set;
-  return open_kitti_object(data);
+    if (!set) set = open(data);
+  if (!set) set = open_kitti_object(data);
+  if (cameras == Cameras::all)
+    if (auto whole = set->with_all_cameras()) return whole;
+  return set;
 }
 
 std::vector<std::string> list_frames(const fs::path& data) {
   return open_data_set(data)->frames();
 }
 
-Frame read_frame(const fs::path& data, const std::string& id) {
-  const auto set = open_data_set(data);
+Frame read_frame(const fs::path& data, const std::string& id, Cameras cameras) {
+  const auto set = open_data_set(data, cameras);
   try {
     return set->read(id);
   } catch (const InputError&) {
@@ -55,12 +59,12 @@ Frame read_frame(const fs::path& data, const std::string& id) {
   }
 }
 
-std::string frame_hash(const fs::path& data, const std::string& id) {
-  return open_data_set(data)->hash(id);
+std::string frame_hash(const fs::path& data, const std::string& id, Cameras cameras) {
+  return open_data_set(data, cameras)->hash(id);
 }
 
 std::optional<std::vector<int>> read_tracks(const fs::path& data, const std::string& id) {
-  return open_data_set(data)->tracks(id);
+  return open_data_set(data, Cameras::all)->tracks(id);
 }
 
 fs::path picture_file(const fs::path& data, const std::string& id) {
