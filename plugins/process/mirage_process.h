@@ -13,7 +13,7 @@
  *   memory     a path: open it for reading and writing, and map it
  *   threads, seed
  *   ← protocol 1
- *   ← reads    ["image", "points"], or one of them
+ *   ← reads    ["image", "points"], or one of them; and names of cameras beside the first ("CAM_BACK")
  *   ← finds    "boxes", or "picture" for boxes in the picture
  *   ← pictures "linear", or "srgb8": as files have them
  *   ← gradient true if it answers the job gradient

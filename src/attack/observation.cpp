@@ -1,6 +1,9 @@
 #include "attack/observation.h"
 
+#include <algorithm>
+
 #include "attack/clean_view.h"
+#include "base/error.h"
 #include "base/ranks.h"
 #include "simulation/object_window.h"
 #include "simulation/upstream.h"
@@ -73,9 +76,27 @@ Observation::Observation(const StepHost& host, const TexturedMesh& adversary, co
   seconds_.worlds += clock.lap();
 }
 
+void Observation::show_others(const Capabilities& can) {
+  const Frame& frame = prepared_->frame;
+  others_.clear(), others_place_.clear();
+  for (std::size_t k = 0; k < frame.others.size(); ++k) {
+    const std::string& name = frame.others[k].name;
+    if (std::find(can.reads.begin(), can.reads.end(), name) == can.reads.end()) continue;
+    const ImageF& image = simulated_.others[k].image;
+    others_.push_back(side_camera(frame, k, image.empty() ? nullptr : &image));
+    others_place_.push_back(k);
+  }
+  if (!others_.empty() && (host_.seen.pictures || (host_.draw && settings_.expectation.any_in_frame())))
+    throw InputError("expect, renderer", others_[0].name,
+                     "is not drawn by them: they know of a frame's first camera alone",
+                     "leave them off with a detector that reads several cameras");
+}
+
 SensorView Observation::view(const Capabilities& can, bool back) {
   Stopwatch clock;
   SensorView view = view_of(prepared_->frame, simulated_.image, simulated_.sweep);
+  show_others(can);
+  view.others = others_;
   // Another exposure or noise changes every pixel: to a detector that reads them nothing is as recorded.
   const bool own_picture =
       host_.draw && (settings_.expectation.exposure > 0 || settings_.expectation.image_noise > 0);
@@ -96,6 +117,13 @@ AdversaryGradient Observation::vjp(const SensorGradient& gradient) const {
   Upstream<float> upstream;
   if (settings_.target != AttackTarget::lidar && !gradient.image.empty())
     upstream = {gradient.image.data.data(), gradient.image.width, gradient.image.height};
+  std::vector<const float*> others(simulated_.others.size(), nullptr);
+  if (settings_.target != AttackTarget::lidar)
+    for (std::size_t i = 0; i < others_.size() && i < gradient.others.size(); ++i)
+      if (gradient.others[i].size() == others_[i].image->data.size() &&
+          !simulated_.others[others_place_[i]].rect.empty())
+        others[others_place_[i]] = gradient.others[i].data();
+  upstream.others = others;
   if (settings_.target != AttackTarget::image) upstream.points = gradient.points;
   upstream.silhouette = &silhouette_;
   upstream.presence = gradient.presence;

@@ -97,9 +97,12 @@ SensorView view_of(const Frame& frame, const ImageF& image, std::span<const Lida
 /// Names of the first camera and the first LiDAR.
 inline constexpr const char *kFirstCamera = "camera", *kFirstLidar = "lidar";
 
-/// All sensors of a view by name: the first camera, the first LiDAR, then the others. Of a view without a
-/// calibration the camera stands where the ego frame does.
-std::vector<SensorData> sensors(const SensorView& view);
+/// All sensors of a view by name: the first camera, the first LiDAR, the others, then those cameras of its
+/// frame that `reads` names and the view has not, as recorded. The first camera is called as its frame calls
+/// it where `reads` names that. Of a view without a calibration the camera stands where the ego frame does.
+std::vector<SensorData> sensors(const SensorView& view, std::span<const std::string> reads = {});
+/// One of the frame's other cameras (Frame::others) with what it recorded, or `image` in its place.
+SensorData side_camera(const Frame& frame, std::size_t place, const ImageF* image = nullptr);
 
 /// d loss / d pixel (H×W×3) and d loss / d (x, y, z, reflectance) of each point.
 struct SensorGradient {

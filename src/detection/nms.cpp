@@ -23,7 +23,21 @@ SensorView view_of(const Frame& frame, const ImageF& image, std::span<const Lida
   return view;
 }
 
-std::vector<SensorData> sensors(const SensorView& view) {
+SensorData side_camera(const Frame& frame, std::size_t place, const ImageF* image) {
+  const SideCamera& camera = frame.others.at(place);
+  SensorData data;
+  data.name = camera.name;
+  data.image = image ? image : &camera.image.get();
+  data.camera = camera.calibration.camera;
+  data.sensor_from_ego = camera.calibration.camera_from_velo;
+  data.time = frame.moment ? frame.moment->time : 0;
+  return data;
+}
+
+std::vector<SensorData> sensors(const SensorView& view, std::span<const std::string> reads) {
+  const auto named = [&](const std::string& name) {
+    return std::find(reads.begin(), reads.end(), name) != reads.end();
+  };
   SensorData camera, lidar;
   camera.name = kFirstCamera, camera.image = view.image;
   lidar.kind = SensorData::Kind::lidar, lidar.name = kFirstLidar, lidar.points = view.points;
@@ -33,6 +47,14 @@ std::vector<SensorData> sensors(const SensorView& view) {
   }
   std::vector<SensorData> all = {std::move(camera), std::move(lidar)};
   all.insert(all.end(), view.others.begin(), view.others.end());
+  if (!view.frame) return all;
+  if (named(view.frame->camera)) all[0].name = view.frame->camera;
+  for (std::size_t k = 0; k < view.frame->others.size(); ++k) {
+    const std::string& name = view.frame->others[k].name;
+    const bool there =
+        std::any_of(all.begin(), all.end(), [&](const SensorData& sensor) { return sensor.name == name; });
+    if (named(name) && !there) all.push_back(side_camera(*view.frame, k));
+  }
   return all;
 }
 

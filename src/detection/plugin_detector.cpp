@@ -26,7 +26,7 @@ class RawFrame {
   /// InputError where the plugin reads a sensor by name that the view lacks.
   RawFrame(const SensorView& view, const Capabilities& can, const std::string& who,
            const Eigen::Affine3d& ego_from_given = Eigen::Affine3d::Identity())
-      : sensors_(sensors(view)) {
+      : sensors_(sensors(view, can.reads)) {
     const auto reads = [&](const SensorData& sensor) {
       if (!(sensor.kind == SensorData::Kind::camera ? can.reads_image : can.reads_points)) return false;
       return can.reads.empty() ||
@@ -35,7 +35,7 @@ class RawFrame {
     for (const std::string& name : can.reads)
       if (std::none_of(sensors_.begin(), sensors_.end(), [&](const SensorData& s) { return s.name == name; }))
         throw InputError(who, name, "the frame has no such sensor",
-                         "use a data set whose frames have it, or another detector");
+                         "use a data set whose frames have it, with --cameras all, or another detector");
     for (std::size_t i = 0; i < sensors_.size(); ++i) {
       if (!reads(sensors_[i])) continue;
       places_.push_back(i);
@@ -206,8 +206,8 @@ class PluginDetector : public PluginDetectorBase<MirageDetectorApi> {
         data = gradient.image.empty() ? nullptr : gradient.image.data.data();
       } else if (sensor.place == 1) {
         data = gradient.points.empty() ? nullptr : gradient.points.data()->data();
-      } else {
-        auto& other = gradient.others.at(sensor.place - 2);
+      } else if (sensor.place - 2 < gradient.others.size()) {  // the view's, not its frame's as recorded
+        auto& other = gradient.others[sensor.place - 2];
         other.resize(sensor.values);
         data = other.empty() ? nullptr : other.data();
       }

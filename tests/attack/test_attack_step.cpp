@@ -10,6 +10,7 @@
 #include "attack/attack.h"
 #include "attack/attack_hosts.h"
 #include "attack/attack_step.h"
+#include "attack/observation.h"
 #include "attack/tiny_world.h"
 #include "base/files.h"
 #include "generator/generator.h"
@@ -93,6 +94,53 @@ TEST(AttackStep, TheLossIsOfEveryTargetAndFalsePositivesCountOnce) {
   EXPECT_FALSE(one.found);
   EXPECT_TRUE(two.found);
   EXPECT_FALSE(two.hidden);
+}
+
+// A detector that names another camera is shown the object there, and its gradient comes back from there.
+TEST(AttackStep, OtherCamerasThatTheDetectorNamesAreAttackedToo) {
+  test::World world = test::make_world(1);
+  Frame frame = world.prepared.frame;
+  Calibration beside = frame.calibration;  // half a metre to the right
+  beside.camera_from_velo.translation() += Vec3d(-0.5, 0, 0);
+  const ImageF recorded(207, 63, 3, 0.6f);
+  frame.others.push_back({"ASIDE", beside, Lazy<ImageF>([]() -> ImageF { return {207, 63, 3, 0.1f}; })});
+  frame.others.push_back({"BESIDE", beside, Lazy<ImageF>([&] { return recorded; })});
+  world.prepared = prepare(frame, world.prepared.lidar);
+  const StepHost host{world.prepared, {}, world.placement};
+  AttackSettings settings;
+  settings.simulation.lidar_gradient = LidarGradient::fixed;
+  Observation observation(host, world.adversary, settings);
+  Capabilities can;
+  EXPECT_TRUE(observation.view(can, true).others.empty());
+  can.reads = {"camera", "BESIDE"};
+  const SensorView view = observation.view(can, true);
+  ASSERT_EQ(view.others.size(), 1u);
+  EXPECT_EQ(view.others[0].name, "BESIDE");
+  EXPECT_EQ(view.others[0].image->data, observation.simulated().others[1].image.data);
+  EXPECT_NE(view.others[0].image->data, recorded.data);
+  SensorGradient gradient;
+  RandomStream random(3, "of the camera beside");
+  for (std::size_t i = 0; i < recorded.data.size(); ++i)
+    gradient.others.resize(1), gradient.others[0].push_back(static_cast<float>(random.uniform(-1, 1)));
+  const AdversaryGradient through = observation.vjp(gradient);
+  // The same camera as the frame's first, alone.
+  Frame alone = frame;
+  alone.calibration = beside;
+  alone.image = recorded;
+  alone.others.clear();
+  ImageF d_image(207, 63, 3);
+  d_image.data = gradient.others[0];
+  const Simulated seen = simulate(prepare(alone, world.prepared.lidar), world.placement, world.adversary);
+  const AdversaryGradient meant = simulate_vjp(seen, d_image, {});
+  ASSERT_EQ(through.vertices.size(), meant.vertices.size());
+  double length = 0;
+  for (std::size_t i = 0; i < meant.vertices.size(); ++i) {
+    EXPECT_EQ(through.vertices[i], meant.vertices[i]);
+    length += meant.vertices[i].norm();
+  }
+  EXPECT_GT(length, 0);
+  settings.target = AttackTarget::lidar;  // no picture's counts
+  for (const Vec3d& d : observation.vjp(gradient).vertices) EXPECT_EQ(d, Vec3d(0, 0, 0));
 }
 
 /// Sees returns alone, and knows what they are worth.

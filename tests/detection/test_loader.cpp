@@ -183,6 +183,36 @@ TEST(Loader, Version4LearnsFromBoxesInSpaceAndInThePicture) {
   EXPECT_EQ(detector->weights_version(), 1u);
 }
 
+// A frame with several cameras gives the recorded pictures of those that the detector names, and reads no
+// others.
+TEST(Loader, ACameraOfTheFrameIsReadByItsName) {
+  const auto detector = load_detector(named());
+  NamedScene scene;
+  Frame frame;
+  const auto camera = [&](const char* name, std::function<ImageF()> read) {
+    Calibration where;
+    where.camera_from_velo = scene.back.sensor_from_ego;
+    frame.others.push_back({name, where, Lazy<ImageF>(std::move(read))});
+  };
+  camera("aside", []() -> ImageF { throw std::logic_error("nobody reads it"); });
+  camera("back", [&] { return scene.behind; });
+  SensorView view = scene.Scene::view();
+  view.frame = &frame;
+  const Detection recorded = detector->forward(view, 0.1, true).at(0);
+  EXPECT_TRUE(detector->backward(std::vector<double>{0.5}).others.empty());  // nobody asked for one
+  const Detection shown = detector->forward(scene.view(), 0.1, false).at(0);
+  EXPECT_EQ(recorded.logit, shown.logit);
+  EXPECT_EQ(recorded.velocity, shown.velocity);
+  EXPECT_EQ(recorded.camera, 2);
+  // What the view shows stands in the place of what was recorded.
+  ImageF attacked = scene.behind;
+  attacked.data[0] = 0.75f;
+  scene.back.image = &attacked;
+  SensorView both = scene.view();
+  both.frame = &frame;
+  EXPECT_EQ(detector->forward(both, 0.1, false).at(0).logit, recorded.logit + 0.5);
+}
+
 TEST(Loader, ASensorThatTheFrameLacksIsNamed) {
   const auto detector = load_detector(named());
   Scene scene;
