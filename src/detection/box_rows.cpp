@@ -34,12 +34,22 @@ OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who
   OutsideWord word;
   Capabilities& can = word.can;
   const json reads = told.value("reads", json::array({"image", "points"}));
-  const auto has = [&](const char* input) {
-    return std::find(reads.begin(), reads.end(), input) != reads.end();
+  const auto bad_reads = [&] {
+    bad("reads", "is " + reads.dump(), "name image, points, or cameras beside the first");
   };
-  can.reads_image = has("image"), can.reads_points = has("points");
-  if (!reads.is_array() || reads.empty() || reads.size() != std::size_t{can.reads_image} + can.reads_points)
-    bad("reads", "is " + reads.dump(), "name image, points or both");
+  if (!reads.is_array() || reads.empty()) bad_reads();
+  can.reads_image = can.reads_points = false;
+  for (const json& input : reads) {
+    if (!input.is_string()) bad_reads();
+    const auto name = input.get<std::string>();
+    if (name == "image")
+      can.reads_image = true;
+    else if (name == "points")
+      can.reads_points = true;
+    else
+      can.reads.push_back(name);
+  }
+  if (!can.reads_image && !can.reads_points) bad_reads();
   const std::string finds = text_of(told, "finds", "boxes"), pictures = text_of(told, "pictures", "linear");
   if (finds != "boxes" && finds != "picture") bad("finds", "is " + finds, "use boxes or picture");
   can.finds_bev = finds == "boxes", can.finds_picture = finds == "picture";
@@ -63,6 +73,15 @@ OutsideWord read_outside_word(const nlohmann::json& told, const std::string& who
       bad("region", "is " + region->dump(), "give x_min, x_max, y_min, y_max in m");
   }
   return word;
+}
+
+std::vector<SensorData> sensors_of(const SensorView& view, const OutsideWord& word, const std::string& who) {
+  std::vector<SensorData> all = sensors(view, word.can.reads);
+  for (const std::string& name : word.can.reads)
+    if (std::none_of(all.begin(), all.end(), [&](const SensorData& s) { return s.name == name; }))
+      throw InputError(who, name, "the frame has no such camera",
+                       "use a data set that has it, with --cameras all");
+  return all;
 }
 
 bool all_finite(std::span<const float> values) {

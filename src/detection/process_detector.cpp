@@ -195,60 +195,15 @@ class ProcessDetector : public Detector {
       throw FieldError("detector", who_, "hello " + text_of(answer, "error", "failed"),
                        "look at what it printed");
     if (answer.value("protocol", json()) != kProtocol)
-<<<<<<< HEAD
       throw FieldError("detector", who_, "protocol is " + answer.value("protocol", json()).dump() + ", not 1",
                        "use the mirage_serve.py or mirage_process.h of this version");
     word_ = read_outside_word(answer, who_);
     word_.can.why_whole = "its program knows no other passes";
-=======
-      bad("protocol", "is " + answer.value("protocol", json()).dump() + ", not 1",
-          "use the mirage_serve.py or mirage_process.h of this version");
-    const json reads = answer.value("reads", json::array({"image", "points"}));
-    const auto has = [&](const char* word) {
-      return std::find(reads.begin(), reads.end(), word) != reads.end();
-    };
-    can_.reads_image = has("image"), can_.reads_points = has("points");
-    if (!can_.reads_image && !can_.reads_points)
-      bad("reads", "is " + reads.dump(), "name image, points or both");
-    can_.reads.clear();
-    for (const json& name : reads)
-      if (!name.is_string())
-        bad("reads", "is " + reads.dump(), "name image, points and cameras beside the first");
-      else if (name != "image" && name != "points")
-        can_.reads.push_back(name.get<std::string>());
-    const std::string finds = text_of(answer, "finds", "boxes"),
-                      pictures = text_of(answer, "pictures", "linear");
-    if (finds != "boxes" && finds != "picture") bad("finds", "is " + finds, "use boxes or picture");
-    can_.finds_bev = finds == "boxes", can_.finds_picture = finds == "picture";
-    if (pictures != "linear" && pictures != "srgb8") bad("pictures", "is " + pictures, "use linear or srgb8");
-    bytes_ = pictures == "srgb8";
-    can_.why_whole = "its program knows no other passes";
-    can_.has_gradients = answer.value("gradient", json()) == true;
-    can_.finds_heights = can_.finds_bev && answer.value("heights", json()) == true;
-    can_.remembers = answer.value("remembers", json()) == true;
-    if (const json types = answer.value("classes", json::array()); !types.empty()) {
-      can_.types.clear();
-      for (const json& type : types)
-        can_.types.push_back(kitti_type(type.is_string() ? type.get<std::string>() : type.dump()));
-    }
-    if (const auto region = answer.find("region"); region != answer.end()) {
-      const bool numbers =
-          region->is_array() && region->size() == 4 &&
-          std::all_of(region->begin(), region->end(), [](const json& v) { return v.is_number(); });
-      for (std::size_t i = 0; numbers && i < 4; ++i) region_[i] = (*region)[i].get<double>();
-      if (!numbers || !(region_[0] < region_[1] && region_[2] < region_[3]))
-        bad("region", "is " + region->dump(), "give x_min, x_max, y_min, y_max in m");
-    }
->>>>>>> 7a7ba87 (Detectors name the cameras that they read)
   }
 
   /// Writes the view's sensors into the memory; the job that names them.
   json place(const SensorView& view, double score_threshold, bool keep_graph) {
-    const std::vector<SensorData> all = sensors(view, can_.reads);
-    for (const std::string& name : can_.reads)
-      if (std::none_of(all.begin(), all.end(), [&](const SensorData& s) { return s.name == name; }))
-        throw InputError(who_, name, "the frame has no such camera",
-                         "use a data set that has it, with --cameras all");
+    const std::vector<SensorData> all = sensors_of(view, word_, who_);
     placed_.clear();
     std::size_t at = 0, gradients = 0;
     for (const SensorData& sensor : all) {

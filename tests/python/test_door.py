@@ -296,7 +296,7 @@ class Reads(unittest.TestCase):
             return detector(image, points, pixel_from_velo)
 
         odd.reads = ("nose",)
-        with self.assertRaisesRegex(mirage.InputError, 'reads is \\["nose"\\]; name image, points or both'):
+        with self.assertRaisesRegex(mirage.InputError, 'reads is \\["nose"\\]; name image, points, or cameras'):
             mirage.detect(detector=odd, data=FOLDER.data, out=place("detect"))
         odd.reads, odd.region = ("points", "image"), (3, 1, 0, 1)
         with self.assertRaisesRegex(mirage.InputError, "region is "):

@@ -48,7 +48,7 @@ class PythonDetector : public Detector {
 
   std::vector<Detection> forward(const SensorView& input, double score_threshold, bool keep_graph) override {
     const py::gil_scoped_acquire lock;
-    sensors_ = sensors(input);
+    sensors_ = sensors_of(input, word_, "detector");
     const ImageF* image = sensors_.front().image;
     const bool seen = image && !image->empty();
     levels_.assign(sensors_.size(), {});
