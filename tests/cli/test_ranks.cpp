@@ -88,7 +88,7 @@ TEST_F(Ranks, ThePortfolioIsTheSameOnAnyNumberOfProcesses) {
 }
 
 TEST_F(Ranks, TheBlackBoxIsTheSameOnAnyNumberOfProcesses) {
-  const char* few = " --attack black-box --detector lidar --parts size --queries 110";
+  const char* few = " --attack black-box --detector lidar --parts size --free --queries 110";
   EXPECT_GE(learn_on_one_and_two(0, few, "black_box").at("generations"), 1);
 }
 

@@ -41,6 +41,7 @@ TEST(Defense, WhatDecidesARunKeepsItsKeys) {
                                                    {"left_out", 0.0},
                                                    {"placement", "roof"},
                                                    {"precision", "float"},
+                                                   {"cameras", "first"},
                                                    {"rig", ""}}));
 }
 

@@ -110,8 +110,8 @@ TEST(Reproduce, ARecordOfAnotherSettingIsNotTaken) {
       testing::UnorderedElementsAre(
           "generate rig", "generate frames", "generate seed", "attack needs data", "attack data",
           "attack detector", "attack target", "attack iterations", "attack batch", "attack vertex_rate",
-          "attack texel_rate", "attack fp_top_k", "attack lidar_gradient", "attack seed", "attack size",
-          "attack defense", "evaluate needs run", "evaluate needs hosts_of", "evaluate data",
+          "attack texel_rate", "attack free", "attack fp_top_k", "attack lidar_gradient", "attack seed",
+          "attack size", "attack defense", "evaluate needs run", "evaluate needs hosts_of", "evaluate data",
           "evaluate detector", "evaluate random_meshes", "evaluate baseline", "evaluate pictures",
           "evaluate seed", "detect needs data", "detect detector", "detect defense"));
 }
