@@ -21,10 +21,6 @@ constexpr double kRate = 1.5;
 /// m beyond the thinnest wall: walls below are moved apart before they are too thin.
 constexpr double kReserve = 0.005;
 
-double gaussian(double squared, double reach) {
-  return std::exp(-squared / (2 * reach * reach));
-}
-
 /// The field's mean around each vertex, weighted by a Gaussian of the distance in space.
 std::vector<Vec3d> smoothed(const std::vector<Vec3d>& vertices, const std::vector<Vec3d>& field,
                             double reach) {
@@ -32,7 +28,7 @@ std::vector<Vec3d> smoothed(const std::vector<Vec3d>& vertices, const std::vecto
   for (std::size_t i = 0; i < field.size(); ++i) {
     double sum = 0;
     for (std::size_t k = 0; k < field.size(); ++k) {
-      const double weight = gaussian((vertices[i] - vertices[k]).squaredNorm(), reach);
+      const double weight = std::exp(-(vertices[i] - vertices[k]).squaredNorm() / (2 * reach * reach));
       sum += weight;
       result[i] += weight * field[k];
     }
@@ -67,15 +63,11 @@ std::vector<int> offenders(const Mesh& mesh, double min_thickness) {
   return vertices;
 }
 
-double lowest(const std::vector<Vec3d>& vertices) {
-  double z = std::numeric_limits<double>::infinity();
-  for (const Vec3d& v : vertices) z = std::min(z, v.z());
-  return z;
-}
-
-/// Base vertices are those that `old` has on the floor: they stay there, to the bit, and others above.
-void hold_base(std::vector<Vec3d>& vertices, const std::vector<Vec3d>& old) {
-  const double floor = lowest(old), above = std::nextafter(floor, std::numeric_limits<double>::infinity());
+/// Base vertices are those that `before` has on the floor: they stay there, to the bit, and others above.
+void hold_base(std::vector<Vec3d>& vertices, const Mesh& before) {
+  const std::vector<Vec3d>& old = before.vertices;
+  const double floor = bounds(before).min().z(),
+               above = std::nextafter(floor, std::numeric_limits<double>::infinity());
   for (std::size_t i = 0; i < vertices.size(); ++i)
     vertices[i].z() = old[i].z() <= floor ? floor : std::max(vertices[i].z(), above);
 }
@@ -95,7 +87,7 @@ double base_area(const Mesh& mesh) {
 }
 
 /// Moves the two sides of thin walls apart, along their vertices' normals and within the box.
-void thicken(Mesh& mesh, const std::vector<Vec3d>& old, double least, const AdversaryLimits& limits) {
+void thicken(Mesh& mesh, const Mesh& before, double least, const AdversaryLimits& limits) {
   constexpr int kRounds = 4;
   for (int round = 0; round < kRounds; ++round) {
     std::vector<double> lack(mesh.vertices.size(), 0);
@@ -120,7 +112,7 @@ void thicken(Mesh& mesh, const std::vector<Vec3d>& old, double least, const Adve
         mesh.vertices[i] = (mesh.vertices[i] + 0.5 * lack[i] * normals[i].normalized())
                                .cwiseMax(-limits.half)
                                .cwiseMin(limits.half);
-    hold_base(mesh.vertices, old);
+    hold_base(mesh.vertices, before);
   }
 }
 
@@ -180,11 +172,10 @@ void step_buildable(Adam& adam, std::vector<Vec3d>& vertices, const std::vector<
 void keep_buildable(TexturedMesh& adversary, const TexturedMesh& before, const BuildableSettings& settings,
                     const AdversaryLimits& limits) {
   Mesh& mesh = adversary.mesh;
-  const std::vector<Vec3d>& old = before.mesh.vertices;
   print(adversary, settings);
-  hold_base(mesh.vertices, old);
-  thicken(mesh, old, settings.min_thickness + kReserve, limits);
-  take_back(mesh, old, settings.min_thickness);
+  hold_base(mesh.vertices, before.mesh);
+  thicken(mesh, before.mesh, settings.min_thickness + kReserve, limits);
+  take_back(mesh, before.mesh.vertices, settings.min_thickness);
 }
 
 TexturedMesh random_baseline(std::uint64_t seed, const AdversaryLimits& limits,

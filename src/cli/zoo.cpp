@@ -185,11 +185,13 @@ std::map<std::string, nlohmann::json> judge(const std::vector<std::filesystem::p
 
 nlohmann::json run(const ZooOptions& options, const Common& common) {
   const std::filesystem::path folder = common.out / "objects";
-  if (options.frames < 1 || options.judged < 1)
-    throw FieldError("frames", "0", "is too few", "use at least 1, and of --judged");
+  for (const auto& [option, count] : {std::pair("frames", options.frames), {"judged", options.judged}})
+    if (count < 1) throw FieldError(option, std::to_string(count), "is too few", "use at least 1");
   // Frames of seeds that no shipped detector was trained on, and of two different ones; made when asked for.
+  std::set<std::filesystem::path> generated;
   const auto frames_of = [&](const std::string& rig, bool judged) {
-    const std::filesystem::path out = common.out / ((judged ? "judged-" : "data-") + rig);
+    std::filesystem::path out = common.out / ((judged ? "judged-" : "data-") + rig);
+    if (!generated.insert(out).second) return out;
     run_command("generate",
                 {{"rig", rig},
                  {"frames", std::to_string(judged ? options.judged : options.frames)},

@@ -14,6 +14,7 @@ namespace {
 
 using test::check_gradient;
 using test::make_world;
+using test::smooth_settings;
 using test::World;
 
 TexturedMesh with_vertices(const TexturedMesh& like, const std::vector<double>& x) {
@@ -21,15 +22,6 @@ TexturedMesh with_vertices(const TexturedMesh& like, const std::vector<double>& 
   for (std::size_t i = 0; i < mesh.mesh.vertices.size(); ++i)
     mesh.mesh.vertices[i] = Vec3d(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
   return mesh;
-}
-
-SimulationSettings smooth_settings() {
-  SimulationSettings settings;
-  settings.raster.sigma = 1e-4;
-  settings.raster.gamma = 5e-2;
-  settings.raster.dist_eps = 1e-13;  // no jump at the cut-off
-  settings.reference = true;         // differences of float images are noise
-  return settings;
 }
 
 /// Central differences of the camera's picture, to the vertices and the texels.

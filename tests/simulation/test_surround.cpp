@@ -52,15 +52,6 @@ World surround(const Sweep& sweep = {}) {
   return world;
 }
 
-SimulationSettings smooth() {
-  SimulationSettings settings;
-  settings.raster.sigma = 1e-4;
-  settings.raster.gamma = 5e-2;
-  settings.raster.dist_eps = 1e-13;  // no jump at the cut-off
-  settings.reference = true;         // differences of float images are noise
-  return settings;
-}
-
 TEST(Surround, ACarOnTheSeamIsInBothCamerasAndInNoOther) {
   const World world = surround();
   const Simulated seen = simulate(world.prepared, world.placement, world.adversary);
@@ -127,7 +118,7 @@ TEST(Surround, NoCameraIsLeftOutThatSeesIt) {
     placement.velo_from_adversary.translation() =
         Vec3d(random.uniform(-20, 20), random.uniform(-20, 20), random.uniform(-3, 3));
     const Mesh placed = place(world.adversary, placement).mesh;
-    for (const SimulationSettings& settings : {SimulationSettings(), smooth()}) {
+    for (const SimulationSettings& settings : {SimulationSettings(), test::smooth_settings()}) {
       CameraSight sight;
       draw_in_camera(world.prepared, placement, {placed, world.adversary.atlas}, settings, sight);
       const bool may = may_see(world.prepared.frame.calibration, placed, settings);
@@ -142,7 +133,7 @@ TEST(Surround, NoCameraIsLeftOutThatSeesIt) {
 
 TEST(Surround, TheGradientComesBackThroughAllCameras) {
   const World world = surround();
-  const SimulationSettings settings = smooth();
+  const SimulationSettings settings = test::smooth_settings();
   const Simulated at = simulate(world.prepared, world.placement, world.adversary, settings);
   RandomStream random(2, "upstream");
   std::vector<Image<double>> d_images;

@@ -32,6 +32,16 @@ struct World {
   TexturedMesh adversary;
 };
 
+/// Whose central differences are smooth.
+inline SimulationSettings smooth_settings() {
+  SimulationSettings settings;
+  settings.raster.sigma = 1e-4;
+  settings.raster.gamma = 5e-2;
+  settings.raster.dist_eps = 1e-13;  // no jump at the cut-off
+  settings.reference = true;         // differences of float images are noise
+  return settings;
+}
+
 inline World make_world(std::uint64_t seed, const Sweep& sweep = {}) {
   World world;
   Frame frame;
