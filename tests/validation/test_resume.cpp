@@ -265,17 +265,16 @@ TEST(ValidationKey, ChangesWithThePythonThatMakesTheLight) {
     EXPECT_TRUE(names.contains(needed)) << needed;
   const fs::path home = folder / "home";
   for (const fs::path& file : renderer_programs()) {
-    const fs::path name = file.filename();
-    const bool worker = name == "blender_worker.py" || name == "physical_light.py";
-    const fs::path to = home / (worker ? "validation" : "plugins/blender/mirage_blender");
-    fs::create_directories(to);
-    write_file(to / name, read_file(file));
+    const fs::path copy = home / fs::relative(file, MIRAGE_SOURCE);
+    fs::create_directories(copy.parent_path());
+    write_file(copy, read_file(file));
   }
   fs::create_directory_symlink(MIRAGE_SOURCE "/scenes", home / "scenes");
   ::setenv("MIRAGE_HOME", home.c_str(), 1);
   const std::string before = judged.key();
   std::set<std::string> keys = {before};
   for (const fs::path& file : renderer_programs()) {
+    ASSERT_TRUE(file.string().starts_with(home.string())) << "would edit the sources: " << file;
     const std::string text = read_file(file);
     write_file(file, text + "# edited\n");
     EXPECT_TRUE(keys.insert(judged.key()).second) << file;
