@@ -12,7 +12,7 @@ namespace mirage {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr double kNear = 0.1 * kPi / 180;
+constexpr double kNearAngle = 0.1 * kPi / 180;
 
 /// Of a point from the unit's axis (m), never 0.
 double horizontal_distance(const Vec3d& p) {
@@ -360,7 +360,7 @@ void SweepIndex::assign() {
     if (loser >= 0) extra_.push_back(loser);
   }
   std::size_t near = 0;
-  for (int point : cells_) near += point >= 0 && angles[static_cast<std::size_t>(point)] <= kNear;
+  for (int point : cells_) near += point >= 0 && angles[static_cast<std::size_t>(point)] <= kNearAngle;
   assigned_share_ = returns_.empty() ? 0 : static_cast<double>(near) / static_cast<double>(returns_.size());
 }
 

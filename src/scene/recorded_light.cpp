@@ -16,7 +16,7 @@
 namespace mirage {
 namespace {
 
-constexpr double kNearest = 5, kFarthestRoad = 20, kAside = 1.5, kThickness = 0.15;  // m
+constexpr double kNearestRoad = 5, kFarthestRoad = 20, kAside = 1.5, kThickness = 0.15;  // m
 constexpr std::size_t kFewestReturns = 50;                                           // returns
 constexpr double kGroundQuantile = 0.2;  // quantile of the heights in the corridor: under cars and kerbs
 // Darker is a road in the shade of trees beside sunlit cars, brighter one that mirrors a low sun between
@@ -29,7 +29,7 @@ std::optional<Vec3d> road_radiance(const Frame& frame) {
   std::vector<Vec3d> corridor;
   for (const LidarPoint& point : frame.sweep) {
     const Vec3d p = point.position().cast<double>();
-    if (!(p.x() >= kNearest && p.x() <= kFarthestRoad && std::abs(p.y()) <= kAside)) continue;
+    if (!(p.x() >= kNearestRoad && p.x() <= kFarthestRoad && std::abs(p.y()) <= kAside)) continue;
     const bool on_object = std::any_of(frame.labels.begin(), frame.labels.end(), [&](const Label& label) {
       return has_box(label) && contains(label.box, p, kThickness);
     });

@@ -1,8 +1,9 @@
 // What the network sees: the picture and classical guesses of the depth, at the picture's resolution.
 #pragma once
 
+#include <torch/torch.h>
+
 #include "scene/depth/depth_abi.h"
-#include "torch_headers.h"
 
 namespace mirage::guided {
 

@@ -1,12 +1,13 @@
 // A training picture mirrored, made larger or smaller, with what is known of it moved along.
 #pragma once
 
+#include <torch/torch.h>
+
 #include <cstdint>
 #include <vector>
 
 #include "detection/detector_abi3.h"
 #include "network.h"
-#include "torch_headers.h"
 
 namespace mirage::fusion {
 

@@ -7,11 +7,11 @@
 // continuous fusion read. The network may start from COCO's weights (read_coco).
 #pragma once
 
+#include <torch/torch.h>
+
 #include <array>
 #include <string>
 #include <vector>
-
-#include "torch_headers.h"
 
 namespace mirage::fusion {
 

@@ -1,13 +1,14 @@
 // Early fusion: the camera network's evidence painted on the returns (Vora et al., PointPainting, CVPR 2020).
 #pragma once
 
+#include <torch/torch.h>
+
 #include <cstdint>
 #include <span>
 #include <vector>
 
 #include "region.h"
 #include "sampling.h"
-#include "torch_headers.h"
 #include "window.h"
 
 namespace mirage::fusion {

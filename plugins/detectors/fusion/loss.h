@@ -1,6 +1,8 @@
 // Ground-truth boxes to per-cell targets, and the training loss.
 #pragma once
 
+#include <torch/torch.h>
+
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -8,7 +10,6 @@
 #include "camera.h"
 #include "detection/detector_abi3.h"
 #include "second_stage.h"
-#include "torch_headers.h"
 
 namespace mirage::fusion {
 

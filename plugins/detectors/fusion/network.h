@@ -6,12 +6,13 @@
 // freezing them before the end as He et al. do when fine-tuning removes the difference between the two).
 #pragma once
 
+#include <torch/torch.h>
+
 #include <vector>
 
 #include "joins.h"
 #include "second_stage.h"
 #include "sensor_tensors.h"
-#include "torch_headers.h"
 
 namespace mirage::fusion {
 

@@ -3,10 +3,11 @@
 // network is (a reference for the float passes); with large convolutions in bfloat16 where asked for.
 #pragma once
 
+#include <torch/torch.h>
+
 #include <string>
 #include <vector>
 
-#include "torch_headers.h"
 #include "window.h"
 
 namespace mirage::fusion {

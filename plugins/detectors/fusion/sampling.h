@@ -1,6 +1,8 @@
 // Which point feeds which cell of the bird's-eye view (Liang et al., ContFuse, ECCV 2018, with K = 1).
 #pragma once
 
+#include <torch/torch.h>
+
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -8,7 +10,6 @@
 #include <vector>
 
 #include "region.h"
-#include "torch_headers.h"
 #include "window.h"
 
 namespace mirage::fusion {

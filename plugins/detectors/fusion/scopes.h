@@ -2,11 +2,10 @@
 #pragma once
 
 #include <ATen/autocast_mode.h>
+#include <torch/torch.h>
 #include <torch/version.h>
 
 #include <vector>
-
-#include "torch_headers.h"
 
 namespace mirage::fusion {
 

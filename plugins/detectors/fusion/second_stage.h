@@ -1,12 +1,13 @@
 // The proposals that a second look is given to.
 #pragma once
 
+#include <torch/torch.h>
+
 #include <array>
 #include <cstdint>
 #include <vector>
 
 #include "sensor_tensors.h"
-#include "torch_headers.h"
 
 namespace mirage::fusion {
 

@@ -1,10 +1,11 @@
 // What the network takes, and the channels of what it gives.
 #pragma once
 
+#include <torch/torch.h>
+
 #include "camera.h"
 #include "detection/detector_abi3.h"
 #include "sampling.h"
-#include "torch_headers.h"
 
 namespace mirage::fusion {
 

@@ -1,11 +1,12 @@
 // Weights files: which network they hold, and how they are read and written.
 #pragma once
 
+#include <torch/torch.h>
+
 #include <string>
 #include <string_view>
 
 #include "network.h"
-#include "torch_headers.h"
 #include "weights_file.h"
 
 namespace mirage::fusion {

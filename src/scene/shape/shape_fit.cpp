@@ -17,8 +17,8 @@ struct Round {
   double scale, deepest;
   int iterations;
 };
-constexpr Round kRounds[] = {{0.15, 0.28, 8}, {0.06, 0.15, 8}, {0.04, 0.10, 15}};
-constexpr double kStep = 0.10;  // m between the places at which a ray is tried
+constexpr Round kFitRounds[] = {{0.15, 0.28, 8}, {0.06, 0.15, 8}, {0.04, 0.10, 15}};
+constexpr double kRayStep = 0.10;  // m between the places at which a ray is tried
 
 /// w · d, or w · min(0, d) for a place that is known to be empty.
 class DistanceCost : public ceres::CostFunction {
@@ -115,7 +115,7 @@ AffineCost* affine_terms(const ShapeModel& model, const Vec3d& label_log_size,
 bool deepest_place(const ShapeModel& model, const Eigen::VectorXd& q, const Segment& segment, double bound,
                    double near, Vec3d& place) {
   const Vec3d way = segment.to - segment.from;
-  const int steps = std::max(1, static_cast<int>(std::ceil(way.norm() / kStep)));
+  const int steps = std::max(1, static_cast<int>(std::ceil(way.norm() / kRayStep)));
   double least = near;
   bool found = false;
   for (int i = 0; i <= steps; ++i) {
@@ -176,7 +176,7 @@ ShapeFit fit_shape(const ShapeModel& model, const VehicleEvidence& evidence, con
   // Start from the label and the likeliest shape of its size.
   q.segment<3>(4) = label_log_size;
   q.tail(model.dimension) = Likely(model).code(label_log_size);
-  for (const Round& round : kRounds)
+  for (const Round& round : kFitRounds)
     fit.iterations += solve_round(model, evidence, label_log_size, settings, round, q);
   if (!q.allFinite()) {
     fit.reason = "the fit did not converge";

@@ -220,7 +220,7 @@ namespace {
 constexpr std::string_view kMagic = "MIRAGE-SHAPE 1\n";
 constexpr double kFull = 32767;
 constexpr double kMaxNodes = 1e7;
-constexpr double kMost = 1000;  ///< m and shares: of whatever the header lists
+constexpr double kLargestNumber = 1000;  ///< m and shares: of whatever the header lists
 
 static_assert(std::endian::native == std::endian::little);
 
@@ -243,7 +243,7 @@ class Header {
     std::vector<double> out;
     for (const auto& value : json_.at(key)) {
       // Asked this way round: what is no number is not within bounds.
-      if (!value.is_number() || !(std::abs(value.get<double>()) <= kMost))
+      if (!value.is_number() || !(std::abs(value.get<double>()) <= kLargestNumber))
         fail(key, "holds a number out of range");
       out.push_back(value.get<double>());
     }
