@@ -121,7 +121,7 @@ void visit_fields(Visitor& visit, S& s) {
              s.limits);
   visit.list({.name = "expectation",
               .help = "environment to sample for each host and step: none, all, or some of "
-                      "roof,sun,light,exposure,noise",
+                      "roof,tilt,shape,colour,sun,light,exposure,noise; shape:0.02: vertices off by 2 cm",
               .option = "expect",
               .lacking = ""},
              s.expectation);

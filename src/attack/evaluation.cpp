@@ -15,6 +15,7 @@
 #include "base/error.h"
 #include "base/field_json.h"
 #include "base/files.h"
+#include "base/hash.h"
 #include "base/image_io.h"
 #include "base/interrupt.h"
 #include "base/progress.h"
@@ -163,6 +164,10 @@ class Attacked {
     if (!kept_on_disk(store_, settings_)) return now();
     Provenance made_of = store_.made_of(id);
     made_of.add(simulation_);
+    if (settings_.expectation.any()) {
+      made_of.add(settings_.expectation);
+      made_of.set("expectation_seed", settings_.expectation_seed);
+    }
     made_of.input("mesh", mesh_hash);
     made_of.input("detector", settings_.detector_identity);
     made_of.set("score_threshold", settings_.score_threshold);
@@ -172,17 +177,20 @@ class Attacked {
 
  private:
   FoundAttacked drawn(Detector& detector, const HostId& id, const TexturedMesh& mesh, bool local) const {
-    const auto prepared = store_.get(id.frame);
-    const Placement placement = store_.placement(id);
-    const Simulated simulated = simulate(*prepared, placement, mesh, simulation_);
-    SensorView view = view_of(prepared->frame, simulated.image, simulated.sweep);
+    const auto recorded = store_.get(id.frame);
+    const WorldDraw draw(settings_.expectation, settings_.expectation_seed, fnv1a(host_name(id)));
+    const DrawnHost world(settings_.expectation.any() ? &draw : nullptr, *recorded, store_.placement(id),
+                          mesh, simulation_);
+    Simulated simulated = simulate(world.prepared(), world.placement(), world.object(), world.simulation());
+    world.add_noise(simulated.image);
+    SensorView view = view_of(world.prepared().frame, simulated.image, simulated.sweep);
     CleanView as_recorded;
-    if (local) {
-      as_recorded = clean_view(*prepared, simulated);
+    if (local && !world.changes_picture()) {
+      as_recorded = clean_view(world.prepared(), simulated);
       view.clean = &as_recorded;
     }
     return {detections(detector, view, settings_),
-            settings_.matching.in_picture() ? carried_box(simulated, placement) : std::nullopt};
+            settings_.matching.in_picture() ? carried_box(simulated, world.placement()) : std::nullopt};
   }
 
   FrameStore& store_;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "attack/detector_pool.h"
+#include "attack/expectation.h"
 #include "attack/hiding.h"
 #include "attack/host_outcome.h"
 #include "attack/host_truth.h"
@@ -69,6 +70,10 @@ struct EvaluationSettings {
   double score_threshold = 0.3;
   double detected_iou = 0.7;
   double false_positive_iou = 0.3;
+  /// What differs from vehicle to vehicle: every mesh on a vehicle meets the same draw. The detections
+  /// without an object are those of the frames as recorded.
+  Expectation expectation = {};
+  std::uint64_t expectation_seed = 0;
   /// How the detector is judged (Capabilities::matching); evaluate() sets it.
   Matching matching = {};
   bool quiet = false;

@@ -1,6 +1,9 @@
 #include "attack/expectation.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <numbers>
 
@@ -12,6 +15,17 @@ namespace mirage {
 namespace {
 
 constexpr double kLowestSun = 3 * kDegree;
+constexpr double kShape = 0.01, kLargestShape = 0.2;  // m
+
+/// Of "shape:0.02", in m.
+double shape_of(const std::string& word, const std::string& number) {
+  double sigma = 0;
+  const auto [end, error] = std::from_chars(number.data(), number.data() + number.size(), sigma);
+  if (error != std::errc() || end != number.data() + number.size() || !(sigma > 0 && sigma <= kLargestShape))
+    throw InputError("expectation", word, "is no distance",
+                     fmt::format("use metres over 0 and up to {}, as in shape:{}", kLargestShape, kShape));
+  return sigma;
+}
 
 /// `sun` turned by `angle` about a random axis square to it.
 Vec3d turned_sun(const Vec3d& sun, double angle, double side) {
@@ -28,7 +42,8 @@ Vec3d turned_sun(const Vec3d& sun, double angle, double side) {
 }  // namespace
 
 bool Expectation::any() const {
-  return any_in_frame() || roof_shift > 0 || roof_yaw > 0 || image_noise > 0 || range_noise > 0;
+  return any_in_frame() || any_in_object() || roof_shift > 0 || roof_yaw > 0 || tilt > 0 || image_noise > 0 ||
+         range_noise > 0;
 }
 
 Expectation parse_expectation(const std::string& words) {
@@ -36,6 +51,10 @@ Expectation parse_expectation(const std::string& words) {
   for (const std::string& word : listed_words(words)) {
     const bool all = word == "all";
     bool known = all || word == "none";
+    if (word.starts_with("shape:")) {
+      e.shape = shape_of(word, word.substr(6));
+      continue;
+    }
     const auto named = [&](const char* name) {
       known = known || word == name;
       return all || word == name;
@@ -44,6 +63,9 @@ Expectation parse_expectation(const std::string& words) {
       e.roof_shift = 0.05;
       e.roof_yaw = 2 * kDegree;
     }
+    if (named("tilt")) e.tilt = 2 * kDegree;
+    if (named("shape")) e.shape = kShape;
+    if (named("colour")) e.colour = 0.15;
     if (named("sun")) e.sun = 20 * kDegree;
     if (named("light")) e.light = 0.3;
     if (named("exposure")) e.exposure = 0.2;
@@ -52,7 +74,9 @@ Expectation parse_expectation(const std::string& words) {
       e.range_noise = 0.02;
     }
     if (!known)
-      throw unknown_word("expectation", word, {"roof", "sun", "light", "exposure", "noise", "all", "none"});
+      throw unknown_word(
+          "expectation", word,
+          {"roof", "tilt", "shape", "colour", "sun", "light", "exposure", "noise", "all", "none"});
   }
   return e;
 }
@@ -69,8 +93,10 @@ Placement WorldDraw::placement(const Placement& known) const {
   const double s = expectation_.roof_shift;
   const Vec3d shift(random.normal() * s, random.normal() * s, random.normal() * s / 5);
   const double turn = random.normal() * expectation_.roof_yaw;
+  const double roll = random.normal() * expectation_.tilt, pitch = random.normal() * expectation_.tilt;
   const auto move = [&](Transform& pose) {
-    pose = pose * Eigen::Translation3d(shift) * Eigen::AngleAxisd(turn, Vec3d::UnitZ());
+    pose = pose * Eigen::Translation3d(shift) * Eigen::AngleAxisd(turn, Vec3d::UnitZ()) *
+           Eigen::AngleAxisd(pitch, Vec3d::UnitY()) * Eigen::AngleAxisd(roll, Vec3d::UnitX());
   };
   Placement varied = known;
   move(varied.velo_from_adversary);
@@ -103,11 +129,61 @@ SimulationSettings WorldDraw::simulation(const SimulationSettings& known) const 
   return varied;
 }
 
+Vec3d WorldDraw::cast() const {
+  RandomStream random(seed_, "expected cast", draw_);
+  Vec3d cast;
+  for (double& channel : cast) channel = std::exp(random.normal() * expectation_.colour);
+  return cast;
+}
+
+TexturedMesh WorldDraw::built(const TexturedMesh& designed) const {
+  TexturedMesh built = designed;
+  RandomStream random(seed_, "expected shape", draw_);
+  const double each = expectation_.shape / std::sqrt(3.0);
+  for (Vec3d& v : built.mesh.vertices)
+    for (double& coordinate : v) coordinate += random.normal() * each;
+  if (!(expectation_.colour > 0)) return built;
+  const Vec3d cast = this->cast();
+  for (Vec3d& texel : built.atlas.texels) texel = texel.cwiseProduct(cast).cwiseMin(1.0);
+  return built;
+}
+
+void WorldDraw::built_vjp(const TexturedMesh& designed, AdversaryGradient& gradient) const {
+  if (!(expectation_.colour > 0)) return;
+  const Vec3d cast = this->cast();
+  for (std::size_t i = 0; i < gradient.texels.size(); ++i)
+    for (int c = 0; c < 3; ++c)
+      gradient.texels[i][c] *= designed.atlas.texels[i][c] * cast[c] < 1 ? cast[c] : 0;
+}
+
 void WorldDraw::add_noise(ImageF& image) const {
   if (!(expectation_.image_noise > 0)) return;
   RandomStream random(seed_, "expected camera noise", draw_);
   for (float& value : image.data)
     value = std::clamp(value + static_cast<float>(random.normal() * expectation_.image_noise), 0.0f, 1.0f);
+}
+
+DrawnHost::DrawnHost(const WorldDraw* draw, const PreparedFrame& recorded, const Placement& placement,
+                     const TexturedMesh& designed, const SimulationSettings& simulation)
+    : draw_(draw),
+      recorded_(recorded),
+      designed_(designed),
+      placement_(draw ? draw->placement(placement) : placement),
+      simulation_(draw ? draw->simulation(simulation) : simulation) {
+  if (draw && draw->expectation().any_in_frame()) frame_ = draw->frame(recorded);
+  if (draw && draw->expectation().any_in_object()) built_ = draw->built(designed);
+}
+
+void DrawnHost::add_noise(ImageF& image) const {
+  if (draw_) draw_->add_noise(image);
+}
+
+bool DrawnHost::changes_picture() const {
+  return draw_ && (draw_->expectation().exposure > 0 || draw_->expectation().image_noise > 0);
+}
+
+void DrawnHost::vjp(AdversaryGradient& gradient) const {
+  if (built_) draw_->built_vjp(designed_, gradient);
 }
 
 }  // namespace mirage

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "base/fields.h"
@@ -20,9 +21,14 @@ struct Expectation {
   double exposure = 0;     ///< of the logarithm of the photograph's exposure, object included; white clips
   double image_noise = 0;  ///< of each channel of each pixel (scene-linear)
   double range_noise = 0;  ///< m, of the object's returns
+  double tilt = 0;         ///< rad, about both horizontal axes of the roof
+  double shape = 0;   ///< m, rms distance of a vertex of the object from its design: prints, scans, dents
+  double colour = 0;  ///< of the logarithm of each channel of all texels: a print's cast; white clips
 
   /// Whether anything is drawn.
   bool any() const;
+  /// Whether the object is another one than designed (WorldDraw::built).
+  bool any_in_object() const { return shape > 0 || colour > 0; }
   /// Whether the frame itself changes (WorldDraw::frame).
   bool any_in_frame() const { return sun > 0 || light > 0 || exposure > 0; }
 };
@@ -36,10 +42,14 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "exposure", .range = {0, 10}}, s.exposure);
   visit({.name = "image_noise", .range = {0, 10}}, s.image_noise);
   visit({.name = "range_noise", .range = {0, 10}}, s.range_noise);
+  visit({.name = "tilt", .range = {0, 10}, .lacking = "0"}, s.tilt);
+  visit({.name = "shape", .range = {0, 10}, .lacking = "0"}, s.shape);
+  visit({.name = "colour", .range = {0, 10}, .lacking = "0"}, s.colour);
 }
 
-/// "none", or words of roof, sun, light, exposure, noise separated by commas, or "all": the named ones at 5
-/// cm and 2°, 20°, 0.3, 0.2, 0.01 and 2 cm. InputError for any other word.
+/// "none", or words of roof, tilt, shape, colour, sun, light, exposure, noise separated by commas, or "all":
+/// the named ones at 5 cm and 2°, 2°, 1 cm, 0.15, 20°, 0.3, 0.2, 0.01 and 2 cm. "shape:0.02" is a shape off
+/// by 2 cm. InputError for any other word.
 Expectation parse_expectation(const std::string& words);
 inline void set_from_text(const std::string& text, Expectation& value) {
   value = parse_expectation(text);
@@ -53,6 +63,7 @@ class WorldDraw {
   /// Draw number `draw` of the attack's seed.
   WorldDraw(const Expectation& expectation, std::uint64_t seed, std::uint64_t draw);
 
+  const Expectation& expectation() const { return expectation_; }
   /// Which draw it is.
   std::uint64_t number() const { return draw_; }
   /// The object's pose, shifted and turned, and with it the roof that it stands on.
@@ -61,12 +72,51 @@ class WorldDraw {
   PreparedFrame frame(const PreparedFrame& known) const;
   /// The settings with the range noise of the object's returns.
   SimulationSettings simulation(const SimulationSettings& known) const;
+  /// The object as it comes from the workshop: vertices off, colours with a cast.
+  TexturedMesh built(const TexturedMesh& designed) const;
+  /// Turns d loss / d built into d loss / d designed.
+  void built_vjp(const TexturedMesh& designed, AdversaryGradient& gradient) const;
   /// The camera's noise, on the picture that has the object in it; its VJP is the identity.
   void add_noise(ImageF& image) const;
 
  private:
+  /// Of each channel of all texels.
+  Vec3d cast() const;
+
   Expectation expectation_;
   std::uint64_t seed_, draw_;
+};
+
+/// One host with what a draw changes, or as recorded without one. What it is made of outlives it.
+class DrawnHost {
+ public:
+  /// `draw`: null for the world as recorded.
+  DrawnHost(const WorldDraw* draw, const PreparedFrame& recorded, const Placement& placement,
+            const TexturedMesh& designed, const SimulationSettings& simulation);
+  DrawnHost(const DrawnHost&) = delete;
+  DrawnHost& operator=(const DrawnHost&) = delete;
+
+  const PreparedFrame& prepared() const { return frame_ ? *frame_ : recorded_; }
+  const TexturedMesh& object() const { return built_ ? *built_ : designed_; }
+  const Placement& placement() const { return placement_; }
+  const SimulationSettings& simulation() const { return simulation_; }
+  /// Which draw it is; 0 as recorded.
+  std::uint64_t number() const { return draw_ ? draw_->number() : 0; }
+  /// The camera's noise, if the draw has any.
+  void add_noise(ImageF& image) const;
+  /// Whether pixels differ from the recorded ones away from the object: exposure, noise.
+  bool changes_picture() const;
+  /// Turns d loss / d object() into d loss / d designed.
+  void vjp(AdversaryGradient& gradient) const;
+
+ private:
+  const WorldDraw* draw_;
+  const PreparedFrame& recorded_;
+  const TexturedMesh& designed_;
+  std::optional<PreparedFrame> frame_;
+  std::optional<TexturedMesh> built_;
+  Placement placement_;
+  SimulationSettings simulation_;
 };
 
 }  // namespace mirage

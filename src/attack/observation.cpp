@@ -57,27 +57,26 @@ nlohmann::json to_json(const StageSeconds& stages, double seconds, long iteratio
 }
 
 Observation::Observation(const StepHost& host, const TexturedMesh& adversary, const AttackSettings& settings)
-    : host_(host), settings_(settings), prepared_(&host.prepared), simulation_(settings.simulation) {
-  Stopwatch clock;
-  const WorldDraw* draw = host.draw;
-  if (draw && settings.expectation.any_in_frame()) prepared_ = &drawn_.emplace(draw->frame(host.prepared));
-  seconds_.worlds = clock.lap();
-  const Placement placement = draw ? draw->placement(host.placement) : host.placement;
-  if (draw) simulation_ = draw->simulation(settings.simulation);
-  simulated_ = simulate(*prepared_, placement, adversary, simulation_);
-  seconds_.simulation_forward = clock.lap();
+    : host_(host),
+      settings_(settings),
+      world_(host.draw, host.prepared, host.placement, adversary, settings.simulation) {
+  seconds_.worlds = clock_.lap();
+  simulated_ = simulate(world_.prepared(), world_.placement(), world_.object(), world_.simulation());
+  seconds_.simulation_forward = clock_.lap();
   changed_ = simulated_.rect;
   if (host.seen.pictures) {
-    const HostInWorld in_world{*prepared_, host.id, placement, simulation_, draw ? draw->number() : 0};
-    changed_ = united(changed_, host.seen.pictures->correct(in_world, adversary, *host.seen.of, simulated_));
+    const HostInWorld in_world{world_.prepared(), host.id, world_.placement(), world_.simulation(),
+                               world_.number()};
+    changed_ =
+        united(changed_, host.seen.pictures->correct(in_world, world_.object(), *host.seen.of, simulated_));
   }
-  seconds_.rendering = clock.lap();
-  if (draw) draw->add_noise(simulated_.image);
-  seconds_.worlds += clock.lap();
+  seconds_.rendering = clock_.lap();
+  world_.add_noise(simulated_.image);
+  seconds_.worlds += clock_.lap();
 }
 
 void Observation::show_others(const Capabilities& can) {
-  const Frame& frame = prepared_->frame;
+  const Frame& frame = world_.prepared().frame;
   others_.clear(), others_place_.clear();
   for (std::size_t k = 0; k < frame.others.size(); ++k) {
     const std::string& name = frame.others[k].name;
@@ -94,20 +93,18 @@ void Observation::show_others(const Capabilities& can) {
 
 SensorView Observation::view(const Capabilities& can, bool back) {
   Stopwatch clock;
-  SensorView view = view_of(prepared_->frame, simulated_.image, simulated_.sweep);
+  SensorView view = view_of(world_.prepared().frame, simulated_.image, simulated_.sweep);
   show_others(can);
   view.others = others_;
   // Another exposure or noise changes every pixel: to a detector that reads them nothing is as recorded.
-  const bool own_picture =
-      host_.draw && (settings_.expectation.exposure > 0 || settings_.expectation.image_noise > 0);
-  if (can.why_whole.empty() && !(own_picture && can.reads_image)) {
-    clean_ = clean_view(*prepared_, simulated_);
+  if (can.why_whole.empty() && !(world_.changes_picture() && can.reads_image)) {
+    clean_ = clean_view(world_.prepared(), simulated_);
     clean_.changed = changed_;
     view.clean = &clean_;
   }
-  if (back && can.knows_presence && simulation_.lidar_gradient == LidarGradient::silhouette &&
+  if (back && can.knows_presence && world_.simulation().lidar_gradient == LidarGradient::silhouette &&
       settings_.target != AttackTarget::image && settings_.parts != AttackParts::texture)
-    silhouette_ = lidar_silhouette(*prepared_, placed_adversary(simulated_));
+    silhouette_ = lidar_silhouette(world_.prepared(), placed_adversary(simulated_));
   view.watched = silhouette_.places;
   seconds_.simulation_forward += clock.lap();
   return view;
@@ -127,7 +124,9 @@ AdversaryGradient Observation::vjp(const SensorGradient& gradient) const {
   if (settings_.target != AttackTarget::image) upstream.points = gradient.points;
   upstream.silhouette = &silhouette_;
   upstream.presence = gradient.presence;
-  return simulate_vjp(simulated_, upstream);
+  AdversaryGradient designed = simulate_vjp(simulated_, upstream);
+  world_.vjp(designed);
+  return designed;
 }
 
 }  // namespace mirage

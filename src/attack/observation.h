@@ -105,9 +105,8 @@ class Observation {
   const AttackSettings& settings_;
   void show_others(const Capabilities& can);
 
-  std::optional<PreparedFrame> drawn_;
-  const PreparedFrame* prepared_;
-  SimulationSettings simulation_;
+  Stopwatch clock_;  ///< before the world, whose time it takes
+  DrawnHost world_;
   Simulated simulated_;
   PixelRect changed_;  ///< pixels that are not as recorded, but for noise
   CleanView clean_;

@@ -23,6 +23,8 @@ void complete(nlohmann::json& written, const nlohmann::json& lacking) {
       written[name] = value;
     else if (value.is_object() && written[name].is_object())
       complete(written[name], value);
+    else if (value.is_array() && written[name].is_array())
+      for (std::size_t i = written[name].size(); i < value.size(); ++i) written[name].push_back(value[i]);
 }
 
 std::string read_text(const JsonFields& json, const char* name) {

@@ -284,7 +284,10 @@ class JsonReader {
         return;
       }
     const auto numbers = numbers_of(inner);
-    const auto read = json.numbers(field.name, numbers.size(), -Range::kMost, Range::kMost);
+    std::size_t least = numbers.size();  // an earlier program's list is shorter
+    while (least > 0 && numbers[least - 1].second.lacking) --least;
+    auto read = json.numbers(field.name, numbers.size(), -Range::kMost, Range::kMost, least);
+    while (read.size() < numbers.size()) read.push_back(std::stod(numbers[read.size()].second.lacking));
     for (std::size_t i = 0; i < read.size(); ++i)
       named(field, i, [&] { check_number(numbers[i].second, *numbers[i].first = read[i]); });
     if constexpr (requires { inner.on; }) inner.on = true;

@@ -73,12 +73,13 @@ std::string JsonFields::text(const std::string& key) const {
   return value.get<std::string>();
 }
 
-std::vector<double> JsonFields::numbers(const std::string& key, std::size_t count, double low,
-                                        double high) const {
+std::vector<double> JsonFields::numbers(const std::string& key, std::size_t count, double low, double high,
+                                        std::optional<std::size_t> least) const {
   const auto& value = get(key);
-  if (!value.is_array() || value.size() != count) fail(key, fmt::format("not a list of {} numbers", count));
-  std::vector<double> numbers(count);
-  for (std::size_t i = 0; i < count; ++i) {
+  if (!value.is_array() || value.size() > count || value.size() < least.value_or(count))
+    fail(key, fmt::format("not a list of {} numbers", count));
+  std::vector<double> numbers(value.size());
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
     if (const std::string problem = range_problem(value[i], low, high); !problem.empty())
       fail(fmt::format("{}[{}]", key, i), problem);
     numbers[i] = value[i].get<double>();

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -37,8 +38,9 @@ class JsonFields {
   double number(const std::string& key, double low, double high) const;
   /// A string.
   std::string text(const std::string& key) const;
-  /// `count` numbers.
-  std::vector<double> numbers(const std::string& key, std::size_t count, double low, double high) const;
+  /// `count` numbers, or so few as `least`.
+  std::vector<double> numbers(const std::string& key, std::size_t count, double low, double high,
+                              std::optional<std::size_t> least = {}) const;
   /// A list of any length up to `most`.
   const nlohmann::json& list(const std::string& key, std::size_t most) const;
   /// The names of the fields that are there.

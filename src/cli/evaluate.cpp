@@ -2,6 +2,7 @@
 #include <memory>
 
 #include "attack/evaluate_run.h"
+#include "attack/expectation.h"
 #include "attack/upper_bound.h"
 #include "base/field_text.h"
 #include "base/ranks.h"
@@ -20,6 +21,7 @@ struct EvaluateOptions {
   LidarEffectsOption effects;
   Overrides computed;  ///< how the detector computes
   int pictures = 0;
+  std::string expect = "none";
 };
 
 void print_head(const RunEvaluation& evaluation) {
@@ -107,6 +109,11 @@ void add_options(CLI::App& app, EvaluateOptions& options) {
   add_overrides<SimulationSettings>(app, request.asked, {"light", "camera_effects"});
   add_overrides<AttackSettings>(app, request.asked, {"min_view"});
   options.effects.add(app, "the run's");
+  app.add_option(
+         "--expect", options.expect,
+         "environment to sample for each vehicle, the same for every object on it: words as of mirage "
+         "attack --expect, for example shape:0.02,colour for what a workshop makes of it")
+      ->capture_default_str();
   add_trust_option(app, request.trust);
   tell_of_cache(app);
   app.add_option("--hosts", request.hosts,
@@ -147,6 +154,8 @@ Command evaluate_command() {
         request.detector.threads = common.threads;
         for (const auto& [name, text] : options->computed) set_field(request.detector, name, text);
         request.settings.quiet = common.quiet;
+        request.settings.expectation = parse_expectation(options->expect);
+        request.settings.expectation_seed = common.seed;
         options->effects.check();
         options->quality.ask(request.asked);
         options->effects.ask(request.asked);
@@ -155,6 +164,7 @@ Command evaluate_command() {
         add_frames(*common.made_of, evaluation.stage.settings, evaluation.hosts);
         if (!evaluation.objects.empty()) add_objects(*common.made_of, evaluation.objects);
         add_detector(*common.made_of, evaluation.detector);
+        common.made_of->set("expect", options->expect);
         print_head(evaluation);
         print_arms(evaluation);
         print_bounds(evaluation);

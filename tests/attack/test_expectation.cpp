@@ -8,6 +8,7 @@
 
 #include "attack/attack.h"
 #include "attack/attack_step.h"
+#include "attack/evaluation.h"
 #include "attack/expectation.h"
 #include "attack/objective.h"
 #include "attack/tiny_world.h"
@@ -180,9 +181,14 @@ TEST(Expectation, WordsSwitchWhatVaries) {
   EXPECT_EQ(some.roof_shift, 0);
   EXPECT_EQ(some.exposure, 0);
   const Expectation all = parse_expectation("all");
-  for (const double spread :
-       {all.roof_shift, all.roof_yaw, all.sun, all.light, all.exposure, all.image_noise, all.range_noise})
+  for (const double spread : {all.roof_shift, all.roof_yaw, all.tilt, all.shape, all.colour, all.sun,
+                              all.light, all.exposure, all.image_noise, all.range_noise})
     EXPECT_GT(spread, 0);
+  EXPECT_EQ(parse_expectation("shape:0.02").shape, 0.02);
+  for (const char* wrong :
+       {"shape:", "shape:x", "shape:-1", "shape:0", "shape:1", "shape:nan", "shape:0.01 m"})
+    EXPECT_THAT(test::error_text<InputError>([&] { parse_expectation(wrong); }), HasSubstr("shape:0.01"))
+        << wrong;
   EXPECT_THAT(test::error_text<InputError>([] { parse_expectation("roof,moon"); }),
               AllOf(HasSubstr("expectation: "), HasSubstr("moon")));
 }
@@ -206,6 +212,112 @@ TEST(Expectation, DrawsHaveTheStatedSpreadAndDependOnTheirIndexAlone) {
   EXPECT_NEAR(std::sqrt(yaw) / e.roof_yaw, 1, 0.05);
   const Placement one = WorldDraw(e, 5, 17).placement(known), same = WorldDraw(e, 5, 17).placement(known);
   EXPECT_EQ(one.velo_from_adversary.matrix(), same.velo_from_adversary.matrix());
+}
+
+TEST(Expectation, TheBuiltObjectIsOffByTheStatedDistanceAndCast) {
+  const TexturedMesh designed = random_adversary(1);
+  const Expectation e = parse_expectation("shape:0.02,colour");
+  double squares = 0, logs = 0;
+  constexpr int kDraws = 400;
+  for (int i = 0; i < kDraws; ++i) {
+    const TexturedMesh built = WorldDraw(e, 5, static_cast<std::uint64_t>(i)).built(designed);
+    for (std::size_t v = 0; v < built.mesh.vertices.size(); ++v)
+      squares += (built.mesh.vertices[v] - designed.mesh.vertices[v]).squaredNorm() /
+                 static_cast<double>(built.mesh.vertices.size()) / kDraws;
+    const auto dark =
+        std::ranges::min_element(designed.atlas.texels, {}, [](const Vec3d& t) { return t.maxCoeff(); });
+    const auto at = static_cast<std::size_t>(dark - designed.atlas.texels.begin());
+    logs += std::pow(std::log(built.atlas.texels[at].x() / designed.atlas.texels[at].x()), 2) / kDraws;
+    EXPECT_LE(built.atlas.texels[at].maxCoeff(), 1);
+  }
+  EXPECT_NEAR(std::sqrt(squares), 0.02, 2e-4);
+  EXPECT_NEAR(std::sqrt(logs), e.colour, 0.1 * e.colour);
+  const TexturedMesh same = WorldDraw(parse_expectation("roof,sun"), 5, 3).built(designed);
+  EXPECT_EQ(same.mesh.vertices, designed.mesh.vertices);
+  EXPECT_EQ(same.atlas.texels, designed.atlas.texels);
+}
+
+TEST(Expectation, TheGradientOfTheBuiltObjectReachesItsDesign) {
+  TexturedMesh designed = random_adversary(2);
+  designed.mesh.vertices.resize(8);
+  designed.atlas.texels.resize(12);
+  designed.atlas.texels[0] = Vec3d(0, 1, 0.999);  // black, and what clips under any cast over 1
+  RandomStream random(4, "weights");
+  std::vector<double> x = test::flat(designed.mesh.vertices), w;
+  const std::vector<double> texels = test::flat(designed.atlas.texels);
+  x.insert(x.end(), texels.begin(), texels.end());
+  for (std::size_t i = 0; i < x.size(); ++i) w.push_back(random.normal());
+  long clipped = 0;
+  for (std::uint64_t number = 0; number < 6; ++number) {
+    const WorldDraw draw(parse_expectation("shape:0.02,colour"), 7, number);
+    const auto built = [&](const std::vector<double>& at) {
+      TexturedMesh mesh = designed;
+      std::size_t i = 0;
+      for (auto* points : {&mesh.mesh.vertices, &mesh.atlas.texels})
+        for (Vec3d& point : *points)
+          for (double& value : point) value = at[i++];
+      return draw.built(mesh);
+    };
+    const auto f = [&](const std::vector<double>& at) {
+      const TexturedMesh mesh = built(at);
+      double sum = 0;
+      std::size_t i = 0;
+      for (const auto* points : {&mesh.mesh.vertices, &mesh.atlas.texels})
+        for (const double value : test::flat(*points)) sum += w[i++] * value * value;
+      return sum;
+    };
+    const TexturedMesh mesh = built(x);
+    AdversaryGradient gradient;
+    std::size_t i = 0;
+    for (const auto& [points, to] :
+         {std::pair(&mesh.mesh.vertices, &gradient.vertices), {&mesh.atlas.texels, &gradient.texels}})
+      for (const Vec3d& point : *points) {
+        to->push_back(2 * Vec3d(w[i], w[i + 1], w[i + 2]).cwiseProduct(point));
+        i += 3;
+      }
+    draw.built_vjp(designed, gradient);
+    std::vector<double> d = test::flat(gradient.vertices);
+    for (const double value : test::flat(gradient.texels)) d.push_back(value);
+    for (const Vec3d& texel : mesh.atlas.texels) clipped += (texel.array() == 1).count();
+    test::check_gradient(f, x, d, 1e-6, 1e-6, 1e-3);
+  }
+  EXPECT_GT(clipped, 0);
+}
+
+TEST(Expectation, EveryObjectOnAVehicleMeetsTheSameDraw) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 2);
+  AttackSettings settings = test::tiny_attack();
+  settings.data = folder / "data";
+  settings.rooftop = "box";
+  FrameStore store(settings);
+  const std::vector<HostId> hosts = {{"000000", 0}, {"000001", 0}};
+  DetectorPool detectors;
+  detectors.push_back(std::make_unique<test::StandInDetector>());
+  EvaluationSettings how;
+  how.score_threshold = 0;
+  how.quiet = true;
+  const TexturedMesh mesh = random_adversary(1);
+  const std::vector<TexturedMesh> twice = {mesh, mesh};
+  const auto scores = [&](const char* words, std::uint64_t seed) {
+    how.expectation = parse_expectation(words);
+    how.expectation_seed = seed;
+    const CleanDetections clean = clean_detections(detectors, store, hosts, how);
+    std::vector<double> found;
+    for (const HostOutcome& host :
+         evaluate(detectors, store, hosts, clean, twice, settings.simulation, how).hosts)
+      found.push_back(host.attacked_score);
+    EXPECT_EQ(found.size(), 4u);
+    EXPECT_EQ(found[0], found[2]) << words;
+    EXPECT_EQ(found[1], found[3]) << words;
+    return found;
+  };
+  const std::vector<double> recorded = scores("none", 1);
+  for (const char* words : {"roof", "tilt", "shape:0.05", "colour", "noise", "exposure"}) {
+    EXPECT_NE(scores(words, 1), recorded) << words;
+    EXPECT_EQ(scores(words, 1), scores(words, 1)) << words;
+    EXPECT_NE(scores(words, 2), scores(words, 1)) << words;
+  }
 }
 
 TEST(Expectation, LightTurnsBrightensAndStaysAboveTheGround) {

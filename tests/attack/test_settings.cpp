@@ -153,6 +153,27 @@ TEST(Settings, WhatAnEarlierFileLeftOutIsWhatItMeantThen) {
   EXPECT_FALSE(settings.simulation.camera_effects.any());
 }
 
+TEST(Settings, AListThatGrewIsReadAsItWas) {
+  AttackSettings settings;
+  settings.expectation = parse_expectation("all");
+  nlohmann::json run = fields_json(settings);
+  auto& list = run.at("expectation");
+  const std::size_t whole = list.size();
+  list.erase(list.begin() + 7, list.end());
+  AttackSettings read;
+  read.expectation.shape = 0.1;  // whatever the reader's default is
+  read_fields(JsonFields("run.json", run, "restore it"), read);
+  EXPECT_EQ(read.expectation.range_noise, settings.expectation.range_noise);
+  EXPECT_EQ(read.expectation.shape, 0);
+  complete(run, lacking_json<AttackSettings>());
+  EXPECT_EQ(list.size(), whole);
+  EXPECT_EQ(list.back(), 0);
+  list.erase(list.begin() + 6, list.end());  // shorter than any program wrote
+  EXPECT_THAT(
+      test::error_text<InputError>([&] { read_fields(JsonFields("run.json", run, "restore it"), read); }),
+      testing::HasSubstr("expectation: not a list of 10 numbers"));
+}
+
 TEST(Settings, ARunOfAnEarlierProgramGoesOnWithTheSameSettingsAndNoOthers) {
   AttackSettings settings;
   settings.data = "/data";
