@@ -5,11 +5,14 @@
 #include <optional>
 
 #include "attack/run.h"
+#include "base/child_process.h"
+#include "base/color.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/interrupt.h"
 #include "base/progress.h"
 #include "cli/command.h"
+#include "cli/field_options.h"
 #include "cli/options.h"
 #include "cli/table.h"
 #include "exchange/gltf.h"
@@ -17,6 +20,7 @@
 #include "exchange/mesh_files.h"
 #include "frames/hosts.h"
 #include "frames/made_of.h"
+#include "geometry/texel_grid.h"
 #include "validation/blender/blender_process.h"
 #include "validation/fidelity/validate.h"
 
@@ -28,14 +32,78 @@ struct ExportOptions {
   Overrides asked;
   TrustRun trust = TrustRun::no;
   int frames = 1;
-  bool fbx = false, obj = false;
+  bool fbx = false, obj = false, kit = false;
+  std::vector<double> bed = {0.35, 0.35, 0.35};
+  std::string sheet = "A0";
 };
+
+/// What builds the adversary: parts for a printer, its skin as sheets of paper, a plate. Returns kit.json.
+nlohmann::json write_kit(const ExportOptions& options, const Run& run, BlenderWorker& blender,
+                         const std::filesystem::path& out) {
+  constexpr double kTimeout = 600;  // s; it takes a few
+  const TexturedMesh object = standing_on_origin(run.adversary);
+  if (!is_watertight(object.mesh))
+    throw InputError((options.run / "adversary.glb").string(), "mesh",
+                     "is not watertight, so it has no inside", "learn it without --free");
+  make_output_folder(out);
+  nlohmann::json vertices = nlohmann::json::array(), faces = vertices, texels = vertices,
+                 triangles = vertices;
+  for (const Vec3d& v : object.mesh.vertices) vertices.push_back({v.x(), v.y(), v.z()});
+  for (const Face& f : object.mesh.faces) faces.push_back({f[0], f[1], f[2]});
+  for (const Vec3d& t : object.atlas.texels) {
+    const auto byte = [](double linear) { return srgb_from_linear(static_cast<float>(linear)); };
+    texels.push_back({byte(t.x()), byte(t.y()), byte(t.z())});
+  }
+  for (const AtlasTriangle& triangle : atlas_triangles(object.atlas.resolution)) {
+    nlohmann::json corners = nlohmann::json::array();
+    for (const Vec2d& b : triangle.corners) corners.push_back({b.x(), b.y()});
+    triangles.push_back({{"corners", corners}, {"texel", triangle.texel}});
+  }
+  const nlohmann::json cut = blender.request({{"job", "kit"},
+                                              {"vertices", vertices},
+                                              {"faces", faces},
+                                              {"bed", options.bed},
+                                              {"out", std::filesystem::absolute(out).string()}},
+                                             kTimeout);
+  write_json(out / "object.json", {{"name", options.run.filename().string()},
+                                   {"vertices", vertices},
+                                   {"faces", faces},
+                                   {"texels", texels},
+                                   {"triangles", triangles},
+                                   {"bed", options.bed},
+                                   {"sheet", options.sheet},
+                                   {"parts", cut.at("parts")},
+                                   {"judged_shape_m", run.settings.expectation.shape}});
+  std::string said;
+  const std::string python = plotting_python().string();
+  const int status =
+      python.empty()
+          ? -1
+          : run_program({python, shipped_file("validation/report/kit_sheets.py").string(), out.string()},
+                        &said);
+  if (status == 3) throw FieldError("sheet", options.sheet, said, "use a larger one");
+  if (status != 0)
+    throw Failure("kit", said.empty() ? "no sheets were made" : said,
+                  "install python3-matplotlib and python3-pil");
+  return read_json(out / "kit.json");
+}
+
+Rows kit_rows(const nlohmann::json& kit) {
+  Rows rows = {{"kit", fmt::format("{} parts, {} sheets of {}", kit.at("parts").size(),
+                                   kit.at("sheets").get<int>(), kit.at("sheet").get<std::string>())}};
+  for (const nlohmann::json& mass : kit.at("masses"))
+    rows.push_back({fmt::format("mass of {}", mass.at("made_of").get<std::string>()),
+                    fmt::format("{:.1f} kg", mass.at("kg").get<double>())});
+  rows.push_back({"drag at 50 km/h", fmt::format("{:.0f} N", kit.at("drag_at_50_kmh_n").get<double>())});
+  rows.push_back({"straps hold", fmt::format("{:.0f} N", kit.at("strap_force_n").get<double>())});
+  return rows;
+}
 
 nlohmann::json run(const ExportOptions& options, const Common& common) {
   Run run = read_run(options.run, options.trust);
   override_settings(run, options.asked, common.seed);
   std::optional<BlenderWorker> blender;  // first: where it is missing, say so now
-  if (options.fbx) {
+  if (options.fbx || options.kit) {
     require_text_path(common.out);
     blender.emplace(common.out / "blender.log");
   }
@@ -52,11 +120,17 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
     write_obj(common.out / "adversary.obj", standing_on_origin(run.adversary));
     for (const char* file : {"adversary.obj", "adversary.mtl", "adversary.png"}) files.push_back(file);
   }
-  if (blender) {
+  nlohmann::json kit;
+  if (options.kit) {
+    kit = write_kit(options, run, *blender, common.out / "kit");
+    for (const char* file : {"kit/kit.json", "kit/object.3mf", "kit/sheets.pdf", "kit/plate.svg"})
+      files.push_back(file);
+  }
+  if (options.fbx) {
     blender->write_fbx(common.out / "adversary.fbx", run.adversary);
-    blender.reset();
     files.push_back("adversary.fbx");
   }
+  blender.reset();
   std::size_t scenes = 0, learned = 0, others = 0;
   if (hosts.empty())
     throw InputError((options.run / "run.json").string(), "test", "no test vehicles to export",
@@ -82,12 +156,14 @@ nlohmann::json run(const ExportOptions& options, const Common& common) {
                {"scenes", fmt::format("{} ({} of vehicles learned on)", hosts.size(), learned)},
                {"roofs", roofs(rooftops.fitted, rooftops.from_box)},
                {"folder", common.out.string()}});
+  if (!kit.is_null()) print_table(kit_rows(kit));
   nlohmann::json result = {{"scenes", hosts.size()},
                            {"learned_on", learned},
                            {"rooftops", to_json(rooftops)},
                            {"placement", text_of(run.settings.placement)},
                            {"files", files}};
   if (others > 0) result["other_cameras"] = others;
+  if (!kit.is_null()) result["kit"] = kit;
   return result;
 }
 
@@ -114,6 +190,18 @@ Command export_command() {
                          "socket, embedded texels");
             app.add_flag("--obj", options->obj,
                          "also write adversary.obj with .mtl and .png: metres, x forward, z up");
+            app.add_flag(
+                "--kit", options->kit,
+                "also write what builds it (by Blender): parts as .stl and .3mf, its skin as .pdf at true "
+                "scale, a plate to mount it on");
+            app.add_option("--bed", options->bed, "of --kit: the printer's bed X,Y,Z, m; each part fits it")
+                ->delimiter(',')
+                ->expected(3)
+                ->check(CLI::Range(0.05, 10.0))
+                ->capture_default_str();
+            app.add_option("--sheet", options->sheet, "of --kit: paper of the skin")
+                ->check(one_of({"A0", "A1", "A2", "A3", "A4"}))
+                ->capture_default_str();
           },
       .run = [options](const Common& common) { return run(*options, common); },
   };

@@ -17,3 +17,7 @@ set_tests_properties(report.drive PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
 add_test(NAME report.decisions COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/report/test_decision_pages.py
                                        ${PROJECT_SOURCE_DIR})
 set_tests_properties(report.decisions PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 600)
+# What mirage export --kit writes.
+add_test(NAME report.kit COMMAND ${MIRAGE_TEST_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/report/test_kit.py
+                                 ${PROJECT_SOURCE_DIR} ${CMAKE_BINARY_DIR})
+set_tests_properties(report.kit PROPERTIES TIMEOUT 600)

@@ -10,6 +10,7 @@ Jobs (one object a line, each answered by one line {"id", "ok": true, ...} or {"
     {"job": "raycast", "scene": GLB, "rays": FILE, "output": FILE}
     {"job": "fbx", "mesh": GLB, "output": FBX}
     {"job": "inspect", "file": FBX}
+    {"job": "kit", "vertices", "faces", "bed": [x, y, z], "out": FOLDER}
     {"job": "quit"}
 
 The .glb comes in through Blender's own importer: geometry, nodes and UVs are what any viewer gets. What glTF
@@ -43,6 +44,7 @@ from mirage_blender.paint import Paint  # noqa: E402
 
 import fbx_file  # noqa: E402
 import physical_light  # noqa: E402
+import print_kit  # noqa: E402
 
 
 class LoadedScene:
@@ -148,7 +150,7 @@ def inspect(job):
     return fbx_file.inspect(job["file"])
 
 
-JOBS = {"ping": ping, "render": render, "raycast": raycast, "fbx": write_fbx, "inspect": inspect}
+JOBS = {"ping": ping, "render": render, "raycast": raycast, "fbx": write_fbx, "inspect": inspect, "kit": print_kit.write}
 
 
 def main():
