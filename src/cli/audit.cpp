@@ -138,7 +138,7 @@ Command audit_command() {
       .run = [options](const Common& common) { return run(*options, common); },
       .afterwards =
           [options](const Common& common) {
-            if (!options->gate) write_page("audit_page.py", common.out);
+            if (!options->gate) write_page(common.out);
           },
   };
 }

@@ -120,7 +120,7 @@ Command compare_command() {
       .run = [options](const Common& common) { return run(*options, common); },
       .afterwards =
           [options](const Common& common) {
-            write_page("compare_page.py", common.out);
+            write_page(common.out);
             if (options->fail_above && options->worse > *options->fail_above)
               throw Failure(
                   "--fail-above",

@@ -158,7 +158,7 @@ Command drive_command() {
       .example = "mirage drive --run out/attack --data kitti-tracking --sequence 0003 --weights real",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
-      .afterwards = [](const Common& common) { write_page("drive.py", common.out); },
+      .afterwards = [](const Common& common) { write_page(common.out); },
   };
 }
 

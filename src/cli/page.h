@@ -10,13 +10,14 @@
 
 namespace mirage::cli {
 
-/// Writes the page beside OUT/result.json, one self-contained file, by validation/report/`script`. A warning
-/// in its place where Python or jinja2 is missing.
-inline void write_page(const std::string& script, const std::filesystem::path& out) {
+/// Writes the page beside OUT/result.json, one self-contained file, by validation/report/command_page.py. A
+/// warning in its place where Python or jinja2 is missing.
+inline void write_page(const std::filesystem::path& out) {
   const std::string python = plotting_python().string();
   std::string said;
   if (python.empty() ||
-      run_program({python, shipped_file("validation/report/" + script).string(), out.string()}, &said) != 0)
+      run_program({python, shipped_file("validation/report/command_page.py").string(), out.string()},
+                  &said) != 0)
     spdlog::warn("no page beside {}: {}", (out / "result.json").string(),
                  said.empty() ? "install python3-jinja2 and python3-pil" : said);
 }

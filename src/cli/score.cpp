@@ -155,7 +155,7 @@ Command score_command() {
       .example = "mirage score --detector fusion --out out/score",
       .options = [options](CLI::App& app) { add_options(app, *options); },
       .run = [options](const Common& common) { return run(*options, common); },
-      .afterwards = [](const Common& common) { write_page("score_page.py", common.out); },
+      .afterwards = [](const Common& common) { write_page(common.out); },
   };
 }
 

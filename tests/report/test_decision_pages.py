@@ -98,7 +98,7 @@ def untold():
 
 
 class Decision(browser.PageChecks):
-    """For a TestCase with `script`, `page` and `result`."""
+    """For a TestCase with `page` and `result`."""
 
     @classmethod
     def setUpClass(cls):
@@ -106,7 +106,7 @@ class Decision(browser.PageChecks):
         cls.addClassCleanup(cls.folder.cleanup)
         with open(os.path.join(cls.folder.name, "result.json"), "w", encoding="utf-8") as file:
             json.dump(cls.result, file)
-        subprocess.run([sys.executable, os.path.join(SOURCE, "validation", "report", cls.script), cls.folder.name], check=True)
+        subprocess.run([sys.executable, os.path.join(SOURCE, "validation", "report", "command_page.py"), cls.folder.name], check=True)
         cls.browser = browser.Browser()
         cls.addClassCleanup(cls.browser.__exit__)
         cls.browser.open(os.path.join(cls.folder.name, cls.page))
@@ -134,18 +134,18 @@ class Decision(browser.PageChecks):
 
 
 class AuditPage(Decision, unittest.TestCase):
-    script, page, result = "audit_page.py", "audit.html", audit()
+    page, result = "audit.html", audit()
 
 
 class ComparePage(Decision, unittest.TestCase):
-    script, page, result = "compare_page.py", "compare.html", compare()
+    page, result = "compare.html", compare()
 
     def test_the_head_says_the_answer(self):
         self.assertIn("easier to fool: 12.0 points (7.0 to 17.0)", self.browser.run("document.querySelector('h1').textContent"))
 
 
 class ScorePage(Decision, unittest.TestCase):
-    script, page, result = "score_page.py", "score.html", score()
+    page, result = "score.html", score()
 
     def test_is_one_sheet_of_a4_that_says_what_counts(self):
         text = self.browser.run("document.body.innerText")
@@ -165,7 +165,7 @@ class FullScorePage(ScorePage):
 
 
 class BoardPage(Decision, unittest.TestCase):
-    script, page = "score_page.py", "board.html"
+    page = "board.html"
     result = {"board": [score(None, "exec:python3 mine.py", 0.001), score(), score("A", "refined", 0.002)]}
 
     def test_the_best_grade_is_first_and_none_is_last(self):

@@ -59,7 +59,7 @@ class Page(browser.PageChecks, unittest.TestCase):
         cls.result = result()
         with open(os.path.join(cls.folder.name, "result.json"), "w", encoding="utf-8") as file:
             json.dump(cls.result, file)
-        subprocess.run([sys.executable, os.path.join(SOURCE, "validation", "report", "drive.py"), cls.folder.name], check=True)
+        subprocess.run([sys.executable, os.path.join(SOURCE, "validation", "report", "command_page.py"), cls.folder.name], check=True)
         cls.browser = browser.Browser()
         cls.addClassCleanup(cls.browser.__exit__)
         cls.browser.open(os.path.join(cls.folder.name, "drive.html"))

@@ -1,23 +1,7 @@
-"""Writes the page of `mirage audit`: one self-contained HTML file.
+"""What the page of `mirage audit` shows."""
 
-    python3 audit_page.py DIR
-
-Reads DIR/result.json; writes DIR/audit.html. The page shows what the program judged.
-"""
-
-import os
-import sys
-
-HERE = os.path.dirname(os.path.abspath(__file__))
-sys.dont_write_bytecode = True
-sys.path.insert(0, HERE)
-
-try:
-    import charts
-    import figures
-    import files
-except ImportError as error:
-    sys.exit(f"audit_page.py: {error.name}: not installed; install python3-jinja2 and python3-pil")
+import charts
+import figures
 
 TITLES = {"picture": "Changed pictures", "points": "Changed sweeps", "calibration": "Wrong calibration"}
 USES = {True: ("used", "good"), False: ("not used", "bad"), None: ("cannot be told", "none")}
@@ -34,24 +18,12 @@ def plot(title, rows):
     return charts.intervals(title, entries, "AP 0.7 lost", high, low)
 
 
-def page(result):
+def values(result):
     sections = []
     for name, title in TITLES.items():
         rows = [dict(row, at=at) for at, row in enumerate(result["audit"]) if row["input"] == name]
         if rows:
             sections.append({"name": name, "title": title, "rows": rows, "plot": plot(title, rows)})
     strata = [lost["stratum"] for row in result["audit"] for lost in row.get("recall_lost", [])]
-    environment = files.templates(HERE)
-    environment.globals.update(
-        result=result, fig=figures.figure_function(result), sections=sections, strata=list(dict.fromkeys(strata)),
-        uses=[(name, *USES[use]) for name, use in result["uses"].items()],
-        made_of=figures.made_of(result))
-    return environment.get_template("audit.html.j2").render(style=files.asset(HERE, "style.css"))
-
-
-def main(folder):
-    files.write(os.path.join(folder, "audit.html"), page(figures.read_json(os.path.join(folder, "result.json"))))
-
-
-if __name__ == "__main__":
-    files.run(main, sys.argv[1])
+    return {"result": result, "sections": sections, "strata": list(dict.fromkeys(strata)),
+            "uses": [(name, *USES[use]) for name, use in result["uses"].items()], "made_of": figures.made_of(result)}

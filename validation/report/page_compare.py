@@ -1,23 +1,9 @@
-"""Writes the page of `mirage compare`: one self-contained HTML file.
-
-    python3 compare_page.py DIR
-
-Reads DIR/result.json; writes DIR/compare.html. The page shows what the program judged.
-"""
+"""What the page of `mirage compare` shows."""
 
 import os
-import sys
 
-HERE = os.path.dirname(os.path.abspath(__file__))
-sys.dont_write_bytecode = True
-sys.path.insert(0, HERE)
-
-try:
-    import charts
-    import figures
-    import files
-except ImportError as error:
-    sys.exit(f"compare_page.py: {error.name}: not installed; install python3-jinja2")
+import charts
+import figures
 
 ANSWERS = {"more": "The second detector is easier to fool", "less": "The second detector is harder to fool",
            "the same within 5 points": "Both detectors are as easy to fool, within 5 points",
@@ -39,23 +25,10 @@ def plot(parts):
     return charts.intervals("Vanished, second less first", rows, "points more in the second detector", high, low)
 
 
-def page(result):
+def values(result):
     compare = result["compare"]
     parts = [dict(part, at=f"compare.parts.{at}", label=label(part)) for at, part in enumerate(compare["parts"])]
     if "own" in compare:
         parts.append(dict(compare["own"], at="compare.own", label="each under its own object"))
-    fig = figures.figure_function(result)
-    environment = files.templates(HERE)
-    environment.globals.update(
-        compare=compare, fig=fig, interval=figures.interval_function(result, fig), parts=parts, plot=plot(parts),
-        answer=ANSWERS[compare["told"]], worse=list(enumerate(compare["worse"]))[:WORSE], basename=os.path.basename,
-        made_of=figures.made_of(result))
-    return environment.get_template("compare.html.j2").render(style=files.asset(HERE, "style.css"))
-
-
-def main(folder):
-    files.write(os.path.join(folder, "compare.html"), page(figures.read_json(os.path.join(folder, "result.json"))))
-
-
-if __name__ == "__main__":
-    files.run(main, sys.argv[1])
+    return {"compare": compare, "parts": parts, "plot": plot(parts), "answer": ANSWERS[compare["told"]],
+            "worse": list(enumerate(compare["worse"]))[:WORSE], "basename": os.path.basename, "made_of": figures.made_of(result)}

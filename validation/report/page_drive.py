@@ -1,25 +1,9 @@
-"""Writes the page of `mirage drive`: one self-contained HTML file.
-
-    python3 drive.py DIR
-
-Reads DIR/result.json and writes DIR/drive.html: medians, how long gaps last, and one strip a vehicle with its distance over
-time and, for each version, where it was found, coasting or lost. It shows what the program has judged.
-"""
+"""What the page of `mirage drive` shows: medians, how long gaps last, and one strip a vehicle with its distance over
+time and, for each version, where it was found, coasting or lost."""
 
 import math
-import os
-import sys
 
-HERE = os.path.dirname(os.path.abspath(__file__))
-sys.dont_write_bytecode = True
-sys.path.insert(0, HERE)
-
-try:
-    import charts
-    import figures
-    import files
-except ImportError as error:
-    sys.exit(f"drive.py: {error.name}: not installed; install python3-jinja2")
+import charts
 
 VERSIONS = ("clean", "attacked", "random")
 NAMES = {"clean": "as recorded", "attacked": "with the object", "random": "random of its size"}
@@ -96,19 +80,7 @@ def survival(vehicles, width, height):
             "shares": [{"y": y(share), "text": round(100 * share)} for share in (0, 0.25, 0.5, 0.75, 1)]}
 
 
-def main(folder):
-    result = figures.read_json(os.path.join(folder, "result.json"))
+def values(result):
     drive = result["drive"]
-    fig = figures.figure_function(result)
-    environment = files.templates(HERE)
-    page = environment.get_template("drive.html.j2").render(
-        result=result, drive=drive, style=files.asset(HERE, "style.css"), versions=VERSIONS, names=NAMES, fig=fig,
-        interval=figures.interval_function(result, fig),
-        curve=survival(drive["vehicles"], 620, 260), strips=[strip(vehicle) for vehicle in drive["vehicles"]], left=LEFT, width=LEFT + WIDTH + 20, height=HEIGHT, bar=BAR)
-    files.write(os.path.join(folder, "drive.html"), page)
-
-
-if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit(__doc__)
-    files.run(main, sys.argv[1])
+    return {"result": result, "drive": drive, "versions": VERSIONS, "names": NAMES, "curve": survival(drive["vehicles"], 620, 260),
+            "strips": [strip(vehicle) for vehicle in drive["vehicles"]], "left": LEFT, "width": LEFT + WIDTH + 20, "height": HEIGHT, "bar": BAR}
