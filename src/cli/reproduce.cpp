@@ -13,13 +13,14 @@
 namespace mirage::cli {
 namespace {
 
-void print_result(const paper::ReproduceResult& result) {
-  for (const paper::TableResult& table : result.tables)
-    if (const auto text = paper::text_file(result.settings.out, table.name); std::filesystem::exists(text))
+void print_result(const std::filesystem::path& out, const nlohmann::json& result) {
+  for (const auto& table : result.at("tables"))
+    if (const auto text = paper::text_file(out, table.at("name")); std::filesystem::exists(text))
       std::fputs(("\n" + read_file(text)).c_str(), stdout);
   Rows rows;
-  for (const paper::Finding& finding : result.findings) rows.push_back({finding.claim, overall(finding)});
-  if (!result.page.empty()) rows.push_back({"page", result.page.string()});
+  for (const auto& finding : result.at("findings"))
+    rows.push_back({finding.at("claim"), finding.at("verdict")});
+  if (result.contains("page")) rows.push_back({"page", result.at("page")});
   print_table(rows);
 }
 
@@ -80,12 +81,12 @@ Command reproduce_command() {
             settings.threads = common.threads;
             settings.quiet = common.quiet;
             if (settings.quick) paper::make_quick(settings);
-            const paper::ReproduceResult result =
+            const nlohmann::json result =
                 paper::reproduce(settings, [](const std::string& command, const NamedSettings& named) {
                   run_command(command, named, "mirage reproduce");
                 });
-            print_result(result);
-            return to_json(result);
+            if (!result.empty()) print_result(std::filesystem::absolute(settings.out), result);
+            return result;
           },
       .many_ranks = true,
   };

@@ -2,12 +2,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <memory>
-
 #include "base/files.h"
 #include "support/files.h"
 #include "validation/paper/cases.h"
-#include "validation/paper/findings.h"
+#include "validation/paper/finding.h"
 #include "validation/paper/reproduce.h"
 #include "validation/paper_fixture.h"
 #include "validation/paper_program.h"
@@ -85,7 +83,7 @@ TEST_F(Findings, VehiclesAreDrawnAndNotFramesWhereTheyAreKnown) {
   write_json(folder_ / "b.json", other);
   evidence_.evaluations["evaluations/kitti64-fusion-image"] = read_evaluation(folder_ / "a.json", "data");
   evidence_.evaluations["evaluations/kitti64-fusion-lidar"] = read_evaluation(folder_ / "b.json", "data");
-  EXPECT_EQ(evidence_.learned("evaluations/kitti64-fusion-image")->clusters().count, 4);
+  EXPECT_EQ(evidence_.of("evaluations/kitti64-fusion-image")->clusters().count, 4);
   EXPECT_EQ(only("image").verdict, Verdict::open);
   EXPECT_THAT(only("image").sentence, HasSubstr("too few"));
 }
@@ -116,21 +114,21 @@ TEST_F(Findings, FewVehiclesTellNothing) {
 TEST_F(Findings, OnlyHostsOfBothRunsAreCompared) {
   judged("kitti64-fusion-image", {40, 5, 4, 0});
   judged("kitti64-fusion-lidar", {20, 5, 2, 0});
-  const Outcomes *image = evidence_.learned("evaluations/kitti64-fusion-image"),
-                 *lidar = evidence_.learned("evaluations/kitti64-fusion-lidar");
+  const Outcomes *image = evidence_.of("evaluations/kitti64-fusion-image"),
+                 *lidar = evidence_.of("evaluations/kitti64-fusion-lidar");
   EXPECT_EQ(shared_hosts(*image, *lidar).vehicles, 100);
-  EXPECT_NEAR(success_difference(*image, *lidar, is_hidden).value, 0.3, 1e-12);
+  EXPECT_NEAR(difference(*image, *lidar, question("fn_asr")).value, 0.3, 1e-12);
 }
 
 TEST_F(Findings, PairingNarrowsTheDifference) {
   // The same frames are hard for both: apart, each share is uncertain; together, the difference is not.
   judged("kitti64-fusion-image", {40, 5, 4, 0});
   judged("kitti64-fusion-lidar", {40, 5, 3, 0});
-  const Outcomes *image = evidence_.learned("evaluations/kitti64-fusion-image"),
-                 *lidar = evidence_.learned("evaluations/kitti64-fusion-lidar");
-  const Interval difference = success_difference(*image, *lidar, is_fooled), a = success(*image, is_fooled),
-                 b = success(*lidar, is_fooled);
-  EXPECT_GT(difference.low, 0);
+  const Outcomes *image = evidence_.of("evaluations/kitti64-fusion-image"),
+                 *lidar = evidence_.of("evaluations/kitti64-fusion-lidar");
+  const Question asr = question("asr");
+  const Interval a = share(*image, asr), b = share(*lidar, asr);
+  EXPECT_GT(difference(*image, *lidar, asr).low, 0);
   EXPECT_LT(a.low, b.high);  // apart they overlap
 }
 
@@ -177,12 +175,10 @@ TEST_F(Findings, WhatIsTheSameWithinFivePointsAsksForNoMoreVehicles) {
   judged("kitti64-fusion-lidar", {40, 5, 3, 0});
   for (auto& [name, one] : evidence_.evaluations)  // a vehicle in frame 3 and one in 7 go the other way
     if (name.ends_with("image")) {
-      auto changed = std::make_shared<Outcomes>(*one.learned);
-      for (Outcome& host : changed->hosts)
+      for (Outcome& host : one.at("learned").hosts)
         if ((host.id.frame == "000003" && host.id.label == 4) ||
             (host.id.frame == "000007" && host.id.label == 4))
           host.hidden = true;
-      one.learned = changed;
     }
   const Check check = only("image");
   EXPECT_EQ(check.verdict, Verdict::open);
@@ -234,17 +230,12 @@ using mirage::test::Program;
 using mirage::test::settings_in;
 using mirage::test::vanishing;
 
-const Finding& finding_of(const ReproduceResult& result, const std::string& name) {
-  for (const Finding& finding : result.findings)
-    if (finding.name == name) return finding;
-  throw std::out_of_range(name);
-}
-
-/// What the check about the place says.
-const Check& check_of(const Finding& finding, const std::string& place) {
-  for (const Check& check : finding.checks)
-    if (check.rig == place) return check;
-  throw std::out_of_range(place);
+/// What the finding's check about the place says.
+const json& check_of(const json& result, const std::string& name, const std::string& place) {
+  for (const json& finding : result.at("findings"))
+    for (const json& check : finding.at("checks"))
+      if (finding.at("name") == name && check.at("rig") == place) return check;
+  throw std::out_of_range(name + ", " + place);
 }
 
 TEST(ObjectParts, EachPartIsLearnedAloneThroughEachSensorThatItReaches) {
@@ -290,21 +281,21 @@ TEST(ObjectParts, PlantedCausesAreTold) {
                                                                             {"both-texture", 2},
                                                                             {"both-size", 1}})
     program.planted["kitti64-fusion-" + arm] = {vanishing(hidden), none};
-  const ReproduceResult result = reproduce(settings_in(folder.path(), "parts"), std::ref(program));
+  const json result = reproduce(settings_in(folder.path(), "parts"), std::ref(program));
   const std::string image = "KITTI rig, through the image", lidar = "KITTI rig, through LiDAR",
                     both = "KITTI rig, through both sensors";
-  EXPECT_EQ(check_of(finding_of(result, "parts-alone"), image + ", texture").verdict, Verdict::holds);
-  EXPECT_EQ(check_of(finding_of(result, "parts-alone"), image + ", shape").verdict, Verdict::open);
-  EXPECT_EQ(check_of(finding_of(result, "parts-shape"), image).verdict, Verdict::open);
-  EXPECT_EQ(check_of(finding_of(result, "parts-texture"), image).verdict, Verdict::holds);
-  EXPECT_EQ(check_of(finding_of(result, "parts-size"), image).verdict, Verdict::holds);
-  EXPECT_EQ(check_of(finding_of(result, "parts-size"), lidar).verdict, Verdict::open);
+  EXPECT_EQ(check_of(result, "parts-alone", image + ", texture").at("verdict"), to_string(Verdict::holds));
+  EXPECT_EQ(check_of(result, "parts-alone", image + ", shape").at("verdict"), to_string(Verdict::open));
+  EXPECT_EQ(check_of(result, "parts-shape", image).at("verdict"), to_string(Verdict::open));
+  EXPECT_EQ(check_of(result, "parts-texture", image).at("verdict"), to_string(Verdict::holds));
+  EXPECT_EQ(check_of(result, "parts-size", image).at("verdict"), to_string(Verdict::holds));
+  EXPECT_EQ(check_of(result, "parts-size", lidar).at("verdict"), to_string(Verdict::open));
   for (const char* name : {"parts-shape", "parts-texture", "parts-size"})
-    EXPECT_EQ(check_of(finding_of(result, name), both).verdict, Verdict::holds) << name;
+    EXPECT_EQ(check_of(result, name, both).at("verdict"), to_string(Verdict::holds)) << name;
   EXPECT_THAT(read_file(folder / "parts.md"), HasSubstr("| texture alone, image |"));
-  for (const Arm& arm : result.arms)
-    if (arm.name == "kitti64-fusion-both-size") {
-      EXPECT_EQ(arm.parts, "size");
+  for (const json& arm : result.at("arms"))
+    if (arm.at("name") == "kitti64-fusion-both-size") {
+      EXPECT_EQ(arm.at("parts"), "size");
     }
 }
 
@@ -312,11 +303,12 @@ TEST(ObjectParts, ADetectorWithoutEyesSaysNothingAboutItsImage) {
   TemporaryFolder folder;
   Program program;
   program.uses_picture = false;
-  const ReproduceResult result = reproduce(settings_in(folder.path(), "parts"), std::ref(program));
-  EXPECT_EQ(check_of(finding_of(result, "parts-size"), "KITTI rig, through the image").sentence,
+  const json result = reproduce(settings_in(folder.path(), "parts"), std::ref(program));
+  EXPECT_EQ(check_of(result, "parts-size", "KITTI rig, through the image").at("sentence").get<std::string>(),
             "this detector does not use its picture: nothing follows about images");
-  EXPECT_NE(check_of(finding_of(result, "parts-size"), "KITTI rig, through LiDAR").verdict, Verdict::holds);
-  EXPECT_THAT(check_of(finding_of(result, "parts-size"), "KITTI rig, through LiDAR").sentence,
+  EXPECT_NE(check_of(result, "parts-size", "KITTI rig, through LiDAR").at("verdict"),
+            to_string(Verdict::holds));
+  EXPECT_THAT(check_of(result, "parts-size", "KITTI rig, through LiDAR").at("sentence").get<std::string>(),
               HasSubstr("the whole object"));
 }
 

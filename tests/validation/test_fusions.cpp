@@ -10,7 +10,7 @@
 #include "base/files.h"
 #include "support/files.h"
 #include "validation/paper/experiments.h"
-#include "validation/paper/findings.h"
+#include "validation/paper/finding.h"
 #include "validation/paper/reproduce.h"
 #include "validation/paper_program.h"
 
@@ -37,15 +37,10 @@ std::size_t count_cases(const Experiments& list, Case::Kind kind) {
       std::count_if(list.cases.begin(), list.cases.end(), [&](const Case& one) { return one.kind == kind; }));
 }
 
-const TableResult& table_of(const ReproduceResult& result, const std::string& name) {
-  for (const TableResult& table : result.tables)
-    if (table.name == name) return table;
-  throw std::out_of_range(name);
-}
-
-const RowResult& cell_of(const TableResult& table, const std::string& source, const std::string& target) {
-  for (const RowResult& row : table.rows)
-    if (row.source == source && row.target == target) return row;
+/// A row of the matrix.
+const json& cell_of(const json& result, const std::string& source, const std::string& target) {
+  for (const json& row : result.at("tables").at(0).at("rows"))
+    if (row.at("source") == source && row.at("target") == target) return row;
   throw std::out_of_range(source + " → " + target);
 }
 
@@ -108,10 +103,9 @@ TEST(FusionTable, CellsAreNetOfTheirOwnRandomMesh) {
   program.planted["kitti64-fusion-image"] = {vanishing(4), vanishing(1)};
   program.planted["kitti64-fusion-image--on--kitti64-camera-image"] = {{120, 5, 2, 0}, vanishing(0)};
   program.planted["kitti64-lidar-lidar"] = {vanishing(0), vanishing(3)};
-  const ReproduceResult result = reproduce(quick_in(folder.path()), std::ref(program));
-  const TableResult& table = table_of(result, "fusions");
+  const json result = reproduce(quick_in(folder.path()), std::ref(program));
   const auto value = [&](const std::string& source, const std::string& target, const std::string& key) {
-    return cell_of(table, source, target).values.at(key).interval.value;
+    return cell_of(result, source, target).at("values").at(key).at("value").get<double>();
   };
   // Four of five in three frames of four, beside one of five.
   EXPECT_NEAR(value("fusion, image", "fusion", "vanished"), 0.6, 1e-12);
@@ -135,7 +129,7 @@ TEST(FusionTable, ArmsNameWhoWasAttackedAndWhoJudges) {
   ReproduceSettings settings = quick_in(folder.path());
   settings.seeds = 2;
   settings.seed = 7;
-  const json result = to_json(reproduce(settings, std::ref(program)));
+  const json result = reproduce(settings, std::ref(program));
   int learned = 0;
   const json* planted = nullptr;
   for (const json& arm : result.at("arms")) {
@@ -161,11 +155,11 @@ TEST(FusionTable, AnAttackThatFailsLeavesItsRowEmpty) {
   TemporaryFolder folder;
   Program program;
   program.broken = "runs/kitti64-fusion-image";
-  const ReproduceResult result = reproduce(quick_in(folder.path()), std::ref(program));
-  const TableResult& table = table_of(result, "fusions");
+  const json result = reproduce(quick_in(folder.path()), std::ref(program));
   for (const char* judge : {"lidar", "camera", "fusion"}) {
-    EXPECT_THAT(cell_of(table, "fusion, image", judge).error, HasSubstr("made to fail"));
-    EXPECT_TRUE(cell_of(table, "fusion, both", judge).values.contains("net_vanished"));
+    EXPECT_THAT(cell_of(result, "fusion, image", judge).at("error").get<std::string>(),
+                HasSubstr("made to fail"));
+    EXPECT_TRUE(cell_of(result, "fusion, both", judge).at("values").contains("net_vanished"));
   }
   EXPECT_THAT(read_file(folder / "fusions.md"),
               HasSubstr("- fusion, image → camera: runs/kitti64-fusion-image"));
@@ -175,14 +169,14 @@ TEST(FusionTable, ADetectorThatDoesNotUseItsPictureIsNamedInItsImageRows) {
   TemporaryFolder folder;
   Program program;
   program.uses_picture = false;
-  const ReproduceResult result = reproduce(quick_in(folder.path()), std::ref(program));
-  const TableResult& table = table_of(result, "fusions");
-  EXPECT_THAT(cell_of(table, "fusion, image", "fusion").note, HasSubstr("does not use its picture"));
-  EXPECT_EQ(cell_of(table, "fusion, LiDAR", "fusion").note, "");
-  for (const Finding& finding : result.findings) {
-    if (finding.name != "fusions-side") continue;
-    for (const Check& check : finding.checks)
-      EXPECT_EQ(check.sentence, "this detector does not use its picture: nothing follows about images");
+  const json result = reproduce(quick_in(folder.path()), std::ref(program));
+  EXPECT_THAT(cell_of(result, "fusion, image", "fusion").at("note").get<std::string>(),
+              HasSubstr("does not use its picture"));
+  EXPECT_FALSE(cell_of(result, "fusion, LiDAR", "fusion").contains("note"));
+  for (const json& finding : result.at("findings")) {
+    if (finding.at("name") != "fusions-side") continue;
+    for (const json& check : finding.at("checks"))
+      EXPECT_EQ(check.at("sentence"), "this detector does not use its picture: nothing follows about images");
   }
 }
 
@@ -254,20 +248,20 @@ TEST_F(FusionFindings, TransferIsJudgedBetweenFusions) {
 }
 
 TEST_F(FusionFindings, InThePictureThereAreNoMetres) {
-  const HidingRule& near = kHidingRules.back();
-  ASSERT_EQ(near.distance, 2);
   json metres = test::outcomes_json({40, 5, 2, 1}), picture = test::outcomes_json({40, 5, 2, 1}, kInPicture);
   ASSERT_TRUE(picture["false_positives"]["list"].at(0).contains("distance_from_host_px"));
   for (json& host : metres["outcomes"]) host["clean_distance"] = 0.5, host["attacked_distance"] = nullptr;
   write_json(folder_ / "metres.json", metres);
   write_json(folder_ / "picture.json", picture);
-  const auto far = read_evaluation(folder_ / "metres.json", "data").learned,
-             pixels = read_evaluation(folder_ / "picture.json", "data").learned;
-  EXPECT_EQ(hiding(*far, near)->value, 1);  // no detection is left anywhere
-  EXPECT_EQ(found_clean(*far, near), 200);
-  EXPECT_FALSE(hiding(*pixels, near));
-  EXPECT_NEAR(success(*pixels, is_false_positive).value, success(*far, is_false_positive).value, 1e-12);
-  for (const Outcome& host : pixels->hosts) EXPECT_TRUE(host.distances().empty());
+  const auto far = read_evaluation(folder_ / "metres.json", "data").at("learned"),
+             pixels = read_evaluation(folder_ / "picture.json", "data").at("learned");
+  const Question near = question("distance2m"), positive = question("fp_asr");
+  EXPECT_EQ(share(far, near).value, 1);  // no detection is left anywhere
+  EXPECT_EQ(vehicles(far, near), 200);
+  EXPECT_TRUE(has_metres(far));
+  EXPECT_FALSE(has_metres(pixels));
+  EXPECT_NEAR(share(pixels, positive).value, share(far, positive).value, 1e-12);
+  for (const Outcome& host : pixels.hosts) EXPECT_TRUE(host.distances().empty());
 }
 
 TEST_F(FusionFindings, NetsAreComparedOnTheVehiclesThatAllFourHave) {
@@ -275,14 +269,18 @@ TEST_F(FusionFindings, NetsAreComparedOnTheVehiclesThatAllFourHave) {
   MadeUp few = vanishing(2);
   few.frames = 60;
   judged("evaluations/b", few, few);
-  const auto of = [&](const char* name) { return NetOf{evidence_.learned(name), evidence_.sized(name)}; };
-  const HidingRule& vanished = kHidingRules.front();
-  const Interval difference = net_difference(of("evaluations/a"), of("evaluations/b"), vanished);
-  EXPECT_NEAR(difference.value, 0.45, 1e-12);
-  EXPECT_GT(difference.low, 0.3);
-  EXPECT_LT(difference.high, 0.6);
-  const Interval back = net_difference(of("evaluations/b"), of("evaluations/a"), vanished);
-  EXPECT_NEAR(back.low, -difference.high, 0.01);
+  const auto net = [&](const std::string& a, const std::string& b) {
+    return difference({{evidence_.of("evaluations/" + a), 1},
+                       {evidence_.of("evaluations/" + a, "sized"), -1},
+                       {evidence_.of("evaluations/" + b), -1},
+                       {evidence_.of("evaluations/" + b, "sized"), 1}},
+                      question("vanished"));
+  };
+  const Interval there = net("a", "b"), back = net("b", "a");
+  EXPECT_NEAR(there.value, 0.45, 1e-12);
+  EXPECT_GT(there.low, 0.3);
+  EXPECT_LT(there.high, 0.6);
+  EXPECT_NEAR(back.low, -there.high, 0.01);
 }
 
 TEST_F(FusionFindings, AreAFamilyApartFromThePapers) {

@@ -357,15 +357,17 @@ TEST(Verdicts, ClaimsAboutOneDifferenceAgree) {
     for (int high = low; high <= 12; ++high) {
       const Interval d{0.005 * (low + high), 0.01 * low, 0.01 * high};
       const Interval back{-d.value, -d.high, -d.low};
-      if (is_more(d) == kHolds) {
-        EXPECT_EQ(is_no_less(d), kHolds);
+      if (judge(Claim::more, d) == kHolds) {
+        EXPECT_EQ(judge(Claim::no_less, d), kHolds);
       }
-      if (is_no_less(d) == kFails) {
-        EXPECT_EQ(is_more(d), kFails);
+      if (judge(Claim::no_less, d) == kFails) {
+        EXPECT_EQ(judge(Claim::more, d), kFails);
       }
-      EXPECT_EQ(is_no_help(d), is_no_less(back));  // what takes nothing off is, turned round, no less
-      EXPECT_FALSE(is_more(d) == kHolds && is_more(back) == kHolds);
-      EXPECT_FALSE(is_no_help(d) == kFails && is_more(d) != kHolds);  // it helps, so it is more
+      EXPECT_EQ(judge(Claim::no_help, d),
+                judge(Claim::no_less, back));  // what takes nothing off is, turned round, no less
+      EXPECT_FALSE(judge(Claim::more, d) == kHolds && judge(Claim::more, back) == kHolds);
+      EXPECT_FALSE(judge(Claim::no_help, d) == kFails &&
+                   judge(Claim::more, d) != kHolds);  // it helps, so it is more
       // The p-value tells where the verdict does.
       for (const Claim claim : {Claim::more, Claim::no_less, Claim::no_help})
         if (low < high) {

@@ -61,7 +61,7 @@ constexpr auto words_of(Case::Kind) {
   return std::to_array<const char*>({"generate", "attack", "evaluate", "detect"});
 }
 
-/// A column: a quantity with its interval (tables.h computes it).
+/// A column: a quantity with its interval (tables.h).
 struct Column {
   std::string key, title;
 };
@@ -69,11 +69,8 @@ struct Column {
 struct Row {
   std::string label, rig;
   std::string evaluation;               ///< case; empty for none
-  bool random = false;                  ///< the evaluation's random meshes instead of the learned one
-  bool sized = false;                   ///< its random meshes of the learned one's size
-  bool cuboid = false;                  ///< its cuboids that fill the box
+  std::string mesh;                     ///< empty: the learned one; a control's word, or "none": as recorded
   bool image = false;                   ///< an experiment on the image: void if the detector ignores it
-  bool clean = false;                   ///< the frames as recorded (recall curves)
   std::string detection;                ///< case of the clean AP; empty for none
   std::string source, target;           ///< table3, fusions: who learned the mesh, who is attacked
   double size = 0;                      ///< fig4: L, m
@@ -94,6 +91,15 @@ struct Experiments {
   int seeds = 1;
   const Case& at(const std::string& name) const;
 };
+
+// The same experiments again from other seeds: each attack is learned anew, on another split of the frames,
+// and judged beside the first one.
+
+/// The name of an attack's or evaluation's repetition; number 0 is the case itself.
+std::string repetition(const std::string& name, int number);
+bool is_repetition(const std::string& name);
+/// Appends settings.seeds − 1 repetitions of every attack and evaluation, a whole seed after the other.
+void repeat(Experiments& experiments, const ReproduceSettings& settings);
 
 /// The folder of a rig's data: what was given, or OUT/data/RIG.
 std::filesystem::path data_folder(const ReproduceSettings& settings, const std::string& rig);

@@ -14,123 +14,8 @@
 #include "base/files.h"
 #include "base/words.h"
 #include "detection/detector_settings.h"
-#include "validation/paper/cases.h"
-#include "validation/paper/evidence.h"
 
 namespace mirage::paper {
-namespace {
-
-const std::vector<Column> kCell = {{"vanished", "vanished"},
-                                   {"net_vanished", "vanished, net of its size"},
-                                   {"fn_asr", "missed at IoU 0.7"},
-                                   {"net_fn_asr", "missed at IoU 0.7, net of its size"},
-                                   {"fp_asr", "FP ASR"}};
-constexpr const char* kCuboid = "no learning: cuboid";
-
-std::vector<Attacked> attacks(bool quick) {
-  std::vector<Attacked> all;
-  for (const std::string& detector : fusion_detectors()) {
-    const bool fused = through_all(detector).target == "both";
-    if (quick && fused && detector != "fusion") continue;
-    if (fused)
-      for (const char* target : {"image", "lidar"}) all.push_back({detector, target});
-    all.push_back(through_all(detector));
-  }
-  return all;
-}
-
-std::string words(const Attacked& attacked) {
-  return attacked.detector + ", " + target_title(attacked.target);
-}
-
-/// One row for each mesh and judge; `judged` names, and adds, the evaluation.
-template <class Judged>
-void add_rows(Table& table, const std::string& rig, bool quick, const Judged& judged) {
-  std::set<std::string> judges;
-  for (const Attacked& attacked : attacks(quick)) judges.insert(attacked.detector);
-  const auto add = [&](const std::string& source, const std::string& judge, const std::string& evaluation) {
-    Row row;
-    row.label = source + " → " + judge;
-    row.rig = rig;
-    row.evaluation = evaluation;
-    row.source = source;
-    row.target = judge;
-    table.rows.push_back(row);
-    return &table.rows.back();
-  };
-  for (const Attacked& attacked : attacks(quick))
-    for (const std::string& judge : fusion_detectors())
-      if (judges.contains(judge))
-        add(words(attacked), judge, judged(attacked, judge))->image =
-            attacked.target == "image" && attacked.detector == judge;
-  for (const std::string& judge : fusion_detectors())
-    if (judges.contains(judge)) add(kCuboid, judge, judged(through_all(judge), judge))->cuboid = true;
-}
-
-constexpr const char* kNote =
-    "Rows: against which detector, and through which of its sensors, the mesh was learned; columns: who "
-    "judges it, on the same vehicles. Net: less a random mesh of the same extents on the same vehicles; the "
-    "cuboid fills the box and is net of the random mesh beside the judge's own row. Compare rows within a "
-    "column: camera is judged in the picture's plane, the others in the bird's-eye view, and each column has "
-    "the vehicles that its detector finds clean.";
-
-}  // namespace
-
-const std::vector<std::string>& fusion_detectors() {
-  static const std::vector<std::string> all = {"lidar", "camera", "painted", "fusion", "refined", "late"};
-  return all;
-}
-
-const std::vector<std::string>& fused_detectors() {
-  static const std::vector<std::string> fused = {"painted", "fusion", "refined", "late"};
-  return fused;
-}
-
-Attacked through_all(const std::string& detector) {
-  return {detector, all_sensors(detector)};
-}
-
-std::string cell_case(const std::string& rig, const Attacked& attacked, const std::string& judge) {
-  if (rig == "real") return fmt::format("evaluations/{}--on--real-{}", attacked.run("kitti64"), judge);
-  const std::string own = "evaluations/" + attacked.run(rig);
-  return attacked.detector == judge ? own : own + "--on--" + through_all(judge).run(rig);
-}
-
-Table fusions_table(CaseList& list, const std::string& rig) {
-  Table table{rig == "xenith" ? "fusions-xenith" : "fusions",
-              std::string("Which fusion is weak where, ") + (rig == "xenith" ? "Xenith rig" : "KITTI rig"),
-              kNote,
-              kCell,
-              {},
-              true};
-  const auto run = [&](const Attacked& attacked) {
-    return list.attack(rig, attacked.detector, attacked.target);
-  };
-  add_rows(table, rig, list.quick(), [&](const Attacked& attacked, const std::string& judge) {
-    if (attacked.detector != judge) return list.transfer(run(attacked), run(through_all(judge)));
-    return list.evaluate(run(attacked));
-  });
-  return table;
-}
-
-Table fusions_on_real(CaseList& list) {
-  Table table{
-      "fusions-real",
-      "Which fusion is weak where, real KITTI frames",
-      std::string("Learned on generated frames of the KITTI rig, judged on all usable vehicles of the "
-                  "given ones. ") +
-          kNote,
-      kCell,
-      {},
-      true};
-  add_rows(table, "real", list.quick(), [&](const Attacked& attacked, const std::string& judge) {
-    const Attacked own = through_all(judge);
-    return list.on_real(list.attack("kitti64", attacked.detector, attacked.target), judge,
-                        attacked.detector == judge && attacked.target == own.target);
-  });
-  return table;
-}
-
 namespace {
 
 using Strings = std::vector<std::string>;
@@ -138,6 +23,16 @@ using Strings = std::vector<std::string>;
 Strings words_in(const std::string& text) {
   std::istringstream words(text);
   return {std::istream_iterator<std::string>(words), {}};
+}
+
+/// Whether what a defence (a word of --defense, or several) does is about the picture. It is not: adversarial
+/// training, its control on roofs and the sweep's bodies.
+bool concerns_picture(const std::string& text) {
+  const Defense defense = read_defense(text);
+  const std::set<std::string> of_both = {"", "adversarial", "roof-objects", kCeiling};
+  return !of_both.contains(defense.weights) ||
+         std::any_of(defense.around.begin(), defense.around.end(),
+                     [](const std::string& word) { return word != kShadows && ceiling_height(word) == 0; });
 }
 
 /// An attack by its run's name without what varies: "kitti64-fusion-both".
@@ -160,7 +55,8 @@ std::string attack(CaseList& list, const std::string& name, const Variant& varia
 Row read_row(ConfigTable fields, const Table& table, CaseList& list) {
   Row row;
   const auto text = [&](const char* key) { return fields.has(key) ? fields.text(key) : std::string(); };
-  const std::string name = fields.text("attack"), onto = text("on"), mesh = text("mesh");
+  const std::string name = fields.text("attack"), onto = text("on");
+  row.mesh = text("mesh");
   Variant variant{.defense = text("defense"), .parts = text("parts")};
   if (fields.has("size")) {
     row.size = fields.number("size", 0.05, 10);
@@ -173,10 +69,7 @@ Row read_row(ConfigTable fields, const Table& table, CaseList& list) {
   row.source = text("source");
   row.target = text("target");
   row.label = fields.has("label") ? fields.text("label") : row.source + " → " + row.target;
-  row.random = mesh == "start";
-  row.sized = mesh == "sized";
-  row.clean = mesh == "none";
-  row.image = mesh.empty() && onto.empty() &&
+  row.image = row.mesh.empty() && onto.empty() &&
               (attacked.target == "image" || (!variant.defense.empty() && concerns_picture(variant.defense)));
   for (const Column& column : table.columns)
     if (column.key == "ap70") row.detection = list.detect(attacked.rig, attacked.detector, variant.defense);
@@ -190,43 +83,93 @@ Row read_row(ConfigTable fields, const Table& table, CaseList& list) {
   return row;
 }
 
-/// A table of experiments.toml; without rows where it is not asked for.
-Table read_table(ConfigTable fields, const nlohmann::json& rows, const std::filesystem::path& file,
-                 ConfigTable& titles, const ReproduceSettings& settings, CaseList& list) {
-  Table table{fields.text("name"), fields.text("title"), fields.text("note"), {}, {}};
-  const std::string what = fields.has("what") ? fields.text("what") : table.name;
-  for (const std::string& key : words_in(fields.text("columns")))
-    table.columns.push_back({key, titles.text(key)});
-  const Strings runs = words_in(fields.has("runs") ? fields.text("runs") : "");
-  fields.skip("rows");
-  fields.check_all_known();
-  if (settings.what != "all" && settings.what != what) return table;
-  const auto is_there = [&](const std::string& name) {
-    return AttackName(name).rig != "real" || !settings.real.empty();
+/// The matrix on frames of a rig: one row for each mesh and judge. On "real" ones what was learned on kitti64
+/// is judged on all usable vehicles.
+void add_matrix(Table& table, const std::string& rig, const Strings& detectors, CaseList& list) {
+  const auto run = [&](const std::string& detector, const std::string& target) {
+    return list.attack(rig == "real" ? "kitti64" : rig, detector, target);
   };
-  for (const std::string& name : runs)
-    if (is_there(name)) list.evaluate(attack(list, name));
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    ConfigTable row = ConfigTable::of(file, fmt::format("table {}, rows[{}]", table.name, i), rows[i]);
-    const bool left_out = row.has("quick") && row.text("quick") == "left out" && settings.quick;
-    if (!left_out && is_there(row.has("on") ? row.text("on") : row.text("attack")))
-      table.rows.push_back(read_row(std::move(row), table, list));
+  const auto add = [&](const std::string& source, const std::string& detector, const std::string& target,
+                       const std::string& judge) {
+    const bool own = detector == judge;
+    const std::string all = all_sensors(judge), learned = run(detector, target);
+    Row& row = table.rows.emplace_back();
+    row.label = source + " → " + judge;
+    row.rig = rig;
+    row.source = source;
+    row.target = judge;
+    row.evaluation = rig == "real" ? list.on_real(learned, judge, own && target == all)
+                     : own         ? list.evaluate(learned)
+                                   : list.transfer(learned, run(judge, all));
+    row.image = own && target == "image";
+  };
+  for (const std::string& detector : detectors)
+    for (const std::string target : {"image", "lidar", "both"})
+      if (all_sensors(detector) == "both" || all_sensors(detector) == target)
+        for (const std::string& judge : detectors)
+          add(detector + ", " + target_title(target), detector, target, judge);
+  for (const std::string& judge : detectors) {
+    add("no learning: cuboid", judge, all_sensors(judge), judge);
+    table.rows.back().mesh = "cuboid";
+    table.rows.back().image = false;
   }
-  return table;
 }
 
-std::vector<Table> read_tables(const ReproduceSettings& settings, CaseList& list) {
-  const std::filesystem::path file = shipped_file("validation/paper/experiments.toml");
-  const nlohmann::json whole = read_toml(file);
-  ConfigTable titles = ConfigTable::of(file, "titles", whole.at("titles"));
-  std::vector<Table> tables;
-  for (const nlohmann::json& one : whole.at("table")) {
-    Table table =
-        read_table(ConfigTable::of(file, "table", one), one.at("rows"), file, titles, settings, list);
-    if (!table.rows.empty()) tables.push_back(std::move(table));
+/// Reads experiments.toml.
+class Tables {
+ public:
+  Tables(const ReproduceSettings& settings, CaseList& list) : settings_(settings), list_(list) {}
+
+  std::vector<Table> read() {
+    std::vector<Table> tables;
+    for (const nlohmann::json& one : whole_.at("table")) {
+      Table table =
+          read_table(ConfigTable::of(file_, "table", one), one.value("rows", nlohmann::json::array()));
+      if (!table.rows.empty()) tables.push_back(std::move(table));
+    }
+    return tables;
   }
-  return tables;
-}
+
+ private:
+  bool is_there(const std::string& rig) const { return rig != "real" || !settings_.real.empty(); }
+
+  /// Without rows where it is not asked for.
+  Table read_table(ConfigTable fields, const nlohmann::json& rows) {
+    const auto text = [&](const char* key) { return fields.has(key) ? fields.text(key) : std::string(); };
+    Table table{fields.text("name"), fields.text("title"), text("note"), {}, {}};
+    const std::string what = text("what"), rig = text("matrix");
+    table.matrix = !rig.empty();
+    ConfigTable shared = ConfigTable::of(file_, "matrix", whole_.at("matrix"));
+    ConfigTable titles =
+        table.matrix ? shared.table("titles") : ConfigTable::of(file_, "titles", whole_.at("titles"));
+    const Strings columns = words_in(table.matrix ? shared.text("columns") : fields.text("columns")),
+                  runs = words_in(text("runs"));
+    for (const std::string& key : columns) table.columns.push_back({key, titles.text(key)});
+    fields.skip("rows");
+    fields.check_all_known();
+    if (settings_.what != "all" && settings_.what != (what.empty() ? table.name : what)) return table;
+    if (table.matrix) {
+      table.note += shared.text("note");
+      if (is_there(rig))
+        add_matrix(table, rig, words_in(shared.text(settings_.quick ? "quick" : "detectors")), list_);
+      return table;
+    }
+    for (const std::string& name : runs)
+      if (is_there(AttackName(name).rig)) list_.evaluate(attack(list_, name));
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      ConfigTable row = ConfigTable::of(file_, fmt::format("table {}, rows[{}]", table.name, i), rows[i]);
+      const bool left_out = row.has("quick") && row.text("quick") == "left out" && settings_.quick;
+      if (!left_out && is_there(AttackName(row.text(row.has("on") ? "on" : "attack")).rig))
+        table.rows.push_back(read_row(std::move(row), table, list_));
+    }
+    return table;
+  }
+
+  const std::filesystem::path file_ = shipped_file("validation/paper/experiments.toml");
+  const nlohmann::json whole_ = read_toml(file_);
+  const ReproduceSettings& settings_;
+  CaseList& list_;
+};
 
 const std::string kEvaluations = "evaluations/";
 
@@ -256,14 +199,6 @@ void leave_out_others(Experiments& experiments, const Strings& only) {
 
 }  // namespace
 
-bool concerns_picture(const std::string& text) {
-  const Defense defense = read_defense(text);
-  const std::set<std::string> of_both = {"", "adversarial", "roof-objects", kCeiling};
-  return !of_both.contains(defense.weights) ||
-         std::any_of(defense.around.begin(), defense.around.end(),
-                     [](const std::string& word) { return word != kShadows && ceiling_height(word) == 0; });
-}
-
 void make_quick(ReproduceSettings& settings) {
   const ReproduceSettings standing;
   if (settings.frames == standing.frames) settings.frames = 8;
@@ -278,12 +213,7 @@ Experiments experiments(const ReproduceSettings& settings) {
     throw InputError("reproduce", settings.what, "no such table or figure", use_one_of(settings.what, words));
   CaseList list(settings);
   Experiments experiments;
-  experiments.tables = read_tables(settings, list);
-  const bool all = settings.what == "all", real = !settings.real.empty();
-  const auto wanted = [&](const char* name) { return all || settings.what == name; };
-  if (wanted("fusions")) experiments.tables.push_back(fusions_table(list, "kitti64"));
-  if (wanted("fusions") && real) experiments.tables.push_back(fusions_on_real(list));
-  if (wanted("fusions-xenith")) experiments.tables.push_back(fusions_table(list, "xenith"));
+  experiments.tables = Tables(settings, list).read();
   experiments.cases = std::move(list.cases);
   if (!settings.only.empty()) leave_out_others(experiments, settings.only);
   repeat(experiments, settings);

@@ -1,7 +1,10 @@
 #include "validation/paper/finding.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "attack/upper_bound.h"
@@ -23,7 +26,7 @@ Above as_above(Claim claim, const Interval& d) {
   return {{-d.value, -d.high, -d.low}, -kMargin};
 }
 
-/// z with P(|N(0, 1)| > z) = p.
+/// z with P(|N(0, 1)| > z) = p, never above it.
 double two_sided_z(double p) {
   double low = 0, high = 40;
   for (int i = 0; i < 100; ++i) {
@@ -78,17 +81,16 @@ Comparison comparison(std::string what, const Interval& difference, Claim claim)
 }
 
 void correct(const std::vector<Comparison*>& family) {
-  std::vector<Comparison*> sorted = family;
-  std::stable_sort(sorted.begin(), sorted.end(),
-                   [](const Comparison* a, const Comparison* b) { return a->p < b->p; });
-  double largest = 0;
-  for (std::size_t i = 0; i < sorted.size(); ++i) {
-    Comparison& comparison = *sorted[i];
-    comparison.rank = static_cast<int>(i);
-    comparison.family = static_cast<int>(sorted.size());
-    largest = std::max(largest, std::min(1.0, static_cast<double>(sorted.size() - i) * comparison.p));
-    comparison.p_family = largest;
-    if (!(largest < kAlpha)) comparison.verdict = Verdict::open;
+  std::vector<double> p;
+  for (const Comparison* comparison : family) p.push_back(comparison->p);
+  const std::vector<double> adjusted = holm(p);
+  for (std::size_t i = 0; i < family.size(); ++i) {
+    Comparison& comparison = *family[i];
+    comparison.rank = 0;
+    for (std::size_t k = 0; k < p.size(); ++k) comparison.rank += std::pair(p[k], k) < std::pair(p[i], i);
+    comparison.family = static_cast<int>(p.size());
+    comparison.p_family = adjusted[i];
+    if (!(comparison.p_family < kAlpha)) comparison.verdict = Verdict::open;
   }
 }
 
@@ -127,6 +129,136 @@ json check_json(const Check& check) {
 }
 
 }  // namespace
+
+std::string title(const std::string& rig) {
+  return rig == "kitti64" ? "KITTI rig" : rig == "xenith" ? "Xenith rig" : "real KITTI frames";
+}
+
+std::string points(const Interval& difference) {
+  std::string text =
+      std::isfinite(difference.low)
+          ? fmt::format("{:+.1f} points ({:+.1f} to {:+.1f})", 100 * difference.value, 100 * difference.low,
+                        100 * difference.high)
+          : fmt::format("{:+.1f} points (too few to draw an interval from)", 100 * difference.value);
+  for (std::size_t at; (at = text.find('-')) != std::string::npos;) text.replace(at, 1, "−");
+  return text;
+}
+
+std::string percent(const Interval& share) {
+  return fmt::format("{:.1f} % ({:.1f}–{:.1f})", 100 * share.value, 100 * share.low, 100 * share.high);
+}
+
+Check check(const std::string& where, const std::vector<const Outcomes*>& used,
+            std::vector<Comparison> comparisons, std::string sentence, std::string why) {
+  Check check;
+  check.rig = where;
+  int frames = std::numeric_limits<int>::max(), clusters = frames;
+  check.vehicles = frames;
+  for (const Outcomes* outcomes : used) {
+    check.vehicles = std::min(check.vehicles, outcomes->vehicles);
+    frames = std::min(frames, outcomes->frames());
+    clusters = std::min(clusters, outcomes->clusters().count);
+  }
+  check.few = check.vehicles < kFewest || clusters < kFewestClusters;
+  check.sentence = std::move(sentence);
+  if (check.few)
+    check.sentence += fmt::format("; too few to tell: {} vehicle{} in {} frame{}", check.vehicles,
+                                  check.vehicles == 1 ? "" : "s", frames, frames == 1 ? "" : "s");
+  check.why = std::move(why);
+  check.comparisons = std::move(comparisons);
+  return check;
+}
+
+Check about_images(Check check, const std::vector<const Outcomes*>& attacked) {
+  for (const Outcomes* outcomes : attacked)
+    if (const std::string note = outcomes->note(); !note.empty()) {
+      check.verdict = Verdict::open;
+      check.sentence = note;
+      check.why.clear();
+      check.comparisons.clear();
+      break;
+    }
+  return check;
+}
+
+namespace {
+
+Verdict verdict_of(const Check& check) {
+  std::vector<Verdict> verdicts;
+  for (const Comparison& c : check.comparisons) verdicts.push_back(c.verdict);
+  if (check.few || verdicts.empty()) return Verdict::open;
+  if (check.agree &&
+      std::any_of(verdicts.begin(), verdicts.end(), [&](Verdict other) { return other != verdicts.front(); }))
+    return Verdict::open;
+  return all_of(verdicts);
+}
+
+std::string with_thousands(long number) {
+  std::string text = std::to_string(number);
+  for (int at = static_cast<int>(text.size()) - 3; at > 0; at -= 3)
+    text = fmt::format("{} {}", text.substr(0, static_cast<std::size_t>(at)),
+                       text.substr(static_cast<std::size_t>(at)));
+  return text;
+}
+
+/// Open, and that is an answer.
+bool same(const Comparison& c) {
+  return c.verdict == Verdict::open && told(c.difference) == Told::same;
+}
+
+std::string in_words(const Comparison& c) {
+  return same(c) ? to_string(Told::same) : to_string(c.verdict);
+}
+
+void settle_check(Check& check) {
+  check.verdict = verdict_of(check);
+  if (check.comparisons.empty()) return;
+  if (check.comparisons.size() > 1) {
+    std::string list;
+    for (const Comparison& c : check.comparisons)
+      list += fmt::format("{}{}: {}", list.empty() ? "" : ", ", c.what, in_words(c));
+    check.sentence += "; " + list;
+  } else if (same(check.comparisons.front())) {
+    check.sentence += "; " + to_string(Told::same);
+  }
+  for (const Comparison& c : check.comparisons)
+    if (!check.few && c.verdict == Verdict::open && judge(c.claim, c.difference) != Verdict::open)
+      check.sentence +=
+          fmt::format("; {} would be told alone (p = {:.3f}), not among the {} questions of this run", c.what,
+                      c.p, c.family);
+  if (check.verdict != Verdict::open) return;
+  std::optional<long> most;
+  bool never = false, unsettled = false;
+  for (const Comparison& c : check.comparisons) {
+    if ((c.verdict != Verdict::open || same(c)) && !check.few) continue;
+    unsettled = true;
+    const auto needed = vehicles_needed(c, check.vehicles);
+    never = never || !needed;
+    if (needed) most = std::max(most.value_or(0), *needed);
+  }
+  if (!unsettled) return;  // the comparisons are told, and contradict each other, or are the same
+  if (never) {
+    check.sentence +=
+        "; no number of vehicles can be given that would tell: the difference is too close to its bound, "
+        "or its spread is not known";
+    return;
+  }
+  check.vehicles_needed = check.few ? std::max<long>(*most, kFewest) : *most;
+  check.sentence += fmt::format("; it would take about {} vehicles", with_thousands(*check.vehicles_needed));
+}
+
+}  // namespace
+
+void settle(std::vector<Finding>& findings) {
+  std::vector<Comparison*> family;
+  for (Finding& finding : findings)
+    for (Check& check : finding.checks)
+      if (!check.few)
+        for (Comparison& c : check.comparisons) family.push_back(&c);
+  correct(family);
+  for (Finding& finding : findings)
+    for (Check& check : finding.checks) settle_check(check);
+}
 
 std::string overall(const Finding& finding) {
   const auto any = [&](Verdict verdict) {

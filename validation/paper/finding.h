@@ -21,7 +21,7 @@
 #include <vector>
 
 #include "base/intervals.h"
-#include "validation/paper/evidence.h"
+#include "validation/paper/results.h"
 
 namespace mirage::paper {
 
@@ -37,15 +37,6 @@ enum class Claim { more, no_less, no_help };
 
 /// The rule above, on one interval alone.
 Verdict judge(Claim claim, const Interval& difference);
-inline Verdict is_more(const Interval& difference) {
-  return judge(Claim::more, difference);
-}
-inline Verdict is_no_less(const Interval& difference) {
-  return judge(Claim::no_less, difference);
-}
-inline Verdict is_no_help(const Interval& reduction) {
-  return judge(Claim::no_help, reduction);
-}
 /// fails if one fails, else open if one is open.
 Verdict all_of(const std::vector<Verdict>& verdicts);
 
@@ -73,11 +64,8 @@ void correct(const std::vector<Comparison*>& family);
 /// is too few.
 std::optional<long> vehicles_needed(const Comparison& comparison, int vehicles);
 
-// A finding, and the checks of it (findings.h has the list).
+// A finding, and the checks of it (findings.toml has the list).
 
-/// A false positive is far from the host beyond this, m: about three lengths of a car, as the pictures of
-/// mirage evaluate have it.
-inline constexpr double kFar = 12;
 /// Fewer vehicles or false positives than this, or fewer clusters, tell nothing whatever the interval says.
 inline constexpr int kFewest = 10;
 inline constexpr int kFewestClusters = 5;
@@ -100,6 +88,31 @@ struct Finding {
   std::string name, claim;
   std::vector<Check> checks;  ///< empty: nothing was measured that could tell
 };
+
+// Words for numbers, as sentences and tables have them.
+
+/// "KITTI rig"
+std::string title(const std::string& rig);
+/// "+3.1 points (−1.0 to +7.2)"
+std::string points(const Interval& difference);
+/// "31.9 % (24.1–40.0)"
+std::string percent(const Interval& share);
+
+/// A check with its comparisons, of those evaluations; too few vehicles leave it open.
+Check check(const std::string& where, const std::vector<const Outcomes*>& used,
+            std::vector<Comparison> comparisons, std::string sentence, std::string why = "");
+
+/// A check of a claim about images. Where one of the detectors that were attacked does not use its picture,
+/// nothing can be told, and its note stands in place of all sentences.
+Check about_images(Check check, const std::vector<const Outcomes*>& attacked);
+
+/// Corrects the comparisons of these findings as one family, and says what follows: verdicts of the checks,
+/// and in their sentences which of several comparisons tell what, what the correction leaves open, and how
+/// many vehicles it would take.
+void settle(std::vector<Finding>& findings);
+
+/// All of findings.toml, on every rig whose evaluations are there, settled by families.
+std::vector<Finding> findings(const Evidence& evidence);
 
 /// Over the finding's checks: "holds" or "does not hold" if those that can be told agree, "holds in part" if
 /// they do not, "cannot be told", "not measured" without any.

@@ -8,13 +8,9 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string>
-#include <vector>
 
-#include "detection/reliance.h"
-#include "validation/paper/evidence.h"
 #include "validation/paper/experiments.h"
-#include "validation/paper/finding.h"
-#include "validation/paper/tables.h"
+#include "validation/paper/results.h"
 
 namespace mirage::paper {
 
@@ -41,30 +37,13 @@ std::map<std::string, Step> execute(const Experiments& experiments, const Reprod
 //     OUT/reproduce.json
 //     OUT/reproduce.{md,html}, OUT/TABLE.md   by paper_page.py
 
-/// How much an attacked detector uses its picture, and in which evaluation that was measured.
-struct CaseReliance {
-  std::string name;  ///< the evaluation's, without its folder
-  Reliance reliance;
-};
-
-struct ReproduceResult {
-  ReproduceSettings settings;  ///< `out` absolute
-  std::vector<TableResult> tables;
-  std::vector<Arm> arms;
-  std::vector<Finding> findings;
-  std::vector<CaseReliance> reliance;  ///< each detector on its data once
-  std::map<std::string, Step> steps;   ///< by case
-  std::filesystem::path page;          ///< empty: could not be written
-};
-
-/// What reproduce.json holds: {what, settings, tables, arms, findings, reliance: [as Reliance, and case,
-/// words], steps: {case: step}, page?}.
-nlohmann::json to_json(const ReproduceResult& result);
-
 /// A table's text in Markdown; there is none without Python.
 std::filesystem::path text_file(const std::filesystem::path& out, const std::string& table);
 
-/// All of it; writes OUT. A call of all ranks, of which the first makes tables, findings and page.
-ReproduceResult reproduce(const ReproduceSettings& settings, const Execute& run);
+/// All of it; writes OUT. What reproduce.json holds: {what, settings, tables, arms (tables.h), findings
+/// (finding.h), reliance: each detector on its data once, as Reliance, and case, words; steps: {case: step}},
+/// and the page, if it could be written. A call of all ranks, of which the first makes tables, findings and
+/// page; empty on the others.
+nlohmann::json reproduce(const ReproduceSettings& settings, const Execute& run);
 
 }  // namespace mirage::paper

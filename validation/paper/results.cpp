@@ -1,49 +1,58 @@
 #include "validation/paper/results.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
-#include <map>
+#include <exception>
 #include <set>
 #include <tuple>
 
 #include "attack/baseline.h"
 #include "attack/evaluation.h"
+#include "base/error.h"
 #include "base/files.h"
 #include "base/json_fields.h"
 
 namespace mirage::paper {
 namespace {
 
-std::shared_ptr<Outcomes> read_arm(const JsonFields& evaluation, const std::string& data) {
-  auto arm = std::make_shared<Outcomes>();
-  arm->data = data;
-  arm->vehicles = evaluation.count("vehicles");
+/// A host's place: the same in the evaluations of one data set.
+auto place_of(const Outcome& host) {
+  return std::tuple(host.id.frame, host.id.label, host.run);
+}
+using Places = std::set<std::tuple<std::string, int, int>>;
+
+Places places_of(const Outcomes& outcomes) {
+  Places places;
+  for (const Outcome& host : outcomes.hosts) places.insert(place_of(host));
+  return places;
+}
+
+Outcomes read_arm(const JsonFields& evaluation, const std::string& data) {
+  Outcomes arm;
+  arm.data = data;
+  arm.vehicles = evaluation.count("vehicles");
   for (HostOutcome& host : read_outcomes(evaluation)) {
-    arm->meshes = std::max(arm->meshes, host.mesh + 1);
-    arm->hosts.push_back({std::move(host)});
+    arm.meshes = std::max(arm.meshes, host.mesh + 1);
+    arm.hosts.push_back({std::move(host)});
   }
   return arm;
 }
 
-ClusteredShare share_of(const Outcomes& outcomes, const Which& counts, const Which& which) {
+template <class Keep>
+ClusteredShare share_of(const Outcomes& outcomes, const Question& question, const Keep& keep) {
   ClusteredShare share;
   for (const Outcome& host : outcomes.hosts)
-    if (counts(host)) share.add(host.cluster(), which(host), host.run, 1.0 / outcomes.meshes);
+    if (keep(host) && question.counts(host))
+      share.add(host.cluster(), question.holds(host), host.run, 1.0 / outcomes.meshes);
   return share;
 }
 
-/// Hosts detected clean, each once whatever the meshes and runs.
-int count_vehicles(const std::vector<Outcome>& hosts) {
-  std::set<std::pair<std::string, int>> names;
-  for (const Outcome& host : hosts)
-    if (host.detected) names.insert({host.id.frame, host.id.label});
-  return static_cast<int>(names.size());
-}
+constexpr auto everyone = [](const Outcome&) { return true; };
+constexpr auto is_detected = [](const Outcome& host) { return host.detected; };
 
-bool is_detected(const Outcome& host) {
-  return host.detected;
+bool has_far_one(const Outcome& host) {
+  const std::vector<double> all = host.distances();
+  return std::any_of(all.begin(), all.end(), [](double distance) { return distance > kFar; });
 }
 
 /// IoU 0 asks for any overlap at all.
@@ -80,133 +89,111 @@ ClusterCount Outcomes::clusters() const {
   return clusters.count();
 }
 
-bool is_hidden(const Outcome& host) {
-  return host.hidden;
-}
-bool is_false_positive(const Outcome& host) {
-  return host.false_positive;
-}
-bool is_fooled(const Outcome& host) {
-  return host.fooled();
-}
-
 Judged read_evaluation(const std::filesystem::path& file, const std::string& data) {
   const nlohmann::json json = read_json(file);
   const JsonFields fields(file, json, kMakeAgain);
-  const auto learned = read_arm(fields, data);
-  learned->name = "learned mesh";
+  Judged judged;
+  Outcomes& learned = judged["learned"] = read_arm(fields, data);
+  learned.name = "learned mesh";
   if (fields.has("reliance") && !fields.is_null("reliance"))
-    learned->reliance = reliance_from_json(fields.object("reliance"));
-  const auto other = [&](const char* key, Baseline kind) -> std::shared_ptr<const Outcomes> {
-    if (!fields.has(key) || fields.is_null(key)) return nullptr;
-    const auto arm = read_arm(fields.object(key), data);
-    arm->reliance = learned->reliance;
-    arm->name = describe(kind);
-    return arm;
-  };
-  return {learned, other("random", Baseline::start), other("sized", Baseline::sized),
-          other("cuboid", Baseline::cuboid)};
+    learned.reliance = reliance_from_json(fields.object("reliance"));
+  for (const auto& [key, kind] : {std::pair("random", Baseline::start), std::pair("sized", Baseline::sized),
+                                  std::pair("cuboid", Baseline::cuboid)}) {
+    if (!fields.has(key) || fields.is_null(key)) continue;
+    Outcomes& arm = judged[to_string(kind)] = read_arm(fields.object(key), data);
+    arm.reliance = learned.reliance;
+    arm.name = describe(kind);
+  }
+  return judged;
 }
 
 Judged pooled(const std::vector<Judged>& runs) {
-  const auto all = [&](std::shared_ptr<const Outcomes> Judged::*part) -> std::shared_ptr<const Outcomes> {
-    auto pool = std::make_shared<Outcomes>();
-    for (std::size_t r = 0; r < runs.size(); ++r) {
-      const Outcomes* outcomes = (runs[r].*part).get();
-      if (!outcomes) return nullptr;
-      if (r == 0) *pool = *outcomes, pool->hosts.clear();
-      pool->meshes = std::max(pool->meshes, outcomes->meshes);
-      for (Outcome host : outcomes->hosts) {
-        host.run = static_cast<int>(r);
-        pool->hosts.push_back(std::move(host));
+  if (runs.size() == 1) return runs.front();
+  Judged all;
+  for (const auto& [mesh, first] : runs.front()) {
+    if (!std::all_of(runs.begin(), runs.end(), [&](const Judged& run) { return run.contains(mesh); }))
+      continue;
+    Outcomes& pool = all[mesh] = first;
+    pool.hosts.clear();
+    pool.runs = static_cast<int>(runs.size());
+    for (int r = 0; r < pool.runs; ++r) {
+      const Outcomes& own = runs[static_cast<std::size_t>(r)].at(mesh);
+      pool.meshes = std::max(pool.meshes, own.meshes);
+      for (const Outcome& host : own.hosts) {
+        pool.hosts.push_back(host);
+        pool.hosts.back().run = r;
       }
     }
-    pool->runs = static_cast<int>(runs.size());
-    pool->vehicles = count_vehicles(pool->hosts);
-    return pool;
-  };
-  if (runs.size() == 1) return runs.front();
-  return {all(&Judged::learned), all(&Judged::random), all(&Judged::sized), all(&Judged::cuboid)};
+    pool.vehicles = vehicles(pool, question("asr"));
+  }
+  return all;
 }
 
-Interval success(const Outcomes& outcomes, const Which& which) {
-  return share_of(outcomes, is_detected, which).interval();
+Question question(const std::string& key) {
+  if (key == "fn_asr") return {is_detected, [](const Outcome& host) { return host.hidden; }};
+  if (key == "fp_asr") return {is_detected, [](const Outcome& host) { return host.false_positive; }};
+  const auto fooled = [](const Outcome& host) { return host.fooled(); };
+  if (key == "asr") return {is_detected, fooled};
+  if (key == "near_asr" || key == "beyond_asr")
+    return {[near = key == "near_asr"](const Outcome& host) {
+              return host.detected && (host.range < 30) == near;
+            },
+            fooled};
+  if (key == "close") return {is_detected, [](const Outcome& host) { return host.clean_iou < 0.75; }};
+  if (key == "far") return {is_detected, has_far_one};
+  for (const bool clean : {false, true})
+    for (const int iou : {50, 70})
+      if (key == (clean ? "clean_recall" : "recall") + std::to_string(iou)) return recall(iou / 100.0, clean);
+  for (const HidingRule& rule : kHidingRules)
+    if (key == rule.name)
+      return {[rule](const Outcome& host) { return rule.finds(host, true); },
+              [rule](const Outcome& host) { return !rule.finds(host, false); }};
+  throw InputError("question", key, "is none", "use a key of results.h");
 }
 
-static ClusteredShare hiding_share(const Outcomes& outcomes, const HidingRule& rule) {
-  return share_of(
-      outcomes, [&](const Outcome& host) { return rule.finds(host, true); },
-      [&](const Outcome& host) { return !rule.finds(host, false); });
+Question recall(double iou, bool clean) {
+  return {everyone, [=](const Outcome& host) { return found(host, iou, clean); }};
 }
 
-std::optional<Interval> hiding(const Outcomes& outcomes, const HidingRule& rule) {
-  const auto has_metres = [](const Outcome& host) { return std::isfinite(host.clean_distance); };
-  if (rule.distance > 0 && std::none_of(outcomes.hosts.begin(), outcomes.hosts.end(), has_metres))
-    return std::nullopt;
-  return hiding_share(outcomes, rule).interval();
+Interval share(const Outcomes& outcomes, const Question& question) {
+  return share_of(outcomes, question, everyone).interval();
 }
 
-int found_clean(const Outcomes& outcomes, const HidingRule& rule) {
+int vehicles(const Outcomes& outcomes, const Question& question) {
   std::set<std::pair<std::string, int>> names;
   for (const Outcome& host : outcomes.hosts)
-    if (rule.finds(host, true)) names.insert({host.id.frame, host.id.label});
+    if (question.counts(host)) names.insert({host.id.frame, host.id.label});
   return static_cast<int>(names.size());
 }
 
-Interval vanished(const Outcomes& outcomes) {
-  return *hiding(outcomes, kHidingRules.front());
+bool has_metres(const Outcomes& outcomes) {
+  return std::any_of(outcomes.hosts.begin(), outcomes.hosts.end(),
+                     [](const Outcome& host) { return std::isfinite(host.clean_distance); });
+}
+
+Interval difference(const std::vector<Term>& terms, const Question& question) {
+  std::vector<Places> places;
+  for (const Term& term : terms) places.push_back(places_of(*term.of));
+  const auto in_all = [&](const Outcome& host) {
+    return std::all_of(places.begin(), places.end(),
+                       [&](const Places& one) { return one.contains(place_of(host)); });
+  };
+  std::vector<ClusteredShare> shares;
+  std::vector<double> factors;
+  for (const Term& term : terms) {
+    shares.push_back(share_of(*term.of, question, in_all));
+    factors.push_back(term.factor);
+  }
+  return factors == std::vector<double>{1, -1} ? share_difference(shares[0], shares[1])
+                                               : combined_shares(shares, factors);
 }
 
 Outcomes shared_hosts(const Outcomes& a, const Outcomes& b) {
-  std::set<std::tuple<std::string, int, int>> names;
-  for (const Outcome& host : b.hosts) names.insert({host.id.frame, host.id.label, host.run});
-  return part(a, [&](const Outcome& host) {
-    return names.contains({host.id.frame, host.id.label, host.run});
-  });
-}
-
-Outcomes part(const Outcomes& outcomes, const Which& keep) {
-  Outcomes kept = outcomes;
-  std::erase_if(kept.hosts, [&](const Outcome& host) { return !keep(host); });
-  kept.vehicles = count_vehicles(kept.hosts);
-  return kept;
-}
-
-static Interval paired_difference(const Outcomes& a, const Outcomes& b, const Which& counts,
-                                  const Which& which) {
-  return share_difference(share_of(shared_hosts(a, b), counts, which),
-                          share_of(shared_hosts(b, a), counts, which));
-}
-
-Interval hiding_difference(const Outcomes& a, const Outcomes& b, const HidingRule& rule) {
-  return share_difference(hiding_share(shared_hosts(a, b), rule), hiding_share(shared_hosts(b, a), rule));
-}
-
-Interval net_difference(const NetOf& a, const NetOf& b, const HidingRule& rule) {
-  const std::array<const Outcomes*, 4> of = {a.learned, a.control, b.learned, b.control};
-  std::vector<ClusteredShare> shares;
-  for (const Outcomes* outcomes : of) {
-    Outcomes shared = *outcomes;
-    for (const Outcomes* other : of) shared = shared_hosts(shared, *other);
-    shares.push_back(hiding_share(shared, rule));
-  }
-  return combined_shares(shares, std::array{1.0, -1.0, -1.0, 1.0});
-}
-
-Interval success_difference(const Outcomes& a, const Outcomes& b, const Which& which) {
-  return paired_difference(a, b, is_detected, which);
-}
-
-Interval clean_recall_difference(const Outcomes& a, const Outcomes& b, double iou) {
-  return paired_difference(
-      a, b, [](const Outcome&) { return true; }, [&](const Outcome& host) { return found(host, iou, true); });
-}
-
-Interval recall(const Outcomes& outcomes, double iou, bool clean) {
-  return share_of(
-             outcomes, [](const Outcome&) { return true; },
-             [&](const Outcome& host) { return found(host, iou, clean); })
-      .interval();
+  Outcomes shared = a;
+  std::erase_if(shared.hosts,
+                [places = places_of(b)](const Outcome& host) { return !places.contains(place_of(host)); });
+  shared.vehicles = vehicles(shared, question("asr"));
+  return shared;
 }
 
 Interval mean_recall(const Outcomes& outcomes, bool clean) {
@@ -219,23 +206,86 @@ Interval mean_recall(const Outcomes& outcomes, bool clean) {
   return all.interval();
 }
 
-RecallCurve recall_curve(const Outcomes& outcomes, bool clean) {
-  RecallCurve curve;
+nlohmann::json recall_curve(const Outcomes& outcomes, bool clean) {
+  nlohmann::json curve;
   for (int step = 0; step <= kSteps; ++step) {
-    curve.iou.push_back(step / double(kSteps));
-    curve.recall.push_back(recall(outcomes, curve.iou.back(), clean));
+    const double iou = step / double(kSteps);
+    const Interval at = share(outcomes, recall(iou, clean));
+    curve["iou"].push_back(iou);
+    curve["recall"].push_back(at.value);
+    curve["low"].push_back(at.low);
+    curve["high"].push_back(at.high);
   }
   return curve;
 }
 
-nlohmann::json to_json(const RecallCurve& curve) {
-  nlohmann::json json = {{"iou", curve.iou}};
-  for (const Interval& at : curve.recall) {
-    json["recall"].push_back(at.value);
-    json["low"].push_back(at.low);
-    json["high"].push_back(at.high);
+nlohmann::json to_json(const Step& step) {
+  const char* words[] = {"missing", "done", "failed"};
+  nlohmann::json entry = {{"status", words[static_cast<int>(step.status)]}};
+  if (!step.error.empty()) entry["error"] = step.error;
+  if (step.seconds > 0) entry["seconds"] = step.seconds;
+  return entry;
+}
+
+nlohmann::json read_detection(const std::filesystem::path& file) {
+  const nlohmann::json json = read_json(file);
+  const JsonFields fields(file, json, kMakeAgain);
+  nlohmann::json detection = nlohmann::json::object();
+  for (const std::string key : {"ap50", "ap70"}) {
+    if (fields.has(key + "_interval")) {
+      const JsonFields interval = fields.object(key + "_interval");
+      detection[key] = {{"value", interval.number("value", 0, Range::kMost)}};
+      for (const char* bound : {"low", "high"})  // null for what is infinite
+        detection[key][bound] = interval.is_null(bound)
+                                    ? nlohmann::json()
+                                    : nlohmann::json(interval.number(bound, -Range::kMost, Range::kMost));
+    } else if (fields.has(key)) {
+      detection[key] = {{"value", fields.number(key, 0, Range::kMost)}};
+    }
   }
-  return json;
+  return detection;
+}
+
+const Outcomes* Evidence::of(const std::string& evaluation, const std::string& mesh) const {
+  const auto judged = evaluations.find(evaluation);
+  if (judged == evaluations.end()) return nullptr;
+  const auto own = judged->second.find(mesh);
+  return own == judged->second.end() ? nullptr : &own->second;
+}
+
+Evidence gather(const Experiments& experiments, const std::filesystem::path& out,
+                std::map<std::string, Step> steps) {
+  Evidence evidence;
+  std::map<std::string, Judged> judged_runs;
+  for (const Case& command : experiments.cases) {
+    Step& step = steps[command.name];
+    if (step.status != Step::Status::done) continue;
+    const auto file = out / command.name / "result.json";
+    try {
+      if (command.kind == Case::Kind::detect) evidence.detections[command.name] = read_detection(file);
+      if (command.kind != Case::Kind::evaluate) continue;
+      // Hosts are those of the data that were asked for, or else of the run that is judged or named for it.
+      const NamedSettings own = command.settings_in(out);
+      const auto data = own.find("data");
+      judged_runs[command.name] = read_evaluation(
+          file,
+          data != own.end() ? data->second : experiments.at(command.hosts_of()).settings_in(out).at("data"));
+    } catch (const std::exception& error) {
+      step.status = Step::Status::failed;
+      step.error = error.what();
+    }
+  }
+  // A repetition that failed is missing; what stands in for its experiment is the first, which has the name.
+  for (const auto& [name, first] : judged_runs) {
+    if (is_repetition(name)) continue;
+    std::vector<Judged> runs{first};
+    for (int number = 1; number < experiments.seeds; ++number)
+      if (const auto more = judged_runs.find(repetition(name, number)); more != judged_runs.end())
+        runs.push_back(more->second);
+    evidence.evaluations[name] = pooled(runs);
+  }
+  evidence.steps = std::move(steps);
+  return evidence;
 }
 
 }  // namespace mirage::paper

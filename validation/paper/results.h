@@ -1,10 +1,10 @@
-// What `mirage evaluate` found of each host, read back from its result.json, and shares over it with
-// intervals.
+// What the finished cases say: how each went, and what its result.json holds: of each host that
+// `mirage evaluate` judged, and shares over them with intervals.
 #pragma once
 
 #include <filesystem>
 #include <functional>
-#include <memory>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -15,6 +15,7 @@
 #include "base/clusters.h"
 #include "base/intervals.h"
 #include "detection/reliance.h"
+#include "validation/paper/cases.h"
 
 namespace mirage::paper {
 
@@ -44,69 +45,81 @@ struct Outcomes {
   ClusterCount clusters() const;  ///< of the hosts detected clean
 };
 
-using Which = std::function<bool(const Outcome&)>;
-bool is_hidden(const Outcome&);
-bool is_false_positive(const Outcome&);
-bool is_fooled(const Outcome&);
-
-/// The outcomes of an evaluation's result.json, and those of the controls that it was asked for (others are
-/// null). `data` names the frames. InputError naming file and field.
-/// `sized`: those of random meshes of the learned one's extents, `cuboid`: those of cuboids that fill the box
-/// (attack/baseline.h).
-struct Judged {
-  std::shared_ptr<const Outcomes> learned, random, sized, cuboid;
-};
+/// The outcomes of an evaluation by whose they are: "learned", and the controls that it was asked for, by
+/// their words (attack/baseline.h).
+using Judged = std::map<std::string, Outcomes>;
+/// Of its result.json. `data` names the frames. InputError naming file and field.
 Judged read_evaluation(const std::filesystem::path& file, const std::string& data);
 /// The same experiment's runs as one; what one of them lacks is missing. `runs` is not empty.
 Judged pooled(const std::vector<Judged>& runs);
 
-/// Share of the vehicles detected clean for which `which` holds; 95 % interval over clusters and runs
-/// (base/intervals.h), as of all figures below.
-Interval success(const Outcomes& outcomes, const Which& which);
-
-/// Share of the vehicles found clean at all (IoU > 0.1 with a detection) of which nothing is found any more:
-/// what attack/hiding.h calls vanished.
-Interval vanished(const Outcomes& outcomes);
-
-/// Of the vehicles that the rule (attack/hiding.h) finds clean, the share that it does not find any more;
-/// none by distance where no detection has one (the picture's plane).
-std::optional<Interval> hiding(const Outcomes& outcomes, const HidingRule& rule);
-/// Vehicles that the rule finds clean, each once.
-int found_clean(const Outcomes& outcomes, const HidingRule& rule);
-
-/// hiding(a) − hiding(b), paired as below.
-Interval hiding_difference(const Outcomes& a, const Outcomes& b, const HidingRule& rule);
-
-/// A mesh and the control beside it, judged together.
-struct NetOf {
-  const Outcomes *learned, *control;
+/// Of the hosts that count, the share for which it holds.
+struct Question {
+  std::function<bool(const Outcome&)> counts, holds;
 };
-/// (hiding(a.learned) − hiding(a.control)) − (hiding(b.learned) − hiding(b.control)), on the vehicles that
-/// all four have: which of two attacks has learned more beyond its mesh's size.
-Interval net_difference(const NetOf& a, const NetOf& b, const HidingRule& rule);
+/// A false positive is far from the host beyond this, m: about three lengths of a car, as the pictures of
+/// mirage evaluate have it.
+inline constexpr double kFar = 12;
+/// By its key. Of the hosts detected clean: "fn_asr", "fp_asr", "asr"; "far": with a false positive beyond
+/// kFar; "close": with an IoU below 0.75 as recorded. Of those within 30 m, and of the others: "near_asr",
+/// "beyond_asr". Of those that the rule finds clean: a rule's name (attack/hiding.h). Of all, found at that
+/// IoU: "recall50", "recall70", and as recorded "clean_recall50", "clean_recall70".
+Question question(const std::string& key);
+/// Of all hosts: found with the IoU or better, clean or attacked.
+Question recall(double iou, bool clean);
 
-/// success(a) − success(b), paired: both are of the same data, only hosts that stand in both count.
-Interval success_difference(const Outcomes& a, const Outcomes& b, const Which& which);
+/// With its 95 % interval over clusters and runs (base/intervals.h), as all figures below.
+Interval share(const Outcomes& outcomes, const Question& question);
+/// Vehicles that count, each once whatever the meshes and runs.
+int vehicles(const Outcomes& outcomes, const Question& question);
 
-/// Recall of the frames as recorded, of two detectors on the same hosts: a − b.
-Interval clean_recall_difference(const Outcomes& a, const Outcomes& b, double iou);
+/// Whether a detection has a distance, which rules ask for: none has in the picture's plane.
+bool has_metres(const Outcomes& outcomes);
 
-/// Those outcomes for which `keep` holds.
-Outcomes part(const Outcomes& outcomes, const Which& keep);
+/// A summand of a difference.
+struct Term {
+  const Outcomes* of;
+  double factor = 1;
+};
+/// Σ factor · share, paired: all are of the same data, only hosts that stand in all count.
+Interval difference(const std::vector<Term>& terms, const Question& question);
+/// share(a) − share(b)
+inline Interval difference(const Outcomes& a, const Outcomes& b, const Question& question) {
+  return difference({{&a, 1}, {&b, -1}}, question);
+}
+
 /// Those outcomes of `a` whose hosts also stand in `b`, in the run of the same number.
 Outcomes shared_hosts(const Outcomes& a, const Outcomes& b);
 
-/// Share of all hosts found at the IoU or better, clean or attacked.
-Interval recall(const Outcomes& outcomes, double iou, bool clean);
-/// Mean of that over IoU 0, 0.05, …, 1.
+/// Mean of the recall over IoU 0, 0.05, …, 1.
 Interval mean_recall(const Outcomes& outcomes, bool clean);
-/// The curve itself: the recall at each of those IoU.
-struct RecallCurve {
-  std::vector<double> iou;
-  std::vector<Interval> recall;
+/// The recall at each of those IoU: {iou, recall, low, high}, a list each.
+nlohmann::json recall_curve(const Outcomes& outcomes, bool clean);
+
+/// How a case went.
+struct Step {
+  enum class Status { missing, done, failed } status = Status::missing;
+  std::string error;   ///< of a failed one
+  double seconds = 0;  ///< that it took when it was run; 0: unknown
 };
-RecallCurve recall_curve(const Outcomes& outcomes, bool clean);
-/// {iou, recall, low, high}, a list each
-nlohmann::json to_json(const RecallCurve& curve);
+/// {status: "missing", "done" or "failed", error?, seconds?}
+nlohmann::json to_json(const Step& step);
+
+/// Of mirage detect's result.json: the clean "ap50" and "ap70" that it holds, each {value, low?, high?}.
+/// InputError naming file and field.
+nlohmann::json read_detection(const std::filesystem::path& file);
+
+struct Evidence {
+  std::map<std::string, Step> steps;                 ///< by case
+  std::map<std::string, Judged> evaluations;         ///< by case; its repetitions by other seeds pooled
+  std::map<std::string, nlohmann::json> detections;  ///< by case
+
+  /// Null where it is missing or failed.
+  const Outcomes* of(const std::string& evaluation, const std::string& mesh = "learned") const;
+};
+
+/// Reads the results of the cases whose step is done; one that can't be read becomes a failed step.
+Evidence gather(const Experiments& experiments, const std::filesystem::path& out,
+                std::map<std::string, Step> steps);
 
 }  // namespace mirage::paper
