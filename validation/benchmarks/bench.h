@@ -1,35 +1,72 @@
 // What the files of the benchmark program share.
 #pragma once
 
+#include <benchmark/benchmark.h>
+
+#include <algorithm>
 #include <functional>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <string>
 #include <vector>
+
+#include "base/schedule.h"
+#include "validation/thread_clock.h"
+
+/// A benchmark that goes through its rounds itself: ONCE(BENCHMARK(function));
+#define ONCE(registered) registered->Iterations(1)->Unit(benchmark::kMillisecond)
 
 namespace mirage {
 
 /// Figures other than the median time of one loop, such as ratios of medians taken in alternation, by name;
 /// written to bench.json beside the medians.
-nlohmann::json& extra_figures();
+nlohmann::json& figures();
 
 /// Wall-clock time of work().
-double milliseconds(const std::function<void()>& work);
-double median(std::vector<double> values);
+template <class Work>
+double milliseconds(const Work& work) {
+  const auto start = Clock::now();
+  work();
+  return 1e3 * seconds_since(start);
+}
 
-/// The soft rasteriser: distance, faces, pixels, threads; against the plain loop and the machine's peak.
-void register_raster_benchmarks();
-/// One insertion as a whole and by stage.
-void register_insertion_benchmarks();
-/// Sweep tracing against a bare Embree loop, the LiDAR part of an insertion, the sweep's index.
-void register_lidar_benchmarks();
-/// The vehicle fit by stage.
-void register_fit_benchmarks();
-/// The street generator: frames a second and the share of each stage, for both rigs.
-void register_generator_benchmarks();
-/// Detectors: passes and training steps, by stage.
-void register_detector_benchmarks();
-/// One host's attack step, over whole frames and over windows.
-void register_attack_step_benchmarks();
-/// A detector in another process: the way there and back.
-void register_process_benchmarks();
+/// Values by name, one a round: what is compared is taken in alternation.
+class Rounds {
+ public:
+  double add(const std::string& name, double value) { return values_[name].emplace_back(value); }
+  /// ms of work() on the wall's clock, or of this thread's CPU.
+  template <class Work>
+  double time(const std::string& name, const Work& work) {
+    return add(name, milliseconds(work));
+  }
+  template <class Work>
+  double cpu(const std::string& name, const Work& work) {
+    return add(name, cpu_ms(work));
+  }
+  std::size_t count(const std::string& name) const { return values_.at(name).size(); }
+  double least(const std::string& name) const { return *std::ranges::min_element(values_.at(name)); }
+  double at(const std::string& name, double share) const {
+    std::vector<double> values = values_.at(name);
+    const auto place =
+        values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size()));
+    std::nth_element(values.begin(), place, values.end());
+    return *place;
+  }
+  /// The median.
+  double operator[](const std::string& name) const { return at(name, 0.5); }
+  /// Median over the rounds of a − b.
+  double difference(const std::string& a, const std::string& b) const {
+    Rounds rounds;
+    for (std::size_t i = 0; i < count(a); ++i) rounds.add("", values_.at(a)[i] - values_.at(b)[i]);
+    return rounds[""];
+  }
+  /// The medians of all are figures, by their names and the suffix.
+  void record(const std::string& suffix = "") const {
+    for (const auto& [name, values] : values_) figures()[name + suffix] = (*this)[name];
+  }
+
+ private:
+  std::map<std::string, std::vector<double>> values_;
+};
 
 }  // namespace mirage

@@ -1,7 +1,6 @@
 // One host's attack step (simulation, detector, objective, and back) over whole frames and over what the
 // object changes, in bfloat16 and truncated, in alternation, and how far their gradients lie apart. Shipped
 // weights, KITTI's rig, CPU time of one thread.
-#include <benchmark/benchmark.h>
 #include <malloc.h>
 
 #include <algorithm>
@@ -16,7 +15,6 @@
 #include "detection/detector_settings.h"
 #include "detection/points_in_view.h"
 #include "generator/generator.h"
-#include "validation/thread_clock.h"
 
 namespace mirage {
 namespace {
@@ -98,7 +96,6 @@ std::unique_ptr<Detector> variant_of(const std::string& name, int clean_memory_m
 struct Variant {
   std::string word;  // of its figures
   std::unique_ptr<Detector> detector;
-  std::vector<double> ms = {}, cosines = {}, errors = {};
 };
 
 void attack_steps(benchmark::State& state, const std::string& name) {
@@ -121,29 +118,29 @@ void attack_steps(benchmark::State& state, const std::string& name) {
         {"locality_" + std::to_string(static_cast<int>(metres)), variant_of(name, 2048, "float", metres)});
   const TexturedMesh adversary = random_adversary(1);
   AttackSettings settings;
-  std::vector<double> full_ms, local_ms, first_ms, full_evaluation, local_evaluation;
+  Rounds rounds;
   double error = 0, float_error = 0, simulation = 0, all = 0;
   const auto step = [&](Detector& detector, const StepHost& stand) {
     return attack_host(detector, stand, adversary, settings);
   };
   for (auto _ : state) {
     step(*whole, street.stands[0]);  // warms up
-    for (Variant& variant : variants)
+    for (const Variant& variant : variants)
       for (const StepHost& stand : street.stands)
         step(*variant.detector, stand);  // and keeps the clean frames
     for (int round = 0; round < kRounds; ++round)
       for (std::size_t k = 0; k < street.stands.size(); ++k) {
         const StepHost& stand = street.stands[k];
         HostStep full, changed;
-        full_ms.push_back(cpu_ms([&] { full = step(*whole, stand); }));
-        const double ms = cpu_ms([&] { changed = step(*local, stand); });
-        (round == 0 && k % kHosts == 0 ? first_ms : local_ms).push_back(ms);
+        rounds.cpu("full", [&] { full = step(*whole, stand); });
+        rounds.cpu(round == 0 && k % kHosts == 0 ? "new frame" : "local",
+                   [&] { changed = step(*local, stand); });
         float_error = std::max(float_error, difference(changed.gradient, full.gradient));
-        for (Variant& variant : variants) {
+        for (const Variant& variant : variants) {
           HostStep other;
-          variant.ms.push_back(cpu_ms([&] { other = step(*variant.detector, stand); }));
-          variant.cosines.push_back(cosine(other.gradient, changed.gradient));
-          variant.errors.push_back(difference(other.gradient, changed.gradient));
+          rounds.cpu(variant.word, [&] { other = step(*variant.detector, stand); });
+          rounds.add("cosine " + variant.word, cosine(other.gradient, changed.gradient));
+          rounds.add("error " + variant.word, difference(other.gradient, changed.gradient));
         }
         const HostSeconds& s = changed.seconds;
         if (round > 0) {
@@ -153,12 +150,12 @@ void attack_steps(benchmark::State& state, const std::string& name) {
         // What an evaluation does: forward alone.
         const Simulated simulated = simulate(stand.prepared, stand.placement, adversary, settings.simulation);
         SensorView view = view_of(stand.prepared.frame, simulated.image, simulated.sweep);
-        full_evaluation.push_back(cpu_ms([&] { detections(*whole, view, {}); }));
-        local_evaluation.push_back(cpu_ms([&] {
+        rounds.cpu("full evaluation", [&] { detections(*whole, view, {}); });
+        rounds.cpu("local evaluation", [&] {
           const CleanView clean = clean_view(stand.prepared, simulated);
           view.clean = &clean;
           detections(*local, view, {});
-        }));
+        });
       }
     {
       const auto whole64 = variant_of(name, 0, "double"), local64 = variant_of(name, 2048, "double");
@@ -172,51 +169,40 @@ void attack_steps(benchmark::State& state, const std::string& name) {
       for (float& value : other.frame.image.data) value *= 1 - 0.01f * static_cast<float>(k + 1);
       step(*local, {other, street.stands[0].id, street.stands[0].placement});
     }
-    extra_figures()["clean_activations_mb_" + name] = (allocated_mb() - before) / 4;
+    figures()["clean_activations_mb_" + name] = (allocated_mb() - before) / 4;
   }
-  auto& figures = extra_figures();
-  figures["attack_step_ms_" + name + "_full"] = median(full_ms);
-  figures["attack_step_ms_" + name] = median(local_ms);
-  figures["attack_step_ms_" + name + "_new_frame"] = median(first_ms);
-  figures["attack_step_speedup_" + name] = median(full_ms) / median(local_ms);
-  figures["attack_step_gradient_error_" + name] = error;
-  figures["attack_step_gradient_error_" + name + "_float"] = float_error;
+  auto& all_figures = figures();
+  all_figures["attack_step_ms_" + name + "_full"] = rounds["full"];
+  all_figures["attack_step_ms_" + name] = rounds["local"];
+  all_figures["attack_step_ms_" + name + "_new_frame"] = rounds["new frame"];
+  all_figures["attack_step_speedup_" + name] = rounds["full"] / rounds["local"];
+  all_figures["attack_step_gradient_error_" + name] = error;
+  all_figures["attack_step_gradient_error_" + name + "_float"] = float_error;
   for (const Variant& variant : variants) {
     const std::string of = name + "_" + variant.word;
-    figures["attack_step_ms_" + of] = median(variant.ms);
-    figures["attack_step_gradient_cosine_" + of] = median(variant.cosines);
-    figures["attack_step_gradient_cosine_least_" + of] =
-        *std::min_element(variant.cosines.begin(), variant.cosines.end());
-    figures["attack_step_gradient_error_" + of] = median(variant.errors);
-    std::printf("  %s %s: %.1f ms, cosine %.6f (least %.4f), error %.1e\n", name.c_str(),
-                variant.word.c_str(), median(variant.ms), median(variant.cosines),
-                *std::min_element(variant.cosines.begin(), variant.cosines.end()), median(variant.errors));
+    all_figures["attack_step_ms_" + of] = rounds[variant.word];
+    all_figures["attack_step_gradient_cosine_" + of] = rounds["cosine " + variant.word];
+    all_figures["attack_step_gradient_cosine_least_" + of] = rounds.least("cosine " + variant.word);
+    all_figures["attack_step_gradient_error_" + of] = rounds["error " + variant.word];
     if (variant.word == "bfloat16")
-      figures["attack_step_bfloat16_speedup_" + name] = median(local_ms) / median(variant.ms);
+      all_figures["attack_step_bfloat16_speedup_" + name] = rounds["local"] / rounds[variant.word];
   }
-  figures["attack_step_share_simulation_" + name] = simulation / all;
-  figures["evaluation_forward_ms_" + name + "_full"] = median(full_evaluation);
-  figures["evaluation_forward_ms_" + name] = median(local_evaluation);
+  all_figures["attack_step_share_simulation_" + name] = simulation / all;
+  all_figures["evaluation_forward_ms_" + name + "_full"] = rounds["full evaluation"];
+  all_figures["evaluation_forward_ms_" + name] = rounds["local evaluation"];
   if (name == "fusion") {
-    figures["attack_step_share_simulation"] = simulation / all;
-    figures["clean_activations_mb"] = figures["clean_activations_mb_" + name];
+    all_figures["attack_step_share_simulation"] = simulation / all;
+    all_figures["clean_activations_mb"] = all_figures["clean_activations_mb_" + name];
   }
-  std::printf(
-      "  %s: whole %.1f ms, windows %.1f ms (%.2f times), new frame %.1f ms, gradient error %.1e in double, "
-      "%.1e in "
-      "float; forward %.1f and %.1f ms; simulation %.1f %%\n",
-      name.c_str(), median(full_ms), median(local_ms), median(full_ms) / median(local_ms), median(first_ms),
-      error, float_error, median(full_evaluation), median(local_evaluation), 100 * simulation / all);
 }
+
+const auto* const kAttackSteps = [] {
+  benchmark::internal::Benchmark* last = nullptr;
+  for (const char* name : kDetectors)
+    last = ONCE(benchmark::RegisterBenchmark((std::string("attack_step_") + name).c_str(), attack_steps,
+                                             std::string(name)));
+  return last;
+}();
 
 }  // namespace
-
-void register_attack_step_benchmarks() {
-  for (const char* name : kDetectors)
-    benchmark::RegisterBenchmark((std::string("attack_step_") + name).c_str(), attack_steps,
-                                 std::string(name))
-        ->Iterations(1)
-        ->Unit(benchmark::kMillisecond);
-}
-
 }  // namespace mirage

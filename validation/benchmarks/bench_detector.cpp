@@ -1,7 +1,6 @@
 // Detectors: a pass forward, forward and backward, and a training step, split by what the interface lets us
 // vary: with and without the picture's branch (fusion against lidar), with and without points, one sample
 // against two. Fresh weights, frames made here, one thread.
-#include <benchmark/benchmark.h>
 #include <fmt/format.h>
 
 #include <array>
@@ -48,26 +47,7 @@ std::unique_ptr<Detector> fresh(const std::string& name) {
   return load_detector(options);
 }
 
-/// Milliseconds by name, one entry a round: what is compared is taken in alternation.
-class Rounds {
- public:
-  void time(const std::string& name, const std::function<void()>& work) {
-    values_[name].push_back(milliseconds(work));
-  }
-  double operator[](const std::string& name) const { return median(values_.at(name)); }
-  /// Median over the rounds of a − b.
-  double difference(const std::string& a, const std::string& b) const {
-    std::vector<double> values;
-    for (std::size_t i = 0; i < values_.at(a).size(); ++i)
-      values.push_back(values_.at(a)[i] - values_.at(b)[i]);
-    return median(values);
-  }
-
- private:
-  std::map<std::string, std::vector<double>> values_;
-};
-
-void passes(benchmark::State& state, const std::string& rig_name) {
+void detector_passes(benchmark::State& state, const std::string& rig_name) {
   const std::string suffix = rig_name == "kitti64" ? "" : "_" + rig_name;
   std::map<std::string, std::unique_ptr<Detector>> detectors;
   std::vector<Input> inputs;
@@ -98,23 +78,25 @@ void passes(benchmark::State& state, const std::string& rig_name) {
         into.time(std::string("no points ") + name, [&] { pass(detector, blind, false); });
       }
     }
-  auto& figures = extra_figures();
+  auto& all = figures();
   for (const std::string name : kDetectors) {
-    figures["detector_forward_ms_" + name + suffix] = rounds["forward " + name];
-    figures["detector_forward_backward_ms_" + name + suffix] = rounds["both " + name];
-    figures["detector_backward_ms_" + name + suffix] = rounds.difference("both " + name, "forward " + name);
+    all["detector_forward_ms_" + name + suffix] = rounds["forward " + name];
+    all["detector_forward_backward_ms_" + name + suffix] = rounds["both " + name];
+    all["detector_backward_ms_" + name + suffix] = rounds.difference("both " + name, "forward " + name);
   }
   // The lidar network without points is the bird's-eye network and its head alone.
-  figures["detector_forward_bev_head_ms" + suffix] = rounds["no points lidar"];
-  figures["detector_forward_points_ms" + suffix] = rounds.difference("forward lidar", "no points lidar");
-  figures["detector_forward_image_and_fusion_ms" + suffix] =
-      rounds.difference("forward fusion", "forward lidar");
-  figures["detector_forward_fusion_of_points_ms" + suffix] =
+  all["detector_forward_bev_head_ms" + suffix] = rounds["no points lidar"];
+  all["detector_forward_points_ms" + suffix] = rounds.difference("forward lidar", "no points lidar");
+  all["detector_forward_image_and_fusion_ms" + suffix] = rounds.difference("forward fusion", "forward lidar");
+  all["detector_forward_fusion_of_points_ms" + suffix] =
       rounds.difference("forward fusion", "no points fusion") -
       rounds.difference("forward lidar", "no points lidar");
 }
 
-void training(benchmark::State& state) {
+ONCE(BENCHMARK_CAPTURE(detector_passes, kitti64, "kitti64"));
+ONCE(BENCHMARK_CAPTURE(detector_passes, xenith, "xenith"));
+
+void detector_training(benchmark::State& state) {
   const auto folder = std::filesystem::temp_directory_path() / "mirage-bench-detector";
   std::map<std::string, std::unique_ptr<Detector>> detectors;
   try {
@@ -145,34 +127,23 @@ void training(benchmark::State& state) {
       }
     }
   std::filesystem::remove_all(folder);
-  auto& figures = extra_figures();
+  auto& all = figures();
   for (const std::string name : kDetectors) {
-    figures["training_step_ms_" + name] = rounds["two " + name];
+    all["training_step_ms_" + name] = rounds["two " + name];
     // Two steps of one sample hold one optimiser step more than one step of both.
     const double optimiser = rounds["one " + name] + rounds["other " + name] - rounds["two " + name];
-    figures["training_optimiser_ms_" + name] = optimiser;
-    figures["training_sample_ms_" + name] = (rounds["two " + name] - optimiser) / 2;
+    all["training_optimiser_ms_" + name] = optimiser;
+    all["training_sample_ms_" + name] = (rounds["two " + name] - optimiser) / 2;
   }
-  figures["training_steps_per_s"] = 1000 / rounds["two fusion"];
-  figures["training_image_and_fusion_ms"] = rounds.difference("two fusion", "two lidar");
-  figures["training_data_ms"] = rounds["data"];  // read ahead on another thread
-  figures["training_ground_truth_sampling_ms"] = rounds.difference("data pasting", "data");
+  all["training_steps_per_s"] = 1000 / rounds["two fusion"];
+  all["training_image_and_fusion_ms"] = rounds.difference("two fusion", "two lidar");
+  all["training_data_ms"] = rounds["data"];  // read ahead on another thread
+  all["training_ground_truth_sampling_ms"] = rounds.difference("data pasting", "data");
 }
-
-}  // namespace
-
-void register_detector_benchmarks() {
-  for (const char* rig : {"kitti64", "xenith"})
-    benchmark::RegisterBenchmark((std::string("detector_passes_") + rig).c_str(), passes, std::string(rig))
-        ->Iterations(1)
-        ->Unit(benchmark::kMillisecond);
-  benchmark::RegisterBenchmark("detector_training", training)->Iterations(1)->Unit(benchmark::kMillisecond);
-}
+ONCE(BENCHMARK(detector_training));
 
 // A detector in a process of its own: what the way there and back costs for a frame of KITTI's size, with a
 // toy at the other end that takes no time. Linear and 8-bit pictures, with and without gradients.
-
-namespace {
 
 constexpr int kTrips = 101, kPointsInView = 20000;
 
@@ -189,37 +160,26 @@ void process(benchmark::State& state, const std::string& pictures) {
   options.detector = fmt::format("exec:/usr/bin/python3 -B '{}' {}",
                                  shipped_file("validation/benchmarks/process_toy.py").string(), pictures);
   const SensorView view{&image, points, &calibration};
-  std::vector<double> forward, both;
+  Rounds rounds;
   try {
     const auto detector = start_program(options);
     const auto pass = [&](bool back) {
-      return milliseconds([&] {
-        const auto found = detector->forward(view, 0.1, back);
-        if (back) detector->backward(std::vector<double>(found.size(), 1));
-      });
+      const auto found = detector->forward(view, 0.1, back);
+      if (back) detector->backward(std::vector<double>(found.size(), 1));
     };
     for (auto _ : state)
       for (int round = 0; round < kTrips; ++round) {
-        forward.push_back(pass(false));
-        both.push_back(pass(true));
+        rounds.time("process_" + pictures + "_ms", [&] { pass(false); });
+        rounds.time("process_" + pictures + "_gradient_ms", [&] { pass(true); });
       }
   } catch (const InputError& error) {
     state.SkipWithError(error.what());
     return;
   }
-  extra_figures()[fmt::format("process_{}_ms", pictures)] = median(forward);
-  extra_figures()[fmt::format("process_{}_gradient_ms", pictures)] = median(both);
-  state.counters["forward_ms"] = median(forward);
-  state.counters["both_ms"] = median(both);
+  rounds.record();
 }
+ONCE(BENCHMARK_CAPTURE(process, linear, "linear"));
+ONCE(BENCHMARK_CAPTURE(process, srgb8, "srgb8"));
 
 }  // namespace
-
-void register_process_benchmarks() {
-  for (const char* pictures : {"linear", "srgb8"})
-    benchmark::RegisterBenchmark(fmt::format("process/{}", pictures).c_str(), process, pictures)
-        ->Iterations(1)
-        ->Unit(benchmark::kMillisecond);
-}
-
 }  // namespace mirage

@@ -1,9 +1,6 @@
 // The street generator: frames a second with two threads, files included, and the share of each stage with
 // one.
-#include <benchmark/benchmark.h>
 
-#include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -66,49 +63,35 @@ void generator_frames(benchmark::State& state, const std::string& name) {
   const Rig rig = read_rig(shipped_file("scenes/rigs/" + name + ".toml"));
   const std::filesystem::path out =
       std::filesystem::temp_directory_path() / ("mirage-bench-generator-" + name);
-  auto& figures = extra_figures();
+  auto& all_figures = figures();
   for (auto _ : state) {
     std::filesystem::remove_all(out);
     set_thread_count(1);
     const auto seconds = stage_seconds(rig, out / "stages");
     double all = 0;
     for (const auto& [stage, s] : seconds) all += s;
-    for (const auto& [stage, s] : seconds) figures["generator_share_" + stage + "_" + name] = s / all;
-    figures["generator_frames_per_s_1_thread_" + name] = kStageFrames / all;
+    for (const auto& [stage, s] : seconds) all_figures["generator_share_" + stage + "_" + name] = s / all;
+    all_figures["generator_frames_per_s_1_thread_" + name] = kStageFrames / all;
     set_thread_count(2);
     const double ms = milliseconds(
         [&] { generate_dataset(rig, kSeed, 0, kGeneratedFrames, out / "set", [](std::size_t) {}); });
     set_thread_count(1);
-    figures["generator_frames_per_s_" + name] = 1e3 * kGeneratedFrames / ms;
+    all_figures["generator_frames_per_s_" + name] = 1e3 * kGeneratedFrames / ms;
     std::filesystem::remove_all(out);
   }
 }
-
-}  // namespace
-
-void register_generator_benchmarks() {
-  for (const std::string name : {"kitti64", "xenith"})
-    benchmark::RegisterBenchmark(("generator_" + name).c_str(), generator_frames, name)
-        ->Iterations(1)
-        ->Unit(benchmark::kMillisecond);
-}
+ONCE(BENCHMARK_CAPTURE(generator_frames, kitti64, "kitti64"));
+ONCE(BENCHMARK_CAPTURE(generator_frames, xenith, "xenith"));
 
 // The vehicle fit, by stage, over the cars within 30 m of a few generated streets. One thread.
-
-namespace {
 
 constexpr int kStreets = 6;
 constexpr double kFarthest = 30;  // m
 
-double quantile(std::vector<double> values, double p) {
-  std::sort(values.begin(), values.end());
-  return values.empty() ? 0 : values[static_cast<std::size_t>(p * static_cast<double>(values.size() - 1))];
-}
-
 void fit(benchmark::State& state) {
   const LidarModel lidar = read_lidar_model(shipped_file("scenes/rigs/kitti64.toml"));
   const ShapeModel model = read_shape_model(shipped_file("scenes/shapes/cars.shape"));
-  std::vector<double> evidence_ms, fit_ms, mesh_ms, roof_ms, whole_ms;
+  Rounds rounds;
   for (auto _ : state)
     for (int index = 0; index < kStreets; ++index) {
       const auto street = generator::make_street(12, static_cast<std::uint64_t>(index), lidar.height);
@@ -121,29 +104,22 @@ void fit(benchmark::State& state) {
         const double solve = milliseconds([&] { fit = fit_shape(model, evidence, thing.box); });
         if (!fit.fitted) continue;
         Mesh mesh;
-        mesh_ms.push_back(milliseconds([&] { mesh = model.mesh(fit.shape); }));
-        roof_ms.push_back(milliseconds([&] { benchmark::DoNotOptimize(roof_point(mesh)); }));
-        evidence_ms.push_back(gather);
-        fit_ms.push_back(solve);
-        whole_ms.push_back(gather + solve);
+        rounds.time("fit_marching_cubes_ms", [&] { mesh = model.mesh(fit.shape); });
+        rounds.time("fit_roof_ms", [&] { benchmark::DoNotOptimize(roof_point(mesh)); });
+        rounds.add("fit_evidence_ms", gather);
+        rounds.add("solve", solve);
+        rounds.add("fit_ms", gather + solve);
       }
     }
-  auto& figures = extra_figures();
-  figures["fit_vehicles"] = whole_ms.size();
-  figures["fit_ms"] = quantile(whole_ms, 0.5);
-  figures["fit_ms_p95"] = quantile(whole_ms, 0.95);
-  figures["fit_evidence_ms"] = quantile(evidence_ms, 0.5);
-  figures["fit_marching_cubes_ms"] = quantile(mesh_ms, 0.5);
-  figures["fit_roof_ms"] = quantile(roof_ms, 0.5);
+  for (const char* name : {"fit_ms", "fit_evidence_ms", "fit_marching_cubes_ms", "fit_roof_ms"})
+    figures()[name] = rounds[name];
+  figures()["fit_vehicles"] = rounds.count("fit_ms");
+  figures()["fit_ms_p95"] = rounds.at("fit_ms", 0.95);
   // What fit_shape takes besides its mesh and rooftop.
-  figures["fit_solve_ms"] =
-      std::max(0.0, quantile(fit_ms, 0.5) - quantile(mesh_ms, 0.5) - quantile(roof_ms, 0.5));
+  figures()["fit_solve_ms"] =
+      std::max(0.0, rounds["solve"] - rounds["fit_marching_cubes_ms"] - rounds["fit_roof_ms"]);
 }
+ONCE(BENCHMARK(fit));
 
 }  // namespace
-
-void register_fit_benchmarks() {
-  benchmark::RegisterBenchmark("fit", fit)->Iterations(1)->Unit(benchmark::kMillisecond);
-}
-
 }  // namespace mirage

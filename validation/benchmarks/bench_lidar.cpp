@@ -1,12 +1,9 @@
 // LiDAR figures. Sweep tracing is compared with a loop written directly against Embree, over the same rays
 // and triangles, in alternation within one run: medians, and the ratio of medians.
-#include <benchmark/benchmark.h>
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <functional>
 #include <numbers>
 #include <string>
 #include <vector>
@@ -139,7 +136,7 @@ class BareEmbree {
   std::vector<unsigned> face_;
 };
 
-void against_bare(benchmark::State& state, int threads) {
+void lidar_sweep_200k(benchmark::State& state) {
   const LidarModel lidar = full_turn_hdl64();
   const Mesh mesh = boulders_on_ground();
   const RayTable rays = ray_table(lidar);
@@ -147,13 +144,14 @@ void against_bare(benchmark::State& state, int threads) {
   BareEmbree bare(mesh, rays, true), fast(mesh, rays, false);
   const float t_min = static_cast<float>(lidar.range_min), t_max = static_cast<float>(lidar.range_max);
   HitTable hits;
-  std::vector<double> ours, theirs, without_robust;
+  Rounds rounds;
+  const int threads = static_cast<int>(state.range(0));
   set_thread_count(threads);
   for (auto _ : state)
     for (int round = 0; round < kSweepRounds; ++round) {
-      theirs.push_back(milliseconds([&] { bare.trace(t_min, t_max); }));
-      ours.push_back(milliseconds([&] { caster.intersect(rays, t_min, t_max, hits); }));
-      without_robust.push_back(milliseconds([&] { fast.trace(t_min, t_max); }));
+      rounds.time("bare", [&] { bare.trace(t_min, t_max); });
+      rounds.time("ours", [&] { caster.intersect(rays, t_min, t_max, hits); });
+      rounds.time("not robust", [&] { fast.trace(t_min, t_max); });
     }
   set_thread_count(1);
   std::size_t met = 0, differ = 0;
@@ -165,18 +163,16 @@ void against_bare(benchmark::State& state, int threads) {
     }
   const double count = static_cast<double>(rays.rows * rays.columns);
   const std::string suffix = threads == 1 ? "" : fmt::format("_{}_threads", threads);
-  auto& figures = extra_figures();
-  figures["lidar_over_bare_embree" + suffix] = median(theirs) / median(ours);
-  figures["lidar_over_bare_embree_not_robust" + suffix] = median(without_robust) / median(ours);
-  figures["lidar_mrays_200k" + suffix] = count / median(ours) / 1e3;
-  figures["bare_embree_mrays_200k" + suffix] = count / median(theirs) / 1e3;
-  state.counters["ratio"] = median(theirs) / median(ours);
-  state.counters["ratio_not_robust"] = median(without_robust) / median(ours);
-  state.counters["Mrays/s"] = count / median(ours) / 1e3;
+  auto& all = figures();
+  all["lidar_over_bare_embree" + suffix] = rounds["bare"] / rounds["ours"];
+  all["lidar_over_bare_embree_not_robust" + suffix] = rounds["not robust"] / rounds["ours"];
+  all["lidar_mrays_200k" + suffix] = count / rounds["ours"] / 1e3;
+  all["bare_embree_mrays_200k" + suffix] = count / rounds["bare"] / 1e3;
   state.counters["triangles"] = static_cast<double>(mesh.faces.size());
   state.counters["hit_share"] = static_cast<double>(met) / count;
   state.counters["other_face"] = static_cast<double>(differ);
 }
+ONCE(BENCHMARK(lidar_sweep_200k)->ArgName("threads")->Arg(1)->Arg(2));
 
 /// The adversary's start on a car 10 m ahead; every ray of a whole turn came back from 25 m.
 struct LidarStage {
@@ -205,57 +201,39 @@ void lidar_insertion(benchmark::State& state) {
   Simulated simulated;
   Sweep copy;
   LidarTape tape;
-  std::vector<double> copies, draws, vjps, indices;
+  Rounds rounds;
   for (auto _ : state)
     for (int round = 0; round < 5 * kSweepRounds; ++round) {
-      copies.push_back(milliseconds([&] {
+      rounds.time("copy", [&] {
         Sweep fresh;
         fresh.reserve(stage.prepared.frame.sweep.size());
         fresh.insert(fresh.end(), stage.prepared.frame.sweep.begin(), stage.prepared.frame.sweep.end());
         benchmark::DoNotOptimize(fresh.data());
         copy = std::move(fresh);
-      }));
-      draws.push_back(milliseconds([&] {
+      });
+      rounds.time("lidar_insertion_with_copy_ms", [&] {
         simulated = Simulated();
         tape = draw_in_lidar(stage.prepared, stage.placed, settings, simulated);
-      }));
+      });
       const std::vector<std::array<float, 4>> d_points(simulated.sweep.size(), {1, 1, 1, 1});
       std::vector<Vec3d> d_vertices(stage.placed.mesh.vertices.size(), Vec3d::Zero()), d_texels;
-      vjps.push_back(milliseconds(
-          [&] { draw_in_lidar_vjp(tape, stage.placed, settings, d_points, d_vertices, d_texels); }));
+      rounds.time("lidar_insertion_vjp_ms",
+                  [&] { draw_in_lidar_vjp(tape, stage.placed, settings, d_points, d_vertices, d_texels); });
       benchmark::DoNotOptimize(d_vertices.data());
       if (round % 10 == 0)
-        indices.push_back(milliseconds(
-            [&] { benchmark::DoNotOptimize(SweepIndex(stage.prepared.frame.sweep, stage.prepared.lidar)); }));
+        rounds.time("sweep_index_ms", [&] {
+          benchmark::DoNotOptimize(SweepIndex(stage.prepared.frame.sweep, stage.prepared.lidar));
+        });
     }
-  auto& figures = extra_figures();
-  figures["lidar_insertion_ms"] = median(draws) - median(copies);
-  figures["lidar_insertion_with_copy_ms"] = median(draws);
-  figures["lidar_insertion_vjp_ms"] = median(vjps);
-  figures["sweep_index_ms"] = median(indices);
-  figures["lidar_insertion_returns"] = tape.returns.size();
-  for (const char* name : {"lidar_insertion_ms", "lidar_insertion_with_copy_ms", "lidar_insertion_vjp_ms",
-                           "sweep_index_ms", "lidar_insertion_returns"})
-    state.counters[name] = figures[name].get<double>();
+  for (const char* name : {"lidar_insertion_with_copy_ms", "lidar_insertion_vjp_ms", "sweep_index_ms"})
+    figures()[name] = rounds[name];
+  figures()["lidar_insertion_ms"] = rounds["lidar_insertion_with_copy_ms"] - rounds["copy"];
+  figures()["lidar_insertion_returns"] = tape.returns.size();
 }
-
-}  // namespace
-
-void register_lidar_benchmarks() {
-  for (int threads : {1, 2})
-    benchmark::RegisterBenchmark(fmt::format("lidar_sweep_200k_threads_{}", threads).c_str(),
-                                 [threads](benchmark::State& state) { against_bare(state, threads); })
-        ->Iterations(1)
-        ->Unit(benchmark::kMillisecond);
-  benchmark::RegisterBenchmark("lidar_insertion", lidar_insertion)
-      ->Iterations(1)
-      ->Unit(benchmark::kMillisecond);
-}
+ONCE(BENCHMARK(lidar_insertion));
 
 // Rays of one pencil against Embree's packets: the rays of a light on an object, those of one direction
 // together, in alternation within one run.
-
-namespace {
 
 constexpr int kRounds = 21, kDirections = 32;
 constexpr std::size_t kRays = 250;  // along each direction
@@ -275,17 +253,17 @@ void compare(int subdivisions) {
     const auto corner = [&](int k) { return mesh.vertices[static_cast<std::size_t>(face[k])]; };
     starts.push_back(((corner(0) + corner(1) + corner(2)) * (1.0001 / 3)).cast<float>());
   }
-  std::vector<double> embree, pencil;
+  Rounds rounds;
   for (int round = 0; round < kRounds; ++round) {
-    embree.push_back(milliseconds([&] {
+    rounds.time("embree", [&] {
       const RayCaster caster(std::span(&mesh, 1));
       RayTable rays(1, kRays * kDirections);
       for (std::size_t i = 0; i < rays.columns; ++i) rays.set(0, i, starts[i % kRays], directions[i / kRays]);
       HitTable hits;
       caster.intersect(rays, 0, 1e30f, hits);
       benchmark::DoNotOptimize(hits.face.data());
-    }));
-    pencil.push_back(milliseconds([&] {
+    });
+    rounds.time("pencil", [&] {
       RayPencil rays(mesh, Vec3d::Zero());
       std::vector<RayPencil::Met> met(kRays);
       for (const Vec3f& direction : directions) {
@@ -293,21 +271,18 @@ void compare(int subdivisions) {
         rays.intersect(starts, met);
         benchmark::DoNotOptimize(met.data());
       }
-    }));
+    });
   }
   const double per_ray = 1e6 / (static_cast<double>(kRays) * kDirections);
-  extra_figures()[fmt::format("ray_pencil_{}_faces_ns", mesh.faces.size())] = per_ray * median(pencil);
-  extra_figures()[fmt::format("embree_over_pencil_{}_faces", mesh.faces.size())] =
-      median(embree) / median(pencil);
-  std::printf("  %zu faces, %d directions of %zu rays: pencil %.0f ns a ray, Embree %.0f: %.1f times\n",
-              mesh.faces.size(), kDirections, kRays, per_ray * median(pencil), per_ray * median(embree),
-              median(embree) / median(pencil));
+  figures()[fmt::format("ray_pencil_{}_faces_ns", mesh.faces.size())] = per_ray * rounds["pencil"];
+  figures()[fmt::format("embree_over_pencil_{}_faces", mesh.faces.size())] =
+      rounds["embree"] / rounds["pencil"];
 }
 
 void ray_pencil(benchmark::State& state) {
   while (state.KeepRunning()) compare(static_cast<int>(state.range(0)));
 }
-BENCHMARK(ray_pencil)->Arg(2)->Arg(3)->Arg(4)->Iterations(1)->Unit(benchmark::kMillisecond);
+ONCE(BENCHMARK(ray_pencil)->Arg(2)->Arg(3)->Arg(4));
 
 }  // namespace
 }  // namespace mirage

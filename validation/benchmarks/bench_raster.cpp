@@ -1,5 +1,4 @@
 // The soft rasteriser: forward and VJP of the adversary's start in a 1242 × 375 picture, one core.
-#include <benchmark/benchmark.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -13,7 +12,6 @@
 #include "sensors/exact_coverage.h"
 #include "sensors/projection.h"
 #include "sensors/raster_batch.h"
-#include "validation/thread_clock.h"
 
 namespace mirage {
 namespace {
@@ -57,11 +55,8 @@ struct Scene {
   }
 };
 
-struct Times {
-  double forward = 0, backward = 0, both = 0;  ///< medians, ms
-};
-
-Times fast(const std::vector<Scene>& scenes) {
+/// "forward", "backward" and "both", ms.
+Rounds fast(const std::vector<Scene>& scenes) {
   std::vector<RasterJob> jobs;
   std::vector<ImageF> upstream;
   for (const Scene& s : scenes) {
@@ -70,25 +65,25 @@ Times fast(const std::vector<Scene>& scenes) {
   }
   std::vector<RasterTape> tapes(scenes.size());
   std::vector<ScreenGradient<double>> gradients(scenes.size());
-  std::vector<double> forward, backward, both;
+  Rounds rounds;
   for (int round = 0; round < kRasterRounds; ++round) {
-    forward.push_back(milliseconds([&] { rasterize_batch(jobs, tapes); }));
-    backward.push_back(milliseconds([&] { rasterize_batch_vjp(jobs, upstream, tapes, gradients); }));
-    both.push_back(forward.back() + backward.back());
+    const double forward = rounds.time("forward", [&] { rasterize_batch(jobs, tapes); });
+    rounds.add("both", forward + rounds.time("backward",
+                                             [&] { rasterize_batch_vjp(jobs, upstream, tapes, gradients); }));
   }
-  return {median(forward), median(backward), median(both)};
+  return rounds;
 }
 
-double plain(const Scene& s, int rounds) {
+double plain(const Scene& s, int count) {
   const auto target = to_double(s.target);
   const auto upstream = to_double(s.upstream);
-  std::vector<double> times;
-  for (int round = 0; round < rounds; ++round)
-    times.push_back(milliseconds([&] {
+  Rounds rounds;
+  for (int round = 0; round < count; ++round)
+    rounds.time("", [&] {
       benchmark::DoNotOptimize(rasterize(s.mesh, s.settings, target));
       benchmark::DoNotOptimize(rasterize_vjp(s.mesh, s.settings, target, upstream));
-    }));
-  return median(times);
+    });
+  return rounds[""];
 }
 
 /// (sample, face) pairs within the cut-off: the work that the definition asks for.
@@ -142,13 +137,13 @@ float peak_128(long rounds) {
 double peak_gflops() {
   constexpr long rounds = 2'000'000;
   const bool has_512 = __builtin_cpu_supports("avx512f"), has_256 = __builtin_cpu_supports("fma");
-  std::vector<double> times;
+  Rounds times;
   for (int i = 0; i < 9; ++i)
-    times.push_back(milliseconds([&] {
+    times.time("", [&] {
       benchmark::DoNotOptimize(has_512 ? peak_512(rounds) : has_256 ? peak_256(rounds) : peak_128(rounds));
-    }));
+    });
   const double lanes = has_512 ? 16 : has_256 ? 8 : 4;
-  return 2 * 12 * lanes * rounds / median(times) / 1e6;
+  return 2 * 12 * lanes * rounds / times[""] / 1e6;
 }
 #else
 double peak_gflops() {
@@ -160,37 +155,32 @@ double peak_gflops() {
 // selection one): forward and backward of a pair that has weight.
 constexpr double kOperations = 150 + 290;
 
-void by_distance(benchmark::State& state) {
-  nlohmann::json& figures = extra_figures();
+void softras_by_distance(benchmark::State& state) {
   const double peak = peak_gflops();
-  figures["peak_gflops_one_core"] = peak;
+  figures()["peak_gflops_one_core"] = peak;
   for (auto _ : state)
     for (const double distance : {5., 10., 20., 40.})
       for (const auto& [name, sigma, samples] :
            {std::tuple{"1e-5", 1e-5, 1}, {"1e-4", 1e-4, 1}, {"5e-7", 5e-7, 1}, {"5e-7_2x2", 5e-7, 2}}) {
         std::vector<Scene> scenes;
         scenes.emplace_back(2, distance, sigma, samples);
-        const Times t = fast(scenes);
+        const Rounds times = fast(scenes);
         const std::string at = fmt::format("{:.0f}m_sigma_{}", distance, name);
-        figures["softras_ms_" + at] = t.both;
-        figures["softras_forward_ms_" + at] = t.forward;
-        const long count = samples == 1 ? pairs(scenes[0]) : 0;
-        if (samples == 1) figures["softras_pairs_" + at] = count;
-        const double gflops = kOperations * static_cast<double>(count) / t.both / 1e6;
-        if (distance == 10 && samples == 1) figures["softras_share_of_peak_" + at] = gflops / peak;
-        std::printf("  320 faces %4.0f m  sigma %-9s forward %.3f  backward %.3f  both %.3f ms", distance,
-                    name, t.forward, t.backward, t.both);
-        if (samples == 1)
-          std::printf("   %7ld pairs, %.1f ns each, %.0f GFLOP/s of %.0f", count,
-                      1e6 * t.both / static_cast<double>(count), gflops, peak);
-        std::printf("\n");
+        figures()["softras_ms_" + at] = times["both"];
+        figures()["softras_forward_ms_" + at] = times["forward"];
+        if (samples > 1) continue;
+        const long count = pairs(scenes[0]);
+        figures()["softras_pairs_" + at] = count;
+        if (distance == 10)
+          figures()["softras_share_of_peak_" + at] =
+              kOperations * static_cast<double>(count) / times["both"] / 1e6 / peak;
       }
 }
+ONCE(BENCHMARK(softras_by_distance));
 
 /// Exact areas and the default's soft edges, in alternation, CPU time of one thread; `rough`: a mesh whose
 /// faces hide and cross each other, as learned ones do.
 void exact_coverage(benchmark::State& state) {
-  nlohmann::json& figures = extra_figures();
   for (auto _ : state)
     for (const double rough : {0., .5})
       for (const double distance : {5., 10., 20., 40.}) {
@@ -200,93 +190,69 @@ void exact_coverage(benchmark::State& state) {
         RasterTape soft_tape;
         ScreenGradient<double> gradient;
         ExactTape tape;
-        std::vector<double> forward, both, standard, ratio;
+        Rounds rounds;
         for (int round = 0; round < kRasterRounds; ++round) {
-          forward.push_back(cpu_ms([&] { draw_exact(hard.mesh, hard.target, tape); }));
-          both.push_back(forward.back() + cpu_ms([&] {
-                           benchmark::DoNotOptimize(draw_exact_vjp(hard.mesh, hard.target, upstream, tape));
-                         }));
-          standard.push_back(cpu_ms([&] {
+          double exact =
+              rounds.cpu("exact_coverage_forward_ms_", [&] { draw_exact(hard.mesh, hard.target, tape); });
+          exact += cpu_ms(
+              [&] { benchmark::DoNotOptimize(draw_exact_vjp(hard.mesh, hard.target, upstream, tape)); });
+          const double standard = cpu_ms([&] {
             rasterize_batch({&job, 1}, {&soft_tape, 1});
             rasterize_batch_vjp({&job, 1}, {&soft.upstream, 1}, {&soft_tape, 1}, {&gradient, 1});
-          }));
-          ratio.push_back(both.back() / standard.back());
+          });
+          rounds.add("exact_coverage_ms_", exact);
+          rounds.add("exact_coverage_over_default_", exact / standard);
         }
-        const std::string at = fmt::format("{:.0f}m{}", distance, rough > 0 ? "_crumpled" : "");
-        figures["exact_coverage_ms_" + at] = median(both);
-        figures["exact_coverage_forward_ms_" + at] = median(forward);
-        figures["exact_coverage_over_default_" + at] = median(ratio);
-        std::printf("  exact areas, %-8s %4.0f m: forward %.3f  both %.3f ms; default %.3f ms, ratio %.2f\n",
-                    rough > 0 ? "crumpled" : "smooth", distance, median(forward), median(both),
-                    median(standard), median(ratio));
+        rounds.record(fmt::format("{:.0f}m{}", distance, rough > 0 ? "_crumpled" : ""));
       }
 }
+ONCE(BENCHMARK(exact_coverage));
 
-void by_faces(benchmark::State& state) {
+void softras_by_faces(benchmark::State& state) {
   for (auto _ : state)
     for (const int subdivisions : {2, 3, 4})
       for (const auto& [name, sigma] : {std::pair{"1e-5", 1e-5}, {"1e-4", 1e-4}}) {
         std::vector<Scene> scenes;
         scenes.emplace_back(subdivisions, 10., sigma);
-        const Times t = fast(scenes);
-        const auto faces = scenes[0].mesh.faces.size();
-        extra_figures()[fmt::format("softras_ms_{}_faces_sigma_{}", faces, name)] = t.both;
-        std::printf("  %4zu faces 10 m  sigma %s  forward %.3f  both %.3f ms\n", faces, name, t.forward,
-                    t.both);
+        figures()[fmt::format("softras_ms_{}_faces_sigma_{}", scenes[0].mesh.faces.size(), name)] =
+            fast(scenes)["both"];
       }
 }
+ONCE(BENCHMARK(softras_by_faces));
 
-void against_plain_loop(benchmark::State& state) {
+void softras_against_plain_loop(benchmark::State& state) {
   for (auto _ : state)
     for (const auto& [name, sigma] : {std::pair{"1e-5", 1e-5}, {"1e-4", 1e-4}}) {
       std::vector<Scene> scenes;
       scenes.emplace_back(2, 10., sigma);
-      const double ours = fast(scenes).both, window = plain(scenes[0], 3);
+      const double ours = fast(scenes)["both"], window = plain(scenes[0], 3);
       Scene whole = scenes[0];
       whole.target.rect = {0, 0, kCamera.width, kCamera.height};
       whole.resize();
       const double all = plain(whole, 1);
-      nlohmann::json& figures = extra_figures();
-      figures[fmt::format("softras_plain_loop_ms_sigma_{}", name)] = all;
-      figures[fmt::format("softras_speedup_over_plain_loop_sigma_{}", name)] = all / ours;
-      figures[fmt::format("softras_speedup_over_plain_loop_in_window_sigma_{}", name)] = window / ours;
-      if (sigma == 1e-5) figures["softras_speedup_over_plain_loop"] = all / ours;
-      std::printf(
-          "  sigma %s: %.3f ms; plain loop over image %.0f ms (%.0f times), over the window %.1f ms (%.0f "
-          "times)\n",
-          name, ours, all, all / ours, window, window / ours);
+      figures()[fmt::format("softras_plain_loop_ms_sigma_{}", name)] = all;
+      figures()[fmt::format("softras_speedup_over_plain_loop_sigma_{}", name)] = all / ours;
+      figures()[fmt::format("softras_speedup_over_plain_loop_in_window_sigma_{}", name)] = window / ours;
+      if (sigma == 1e-5) figures()["softras_speedup_over_plain_loop"] = all / ours;
     }
 }
+ONCE(BENCHMARK(softras_against_plain_loop));
 
-void by_threads(benchmark::State& state) {
+void softras_by_threads(benchmark::State& state) {
   std::vector<Scene> batch;
   for (int i = 0; i < 16; ++i) batch.emplace_back(2, 6. + 2 * i, 1e-5);
   for (auto _ : state) {
-    std::vector<double> one_thread, two_threads;
-    for (int round = 0; round < 3; ++round) {
-      set_thread_count(1);
-      one_thread.push_back(fast(batch).both);
-      set_thread_count(2);
-      two_threads.push_back(fast(batch).both);
-    }
-    set_thread_count(1);
-    extra_figures()["softras_batch16_ms"] = median(one_thread);
-    extra_figures()["softras_two_threads_speedup"] = median(one_thread) / median(two_threads);
-    std::printf("  batch of 16: %.2f ms on one thread, %.2f on two: %.2f times faster\n", median(one_thread),
-                median(two_threads), median(one_thread) / median(two_threads));
+    Rounds rounds;
+    for (int round = 0; round < 3; ++round)
+      for (const int threads : {2, 1}) {
+        set_thread_count(threads);
+        rounds.add(threads == 1 ? "one" : "two", fast(batch)["both"]);
+      }
+    figures()["softras_batch16_ms"] = rounds["one"];
+    figures()["softras_two_threads_speedup"] = rounds["one"] / rounds["two"];
   }
 }
+ONCE(BENCHMARK(softras_by_threads));
 
 }  // namespace
-
-void register_raster_benchmarks() {
-  std::printf("instruction set: %s\n", raster_instruction_set());
-  for (const auto& [name, work] :
-       {std::pair{"softras_by_distance", &by_distance}, std::pair{"exact_coverage", &exact_coverage},
-        std::pair{"softras_by_faces", &by_faces},
-        std::pair{"softras_against_plain_loop", &against_plain_loop},
-        std::pair{"softras_by_threads", &by_threads}})
-    benchmark::RegisterBenchmark(name, work)->Unit(benchmark::kMillisecond)->Iterations(1);
-}
-
 }  // namespace mirage

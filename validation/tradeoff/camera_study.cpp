@@ -1,5 +1,3 @@
-#include "validation/tradeoff/camera_study.h"
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -10,8 +8,7 @@
 #include "scene/depth_completion.h"
 #include "validation/fidelity/picture_errors.h"
 #include "validation/reference/host_scene.h"
-#include "validation/thread_clock.h"
-#include "validation/tradeoff/points.h"
+#include "validation/tradeoff/sensor_studies.h"
 
 namespace mirage {
 namespace {
@@ -114,13 +111,13 @@ SimulationSettings hard_render(SimulationSettings settings, int samples, bool in
 }
 
 CameraStudy::CameraStudy(const PreparedFrame& prepared, const Placement& placement, TexturedMesh placed,
-                         const CameraStudySettings& settings)
+                         const TradeoffSettings& settings)
     : prepared_(prepared), placement_(placement), placed_(std::move(placed)), settings_(settings) {
   half_ = shrink(prepared, 2);
   quarter_ = shrink(prepared, 4);
   Simulated reference;
-  draw_in_camera(prepared_, placement_, placed_,
-                 hard_render(settings.baseline, settings.reference_samples, true), reference);
+  draw_in_camera(prepared_, placement_, placed_, hard_render(baseline_, settings.reference_samples, true),
+                 reference);
   if (reference.rect.empty())
     throw InputError("tradeoff", "host", "does not show the object", "choose another vehicle");
   rect_ = grown(reference.rect, 1, prepared.frame.image);
@@ -135,11 +132,10 @@ CameraStudy::CameraStudy(const PreparedFrame& prepared, const Placement& placeme
       for (int c = 0; c < 3; ++c) d[c] = random.normal() / std::sqrt(3.0);
     directions_.push_back(std::move(direction));
   }
-  differences_ = finite_differences(settings.step);
-  self_cosine_ = agreement(finite_differences(settings.step / 2), differences_).cosine;
-  sharp_ = draw({"", "", sharp(settings.baseline, settings.sharp_samples)}, placed_, true).gradient;
-  hard_ = draw({"", "", hard_render(settings.baseline, settings.reference_samples, false)}, placed_, true)
-              .gradient;
+  differences_ = finite_differences(kStep);
+  self_cosine_ = agreement(finite_differences(kStep / 2), differences_).cosine;
+  sharp_ = draw({"", "", sharp(baseline_, settings.sharp_samples)}, placed_, true).gradient;
+  hard_ = draw({"", "", hard_render(baseline_, settings.reference_samples, false)}, placed_, true).gradient;
   sharp_agreement_ = agreement(along_directions(sharp_.vertices), differences_);
 }
 
@@ -245,7 +241,7 @@ double CameraStudy::loss(const CameraVariant& variant, const TexturedMesh& place
 }
 
 std::vector<double> CameraStudy::finite_differences(double step) const {
-  const CameraVariant hard{"", "", hard_render(settings_.baseline, settings_.reference_samples, false)};
+  const CameraVariant hard{"", "", hard_render(baseline_, settings_.reference_samples, false)};
   std::vector<double> differences(directions_.size());
   parallel_for(directions_.size(), [&](std::size_t k) {
     const auto at = [&](double move) {
@@ -259,33 +255,30 @@ std::vector<double> CameraStudy::finite_differences(double step) const {
   return differences;
 }
 
-CameraFigures CameraStudy::measure(const CameraVariant& variant, bool timed) const {
+std::map<std::string, double> CameraStudy::errors(const CameraVariant& variant) const {
   const Drawing drawing = draw(variant, placed_, true);
-  CameraFigures figures;
   const ImageF own = crop(drawing.image, rect_);
-  figures.image_levels = 255 * mean_absolute_error(encoded(own), encoded(reference_), mask_);
-  figures.image_mae = mean_absolute_error(own, reference_, mask_);
-  figures.image_max = max_absolute_error(own, reference_, mask_);
   const Agreement differences = agreement(along_directions(drawing.gradient.vertices), differences_),
                   sharply = agreement(drawing.gradient.vertices, sharp_.vertices),
                   texels = agreement(drawing.gradient.texels, hard_.texels);
-  figures.gradient_cosine = differences.cosine, figures.gradient_norm = differences.norm;
-  figures.double_cosine = sharply.cosine, figures.double_norm = sharply.norm;
-  figures.texel_cosine = texels.cosine, figures.texel_norm = texels.norm;
+  return {{"image_levels", 255 * mean_absolute_error(encoded(own), encoded(reference_), mask_)},
+          {"image_mae", mean_absolute_error(own, reference_, mask_)},
+          {"image_max", max_absolute_error(own, reference_, mask_)},
+          {"gradient_cosine", differences.cosine},
+          {"gradient_norm", differences.norm},
+          {"gradient", 1 - differences.cosine},
+          {"double_cosine", sharply.cosine},
+          {"double_norm", sharply.norm},
+          {"texel_cosine", texels.cosine},
+          {"texel_norm", texels.norm}};
+}
 
-  if (!timed) return figures;
-  const CameraVariant baseline{"", "", settings_.baseline};
-  std::vector<double> own_ms, baseline_ms, ratios;
-  for (int repeat = 0; repeat < settings_.repeats; ++repeat) {
-    baseline_ms.push_back(cpu_ms([&] { draw(baseline, placed_, true); }));
-    own_ms.push_back(cpu_ms([&] { draw(variant, placed_, true); }));
-    ratios.push_back(own_ms.back() / baseline_ms.back());
-    if (own_ms.back() > 200 && repeat > 0) break;  // what takes long varies little
-  }
-  figures.ms = median_of(own_ms);
-  figures.baseline_ms = median_of(baseline_ms);
-  figures.ratio = median_of(ratios);
-  return figures;
+void CameraStudy::time(const CameraVariant& variant, TradeoffPoint& point) const {
+  constexpr double kLong = 200;  // ms
+  const CameraVariant baseline{"", "", baseline_};
+  time_beside(
+      point, settings_.repeats, [&] { draw(baseline, placed_, true); }, [&] { draw(variant, placed_, true); },
+      kLong);
 }
 
 }  // namespace mirage

@@ -1,5 +1,3 @@
-#include "validation/tradeoff/lidar_study.h"
-
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -7,9 +5,7 @@
 
 #include "sensors/ray_caster.h"
 #include "simulation/adversary_lidar.h"
-#include "validation/thread_clock.h"
-#include "validation/tradeoff/camera_study.h"
-#include "validation/tradeoff/points.h"
+#include "validation/tradeoff/sensor_studies.h"
 
 namespace mirage {
 namespace {
@@ -40,31 +36,25 @@ class Study {
 
   int hits() const { return hits_; }
 
-  LidarFigures measure(std::string axis, std::string label, Arithmetic arithmetic, std::size_t stride,
-                       int repeats) const {
-    LidarFigures figures;
-    figures.axis = std::move(axis), figures.label = std::move(label);
-    figures.settings = {{"every", stride},
-                        {"arithmetic", arithmetic == Arithmetic::embree ? "float"
-                                       : arithmetic == Arithmetic::face ? "float face, double range"
-                                                                        : "double"}};
+  TradeoffPoint measure(std::string axis, std::string label, Arithmetic arithmetic, std::size_t stride,
+                        int repeats) const {
+    TradeoffPoint point{"lidar", std::move(axis), std::move(label)};
+    point.settings = {{"every", stride},
+                      {"arithmetic", arithmetic == Arithmetic::embree ? "float"
+                                     : arithmetic == Arithmetic::face ? "float face, double range"
+                                                                      : "double"}};
     const std::vector<std::size_t> sampled = every(stride), all = every(1);
     const std::vector<Met> met = trace(sampled, arithmetic);
-    figures.rays = static_cast<int>(sampled.size());
-    compare(sampled, met, figures);
-    figures.has_gradient = arithmetic != Arithmetic::embree;
-    if (figures.has_gradient) {
+    point.errors = compare(sampled, met);
+    if (arithmetic != Arithmetic::embree) {
       const Agreement gradients = agreement(gradient(sampled, met), gradient(all, reference_));
-      figures.gradient_cosine = gradients.cosine, figures.gradient_norm = gradients.norm;
+      point.errors["gradient_cosine"] = gradients.cosine;
+      point.errors["gradient_norm"] = gradients.norm;
+      point.errors["gradient"] = 1 - gradients.cosine;
     }
-    std::vector<double> own, baseline, ratios;
-    for (int repeat = 0; repeat < repeats; ++repeat) {
-      baseline.push_back(cpu_ms([&] { trace(all, Arithmetic::face); }));
-      own.push_back(cpu_ms([&] { trace(sampled, arithmetic); }));
-      ratios.push_back(own.back() / baseline.back());
-    }
-    figures.ms = median_of(own), figures.baseline_ms = median_of(baseline), figures.ratio = median_of(ratios);
-    return figures;
+    time_beside(
+        point, repeats, [&] { trace(all, Arithmetic::face); }, [&] { trace(sampled, arithmetic); });
+    return point;
   }
 
  private:
@@ -118,9 +108,9 @@ class Study {
   }
 
   /// Every ray takes the range of the nearest traced one of its beam.
-  void compare(const std::vector<std::size_t>& sampled, const std::vector<Met>& met,
-               LidarFigures& figures) const {
-    double sum = 0;
+  std::map<std::string, double> compare(const std::vector<std::size_t>& sampled,
+                                        const std::vector<Met>& met) const {
+    double sum = 0, largest = 0;
     int both = 0, disagreed = 0;
     std::size_t at = 0;
     for (std::size_t i = 0; i < sent_.size(); ++i) {
@@ -133,13 +123,14 @@ class Study {
       if (here && there) {
         const double error = std::abs(met[at].range - reference_[i].range);
         sum += error;
-        figures.range_max = std::max(figures.range_max, error);
+        largest = std::max(largest, error);
         ++both;
       }
       disagreed += here != there;
     }
-    figures.range_error = both > 0 ? sum / both : 0;
-    figures.disagreements = static_cast<double>(disagreed) / hits_;
+    return {{"range_error_m", both > 0 ? sum / both : 0},
+            {"range_max_m", largest},
+            {"disagreements", static_cast<double>(disagreed) / hits_}};
   }
 
   static std::size_t distance(std::size_t a, std::size_t b) { return a > b ? a - b : b - a; }
@@ -182,8 +173,8 @@ std::map<std::pair<int, int>, double> ranges(const LidarTape& tape) {
   return out;
 }
 
-std::vector<LidarFigures> beams(const PreparedFrame& prepared, const TexturedMesh& placed,
-                                const SimulationSettings& settings, int repeats) {
+std::vector<TradeoffPoint> beams(const PreparedFrame& prepared, const TexturedMesh& placed,
+                                 const SimulationSettings& settings, int repeats) {
   SimulationSettings thin = settings, wide = settings;
   thin.lidar_effects = wide.lidar_effects = {};
   wide.lidar_effects.divergence = prepared.lidar.divergence;
@@ -192,45 +183,36 @@ std::vector<LidarFigures> beams(const PreparedFrame& prepared, const TexturedMes
     return draw_in_lidar(prepared, placed, how, result);
   };
   const auto narrow = ranges(insert(thin)), cone = ranges(insert(wide));
-  LidarFigures ray, rays;
-  ray.axis = rays.axis = "beam";
-  ray.label = "one thin ray", rays.label = "cone of 19 rays";
-  const int in_cone = static_cast<int>(beam_pattern(wide.lidar_effects).size());
-  ray.settings = {{"rays_a_beam", 1}};
-  rays.settings = {{"rays_a_beam", in_cone}};
-  ray.has_gradient = rays.has_gradient = false;
-  ray.rays = static_cast<int>(narrow.size()), rays.rays = static_cast<int>(cone.size());
-  int both = 0;
+  double sum = 0, largest = 0;
+  std::size_t both = 0;
   for (const auto& [place, range] : cone) {
     const auto other = narrow.find(place);
     if (other == narrow.end()) continue;
     ++both;
     const double error = std::abs(other->second - range);
-    ray.range_error += error;
-    ray.range_max = std::max(ray.range_max, error);
+    sum += error;
+    largest = std::max(largest, error);
   }
-  if (both > 0) ray.range_error /= both;
-  const double hits = std::max<double>(1, static_cast<double>(cone.size()));
-  ray.disagreements =
-      static_cast<double>(cone.size() + narrow.size() - 2 * static_cast<std::size_t>(both)) / hits;
-  std::vector<double> thin_ms, wide_ms, ratios;
-  for (int repeat = 0; repeat < repeats; ++repeat) {
-    thin_ms.push_back(cpu_ms([&] { insert(thin); }));
-    wide_ms.push_back(cpu_ms([&] { insert(wide); }));
-    ratios.push_back(wide_ms.back() / thin_ms.back());
-  }
-  ray.ms = ray.baseline_ms = rays.baseline_ms = median_of(thin_ms);
-  rays.ms = median_of(wide_ms), rays.ratio = median_of(ratios);
+  TradeoffPoint ray{"lidar", "beam", "one thin ray", {{"rays_a_beam", 1}}},
+      rays{"lidar", "beam", "cone of 19 rays", {{"rays_a_beam", beam_pattern(wide.lidar_effects).size()}}};
+  ray.errors = {{"range_error_m", both > 0 ? sum / static_cast<double>(both) : 0},
+                {"range_max_m", largest},
+                {"disagreements", static_cast<double>(cone.size() + narrow.size() - 2 * both) /
+                                      std::max<double>(1, static_cast<double>(cone.size()))}};
+  rays.errors = {{"range_error_m", 0}, {"range_max_m", 0}, {"disagreements", 0}};
+  time_beside(
+      rays, repeats, [&] { insert(thin); }, [&] { insert(wide); });
+  ray.ms = ray.baseline_ms = rays.baseline_ms;
   return {ray, rays};
 }
 
 }  // namespace
 
-std::vector<LidarFigures> lidar_study(const PreparedFrame& prepared, const TexturedMesh& placed,
-                                      const SimulationSettings& settings, int repeats) {
+std::vector<TradeoffPoint> lidar_study(const PreparedFrame& prepared, const TexturedMesh& placed,
+                                       const SimulationSettings& settings, int repeats) {
   const Study study(prepared, placed, settings);
   if (study.hits() < kFewest) return {};
-  std::vector<LidarFigures> all = {
+  std::vector<TradeoffPoint> all = {
       study.measure("arithmetic", "Embree's float range", Arithmetic::embree, 1, repeats),
       study.measure("arithmetic", "Embree's face, range in double", Arithmetic::face, 1, repeats),
       study.measure("arithmetic", "every face in double", Arithmetic::plain, 1, repeats)};
@@ -241,7 +223,7 @@ std::vector<LidarFigures> lidar_study(const PreparedFrame& prepared, const Textu
                                               : "every " + std::to_string(stride) + "th ray",
                                 Arithmetic::face, stride, repeats));
   if (!prepared.lidar.divergence.isZero(0))
-    for (LidarFigures& figures : beams(prepared, placed, settings, repeats))
+    for (TradeoffPoint& figures : beams(prepared, placed, settings, repeats))
       all.push_back(std::move(figures));
   return all;
 }

@@ -3,9 +3,42 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <limits>
+#include <cmath>
+
+#include "validation/thread_clock.h"
 
 namespace mirage {
+
+void time_beside(TradeoffPoint& point, int repeats, const std::function<void()>& baseline,
+                 const std::function<void()>& own, double long_ms) {
+  std::vector<double> baseline_ms, own_ms, ratios;
+  for (int repeat = 0; repeat < repeats; ++repeat) {
+    baseline_ms.push_back(cpu_ms(baseline));
+    own_ms.push_back(cpu_ms(own));
+    ratios.push_back(own_ms.back() / baseline_ms.back());
+    if (own_ms.back() > long_ms && repeat > 0) break;
+  }
+  point.ms = median_of(own_ms), point.baseline_ms = median_of(baseline_ms), point.ratio = median_of(ratios);
+}
+
+TradeoffPoint mean_over(const std::vector<TradeoffPoint>& hosts) {
+  TradeoffPoint mean = hosts.front();
+  const auto n = static_cast<double>(hosts.size());
+  double log_ratio = 0;
+  mean.baseline_ms = 0;
+  for (auto& [name, value] : mean.errors) value = 0;
+  for (const TradeoffPoint& host : hosts) {
+    for (const auto& [name, value] : host.errors) mean.errors[name] += value;
+    log_ratio += std::log(std::max(host.ratio, 1e-9));
+    mean.baseline_ms += host.baseline_ms;
+  }
+  for (auto& [name, value] : mean.errors) value /= n;
+  mean.ratio = std::exp(log_ratio / n);
+  mean.baseline_ms /= n;
+  mean.ms = mean.ratio * mean.baseline_ms;
+  return mean;
+}
+
 void mark_front(std::vector<TradeoffPoint>& points, const std::string& group, const std::string& error) {
   std::vector<TradeoffPoint*> members;
   for (TradeoffPoint& point : points)

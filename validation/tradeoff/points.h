@@ -2,6 +2,8 @@
 // settings.
 #pragma once
 
+#include <functional>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -12,14 +14,14 @@
 
 namespace mirage {
 
-/// One setting, measured over all hosts.
+/// One setting, measured on a host or over all of them.
 struct TradeoffPoint {
   std::string group, axis, label;
   nlohmann::json settings = {};                    ///< what the group varies, in words for files
   std::optional<SimulationSettings> drawing = {};  ///< of the camera's: how it drew
-  double ms = 0;                                   ///< ratio · baseline's: what it costs a host
-  double baseline_ms = 0;                          ///< of the group's baseline, timed beside it
-  double ratio = 1;  ///< geometric mean over hosts of the median over repeats of own / baseline
+  double ms = 0;           ///< what it costs a host; over several: ratio · baseline_ms
+  double baseline_ms = 0;  ///< of the group's baseline, timed beside it
+  double ratio = 1;        ///< own / baseline, the median over repeats
   std::map<std::string, double> errors = {};
   std::vector<std::string> front = {};  ///< errors on whose front the point lies
 
@@ -28,6 +30,15 @@ struct TradeoffPoint {
   /// With finite differences.
   double gradient_cosine() const { return errors.at("gradient_cosine"); }
 };
+
+/// Times own() beside baseline() for the point, in alternation: CPU time of this thread, medians over
+/// repeats; none of more follows two that take longer than `long_ms`, which vary little.
+void time_beside(TradeoffPoint& point, int repeats, const std::function<void()>& baseline,
+                 const std::function<void()>& own, double long_ms = std::numeric_limits<double>::infinity());
+
+/// One setting on several hosts, at least one: means of the errors and of the baseline's time, the geometric
+/// mean of the ratios.
+TradeoffPoint mean_over(const std::vector<TradeoffPoint>& hosts);
 
 /// A point of (ms, error) is on the front of its group if no other is as good in both and better in one.
 /// Points without that error do not count.

@@ -1,7 +1,6 @@
 #include "validation/tradeoff/sensor_points.h"
 
 #include <algorithm>
-#include <cmath>
 #include <map>
 #include <memory>
 
@@ -13,7 +12,6 @@
 #include "scene/data/read_frames.h"
 #include "scene/depth/learned_depth.h"
 #include "simulation/depth_score.h"
-#include "validation/tradeoff/lidar_study.h"
 #include "validation/tradeoff/subjects.h"
 
 namespace mirage {
@@ -65,51 +63,6 @@ DepthPoints depth_points(const TradeoffSettings& settings, const TexturedMesh& a
 
 namespace {
 
-/// A point as its means over hosts, in whatever order they come.
-class PointMean {
- public:
-  explicit PointMean(TradeoffPoint point) : point_(std::move(point)) {}
-  void add(const std::map<std::string, double>& errors, double ratio, double baseline_ms) {
-    for (const auto& [name, value] : errors) point_.errors[name] += value;
-    log_ratio_ += std::log(std::max(ratio, 1e-9));
-    point_.baseline_ms += baseline_ms;
-    ++count_;
-  }
-  TradeoffPoint point() const {
-    const double n = std::max(1, count_);
-    TradeoffPoint mean = point_;
-    for (auto& [name, value] : mean.errors) value /= n;
-    mean.ratio = std::exp(log_ratio_ / n);
-    mean.baseline_ms /= n;
-    mean.ms = mean.ratio * mean.baseline_ms;
-    return mean;
-  }
-
- private:
-  TradeoffPoint point_;  ///< its errors and baseline_ms: sums
-  double log_ratio_ = 0;
-  int count_ = 0;
-};
-
-std::map<std::string, double> errors_of(const CameraFigures& f) {
-  return {{"image_levels", f.image_levels},   {"image_mae", f.image_mae},
-          {"image_max", f.image_max},         {"gradient_cosine", f.gradient_cosine},
-          {"gradient_norm", f.gradient_norm}, {"gradient", 1 - f.gradient_cosine},
-          {"double_cosine", f.double_cosine}, {"double_norm", f.double_norm},
-          {"texel_cosine", f.texel_cosine},   {"texel_norm", f.texel_norm}};
-}
-
-std::map<std::string, double> errors_of(const LidarFigures& f) {
-  std::map<std::string, double> errors = {
-      {"range_error_m", f.range_error}, {"range_max_m", f.range_max}, {"disagreements", f.disagreements}};
-  if (f.has_gradient) {
-    errors["gradient_cosine"] = f.gradient_cosine;
-    errors["gradient_norm"] = f.gradient_norm;
-    errors["gradient"] = 1 - f.gradient_cosine;
-  }
-  return errors;
-}
-
 /// Every face in the mean of its colours: what the gradient would be without a texture that moves.
 TexturedMesh in_plain_faces(TexturedMesh textured) {
   const std::size_t texels = textured.atlas.per_face();
@@ -126,19 +79,12 @@ TexturedMesh in_plain_faces(TexturedMesh textured) {
 }  // namespace
 
 SensorPoints sensor_points(const TradeoffSettings& settings, const Subjects& subjects, FrameStore& store) {
-  CameraStudySettings how;
-  how.seed = settings.seed;
-  how.repeats = settings.repeats;
-  how.reference_samples = settings.reference_samples;
-  how.sharp_samples = settings.sharp_samples;
-  how.directions = settings.directions;
-  std::vector<CameraVariant> variants = axis_variants(how.baseline);
+  const SimulationSettings baseline;
+  std::vector<CameraVariant> variants = axis_variants(baseline);
   if (settings.grid)
-    for (CameraVariant& variant : grid_variants(how.baseline)) variants.push_back(std::move(variant));
+    for (CameraVariant& variant : grid_variants(baseline)) variants.push_back(std::move(variant));
   SensorPoints out;
-  std::vector<PointMean> camera, lidar;
-  for (const CameraVariant& v : variants)
-    camera.emplace_back(TradeoffPoint{"camera", v.axis, v.label, settings_json(v), v.simulation});
+  std::vector<std::vector<TradeoffPoint>> camera(variants.size()), lidar;  // by setting and host
   Progress progress("trade-off", subjects.hosts.size() * (variants.size() + 2), settings.quiet);
   std::size_t done = 0;
   for (const HostId& id : subjects.hosts) {
@@ -146,8 +92,8 @@ SensorPoints sensor_points(const TradeoffSettings& settings, const Subjects& sub
     const PreparedFrame& prepared = *held;
     const Placement placement = store.placement(id);
     const TexturedMesh placed = place(subjects.adversary, placement);
-    const CameraStudy study(prepared, placement, placed, how),
-        plain(prepared, placement, in_plain_faces(placed), how);
+    const CameraStudy study(prepared, placement, placed, settings),
+        plain(prepared, placement, in_plain_faces(placed), settings);
     const double n = static_cast<double>(subjects.hosts.size());
     out.reference.self_cosine += study.self_cosine() / n;
     out.reference.sharp.cosine += study.sharp_agreement().cosine / n;
@@ -157,26 +103,25 @@ SensorPoints sensor_points(const TradeoffSettings& settings, const Subjects& sub
     const OneThread bound;
     for (std::size_t i = 0; i < variants.size(); ++i) {
       throw_if_interrupted("a study writes nothing until it is done; run it again");
-      const CameraFigures figures = study.measure(variants[i]);
-      auto errors = errors_of(figures);
-      if (variants[i].axis != "grid") {
-        const CameraFigures in_plain = plain.measure(variants[i], false);
-        errors["plain_faces_cosine"] = in_plain.gradient_cosine;
-        errors["plain_faces_norm"] = in_plain.gradient_norm;
+      const CameraVariant& v = variants[i];
+      TradeoffPoint point{"camera", v.axis, v.label, settings_json(v), v.simulation};
+      point.errors = study.errors(v);
+      if (v.axis != "grid") {
+        const auto in_plain = plain.errors(v);
+        point.errors["plain_faces_cosine"] = in_plain.at("gradient_cosine");
+        point.errors["plain_faces_norm"] = in_plain.at("gradient_norm");
       }
-      camera[i].add(errors, figures.ratio, figures.baseline_ms);
-      progress.update(++done, host_name(id) + " " + variants[i].label);
+      study.time(v, point);
+      camera[i].push_back(std::move(point));
+      progress.update(++done, host_name(id) + " " + v.label);
     }
-    const auto traced = lidar_study(prepared, placed, how.baseline, settings.repeats);
-    for (std::size_t i = 0; i < traced.size(); ++i) {
-      const LidarFigures& t = traced[i];
-      if (i == lidar.size()) lidar.emplace_back(TradeoffPoint{"lidar", t.axis, t.label, t.settings});
-      lidar[i].add(errors_of(t), t.ratio, t.baseline_ms);
-    }
+    std::vector<TradeoffPoint> traced = lidar_study(prepared, placed, baseline, settings.repeats);
+    lidar.resize(std::max(lidar.size(), traced.size()));
+    for (std::size_t i = 0; i < traced.size(); ++i) lidar[i].push_back(std::move(traced[i]));
     progress.update(++done, host_name(id) + " LiDAR");
   }
-  for (const auto* means : {&camera, &lidar})
-    for (const PointMean& mean : *means) out.points.push_back(mean.point());
+  for (const auto* settings_of : {&camera, &lidar})
+    for (const std::vector<TradeoffPoint>& hosts : *settings_of) out.points.push_back(mean_over(hosts));
   return out;
 }
 

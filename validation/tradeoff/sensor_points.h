@@ -5,9 +5,6 @@
 #include <vector>
 
 #include "geometry/mesh.h"
-#include "validation/tradeoff/camera_study.h"
-#include "validation/tradeoff/points.h"
-#include "validation/tradeoff/settings.h"
 #include "validation/tradeoff/subjects.h"
 
 namespace mirage {
@@ -36,9 +33,9 @@ struct SensorPoints {
   CameraReference reference;
 };
 
-/// Draws and traces every host in every way (subjects.h, lidar_study.h), one thread at a time. Off the grid
-/// the camera's points also have the gradient of the adversary with each face in the mean of its colours,
-/// "plain_faces_cosine" and "plain_faces_norm". Interrupted between drawings.
+/// Draws and traces every host in every way (subjects.h, sensor_studies.h), one thread at a time. Off the
+/// grid the camera's points also have the gradient of the adversary with each face in the mean of its
+/// colours, "plain_faces_cosine" and "plain_faces_norm". Interrupted between drawings.
 SensorPoints sensor_points(const TradeoffSettings& settings, const Subjects& subjects, FrameStore& store);
 
 }  // namespace mirage

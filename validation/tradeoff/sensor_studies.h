@@ -11,11 +11,13 @@
 //             linear in them.
 #pragma once
 
-#include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
 #include "simulation/camera_pass.h"
+#include "validation/tradeoff/points.h"
+#include "validation/tradeoff/settings.h"
 
 namespace mirage {
 
@@ -25,25 +27,6 @@ struct CameraVariant {
   SimulationSettings simulation;
   /// The picture is drawn at 1/shrink of its width and height, and what it changes is enlarged (bilinear).
   int shrink = 1;
-};
-
-struct CameraFigures {
-  double image_levels = 0;                        ///< mean |Δ| of the object's pixels, 8-bit sRGB levels
-  double image_mae = 0, image_max = 0;            ///< scene-linear
-  double gradient_cosine = 0, gradient_norm = 0;  ///< against finite differences; norm: own / reference
-  double double_cosine = 0, double_norm = 0;      ///< against the double reference
-  double texel_cosine = 0, texel_norm = 0;        ///< against the hard render's
-  double ms = 0, baseline_ms = 0, ratio = 1;      ///< CPU time, forward + VJP; medians over repeats
-};
-
-struct CameraStudySettings {
-  std::uint64_t seed = 0;
-  int repeats = 5;             ///< of a timing
-  int reference_samples = 16;  ///< along a pixel's side
-  int sharp_samples = 8;       ///< the same, of the double reference of the gradient
-  int directions = 24;
-  double step = 4e-3;  ///< m, root mean square of a vertex's move along a direction
-  SimulationSettings baseline;
 };
 
 /// Agreement of two gradients.
@@ -57,11 +40,16 @@ class CameraStudy {
  public:
   /// `placed` in `velo`. Draws the references: seconds.
   CameraStudy(const PreparedFrame& prepared, const Placement& placement, TexturedMesh placed,
-              const CameraStudySettings& settings);
+              const TradeoffSettings& settings);
+  /// m, root mean square of a vertex's move along a direction.
+  static constexpr double kStep = 4e-3;
 
-  /// Draws and times; the baseline is timed beside it, in alternation. Thread-bound CPU time: call it with
-  /// one thread (set_thread_count).
-  CameraFigures measure(const CameraVariant& variant, bool timed = true) const;
+  /// Of the object's pixels: image_levels (mean |Δ|, 8-bit sRGB), image_mae, image_max (scene-linear).
+  /// Agreement of the gradient with finite differences (gradient_cosine, gradient_norm, gradient = 1 − the
+  /// cosine), with the double reference's (double_*) and with the hard render's to the texels (texel_*).
+  std::map<std::string, double> errors(const CameraVariant& variant) const;
+  /// Forward and VJP, beside the baseline. Call it with one thread (set_thread_count).
+  void time(const CameraVariant& variant, TradeoffPoint& point) const;
 
   /// Agreement of the finite differences with those of half the step: what their own noise leaves.
   double self_cosine() const { return self_cosine_; }
@@ -89,7 +77,8 @@ class CameraStudy {
   const PreparedFrame& prepared_;
   const Placement& placement_;
   TexturedMesh placed_;
-  CameraStudySettings settings_;
+  const TradeoffSettings& settings_;
+  const SimulationSettings baseline_;
   ImageF upstream_;   ///< whole image
   PixelRect rect_;    ///< where pictures are compared
   ImageF reference_;  ///< rect_-sized
@@ -105,5 +94,21 @@ class CameraStudy {
 
 /// Hard edges; `samples` along a pixel's side; by the plain loop in double or the fast rasteriser.
 SimulationSettings hard_render(SimulationSettings settings, int samples, bool in_double);
+
+// The LiDAR's side: the rays of one sweep that can meet one host's object, traced in several ways.
+//
+// Reference: every ray against every face by Möller–Trumbore in double, the nearest hit. A ray that is left
+// out takes the range of the nearest traced one of its beam. The gradient is that of Σ w·range, with w a
+// fixed smooth weight over the rays, to the placed vertices; where rays are left out the traced ones count
+// for them.
+
+/// Points of group "lidar". Axes: "arithmetic" (Embree's own float range; its face and the range in double,
+/// as simulate() has it, which is the baseline; all in double), "rays" (every 1st, 2nd, 4th, 8th ray of a
+/// beam), and "beam" (one thin ray against the cone of 19 that the unit's divergence asks for; against the
+/// cone, and only where the unit's divergence is known). Errors: range_error_m and range_max_m, mean and
+/// largest of the rays that hit in both; disagreements, rays that hit in one only, over the reference's hits;
+/// and the gradient's as above, where there is one. Empty if fewer than 8 rays hit. One thread.
+std::vector<TradeoffPoint> lidar_study(const PreparedFrame& prepared, const TexturedMesh& placed,
+                                       const SimulationSettings& settings, int repeats);
 
 }  // namespace mirage

@@ -4,8 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
-#include <cmath>
 #include <memory>
 
 #include "attack/attack.h"
@@ -14,6 +12,7 @@
 #include "attack/run.h"
 #include "base/interrupt.h"
 #include "base/logging.h"
+#include "base/schedule.h"
 #include "detection/detector_settings.h"
 #include "exchange/gltf.h"
 #include "exchange/host_proxy.h"
@@ -22,8 +21,7 @@
 #include "validation/fidelity/picture_errors.h"
 #include "validation/reference/host_scene.h"
 #include "validation/reference/reference_renderer.h"
-#include "validation/thread_clock.h"
-#include "validation/tradeoff/camera_study.h"
+#include "validation/tradeoff/sensor_studies.h"
 
 namespace mirage {
 namespace {
@@ -168,35 +166,26 @@ std::vector<TradeoffPoint> detector_points(const DetectorOptions& options, const
                          {"precision", variant.options.precision},
                          {"locality", variant.options.locality},
                          {"clean_memory_mb", variant.options.clean_memory_mb}}};
-    double n = 0, cosine = 0, norm = 0, least = 1, log_ratio = 0, baseline_ms = 0;
+    std::vector<TradeoffPoint> of_hosts;
+    double least = 1;
     for (std::size_t h = 0; h < hosts.size(); ++h) {
-      std::vector<double> own, theirs, ratios;
       HostStep taken = step(*detector, hosts[h]);  // and keeps the clean frame
       step(*baseline, hosts[h]);
-      for (int k = 0; k < repeats; ++k) {
-        theirs.push_back(cpu_ms([&] { step(*baseline, hosts[h]); }));
-        own.push_back(cpu_ms([&] { taken = step(*detector, hosts[h]); }));
-        ratios.push_back(own.back() / theirs.back());
-      }
+      time_beside(
+          point, repeats, [&] { step(*baseline, hosts[h]); }, [&] { taken = step(*detector, hosts[h]); });
       const Agreement with = agreement(flat(taken.gradient), references[h]);
       if (std::all_of(references[h].begin(), references[h].end(), [](double d) { return d == 0; })) continue;
-      cosine += with.cosine, norm += with.norm;
+      point.errors = {{"gradient_cosine", with.cosine}, {"gradient_norm", with.norm}};
       least = std::min(least, with.cosine);
-      log_ratio += std::log(std::max(median_of(ratios), 1e-9));
-      baseline_ms += median_of(theirs);
-      ++n;
+      of_hosts.push_back(point);
     }
-    if (n == 0) {
+    if (of_hosts.empty()) {
       spdlog::warn("the detector's passes are left out: no host has a gradient");
       return {};
     }
-    point.ratio = std::exp(log_ratio / n);
-    point.baseline_ms = baseline_ms / n;
-    point.ms = point.ratio * point.baseline_ms;
-    point.errors = {{"gradient_cosine", cosine / n},
-                    {"gradient_norm", norm / n},
-                    {"gradient", 1 - cosine / n},
-                    {"gradient_cosine_least", least}};
+    point = mean_over(of_hosts);
+    point.errors["gradient"] = 1 - point.errors["gradient_cosine"];
+    point.errors["gradient_cosine_least"] = least;
     points.push_back(std::move(point));
   }
   return points;
@@ -212,9 +201,7 @@ struct Way {
 };
 
 RenderEffects all_effects() {
-  RenderEffects effects;
-  effects.shadows = effects.sky = effects.specular = true;
-  effects.bounces = 4;
+  RenderEffects effects = full_effects();
   effects.surroundings = RenderEffects::Surroundings::unseen;
   return effects;
 }
@@ -238,14 +225,10 @@ std::vector<Way> ways(int reference_samples) {
   return list;
 }
 
-/// rgba over the photograph.
-ImageF over(const ImageF& rgba, ImageF picture) {
-  for (int v = 0; v < picture.height; ++v)
-    for (int u = 0; u < picture.width; ++u) {
-      const float alpha = std::clamp(rgba.at(u, v, 3), 0.0f, 1.0f);
-      for (int c = 0; c < 3; ++c)
-        picture.at(u, v, c) = std::clamp(rgba.at(u, v, c) + (1 - alpha) * picture.at(u, v, c), 0.0f, 1.0f);
-    }
+/// As a camera sees it.
+ImageF over(const Rendered& rendered, ImageF picture) {
+  composite({rendered.rgba, {}, 0}, {}, picture);
+  saturate(picture);
   return picture;
 }
 
@@ -291,24 +274,22 @@ std::vector<TradeoffPoint> cycles_study(ReferenceRenderer& renderer, const std::
     job.samples = reference_samples;
     job.effects = all_effects();
     const Rendered reference = renderer.render(job);
-    const ImageF background = crop(photograph, job.rect), right = over(reference.rgba, background);
-    ImageF mask(job.rect.width(), job.rect.height(), 1);
-    for (int v = 0; v < mask.height; ++v)
-      for (int u = 0; u < mask.width; ++u) mask.at(u, v) = reference.rgba.at(u, v, 3) > 0.5f ? 1.0f : 0.0f;
+    const ImageF background = crop(photograph, job.rect), right = over(reference, background);
+    const ImageF mask = alpha_mask(reference.rgba);
     const double mean = mean_absolute_error(right, ImageF(right.width, right.height, 3), mask);
     const double share = 1.0 / static_cast<double>(hosts.size());
     for (std::size_t i = 0; i < list.size(); ++i) {
       ImageF picture;
       double ms = 0;
       if (list[i].raster) {
-        const auto start = std::chrono::steady_clock::now();
+        const auto start = Clock::now();
         picture = crop(draw().image, job.rect);
-        ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+        ms = 1e3 * seconds_since(start);
       } else {
         job.samples = list[i].samples;
         job.effects = list[i].effects;
         const Rendered rendered = renderer.render(job);
-        picture = over(rendered.rgba, background);
+        picture = over(rendered, background);
         ms = 1e3 * rendered.seconds;
       }
       const double mae = mean_absolute_error(picture, right, mask);

@@ -11,7 +11,6 @@
 #include "detection/detector.h"
 #include "geometry/mesh.h"
 #include "validation/reference/reference_renderer.h"
-#include "validation/tradeoff/camera_study.h"
 #include "validation/tradeoff/points.h"
 #include "validation/tradeoff/settings.h"
 

@@ -7,8 +7,7 @@
 #include "base/parallel.h"
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
-#include "validation/tradeoff/camera_study.h"
-#include "validation/tradeoff/settings.h"
+#include "validation/tradeoff/sensor_studies.h"
 
 namespace mirage {
 

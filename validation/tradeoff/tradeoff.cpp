@@ -16,8 +16,6 @@
 #include "base/names.h"
 #include "scene/data/data_rig.h"
 #include "validation/reference/reference_renderer.h"
-#include "validation/tradeoff/sensor_points.h"
-#include "validation/tradeoff/studies.h"
 #include "validation/tradeoff/subjects.h"
 
 namespace mirage {
@@ -56,7 +54,7 @@ nlohmann::json reference_json(const TradeoffResult& result) {
       {"gradient_norm", result.reference.sharp.norm},
       {"finite_differences",
        {{"directions", asked.directions},
-        {"step_m", CameraStudySettings().step},
+        {"step_m", CameraStudy::kStep},
         {"self_cosine", result.reference.self_cosine}}},
       {"depth", nullptr}};
   if (!result.depth_reference.empty()) json["depth"] = result.depth_reference;
