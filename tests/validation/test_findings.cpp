@@ -4,7 +4,6 @@
 
 #include "base/files.h"
 #include "support/files.h"
-#include "validation/paper/cases.h"
 #include "validation/paper/finding.h"
 #include "validation/paper/reproduce.h"
 #include "validation/paper_fixture.h"
@@ -248,7 +247,7 @@ TEST(ObjectParts, EachPartIsLearnedAloneThroughEachSensorThatItReaches) {
       if (target == std::string("lidar") &&
           (parts == std::string("shape") || parts == std::string("texture")))
         continue;
-      const std::string run = run_name("kitti64", "fusion", target, {.parts = parts});
+      const std::string run = run_name(std::string("kitti64-fusion-") + target, {.parts = parts});
       const Case& attack = list.at("runs/" + run);
       EXPECT_EQ(attack.setting("target"), target);
       EXPECT_EQ(attack.setting("parts"), parts) << run;

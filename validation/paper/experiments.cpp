@@ -7,7 +7,9 @@
 #include <iterator>
 #include <set>
 #include <sstream>
+#include <stdexcept>
 
+#include "attack/objective.h"
 #include "base/config.h"
 #include "base/error.h"
 #include "base/fields.h"
@@ -16,7 +18,205 @@
 #include "detection/detector_settings.h"
 
 namespace mirage::paper {
+
+std::filesystem::path data_folder(const ReproduceSettings& settings, const std::string& rig) {
+  const auto& given = rig == "real" ? settings.real : rig == "xenith" ? settings.xenith : settings.kitti64;
+  return given.empty() ? settings.out / "data" / rig : given;
+}
+
+std::string Case::setting(const std::string& key, const std::string& otherwise) const {
+  const auto entry = settings.find(key);
+  return entry == settings.end() ? otherwise : entry->second;
+}
+
+NamedSettings Case::settings_in(const std::filesystem::path& out) const {
+  NamedSettings all = settings;
+  for (const auto& [folder, need] : needs) all[folder] = (out / need).string();
+  return all;
+}
+
+const std::string& Case::hosts_of() const {
+  const auto other =
+      std::find_if(needs.begin(), needs.end(), [](const auto& need) { return need.first == "hosts_of"; });
+  return other == needs.end() ? run() : other->second;
+}
+
+const Case& Experiments::at(const std::string& name) const {
+  const auto match = std::find_if(cases.begin(), cases.end(), [&](const Case& c) { return c.name == name; });
+  if (match == cases.end()) throw InputError("experiments", name, "no such case", "name one of the list");
+  return *match;
+}
+
 namespace {
+
+/// A defence at the end of a case's name: "jpeg:50" as "-jpeg50", "a+b" as "-a-b"; empty for none.
+std::string defense_suffix(std::string defense) {
+  if (defense.empty()) return "";
+  std::erase(defense, ':');
+  std::replace(defense.begin(), defense.end(), '+', '-');
+  return "-" + defense;
+}
+
+/// "fusion-both" of "runs/kitti64-fusion-both".
+std::string last_part(const std::string& name) {
+  return name.substr(name.find('/') + 1);
+}
+
+}  // namespace
+
+std::string run_name(const std::string& attack, const Variant& variant) {
+  std::string name = attack;
+  if (variant.size > 0) name += fmt::format("-size{:.1f}", variant.size);
+  if (!variant.parts.empty()) name += "-" + variant.parts;
+  return name + defense_suffix(variant.defense);
+}
+
+std::string repetition(const std::string& name, int number) {
+  return number == 0 ? name : fmt::format("{}{}{}", name, '+', number);
+}
+
+bool is_repetition(const std::string& name) {
+  return name.find('+') != std::string::npos;
+}
+
+namespace {
+
+/// An attack by its run's name without what varies: "kitti64-fusion-both".
+struct AttackName {
+  std::string text, rig, detector, target;
+  explicit AttackName(const std::string& name) : text(name) {
+    const std::size_t first = name.find('-'), second = name.find('-', first + 1);
+    rig = name.substr(0, first);
+    detector = name.substr(first + 1, second - first - 1);
+    target = name.substr(second + 1);
+  }
+};
+
+/// Through all sensors of the detector.
+AttackName through_all(const std::string& rig, const std::string& detector) {
+  const char* all = detector == "lidar" ? "lidar" : detector == "camera" ? "image" : "both";
+  return AttackName(rig + "-" + detector + "-" + all);
+}
+
+/// Collects the cases that the rows name, each once: two rows that name the same experiment share its case.
+/// Each function returns the case's name.
+class CaseList {
+ public:
+  explicit CaseList(const ReproduceSettings& settings) : settings_(settings) {}
+
+  std::string attack(const AttackName& name, const Variant& variant = {}) {
+    const AttackSettings recipe;
+    Case command{"runs/" + run_name(name.text, variant),
+                 Case::Kind::attack,
+                 {{"detector", name.detector},
+                  {"target", name.target},
+                  {"iterations", std::to_string(settings_.iterations)},
+                  {"batch", std::to_string(recipe.batch)},
+                  {"vertex_rate", fmt::format("{}", recipe.vertex_rate)},
+                  {"texel_rate", fmt::format("{}", recipe.texel_rate)},
+                  {"fp_top_k", std::to_string(recipe.objective.fp_top_k)},
+                  {"lidar_gradient", to_word(LidarGradient::silhouette)},
+                  {"free", "true"},  // as the paper's mesh is
+                  {"seed", std::to_string(settings_.seed)}},
+                 {}};
+    if (variant.size > 0) command.settings["size"] = fmt::format("{:.1f}", variant.size);
+    if (!variant.parts.empty()) command.settings["parts"] = variant.parts;
+    if (!variant.defense.empty()) command.settings["defense"] = variant.defense;
+    add_data(command, name.rig);
+    return add(command);
+  }
+
+  /// Of a run on its own held-back hosts (or all of the frames that are there to judge), beside random meshes
+  /// of its size. The usual attack on a detector, through all of its sensors, stands also beside the paper's
+  /// random meshes and beside the cuboid that fills the box; that on `fusion` has pictures.
+  std::string evaluate(const std::string& run) {
+    const std::string name = last_part(run);
+    const AttackName attacked(name);
+    const bool usual = through_all(attacked.rig, attacked.detector).text == name;
+    Case command = judging(name, run, usual ? "start,sized,cuboid" : "sized");
+    add_hosts(command, attacked.rig);
+    if (usual && attacked.detector == "fusion")
+      command.settings["pictures"] = std::to_string(settings_.pictures);
+    return add(command);
+  }
+
+  /// Of a run on the held-back hosts, data and detector of another, beside random meshes of its size.
+  std::string transfer(const std::string& from, const std::string& onto) {
+    const AttackName there(last_part(onto));
+    Case command = judging(last_part(from) + "--on--" + there.text, from, "sized");
+    if (settings_.judge_frames == 0) {
+      command.needs.emplace_back("hosts_of", onto);
+      return add(command);
+    }
+    command.settings["detector"] = there.detector;
+    add_hosts(command, there.rig);
+    return add(command);
+  }
+
+  /// Of a run on all usable vehicles of the user's frames, judged by the detector, beside random meshes of
+  /// its size; with `cuboid` beside that, too.
+  std::string on_real(const std::string& run, const std::string& detector, bool cuboid) {
+    Case command = judging(last_part(run) + "--on--real-" + detector, run, cuboid ? "sized,cuboid" : "sized");
+    command.settings["detector"] = detector;
+    add_data(command, "real");
+    return add(command);
+  }
+
+  std::string detect(const AttackName& of, const std::string& defense) {
+    Case command{fmt::format("detect/{}-{}{}", of.rig, of.detector, defense_suffix(defense)),
+                 Case::Kind::detect,
+                 {{"detector", of.detector}},
+                 {}};
+    if (!defense.empty()) command.settings["defense"] = defense;
+    add_data(command, of.rig);
+    return add(command);
+  }
+
+  std::vector<Case> cases;
+
+ private:
+  /// The evaluation "evaluations/NAME" of a run on its own held-back hosts, beside the baselines.
+  Case judging(const std::string& name, const std::string& run, const std::string& baselines) const {
+    return {"evaluations/" + name,
+            Case::Kind::evaluate,
+            {{"random_meshes", std::to_string(settings_.random_meshes)}, {"baseline", baselines}},
+            {{"run", run}}};
+  }
+
+  std::string generated(const std::string& name, const std::string& rig, int frames, const char* seed) {
+    return add({"data/" + name,
+                Case::Kind::generate,
+                {{"rig", rig}, {"frames", std::to_string(frames)}, {"seed", seed}},
+                {}});
+  }
+
+  /// Lets the evaluation judge on frames made for that, if any are asked for, in place of the hosts that the
+  /// run has held back.
+  void add_hosts(Case& command, const std::string& rig) {
+    if (settings_.judge_frames > 0 && rig != "real")
+      command.needs.emplace_back("data", generated(rig + "-judge", rig, settings_.judge_frames, "23"));
+  }
+
+  /// Lets the case read the rig's data: the user's, or those of a case that makes them.
+  void add_data(Case& command, const std::string& rig) {
+    if (rig == "real" || !(rig == "kitti64" ? settings_.kitti64 : settings_.xenith).empty())
+      command.settings["data"] = data_folder(settings_, rig).string();
+    else
+      command.needs.emplace_back("data", generated(rig, rig, settings_.frames, "3"));
+  }
+
+  /// One of a name that is there already must be the same.
+  std::string add(const Case& command) {
+    const auto known = std::ranges::find(cases, command.name, &Case::name);
+    if (known == cases.end())
+      cases.push_back(command);
+    else if (known->settings != command.settings || known->needs != command.needs)
+      throw std::logic_error("two cases named " + command.name);
+    return command.name;
+  }
+
+  const ReproduceSettings& settings_;
+};
 
 using Strings = std::vector<std::string>;
 
@@ -35,22 +235,6 @@ bool concerns_picture(const std::string& text) {
                      [](const std::string& word) { return word != kShadows && ceiling_height(word) == 0; });
 }
 
-/// An attack by its run's name without what varies: "kitti64-fusion-both".
-struct AttackName {
-  std::string rig, detector, target;
-  explicit AttackName(const std::string& name) {
-    const std::size_t first = name.find('-'), second = name.find('-', first + 1);
-    rig = name.substr(0, first);
-    detector = name.substr(first + 1, second - first - 1);
-    target = name.substr(second + 1);
-  }
-};
-
-std::string attack(CaseList& list, const std::string& name, const Variant& variant = {}) {
-  const AttackName of(name);
-  return list.attack(of.rig, of.detector, of.target, variant);
-}
-
 /// A row of experiments.toml.
 Row read_row(ConfigTable fields, const Table& table, CaseList& list) {
   Row row;
@@ -62,9 +246,9 @@ Row read_row(ConfigTable fields, const Table& table, CaseList& list) {
     row.size = fields.number("size", 0.05, 10);
     variant.size = of_size(row.size).size;
   }
-  const std::string run = attack(list, name, variant);
   const AttackName attacked(name), judged(onto.empty() ? name : onto);
-  row.evaluation = onto.empty() ? list.evaluate(run) : list.transfer(run, attack(list, onto));
+  const std::string run = list.attack(attacked, variant);
+  row.evaluation = onto.empty() ? list.evaluate(run) : list.transfer(run, list.attack(judged));
   row.rig = judged.rig;
   row.source = text("source");
   row.target = text("target");
@@ -72,7 +256,7 @@ Row read_row(ConfigTable fields, const Table& table, CaseList& list) {
   row.image = row.mesh.empty() && onto.empty() &&
               (attacked.target == "image" || (!variant.defense.empty() && concerns_picture(variant.defense)));
   for (const Column& column : table.columns)
-    if (column.key == "ap70") row.detection = list.detect(attacked.rig, attacked.detector, variant.defense);
+    if (column.key == "ap70") row.detection = list.detect(attacked, variant.defense);
   if (fields.has("paper")) {
     ConfigTable paper = fields.table("paper");
     for (const Column& column : table.columns)
@@ -86,33 +270,31 @@ Row read_row(ConfigTable fields, const Table& table, CaseList& list) {
 /// The matrix on frames of a rig: one row for each mesh and judge. On "real" ones what was learned on kitti64
 /// is judged on all usable vehicles.
 void add_matrix(Table& table, const std::string& rig, const Strings& detectors, CaseList& list) {
-  const auto run = [&](const std::string& detector, const std::string& target) {
-    return list.attack(rig == "real" ? "kitti64" : rig, detector, target);
-  };
-  const auto add = [&](const std::string& source, const std::string& detector, const std::string& target,
-                       const std::string& judge) {
-    const bool own = detector == judge;
-    const std::string all = all_sensors(judge), learned = run(detector, target);
+  const std::string learned_on = rig == "real" ? "kitti64" : rig;
+  const auto add = [&](const std::string& source, const AttackName& attack, const std::string& judge) {
+    const AttackName own = through_all(learned_on, judge);
+    const std::string learned = list.attack(attack);
     Row& row = table.rows.emplace_back();
     row.label = source + " → " + judge;
     row.rig = rig;
     row.source = source;
     row.target = judge;
-    row.evaluation = rig == "real" ? list.on_real(learned, judge, own && target == all)
-                     : own         ? list.evaluate(learned)
-                                   : list.transfer(learned, run(judge, all));
-    row.image = own && target == "image";
+    row.evaluation = rig == "real"              ? list.on_real(learned, judge, attack.text == own.text)
+                     : attack.detector == judge ? list.evaluate(learned)
+                                                : list.transfer(learned, list.attack(own));
+    return &row;
   };
   for (const std::string& detector : detectors)
-    for (const std::string target : {"image", "lidar", "both"})
-      if (all_sensors(detector) == "both" || all_sensors(detector) == target)
-        for (const std::string& judge : detectors)
-          add(detector + ", " + target_title(target), detector, target, judge);
-  for (const std::string& judge : detectors) {
-    add("no learning: cuboid", judge, all_sensors(judge), judge);
-    table.rows.back().mesh = "cuboid";
-    table.rows.back().image = false;
-  }
+    for (const std::string target : {"image", "lidar", "both"}) {
+      const AttackName attack(learned_on + "-" + detector + "-" + target);
+      const std::string all = through_all(learned_on, detector).target;
+      if (all != "both" && all != target) continue;
+      for (const std::string& judge : detectors)
+        add(detector + ", " + (target == "lidar" ? "LiDAR" : target), attack, judge)->image =
+            detector == judge && target == "image";
+    }
+  for (const std::string& judge : detectors)
+    add("no learning: cuboid", through_all(learned_on, judge), judge)->mesh = "cuboid";
 }
 
 /// Reads experiments.toml.
@@ -155,7 +337,7 @@ class Tables {
       return table;
     }
     for (const std::string& name : runs)
-      if (is_there(AttackName(name).rig)) list_.evaluate(attack(list_, name));
+      if (is_there(AttackName(name).rig)) list_.evaluate(list_.attack(AttackName(name)));
     for (std::size_t i = 0; i < rows.size(); ++i) {
       ConfigTable row = ConfigTable::of(file_, fmt::format("table {}, rows[{}]", table.name, i), rows[i]);
       const bool left_out = row.has("quick") && row.text("quick") == "left out" && settings_.quick;
@@ -195,6 +377,32 @@ void leave_out_others(Experiments& experiments, const Strings& only) {
                        "use names such as kitti64-fusion-both, the folders in OUT/evaluations");
   std::erase_if(experiments.tables, [](const Table& table) { return table.rows.empty(); });
   std::erase_if(experiments.cases, [&](const Case& one) { return !needed.contains(one.name); });
+}
+
+bool is_repeated(const Case& command) {
+  return command.kind == Case::Kind::attack || command.kind == Case::Kind::evaluate;
+}
+
+/// With another seed, and on the runs of that; pictures are made once.
+Case repeated(const Case& command, int number, const ReproduceSettings& settings) {
+  Case rerun = command;
+  rerun.name = repetition(command.name, number);
+  if (command.kind == Case::Kind::evaluate)
+    for (auto& [folder, need] : rerun.needs)
+      if (folder != "data") need = repetition(need, number);
+  rerun.settings.erase("pictures");
+  rerun.settings["seed"] = std::to_string(settings.seed + static_cast<std::uint64_t>(number));
+  return rerun;
+}
+
+/// Appends the repetitions.
+void repeat(Experiments& experiments, const ReproduceSettings& settings) {
+  experiments.seeds = settings.seeds;
+  const std::size_t once = experiments.cases.size();
+  for (int number = 1; number < settings.seeds; ++number)
+    for (std::size_t i = 0; i < once; ++i)
+      if (is_repeated(experiments.cases[i]))
+        experiments.cases.push_back(repeated(experiments.cases[i], number, settings));
 }
 
 }  // namespace

@@ -1,16 +1,127 @@
-// The experiments of Tu et al. (CoRL 2021) and our own, as a list: which commands of mirage each table needs.
-// experiments.toml has the rows and what the paper printed, and between which detectors the matrices are.
+// The experiments of Tu et al. (CoRL 2021) and our own, as a list: the commands of mirage that each needs,
+// and the rows and columns that they fill. experiments.toml has the rows and what the paper printed, and
+// between which detectors the matrices are.
 #pragma once
 
-#include "validation/paper/cases.h"
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "attack/attack_settings.h"
+#include "base/field_text.h"
 
 namespace mirage::paper {
+
+/// Half lengths L of the box in figure 4, m; 0.8 is the default of every other table.
+inline constexpr std::array kBoxSizes = {0.2, 0.4, 0.6, 0.8, 1.0};
+
+struct ReproduceSettings {
+  std::string what = "all";
+  std::filesystem::path out;
+  std::filesystem::path kitti64, xenith, real;  ///< data sets; the first two empty: generated in OUT/data
+  int frames = 60;                              ///< generated frames of a rig
+  int judge_frames =
+      0;  ///< others, on all of whose vehicles attacks are judged; 0: on a run's held-back ones
+  /// Rows of the tables by their evaluations' folders (OUT/evaluations/NAME), and what these need; empty:
+  /// all.
+  std::vector<std::string> only;
+  int iterations = AttackSettings().iterations;
+  int random_meshes = 1;  ///< of the random baseline, pooled
+  int seeds = 1;     ///< runs of each attack, of the seeds seed, seed + 1, …; each splits the frames anew
+  int pictures = 3;  ///< of each attack that has pictures
+  std::uint64_t seed = 0;
+  int threads = 0;
+  bool quick = false, quiet = false;
+};
+
+/// One command of mirage and its folder.
+struct Case {
+  enum class Kind { generate, attack, evaluate, detect };
+  std::string name;  ///< folder under OUT: "runs/kitti64-fusion-both"
+  Kind kind = Kind::attack;
+  NamedSettings settings;  ///< without out, threads, quiet and those in `needs`
+  /// The settings that are folders of cases that come before, and the names of those; an evaluation's first
+  /// is its run.
+  std::vector<std::pair<std::string, std::string>> needs;
+
+  /// The setting, or `otherwise`.
+  std::string setting(const std::string& key, const std::string& otherwise = "") const;
+  /// With the folders of the cases that it needs.
+  NamedSettings settings_in(const std::filesystem::path& out) const;
+  /// Of an evaluation: the run whose mesh is judged, and the run on whose hosts.
+  const std::string& run() const { return needs.front().second; }
+  const std::string& hosts_of() const;
+};
+
+/// The commands that run them.
+constexpr auto words_of(Case::Kind) {
+  return std::to_array<const char*>({"generate", "attack", "evaluate", "detect"});
+}
+
+/// A column: a quantity with its interval (tables.h).
+struct Column {
+  std::string key, title;
+};
+
+struct Row {
+  std::string label, rig;
+  std::string evaluation;               ///< case; empty for none
+  std::string mesh;                     ///< empty: the learned one; a control's word, or "none": as recorded
+  bool image = false;                   ///< an experiment on the image: void if the detector ignores it
+  std::string detection;                ///< case of the clean AP; empty for none
+  std::string source, target;           ///< table3, fusions: who learned the mesh, who is attacked
+  double size = 0;                      ///< fig4: L, m
+  std::map<std::string, double> paper;  ///< key of a column to the printed number, per cent
+};
+
+struct Table {
+  std::string name, title, note;
+  std::vector<Column> columns;
+  std::vector<Row> rows;
+  bool matrix = false;  ///< shown by source and target, a matrix a quantity
+};
+
+struct Experiments {
+  std::vector<Table> tables;
+  /// In the order to run: each after what it needs, table by table; and all of a seed before the next.
+  std::vector<Case> cases;
+  int seeds = 1;
+  const Case& at(const std::string& name) const;
+};
+
+/// The name of an attack's or evaluation's repetition from another seed; number 0 is the case itself.
+std::string repetition(const std::string& name, int number);
+bool is_repetition(const std::string& name);
+
+/// The folder of a rig's data: what was given, or OUT/data/RIG.
+std::filesystem::path data_folder(const ReproduceSettings& settings, const std::string& rig);
+
+/// How an attack departs from the tables' standing one.
+struct Variant {
+  double size = 0;           ///< L, m; 0: the default box
+  std::string defense = {};  ///< word of --defense; empty: none
+  std::string parts = {};    ///< word of --parts; empty: shape and texture
+};
+
+/// With a box of half length `size`, m; 0.8 is the default one's.
+inline Variant of_size(double size) {
+  return {.size = size == 0.8 ? 0 : size};
+}
+
+/// Folder of an attack's run, and of its evaluation on its own hosts: "kitti64-fusion-both-size0.2",
+/// "kitti64-fusion-both-jpeg50". `attack`: "RIG-DETECTOR-TARGET".
+std::string run_name(const std::string& attack, const Variant& variant = {});
 
 /// Fewer frames and iterations, as far as they are still at their defaults, and some rows of many alike:
 /// every kind of experiment runs in minutes, and its figures say nothing.
 void make_quick(ReproduceSettings& settings);
 
-/// What `settings.what` asks for. InputError for another word.
+/// What `settings.what` asks for. InputError for another word. Each attack and evaluation again for
+/// settings.seeds − 1 more seeds, a whole seed after the other: learned anew, on another split of the frames.
 Experiments experiments(const ReproduceSettings& settings);
 
 }  // namespace mirage::paper

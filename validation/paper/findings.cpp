@@ -182,8 +182,7 @@ std::string asr(const Outcomes& outcomes, const char* key = "asr") {
 void size(const Evidence& evidence, const std::string& rig, Checks& checks) {
   std::vector<std::pair<double, Outcomes>> sizes;
   for (const double size : kBoxSizes)
-    if (const Outcomes* learned =
-            evidence.of("evaluations/" + run_name(rig, "fusion", "both", of_size(size))))
+    if (const Outcomes* learned = evidence.of("evaluations/" + run_name(rig + "-fusion-both", of_size(size))))
       sizes.push_back({size, *learned});
   if (sizes.size() < 2) return;
   double mean = 0, spread = 0;

@@ -9,7 +9,6 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "validation/paper/experiments.h"
 #include "validation/paper/results.h"
 
 namespace mirage::paper {

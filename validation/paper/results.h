@@ -15,7 +15,7 @@
 #include "base/clusters.h"
 #include "base/intervals.h"
 #include "detection/reliance.h"
-#include "validation/paper/cases.h"
+#include "validation/paper/experiments.h"
 
 namespace mirage::paper {
 
