@@ -42,6 +42,9 @@ void add_summary(const ValidationSummary& summary, Rows& rows) {
   rows.push_back({"roofs", roofs(summary.rooftops.fitted, summary.rooftops.from_box)});
   rows.push_back({"matched light", fmt::format("mask IoU {:.6f}, MAE {:.2e}, largest error {:.2e}",
                                                matched.mask_iou, matched.mae, matched.max_error)});
+  for (const CameraSummary& of : summary.cameras)
+    rows.push_back({of.camera, fmt::format("{} vehicles, mask IoU {:.6f}, MAE {:.2e}", of.vehicles,
+                                           of.matched.mask_iou, of.matched.mae)});
   rows.push_back({"LiDAR", fmt::format("range error {:.2e} m, {} disagreements in {} rays",
                                        matched.range_error, matched.hit_disagreements, matched.rays)});
   for (const LightRungSummary& rung : summary.ladder)

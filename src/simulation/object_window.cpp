@@ -6,10 +6,10 @@
 
 namespace mirage {
 
-double rgba_at(const Simulated& simulated, int u, int v, int c) {
-  const PixelRect& r = simulated.rect;
+double rgba_at(const CameraSight& seen, int u, int v, int c) {
+  const PixelRect& r = seen.rect;
   if (u < r.u0 || u >= r.u1 || v < r.v0 || v >= r.v1) return 0;
-  return simulated.rgba.at(u - r.u0, v - r.v0, c);
+  return seen.rgba.at(u - r.u0, v - r.v0, c);
 }
 
 ImageF radiance_of(const Simulated& simulated, const ImageF& photograph, const PixelRect& rect) {

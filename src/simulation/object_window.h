@@ -5,8 +5,8 @@
 
 namespace mirage {
 
-/// Value of a channel of `simulated` at a pixel of the photograph; 0 outside its window.
-double rgba_at(const Simulated& simulated, int u, int v, int c);
+/// Value of a channel of what a camera saw at a pixel of the photograph; 0 outside its window.
+double rgba_at(const CameraSight& seen, int u, int v, int c);
 
 /// The window `rect` of `photograph` with what `simulated` drew over it, not clamped: what is over-exposed
 /// keeps its radiance.

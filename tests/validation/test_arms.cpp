@@ -41,6 +41,11 @@ struct Stage {
       for (int u = full.rect.u0; u < full.rect.u1; ++u)
         for (int c = 0; c < 3; ++c) full.image.at(u, v, c) *= 0.5f;
   }
+  /// The only camera's.
+  const ImageF& shown(const Pictures& pictures) const {
+    EXPECT_EQ(pictures.size(), 1u);
+    return pictures.at(0) ? *pictures[0] : prepared.frame.image;
+  }
   double picture_change(const ImageF& image) const {
     double sum = 0;
     for (std::size_t i = 0; i < image.data.size(); ++i)
@@ -50,7 +55,7 @@ struct Stage {
   VehicleResult result(const LookAt& look, int label) const {
     VehicleResult vehicle = seen_vehicle("00000" + std::to_string(label), label);
     vehicle.seen->raster = vehicle.seen->cycles = answer(0.5, true, 0);
-    vehicle.seen->arms = look_at_arms(scene, attacked, attacked, full, look);
+    vehicle.seen->arms = look_at_arms(scene, attacked, attacked, {&full.image}, look);
     return vehicle;
   }
 };
@@ -71,9 +76,9 @@ TEST(Arms, SevenArmsAndThreeControlsEachOfItsOwn) {
   const Stage stage;
   ASSERT_GT(stage.attacked.adversary_points, 50);
   std::vector<std::pair<ImageF, Sweep>> views;
-  const ArmsResult result = look_at_arms(stage.scene, stage.attacked, stage.attacked, stage.full,
-                                         [&](const ImageF& image, const Sweep& sweep) {
-                                           views.emplace_back(image, sweep);
+  const ArmsResult result = look_at_arms(stage.scene, stage.attacked, stage.attacked, {&stage.full.image},
+                                         [&](const Pictures& pictures, const Sweep& sweep) {
+                                           views.emplace_back(stage.shown(pictures), sweep);
                                            return answer(0.5, false, 0);
                                          });
   ASSERT_EQ(result.arms.size(), 7u);
@@ -116,9 +121,9 @@ TEST(Arms, TheFirstIsAsTheRunLearnedIt) {
   own.camera_effects.blur_sigma = 0.8;
   const Simulated learned = simulate_host(stage.scene, own);
   std::vector<std::pair<ImageF, Sweep>> views;
-  look_at_arms(stage.scene, stage.attacked, learned, stage.full,
-               [&](const ImageF& image, const Sweep& sweep) {
-                 views.emplace_back(image, sweep);
+  look_at_arms(stage.scene, stage.attacked, learned, {&stage.full.image},
+               [&](const Pictures& pictures, const Sweep& sweep) {
+                 views.emplace_back(stage.shown(pictures), sweep);
                  return answer(0.5, false, 0);
                });
   EXPECT_EQ(views[0].first.data, learned.image.data);
@@ -135,8 +140,10 @@ Verdict verdict_of(const Stage& stage,
                    const std::function<OutcomeResult(const Stage&, const ImageF&, const Sweep&)>& look) {
   std::vector<VehicleResult> vehicles;
   for (int label = 0; label < 3; ++label)
-    vehicles.push_back(stage.result(
-        [&](const ImageF& image, const Sweep& sweep) { return look(stage, image, sweep); }, label));
+    vehicles.push_back(
+        stage.result([&](const Pictures& pictures,
+                         const Sweep& sweep) { return look(stage, stage.shown(pictures), sweep); },
+                     label));
   return verdict(vehicles, {"000000"});
 }
 

@@ -130,6 +130,39 @@ TEST_F(Reference, APlainLoopAgreesWithRasteriserAndRays) {
   EXPECT_LE(lidar.range_error, 1e-4);
 }
 
+TEST_F(Reference, ASideCameraIsComparedAsTheFirst) {
+  Frame frame = prepared.frame;
+  const Vec3d roof = scene.placement.velo_from_adversary.translation();
+  Transform velo_from_turned = Transform::Identity();  // looks right, from the car's left
+  velo_from_turned.linear() = Eigen::AngleAxisd(-M_PI / 2, Vec3d::UnitZ()).toRotationMatrix();
+  velo_from_turned.translation() = Vec3d(roof.x(), roof.y() + 14, 0);
+  SideCamera side{"SIDE", frame.calibration, Lazy<ImageF>([] { return ImageF(1242, 375, 3, 0.4f); })};
+  side.calibration.camera_from_velo = frame.calibration.camera_from_velo * velo_from_turned.inverse();
+  frame.others = {side};
+  frame.labels[0].camera = 1;  // by which the vehicle's paint is told
+  const PreparedFrame both = prepare(frame, prepared.lidar), turned = facing(both, 1);
+  EXPECT_EQ(turned.frame.camera, "SIDE");
+  EXPECT_EQ(turned.frame.labels[0].camera, 0);
+  EXPECT_EQ(turned.frame.others[0].name, frame.camera);
+  HostScene of = test::host_scene_of(both, test::random_mesh(2), "surround");
+  of.simulation.light = LightModel::visible;
+  HostScene there = facing(of, turned, 1);
+  const Simulated as_side = simulate_host(of, of.simulation),
+                  as_first = simulate_host(there, there.simulation);
+  ASSERT_GT(as_side.adversary_pixels, 300);
+  EXPECT_EQ(as_first.image.data, as_side.others[0].image.data);
+  EXPECT_EQ(as_first.others[0].image.data, as_side.image.data);
+  there.glb = test::scratch("surround-side.glb");
+  write_scene(there.glb, host_scene(turned.frame, there.placement, there.adversary, "side"));
+  PlainReference reference, wrong({.gain = 1.25});
+  const MatchedLight light = matched_light(reference, there);
+  EXPECT_GT(light.mask_both, 300);
+  EXPECT_GE(light.mask_iou, 0.999);
+  EXPECT_LE(light.mae, 1e-3);
+  EXPECT_LE(light.depth_error, 1e-3);
+  EXPECT_GT(matched_light(wrong, there).mae, 0.02);
+}
+
 TEST_F(Reference, BrighterLightIsAnErrorOfTheColourAlone) {
   const MatchedLight plain = matched({}), bright = matched({.gain = 1.25});
   EXPECT_EQ(bright.mask_iou, plain.mask_iou);

@@ -30,6 +30,7 @@ VehicleResult whole_vehicle() {
   SeenResult& seen = vehicle.seen.emplace();
   seen.matched.mask_iou = 0.99, seen.matched.rays = 12;
   seen.samples = 64;
+  seen.surround = SurroundResult{{{"CAM_BACK", seen.matched, seen.full}}};
   seen.full.mae = 0.1, seen.full.error.unbiased = -0.25, seen.full.error.interval = {-0.5, -1, 0.5};
   seen.range = 9.5, seen.detected = true, seen.clean = {0.8, 0.9};
   seen.raster = {0.1, 0.2, -1.5, true, false}, seen.cycles = {0.9, 0.8, 1.5, false, true};

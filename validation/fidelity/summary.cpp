@@ -1,9 +1,13 @@
 #include "validation/fidelity/summary.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "base/clusters.h"
+#include "base/field_json.h"
 #include "base/fields.h"
 #include "base/intervals.h"
 #include "validation/reference/unbiased_error.h"
@@ -135,11 +139,11 @@ std::vector<Summary> ladder(const Vehicles& vehicles, std::vector<Rung> LadderRe
   return list;
 }
 
-MatchedSummary matched_summary(const Vehicles& vehicles) {
+MatchedSummary matched_summary(const std::vector<const MatchedResult*>& results) {
   MatchedSummary sum;
   double both = 0, error = 0;
-  for (const VehicleResult* vehicle : vehicles) {
-    const MatchedResult& m = vehicle->seen->matched;
+  for (const MatchedResult* result : results) {
+    const MatchedResult& m = *result;
     both += m.mask_both;
     sum.pixels += m.mask_either;
     error += m.mae * m.mask_either;
@@ -154,6 +158,23 @@ MatchedSummary matched_summary(const Vehicles& vehicles) {
   }
   if (sum.pixels > 0) sum.mask_iou = both / sum.pixels, sum.mae = error / sum.pixels;
   return sum;
+}
+
+MatchedSummary matched_summary(const Vehicles& vehicles) {
+  std::vector<const MatchedResult*> results;
+  for (const VehicleResult* vehicle : vehicles) results.push_back(&vehicle->seen->matched);
+  return matched_summary(results);
+}
+
+std::vector<CameraSummary> camera_summaries(const Vehicles& vehicles) {
+  std::map<std::string, std::vector<const MatchedResult*>> by_name;
+  for (const VehicleResult* vehicle : vehicles)
+    if (const auto& surround = vehicle->seen->surround)
+      for (const CameraResult& seen : surround->cameras) by_name[seen.camera].push_back(&seen.matched);
+  std::vector<CameraSummary> cameras;
+  for (const auto& [camera, results] : by_name)
+    cameras.push_back({camera, static_cast<int>(results.size()), matched_summary(results)});
+  return cameras;
 }
 
 FullSummary full_summary(const Vehicles& vehicles) {
@@ -189,12 +210,17 @@ void add(FooledSummary& sum, const SeenResult& seen) {
 
 }  // namespace
 
-std::vector<Target> targets_of(const MatchedSummary& matched) {
+std::vector<Target> targets_of(const ValidationSummary& summary) {
+  const MatchedSummary& matched = summary.matched;
   constexpr double kMaskIou = 0.9999, kError = 1e-4, kRange = 1e-4;  // scene-linear; m
-  return {{"matched.mask_iou", kMaskIou, matched.mask_iou >= kMaskIou},
-          {"matched.mae", kError, matched.mae <= kError},
-          {"matched.hit_disagreements", 0, matched.hit_disagreements == 0},
-          {"matched.range_error_m", kRange, matched.range_error <= kRange}};
+  std::vector<Target> targets = {{"matched.mask_iou", "", kMaskIou, matched.mask_iou >= kMaskIou},
+                                 {"matched.mae", "", kError, matched.mae <= kError},
+                                 {"matched.hit_disagreements", "", 0, matched.hit_disagreements == 0},
+                                 {"matched.range_error_m", "", kRange, matched.range_error <= kRange}};
+  for (std::size_t k = 0; k < summary.cameras.size(); ++k)
+    targets.push_back({fmt::format("cameras.{}.mae", k), summary.cameras[k].camera, kError,
+                       summary.cameras[k].matched.mae <= kError});
+  return targets;
 }
 
 ValidationSummary summarize_vehicles(const std::vector<VehicleResult>& all,
@@ -214,6 +240,7 @@ ValidationSummary summarize_vehicles(const std::vector<VehicleResult>& all,
       std::count_if(frames.begin(), frames.end(), [&](const auto& f) { return test_frames.contains(f); }));
   summary.vehicles = static_cast<int>(vehicles.size());
   summary.matched = matched_summary(vehicles);
+  summary.cameras = camera_summaries(vehicles);
   summary.full = full_summary(vehicles);
   summary.noise = mean(vehicles, [](const auto* vehicle) { return vehicle->seen->full.noise; }).value_or(0);
   summary.ladder = ladder<LightRungSummary>(vehicles, &LadderResult::light);
@@ -292,6 +319,14 @@ json matched_figures(const MatchedSummary& m) {
           {"returns", m.returns}};
 }
 
+/// What a camera's picture alone tells.
+json camera_figures(const CameraSummary& of) {
+  json out = matched_figures(of.matched);
+  for (const char* key : {"range_error_m", "hit_disagreements", "rays", "returns"}) out.erase(key);
+  out.update({{"camera", of.camera}, {"vehicles", of.vehicles}});
+  return out;
+}
+
 json fooled_figures(const FooledSummary& fooled) {
   return {{"detected_clean", fooled.detected_clean},
           {"hidden_raster", fooled.hidden_raster},
@@ -309,17 +344,19 @@ json to_json(const ValidationSummary& summary) {
   auto light = json::array(), lidar = json::array();
   for (const LightRungSummary& rung : summary.ladder) light.push_back(light_figures(rung));
   for (const LidarRungSummary& rung : summary.lidar_ladder) lidar.push_back(lidar_figures(rung));
-  return {{"frames", summary.frames},
-          {"test_frames", summary.test_frames},
-          {"vehicles", summary.vehicles},
-          {"rooftops", to_json(summary.rooftops)},
-          {"matched", matched_figures(summary.matched)},
-          {"full", full_figures(summary.full)},
-          {"noise", summary.noise},
-          {"ladder", light},
-          {"lidar_ladder", lidar},
-          {"attack", fooled_figures(summary.attack)},
-          {"attack_train", fooled_figures(summary.attack_train)}};
+  json out = {{"frames", summary.frames},
+              {"test_frames", summary.test_frames},
+              {"vehicles", summary.vehicles},
+              {"rooftops", to_json(summary.rooftops)},
+              {"matched", matched_figures(summary.matched)},
+              {"full", full_figures(summary.full)},
+              {"noise", summary.noise},
+              {"ladder", light},
+              {"lidar_ladder", lidar},
+              {"attack", fooled_figures(summary.attack)},
+              {"attack_train", fooled_figures(summary.attack_train)}};
+  if (!summary.cameras.empty()) out["cameras"] = list_json(summary.cameras, camera_figures);
+  return out;
 }
 
 }  // namespace mirage

@@ -25,13 +25,20 @@ struct MatchedSummary {
   int hit_disagreements = 0, rays = 0, returns = 0;
 };
 
+/// The same of one camera of frames with several; without rays of the LiDAR.
+struct CameraSummary {
+  std::string camera;
+  int vehicles = 0;  ///< that it sees
+  MatchedSummary matched;
+};
+
 /// What matched light is to reach.
 struct Target {
-  std::string place;  ///< of the figure in result.json
+  std::string place;   ///< of the figure in result.json
+  std::string camera;  ///< empty: all together
   double bound = 0;
   bool met = false;
 };
-std::vector<Target> targets_of(const MatchedSummary& matched);
 
 /// Means of a Change (ladders.h). `psnr`: of the pictures that differ; none where all are equal, or
 /// where it is not measured.
@@ -95,12 +102,16 @@ struct ValidationSummary {
   int frames = 0, test_frames = 0, vehicles = 0;
   RoofCount rooftops;
   MatchedSummary matched;
+  std::vector<CameraSummary> cameras;  ///< by name; none of frames with one camera
   FullSummary full;
   double noise = 0;  ///< of full Cycles, mean share of the object's radiance
   std::vector<LightRungSummary> ladder;
   std::vector<LidarRungSummary> lidar_ladder;
   FooledSummary attack, attack_train;  ///< held-back vehicles, and those that the attack saw
 };
+
+/// Each camera's mean error in matched light is to be within the bound, too.
+std::vector<Target> targets_of(const ValidationSummary& summary);
 
 /// `test_frames`: frames that the attack never saw. Rungs are in the order of the ladders.
 ValidationSummary summarize_vehicles(const std::vector<VehicleResult>& vehicles,

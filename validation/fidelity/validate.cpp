@@ -266,7 +266,7 @@ std::string headline(const Validation& validation) {
                     100 * arm->asr.low, 100 * arm->asr.high, sees ? "in Cycles " : "");
     if (arm->difference) words += "; against what was learned: " + to_string(told(*arm->difference));
   }
-  const std::vector<Target> targets = targets_of(validation.summary.matched);
+  const std::vector<Target> targets = targets_of(validation.summary);
   const bool met = std::all_of(targets.begin(), targets.end(), [](const Target& of) { return of.met; });
   return words + (met ? "." : "; matched light misses a target.");
 }
@@ -281,9 +281,11 @@ json to_json(const Validation& validation) {
     return {{"name", vehicle.name}, {"problem", vehicle.problem}};
   });
   if (validation.budget) out["budget"] = to_json(*validation.budget);
-  const std::vector<Target> targets = targets_of(validation.summary.matched);
+  const std::vector<Target> targets = targets_of(validation.summary);
   out["targets"] = list_json(targets, [](const Target& target) -> json {
-    return {{"place", target.place}, {"target", target.bound}, {"met", target.met}};
+    json entry = {{"place", target.place}, {"target", target.bound}, {"met", target.met}};
+    if (!target.camera.empty()) entry["camera"] = target.camera;
+    return entry;
   });
   out["headline"] = headline(validation);
   const auto& arms = validation.verdict.judged().arms;

@@ -1,10 +1,24 @@
 #include "validation/fidelity/vehicle_result.h"
 
+#include <algorithm>
+
 #include "base/field_json.h"
 
 namespace mirage {
 
 using nlohmann::json;
+
+void MatchedResult::add(const MatchedResult& other) {
+  const double own = mask_either, theirs = other.mask_either, all = own + theirs;
+  if (theirs == 0) return;
+  mask_both += other.mask_both, mask_either += other.mask_either, pixels_off += other.pixels_off;
+  mask_iou = own == 0 ? other.mask_iou : mask_both / all;
+  mae = own == 0 ? other.mae : (own * mae + theirs * other.mae) / all;
+  depth_error_mean =
+      own == 0 ? other.depth_error_mean : (own * depth_error_mean + theirs * other.depth_error_mean) / all;
+  max_error = std::max(max_error, other.max_error);
+  depth_error = std::max(depth_error, other.depth_error);
+}
 
 json to_json(const VehicleResult& vehicle) {
   json out = vehicle.shown;
@@ -21,6 +35,7 @@ VehicleResult read_vehicle(const std::filesystem::path& file, const json& raw) {
   if (!vehicle.seen) return vehicle;
   const SeenResult& seen = *vehicle.seen;
   if (seen.arms && seen.arms->arms.empty()) from.fail("arms", "has no entries");
+  if (seen.surround && seen.surround->cameras.empty()) from.fail("cameras", "has no entries");
   if (seen.ladder && seen.detected)
     for (const LightRungResult& rung : seen.ladder->light)
       if (!rung.outcome) from.fail("ladder", rung.effect + " has no score");

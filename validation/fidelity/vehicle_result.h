@@ -106,6 +106,8 @@ struct MatchedResult {
   int mask_both = 0, mask_either = 0, pixels_off = 0;  ///< pixels
   double range_error = 0;                              ///< m
   int rays = 0, returns = 0, hit_disagreements = 0;
+  /// Adds the picture of another camera.
+  void add(const MatchedResult& other);
 };
 template <class Visitor, FieldsOf<MatchedResult> S>
 void visit_fields(Visitor& visit, S& s) {
@@ -203,6 +205,28 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "features"}, s.features);
 }
 
+/// One of several cameras that see the object, against the reference: `matched` without rays of the LiDAR.
+struct CameraResult {
+  std::string camera;
+  MatchedResult matched;
+  FullResult full;
+};
+template <class Visitor, FieldsOf<CameraResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "camera"}, s.camera);
+  visit({.name = "matched"}, s.matched);
+  visit({.name = "full"}, s.full);
+}
+/// Of a frame with several cameras, those that see the object: the one that its host's label is in first,
+/// else the one that shows most of it. Figures of one picture (FullResult, ladders) are that one's.
+struct SurroundResult {
+  std::vector<CameraResult> cameras;
+};
+template <class Visitor, FieldsOf<SurroundResult> S>
+void visit_fields(Visitor& visit, S& s) {
+  visit({.name = "cameras"}, s.cameras);
+}
+
 /// The vehicle without the adversary.
 struct CleanResult {
   double iou = 0, score = 0;
@@ -215,10 +239,11 @@ void visit_fields(Visitor& visit, S& s) {
 
 /// What is known of a vehicle of which the object shows anything.
 struct SeenResult {
-  MatchedResult matched;
+  MatchedResult matched;  ///< over all pixels of all cameras
   int samples = 0;
   FullResult full;
-  double range = 0;  ///< m
+  std::optional<SurroundResult> surround;  ///< of a frame with several cameras
+  double range = 0;                        ///< m
   bool detected = false;
   CleanResult clean;
   OutcomeResult raster, hard, cycles;
@@ -237,6 +262,7 @@ void visit_fields(Visitor& visit, S& s) {
   visit({.name = "raster"}, s.raster);
   visit({.name = "hard"}, s.hard);
   visit({.name = "cycles"}, s.cycles);
+  visit.among("cameras", s.surround);
   visit.among("arms", s.arms);
   visit.among("ladder", s.ladder);
   visit({.name = "pictures", .plain = true}, s.pictures);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <utility>
 #include <vector>
 
@@ -32,21 +33,29 @@ Sweep sweep_with(const HostScene& scene, const LidarEffects& effects) {
   return std::move(simulated.sweep);
 }
 
-ImageF picture_under(const HostScene& scene, const Simulated& attacked, LightModel light) {
-  if (scene.simulation.light == light) return attacked.image;
+Simulated drawn_under(const HostScene& scene, const Simulated& attacked, LightModel light) {
+  if (scene.simulation.light == light) return attacked;
   SimulationSettings settings = scene.simulation;
   settings.light = light;
-  return simulate_host(scene, settings).image;
+  return simulate_host(scene, settings);
 }
 
 }  // namespace
 
-ImageF noise_in_place(const Simulated& simulated, const ImageF& photograph, std::uint64_t seed) {
+Pictures pictures_of(const Simulated& simulated) {
+  Pictures pictures = {&simulated.image};
+  for (const CameraSight& other : simulated.others)
+    pictures.push_back(other.image.empty() ? nullptr : &other.image);
+  return pictures;
+}
+
+ImageF noise_in_place(const CameraSight& seen, const ImageF& photograph, std::uint64_t seed,
+                      std::size_t camera) {
   ImageF image = photograph;
-  RandomStream random(seed, "noise in the object's place");
-  for (int v = simulated.rect.v0; v < simulated.rect.v1; ++v)
-    for (int u = simulated.rect.u0; u < simulated.rect.u1; ++u) {
-      const double covered = rgba_at(simulated, u, v, 3);
+  RandomStream random(seed, "noise in the object's place", camera);
+  for (int v = seen.rect.v0; v < seen.rect.v1; ++v)
+    for (int u = seen.rect.u0; u < seen.rect.u1; ++u) {
+      const double covered = rgba_at(seen, u, v, 3);
       for (int c = 0; c < image.channels; ++c)
         image.at(u, v, c) =
             static_cast<float>((1 - covered) * image.at(u, v, c) + covered * random.uniform());
@@ -55,25 +64,34 @@ ImageF noise_in_place(const Simulated& simulated, const ImageF& photograph, std:
 }
 
 ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const Simulated& learned,
-                        const FullLight& full, const LookAt& look) {
+                        const Pictures& cycles, const LookAt& look) {
   const Frame& frame = scene.prepared->frame;
   const Sweep ideal = sweep_with(scene, {}), realistic = sweep_with(scene, realistic_returns(scene));
-  const ImageF raster = picture_under(scene, attacked, LightModel::plain),
-               visible = picture_under(scene, attacked, LightModel::visible);
+  const Simulated raster = drawn_under(scene, attacked, LightModel::plain),
+                  visible = drawn_under(scene, attacked, LightModel::visible);
   ArmsResult result;
-  result.arms.push_back({{ArmLight::learned, ArmReturns::learned}, look(learned.image, learned.sweep)});
-  const std::pair<ArmLight, const ImageF*> pictures[] = {
-      {ArmLight::raster, &raster}, {ArmLight::visible, &visible}, {ArmLight::cycles, &full.image}};
-  for (const auto& [light, image] : pictures) {
-    result.arms.push_back({{light, ArmReturns::ideal}, look(*image, ideal)});
-    result.arms.push_back({{light, ArmReturns::realistic}, look(*image, realistic)});
+  result.arms.push_back(
+      {{ArmLight::learned, ArmReturns::learned}, look(pictures_of(learned), learned.sweep)});
+  const std::pair<ArmLight, Pictures> lights[] = {{ArmLight::raster, pictures_of(raster)},
+                                                  {ArmLight::visible, pictures_of(visible)},
+                                                  {ArmLight::cycles, cycles}};
+  for (const auto& [light, pictures] : lights) {
+    result.arms.push_back({{light, ArmReturns::ideal}, look(pictures, ideal)});
+    result.arms.push_back({{light, ArmReturns::realistic}, look(pictures, realistic)});
   }
-  const auto control = [&](Channel channel, const char* name, const ImageF& image, const Sweep& sweep) {
-    result.controls.push_back({{channel, name}, look(image, sweep)});
+  std::vector<ImageF> noise(frame.cameras());
+  Pictures noisy(frame.cameras());
+  for (std::size_t k = 0; k < frame.cameras(); ++k)
+    if (!learned.sight(k).rect.empty()) {
+      noise[k] = noise_in_place(learned.sight(k), frame.image_of(k), scene.seed, k);
+      noisy[k] = &noise[k];
+    }
+  const auto control = [&](Channel channel, const char* name, const Pictures& pictures, const Sweep& sweep) {
+    result.controls.push_back({{channel, name}, look(pictures, sweep)});
   };
-  control(Channel::image, "noise", noise_in_place(learned, frame.image, scene.seed), learned.sweep);
-  control(Channel::image, "photograph", frame.image, learned.sweep);
-  control(Channel::lidar, "no returns", learned.image, frame.sweep);
+  control(Channel::image, "noise", noisy, learned.sweep);
+  control(Channel::image, "photograph", Pictures(frame.cameras()), learned.sweep);
+  control(Channel::lidar, "no returns", pictures_of(learned), frame.sweep);
   return result;
 }
 
@@ -175,24 +193,70 @@ ImageF difference(const ImageF& a, const ImageF& b, float gain) {
   return out;
 }
 
-/// The ladders of light and LiDAR, each rung with what the detector makes of it, and the features by which a
-/// budget chooses (budget.h).
+/// What one camera shows of the vehicle, drawn by Mirage and by the reference.
+struct Looked {
+  std::size_t camera = 0;
+  std::optional<PreparedFrame> turned;  ///< its frame, where it is not the first camera
+  HostScene scene;                      ///< in that frame
+  Simulated simulated;
+  MatchedLight matched;
+  FullLight full;
+
+  MatchedResult matched_result() const {
+    MatchedResult m;
+    m.mask_iou = matched.mask_iou, m.mask_both = matched.mask_both, m.mask_either = matched.mask_either;
+    m.mae = matched.mae, m.max_error = matched.max_error, m.pixels_off = matched.pixels_off;
+    m.depth_error = matched.depth_error, m.depth_error_mean = matched.depth_error_mean;
+    return m;
+  }
+  FullResult full_result() const {
+    const ImageF seen_raster = encoded(full.raster), seen_cycles = encoded(full.cycles);
+    FullResult result;
+    result.mae = mean_absolute_error(full.raster, full.cycles, full.mask);
+    result.mean = mean_absolute_error(full.cycles, ImageF(full.mask.width, full.mask.height, 3), full.mask);
+    result.ssim = ssim(grey(seen_raster), grey(seen_cycles), full.mask);
+    result.flip = flip(seen_cycles, seen_raster, full.mask);
+    result.noise = noise_of(full.radiance, full.mask, full.samples / 2).at(full.samples);
+    result.seconds = full.seconds;
+    result.error = raster_error(scene, simulated, full);
+    return result;
+  }
+};
+
+/// Cameras that see the object: the one that its host's label is in first, else the one that shows most.
+std::vector<std::size_t> cameras_seeing(const Simulated& simulated, const Label& host) {
+  std::vector<std::size_t> cameras;
+  for (std::size_t k = 0; k <= simulated.others.size(); ++k)
+    if (!simulated.sight(k).rect.empty()) cameras.push_back(k);
+  const auto own = static_cast<std::size_t>(host.camera);
+  std::stable_sort(cameras.begin(), cameras.end(), [&](std::size_t a, std::size_t b) {
+    if (a == own || b == own) return a == own && b != own;
+    return simulated.sight(a).visible_share > simulated.sight(b).visible_share;
+  });
+  return cameras;
+}
+
+/// The ladders of light (in one camera) and LiDAR, each rung with what the detector makes of it, and the
+/// features by which a budget chooses (budget.h).
 template <class Outcome>
-LadderResult ladders(ReferenceRenderer& renderer, const HostScene& scene, const Simulated& simulated,
-                     const FullLight& full, const Outcome& outcome) {
-  const Frame& frame = scene.prepared->frame;
+LadderResult ladders(ReferenceRenderer& renderer, const Looked& at, const Simulated& simulated,
+                     const Outcome& outcome) {
+  const auto& [camera, turned, scene, drawn, matched, full] = at;
   LadderResult result;
   LightLadder light = light_ladder(renderer, scene, full);
   result.reference = {light.reference_samples, light.reference_seconds, light.reference_noise};
-  result.features = scene_features(scene, simulated);
+  result.features = scene_features(scene, drawn);
   for (LadderRung& rung : light.rungs) {
-    const auto seen = outcome(with_window(frame.image, rung.picture, full.rect), simulated.sweep);
+    const ImageF picture = with_window(scene.prepared->frame.image, rung.picture, full.rect);
+    Pictures pictures = pictures_of(simulated);
+    pictures[camera] = &picture;
+    const auto seen = outcome(pictures, simulated.sweep);
     result.light.push_back({std::move(rung.effect), std::move(rung.group), std::move(rung.base), rung.change,
                             rung.crop, rung.to_full, rung.error, rung.seconds, seen});
   }
   for (const LidarRung& rung : lidar_ladder(scene))
     result.lidar.push_back({rung.effect, rung.returns, rung.changed, rung.returns_change, rung.seconds,
-                            outcome(simulated.image, rung.sweep)});
+                            outcome(pictures_of(simulated), rung.sweep)});
   return result;
 }
 
@@ -216,39 +280,57 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   scene.glb = out / "scenes" / (name + ".glb");
   scene.scratch = scratch_folder(out);
   fs::create_directories(scene.scratch);
-  write_scene(scene.glb, host_scene(frame, scene.placement, scene.adversary, name));
+  ExportScene exported = host_scene(frame, scene.placement, scene.adversary, name);
+  write_scene(scene.glb, exported);
 
   const Simulated simulated = simulate(prepared, scene.placement, scene.adversary, scene.simulation);
   VehicleResult result;
   result.host = id;
   result.name = name;
   result.from_box = scene.placement.carrier->from_box;
-  result.visible_share = simulated.visible_share;
+  result.visible_share = simulated.best_share();
   result.adversary_points = simulated.adversary_points;
-  if (simulated.rect.empty()) return result;
+  const std::vector<std::size_t> cameras = cameras_seeing(simulated, *scene.host);
+  if (cameras.empty()) return result;
   SeenResult& seen = result.seen.emplace();
   const std::size_t lost_before = context.renderer.losses().size();
-  const MatchedLight matched = matched_light(context.renderer, scene);
-  const LidarCheck lidar = check_lidar(context.renderer, scene, simulated);
-  if (context.settings.noise > 0)
-    scene.samples = samples_for(measure_noise(context.renderer, scene, simulated), context.settings.noise);
-  const FullLight full = full_light(context.renderer, scene, simulated);
-  const Noise noise = noise_of(full.radiance, full.mask, full.samples / 2);
+  std::deque<Looked> looks;
+  for (const std::size_t camera : cameras) {
+    Looked& at = looks.emplace_back();
+    at.camera = camera;
+    if (camera > 0) {
+      at.scene = facing(scene, at.turned.emplace(facing(prepared, camera)), camera);
+      at.scene.glb = scene.scratch / (name + ".glb");
+      exported.camera = frame.name_of(camera);
+      exported.calibration = frame.calibration_of(camera);
+      exported.photograph = {};
+      exported.others.clear();
+      write_scene(at.scene.glb, exported);
+      at.simulated = simulate_host(at.scene, scene.simulation);
+    } else {
+      at.scene = scene;
+      at.simulated = simulated;
+    }
+    at.matched = matched_light(context.renderer, at.scene);
+    if (context.settings.noise > 0 && &at == &looks.front())
+      scene.samples =
+          samples_for(measure_noise(context.renderer, at.scene, at.simulated), context.settings.noise);
+    at.scene.samples = scene.samples;
+    at.full = full_light(context.renderer, at.scene, at.simulated);
+    seen.matched.add(at.matched_result());
+    if (frame.cameras() > 1) {
+      if (!seen.surround) seen.surround.emplace();
+      seen.surround->cameras.push_back({frame.name_of(camera), at.matched_result(), at.full_result()});
+    }
+  }
+  const Looked& best = looks.front();
+  const FullLight& full = best.full;
   MatchedResult& m = seen.matched;
-  m.mask_iou = matched.mask_iou, m.mask_both = matched.mask_both, m.mask_either = matched.mask_either;
-  m.mae = matched.mae, m.max_error = matched.max_error, m.pixels_off = matched.pixels_off;
-  m.depth_error = matched.depth_error, m.depth_error_mean = matched.depth_error_mean;
+  const LidarCheck lidar = check_lidar(context.renderer, scene, simulated);
   m.range_error = lidar.range_error, m.rays = lidar.rays, m.returns = lidar.returns;
   m.hit_disagreements = lidar.disagreements;
   seen.samples = scene.samples;
-  const ImageF seen_raster = encoded(full.raster), seen_cycles = encoded(full.cycles);
-  seen.full.mae = mean_absolute_error(full.raster, full.cycles, full.mask);
-  seen.full.mean = mean_absolute_error(full.cycles, ImageF(full.mask.width, full.mask.height, 3), full.mask);
-  seen.full.ssim = ssim(grey(seen_raster), grey(seen_cycles), full.mask);
-  seen.full.flip = flip(seen_cycles, seen_raster, full.mask);
-  seen.full.noise = noise.at(full.samples);
-  seen.full.seconds = full.seconds;
-  seen.full.error = raster_error(scene, simulated, full);
+  seen.full = seen.surround ? seen.surround->cameras[0].full : best.full_result();
   EvaluationSettings judge_by = context.settings.evaluation_settings;
   judge_by.matching = context.detector.capabilities().matching();
   const std::optional<PictureBox> object = carried_box(simulated, scene.placement);
@@ -257,59 +339,75 @@ VehicleResult validate_vehicle(ValidationContext& context, const HostId& id, boo
   // What the detector made of the frame as recorded saves it work: pictures differ in the window alone.
   CleanView as_recorded = clean_view(prepared, simulated);
   const Simulated learned = simulate(prepared, scene.placement, scene.adversary, context.learned);
-  as_recorded.changed = united(full.rect, learned.rect);
+  as_recorded.changed = learned.rect;
+  Pictures in_cycles(frame.cameras());
+  for (const Looked& at : looks) {
+    in_cycles[at.camera] = &at.full.image;
+    if (at.camera == 0) as_recorded.changed = united(at.full.rect, learned.rect);
+  }
   const ObjectBoxes host_boxes = boxes_of(*scene.host);
-  const auto outcome_of = [&](const ImageF& image, const Sweep& sweep) -> Judged {
-    SensorView view = view_of(frame, image, sweep);
-    if (context.detector.capabilities().why_whole.empty()) view.clean = &as_recorded;
+  const auto outcome_of = [&](const Pictures& pictures, const Sweep& sweep) -> Judged {
+    SensorView view = view_of(frame, pictures[0] ? *pictures[0] : frame.image, sweep);
+    const Capabilities can = context.detector.capabilities();
+    std::vector<SensorData> others;
+    for (std::size_t k = 1; k < frame.cameras(); ++k)
+      if (pictures[k] && std::count(can.reads.begin(), can.reads.end(), frame.name_of(k)) > 0)
+        others.push_back(side_camera(frame, k - 1, pictures[k]));
+    view.others = others;
+    if (can.why_whole.empty()) view.clean = &as_recorded;
     Appearance look = look_at(context.detector, view, host_boxes, judge_by);
     return {judge(id, frame, clean->second, std::move(look.found), judge_by, object), look.logit};
   };
-  const Judged seen_raster_as = outcome_of(simulated.image, simulated.sweep);
-  const Judged seen_cycles_as = outcome_of(full.image, simulated.sweep);
+  const Judged seen_raster_as = outcome_of(pictures_of(simulated), simulated.sweep);
+  const Judged seen_cycles_as = outcome_of(in_cycles, simulated.sweep);
   const HostOutcome &raster = seen_raster_as.outcome, &cycles = seen_cycles_as.outcome;
   SimulationSettings hard_edges = hard_limit(scene.simulation, true);
   hard_edges.supersampling = scene.simulation.supersampling;
-  const ImageF hard_image = simulate_host(scene, hard_edges).image;
+  const Simulated hard = simulate_host(scene, hard_edges);
   seen.range = raster.range;
   seen.detected = raster.detected;
   seen.clean = {raster.clean_iou, raster.clean_score};
   seen.raster = seen_raster_as.result();
-  seen.hard = outcome_of(hard_image, simulated.sweep).result();
+  seen.hard = outcome_of(pictures_of(hard), simulated.sweep).result();
   seen.cycles = seen_cycles_as.result();
-  const auto look = [&](const ImageF& image, const Sweep& sweep) {
-    return outcome_of(image, sweep).result();
+  const auto look = [&](const Pictures& pictures, const Sweep& sweep) {
+    return outcome_of(pictures, sweep).result();
   };
   if (raster.detected)
-    seen.arms = look_at_arms(scene, simulated, learned, full, look);  // else no outcome to change
+    seen.arms = look_at_arms(scene, simulated, learned, in_cycles, look);  // else no outcome to change
   if (with_ladder) {
     // Where the detector misses the vehicle without the adversary there is no outcome to change.
-    const auto outcome = [&](const ImageF& image, const Sweep& sweep) {
-      return raster.detected ? std::optional(look(image, sweep)) : std::nullopt;
+    const auto outcome = [&](const Pictures& pictures, const Sweep& sweep) {
+      return raster.detected ? std::optional(look(pictures, sweep)) : std::nullopt;
     };
-    seen.ladder = ladders(context.renderer, scene, simulated, full, outcome);
+    seen.ladder = ladders(context.renderer, best, simulated, outcome);
   }
   result.shown["bev"] = bev_json(prepared, *scene.host, simulated, raster, cycles);
   if (judge_by.matching.in_picture())
     result.shown["picture_boxes"] = picture_json(frame, *scene.host, object, raster, cycles);
 
-  const auto save = [&](const std::string& picture, const ImageF& image) {
-    const std::string file = "pictures/" + name + "_" + picture + ".png";
-    write_srgb(out / file, image);
-    seen.pictures[picture] = file;
-  };
   const Label& host = *scene.host;
-  result.shown["host_rect"] = {host.left, host.top, host.right, host.bottom};
   result.shown["crop_rect"] = {full.rect.u0, full.rect.v0, full.rect.u1, full.rect.v1};
-  save("clean", frame.image);
-  save("attacked", simulated.image);
-  save("cycles", full.image);
-  save("raster_crop", full.raster);
-  save("cycles_crop", full.cycles);
-  save("difference", difference(full.raster, full.cycles, 1));
-  save("matched_raster", matched.raster);
-  save("matched_cycles", matched.cycles);
-  save("matched_difference", difference(matched.raster, matched.cycles, 10));
+  result.shown["host_rect"] = static_cast<std::size_t>(host.camera) == best.camera
+                                  ? json({host.left, host.top, host.right, host.bottom})
+                                  : result.shown["crop_rect"];
+  for (const Looked& at : looks) {
+    const auto save = [&](const std::string& picture, const ImageF& image) {
+      const std::string kind = &at == &best ? picture : picture + "_" + frame.name_of(at.camera);
+      const std::string file = "pictures/" + name + "_" + kind + ".png";
+      write_srgb(out / file, image);
+      seen.pictures[kind] = file;
+    };
+    save("clean", frame.image_of(at.camera));
+    save("attacked", at.simulated.image);
+    save("cycles", at.full.image);
+    save("raster_crop", at.full.raster);
+    save("cycles_crop", at.full.cycles);
+    save("difference", difference(at.full.raster, at.full.cycles, 1));
+    save("matched_raster", at.matched.raster);
+    save("matched_cycles", at.matched.cycles);
+    save("matched_difference", difference(at.matched.raster, at.matched.cycles, 10));
+  }
   const auto& losses = context.renderer.losses();
   result.losses.assign(losses.begin() + static_cast<std::ptrdiff_t>(lost_before), losses.end());
   return result;

@@ -45,13 +45,18 @@ struct ValidationSettings {
 // the same object drawn in three kinds of light and met by two kinds of returns, and before controls that
 // take a sensor's view of the object away.
 
-/// What the detector makes of a picture of the frame and a sweep.
-using LookAt = std::function<OutcomeResult(const ImageF& image, const Sweep& sweep)>;
+/// The frame's picture in each of its cameras, by their numbers; null: as recorded.
+using Pictures = std::vector<const ImageF*>;
+/// With the object; they live as long as `simulated`.
+Pictures pictures_of(const Simulated& simulated);
+
+/// What the detector makes of pictures of the frame and a sweep.
+using LookAt = std::function<OutcomeResult(const Pictures& pictures, const Sweep& sweep)>;
 
 /// Arms and controls of a vehicle.
 ///   arms: the first is learned × learned, `learned` itself. Then light "raster" (the plain model), "visible"
-///     (with visibility, edges as the scene's) or "cycles" (`full`), by returns "ideal" (thin noiseless rays)
-///     or "realistic" (all effects of realistic_returns).
+///     (with visibility, edges as the scene's) or "cycles" (`cycles`), by returns "ideal" (thin noiseless
+///     rays) or "realistic" (all effects of realistic_returns).
 ///   controls, by channel, against that first arm.
 ///     image, "noise": the object's pixels replaced by noise, uniform in each pixel and channel;
 ///     image, "photograph": the picture as recorded, the object unseen;
@@ -59,10 +64,11 @@ using LookAt = std::function<OutcomeResult(const ImageF& image, const Sweep& swe
 /// `attacked`: simulate() with the scene's settings. `learned`: with the run's own, which may have other
 /// light, edges and sensors' effects.
 ArmsResult look_at_arms(const HostScene& scene, const Simulated& attacked, const Simulated& learned,
-                        const FullLight& full, const LookAt& look);
+                        const Pictures& cycles, const LookAt& look);
 
-/// `photograph` with noise in the place of what `simulated` drew, as far as its silhouette covers each pixel.
-ImageF noise_in_place(const Simulated& simulated, const ImageF& photograph, std::uint64_t seed);
+/// `photograph` with noise in the place of what its `camera` saw, as far as its silhouette covers each pixel.
+ImageF noise_in_place(const CameraSight& seen, const ImageF& photograph, std::uint64_t seed,
+                      std::size_t camera = 0);
 
 // Finds out about one vehicle everything that `mirage validate` says of it.
 

@@ -1,6 +1,7 @@
 #include "validation/reference/host_scene.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "sensors/raster/limits.h"
 
@@ -28,6 +29,42 @@ HostScene scene_of(const HostInWorld& host, const TexturedMesh& adversary) {
 
 Simulated simulate_host(const HostScene& scene, const SimulationSettings& settings) {
   return simulate(*scene.prepared, scene.placement, scene.adversary, settings);
+}
+
+namespace {
+
+/// Of a label, once `camera` and the first have changed places.
+void renumber(Label& label, std::size_t camera) {
+  const int turned = static_cast<int>(camera);
+  label.camera = label.camera == turned ? 0 : label.camera == 0 ? turned : label.camera;
+}
+
+}  // namespace
+
+PreparedFrame facing(const PreparedFrame& prepared, std::size_t camera) {
+  PreparedFrame turned = prepared;
+  if (camera == 0) return turned;
+  Frame& frame = turned.frame;
+  const Frame& from = prepared.frame;
+  frame.image = from.image_of(camera);
+  frame.calibration = from.calibration_of(camera);
+  frame.camera = from.name_of(camera);
+  turned.depth = prepared.depth_of(camera);
+  frame.others[camera - 1] = {from.camera, from.calibration,
+                              Lazy<ImageF>([image = from.image] { return image; })};
+  turned.other_depths[camera - 1] = Lazy<ImageF>([depth = prepared.depth] { return depth; });
+  for (Label& label : frame.labels) renumber(label, camera);
+  return turned;
+}
+
+HostScene facing(const HostScene& scene, const PreparedFrame& turned, std::size_t camera) {
+  HostScene there = scene;
+  there.prepared = &turned;
+  there.host =
+      &turned.frame.labels[static_cast<std::size_t>(scene.host - scene.prepared->frame.labels.data())];
+  if (there.placement.carrier) renumber(there.placement.carrier->label, camera);
+  for (Label& target : there.placement.targets) renumber(target, camera);
+  return there;
 }
 
 ImageF coverage_of(const Simulated& simulated, const PixelRect& rect) {

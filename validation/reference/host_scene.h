@@ -34,6 +34,11 @@ HostScene scene_of(const HostInWorld& host, const TexturedMesh& adversary);
 SimulationSettings hard_limit(SimulationSettings settings, bool occluded);
 Simulated simulate_host(const HostScene& scene, const SimulationSettings& settings);
 
+/// The frame with its `camera` as the first, and the first in that one's place; labels are numbered so.
+PreparedFrame facing(const PreparedFrame& prepared, std::size_t camera);
+/// The scene in such a frame, which it refers to. Its files are the same.
+HostScene facing(const HostScene& scene, const PreparedFrame& turned, std::size_t camera);
+
 /// How much of each pixel of the window it drew the object over: its silhouette.
 ImageF coverage_of(const Simulated& simulated, const PixelRect& rect);
 

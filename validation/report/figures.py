@@ -136,8 +136,13 @@ def made_of(result):
 
 def targets(result):
     """[{place, met, name, format, target_text}]"""
-    return [dict(zip(("name", "format", "target_text"), TARGETS[target["place"]]), **target)
-            for target in result.get("targets", []) if target["place"] in TARGETS]
+    rows = []
+    for target in result.get("targets", []):
+        camera = target.get("camera")
+        name, form, text = TARGETS.get("matched." + target["place"].split(".")[-1] if camera else target["place"], [None] * 3)
+        if name:
+            rows.append({"name": f"{name}, {camera}" if camera else name, "format": form, "target_text": text, **target})
+    return rows
 
 
 def gather(result, hosts, loss, evaluation, tradeoff):
