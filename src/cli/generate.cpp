@@ -64,6 +64,9 @@ nlohmann::json run(const GenerateOptions& options, const Common& common) {
   common.made_of->file("rig", rig_file(options.rig));
   common.made_of->input("lidar", lidar_identity(rig.lidar));
   const auto start = std::chrono::steady_clock::now();
+  if (options.drives > 0 && !rig.others.empty())
+    throw InputError("--drives", options.rig, "the rig has several cameras, and drives are seen by one",
+                     "give a rig of one camera, or single frames");
   if (options.drives > 0 && (options.depth || options.truth))
     throw InputError("--drives", options.truth ? "--truth" : "--depth", "is of single frames",
                      "leave it out: a drive's truth is in training/motion_02");

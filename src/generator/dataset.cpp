@@ -41,6 +41,18 @@ std::string track_of(const std::string& id) {
   return "track_2/" + id + ".txt";  // of frames with identities only
 }
 
+/// Of frames with several cameras only: what training/cameras has of the frame.
+std::vector<std::string> camera_files(const fs::path& data, const std::string& id) {
+  const fs::path training = data / "training";
+  const std::string about = "cameras/" + id + ".json";
+  if (!fs::exists(training / about)) return {};
+  std::vector<std::string> files = {about};
+  for (const auto& entry : fs::directory_iterator(training / "cameras"))
+    if (const fs::path picture = entry.path() / (id + ".png"); fs::exists(picture))
+      files.push_back(fs::relative(picture, training).generic_string());
+  return files;
+}
+
 /// An empty object where there is none, or none that can be used.
 nlohmann::json known(const fs::path& data, const std::string& id) {
   const fs::path file = record_file(data, id);
@@ -65,6 +77,7 @@ void record_frame(const fs::path& data, const std::string& id, Truth truth) {
   nlohmann::json record = known(data, id);
   std::vector<std::string> files = files_of(id, truth);
   if (fs::exists(data / "training" / track_of(id))) files.push_back(track_of(id));
+  for (std::string& name : camera_files(data, id)) files.push_back(std::move(name));
   for (const std::string& name : files) record[name] = hash_of(data / "training" / name);
   write_json(record_file(data, id), record);
 }
@@ -72,7 +85,8 @@ void record_frame(const fs::path& data, const std::string& id, Truth truth) {
 bool is_as_recorded(const fs::path& data, const std::string& id, Truth truth) {
   const nlohmann::json record = known(data, id);
   std::vector<std::string> files = files_of(id, truth);
-  if (record.contains(track_of(id))) files.push_back(track_of(id));
+  for (const auto& [name, hash] : record.items())
+    if (name == track_of(id) || name.starts_with("cameras/")) files.push_back(name);
   for (const std::string& name : files) {
     if (!record.contains(name)) return false;
     const fs::path file = data / "training" / name;

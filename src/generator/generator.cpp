@@ -7,13 +7,17 @@
 #include <cmath>
 #include <deque>
 #include <map>
+#include <optional>
+#include <span>
 #include <string>
+#include <utility>
 
 #include "base/angles.h"
 #include "base/config.h"
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "base/names.h"
 #include "base/random.h"
 #include "generator/appearance.h"
 #include "generator/labels.h"
@@ -51,8 +55,45 @@ std::uint16_t semantic_class(const std::string& type) {
   return entry == classes.end() ? 0 : entry->second;
 }
 
+namespace {
+
+constexpr double kBehind = 60;  // m of street behind a car that looks back
+
+/// Adds what the rig's other cameras see: pictures, and labels of what the first does not see.
+void look_around(const Rig& rig, const generator::Street& street, const RayScene& scene,
+                 const SceneLight& light, RayCameraSettings settings, std::uint64_t seed, std::uint64_t index,
+                 std::span<const int> returned, Frame& frame, std::vector<int>& line) {
+  std::vector<std::optional<Label>> unseen(street.placed.size());
+  for (const Rig::Side& side : rig.others) {
+    settings.seed = RandomStream(seed, "camera " + side.name, index).next_u32();
+    RayImage picture =
+        render(scene, side.calibration.camera, side.calibration.camera_from_velo, light, settings);
+    generator::StreetLabels seen =
+        generator::label_street(street, side.calibration, picture.object, returned);
+    // Noise of its own: of a frame that no set of one camera has.
+    generator::expose(picture.color, seed, index, index + ((frame.others.size() + 1) << 40));
+    frame.others.push_back(
+        {side.name, side.calibration, Lazy<ImageF>([image = std::move(picture.color)] { return image; })});
+    for (std::size_t i = 0; i < unseen.size(); ++i) {
+      if (line[i] >= 0 || seen.line[i] < 0) continue;
+      Label& label = seen.labels[static_cast<std::size_t>(seen.line[i])];
+      if (unseen[i] && unseen[i]->truncated <= label.truncated) continue;
+      label.camera = static_cast<int>(frame.others.size());
+      unseen[i] = std::move(label);
+    }
+  }
+  for (std::size_t i = 0; i < unseen.size(); ++i)
+    if (unseen[i]) {
+      line[i] = static_cast<int>(frame.labels.size());
+      frame.labels.push_back(std::move(*unseen[i]));
+    }
+}
+
+}  // namespace
+
 Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, FrameTruth* truth) {
-  const generator::Street street = generator::make_street(seed, index, rig.lidar.height, rig.look);
+  const generator::Street street =
+      generator::make_street(seed, index, rig.lidar.height, rig.look, rig.others.empty() ? 0 : kBehind);
   const SceneLight light = generator::make_light(seed, index);
   const RayScene scene(street.surfaces);
   RayCameraSettings settings;
@@ -73,6 +114,9 @@ Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, Fr
       generator::label_street(street, rig.calibration, picture.object, objects);
   frame.labels = std::move(labelled.labels);
   frame.lighting = light.lighting;
+  frame.camera = rig.camera;
+  if (!rig.others.empty())
+    look_around(rig, street, scene, light, settings, seed, index, objects, frame, labelled.line);
   if (truth) *truth = make_truth(street, labelled.line, picture, objects);
   return frame;
 }
@@ -127,19 +171,16 @@ Frame generate_drive_frame(const Rig& rig, const generator::MovingStreet& street
 
 // Rig files: [camera] here, [lidar] in sensors/lidar_model.
 
-Rig read_rig(const std::filesystem::path& file) {
-  ConfigTable root = ConfigTable::read(file);
-  ConfigTable table = root.table("camera");
-  root.skip("lidar");
-  Rig rig;
-  if (root.has("look")) rig.look = parse_look(root.text("look"), file.string(), "look");
-  root.check_all_known();
-  rig.name = file.stem().string();
-  PinholeCamera& camera = rig.calibration.camera;
+namespace {
+
+/// A camera's table; `key`: its name in the file.
+Calibration read_camera(const std::filesystem::path& file, const std::string& key, ConfigTable& table) {
+  Calibration calibration;
+  PinholeCamera& camera = calibration.camera;
   camera.width = static_cast<int>(table.number("width", 1, 16384));
   camera.height = static_cast<int>(table.number("height", 1, 16384));
   if (static_cast<std::uint64_t>(camera.width) * static_cast<std::uint64_t>(camera.height) > kMostPixels)
-    throw InputError(file.string(), "camera.width, camera.height",
+    throw InputError(file.string(), key + ".width, " + key + ".height",
                      fmt::format("{}×{} are more than {} pixels", camera.width, camera.height, kMostPixels),
                      "give a smaller picture");
   camera.fx = table.number("fx", 1, 1e5);
@@ -147,15 +188,40 @@ Rig read_rig(const std::filesystem::path& file) {
   camera.cx = table.number("cx", 0, camera.width - 1);
   camera.cy = table.number("cy", 0, camera.height - 1);
   const auto pose = table.numbers("camera_from_velo", 12, -100, 100);
-  for (int i = 0; i < 12; ++i) rig.calibration.camera_from_velo.matrix()(i / 4, i % 4) = pose[i];
+  for (int i = 0; i < 12; ++i) calibration.camera_from_velo.matrix()(i / 4, i % 4) = pose[i];
   table.check_all_known();
-  const Eigen::Matrix3d r = rig.calibration.camera_from_velo.linear();
+  const Eigen::Matrix3d r = calibration.camera_from_velo.linear();
   if ((r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > 1e-3 || r.determinant() < 0)
-    throw InputError(file.string(), "camera.camera_from_velo", "its 3x3 part is not a rotation",
+    throw InputError(file.string(), key + ".camera_from_velo", "its 3x3 part is not a rotation",
                      "give an orthonormal, right-handed matrix [R | t], row by row");
+  return calibration;
+}
+
+}  // namespace
+
+Rig read_rig(const std::filesystem::path& file) {
+  ConfigTable root = ConfigTable::read(file);
+  ConfigTable first = root.table("camera");
+  root.skip("lidar");
+  nlohmann::json whole = read_toml(file);
+  Rig rig;
+  if (root.has("look")) rig.look = parse_look(root.text("look"), file.string(), "look");
+  if (root.has("cameras")) {
+    ConfigTable cameras = root.table("cameras");
+    for (const auto& [name, values] : whole.at("cameras").items()) {
+      if (!frame_id_problem(name).empty())
+        throw InputError(file.string(), "cameras", "a camera's name can be no folder's",
+                         "call it as [cameras.CAM_BACK]");
+      ConfigTable table = cameras.table(name);
+      rig.others.push_back({name, read_camera(file, "cameras." + name, table)});
+    }
+  }
+  root.check_all_known();
+  rig.name = file.stem().string();
+  if (first.has("name")) rig.camera = first.text("name");
+  rig.calibration = read_camera(file, "camera", first);
   rig.lidar = read_lidar_model(file);
   rig.text = read_text(file, kLargestToml);
-  nlohmann::json whole = read_toml(file);
   if (const nlohmann::json unit = lidar_table(file); whole["lidar"] != unit) {
     whole["lidar"] = unit;
     rig.text = toml_text(whole);

@@ -13,10 +13,16 @@
 namespace mirage {
 
 /// A rig file (scenes/rigs/NAME.toml): [camera], [lidar], their mount, and the look that generated streets
-/// have.
+/// have; cameras beside the first as [cameras.NAME].
 struct Rig {
   std::string name;
   Calibration calibration;
+  std::string camera = "camera";  ///< the first one's name
+  struct Side {
+    std::string name;
+    Calibration calibration;
+  };
+  std::vector<Side> others = {};  ///< by name
   LidarModel lidar;
   Look look = Look::european;
   std::string text;  ///< a rig file that holds this camera and this unit
@@ -43,7 +49,8 @@ std::uint16_t semantic_class(const std::string& type);
 /// One frame; depends only on (rig, seed, index), and not on whether `truth` is asked for. Labels follow
 /// KITTI (2-D box, truncation, occlusion from what the camera sees of each vehicle). Labelled is what a
 /// return came from or what shows 25 pixels of height, within the picture's frame. Things that look like cars
-/// to a LiDAR alone are labelled "Misc", and so is a school bus.
+/// to a LiDAR alone are labelled "Misc", and so is a school bus. Of a rig with several cameras the street
+/// goes on behind the car, and what the first camera does not see is labelled in the one that cuts off least.
 Frame generate_frame(const Rig& rig, std::uint64_t seed, std::uint64_t index, FrameTruth* truth = nullptr);
 
 inline constexpr double kDriveStep = 0.1;  ///< s from a drive's frame to the next

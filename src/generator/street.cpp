@@ -19,9 +19,15 @@ bool on_roof(const Surface& surface, const Placed& placed) {
                      [&](const Vec3d& v) { return v.z() > top + 0.01; });
 }
 
-Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look look) {
-  if (look == Look::american) return AmericanStreet(seed, index, height).build();
-  return EuropeanStreet(seed, index, height).build();
+Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look look, double behind) {
+  if (look == Look::american) return AmericanStreet(seed, index, height).build(behind);
+  return EuropeanStreet(seed, index, height).build(behind);
+}
+
+void StreetSite::go_on(double behind) {
+  behind_ = ahead_ = behind;
+  far_ = kFar + behind;
+  if (behind > 0 && cross_s_ < kFar && chance(0.5)) cross_s_ += behind;  // before us, or behind
 }
 
 // Plants, fences and ground that every look uses.
@@ -41,9 +47,9 @@ void StreetSite::add_fence(double s0, double s1, double d) {
       for (double side : {-0.3, 0.3}) {
         add_quad(mesh, on_ground(s, d + side), on_ground(e, d + side), on_ground(e, d + side, h - 0.06),
                  on_ground(s, d + side, h - 0.06));
-        for (int i = 0; i < (s < 30 ? 160 : 50); ++i)
+        for (int i = 0; i < (away(s) < 30 ? 160 : 50); ++i)
           add_leaves(leaves, on_ground(u(s, e), d + side * u(0.9, 1.15), u(0.02, 1.02) * h),
-                     {0.04, 0.04, 0.04}, 1, s < 30 ? 0.06 : 0.11, random_);
+                     {0.04, 0.04, 0.04}, 1, away(s) < 30 ? 0.06 : 0.11, random_);
       }
       add_quad(mesh, on_ground(s, d - 0.3, h - 0.06), on_ground(e, d - 0.3, h - 0.06),
                on_ground(e, d + 0.3, h - 0.06), on_ground(s, d + 0.3, h - 0.06));
@@ -81,12 +87,12 @@ void StreetSite::add_woods(int side, double from) {
       const double d = sign * (from + u(0, 10));
       const Vec3d p = on_ground(s, d);
       const double h = u(4, 12);
-      const int count = s < 15 ? 1300 : s < 40 ? 600 : 180;
-      const double size = s < 15 ? 0.11 : s < 40 ? 0.17 : 0.34;
+      const int count = away(s) < 15 ? 1300 : away(s) < 40 ? 600 : 180;
+      const double size = away(s) < 15 ? 0.11 : away(s) < 40 ? 0.17 : 0.34;
       const Vec3d crown = p + Vec3d(0, 0, 0.55 * h);
       add_leaves(leaves, crown, {2.4, 2.4, 0.48 * h}, count, size, random_);
       append(cores, ellipsoid({1.3, 1.3, 0.3 * h}), at(crown.x(), crown.y(), crown.z()));
-      if (s < 40) append(trunks, cylinder(u(0.08, 0.2), 0.7 * h, 7), at(p.x(), p.y(), p.z()));
+      if (away(s) < 40) append(trunks, cylinder(u(0.08, 0.2), 0.7 * h, 7), at(p.x(), p.y(), p.z()));
     }
   }
   Material m = plain(Vec3f(f(0.03, 0.06), f(0.055, 0.1), 0.02f), 0.35f);

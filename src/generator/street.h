@@ -12,7 +12,9 @@ namespace mirage::generator {
 /// boxes.
 bool on_roof(const Surface& surface, const Placed& placed);
 
-/// `height`: of the `velo` origin over the road (m). Deterministic by (seed, index, look).
-Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look look = Look::european);
+/// `height`: of the `velo` origin over the road (m). `behind`: how much of the street lies behind the car
+/// (m; 0: its first metres). Deterministic by (seed, index, look, behind).
+Street make_street(std::uint64_t seed, std::uint64_t index, double height, Look look = Look::european,
+                   double behind = 0);
 
 }  // namespace mirage::generator

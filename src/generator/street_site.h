@@ -16,7 +16,7 @@ inline constexpr double kPi = std::numbers::pi;
 inline constexpr double kFar = 110;    // m of street that is built
 inline constexpr double kKerb = 0.11;  // m
 
-// Street coordinates: s along the centre line (0 at the ego vehicle), d to its left.
+// Street coordinates: s along the centre line (behind_ at the ego vehicle), d to its left.
 class StreetSite {
  protected:
   /// Streams "PURPOSE" (the layout) and "PURPOSE actors" (what things look like) of (seed, index). `height`:
@@ -37,16 +37,19 @@ class StreetSite {
   float f(double a, double b) { return static_cast<float>(random_.uniform(a, b)); }
 
   Vec2d xy(double s, double d) const {
-    // A shallow arc: heading θ0 + κ s.
-    const double a = heading_ + curvature_ * s, m = heading_ + 0.5 * curvature_ * s;
+    // A shallow arc: heading θ0 + κ t, where t is 0 at the ego vehicle.
+    const double t = s - behind_, a = heading_ + curvature_ * t, m = heading_ + 0.5 * curvature_ * t;
     const Vec2d centre =
-        -ego_d_ * Vec2d(-std::sin(heading_), std::cos(heading_)) + s * Vec2d(std::cos(m), std::sin(m));
+        -ego_d_ * Vec2d(-std::sin(heading_), std::cos(heading_)) + t * Vec2d(std::cos(m), std::sin(m));
     return centre + d * Vec2d(-std::sin(a), std::cos(a));
   }
-  double yaw(double s) const { return heading_ + curvature_ * s; }
+  double yaw(double s) const { return heading_ + curvature_ * (s - behind_); }
+  /// How far along the street from the ego vehicle, or behind it.
+  double away(double s) const { return std::abs(s - behind_); }
   double road_z(double s, double d) const {
     const auto wave = [&](double t) { return wave_ * std::sin(2 * kPi * t / wave_length_ + wave_phase_); };
-    return -height_ + slope_ * s + wave(s) - wave(0) - 0.018 * (std::abs(d) - std::abs(ego_d_));
+    return -height_ + slope_ * (s - behind_) + wave(s - behind_) - wave(0) -
+           0.018 * (std::abs(d) - std::abs(ego_d_));
   }
   bool in_cross(double s, double margin = 0) const { return std::abs(s - cross_s_) < cross_half_ + margin; }
   double ground_z(double s, double d) const {
@@ -126,6 +129,9 @@ class StreetSite {
     add_surfaces(actor, at(p.x(), p.y(), ground_z(s, d), yaw(s) + turn), -1);
   }
 
+  /// Once the street is chosen: it goes on for so much (m) behind the ego vehicle.
+  void go_on(double behind);
+
   // Plants and fences (street.cpp).
   void add_fence(double s0, double s1, double d);
   void add_woods(int side, double from);
@@ -161,6 +167,7 @@ class StreetSite {
   double heading_ = 0, curvature_ = 0, ego_d_ = 0, slope_ = 0, wave_ = 0, wave_length_ = 50, wave_phase_ = 0;
   double cross_s_ = 1e9, cross_half_ = 4;
   double far_ = kFar, ahead_ = 0;  ///< m of street that is built; further on than a single frame needs
+  double behind_ = 0;              ///< m of it behind the ego vehicle
   double own_speed_ = 0;
   MovingStreet moving_;
   std::vector<Surface> surfaces_;

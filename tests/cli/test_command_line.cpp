@@ -190,7 +190,8 @@ TEST(CommandLine, HelpIsNarrowGroupedAndWithAnExampleThatHolds) {
   for (const char* text : {"\nData:\n", "\nDetector:\n", "\nLearning:\n", "\nRun:\n",
                            "(0 to 1000000000; default 200)", "(required)"})
     EXPECT_THAT(attack, HasSubstr(text));
-  EXPECT_THAT(help_of("generate"), AllOf(HasSubstr("kitti64, nuscenes, xenith"), HasSubstr("hdl32e, vlp16")));
+  EXPECT_THAT(help_of("generate"),
+              AllOf(HasSubstr("kitti64, nuscenes, nuscenes6, xenith"), HasSubstr("hdl32e, vlp16")));
   EXPECT_THAT(run(folder, {"--help"}).out, HasSubstr("--completion bash"));
 }
 

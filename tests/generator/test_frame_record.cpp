@@ -5,12 +5,16 @@
 #include <sys/mount.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <map>
 
 #include "base/error.h"
 #include "base/files.h"
+#include "generator/appearance.h"
 #include "generator/dataset.h"
+#include "generator/street.h"
 #include "scene/data/read_frames.h"
+#include "sensors/ray_camera.h"
 #include "support/files.h"
 #include "support/small_rig.h"
 
@@ -36,6 +40,107 @@ std::map<std::string, std::string> contents(const fs::path& out) {
   for (const auto& entry : fs::recursive_directory_iterator(out / "training"))
     if (entry.is_regular_file()) files[fs::relative(entry.path(), out)] = read_file(entry.path());
   return files;
+}
+
+// A frame with several cameras: all of it comes back, and all of it is recorded.
+TEST(FrameRecord, SeveralCamerasComeBackAsTheyWereWritten) {
+  const TemporaryFolder folder;
+  const Rig rig = test::surround_rig();
+  const auto make = [&] {
+    return generate_dataset(
+        rig, 7, 0, 2, folder.path(), [](std::size_t) {}, Truth::all);
+  };
+  EXPECT_EQ(make().written, 2);
+  int behind = 0;
+  for (std::uint64_t i = 0; i < 2; ++i) {
+    const Frame made = generate_frame(rig, 7, i);
+    ASSERT_EQ(made.others.size(), 2u);
+    const Frame all = read_frame(folder.path(), made.id, Cameras::all),
+                first = read_frame(folder.path(), made.id);
+    EXPECT_EQ(all.camera, "CAM_FRONT");
+    EXPECT_TRUE(first.others.empty());
+    ASSERT_EQ(all.others.size(), 2u);
+    ASSERT_EQ(all.labels.size(), made.labels.size());
+    for (std::size_t k = 0; k < 2; ++k) {
+      EXPECT_EQ(all.others[k].name, made.others[k].name);
+      EXPECT_TRUE(all.others[k].calibration.camera_from_velo.isApprox(
+          made.others[k].calibration.camera_from_velo, 1e-12));
+      const ImageF &read = all.others[k].image.get(), &drawn = made.others[k].image.get();
+      ASSERT_EQ(read.data.size(), drawn.data.size());
+      EXPECT_NE(read.data, all.image.data);
+      for (std::size_t p = 0; p < read.data.size(); p += 97)
+        ASSERT_NEAR(read.data[p], std::min(1.0f, drawn.data[p]), 0.02);
+    }
+    std::size_t own = 0;
+    for (std::size_t l = 0; l < all.labels.size(); ++l) {
+      const Label &read = all.labels[l], &is = made.labels[l];
+      EXPECT_EQ(read.type, is.type);
+      EXPECT_EQ(read.camera, is.camera);
+      EXPECT_NEAR(read.box.bev.x, is.box.bev.x, 0.02);
+      EXPECT_NEAR(read.bottom, is.bottom, 0.02);
+      own += is.camera == 0;
+      EXPECT_TRUE(is.camera > 0 || l + 1 == own) << "the first camera's come first";
+      behind += is.camera > 0 && is.box.bev.x < -10;
+    }
+    EXPECT_EQ(first.labels.size(), own);
+  }
+  EXPECT_GT(behind, 0) << "the street goes on behind the car";
+  EXPECT_EQ(make().kept, 2);
+  const std::string hash = frame_hash(folder.path(), "000000"),
+                    whole = frame_hash(folder.path(), "000000", Cameras::all);
+  const fs::path about = folder / "training/cameras/000000.json",
+                 picture = folder / "training/cameras/CAM_BACK/000000.png";
+  fs::copy_file(folder / "training/cameras/CAM_LEFT/000000.png", picture,
+                fs::copy_options::overwrite_existing);
+  EXPECT_FALSE(is_as_recorded(folder.path(), "000000", Truth::all));
+  EXPECT_EQ(frame_hash(folder.path(), "000000"), hash);
+  EXPECT_NE(frame_hash(folder.path(), "000000", Cameras::all), whole);
+  EXPECT_EQ(make().written, 1);
+  EXPECT_EQ(frame_hash(folder.path(), "000000", Cameras::all), whole);
+  std::string text = read_file(about);
+  text.replace(text.find("camera_from_velo"), 16, "camera_from_Velo");
+  write_file(about, text);
+  EXPECT_THAT(
+      test::error_text<InputError>([&] { read_frame(folder.path(), "000000", Cameras::all); }),
+      testing::AllOf(testing::HasSubstr("000000.json"), testing::HasSubstr("others[0].camera_from_velo")));
+}
+
+// A car between two cameras is in the pictures of both, and is labelled once.
+TEST(FrameRecord, ACarOnTheSeamIsInBothCameras) {
+  const auto nearest = [](const Frame& frame) {
+    const Label* car = nullptr;
+    for (const Label& label : frame.labels)
+      if (label.type == "Car" && label.occluded == 0 &&
+          (!car || label.box.bev.x * label.box.bev.x < car->box.bev.x * car->box.bev.x))
+        car = &label;
+    return car;
+  };
+  const Frame any = generate_frame(test::surround_rig(), 7, 1);
+  const Label* found = nearest(any);
+  ASSERT_TRUE(found);
+  const BevBox place = found->box.bev;
+  const Rig rig = test::surround_rig(std::atan2(place.y, place.x));
+  const Frame frame = generate_frame(rig, 7, 1);
+  std::vector<const Label*> same;
+  for (const Label& label : frame.labels)
+    if (std::hypot(label.box.bev.x - place.x, label.box.bev.y - place.y) < 0.01) same.push_back(&label);
+  ASSERT_EQ(same.size(), 1u);
+  const generator::Street street = generator::make_street(7, 1, rig.lidar.height, rig.look, 60);
+  const RayScene scene(street.surfaces);
+  const auto shown = [&](const Calibration& calibration) {  // pixels of the car
+    const RayImage picture = render(scene, calibration.camera, calibration.camera_from_velo,
+                                    generator::make_light(7, 1), {1, 1, 0});
+    int pixels = 0;
+    for (const int id : picture.object.data) {
+      if (id < 0) continue;
+      const BevBox& box = street.placed[static_cast<std::size_t>(id)].box.bev;
+      pixels += std::hypot(box.x - place.x, box.y - place.y) < 0.01;
+    }
+    return pixels;
+  };
+  EXPECT_GT(shown(frame.calibration), 20);
+  EXPECT_GT(shown(frame.others[1].calibration), 20);
+  EXPECT_EQ(shown(frame.others[0].calibration), 0);
 }
 
 TEST(FrameRecord, AFileThatIsNotWhatWasWrittenIsMadeAgain) {

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 
 #include "base/error.h"
 #include "base/files.h"
@@ -31,6 +32,33 @@ TEST(Rig, ShippedRigIsKittisCar) {
       rig.calibration.camera.project<double>(rig.calibration.camera_from_velo * Vec3d(50, 0, 0));
   EXPECT_NEAR(pixel.x(), 609.6, 10);
   EXPECT_NEAR(pixel.y(), 172.9, 15);
+}
+
+TEST(Rig, TheOneWithSixCamerasLooksAllAround) {
+  const Rig rig = read_rig(shipped_rig().parent_path() / "nuscenes6.toml");
+  EXPECT_EQ(rig.camera, "CAM_FRONT");
+  ASSERT_EQ(rig.others.size(), 5u);
+  const auto looks = [](const Calibration& calibration) {  // degrees from ahead, to the left
+    const Vec3d along = calibration.camera_from_velo.linear().row(2);
+    return std::atan2(along.y(), along.x()) * 180 / M_PI;
+  };
+  const std::map<std::string, double> ways = {
+      {"CAM_BACK_LEFT", 110}, {"CAM_BACK_RIGHT", -110}, {"CAM_FRONT_LEFT", 55}, {"CAM_FRONT_RIGHT", -55}};
+  for (const Rig::Side& side : rig.others) {
+    if (side.name == "CAM_BACK")
+      EXPECT_GT(std::abs(looks(side.calibration)), 179);
+    else
+      EXPECT_NEAR(looks(side.calibration), ways.at(side.name), 2) << side.name;
+    EXPECT_EQ(side.calibration.camera.width, 1600);
+  }
+  EXPECT_EQ(rig.lidar.beams.size(), 32u);
+  EXPECT_NEAR(rig.lidar.azimuth_count() * rig.lidar.azimuth_step, 2 * M_PI, 2 * rig.lidar.azimuth_step);
+  const test::TemporaryFolder folder;
+  std::string text = read_file(shipped_rig().parent_path() / "nuscenes6.toml");
+  text.replace(text.find("cameras.CAM_BACK_LEFT"), 21, "cameras.\"../up\"");
+  write_file(folder / "rig.toml", text);
+  EXPECT_THAT(test::error_text<InputError>([&] { read_rig(folder / "rig.toml"); }),
+              AllOf(HasSubstr("cameras"), HasSubstr("folder")));
 }
 
 TEST(RigRealFrames, PoseIsThatOfTheRealFrames) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <cmath>
 #include <numbers>
 #include <utility>
 
@@ -27,6 +28,24 @@ inline Rig small_rig() {
   rig.lidar.range_max = 120;
   rig.lidar.rate = 10;
   rig.lidar.height = 1.73;
+  return rig;
+}
+
+/// The same with a unit that turns all the way and two cameras more, whose names say where they look:
+/// pictures of the first and of CAM_LEFT meet at `seam` (rad, from ahead to the left).
+inline Rig surround_rig(double seam = 0.71) {
+  Rig rig = small_rig();
+  rig.camera = "CAM_FRONT";
+  rig.lidar.azimuth_min = -std::numbers::pi;
+  rig.lidar.azimuth_max = std::numbers::pi - rig.lidar.azimuth_step;
+  const PinholeCamera& camera = rig.calibration.camera;
+  const auto turned = [ahead = rig.calibration.camera_from_velo](double yaw) {
+    return Transform(ahead * Eigen::AngleAxisd(-yaw, Vec3d::UnitZ()));
+  };
+  rig.others = {{"CAM_BACK", rig.calibration}, {"CAM_LEFT", rig.calibration}};
+  rig.others[0].calibration.camera_from_velo = turned(std::numbers::pi);
+  rig.others[1].calibration.camera_from_velo = turned(seam + std::atan2(camera.width - camera.cx, camera.fx));
+  rig.calibration.camera_from_velo = turned(seam - std::atan2(camera.cx, camera.fx));
   return rig;
 }
 

@@ -13,6 +13,7 @@
 #include "exchange/gltf.h"
 #include "fixture.h"
 #include "plain_reference.h"
+#include "scene/data/read_frames.h"
 #include "support/each_field.h"
 #include "support/files.h"
 #include "validation/blender/blender_process.h"
@@ -25,9 +26,24 @@ namespace {
 using nlohmann::json;
 namespace fs = std::filesystem;
 
+/// A tiny frame with a camera that looks at its car from the left.
+Frame with_side(const fs::path& data, const std::string& id) {
+  Frame frame = read_frame(data, id);
+  const BevBox& car = frame.labels.at(0).box.bev;
+  Transform velo_from_turned = Transform::Identity();
+  velo_from_turned.linear() = Eigen::AngleAxisd(-M_PI / 2, Vec3d::UnitZ()).toRotationMatrix();
+  velo_from_turned.translation() = Vec3d(car.x, car.y + 9, 0);
+  frame.others = {{"SIDE", frame.calibration, Lazy<ImageF>([] { return ImageF(248, 75, 3, 0.4f); })}};
+  frame.others[0].calibration.camera_from_velo =
+      frame.calibration.camera_from_velo * velo_from_turned.inverse();
+  return frame;
+}
+
 /// A finished run of a random mesh on the tiny frames, for a detector that always finds the same box.
-ValidationSettings tiny_validation(const test::TemporaryFolder& folder) {
+ValidationSettings tiny_validation(const test::TemporaryFolder& folder, Cameras cameras = Cameras::first) {
   test::write_tiny_data(folder / "data", 2);
+  if (cameras == Cameras::all)
+    for (const char* id : {"000000", "000001"}) write_frame(folder / "data", with_side(folder / "data", id));
   const TexturedMesh mesh = test::random_mesh(3);
   write_adversary(folder / "run/adversary.glb", mesh);
   write_adversary(folder / "run/random.glb", mesh);
@@ -35,6 +51,7 @@ ValidationSettings tiny_validation(const test::TemporaryFolder& folder) {
   AttackSettings attack;
   attack.data = folder / "data";
   attack.rooftop = "box";
+  attack.cameras = cameras;
   attack.detector.detector = MIRAGE_BUILD "/test_plugins/fake_works.so";
   attack.detector.weights = folder / "weights";
   attack.target = AttackTarget::random;
@@ -107,6 +124,33 @@ TEST(Resume, AStoppedValidationEndsAtTheSameResult) {
   more.samples = 3;
   validate(more, plain());
   EXPECT_NE(json::parse(read_file(first)).at("key"), json::parse(kept).at("key"));
+}
+
+TEST(Resume, EachCameraThatSeesTheObjectIsCompared) {
+  const test::TemporaryFolder folder;
+  const ValidationSettings settings = tiny_validation(folder, Cameras::all);
+  const json whole = validated(settings);
+  ASSERT_EQ(whole.at("cameras").size(), 2u);
+  double pixels = 0;
+  std::set<std::string> held;
+  for (const json& of : whole.at("cameras")) {
+    EXPECT_EQ(of.at("vehicles"), 2) << of;
+    EXPECT_LE(of.at("mae"), 1e-3) << of;
+    EXPECT_GT(of.at("pixels"), 100) << of;
+    pixels += of.at("pixels").get<double>();
+  }
+  EXPECT_EQ(whole.at("matched").at("pixels"), pixels);
+  for (const json& target : whole.at("targets"))
+    if (target.contains("camera")) held.insert(target.at("camera"));
+  EXPECT_EQ(held, std::set<std::string>({"SIDE", "camera"}));
+  EXPECT_NE(read_file(settings.out / "report.html").find("SIDE"), std::string::npos);
+  const json vehicle = json::parse(read_file(settings.out / "hosts/000000_0.json"));
+  EXPECT_EQ(vehicle.at("cameras")[0].at("camera"), "camera");
+  EXPECT_EQ(vehicle.at("full"), vehicle.at("cameras")[0].at("full"));
+  EXPECT_NE(vehicle.at("full"), vehicle.at("cameras")[1].at("full"));
+  EXPECT_TRUE(fs::exists(settings.out / "pictures/000000_0_cycles_SIDE.png"));
+  const json resumed = validated(settings);
+  EXPECT_EQ(timeless(resumed), timeless(whole));
 }
 
 TEST(Resume, AVehicleThatTheRendererIsLostOnIsGivenUpAndMadeByTheNextCall) {

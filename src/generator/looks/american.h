@@ -12,8 +12,9 @@ class AmericanStreet : private StreetSite {
   AmericanStreet(std::uint64_t seed, std::uint64_t index, double height)
       : StreetSite(seed, "american street", index, height) {}
 
-  Street build() {
+  Street build(double behind) {
     choose();
+    go_on(behind);
     lay_ground();
     paint_road();
     if (cross_s_ < far_) place_junction();

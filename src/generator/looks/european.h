@@ -10,8 +10,9 @@ class EuropeanStreet : private StreetSite {
   EuropeanStreet(std::uint64_t seed, std::uint64_t index, double height)
       : StreetSite(seed, "street", index, height) {}
 
-  Street build() {
+  Street build(double behind) {
     choose();
+    go_on(behind);
     lay_ground();
     place_traffic();
     place_parked();

@@ -6,6 +6,8 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <iterator>
+#include <limits>
 #include <mutex>
 #include <optional>
 #include <set>
@@ -14,10 +16,12 @@
 #include "base/error.h"
 #include "base/files.h"
 #include "base/image_io.h"
+#include "base/json_fields.h"
 #include "base/logging.h"
 #include "base/names.h"
 #include "base/open_file.h"
 #include "scene/data/kitti_rows.h"
+#include "scene/data/label_types.h"
 #include "scene/data/layouts.h"
 
 namespace mirage {
@@ -58,6 +62,94 @@ std::vector<int> read_track_file(const fs::path& file) {
   return tracks;
 }
 
+// Frames with several cameras add training/cameras/ID.json, with their names, calibrations and the labels
+// that the first camera does not see, and training/cameras/NAME/ID.png.
+
+/// Cameras beside the first, and what they alone see.
+struct Surround {
+  std::string first;
+  std::vector<SideCamera> others;  ///< with the files of their pictures yet to be read
+  std::vector<Label> labels;
+};
+
+constexpr double kFarthestCamera = 100;  // m from the LiDAR
+constexpr std::size_t kMostCameras = 64, kMostLabels = 10000;
+
+fs::path side_picture(const fs::path& part, const std::string& camera, const std::string& id) {
+  return part / "cameras" / camera / (id + ".png");
+}
+
+nlohmann::json surround_json(const Frame& frame) {
+  auto cameras = nlohmann::json::array(), labels = nlohmann::json::array();
+  for (const SideCamera& side : frame.others) {
+    const PinholeCamera& c = side.calibration.camera;
+    auto pose = nlohmann::json::array();
+    for (int i = 0; i < 12; ++i) pose.push_back(side.calibration.camera_from_velo.matrix()(i / 4, i % 4));
+    cameras.push_back({{"name", side.name},
+                       {"intrinsics", {c.fx, c.fy, c.cx, c.cy}},
+                       {"size", {c.width, c.height}},
+                       {"camera_from_velo", pose}});
+  }
+  for (const Label& label : frame.labels) {
+    if (label.camera == 0) continue;
+    const BevBox& bev = label.box.bev;
+    labels.push_back(
+        {{"camera", frame.name_of(static_cast<std::size_t>(label.camera))},
+         {"type", label.type},
+         {"truncated", label.truncated},
+         {"occluded", label.occluded},
+         {"track", label.track},
+         {"picture", {label.left, label.top, label.right, label.bottom}},
+         {"box", {bev.x, bev.y, label.box.bottom, bev.length, bev.width, label.box.height, bev.yaw}}});
+  }
+  return {{"camera", frame.camera}, {"others", cameras}, {"labels", labels}};
+}
+
+/// What surround_json wrote. `part`: DATA/training. InputError naming file and field.
+Surround read_surround(const fs::path& part, const std::string& id) {
+  const fs::path file = part / "cameras" / (id + ".json");
+  const nlohmann::json json = read_json(file, kLargestLabels);
+  const JsonFields from(file, json, kRestore);
+  Surround all;
+  all.first = from.text("camera");
+  std::vector<std::string> names;
+  for (const nlohmann::json& entry : from.list("others", kMostCameras)) {
+    const JsonFields camera = from.inner(fmt::format("others[{}]", names.size()), entry);
+    const std::string name = names.emplace_back(camera.text("name"));
+    if (!frame_id_problem(name).empty()) camera.fail("name", "can be no folder's name");
+    const auto k = camera.numbers("intrinsics", 4, 0, 1e5), size = camera.numbers("size", 2, 1, 16384),
+               pose = camera.numbers("camera_from_velo", 12, -kFarthestCamera, kFarthestCamera);
+    SideCamera side{name, {}, Lazy<ImageF>([] { return ImageF(); })};
+    PinholeCamera& c = side.calibration.camera;
+    c = {k[0], k[1], k[2], k[3], static_cast<int>(size[0]), static_cast<int>(size[1])};
+    if (!(c.fx > 0 && c.fy > 0)) camera.fail("intrinsics", "have no focal length");
+    for (int i = 0; i < 12; ++i) side.calibration.camera_from_velo.matrix()(i / 4, i % 4) = pose[i];
+    const Eigen::Matrix3d r = side.calibration.camera_from_velo.linear();
+    if ((r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > 1e-3 || r.determinant() < 0)
+      camera.fail("camera_from_velo", "its 3x3 part is not a rotation");
+    const PictureSize expected{c.width, c.height};
+    side.image = Lazy<ImageF>(
+        [picture = side_picture(part, name, id), expected] { return read_srgb(picture, expected); });
+    all.others.push_back(std::move(side));
+  }
+  for (const nlohmann::json& entry : from.list("labels", kMostLabels)) {
+    const JsonFields row = from.inner(fmt::format("labels[{}]", all.labels.size()), entry);
+    Label& label = all.labels.emplace_back();
+    const auto named = std::find(names.begin(), names.end(), row.text("camera"));
+    if (named == names.end()) row.fail("camera", "is none of the others");
+    label.camera = static_cast<int>(named - names.begin()) + 1;
+    label.type = kitti_type(row.text("type"));
+    label.truncated = row.number("truncated", 0, 1);
+    label.occluded = static_cast<int>(row.integer("occluded", 0, 3));
+    label.track = static_cast<int>(row.integer("track", -1, std::numeric_limits<int>::max()));
+    const auto picture = row.numbers("picture", 4, -1e6, 1e6), box = row.numbers("box", 7, -1e4, 1e4);
+    label.left = picture[0], label.top = picture[1], label.right = picture[2], label.bottom = picture[3];
+    label.box = {{box[0], box[1], box[3], box[4], box[6]}, box[2], box[5]};
+    if (const std::string problem = box_problem(label.box); !problem.empty()) row.fail("box", problem);
+  }
+  return all;
+}
+
 Vec3d read_triple(const nlohmann::json& json, const char* key, const fs::path& file, double low) {
   const auto bad = [&](const char* problem) {
     return InputError(file.string(), key, problem, "write it as three numbers, e.g. [0.5, 0.5, 0.7]");
@@ -76,7 +168,8 @@ Vec3d read_triple(const nlohmann::json& json, const char* key, const fs::path& f
 
 class KittiObject : public DataSet {
  public:
-  explicit KittiObject(const fs::path& data) : DataSet(data), part_(benchmark_part(data)) {}
+  explicit KittiObject(const fs::path& data, Cameras cameras = Cameras::first)
+      : DataSet(data), part_(benchmark_part(data)), cameras_(cameras) {}
 
   const char* layout() const override { return "kitti-object"; }
 
@@ -103,7 +196,30 @@ class KittiObject : public DataSet {
                                {part_ / "calib" / (id + ".txt"), "the calibration"}};
     if (const fs::path labels = part_ / "label_2" / (id + ".txt"); fs::exists(labels))
       files.push_back({labels, "the labels"});
+    if (cameras_ == Cameras::first) return files;
+    files.push_back({part_ / "cameras" / (id + ".json"), "the other cameras"});
+    if (fs::exists(files.back().file))
+      for (const SideCamera& side : others(id))
+        files.push_back({side_picture(part_, side.name, id), "a picture of another camera"});
     return files;
+  }
+
+  /// As the first file that names cameras has it: they are those of one rig.
+  std::string camera() const override {
+    std::error_code none;
+    for (const auto& entry : fs::directory_iterator(part_ / "cameras", none))
+      if (entry.path().extension() == ".json")
+        return read_surround(part_, entry.path().stem().string()).first;
+    return DataSet::camera();
+  }
+
+  std::shared_ptr<const DataSet> with_all_cameras() const override {
+    return fs::is_directory(part_ / "cameras") ? std::make_shared<KittiObject>(data(), Cameras::all)
+                                               : nullptr;
+  }
+
+  std::vector<SideCamera> others(const std::string& id) const override {
+    return cameras_ == Cameras::all ? read_surround(part_, id).others : std::vector<SideCamera>();
   }
 
   Sweep sweep(const std::string& id) const override { return read_sweep(parts(id).at(0).file); }
@@ -112,17 +228,19 @@ class KittiObject : public DataSet {
     Annotations known;
     const std::vector<Part> files = parts(id);
     known.calibration = read_calibration(files[2].file, width, height);
-    known.labelled = files.size() > 3;
+    const fs::path labels = part_ / "label_2" / (id + ".txt");
+    known.labelled = fs::exists(labels);
     if (!known.labelled) return known;
-    const fs::path& labels = files[3].file;
     known.labels = read_labels(labels, known.calibration, &known.notes);
-    if (const auto numbers = tracks(id)) {
+    if (const auto numbers = first_tracks(id)) {
       if (numbers->size() != known.labels.size())
         throw InputError(track_file(data(), id).string(), fmt::format("{} lines", numbers->size()),
                          fmt::format("{} has {} labels", labels.string(), known.labels.size()),
                          "give each label its line (-1 where the vehicle is unknown)");
       for (std::size_t i = 0; i < numbers->size(); ++i) known.labels[i].track = (*numbers)[i];
     }
+    if (cameras_ == Cameras::all)
+      for (Label& label : read_surround(part_, id).labels) known.labels.push_back(std::move(label));
     return known;
   }
 
@@ -132,12 +250,19 @@ class KittiObject : public DataSet {
   }
 
   std::optional<std::vector<int>> tracks(const std::string& id) const override {
+    auto numbers = first_tracks(id);
+    if (cameras_ == Cameras::first) return numbers;
+    return numbers ? DataSet::tracks(id) : std::nullopt;  // those of annotations()
+  }
+
+ private:
+  std::optional<std::vector<int>> first_tracks(const std::string& id) const {
     const fs::path file = track_file(data(), id);
     return fs::exists(file) ? std::optional(read_track_file(file)) : std::nullopt;
   }
 
- private:
   fs::path part_;  ///< DATA/training or DATA/testing
+  Cameras cameras_;
 };
 
 }  // namespace
@@ -305,12 +430,20 @@ fs::path true_depth_file(const fs::path& data, const std::string& id) {
 void write_frame(const fs::path& data, const Frame& frame) {
   write_srgb(part(data, "image_2", frame.id, ".png"), frame.image);
   write_calibration(part(data, "calib", frame.id, ".txt"), frame.calibration);
-  write_labels(part(data, "label_2", frame.id, ".txt"), frame.labels, frame.calibration);
+  std::vector<Label> first;  // those that the first camera sees
+  std::copy_if(frame.labels.begin(), frame.labels.end(), std::back_inserter(first),
+               [](const Label& label) { return label.camera == 0; });
+  write_labels(part(data, "label_2", frame.id, ".txt"), first, frame.calibration);
   write_lighting(part(data, "lighting", frame.id, ".json"), frame.lighting);
   if (std::any_of(frame.labels.begin(), frame.labels.end(), [](const Label& l) { return l.track >= 0; })) {
     std::string tracks;
-    for (const Label& label : frame.labels) tracks += fmt::format("{}\n", label.track);
+    for (const Label& label : first) tracks += fmt::format("{}\n", label.track);
     write_file(track_file(data, frame.id), tracks);
+  }
+  if (!frame.others.empty()) {
+    for (const SideCamera& side : frame.others)
+      write_srgb(side_picture(data / "training", side.name, frame.id), side.image.get());
+    write_json(part(data, "cameras", frame.id, ".json"), surround_json(frame));
   }
   // Last: list_frames goes by the sweeps, so a frame that was cut short isn't listed.
   write_sweep(part(data, "velodyne", frame.id, ".bin"), frame.sweep);
