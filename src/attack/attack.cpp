@@ -151,7 +151,7 @@ AttackResult run_attack(const AttackSettings& given, const DetectorPool& detecto
   FrameStore store(settings);
   std::vector<std::string> train_frames, test_frames;
   const std::vector<std::string> frames = list_frames(settings.data);
-  const LabelCensus census = count_labels(settings.data, frames);
+  const LabelCensus census = count_labels(settings.data, frames, settings.classes, settings.cameras);
   require_cars(census, "an attack");
   if (rank() == 0) warn_of_labels(census);
   split_frames(frames, settings.seed, train_frames, test_frames);

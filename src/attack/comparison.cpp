@@ -155,7 +155,7 @@ Comparison compare(const ComparisonRequest& request, Provenance* made_of) {
   if (frames.empty())
     throw InputError(request.data.string(), "frames", "holds no frame that the runs have not learned on",
                      "give another data set");
-  const LabelCensus census = count_labels(request.data, frames);
+  const LabelCensus census = count_labels(request.data, frames, request.classes, request.cameras);
   require_cars(census, "a comparison");
   warn_of_labels(census);
   FrameStore store(request);

@@ -78,9 +78,9 @@ std::vector<std::string> frames_of(const std::vector<HostId>& hosts) {
   return {frames.begin(), frames.end()};
 }
 
-void check_labels(const std::filesystem::path& data, const std::vector<std::string>& frames) {
+void check_labels(const FrameSource& source, const std::vector<std::string>& frames) {
   if (frames.empty()) return;
-  const LabelCensus census = count_labels(data, frames);
+  const LabelCensus census = count_labels(source.data, frames, source.classes, source.cameras);
   require_cars(census, "an evaluation");
   warn_of_labels(census);
 }
@@ -196,7 +196,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
 
   if (whole_data) {  // all its usable vehicles are unseen ones
     const std::vector<std::string> frames = list_frames(stage.settings.data);
-    check_labels(stage.settings.data, frames);
+    check_labels(stage.settings, frames);
     result.detectors = load_detector_pool(result.detector, static_cast<int>(frames.size()));
     const auto region = result.detectors.front()->region();
     for (const Host& host :
@@ -204,7 +204,7 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
       result.hosts.push_back(host.id);
   } else {
     result.hosts = hosts_of_split(stage, request.hosts);
-    check_labels(stage.settings.data, frames_of(result.hosts));
+    check_labels(stage.settings, frames_of(result.hosts));
   }
   if (result.hosts.empty() && whole_data)
     throw InputError(stage.settings.data.string(), "labels", "no vehicle has the object in view",

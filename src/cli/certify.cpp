@@ -90,7 +90,7 @@ nlohmann::json run(const CertifyOptions& options, const Common& common) {
                      "is an approximation, and proves nothing", "leave it out");
   std::vector<std::string> frames = list_frames(options.data);
   if (options.frames > 0 && frames.size() > options.frames) frames.resize(options.frames);
-  const LabelCensus census = count_labels(options.data, frames);
+  const LabelCensus census = count_labels(options.data, frames, options.classes, options.cameras);
   require_cars(census, "a certificate");
   warn_of_labels(census);
   const DetectorPool detectors = load_detector_pool(asked, static_cast<int>(frames.size()));

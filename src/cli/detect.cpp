@@ -27,7 +27,7 @@ namespace {
 
 struct DetectOptions {
   std::filesystem::path data;
-  std::string rig;
+  std::string rig, classes = kCars;
   DetectorOptions detector;
   std::size_t frames = 0;
   int check = 0;
@@ -119,6 +119,8 @@ void add_options(CLI::App& app, DetectOptions& options) {
   app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
       ->required();
   app.add_option("--rig", options.rig, kRigHelp);
+  app.add_option("--classes", options.classes, "classes that have to be found, as Car,Van,Truck")
+      ->capture_default_str();
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames (0: all)")->capture_default_str();
   app.add_option("--check", options.check,
@@ -135,7 +137,8 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   const DetectorOptions detector_options = with_common(options.detector, common, options.data, options.rig);
   check_data(options.data, options.rig, UnitUse::reads_sweeps);
   const auto detector = load_detector(detector_options);
-  const LabelCensus census = count_labels(options.data, first_frames(options.data, options.frames));
+  const LabelCensus census =
+      count_labels(options.data, first_frames(options.data, options.frames), options.classes);
   warn_of_labels(census);
   std::unique_ptr<Progress> progress;
   const auto tell = [&](const char* what) {
@@ -161,8 +164,10 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
       write_results(options.kitti / (frame.id + ".txt"), kitti.back().detections, frame.calibration);
   };
   add_detector(*common.made_of, detector_options);
+  common.made_of->set("classes", options.classes);
   add_data(*common.made_of, options.data, first_frames(options.data, options.frames));
-  const DetectionRun run = detect_data_set(*detector, options.data, options.frames, tell("detect"), seen);
+  const DetectionRun run =
+      detect_data_set(*detector, options.data, options.frames, tell("detect"), seen, options.classes);
   progress.reset();
   write_json(common.out / "detections.json", detections_json(run, can));
   std::vector<ScoredStratum> parts(1);
@@ -196,7 +201,7 @@ nlohmann::json run(const DetectOptions& options, const Common& common) {
   result["hints"] = found.hints;
   if (options.check > 0) {
     FrameSource source;
-    source.data = options.data, source.rig = options.rig;
+    source.data = options.data, source.rig = options.rig, source.classes = options.classes;
     FrameStore store(source);
     const BoxHabits habits = !run.matching.in_picture() ? box_habits(clean) : BoxHabits();
     const SeenChange change = seen_change(*detector, store, run.ids, options.check);

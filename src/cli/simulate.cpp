@@ -85,6 +85,7 @@ nlohmann::json run(const SimulateOptions& options, const Common& common) {
   const auto finder = make_roof_finder(asked.rooftop, lidar);
   Frame frame = read_frame(asked.data, options.frame, asked.cameras);
   frame.lighting = with_sun(frame, sun);
+  seek(classes_of(asked.classes), frame.labels);
   const PreparedFrame prepared = prepare(std::move(frame), lidar, depth.get());
   const Label& host = vehicle_of(prepared.frame, options.vehicle, "--vehicle");
   const Box3& box = host.box;

@@ -212,7 +212,7 @@ const DifficultyLimits& limits_of(Difficulty difficulty) {
 
 bool counts_by_label(const Label& label, const std::array<double, 4>& region) {
   const BevBox& box = label.box.bev;
-  return label.type == "Car" && has_box(label) && meets(label, limits_of(Difficulty::hard)) &&
+  return is_sought(label) && has_box(label) && meets(label, limits_of(Difficulty::hard)) &&
          box.x >= region[0] && box.x <= region[1] && box.y >= region[2] && box.y <= region[3];
 }
 
@@ -233,7 +233,7 @@ GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region
     const Label& label = frame.labels[i];
     if (!has_box(label)) continue;
     if (label.type == "Misc") truth.look_alikes.push_back(boxes_of(label));
-    if (label.type != "Car" && label.type != "Van") continue;
+    if (label.type != "Car" && label.type != "Van" && !is_sought(label)) continue;
     if (counts_by_label(label, region)) {
       truth.boxes.push_back(boxes_of(label));
       truth.labels.push_back(i);
@@ -264,7 +264,7 @@ TruthBoxes picture_truth(std::span<const Label> labels) {
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const Label& label = labels[i];
     if (label.type == "Misc") truth.look_alikes.push_back(boxes_of(label));
-    if (label.type == "Car" && meets(label, limits_of(Difficulty::hard))) {
+    if (is_sought(label) && meets(label, limits_of(Difficulty::hard))) {
       truth.boxes.push_back(boxes_of(label));
       truth.labels.push_back(i);
       truth.difficulty.push_back(easiest_level(label));

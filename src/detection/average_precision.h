@@ -51,12 +51,12 @@ struct GroundTruth {
   TruthBoxes space, picture;
 };
 
-/// Whether a label must be found: KITTI's "hard" cars. A Car, truncated ≤ 0.5, occluded ≤ 2, at least 25
-/// pixels high in the image, with its centre inside `region` (x and y from, to; `velo`, m). However few
-/// returns it has, none included: who sees its pixels can find it.
+/// Whether a label must be found: KITTI's "hard" cars. A Car (or what else is_sought), truncated ≤ 0.5,
+/// occluded ≤ 2, at least 25 pixels high in the image, with its centre inside `region` (x and y from, to;
+/// `velo`, m). However few returns it has, none included: who sees its pixels can find it.
 bool counts_by_label(const Label& label, const std::array<double, 4>& region);
 
-/// Sorts the labels by counts_by_label. Other cars and all vans are ignored: finding them is neither right
+/// Sorts the labels by counts_by_label. Other cars and vans are ignored: finding them is neither right
 /// nor wrong. Everything else (trucks, trams, people, the generator's look-alikes: "Misc") is background. In
 /// a frame that nobody has labelled (Frame::labelled) all is ignored. In the picture: picture_truth().
 GroundTruth ground_truth(const Frame& frame, const std::array<double, 4>& region);

@@ -58,7 +58,8 @@ void check_readable(std::span<const Detection> detections, Matching matching, co
 
 DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& data, std::size_t limit,
                              const std::function<void(std::size_t, std::size_t)>& progress,
-                             const std::function<void(const Frame&, const std::vector<Detection>&)>& seen) {
+                             const std::function<void(const Frame&, const std::vector<Detection>&)>& seen,
+                             const std::string& classes) {
   using Clock = std::chrono::steady_clock;
   DetectionRun run;
   run.matching = detector.capabilities().matching();
@@ -66,7 +67,11 @@ DetectionRun detect_data_set(Detector& detector, const std::filesystem::path& da
   double seconds = 0;
   const auto policy = thread_count() > 1 ? std::launch::async : std::launch::deferred;
   const auto read = [&](std::size_t i) {
-    return std::async(policy, [&data, id = run.ids[i]] { return read_frame(data, id); });
+    return std::async(policy, [&data, id = run.ids[i], sought = classes_of(classes)] {
+      Frame frame = read_frame(data, id);
+      seek(sought, frame.labels);
+      return frame;
+    });
   };
   std::future<Frame> next;
   if (!run.ids.empty()) next = read(0);

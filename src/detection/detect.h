@@ -12,6 +12,7 @@
 #include "detection/average_precision.h"
 #include "detection/detector.h"
 #include "scene/data/kitti_results.h"
+#include "scene/data/label_types.h"
 
 namespace mirage {
 
@@ -51,11 +52,12 @@ std::vector<std::string> first_frames(const std::filesystem::path& data, std::si
 
 /// Runs the detector on each frame of `data` (or on the first `limit`); the next frame is read meanwhile when
 /// there is more than one thread. `progress(done, total)` and `seen(frame, its detections)` may be empty.
-/// Throws Interrupted between frames.
+/// `classes`: what has to be found. Throws Interrupted between frames.
 DetectionRun detect_data_set(
     Detector& detector, const std::filesystem::path& data, std::size_t limit = 0,
     const std::function<void(std::size_t, std::size_t)>& progress = {},
-    const std::function<void(const Frame&, const std::vector<Detection>&)>& seen = {});
+    const std::function<void(const Frame&, const std::vector<Detection>&)>& seen = {},
+    const std::string& classes = kCars);
 
 // Detections on disk: what `mirage detect` writes, and what other people's detectors do.
 

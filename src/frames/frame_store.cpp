@@ -22,7 +22,7 @@ std::vector<HostView> host_views(const PreparedFrame& prepared, const std::vecto
   std::vector<HostView> views;
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const BevBox& box = labels[i].box.bev;
-    if (labels[i].type != "Car" || !has_box(labels[i]) || box.x < region[0] || box.x > region[1] ||
+    if (!is_sought(labels[i]) || !has_box(labels[i]) || box.x < region[0] || box.x > region[1] ||
         box.y < region[2] || box.y > region[3])
       continue;
     const Simulated seen = simulate(prepared, placement_of(place, carriers[i]), reference, simulation);
@@ -64,6 +64,7 @@ FrameStore::FrameStore(const FrameSource& source)
   sun_ = parse_sun(source.sun);
   place_ = source.placement;
   cameras_ = source.cameras;
+  classes_ = source.classes;
   cache_ = FrameCache(DiskCache::from_environment(), depth_identity({source.depth}),
                       rooftop_identity(source.rooftop), lidar_);
 }
@@ -85,6 +86,7 @@ std::shared_ptr<const FrameStore::Entry> FrameStore::read(const std::string& id)
   Frame frame = read_frame(data_, id, cameras_);
   const std::string hash = cache_.on() ? content(id) : "";
   frame.lighting = with_sun(frame, sun_);
+  if (classes_ != kCars) seek(classes_of(classes_), frame.labels);
   auto entry = std::make_shared<Entry>();
   entry->carriers = cache_.carriers(hash, frame.labels, [&] {
     std::vector<Carrier> carriers(frame.labels.size());
@@ -204,7 +206,8 @@ std::vector<HostView> FrameStore::views(const std::string& id, const std::array<
     const auto entry = at(id);
     return host_views(entry->prepared, entry->carriers, place_, region, simulation);
   };
-  return cache_.views(cache_.on() ? content(id) : "", place_, region, simulation, look);
+  const std::string sought = classes_ == kCars ? "" : " " + classes_;
+  return cache_.views(cache_.on() ? content(id) + sought : "", place_, region, simulation, look);
 }
 
 void FrameStore::prefetch(std::vector<std::string> ids) {

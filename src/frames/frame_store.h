@@ -107,6 +107,7 @@ class FrameStore {
   SunChoice sun_;
   PlaceChoice place_;
   Cameras cameras_ = Cameras::first;
+  std::string classes_ = kCars;
   mutable FrameCache cache_;
 
   mutable std::mutex mutex_;  // of what follows

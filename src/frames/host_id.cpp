@@ -17,7 +17,7 @@ const Label& label_of(const Frame& frame, const HostId& id) {
     throw InputError("run.json", "host " + host_name(id), "is not in the data set",
                      "give the --data folder that the run was made with");
   const Label& label = frame.labels[static_cast<std::size_t>(id.label)];
-  if (!is_vehicle_type(label.type) || !has_box(label))
+  if ((!is_vehicle_type(label.type) && !is_sought(label)) || !has_box(label))
     throw InputError(
         "run.json", "host " + host_name(id),
         fmt::format("is a {}{} in the data set", label.type, has_box(label) ? "" : " without a box in space"),
@@ -26,7 +26,9 @@ const Label& label_of(const Frame& frame, const HostId& id) {
 }
 
 const Label& vehicle_of(const Frame& frame, int label, const std::string& option) {
-  const auto carries = [](const Label& of) { return is_vehicle_type(of.type) && has_box(of); };
+  const auto carries = [](const Label& of) {
+    return (is_vehicle_type(of.type) || is_sought(of)) && has_box(of);
+  };
   const auto index = static_cast<std::size_t>(label);
   const bool known = label >= 0 && index < frame.labels.size();
   if (known && carries(frame.labels[index])) return frame.labels[index];

@@ -20,8 +20,8 @@ struct Host {
   bool from_box = true;  ///< Carrier's
 };
 
-/// Cars of the frame that can be hosts: labelled "Car", box centre inside the detector's region, and at least
-/// `min_view` of the reference adversary in view after occlusion.
+/// Vehicles of the frame that can be hosts: of the classes that are sought (a Car by default), box centre
+/// inside the detector's region, and at least `min_view` of the reference adversary in view after occlusion.
 std::vector<Host> find_hosts(FrameStore& store, const std::string& frame, const std::array<double, 4>& region,
                              const SimulationSettings& simulation, double min_view = 0.7);
 

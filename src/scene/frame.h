@@ -42,7 +42,13 @@ struct Label {
   std::string category = {};                        ///< the class as labelled: "Tram", "vehicle.bus.rigid"
   std::optional<Vec3d> velocity = {};  ///< m/s over ground along the axes of `velo`; none: not known
   int camera = 0;                      ///< that its 2-D box is in: 0 the first, k the frame's others[k − 1]
+  std::optional<bool> sought = {};     ///< whether its class is asked for (FrameSource::classes)
 };
+
+/// Whether it is of a class that carries the object and has to be found: as it is marked, else a car.
+inline bool is_sought(const Label& label) {
+  return label.sought.value_or(label.type == "Car");
+}
 
 /// Whether it is known where the object stands: not of DontCare regions, nor of labels of the picture alone.
 inline bool has_box(const Label& label) {

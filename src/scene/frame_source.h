@@ -7,6 +7,7 @@
 #include "base/fields.h"
 #include "scene/carrier.h"
 #include "scene/data/data_rig.h"
+#include "scene/data/label_types.h"
 #include "scene/depth/learned_depth.h"
 #include "scene/shape/shape_roof.h"
 #include "scene/sun.h"
@@ -22,6 +23,7 @@ struct FrameSource {
   std::string rig = {};              ///< which recorded it, as data_rig.h takes it; empty: what the set says
   PlaceChoice placement = {};        ///< where the object is put (carrier.h)
   Cameras cameras = Cameras::first;  ///< which of them are looked at
+  std::string classes = kCars;       ///< of labels that carry the object and have to be found (classes_of)
 };
 
 template <class Visitor, FieldsOf<FrameSource> S>
@@ -52,6 +54,11 @@ void visit_fields(Visitor& visit, S& s) {
              "all (each that sees the object shows it; the whole sweep)",
          .lacking = "first"},
         s.cameras);
+  visit({.name = "classes",
+         .help = "classes of the labels that carry the object and have to be found, as Car,Van,Truck",
+         .lacking = kCars,
+         .check = [](const std::string& list) { classes_of(list); }},
+        s.classes);
   visit({.name = "sun",
          .help = "where the sun stands: frame (the frame's own lighting), photo (from its shadows), "
                  "AZIMUTH,ELEVATION (degrees; azimuth counter-clockwise from forward) or "

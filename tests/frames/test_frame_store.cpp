@@ -17,6 +17,7 @@
 #include "frames/frame_store.h"
 #include "frames/hosts.h"
 #include "frames/made_of.h"
+#include "scene/data/label_census.h"
 #include "scene/data/read_frames.h"
 #include "support/each_field.h"
 #include "support/files.h"
@@ -464,6 +465,50 @@ TEST(AttackCache, RunsWithAndWithoutItLearnTheSameBits) {
   for (const char* out : {"cold", "warm"})
     for (const char* file : {"adversary.glb", "loss.csv", "run.json"})
       EXPECT_EQ(read_file(folder / out / file), read_file(folder / "plain" / file)) << out << " " << file;
+}
+
+// Hosts and truth are of the classes that are asked for, a car's by default.
+TEST(Classes, AreHostsAndHaveToBeFoundAsAsked) {
+  const test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1);
+  Frame frame = read_frame(folder / "data", "000000");
+  for (const auto& [type, y] : {std::pair("Truck", 5.0), std::pair("Pedestrian", -5.0)}) {
+    Label& other = frame.labels.emplace_back(frame.labels[0]);
+    other.type = type;
+    other.box.bev.y = y, other.box.bev.x += 6;
+  }
+  write_frame(folder / "data", frame);
+  FrameSource source;
+  source.data = folder / "data";
+  source.depth = "ip-basic";
+  source.rooftop = "box";
+  const CacheIn cache(folder / "cache");
+  const std::array<double, 4> region = {0, 60, -30, 30};
+  const auto types = [&](const std::string& classes) {
+    source.classes = classes;
+    FrameStore store(source);
+    std::vector<std::string> hosts, found;
+    const auto held = store.get("000000");
+    for (const Host& host : find_hosts(store, "000000", region, {}, 0.1))
+      hosts.push_back(label_of(held->frame, host.id).type);
+    for (const std::size_t label : ground_truth(held->frame, region).space.labels)
+      found.push_back(held->frame.labels[label].type);
+    EXPECT_EQ(hosts, found);
+    return hosts;
+  };
+  using Types = std::vector<std::string>;
+  EXPECT_EQ(types("Car"), Types({"Car"}));
+  EXPECT_EQ(types("truck,Pedestrian"), Types({"Truck", "Pedestrian"}));
+  EXPECT_EQ(types("Car,Truck"), Types({"Car", "Truck"}));
+  const std::vector<std::string> ids = {"000000"};
+  EXPECT_EQ(count_labels(source.data, ids, "Truck,Pedestrian").cars, 2);
+  EXPECT_THAT(test::error_text<InputError>(
+                  [&] { require_cars(count_labels(source.data, ids, "Tram"), "an attack"); }),
+              testing::AllOf(testing::HasSubstr("count as a Tram"), testing::HasSubstr("1 Truck")));
+  EXPECT_THAT(test::error_text<FieldError>([&] { count_labels(source.data, ids, "Car,Truk"); }),
+              testing::AllOf(testing::HasSubstr("classes: Truk"), testing::HasSubstr("Truck"),
+                             testing::HasSubstr("Pedestrian")));
+  EXPECT_THROW(classes_of(" ,"), FieldError);
 }
 
 // Of a set with all cameras: the sweep is whole, and the other cameras' depths are kept by their names.

@@ -8,6 +8,7 @@
 #include "base/error.h"
 #include "base/logging.h"
 #include "base/parallel.h"
+#include "base/words.h"
 #include "scene/data/label_types.h"
 #include "scene/data/read_frames.h"
 
@@ -18,8 +19,8 @@ namespace {
 std::string none_counts(const LabelCensus& census) {
   return census.labels == 0
              ? fmt::format("the labels of {} frames hold no object", census.frames - census.unlabelled)
-             : fmt::format("0 of {} labelled objects count as a Car: {}", census.labels,
-                           type_counts(census.types));
+             : fmt::format("0 of {} labelled objects count as a {}: {}", census.labels,
+                           fmt::join(census.classes, " or "), type_counts(census.types));
 }
 
 std::map<std::string, int> unknown_types(const LabelCensus& census) {
@@ -29,35 +30,50 @@ std::map<std::string, int> unknown_types(const LabelCensus& census) {
   return unknown;
 }
 
-bool has_cars(const LabelCensus& census) {
-  return census.types.contains("Car");
+int sought(const LabelCensus& census) {
+  int count = 0;
+  for (const std::string& name : census.classes)
+    if (const auto of = census.types.find(name); of != census.types.end()) count += of->second;
+  return count;
+}
+
+/// InputError for a class that neither anybody knows nor the data have.
+void check_classes(const LabelCensus& census) {
+  std::vector<std::string> there;
+  for (const auto& [type, count] : census.types) there.push_back(type);
+  for (const std::string& name : census.classes)
+    if (!is_known_type(name) && !census.types.contains(name)) throw unknown_word("classes", name, there);
 }
 
 }  // namespace
 
-LabelCensus count_labels(const std::filesystem::path& data, std::span<const std::string> ids) {
-  const auto set = open_data_set(data);
+LabelCensus count_labels(const std::filesystem::path& data, std::span<const std::string> ids,
+                         const std::string& classes, Cameras cameras) {
+  const auto set = open_data_set(data, cameras);
   std::vector<Annotations> all(ids.size());
   parallel_for(ids.size(), [&](std::size_t i) {
     const auto [width, height] = set->picture_size(ids[i]);
     all[i] = set->annotations(ids[i], width, height);
   });
   LabelCensus census;
+  census.classes = classes_of(classes);
   census.data = data;
   census.incomplete = set->incomplete();
   census.frames = ids.size();
-  for (const Annotations& known : all) {
+  for (Annotations& known : all) {
     census.unlabelled += !known.labelled;
     census.notes.clipped += known.notes.clipped;
     census.notes.projected += known.notes.projected;
+    seek(census.classes, known.labels);
     for (const Label& label : known.labels) {
       if (label.type == "DontCare") continue;
       ++census.labels;
       ++census.types[label.type];
       census.in_picture_alone += !label.in_space;
-      census.cars += label.type == "Car" && has_box(label);
+      census.cars += is_sought(label) && has_box(label);
     }
   }
+  check_classes(census);
   return census;
 }
 
@@ -68,7 +84,7 @@ void warn_of_labels(const LabelCensus& census) {
     spdlog::warn("{}: {} of {} frames have no labels: nothing is scored in them, and no vehicle is a host",
                  data, census.unlabelled, census.frames);
   const auto unknown = unknown_types(census);
-  if (census.unlabelled < census.frames && !has_cars(census))
+  if (census.unlabelled < census.frames && sought(census) == 0)
     spdlog::warn("{}: {}{}{}", data, none_counts(census), unknown.empty() ? "" : "; known are ",
                  unknown.empty() ? "" : kKnownTypes);
   else if (!unknown.empty())
@@ -94,9 +110,9 @@ void require_cars(const LabelCensus& census, const std::string& work) {
   if (census.unlabelled == census.frames)
     refuse(fmt::format("none of the {} frames has any, and {} needs labelled cars", census.frames, work),
            "add them; view, detect --kitti and attack --hosts-from detections work without");
-  if (has_cars(census))
+  if (sought(census) > 0)
     refuse(fmt::format("all {} cars have a box in the picture alone, and {} needs boxes in space",
-                       census.types.at("Car"), work),
+                       sought(census), work),
            "give labels in 3-D; mirage detect --detector camera is scored on these");
   refuse(none_counts(census), unknown_types(census).empty()
                                   ? "label the cars"

@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/fields.h"
+
 namespace mirage {
 namespace {
 
@@ -123,6 +125,18 @@ bool is_known_type(std::string_view name) {
 bool is_vehicle_type(std::string_view type) {
   constexpr auto kVehicles = std::to_array<std::string_view>({"Car", "Van", "Truck", "Tram", "Bus"});
   return std::ranges::find(kVehicles, type) != kVehicles.end();
+}
+
+std::vector<std::string> classes_of(const std::string& list) {
+  std::vector<std::string> classes;
+  for (const std::string& name : listed_words(list)) classes.push_back(kitti_type(name));
+  if (classes.empty() || std::ranges::find(classes, "") != classes.end())
+    throw FieldError("classes", list, "names no class", "give one or more, as Car,Van,Truck");
+  return classes;
+}
+
+void seek(const std::vector<std::string>& classes, std::vector<Label>& labels) {
+  for (Label& label : labels) label.sought = std::ranges::find(classes, label.type) != classes.end();
 }
 
 std::string type_counts(const std::map<std::string, int>& types) {

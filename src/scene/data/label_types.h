@@ -4,6 +4,7 @@
 #include <map>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "scene/frame.h"
 
@@ -17,6 +18,14 @@ std::string kitti_type(std::string_view name);
 bool is_known_type(std::string_view name);
 /// Whether it is the type of a motor vehicle: Car, Van, Truck, Tram or Bus.
 bool is_vehicle_type(std::string_view type);
+
+/// The classes that a list of names says ("Car,Van,truck"), each as kitti_type has it. FieldError for a list
+/// that names none.
+std::vector<std::string> classes_of(const std::string& list);
+/// Marks the labels of these classes as sought, and the others as not (Label::sought).
+void seek(const std::vector<std::string>& classes, std::vector<Label>& labels);
+/// Classes where nobody asks for others.
+inline constexpr const char* kCars = "Car";
 
 /// Counts of labels by type: "41 vehicle.foo, 3 Pedestrian", the most frequent first, at most eight of them.
 std::string type_counts(const std::map<std::string, int>& types);
