@@ -25,31 +25,33 @@ namespace {
 
 constexpr const char* kKind = "reliance";
 
-std::string key_of(const std::string& identity, const std::filesystem::path& data,
+std::string key_of(const std::string& identity, const FrameSource& source,
                    const std::vector<std::string>& ids) {
   Provenance made_of;
   made_of.input("detector", identity);
-  made_of.input("data", frames_hash(data, ids));
+  made_of.input("data", frames_hash(source.data, ids));
+  made_of.set("classes", source.classes);
   return made_of.made_of().dump();
 }
 
 }  // namespace
 
 Reliance cached_reliance(const DetectorPool& detectors, const std::string& identity,
-                         const std::filesystem::path& data, bool quiet) {
-  const std::vector<std::string> ids = spread_evenly(list_frames(data), kAuditFrames);
+                         const FrameSource& source, bool quiet) {
+  const std::vector<std::string> ids = spread_evenly(list_frames(source.data), kAuditFrames);
   const auto measure = [&] {
     std::vector<Detector*> instances;
     for (const auto& detector : detectors) instances.push_back(detector.get());
     std::unique_ptr<Progress> progress;
-    return measure_reliance(instances, data, ids, [&](std::size_t done, std::size_t total) {
+    const auto tell = [&](std::size_t done, std::size_t total) {
       if (!progress) progress = std::make_unique<Progress>("use of the picture", total, quiet);
       progress->update(done);
-    });
+    };
+    return measure_reliance(instances, source.data, ids, tell, source.classes);
   };
   const auto disk = DiskCache::from_environment();
   if (identity.empty() || !disk->on() || !reads_picture(*detectors.front())) return measure();
-  const std::string key = key_of(identity, data, ids);
+  const std::string key = key_of(identity, source, ids);
   if (const auto bytes = disk->read(kKind, key)) try {
       const nlohmann::json json = nlohmann::json::parse(*bytes);
       return reliance_from_json({kKind, json, "it is measured again"});
@@ -231,8 +233,8 @@ RunEvaluation evaluate_run(const EvaluationRequest& request) {
                      "processes share their work through the disk cache, which is off here",
                      "set MIRAGE_CACHE to a folder that all of them see, or start it without mpirun");
   if (rank() == 0)  // the only one that tells; the others take from its part of the rest meanwhile
-    result.reliance = cached_reliance(result.detectors, result.settings.detector_identity,
-                                      stage.settings.data, result.settings.quiet);
+    result.reliance = cached_reliance(result.detectors, result.settings.detector_identity, stage.settings,
+                                      result.settings.quiet);
   const CleanDetections clean =
       clean_detections(result.detectors, *result.store, result.hosts, result.settings);
   const auto judged = [&](std::span<const TexturedMesh> meshes) {

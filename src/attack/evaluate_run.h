@@ -20,7 +20,7 @@ namespace mirage {
 /// in DiskCache::from_environment() for the same detector, frames and program. `identity`:
 /// detector_identity() of the pool's options; empty: not cached. Shows progress unless `quiet`.
 Reliance cached_reliance(const DetectorPool& detectors, const std::string& identity,
-                         const std::filesystem::path& data, bool quiet = true);
+                         const FrameSource& source, bool quiet = true);
 
 // What `mirage evaluate` does: a run's adversary or objects of the user's, and controls beside them
 // (attack/baseline.h), on the hosts that its options name.

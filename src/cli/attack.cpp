@@ -13,7 +13,6 @@
 #include "frames/made_of.h"
 #include "scene/data/read_frames.h"
 #include "validation/blender/cycles_renderer.h"
-#include "validation/fidelity/budget_renderer.h"
 
 namespace mirage::cli {
 namespace {
@@ -24,27 +23,15 @@ struct AttackOptions {
   LidarEffectsOption effects{"ideal"};
   std::string renderer = kRasterRenderer;
   CyclesRenderer::Settings cycles;
-  std::filesystem::path budget;  ///< empty: Cycles draws all
 };
 
-/// Who draws the object for the detector: null: the insertion's rasteriser.
-struct Renderers {
-  std::shared_ptr<CyclesRenderer> cycles;
-  std::shared_ptr<BudgetRenderer> by_rule;
-};
-
-Renderers make_renderers(const AttackOptions& options, const AttackSettings& settings) {
-  if (options.renderer == kRasterRenderer && !options.budget.empty())
-    throw InputError("--budget", "", "chooses between the rasteriser and Cycles", "add --renderer cycles");
-  if (options.renderer == kRasterRenderer || settings.target == AttackTarget::random) return {};
-  std::optional<StoredBudget> budget;  // before Blender starts
-  if (!options.budget.empty()) budget = read_budget(options.budget);
+/// Draws the object for the detector; null: the insertion's rasteriser does.
+std::shared_ptr<CyclesRenderer> make_renderer(const AttackOptions& options, const AttackSettings& settings) {
+  if (options.renderer == kRasterRenderer || settings.target == AttackTarget::random) return nullptr;
   CyclesRenderer::Settings cycles = options.cycles;
   cycles.out = settings.out;
   cycles.workers = std::min(settings.batch, thread_count());
-  Renderers renderers{std::make_shared<CyclesRenderer>(cycles), nullptr};
-  if (budget) renderers.by_rule = std::make_shared<BudgetRenderer>(renderers.cycles, *budget);
-  return renderers;
+  return std::make_shared<CyclesRenderer>(cycles);
 }
 
 /// What the gradient goes through: what the user gave, and beside Cycles' pictures otherwise that of pictures
@@ -58,12 +45,6 @@ void apply_rasteriser(const AttackOptions& options, SimulationSettings& settings
     if (!quality.given("--light")) settings.light = LightModel::visible;
   }
   quality.apply(settings);
-}
-
-/// How many pictures each renderer drew in this process.
-nlohmann::json pictures_drawn(const Renderers& renderers) {
-  if (renderers.by_rule) return renderers.by_rule->drawn();
-  return {{"reference", renderers.cycles->drawn()}};
 }
 
 /// What holds of the mesh, in a line.
@@ -124,9 +105,6 @@ void add_options(CLI::App& app, AttackOptions& options) {
                  "with --renderer cycles: render again when texels have changed by this (root mean "
                  "square)")
       ->capture_default_str();
-  app.add_option("--budget", options.budget,
-                 "with --renderer cycles: folder of mirage validate --budget; Cycles renders only "
-                 "vehicles for which its rule requires it");
   tell_of_cache(app);
 }
 
@@ -140,9 +118,8 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   settings.seed = common.seed;
   settings.quiet = common.quiet;
   settings.detector = with_common(settings.detector, common, settings.data, settings.rig);
-  const Renderers renderers = make_renderers(options, settings);
-  settings.renderer = renderers.cycles;
-  if (renderers.by_rule) settings.renderer = renderers.by_rule;
+  const std::shared_ptr<CyclesRenderer> cycles = make_renderer(options, settings);
+  settings.renderer = cycles;
   const AttackResult result = run_attack(settings);
   if (rank() == 0) {
     common.made_of->add(settings);
@@ -170,13 +147,9 @@ nlohmann::json run(const AttackOptions& options, const Common& common) {
   if (result.automatic) rows.insert(rows.begin() + 5, {"candidates", auto_words(*result.automatic)});
   if (result.black_box) rows.insert(rows.begin() + 5, {"queries", black_box_words(*result.black_box)});
   nlohmann::json json = to_json(result);
-  if (renderers.cycles) {
-    json["pictures"] = pictures_drawn(renderers);
-    std::string drawn;
-    for (const auto& [rung, count] : json["pictures"].items())
-      drawn += fmt::format("{}{} {}", drawn.empty() ? "" : ", ", count.get<int>(),
-                           rung == "reference" ? "by Cycles" : fmt::format("as \"{}\"", rung));
-    rows.push_back({"pictures drawn", drawn});
+  if (cycles) {
+    json["pictures"] = {{"reference", cycles->drawn()}};
+    rows.push_back({"pictures drawn", fmt::format("{} by Cycles", cycles->drawn())});
   }
   print_table(rows);
   return json;

@@ -24,7 +24,7 @@ namespace {
 
 struct AuditOptions {
   std::filesystem::path data;
-  std::string rig;
+  std::string rig, classes = kCars;
   DetectorOptions detector;
   std::size_t frames = kAuditFrames;
   bool gate = false;
@@ -60,6 +60,7 @@ void add_options(CLI::App& app, AuditOptions& options) {
   app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
       ->required();
   app.add_option("--rig", options.rig, kRigHelp);
+  app.add_option("--classes", options.classes, kClassesHelp)->capture_default_str();
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "N frames, spread evenly over the data set (0: all)")
       ->capture_default_str();
@@ -81,7 +82,7 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
   const DetectorOptions asked = with_common(options.detector, common, options.data, options.rig);
   check_data(options.data, options.rig, UnitUse::reads_sweeps);
   const std::vector<std::string> ids = spread_evenly(list_frames(options.data), options.frames);
-  const LabelCensus census = count_labels(options.data, ids);
+  const LabelCensus census = count_labels(options.data, ids, options.classes);
   require_cars(census, "an audit");
   warn_of_labels(census);
   const DetectorPool pool = load_detector_pool(asked, static_cast<int>(ids.size()));
@@ -94,13 +95,16 @@ nlohmann::json run(const AuditOptions& options, const Common& common) {
   Audit audit;
   if (!changes.empty()) {
     std::unique_ptr<Progress> progress;
-    audit = run_audit(detectors, options.data, ids, changes, lidar_of(options.data, options.rig), common.seed,
-                      [&](std::size_t done, std::size_t total) {
-                        if (!progress) progress = std::make_unique<Progress>("audit", total, common.quiet);
-                        progress->update(done);
-                      });
+    audit = run_audit(
+        detectors, options.data, ids, changes, lidar_of(options.data, options.rig), common.seed,
+        [&](std::size_t done, std::size_t total) {
+          if (!progress) progress = std::make_unique<Progress>("audit", total, common.quiet);
+          progress->update(done);
+        },
+        options.classes);
   }
   add_detector(*common.made_of, asked);
+  common.made_of->set("classes", options.classes);
   add_data(*common.made_of, options.data, ids);
   const Reliance reliance = can.reads_image ? reliance_of(audit) : no_camera();
   if (!options.claim.empty()) write_claim(options.claim, asked, options.data, reliance);

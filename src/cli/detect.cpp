@@ -119,8 +119,7 @@ void add_options(CLI::App& app, DetectOptions& options) {
   app.add_option("--data", options.data, "data set (KITTI's object, tracking or raw layout, nuScenes)")
       ->required();
   app.add_option("--rig", options.rig, kRigHelp);
-  app.add_option("--classes", options.classes, "classes that have to be found, as Car,Van,Truck")
-      ->capture_default_str();
+  app.add_option("--classes", options.classes, kClassesHelp)->capture_default_str();
   add_fields(app, options.detector);
   app.add_option("--frames", options.frames, "only the first N frames (0: all)")->capture_default_str();
   app.add_option("--check", options.check,

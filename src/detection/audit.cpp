@@ -379,8 +379,9 @@ const AuditRow* Audit::row(AuditChange::Kind kind) const {
 Audit run_audit(std::span<Detector* const> detectors, const fs::path& data,
                 const std::vector<std::string>& ids, const std::vector<AuditChange>& changes,
                 const std::optional<LidarModel>& lidar, std::uint64_t seed,
-                const std::function<void(std::size_t, std::size_t)>& progress) {
+                const std::function<void(std::size_t, std::size_t)>& progress, const std::string& classes) {
   const auto set = open_data_set(data);
+  const std::vector<std::string> sought = classes_of(classes);
   const std::vector<PicturePair> pairs = pair_pictures(data, ids);
   std::vector<FrameAnswers> frames(pairs.size());
   std::vector<std::string> refused(changes.size());
@@ -390,7 +391,8 @@ Audit run_audit(std::span<Detector* const> detectors, const fs::path& data,
     Detector& detector = *detectors[worker];
     for (std::size_t f = worker; f < pairs.size(); f += detectors.size()) {
       throw_if_interrupted("the audit is measured anew");
-      const Frame frame = set->read(pairs[f].frame);
+      Frame frame = set->read(pairs[f].frame);
+      seek(sought, frame.labels);
       const std::vector<LidarPoint> points = points_in_view(frame.sweep, frame.calibration);
       const GroundTruth truth = ground_truth(frame, detector.region());
       frames[f].right = answers(detector, view_of(frame, frame.image, points), truth);

@@ -42,9 +42,10 @@ Reliance reliance_of(const Audit& audit) {
 
 Reliance measure_reliance(std::span<Detector* const> detectors, const std::filesystem::path& data,
                           const std::vector<std::string>& ids,
-                          const std::function<void(std::size_t, std::size_t)>& progress) {
+                          const std::function<void(std::size_t, std::size_t)>& progress,
+                          const std::string& classes) {
   if (!reads_picture(*detectors.front())) return no_camera();
-  return reliance_of(run_audit(detectors, data, ids, gate_changes(), {}, 0, progress));
+  return reliance_of(run_audit(detectors, data, ids, gate_changes(), {}, 0, progress, classes));
 }
 
 std::string picture_note(const Reliance& reliance) {

@@ -53,7 +53,8 @@ Reliance reliance_of(const Audit& audit);
 /// run_audit with the gate's changes alone. For a detector without a camera nothing is run.
 Reliance measure_reliance(std::span<Detector* const> detectors, const std::filesystem::path& data,
                           const std::vector<std::string>& ids,
-                          const std::function<void(std::size_t, std::size_t)>& progress = {});
+                          const std::function<void(std::size_t, std::size_t)>& progress = {},
+                          const std::string& classes = kCars);
 
 /// What stands in place of every statement about images; empty if the detector uses its picture.
 std::string picture_note(const Reliance& reliance);

@@ -55,7 +55,7 @@ void visit_fields(Visitor& visit, S& s) {
          .lacking = "first"},
         s.cameras);
   visit({.name = "classes",
-         .help = "classes of the labels that carry the object and have to be found, as Car,Van,Truck",
+         .help = kClassesHelp,
          .lacking = kCars,
          .check = [](const std::string& list) { classes_of(list); }},
         s.classes);

@@ -165,7 +165,11 @@ class CachedReliance : public testing::Test {
     for (const Eyes eyes : {Eyes::sees, Eyes::sees}) detectors_.push_back(std::make_unique<Planted>(eyes));
   }
   void TearDown() override { setenv("MIRAGE_CACHE", "off", 1); }
-  Reliance ask(const std::string& identity) { return cached_reliance(detectors_, identity, data_.path()); }
+  Reliance ask(const std::string& identity) {
+    FrameSource source;
+    source.data = data_.path();
+    return cached_reliance(detectors_, identity, source);
+  }
   /// Passes through the detectors since the last question.
   int passes() {
     int sum = 0;

@@ -217,21 +217,6 @@ TEST(CommandLine, BashCompletesWordsOfOptions) {
   EXPECT_THAT(zsh.out, HasSubstr("bashcompinit"));
 }
 
-TEST(CommandLine, ABudgetOfAnAttackNeedsCyclesAndARule) {
-  TemporaryFolder folder;
-  Outcome outcome = run(folder, {"attack", "--data", folder.path(), "--budget", folder.path()});
-  EXPECT_EQ(outcome.code, 2);
-  expect_one_line(outcome.err);
-  EXPECT_THAT(outcome.err, HasSubstr("--renderer cycles"));
-  std::ofstream(folder / "result.json") << R"({"budget": {"problem": "too few frames"}})";
-  outcome =
-      run(folder, {"attack", "--data", folder.path(), "--renderer", "cycles", "--budget", folder.path()});
-  EXPECT_EQ(outcome.code, 2);
-  expect_one_line(outcome.err);
-  for (const char* word : {"result.json", "budget.problem", "too few frames"})
-    EXPECT_THAT(outcome.err, HasSubstr(word));
-}
-
 TEST(CommandLine, AQualityIsOneOfThree) {
   TemporaryFolder folder;
   std::ofstream(folder / "run.toml") << "quality = \"best\"\n";

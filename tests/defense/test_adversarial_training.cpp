@@ -42,6 +42,7 @@ TEST(Defense, WhatDecidesARunKeepsItsKeys) {
                                                    {"placement", "roof"},
                                                    {"precision", "float"},
                                                    {"cameras", "first"},
+                                                   {"classes", "Car"},
                                                    {"rig", ""}}));
 }
 

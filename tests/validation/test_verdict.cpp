@@ -10,7 +10,9 @@
 
 #include "base/error.h"
 #include "base/random.h"
+#include "fixture.h"
 #include "validation/fidelity/budget.h"
+#include "validation/fidelity/raster_rungs.h"
 #include "validation/fidelity/summary.h"
 #include "validation/fidelity/verdict.h"
 #include "validation/paper/finding.h"
@@ -438,6 +440,27 @@ TEST(Verdicts, HowManyVehiclesItWouldTake) {
   EXPECT_FALSE(vehicles_needed(comparison("", {0, -0.04, 0.04}), 100));
   EXPECT_FALSE(vehicles_needed(comparison("", {1e-6, -0.04, 0.04}), 100));
   EXPECT_FALSE(vehicles_needed(comparison("", {0.1, -kInf, kInf}), 100));
+}
+
+TEST(Budget, FeaturesHaveTheirNamesAndSeeTheirScene) {
+  std::map<std::string, double> near, far, gone;
+  for (auto* features : {&near, &far, &gone}) {
+    const PreparedFrame prepared =
+        features == &gone ? test::made_up_frame(-20) : test::made_up_frame(features == &near ? 9 : 25);
+    const HostId host{"made-up", 0};
+    const Placement placement = on_roof(BoxRoofFinder().find(prepared.frame, prepared.frame.labels[0]));
+    const SimulationSettings settings;
+    const HostScene scene = scene_of({prepared, host, placement, settings}, test::random_mesh(3));
+    *features = scene_features(scene, simulate_host(scene, settings));
+  }
+  std::vector<std::string> names;
+  for (const auto& [name, value] : near) names.push_back(name);
+  EXPECT_EQ(names, scene_feature_names());
+  EXPECT_GT(near["log_pixels"], far["log_pixels"] + 1);
+  EXPECT_GT(near["light_change"], 0.05);
+  EXPECT_GT(near["soft_change"], 0.01);
+  EXPECT_EQ(gone["log_pixels"], 0);
+  EXPECT_EQ(gone["light_change"], 0);
 }
 
 }  // namespace

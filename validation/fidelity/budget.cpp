@@ -59,24 +59,6 @@ BudgetRule::BudgetRule(const std::vector<BudgetScene>& calibration, double budge
   try_one_for_all(calibration, groups, left_out, confidence);
 }
 
-BudgetRule::BudgetRule(const JsonFields& written, double budget, std::size_t features, std::size_t rungs)
-    : budget_(budget), lambda_(std::numeric_limits<double>::infinity()) {
-  constexpr double most = 1e6;
-  if (!written.is_null("lambda")) lambda_ = written.number("lambda", 0, kLargestLambda);
-  if (written.has("always") && !written.is_null("always"))
-    always_ = static_cast<int>(written.integer("always", 0, static_cast<std::int64_t>(rungs) - 1));
-  mean_ = written.numbers("feature_mean", features, -most, most);
-  scale_ = written.numbers("feature_scale", features, 1e-12, most);
-  const json& list = written.list("rungs", kMostRungs);
-  if (list.size() != rungs) written.fail("rungs", fmt::format("has {} entries, not {}", list.size(), rungs));
-  for (std::size_t r = 0; r < rungs; ++r) {
-    const JsonFields rung = written.inner(fmt::format("rungs[{}]", r), list[r]);
-    rungs_.push_back({rung.numbers("coefficients", features + 1, -most, most), rung.number("spread", 0, most),
-                      rung.number("seconds", 0, most)});
-  }
-  order_by_cost();
-}
-
 void BudgetRule::standardise(const std::vector<BudgetScene>& calibration) {
   const std::size_t features = calibration.at(0).features.size();
   const auto n = static_cast<double>(calibration.size());
@@ -118,10 +100,6 @@ void BudgetRule::fit_rungs(const std::vector<BudgetScene>& calibration, const Pr
     rung.spread = std::sqrt(sum);
     rungs_.push_back(std::move(rung));
   }
-  order_by_cost();
-}
-
-void BudgetRule::order_by_cost() {
   by_cost_.resize(rungs_.size());
   std::iota(by_cost_.begin(), by_cost_.end(), std::size_t{0});
   std::stable_sort(by_cost_.begin(), by_cost_.end(),

@@ -37,13 +37,9 @@
 
 #include "base/fields.h"
 #include "base/intervals.h"
-#include "base/json_fields.h"
 #include "validation/fidelity/vehicle_result.h"
 
 namespace mirage {
-
-/// Rungs and features that a written rule may have.
-inline constexpr std::size_t kMostRungs = 256;
 
 /// A vehicle with what each rung costs and how far it is off.
 struct BudgetScene {
@@ -62,8 +58,6 @@ class BudgetRule {
  public:
   /// Fits and calibrates. All scenes have the same features and rungs; there is at least one.
   BudgetRule(const std::vector<BudgetScene>& calibration, double budget, double confidence);
-  /// One that was written by to_json, of so many features and rungs. InputError naming file and field.
-  BudgetRule(const JsonFields& written, double budget, std::size_t features, std::size_t rungs);
   /// Index of the rung; −1: the reference.
   int choose(const std::vector<double>& features) const;
   /// The rung that is taken for all, whatever their features.
@@ -79,7 +73,6 @@ class BudgetRule {
   };
   using Groups = std::map<std::string, std::vector<std::size_t>>;  ///< places of a group's scenes
   using Predictions = std::vector<std::vector<double>>;            ///< by scene and rung
-  void order_by_cost();
   void standardise(const std::vector<BudgetScene>& calibration);
   Predictions left_out_predictions(const std::vector<BudgetScene>& calibration, const Groups& groups) const;
   void fit_rungs(const std::vector<BudgetScene>& calibration, const Predictions& left_out);

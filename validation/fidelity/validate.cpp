@@ -224,7 +224,7 @@ Validation validate(const ValidationSettings& given, const StartReference& start
   Validation validation;
   if (rank() == 0)  // the only one that tells
     validation.reliance =
-        cached_reliance(detectors, detector_identity(settings.detector), run.settings.data, settings.quiet);
+        cached_reliance(detectors, detector_identity(settings.detector), run.settings, settings.quiet);
   FrameStore store(run.settings);
   ValidationContext context{settings, run, learned, store, *detectors.front(), *renderer, {}};
   const std::vector<VehicleResult> results = vehicle_results(context, hosts, validation.failed);

@@ -26,6 +26,8 @@ std::vector<std::string> classes_of(const std::string& list);
 void seek(const std::vector<std::string>& classes, std::vector<Label>& labels);
 /// Classes where nobody asks for others.
 inline constexpr const char* kCars = "Car";
+inline constexpr const char* kClassesHelp =
+    "classes of the labels that carry the object and have to be found, as Car,Van,Truck";
 
 /// Counts of labels by type: "41 vehicle.foo, 3 Pedestrian", the most frequent first, at most eight of them.
 std::string type_counts(const std::map<std::string, int>& types);
