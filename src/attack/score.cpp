@@ -173,20 +173,30 @@ LearnedObject learn(const ScoreRequest& request, double size, const fs::path& da
   return object;
 }
 
-/// Of the zoo's objects by name: "load", "shape" or "learned".
-std::map<std::string, std::string> zoo_kinds() {
-  std::map<std::string, std::string> kinds;
+/// Files of the zoo's objects that are judged on a rig's frames: "load", "shape" or "learned". Of the
+/// learned ones those that are solids, by both sensors, on that rig: the others are variants of them.
+std::map<fs::path, std::string> zoo_kinds(const std::string& rig) {
+  std::map<fs::path, std::string> kinds;
   const nlohmann::json zoo = read_json(shipped_file("scenes/objects/zoo.json"));
-  for (const nlohmann::json& about : zoo.at("objects")) kinds[about.at("name")] = about.at("kind");
+  for (const nlohmann::json& about : zoo.at("objects")) {
+    const std::string name = about.at("name");
+    if (const auto learned = about.find("learned"); learned != about.end()) {
+      const std::string detector = learned->at("detector");
+      if (learned->at("rig") != rig || (name != detector && name != fmt::format("{}-{}", detector, rig)))
+        continue;
+    }
+    kinds[shipped_file("scenes/objects/" + name + ".glb")] = about.at("kind");
+  }
   return kinds;
 }
 
-ScoredObject scored_object(const std::string& name, const std::map<std::string, std::string>& kinds) {
-  const auto kind = kinds.find(name);
+ScoredObject scored_object(const NamedObject& object, const std::map<fs::path, std::string>& kinds) {
+  const auto kind = kinds.find(object.file);
+  const std::string name = kind == kinds.end() ? object.name : object.file.stem().string();
   if (kind == kinds.end() || kind->second == "shape")
     return {name, ObjectLevel::shapes, "shapes that nobody learned", false};
   if (kind->second == "load") return {name, ObjectLevel::loads, "loads that people carry", false};
-  return {name, ObjectLevel::learned, "learned against other detectors", false};
+  return {name, ObjectLevel::learned, "learned against detectors that ship", false};
 }
 
 }  // namespace
@@ -245,7 +255,6 @@ ScoreResult score(const ScoreRequest& request) {
     throw FieldError("sizes", "", "names none, and a grade wants an object learned against the detector",
                      "name a size, or use --no-adaptive");
   EvaluationRequest evaluation;
-  evaluation.meshes = request.meshes;
   evaluation.detector = request.detector;
   evaluation.asked = request.asked;
   evaluation.settings.quiet = request.quiet;
@@ -257,6 +266,12 @@ ScoreResult score(const ScoreRequest& request) {
     evaluation.asked["data"] = judged.string();
   }
   const fs::path data = evaluation.asked.at("data");
+  const auto kinds = zoo_kinds(data_rig(data));
+  for (const fs::path& mesh : request.meshes)
+    if (mesh != kZoo)
+      evaluation.meshes.push_back(mesh);
+    else
+      for (const auto& [file, kind] : kinds) evaluation.meshes.push_back(file);
   ScoreResult result;
   if (request.adaptive) {
     fs::path learn_data = request.learn_data;
@@ -275,11 +290,10 @@ ScoreResult score(const ScoreRequest& request) {
     }
   }
   result.evaluation = evaluate_run(evaluation);
-  const auto kinds = zoo_kinds();
   std::vector<ScoredObject> objects;
   const std::size_t known = result.evaluation.objects.size() - result.learned.size();
   for (std::size_t i = 0; i < known; ++i)
-    objects.push_back(scored_object(result.evaluation.objects[i].name, kinds));
+    objects.push_back(scored_object(result.evaluation.objects[i], kinds));
   for (const LearnedObject& learned : result.learned) {
     const Vec3d box = 2 * learned.settings.limits.half;
     objects.push_back({fmt::format("learned-{:g}", learned.size), ObjectLevel::learned,

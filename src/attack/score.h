@@ -6,7 +6,7 @@
 // (attack/upper_bound.h). The levels, each with its grade:
 //     C  loads    what people carry
 //     B  shapes   that are large and that nobody learned
-//     A  learned  against this detector, and those of the zoo that were learned against others
+//     A  learned  against this detector, and solids of the zoo that were learned on the same rig
 // A band has the best grade whose cells, and those of all grades below, hold; D: not even C does, or more
 // cars than kScoreLimit are missed as recorded, with 95 % confidence: of what is not found nothing vanishes.
 // The grade is the worst of the bands within kBoundRange. Without an object that was learned against this

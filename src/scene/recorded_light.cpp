@@ -17,7 +17,7 @@ namespace mirage {
 namespace {
 
 constexpr double kNearestRoad = 5, kFarthestRoad = 20, kAside = 1.5, kThickness = 0.15;  // m
-constexpr std::size_t kFewestReturns = 50;                                           // returns
+constexpr std::size_t kFewestReturns = 50;                                               // returns
 constexpr double kGroundQuantile = 0.2;  // quantile of the heights in the corridor: under cars and kerbs
 // Darker is a road in the shade of trees beside sunlit cars, brighter one that mirrors a low sun between
 // shaded ones.

@@ -130,7 +130,8 @@ bool is_vehicle_type(std::string_view type) {
 std::vector<std::string> classes_of(const std::string& list) {
   std::vector<std::string> classes;
   for (const std::string& name : listed_words(list)) classes.push_back(kitti_type(name));
-  if (classes.empty() || std::ranges::find(classes, "") != classes.end())
+  const auto blank = [](const std::string& name) { return name.find_first_not_of(" \t") == name.npos; };
+  if (classes.empty() || std::ranges::any_of(classes, blank))
     throw FieldError("classes", list, "names no class", "give one or more, as Car,Van,Truck");
   return classes;
 }
