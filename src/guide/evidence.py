@@ -101,7 +101,50 @@ def gradients(source):
     return table(["backward pass against central differences", "worst relative error", "tests"], rows) + commands(result)
 
 
-TABLES = {"detectors": detectors, "gradients": gradients}
+def zoo(source):
+    """The shipped objects (scenes/objects/zoo.json, which `mirage zoo` writes): {objects, command}."""
+    with open(os.path.join(source, "scenes", "objects", "zoo.json"), encoding="utf-8") as file:
+        return json.load(file)
+
+
+def objects(source):
+    """What each shipped object is, and its rate by its own detector: the one that it was learned against, else fusion."""
+    made = zoo(source)
+    rows = [[f"`{each['name']}`", each["what"], f"`{each['vanished']['detector']}`", str(each["vanished"]["vehicles"]),
+             percent(each["vanished"]["value"]), between(each["vanished"])] for each in made["objects"]]
+    return table(["object", "what", "judged by", "cars", "vanish, %", "95 %"], rows) + commands(made)
+
+
+TABLES = {"detectors": detectors, "gradients": gradients, "objects": objects}
+
+
+def matrix(made):
+    """Objects down, detectors across: the share that vanishes, its interval below; the darker the more."""
+    rows = [each for each in made["objects"] if each.get("judged_by")]
+    columns = [name for name in DETECTORS if any(name in each["judged_by"] for each in rows)]
+    left, top, wide, high = 150, 52, 92, 36
+    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {left + wide * len(columns) + 10} {top + high * len(rows) + 10}" '
+           f'font-family="sans-serif" font-size="13" role="img"><title>Cars that vanish by each detector under each object</title>'
+           f'<rect width="100%" height="100%" fill="#fff"/><text x="10" y="18" font-weight="bold">Cars that vanish (%, 95 % below): '
+           f'objects down, detectors across</text>']
+    for k, name in enumerate(columns):
+        out.append(f'<text x="{left + wide * (k + 0.5):.0f}" y="{top - 8}" text-anchor="middle">{escape(name)}</text>')
+    for i, each in enumerate(rows):
+        y = top + high * i
+        out.append(f'<text x="{left - 8}" y="{y + 22}" text-anchor="end">{escape(each["name"])}</text>')
+        for k, name in enumerate(columns):
+            share = each["judged_by"].get(name)
+            if share is None:
+                continue
+            shade = min(1, share["value"] / 0.5)
+            fill = "#" + "".join(f"{round(255 + shade * (end - 255)):02x}" for end in (0xB7, 0x1C, 0x1C))
+            ink = "#fff" if shade > 0.55 else "#222"
+            x = left + wide * k
+            edge = ' stroke="#222" stroke-width="2"' if each["vanished"]["detector"] == name and each["kind"] == "learned" else ""
+            out.append(f'<rect x="{x + 2}" y="{y + 2}" width="{wide - 4}" height="{high - 4}" fill="{fill}"{edge}/>'
+                       f'<text x="{x + wide / 2:.0f}" y="{y + 17}" text-anchor="middle" fill="{ink}">{percent(share["value"])}</text>'
+                       f'<text x="{x + wide / 2:.0f}" y="{y + 30}" text-anchor="middle" font-size="10" fill="{ink}">{between(share)}</text>')
+    return "\n".join(out) + "\n</svg>\n"
 
 
 def plot(title, rows):
@@ -127,7 +170,8 @@ def plots(source):
     """{path: text}"""
     rows = [(name, result["ap70"], result["ap70_interval"]["low"], result["ap70_interval"]["high"])
             for name, result in detections(source, "kitti").items()]
-    return {os.path.join(RESULTS, "detectors.svg"): plot("AP 0.7 on 44 KITTI frames, 95 %", rows)}
+    return {os.path.join(RESULTS, "detectors.svg"): plot("AP 0.7 on 44 KITTI frames, 95 %", rows),
+            os.path.join(RESULTS, "objects.svg"): matrix(zoo(source))}
 
 
 def written(source):
