@@ -107,15 +107,7 @@ def zoo(source):
         return json.load(file)
 
 
-def objects(source):
-    """What each shipped object is, and its rate by its own detector: the one that it was learned against, else fusion."""
-    made = zoo(source)
-    rows = [[f"`{each['name']}`", each["what"], f"`{each['vanished']['detector']}`", str(each["vanished"]["vehicles"]),
-             percent(each["vanished"]["value"]), between(each["vanished"])] for each in made["objects"]]
-    return table(["object", "what", "judged by", "cars", "vanish, %", "95 %"], rows) + commands(made)
-
-
-TABLES = {"detectors": detectors, "gradients": gradients, "objects": objects}
+TABLES = {"detectors": detectors, "gradients": gradients}
 
 
 def matrix(made):

@@ -178,14 +178,15 @@ TEST(Score, OfADetectorWithoutGradientsFromNothing) {
   EXPECT_GT(first.learned[0].result.steps, 0);
   EXPECT_EQ(first.evaluation.trained_on, 0);  // those that the attack held back are judged
   EXPECT_EQ(first.evaluation.hosts.size(), static_cast<std::size_t>(first.learned[0].result.vehicles_test));
-  ASSERT_EQ(first.score.rows.size(), 4u);
+  ASSERT_EQ(first.score.rows.size(), 5u);
   EXPECT_EQ(first.score.rows[1].objects.size(), 5u);
   EXPECT_EQ(first.score.rows[2].objects.size(), 3u);
   const auto lost = [&](std::size_t row) { return first.score.rows[row].cells[0].bound.share.value; };
-  EXPECT_EQ(lost(0), 0);  // nothing on the roof
-  EXPECT_EQ(lost(1), 0);  // loads return little
-  EXPECT_EQ(lost(2), 1);  // the cuboid much
-  EXPECT_EQ(first.score.rows[3].cells[0].bound.vehicles, 2);
+  EXPECT_EQ(lost(0), 0);                              // nothing on the roof
+  EXPECT_EQ(lost(1), 0);                              // loads return little
+  EXPECT_EQ(lost(2), 1);                              // the cuboid much
+  EXPECT_EQ(first.score.rows[3].objects.size(), 6u);  // solids of each detector on this rig
+  EXPECT_EQ(first.score.rows[4].cells[0].bound.vehicles, 2);
   EXPECT_EQ(first.score.grade, "D");  // three frames show nothing
   const ScoreResult again = score(request);
   EXPECT_EQ(again.learned[0].result.steps, 0);

@@ -43,9 +43,10 @@ TEST_F(Decisions, AScoreFromNothingIsTheSameTwiceAndGoesOnABoard) {
   EXPECT_EQ(told.at("grade"), "D");
   EXPECT_EQ(told.at("frames"), 3);
   EXPECT_EQ(told.at("learned").at(0).at("steps"), 2);
-  ASSERT_EQ(told.at("rows").size(), 4u);
+  ASSERT_EQ(told.at("rows").size(), 5u);
   EXPECT_EQ(told.at("rows").at(1).at("objects").size(), 5u);
-  EXPECT_EQ(told.at("rows").at(3).at("level"), "learned");
+  EXPECT_EQ(told.at("rows").at(3).at("objects").size(), 6u);
+  EXPECT_EQ(told.at("rows").at(4).at("level"), "learned");
   EXPECT_EQ(first.at("provenance").at("settings").at("iterations"), 2);
   const std::string sheet = page("score/score.html");
   EXPECT_THAT(sheet, HasSubstr("Grade D"));
