@@ -165,7 +165,7 @@ class Attacked {
     Provenance made_of = store_.made_of(id);
     made_of.add(simulation_);
     if (settings_.expectation.any()) {
-      made_of.add(settings_.expectation);
+      made_of.set("expectation", fields_json(settings_.expectation));  // its light is not the simulation's
       made_of.set("expectation_seed", settings_.expectation_seed);
     }
     made_of.input("mesh", mesh_hash);

@@ -320,6 +320,32 @@ TEST(Expectation, EveryObjectOnAVehicleMeetsTheSameDraw) {
   }
 }
 
+TEST(Expectation, AnswersOfAnotherLightAreNotTakenFromTheCache) {
+  test::TemporaryFolder folder;
+  test::write_tiny_data(folder / "data", 1);
+  AttackSettings settings = test::tiny_attack();
+  settings.data = folder / "data";
+  settings.rooftop = "box";
+  DetectorPool detectors;
+  detectors.push_back(std::make_unique<test::StandInDetector>());
+  EvaluationSettings how;
+  how.score_threshold = 0;
+  how.quiet = true;
+  how.detector_identity = "stand-in";
+  how.expectation = parse_expectation("light,sun");  // named as settings of the simulation and of frames
+  const TexturedMesh mesh = random_adversary(1);
+  setenv("MIRAGE_CACHE", (folder / "cache").c_str(), 1);
+  FrameStore store(settings);
+  const auto score = [&](LightModel light) {
+    SimulationSettings simulation = settings.simulation;
+    simulation.light = light;
+    return evaluate(detectors, store, {{"000000", 0}}, mesh, simulation, how).hosts.at(0).attacked_score;
+  };
+  const double plain = score(LightModel::plain), visible = score(LightModel::visible);
+  setenv("MIRAGE_CACHE", "off", 1);
+  EXPECT_NE(plain, visible);
+}
+
 TEST(Expectation, LightTurnsBrightensAndStaysAboveTheGround) {
   PreparedFrame known;
   known.frame.image = ImageF(4, 3, 3, 0.6f);
