@@ -149,27 +149,22 @@ def numbers_of(faces, found):
     return numbers
 
 
-def rims(faces, found):
-    """(edge, its two places) of every edge that is cut."""
-    for net in found:
-        sides = {}
-        for g, triangle in net.items():
-            for k in range(3):
-                edge = frozenset((int(faces[g][k]), int(faces[g][(k + 1) % 3])))
-                sides.setdefault(edge, []).append((triangle[k], triangle[(k + 1) % 3]))
-        for edge, places in sides.items():
-            folded = len(places) == 2 and numpy.allclose(places[0][0], places[1][1], atol=1e-7) and numpy.allclose(places[0][1], places[1][0], atol=1e-7)
-            for place in () if folded else places:
-                yield edge, place
-
-
-def folds(faces, net):
-    cut = {tuple(numpy.round(numpy.concatenate(place), 9)) for _, place in rims(faces, [net])}
-    for triangle in net.values():
+def edges(faces, net):
+    """(edge, its place, whether it is folded there) of a net; a fold once, a cut on each of its sides."""
+    sides = {}
+    for g, triangle in net.items():
         for k in range(3):
-            place = (triangle[k], triangle[(k + 1) % 3])
-            if tuple(numpy.round(numpy.concatenate(place), 9)) not in cut:
-                yield place
+            edge = frozenset((int(faces[g][k]), int(faces[g][(k + 1) % 3])))
+            sides.setdefault(edge, []).append((triangle[k], triangle[(k + 1) % 3]))
+    for edge, places in sides.items():
+        folded = len(places) == 2 and numpy.allclose(places[0][0], places[1][1], atol=1e-7) and numpy.allclose(places[0][1], places[1][0], atol=1e-7)
+        for place in places[:1] if folded else places:
+            yield edge, place, folded
+
+
+def rims(faces, found):
+    """(edge, its place) of every side that is cut."""
+    return ((edge, place) for net in found for edge, place, folded in edges(faces, net) if not folded)
 
 
 def draw(sheets, faces, colours, corners, paper, name, path):
@@ -191,8 +186,10 @@ def draw(sheets, faces, colours, corners, paper, name, path):
                     for (b0, b1, b2), texel in corners:
                         polygons.append([b[0] * triangle[0] + b[1] * triangle[1] + (1 - b[0] - b[1]) * triangle[2] for b in (b0, b1, b2)])
                         fills.append(colours[g][texel])
-                lines += folds(faces, net)
-                for edge, place in rims(faces, [net]):
+                for edge, place, folded in edges(faces, net):
+                    if folded:
+                        lines.append(place)
+                        continue
                     cuts.append(place)
                     middle, along = (place[0] + place[1]) / 2, place[1] - place[0]
                     inside = middle + numpy.array([-along[1], along[0]]) / numpy.linalg.norm(along) * 0.003
