@@ -327,4 +327,10 @@ int run_program(const std::vector<std::string>& arguments, std::string* last_lin
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
+int run_script(const std::string& script, const std::filesystem::path& folder, std::string* last_line) {
+  const std::string python = plotting_python().string();
+  if (python.empty()) return -1;
+  return run_program({python, shipped_file(script).string(), folder.string()}, last_line);
+}
+
 }  // namespace mirage

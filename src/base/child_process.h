@@ -86,5 +86,8 @@ std::string text_of(const nlohmann::json& answer, const char* key, const std::st
 /// Runs a program to its end without input; it dies with this program. What it prints goes to our stderr, or
 /// if `last_line` is given, its last line goes there and the rest nowhere. Returns the exit status.
 int run_program(const std::vector<std::string>& arguments, std::string* last_line = nullptr);
+/// The same of a shipped Python program (shipped_file) on a folder; −1 where there is no Python.
+int run_script(const std::string& script, const std::filesystem::path& folder,
+               std::string* last_line = nullptr);
 
 }  // namespace mirage

@@ -286,8 +286,9 @@ class JsonReader {
     const auto numbers = numbers_of(inner);
     std::size_t least = numbers.size();  // an earlier program's list is shorter
     while (least > 0 && numbers[least - 1].second.lacking) --least;
-    auto read = json.numbers(field.name, numbers.size(), -Range::kMost, Range::kMost, least);
-    while (read.size() < numbers.size()) read.push_back(std::stod(numbers[read.size()].second.lacking));
+    const auto read = json.numbers(field.name, numbers.size(), -Range::kMost, Range::kMost, least);
+    for (std::size_t i = read.size(); i < numbers.size(); ++i)
+      set_lacking(numbers[i].second, *numbers[i].first);
     for (std::size_t i = 0; i < read.size(); ++i)
       named(field, i, [&] { check_number(numbers[i].second, *numbers[i].first = read[i]); });
     if constexpr (requires { inner.on; }) inner.on = true;

@@ -75,12 +75,7 @@ nlohmann::json write_kit(const ExportOptions& options, const Run& run, BlenderWo
                                    {"parts", cut.at("parts")},
                                    {"judged_shape_m", run.settings.expectation.shape}});
   std::string said;
-  const std::string python = plotting_python().string();
-  const int status =
-      python.empty()
-          ? -1
-          : run_program({python, shipped_file("validation/report/kit_sheets.py").string(), out.string()},
-                        &said);
+  const int status = run_script("validation/report/kit_sheets.py", out, &said);
   if (status == 3) throw FieldError("sheet", options.sheet, said, "use a larger one");
   if (status != 0)
     throw Failure("kit", said.empty() ? "no sheets were made" : said,

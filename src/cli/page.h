@@ -5,7 +5,6 @@
 #include <string>
 
 #include "base/child_process.h"
-#include "base/files.h"
 #include "base/logging.h"
 
 namespace mirage::cli {
@@ -13,11 +12,8 @@ namespace mirage::cli {
 /// Writes the page beside OUT/result.json, one self-contained file, by validation/report/command_page.py. A
 /// warning in its place where Python or jinja2 is missing.
 inline void write_page(const std::filesystem::path& out) {
-  const std::string python = plotting_python().string();
   std::string said;
-  if (python.empty() ||
-      run_program({python, shipped_file("validation/report/command_page.py").string(), out.string()},
-                  &said) != 0)
+  if (run_script("validation/report/command_page.py", out, &said) != 0)
     spdlog::warn("no page beside {}: {}", (out / "result.json").string(),
                  said.empty() ? "install python3-jinja2 and python3-pil" : said);
 }

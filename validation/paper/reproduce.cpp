@@ -278,10 +278,7 @@ fs::path write_page(const fs::path& out, const json& tables) {
   // None of an earlier run stays where Python is missing.
   fs::remove(text_file(out, "reproduce"));
   for (const json& table : tables) fs::remove(text_file(out, table.at("name")));
-  const std::string python = plotting_python().string();
-  if (!python.empty() &&
-      run_program({python, shipped_file("validation/paper/paper_page.py").string(), out.string()}) == 0)
-    return out / "reproduce.html";
+  if (run_script("validation/paper/paper_page.py", out) == 0) return out / "reproduce.html";
   spdlog::warn("no page: install python3-jinja2 and python3-pil (all figures are in {})",
                (out / "reproduce.json").string());
   return {};

@@ -41,9 +41,7 @@ std::vector<std::string> plot_precision_recall(std::span<const ScoredStratum> pa
     curves.push_back(
         {{"name", part.stratum.name}, {"iou50", curve_json(part.at50)}, {"iou70", curve_json(part.at70)}});
   write_json(out / "precision_recall.json", {{"title", title}, {"curves", curves}});
-  const std::string python = plotting_python().string();
-  if (python.empty() || run_program({python, shipped_file("validation/report/detection_plot.py").string(),
-                                     out.string()}) != 0) {
+  if (run_script("validation/report/detection_plot.py", out) != 0) {
     spdlog::warn("no precision-recall plot: install python3-matplotlib (the curves are in {})",
                  (out / "precision_recall.json").string());
     return {};
@@ -268,10 +266,7 @@ std::vector<std::string> draw_evaluation_pictures(const RunEvaluation& evaluatio
     about["hosts"].push_back(std::move(host));
   }
   write_json(out / "data" / "pictures.json", about);
-  const std::string python = plotting_python().string();
-  if (python.empty() ||
-      run_program(
-          {python, shipped_file("validation/report/evaluation_pictures.py").string(), out.string()}) != 0) {
+  if (run_script("validation/report/evaluation_pictures.py", out) != 0) {
     spdlog::warn("no pictures: install python3-matplotlib (what they show is in {})",
                  (out / "data").string());
     return {};

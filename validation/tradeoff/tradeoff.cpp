@@ -140,9 +140,7 @@ std::vector<TradeoffPoint> cycles_points(const TradeoffSettings& settings, const
 
 /// Names of the files that validation/tradeoff/plot.py made.
 std::vector<std::string> plot(const std::filesystem::path& out) {
-  const std::string python = plotting_python().string();
-  if (python.empty() ||
-      run_program({python, shipped_file("validation/tradeoff/plot.py").string(), out.string()}) != 0) {
+  if (run_script("validation/tradeoff/plot.py", out) != 0) {
     spdlog::warn("no page: install python3-matplotlib (the points are in {})",
                  (out / "tradeoff.json").string());
     return {};
